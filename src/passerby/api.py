@@ -165,8 +165,8 @@ def trajectories(
 
 
 def monitor(
-    rig: RigLike, scene: Scene | str | Path, *, every_s: float = 60.0, in_step: bool = False, keep: str | Path | None = None,
-    progress: Progress | None = None,
+    rig: RigLike, scene: Scene | str | Path, *, every_s: float = 60.0, budget_s: float | None = None, in_step: bool = False,
+    keep: str | Path | None = None, progress: Progress | None = None,
 ) -> MonitoringResult:  # fmt: skip
     """Whether cameras have moved since they were calibrated, as `passerby monitor`.
 
@@ -178,14 +178,18 @@ def monitor(
         rig: a rig, a calibration, or the path of a rig file or an output folder.
         scene: new footage of its cameras, under the same names: a scene, or the path of a scene file.
         every_s: seconds of footage that are tested at once.
+        budget_s: processor seconds for each camera and minute of recording; None: 0.5 for rigs of more than twelve cameras.
         in_step: whether the clocks of the footage are synchronised, whatever they were in the calibration.
-        keep: folder that caches what was detected in videos.
+        keep: folder that caches what was detected in videos; with the `monitor.json` and `rig.toml` of an earlier run, cameras
+            without new footage are not read again.
         progress: told of each stage.
 
     Raises:
-        InputError: the scene cannot be read, its cameras are not the rig's, or `every_s` is out of range.
+        InputError: the scene cannot be read, its cameras are not the rig's, or `every_s` or `budget_s` is out of range.
     """
-    return watch_rig(_given(rig), scene, WatchOptions(every_s=every_s), in_step=in_step, keep=keep, progress=progress)
+    return watch_rig(
+        _given(rig), scene, WatchOptions(every_s=every_s, budget_s=budget_s), in_step=in_step, keep=keep, progress=progress
+    )
 
 
 def _given(rig: RigLike) -> GivenRig:

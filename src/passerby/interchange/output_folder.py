@@ -125,7 +125,7 @@ def read_report(out: Path, *, tracks: bool = True) -> CalibrationDocument:
     """What `calibration.json` holds, once it is sure that rig and tracks beside it are those that it tells of.
 
     What a process that was killed has decided to write is put into its place before. Files that are missing are the business of
-    those who need them; an older Passerby wrote no checksums. Without `tracks` only the rig is checked, and no track file is read.
+    those who need them; an older Passerby wrote no checksums. Without `tracks` only the rig is checked, no track file is read.
 
     Raises `InputError` where it is missing or broken, or where a file beside it is of another calibration or was changed.
     """

@@ -15,8 +15,9 @@ from passerby.core.cameras import Camera, Rig
 from passerby.core.observations import Clock, Observations
 from passerby.core.synchronisation import resample_to_common_steps
 from passerby.findings.finding import notice
-from passerby.findings.texts import texts_of
+from passerby.findings.texts import text_of, texts_of
 from passerby.interchange.output_folder import scene_file
+from passerby.monitoring.budget import SITE_BUDGET_S, Thinning, plan_thinning, thin
 from passerby.monitoring.earlier import read_earlier
 from passerby.monitoring.given_rig import GivenRig
 from passerby.monitoring.identities import SEED, identify_by_rig
@@ -126,14 +127,21 @@ def monitor_inputs(
     rig, observations = _footage(given, scene, inputs, names, in_step)
     known = scene.association.given
     doubts: tuple[str, ...] = ()
+    budget_s = options.budget_s or (SITE_BUDGET_S if len(given.rig) > MANY else None)
+    thinning = Thinning() if budget_s is None else plan_thinning(observations, options, budget_s)
+    if budget_s is not None and thinning.is_thinned:
+        observations = thin(observations, thinning, options.every_s)
+        doubts = (text_of(thinning.finding(budget_s)),)
     if len(given.rig) > MANY:
         site = CamerasOfSite.of(rig, observations)
-        doubts = texts_of(doubts_of_same_content(rig, observations, site.pairs_by_name))
+        doubts += texts_of(doubts_of_same_content(rig, observations, site.pairs_by_name))
         watched, ground = watch_site(site, options, known=known, tell=tell, executor=executor), None
     else:
         watched, ground = watch_footage(rig, observations, options, known=known, tell=tell, executor=executor)
     sources = Sources(clocks=observations.clocks)
-    return MonitoringResult(given.rig, watched, options, ground, (*doubts, *_notes(given, inputs.rig, in_step)), sources)
+    return MonitoringResult(given.rig, watched, options, ground, (*doubts, *_notes(given, inputs.rig, in_step)), sources,
+        thinning=None if budget_s is None else thinning,
+    )  # fmt: skip
 
 
 def watch_footage(

@@ -65,7 +65,7 @@ def judged_by(given: GivenRig, options: WatchOptions, *, in_step: bool) -> str:
         for camera in given.rig
     ]  # fmt: skip
     return _digest([
-        cameras, dict(given.offsets_s), dict(given.shape_sigma_m), options.every_s, options.threshold, in_step
+        cameras, dict(given.offsets_s), dict(given.shape_sigma_m), options.every_s, options.threshold, options.budget_s, in_step
     ])  # fmt: skip
 
 

@@ -51,6 +51,12 @@ def joints_are_shared(observations: Observations) -> bool:
     return both["keypoints"] > 0 and both["keypoints"] >= ENOUGH * both["boxes"]
 
 
+def joints_are_frequent(observations: Observations) -> bool:
+    """Whether `joints_are_shared` may hold once it is known who is who: there are joints, and not just now and then."""
+    boxes, joints = (sum(len(getattr(seen, part)) for seen in observations.cameras.values()) for part in ("boxes", "keypoints"))
+    return joints > 0 and joints >= ENOUGH * boxes
+
+
 def watch_adjusted(
     rig: Rig, observations: Observations, seen: RigObservations, options: WatchOptions | None = None, *,
     ground: GroundPlane | None = None, tell: Progress = silent, span: tuple[float, float] | None = None,

@@ -17,6 +17,7 @@ from passerby.core.observations import Clock
 from passerby.interchange.monitor_json import MONITOR_FILE, MonitoredCamera, MoveEntry, State
 from passerby.interchange.storage.atomic import write_text
 from passerby.interchange.storage.json_text import plain, to_json
+from passerby.monitoring.budget import Thinning
 from passerby.monitoring.earlier import Carried
 from passerby.monitoring.evidence import MotionTest
 from passerby.monitoring.news import News
@@ -56,6 +57,9 @@ class MonitoringResult:
     sources: Sources = field(default_factory=Sources)
     carried: Mapping[str, Carried] = field(default_factory=dict)
     """What an earlier run found of cameras that have no news since, or of which the news tell nothing."""
+
+    thinning: Thinning | None = None
+    """What of the footage was used, to stay in the budget; None where there was none."""
 
     def __repr__(self) -> str:
         return f"MonitoringResult({', '.join(f'{name}: {self.state(name)}' for name in self.cameras)})"
@@ -197,7 +201,7 @@ class MonitoringResult:
             "ground": None if self.ground is None else {"height_m": self.ground.height, "slope": self.ground.slope},
             "cameras": [self.camera(name) for name in self.cameras],
             "moves": self._moves, "most_moved": self.most_moved,
-            "by_joints": self.watched.by_joints,
+            "by_joints": self.watched.by_joints, "thinning": self.thinning,
             "windows": [_window(window, self.names) for window in self.watched.windows],
             "notes": self.notes,
             "scene_file": self.sources.scene_file, "rig_file": self.sources.rig_file,

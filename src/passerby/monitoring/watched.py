@@ -12,6 +12,7 @@ from passerby.monitoring.moments import ChangePoint
 
 STEPS = 5
 """Tests in each window: windows overlap, so that a move is seen well before a whole window lies behind it."""
+LEAST_BUDGET_S, MOST_BUDGET_S = 0.001, 3600.0
 
 
 @dataclass(frozen=True)
@@ -24,7 +25,16 @@ class WatchOptions:
     """Score from which a camera has moved: see `evidence.MotionTest.score`. In 120 quiet hours tried out the largest were 4.4,
     4.1, 3.5 and 3.3; of 120 knocks of a degree or 10 cm 117 went beyond 4.5 within a minute."""
 
+    budget_s: float | None = None
+    """Processor seconds for each camera and minute of recording: see `budget`. None: `budget.SITE_BUDGET_S` of a rig of many
+    cameras; else no footage is left out."""
+
     def __post_init__(self) -> None:
+        if self.budget_s is not None and not LEAST_BUDGET_S <= self.budget_s <= MOST_BUDGET_S:
+            raise InputError(
+                f"a budget of {self.budget_s:g} s: give {LEAST_BUDGET_S:g} to {MOST_BUDGET_S:g} seconds of processor time "
+                "for each camera and minute of recording"
+            )
         if not 10 <= self.every_s <= 3600:
             raise InputError(f"a window of {self.every_s:g} s: give 10 to 3600 seconds")
         if not 3 <= self.threshold <= 100:

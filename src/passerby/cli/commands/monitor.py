@@ -23,6 +23,13 @@ def monitor(
         Path | None, typer.Option("--out", "-o", help="Folder for rig.toml with the new poses, and monitor.json.")
     ] = None,
     every: Annotated[float, typer.Option(help="Length of a window of footage that is tested at once, in seconds.")] = 60.0,
+    budget: Annotated[
+        float | None,
+        typer.Option(
+            help="Processor seconds for each camera and minute of recording: less of the footage is used to stay within. "
+            "Default: 0.5 for rigs of more than twelve cameras, else none."
+        ),
+    ] = None,
     in_step: Annotated[
         bool,
         typer.Option("--in-step", help="The clocks of the footage are synchronised, whatever they were in the calibration."),
@@ -46,7 +53,7 @@ def monitor(
     from passerby.interchange.storage.json_text import to_json
     from passerby.monitoring.given_rig import read_given, rig_text
     from passerby.monitoring.monitor import monitor as run_monitor
-    from passerby.monitoring.watched import WatchOptions
+    from passerby.monitoring.watched import LEAST_BUDGET_S, MOST_BUDGET_S, WatchOptions
     from passerby.scene.scene import Scene
 
     verbose = verbose or bool(context.obj)
@@ -54,11 +61,19 @@ def monitor(
         raise InputError(f"--every {every:g}: give 10 to 3600 seconds")
     if out is not None and (out / CALIBRATION_FILE).exists():
         raise InputError(f"{out}: holds a calibration, which would no longer fit its rig: give another folder")
+    if budget is not None and not LEAST_BUDGET_S <= budget <= MOST_BUDGET_S:
+        raise InputError(f"--budget {budget:g}: give {LEAST_BUDGET_S:g} to {MOST_BUDGET_S:g} seconds")
     given, loaded = read_given(rig), Scene.load(scene)
     processes = local_processes(loaded.size_bytes, len(loaded.cameras), loaded.n_videos)
     with stages(verbose, progress) as tell, processes as executor:
         found = run_monitor(
-            given, loaded, WatchOptions(every_s=every), in_step=in_step, keep=out, progress=tell, executor=executor
+            given,
+            loaded,
+            WatchOptions(every_s=every, budget_s=budget),
+            in_step=in_step,
+            keep=out,
+            progress=tell,
+            executor=executor,
         )
         if out is not None:
             found.write(out, rig_text(given, found.rig, found.changed))

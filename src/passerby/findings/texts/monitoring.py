@@ -16,6 +16,15 @@ def _as_of(v: Fields) -> str:
     return f" (files of {span})"
 
 
+def _thinned(v: Fields) -> str:
+    parts = [f"samples {v['every_s']:g} s apart"] if v["every_s"] else []
+    parts += [f"one window in {v['one_window_in']}"] if v["one_window_in"] > 1 else []
+    what = f"of the footage only {' of '.join(parts)} {'are' if v['every_s'] else 'is'} used"
+    within = v["predicted_s"] <= v["budget_s"]
+    said = "to stay within" if within else f"and yet it takes about {v['predicted_s']:.2g} s, more than"
+    return f"{what}, {said} {v['budget_s']:g} s of processor time for each camera and minute"
+
+
 MONITORING: Mapping[str, Kind] = {
     "no_news": Kind(
         NOTICE, "Cameras have no new footage since an earlier run of the monitor: they were not read again.",
@@ -30,6 +39,10 @@ MONITORING: Mapping[str, Kind] = {
     "news_without_people": Kind(
         NOTICE, "A camera had moved in an earlier run, and its new footage tells nothing.",
         "{who}: too few people in the new footage: what the last run found is taken over", common=True,
+    ),
+    "monitoring_thinned": Kind(
+        NOTICE, "The monitor uses only a part of the footage, to stay within its budget of processor time.", _thinned,
+        "give a larger --budget to use more of it",
     ),
     "earlier_run_broken": Kind(
         NOTICE, "What an earlier run of the monitor wrote cannot be read: all cameras are monitored.",
