@@ -15,7 +15,7 @@ from pages.cases import Outcomes
 from pages.page import Page, number, reached, table
 from pages.parts import Wanted, finished, grown
 from pages.sections import Found, Heading, Section
-from sites import against_earlier, calibrations, cases
+from sites import against_earlier, calibrations, cases, monitoring
 
 CODE = ("sites",)
 """Folders of the benchmarks that the outcomes depend on, beside the package."""
@@ -145,6 +145,10 @@ GOALS_SMALL: Goals = (
     ("PETS2009 with identities: processor time, times that of before", "0.5 x", "0.3 x"),
     ("solve, times that of COLMAP's incremental mapper", "1.2 x", "0.8 x"),
 )
+GOALS_MONITORING: Goals = (
+    ("200 monitored cameras, all with news: processor time for a camera and minute", "0.5 s", "0.25 s"),
+    ("5 % of 200 cameras with news: processor time, times that of all", "0.15 x", "0.06 x"),
+)
 _COLUMNS = (
     "cameras", "with a pose", "rigs (verdicts)", "reported as moved", "position, median", "orientation, median",
     "processor time", "time", "largest process",
@@ -188,6 +192,57 @@ def small_found(part: str, wanted: Mapping[str, Any], done: Outcomes, code: str)
         ])  # fmt: skip
     columns = ("data", "earlier version", "its processor time", "now", "ratio", "rigs apart, position", "orientation")
     return Found(f"{_note(wanted, done, code)}\n\n{table(columns, rows)}", {"goals": goals})
+
+
+def monitoring_found(part: str, wanted: Mapping[str, Any], done: Outcomes, code: str) -> Found:
+    """What monitoring takes for each camera and minute, where all have news and where few have."""
+    del part
+    goals = [[text, "not run", acceptable, aim, ""] for text, acceptable, aim in GOALS_MONITORING]
+    rows = []
+    for case in done.values():
+        for kind, news in (("all", case["cameras"]), ("few", case["fresh"])):
+            spent = case[kind]
+            rows.append([
+                str(case["cameras"]), str(news), f"{spent['cpu_s']:.0f} s", _each(spent["cpu_s"], case, case["cameras"]),
+                _each(spent["cpu_s"], case, news), f"{spent['memory_mb']:.0f} MB",
+            ])  # fmt: skip
+    by_size = {case["cameras"]: case for case in done.values()}
+    small, large = (by_size.get(size) for size in monitoring.SIZES)
+    if large is not None:
+        each = large["all"]["cpu_s"] / (large["cameras"] * large["minutes"])
+        ratio = large["few"]["cpu_s"] / large["all"]["cpu_s"]
+        goals[0][1], goals[0][-1] = f"{each:.2f} s", reached([each], [0.5], [0.25])
+        goals[1][1], goals[1][-1] = f"{ratio:.2f} x", reached([ratio], [0.15], [0.06])
+    if small is not None and large is not None:
+        for kind, share in (("all", 1.0), ("few", monitoring.NEWS)):
+            ends = ({"cameras": case["cameras"], **case[kind]} for case in (small, large))
+            first, second = ends
+            cpu_s, memory_mb = (_at_thousand(first, second, key) for key in ("cpu_s", "memory_mb"))
+            rows.append([
+                "1000 (extrapolated)", f"{1000 * share:.0f}", f"{cpu_s:.0f} s", _each(cpu_s, large, 1000),
+                _each(cpu_s, large, 1000 * share), f"{memory_mb:.0f} MB",
+            ])  # fmt: skip
+    columns = ("cameras", "with news", "processor time", "for a camera and minute", "of those with news", "largest process")
+    found = [
+        [
+            str(case["cameras"]), str(case["moved"]), str(case["named"]), str(case["among"]), str(case["silent"]),
+            str(case["falsely"]), str(case["untested"]), "no" if not _is_thinned(case) else "yes",
+        ]
+        for case in done.values()
+    ]  # fmt: skip
+    found_columns = (
+        "cameras", "turned", "named", "named among others", "cannot tell", "others named", "cannot tell, of all", "thinned",
+    )  # fmt: skip
+    text = f"{_note(wanted, done, code)}\n\n{table(columns, rows)}\n\n{table(found_columns, found)}"
+    return Found(text, {"goals": goals})
+
+
+def _each(cpu_s: float, case: Mapping[str, Any], cameras: float) -> str:
+    return f"{cpu_s / (cameras * case['minutes']):.2g} s"
+
+
+def _is_thinned(case: Mapping[str, Any]) -> bool:
+    return bool(case["thinning"]["every_s"] > 0 or case["thinning"]["one_window_in"] > 1)
 
 
 def _growth(done: Outcomes, small: int, large: int) -> float | None:
@@ -241,6 +296,18 @@ PARTS: Mapping[str, Part] = {
             "similarity. The main rig is doubtful wherever there are other groups. No camera of these sites moved.",
         ),
         GOALS_HUNDRED, calibrations.sites, calibrations.measure_site, sites_found,
+    ),
+    "monitoring": Part(
+        Heading(
+            "Monitoring",
+            f"`passerby monitor` with the default [budget](../monitor.md#budget), {monitoring.SECONDS / 60:g} minutes, clocks "
+            f"synchronised. {100 * monitoring.MOVED:g} % of the cameras were turned by {monitoring.TURN_DEG:g} degrees, "
+            f"about any axis, since the rig was calibrated, whose poses have errors of {1000 * monitoring.POSITION_SD_M:g} mm "
+            f"and {monitoring.TURN_SD_DEG:g} degrees in each direction. First all cameras have news, then the first "
+            f"{100 * monitoring.NEWS:g} % of them, which are neighbours. Times are of whole processes. The rows of 1,000 "
+            "cameras are the straight line through the two sizes, not measured.",
+        ),
+        GOALS_MONITORING, monitoring.sites, monitoring.measure, monitoring_found,
     ),
     "thousand": Part(
         Heading("A thousand cameras", "Zones, merge and adjustment."),
