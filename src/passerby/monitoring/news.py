@@ -42,7 +42,7 @@ def news_of(scene: Scene, name: str) -> News:
             continue
         states.append((path.as_posix(), found.st_size, found.st_mtime_ns))
         newest = max(newest or 0, found.st_mtime_ns)
-    used = table.model_dump(mode="json", exclude={"intrinsics"})
+    used = table.model_dump(mode="json", exclude={"intrinsics", "lens"})
     perception = scene.perception.model_dump(mode="json") if table.video is not None else None
     mode = scene.association.mode, scene.fps_of(name), scene.scene.model_dump(mode="json", exclude={"name"})
     as_of = None if newest is None else datetime.fromtimestamp(newest // 10**9, UTC).isoformat()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -12,6 +12,9 @@ from passerby.common.errors import InputError
 from passerby.common.progress import ProgressForm
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from passerby.monitoring.groups import MonitoredGroup
     from passerby.monitoring.result import MonitoringResult
 
 
@@ -45,14 +48,15 @@ def monitor(
 
     The people in the footage are the evidence, as in the calibration. Their identities need not be known.
 
+    Of a calibration in groups all groups are monitored, each with its own rig.
+
     Exit status 3: a camera has moved, or there are too few people to decide.
     """
     from passerby.cli.terminal import stages
     from passerby.common.parallel import local_processes
     from passerby.interchange.calibration_json import CALIBRATION_FILE
     from passerby.interchange.storage.json_text import to_json
-    from passerby.monitoring.given_rig import read_given, rig_text
-    from passerby.monitoring.monitor import monitor as run_monitor
+    from passerby.monitoring.groups import monitor_groups, read_groups
     from passerby.monitoring.watched import LEAST_BUDGET_S, MOST_BUDGET_S, WatchOptions
     from passerby.scene.scene import Scene
 
@@ -63,33 +67,39 @@ def monitor(
         raise InputError(f"{out}: holds a calibration, which would no longer fit its rig: give another folder")
     if budget is not None and not LEAST_BUDGET_S <= budget <= MOST_BUDGET_S:
         raise InputError(f"--budget {budget:g}: give {LEAST_BUDGET_S:g} to {MOST_BUDGET_S:g} seconds")
-    given, loaded = read_given(rig), Scene.load(scene)
+    groups, loaded = read_groups(rig), Scene.load(scene)
     processes = local_processes(loaded.size_bytes, len(loaded.cameras), loaded.n_videos)
+    options = WatchOptions(every_s=every, budget_s=budget)
     with stages(verbose, progress) as tell, processes as executor:
-        found = run_monitor(
-            given,
-            loaded,
-            WatchOptions(every_s=every, budget_s=budget),
-            in_step=in_step,
-            keep=out,
-            progress=tell,
-            executor=executor,
-        )
+        done = monitor_groups(groups, loaded, options, in_step=in_step, keep=out, tell=tell, executor=executor)
         if out is not None:
-            found.write(out, rig_text(given, found.rig, found.changed))
+            for one in done:
+                one.write(out)
     if json:
-        print(to_json({**found.to_dict(), "out": None if out is None else str(out)}), end="")
+        print(to_json({**_values(done), "out": None if out is None else str(out)}), end="")
     else:
-        _show(found, verbose)
+        for one in done:
+            _show(one.found, verbose, f"group {one.number}: " if len(groups) > 1 else "")
         if out is not None:
             print(f"written to {out}")
-    for note in found.notes:
+    for note in dict.fromkeys(note for one in done for note in one.found.notes):
         print(f"note: {' '.join(note.split())}", file=sys.stderr)
-    raise typer.Exit(found.exit_status)
+    raise typer.Exit(max(one.found.exit_status for one in done))
 
 
-def _show(found: MonitoringResult, verbose: bool) -> None:
-    """A line a camera, and what moved."""
+def _values(done: Sequence[MonitoredGroup]) -> dict[str, Any]:
+    """The first group's values, and those of the others in it: as in an output folder."""
+    first, *others = done
+    values = first.found.to_dict()
+    if first.folder:
+        values |= {"group": first.number, "folder": first.folder}
+    if others:
+        values["groups"] = [{"group": one.number, "folder": one.folder, **one.found.to_dict()} for one in others]
+    return values
+
+
+def _show(found: MonitoringResult, verbose: bool, group: str) -> None:
+    """A line a camera, and what moved; `group` stands before the heading."""
     from passerby.cli.terminal import MISSING, number, show_table
     from passerby.monitoring.result import clock_time
 
@@ -101,7 +111,7 @@ def _show(found: MonitoringResult, verbose: bool) -> None:
         rows.append([*row, (one.as_of or MISSING) if one.carried else ""] if found.carried else row)
     span = f"{clock_time(watched.from_s)} to {clock_time(watched.until_s)}"
     show_table(
-        f"monitored from {span}, by joints and boxes" if watched.by_joints else f"monitored from {span}",
+        f"{group}monitored from {span}{', by joints and boxes' if watched.by_joints else ''}",
         [
             "camera",
             "state",
