@@ -1,18 +1,22 @@
 """A rig of many cameras: each is tested with those that see its people, and says what a test of few cameras would say."""
 
+import json
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from passerby.cli.main import run
 from passerby.core.cameras import Pose, Rig
 from passerby.core.observations import Clock
-from passerby.monitoring.monitor import watch_footage
+from passerby.monitoring.given_rig import read_given
+from passerby.monitoring.monitor import monitor, watch_footage
 from passerby.monitoring.neighbours import connected, neighbours_by_rig
 from passerby.monitoring.site import CamerasOfSite, watch_site
 from passerby.monitoring.watched import WatchOptions
 from support.scenes.rooms_for_monitor import rooms, walkers_in_rooms
-from support.scenes.walkers_for_monitor import FPS, calibrated, knocked
+from support.scenes.walkers_for_monitor import FPS, calibrated, knocked, true_rig, walkers, write_watched
 
 RIG = rooms()
 GIVEN = calibrated(RIG)
@@ -92,3 +96,41 @@ def test_cameras_with_hardly_anybody_say_nothing(people):
     found = watched(seconds=10, people=people)
     assert found.moves == ()
     assert not any(window.clear(camera) for window in found.windows for camera in range(16))
+
+
+def test_a_camera_among_many_in_one_room_is_tested_with_seven():
+    hall = true_rig(14)
+    seen = with_clocks(walkers(hall, 60))
+    jobs = []
+    with ThreadPoolExecutor(1) as executor:
+        submit = executor.submit
+
+        def noted(function, batch, /):
+            jobs.extend(batch)
+            return submit(function, batch)
+
+        executor.submit = noted
+        found = watch_site(CamerasOfSite.of(calibrated(hall), seen), WatchOptions(), known=True, executor=executor)
+    assert sorted(len(job.rig) for job in jobs) == [8] * 14
+    assert [job.camera for job in jobs] == list(hall.names)
+    assert found.moves == ()
+
+
+def test_the_result_does_not_depend_on_who_does_the_work(tmp_path):
+    seen = walkers_in_rooms(RIG, 60, knocks={"C7": (0.0, knocked(RIG["C7"].pose, (0, 3, 0)))})
+    rig, scene = write_watched(tmp_path, GIVEN, seen, known=False)
+    alone = monitor(read_given(rig), scene).to_dict()
+    with ThreadPoolExecutor(2) as executor:
+        assert monitor(read_given(rig), scene, executor=executor).to_dict() == alone
+    assert [move["camera"] for move in alone["moves"]] == ["C7"]
+    assert "NaN" not in json.dumps(alone)
+
+
+def test_cameras_without_a_neighbour_can_not_be_told(tmp_path, capsys):
+    far = replace(RIG["C16"], pose=Pose.from_centre(RIG["C16"].pose.R_cw, RIG["C16"].pose.centre + [500.0, 0, 0]))
+    apart = replace(GIVEN, cameras=(*GIVEN.cameras[:15], replace(far, sigma=GIVEN["C16"].sigma)))
+    paths = write_watched(tmp_path, apart, walkers_in_rooms(RIG, 60))
+    assert run(["monitor", *map(str, paths), "--json"]) == 3
+    told = json.loads(capsys.readouterr().out)
+    assert {one["name"]: one["state"] for one in told["cameras"]} == dict.fromkeys(RIG.names, "steady") | {"C16": "cannot tell"}
+    assert told["ground"] is None

@@ -243,3 +243,24 @@ def test_then_and_now_by_the_keyboard(browser, checked, served):
     assert page.locator("button").count() == 0
     assert page.evaluate("document.documentElement.scrollWidth") <= 390
     assert errors == []
+
+
+@pytest.mark.system
+@pytest.mark.skipif(CHROMIUM is None, reason="no Chromium: install the package chromium")
+def test_a_camera_without_news_says_since_when(browser, checked, served):
+    def carried(told):
+        told["cameras"][1].update(carried=True, as_of="2026-03-01T08:00:00+00:00")
+        told["moves"][0]["carried"] = True
+        for window in told["windows"]:
+            del window["cameras"]["C2"]
+
+    rewrite(checked, carried)
+    page, errors = browser.new_context().new_page(), []
+    page.on("pageerror", lambda error: errors.append(str(error)))
+    page.goto(served(checked))
+    card = page.locator("article[aria-label='Camera C2']")
+    card.get_by_text("No news since 2026-03-01T08:00:00+00:00").wait_for()
+    assert card.get_by_text("noticed in an earlier run at").count() == 1
+    assert page.get_by_role("img", name="Scores of camera C2").count() == 0
+    assert page.get_by_role("img", name="Scores of camera C1 in 3 windows").count() == 1
+    assert errors == []
