@@ -15,7 +15,7 @@ from pages.cases import Outcomes
 from pages.page import Page, number, reached, table
 from pages.parts import Wanted, finished, grown
 from pages.sections import Found, Heading, Section
-from sites import against_earlier, calibrations, cases, monitoring
+from sites import against_earlier, calibrations, cases, corridors, monitoring
 
 CODE = ("sites",)
 """Folders of the benchmarks that the outcomes depend on, beside the package."""
@@ -138,6 +138,9 @@ GOALS_HALL: Goals = (("32 cameras around one hall: processor time, times that of
 GOALS_HUNDRED: Goals = (
     ("100 cameras from tracklets, two cores: time and memory", "15 min, 6 GB", "8 min, 3 GB"),
     ("growth of processor time from 25 to 100 cameras", "5 x", "4.2 x"),
+)
+GOALS_ZONES: Goals = (
+    ("1,000 cameras in one group, extrapolated: zones and adjustment, memory", "10 min, 16 GB", "3 min, 8 GB"),
     ("camera errors within their zone, times those of the zone alone", "1.2 x", "1.0 x"),
     ("cameras 100 m apart or more: distance errors within 2 of their sigmas", "90 %", "95 %"),
 )
@@ -176,6 +179,43 @@ def sites_found(part: str, wanted: Mapping[str, Any], done: Outcomes, code: str)
         goals[1][1], goals[1][-1] = f"{ratio:.1f} x", reached([ratio], [5.0], [4.2])
     rows = [_calibration_row(case) for case in done.values()]
     return Found(f"{_note(wanted, done, code)}\n\n{table(_COLUMNS, rows)}", {"goals": goals})
+
+
+def zones_found(part: str, wanted: Mapping[str, Any], done: Outcomes, code: str) -> Found:
+    """What corridors take that are solved by zones, and how sure they are."""
+    del part
+    goals = [[text, "not run", acceptable, aim, ""] for text, acceptable, aim in GOALS_ZONES]
+    rows = [
+        [
+            str(case["cameras"]), str(case["zones"]), str(case["registered"]), case["verdict"], f"{case['position_mm']:.0f} mm",
+            f"{case['orientation_deg']:.2f}°", f"{case['of_zones_mm']:.0f} / {case['alone_mm']:.0f} mm",
+            f"{100 * case['within_2']:.0f} %", f"{case['cpu_s']:.0f} s", f"{case['memory_mb']:.0f} MB",
+        ]
+        for case in done.values()
+    ]  # fmt: skip
+    if done:
+        ratio = max(case["of_zones_mm"] / case["alone_mm"] for case in done.values())
+        least = min(case["within_2"] for case in done.values())
+        goals[1][1], goals[1][-1] = f"{ratio:.2f} x", reached([ratio], [1.2], [1.0])
+        goals[2][1], goals[2][-1] = f"{100 * least:.0f} %", reached([-least], [-0.9], [-0.95])
+    if len(done) == len(wanted) and len(done) > 1:
+        *_, small, large = done.values()
+        cpu_s, memory_mb = (_power_at_thousand(small, large, key) for key in ("cpu_s", "memory_mb"))
+        took = [cpu_s / 60, memory_mb / 1024]
+        goals[0][1], goals[0][-1] = f"{took[0]:.0f} min, {took[1]:.1f} GB", reached(took, [10.0, 16.0], [3.0, 8.0])
+        blank = [""] * 7
+        rows.append(["1000 (extrapolated)", *blank, f"{cpu_s:.0f} s", f"{memory_mb:.0f} MB"])
+    columns = (
+        "cameras", "zones", "with a pose", "verdict", "position, median", "orientation, median",
+        "position within the zone, in the whole / alone", "within 2 sigmas, 100 m apart", "processor time", "memory",
+    )  # fmt: skip
+    return Found(f"{_note(wanted, done, code)}\n\n{table(columns, rows)}", {"goals": goals})
+
+
+def _power_at_thousand(small: Mapping[str, Any], large: Mapping[str, Any], key: str) -> float:
+    """The power law through two sizes, at a thousand cameras."""
+    power = np.log(large[key] / small[key]) / np.log(large["cameras"] / small["cameras"])
+    return float(large[key] * (1000 / large["cameras"]) ** power)
 
 
 def small_found(part: str, wanted: Mapping[str, Any], done: Outcomes, code: str) -> Found:
@@ -310,8 +350,15 @@ PARTS: Mapping[str, Part] = {
         GOALS_MONITORING, monitoring.sites, monitoring.measure, monitoring_found,
     ),
     "thousand": Part(
-        Heading("A thousand cameras", "Zones, merge and adjustment."),
-        [("1,000 cameras: final adjustment, memory", "10 min, 16 GB", "3 min, 8 GB")],
+        Heading(
+            "Zones",
+            f"Corridors with a camera every {corridors.EVERY_M:g} m, all in one group; people known, "
+            f"{corridors.OF_CAMERA:g} for each camera at each of {corridors.INSTANTS} instants, boxes with "
+            f"{100 * corridors.BOX_NOISE:g} % noise. One process on one core; times of the solver, with sigmas and verdict. "
+            "Errors after the best similarity, of the whole or of each zone. The row of 1,000 cameras is the power law "
+            "through the two sizes before it, not measured.",
+        ),
+        GOALS_ZONES, corridors.corridors, corridors.measure, zones_found,
     ),
     "cluster": Part(
         Heading("A cluster", "Dask on loopback, four workers, one of them killed every 20 s."),
