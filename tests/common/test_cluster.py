@@ -178,6 +178,49 @@ def test_a_worker_of_another_version(scheduler, workers, tmp_path, monkeypatch):
     assert "{worker}" in OTHER_VERSION
 
 
+def test_a_scheduler_of_another_version(scheduler, workers, tmp_path, monkeypatch):
+    monkeypatch.setattr("passerby.common.cluster._dask", lambda: "2020.1.0")
+    said = rf"--scheduler {scheduler[0]}: has distributed \(Dask\) 20.*, here is 2020\.1\.0: install the same version"
+    with pytest.raises(InputError, match=said), cluster_workers(scheduler[0], tmp_path):
+        pass
+
+
+def test_a_worker_of_another_version_that_came_later(scheduler, workers, tmp_path, monkeypatch):
+    with cluster_workers(scheduler[0], tmp_path) as executor:
+        monkeypatch.setattr(executor, "_versions", {**executor._versions, "scipy": "9.9.9"})
+        with pytest.raises(InputError, match=r"has scipy .*, here is 9\.9\.9: install the same version on all machines"):
+            executor.submit(os.getcwd).result()
+
+
+def full_disk():
+    """What writing to a worker's own disk ends with when there is no room."""
+    with open("/dev/full", "wb", buffering=0) as file:
+        file.write(b"0")
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no /dev/full")
+def test_a_worker_whose_own_disk_is_full_is_named(scheduler, workers, tmp_path):
+    with cluster_workers(scheduler[0], tmp_path) as executor:
+        said = r": a temporary file: cannot be written or read \(No space left on device\): make room on that machine"
+        with pytest.raises(InputError, match=said):
+            executor.submit(full_disk).result()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the limit of a file's size of another process is Linux's")
+def test_a_worker_that_cannot_write_into_the_shared_folder(scheduler, workers, tmp_path):
+    video = tmp_path / "north.mp4"
+    video.write_bytes(b"")
+    for nanny in workers:
+        for one in psutil.Process(nanny.pid).children(recursive=True):
+            one.rlimit(psutil.RLIMIT_FSIZE, (0, 0))
+    with pytest.raises(InputError) as caught, cluster_workers(scheduler[0], tmp_path / "out", [video]):
+        pass
+    lines = str(caught.value).splitlines()
+    assert len(lines) == len(workers)
+    assert all(f"cannot write into {tmp_path / 'out'} (File too large): make room there" in line for line in lines)
+    assert not list((tmp_path / "out").iterdir())
+
+
 def test_jobs_run_in_the_folder_they_were_given_in(scheduler, workers, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with cluster_workers(scheduler[0], tmp_path / "out") as executor:

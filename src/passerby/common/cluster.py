@@ -7,12 +7,15 @@ arguments alone, so that results do not depend on who did it, nor on a worker th
 from __future__ import annotations
 
 import asyncio
+import errno
 import os
 import platform
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError, Executor, Future, ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from functools import cache
+from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 from uuid import uuid4
@@ -34,6 +37,8 @@ CONNECT_S = 15.0
 LEAST_S = 2.0
 """What is given to a worker at once takes so long or more: small jobs would spend their time on the way."""
 OTHER_VERSION = "{worker}: has {what} {theirs}, here is {ours}: install the same version on all machines"
+FAILING = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO, errno.EMFILE, errno.ENFILE)
+"""Of a machine that cannot work on, whatever the job."""
 
 
 class ClusterExecutor(Executor):
@@ -44,11 +49,11 @@ class ClusterExecutor(Executor):
     def __init__(self, client: Client) -> None:
         # Nothing is known of a job by its arguments: tokens of arrays would cost more than they save.
         self._inner: Executor = client.get_executor(pure=False)  # type: ignore[no-untyped-call]
-        self._folder = Path.cwd()
+        self._folder, self._versions = Path.cwd(), _versions()
 
     def submit(self, fn: Callable[..., Result], /, *args: Any, **kwargs: Any) -> Future[Result]:
         """As of every executor."""
-        future: Future[Result] = self._inner.submit(_at_work, self._folder, __version__, fn, args, kwargs)
+        future: Future[Result] = self._inner.submit(_at_work, self._folder, self._versions, fn, args, kwargs)
         return future
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
@@ -66,8 +71,9 @@ def cluster_workers(address: str, shared: Path, files: Sequence[Path] = ()) -> I
         files: what they read.
 
     Raises:
-        InputError: distributed is not installed; no scheduler there; no workers; a worker of another version, or one that does
-            not see a file or the folder; and at the end, where all workers that tried a job died, or the scheduler did.
+        InputError: distributed is not installed; no scheduler there; no workers; a scheduler or a worker of another version, or
+            a worker that does not see a file or the folder, or cannot write into it; and at the end, where all workers that
+            tried a job died, or the scheduler did.
     """
     try:
         from distributed import Client, KilledWorker
@@ -99,7 +105,10 @@ def _connected(kind: type[Client], address: str) -> Iterator[Client]:
     try:
         # Dask never closes a client that finds no scheduler: its end, by the garbage collector, stops any thread for 30 s.
         with ThreadPoolExecutor(1) as thread:
-            thread.submit(asyncio.run, _greet(address)).result()
+            theirs = thread.submit(asyncio.run, _version_of(address)).result()
+        if theirs != _dask():  # what those of two versions say to each other is not fixed
+            who = f"--scheduler {address}"
+            raise InputError(OTHER_VERSION.format(worker=who, what="distributed (Dask)", theirs=theirs, ours=_dask()))
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # versions are compared below
             client = kind(address, timeout=CONNECT_S, set_as_default=False)
@@ -115,12 +124,14 @@ def _connected(kind: type[Client], address: str) -> Iterator[Client]:
         client.close(timeout=1)  # type: ignore[no-untyped-call]
 
 
-async def _greet(address: str) -> None:
-    """Raise `OSError` or `ValueError` where no scheduler answers."""
-    from distributed.comm.core import connect
+async def _version_of(address: str) -> str | None:
+    """The scheduler's version of distributed. Raises `OSError` or `ValueError` where no scheduler answers."""
+    from distributed.core import rpc
 
-    comm = await connect(address, timeout=CONNECT_S)  # type: ignore[no-untyped-call]
-    await comm.close()
+    async with rpc(address, timeout=CONNECT_S) as scheduler:  # type: ignore[no-untyped-call]
+        told = await asyncio.wait_for(scheduler.versions(), CONNECT_S)
+    version = told["packages"].get("distributed")
+    return None if version is None else str(version)
 
 
 def _check_workers(client: Client, address: str, shared: Path, files: Sequence[Path]) -> None:
@@ -133,7 +144,8 @@ def _check_workers(client: Client, address: str, shared: Path, files: Sequence[P
     mark.write_bytes(b"")
     try:
         paths = [os.path.abspath(path) for path in (*files, mark)]
-        found = client.run(_looked_around, str(Path.cwd()), paths, on_error="return")
+        written = str(mark) if files else None
+        found = client.run(_looked_around, str(Path.cwd()), paths, written, on_error="return")
     finally:
         mark.unlink(missing_ok=True)
     faults = [fault for name in sorted(found) for fault in _faults(name, found[name], mark, shared)]
@@ -141,16 +153,37 @@ def _check_workers(client: Client, address: str, shared: Path, files: Sequence[P
         raise InputError("\n".join(faults))
 
 
-def _looked_around(folder: str, paths: Sequence[str]) -> dict[str, Any]:
-    """On a worker: its versions, and which paths it does not see."""
+def _looked_around(folder: str, paths: Sequence[str], written: str | None) -> dict[str, Any]:
+    """On a worker: its versions, which paths it does not see, and why it cannot write beside the file `written`."""
     missing = [path for path in (folder, *paths) if not os.path.exists(path)]
-    return {"versions": _versions(), "missing": missing}
+    why = None if written is None or written in missing else _unwritable(Path(f"{written}-{uuid4().hex}"))
+    return {"versions": _versions(), "missing": missing, "unwritable": why}
+
+
+def _unwritable(path: Path) -> str | None:
+    """Why a file cannot be written; None where it can be."""
+    try:
+        with path.open("wb", buffering=0) as file:
+            file.write(b"passerby")
+            os.fsync(file.fileno())
+    except OSError as error:
+        return error.strerror or str(error)
+    finally:
+        with suppress(OSError):
+            path.unlink()
+    return None
 
 
 def _versions() -> dict[str, str]:
-    """Of all that can change the last digits of a result."""
+    """Of all that can change the last digits of a result, and of what the machines talk by."""
     python = ".".join(platform.python_version_tuple()[:2])
-    return {"passerby": __version__, "Python": python, "numpy": np.__version__, "scipy": scipy.__version__}
+    by = {"passerby": __version__, "Python": python, "numpy": np.__version__, "scipy": scipy.__version__}
+    return by | {"distributed": _dask()}
+
+
+@cache
+def _dask() -> str:
+    return metadata.version("distributed")
 
 
 def _faults(worker: str, found: Any, mark: Path, shared: Path) -> list[str]:
@@ -166,15 +199,28 @@ def _faults(worker: str, found: Any, mark: Path, shared: Path) -> list[str]:
     for path in found["missing"]:
         seen = shared if Path(path).name == mark.name else Path(path)
         faults.append(f"{worker}: does not see {seen}: put it on storage that all machines share, under the same path")
+    if found["unwritable"] is not None:
+        faults.append(f"{worker}: cannot write into {shared} ({found['unwritable']}): make room there, or let it write there")
     return faults
 
 
 def _at_work(
-    folder: Path, version: str, function: Callable[..., Result], args: Sequence[Any], kwargs: Mapping[str, Any]
+    folder: Path, versions: Mapping[str, str], function: Callable[..., Result], args: Sequence[Any], kwargs: Mapping[str, Any]
 ) -> Result:
     """On a worker: a job, in the folder that it was given in."""
-    if version != __version__:  # of a worker that came later
-        raise InputError(OTHER_VERSION.format(worker=platform.node(), what="passerby", theirs=__version__, ours=version))
-    if Path.cwd() != folder:
-        os.chdir(folder)
-    return function(*args, **kwargs)
+    if versions != _versions():  # of a worker that came later
+        what = next(name for name, ours in versions.items() if _versions().get(name) != ours)
+        theirs, ours = _versions().get(what), versions[what]
+        raise InputError(OTHER_VERSION.format(worker=platform.node(), what=what, theirs=theirs, ours=ours))
+    try:
+        if Path.cwd() != folder:
+            os.chdir(folder)
+        return function(*args, **kwargs)
+    except OSError as error:
+        if error.errno not in FAILING:
+            raise
+        what = error.filename or "a temporary file"
+        raise InputError(
+            f"{platform.node()}: {what}: cannot be written or read ({error.strerror}): make room on that machine, or stop its "
+            "workers, and run the same command again; what is finished is kept"
+        ) from error
