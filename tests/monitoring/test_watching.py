@@ -3,11 +3,13 @@
 import numpy as np
 import pytest
 
+from passerby.common.progress import silent
 from passerby.core.observations import Boxes, CameraObservations, Observations
 from passerby.geometry.rotations import log_rotation
-from passerby.monitoring.watching import watch
+from passerby.monitoring.watching import WatchOptions, _ScoreRun, watch
 from passerby.people.ground import fit_ground
-from passerby.people.resection import resect
+from passerby.people.held_cameras import GroundPlane
+from passerby.people.resection import resect, resect_observations
 from passerby.people.rig_observations import gather_rig_observations, poses_of
 from support.scenes.walkers_for_monitor import calibrated, knocked, only, true_rig, walkers
 
@@ -154,3 +156,12 @@ def test_derivatives_of_the_equations():
         numeric = -(there.residual - here.residual) / step
         # Linear about the rays: what the residual itself changes by is left out.
         assert np.abs(numeric - here.by_camera[:, :, k]).max() < 0.15 * np.abs(here.by_camera[:, :, k]).max() + 1e-6
+
+
+def test_two_cameras_that_moved_and_saw_nobody_else_have_moved_within_the_window():
+    pair = only(GIVEN, "C1", "C2")
+    knocks = {"C1": (0.0, knocked(RIG["C1"].pose, (0, 3, 0)))}
+    seen = gather_rig_observations(pair, walkers(only(RIG, "C1", "C2"), 120, knocks=knocks))
+    run = _ScoreRun(pair, seen, WatchOptions(), GroundPlane(), silent, None)
+    assert [(one.from_s, one.until_s) for one in run._moments([0, 1], 30.0, 90.0)] == [(30.0, 90.0)] * 2
+    assert resect_observations(pair, seen.without(np.array([True, True])), "C1") is None

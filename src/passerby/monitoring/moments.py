@@ -30,8 +30,10 @@ class ChangePoint:
     until_s: float
 
 
-def estimate_change_point(rig: Rig, seen: RigObservations, camera: str, baseline: Baseline, ground: GroundPlane) -> ChangePoint:
-    """When a camera moved that moved once in the footage.
+def estimate_change_point(
+    rig: Rig, seen: RigObservations, camera: str, baseline: Baseline, ground: GroundPlane
+) -> ChangePoint | None:
+    """When a camera moved that moved once in the footage; None where nobody was seen by two cameras, so that nothing tells.
 
     Of each moment: how much better one new pose from then on explains what was seen than the old one (a likelihood ratio, the
     other cameras held where the baseline has them).
@@ -39,6 +41,8 @@ def estimate_change_point(rig: Rig, seen: RigObservations, camera: str, baseline
     index = seen.names.index(camera)
     own = slice(6 * index, 6 * index + 6)
     rotation, centre = poses_of(rig, seen.names)
+    if not (np.bincount(seen.group, minlength=seen.n_groups) > 1).any():
+        return None
     scores = cluster_scores(seen, fit_people(seen, rotation, centre, ground=ground), GRID_S)
     pull, information = scores.at(baseline.estimate()[0])[:, own], scores.information[:, own, own]
     times, first = np.unique(scores.start_s, return_index=True)

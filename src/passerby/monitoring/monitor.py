@@ -72,7 +72,8 @@ def monitor(
     found = _with_news(given, scene, fresh, options, in_step, kept, tell, executor, alone=bool(carried))
     # What was known of a move is not forgotten where new footage tells nothing.
     kept_moves = {
-        name: replace(one, entry=replace(one.entry, news=news[name].digest))
+        # Its times are of footage that is not there any more: no frames belong to them.
+        name: replace(one, entry=replace(one.entry, news=news[name].digest, fps=None, time_offset_s=None))
         for name, one in earlier.of(found.names).items()
         if found.windows(name)
         and one.entry.state in ("moved", "one of several moved")

@@ -121,8 +121,8 @@ class _AdjustedRun(WindowRun):
         for camera in cameras:
             seen = self._without(camera, cameras, from_s, until_s)
             several = np.bincount(seen.group, minlength=seen.n_groups)[seen.group] > 1
-            if several[seen.camera == camera].any():
-                found[camera] = self._moment(camera, seen)
+            if several[seen.camera == camera].any() and (moment := self._moment(camera, seen)) is not None:
+                found[camera] = moment
         return found
 
     def _settle(self, one: Displacement, moment: ChangePoint | None, noticed: float) -> None:

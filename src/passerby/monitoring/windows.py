@@ -81,8 +81,9 @@ class WindowRun(ABC):
         return Watched(self.names, tuple(self.moves), tuple(self.windows), self.start, self.end)
 
     def _moments(self, cameras: Sequence[int], from_s: float, until_s: float) -> list[ChangePoint]:
-        """When each of the cameras moved, by those that did not."""
-        return [self._moment(camera, self._without(camera, cameras, from_s, until_s)) for camera in cameras]
+        """When each of the cameras moved, by those that did not; some time in the window where these saw none of its people."""
+        whole = ChangePoint(from_s, from_s, until_s)
+        return [self._moment(camera, self._without(camera, cameras, from_s, until_s)) or whole for camera in cameras]
 
     def _without(self, camera: int, moved: Sequence[int], from_s: float, until_s: float) -> RigObservations:
         """What was seen about a window by a camera and by those that did not move."""
@@ -90,6 +91,6 @@ class WindowRun(ABC):
         seen = self.seen.between(max(self.start, from_s - every), min(until_s + every / 2, self.end))
         return seen.without(np.isin(self.names, [*self.lost, *(self.names[c] for c in moved if c != camera)]))
 
-    def _moment(self, camera: int, seen: RigObservations) -> ChangePoint:
-        """When a camera moved."""
+    def _moment(self, camera: int, seen: RigObservations) -> ChangePoint | None:
+        """When a camera moved; None where nothing tells."""
         return estimate_change_point(self.rig, seen, self.names[camera], self.baseline, self.ground)

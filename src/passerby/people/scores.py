@@ -67,7 +67,7 @@ def cluster_scores(seen: RigObservations, people: FittedPeople, stretch_s: float
     solved = np.linalg.solve(people.information, np.concatenate([right[:, :, None], coupling.transpose(0, 2, 1)], axis=2))
     pulls = np.zeros((n, n_cameras, 6))
     pulls[seen.group, seen.camera] = np.einsum("nki,n,nk->ni", J, w, r)
-    gradient = pulls.reshape(n, -1) - (coupling @ solved[:, :, :1])[:, :, 0]
+    gradient = pulls.reshape(n, 6 * n_cameras) - (coupling @ solved[:, :, :1])[:, :, 0]
     information = -coupling @ solved[:, :, 1:]
     blocks = information.reshape(n, n_cameras, 6, n_cameras, 6)
     blocks[seen.group, seen.camera, :, seen.camera, :] += np.einsum("nki,n,nkj->nij", J, w, J)
