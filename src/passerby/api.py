@@ -178,7 +178,7 @@ def monitor(
         rig: a rig, a calibration, or the path of a rig file or an output folder.
         scene: new footage of its cameras, under the same names: a scene, or the path of a scene file.
         every_s: seconds of footage that are tested at once.
-        budget_s: processor seconds for each camera and minute of recording; None: 0.5 for rigs of more than twelve cameras.
+        budget_s: processor seconds for each camera and minute of recording; None: 1 for rigs of more than twelve cameras.
         in_step: whether the clocks of the footage are synchronised, whatever they were in the calibration.
         keep: folder that caches what was detected in videos; with the `monitor.json` and `rig.toml` of an earlier run, cameras
             without new footage are not read again.

@@ -93,7 +93,7 @@ def test_rigs_of_many_cameras_have_a_budget(tmp_path, capsys):
     assert run(["monitor", *map(str, paths), "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert told["thinning"]["one_window_in"] == 1
-    assert 0 < told["thinning"]["predicted_s"] <= 0.5
+    assert 0 < told["thinning"]["predicted_s"] <= 1.0
 
 
 @pytest.mark.parametrize("budget", ["0", "-1", "nan", "1e9"])

@@ -23,7 +23,7 @@ def case(cameras: int, every_s: float, few_s: float) -> dict[str, object]:
 
 @pytest.mark.parametrize(
     ("every_s", "few_s", "reached"),
-    [(99.0, 5.0, ["aim", "aim"]), (199.0, 20.0, ["acceptable", "acceptable"]), (201.0, 31.0, ["**missed**", "**missed**"])],
+    [(199.0, 10.0, ["aim", "aim"]), (399.0, 40.0, ["acceptable", "acceptable"]), (401.0, 62.0, ["**missed**", "**missed**"])],
 )
 def test_goals_are_of_two_hundred_cameras(every_s: float, few_s: float, reached: list[str]):
     done = {"50 cameras": case(50, 50.0, 3.0), "200 cameras": case(200, every_s, few_s)}

@@ -30,7 +30,7 @@ def monitor(
         float | None,
         typer.Option(
             help="Processor seconds for each camera and minute of recording: less of the footage is used to stay within. "
-            "Default: 0.5 for rigs of more than twelve cameras, else none."
+            "Default: 1 for rigs of more than twelve cameras, else none."
         ),
     ] = None,
     in_step: Annotated[
