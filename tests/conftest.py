@@ -37,7 +37,12 @@ EVIDENCE = ("benchmarks/baselines", "benchmarks/paper", "benchmarks/peers", "ben
 EVIDENCE_FIXTURES = frozenset({"data_root"})
 TORCH = ("checkpoints", "export", "losses", "sampling", "training")
 """Trainings, which need PyTorch."""
-SYSTEM = ("cli/test_resume.py", "report/test_browser.py", *(f"training/test_{name}.py" for name in TORCH))
+SYSTEM = (
+    "cli/test_resume.py",
+    "report/test_browser.py",
+    "report/test_site_browser.py",
+    *(f"training/test_{name}.py" for name in TORCH),
+)
 """Where they are of the system: trainings, a browser, processes that die."""
 SYSTEM_FIXTURES = frozenset({"browser", "calibrated", "calibration", "calibrations"})
 """Who asks for one of these asks for a calibration, or for a program of its own."""

@@ -166,7 +166,9 @@ class Calibration:
         write_calibration(self, Path(folder), report=report, progress=progress)
 
     def report(self, path: str | Path) -> None:
-        """Write the report, one HTML file that opens anywhere. Raises `InputError` where `path` is not writable."""
+        """Write the report, an HTML page that opens anywhere; of more than fifty cameras with a folder of files beside it,
+        called like the page with `_files`. Raises `InputError` where `path` is not writable.
+        """
         from passerby.report.page import write_report
 
         write_report(contents_of(self), Path(path))

@@ -21,6 +21,8 @@ from passerby.interchange.output_folder import (
     TRACKS_FOLDER,
     checksums,
     group_folder,
+    remove_report_parts,
+    report_files,
 )
 from passerby.interchange.rig_toml import write_rig
 from passerby.interchange.storage.atomic import forget_halves
@@ -82,12 +84,13 @@ def write_results(calibration: Writable, folder: Path, *, report: bool = True, p
     not writable.
     """
     cameras = [camera.name for camera in calibration.rig]
-    with transaction(folder, [REPORT_FILE, *_earlier_tracks(folder, cameras), *_earlier_groups(folder)]) as new:
+    gone = [*_earlier_report(folder, folder), *_earlier_tracks(folder, cameras), *_earlier_groups(folder)]
+    with transaction(folder, gone) as new:
         _write_files(calibration, new)
         for one in calibration.groups:
             _write_files(one, new / group_folder(one.group))
         forget_halves(folder / REPORT_FILE)
-    _remove_empty_groups(folder)
+    _remove_empty_folders(folder)
     if report:
         _write_report(calibration, folder, folder, progress)
         for one in calibration.groups:
@@ -133,19 +136,27 @@ def _earlier_tracks(folder: Path, cameras: Iterable[str]) -> list[str]:
     return ours + [name for name in files if name.startswith(f"{TRACKS_FOLDER}/") and name.count("/") == 1]
 
 
+def _earlier_report(group: Path, folder: Path) -> list[str]:
+    """The files of a group's report, from the folder."""
+    return [path.relative_to(folder).as_posix() for path in report_files(group / REPORT_FILE)]
+
+
 def _earlier_groups(folder: Path) -> Iterator[str]:
     """The files of further groups that an earlier run wrote, from the folder."""
     for group in (folder / GROUPS_FOLDER).glob("[0-9]*"):
         if not (group / CALIBRATION_FILE).is_file():
             continue  # nobody's but the user's
-        for name in (RIG_FILE, REPORT_FILE, CALIBRATION_FILE, *_earlier_tracks(group, ())):
+        yield from _earlier_report(group, folder)
+        for name in (RIG_FILE, CALIBRATION_FILE, *_earlier_tracks(group, ())):
             if (group / name).is_file():
                 yield (group / name).relative_to(folder).as_posix()
 
 
-def _remove_empty_groups(folder: Path) -> None:
-    """What is left of folders whose files have gone; those with files of the user's stay."""
+def _remove_empty_folders(folder: Path) -> None:
+    """What is left of folders whose files have gone, those of reports too; those with files of the user's stay."""
+    remove_report_parts(folder / REPORT_FILE)
     for group in (folder / GROUPS_FOLDER).glob("[0-9]*"):
+        remove_report_parts(group / REPORT_FILE)
         for place in (group / TRACKS_FOLDER, group):
             with suppress(OSError):
                 place.rmdir()

@@ -248,6 +248,14 @@ class DeclaredScale:
 
 
 @dataclass(frozen=True, kw_only=True)
+class DeclaredSites:
+    """`[sites]`, likewise."""
+
+    __pydantic_config__: ClassVar[ConfigDict] = _OPEN
+    groups: tuple[tuple[str, ...], ...] | None = field(default=None, metadata=ABSENT)
+
+
+@dataclass(frozen=True, kw_only=True)
 class DeclaredScene:
     """The scene file as it was read, with the values that it leaves out."""
 
@@ -259,6 +267,7 @@ class DeclaredScene:
     solver: Mapping[str, Any] | None = field(default=None, metadata=ABSENT)
     scale: DeclaredScale = field(default_factory=DeclaredScale)
     world: Mapping[str, Any] | None = field(default=None, metadata=ABSENT)
+    sites: DeclaredSites | None = field(default=None, metadata=ABSENT)
 
 
 @dataclass(frozen=True, kw_only=True)

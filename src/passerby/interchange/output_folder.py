@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import hashlib
+import re
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -26,6 +28,8 @@ from passerby.interchange.storage.transaction import recover
 
 RIG_FILE, TRACKS_FOLDER, REPORT_FILE = "rig.toml", "tracks", "report.html"
 GROUPS_FOLDER = "groups"
+REPORT_STAMP = re.compile("[0-9a-f]{16}")
+"""Of the content of a report's files: the name of the folder that they lie in."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,6 +181,32 @@ def _clocks(out: Path, cameras: Mapping[str, CameraEntry], rig: Rig) -> dict[str
         without = next(name for name in rig.names if name not in found)
         raise unlike(out / CALIBRATION_FILE, f"camera {without} has no fps, though others have")
     return found
+
+
+def report_folder(page: Path) -> Path:
+    """The folder beside a report of many cameras, with what its page loads when it is asked for; as browsers call theirs."""
+    return page.with_name(f"{page.stem}_files")
+
+
+def report_files(page: Path) -> list[Path]:
+    """The files of a report, as far as they are there: the page, and what lies in its folder under names of ours."""
+    parts = [path for path in report_folder(page).glob("*/*.js") if REPORT_STAMP.fullmatch(path.parent.name)]
+    return [path for path in (page, *sorted(parts)) if path.is_file()]
+
+
+def remove_report_parts(page: Path, but: str = "") -> None:
+    """Delete what lies in the folder of a report under names of ours, but for one report's; what is empty then goes too.
+
+    Files that cannot be deleted stay: no page names them.
+    """
+    for path in report_files(page):
+        if path != page and path.parent.name != but:
+            with suppress(OSError):
+                path.unlink()
+    stamped = [folder for folder in report_folder(page).glob("*") if REPORT_STAMP.fullmatch(folder.name)]
+    for folder in (*stamped, report_folder(page)):
+        with suppress(OSError):  # not empty
+            folder.rmdir()
 
 
 def group_folder(number: int) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import asdict
@@ -22,7 +23,7 @@ from passerby.calibration.alignment.lines import MarkedLine, measure_line
 from passerby.common.errors import InputError, PasserbyError
 from passerby.core.observations import Boxes
 from passerby.interchange.motchallenge import read_boxes
-from passerby.interchange.output_folder import REPORT_FILE, TRACKS_FOLDER
+from passerby.interchange.output_folder import REPORT_FILE, REPORT_STAMP, TRACKS_FOLDER, report_folder
 from passerby.page.acts import perform
 from passerby.page.answers import answering, asked_frame, bug, camera_of, frame_of, picture_answer, static_routes
 from passerby.page.geometry import epipolar_lines, ground_point, measure_axis
@@ -34,6 +35,9 @@ from passerby.page.session import Session, StaleError
 
 REPORT_POLICY = "sandbox allow-scripts; frame-ancestors 'self'"
 """The report has its own policy; here it runs apart from the page, without its cookie."""
+PARTS_PATH = "/report_files/"
+"""Where the report, which is served as /report, looks for the files beside it."""
+PART_NAME = re.compile(r"[a-z0-9-]+\.js")
 PREPARED = 24
 """Cameras whose first picture is decoded before a browser asks for it."""
 
@@ -48,6 +52,7 @@ def make_app(session: Session, token: str, port: int) -> ASGIApp:
         Route("/api/people", answering(lambda request: _people(session, camera_of(request), asked_frame(request)))),
         Route("/picture", lambda request: _picture(session, request)),
         Route("/report", lambda request: _report(session, request)),
+        Route(f"{PARTS_PATH}{{stamp}}/{{name}}", lambda request: _report_part(session, request)),
         *plan_routes(session),
         _posting("/api/act", session, lambda content: perform(session, content)),
         _posting("/api/epipolar", session, lambda content: _epipolar(session, content)),
@@ -60,7 +65,7 @@ def make_app(session: Session, token: str, port: int) -> ASGIApp:
         _posting("/api/stop", session, lambda content: session.work.stop()),
     ]
     handlers: dict[Any, Any] = {PasserbyError: lambda _, error: _refused(session, error), Exception: bug}
-    return Guard(Starlette(routes=routes, exception_handlers=handlers), token, port, LIMITS)
+    return Guard(Starlette(routes=routes, exception_handlers=handlers), token, port, LIMITS, open_below=PARTS_PATH)
 
 
 def _posting(path: str, session: Session, work: Callable[[Any], Any]) -> Route:
@@ -133,6 +138,19 @@ def _report(session: Session, request: Request) -> Response:
         return Response(path.read_bytes(), media_type="text/html", headers={"content-security-policy": REPORT_POLICY})
     except OSError:
         return PlainTextResponse("There is no report yet.\n", 404)
+
+
+def _report_part(session: Session, request: Request) -> Response:
+    """A file of the report of many cameras. The report runs apart from the page, so it sends no cookie: its stamp says that it
+    has been read by whoever asks.
+    """
+    stamp, name = request.path_params["stamp"], request.path_params["name"]
+    path = report_folder(session.out / REPORT_FILE) / stamp / name
+    if REPORT_STAMP.fullmatch(stamp) and PART_NAME.fullmatch(name):
+        with suppress(OSError):
+            headers = {"cross-origin-resource-policy": "cross-origin", "cache-control": "private, max-age=3600"}
+            return Response(path.read_bytes(), media_type="text/javascript", headers=headers)
+    return PlainTextResponse("There is no such file.\n", 404)
 
 
 def _epipolar(session: Session, content: Any) -> dict[str, Any]:

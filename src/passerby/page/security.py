@@ -34,8 +34,11 @@ CLOSED = "This page is opened by the address that `passerby open` prints.\n"
 class Guard:
     """Turns away what does not come from the opened page, and limits what it may send."""
 
-    def __init__(self, app: ASGIApp, token: str, port: int, limits: Mapping[str, int] | None = None) -> None:
-        self._app, self._token, self._limits = app, token, dict(limits or {})
+    def __init__(
+        self, app: ASGIApp, token: str, port: int, limits: Mapping[str, int] | None = None, open_below: str | None = None
+    ) -> None:
+        """Guard an app; below `open_below` nobody needs the token: its addresses cannot be guessed."""
+        self._app, self._token, self._limits, self._open_below = app, token, dict(limits or {}), open_below
         self._hosts = {f"127.0.0.1:{port}", f"localhost:{port}"}
         self._cookie = f"passerby-{port}"  # browsers keep cookies by host, whatever the port
 
@@ -82,6 +85,8 @@ class Guard:
                 answer = RedirectResponse("/", 303)
                 answer.set_cookie(self._cookie, self._token, httponly=True, samesite="strict", path="/")
                 return answer
+        if self._open_below is not None and scope["path"].startswith(self._open_below) and scope["method"] == "GET":
+            return None
         if not self._is_token(_cookie(headers.get("cookie", ""), self._cookie)):
             return PlainTextResponse(CLOSED, 403)
         return None

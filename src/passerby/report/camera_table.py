@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from passerby.core.cameras import Camera
 from passerby.core.colours import camera_colour
 from passerby.interchange.calibration_json import CameraEntry
 from passerby.report.contents import Contents
 from passerby.report.html import Html, Section, element, join
-from passerby.report.recommendations import reported_doubts
+from passerby.report.recommendations import Reported, reported_doubts
 from passerby.report.seen import Seen
 from passerby.report.tables import Cell, Column, data_table, number, text
 from passerby.report.values import figure
@@ -31,6 +31,8 @@ COLUMNS = (
     Column("Keypoints", hint="observations with keypoints"),
     Column("Time offset", "s", hint="its time at frame 1 on the clock of the rig, ± 1 sigma"),
 )
+NO_POSE = "Could not be connected to other cameras."
+"""Where nothing says more."""
 LEAD = (
     "Metres; z is up, the ground is at z = 0. Heading: counter-clockwise from the x axis, seen from above. Tilt: below the "
     "horizon. Roll: clockwise, seen from behind the camera. Bold: stands out from the other cameras."
@@ -39,18 +41,29 @@ LEAD = (
 
 def camera_section(contents: Contents, seen: Seen) -> Section:
     """The table, one row a camera, in the rig's order."""
-    keys = [index for index, column in enumerate(COLUMNS) if _told(contents, column.title)]
+    columns, rows = camera_rows(contents, seen, weak_cameras(contents))
+    return Section("cameras", "Cameras", LEAD, data_table("cameras-table", "Cameras", columns, rows))
+
+
+def weak_cameras(contents: Contents) -> dict[str, frozenset[str]]:
+    """By column, the cameras whose figure stands out there."""
     positions, residuals = outstanding(own_sigmas_mm(contents)), residuals_px(contents)
-    weak = {
+    return {
         "Position std": frozenset(positions),
         "Residual": frozenset(name for name in outstanding(residuals) if (residuals[name] or 0.0) > RESIDUAL_PX),
     }
-    rows = []
+
+
+def camera_rows(contents: Contents, seen: Seen, weak: Mapping[str, frozenset[str]]) -> tuple[list[Column], list[list[Cell]]]:
+    """The columns that have anything to tell, and a row for each camera of the rig."""
+    keys = [index for index, column in enumerate(COLUMNS) if _told(contents, column.title)]
+    residuals, entries, rows = residuals_px(contents), contents.cameras, []
+    doubts = reported_doubts(contents.document)
     for place, camera in enumerate(contents.rig):
-        cells = _row(contents, seen, place, camera, weak, residuals[camera.name])
+        name = join(swatch(place), element("span", camera.name, class_="name"), _why(doubts, camera))
+        cells = _row(seen, name, camera, weak, residuals[camera.name], entries[camera.name])
         rows.append([cells[index] for index in keys])
-    table = data_table("cameras-table", "Cameras", [COLUMNS[index] for index in keys], rows)
-    return Section("cameras", "Cameras", LEAD, table)
+    return [COLUMNS[index] for index in keys], rows
 
 
 def _told(contents: Contents, column: str) -> bool:
@@ -66,15 +79,15 @@ def _told(contents: Contents, column: str) -> bool:
 
 
 def _row(
-    contents: Contents, seen: Seen, place: int, camera: Camera, weak: Mapping[str, frozenset[str]], residual_px: float | None
+    seen: Seen, head: Html, camera: Camera, weak: Mapping[str, frozenset[str]], residual_px: float | None, entry: CameraEntry
 ) -> list[Cell]:
-    """All cells of one camera; dashes where it has no pose."""
-    entry, name = contents.cameras[camera.name], camera.name
+    """All cells of one camera, the first with its name and more; dashes where it has no pose."""
+    name = camera.name
     pose = camera.pose
     x, y, z = (None, None, None) if pose is None else entry.centre_m or pose.centre.tolist()
     heading, tilt, roll = (None, None, None) if pose is None else (pose.heading_deg, pose.tilt_deg, pose.roll_deg)
     return [
-        text(join(swatch(place), element("span", name, class_="name"), _why(contents, camera)), name),
+        text(head, name),
         number(x, 3),
         number(y, 3),
         number(z, 3),
@@ -110,10 +123,10 @@ def swatch(place: int) -> Html:
     return element("span", class_="swatch", style=f"background:{camera_colour(place)}", aria_hidden="true")
 
 
-def _why(contents: Contents, camera: Camera) -> Html | None:
+def _why(doubts: Sequence[Reported], camera: Camera) -> Html | None:
     """Why a camera has no pose; nothing for one that has."""
     if camera.pose is not None:
         return None
-    about = (doubt.point.problem for doubt in reported_doubts(contents.document) if camera.name in doubt.cameras)
-    why = next(about, "Could not be connected to other cameras.")
+    about = (doubt.point.problem for doubt in doubts if camera.name in doubt.cameras)
+    why = next(about, NO_POSE)
     return element("small", f"no pose: {why}", class_="why")

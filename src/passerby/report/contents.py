@@ -43,7 +43,8 @@ class Contents:
     @property
     def cameras(self) -> dict[str, CameraEntry]:
         """By camera, its entry of `calibration.json`; empty entries for cameras that it does not tell of."""
-        return {name: self.document.entry(name) for name in self.rig.names}
+        entries = self.document.entries
+        return {name: entries.get(name) or CameraEntry(name=name) for name in self.rig.names}
 
     @property
     def figures(self) -> AdjustedFigures:

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial.distance import pdist
 
+from passerby.core.cameras import Camera
 from passerby.report.contents import Contents
 from passerby.report.html import Html, Section, element, join, nothing
 from passerby.report.tables import Cell, Column, data_table, number, text
@@ -15,6 +18,8 @@ MATRIX_CAMERAS = 8
 """More cameras make a list of pairs: a wider matrix cannot be read on a laptop."""
 TAPE_M = 30.0
 """As far as tapes and cheap laser meters reach."""
+MOST_TO_MEASURE, MOST_NEAREST = 100, 8
+"""Pairs of a site's cameras that are listed, and cameras nearest to one that are listed with it."""
 
 
 @dataclass(frozen=True)
@@ -34,18 +39,28 @@ def distances_of(contents: Contents) -> list[Distance]:
     Sigmas are those of the solver, from all poses' joint covariance with the scale's share; they grow with the rig where it was
     scaled since.
     """
-    solved: dict[tuple[str, str], tuple[float, float]] = {}
-    for one in contents.figures.distances:
-        if one.metres > 0 and one.sigma_m is not None:
-            solved[one.cameras] = one.metres, one.sigma_m
-    cameras = list(contents.rig.posed())
-    out = []
-    for index, a in enumerate(cameras):
-        for b in cameras[index + 1 :]:
-            metres = float(np.linalg.norm(a.centre - b.centre))
-            told = solved.get((a.name, b.name)) or solved.get((b.name, a.name))
-            out.append(Distance(a.name, b.name, metres, None if told is None else told[1] * metres / told[0]))
-    return out
+    cameras, solved = list(contents.rig.posed()), solved_distances(contents)
+    return [_distance(a, b, solved) for index, a in enumerate(cameras) for b in cameras[index + 1 :]]
+
+
+Solved = Mapping[tuple[str, str], tuple[float, float]]
+"""By pair of cameras, metres and one sigma of the solver."""
+
+
+def solved_distances(contents: Contents) -> Solved:
+    """The distances that the solver tells, with their sigmas."""
+    return {
+        one.cameras: (one.metres, one.sigma_m)
+        for one in contents.figures.distances
+        if one.metres > 0 and one.sigma_m is not None
+    }
+
+
+def _distance(a: Camera, b: Camera, solved: Solved) -> Distance:
+    """Between two cameras with poses."""
+    metres = float(np.linalg.norm(a.centre - b.centre))
+    told = solved.get((a.name, b.name)) or solved.get((b.name, a.name))
+    return Distance(a.name, b.name, metres, None if told is None else told[1] * metres / told[0])
 
 
 def best_to_measure(distances: list[Distance]) -> Distance:
@@ -54,6 +69,24 @@ def best_to_measure(distances: list[Distance]) -> Distance:
     """
     within = [one for one in distances if one.metres <= TAPE_M]
     return max(within, key=lambda one: one.metres) if within else min(distances, key=lambda one: one.metres)
+
+
+def distances_to_measure(contents: Contents, most: int = MOST_TO_MEASURE) -> list[Distance]:
+    """The pairs of cameras of a site whose measured distances say most about the scale, by the same order, the best first."""
+    cameras = list(contents.rig.posed())
+    first, second = np.triu_indices(len(cameras), 1)
+    metres = pdist(np.array([camera.centre for camera in cameras]).reshape(-1, 3))
+    # Beyond the tape's reach the shortest come first, after all that it reaches.
+    best = np.argsort(np.where(metres <= TAPE_M, -metres, metres), kind="stable")[:most]
+    solved = solved_distances(contents)
+    return [_distance(cameras[a], cameras[b], solved) for a, b in zip(first[best].tolist(), second[best].tolist(), strict=True)]
+
+
+def distances_from(own: Camera, others: Sequence[Camera], solved: Solved, most: int = MOST_NEAREST) -> list[Distance]:
+    """From a camera with a pose to those nearest to it."""
+    others = [camera for camera in others if camera.name != own.name]
+    away = np.linalg.norm(np.array([camera.centre for camera in others]).reshape(-1, 3) - own.centre, axis=1)
+    return [_distance(own, others[row], solved) for row in np.argsort(away, kind="stable")[:most].tolist()]
 
 
 def distances_section(contents: Contents) -> Section:
@@ -65,7 +98,7 @@ def distances_section(contents: Contents) -> Section:
     elif len(contents.rig.posed()) <= MATRIX_CAMERAS:
         body = join(_matrix(contents, found), _advice(found))
     else:
-        body = join(_list(found), _advice(found))
+        body = join(distances_table("distances-table", found), _advice(found))
     return Section("distances", "Distances between cameras", lead, body, "Distances")
 
 
@@ -111,7 +144,22 @@ def _sigma(metres: float) -> str:
     return f"{metres:.2f}" if metres >= 0.01 else f"{metres:.3f}"
 
 
-def _list(found: list[Distance]) -> Html:
+def site_distances_section(contents: Contents) -> Section:
+    """The distances of a site that are worth measuring."""
+    lead = (
+        "Straight-line distances between camera centres, in metres, ± 1 sigma: the ones that say most about the scale, the "
+        "longest that a tape or a laser reaches. The distances of a camera to those nearest to it are with its picture; "
+        "calibration.json has all that the solver tells."
+    )
+    found = distances_to_measure(contents)
+    if not found:
+        body = nothing("Fewer than two cameras have a pose: there is no distance to report.")
+    else:
+        body = join(distances_table("distances-table", found), _advice(found))
+    return Section("distances", "Distances between cameras", lead, body, "Distances")
+
+
+def distances_table(identifier: str, found: Sequence[Distance], *, copy: bool = True) -> Html:
     """A row for each pair."""
     columns = [
         Column("Camera", numeric=False),
@@ -120,4 +168,4 @@ def _list(found: list[Distance]) -> Html:
         Column("1 sigma", "m"),
     ]
     rows = [[text(one.first), text(one.second), number(one.metres, 2), number(one.sigma_m, 3)] for one in found]
-    return data_table("distances-table", "Distances between cameras in metres", columns, rows)
+    return data_table(identifier, "Distances between cameras in metres", columns, rows, copy=copy)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +17,10 @@ from passerby.report.backdrop import data_uri
 from passerby.report.contents import Contents
 from passerby.report.fitted import Fitted
 from passerby.report.html import Html, element, join, plot, plot_text
-from passerby.report.rig_geometry import joined, stage_of
-from passerby.report.rig_plan import Figure, Trace, draw_cameras_from_above, draw_ground_seen
+from passerby.report.parts import Parts
+from passerby.report.rig_geometry import Stage, joined, stage_of
+from passerby.report.rig_plan import Figure, Trace, draw_cameras_from_above, draw_crowd, draw_ground_seen
+from passerby.report.site_map import CELLS, draw_site
 from passerby.report.values import count, figure
 
 MOST_PLACES = 8000
@@ -27,8 +30,17 @@ MARGIN = 0.03
 """Around what is drawn, as a share of it."""
 
 
-def plan_drawing(contents: Contents, fit: Fitted) -> Html | None:
-    """The plan as a plot with its caption; None where no plan set the frame, or no camera has a pose."""
+def plan_drawing(
+    contents: Contents, fit: Fitted, zones: Mapping[str, int] | None = None, parts: Parts | None = None
+) -> Html | None:
+    """The plan as a plot with its caption; None where no plan set the frame, or no camera has a pose.
+
+    Args:
+        contents: of the report.
+        fit: of the whole sample.
+        zones: of a site's cameras: few traces are drawn then, whatever their number; None for a rig.
+        parts: of a site's page: gets the figure.
+    """
     world = contents.document.world
     if world is None or world.plan is None or not len(contents.rig.posed()):
         return None
@@ -40,14 +52,18 @@ def plan_drawing(contents: Contents, fit: Fitted) -> Html | None:
     told += f"; median {figure(float(np.median(off)), 2, ' m')}" if off else ""
     told += f". Red: {left_out} left out." if left_out else "."
     background, note = _background(world.plan, contents.document.scene_file)
-    drawn = plot("rig-plan", _figure(contents, fit, world.plan, residuals, background), told)
+    stage = stage_of(contents.rig, fit.ways.xy)
+    if zones is None:
+        people, cameras = _draw_ways(fit), draw_cameras_from_above(contents.rig, stage)
+        ground = draw_ground_seen(contents.rig, stage)
+    else:
+        people, (ground, cameras) = draw_crowd(fit, stage, CELLS), draw_site(contents, zones, stage)
+    layers = [*people, *ground, *_draw_residuals(residuals, world.plan), *cameras]
+    drawn = plot("rig-plan", _figure(layers, stage, background), told, parts=parts)
     return join(drawn, element("p", f"{told}{note}", class_="note"))
 
 
-def _figure(
-    contents: Contents, fit: Fitted, plan: PlanEntry, residuals: tuple[ResidualEntry, ...], background: dict[str, Any] | None
-) -> Figure:
-    stage = stage_of(contents.rig, fit.ways.xy)
+def _figure(data: list[Trace], stage: Stage, background: dict[str, Any] | None) -> Figure:
     low, high = stage.low[:2], stage.high[:2]
     if background is not None:
         corner = np.array([background["x"], background["y"] - background["sizey"]])
@@ -65,10 +81,6 @@ def _figure(
         "legend": {"itemsizing": "constant", "orientation": "h", "y": -0.1, "yanchor": "top"},
         "images": [] if background is None else [background],
     }  # fmt: skip
-    data = [
-        *_draw_ways(fit), *draw_ground_seen(contents.rig, stage), *_draw_residuals(residuals, plan),
-        *draw_cameras_from_above(contents.rig, stage),
-    ]  # fmt: skip
     return {"data": data, "layout": layout}
 
 

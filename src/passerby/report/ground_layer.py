@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 
 import numpy as np
 
@@ -18,6 +18,8 @@ from passerby.report.through_lens import View, spacing_of
 AXIS_COLOURS = {"x": "#e5484d", "y": "#30a46c"}
 PAD_M = 2.0
 """By how much the grid reaches beyond the people."""
+NEAR_M = 24.0
+"""How far from a camera of a site its grid reaches in x and y; people farther away are too small to be of use."""
 MOST_LINES = 24
 """Of a grid, in one direction."""
 
@@ -46,12 +48,21 @@ def grid_spacing(low: Floats, high: Floats) -> float:
     return spacing_of(float((high - low).max()), MOST_LINES)
 
 
-def ground_layer(sheet: Sheet, fit: Fitted) -> Html:
-    """The ground's grid and its axes."""
+def ground_seen(fit: Fitted, camera: Camera, near: bool) -> tuple[Floats, Floats]:
+    """(2,) lowest and (2,) highest x and y of the ground in a camera's picture, metres: all of it, or what is `near` it."""
+    low, high = grid_region(fit, centres_of([camera]))
+    if not near or camera.pose is None:
+        return low, high
+    centre = camera.centre[:2]
+    return np.minimum(np.maximum(low, centre - NEAR_M), centre), np.maximum(np.minimum(high, centre + NEAR_M), centre)
+
+
+def ground_layer(sheet: Sheet, fit: Fitted, near: bool = False) -> Html:
+    """The ground's grid and its axes; `near`: the grid around the camera, of a site that reaches far beyond what it sees."""
     if sheet.camera.pose is None:
         return Html("")
     view = View(sheet.camera)
-    low, high = grid_region(fit, centres_of([sheet.camera]))
+    low, high = ground_seen(fit, sheet.camera, near)
     spacing = grid_spacing(low, high)
     stretches = [stretch for line in view.segments(*grid_lines(low, high, spacing)) for stretch in line]
     parts = [sheet.path("".join(path_of(s) for s in stretches), 1.0, stroke_opacity=0.6, class_="grid")] if stretches else []
@@ -75,21 +86,21 @@ def _axes(sheet: Sheet, view: View, length: float) -> Html:
     return join(*parts)
 
 
-def other_cameras(sheet: Sheet, contents: Contents) -> Html:
-    """Where other cameras hang, by name."""
+def other_cameras(sheet: Sheet, contents: Contents, among: Collection[str] | None = None) -> Html:
+    """Where other cameras hang, by name: all, or those among some."""
     if sheet.camera.pose is None:
         return Html("")
-    view, parts = View(sheet.camera), []
-    for index, other in enumerate(contents.rig):
-        if other.pose is None or other.name == sheet.camera.name:
-            continue
-        pixels, inside = view.points(other.centre[None])
-        if inside[0]:
-            x, y = pixels[0].tolist()
-            half = sheet.letters / 2
-            diamond = path_of(np.array([[x, y - half], [x + half, y], [x, y + half], [x - half, y]])) + "Z"
-            parts.append(sheet.path(diamond, 2.0, stroke=camera_colour(index), fill=camera_colour(index), fill_opacity=0.5))
-            parts.append(sheet.text(other.name, within(sheet, (x + 1.4 * half, y - half))))
+    others = [
+        (index, other) for index, other in enumerate(contents.rig)
+        if other.pose is not None and other.name != sheet.camera.name and (among is None or other.name in among)
+    ]  # fmt: skip
+    pixels, inside = View(sheet.camera).points(centres_of([other for _, other in others]))
+    parts, half = [], sheet.letters / 2
+    for row in np.flatnonzero(inside).tolist():
+        (index, other), (x, y) = others[row], pixels[row].tolist()
+        diamond = path_of(np.array([[x, y - half], [x + half, y], [x, y + half], [x - half, y]])) + "Z"
+        parts.append(sheet.path(diamond, 2.0, stroke=camera_colour(index), fill=camera_colour(index), fill_opacity=0.5))
+        parts.append(sheet.text(other.name, within(sheet, (x + 1.4 * half, y - half))))
     return join(*parts)
 
 

@@ -9,7 +9,10 @@ from html import escape
 from typing import Any
 
 from passerby.interchange.storage.json_text import plain
+from passerby.report.parts import Parts
 
+TOOLS = {"map": "Move the view", "space": "Rotate the view"}
+"""What the buttons of a kind of plot do."""
 VOID = frozenset({"meta", "input", "br", "link"})
 
 
@@ -96,20 +99,32 @@ def nothing(why: str) -> Html:
     return element("p", why, class_="nothing")
 
 
-def plot(identifier: str, figure: Any, label: str, *, kind: str = "flat") -> Html:
+def plot(identifier: str, figure: Any, label: str, *, kind: str = "flat", parts: Parts | None = None) -> Html:
     """A plotly figure ({"data", "layout"}) that the page's script draws.
 
     Args:
         identifier: of the element, unique on the page.
         figure: without colours of text, grid and background; "var(--name)" stands for a colour of the style.
         label: what it shows, for those who cannot see it.
-        kind: flat or space; space gets buttons that turn the view, and a note where WebGL is missing.
+        kind: flat, map or space; map gets buttons that move the view, space those that turn it, and a note where WebGL is
+            missing.
+        parts: where the figure is put, for the page to load when it is about to be seen; None: into the page.
     """
-    tools = element("div", class_="view-buttons", role="group", aria_label="Rotate the view") if kind == "space" else None
+    tools = element("div", class_="view-buttons", role="group", aria_label=TOOLS[kind]) if kind in TOOLS else None
+    if parts is not None:
+        parts.add(identifier, figure)
     return element(
         "div",
         tools,
-        element("div", id=identifier, class_=f"plot plot-{kind}", role="img", aria_label=label, tabindex="-1"),
-        data_script(f"{identifier}-figure", figure),
+        element(
+            "div",
+            id=identifier,
+            class_=f"plot plot-{kind}",
+            role="img",
+            aria_label=label,
+            tabindex="-1",
+            data_part=None if parts is None else identifier,
+        ),
+        data_script(f"{identifier}-figure", figure) if parts is None else None,
         class_="plot-box",
     )

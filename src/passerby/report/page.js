@@ -57,8 +57,24 @@
     table.tBodies[0].append(...rows);
   }
 
-  all("thead th[aria-sort] button").forEach(function (one) {
-    one.addEventListener("click", () => sortBy(one.closest("table"), one.closest("th")));
+  document.addEventListener("click", function (event) {
+    const head = event.target.closest("thead th[aria-sort] button");
+    if (head) sortBy(head.closest("table"), head.closest("th"));
+  });
+
+  // Rows with all words that were written, wherever they stand in a row
+  document.addEventListener("input", function (event) {
+    const field = event.target.closest("input[data-filters]");
+    if (!field) return;
+    const rows = Array.from(document.getElementById(field.dataset.filters).tBodies[0].rows);
+    const words = field.value.toLowerCase().split(/\s+/).filter(Boolean);
+    let shown = 0;
+    rows.forEach(function (row) {
+      if (row.dataset.text === undefined) row.dataset.text = row.textContent.toLowerCase();
+      row.hidden = !words.every((word) => row.dataset.text.includes(word));
+      shown += row.hidden ? 0 : 1;
+    });
+    field.closest(".search").querySelector("output").textContent = words.length ? shown + " of " + rows.length + " rows" : rows.length + " rows";
   });
 
   function quoted(text) {
@@ -92,6 +108,26 @@
       setTimeout(() => { one.textContent = "Copy as CSV"; }, 2000);
     });
   });
+
+  // Files beside the page: scripts, because a page that was opened as a file can fetch nothing ----------------------------
+  const parts = new Map(), arrived = new Map();
+
+  window.passerbyPart = (name, value) => arrived.set(name, value);
+
+  function load(name) {
+    if (!parts.has(name)) {
+      const where = root.dataset.parts + "/" + name + ".js";
+      parts.set(name, new Promise(function (resolve, reject) {
+        const script = document.createElement("script");
+        const missing = () => reject(new Error(where + " is missing or damaged: copy the folder along with this page, or write the report again with passerby report"));
+        script.addEventListener("load", () => { if (arrived.has(name)) resolve(arrived.get(name)); else missing(); script.remove(); });
+        script.addEventListener("error", missing);
+        script.src = where;
+        document.head.append(script);
+      }));
+    }
+    return parts.get(name);
+  }
 
   // Plots ---------------------------------------------------------------------------------------------------------------
   const probe = document.createElement("span");
@@ -139,35 +175,65 @@
   })();
   const byTouch = matchMedia("(pointer: coarse)").matches;
 
-  function draw(place) {
+  const figures = new Map();
+
+  async function figureOf(place) {
+    if (!figures.has(place.id)) {
+      const inside = () => JSON.parse(document.getElementById(place.id + "-figure").textContent);
+      figures.set(place.id, place.dataset.part ? await load(place.dataset.part) : inside());
+    }
+    return figures.get(place.id);
+  }
+
+  async function draw(place) {
     const inSpace = place.classList.contains("plot-space");
     if (inSpace && !hasWebGL) {
       place.textContent = "This view needs WebGL, which this browser does not offer. The view from above and the tables show the same.";
       place.className = "plot-note";
       all(".view-buttons", place.parentNode).forEach((tools) => tools.remove());
-      return Promise.resolve();
+      return;
     }
-    const figure = JSON.parse(document.getElementById(place.id + "-figure").textContent);
+    if (root.dataset.parts) await load("plotly");
+    const figure = await figureOf(place);
+    if (inSpace) addTools(place, figure.layout.meta);
     const layout = themed(figure.layout);
     // On a touch screen a finger on a flat plot scrolls the page.
     if (byTouch && !inSpace) layout.dragmode = false;
     // Where both axes have one scale, a narrow and high plot would be mostly empty.
     if (layout.height && layout.yaxis && layout.yaxis.scaleanchor) layout.height = Math.min(layout.height, 1.25 * place.clientWidth);
     const config = { responsive: true, displayModeBar: false, displaylogo: false, scrollZoom: false, doubleClick: "reset" };
-    return Plotly.react(place, resolved(figure.data), layout, config).then(() => { place.dataset.drawn = "yes"; });
+    await Plotly.react(place, resolved(figure.data), layout, config);
+    place.dataset.drawn = "yes";
+    place.dispatchEvent(new Event("drawn"));
   }
+
+  // What lies in files is drawn when it is about to be seen.
+  const later = (place) => place.dataset.part !== undefined && place.dataset.near === undefined;
+
+  async function drawOne(place) {
+    try { await draw(place); } catch (error) {
+      place.textContent = "This plot could not be drawn (" + error.message + ").";
+      place.classList.add("plot-note");
+      console.error(error);
+    }
+  }
+
+  const watcher = new IntersectionObserver(function (entries) {
+    entries.filter((entry) => entry.isIntersecting).forEach(function ({ target }) {
+      watcher.unobserve(target);
+      target.dataset.near = "yes";
+      drawOne(target).then(choosePerson);
+    });
+  }, { rootMargin: "400px" });
+  all(".plot[data-part]").forEach((place) => watcher.observe(place));
 
   let draws = 0;
 
   async function drawAll() {
     const own = ++draws;
     root.dataset.plots = "drawing";
-    for (const place of all(".plot")) {
-      try { await draw(place); } catch (error) {
-        place.textContent = "This plot could not be drawn (" + error.message + ").";
-        place.classList.add("plot-note");
-        console.error(error);
-      }
+    for (const place of all(".plot").filter((one) => !later(one))) {
+      await drawOne(place);
       await new Promise((resolve) => setTimeout(resolve, 0));
       // In other colours by now: all plots are drawn again by whoever changed them.
       if (own !== draws) return;
@@ -204,9 +270,9 @@
     return one;
   }
 
-  all(".plot-space").forEach(function (place) {
+  function addTools(place, meta) {
     const tools = place.parentNode.querySelector(".view-buttons");
-    const meta = JSON.parse(document.getElementById(place.id + "-figure").textContent).layout.meta;
+    if (tools.childElementCount) return;
     const views = (meta && meta.views) || [];
     const choice = document.createElement("select");
     choice.setAttribute("aria-label", "View");
@@ -220,7 +286,7 @@
       choice.value = "";
       Plotly.relayout(place, { "scene.camera": turned(place, angle, nearer) });
     })));
-  });
+  }
 
   // The timeline: everybody, or one person
   const person = document.getElementById("timeline-person");
@@ -257,10 +323,12 @@
   // Paper shows what is folded, and black on white
   let folded = [];
   addEventListener("beforeprint", function () {
+    all(".plot[data-part]:not([data-near])").forEach((place) => { place.dataset.near = "yes"; drawOne(place); });
     folded = all("details:not([open])");
     folded.forEach((one) => { one.open = true; });
   });
   addEventListener("afterprint", function () { folded.forEach((one) => { one.open = false; }); });
 
+  window.passerbyReport = { load, tool };
   drawAll();
 })();

@@ -11,13 +11,14 @@ from passerby.core.colours import person_colour
 from passerby.core.figures import CueFigures, StarFigures, StarScale, heights_of
 from passerby.report.contents import Contents
 from passerby.report.html import Html, Section, element, join, nothing, plot
+from passerby.report.parts import Parts
 from passerby.report.tables import Column, data_table, number, text
 from passerby.report.values import count
 from passerby.solver.cues import cue_in_words
 
 
-def heights_section(contents: Contents) -> Section:
-    """The people's heights beside what was assumed of them."""
+def heights_section(contents: Contents, parts: Parts | None = None) -> Section:
+    """The people's heights beside what was assumed of them; `parts` of a page of many cameras gets the figure."""
     lead = (
         "Each dot is a person, shortest first. The band is the assumed height of people: the mean and one standard deviation. "
         "Heights far outside the band mostly come from false detections, or from tracks of more than one person."
@@ -33,7 +34,8 @@ def heights_section(contents: Contents) -> Section:
     label = (
         f"Heights of {count(len(heights), 'person', 'people')}, {min(heights.values()):.2f} to {max(heights.values()):.2f} m"
     )
-    body = join(plot("heights-plot", _figure(heights, mean, sd, _stated(contents)), label), _in_words(heights, mean, sd))
+    drawn = plot("heights-plot", _figure(heights, mean, sd, _stated(contents)), label, parts=parts)
+    body = join(drawn, _in_words(heights, mean, sd))
     return Section("heights", "Heights of the people", lead, body, "Heights")
 
 

@@ -6,13 +6,16 @@ Coordinates within the inner group are those of the camera's pixels, whose origi
 
 from __future__ import annotations
 
+from collections.abc import Collection
+from dataclasses import replace
+
 import numpy as np
 
 from passerby.core.observations import Clock
 from passerby.report.backdrop import Backdrop, backdrop
 from passerby.report.contents import Contents
 from passerby.report.fitted import Fitted, fit_sample
-from passerby.report.ground_layer import centres_of, grid_region, grid_spacing, ground_layer, other_cameras
+from passerby.report.ground_layer import grid_spacing, ground_layer, ground_seen, other_cameras
 from passerby.report.html import Html, element, join
 from passerby.report.people_layers import boxes_layer, joints_layer, model_layer
 from passerby.report.reference_layer import reference_layer
@@ -23,7 +26,9 @@ from passerby.report.sheet import Sheet, clip_text, short
 __all__ = ["camera_picture", "residual_map"]
 
 
-def camera_picture(contents: Contents, fit: Fitted, name: str, behind: Backdrop | None = None) -> str:
+def camera_picture(
+    contents: Contents, fit: Fitted, name: str, behind: Backdrop | None = None, among: Collection[str] | None = None
+) -> str:
     """One camera's picture with all layers, as `<svg viewBox="0 0 width height">`.
 
     Args:
@@ -31,28 +36,36 @@ def camera_picture(contents: Contents, fit: Fitted, name: str, behind: Backdrop 
         fit: of the whole sample; only where people walk is taken from it.
         name: of a camera of the rig, with a pose or without.
         behind: of `backdrop`; looked for where None.
+        among: the cameras that are drawn, and whose people are; None: all.
     """
     camera = contents.rig[name]
     behind = backdrop(contents, name) if behind is None else behind
     sheet = Sheet(camera, behind, "currentColor" if behind.uri is None else "#fff")
-    clocks, _ = clocks_of(contents)
-    now = fit_sample(contents, sample_at(contents, clocks.get(name) or Clock(1.0), np.array([behind.frame])))
+    near = contents if among is None else _part_of(contents, {name, *among})
+    clocks, _ = clocks_of(near)
+    now = fit_sample(near, sample_at(near, clocks.get(name) or Clock(1.0), np.array([behind.frame])))
     width, height = camera.lens.size
     layers = [
-        element("g", ground_layer(sheet, fit), class_="layer-grid"),
+        element("g", ground_layer(sheet, fit, among is not None), class_="layer-grid"),
         element("g", reference_layer(sheet), class_="layer-lines"),
-        element("g", other_cameras(sheet, contents), class_="layer-cameras"),
+        element("g", other_cameras(sheet, contents, among), class_="layer-cameras"),
         element("g", model_layer(sheet, now), class_="layer-model"),
         element("g", boxes_layer(sheet, contents, now), class_="layer-boxes"),
         element("g", joints_layer(sheet, contents, now), class_="layer-joints"),
     ]
+    grid_m = grid_spacing(*ground_seen(fit, camera, among is not None))
     return element(
-        "svg", _canvas(sheet), element("g", layers, transform="translate(0.5 0.5)"), _notes(sheet, fit),
+        "svg", _canvas(sheet), element("g", layers, transform="translate(0.5 0.5)"), _notes(sheet, grid_m),
         viewBox=f"0 0 {width} {height}", class_="camera-picture", role="img",
         aria_label=f"Camera {clip_text(name)}, frame {behind.frame}: ground grid, horizon and verticals, observed boxes, boxes "
         "of the model",
         xmlns="http://www.w3.org/2000/svg", data_frame=behind.frame, font_family="sans-serif",
     )  # fmt: skip
+
+
+def _part_of(contents: Contents, names: Collection[str]) -> Contents:
+    """The same contents with some of the cameras."""
+    return replace(contents, rig=replace(contents.rig, cameras=tuple(one for one in contents.rig if one.name in names)))
 
 
 def _canvas(sheet: Sheet) -> Html:
@@ -71,12 +84,12 @@ def _canvas(sheet: Sheet) -> Html:
     return picture if covered == (width, height) else join(blank, picture)
 
 
-def _notes(sheet: Sheet, fit: Fitted) -> Html:
+def _notes(sheet: Sheet, grid_m: float) -> Html:
     """Frame and grid, below in the picture; above it why there is no picture or no drawing."""
     width, height = sheet.camera.lens.size
     told = [f"frame {sheet.backdrop.frame}"]
     if sheet.camera.pose is not None:
-        told.append(f"grid {grid_spacing(*grid_region(fit, centres_of([sheet.camera]))):g} m")
+        told.append(f"grid {grid_m:g} m")
     else:
         told.append("not registered: no pose")
     lines = [sheet.text(", ".join(told), (0.6 * sheet.letters, height - 0.6 * sheet.letters), class_="picture-note")]

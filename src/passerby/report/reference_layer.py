@@ -47,13 +47,13 @@ def reference_layer(sheet: Sheet) -> Html:
 
 def plumb_lines(view: View) -> list[list[Floats]]:
     """As many plumb lines as a drawing bears, as `View.verticals` has them."""
-    found: list[list[Floats]] = []
-    for step in STEPS_DEG:
-        lines = view.verticals(np.deg2rad(step))
-        if len(lines) > MOST_LINES:
+    fitting = None
+    for step in map(np.deg2rad, STEPS_DEG):
+        # To count lines takes a fifteenth of the time that it takes to find where they leave the picture.
+        if view.count_verticals(step) > MOST_LINES:
             break
-        found = lines
-    return found
+        fitting = step
+    return [] if fitting is None else view.verticals(fitting)
 
 
 def _highest(stretches: list[Floats]) -> Floats:

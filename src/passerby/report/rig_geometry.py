@@ -153,9 +153,9 @@ def magnification(longest_m: float, extent_m: float) -> int:
     return fitting[-1] if fitting and longest_m > 0 else 1
 
 
-def density(places: Floats, low: Floats, high: Floats) -> tuple[Floats, Floats, Floats]:
+def density(places: Floats, low: Floats, high: Floats, cells: int = CELLS) -> tuple[Floats, Floats, Floats]:
     """How often people were where: (X,) and (Y,) middles of cells, and (Y, X) shares of all places."""
-    cell = max(float((high - low).max()) / CELLS, SMALLEST_CELL_M)
+    cell = max(float((high - low).max()) / cells, SMALLEST_CELL_M)
     edges = [np.arange(np.floor(low[k] / cell), np.ceil(high[k] / cell) + 1) * cell for k in range(2)]
     count = np.histogram2d(places[:, 0], places[:, 1], bins=edges)[0].T
     return (edges[0][:-1] + cell / 2), (edges[1][:-1] + cell / 2), count / max(len(places), 1)

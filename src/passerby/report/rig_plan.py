@@ -12,6 +12,7 @@ from passerby.core.colours import camera_colour
 from passerby.report.contents import Contents
 from passerby.report.fitted import Fitted
 from passerby.report.rig_geometry import (
+    CELLS,
     WEDGE_SHARE,
     SigmaEllipses,
     Stage,
@@ -43,7 +44,7 @@ def rig_from_above(contents: Contents, fit: Fitted) -> Figure:
     rig, stage = contents.rig, stage_of(contents.rig, fit.ways.xy)
     ellipses = sigma_ellipses(rig, stage.extent)
     cameras = draw_cameras_from_above(rig, stage)
-    data = [*_crowd(fit, stage), *draw_ground_seen(rig, stage), *_draw_ellipses(ellipses), *cameras]
+    data = [*draw_crowd(fit, stage), *draw_ground_seen(rig, stage), *draw_ellipses(ellipses), *cameras]
     missing = unregistered(rig)
     layout: dict[str, Any] = {
         "xaxis": {"title": {"text": "x, m"}, "range": _range(stage, 0), "zeroline": False, "constrain": "domain"},
@@ -67,15 +68,15 @@ def _range(stage: Stage, axis: int) -> list[float]:
     return [round(float(stage.low[axis]), 3), round(float(stage.high[axis]), 3)]
 
 
-def _crowd(fit: Fitted, stage: Stage) -> list[Trace]:
-    """Where people were: a map, or points where there are few."""
+def draw_crowd(fit: Fitted, stage: Stage, cells: int = CELLS) -> list[Trace]:
+    """Where people were: a map of so many cells in a direction, or points where there are few."""
     places = fit.ways.xy
     if len(places) < FEW_PLACES:
         xs, ys = joined([places]) if len(places) else ([], [])
         marker = {"color": f"rgba({CROWD},0.7)", "size": 5}
         few = {"type": "scatter", "mode": "markers", "x": xs, "y": ys, "marker": marker, "name": "people", "hoverinfo": "skip"}
         return [few] if len(places) else []
-    x, y, share = density(places, stage.low[:2], stage.high[:2])
+    x, y, share = density(places, stage.low[:2], stage.high[:2], cells)
     columns, rows = np.flatnonzero(share.any(axis=0)), np.flatnonzero(share.any(axis=1))
     part = (slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1))
     # The root, so that one who stood still for long does not outshine everybody's ways.
@@ -102,7 +103,7 @@ def draw_ground_seen(rig: Rig, stage: Stage) -> list[Trace]:
     return out
 
 
-def _draw_ellipses(ellipses: SigmaEllipses) -> list[Trace]:
+def draw_ellipses(ellipses: SigmaEllipses) -> list[Trace]:
     """One trace with the ellipses of all cameras that have sigmas."""
     if not ellipses.outlines:
         return []

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from passerby.common.arrays import Floats, Ints
 from passerby.core.observations import UNKNOWN, Clock
@@ -49,7 +50,8 @@ class Seen:
     people: Mapping[str, int]
     """By camera, how many known people it saw."""
     shared: Mapping[tuple[str, str], Shared]
-    """For every two cameras, by their order in the rig, the people that both saw at the same time."""
+    """For two cameras that saw a person in common, by their order in the rig, the people that both saw at the same time. Pairs
+    that are not in it share nobody."""
 
 
 BREAK_STEPS = 3.5
@@ -135,7 +137,7 @@ def _stretches(place: int, look: _Looks) -> Floats:
 
 
 def _all_shared(appearance: Mapping[str, _Looks]) -> dict[tuple[str, str], Shared]:
-    """What every two cameras have in common."""
+    """What two cameras have in common, for those that saw a person in common: of a site's cameras few did."""
     everybody = (
         np.unique(np.concatenate([look.who for look in appearance.values()])) if appearance else np.zeros(0, dtype=np.int64)
     )
@@ -145,11 +147,23 @@ def _all_shared(appearance: Mapping[str, _Looks]) -> dict[tuple[str, str], Share
     pitch = 3.0 * (max((float(time.max()) for time in times), default=0.0) - begin) + 10.0
     axis = {name: np.searchsorted(everybody, look.who) * pitch + look.time - begin for name, look in appearance.items()}
     names, found = list(appearance), {}
-    for index, first in enumerate(names):
-        for second in names[index + 1 :]:
-            step = max(appearance[first].step, appearance[second].step)
-            found[first, second] = _shared(axis[first], axis[second], step, appearance[first].who)
+    for one, other in _with_common_people([np.searchsorted(everybody, look.who) for look in appearance.values()]):
+        first, second = names[one], names[other]
+        step = max(appearance[first].step, appearance[second].step)
+        found[first, second] = _shared(axis[first], axis[second], step, appearance[first].who)
     return found
+
+
+def _with_common_people(who: Sequence[Ints]) -> list[tuple[int, int]]:
+    """Pairs of cameras that saw a person in common, by the first, then the second; of each camera, rows of people (N,)."""
+    people = [np.unique(rows) for rows in who]
+    if not people:
+        return []
+    ends = np.cumsum([0, *map(len, people)])
+    columns = np.concatenate(people)
+    seen = csr_array((np.ones(len(columns), np.int64), columns, ends), shape=(len(people), int(columns.max(initial=0)) + 1))
+    one, other = (seen @ seen.T).nonzero()
+    return sorted((a, b) for a, b in zip(one.tolist(), other.tolist(), strict=True) if a < b)
 
 
 def _shared(first: Floats, second: Floats, step: float, who: Ints) -> Shared:

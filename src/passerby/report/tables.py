@@ -9,7 +9,7 @@ from passerby.report.html import Html, element, join
 from passerby.report.values import figure
 
 LONG = 24
-"""Rows beyond which a table scrolls up and down in its box too."""
+"""Rows beyond which a table scrolls up and down in its box too, and can be searched."""
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,14 @@ def data_table(
         aria_label=caption,
     )
     button = element("button", "Copy as CSV", type="button", class_="quiet copy", data_copies=identifier) if copy else None
-    return join(box, element("p", button, class_="tools") if copy else None)
+    search = _search(identifier, len(rows)) if len(rows) > LONG else None
+    return join(search, box, element("p", button, class_="tools") if copy else None)
+
+
+def _search(identifier: str, rows: int) -> Html:
+    """A field that leaves the rows of a table with a text, and how many they are."""
+    field = element("input", type="search", data_filters=identifier, autocomplete="off", spellcheck="false")
+    return element("p", element("label", "Search ", field), element("output", f"{rows} rows"), class_="tools search")
 
 
 def _head(column: Column, sortable: bool) -> Html:

@@ -17,6 +17,9 @@ from passerby.core.cameras import Camera
 Rays = Callable[[Ints, Floats], Floats]
 """From lines (E,) and shares of their lengths (E,) to directions (E, 3), camera frame."""
 
+Seen = Callable[[Floats], tuple[Floats, Bools]]
+"""From directions (N, 3) to pixels (N, 2), and (N,) whether they are in the picture."""
+
 SAME_RAY = 1e-3
 """Sine of the angle between a point's direction and the ray of the pixel that it projects to: more is a fold of the lens."""
 STEP = np.deg2rad(1.0)
@@ -47,9 +50,7 @@ class View:
 
     def seen(self, rays: Floats) -> tuple[Floats, Bools]:
         """Directions (N, 3), camera frame, of any length, as pixels (N, 2), and (N,) whether they are in the picture."""
-        pixels = self.camera.lens.project_rays(rays)
-        with np.errstate(invalid="ignore"):
-            inside: Bools = np.asarray(((pixels >= self.low) & (pixels <= self.high)).all(axis=1))
+        pixels, inside = self._projected(rays)
         rows = np.flatnonzero(inside)
         if len(rows) and (self.camera.lens.fisheye or self.camera.lens.distortions.any()):
             back = self.camera.lens.bearings(pixels[rows])
@@ -58,6 +59,16 @@ class View:
                 same = np.linalg.norm(np.cross(back, unit), axis=1) < SAME_RAY
                 inside[rows] = same & ((back * unit).sum(axis=1) > 0)
         return pixels, inside
+
+    def _projected(self, rays: Floats) -> tuple[Floats, Bools]:
+        """The same for a lens that does not fold: half of the time."""
+        if self.camera.lens.fisheye:
+            pixels = self.camera.lens.project_rays(rays)
+        else:  # most lines all around are behind the camera
+            pixels, ahead = np.full((len(rays), 2), np.nan), rays[:, 2] > 0
+            pixels[ahead] = self.camera.lens.project_rays(rays[ahead])
+        with np.errstate(invalid="ignore"):
+            return pixels, np.asarray(((pixels >= self.low) & (pixels <= self.high)).all(axis=1))
 
     def points(self, points: Floats) -> tuple[Floats, Bools]:
         """World points (N, 3) as pixels (N, 2), and (N,) whether they are in the picture."""
@@ -116,6 +127,17 @@ class View:
         Returns:
             Of each line that is visible, by heading, its visible stretches, (K, 2) pixels each, from below upwards.
         """
+        heading, share, at = self._plumb(step)
+        return [stretches for stretches in self._traced(len(heading), share, at) if stretches]
+
+    def count_verticals(self, step: float) -> int:
+        """How many plumb lines `verticals` finds."""
+        heading, share, at = self._plumb(step)
+        inside = self.seen(at(np.repeat(np.arange(len(heading)), len(share)), np.tile(share, len(heading))))[1]
+        return int(np.count_nonzero(inside.reshape(len(heading), -1).any(axis=1)))
+
+    def _plumb(self, step: float) -> tuple[Floats, Floats, Rays]:
+        """Headings of plumb lines around the camera, the shares of their lengths that are sampled, and their directions."""
         count = round(2 * np.pi / step)
         heading = np.asarray(self._heading() - step * (np.arange(count) - count // 2), dtype=np.float64)
         share = np.linspace(0.0, 1.0, int(np.ceil(2 * STEEPEST / STEP)) + 1)
@@ -123,7 +145,7 @@ class View:
         def at(line: Ints, where: Floats) -> Floats:
             return self._directions(heading[line], np.asarray(STEEPEST * (2 * where - 1), dtype=np.float64))
 
-        return [stretches for stretches in self._traced(len(heading), share, at) if stretches]
+        return heading, share, at
 
     def _heading(self) -> float:
         """Where the camera looks over the ground, radians from the world's x axis towards y."""
@@ -154,12 +176,20 @@ class View:
         """(E, 2) the last visible pixels of lines between a visible and an invisible share."""
         if not len(line):
             return np.zeros((0, 2))
-        seen, unseen = seen.copy(), unseen.copy()
-        for _ in range(HALVINGS):
-            middle = 0.5 * (seen + unseen)
-            inside = self.seen(at(line, middle))[1]
-            seen, unseen = np.where(inside, middle, seen), np.where(inside, unseen, middle)
-        return self.seen(at(line, seen))[0]
+        pixels, inside = self.seen(at(line, _halved(self._projected, line, seen, unseen, at)))
+        rows = np.flatnonzero(~inside)
+        if len(rows):  # the lens folds on the way: its rays have to be looked at
+            pixels[rows] = self.seen(at(line[rows], _halved(self.seen, line[rows], seen[rows], unseen[rows], at)))[0]
+        return pixels
+
+
+def _halved(seen_at: Seen, line: Ints, seen: Floats, unseen: Floats, at: Rays) -> Floats:
+    """(E,) the last visible shares of lines between a visible and an invisible share."""
+    for _ in range(HALVINGS):
+        middle = 0.5 * (seen + unseen)
+        inside = seen_at(at(line, middle))[1]
+        seen, unseen = np.where(inside, middle, seen), np.where(inside, unseen, middle)
+    return seen
 
 
 def _stretches(pixels: Floats, inside: Bools, line: int, ends: dict[tuple[int, int], Floats]) -> list[Floats]:

@@ -12,7 +12,9 @@ from passerby.common.arrays import Floats
 from passerby.core.colours import person_colour
 from passerby.report.contents import Contents
 from passerby.report.html import Html, Section, element, join, nothing, plot, plot_text
+from passerby.report.parts import Parts
 from passerby.report.seen import Spells, lanes_of, merge_spells
+from passerby.report.site import EMBEDDED_CAMERAS
 from passerby.report.values import count
 
 MOST_BARS = 1500
@@ -23,12 +25,22 @@ MOST_KEPT = 20_000
 """Stretches in the page at most, 60 bytes each."""
 BINS = 400
 LANE_PX, ROW_PX = 7, 26
+HIGHEST_PX, LEAST_ROW_PX = 1500, 3
+"""Of more rows than fit into this height, each is lower, to the least; names stand at some."""
+NAME_PX = 13
+"""Between names."""
 MINUTES_FROM_S = 900.0
 TITLE = "Timeline of observations"
 
 
-def timeline_section(contents: Contents, spells: Spells) -> Section:
-    """A row for each camera, a bar for each stretch in which it saw somebody."""
+def timeline_section(contents: Contents, spells: Spells, parts: Parts | None = None) -> Section:
+    """A row for each camera, a bar for each stretch in which it saw somebody.
+
+    Args:
+        contents: of the report.
+        spells: of all cameras.
+        parts: of a page of many cameras: gets the figure.
+    """
     if not len(spells):
         return Section("timeline", TITLE, "", nothing("There are no tracks with identities."), "Timeline")
     kept = merge_spells(spells, MOST_KEPT)
@@ -42,7 +54,7 @@ def timeline_section(contents: Contents, spells: Spells) -> Section:
     lead += " A camera whose marks never overlap in time with those of another camera shares no observations with it."
     label = f"Timeline of {count(len(kept.people), 'person', 'people')} in {count(len(contents.rig), 'camera')}"
     figure = _figure(contents, kept, rows)
-    body = join(_chooser(kept.people.tolist()), plot("timeline-plot", figure, label), _merged_note(spells, kept))
+    body = join(_chooser(kept.people.tolist()), plot("timeline-plot", figure, label, parts=parts), _merged_note(spells, kept))
     return Section("timeline", TITLE, lead, body, "Timeline")
 
 
@@ -82,10 +94,11 @@ def _rows(n_cameras: int, spells: Spells) -> _Rows:
         if len(own):
             lane[own] = lanes_of(spells.begin[own], spells.end[own])
             lanes[camera] = lane[own].max() + 1
-    if len(spells) > MOST_BARS or lanes.max() > MOST_LANES:
-        heights = np.full(n_cameras, float(ROW_PX))
-        centre = np.asarray(ROW_PX * (spells.camera + 0.5), dtype=np.float64)
-        return _Rows(centre, np.full(len(spells), 0.5 * ROW_PX), heights, True)
+    if len(spells) > MOST_BARS or lanes.max() > MOST_LANES or n_cameras > EMBEDDED_CAMERAS:
+        row = min(ROW_PX, max(LEAST_ROW_PX, HIGHEST_PX // n_cameras))
+        heights = np.full(n_cameras, float(row))
+        centre = np.asarray(row * (spells.camera + 0.5), dtype=np.float64)
+        return _Rows(centre, np.full(len(spells), 0.5 * row), heights, True)
     heights = np.asarray(8.0 + LANE_PX * np.maximum(lanes, 2), dtype=np.float64)
     top = np.concatenate([[0.0], np.cumsum(heights)[:-1]])
     return _Rows(top[spells.camera] + 4 + LANE_PX * (lane + 0.5), np.full(len(spells), 0.85 * LANE_PX), heights, False)
@@ -105,6 +118,7 @@ def _figure(contents: Contents, spells: Spells, rows: _Rows) -> dict[str, Any]:
         f"%{{customdata[2]:.1f}} to %{{customdata[3]:.1f}} {unit}<extra></extra>",
     }
     edges = np.concatenate([[0.0], np.cumsum(rows.heights)])
+    every = max(1, -(-NAME_PX // int(rows.heights.min())))
     layout = {
         "barmode": "overlay",
         "bargap": 0,
@@ -114,8 +128,8 @@ def _figure(contents: Contents, spells: Spells, rows: _Rows) -> dict[str, Any]:
         "margin": {"l": 20, "r": 10, "t": 10, "b": 44},
         "xaxis": {"title": {"text": unit}, "range": [begin / factor, end / factor], "zeroline": False},
         "yaxis": {
-            "tickvals": (edges[1:] + edges[:-1]) / 2,
-            "ticktext": names,
+            "tickvals": ((edges[1:] + edges[:-1]) / 2)[::every],
+            "ticktext": names[::every],
             "range": [float(edges[-1]), 0.0],
             "fixedrange": True,
             "automargin": True,
@@ -124,7 +138,7 @@ def _figure(contents: Contents, spells: Spells, rows: _Rows) -> dict[str, Any]:
         },
         "shapes": [
             {"type": "line", "xref": "paper", "x0": 0, "x1": 1, "y0": y, "y1": y, "line": {"width": 1, "color": "var(--line)"}}
-            for y in edges[1:-1]
+            for y in (edges[1:-1] if every == 1 else ())
         ],
         "meta": {"crowded": rows.crowded, "cameras": names, "bars": _bars(spells, rows, factor)},
     }
@@ -164,7 +178,7 @@ def _crowd(n_cameras: int, spells: Spells, edges: Floats, factor: float, unit: s
         "x": np.round(times / factor, 4),
         "y": edges,
         "z": np.round(number, 2) + 0.0,
-        "ygap": 3,
+        "ygap": 3 if edges[1] - edges[0] > NAME_PX else 0,
         "colorscale": [[0, "var(--surface)"], [0.15, "var(--low)"], [1, "var(--high)"]],
         "colorbar": {"title": {"text": "people"}, "thickness": 12, "outlinewidth": 0},
         "hovertemplate": f"%{{x:.1f}} {unit}: %{{z:.1f}} people<extra></extra>",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -17,10 +17,12 @@ from passerby.report.contents import Contents
 from passerby.report.html import Html, Section, element, join, nothing
 from passerby.report.seen import Seen
 from passerby.report.tables import Column, data_table, number, text
-from passerby.report.values import MISSING
+from passerby.report.values import MISSING, count
 
 STRONG, FAIR = 0.7, 0.4
 """Confidence above which a pair is strong, or fair."""
+MOST_WEAK = 200
+"""Pairs of a site that are listed."""
 WIDTH, HEIGHT = 440.0, 400.0
 """Of the picture in its own units: text of 13 units is still 11 pixels on a phone."""
 
@@ -61,12 +63,13 @@ class Link:
 def links_of(contents: Contents, seen: Seen) -> list[Link]:
     """All pairs that share somebody or that a stage tells of, in the rig's order."""
     found = {pair: Link(*pair, shared) for pair, shared in seen.shared.items()}
-    several = len(contents.rig) > 2
+    several, place = len(contents.rig) > 2, {name: index for index, name in enumerate(contents.rig.names)}
     for tied in contents.document.association.pairs or ():
-        _update(found, tied.cameras, partial(_associated, tied=tied, several=several))
+        _update(found, place, tied.cameras, partial(_associated, tied=tied, several=several))
     for guess in _guesses(contents):
-        _update(found, guess.cameras, partial(_solved, guess=guess, several=several))
-    return [link for link in found.values() if link.shared.sightings or link.routes]
+        _update(found, place, guess.cameras, partial(_solved, guess=guess, several=several))
+    links = (link for link in found.values() if link.shared.sightings or link.routes)
+    return sorted(links, key=lambda link: (place[link.first], place[link.second]))
 
 
 def _guesses(contents: Contents) -> Sequence[PairFigures]:
@@ -83,11 +86,13 @@ def _guesses(contents: Contents) -> Sequence[PairFigures]:
     ]  # fmt: skip
 
 
-def _update(found: dict[tuple[str, str], Link], cameras: tuple[str, str], change: Callable[[Link], Link]) -> None:
-    """Change the link of two cameras, whichever order they are named in."""
-    pair = cameras if cameras in found else (cameras[1], cameras[0])
-    if pair in found:
-        found[pair] = change(found[pair])
+def _update(
+    found: dict[tuple[str, str], Link], place: Mapping[str, int], cameras: tuple[str, str], change: Callable[[Link], Link]
+) -> None:
+    """Change the link of two cameras of the rig, whichever order they are named in; `place` is each camera's in the rig."""
+    if all(name in place for name in cameras) and cameras[0] != cameras[1]:
+        pair = cameras if place[cameras[0]] < place[cameras[1]] else (cameras[1], cameras[0])
+        found[pair] = change(found.get(pair) or Link(*pair, Shared(0, 0)))
 
 
 def _associated(link: Link, tied: TiedPair, several: bool) -> Link:
@@ -123,7 +128,11 @@ def view_graph_section(contents: Contents, seen: Seen) -> Section:
     if not links:
         body = nothing("No two cameras saw the same people at the same time: nothing connects them.")
     else:
-        body = element("div", element("div", _drawing(contents, links), _legend(), class_="graph"), _table(contents, links))
+        body = element(
+            "div",
+            element("div", _drawing(contents, links), _legend(), class_="graph"),
+            pairs_table("pairs-table", contents, links),
+        )
     return Section("graph", "Covisibility of the cameras", lead, body, "View graph")
 
 
@@ -204,7 +213,28 @@ def _node(place: int, name: str, at: tuple[float, float], posed: bool) -> Html:
     return join(disc, label)
 
 
-def _table(contents: Contents, links: list[Link]) -> Html:
+def weakest_links(links: Sequence[Link]) -> list[Link]:
+    """The used links by their confidence, the weakest first; of equal ones, those with the fewest observations."""
+    used = [link for link in links if link.used]
+    return sorted(used, key=lambda link: (2.0 if link.confidence is None else link.confidence, link.shared.sightings))
+
+
+def site_graph_section(contents: Contents, links: list[Link]) -> Section:
+    """The pairs of a site that are the most likely to be wrong; the map draws them."""
+    weakest = weakest_links(links)[:MOST_WEAK]
+    lead = (
+        "Pairs of cameras that saw the same people at the same time and hold the rig together, the weakest first. The map "
+        "shows them as lines. All pairs of a camera are with its picture, those of the site in calibration.json."
+    )
+    if not weakest:
+        body = nothing("No two cameras saw the same people at the same time: nothing connects them.")
+    else:
+        told = f"{len(weakest)} of {count(sum(link.used for link in links), 'pair')} that are used."
+        body = join(pairs_table("pairs-table", contents, weakest), element("p", told, class_="note"))
+    return Section("graph", "Covisibility of the cameras", lead, body, "Pairs")
+
+
+def pairs_table(identifier: str, contents: Contents, links: Sequence[Link], *, copy: bool = True) -> Html:
     """A row for each pair."""
     columns = [
         Column("Camera", numeric=False),
@@ -236,7 +266,7 @@ def _table(contents: Contents, links: list[Link]) -> Html:
                 text(", ".join(map(route_in_words, link.routes)) or MISSING),
             ]
         )
-    return data_table("pairs-table", "Pairs of cameras", columns, rows)
+    return data_table(identifier, "Pairs of cameras", columns, rows, copy=copy)
 
 
 def _percent(share: float | None) -> float | None:

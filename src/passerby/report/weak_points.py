@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from passerby.report.contents import Contents
-from passerby.report.distances import best_to_measure, distances_of
+from passerby.report.distances import distances_to_measure
 from passerby.report.recommendations import Point, reported_doubts
 from passerby.report.seen import Seen
 
@@ -67,12 +67,19 @@ def residuals_px(contents: Contents) -> dict[str, float | None]:
     return {name: solved.get(name) if residual is None else residual for name, residual in written.items()}
 
 
+def residual_px(contents: Contents, name: str) -> float | None:
+    """The same of one camera."""
+    written = contents.document.entry(name).median_residual_px
+    solved = (one.median_residual_px for one in contents.figures.cameras if one.name == name)
+    return next(solved, None) if written is None else written
+
+
 def _scale(contents: Contents) -> list[_Weak]:
     """All lengths, where they are uncertain."""
     sigma = contents.figures.scale.relative_sigma
     if sigma is None or sigma < SURE_SCALE:
         return []
-    best = best_to_measure(distances_of(contents))
+    best = distances_to_measure(contents, 1)[0]
     which = f"{best.first} to {best.second} ({best.metres:.1f} m)"
     told, state = (
         f"The scale is known to {100 * sigma:.1f} % only",

@@ -25,6 +25,8 @@ METHODS = {
     "people": "a model of upright people is fitted to all cameras at once",
     "geopose": "the method of the paper: each camera is registered with a reference camera, then all are adjusted",
 }
+MOST_FACTS, SHOWN_FACTS = 60, 8
+"""Facts of a step that are shown as they are, and those that are shown of more."""
 FILES = (
     ("report.html", "this page"),
     ("rig.toml", "the cameras, also readable by Anipose, Caliscope and Pose2Sim"),
@@ -44,16 +46,22 @@ def stages_section(contents: Contents, seen: Seen) -> Section:
     ]
     body = element(
         "ol",
-        [
-            element("li", element("h3", title), element("ul", [element("li", fact) for fact in facts]))
-            for title, facts in filter(None, steps)
-        ],
+        [element("li", element("h3", title), _facts(facts)) for title, facts in filter(None, steps)],
         class_="stages",
     )
     return Section("stages", "Processing stages", "", body, "Stages")
 
 
 Step = tuple[str, list[str]] | None
+
+
+def _facts(facts: Sequence[str]) -> Html:
+    """The facts of a step; of very many, what follows the first ones can be opened."""
+    rows = [element("li", fact) for fact in facts]
+    if len(rows) <= MOST_FACTS:
+        return element("ul", rows)
+    shown, more = rows[:SHOWN_FACTS], rows[SHOWN_FACTS:]
+    return join(element("ul", shown), element("details", element("summary", f"{len(more)} more"), element("ul", more)))
 
 
 def _watched(contents: Contents) -> Step:
@@ -270,10 +278,14 @@ def _shown(value: Any) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
-def files_section(contents: Contents) -> Section:
-    """What the output folder holds."""
+def files_section(contents: Contents, *, several: bool = False) -> Section:
+    """What the output folder holds; `several`: the report has files beside it."""
     rows = list(FILES)
-    for name, entry in contents.cameras.items():
+    if several:
+        rows.insert(1, ("report_files/", "what this page loads when it is asked for: copy it along with the page"))
+        rows.append(("tracks/NAME.txt", "the people in each camera, by their identities (MOTChallenge)"))
+        rows.append(("tracks/NAME.json", "the keypoints in each camera that has any, by their identities (COCO)"))
+    for name, entry in contents.cameras.items() if not several else ():
         if entry.boxes:
             rows.append((f"tracks/{name}.txt", f"the people in {name}, by their identities (MOTChallenge)"))
         if len(contents.observations[name].keypoints):

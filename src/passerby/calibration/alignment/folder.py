@@ -16,7 +16,16 @@ from passerby.interchange.calibration_json import (
     entry_of,
     write_document,
 )
-from passerby.interchange.output_folder import REPORT_FILE, RIG_FILE, TRACKS_FOLDER, checksum, entries_of, read_report
+from passerby.interchange.output_folder import (
+    REPORT_FILE,
+    RIG_FILE,
+    TRACKS_FOLDER,
+    checksum,
+    entries_of,
+    read_report,
+    remove_report_parts,
+    report_files,
+)
 from passerby.interchange.rig_toml import write_rig
 from passerby.interchange.storage.atomic import forget_halves, write_bytes
 from passerby.interchange.storage.transaction import transaction
@@ -50,9 +59,10 @@ def write_aligned(out: Path, target: Path, aligned: Aligned, tell: Progress = si
         f"group {one.group} keeps its own frame: align {out / one.folder} by itself" for one in document.groups or ()
     ]  # fmt: skip
     if target.resolve() == out.resolve():
-        with transaction(out, [REPORT_FILE]) as new:
+        with transaction(out, [path.relative_to(out).as_posix() for path in report_files(out / REPORT_FILE)]) as new:
             _write_moved(new, document, aligned)
             forget_halves(out / REPORT_FILE)
+        remove_report_parts(out / REPORT_FILE)
         _report_again(with_report, out, tell)
         again = [f"{out / name} still uses the old frame: write it again with `{OLD_FRAME[name]} {out}`" for name in old]
         return [*again, *apart]

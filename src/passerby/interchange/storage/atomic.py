@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import re
+import shutil
 import tempfile
 from contextlib import suppress
 from pathlib import Path
@@ -41,11 +42,14 @@ def write_bytes(path: str | Path, data: bytes) -> None:
 
 
 def forget_halves(path: Path) -> None:
-    """Delete the temporary files of `path` that killed processes left; for who holds the lock of its folder."""
+    """Delete the temporary files and folders of `path` that killed processes left; for who holds the lock of its folder."""
     left = re.compile(re.escape(f".{path.name}.") + "[a-z0-9_]{8}" + re.escape(PART))
     for half in path.parent.glob(".*"):
         if left.fullmatch(half.name):
-            half.unlink(missing_ok=True)
+            if half.is_dir():
+                shutil.rmtree(half, ignore_errors=True)
+            else:
+                half.unlink(missing_ok=True)
 
 
 def sync_folder(path: Path) -> None:

@@ -1,0 +1,245 @@
+"""The map of a site, and the site in space: few traces, however many cameras there are."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from passerby.common.arrays import Floats
+from passerby.core.cameras import Camera
+from passerby.report.contents import Contents
+from passerby.report.fitted import Fitted
+from passerby.report.rig_geometry import WEDGE_SHARE, Stage, frustum, joined, sigma_ellipses, stage_of, wedge
+from passerby.report.rig_labels import faint, hover_words, posed_cameras, told, unregistered
+from passerby.report.rig_plan import Figure, Trace, draw_crowd, draw_ellipses
+from passerby.report.site import zone_colour
+from passerby.report.view_graph import Link
+
+REACH_M = 12.0
+"""How far a camera's view is drawn at most: people of sites are rarely farther away."""
+SPREAD_M = 8.0
+"""Of a camera's frustum, the deepest."""
+CELLS = 160
+"""Of the map of where people were, in one direction."""
+ELLIPSE_SPACINGS = 4.0
+"""Ellipses are as large as in a drawing of so many usual distances between neighbouring cameras: a quarter of one."""
+BEYOND = 0
+"""The zone of cameras that have none."""
+LINKS = (("weak", "#b86e00", True), ("fair", "#4c8df6", False), ("strong", "#2b8a57", False))
+"""Words of pairs, their colours, and whether they are shown at first: the weak ones are those to look at."""
+CORNERS = 4
+MARKED = "#e5484d"
+NO_ZONE = "#808080"
+
+
+def site_map(
+    contents: Contents, fit: Fitted, zones: Mapping[str, int], links: Sequence[Link], marked: Mapping[str, str]
+) -> Figure:
+    """The map. `layout.meta` has what the page's script needs for names where there is room, and to show one zone.
+
+    Args:
+        contents: of the report.
+        fit: of the whole sample.
+        zones: of the cameras, as of `zones_of`.
+        links: pairs of cameras that are drawn, if they are used.
+        marked: by camera, in a word, what is wrong; those that have nothing are left out.
+    """
+    rig, stage = contents.rig, stage_of(contents.rig, fit.ways.xy)
+    ellipses = sigma_ellipses(rig, min(stage.extent, ELLIPSE_SPACINGS * _spacing(contents)))
+    by_zone = _by_zone(contents, zones)
+    ground, cameras = draw_site(contents, zones, stage)
+    data = [
+        *draw_crowd(fit, stage, CELLS),
+        *ground,
+        *_links(contents, links),
+        *draw_ellipses(ellipses),
+        *cameras,
+        *_marks(contents, marked),
+        {"type": "scatter", "mode": "text", "x": [], "y": [], "text": [], "hoverinfo": "skip", "showlegend": False},
+    ]  # fmt: skip
+    posed = posed_cameras(rig)
+    missing = unregistered(rig)
+    layout: dict[str, Any] = {
+        "xaxis": {"title": {"text": "x, m"}, "range": _range(stage, 0), "zeroline": False, "constrain": "domain"},
+        "yaxis": {
+            "title": {"text": "y, m"}, "range": _range(stage, 1), "zeroline": False, "scaleanchor": "x", "scaleratio": 1,
+            "constrain": "domain",
+        },
+        "height": 680, "margin": {"l": 56, "r": 16, "t": 16, "b": 52}, "hovermode": "closest",
+        "legend": {"itemsizing": "constant", "orientation": "h", "y": -0.1, "yanchor": "top"},
+        "meta": {
+            "magnification": ellipses.factor, "unregistered": missing,
+            "cameras": {
+                "place": [place for place, _ in posed], "name": [told(camera.name) for _, camera in posed],
+                "x": [round(float(camera.centre[0]), 2) for _, camera in posed],
+                "y": [round(float(camera.centre[1]), 2) for _, camera in posed],
+                "first": [int(camera.name in marked) for _, camera in posed],
+            },
+            "zones": [_zone_box(zone, some) for zone, some in by_zone.items() if zone != BEYOND],
+        },
+    }  # fmt: skip
+    return {"data": data, "layout": layout}
+
+
+def draw_site(contents: Contents, zones: Mapping[str, int], stage: Stage) -> tuple[list[Trace], list[Trace]]:
+    """Of each zone, the ground that its cameras see nearby, and the cameras."""
+    by_zone, reach = _by_zone(contents, zones), min(WEDGE_SHARE * stage.reach, REACH_M)
+    return [_views(zone, some, reach) for zone, some in by_zone.items()], _cameras(by_zone, 0.3 * reach)
+
+
+def site_in_space(contents: Contents, fit: Fitted, zones: Mapping[str, int]) -> Figure:
+    """The cameras of a site in space, a colour a zone, with the views `layout.meta.views`."""
+    stage = stage_of(contents.rig, fit.ways.xy)
+    size = stage.high - stage.low
+    depth = min(0.16 * stage.reach, SPREAD_M)
+    data = [_frusta(zone, some, depth) for zone, some in _by_zone(contents, zones).items()]
+    unit = 1.6 / float(size.max())
+    ratio = {name: round(max(float(size[k]) * unit, 0.05), 4) for k, name in enumerate("xyz")}
+    axes = {
+        f"{name}axis": {
+            "range": [round(float(stage.low[k]), 3), round(float(stage.high[k]), 3)], "title": {"text": f"{name}, m"},
+            "showspikes": False, "zeroline": False, "nticks": 3 if name == "z" else 8,
+        }
+        for k, name in enumerate("xyz")
+    }  # fmt: skip
+    views = [
+        {"label": label, "camera": {"eye": dict(zip("xyz", eye, strict=True)), "up": {"x": 0, "y": 0, "z": 1}}}
+        for label, eye in (("Oblique", (0.5, -1.2, 0.8)), ("From above", (0.0, -0.01, 2.0)), ("Along x", (-1.6, 0.0, 0.2)),
+                           ("Along y", (0.0, -1.6, 0.2)))
+    ]  # fmt: skip
+    scene = {**axes, "aspectmode": "manual", "aspectratio": ratio, "camera": views[0]["camera"], "dragmode": "orbit"}
+    legend = {"itemsizing": "constant", "orientation": "h", "y": 0, "yanchor": "bottom"}
+    return {
+        "data": data,
+        "layout": {"scene": scene, "margin": {"l": 0, "r": 0, "t": 0, "b": 0}, "legend": legend, "meta": {"views": views}},
+    }
+
+
+Placed = list[tuple[int, Camera]]
+"""Cameras with their places in the rig."""
+
+
+def _by_zone(contents: Contents, zones: Mapping[str, int]) -> dict[int, Placed]:
+    """The cameras with poses by zone, ascending."""
+    found: dict[int, Placed] = {}
+    for place, camera in posed_cameras(contents.rig):
+        found.setdefault(zones.get(camera.name, BEYOND), []).append((place, camera))
+    return dict(sorted(found.items()))
+
+
+def _spacing(contents: Contents) -> float:
+    """Between a camera and the one next to it, usually, metres; infinite for one camera."""
+    centres = np.array([camera.centre[:2] for camera in contents.rig.posed()])
+    return float(np.median(np.asarray(cKDTree(centres).query(centres, k=2)[0])[:, 1]))
+
+
+def _range(stage: Stage, axis: int) -> list[float]:
+    return [round(float(stage.low[axis]), 3), round(float(stage.high[axis]), 3)]
+
+
+def _title(zone: int) -> str:
+    return f"zone {zone}" if zone != BEYOND else "no zone"
+
+
+def _colour(zone: int) -> str:
+    return zone_colour(zone) if zone != BEYOND else NO_ZONE
+
+
+def _views(zone: int, cameras: Placed, reach: float) -> Trace:
+    """The ground that the cameras of a zone see nearby."""
+    x, y = joined([wedge(camera, reach) for _, camera in cameras], 1)
+    return {
+        "type": "scatter", "mode": "lines", "x": x, "y": y, "fill": "toself", "fillcolor": faint(_colour(zone), 0.1),
+        "line": {"color": faint(_colour(zone), 0.5), "width": 1}, "hoverinfo": "skip", "showlegend": False,
+        "legendgroup": _title(zone), "name": _title(zone),
+    }  # fmt: skip
+
+
+def _cameras(by_zone: Mapping[int, Placed], stroke: float) -> list[Trace]:
+    """Of each zone the cameras' marks, and strokes where they look, metres long."""
+    out = []
+    for zone, cameras in by_zone.items():
+        common = {"legendgroup": _title(zone), "name": _title(zone)}
+        ahead = [_ahead(camera, stroke) for _, camera in cameras]
+        x, y = joined(ahead, 2)
+        out.append({
+            "type": "scatter", "mode": "lines", "x": x, "y": y, "line": {"color": _colour(zone), "width": 2},
+            "hoverinfo": "skip", "showlegend": False, **common,
+        })  # fmt: skip
+        out.append({
+            "type": "scatter", "mode": "markers", "x": [round(float(camera.centre[0]), 2) for _, camera in cameras],
+            "y": [round(float(camera.centre[1]), 2) for _, camera in cameras], "customdata": [place for place, _ in cameras],
+            "marker": {"color": _colour(zone), "size": 7, "symbol": "square"}, "hoverinfo": "text",
+            "hovertext": [f"{hover_words(camera)}<br>{_title(zone)}" for _, camera in cameras], "showlegend": True, **common,
+        })  # fmt: skip
+    return out
+
+
+def _ahead(camera: Camera, length: float) -> Floats:
+    """(2, 2) from a camera to where it looks."""
+    assert camera.pose is not None
+    towards = camera.pose.R_cw[2, :2]
+    return np.stack([camera.centre[:2], camera.centre[:2] + length * towards / max(float(np.hypot(*towards)), 1e-9)])
+
+
+def _links(contents: Contents, links: Sequence[Link]) -> list[Trace]:
+    """Lines between cameras that hold together, by how well."""
+    at = {camera.name: camera.centre[:2] for _, camera in posed_cameras(contents.rig)}
+    out = []
+    for word, colour, shown in LINKS:
+        lines = [
+            np.stack([at[one.first], at[one.second]])
+            for one in links
+            if one.word == word and {one.first, one.second} <= at.keys()
+        ]
+        if lines:
+            x, y = joined(lines, 1)
+            out.append({
+                "type": "scatter", "mode": "lines", "x": x, "y": y, "line": {"color": colour, "width": 1.5},
+                "hoverinfo": "skip", "name": f"{word} pairs", "visible": True if shown else "legendonly",
+            })  # fmt: skip
+    return out
+
+
+def _marks(contents: Contents, marked: Mapping[str, str]) -> list[Trace]:
+    """Rings around cameras with something wrong."""
+    some = [(camera, marked[camera.name]) for _, camera in posed_cameras(contents.rig) if camera.name in marked]
+    if not some:
+        return []
+    return [{
+        "type": "scatter", "mode": "markers", "x": [round(float(camera.centre[0]), 2) for camera, _ in some],
+        "y": [round(float(camera.centre[1]), 2) for camera, _ in some], "hoverinfo": "skip",
+        "marker": {"color": MARKED, "size": 15, "symbol": "circle-open", "line": {"width": 2}},
+        "name": "problem, or stands out",
+    }]  # fmt: skip
+
+
+def _zone_box(zone: int, cameras: Placed) -> dict[str, Any]:
+    """A zone's number, middle, and lowest and highest x and y, metres."""
+    at = np.array([camera.centre[:2] for _, camera in cameras])
+    low, high = at.min(axis=0) - REACH_M / 2, at.max(axis=0) + REACH_M / 2
+    return {
+        "zone": zone, "at": np.round(np.median(at, axis=0), 2), "x": np.round([low[0], high[0]], 2),
+        "y": np.round([low[1], high[1]], 2), "colour": _colour(zone),
+    }  # fmt: skip
+
+
+def _frusta(zone: int, cameras: Placed, depth: float) -> Trace:
+    """The pyramids of a zone's cameras."""
+    strokes, words = [], list[str]()
+    for number, (_, camera) in enumerate(cameras):
+        border = frustum(camera, depth)
+        corners = border[:: max(1, len(border) // CORNERS)][:CORNERS]
+        top = camera.centre[None]
+        points = [top] if not len(corners) else [np.concatenate([top, corner[None]]) for corner in corners]
+        line = np.concatenate([*points, corners, corners[:1]]) if len(corners) else top
+        strokes.append(line)
+        words += [*([""] if number else []), *([hover_words(camera)] * len(line))]
+    x, y, z = joined(strokes, 2)
+    return {
+        "type": "scatter3d", "mode": "lines", "x": x, "y": y, "z": z, "line": {"color": _colour(zone), "width": 2},
+        "hoverinfo": "text", "hovertext": words, "name": _title(zone), "showlegend": True,
+    }  # fmt: skip
