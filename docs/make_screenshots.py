@@ -2,7 +2,9 @@
 
     passerby demo -o demo
     passerby demo --no-intrinsics -o unknown
-    python docs/make_screenshots.py demo/out unknown/out
+    passerby simulate --preset basketball --cameras 64 --seconds 20 -o hall
+    passerby calibrate hall/scene.toml -o hall/out
+    python docs/make_screenshots.py demo/out unknown/out hall/out
 
 Needs the extra `dev` (playwright) and a Chromium of the machine's package manager. The demonstration's people are drawn, so the
 pictures show nobody.
@@ -28,8 +30,8 @@ FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader
 JPEG_QUALITY = 82
 
 
-def main(out: Path, without_intrinsics: Path) -> None:
-    """Make the pictures from the output folders of two calibrations with videos."""
+def main(out: Path, without_intrinsics: Path, site: Path) -> None:
+    """Make the pictures from the output folders of two calibrations with videos, and of one with many cameras."""
     browser = next(filter(None, map(shutil.which, BROWSERS)), None)
     if browser is None:
         sys.exit("no Chromium: install the package chromium")
@@ -44,6 +46,18 @@ def main(out: Path, without_intrinsics: Path) -> None:
         page.locator("#lenses details").evaluate("(one) => { one.open = true; }")
         top, end = _top(page, "lenses", without_intrinsics), _top(page, "rig", without_intrinsics)
         _keep(page, {"x": 0, "y": top, "width": 1180, "height": end - top}, "report-lenses.jpg")
+        _keep_site(page, site, Path(folder) / "site.html")
+
+
+def _keep_site(page: Page, out: Path, path: Path) -> None:
+    """Photograph the list and the map of a report of many cameras."""
+    write_report(contents_from(out), path)
+    page.goto(path.as_uri())
+    page.locator("#rig").scroll_into_view_if_needed()
+    page.locator("#rig-above[data-names]").wait_for()
+    page.wait_for_timeout(1000)
+    top = _top(page, "cameras", out)
+    _keep(page, {"x": 0, "y": top, "width": 1180, "height": _top(page, "rig", out) + 930 - top}, "report-site.jpg")
 
 
 def _open(page: Page, out: Path, path: Path) -> None:
@@ -71,4 +85,4 @@ def _keep(page: Page, clip: dict[str, float], name: str) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]), Path(sys.argv[2]))
+    main(Path(sys.argv[1]), Path(sys.argv[2]), Path(sys.argv[3]))

@@ -20,7 +20,7 @@ def files(session):
 
 
 def test_the_files_are_served_without_the_token_that_the_report_does_not_have(client, files):
-    answer = client.get(f"/report_files/{files}/camera-3.js", cookie=None)
+    answer = client.get(f"/report_files/{files}/camera-3.js", cookie=None, origin="null")
     assert answer.status == 200
     assert answer.body.startswith(b'passerbyPart("camera-3",')
     assert answer.headers["content-type"].startswith("text/javascript")
@@ -44,6 +44,8 @@ def test_other_methods_and_hosts_are_turned_away_there_too(client, files):
     assert client.ask("POST", path, cookie=None)[0].status == 403
     assert client.get(path, host="evil.example").status == 421
     assert client.get(path, origin="http://evil.example").status == 403
+    assert client.ask("POST", path, cookie=None, origin="null")[0].status == 403
+    assert client.get("/report", cookie=None, origin="null").status == 403
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="no Chromium: install the package chromium")
