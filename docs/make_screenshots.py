@@ -55,6 +55,7 @@ def _keep_site(page: Page, out: Path, path: Path) -> None:
     page.goto(path.as_uri())
     page.locator("#rig").scroll_into_view_if_needed()
     page.locator("#rig-above[data-names]").wait_for()
+    page.evaluate("scrollTo({ top: 0, behavior: 'instant' })")
     page.wait_for_timeout(1000)
     top = _top(page, "cameras", out)
     _keep(page, {"x": 0, "y": top, "width": 1180, "height": _top(page, "rig", out) + 930 - top}, "report-site.jpg")
