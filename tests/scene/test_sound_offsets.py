@@ -118,7 +118,7 @@ def test_only_a_calibration_measures_clocks_by_sound(
     module = {"calibrate": "passerby.calibration.pipeline", "monitor": "passerby.monitoring.monitor"}[command]
     asked = []
 
-    def read(*arguments: object) -> None:
+    def read(*arguments: object, **_: object) -> None:
         asked.append(arguments)
         raise InputError("read")
 
