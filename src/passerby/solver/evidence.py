@@ -159,6 +159,15 @@ def _shared_instants(
     return rows, renumbered[number[rows]], np.column_stack([kept // span, kept % span + base])
 
 
+def draw_blocks(evidence: Evidence, most: int, rng: np.random.Generator) -> Ints:
+    """(K,) person-instants of the evidence at random, `most` at most, ascending; of many cameras overlap by overlap."""
+    order = rng.permutation(len(evidence.person))
+    if evidence.n_cameras > OVERLAPPING_ALL and most < len(order) and len(evidence.sightings):
+        s = evidence.sightings
+        order = order[np.argsort(_turns(s.camera, s.block, order, len(order)), kind="stable")]
+    return np.sort(order[:most])
+
+
 def _turns(camera: Ints, number: Ints, order: Ints, count: int) -> Ints:
     """(K,) when each person-instant of an `order` (K,) has its turn, if all pairs of cameras take turns with theirs in that
     order: the earliest of its pairs.

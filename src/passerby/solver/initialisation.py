@@ -23,7 +23,7 @@ from passerby.geometry.single_view import Level, level_camera
 from passerby.people.model import JOINED_FOOT_SHIFT_SD, Noise, Priors
 from passerby.people.standing import standing_instants
 from passerby.solver.cues import cue_rows, expected_heights, initial_scale, settle_plan, triangulate_marks
-from passerby.solver.evidence import Evidence, gather_evidence
+from passerby.solver.evidence import Evidence, draw_blocks, gather_evidence
 from passerby.solver.focal_search import search_focals
 from passerby.solver.lens_sigmas import lens_evidence
 from passerby.solver.lens_unknowns import LensPart, LensUnknowns
@@ -268,7 +268,7 @@ def select_initial_rig(start: Initialisation, options: PeopleOptions, rng: np.ra
     """Descend from every tree on a part of the evidence, and keep the rig that most sightings agree with."""
     n = len(start.rig)
     most = people_for_all(start.evidence, options.coarse_people, _COARSE_OF_CAMERA)
-    blocks = np.sort(rng.permutation(len(start.evidence.person))[:most])
+    blocks = draw_blocks(start.evidence, most, rng)
     joints = np.sort(rng.permutation(start.evidence.n_joints)[: options.coarse_joints])
     found = []
     start = start.with_free()
@@ -323,7 +323,7 @@ def refine_in_stages(start: Initialisation, state: RigState, options: PeopleOpti
         last = number >= options.rounds - 1 and not (growing and number < options.rounds - 1 + _MORE_ROUNDS)
         part = number == 0 and not last
         most = people_for_all(evidence, options.learning_people, _LEARNING_OF_CAMERA)
-        blocks = np.sort(rng.permutation(len(evidence.person))[:most]) if part else None
+        blocks = draw_blocks(evidence, most, rng) if part else None
         joints = np.sort(rng.permutation(evidence.n_joints)[: options.learning_joints]) if part else None
         if number == 0:
             start = start.with_free("focal")
