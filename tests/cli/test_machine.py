@@ -221,6 +221,7 @@ sys.exit(run(sys.argv[1:]))
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no limit of a file's size")
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "names"),
     [

@@ -64,6 +64,7 @@ def test_nothing_moves():
     assert all(window.clear(camera) for window in found.windows for camera in range(16))
 
 
+@pytest.mark.slow
 def test_moves_in_two_rooms_are_found_as_by_each_room_alone():
     knocks = {
         "C2": (100.0, knocked(RIG["C2"].pose, (0, 1, 0))),
@@ -84,6 +85,7 @@ def test_moves_in_two_rooms_are_found_as_by_each_room_alone():
     assert 70 < early[0].noticed_s <= 130
 
 
+@pytest.mark.slow
 def test_two_neighbours_that_moved_are_named_and_the_others_are_not():
     knocks = {name: (0.0, knocked(RIG[name].pose, turn)) for name, turn in (("C5", (0, 3, 0)), ("C6", (2, 0, -2)))}
     found = watched(knocks)
@@ -116,6 +118,7 @@ def test_a_camera_among_many_in_one_room_is_tested_with_seven():
     assert found.moves == ()
 
 
+@pytest.mark.slow
 def test_the_result_does_not_depend_on_who_does_the_work(tmp_path):
     seen = walkers_in_rooms(RIG, 60, knocks={"C7": (0.0, knocked(RIG["C7"].pose, (0, 3, 0)))})
     rig, scene = write_watched(tmp_path, GIVEN, seen, known=False)

@@ -1,5 +1,7 @@
 """The files of a report of many cameras: the page shows them in the report, which runs apart from it, and serves no others."""
 
+import shutil
+
 import pytest
 
 from passerby.interchange.calibration_json import CalibrationDocument, write_document
@@ -9,10 +11,19 @@ from support.browser import CHROMIUM
 from support.report.sites import site
 
 
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    """A report of many cameras."""
+    page = tmp_path_factory.mktemp("site") / "report.html"
+    write_report(site(56, seconds=4), page)
+    return page
+
+
 @pytest.fixture
-def files(session):
+def files(session, written):
     """Names of the folder and of its files below the address."""
-    write_report(site(56, seconds=4), session.out / "report.html")
+    shutil.copy(written, session.out / "report.html")
+    shutil.copytree(report_folder(written), report_folder(session.out / "report.html"))
     (stamped,) = report_folder(session.out / "report.html").iterdir()
     (stamped / "secret.txt").write_text("mine")
     (stamped.parent / "secret.js").write_text("mine")

@@ -92,10 +92,11 @@ def test_no_field_of_view_is_an_error(tmp_path, factor):
 @pytest.fixture
 def scene(tmp_path):
     """Two cameras with videos and boxes, the second with a stated field of view."""
-    rows = "".join(f"{frame},1,{50 + frame},30,20,60,1,-1,-1,-1\n" for frame in range(1, 20))
     for name, value in (("A", 0.5), ("B", 0.3)):
         write_video(tmp_path / f"{name}.mp4", (grey(value) for _ in range(30)), 5.0)
-        (tmp_path / f"{name}.txt").write_text(rows.replace("50", "60") if name == "B" else rows)
+        left = {"A": 50, "B": 52}[name]
+        rows = "".join(f"{frame},1,{left + frame},30,20,60,1,-1,-1,-1\n" for frame in range(1, 20))
+        (tmp_path / f"{name}.txt").write_text(rows)
     path = tmp_path / "scene.toml"
     cameras = "".join(f'[cameras.{name}]\nvideo = "{name}.mp4"\ntracks = "{name}.txt"\n' for name in "AB")
     path.write_text(cameras + 'hfov_deg = 80.0\n[association]\nmode = "given"\n[perception]\nlens_network = "lens.onnx"\n')

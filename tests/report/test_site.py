@@ -93,6 +93,7 @@ def test_a_cameras_file_has_its_panel_and_no_other(written, contents):
     assert "not registered" in value_of(parts_of(written) / "camera-6.js")["html"]
 
 
+@pytest.mark.slow
 def test_the_same_contents_give_the_same_bytes_under_the_same_names(contents, written, tmp_path):
     again = tmp_path / "report.html"
     write_report(contents, again)
@@ -102,12 +103,14 @@ def test_the_same_contents_give_the_same_bytes_under_the_same_names(contents, wr
         assert (parts_of(again) / path.name).read_bytes() == path.read_bytes()
 
 
+@pytest.mark.slow
 def test_a_page_under_another_name_has_a_folder_of_that_name(contents, tmp_path):
     write_report(contents, tmp_path / "elsewhere.html")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["elsewhere.html", "elsewhere_files"]
     assert parts_of(tmp_path / "elsewhere.html").parent.name == "elsewhere_files"
 
 
+@pytest.mark.slow
 def test_the_page_grows_by_little_for_a_camera(written, tmp_path):
     more = tmp_path / "report.html"
     write_report(site(2 * MANY), more)
@@ -115,6 +118,7 @@ def test_the_page_grows_by_little_for_a_camera(written, tmp_path):
     assert more.stat().st_size - written.stat().st_size < 4000 * MANY
 
 
+@pytest.mark.slow
 def test_a_new_report_takes_the_place_of_the_old_one_and_of_its_files(contents, other, tmp_path):
     path = tmp_path / "report.html"
     write_report(contents, path)
@@ -129,6 +133,7 @@ def test_a_new_report_takes_the_place_of_the_old_one_and_of_its_files(contents, 
     assert [one.name for one in report_folder(path).iterdir()] == ["notes.txt"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("when", ["files", "page"])
 def test_a_disk_that_is_full_leaves_the_old_report_whole(contents, other, tmp_path, monkeypatch, when):
     path = tmp_path / "report.html"
@@ -149,6 +154,7 @@ def test_a_disk_that_is_full_leaves_the_old_report_whole(contents, other, tmp_pa
     assert set(report_files(path)) == set(before)
 
 
+@pytest.mark.slow
 def test_a_damaged_file_is_put_right_by_writing_the_report_again(contents, tmp_path):
     path = tmp_path / "report.html"
     write_report(contents, path)

@@ -77,7 +77,7 @@ def test_a_reader_that_may_not_write_is_told(tmp_path, monkeypatch):
         recover(tmp_path, "reads")
 
 
-def refuse(*arguments):
+def refuse(*arguments, **named):
     raise OSError(30, "Read-only file system")
 
 
