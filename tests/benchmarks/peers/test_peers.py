@@ -151,7 +151,7 @@ class TestConditions:
 
     def test_passerby_gets_the_same_as_a_scene(self, bench: Callable[[str], ModuleType], tmp_path: Path) -> None:
         cases = bench("peers.cases")
-        seen = cases.Seen(rig_of_three(), {name: crowd(3, 4) for name in ("C1", "C2", "C3")}, 5.0)
+        seen = cases.Seen(rig_of_three(), {name: crowd(3, 4 + k) for k, name in enumerate(("C1", "C2", "C3"))}, 5.0)
         scene = Scene.load(cases.write_scene(seen, tmp_path / "scene"))
         assert scene.association.given
         inputs = read_inputs(scene)
