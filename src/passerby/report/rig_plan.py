@@ -47,13 +47,7 @@ def rig_from_above(contents: Contents, fit: Fitted) -> Figure:
     data = [*draw_crowd(fit, stage), *draw_ground_seen(rig, stage), *draw_ellipses(ellipses), *cameras]
     missing = unregistered(rig)
     layout: dict[str, Any] = {
-        "xaxis": {"title": {"text": "x, m"}, "range": _range(stage, 0), "zeroline": False, "constrain": "domain"},
-        "yaxis": {
-            "title": {"text": "y, m"}, "range": _range(stage, 1), "zeroline": False, "scaleanchor": "x", "scaleratio": 1,
-            "constrain": "domain",
-        },
-        "height": 620, "margin": {"l": 56, "r": 16, "t": 16, "b": 52}, "hovermode": "closest",
-        "legend": {"itemsizing": "constant", "orientation": "h", "y": -0.1, "yanchor": "top"},
+        **seen_from_above(stage), "height": 620,
         "meta": {"magnification": ellipses.factor, "unregistered": missing},
     }  # fmt: skip
     if missing:
@@ -62,6 +56,19 @@ def rig_from_above(contents: Contents, fit: Fitted) -> Figure:
             "xanchor": "left", "yanchor": "top", "showarrow": False,
         }]  # fmt: skip
     return {"data": data, "layout": layout}
+
+
+def seen_from_above(stage: Stage) -> Figure:
+    """What layouts of plots from above have in common: both axes in metres, of one scale, margins and the legend."""
+    return {
+        "xaxis": {"title": {"text": "x, m"}, "range": _range(stage, 0), "zeroline": False, "constrain": "domain"},
+        "yaxis": {
+            "title": {"text": "y, m"}, "range": _range(stage, 1), "zeroline": False, "scaleanchor": "x", "scaleratio": 1,
+            "constrain": "domain",
+        },
+        "margin": {"l": 56, "r": 16, "t": 16, "b": 52}, "hovermode": "closest",
+        "legend": {"itemsizing": "constant", "orientation": "h", "y": -0.1, "yanchor": "top"},
+    }  # fmt: skip
 
 
 def _range(stage: Stage, axis: int) -> list[float]:

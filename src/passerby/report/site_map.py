@@ -14,7 +14,7 @@ from passerby.report.contents import Contents
 from passerby.report.fitted import Fitted
 from passerby.report.rig_geometry import WEDGE_SHARE, Stage, frustum, joined, sigma_ellipses, stage_of, wedge
 from passerby.report.rig_labels import faint, hover_words, posed_cameras, told, unregistered
-from passerby.report.rig_plan import Figure, Trace, draw_crowd, draw_ellipses
+from passerby.report.rig_plan import Figure, Trace, draw_crowd, draw_ellipses, seen_from_above
 from passerby.report.site import zone_colour
 from passerby.report.view_graph import Link
 
@@ -63,13 +63,7 @@ def site_map(
     posed = posed_cameras(rig)
     missing = unregistered(rig)
     layout: dict[str, Any] = {
-        "xaxis": {"title": {"text": "x, m"}, "range": _range(stage, 0), "zeroline": False, "constrain": "domain"},
-        "yaxis": {
-            "title": {"text": "y, m"}, "range": _range(stage, 1), "zeroline": False, "scaleanchor": "x", "scaleratio": 1,
-            "constrain": "domain",
-        },
-        "height": 680, "margin": {"l": 56, "r": 16, "t": 16, "b": 52}, "hovermode": "closest",
-        "legend": {"itemsizing": "constant", "orientation": "h", "y": -0.1, "yanchor": "top"},
+        **seen_from_above(stage), "height": 680,
         "meta": {
             "magnification": ellipses.factor, "unregistered": missing,
             "cameras": {
@@ -134,10 +128,6 @@ def _spacing(contents: Contents) -> float:
     """Between a camera and the one next to it, usually, metres; infinite for one camera."""
     centres = np.array([camera.centre[:2] for camera in contents.rig.posed()])
     return float(np.median(np.asarray(cKDTree(centres).query(centres, k=2)[0])[:, 1]))
-
-
-def _range(stage: Stage, axis: int) -> list[float]:
-    return [round(float(stage.low[axis]), 3), round(float(stage.high[axis]), 3)]
 
 
 def _title(zone: int) -> str:
