@@ -66,6 +66,8 @@ class TreeFigures:
     tree: str
     agreeing: int
     """Sightings."""
+    contradicted: int = 0
+    """Registrations of pairs of cameras that the rig contradicts."""
 
 
 @dataclass(frozen=True, kw_only=True)

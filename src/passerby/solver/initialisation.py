@@ -42,12 +42,15 @@ from passerby.solver.refinement import (
     occlusion_weights,
     rig_of,
 )
+from passerby.solver.registrations import contradicted
 from passerby.solver.uncertainty import design_effect
 
 # Descents from different trees that end with at least this share of the best one's agreeing sightings are rivals of it, and
 # rivals are the same rig when no two cameras stand to each other by more than this angle differently.
 _RIVAL_SHARE = 0.97
 _RIVAL_ANGLE = np.deg2rad(4.0)
+# A rig that fewer agree with than this share of what most agree with is not taken for the registrations that it keeps.
+_SOUND_SHARE = 0.9
 # Noise that is learnt from what agrees within a tolerance is too small where that is narrow: rounds go on, by so many at most,
 # while it grows by more than this factor.
 _GROWTH, _MORE_ROUNDS = 1.15, 4
@@ -265,7 +268,9 @@ def people_for_all(evidence: Evidence, people: int, of_camera: int) -> int:
 
 
 def select_initial_rig(start: Initialisation, options: PeopleOptions, rng: np.random.Generator) -> InitialRig:
-    """Descend from every tree on a part of the evidence, and keep the rig that most sightings agree with."""
+    """Descend from every tree on a part of the evidence, and keep the rig that contradicts fewest registrations of pairs, of
+    these the one that most sightings agree with.
+    """
     n = len(start.rig)
     most = people_for_all(start.evidence, options.coarse_people, _COARSE_OF_CAMERA)
     blocks = draw_blocks(start.evidence, most, rng)
@@ -283,14 +288,22 @@ def select_initial_rig(start: Initialisation, options: PeopleOptions, rng: np.ra
             state = rig_of(minimise_problem(model, _COARSE).state)
             here = here.with_lenses(state.lens)
         model = build_problem(here.evidence, state, Noise(), here.knowledge, share=0.1, blocks=blocks, joints=joints)
-        found.append((len(model.rows) + len(model.joint_rows), name, state))
-    if not found or max(count for count, _, _ in found) == 0:
+        against = len(contradicted(start.hypotheses, state.R, state.centre))
+        tried = TreeFigures(tree=name, agreeing=len(model.rows) + len(model.joint_rows), contradicted=against)
+        found.append((tried, state))
+    most_agreeing = max((tried.agreeing for tried, _ in found), default=0)
+    if most_agreeing == 0:
         raise RefusalError(refusal("no_arrangement_fits"))
-    best = max(found, key=lambda item: item[0])
-    rivals = [name for count, name, state in found if count > _RIVAL_SHARE * best[0] and _differ(state, best[2]) > _RIVAL_ANGLE]
+    sound = [item for item in found if item[0].agreeing >= _SOUND_SHARE * most_agreeing]
+    best, state = min(sound, key=lambda item: (item[0].contradicted, -item[0].agreeing))
+    rivals = [
+        other
+        for tried, other in found
+        if tried.agreeing > _RIVAL_SHARE * best.agreeing and tried.contradicted <= best.contradicted
+        if _differ(other, state) > _RIVAL_ANGLE
+    ]
     doubts = [doubt("arrangement_ambiguous")] if rivals else []
-    trees = tuple(TreeFigures(tree=name, agreeing=count) for count, name, _ in found)
-    return InitialRig(best[2], best[1], best[0], trees, doubts)
+    return InitialRig(state, best.tree, best.agreeing, tuple(tried for tried, _ in found), doubts)
 
 
 def rescaled(start: Initialisation, R: Floats, centre: Floats) -> RigState:

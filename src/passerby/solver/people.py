@@ -34,6 +34,7 @@ from passerby.solver.pairs import MIN_MATCHES
 from passerby.solver.people_state import AdjustmentState
 from passerby.solver.pose_graph import connected_components, heading_rotation
 from passerby.solver.refined_lenses import decide_refined_lenses, far_lenses, lens_figures
+from passerby.solver.registrations import doubts_about_registrations
 from passerby.solver.systematic import StatedFocals
 from passerby.solver.uncertainty import RigCovariance, add_learnt_stance, design_effect, rig_covariance
 from passerby.solver.zones import ZONE_CAMERAS, ZonedRig, doubts_about_seams, initial_rig_by_zones, seams_of
@@ -113,6 +114,7 @@ def solve_people(
         *doubts_about(start, fit, covariance),
         *disagreements,
         *contradictions_of(start.rig, wrong),
+        *doubts_about_registrations(start.rig, start.hypotheses, fit.result.state.R, fit.result.state.centre),
         *doubts_about_seams(seams, zones, MAX_ORIENTATION_DEG),
         *far_lenses(lenses),
     ]

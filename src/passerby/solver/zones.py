@@ -24,6 +24,7 @@ from passerby.solver.evidence import Evidence
 from passerby.solver.initialisation import Initialisation, InitialRig, PeopleOptions, rescaled, select_initial_rig
 from passerby.solver.pairs import shared_blocks
 from passerby.solver.refinement import PriorKnowledge
+from passerby.solver.registrations import contradicted
 from passerby.solver.uncertainty import RigCovariance
 
 ZONE_CAMERAS = 30
@@ -159,7 +160,8 @@ def initial_rig_by_zones(
         lens[list(zone)] = one.state.lens
     agreeing = sum(one.agreeing for one in rigs)
     state = replace(rescaled(start, R, centre), lens=lens)
-    figures = (TreeFigures(tree="zones", agreeing=agreeing),)
+    against = len(contradicted(start.hypotheses, state.R, state.centre))
+    figures = (TreeFigures(tree="zones", agreeing=agreeing, contradicted=against),)
     ambiguous = [finding for one in rigs for finding in one.doubts][:1]
     of_zones = tuple(one.agreeing for one in rigs)
     return ZonedRig(InitialRig(state, "zones", agreeing, figures, ambiguous), zones, of_zones, seams)

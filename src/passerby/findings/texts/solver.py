@@ -59,6 +59,12 @@ SOLVER: Mapping[str, Kind] = {
         DOUBT, "Another arrangement of the cameras fits almost as well.",
         "two arrangements of the cameras fit the people almost equally well", "record people who walk in more directions",
     ),
+    "registration_contradicted": Kind(
+        DOUBT, "The rig contradicts how two cameras stand to each other by the paths of their people.",
+        lambda v: f"{v['who']} stand to each other otherwise than the paths of their people say, before anybody is known in "
+        f"both",
+        "record longer, or people who walk all over the ground that both see", joint="; ", common=True,
+    ),
     "world_undetermined": Kind(
         DOUBT, "No evidence fixes the parts of the world in `lacks`: scale, up direction or height of the ground.",
         _undetermined, _to_determine, subjects=("scale", "vertical"),
