@@ -6,13 +6,14 @@ from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from passerby.association.appearance.affinity import AppearanceAffinity
 from passerby.association.camera_tracklets import CameraTracklets
 from passerby.association.correlation_clustering import cluster_tracklets, find_overlaps
 from passerby.association.graph import ViewGraph
 from passerby.association.ground.ground_tracks import GroundTracks
-from passerby.association.ground.ray_affinity import pairwise_ray_affinity, ray_tracks
+from passerby.association.ground.ray_affinity import RayTracks, pairwise_ray_affinity, ray_tracks
 from passerby.association.ground.registration import score_motion
 from passerby.association.sampling import STEP_S
 from passerby.common.arrays import Floats, Ints
@@ -142,15 +143,65 @@ def cluster_by_rig(
     edges = _Edges([], [], [])
     if known is not None:
         edges.add(*known)
-    for a, in_a in enumerate(tracks):
-        for b, in_b in enumerate(tracks):
-            if a >= b or in_a is None or in_b is None or (candidates is not None and (a, b) not in candidates):
-                continue
-            i, j, value = pairwise_ray_affinity(in_a, in_b, float(offset_s[a] - offset_s[b]), person_height_m)
-            edges.add(i + tracklets.first[a], j + tracklets.first[b], _weight(value, i, j, affinity, (a, b)))
+    compared = compared_pairs(graph, len(cameras), candidates)
+
+    def meetings(a: int, b: int) -> Pairs | None:
+        in_a, in_b = tracks[a], tracks[b]
+        if in_a is None or in_b is None:
+            return None
+        i, j, value = pairwise_ray_affinity(in_a, in_b, float(offset_s[a] - offset_s[b]), person_height_m)
+        return i + tracklets.first[a], j + tracklets.first[b], _weight(value, i, j, affinity, (a, b))
+
+    for a, b in compared:
+        if (found := meetings(a, b)) is not None:
+            edges.add(*found)
     lost = [pose is None for pose in poses]
     _add_registered(edges, tracklets, [camera.tracks for camera in cameras], graph, affinity, lost)
+    person = _joined(tracklets, edges)
+    if candidates is None:
+        return person
+    # Who is one person with two others may be in two places at once: pairs of cameras that see them there have their say.
+    for a, b in _seeing_one(tracklets, tracks, offset_s, person):
+        if (a, b) not in compared and (found := meetings(a, b)) is not None:
+            i, j, weight = found
+            same = person[i] == person[j]
+            edges.add(i[same], j[same], weight[same])
     return _joined(tracklets, edges)
+
+
+def compared_pairs(
+    graph: ViewGraph, n_cameras: int, candidates: Container[tuple[int, int]] | None
+) -> dict[tuple[int, int], None]:
+    """The pairs of cameras whose tracklets are held against each other: all, or of many cameras those that are registered, and
+    the candidates of cameras that no pair registers.
+
+    Others share little, as through a door: whom they do not have in common stands, by a rig that is a little off, where
+    somebody of the other side of a wall does. (Simulated halls and a corridor, 21 cameras, seed 801: of 3,800 and 4,300
+    box pairs on both sides of two doors 30 and 22 % were wrong, and 6 and 17 % are without these.)
+    """
+    pairs = [(a, b) for a in range(n_cameras) for b in range(a + 1, n_cameras)]
+    if candidates is None:
+        return dict.fromkeys(pairs)
+    registered = {(edge.a, edge.b) for edge in graph.edges if edge.used}
+    alone = set(range(n_cameras)) - {camera for pair in registered for camera in pair}
+    return dict.fromkeys(pair for pair in pairs if pair in registered or (pair in candidates and alone.intersection(pair)))
+
+
+def _seeing_one(
+    tracklets: Tracklets, tracks: Sequence[RayTracks | None], offset_s: Floats, person: Ints
+) -> list[tuple[int, int]]:
+    """The pairs of cameras, a < b, that see one person at one time."""
+    seen, camera = [np.zeros((0, 2), np.int64)], [np.zeros(0, np.int64)]
+    for c, own in enumerate(tracks):
+        if own is not None:
+            step = own.step + round(float(offset_s[c]) / STEP_S)
+            seen.append(np.unique(np.column_stack([person[own.tracklet + tracklets.first[c]], step]), axis=0))
+            camera.append(np.full(len(seen[-1]), c))
+    _, moment = np.unique(np.concatenate(seen), axis=0, return_inverse=True)
+    row = np.concatenate(camera)
+    there = csr_array((np.ones(len(row)), (row, moment.ravel())), shape=(len(tracks), len(row)))
+    a, b = (there @ there.T).nonzero()
+    return [(int(one), int(other)) for one, other in sorted(zip(a, b, strict=True)) if one < other]
 
 
 def _weight(value: Floats, i: Ints, j: Ints, affinity: Mapping[tuple[int, int], Floats] | None, key: tuple[int, int]) -> Floats:

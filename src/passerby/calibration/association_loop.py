@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from passerby.association.appearance.affinity import AppearanceAffinity
-from passerby.association.associate import Tracklets, cluster_by_rig
+from passerby.association.associate import Tracklets, cluster_by_rig, compared_pairs
 from passerby.association.attachment import Attached, attach_cameras
 from passerby.association.camera_tracklets import CameraTracklets, EarlierTracklets, build_tracklets, earlier_tracklets
 from passerby.association.candidates import ALL_PAIRS_UP_TO, Candidates, find_candidates, stated_candidates
@@ -122,6 +122,9 @@ def solve_with_unknown_identities(
                 stated,
             )
             run = replace(run, cameras=_unmirrored(cameras, tracklets, initial))
+            if candidates is not None and initial.graph is not None:
+                pairs = compared_pairs(initial.graph, len(rig), candidates)
+                run = replace(run, compared=tuple((rig.names[a], rig.names[b]) for a, b in pairs))
             _tell_pairs(tell, initial)
     except EvidenceError as error:
         nobody = run.association(np.arange(len(tracklets.start_s)), np.zeros(len(cameras)), None, None, [])

@@ -27,6 +27,7 @@ from passerby.association.initial_association import (
 from passerby.association.joints.joint_graph import joined_by_joints
 from passerby.association.registration_failures import nobody_walks, unregistered_cameras
 from passerby.association.result import Association
+from passerby.association.shared_sightings import joined_sightings
 from passerby.calibration.pointed_heights import PointedHeights, identity_at, pointed_heights, unfulfilled
 from passerby.common.arrays import Floats, Ints
 from passerby.core.association_figures import AssociationRound
@@ -79,6 +80,8 @@ class AssociationRun:
     tracklets: Tracklets
     appearance: AppearanceAffinity | None
     options: AssociationOptions
+    compared: tuple[tuple[str, str], ...] | None = None
+    """Names of the cameras, two by two, that may see one person at one time; None: all."""
 
     def with_lenses(self, found: Rig) -> AssociationRun:
         """The same people by the lenses of a solution, where these were found with it."""
@@ -156,7 +159,8 @@ class AssociationRun:
 
     def instants(self, identified: Observations, offset_s: Floats) -> Observations:
         """The same at instants that all cameras share."""
-        return synchronise(self.rig, self.cameras, identified, offset_s)
+        seen = synchronise(self.rig, self.cameras, identified, offset_s)
+        return seen if self.compared is None else joined_sightings(seen, self.compared)
 
     def association(
         self, person: Ints, offset_s: Floats, solution: Solution | None, initial: InitialAssociation | None,

@@ -1,0 +1,78 @@
+"""People at an instant, by the cameras that may see them together."""
+
+from __future__ import annotations
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from passerby.association.shared_sightings import joined_sightings
+from passerby.core.observations import Boxes, CameraObservations, Observations
+
+CHAIN = [("A", "B"), ("B", "C"), ("E", "D")]
+
+
+def seen(**rows: list[tuple[int, int]]) -> Observations:
+    """Cameras that see (frame, identity)."""
+    return Observations({name: CameraObservations(boxes(own)) for name, own in rows.items()})
+
+
+def boxes(rows: list[tuple[int, int]]) -> Boxes:
+    frame, identity = (np.array([row[k] for row in rows], dtype=np.int64) for k in (0, 1))
+    n = len(rows)
+    return Boxes(frame, identity, np.tile([10.0, 10.0, 20.0, 50.0], (n, 1)), np.ones(n))
+
+
+def rows_of(observations: Observations) -> dict[str, list[tuple[int, int]]]:
+    """The rows of each camera again."""
+    return {
+        name: list(zip(own.boxes.frame.tolist(), own.boxes.identity.tolist(), strict=True))
+        for name, own in observations.cameras.items()
+    }
+
+
+def test_what_a_chain_of_cameras_sees_stays_together() -> None:
+    rows = {"A": [(1, 7)], "B": [(1, 7)], "C": [(1, 7)], "D": [(2, 7)], "E": [(2, 7)]}
+    assert rows_of(joined_sightings(seen(**rows), CHAIN)) == rows
+
+
+def test_a_person_in_two_places_stays_where_more_cameras_see_them() -> None:
+    found = joined_sightings(seen(A=[(1, 7)], B=[(1, 7)], C=[(1, 7), (1, 8)], D=[(1, 7), (1, 8)], E=[(1, 7), (1, 8)]), CHAIN)
+    assert rows_of(found) == {
+        "A": [(1, 7)], "B": [(1, 7)], "C": [(1, 7)], "D": [(1, 8)], "E": [(1, 8)],
+    }  # fmt: skip
+
+
+def test_cameras_that_nothing_joins_have_nobody_in_common() -> None:
+    found = rows_of(joined_sightings(seen(A=[(1, 7), (2, 7)], C=[(1, 7)]), CHAIN))
+    assert found == {"A": [(1, 7), (2, 7)], "C": []}
+
+
+def test_nobody_is_no_error() -> None:
+    assert rows_of(joined_sightings(seen(A=[], B=[]), CHAIN)) == {"A": [], "B": []}
+
+
+sightings = st.dictionaries(
+    st.sampled_from("ABCDE"), st.lists(st.tuples(st.integers(0, 2), st.integers(1, 3)), unique=True, max_size=6), min_size=2
+)
+
+
+@given(sightings)
+def test_whom_two_cameras_have_in_common_is_joined_by_pairs(rows: dict[str, list[tuple[int, int]]]) -> None:
+    """The largest part of each person-instant is kept whole, and nothing else of it."""
+    found = rows_of(joined_sightings(seen(**rows), CHAIN))
+    for key in {key for own in rows.values() for key in own}:
+        before = {name for name, own in rows.items() if key in own}
+        after = {name for name, own in found.items() if key in own}
+        parts = []
+        for chain in ("ABC", "ED"):
+            part: set[str] = set()
+            for name in chain:
+                if name in before:
+                    part.add(name)
+                elif part:
+                    parts.append(part)
+                    part = set()
+            parts.append(part)
+        assert after in parts
+        assert len(after) == max(len(part) for part in parts)
