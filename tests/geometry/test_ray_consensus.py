@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from passerby.core.cameras import Rig
-from passerby.geometry.ray_consensus import Consensus, reassign_outliers, vote_points
+from passerby.geometry import ray_consensus
+from passerby.geometry.ray_consensus import Consensus, misses_by_instant, reassign_outliers, vote_points
 from support.scenes.people_and_rigs import ring
 
 N = 30
@@ -160,3 +161,49 @@ def test_exchanged_people_go_back_to_whom_they_show() -> None:
     left = reassign_outliers(consensus, camera, block, apart[block], apart, bearing, tangent, tolerance, R, centre)
     expected[[2 * N + a, 2 * N + b]] = -1
     np.testing.assert_array_equal(left, expected)
+
+
+def test_points_of_an_instant_come_in_small_parts_with_those_of_a_sighting_together(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each sighting meets all points of its instant once, by the pixels between them; a point that is missing meets nobody."""
+    rig = ring(3)
+    points, camera, block, bearing, tangent = case(rig, np.random.default_rng(7), noise_px=3.0)
+    points[4] = np.nan
+    R, centre = (np.array([getattr(c.pose, name) for c in rig]) for name in ("R_cw", "centre"))
+    of_point = np.arange(N) % 4
+    instant = of_point[block]
+    instant[camera == 2] = 9  # at which there is no point
+    monkeypatch.setattr(ray_consensus, "STEP", 20)
+    parts = list(misses_by_instant(points, of_point, camera, instant, bearing, tangent, R, centre))
+    assert len(parts) > 20
+    most = np.bincount(of_point).max()
+    assert all(0 < len(sighting) <= 20 + most for sighting, _, _ in parts)
+    whole = [set(sighting.tolist()) for sighting, _, _ in parts]
+    assert sum(map(len, whole)) == len(set.union(*whole)), "no sighting is in two parts"
+    sighting, point, miss = (np.concatenate(column) for column in zip(*parts, strict=True))
+    expected = [(m, n) for m in range(len(camera)) for n in range(N) if of_point[n] == instant[m] and n != 4]
+    assert list(zip(sighting.tolist(), point.tolist(), strict=True)) == expected
+    for c, own in enumerate(rig):
+        rows = np.flatnonzero(camera[sighting] == c)
+        toward = (R[c] @ (points[point[rows]] - centre[c]).T).T
+        along = np.einsum("mi,mi->m", bearing[sighting[rows]], toward)
+        beside = np.einsum("mki,mi->mk", tangent[sighting[rows]], toward) / along[:, None]
+        ahead = along > 0.5 * np.linalg.norm(toward, axis=1)  # behind a camera there are no pixels
+        assert ahead.any() == (c < 2), own.name
+        np.testing.assert_allclose(miss[rows][ahead], np.linalg.norm(beside, axis=1)[ahead], rtol=1e-9)
+
+
+def test_parts_of_another_size_give_away_nobody_else(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Many sightings with wrong names at one instant go to the same people, however few pairs are looked at at once."""
+    rig, rng = ring(4), np.random.default_rng(8)
+    _, camera, block, bearing, tangent = case(rig, rng)
+    named = block.copy()
+    wrong = np.flatnonzero((camera == 3) & (block % 2 == 0))
+    named[wrong] = np.roll(named[wrong], 1)
+    consensus = run(rig, camera, named, bearing, tangent)
+    R, centre = (np.array([getattr(c.pose, name) for c in rig]) for name in ("R_cw", "centre"))
+    same, tolerance = np.zeros(N, dtype=int), np.full(len(camera), 10.0)
+    given = (consensus, camera, named, same[named], same, bearing, tangent, tolerance, R, centre)
+    found = reassign_outliers(*given)
+    assert np.count_nonzero(found[wrong] == block[wrong]) > len(wrong) / 2
+    monkeypatch.setattr(ray_consensus, "STEP", 50)
+    np.testing.assert_array_equal(reassign_outliers(*given), found)

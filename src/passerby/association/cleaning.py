@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from passerby.common.arrays import Floats, Ints
 from passerby.core.cameras import Camera, Rig
 from passerby.core.observations import UNKNOWN, Clock
-from passerby.geometry.groups import least_of_groups, rows_of_equal
-from passerby.geometry.ray_consensus import Consensus, ray_reprojection_errors, reassign_outliers, vote_points
+from passerby.geometry.groups import least_of_groups
+from passerby.geometry.ray_consensus import Consensus, misses_by_instant, reassign_outliers, vote_points
 from passerby.people.upright_rays import UprightRays
 
 Mask = NDArray[np.bool_]
@@ -156,15 +156,14 @@ def _settled(s: _Sightings, person_height_m: float) -> Ints:
 
 def _has_rival(s: _Sightings, blocks: _Blocks, consensus: Consensus, found: Ints, rows: Ints, times: float) -> Mask:
     """Which rows have another person of their instant less than `times` as far from them as the one who took them."""
-    known = np.flatnonzero(np.isfinite(consensus.points).all(axis=1))
-    by_instant = known[np.argsort(blocks.instant[known], kind="stable")]
-    which, place = rows_of_equal(s.instant[rows], blocks.instant[by_instant])
-    candidate, row = by_instant[place], rows[which]
-    miss = ray_reprojection_errors(consensus.points[candidate], s.camera[row], s.ray[row], s.tangent[row], s.R, s.centre)
-    own = candidate == found[row]
-    best = np.full(len(rows), np.inf)
-    best[which[own]] = miss[own]
-    return np.bincount(which[~own & (miss < times * best[which])], minlength=len(rows)) > 0
+    best, rival = np.full(len(rows), np.inf), np.zeros(len(rows), dtype=bool)
+    for which, candidate, miss in misses_by_instant(
+        consensus.points, blocks.instant, s.camera[rows], s.instant[rows], s.ray[rows], s.tangent[rows], s.R, s.centre
+    ):
+        own = candidate == found[rows[which]]
+        best[which[own]] = miss[own]
+        rival[which[~own & (miss < times * best[which])]] = True
+    return rival
 
 
 def _on_instants(bodies: UprightRays, clock: Clock, grid: Clock) -> tuple[Ints, Ints]:

@@ -6,13 +6,13 @@ blocks are tried at once; there are few cameras, so that no random sampling is n
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from passerby.common.arrays import Bools, Floats, Ints
-from passerby.geometry.groups import expanded_ranges, least_of_groups, rows_of_equal
+from passerby.geometry.groups import expanded_ranges, least_of_groups
 from passerby.geometry.reprojection import held_depth
 from passerby.geometry.triangulation import triangulate
 
@@ -22,7 +22,7 @@ _MAX_OFFSETS = 7
 # cameras that see one person. Blocks of up to so many cameras, as in all small rigs, propose all they can.
 _MAX_FIRST = 12
 STEP = 500_000
-"""Votes that are counted at once, at most: it bounds the memory."""
+"""Votes that are counted at once, and pairs of a sighting and a point that are looked at: it bounds the memory."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,26 +108,66 @@ def reassign_outliers(
     """
     out = np.where(consensus.inlier, block, -1)
     lost = np.flatnonzero(~consensus.inlier)
-    known = np.flatnonzero(np.isfinite(consensus.points).all(axis=1))
-    if len(lost) == 0 or len(known) == 0:
-        return np.asarray(out)
-    by_instant = known[np.argsort(block_instant[known], kind="stable")]
-    which, place = rows_of_equal(instant[lost], block_instant[by_instant])
-    row, candidate = lost[which], by_instant[place]
     n_cameras = len(R)
     taken = np.zeros(len(block_instant) * n_cameras, dtype=bool)
     taken[block[consensus.inlier] * n_cameras + camera[consensus.inlier]] = True
-    miss = (
-        ray_reprojection_errors(consensus.points[candidate], camera[row], bearing[row], tangent[row], R, centre)
-        / tolerance_px[row]
-    )
-    fits = (miss < 1.0) & ~taken[candidate * n_cameras + camera[row]]
-    for k in np.flatnonzero(fits)[np.argsort(miss[fits], kind="stable")]:
+    fitting = []
+    for which, candidate, miss_px in misses_by_instant(
+        consensus.points, block_instant, camera[lost], instant[lost], bearing[lost], tangent[lost], R, centre
+    ):
+        row = lost[which]
+        miss = miss_px / tolerance_px[row]
+        fits = (miss < 1.0) & ~taken[candidate * n_cameras + camera[row]]
+        fitting.append((row[fits], candidate[fits], miss[fits]))
+    if not fitting:
+        return np.asarray(out)
+    row, candidate, miss = (np.concatenate(column) for column in zip(*fitting, strict=True))
+    for k in np.argsort(miss, kind="stable"):
         seat = candidate[k] * n_cameras + camera[row[k]]
         if out[row[k]] < 0 and not taken[seat]:
             out[row[k]] = candidate[k]
             taken[seat] = True
     return np.asarray(out)
+
+
+def misses_by_instant(
+    points: Floats,
+    point_instant: Ints,
+    camera: Ints,
+    instant: Ints,
+    bearing: Floats,
+    tangent: Floats,
+    R: Floats,
+    centre: Floats,
+) -> Iterator[tuple[Ints, Ints, Floats]]:
+    """How far each sighting is from every point of its instant, in parts of about `STEP` pairs: all at once, those of a site
+    would take gigabytes.
+
+    Args:
+        points: (N, 3) world, metres; NaN where there is none.
+        point_instant: (N,) instant of each point.
+        camera: (M,) camera index of each sighting.
+        instant: (M,) its instant.
+        bearing: (M, 3) unit rays, camera frame.
+        tangent: (M, 2, 3) from `Lens.tangents`.
+        R: (C, 3, 3) world to camera.
+        centre: (C, 3) metres.
+
+    Yields:
+        (K,) sightings in ascending order, all pairs of one in the same part; (K,) points; (K,) pixels between them.
+    """
+    known = np.flatnonzero(np.isfinite(points).all(axis=1))
+    by_instant = known[np.argsort(point_instant[known], kind="stable")]
+    ascending = point_instant[by_instant]
+    first = np.searchsorted(ascending, instant)
+    count = np.searchsorted(ascending, instant, side="right") - first
+    lines, of_axis = _Lines.of(camera, bearing, tangent, R, centre), np.ascontiguousarray(points.T)
+    cuts = np.searchsorted(np.cumsum(count), np.arange(STEP, int(count.sum()), STEP))
+    for part in np.split(np.arange(len(instant)), cuts):
+        owner, place = expanded_ranges(first[part], count[part])
+        if len(owner):
+            sighting, point = part[owner], by_instant[place]
+            yield sighting, point, np.sqrt(lines.squares(of_axis, point, sighting))
 
 
 def _pairs(block: Ints, most: int) -> tuple[Ints, Ints]:
