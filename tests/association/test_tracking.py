@@ -12,7 +12,7 @@ from passerby.association.tracking.tracking import TrackingOptions, track
 from passerby.common.errors import InputError
 from passerby.core.observations import Boxes
 from passerby.interchange.motchallenge import read_boxes
-from support.scenes.simulated import scene
+from support.scenes.simulated import faulty_scene
 from support.tiers import thinned
 
 FAULTS = {"box_noise": 0.02, "missing": 0.1, "false_boxes": 0.05, "cameras": 2, "seconds": 20.0}
@@ -20,7 +20,7 @@ FAULTS = {"box_noise": 0.02, "missing": 0.1, "false_boxes": 0.05, "cameras": 2, 
 
 def seen(preset: str, fps: float, **changes: object) -> Boxes:
     """The boxes of a simulated camera, with the true identities."""
-    return scene(preset=preset, fps=fps, **{**FAULTS, **changes}).observations["C1"].boxes
+    return faulty_scene(preset=preset, fps=fps, **{**FAULTS, **changes}).observations["C1"].boxes
 
 
 def forgotten(boxes: Boxes) -> Boxes:

@@ -439,7 +439,7 @@ class _Heard:
 
 def test_a_network_that_cannot_be_had_is_told_at_once(place, tmp_path, monkeypatch):
     nothing_to_be_had(tmp_path, monkeypatch)
-    scene = scene_file(place, BOTH, perception='detector = "auto"\nembedder = "auto"\nfps = 1')
+    scene = scene_file(place, blue_scene(place), perception='detector = "auto"\nembedder = "auto"\nfps = 1')
     heard = _Heard()
     calibrate(scene, progress=heard)
     fetching, failed, note = heard.told[1:4]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from passerby.core.observations import UNKNOWN
-from support.scenes.simulated import edges_of, scene
+from support.scenes.simulated import edges_of, faulty_scene
 from support.tiers import thinned
 
 FREE = {"occlusion": False, "preset": "construction"}
@@ -14,8 +14,8 @@ FREE = {"occlusion": False, "preset": "construction"}
 
 def differences(changed: dict, camera: str = "C1") -> tuple[np.ndarray, np.ndarray]:
     """(N, 4) edges with the fault minus edges without, and (N,) heights without, of boxes away from the picture's border."""
-    clean, faulty = edges_of(scene(**FREE), camera), edges_of(scene(**FREE, **changed), camera)
-    width, height = scene(**FREE).rig[camera].lens.size
+    clean, faulty = edges_of(faulty_scene(**FREE), camera), edges_of(faulty_scene(**FREE, **changed), camera)
+    width, height = faulty_scene(**FREE).rig[camera].lens.size
     inner = (clean[..., :2] > 60).all(-1) & (clean[..., 2] < width - 60) & (clean[..., 3] < height - 60)
     inner &= np.isfinite(faulty[..., 0])
     return (faulty - clean)[inner], (clean[..., 3] - clean[..., 1])[inner]
@@ -42,7 +42,7 @@ def test_slack_moves_every_edge_outwards():
 
 @pytest.mark.slow
 def test_boxes_stay_in_the_picture_and_cut_edges_on_its_border():
-    clean, noisy = scene(preset="terrace", seconds=30.0), scene(preset="terrace", seconds=30.0, box_noise=0.1)
+    clean, noisy = faulty_scene(preset="terrace", seconds=30.0), faulty_scene(preset="terrace", seconds=30.0, box_noise=0.1)
     cut = 0
     for camera in noisy.rig:
         width, height = camera.lens.size
@@ -57,7 +57,7 @@ def test_boxes_stay_in_the_picture_and_cut_edges_on_its_border():
 
 
 def test_missing_drops_the_stated_share_of_boxes_and_joints():
-    clean, thinned = scene(**FREE), scene(**FREE, missing=0.25)
+    clean, thinned = faulty_scene(**FREE), faulty_scene(**FREE, missing=0.25)
     kept = sum(len(thinned.observations[n].boxes) for n in clean.rig.names)
     assert 1 - kept / sum(len(clean.observations[n].boxes) for n in clean.rig.names) == pytest.approx(0.25, abs=0.03)
     assert kept == sum(len(thinned.observations[n].keypoints) for n in clean.rig.names)
@@ -65,7 +65,7 @@ def test_missing_drops_the_stated_share_of_boxes_and_joints():
 
 @thinned(("preset", "share"), [("terrace", 0.2), ("terrace", 1.0), ("construction", 0.1), ("construction", 0.3)], quick=2)
 def test_the_stated_share_of_identities_is_swapped_within_camera_and_instant(preset, share):
-    clean, swapped = scene(preset=preset, seconds=20.0), scene(preset=preset, seconds=20.0, identity_swaps=share)
+    clean, swapped = faulty_scene(preset=preset, seconds=20.0), faulty_scene(preset=preset, seconds=20.0, identity_swaps=share)
     wrong = total = 0
     for name in clean.rig.names:
         a, b = clean.observations[name].boxes, swapped.observations[name].boxes
@@ -79,7 +79,7 @@ def test_the_stated_share_of_identities_is_swapped_within_camera_and_instant(pre
 
 
 def test_false_boxes_are_as_many_as_stated_and_unknown():
-    clean, faulty = scene(**FREE), scene(**FREE, false_boxes=0.2)
+    clean, faulty = faulty_scene(**FREE), faulty_scene(**FREE, false_boxes=0.2)
     for camera in clean.rig:
         a, b = clean.observations[camera.name].boxes, faulty.observations[camera.name].boxes
         false = b.take(b.identity == UNKNOWN)
@@ -91,7 +91,7 @@ def test_false_boxes_are_as_many_as_stated_and_unknown():
 
 
 def test_joint_noise_has_the_stated_deviation_and_none_is_exact():
-    clean, noisy = scene(**FREE), scene(**FREE, joint_noise_px=1.5)
+    clean, noisy = faulty_scene(**FREE), faulty_scene(**FREE, joint_noise_px=1.5)
     camera = clean.rig["C3"]
     a, b = clean.observations["C3"].keypoints, noisy.observations["C3"].keypoints
     true = camera.project(clean.joints3d[a.frame - 1, a.identity - 1].reshape(-1, 3)).reshape(a.xy.shape)

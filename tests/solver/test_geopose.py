@@ -15,7 +15,7 @@ from passerby.core.scale_cues import KnownLength, ScaleCues
 from passerby.core.solution import Solution
 from passerby.evaluation.metrics import compare
 from passerby.geometry.rotations import angle_between, direction_angle
-from passerby.simulation import SimulatedScene, SimulationOptions, simulate
+from passerby.simulation import SimulatedScene, SimulationOptions
 from passerby.solver.geopose.body_extent import box_extents
 from passerby.solver.geopose.correspondences import box_points, match_pair
 from passerby.solver.geopose.geopose import (
@@ -30,6 +30,7 @@ from passerby.solver.geopose.geopose import (
     solve_pair,
     triangulate_pair,
 )
+from support.scenes.simulated import from_shared_views
 from support.tiers import thinned
 
 PRESETS = ("terrace", "basketball", "construction")
@@ -38,7 +39,8 @@ BOXES = GeoPoseOptions("C1", points="boxes")
 
 @cache
 def scene(preset: str = "terrace", seconds: float = 40.0, **faults: float) -> SimulatedScene:
-    return simulate(SimulationOptions(preset=preset, seed=0, seconds=seconds, box_noise=0.02, **faults))  # type: ignore[arg-type]
+    options = SimulationOptions(preset=preset, seed=0, seconds=seconds, box_noise=0.02, **faults)  # type: ignore[arg-type]
+    return from_shared_views(options)
 
 
 def without_poses(rig: Rig) -> Rig:

@@ -12,8 +12,9 @@ from passerby.core.cameras import Camera, Lens, Pose, Rig
 from passerby.core.observations import Boxes, CameraObservations, Keypoints, Observations
 from passerby.core.scale_cues import ScaleCues
 from passerby.core.solution import Solution
-from passerby.simulation import SimulatedScene, SimulationOptions, simulate
+from passerby.simulation import SimulatedScene, SimulationOptions
 from passerby.solver.people import PeopleOptions, solve_people
+from support.scenes.simulated import from_shared_views
 
 LENS = Lens((1280, 720), np.array([[800.0, 0, 640], [0, 802.0, 360], [0, 0, 1]]), np.array([-0.08, 0.01, 0.0005, -0.0003, 0.0]))
 
@@ -69,7 +70,8 @@ def observe(
 @cache
 def simulated(preset: str = "terrace", seconds: float = 20.0, seed: int = 0, **faults: float) -> SimulatedScene:
     """A scene with 2 % box noise unless told otherwise, simulated once per session."""
-    return simulate(SimulationOptions(preset=preset, seed=seed, seconds=seconds, **{"box_noise": 0.02, **faults}))  # type: ignore[arg-type]
+    options = SimulationOptions(preset=preset, seed=seed, seconds=seconds, **{"box_noise": 0.02, **faults})  # type: ignore[arg-type]
+    return from_shared_views(options)
 
 
 def part(observations: Observations, *, boxes: bool = True, keypoints: bool = False) -> Observations:

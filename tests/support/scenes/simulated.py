@@ -2,18 +2,39 @@
 
 from __future__ import annotations
 
-from functools import cache
+from functools import cache, lru_cache
 
 import numpy as np
 
 from passerby.core.observations import Boxes
 from passerby.simulation import SimulatedScene, SimulationOptions, simulate
+from passerby.simulation.scene import Filmed, film, without_faults
 
 
 @cache
 def scene(**changes: object) -> SimulatedScene:
     """A ten-second scene, simulated once per session and set of options."""
     return simulate(SimulationOptions(**{"seconds": 10.0, "seed": 1, **changes}))  # type: ignore[arg-type]
+
+
+@lru_cache(maxsize=16)
+def _views(options: SimulationOptions) -> Filmed:
+    """Most of the time of a simulation."""
+    return film(options)
+
+
+def from_shared_views(options: SimulationOptions) -> SimulatedScene:
+    """As `simulate`; scenes that differ in their faults only are made of the same views.
+
+    For tests of what takes scenes. A test that a fault changes nothing else needs `simulate`.
+    """
+    return simulate(options, _views(without_faults(options)))
+
+
+@cache
+def faulty_scene(**changes: object) -> SimulatedScene:
+    """As `scene`, from shared views."""
+    return from_shared_views(SimulationOptions(**{"seconds": 10.0, "seed": 1, **changes}))  # type: ignore[arg-type]
 
 
 def table(boxes: Boxes, frames: int, people: int) -> np.ndarray:
