@@ -59,7 +59,7 @@ def graph_of(cameras: list[CameraTracklets], max_lag_s: float) -> ViewGraph:
     return view_graph(pairs, len(cameras))
 
 
-@pytest.mark.parametrize(("true_fps", "stated"), [(5.0, 6.0), (6.0, 5.0), (10.0, 5.0)])
+@thinned(("true_fps", "stated"), [(5.0, 6.0), (6.0, 5.0), (10.0, 5.0)], quick=2)
 def test_a_mistaken_frame_rate_is_named(true_fps: float, stated: float) -> None:
     people = crowd()
     right, wrong = camera("C1", EAST, people), camera("C2", replace(WEST, fps=true_fps), people, stated_fps=stated)
@@ -69,7 +69,7 @@ def test_a_mistaken_frame_rate_is_named(true_fps: float, stated: float) -> None:
     assert (found.values["fits_fps"], found.values["fps"]) == (pytest.approx(true_fps), stated)
 
 
-@pytest.mark.parametrize(("delay_s", "enough"), [(12.3, 14), (-8.4, 10)])
+@thinned(("delay_s", "enough"), [(12.3, 14), (-8.4, 10)])
 def test_clocks_farther_apart_than_was_searched_for(delay_s: float, enough: int) -> None:
     people = crowd()
     found = what_would_fit(camera("C1", EAST, people), camera("C2", replace(WEST, delay_s=delay_s), people), 3.0)
@@ -102,7 +102,7 @@ def test_a_recording_that_overlaps_another_for_a_part_only(monkeypatch: pytest.M
     assert found.values["ahead_s"] == pytest.approx(-60.0, abs=0.05)
 
 
-@pytest.mark.parametrize("seed", range(4))
+@thinned("seed", range(4))
 def test_strangers_have_no_clock_that_fits(seed: int) -> None:
     """All lags are tried: by chance something fits, but not clearly."""
     people, others = (walkers(3, np.random.default_rng(number + seed), SECONDS) for number in (100, 200))

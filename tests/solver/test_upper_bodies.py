@@ -16,6 +16,7 @@ from passerby.simulation import SimulatedScene, SimulationOptions, simulate
 from passerby.solver.body_segments import Bodies, body_scale, body_vertical
 from support.scenes.people_and_rigs import solve
 from support.scenes.upper_bodies import office_joints
+from support.tiers import thinned
 
 UPPER = (
     "nose", "left_shoulder", "right_shoulder", "left_elbow", "right_elbow", "left_wrist", "right_wrist", "left_hip",
@@ -55,7 +56,7 @@ def scale_of(truth: SimulatedScene, solution: Solution) -> float:
         truth.rig["C1"].centre - truth.rig["C2"].centre))  # fmt: skip
 
 
-@pytest.mark.parametrize(("preset", "seed"), [("terrace", 1), ("terrace", 2), ("construction", 3)])
+@thinned(("preset", "seed"), [("terrace", 1), ("terrace", 2), ("construction", 3)])
 def test_scale_and_up_are_as_sure_as_stated(preset: str, seed: int) -> None:
     truth, solution = solved(preset, seed)
     scale, up = solution.figures.scale.relative_sigma, solution.figures.vertical_sigma_deg
