@@ -137,7 +137,7 @@ def cluster_by_rig(
         person_height_m: typical standing height, metres.
         affinity: appearance, as for `register_pair`.
         known: what else speaks for one person.
-        candidates: the pairs of cameras, a < b, that are compared; None: all.
+        candidates: the pairs of cameras, a < b, of which some are compared (see `compared_pairs`); None: all are.
     """
     tracks = [None if pose is None else ray_tracks(own.bodies, pose) for own, pose in zip(cameras, poses, strict=True)]
     edges = _Edges([], [], [])
