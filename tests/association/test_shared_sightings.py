@@ -6,6 +6,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
+from passerby.association.associate import compared_pairs
+from passerby.association.graph import Edge, ViewGraph
 from passerby.association.shared_sightings import joined_sightings
 from passerby.core.observations import Boxes, CameraObservations, Observations
 
@@ -76,3 +78,10 @@ def test_whom_two_cameras_have_in_common_is_joined_by_pairs(rows: dict[str, list
             parts.append(part)
         assert after in parts
         assert len(after) == max(len(part) for part in parts)
+
+
+def test_of_many_cameras_registered_pairs_are_compared_and_the_candidates_of_cameras_without_any() -> None:
+    edges = tuple(Edge(a, b, None, 0.0, 0.0, used) for a, b, used in ((0, 1, True), (1, 2, True), (0, 2, False), (2, 3, False)))
+    graph = ViewGraph(edges, ((0, 1, 2), (3,)), np.zeros(4))
+    assert list(compared_pairs(graph, 4, {(0, 2), (0, 3), (2, 3)})) == [(0, 1), (0, 3), (1, 2), (2, 3)]
+    assert len(compared_pairs(graph, 4, None)) == 6

@@ -111,7 +111,6 @@ def test_a_page_under_another_name_has_a_folder_of_that_name(contents, tmp_path)
 
 
 @pytest.mark.slow
-@pytest.mark.slow
 def test_the_page_grows_by_little_for_a_camera(written, tmp_path):
     more = tmp_path / "report.html"
     write_report(site(2 * MANY), more)
