@@ -68,6 +68,8 @@ class Camera:
     """Seconds of the film at which it closes all connections."""
     on_s: float = 0.0
     """Second of the film at which it is switched on: before it answers nobody."""
+    silent_s: float = 0.0
+    """How long it sends nothing after it was asked to play."""
     began: float = field(default_factory=time.time)
     """Wall time of second 0 of the film."""
 
@@ -150,6 +152,8 @@ class _Rtsp(socketserver.BaseRequestHandler):
 
     def _play(self) -> None:
         camera, number, begun, count = self.camera, 0, False, 0
+        if self.over.wait(camera.silent_s):
+            return
         joined = time.time() - camera.began
         breaks = [second for second in camera.breaks_s if second > joined]
         try:

@@ -15,6 +15,7 @@ import pytest
 
 from passerby.common.errors import InputError
 from passerby.recording.capture import CaptureOptions, record
+from passerby.recording.pieces import PieceWriter
 from passerby.recording.settings import Stream
 from sources.stream_servers import Film, mjpeg_camera, rtsp_camera
 
@@ -99,6 +100,22 @@ def test_a_camera_clock_that_is_wrong_by_an_hour_is_told_and_not_used(film, tmp_
     assert found.cameras[0].clock == "arrival"
     assert found.cameras[0].unset_s == pytest.approx(3600, abs=1)
     assert np.abs(off_s(found.cameras[0], camera)).max() < 0.5
+
+
+def test_a_camera_that_sends_nothing_for_long_after_it_was_connected_to_is_recorded(film, tmp_path):
+    with rtsp_camera(film, silent_s=3.0) as (port, camera):
+        found = record((stream_of("a", port),), tmp_path, CaptureOptions(9.0, piece_s=1.0, timeout_s=2.0))
+    (recording,) = found.cameras
+    assert recording.seconds > 2
+    assert np.abs(off_s(recording, camera)).max() < 0.02
+
+
+def test_what_no_file_can_hold_is_a_fault_of_the_camera_not_of_the_folder(film, tmp_path, monkeypatch):
+    """As if its pictures had no size."""
+    monkeypatch.setattr(PieceWriter, "_size_known", lambda *_: True)
+    with rtsp_camera(film, silent_s=3.0) as (port, _), pytest.raises(InputError, match=r"camera a .*Matroska"):
+        record((stream_of("a", port),), tmp_path, CaptureOptions(7.0, piece_s=1.0, timeout_s=2.0))
+    assert not list(tmp_path.rglob("*.part"))
 
 
 def test_jpeg_pictures_over_http(tmp_path):

@@ -238,7 +238,10 @@ class _Recorder:
                 before = len(self.pieces)
                 try:
                     self._connection()
-                    self.fault = None if self.over else "the stream ended"
+                    if not self.over:
+                        self.fault = "the stream ended"
+                    elif len(self.pieces) > before:
+                        self.fault = None
                 except FFmpegError as error:
                     self.fault = self.stream.hidden(error.strerror or type(error).__name__)
                 except (IndexError, ValueError) as error:

@@ -11,6 +11,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 import av
 from av.audio.stream import AudioStream
@@ -63,9 +64,9 @@ class PieceWriter:
         self._packets = 0
 
     def write(self, packet: Packet[VideoStream] | Packet[AudioStream]) -> None:
-        """Add a packet. Those before the first key frame, and those without a time, are left out.
+        """Add a packet. Those before the first key frame that tells its size, and those without a time, are left out.
 
-        Raises `InputError` where the file cannot be written.
+        Raises `InputError` where the file cannot be written, and `ValueError` where no file can hold what the camera sends.
         """
         if packet.pts is None or packet.time_base is None or packet.size == 0:
             return
@@ -78,20 +79,37 @@ class PieceWriter:
                 self.end()
         try:
             if self._out is None:
-                if stream or not packet.is_keyframe:
+                if stream or not packet.is_keyframe or not self._size_known(packet):
                     return
                 self._begin(seconds)
             self._mux(packet, stream)
+        except (av.error.ArgumentError, av.error.InvalidDataError) as error:
+            self.drop()
+            raise ValueError(f"sends what a Matroska file cannot hold ({error.strerror})") from None
         except (OSError, av.error.FFmpegError) as error:
             raise cannot_write(self._part, OSError(error.errno, error.strerror or "no reason given")) from None
         if stream == 0:
             self._packets += 1
             self._end_s = max(seconds + float((packet.duration or 0) * packet.time_base), self._end_s)
 
+    def _size_known(self, packet: Packet[Any]) -> bool:
+        """Whether the size of the pictures is known, if need be from this one.
+
+        A file cannot be begun without it, and a camera that sends nothing for long after it was connected to has not told it.
+        """
+        pictures = self._streams[0]
+        assert isinstance(pictures, VideoStream)
+        if not pictures.codec_context.width:
+            with suppress(av.error.InvalidDataError):
+                packet.decode()
+        return pictures.codec_context.width > 0 and pictures.codec_context.height > 0
+
     def _begin(self, seconds: float) -> None:
         self._out = av.open(str(self._part), "w", format="matroska")
         for stream in self._streams:
-            self._out.add_stream_from_template(stream)
+            copy = self._out.add_stream_from_template(stream)
+            if isinstance(stream, VideoStream) and isinstance(copy, VideoStream):
+                copy.codec_context.width, copy.codec_context.height = stream.codec_context.width, stream.codec_context.height
         self._begin_s = self._end_s = seconds
         self._last, self._packets = {}, 0
 
