@@ -117,7 +117,7 @@ bench-scale: $(INSTALLED)
 	$(ONE_THREAD) $(VENV)/bin/python benchmarks/run.py --only scale
 
 ## bench-sites: docs/results/sites.md: simulated sites of 25 to 1,000 cameras. What is finished is kept in build/sites
-bench-sites: $(INSTALLED)
+bench-sites: $(INSTALLED) .venv-peer-colmap/.installed
 	$(ONE_THREAD) $(VENV)/bin/python benchmarks/run.py --only sites
 
 ## bench-sources: docs/results/sources.md: streams, pieces, containers, processing time, zones and others. What is finished is kept in build/sources

@@ -105,12 +105,12 @@ def main() -> None:
     known.add_argument("--scale-workers", type=int, default=2, help="processes; 2")
     many = parser.add_argument_group("sites")
     many.add_argument(
-        "--site-parts", nargs="+", choices=sites_page.RUNNABLE, metavar="PART", default=sites_page.RUNNABLE,
-        help=f"of sites: {', '.join(sites_page.RUNNABLE)}; all",
+        "--site-parts", nargs="+", choices=tuple(sites_page.PARTS), metavar="PART", default=tuple(sites_page.PARTS),
+        help=f"of sites: {', '.join(sites_page.PARTS)}; all",
     )  # fmt: skip
     many.add_argument("--site-seeds", type=int, default=sites_page.SEEDS, help=f"seeds; {sites_page.SEEDS}")
     many.add_argument("--site-kept", type=Path, default=sites_page.KEPT, help="folder of finished cases; build/sites")
-    many.add_argument("--site-workers", type=int, default=2, help="processes; 2")
+    many.add_argument("--site-workers", type=int, default=1, help="processes; 1: the parts use all cores")
     given = parser.add_argument_group("sources")
     given.add_argument(
         "--source-parts", nargs="+", choices=sources_page.HEADINGS, metavar="PART", default=(),

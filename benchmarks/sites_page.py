@@ -15,9 +15,9 @@ from pages.cases import Outcomes
 from pages.page import Page, number, reached, table
 from pages.parts import Wanted, finished, grown
 from pages.sections import Found, Heading, Section
-from sites import against_earlier, calibrations, cases, corridors, monitoring
+from sites import against_earlier, calibrations, cases, clusters, corridors, monitoring, race
 
-CODE = ("sites",)
+CODE = ("sites", "peers")
 """Folders of the benchmarks that the outcomes depend on, beside the package."""
 KEPT = ROOT / "build" / "sites"
 SEEDS = 5
@@ -38,11 +38,11 @@ class Part:
 
     heading: Heading
     goals: Goals
-    """Text, acceptable and aim; of a part without cases they stand as not run."""
-    cases: Callable[[int], Mapping[str, Any]] | None = None
+    """Text, acceptable and aim."""
+    cases: Callable[[int], Mapping[str, Any]]
     """Of a number of seeds, by key."""
-    work: Callable[[Any], Mapping[str, Any]] | None = None
-    found_in: Callable[[str, Mapping[str, Any], Outcomes, str], Found] | None = None
+    work: Callable[[Any], Mapping[str, Any]]
+    found_in: Callable[[str, Mapping[str, Any], Outcomes, str], Found]
 
 
 def _note(wanted: Mapping[str, Any], done: Outcomes, code: str) -> str:
@@ -148,6 +148,7 @@ GOALS_SMALL: Goals = (
     ("PETS2009 with identities: processor time, times that of before", "0.5 x", "0.3 x"),
     ("solve, times that of COLMAP's incremental mapper", "1.2 x", "0.8 x"),
 )
+GOALS_CLUSTER: Goals = (("the same bytes as one process", "all", "all"),)
 GOALS_MONITORING: Goals = (
     ("200 monitored cameras, all with news: processor time for a camera and minute", "1 s", "0.5 s"),
     ("5 % of 200 cameras with news: processor time, times that of all", "0.15 x", "0.06 x"),
@@ -218,19 +219,66 @@ def _power_at_thousand(small: Mapping[str, Any], large: Mapping[str, Any], key: 
     return float(large[key] * (1000 / large["cameras"]) ** power)
 
 
+SmallCase = against_earlier.EarlierCase | race.RaceCase
+
+
+def small_cases(seeds: int) -> dict[str, SmallCase]:
+    """What small scenes are raced against, by key."""
+    return {**against_earlier.cases(seeds), **race.cases(seeds)}
+
+
+def measure_small(case: SmallCase) -> dict[str, Any]:
+    """One of the two races."""
+    return race.measure(case) if isinstance(case, race.RaceCase) else against_earlier.measure(case)
+
+
 def small_found(part: str, wanted: Mapping[str, Any], done: Outcomes, code: str) -> Found:
-    """What PETS2009 takes, against the version before sites."""
+    """What PETS2009 takes, against the version before sites, and what the solver takes, against COLMAP's."""
     del part
     goals = [[text, "not run", acceptable, aim, ""] for text, acceptable, aim in GOALS_SMALL]
-    rows = []
+    earlier, raced = [], []
     for case in done.values():
+        if "ratio" in case:
+            goals[1][1], goals[1][-1] = f"{case['ratio']:.2f} x", reached([case["ratio"]], [1.2], [0.8])
+            raced.append([
+                str(case["rows"]), str(case["neither_fails"]), str(case["ours_fail"]), str(case["theirs_fail"]),
+                f"{case['ours_s']:.1f} s", f"{case['theirs_s']:.1f} s", f"{case['ratio']:.2f}", f"{case['whole_ratio']:.2f}",
+            ])  # fmt: skip
+            continue
         ratio = case["now"] / case["earlier"]
         goals[0][1], goals[0][-1] = f"{ratio:.2f} x", reached([ratio], [0.5], [0.3])
-        rows.append([
+        earlier.append([
             "PETS2009, identities given", case["about"]["against"][:10], f"{case['earlier']:.1f} s", f"{case['now']:.1f} s",
             f"{ratio:.2f}", f"{case['apart_mm']:.3g} mm", f"{case['apart_deg']:.2g}°",
         ])  # fmt: skip
-    columns = ("data", "earlier version", "its processor time", "now", "ratio", "rigs apart, position", "orientation")
+    tables = (
+        (("data", "earlier version", "its processor time", "now", "ratio", "rigs apart, position", "orientation"), earlier),
+        ((
+            "cases", "neither fails", "Passerby fails", "COLMAP fails", "solves of Passerby", "of COLMAP", "ratio, median",
+            "whole processes",
+        ), raced),
+    )  # fmt: skip
+    return Found("\n\n".join([_note(wanted, done, code), *(table(*one) for one in tables if one[1])]), {"goals": goals})
+
+
+def clusters_found(part: str, wanted: Mapping[str, Any], done: Outcomes, code: str) -> Found:
+    """What a cluster with dying workers takes, and whether its files are those of one process."""
+    del part
+    goals = [[text, "not run", acceptable, aim, ""] for text, acceptable, aim in GOALS_CLUSTER]
+    rows = [
+        [
+            str(case["cameras"]), *(f"{case['took_s'][way]:.0f} s" for way in ("one", "pool", "cluster")), str(case["killed"]),
+            str(case["files"]), ", ".join(case["differing"]) or "none",
+        ]
+        for case in done.values()
+    ]  # fmt: skip
+    if done:
+        differing, files = sum(len(case["differing"]) for case in done.values()), sum(case["files"] for case in done.values())
+        goals[0][1] = f"all of {files} files" if not differing else f"{differing} of {files} files differ"
+        goals[0][-1] = "no" if differing else "aim"
+    columns = (
+        "cameras", "one process", "a process for each core", "on the cluster", "workers killed", "files", "that differ",
+    )  # fmt: skip
     return Found(f"{_note(wanted, done, code)}\n\n{table(columns, rows)}", {"goals": goals})
 
 
@@ -361,37 +409,39 @@ PARTS: Mapping[str, Part] = {
         GOALS_ZONES, corridors.corridors, corridors.measure, zones_found,
     ),
     "cluster": Part(
-        Heading("A cluster", "Dask on loopback, four workers, one of them killed every 20 s."),
-        [("the same bytes as one process", "all", "all")],
+        Heading(
+            "A cluster",
+            f"{clusters.SECONDS / 60:g} minutes of a site, from tracklets. The cluster: `dask scheduler` and "
+            f"{clusters.WORKERS} `dask worker` on loopback, one of which is killed every {clusters.KILLED_EVERY_S:g} s. All "
+            "ways share the cores of this computer. Whole commands with their reports; files are compared byte by byte.",
+        ),
+        GOALS_CLUSTER, clusters.cases, clusters.measure, clusters_found,
     ),
     "small": Part(
         Heading(
             "Small scenes",
             "4 to 8 cameras. Both versions calibrate the same files in processes of their own, by turns. Processor time is "
             f"that of the whole process with its report, the least of {against_earlier.REPETITIONS}. *rigs apart*: the largest "
-            "difference of a camera in the two rigs, after the best similarity.",
+            "difference of a camera in the two rigs, after the best similarity. COLMAP's incremental mapper runs on the cases "
+            "of [the page of peers](peers.md), seeds together; processor seconds are sums over the cases where neither fails.",
         ),
-        GOALS_SMALL, against_earlier.cases, against_earlier.measure, small_found,
+        GOALS_SMALL, small_cases, measure_small, small_found,
     ),
 }  # fmt: skip
 """In their order on the page."""
 HEADINGS: Mapping[str, Heading] = {name: part.heading for name, part in PARTS.items()}
-RUNNABLE = tuple(name for name, part in PARTS.items() if part.work is not None)
 
 
 def run(scratch: Path, quick: bool, wanted: Wanted | None = None) -> Iterator[Page]:
     """The page after each finished case; one site by positions in a quick run."""
     del scratch
-    wanted = wanted or Wanted(KEPT, RUNNABLE, SEEDS)
+    wanted = wanted or Wanted(KEPT, tuple(PARTS), SEEDS)
     count = 1 if quick else wanted.seeds
     return grown("sites", head, HEADINGS, partial(_part, wanted=wanted, count=count), wanted, CODE)
 
 
 def _part(name: str, wanted: Wanted, count: int) -> Iterator[Found]:
     part = PARTS[name]
-    assert part.cases is not None
-    assert part.work is not None
-    assert part.found_in is not None
     return finished(name, part.cases(count), part.work, part.found_in, wanted, CODE)
 
 

@@ -135,13 +135,13 @@ def _of(rig: Rig, names: Sequence[str]) -> Rig:
 
 
 def _distance_errors(figures: AdjustedFigures, truth: Rig) -> np.ndarray:
-    """Errors of the distances of cameras that are far from each other, over their sigmas."""
+    """Errors of the distances of cameras that are far from each other, over their sigmas; infinite where no sigma is told."""
     off = []
     for one in figures.distances:
         first, second = (truth[name].pose for name in one.cameras)
         assert first is not None
         assert second is not None
         metres = float(np.linalg.norm(first.centre - second.centre))
-        if metres >= FAR_M and one.sigma_m:
-            off.append((one.metres - metres) / one.sigma_m)
+        if metres >= FAR_M:
+            off.append((one.metres - metres) / one.sigma_m if one.sigma_m else np.inf)
     return np.array(off)

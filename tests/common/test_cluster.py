@@ -2,9 +2,7 @@
 
 import gc
 import os
-import signal
-import socket
-import subprocess
+import shlex
 import sys
 import threading
 import time
@@ -16,64 +14,29 @@ import pytest
 from passerby.cli.main import run
 from passerby.common.cluster import OTHER_VERSION, cluster_workers
 from passerby.common.errors import InputError
+from sites import loopback
 
 pytest.importorskip("distributed", reason="no Dask: install the extra cluster")
 pytestmark = pytest.mark.slow
 
-ENVIRONMENT = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-PATIENCE_S = 120
+ROOT = Path(__file__).resolve().parents[2]
+DOCUMENTED = "tcp://host:8786"
 FIRST_KILLED_S, KILL_EVERY_S = 2.0, 6.0
 """A job whose workers die three times is given up; beginning a worker takes seconds on a busy machine."""
-
-
-def begin(*arguments, cwd=None):
-    command = [sys.executable, "-m", "dask", *arguments, "--no-dashboard"]
-    return subprocess.Popen(command, env=ENVIRONMENT, cwd=cwd, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-
-
-def wait_for(condition):
-    end = time.monotonic() + PATIENCE_S
-    while not condition():
-        assert time.monotonic() < end
-        time.sleep(0.1)
-
-
-def answers(port):
-    with socket.socket() as one:
-        return one.connect_ex(("127.0.0.1", port)) == 0
-
-
-def end_all(processes):
-    for process in processes:
-        for one in [*psutil.Process(process.pid).children(recursive=True), process] if process.poll() is None else []:
-            one.kill()
-        process.wait()
 
 
 @pytest.fixture
 def scheduler():
     """A scheduler's address and process."""
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    process = begin("scheduler", "--host", "127.0.0.1", "--port", str(port))
-    wait_for(lambda: answers(port))
-    yield f"tcp://127.0.0.1:{port}", process
-    end_all([process])
+    with loopback.scheduler() as found:
+        yield found
 
 
 @pytest.fixture
 def workers(scheduler, tmp_path):
-    """Four worker processes, each with a nanny that begins it again when it dies."""
-    from distributed import Client
-
-    folder = tmp_path / "workers"
-    folder.mkdir()
-    found = [begin("worker", scheduler[0], "--nthreads", "1", "--local-directory", str(folder)) for _ in range(4)]
-    with Client(scheduler[0], set_as_default=False) as client:
-        client.wait_for_workers(4, timeout=PATIENCE_S)
-    yield found
-    end_all(found)
+    """Four worker processes."""
+    with loopback.workers(scheduler[0], tmp_path / "workers", 4) as found:
+        yield found
 
 
 @pytest.fixture(scope="module")
@@ -89,51 +52,37 @@ def calibrating(folder, out, address):
     return ["calibrate", str(folder / "scene" / "scene.toml"), "-o", str(out), "--scheduler", address]
 
 
-def contents(folder):
-    """All files of an output folder, but for those that only help the next run."""
-    return {
-        str(path.relative_to(folder)): path.read_bytes()
-        for path in sorted(folder.rglob("*"))
-        if path.is_file() and "association" not in path.parts and path.suffix != ".lock"
-    }
-
-
 def test_the_same_bytes_while_workers_are_killed(scheduler, workers, site, tmp_path):
     folder, status = site
-    killed, done = [], threading.Event()
-
-    def kill_in_turn():
-        while not done.wait(KILL_EVERY_S if killed else FIRST_KILLED_S):
-            nanny = workers[len(killed) % len(workers)]
-            children = [one for one in psutil.Process(nanny.pid).children(recursive=True) if one.is_running()]
-            for one in children[-1:]:
-                one.send_signal(signal.SIGKILL)
-                killed.append(one.pid)
-
-    killer = threading.Thread(target=kill_in_turn)
-    killer.start()
-    try:
-        arguments = [
-            "calibrate",
-            str(folder / "scene" / "scene.toml"),
-            "-o",
-            str(tmp_path / "out"),
-            "--scheduler",
-            scheduler[0],
-        ]
+    arguments = calibrating(folder, tmp_path / "out", scheduler[0])
+    with loopback.killing(workers, FIRST_KILLED_S, KILL_EVERY_S) as killed:
         assert run(arguments) == status
-    finally:
-        done.set()
-        killer.join()
     assert killed
-    assert contents(tmp_path / "out") == contents(folder / "alone")
+    assert loopback.contents(tmp_path / "out") == loopback.contents(folder / "alone")
+
+
+def test_the_commands_of_the_documentation(site, tmp_path, monkeypatch):
+    """As they stand there, on loopback."""
+    folder, status = site
+    text = (ROOT / "docs" / "sites.md").read_text(encoding="utf-8").split("{ #cluster }")[1]
+    commands = [shlex.split(line, comments=True) for line in text.split("```sh")[1].split("```")[0].splitlines()]
+    (schedule,) = (one for one in commands if one[:2] == ["dask", "scheduler"])
+    (work,) = (one for one in commands if one[:2] == ["dask", "worker"])
+    (calibrate,) = (one for one in commands if one[:1] == ["passerby"])
+    monkeypatch.chdir(tmp_path)
+    with loopback.scheduler(schedule[1:]) as (address, _), loopback.workers(address, tmp_path / "workers", 2, work[1:]):
+        here = {DOCUMENTED: address, "scene.toml": str(folder / "scene" / "scene.toml")}
+        arguments = [here.get(one, one) for one in calibrate[1:]]
+        assert address in arguments
+        assert run(arguments) == status
+    assert loopback.contents(tmp_path / "out") == loopback.contents(folder / "alone")
 
 
 def test_a_scheduler_that_dies_is_one_line(scheduler, workers, site, tmp_path, capfd):
     folder, _ = site
 
     def kill_when_begun():
-        wait_for(lambda: (tmp_path / "out" / "association").is_dir() or (tmp_path / "out").is_dir())
+        loopback.wait_for(lambda: (tmp_path / "out" / "association").is_dir() or (tmp_path / "out").is_dir())
         time.sleep(2.0)
         scheduler[1].kill()
 
@@ -192,14 +141,12 @@ def test_a_worker_of_another_version_that_came_later(scheduler, workers, tmp_pat
             executor.submit(os.getcwd).result()
 
 
-def full_disk():
-    """What writing to a worker's own disk ends with when there is no room."""
-    with open("/dev/full", "wb", buffering=0) as file:
-        file.write(b"0")
-
-
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no /dev/full")
 def test_a_worker_whose_own_disk_is_full_is_named(scheduler, workers, tmp_path):
+    def full_disk():  # within: a worker cannot import this module
+        with open("/dev/full", "wb", buffering=0) as file:
+            file.write(b"0")
+
     with cluster_workers(scheduler[0], tmp_path) as executor:
         said = r": a temporary file: cannot be written or read \(No space left on device\): make room on that machine"
         with pytest.raises(InputError, match=said):

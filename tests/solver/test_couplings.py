@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from passerby.solver.optimizer import normal_equations
+from passerby.solver.optimizer import couplings, normal_equations
 from passerby.solver.optimizer.couplings import FULL_UP_TO, occurs_seldom
 from passerby.solver.optimizer.least_squares import Cauchy, Family, Layout, NormalEquations, Term
 
@@ -43,8 +43,10 @@ def random_terms(rng: np.random.Generator) -> tuple[Layout, list[Term]]:
     return layout, [*sightings, *priors]
 
 
+@pytest.mark.parametrize("worth", [0.0, 1e9])
 @pytest.mark.parametrize("seed", range(3))
-def test_both_tables_reduce_to_the_same_system_and_step(seed, monkeypatch):
+def test_both_tables_reduce_to_the_same_system_and_step(seed, worth, monkeypatch):
+    monkeypatch.setattr(couplings, "DENSE_WORTH", worth)
     layout, terms = random_terms(np.random.default_rng(seed))
     sparse = NormalEquations(layout, terms)
     monkeypatch.setattr(normal_equations, "occurs_seldom", lambda *_: False)

@@ -140,13 +140,14 @@ def figures_of(
 ) -> AdjustedFigures:  # fmt: skip
     """The figures of every stage."""
     state, model, rig = fit.result.state, fit.model, start.rig
+    names = rig.names
     support = cycle_consistency(start.hypotheses, len(rig))
     noise = fit.noise
     return AdjustedFigures(
         cameras=_cameras(start, fit, covariance, focals),
         pairs=tuple(
             PairFigures(
-                cameras=(rig.names[h.a], rig.names[h.b]), route=h.route, inliers=h.inliers, matches=h.matches,
+                cameras=(names[h.a], names[h.b]), route=h.route, inliers=h.inliers, matches=h.matches,
                 support=float(agreement),
             )
             for h, agreement in zip(start.hypotheses, support, strict=True)
@@ -167,7 +168,7 @@ def figures_of(
         vertical_sigma_deg=_finite(covariance.vertical_deg), covariance_inflation=covariance.inflation,
         distances=tuple(
             DistanceFigures(
-                cameras=(rig.names[a], rig.names[b]), metres=float(np.linalg.norm(state.centre[a] - state.centre[b])),
+                cameras=(names[a], names[b]), metres=float(np.linalg.norm(state.centre[a] - state.centre[b])),
                 sigma_m=_finite(covariance.distances[a, b]),
             )
             for a in range(len(rig)) for b in range(a + 1, len(rig))

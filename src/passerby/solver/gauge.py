@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from passerby.common.arrays import Floats, Ints
+from passerby.common.symmetric import null_vectors, pseudo_inverse
 from passerby.solver.people_state import AdjustmentState
 
 NULL_SHARE = 1e-10
@@ -26,6 +27,14 @@ heads (2 and 4 cameras, 3 presets, lenses and clocks refined or not). What evide
 with a sound vertical (boxes, joints, one person, ankles in 3 instants only), at 4e-10 to 2e-8 in scenes without ankles whose
 world hung on the heights of cameras and was doubtful anyhow. Between lay lengths stated to half of themselves or worse, which
 leave a scale that is known to no better than a factor of six.
+"""
+
+NULL_SHARE_CAMERAS, LEAST_NULL_SHARE = 50, 1e-12
+"""Cameras up to which `NULL_SHARE` holds, and what it falls to with the third power of their number.
+
+What moves all cameras of a long rig as one moves each of them far, in units of its own sigmas: along corridors of 20, 75, 150
+and 300 cameras the smallest eigenvalue, that of the scale, came out at a share of 5.8e-8, 1.5e-9, 1.8e-10 and 2.3e-11, and at
+1.3e-14 to 1.8e-14 where people's heights did not fix it (`benchmarks/sites/corridors.py`, seed 804).
 """
 
 MOVED = 1e-3
@@ -140,6 +149,12 @@ class HeldSystem:
     fixed: Ints
     """The cameras that hold the placement."""
 
+    @property
+    def null_share(self) -> float:
+        """Eigenvalues of the matrix below this share of the largest one are zero."""
+        cameras = len(self.own) // 6
+        return max(NULL_SHARE * min(1.0, (NULL_SHARE_CAMERAS / cameras) ** 3), LEAST_NULL_SHARE)
+
     @classmethod
     def of(cls, H: Floats, placement: Floats, n_cameras: int, camera_size: int, fixed: Ints) -> HeldSystem:
         """Hold the `placement` (n, 3) freedoms by the centres of the cameras `fixed`."""
@@ -156,12 +171,11 @@ class HeldSystem:
 
     def inverse(self) -> Floats:
         """(n, n) the inverse in the unknowns' own units; along null vectors, where the variance is infinite, 0."""
-        return np.asarray(np.linalg.pinv(self.matrix, rcond=NULL_SHARE, hermitian=True) * self.scale[:, None] * self.scale)
+        return pseudo_inverse(self.matrix, self.null_share) * self.scale[:, None] * self.scale
 
     def null_vectors(self) -> Floats:
         """(n, k) orthonormal, in units of `scale`: what no evidence constrains."""
-        value, vector = np.linalg.eigh(self.matrix)
-        return np.asarray(vector[:, value < NULL_SHARE * value[-1]])
+        return null_vectors(self.matrix, self.null_share)
 
 
 def held_system(H: Floats, state: AdjustmentState, camera_size: int) -> tuple[HeldSystem, Free]:

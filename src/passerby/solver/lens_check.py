@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from passerby.common.arrays import Floats
+from passerby.common.symmetric import inverse_of
 from passerby.core.cameras import Rig
 from passerby.solver.lens_columns import WidenedLayout, by_focal, lens_columns
-from passerby.solver.lens_scores import inverse_of
 from passerby.solver.lens_sigmas import by_boxes
 from passerby.solver.optimizer.least_squares import NormalEquations
 from passerby.solver.people_state import AdjustmentState

@@ -15,6 +15,7 @@ from types import MappingProxyType
 import numpy as np
 
 from passerby.common.arrays import Floats, Ints
+from passerby.common.symmetric import inverse_of, pseudo_inverse
 from passerby.core.cameras import Lens, Rig
 from passerby.solver.lens_columns import (
     WidenedLayout,
@@ -110,14 +111,7 @@ def _free_lenses(
     reduced = NormalEquations(wide.layout, terms).reduce()
     inverse = inverse_of(reduced.H)
     at: Ints = wide.places.ravel()
-    H = np.asarray(np.linalg.pinv(inverse[np.ix_(at, at)], hermitian=True), dtype=np.float64)
-    return _FreeLenses(H, -(inverse @ reduced.gradient)[at])
-
-
-def inverse_of(H: Floats) -> Floats:
-    """The inverse of a normal matrix whose unknowns have different units; 0 along what is free (the datum)."""
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(H), 1e-12))
-    return np.asarray(np.linalg.pinv(H * scale[:, None] * scale, rcond=1e-12, hermitian=True) * scale[:, None] * scale)
+    return _FreeLenses(pseudo_inverse(inverse[np.ix_(at, at)], 1e-15), -(inverse @ reduced.gradient)[at])
 
 
 def plausible(rig: Rig, hypothesis: LensHypothesis, change: Sequence[float] | Floats) -> bool:

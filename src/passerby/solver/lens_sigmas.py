@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from passerby.common.arrays import Floats
+from passerby.common.symmetric import inverse_of
 from passerby.solver.optimizer.least_squares import NormalEquations
 from passerby.solver.people_state import AdjustmentState
 from passerby.solver.person_model import PeopleProblem
@@ -52,8 +53,7 @@ def lens_evidence(problem: PeopleProblem, state: AdjustmentState, inflation: flo
     widened, wide, own, biases = add_systematic_errors(problem, state, terms)
     H_all = NormalEquations(wide, widened).reduce().H
     H, H_cb = H_all[np.ix_(own, own)], H_all[np.ix_(own, biases.ravel())]
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(H), 1e-12))
-    inverse = np.linalg.pinv(H * scale[:, None] * scale, rcond=1e-12, hermitian=True) * scale[:, None] * scale
+    inverse = inverse_of(H)
     moved = inverse @ H_cb * np.tile(SIGMAS, len(biases))
     at = lens_places(problem.n_cameras, problem.layout.camera_size, problem.n_lens)
     variance, biased = np.diag(inverse)[at], (moved[at] ** 2).sum(axis=2)

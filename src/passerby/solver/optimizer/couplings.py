@@ -39,6 +39,11 @@ def occurs_seldom(n_cameras: int, blocks: int, seen: Ints) -> bool:
     return bool(WORTH * float((views**2).sum()) < float(blocks) * n_cameras**2)
 
 
+DENSE_WORTH = 20.0
+"""Of a product of sparse tables: full ones are used unless that takes so many times the multiplications (they run some 30 times
+as fast)."""
+
+
 class Coupling(Protocol):
     """The table W (N, d, n_shared) of a family of N blocks of d unknowns with the shared ones."""
 
@@ -229,6 +234,16 @@ class SparseCoupling:
             rows = np.broadcast_to(n * p + np.arange(g), of_globals.shape)
             parts.append((of_globals, rows, np.broadcast_to(np.arange(n_groups)[:, None], of_globals.shape)))
         return sparse_sum(parts, (n * p + g, n_groups))
+
+
+def subtract_product(H: Floats, scaled: scipy.sparse.csr_array, cross: scipy.sparse.csr_array) -> None:
+    """Take scaled @ cross^T from H, where both are (n_shared, n_groups) and have the same entries."""
+    each = np.bincount(cross.indices, minlength=cross.shape[1]).astype(np.float64)
+    if DENSE_WORTH * float((each**2).sum()) > float(cross.shape[1]) * len(H) ** 2:  # most cameras see most people
+        H -= scaled.toarray() @ cross.toarray().T
+        return
+    among = scipy.sparse.coo_array(scaled @ cross.T)
+    H[among.row, among.col] -= among.data
 
 
 def sparse_sum(parts: list[tuple[Floats, NDArray[Any], NDArray[Any]]], shape: tuple[int, int]) -> scipy.sparse.csr_array:

@@ -13,7 +13,15 @@ from numpy.typing import NDArray
 from passerby.common.arrays import Floats, Ints
 from passerby.geometry.groups import group_sums
 from passerby.geometry.robust import cauchy_weights
-from passerby.solver.optimizer.couplings import Coupling, Cross, FullCoupling, SparseCoupling, occurs_seldom, sparse_sum
+from passerby.solver.optimizer.couplings import (
+    Coupling,
+    Cross,
+    FullCoupling,
+    SparseCoupling,
+    occurs_seldom,
+    sparse_sum,
+    subtract_product,
+)
 
 _TINY = 1e-12
 
@@ -275,8 +283,7 @@ class NormalEquations:
             H -= scaled @ cross.T
         else:
             scaled = scipy.sparse.csr_array(cross * (1.0 / G))
-            among = scipy.sparse.coo_array(scaled @ cross.T)
-            H[among.row, among.col] -= among.data
+            subtract_product(H, scaled, cross)
         gradient -= scaled @ group_gradient
         return Reduced(0.5 * (H + H.T), gradient, cross, G, group_gradient, eliminated)
 
