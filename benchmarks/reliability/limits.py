@@ -26,6 +26,7 @@ from passerby.calibration.pipeline import calibrate
 from passerby.core.observations import CameraObservations, Observations
 from passerby.scene.scene import Scene
 from passerby.simulation import SimulationOptions, simulate, write_scene
+from reliability.verdict_figures import Judged, judged, section, wanted_cases
 
 FIRST_SEED, SEEDS = 940, 4
 PRESETS = ("terrace", "basketball", "construction")
@@ -62,9 +63,16 @@ def _page(seeds: int) -> Iterator[Page]:
         for people, seconds in AMOUNTS
         for seed in range(FIRST_SEED, FIRST_SEED + seeds)
     ]
+    cases = wanted_cases(seeds)
     with ProcessPoolExecutor(2) as pool:
         trials = list(pool.map(_trial, *zip(*wanted, strict=True)))
-    yield Page("limits", _text(trials))
+        yield Page("limits", _text(trials))
+        results: list[Judged] = []
+        for count, one in enumerate(pool.map(judged, cases), 1):
+            results += [] if one is None else [one]
+            if count % 20 == 0 or count == len(cases):
+                print(f"figures of the verdict: {count} of {len(cases)} scenes", file=sys.stderr, flush=True)
+    yield Page("limits", f"{_text(trials)}\n{section(results)}\n")
 
 
 def _trial(preset: str, people: int, seconds: float, seed: int) -> Trial:

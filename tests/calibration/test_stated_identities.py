@@ -49,6 +49,7 @@ def identity(calibration, one):
     return int(boxes.identity[inside & (boxes.frame == one["frame"])][0])
 
 
+@pytest.mark.slow
 def test_two_people_stated_to_be_one_and_one_person_to_be_two(small):
     """Against the truth, so that it has to be the statement that decides."""
     first, second = alone_in(small, "C1", 1), alone_in(small, "C2", 2)

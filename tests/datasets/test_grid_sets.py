@@ -180,6 +180,7 @@ def test_a_box_that_ends_before_it_begins_is_left_out(broken) -> None:
     assert any(f"{annotation(folder).name}, person {who}, viewNum 0" in note for note in found.notes)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", sorted(WRITERS))
 def test_from_the_published_files_to_a_calibration(name, tmp_path) -> None:
     """Measured: wildtrack 11.0 mm and 0.071 degrees, multiviewx 9.8 mm and 0.072 degrees.

@@ -87,6 +87,7 @@ def test_small_rigs_are_not_thinned_unless_asked(tmp_path, capsys):
     assert json.loads(capsys.readouterr().out)["thinning"] is None
 
 
+@pytest.mark.slow
 def test_rigs_of_many_cameras_have_a_budget(tmp_path, capsys):
     rig = rooms()
     paths = write_watched(tmp_path, calibrated(rig), walkers_in_rooms(rig, 60))

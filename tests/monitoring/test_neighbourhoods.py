@@ -129,6 +129,7 @@ def test_the_result_does_not_depend_on_who_does_the_work(tmp_path):
     assert "NaN" not in json.dumps(alone)
 
 
+@pytest.mark.slow
 def test_cameras_without_a_neighbour_can_not_be_told(tmp_path, capsys):
     far = replace(RIG["C16"], pose=Pose.from_centre(RIG["C16"].pose.R_cw, RIG["C16"].pose.centre + [500.0, 0, 0]))
     apart = replace(GIVEN, cameras=(*GIVEN.cameras[:15], replace(far, sigma=GIVEN["C16"].sigma)))

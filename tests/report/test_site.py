@@ -65,6 +65,7 @@ def value_of(path):
     return json.loads(told[2])
 
 
+@pytest.mark.slow
 def test_fifty_cameras_are_one_file_and_more_have_files_beside_the_page(tmp_path, written):
     few = tmp_path / "report.html"
     write_report(site(EMBEDDED_CAMERAS, seconds=4), few)
@@ -182,6 +183,7 @@ def test_a_new_calibration_takes_an_earlier_reports_files_along(calibrated, cont
     assert not report_folder(path).exists()
 
 
+@pytest.mark.slow
 def test_names_are_data_in_every_file(contents, tmp_path):
     hostile = ["</script><script>alert(1)</script>", "\"'><img src=x onerror=alert(2)>", "a/../b", "Küche Ⅲ 🎥"]
     path = tmp_path / "report.html"

@@ -56,7 +56,7 @@ def assert_metric(found: Comparison, *, ground_mm: float = 50.0, gravity_deg: fl
     assert found.ground_error_mm < ground_mm
 
 
-@pytest.mark.parametrize("preset", PRESETS)
+@thinned("preset", PRESETS)
 def test_presets_are_solved_in_shape_scale_vertical_and_ground(preset: str) -> None:
     solution = solved(preset)
     position, orientation, found = errors(solution, simulated(preset).rig)

@@ -187,6 +187,7 @@ def test_right_lenses_stay() -> None:
     assert far_lenses(refined.figures.lenses) == []
 
 
+@pytest.mark.slow
 def test_a_principal_point_that_boxes_do_not_tell_stays_as_stated_and_is_said_to() -> None:
     refined, truth = solved((), ("principal_point",))
     moved = [refined.rig[name].lens.matrix[:2, 2] - truth[name].lens.matrix[:2, 2] for name in truth.names]

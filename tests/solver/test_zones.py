@@ -123,6 +123,7 @@ def test_evidence_of_large_rigs_is_drawn_overlap_by_overlap() -> None:
     assert of_last[1] > 0.9 * of_last[0]
 
 
+@pytest.mark.slow
 def test_a_corridor_of_forty_cameras_ends_where_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
     rig = corridor()
     seen = people_in(rig, np.random.default_rng(3))

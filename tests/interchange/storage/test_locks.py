@@ -57,6 +57,7 @@ def test_a_killed_process_leaves_a_file_and_no_lock(tmp_path, holder):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_never_two_at_once(tmp_path):
     """Many threads that take the lock, and delete its file, again and again, while the folder is removed when empty."""
     inside, most, done, ended = [], [], [], threading.Event()

@@ -1,0 +1,157 @@
+"""What the figures behind limits of the verdict come to in right rigs and in wrong ones, on seeds kept for limits."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import numpy as np
+
+from pages.page import table
+from passerby.calibration.calibration import Calibration
+from passerby.calibration.diagnostics.covisibility import LEAST_FOUND, people_missed
+from passerby.calibration.diagnostics.ground_planarity import HARMFUL_M
+from passerby.common.errors import InputError
+from passerby.core.figures import AdjustedFigures
+from passerby.solver.consistency import LEAST_AGREEING
+from reliability.hostile import HOSTILE
+from reliability.judging import calibrated, errors_of
+from reliability.ordinary import ordinary_scene
+
+ORDINARY_SEED, HOSTILE_SEED = 940_000, 941_000
+"""The first ones; no page of results uses them."""
+ORDINARY = "ordinary"
+
+
+@dataclass(frozen=True)
+class Figure:
+    """What a limit of the verdict is held against."""
+
+    limit: float
+    constant: str
+    text: str
+    code: str
+    """Of the finding."""
+    least: bool
+    """Whether values below the limit speak against the rig; otherwise those above do."""
+    tried: Sequence[float]
+    """Other limits."""
+
+    def speaks(self, value: float, limit: float) -> bool:
+        """Whether a value speaks against the rig."""
+        return value < limit if self.least else value > limit
+
+
+FIGURES: Mapping[str, Figure] = MappingProxyType({
+    "found": Figure(
+        LEAST_FOUND, "LEAST_FOUND in `calibration/diagnostics/covisibility.py`",
+        "of the people whom one camera sees and another one should, those that it does see, beyond chance; the worst pair",
+        "people_missed", True, (0.1, 0.2, 0.28, 0.35, 0.4, 0.5, 0.6),
+    ),
+    "agreeing": Figure(
+        LEAST_AGREEING, "LEAST_AGREEING in `solver/consistency.py`",
+        "of a camera's sightings and joints, those that agree with the rig; the worst camera", "camera_disagrees", True,
+        (0.5, 0.6, 0.65, 0.71, 0.75, 0.8, 0.85),
+    ),
+    "rise": Figure(
+        HARMFUL_M, "HARMFUL_M in `calibration/diagnostics/ground_planarity.py`",
+        "how far people's ground rises, metres, where it is told to be uneven", "ground_uneven", False,
+        (0.12, 0.15, 0.18, 0.22, 0.25, 0.3, 0.4),
+    ),
+})  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Judged:
+    """One scene."""
+
+    case: str
+    """`ORDINARY` or the name of a hostile case."""
+    wrong: bool
+    """Whether a camera is off by more than may be accepted."""
+    codes: tuple[str, ...]
+    """Of the doubts."""
+    values: Mapping[str, float]
+    """Of the figures, NaN where there is none."""
+
+
+def wanted_cases(seeds: int) -> list[tuple[str, int]]:
+    """Ordinary scenes, so many times twenty, and each hostile case once for each seed."""
+    ordinary = [(ORDINARY, seed) for seed in range(ORDINARY_SEED, ORDINARY_SEED + 20 * seeds)]
+    return ordinary + [(name, HOSTILE_SEED + k) for k in range(max(1, seeds // 4)) for name in HOSTILE]
+
+
+def judged(case: tuple[str, int]) -> Judged | None:
+    """A case calibrated; None where its files are refused or fewer than two cameras have a pose."""
+    name, seed = case
+    scene = ordinary_scene(seed) if name == ORDINARY else HOSTILE[name][1](seed)
+    try:
+        found = calibrated(scene)
+    except InputError:
+        return None
+    truths = [scene.truth] if scene.later is None else [scene.truth, scene.later]
+    errors = [one for truth in truths if (one := errors_of(found.rig, truth)) is not None]
+    if not errors:
+        return None
+    codes = tuple(one.code for one in found.doubts)
+    return Judged(name, any(one.wrong for one in errors), codes, _values(found))
+
+
+def _values(found: Calibration) -> dict[str, float]:
+    missed = people_missed(found.rig, found.instants)
+    figures = found.figures
+    shares = (
+        [one.agreeing / one.sightings for one in figures.cameras if one.sightings and one.agreeing is not None]
+        if isinstance(figures, AdjustedFigures)
+        else []
+    )
+    rises = [float(one.values["rise_m"]) for one in found.diagnostics if one.code == "ground_uneven"]
+    return {
+        "found": min((pair.share for pair in missed), default=math.nan),
+        "agreeing": min(shares, default=math.nan),
+        "rise": max(rises, default=0.0),
+    }
+
+
+def section(results: Sequence[Judged]) -> str:
+    """A table of what each figure comes to, and one of what other limits would do."""
+    kinds = {
+        "ordinary scenes, right": [one for one in results if one.case == ORDINARY and not one.wrong],
+        "hostile cases, right": [one for one in results if one.case != ORDINARY and not one.wrong],
+        "wrong rigs": [one for one in results if one.wrong],
+    }
+    parts = [f"## Figures of the verdict\n\n{_HEAD}"]
+    for name, figure in FIGURES.items():
+        rows = []
+        for kind, some in kinds.items():
+            values = np.array([one.values[name] for one in some])
+            known = values[np.isfinite(values)]
+            worst = (0.0, 0.01, 0.05, 0.5) if figure.least else (1.0, 0.99, 0.95, 0.5)
+            quantiles = [f"{np.quantile(known, q):.2f}" for q in worst] if len(known) else ["-"] * 4
+            rows.append([kind, str(len(known)), *quantiles])
+        curve = []
+        for limit in figure.tried:
+            alone = [one for one in kinds["wrong rigs"] if set(one.codes) <= {figure.code}]
+            curve.append([
+                f"**{limit:g}**" if limit == figure.limit else f"{limit:g}",
+                *(_share(figure, name, some, limit) for some in kinds.values()),
+                str(sum(figure.speaks(one.values[name], limit) for one in alone)),
+            ])  # fmt: skip
+        quantities = table(("", "rigs", "worst", "1 % are worse", "5 % are worse", "median"), rows)
+        trade = table(("limit", *kinds, "wrong rigs that nothing else tells"), curve)
+        head = f"### {figure.constant}: {figure.limit:g}\n\n{figure.text.capitalize()}."
+        parts += [head, quantities, "Rigs that a limit speaks against:", trade]
+    return "\n\n".join(parts)
+
+
+def _share(figure: Figure, name: str, some: Sequence[Judged], limit: float) -> str:
+    known = [one.values[name] for one in some if math.isfinite(one.values[name])]
+    beyond = sum(figure.speaks(value, limit) for value in known)
+    return f"{beyond} of {len(known)}"
+
+
+_HEAD = f"""Ordinary scenes, seeds from {ORDINARY_SEED}, and the [hostile cases](../reliability.md) on another seed,
+{HOSTILE_SEED}. *wrong*: a camera is off by more than may be accepted. The limit in force is bold. A limit should speak against
+no right rig of an ordinary scene, and against the wrong rigs that nothing else tells."""
