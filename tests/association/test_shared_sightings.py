@@ -6,9 +6,12 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from passerby.association.associate import compared_pairs
+from passerby.association.associate import Tracklets, _seeing_one, compared_pairs
 from passerby.association.graph import Edge, ViewGraph
+from passerby.association.ground.ray_affinity import RayTracks
+from passerby.association.sampling import STEP_S
 from passerby.association.shared_sightings import joined_sightings
+from passerby.core.cameras import Pose
 from passerby.core.observations import Boxes, CameraObservations, Observations
 
 CHAIN = [("A", "B"), ("B", "C"), ("E", "D")]
@@ -85,3 +88,20 @@ def test_of_many_cameras_registered_pairs_are_compared_and_the_candidates_of_cam
     graph = ViewGraph(edges, ((0, 1, 2), (3,)), np.zeros(4))
     assert list(compared_pairs(graph, 4, {(0, 2), (0, 3), (2, 3)})) == [(0, 1), (0, 3), (1, 2), (2, 3)]
     assert len(compared_pairs(graph, 4, None)) == 6
+
+
+def test_who_is_seen_as_one_by_cameras_at_one_time_has_their_say() -> None:
+    """Cameras 0 and 1 see person 7 at the same steps of the common clock, camera 2 sees them before; camera 3 has no pose."""
+
+    def track(steps: list[int], tracklet: int) -> RayTracks:
+        n = len(steps)
+        own = np.array(steps), np.full(n, tracklet)
+        return RayTracks(*own, np.zeros((n, 3)), np.zeros((n, 3)), np.ones(n), Pose(np.eye(3), np.zeros(3)))
+
+    first = np.array([0, 2, 3, 4, 5])  # camera 0 has two tracklets, the others one each
+    tracklets = Tracklets(first, np.zeros(5), np.ones(5), (np.zeros(0, np.int64), np.zeros(0, np.int64)))
+    tracks = [track([10, 11, 12], 1), track([0, 1, 2], 0), track([5, 6], 0), None]
+    offset_s = np.array([0.0, 10 * STEP_S, 0.0, 0.0])
+    assert _seeing_one(tracklets, tracks, offset_s, np.array([3, 7, 7, 7, 7])) == [(0, 1)]
+    assert _seeing_one(tracklets, tracks, np.zeros(4), np.array([3, 7, 7, 7, 7])) == []
+    assert _seeing_one(tracklets, tracks, offset_s, np.array([7, 3, 7, 7, 7])) == []
