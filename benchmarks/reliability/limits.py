@@ -18,7 +18,10 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+from datasets import ROOT
+from pages.cases import run_cases
 from pages.commit import commit
+from pages.kept import Kept
 from pages.page import Page, publish, table
 from passerby.calibration.calibration import Calibration
 from passerby.calibration.held_out import HARMFUL_RATIO, held_out_ratio, hold_out, is_held_out
@@ -26,9 +29,10 @@ from passerby.calibration.pipeline import calibrate
 from passerby.core.observations import CameraObservations, Observations
 from passerby.scene.scene import Scene
 from passerby.simulation import SimulationOptions, simulate, write_scene
-from reliability.verdict_figures import Judged, judged, section, wanted_cases
+from reliability import verdict_figures
 
 FIRST_SEED, SEEDS = 940, 4
+KEPT = ROOT / "build" / "limits"
 PRESETS = ("terrace", "basketball", "construction")
 AMOUNTS = ((2, 15.0), (3, 30.0), (6, 30.0), (8, 60.0), (4, 90.0))
 """People and seconds."""
@@ -63,16 +67,13 @@ def _page(seeds: int) -> Iterator[Page]:
         for people, seconds in AMOUNTS
         for seed in range(FIRST_SEED, FIRST_SEED + seeds)
     ]
-    cases = wanted_cases(seeds)
     with ProcessPoolExecutor(2) as pool:
         trials = list(pool.map(_trial, *zip(*wanted, strict=True)))
-        yield Page("limits", _text(trials))
-        results: list[Judged] = []
-        for count, one in enumerate(pool.map(judged, cases), 1):
-            results += [] if one is None else [one]
-            if count % 20 == 0 or count == len(cases):
-                print(f"figures of the verdict: {count} of {len(cases)} scenes", file=sys.stderr, flush=True)
-    yield Page("limits", f"{_text(trials)}\n{section(results)}\n")
+    text = _text(trials)
+    yield Page("limits", text)
+    store = Kept(KEPT, ("reliability",))
+    for done in run_cases(store, "figures", verdict_figures.cases(seeds), verdict_figures.measure, 2):
+        yield Page("limits", f"{text}\n{verdict_figures.section(done)}\n")
 
 
 def _trial(preset: str, people: int, seconds: float, seed: int) -> Trial:

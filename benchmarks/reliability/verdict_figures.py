@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
+from pages.cases import Outcomes
 from pages.page import table
 from passerby.calibration.calibration import Calibration
 from passerby.calibration.diagnostics.covisibility import LEAST_FOUND, people_missed
@@ -77,14 +79,21 @@ class Judged:
     """Of the figures, NaN where there is none."""
 
 
-def wanted_cases(seeds: int) -> list[tuple[str, int]]:
-    """Ordinary scenes, so many times twenty, and each hostile case once for each seed."""
+def cases(seeds: int) -> dict[str, tuple[str, int]]:
+    """Ordinary scenes, twenty for each seed, and each hostile case once for every four, by key."""
     ordinary = [(ORDINARY, seed) for seed in range(ORDINARY_SEED, ORDINARY_SEED + 20 * seeds)]
-    return ordinary + [(name, HOSTILE_SEED + k) for k in range(max(1, seeds // 4)) for name in HOSTILE]
+    hostile = [(name, HOSTILE_SEED + k) for k in range(max(1, seeds // 4)) for name in HOSTILE]
+    return {f"{name} {seed}": (name, seed) for name, seed in ordinary + hostile}
+
+
+def measure(case: tuple[str, int]) -> dict[str, Any]:
+    """A case calibrated, as plain values; nothing where its files are refused or fewer than two cameras have a pose."""
+    found = judged(case)
+    return {} if found is None else asdict(found)
 
 
 def judged(case: tuple[str, int]) -> Judged | None:
-    """A case calibrated; None where its files are refused or fewer than two cameras have a pose."""
+    """The same with its types."""
     name, seed = case
     scene = ordinary_scene(seed) if name == ORDINARY else HOSTILE[name][1](seed)
     try:
@@ -115,8 +124,9 @@ def _values(found: Calibration) -> dict[str, float]:
     }
 
 
-def section(results: Sequence[Judged]) -> str:
-    """A table of what each figure comes to, and one of what other limits would do."""
+def section(outcomes: Outcomes) -> str:
+    """A table of what each figure comes to, and one of what other limits would do; `outcomes` of `measure`, by key."""
+    results = [Judged(**one) for one in outcomes.values() if one]
     kinds = {
         "ordinary scenes, right": [one for one in results if one.case == ORDINARY and not one.wrong],
         "hostile cases, right": [one for one in results if one.case != ORDINARY and not one.wrong],
