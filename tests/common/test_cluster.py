@@ -3,6 +3,7 @@
 import gc
 import os
 import shlex
+import signal
 import sys
 import threading
 import time
@@ -12,6 +13,7 @@ import psutil
 import pytest
 
 from passerby.cli.main import run
+from passerby.common import parallel
 from passerby.common.cluster import OTHER_VERSION, cluster_workers
 from passerby.common.errors import InputError
 from sites import loopback
@@ -76,6 +78,29 @@ def test_the_commands_of_the_documentation(site, tmp_path, monkeypatch):
         assert address in arguments
         assert run(arguments) == status
     assert loopback.contents(tmp_path / "out") == loopback.contents(folder / "alone")
+
+
+def dying_beside_others():
+    """A job that takes its worker with it unless it is alone: a batch of several does."""
+
+    def work(marks):
+        for mark in marks:
+            mark.touch()
+        if len(marks) > 1:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return [mark.name for mark in marks]
+
+    return work
+
+
+def test_a_job_whose_workers_die_is_given_once_more_in_parts(scheduler, workers, tmp_path):
+    marks = [tmp_path / f"mark-{k}" for k in range(3)]
+    with cluster_workers(scheduler[0], tmp_path / "out") as executor:
+        (found,) = parallel._results(executor, dying_beside_others(), [marks])
+    assert found == [mark.name for mark in marks]
+    said = "workers died again and again at one job"
+    with pytest.raises(InputError, match=said), cluster_workers(scheduler[0], tmp_path / "out") as executor:
+        list(parallel._results(executor, lambda _: os.kill(os.getpid(), signal.SIGKILL), [marks]))
 
 
 def test_a_scheduler_that_dies_is_one_line(scheduler, workers, site, tmp_path, capfd):

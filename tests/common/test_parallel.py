@@ -35,6 +35,37 @@ def test_results_come_in_order_and_are_counted(threads):
     assert told == [("squares", 0, 3), ("squares", 1, 3), ("squares", 2, 3), ("squares", 3, 3)]
 
 
+class Dying(ThreadPoolExecutor):
+    """Batches of several jobs die, and a job alone so many times as it says."""
+
+    died = (ConnectionError,)
+    least_s = 2.0
+
+    def __init__(self, deaths):
+        super().__init__(2)
+        self.deaths, self.given = dict(deaths), []
+
+    def submit(self, fn, batch):
+        self.given.append(list(batch))
+        if len(batch) > 1 and set(batch) & set(self.deaths):
+            return super().submit(self.die)
+        if self.deaths.get(batch[0], 0) > 1 and len(batch) == 1:
+            return super().submit(self.die)
+        return super().submit(fn, batch)
+
+    def die(self):
+        raise ConnectionError
+
+
+def test_jobs_whose_workers_died_are_given_once_more_one_by_one():
+    executor = Dying({3: 1})
+    results = side_by_side(squared, list(range(6)), executor, lambda *part: None, "squares", job_s=1.0)
+    assert results == [0, 1, 4, 9, 16, 25]
+    assert executor.given == [[0, 1], [2, 3], [4, 5], [2], [3]]
+    with pytest.raises(ConnectionError):
+        side_by_side(squared, list(range(6)), Dying({3: 2}), lambda *part: None, "squares", job_s=1.0)
+
+
 def test_processes_pay_where_there_is_much_to_do_and_more_than_one():
     assert not pays(100_000, 4, 8), "four cameras for half a minute"
     assert not pays(10**9, 7, 1)

@@ -47,6 +47,10 @@ class ClusterExecutor(Executor):
     least_s = LEAST_S
 
     def __init__(self, client: Client) -> None:
+        from distributed import KilledWorker
+
+        self.died: tuple[type[Exception], ...] = (KilledWorker,)
+        """What a job ends with whose workers died one after the other: by its fault, or because it was long and many died."""
         # Nothing is known of a job by its arguments: tokens of arrays would cost more than they save.
         self._inner: Executor = client.get_executor(pure=False)  # type: ignore[no-untyped-call]
         self._folder, self._versions = Path.cwd(), _versions()

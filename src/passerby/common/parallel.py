@@ -49,6 +49,8 @@ def side_by_side(
         tell: told the stage, and each job that is done.
         stage: its name.
         job_s: what a job takes, roughly, seconds: an executor that has `least_s` is given so many at once that they take that.
+
+    Where jobs end with one of the exceptions that an executor names as `died`, they are given to it once more, one by one.
     """
     tell(stage, 0, len(jobs))
     results: list[Result] = []
@@ -67,18 +69,27 @@ def side_by_side(
     return results
 
 
-def _results(executor: Executor, function: Callable[[Job], Result], jobs: Sequence[Job]) -> Iterator[Result]:
-    """The results of an executor, in the order of the jobs; jobs that wait are cancelled where one fails.
+def _results(
+    executor: Executor, function: Callable[[Sequence[Job]], list[Result]], batches: Sequence[Sequence[Job]]
+) -> Iterator[list[Result]]:
+    """The results of an executor, in the order of the batches of jobs; those that wait are cancelled where one fails.
 
     Not so in a local pool, which is about to end: when its processes end before it has taken note that a job was cancelled,
     Python 3.11's pool reports that as an error of its own.
     """
-    futures: list[Future[Result]] = []
+    died: tuple[type[Exception], ...] = getattr(executor, "died", ())
+    futures: list[Future[list[Result]]] = []
     try:
         with interrupted_later():  # Jobs are given one by one, and a process is begun for some of them.
-            futures.extend(executor.submit(function, job) for job in jobs)
-        for future in futures:
-            yield future.result()
+            futures.extend(executor.submit(function, batch) for batch in batches)
+        for future, batch in zip(tuple(futures), batches, strict=True):
+            try:
+                found = future.result()
+            except died:
+                again = [executor.submit(function, [job]) for job in batch]
+                futures.extend(again)
+                found = [result for one in again for result in one.result()]
+            yield found
     finally:
         if not isinstance(executor, _LocalPool):
             for future in futures:
