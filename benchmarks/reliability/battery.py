@@ -10,7 +10,7 @@ from typing import Any
 from pages.page import table
 from pages.sections import Found
 from reliability import hostile, ordinary
-from reliability.hostile import HOSTILE
+from reliability.hostile import EVERY
 from reliability.judging import MOST_DEG, MOST_M, MOST_SIGMAS
 from reliability.page import Line, part_found
 from reliability.runs import Wanted, kept, percent, seeds
@@ -25,7 +25,7 @@ MOST_REFUSED = 0.03
 
 def run(wanted: Wanted) -> Found:
     """All hostile cases and all ordinary scenes; a few of each in a quick run."""
-    names = QUICK_CASES if wanted.quick else tuple(HOSTILE)
+    names = QUICK_CASES if wanted.quick else tuple(EVERY)
     cases = {f"{name} {seed}": (name, seed) for seed in HOSTILE_SEEDS for name in names}
     found = kept(wanted, "hostile", cases, hostile.work)
     scenes = {str(seed): seed for seed in (ORDINARY_SEEDS[:QUICK_ORDINARY] if wanted.quick else ORDINARY_SEEDS)}
@@ -56,7 +56,7 @@ def _text(
 ) -> str:
     """The section."""
     rows = [
-        [HOSTILE[cases[key][0]][0], result["verdict"], *_errors(result), _first(result["reasons"])]
+        [EVERY[cases[key][0]][0], result["verdict"], *_errors(result), _first(result["reasons"])]
         for key, result in found.items()
     ]
     head = ("case", "verdict", "worst camera, mm", "degrees", "placed, mm", "first reason")

@@ -111,3 +111,24 @@ def test_only_accepted_wrong_rigs_are_false_accepts(bench: Bench) -> None:
         "right": {"verdict": "accepted", "wrong": False},
     }
     assert bench("reliability.battery").false_accepts(results) == ["wrong"]
+
+
+def test_pairs_of_faults_spoil_two_cameras_and_leave_the_others(bench: Bench) -> None:
+    pairs = bench("reliability.hostile_pairs")
+    names = list(pairs.FAULTS)
+    assert len(pairs.PAIRS) == len(names) * (len(names) - 1) // 2
+    assert set(pairs.PAIRS) < set(bench("reliability.hostile").EVERY)
+    scene = bench("reliability.staging").staged(SEED)
+    for name, fault in pairs.FAULTS.items():
+        spoilt = fault.spoil(scene, pairs.FIRST)
+        changed = {
+            camera for camera in scene.boxes
+            if spoilt.lenses[camera] is not scene.lenses[camera] or spoilt.boxes[camera] is not scene.boxes[camera]
+        }  # fmt: skip
+        assert changed == {pairs.FIRST}, name
+        boxes = spoilt.boxes[pairs.FIRST]
+        assert len(boxes) > 0
+        assert np.isfinite(boxes.ltwh).all()
+        assert (boxes.frame >= 1).all()
+        assert (np.diff(boxes.frame) >= 0).all(), name
+        assert len(spoilt.who[pairs.FIRST]) == len(boxes), name
