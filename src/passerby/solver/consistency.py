@@ -23,7 +23,7 @@ LEAST_AGREEING = 0.71
 """Of a right rig 97 to 100 % of each camera's sightings agree in ordinary scenes; 85 % where 30 % of the identities are wrong,
 82 % in MultiviewX' nearest camera and with a false box under the name of nearly every person who is out of view, 73 % in a
 scene of five people with 150 boxes a camera. Of rigs that are off by more than 0.5 m or 3 degrees 24 to 73 % do, in the camera
-that is off, or more than `MOST_CHANGE` speaks."""
+that is off, or more than `MOST_CHANGE` speaks. What other limits would do: docs/results/limits.md."""
 MOST_CHANGE = 0.42
 """Between the stretch where most agrees and that where least does, it is at most 0.10 in ordinary scenes, 0.13 in the real
 sets, 0.19 with false boxes under people's names; 0.48 to 1.0 where a camera moved, frames were lost, or a clock ran 4 % too

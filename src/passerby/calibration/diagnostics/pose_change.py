@@ -39,9 +39,8 @@ MOST_TRIED, LEAST_TOGETHER = 60, 6
 MIDDLE_GAIN = 15.0
 BORNE_OUT = 0.75, 1.6
 """A move is told where both of its poses are so much better in their time than the other's, as a share of what the move would
-make of it: 0.8 to 0.95 for moves of 0.1 to 0.5 m or 1 to 10 degrees; people on a stretch of time who are taken for others, or
-work near the ground, stay below 0.3 on one side, or come to 1.9 and 3.6, as what is worse than any move makes it. On PETS2009,
-whose cameras stand still and see people up to 94 m away, it comes to 0.68 at most."""
+make of it. In simulated scenes (docs/results/limits.md) it is 0.85 to 0.96 for moves of 0.1 to 0.5 m or 1 to 10 degrees, and
+0.71 at most where people are taken for others; nothing there comes near the upper limit."""
 ZOOM_BORNE_OUT = 0.6
 """The least of it for a zoom, which people who are taken for others do not resemble."""
 LEAST_GAIN, LEAST_SIGMAS, LEAST_SHIFT = 40.0, 10.0, 0.03

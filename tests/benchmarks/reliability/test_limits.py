@@ -1,0 +1,39 @@
+"""Limits of the verdict are those of the page that says where they come from."""
+
+from __future__ import annotations
+
+import importlib
+import re
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+
+Bench = Callable[[str], ModuleType]
+PAGE = Path(__file__).resolve().parents[3] / "docs" / "results" / "limits.md"
+STATED = re.compile(r"`?(?P<name>[A-Z_]+)`? in `(?:passerby/)?(?P<module>[a-z_/]+)\.py`(?:: | is )(?P<values>[\d., ]*\d)")
+MEASURED = {"HARMFUL_RATIO", "BORNE_OUT", "LEAST_FOUND", "LEAST_AGREEING", "HARMFUL_M"}
+
+
+def test_the_page_states_the_limits_in_force_and_the_run_they_were_measured_by() -> None:
+    text = PAGE.read_text(encoding="utf-8")
+    stated = {one["name"]: one for one in STATED.finditer(text)}
+    assert set(stated) == MEASURED
+    for name, one in stated.items():
+        module = importlib.import_module(f"passerby.{one['module'].replace('/', '.')}")
+        in_force = np.atleast_1d(getattr(module, name)).tolist()
+        assert [float(value) for value in one["values"].split(",")] == in_force, name
+    assert re.search(r"Code of commit `[0-9a-f]{10}`\.", text)
+
+
+def test_a_move_is_found_and_nobody_moves_where_nobody_does(bench: Bench) -> None:
+    moves = bench("reliability.move_figures")
+    wanted = moves.cases(1)
+    kinds = {case.kind for case in wanted.values()}
+    assert len(kinds) == 2 + len(moves.TURNS_DEG) + len(moves.SHIFTS_M)
+    still = next(case for case in wanted.values() if case.kind == moves.STILL)
+    turned = next(case for case in wanted.values() if case.pan_deg == 4.0)
+    assert moves.measure(still)["changes"] == []
+    (found,) = (one for one in moves.measure(turned)["changes"] if one["moved"])
+    assert moves.BORNE_OUT[0] < found["least"] <= found["most"] < moves.BORNE_OUT[1]
