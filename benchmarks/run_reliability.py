@@ -21,7 +21,15 @@ from reliability.page import reliability_page
 from reliability.runs import ROOT, Wanted
 
 PARTS: Mapping[str, str] = MappingProxyType(
-    {"coverage": "coverage", "verdict": "battery", "lenses": "lenses", "monitor": "watch", "fuzz": "fuzz", "faults": "faults"}
+    {
+        "coverage": "coverage",
+        "bound": "bound",
+        "verdict": "battery",
+        "lenses": "lenses",
+        "monitor": "watch",
+        "fuzz": "fuzz",
+        "faults": "faults",
+    }
 )
 """Part -> module of `reliability`."""
 COMMAND = "make reliability"

@@ -12,12 +12,14 @@ from reliability.runs import CODE
 
 HEAD = """# Reliability
 
-This page compares Passerby's own statements with the truth. Do its sigmas match its errors? Does its verdict accept a wrong
-rig? Does it name the intrinsics that are wrong, and no others? Does the monitor detect a camera that moved, without false
-alarms? Can a damaged file or a fault of the machine destroy finished work or cause a wrong answer without a warning?
+This page compares Passerby's own statements with the truth. Do its sigmas match its errors? How near are the errors to the
+least possible ones? Does its verdict accept a wrong rig? Does it name the intrinsics that are wrong, and no others? Does the
+monitor detect a camera that moved, without false alarms? Can a damaged file or a fault of the machine destroy finished work or
+cause a wrong answer without a warning?
 """
 HEADINGS: Mapping[str, Heading] = {
     "coverage": Heading("Sigmas"),
+    "bound": Heading("Errors against the Cramer-Rao bound"),
     "verdict": Heading("The verdict"),
     "lenses": Heading("Stated intrinsics"),
     "monitor": Heading("The monitor"),
