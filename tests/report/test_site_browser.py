@@ -127,6 +127,34 @@ def test_cameras_are_turned_over_and_asked_for_by_name_and_by_address(opened):
     linked.until(SHOWN.format("cam-042"))
 
 
+TYPED = """new MutationObserver(function (_, watcher) {{
+    const field = document.getElementById("camera-name");
+    if (!field || !({moment})) return;
+    watcher.disconnect();
+    field.focus();
+    field.value = "{text}";
+}}).observe(document, {{ childList: true, subtree: true }});"""
+PARSED = 'document.getElementById("camera-names")?.lastElementChild?.value === "cam-064" && document.getElementById("camera-view")'
+TO_THE_VIEWS = "document.getElementById('views').scrollIntoView()"
+GIVEN = "document.getElementById('camera-name').dispatchEvent(new Event('change'))"
+
+
+def test_a_name_that_is_given_before_the_script_runs_counts(opened):
+    one = opened(before=TYPED.format(moment=PARSED, text="cam-012"))
+    one.told(TO_THE_VIEWS)
+    one.until(SHOWN.format("cam-012"))
+    assert one.page.input_value("#camera-name") == "cam-012"
+
+
+def test_a_name_that_is_being_typed_is_not_replaced_by_the_first_camera(opened):
+    one = opened(before=TYPED.format(moment=PARSED, text="cam-01"))
+    one.told(TO_THE_VIEWS)
+    one.page.wait_for_timeout(500)
+    assert one.page.input_value("#camera-name") == "cam-01"
+    one.told(GIVEN)
+    one.until(SHOWN.format("cam-010"))
+
+
 def test_layers_are_switched_for_whichever_camera_is_shown(opened):
     one = opened(fragment="#camera=0")
     one.until(SHOWN.format("cam-001"))

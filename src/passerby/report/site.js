@@ -42,20 +42,24 @@
     try { history.replaceState(null, "", "#camera=" + place); } catch (error) { /* It is only for links. */ }
   }
 
-  field.addEventListener("change", function () {
+  function choose() {
     const text = field.value.trim().toLowerCase();
     let place = names.indexOf(field.value.trim());
     if (place < 0) place = names.findIndex((name) => name.toLowerCase() === text);
     if (place < 0 && text) place = names.findIndex((name) => name.toLowerCase().includes(text));
     if (place < 0) note.textContent = "No camera has this name."; else turnTo(place);
-  });
+  }
+
+  field.addEventListener("change", choose);
+  // A large page is seen before its scripts run: a name that was given until now counts too, one that is being typed may go on.
+  if (field.value.trim() && (names.includes(field.value.trim()) || document.activeElement !== field)) choose();
   document.querySelectorAll("button[data-step]").forEach((one) => one.addEventListener("click", function () {
     turnTo((Math.max(shown, 0) + Number(one.dataset.step) + names.length) % names.length);
   }));
   new IntersectionObserver(function (entries, watcher) {
     if (!entries.some((entry) => entry.isIntersecting)) return;
     watcher.disconnect();
-    if (shown < 0) show(Math.max(asked(), 0), false);
+    if (shown < 0 && !field.value) show(Math.max(asked(), 0), false); // what somebody types is not replaced
   }, { rootMargin: "300px" }).observe(find("views"));
   if (asked() >= 0) show(asked(), true);
 

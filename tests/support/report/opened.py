@@ -12,13 +12,15 @@ WITHOUT_WEBGL = """const usual = HTMLCanvasElement.prototype.getContext;
 
 
 class OpenedFile:
-    """A page of a report, without WebGL, which takes seconds."""
+    """A page of a report, without WebGL, which takes seconds; `before` runs before the page's own scripts."""
 
-    def __init__(self, browser, path, size=LAPTOP, scheme="light", fragment="", **more):
+    def __init__(self, browser, path, size=LAPTOP, scheme="light", fragment="", before="", **more):
         self.path = path
         context = browser.new_context(viewport=size, color_scheme=scheme, reduced_motion="reduce", **more)
         context.set_default_timeout(1000 * PATIENCE_S)
         context.add_init_script(WITHOUT_WEBGL)
+        if before:
+            context.add_init_script(before)
         self.page, self.said, self.fetched = context.new_page(), [], []
         self.page.on("console", lambda one: self.said.append(one.text) if one.type == "error" else None)
         self.page.on("pageerror", lambda error: self.said.append(str(error)))
