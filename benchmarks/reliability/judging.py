@@ -10,6 +10,7 @@ to 5 % may be wrong by 10 %.
 from __future__ import annotations
 
 import time
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -45,16 +46,21 @@ def calibrated(scene: HandedIn) -> Calibration:
 
 def judge(scene: HandedIn) -> dict[str, Any]:
     """JSON-ready: the verdict, the reasons, and how wrong the rig is."""
+    truths = [scene.truth] if scene.later is None else [scene.truth, scene.later]
+    return judge_run(lambda: calibrated(scene), truths)
+
+
+def judge_run(calibrate: Callable[[], Calibration], truths: Sequence[Rig]) -> dict[str, Any]:
+    """The same of any run: a rig is right only if it is right for all truths."""
     began = time.process_time()
     try:
-        found = calibrated(scene)
+        found = calibrate()
     except InputError as error:
         return {"verdict": "refused", "reasons": [str(error)], "wrong": False, "posed": 0, "seconds": 0.0}
     out: dict[str, Any] = {
         "verdict": found.verdict, "reasons": list(found.reasons), "findings": list(found.findings),
         "posed": len(found.rig.posed()), "cameras": len(found.rig), "seconds": time.process_time() - began,
     }  # fmt: skip
-    truths = [scene.truth] if scene.later is None else [scene.truth, scene.later]
     by_truth = [errors for truth in truths if (errors := errors_of(found.rig, truth)) is not None]
     if not by_truth:
         return out | {"wrong": False}

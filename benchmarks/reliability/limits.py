@@ -29,7 +29,7 @@ from passerby.calibration.pipeline import calibrate
 from passerby.core.observations import CameraObservations, Observations
 from passerby.scene.scene import Scene
 from passerby.simulation import SimulationOptions, simulate, write_scene
-from reliability import move_figures, verdict_figures
+from reliability import lens_figures, move_figures, verdict_figures
 
 FIRST_SEED, SEEDS = 940, 4
 KEPT = ROOT / "build" / "limits"
@@ -76,8 +76,12 @@ def _page(seeds: int) -> Iterator[Page]:
     for done in run_cases(store, "moves", moves, move_figures.measure, 2):
         with_moves = f"{text}\n{move_figures.section(done, moves)}"
         yield Page("limits", with_moves)
+    lenses = lens_figures.cases(seeds)
+    for done in run_cases(store, "lenses", lenses, lens_figures.measure, 2):
+        with_lenses = f"{with_moves}\n{lens_figures.section(done, lenses)}"
+        yield Page("limits", with_lenses)
     for done in run_cases(store, "figures", verdict_figures.cases(seeds), verdict_figures.measure, 2):
-        yield Page("limits", f"{with_moves}\n{verdict_figures.section(done)}\n")
+        yield Page("limits", f"{with_lenses}\n{verdict_figures.section(done)}\n")
 
 
 def _trial(preset: str, people: int, seconds: float, seed: int) -> Trial:

@@ -7,7 +7,7 @@ likely ones that is taken which leaves least for another lens to explain.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,8 +19,9 @@ from passerby.solver.initialisation import Fit, Initialisation
 from passerby.solver.lens_scores import LensHypothesis, LensScore, farthest, plausible, score_lenses
 from passerby.solver.lens_sigmas import BOXES_MISLEAD
 
-LEAST_GAIN = 30.0
-"""Of twice the log likelihood, for a lens to be worth a refit."""
+LEAST_GAIN, LEAST_GAIN_OF_JOINTS = 15.0, 30.0
+"""Of twice the log likelihood, for a lens to be worth a refit: by boxes alone, and where there are joints, which err alike so
+that more of them average nothing out (`docs/results/limits.md`)."""
 RIVAL_SHARE, MOST_RIVALS = 0.75, 3
 """Hypotheses with this share of the largest gain may be the right one: so many are tried."""
 LEAST_SIGMAS = 2.0
@@ -48,27 +49,37 @@ class ContradictedLens:
     """One sigma of it."""
 
 
-def contradicted_lenses(start: Initialisation, fit: Fit, inflation: float) -> list[ContradictedLens]:
+def contradicted_lenses(
+    start: Initialisation, fit: Fit, inflation: float, least_gain: float | None = None
+) -> list[ContradictedLens]:
     """The parts of stated lenses that people contradict; none where lenses are refined, which go where people put them.
 
     Args:
         start: what the optimum was computed from.
         fit: the optimum.
         inflation: how many times less the observations say than as many independent ones would.
+        least_gain: below which nothing is tried; by default the limit for what was seen.
     """
     if start.unknowns.parts:
         return []
+    if least_gain is None:
+        least_gain = LEAST_GAIN_OF_JOINTS if start.evidence.n_joints else LEAST_GAIN
     first: Sequence[LensScore] = score_lenses(start.rig, fit.model.problem, fit.result.state, inflation)
     scores = first
     best: FreedLens | None = None
     while best is None or len(best.changes) < MOST_LENSES:
         known: Mapping[LensHypothesis, tuple[float, ...]] = {} if best is None else best.changes
-        likely = _likely(start.rig, scores, known)
+        likely = _likely(start.rig, scores, known, least_gain)
         if best is not None and likely:  # what was likely at first and is not explained yet, beside what is likely now
-            rivals = [best.score_of(score.hypothesis) for score in _likely(start.rig, first, known)]
-            likely += [score for score in rivals if score not in likely and score.gain > LEAST_GAIN]
-        tried = [refit_freed(start, fit, score, known) for score in likely]
-        sound = [freed for freed in tried if _holds(start.rig, freed)]
+            rivals = [best.score_of(score.hypothesis) for score in _likely(start.rig, first, known, least_gain)]
+            likely += [score for score in rivals if score not in likely and score.gain > least_gain]
+        sound = []
+        for score in likely:
+            freed = refit_freed(start, fit, score, known)
+            if not _holds(start.rig, freed) and (surest := _along_surest(scores, score, least_gain)) is not None:
+                freed = refit_freed(start, fit, surest, known)
+            if _holds(start.rig, freed):
+                sound.append(freed)
         if not sound:
             break
         best = min(sound, key=lambda freed: freed.scores[0].gain)
@@ -84,11 +95,31 @@ def contradictions_of(rig: Rig, found: Sequence[ContradictedLens]) -> list[Findi
     return [_finding(rig, lens) for lens in found]
 
 
-def _likely(rig: Rig, scores: Sequence[LensScore], known: Mapping[LensHypothesis, object]) -> list[LensScore]:
+def _likely(
+    rig: Rig, scores: Sequence[LensScore], known: Mapping[LensHypothesis, object], least_gain: float
+) -> list[LensScore]:
     """The hypotheses that may be right, beside those that are known to be."""
-    least = max(LEAST_GAIN, RIVAL_SHARE * scores[0].gain)
-    likely = [score for score in scores if score.gain >= least and score.hypothesis not in known]
+    least = max(least_gain, RIVAL_SHARE * scores[0].gain)
+    explained = {(hypothesis.part, hypothesis.cameras) for hypothesis in known}
+    likely = [
+        score for score in scores
+        if score.gain >= least and score.hypothesis.axis is None
+        and (score.hypothesis.part, score.hypothesis.cameras) not in explained
+    ]  # fmt: skip
     return [score for score in likely if plausible(rig, score.hypothesis, score.change)][:MOST_RIVALS]
+
+
+def _along_surest(scores: Sequence[LensScore], score: LensScore, least_gain: float) -> LensScore | None:
+    """The score of a principal point along the axis that people know best, where that is worth a refit.
+
+    By boxes, its height turns with the camera's tilt, and whatever else is wrong drives it on and on.
+    """
+    if score.hypothesis.part != "principal_point" or len(score.change) < 2:
+        return None
+    axis = int(np.argmax(np.abs(score.change) / np.array(score.sd)))
+    hypothesis = replace(score.hypothesis, axis=axis)
+    alone = next(one for one in scores if one.hypothesis == hypothesis)
+    return alone if alone.gain >= least_gain else None
 
 
 def _holds(rig: Rig, freed: FreedLens) -> bool:
@@ -124,11 +155,10 @@ def _finding(rig: Rig, found: ContradictedLens) -> Finding:
     camera = rig.cameras[cameras[0]]
     if part == "principal_point":
         # The direction that people know best: by boxes, the other one turns with the vertical.
-        axis = int(np.argmax(np.abs(found.change) / np.array(found.sigma)))
-        if abs(found.change[axis]) > _CROPPED * camera.lens.size[0]:
+        best = int(np.argmax(np.abs(found.change) / np.array(found.sigma)))
+        axis, moved = best if found.hypothesis.axis is None else found.hypothesis.axis, found.change[best]
+        if abs(moved) > _CROPPED * camera.lens.size[0]:
             side = ("left", "right") if axis == 0 else ("top", "bottom")
-            return doubt(
-                "image_seems_cropped", camera.name, side=side[int(found.change[axis] > 0)], moved_px=abs(found.change[axis])
-            )
+            return doubt("image_seems_cropped", camera.name, side=side[int(moved > 0)], moved_px=abs(moved))
         return doubt("lens_part_contradicted", camera.name, part="principal point")
     return doubt("lens_part_contradicted", camera.name, part="distortion")

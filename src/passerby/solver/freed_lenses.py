@@ -131,7 +131,9 @@ def _with_lenses(start: Initialisation, changes: dict[LensHypothesis, Floats]) -
     """The rig, what it saw and what is marked in its images, with other lenses than the stated ones."""
     moved = np.zeros((len(start.rig), _UNKNOWNS.size))
     for hypothesis, change in changes.items():
-        moved[list(hypothesis.cameras), _UNKNOWNS.columns_of(hypothesis.part)] += change
+        columns = np.arange(_UNKNOWNS.size)[_UNKNOWNS.columns_of(hypothesis.part)]
+        along = columns if hypothesis.axis is None else columns[hypothesis.axis : hypothesis.axis + 1]
+        moved[np.ix_(np.array(hypothesis.cameras), along)] += change
     nothing = np.zeros_like(moved)
     s, o, cues = start.evidence.sightings, start.evidence.joints, start.knowledge.cues
     s = _UNKNOWNS.sightings(_UNKNOWNS.sightings(s, start.rig, nothing), start.rig, moved)

@@ -43,6 +43,8 @@ class LensHypothesis:
     part: LensPart
     cameras: tuple[int, ...]
     """Indices."""
+    axis: int | None = None
+    """Of a principal point that is wrong along one axis of the image alone: 0 or 1."""
 
 
 @dataclass(frozen=True)
@@ -88,7 +90,8 @@ def score_lenses(
         problem: the person model, in which no lens is free.
         state: its optimum.
         inflation: how many times less the observations say than as many independent ones would.
-        parts: of lenses, of which one may be wrong in one camera; the focal lengths also in all cameras alike.
+        parts: of lenses, of which one may be wrong in one camera; the focal lengths also in all cameras alike, and a
+            principal point along one axis as well.
     """
     n, scores = problem.n_cameras, []
     for part in parts:
@@ -96,6 +99,8 @@ def score_lenses(
         lenses = _free_lenses(problem, state, inflation, columns)
         own = np.eye(len(lenses.H)).reshape(n, -1, len(lenses.H))
         scores += [lenses.along(LensHypothesis(part, (c,)), own[c].T) for c in range(n)]
+        if part == "principal_point":
+            scores += [lenses.along(LensHypothesis(part, (c,), k), own[c, k : k + 1].T) for c in range(n) for k in range(2)]
         if part == "focal":
             scores.append(lenses.along(LensHypothesis(part, tuple(range(n))), np.ones((n, 1))))
     return sorted(scores, key=lambda score: -score.gain)

@@ -37,6 +37,20 @@ def test_a_wrong_rig_is_not_accepted_and_the_reason_tells_of_it(bench: Bench, na
     assert any(told in reason for reason in result["reasons"]), result["reasons"]
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "seed", "told"),
+    [
+        ("pair-longer-half-size", 941_101, "C3: its people seem to be detected in images of 360 x 288"),
+        ("pair-cropped-exchanged", 941_114, "C2: people fit a principal point"),
+    ],
+)
+def test_a_fault_beside_another_one_is_told(bench: Bench, name: str, seed: int, told: str) -> None:
+    """The right size leaves the rig doubtful for the other fault; the principal point goes on and on upwards, not to the left."""
+    result = bench("reliability.hostile").work((name, seed))
+    assert any(told in reason for reason in result["reasons"]), result["reasons"]
+
+
 @pytest.mark.parametrize("seed", ORDINARY)
 def test_an_ordinary_scene_is_accepted_and_right(bench: Bench, seed: int) -> None:
     result = bench("reliability.ordinary").work(seed)
