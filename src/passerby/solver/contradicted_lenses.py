@@ -73,13 +73,9 @@ def contradicted_lenses(
         if best is not None and likely:  # what was likely at first and is not explained yet, beside what is likely now
             rivals = [best.score_of(score.hypothesis) for score in _likely(start.rig, first, known, least_gain)]
             likely += [score for score in rivals if score not in likely and score.gain > least_gain]
-        sound = []
-        for score in likely:
-            freed = refit_freed(start, fit, score, known)
-            if not _holds(start.rig, freed) and (surest := _along_surest(scores, score, least_gain)) is not None:
-                freed = refit_freed(start, fit, surest, known)
-            if _holds(start.rig, freed):
-                sound.append(freed)
+        surest = [_along_surest(scores, score, least_gain) for score in likely]
+        tried = [refit_freed(start, fit, score, known) for score in (*likely, *surest) if score is not None]
+        sound = [freed for freed in tried if _holds(start.rig, freed)]
         if not sound:
             break
         best = min(sound, key=lambda freed: freed.scores[0].gain)
