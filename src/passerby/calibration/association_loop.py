@@ -85,6 +85,8 @@ def solve_with_unknown_identities(
     earlier = earlier or EarlierAssociation()
     search_s = options.search_s if observations.clocks else 0.0
     clocks = _clocks(rig, observations, options.person_height_m, rng)
+    if kept is not None:
+        kept.tell_of_others(observations, clocks, tell)
     if kept is not None and kept.has_all(observations, clocks) and not pays(0, len(rig), MAX_PROCESSES):
         executor = None  # its processes would take longer to start than the rest takes
     cameras = build_tracklets(

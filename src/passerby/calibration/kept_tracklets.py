@@ -21,6 +21,7 @@ import scipy
 from passerby._version import __version__
 from passerby.association.camera_tracklets import Tracked
 from passerby.common.errors import InputError
+from passerby.common.progress import Progress, tell_note
 from passerby.core.observations import UNKNOWN, CameraObservations, Clock, Observations
 from passerby.interchange.storage.archives import open_archive
 from passerby.interchange.storage.atomic import write_bytes
@@ -34,6 +35,7 @@ boxes as they are, without what was seen from another place, and with each corre
 KEPT = 64
 """Files in any case: runs of a few cameras with other options beside one another."""
 KEY_BYTES = 16
+MADE_AGAIN = "the tracklets kept there are of other boxes or versions, and are made again"
 
 
 @dataclass(frozen=True)
@@ -51,6 +53,11 @@ class KeptTracklets:
     def has_all(self, observations: Observations, clocks: Mapping[str, Clock]) -> bool:
         """Whether there are files for all cameras."""
         return all(self.has(observations[name], clock.fps) for name, clock in clocks.items())
+
+    def tell_of_others(self, observations: Observations, clocks: Mapping[str, Clock], tell: Progress) -> None:
+        """Tell where there are files, but none for any of these people: of an earlier run that cannot be gone on with."""
+        if any(self.folder.glob("*.npz")) and not any(self.has(observations[name], clocks[name].fps) for name in clocks):
+            tell_note(tell, f"{self.folder}: {MADE_AGAIN}")
 
     def load(self, seen: CameraObservations, fps: float) -> Tracked | None:
         """What `save` was given for these people; None where it was not."""

@@ -27,6 +27,7 @@ from passerby.interchange.storage.atomic import write_text
 from passerby.interchange.storage.faults import read_text
 from passerby.interchange.storage.json_text import to_json
 from passerby.interchange.storage.safe_parsing import NotParsed, parse_json
+from passerby.interchange.storage.versions import check_version
 
 CALIBRATION_FILE = "calibration.json"
 SCHEMA_VERSION = 1
@@ -382,12 +383,7 @@ def parse_document(text: str, path: Path = Path(CALIBRATION_FILE)) -> Calibratio
         raise unlike(path, "it is not a table")
     if _LONG_NUMBER.search(text):
         raise unlike(path, "it holds a number of 300 digits")
-    version = content.get("schema_version", SCHEMA_VERSION)
-    if isinstance(version, int) and version > SCHEMA_VERSION:
-        raise InputError(
-            f"{path}: schema_version is {shortened(version)}, of a later Passerby; this one reads {SCHEMA_VERSION}: install a "
-            "later one"
-        )
+    check_version(path, content, "schema_version", SCHEMA_VERSION)
     try:
         return _documents().validate_json(text)
     except ValidationError as error:

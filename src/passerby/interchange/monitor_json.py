@@ -18,8 +18,11 @@ from passerby.common.text import shortened
 from passerby.interchange.storage.faults import read_text
 from passerby.interchange.storage.safe_parsing import NotParsed, parse_json
 from passerby.interchange.storage.transaction import recover
+from passerby.interchange.storage.versions import check_version
 
 MONITOR_FILE = "monitor.json"
+SCHEMA_VERSION = 1
+"""Version of its keys. New keys need no new version: an older Passerby leaves alone what it does not know."""
 
 _STRICT = ConfigDict(strict=True, allow_inf_nan=False, alias_generator=lambda name: name.removesuffix("_"))
 
@@ -150,6 +153,7 @@ def read_monitor(folder: Path) -> MonitorDocument:
         content = parse_json(text)
         if not isinstance(content, dict):
             raise _unlike(path, "it is not a table")
+        check_version(path, content, "schema_version", SCHEMA_VERSION)
         return _documents().validate_json(text)
     except NotParsed as error:
         raise InputError(f"{path}: is not JSON ({error}): monitor again") from None

@@ -29,6 +29,7 @@ from passerby.interchange.rotation_vectors import rotation_of
 from passerby.interchange.storage.atomic import write_text
 from passerby.interchange.storage.faults import read_toml
 from passerby.interchange.storage.safe_parsing import leaves
+from passerby.interchange.storage.versions import check_version
 
 METRES_PER_UNIT = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 METADATA = "metadata"
@@ -47,9 +48,8 @@ def read_rig(path: str | Path) -> Rig:
     Raises `FileFaults` (an `InputError`) that names file, table, key, value and fix for everything that cannot be a camera.
     """
     content = read_toml(path, RIG)
-    metadata = content.get(METADATA, {})
-    metadata = metadata if isinstance(metadata, dict) else {}
-    _check_version(Path(path), metadata)
+    metadata = _metadata(content)
+    check_version(path, metadata, "format_version", RIG_FORMAT, f"[{METADATA}] ")
     metres = _metres_per_unit(Path(path), metadata)
     tables = _camera_tables(Path(path), content)
     texts = {key: value for key, value in metadata.items() if isinstance(value, str) and key not in ("units", "verdict")}
@@ -63,7 +63,9 @@ def read_lens(path: str | Path, camera: str) -> Lens:
 
     Poses and all other tables are ignored. Raises `InputError` when there is no such table or it cannot be a lens.
     """
-    tables = _camera_tables(Path(path), read_toml(path, RIG))
+    content = read_toml(path, RIG)
+    check_version(path, _metadata(content), "format_version", RIG_FORMAT, f"[{METADATA}] ")
+    tables = _camera_tables(Path(path), content)
     key = camera if camera in tables else next((key for key, table in tables.items() if table.get("name") == camera), None)
     if key is None:
         raise InputError(
@@ -88,6 +90,12 @@ def write_rig(path: str | Path, rig: Rig) -> None:
     write_text(path, tomli_w.dumps(content))
 
 
+def _metadata(content: dict[str, Any]) -> dict[str, Any]:
+    """What a file says of itself; empty where it says nothing."""
+    metadata = content.get(METADATA, {})
+    return metadata if isinstance(metadata, dict) else {}
+
+
 def _camera_tables(path: Path, content: dict[str, Any]) -> dict[str, dict[str, Any]]:
     """The tables that describe a camera: those with a matrix or distortions."""
     tables = {
@@ -98,16 +106,6 @@ def _camera_tables(path: Path, content: dict[str, Any]) -> dict[str, dict[str, A
     if not tables:
         raise InputError(f"{path}: holds no camera: one table per camera with size, matrix and distortions is needed")
     return tables
-
-
-def _check_version(path: Path, metadata: dict[str, Any]) -> None:
-    """Raise `InputError` for a file of a later Passerby. Other tools' files have no version."""
-    version = metadata.get("format_version", RIG_FORMAT)
-    if isinstance(version, int) and version > RIG_FORMAT:
-        raise InputError(
-            f"{path}: [{METADATA}] format_version is {shortened(version)}, of a later Passerby; this one reads up to "
-            f"{RIG_FORMAT}: install a later one"
-        )
 
 
 def _metres_per_unit(path: Path, metadata: dict[str, Any]) -> float:

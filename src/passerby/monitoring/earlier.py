@@ -12,6 +12,7 @@ from passerby.findings.finding import Finding, notice
 from passerby.interchange.monitor_json import MONITOR_FILE, MonitorDocument, MonitoredCamera, MoveEntry, read_monitor
 from passerby.interchange.output_folder import RIG_FILE
 from passerby.interchange.rig_toml import read_rig
+from passerby.interchange.storage.versions import LaterVersionError
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +48,8 @@ def read_earlier(folder: Path | None, judged_by: str) -> EarlierRun:
     Args:
         folder: with `monitor.json`, and `rig.toml` with the poses of cameras that moved.
         judged_by: see `news.judged_by`.
+
+    Raises `LaterVersionError` for files of a later Passerby, which this run would replace.
     """
     if folder is None or not (folder / MONITOR_FILE).is_file():
         return EarlierRun()
@@ -57,6 +60,8 @@ def read_earlier(folder: Path | None, judged_by: str) -> EarlierRun:
         rig = read_rig(folder / RIG_FILE)
         moved = [one.name for one in document.cameras if one.new_pose]
         poses = {name: rig[name] for name in moved if name in rig.names and rig[name].pose is not None}
+    except LaterVersionError:
+        raise
     except InputError:
         return EarlierRun(findings=(notice("earlier_run_broken", place=str(folder)),))
     return EarlierRun({

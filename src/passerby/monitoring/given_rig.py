@@ -17,7 +17,7 @@ from passerby.geometry.rotations import log_rotation
 from passerby.interchange.calibration_json import CALIBRATION_FILE
 from passerby.interchange.monitor_json import MONITOR_FILE, read_monitor
 from passerby.interchange.output_folder import RIG_FILE, read_report
-from passerby.interchange.rig_toml import METADATA, METRES_PER_UNIT, RIG, read_rig, table_of
+from passerby.interchange.rig_toml import METADATA, METRES_PER_UNIT, RIG, RIG_FORMAT, read_rig, table_of
 from passerby.interchange.storage.faults import read_toml
 from passerby.interchange.storage.transaction import recover
 
@@ -74,7 +74,7 @@ def rig_text(given: GivenRig, new: Rig, changed: tuple[str, ...]) -> str:
     if given.path is None:
         content: dict[str, Any] = {camera.name: table_of(camera) for camera in new}
         verdict = {} if new.verdict is None else {"verdict": new.verdict}
-        return tomli_w.dumps({**content, METADATA: {"units": "m", **verdict, **new.metadata}})
+        return tomli_w.dumps({**content, METADATA: {"format_version": RIG_FORMAT, "units": "m", **verdict, **new.metadata}})
     content = read_toml(given.path, RIG)
     metadata = content.get(METADATA)
     unit = METRES_PER_UNIT.get(metadata.get("units", "m"), 1.0) if isinstance(metadata, dict) else 1.0

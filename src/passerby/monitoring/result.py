@@ -14,7 +14,7 @@ from passerby.common.arrays import Floats
 from passerby.common.errors import EvidenceError
 from passerby.core.cameras import Rig
 from passerby.core.observations import Clock
-from passerby.interchange.monitor_json import MONITOR_FILE, MonitoredCamera, MoveEntry, State
+from passerby.interchange.monitor_json import MONITOR_FILE, SCHEMA_VERSION, MonitoredCamera, MoveEntry, State
 from passerby.interchange.storage.atomic import write_text
 from passerby.interchange.storage.json_text import plain, to_json
 from passerby.monitoring.budget import Thinning
@@ -196,6 +196,7 @@ class MonitoringResult:
     def to_dict(self) -> dict[str, Any]:
         """Everything, as plain values for JSON."""
         out: dict[str, Any] = plain({
+            "schema_version": SCHEMA_VERSION,
             "from_s": self.watched.from_s, "until_s": self.watched.until_s, "window_s": self.options.every_s,
             "threshold": self.options.threshold, "exit_status": self.exit_status,
             "ground": None if self.ground is None else {"height_m": self.ground.height, "slope": self.ground.slope},

@@ -99,6 +99,8 @@ class VideoObservations:
     """How decoding ended, and whether the camera moved: `ended_early`, `broken`, `moves`."""
     seconds: dict[str, float] = field(default_factory=dict)
     """Time spent by each stage in this run."""
+    made_again: bool = False
+    """Whether there were finished results that could not be taken: of another video, other options or other versions."""
 
     def faults(self, name: str, info: VideoInfo, from_s: float = 0.0, until_s: float = math.inf) -> list[str]:
         """What makes the part of the video unusable that lies between two times, in seconds."""
@@ -240,11 +242,13 @@ class _Watch:
         """Make what is not kept, and gather all of it."""
         if (found := self.kept()) is not None:
             return found
+        used = {path.name for path in self._used}
+        other = any(path.parent.name not in used for path in self._job.shelf.glob(f"people-*/{SUMMARY}"))
         summary = self._watch()
         parts = self._parts(summary["pictures"])
         if parts is None:
             raise InputError(f"{self._job.shelf}: what was just written there cannot be read again: choose another folder")
-        return self._finished(summary, parts)
+        return replace(self._finished(summary, parts), made_again=other)
 
     def kept(self) -> VideoObservations | None:
         """All of it, where it is kept."""

@@ -24,6 +24,8 @@ from passerby.recording.settings import DEVICE, Stream
 from passerby.recording.wall_clock import Source, WallClock
 
 STAGE = "recording"
+SCHEMA_VERSION = 1
+"""Of what is told of a recording; new keys need no new version."""
 LOOK_EVERY_S = 0.25
 FIRST_WAIT_S, LONGEST_WAIT_S = 0.5, 8.0
 """Before a connection is tried anew; twice as long each time, until pictures come again."""
@@ -120,7 +122,7 @@ class Recording:
 
     def to_dict(self) -> dict[str, Any]:
         """As plain values for JSON."""
-        return {"ended": self.ended, "cameras": [camera.to_dict() for camera in self.cameras]}
+        return {"schema_version": SCHEMA_VERSION, "ended": self.ended, "cameras": [camera.to_dict() for camera in self.cameras]}
 
 
 def record(

@@ -22,7 +22,8 @@ from passerby.interchange.storage.faults import read_text
 from passerby.interchange.storage.json_text import to_json
 from passerby.interchange.storage.safe_parsing import NotParsed, parse_toml
 from passerby.interchange.storage.toml_text import relative
-from passerby.recording.capture import CaptureOptions, Ended, Recording, record
+from passerby.interchange.storage.versions import check_version
+from passerby.recording.capture import SCHEMA_VERSION, CaptureOptions, Ended, Recording, record
 from passerby.recording.settings import DEVICE, SCHEMES, Stream, check_streams_differ, read_secrets, stream_of
 from passerby.scene.inputs import check_files
 from passerby.scene.scene import Scene
@@ -163,6 +164,7 @@ def _recorded_cameras(folder: Path) -> dict[str, bool]:
     path = folder / RECORDING_FILE
     try:
         content = json.loads(read_text(path, "the list of a recording (JSON)"))
+        check_version(path, content, "schema_version", SCHEMA_VERSION)
         return {str(camera["name"]): bool(camera["pieces"]) for camera in content["cameras"]}
-    except (ValueError, KeyError, TypeError):
+    except (ValueError, KeyError, TypeError, AttributeError):
         raise InputError(f"{path}: is not the list of a recording: remove {folder} to record anew") from None

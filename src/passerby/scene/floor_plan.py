@@ -12,8 +12,12 @@ from passerby.common.errors import InputError
 from passerby.core.floor_plan import FloorPlan, PlannedCamera, PlannedPoint
 from passerby.interchange.plan_picture import read_plan_picture
 from passerby.interchange.storage.faults import FileFaults, read_toml
+from passerby.interchange.storage.versions import check_version
 from passerby.scene.errors import Tables, explain_fault
 from passerby.scene.world_tables import PlanDistanceTable, PlanPointTable, PlanTable
+
+PLAN_FORMAT = 1
+"""Version of the keys of a plan in a file of its own, which may be left out."""
 
 TABLES: Tables = {(): PlanTable, ("distance",): PlanDistanceTable, ("points", "*"): PlanPointTable}
 """Of a file that is a plan and nothing else."""
@@ -44,7 +48,10 @@ def read_plan(path: Path) -> PlanTable:
     Raises `FileFaults` (an `InputError`) that names file, key, value and fix.
     """
     try:
-        table = PlanTable.model_validate(read_toml(path, "a plan (TOML)"))
+        content = read_toml(path, "a plan (TOML)")
+        check_version(path, content, "format_version", PLAN_FORMAT)
+        content.pop("format_version", None)
+        table = PlanTable.model_validate(content)
     except ValidationError as error:
         # A misspelt key is reported before the key that is missing for it.
         faults = sorted(error.errors(), key=lambda fault: fault["type"] != "extra_forbidden")

@@ -20,6 +20,7 @@ from passerby.common.text import nearest, shortened
 from passerby.core.scale_cues import CameraDistance, CameraHeight, KnownLength, PersonHeight, PopulationHeight, ScaleCues
 from passerby.interchange.storage.faults import FileFaults, read_text
 from passerby.interchange.storage.safe_parsing import NotParsed, parse_toml, path_problem
+from passerby.interchange.storage.versions import check_version
 from passerby.scene.errors import explain_fault, find_repeated_key
 from passerby.scene.floor_plan import floor_plan
 from passerby.scene.identity_tables import PersonAtTable, TogetherTable
@@ -27,6 +28,7 @@ from passerby.scene.lens_keys import check_models, models_of, named_camera
 from passerby.scene.table import Table
 from passerby.scene.tables import (
     RECORDS,
+    SCENE_FORMAT,
     AssociationTable,
     CameraHeightTable,
     CameraTable,
@@ -82,6 +84,8 @@ class Scene(Table):
 
         `unrecorded` are the cameras whose videos are still to be recorded.
         """
+        table = content.get("scene")
+        check_version(path, table if isinstance(table, dict) else {}, "format_version", SCENE_FORMAT, "[scene] ")
         try:
             table = content.get("recording")
             scene = cls.model_validate(content, context={RECORDS: isinstance(table, dict) and "seconds" in table})

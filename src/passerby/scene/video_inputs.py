@@ -17,7 +17,8 @@ from threadpoolctl import threadpool_limits
 
 from passerby.common.errors import InputError
 from passerby.common.parallel import interrupted_later
-from passerby.common.progress import Forward, Progress
+from passerby.common.progress import Forward, Progress, tell_warning
+from passerby.common.text import listed
 from passerby.findings.finding import Finding, doubt
 from passerby.interchange.storage.faults import faults_of
 from passerby.perception.joint_budget import CROPS_PER_S
@@ -32,6 +33,7 @@ from passerby.scene.scene import Scene
 from passerby.scene.tables import WATCHED_FPS
 
 KEPT_FOLDER = "perception"
+MADE_AGAIN = "what was kept is of other videos, options or versions, and was made again"
 ENOUGH_PICTURES = 300
 """Short videos are looked at more often than `WATCHED_FPS`, until there are so many pictures: a minute's worth."""
 ENOUGH_CAMERAS = 2
@@ -64,6 +66,13 @@ class SceneVideoProcessor:
         with _shelves(self.keep) as shelf:
             jobs = [_job(scene, reading, plan, shelf) for reading in wanting]
             results = self._watched(jobs)
+        again = [
+            job.name
+            for job, found in zip(jobs, results, strict=True)
+            if isinstance(found, VideoObservations) and found.made_again
+        ]
+        if again:
+            tell_warning(self.tell, f"{self.keep}: {MADE_AGAIN}: {listed(again)}")
         for reading, job, result in zip(wanting, jobs, results, strict=True):
             if isinstance(result, InputError):
                 reading.faults += faults_of(result)

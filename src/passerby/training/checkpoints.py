@@ -16,12 +16,14 @@ from torch.optim import Optimizer
 
 from passerby.common.errors import InputError
 from passerby.interchange.storage.atomic import write_bytes
+from passerby.interchange.storage.versions import check_version
 from passerby.training.backbones import kept_backbone
 from passerby.training.network import ReidNetwork
 from passerby.training.options import TrainOptions
 
 CHECKPOINT = "checkpoint.pt"
-FORMAT = "passerby-reid-1"
+FORMAT_NAME, FORMAT_VERSION = "passerby-reid-", 1
+FORMAT = f"{FORMAT_NAME}{FORMAT_VERSION}"
 PARTS = ("epoch", "options", "architecture", "people", "data", "origin", "network", "optimizer")
 """Of what is kept beside the format."""
 
@@ -129,7 +131,10 @@ def load_checkpoint(path: Path) -> Checkpoint:
     if not file.is_file():
         raise InputError(f"{file}: no such file: the folder of a training, or its {CHECKPOINT}, is needed here")
     state = _read(file)
-    if not isinstance(state, dict) or state.get("format") != FORMAT:
+    stated = str(state.get("format")) if isinstance(state, dict) else ""
+    if stated.startswith(FORMAT_NAME) and stated.removeprefix(FORMAT_NAME).isdecimal():
+        check_version(file, {"format": int(stated.removeprefix(FORMAT_NAME))}, "format", FORMAT_VERSION)
+    if stated != FORMAT:
         raise InputError(f"{file}: is not a checkpoint of passerby reid train ({FORMAT}): give one that is")
     lacking = [part for part in PARTS if part not in state]
     if lacking:
