@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 
+from passerby.cli.main import run
 from passerby.common.errors import InputError
 from passerby.training.backbones import RESNETS, open_backbone
 from passerby.training.checkpoints import FORMAT, load_checkpoint, save_checkpoint
@@ -52,6 +53,14 @@ def test_cut_short(kept):
         kept.write_bytes(content[: int(share * len(content))])
         with pytest.raises(InputError, match=r"checkpoint.pt: is not a checkpoint that can be read \(.*\): train again"):
             load_checkpoint(kept)
+
+
+def test_of_a_later_version(kept, capsys):
+    state = torch.load(kept, weights_only=True)
+    torch.save({**state, "format": "passerby-reid-2"}, kept)
+    assert run(["reid", "export", str(kept.parent), "-o", str(kept.parent / "network.onnx")]) == 2
+    said = f"error: {kept}: format is 2, of a later Passerby; this one reads up to 1: install a later one\n"
+    assert capsys.readouterr().err == said
 
 
 @pytest.mark.parametrize("content", [b"", b"\0" * 100, b"backbone = 'small'\n", b"\x80\x02}q\x00.", b"PK\x03\x04 and more"])

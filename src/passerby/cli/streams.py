@@ -31,8 +31,9 @@ def recorded(streamed: StreamedScene, out: Path, verbose: bool, form: ProgressFo
     folder, stop = streamed.folder_for(out), threading.Event()
     with stages(verbose, form) as tell, folder_lock(folder, "passerby calibrate"):
         if is_recorded(folder):
+            scene = recorded_scene(streamed, folder)
             tell_warning(tell, f"{folder}: the recording that is there is used; to record anew, remove that folder")
-            return recorded_scene(streamed, folder)
+            return scene
         with stopping(stop):
             ended = record_scene(streamed, folder, tell, stop)
     if ended == "stopped":

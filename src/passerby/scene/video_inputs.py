@@ -71,8 +71,8 @@ class SceneVideoProcessor:
             for job, found in zip(jobs, results, strict=True)
             if isinstance(found, VideoObservations) and found.made_again
         ]
-        if again:
-            tell_warning(self.tell, f"{self.keep}: {MADE_AGAIN}: {listed(again)}")
+        if again and self.keep is not None:
+            tell_warning(self.tell, f"{self.keep / KEPT_FOLDER}: {MADE_AGAIN}: {listed(again)}")
         for reading, job, result in zip(wanting, jobs, results, strict=True):
             if isinstance(result, InputError):
                 reading.faults += faults_of(result)
