@@ -124,7 +124,8 @@ def _stage(path: Path) -> Any:
 
 KINDS = {
     "scene": Kind(
-        ("scene/scene.toml", "handwritten/scene.toml", "filmed/scene.toml"), _scene, "[scene]\nformat_version = {}", lambda _, path: ["check", str(path)], "scene file"
+        ("scene/scene.toml", "handwritten/scene.toml", "filmed/scene.toml"), _scene, "[scene]\nformat_version = {}",
+        lambda _, path: ["check", str(path)], "scene file",
     ),
     "rig": Kind(
         ("*/rig.toml", "scene/truth.toml", "scene/intrinsics.toml"), lambda path: rig_values(read_rig(path)),

@@ -95,8 +95,9 @@ def _write_lenses(folder: Path) -> None:
     matrix = np.array([[500.0, 0, 360], [0, 500, 288], [0, 0, 1]])
     pose = Pose(np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]), np.array([0.5, 2.25, 0.125]))
     plain, rational = np.array([-0.1, 0.02, 0.0, 0.0, 0.01]), np.array([-0.1, 0.02, 0.0, 0.0, 0.01, 0.1, 0.0, 0.003])
+    covariance = np.diag([1e-4, 1e-4, 2e-4, 1e-6, 1e-6, 1e-6])
     rig = Rig((
-        Camera("C1", Lens((720, 576), matrix, plain), pose, PoseSigma(0.02, 0.3, np.diag([1e-4, 1e-4, 2e-4, 1e-6, 1e-6, 1e-6]))),
+        Camera("C1", Lens((720, 576), matrix, plain), pose, PoseSigma(0.02, 0.3, covariance)),
         Camera("C2", Lens((720, 576), matrix, rational), pose, PoseSigma(0.02, 0.3, None)),
         Camera("C3", Lens((720, 576), matrix, np.array([0.01, -0.002, 0.0, 0.0]), True), pose),
         Camera("C4", Lens((720, 576), matrix, np.zeros(4), False, 0.3, True)),
