@@ -72,7 +72,7 @@ def section(outcomes: Outcomes, wanted: Mapping[str, tuple[str, int]]) -> str:
     for kind in (*OTHERS, JOINTS):
         found = [one for key, one in outcomes.items() if wanted[key][0] == kind and one["gain"] is not None]
         gains = np.array([one["gain"] for one in found])
-        named = np.array([bool(one["named"]) for one in found])
+        named = np.array([bool(one["named"]) for one in found], dtype=bool)
         counts = [str(int((named & (gains >= limit)).sum())) for limit in TRIED]
         quantiles = [f"{np.quantile(gains, q):.0f}" for q in (0.5, 0.9, 1.0)] if len(gains) else ["-"] * 3
         rows.append([kind, str(len(found)), *quantiles, *counts])

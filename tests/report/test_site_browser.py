@@ -134,7 +134,8 @@ TYPED = """new MutationObserver(function (_, watcher) {{
     field.focus();
     field.value = "{text}";
 }}).observe(document, {{ childList: true, subtree: true }});"""
-PARSED = 'document.getElementById("camera-names")?.lastElementChild?.value === "cam-064" && document.getElementById("camera-view")'
+PARSED = """document.getElementById("camera-names")?.lastElementChild?.value === "cam-064"
+    && document.getElementById("camera-view")"""
 TO_THE_VIEWS = "document.getElementById('views').scrollIntoView()"
 GIVEN = "document.getElementById('camera-name').dispatchEvent(new Event('change'))"
 

@@ -46,7 +46,7 @@ def test_a_wrong_rig_is_not_accepted_and_the_reason_tells_of_it(bench: Bench, na
     ],
 )
 def test_a_fault_beside_another_one_is_told(bench: Bench, name: str, seed: int, told: str) -> None:
-    """The right size leaves the rig doubtful for the other fault; the principal point goes on and on upwards, not to the left."""
+    """The right size leaves a doubt about the other fault; the principal point goes on and on upwards, not to the left."""
     result = bench("reliability.hostile").work((name, seed))
     assert any(told in reason for reason in result["reasons"]), result["reasons"]
 
