@@ -19,7 +19,7 @@ from passerby.solver.initialisation import Fit, Initialisation
 from passerby.solver.lens_scores import LensHypothesis, LensScore, farthest, plausible, score_lenses
 from passerby.solver.lens_sigmas import BOXES_MISLEAD
 
-LEAST_GAIN, LEAST_GAIN_OF_JOINTS = 15.0, 30.0
+LEAST_GAIN, LEAST_GAIN_OF_JOINTS = 20.0, 30.0
 """Of twice the log likelihood, for a lens to be worth a refit: by boxes alone, and where there are joints, which err alike so
 that more of them average nothing out (`docs/results/limits.md`)."""
 RIVAL_SHARE, MOST_RIVALS = 0.75, 3
