@@ -1,7 +1,8 @@
 """`make reliability`: how honest Passerby is, measured: `python benchmarks/run_reliability.py [--quick] [--only PART ...]`.
 
 Prints the table, and writes `docs/reliability.md` (a quick run: only with `-o FOLDER`). Finished cases are kept in
-`build/reliability`: a run that was stopped goes on. Parts that are not run stay on the page as they are there.
+`build/reliability`: a run that was stopped goes on. Parts that are not run stay on the page as they are there; those that
+stand there whole, of the same code, are run again only where `--only` names them.
 """
 
 from __future__ import annotations
@@ -10,28 +11,15 @@ import argparse
 import importlib
 import sys
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
-from types import MappingProxyType
 
 from pages.page import publish
 from pages.sections import Found, sections_on
-from reliability.page import reliability_page
+from reliability.page import PARTS, is_whole, reliability_page
 from reliability.runs import ROOT, Wanted
 
-PARTS: Mapping[str, str] = MappingProxyType(
-    {
-        "coverage": "coverage",
-        "bound": "bound",
-        "verdict": "battery",
-        "lenses": "lenses",
-        "monitor": "watch",
-        "fuzz": "fuzz",
-        "faults": "faults",
-    }
-)
-"""Part -> module of `reliability`."""
 COMMAND = "make reliability"
 
 
@@ -39,7 +27,7 @@ def main() -> None:
     """Run the parts that are asked for."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--quick", action="store_true", help="a few cases of each kind; the table is printed, not written")
-    parser.add_argument("--only", nargs="+", choices=PARTS, metavar="PART", default=[*PARTS], help=f"of {', '.join(PARTS)}")
+    parser.add_argument("--only", nargs="+", choices=PARTS, metavar="PART", help=f"of {', '.join(PARTS)}")
     parser.add_argument("--workers", type=int, default=2, help="processes; 2")
     parser.add_argument("--data", type=Path, help="folder of the real data sets; ../shared/data where it is there")
     parser.add_argument("--kept", type=Path, default=ROOT / "build" / "reliability", help="folder of finished cases")
@@ -50,7 +38,8 @@ def main() -> None:
     wanted = Wanted(arguments.kept, arguments.quick, arguments.workers, data)
     out = arguments.out or (None if arguments.quick else ROOT / "docs")
     earlier = sections_on(None if out is None else out / "reliability.md")
-    publish(reliability_page().grow({name: partial(_run, name, wanted) for name in arguments.only}, earlier), out, COMMAND)
+    names = arguments.only or [name for name in PARTS if name not in earlier or not is_whole(earlier[name])]
+    publish(reliability_page().grow({name: partial(_run, name, wanted) for name in names}, earlier), out, COMMAND)
 
 
 def _run(name: str, wanted: Wanted) -> Iterator[Found]:

@@ -16,6 +16,8 @@ from pages.page import PACKAGES
 from passerby.interchange.storage.atomic import write_text
 
 BENCHMARKS = Path(__file__).resolve().parents[1]
+WRITERS = "pages"
+"""The folder of what writes pages."""
 PAPER = ("paper", "baselines", "metrics")
 """Folders of the benchmarks that an outcome of the paper's evaluation depends on, beside the package."""
 
@@ -24,7 +26,7 @@ class Kept:
     """Outcomes by what they are the outcomes of. Processes may share a folder: each file is written whole or not at all."""
 
     def __init__(self, folder: Path | None, code: Sequence[str] = PAPER) -> None:
-        """Keep outcomes in `folder`, or nowhere; `code` names the folders of the benchmarks that make them."""
+        """Keep outcomes in `folder`, or nowhere; `code` names the folders and files of the benchmarks that make them."""
         self._folder = folder
         self._code = tuple(code)
 
@@ -56,18 +58,47 @@ def _digest(text: str) -> str:
 
 
 @cache
-def code_digest(*folders: str) -> str:
+def code_digest(*parts: str) -> str:
     """What the code does that figures rest on, as it was when this process first asked: 64 hexadecimal digits.
 
-    One hash over the package, some folders of the benchmarks, and the versions of the libraries; comments and documentation
-    strings are left out.
+    One hash over the package, some folders and files of the benchmarks, and the versions of the libraries; comments and
+    documentation strings are left out.
     """
     digest = hashlib.sha256(" ".join(f"{name} {metadata.version(name)}" for name in PACKAGES).encode())
-    for root in (Path(passerby.__file__).parent, *(BENCHMARKS / folder for folder in folders)):
-        for path in sorted(root.rglob("*.py")):
+    for root in (Path(passerby.__file__).parent, *(BENCHMARKS / part for part in parts)):
+        for path in [root] if root.is_file() else sorted(root.rglob("*.py")):
             tree = ast.parse(path.read_bytes())
             for node in ast.walk(tree):
                 if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
                     node.value.value = None  # docstrings, and those of constants
             digest.update(path.relative_to(root.parent).as_posix().encode() + b"\0" + ast.dump(tree).encode())
     return digest.hexdigest()
+
+
+@cache
+def code_behind(module: str) -> tuple[str, ...]:
+    """The files of the benchmarks that a module of theirs is made of, as `code_digest` takes them.
+
+    Its own, and of all that it imports there, however far away; those that only write pages are left out.
+    """
+    found: dict[str, Path] = {}
+    todo = [module]
+    while todo:
+        name = todo.pop()
+        path = _source(name)
+        if path is None or name in found or name.partition(".")[0] == WRITERS:
+            continue
+        found[name] = path
+        for node in ast.walk(ast.parse(path.read_bytes())):
+            if isinstance(node, ast.Import):
+                todo += [alias.name for alias in node.names]
+            elif isinstance(node, ast.ImportFrom) and node.module is not None:
+                todo += [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
+    return tuple(sorted({path.relative_to(BENCHMARKS).as_posix() for path in found.values()}))
+
+
+def _source(module: str) -> Path | None:
+    """The file of a module of the benchmarks; None for modules of others."""
+    path = BENCHMARKS.joinpath(*module.split("."))
+    candidates = (path.with_suffix(".py"), path / "__init__.py")
+    return next((candidate for candidate in candidates if candidate.is_file()), None)

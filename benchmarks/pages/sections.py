@@ -18,7 +18,7 @@ from pages.page import FOOT, Page, load
 
 NOT_RUN = "not run"
 _MARK = re.compile(r"^<!-- part (\S+) (\{.*\}) -->$", re.MULTILINE)
-_OLDER = "*Run on an earlier state of the code than the newest part of this page.*"
+_OLDER = "*Run on an earlier state of the code.*"
 
 
 @dataclass(frozen=True)
@@ -66,8 +66,8 @@ class SectionedPage:
     head: Head
     headings: Mapping[str, Heading]
     """Of all parts, in their order on the page."""
-    code: str
-    """Digest of the code as it is now."""
+    code: str | Mapping[str, str]
+    """Digest of the code as it is now, of all parts or by part."""
     timed: bool = True
     """Whether a section ends with the time that it took: not where finished cases are taken from an earlier run."""
 
@@ -91,7 +91,7 @@ class SectionedPage:
                 if self.timed:
                     minutes = (time.perf_counter() - began) / 60
                     found = replace(found, text=f"{found.text}\n\n{minutes:.1f} minutes; mean load at the end {load():.1f}.")
-                sections[part] = replace(self._section(part, found), code=self.code)
+                sections[part] = replace(self._section(part, found), code=self.code_of(part))
                 yield self.page(sections.values())
 
     def page(self, sections: Iterable[Section]) -> Page:
@@ -100,9 +100,13 @@ class SectionedPage:
         parts = [self.head if isinstance(self.head, str) else self.head(sections)]
         for section in sections:
             known = json.dumps({"code": section.code, **section.facts}, ensure_ascii=False).replace("--", "-\\u002d")
-            older = [_OLDER] if section.code not in ("", self.code) else []
+            older = [_OLDER] if section.code not in ("", self.code_of(section.part)) else []
             parts += [f"<!-- part {section.part} {known} -->", f"## {section.title}", *older, section.text.strip()]
         return Page(self.name, "\n\n".join(parts) + "\n")
+
+    def code_of(self, part: str) -> str:
+        """Digest of the code of a part as it is now."""
+        return self.code if isinstance(self.code, str) else self.code[part]
 
     def _section(self, part: str, found: Found) -> Section:
         heading = self.headings[part]

@@ -12,13 +12,13 @@ from typing import Any
 
 import numpy as np
 
-from pages.kept import code_digest
+from pages.kept import code_behind, code_digest
 from pages.page import table
 from pages.sections import Found
 from reliability.disturbed import DISTURBANCES, SkippedError, calibration, program
 from reliability.machine import Fault
 from reliability.page import Line, part_found
-from reliability.runs import CODE, Wanted, kept
+from reliability.runs import Wanted, kept
 from reliability.writers import WRITERS, Writer, fate, make, undisturbed
 
 SEED = 100_000
@@ -93,7 +93,7 @@ def _made(wanted: Wanted) -> Path:
     """The scenes and what is known of them, made once for this code."""
     made = wanted.kept.resolve() / "faults-scenes"
     mark = made / "code"
-    if mark.is_file() and mark.read_text() == code_digest(*CODE):
+    if mark.is_file() and mark.read_text() == code_digest(*code_behind(__name__)):
         return made
     shutil.rmtree(made, ignore_errors=True)
     made.mkdir(parents=True)
@@ -106,7 +106,7 @@ def _made(wanted: Wanted) -> Path:
     (made / "events").mkdir()
     for writer in WRITERS:
         (made / "events" / writer.name).write_text(str(undisturbed(writer, made)[0].events))
-    mark.write_text(code_digest(*CODE))
+    mark.write_text(code_digest(*code_behind(__name__)))
     return made
 
 

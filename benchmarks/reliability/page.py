@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
+from types import MappingProxyType
 
-from pages.kept import code_digest
+from pages.commit import commit
+from pages.kept import code_behind, code_digest
 from pages.page import table, yes
 from pages.sections import Found, Heading, Section, SectionedPage
-from reliability.runs import CODE
 
 HEAD = """# Reliability
 
@@ -29,6 +30,18 @@ HEADINGS: Mapping[str, Heading] = {
 """Of the parts, as `--only` takes them, in their order on the page."""
 
 
+PARTS: Mapping[str, str] = MappingProxyType({
+    "coverage": "coverage",
+    "bound": "bound",
+    "verdict": "battery",
+    "lenses": "lenses",
+    "monitor": "watch",
+    "fuzz": "fuzz",
+    "faults": "faults",
+})  # fmt: skip
+"""Part -> module of `reliability`."""
+
+
 @dataclass(frozen=True)
 class Line:
     """One line of the table over all parts."""
@@ -42,12 +55,22 @@ class Line:
 def part_found(lines: Sequence[Line], text: str, *, quick: bool) -> Found:
     """What a part found: its lines of the table, and Markdown of its section without the title."""
     note = "*A quick run: a few cases, too few for conclusions.*\n\n" if quick else ""
-    return Found(note + text.strip(), {"lines": [asdict(line) for line in lines]})
+    return Found(note + text.strip(), {"lines": [asdict(line) for line in lines], "commit": commit(), "quick": quick})
 
 
 def reliability_page() -> SectionedPage:
     """The page of all parts. What took time may have been kept from an earlier run."""
-    return SectionedPage("reliability", _head, HEADINGS, code_digest(*CODE), timed=False)
+    return SectionedPage("reliability", _head, HEADINGS, part_codes(), timed=False)
+
+
+def part_codes() -> dict[str, str]:
+    """Part -> digest of the code that its figures rest on: the package, and what measures the part."""
+    return {part: code_digest(*code_behind(f"reliability.{module}")) for part, module in PARTS.items()}
+
+
+def is_whole(section: Section) -> bool:
+    """Whether a part was run whole, on the code as it is now."""
+    return section.code == part_codes()[section.part] and not section.facts.get("quick", True)
 
 
 def _head(sections: Sequence[Section]) -> str:
@@ -57,4 +80,16 @@ def _head(sections: Sequence[Section]) -> str:
         lines = section.facts.get("lines", ())
         rows += [(line["what"], line["seen"], line["goal"], yes(line["reached"])) for line in lines]
         rows += [] if lines else [(section.part, "not run", "", "")]
-    return f"{HEAD}\n{table(('what', 'seen', 'goal', 'reached'), rows)}"
+    return f"{HEAD}\n{_origin(sections)}\n\n{table(('what', 'seen', 'goal', 'reached'), rows)}"
+
+
+def _origin(sections: Sequence[Section]) -> str:
+    """On which code the parts were run."""
+    missing = [section.title for section in sections if not is_whole(section)]
+    if missing:
+        return f"**Not of one state of the code**: to be run whole, or again, are {', '.join(missing)}."
+    commits = list(dict.fromkeys(section.facts["commit"] for section in sections))
+    return (
+        "All parts were run whole on one state of the code: the package is the same throughout, and each part's own scripts "
+        f"are those of today. Commits at the time: {', '.join(commits)}."
+    )

@@ -8,11 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from pages.cases import Outcomes, run_cases
-from pages.kept import Kept
+from pages.kept import Kept, code_behind
 
 ROOT = Path(__file__).resolve().parents[2]
-CODE = ("reliability",)
-"""Folders of the benchmarks that the figures depend on, beside the package."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +37,8 @@ def kept(wanted: Wanted, name: str, cases: Mapping[str, Any], work: Callable[[An
         cases: key -> argument of `work`; both must be picklable, `work` a function of a module.
         work: JSON-ready figures of one case. Its exceptions end the run: a case that may fail has to say so in its figures.
     """
-    *_, done = run_cases(Kept(wanted.kept, CODE), f"{name}{' quick' if wanted.quick else ''}", cases, work, wanted.workers)
+    store = Kept(wanted.kept, code_behind(work.__module__))
+    *_, done = run_cases(store, f"{name}{' quick' if wanted.quick else ''}", cases, work, wanted.workers)
     return done
 
 
