@@ -89,6 +89,38 @@ def test_the_page_keeps_the_parts_that_are_not_run(bench: Bench, tmp_path: Path)
     assert third.text.count("earlier state of the code") == 1
 
 
+def test_a_part_is_whole_only_on_its_own_code(bench: Bench, tmp_path: Path) -> None:
+    page, pages, sections, kept = (bench(name) for name in ("reliability.page", "pages.page", "pages.sections", "pages.kept"))
+    # The files behind a part: what it imports however far away, nothing of other parts, nothing that only writes pages.
+    behind = set(kept.code_behind("reliability.battery"))
+    assert {"reliability/battery.py", "reliability/hostile_people.py", "reliability/staging.py"} <= behind
+    assert not behind & {"reliability/coverage.py", "reliability/limits.py"}
+    assert not any(path.startswith("pages/") for path in behind)
+    codes = page.part_codes()
+    assert set(codes) == set(page.PARTS) == set(page.HEADINGS)
+    assert len(set(codes.values())) == len(codes)
+
+    lines = [page.Line("two squared", "4", "4", True)]
+
+    def written(quick: bool) -> str:
+        runs = {part: lambda: [page.part_found(lines, "Text.", quick=quick)] for part in page.PARTS}
+        *_, last = page.reliability_page().grow(runs, {})
+        pages.write_page(last, tmp_path, "make reliability")
+        return str(last.text)
+
+    assert "**Not of one state of the code**" in written(quick=True)
+    assert not any(page.is_whole(one) for one in sections.sections_on(tmp_path / "reliability.md").values())
+    assert "All parts were run whole on one state of the code" in written(quick=False)
+    found = sections.sections_on(tmp_path / "reliability.md")
+    assert all(page.is_whole(one) for one in found.values())
+    # Other code of one part: that part alone is to be run again, and the page says so.
+    found["fuzz"] = replace(found["fuzz"], code=codes["faults"])
+    assert [part for part, one in found.items() if not page.is_whole(one)] == ["fuzz"]
+    text = page.reliability_page().page(found.values()).text
+    assert "to be run whole, or again, are Untrusted files." in text
+    assert text.count("earlier state of the code") == 1
+
+
 def squared(value: int) -> dict[str, int]:
     return {"is": value**2}
 
