@@ -8,6 +8,7 @@ import pytest
 
 from passerby.common.errors import InputError
 from passerby.interchange.embeddings import read_embeddings, write_embeddings
+from passerby.interchange.storage import archives
 
 VECTORS = np.array([[3.0, 4.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 7.0]])
 UNIT = [[0.6, 0.8, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
@@ -106,6 +107,49 @@ def test_a_file_that_is_no_archive(tmp_path, content):
         read_embeddings(path)
     assert str(caught.value).startswith(str(path))
     assert "\n" not in str(caught.value)
+
+
+def array_bytes(shape, version=(1, 0), kind="<f4", rows=b""):
+    """An array's file whose header says what it likes."""
+    header = f"{{'descr': '{kind}', 'fortran_order': False, 'shape': {shape}, }}\n".encode()
+    length = len(header).to_bytes(2 if version == (1, 0) else 4, "little")
+    return b"\x93NUMPY" + bytes(version) + length + header + rows
+
+
+@pytest.mark.parametrize(
+    ("content", "told"),
+    [
+        (array_bytes((3, 4), rows=bytes(40)), "embeddings says that it has 48 bytes, but 40 are there"),
+        (array_bytes((3, 4), rows=bytes(56)), "embeddings says that it has 48 bytes, but 56 are there"),
+        (array_bytes((3_000_000, 1_000_000)), "embeddings has 11176 GB: at most 2 GB are read"),
+        (array_bytes((-3, 4), rows=bytes(48)), r"embeddings has the shape \(-3, 4\)"),
+        (array_bytes((3, 4), version=(3, 0), rows=bytes(48)), r"embeddings is of version \(3, 0\) of numpy's format"),
+    ],
+)
+def test_an_array_that_promises_what_the_archive_does_not_hold(tmp_path, content, told):
+    path = tmp_path / "V1.npz"
+    path.write_bytes(archive_with("embeddings.npy", content))
+    with pytest.raises(InputError, match=told):
+        read_embeddings(path)
+
+
+def test_an_archive_that_does_not_fit_into_memory_and_one_that_cannot_be_opened(tmp_path, monkeypatch):
+    path = saved(tmp_path, embeddings=VECTORS)
+
+    def too_large(*arguments, **named):
+        raise MemoryError
+
+    with monkeypatch.context() as patch:
+        patch.setattr(archives.npy, "read_array", too_large)
+        with pytest.raises(InputError, match="it does not fit into memory"):
+            read_embeddings(path)
+
+    def forbidden(*arguments, **named):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(archives.Path, "open", forbidden)
+    with pytest.raises(InputError, match=r"V1.npz: cannot be read \(Permission denied\): .* is needed"):
+        read_embeddings(path)
 
 
 def test_a_damaged_archive(tmp_path):

@@ -1,6 +1,8 @@
 """Videos as they are written: read back by the decoder."""
 
+import errno
 from pathlib import Path
+from typing import Any
 
 import av
 import numpy as np
@@ -103,3 +105,43 @@ def test_a_place_that_cannot_be_written_to(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="cannot be written"):
         write(tmp_path / "file" / "a.mp4", [1])
+
+
+class FullDisk:
+    """A file of FFmpeg's on a disk that is full from some call on."""
+
+    def __init__(self, container: Any, call: str) -> None:
+        self._container, self._call = container, call
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._container, name)
+
+    def mux(self, packets: Any) -> None:
+        if self._call == "mux":
+            raise OSError(errno.ENOSPC, "No space left on device")
+        self._container.mux(packets)
+
+    def close(self) -> None:
+        self._container.close()
+        if self._call == "close":
+            raise OSError(errno.ENOSPC, "No space left on device")
+
+
+@pytest.mark.parametrize("call", ["mux", "close"])
+def test_a_disk_that_is_full_is_told_and_the_video_before_stays(tmp_path: Path, monkeypatch: Any, call: str) -> None:
+    (tmp_path / "a.mp4").write_bytes(b"before")
+    real = av.open
+    monkeypatch.setattr("passerby.interchange.video_writer.av.open", lambda *a, **named: FullDisk(real(*a, **named), call))
+    with pytest.raises(InputError, match=r"a.mp4: cannot be written .No space left on device.: choose a folder with space"):
+        write(tmp_path / "a.mp4", [1, 2])
+    assert {p.name: p.read_bytes() for p in tmp_path.iterdir()} == {"a.mp4": b"before"}
+
+
+def test_nothing_is_left_of_a_video_that_ffmpeg_does_not_begin(tmp_path: Path, monkeypatch: Any) -> None:
+    def broken(*arguments: Any, **named: Any) -> None:
+        raise av.error.FFmpegError(1, "broken")
+
+    monkeypatch.setattr("passerby.interchange.video_writer.av.open", broken)
+    with pytest.raises(av.error.FFmpegError):
+        write(tmp_path / "a.mp4", [1])
+    assert not list(tmp_path.iterdir())

@@ -9,7 +9,7 @@ import subprocess
 import sys
 import threading
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from pathlib import Path
 
 import pytest
@@ -86,6 +86,69 @@ def test_never_two_at_once(tmp_path):
     assert len(done) == 120
     assert set(most) == {1}
     assert not list((tmp_path / "out").glob("*")), "nothing is left behind"
+
+
+def test_one_who_may_wait_gets_the_lock_when_it_is_free(tmp_path, monkeypatch):
+    holding, waits = ExitStack(), []
+    holding.enter_context(lock_folder(tmp_path, "another test"))
+
+    def until_the_third_time(seconds):
+        waits.append(seconds)
+        if len(waits) == 3:
+            holding.close()
+
+    monkeypatch.setattr(locks.time, "sleep", until_the_third_time)
+    with lock_folder(tmp_path, "a test", wait_s=3600.0):
+        assert (tmp_path / FOLDER_LOCK).read_text().endswith("(a test)")
+    assert waits == [locks.POLL_S] * 3
+
+
+def test_a_file_system_without_locks_keeps_nobody_out(tmp_path, monkeypatch):
+    def unsupported(file):
+        raise OSError(errno.ENOLCK, "No locks available")
+
+    monkeypatch.setattr(locks, "try_lock", unsupported)
+    with lock_folder(tmp_path, "a test"), lock_folder(tmp_path, "another"):
+        (tmp_path / "result").write_text("done")
+    assert [path.name for path in tmp_path.iterdir()] == ["result"]
+
+
+def test_a_lock_whose_file_its_holder_has_just_deleted_is_taken_anew(tmp_path, monkeypatch):
+    """Else two would each hold a lock: one on the file that has gone, one on the file that has its name."""
+    real, tries = locks.try_lock, []
+
+    def deleted_at_first(file):
+        tries.append(file)
+        if len(tries) == 1:
+            (tmp_path / FOLDER_LOCK).unlink()
+        return real(file)
+
+    monkeypatch.setattr(locks, "try_lock", deleted_at_first)
+    with lock_folder(tmp_path, "a test"):
+        assert len(tries) == 2
+        assert tries[0].closed
+        with pytest.raises(InputError, match=r"\(a test\) is running there"), lock_folder(tmp_path, "another"):
+            raise AssertionError
+
+
+def test_who_holds_a_lock_that_cannot_be_read_is_another_process(tmp_path, monkeypatch):
+    """Windows lets nobody read what is locked."""
+    real = Path.open
+
+    class Locked:
+        def __init__(self, file):
+            self._file = file
+
+        def __getattr__(self, name):
+            return getattr(self._file, name)
+
+        def read(self, size):
+            raise PermissionError(errno.EACCES, "Permission denied")
+
+    with lock_folder(tmp_path, "a test"):
+        monkeypatch.setattr(Path, "open", lambda self, *arguments, **named: Locked(real(self, *arguments, **named)))
+        with pytest.raises(InputError, match="another process is running there now"), lock_folder(tmp_path, "another"):
+            raise AssertionError
 
 
 @pytest.mark.parametrize("call", ["open", "mkdir"])

@@ -1,12 +1,13 @@
 """Whatever is written, killed or out of disk at any moment: what lies there is all old or all new."""
 
+import json
 import signal
 
 import pytest
 
 from passerby.common.errors import InputError
-from passerby.interchange.storage.atomic import forget_halves, write_text
-from passerby.interchange.storage.transaction import GONE, WRITTEN, folder_lock, recover, transaction
+from passerby.interchange.storage.atomic import forget_halves, make_folder, remove, write_text
+from passerby.interchange.storage.transaction import GONE, WRITING, WRITTEN, folder_lock, recover, transaction
 from passerby.interchange.storage.whole_folder import whole_folder
 from support.faults.dying_process import BUG, TOLD, every_moment, hidden, visible
 
@@ -75,6 +76,106 @@ def test_a_reader_that_may_not_write_is_told(tmp_path, monkeypatch):
     monkeypatch.setattr("passerby.interchange.storage.locks.Path.open", refuse)
     with pytest.raises(InputError, match=f"{tmp_path}: cannot be written .Read-only"):
         recover(tmp_path, "reads")
+
+
+def test_what_cannot_be_written_is_told_and_nothing_is_left_of_it(tmp_path):
+    (tmp_path / "taken").mkdir()
+    (tmp_path / "taken" / "mine").write_text("old")
+    (tmp_path / "file").write_text("old")
+    before = visible(tmp_path)
+    for write in (
+        lambda: write_text(tmp_path / "taken", "new"),
+        lambda: write_text(tmp_path / "file" / "a.txt", "new"),
+        lambda: make_folder(tmp_path / "file" / "deep"),
+        lambda: remove(tmp_path / "taken"),
+    ):
+        with pytest.raises(InputError, match=f"^{tmp_path}/.*: cannot be written .*: choose a folder that you may write to"):
+            write()
+    assert visible(tmp_path) == before
+    assert not hidden(tmp_path)
+
+
+def test_folders_are_made_and_files_go_whether_or_not_they_are_there(tmp_path):
+    for _ in range(2):
+        make_folder(tmp_path / "a" / "b")
+        assert (tmp_path / "a" / "b").is_dir()
+    write_text(tmp_path / "a" / "file", "old")
+    for _ in range(2):
+        remove(tmp_path / "a" / "file")
+        assert not (tmp_path / "a" / "file").exists()
+
+
+def test_halves_of_a_file_go_and_nothing_else(tmp_path):
+    """A killed process may leave a folder as well as a file; other files' halves are theirs."""
+    (tmp_path / ".a.txt.abcd_123.part").write_text("half")
+    (tmp_path / ".a.txt.efgh5678.part" / "deep").mkdir(parents=True)
+    others = [".b.txt.abcd_123.part", ".a.txt.short.part", ".a.txt.abcd_123.part.old", "a.txt"]
+    for name in others:
+        (tmp_path / name).write_text("mine")
+    forget_halves(tmp_path / "a.txt")
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(others)
+
+
+def test_files_that_change_together_need_a_folder(tmp_path):
+    (tmp_path / "file").write_text("old")
+    with pytest.raises(InputError, match="file: cannot be written"), transaction(tmp_path / "file"):
+        raise AssertionError
+    assert (tmp_path / "file").read_text() == "old"
+
+
+def test_what_a_killed_process_had_decided_is_ended_by_the_next_one(tmp_path):
+    """What was to go goes, what was to come comes, and what was only begun is forgotten; without a list nothing goes."""
+    for gone in (["going"], None):
+        set_up(tmp_path)
+        (tmp_path / WRITTEN).mkdir()
+        (tmp_path / WRITTEN / "a").write_text("new")
+        if gone is not None:
+            (tmp_path / WRITTEN / GONE).write_text(json.dumps(gone))
+        (tmp_path / WRITING).mkdir()
+        (tmp_path / WRITING / "b").write_text("half")
+        with folder_lock(tmp_path, "a test"):
+            stays = {} if gone else {"going": b"old"}
+            assert visible(tmp_path) == {"a": b"new", "deep/b": b"old", "mine": b"old"} | stays
+        assert not hidden(tmp_path)
+
+
+def lock(folder):
+    """Take a folder's lock, and let it go."""
+    with folder_lock(folder, "a test"):
+        pass
+
+
+def read(folder):
+    """What whoever reads a folder does first."""
+    recover(folder, "reads")
+
+
+COMERS = pytest.mark.parametrize("come", [lock, read])
+
+
+@COMERS
+def test_a_decision_that_is_damaged_is_told_and_changes_nothing(tmp_path, come):
+    set_up(tmp_path)
+    (tmp_path / WRITTEN).mkdir()
+    (tmp_path / WRITTEN / "a").write_text("new")
+    (tmp_path / WRITTEN / GONE).write_text('["going')
+    told = f"{GONE}: is damaged .*: delete {tmp_path / WRITTEN} and run the last command again"
+    with pytest.raises(InputError, match=told):
+        come(tmp_path)
+    assert (tmp_path / "a").read_text() == "old"
+    assert (tmp_path / "going").read_text() == "old"
+
+
+@COMERS
+def test_a_decision_that_cannot_be_ended_is_told(tmp_path, come):
+    """A folder has taken the place of a file meanwhile."""
+    (tmp_path / "a" / "mine").mkdir(parents=True)
+    (tmp_path / WRITTEN).mkdir()
+    (tmp_path / WRITTEN / "a").write_text("new")
+    with pytest.raises(InputError, match=f"^{tmp_path}: cannot be written"):
+        come(tmp_path)
+    assert (tmp_path / "a" / "mine").is_dir()
+    assert (tmp_path / WRITTEN / "a").read_text() == "new"
 
 
 def refuse(*arguments, **named):
