@@ -131,6 +131,7 @@ def test_a_pose_that_is_not_known_has_no_figures():
         ({"figures": {"scale": {}, "people": {"identities": 1, "heights_m": {"7": ""}}}}, "figures.people.heights_m.7 is ''"),
         ({"seed": 10**300}, "it holds a number of 300 digits"),
         ({"schema_version": "1.0"}, "schema_version is '1.0'"),
+        ({"figures": 3}, "figures is 3"),
     ],
 )  # fmt: skip
 def test_what_is_wrong_is_told_with_key_and_value(tables, says):
@@ -148,3 +149,16 @@ def test_what_is_no_json_and_what_is_of_a_later_schema_is_told():
         parse_document(json.dumps(LEAST | {"name": "\ud800"}))
     with pytest.raises(InputError, match=r"schema_version is 2, of a later Passerby; this one reads up to 1: install"):
         parse_document(json.dumps(LEAST | {"schema_version": 2, "verdict": "new"}))
+
+
+def test_a_file_that_is_missing_or_holds_something_else_is_told(tmp_path):
+    with pytest.raises(InputError, match=r"calibration.json: no such file: name the folder that `passerby calibrate SCENE"):
+        read_document(tmp_path)
+    (tmp_path / "calibration.json").write_text("[1, 2]")
+    with pytest.raises(InputError, match=r"calibration.json: is not what .*: it is not a table: calibrate again"):
+        read_document(tmp_path)
+
+
+def test_a_camera_that_is_not_told_of_has_an_entry_without_figures():
+    assert WHOLE.entry("A").boxes == 3
+    assert WHOLE.entry("C9") == CameraEntry(name="C9")

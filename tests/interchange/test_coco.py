@@ -91,6 +91,16 @@ def test_visibilities_become_confidences(tmp_path):
         (changed(annotations__0__keypoints=[1, 2, 1.5, 1, 2, 1]), r"third number of a keypoint is 1.5"),
         (changed(annotations__0__keypoints=[1, 2, -0.5, 1, 2, 1]), r"confidence is -0.5"),
         (changed(annotations__2__track_id=5), r"identity 5 occurs twice in frame 1"),
+        (changed(categories__0__id="one"), r"categories\[0\]: needs a whole number `id`"),
+        (changed(categories__0=["person"]), r"categories\[0\]: needs a whole number `id`"),
+        (changed(annotations__1=[1, 2]), r"annotations\[1\]: is not an object"),
+        (
+            changed(
+                categories=[*GOOD["categories"], {"id": 2, "keypoints": ["nose", "foot"]}],
+                annotations__1__category_id=2,
+            ),
+            "annotations: people of several categories with different keypoints: give one category only",
+        ),
     ],
 )
 def test_a_fault_names_file_place_value_and_mend(tmp_path, content, told):
@@ -139,3 +149,9 @@ def test_real_files_are_sound(data_root):
     files = sorted(data_root.glob("*/keypoints/*.json"))
     assert len(files) >= 9
     assert all(len(read_keypoints(path).joints) == 25 for path in files)
+
+
+def test_annotations_of_boxes_alone_are_left_out(tmp_path):
+    keypoints = read(tmp_path, changed(annotations__0__keypoints=None))
+    assert keypoints.frame.tolist() == [1, 1]
+    assert keypoints.joints == ("head", "foot")

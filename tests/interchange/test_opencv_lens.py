@@ -65,6 +65,18 @@ def test_lists_in_json(tmp_path, size):
     np.testing.assert_allclose(stored.distortions, DISTORTIONS)
 
 
+def test_lists_in_xml_and_tables_that_hold_themselves(tmp_path):
+    """OpenCV writes a list of texts or tables as elements called `_`; YAML may refer to what it stands in."""
+    numbers = f"<camera_matrix><rows>3</rows><cols>3</cols><data>{' '.join(map(str, MATRIX.ravel()))}</data></camera_matrix>"
+    rest = "<image_width>640</image_width><image_height>480</image_height><dist>0 0 0 0</dist>"
+    (tmp_path / "a.xml").write_text(f"<opencv_storage><names><_>left</_><_>right</_></names>{numbers}{rest}</opencv_storage>")
+    (tmp_path / "a.yaml").write_text(f"size: &a\n  inner: *a\nK: {MATRIX.ravel().tolist()}\nD: [0, 0, 0, 0]\n")
+    for name, size in (("a.xml", (640, 480)), ("a.yaml", None)):
+        stored = read_opencv_lens(tmp_path / name)
+        np.testing.assert_allclose(stored.matrix, MATRIX)
+        assert stored.size == size
+
+
 def test_a_file_about_something_else_is_no_lens(tmp_path):
     (tmp_path / "a.json").write_text('{"images": [{"id": 1}]}')
     (tmp_path / "b.json").write_text("[1, 2]")

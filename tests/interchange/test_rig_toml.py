@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from passerby.common.errors import InputError
-from passerby.core.cameras import Camera, Lens, Pose, PoseSigma, Rig
+from passerby.core.cameras import LARGEST_FOCAL_SD, Camera, Lens, Pose, PoseSigma, Rig
 from passerby.interchange.rig_toml import read_lens, read_rig, write_rig
 
 LENS = """size = [1920, 1080]
@@ -87,6 +87,10 @@ def test_files_of_other_tools_are_opened(tmp_path, text):
         (f"[a]\n{LENS}rotation = [0.1, 0.2]\ntranslation = [0, 0, 0]", r"rotation is \[0.1, 0.2\]"),
         (f"[a]\n{LENS}rotation = [[1,0,0],[0,1,0],[0,0,2]]\ntranslation = [0, 0, 0]", r"is not a rotation"),
         (f'[a]\nname = "n"\n{LENS}[b]\nname = "n"\n{LENS}', r"camera n occurs twice"),
+        (f'[a]\nname = ""\n{LENS}', r"\[a\]: name is '': give the camera's name in quotes"),
+        (f"[a]\nname = [1]\n{LENS}", r"\[a\]: name is \[1\]: give the camera's name in quotes"),
+        (f"[a]\n{LENS}focal_sd_percent = 0", r"\[a\]: focal_sd_percent is 0: give a number above 0, up to"),
+        (f"[a]\n{LENS}focal_sd_percent = 5000", r"\[a\]: focal_sd_percent is 5000: .* or delete it"),
     ],
 )
 def test_a_fault_names_file_table_value_and_mend(tmp_path, text, told):
@@ -176,3 +180,23 @@ def test_a_lens_that_nobody_knows_comes_back_as_one(tmp_path, lens):
     path.write_text(path.read_text().replace("uncalibrated = true", 'uncalibrated = "yes"'))
     with pytest.raises(InputError, match=r"\[A\]: uncalibrated is 'yes': write true or false"):
         read_lens(path, "A")
+
+
+def test_sigmas_that_are_infinite_are_not_written(tmp_path):
+    """TOML's inf is no sigma that another tool could use; a camera without any has none when it is read."""
+    lens = Lens((640, 480), np.array([[500.0, 0, 320], [0, 510, 240], [0, 0, 1]]), np.zeros(5))
+    pose = Pose(np.eye(3), np.zeros(3))
+    sigmas = {"a": (np.inf, 0.5), "b": (0.25, np.inf), "c": (np.inf, np.inf)}
+    covariance = np.full((6, 6), np.inf)
+    write_rig(tmp_path / "rig.toml", Rig(tuple(Camera(n, lens, pose, PoseSigma(*s, covariance)) for n, s in sigmas.items())))
+    assert "inf" not in (tmp_path / "rig.toml").read_text()
+    back = read_rig(tmp_path / "rig.toml")
+    assert (back["a"].sigma.orientation_deg, np.isfinite(back["a"].sigma.position_m)) == (0.5, False)
+    assert (back["b"].sigma.position_m, np.isfinite(back["b"].sigma.orientation_deg)) == (0.25, False)
+    assert back["c"].sigma is None
+
+
+def test_a_lens_that_is_uncalibrated_without_a_sigma_may_be_anything(tmp_path):
+    rig = read_rig(write(tmp_path, f"[a]\n{LENS}uncalibrated = true\n[b]\n{LENS}focal_sd_percent = 5\n"))
+    assert rig["a"].lens.focal_sd == LARGEST_FOCAL_SD
+    assert rig["b"].lens.focal_sd == pytest.approx(0.05)

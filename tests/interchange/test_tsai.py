@@ -96,6 +96,15 @@ def test_distortion_that_opencv_cannot_express_is_refused(tmp_path):
         read_tsai(written(tmp_path, camera(-1e-2))).camera("c0")
 
 
+@pytest.mark.parametrize(("old", "new"), [('kappa1="5e-4"', 'kappa1="1e9"'), ('cx="360"', 'cx="1e12"')])
+def test_numbers_of_another_unit_are_told(tmp_path, old, new):
+    (tmp_path / "a.xml").write_text(SOUND.replace(old, new))
+    with pytest.raises(
+        InputError, match=r"camera c0: .*a\.xml: its numbers do not describe a lens: are focal, dpx and dpy in mil"
+    ):
+        read_tsai(tmp_path / "a.xml").camera("c0")
+
+
 def test_the_error_told_is_the_error_made():
     kappa, radius, focal = 5.0, 0.7, 1000.0
     k, told = fitted_distortions(kappa, radius, focal)

@@ -113,3 +113,8 @@ def test_broken_files_are_told(tmp_path, content, match):
         read(tmp_path, content)
     assert "alphapose-results.json" in str(error.value)
     assert "\n" not in str(error.value)
+
+
+def test_a_folder_is_told(tmp_path):
+    with pytest.raises(InputError, match=r"is a folder: give the file alphapose-results.json in it"):
+        read_people_as("alphapose", tmp_path)

@@ -152,6 +152,20 @@ def test_what_passerby_writes_is_read(tmp_path):
         ([annotation(-2)], "image_id is -2"),
         ([annotation(1), annotation("2.jpg")], "some image_id are names"),
         ([7], r"\[0\]: is not an object"),
+        (annotations([], categories={"id": 1}), "categories is not a list"),
+        (annotations([], categories=[{"id": "1", "name": "person"}]), r"categories\[0\]: needs a whole number `id`"),
+        (annotations([], categories=[{"id": 1, "name": "person", "keypoints": "nose"}]), "must be a list of keypoint names"),
+        (annotations([], categories=[{"id": 1, "name": "person", "keypoints": [1]}]), "must be a list of keypoint names"),
+        (annotations([{**annotation(), "bbox": 3}]), "bbox is 3: a list of numbers is needed"),
+        (annotations([annotation(box=(float("nan"), 2, 3, 4))]), r"a box of frame 3 is \[nan, .*: not finite numbers"),
+        (annotations([annotation(score=float("nan"))]), "score nan: not finite numbers"),
+        (
+            annotations(
+                [annotation(keypoints=body()), annotation(7, category_id=2, keypoints=body(count=1))],
+                categories=[*PEOPLE, {"id": 2, "name": "pedestrian", "keypoints": ["top"]}],
+            ),
+            "several categories of people have different keypoints: keep one of them",
+        ),
     ],
 )
 def test_broken_files_are_told(tmp_path, content, match):
@@ -159,3 +173,10 @@ def test_broken_files_are_told(tmp_path, content, match):
         read(tmp_path, content)
     assert "people.json" in str(error.value)
     assert "\n" not in str(error.value)
+
+
+def test_a_folder_and_a_format_without_people_are_told(tmp_path):
+    with pytest.raises(InputError, match="is a folder: give the JSON file in it"):
+        read_people_as("coco", tmp_path)
+    with pytest.raises(InputError, match=r"format kalibr holds no people: .*coco.* do"):
+        read_people_as("kalibr", tmp_path)

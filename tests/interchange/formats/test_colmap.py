@@ -200,3 +200,9 @@ def test_people_are_points(tmp_path):
     assert struct.unpack_from("<Q", packed) == (5,)
     assert len(packed) == 8 + 5 * (8 + 24 + 3 + 8 + 8)
     np.testing.assert_allclose(struct.unpack_from("<Q3d", packed, 8 + 51), [2, *xyz[1]])
+
+
+def test_a_lens_of_no_number_in_a_binary_file_is_told(tmp_path):
+    write_binary_model(tmp_path, "PINHOLE", (float("nan"), 1010.0, 640.5, 360.25))
+    with pytest.raises(InputError, match=r"cameras\.bin: camera 7: parameters \(nan, .*: finite numbers are needed"):
+        read_rig_as("colmap-bin", tmp_path)

@@ -118,6 +118,19 @@ def test_names_are_kept(tmp_path):
         assert file.getNode(f"K_{name}").mat().shape == (3, 3)
 
 
+@pytest.mark.parametrize("told", ["[", '["one"]', '["one", 2]', "3"])
+def test_names_that_were_not_told_whole_are_those_of_the_file(tmp_path, told):
+    """What Passerby adds to tell them may have been edited by hand."""
+    written("easymocap", Rig((facing("a b"), facing("é"))), tmp_path)
+    path = tmp_path / "intri.yml"
+    lines = path.read_text().splitlines(keepends=True)
+    (index,) = [k for k, line in enumerate(lines) if line.startswith("passerby_names")]
+    lines[index] = f"passerby_names: '{told}'\n"
+    path.write_text("".join(lines))
+    assert len(read_back("easymocap", tmp_path)[0]) == 2
+    assert not {"a b", "é"} & set(read_back("easymocap", tmp_path)[0].names)
+
+
 def test_a_fisheye_is_a_loss(tmp_path):
     with pytest.raises(InputError, match=r"camera north: its lens \(fisheye.*k1, k2, p1, p2, k3, up to .* px off"):
         written("easymocap", Rig((facing(distortions=(0.01, 0, 0, 0), fisheye=True),)), tmp_path / "out")

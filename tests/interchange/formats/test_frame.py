@@ -43,6 +43,12 @@ def test_lossy_tells_what_was_lost(made, tmp_path):
     assert (tmp_path / "out/below/b.txt").read_bytes() == b"b"
 
 
+def test_a_format_that_is_only_written_is_not_read(made, tmp_path):
+    (tmp_path / "a.one").write_text("")
+    with pytest.raises(InputError, match="format one holds no cameras that can be read: choose one of read"):
+        formats.read_rig_as("one", tmp_path / "a.one")
+
+
 def test_files_of_another_rig_are_not_left_beside_it(made, tmp_path):
     rig = Export(RIG.posed())
     for _ in range(2):

@@ -118,6 +118,7 @@ def test_a_board_without_a_unit(tmp_path):
         ("size = [ 1280, 720,]", "size = [ 1280 ]", r"\[cam_0\]: size is \[1280\]"),
         ("rotation = [ 0.0, 0.5, 0.0,]", "", r"\[cam_1\]: has a translation but no rotation"),
         ("Camera_001", "Camera_000", "camera Camera_000_synchronized occurs twice"),
+        ("[metadata]", '[metadata]\nunits = "ft"', r"\[metadata\] units is 'ft': write one of m, cm, mm"),
     ],
 )
 def test_bad_files(tmp_path, old, new, match):

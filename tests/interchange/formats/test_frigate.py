@@ -4,9 +4,11 @@ import yaml
 
 from passerby.common.errors import InputError
 from passerby.core.cameras import Camera, Pose, Rig
+from passerby.interchange.formats import frigate
 from passerby.interchange.formats.frigate import (
     GOOD,
     SHORTEST_M,
+    SpeedZone,
     metres_per_pixel,
     propose_zone,
     side_lengths,
@@ -42,6 +44,20 @@ def test_what_shows_no_ground_has_no_length():
     assert np.isnan(side_lengths(camera, above)).tolist() == [True, True, False, True]
     assert zone_at(camera, above) is None
     assert propose_zone(looking(-60)) is None
+
+
+def test_a_camera_without_ground_is_left_out_of_the_zones(tmp_path, monkeypatch):
+    """The same as below where zones are looked for, which takes seconds."""
+    zone = SpeedZone(np.array([[660.0, 390], [1260, 390], [1260, 690], [660, 690]]), np.array([4.0, 3, 4, 3]), (-0.02, 0.04))
+    monkeypatch.setattr(frigate, "propose_zone", lambda camera: zone if camera.name == "down" else None)
+    rig = Rig((looking(60, "down"), looking(-60, "up")))
+    assert written("frigate", rig, tmp_path / "zones.yml", lossy=True) == (
+        "camera up sees too little ground for a zone and is left out",
+    )
+    assert list(yaml.safe_load((tmp_path / "zones.yml").read_text())["cameras"]) == ["down"]
+    with pytest.raises(InputError, match="no camera sees enough ground for a zone: there is nothing to export"):
+        written("frigate", Rig((looking(-60, "up"),)), tmp_path / "none.yml", lossy=True)
+    assert not (tmp_path / "none.yml").exists()
 
 
 def test_metres_per_pixel_as_frigate_interpolates_them():

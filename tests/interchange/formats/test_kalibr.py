@@ -168,6 +168,10 @@ def test_cameras_without_a_pose_are_left_out(tmp_path):
         (CHAIN, "a: {}", "has no table cam0"),
         (CHAIN, "cam0: 3", "cam0: holds no camera"),
         (CHAIN, "[" * 1100, "is not YAML"),
+        ("distortion_model: radtan", "distortion_model: fov", "cam0: distortion_coeffs is .*: 1 numbers"),
+        ("camera_model: omni", "camera_model: ds", "cam1: intrinsics is .*: 6 numbers"),
+        ("intrinsics: [461.629,", "intrinsics: [-461.629,", "cam0: matrix .* focal lengths"),
+        ("cam1:\n", "cam1:\n  camera_name: cam0\n", "camera cam0 occurs twice"),
     ],
 )
 def test_bad_files(tmp_path, old, new, match):
@@ -183,3 +187,14 @@ def test_unit_of_lengths(tmp_path):
     written("kalibr", Rig((facing(),)), tmp_path / "chain.yaml")
     rig, _ = read_back("kalibr", tmp_path / "chain.yaml", metres_per_unit=0.5)
     np.testing.assert_allclose(rig["north"].centre, np.array(CENTRE) / 2, atol=1e-12)
+
+
+def test_models_that_kalibr_has_not_either(tmp_path):
+    camera = {
+        "camera_model": "ds", "intrinsics": [-0.2, 0.6, 400.0, 410.0, 640.0, 480.0], "distortion_model": "radtan",
+        "distortion_coeffs": [0.0, 0.0, 0.0, 0.0], "resolution": [1280, 960],
+    }  # fmt: skip
+    (tmp_path / "chain.yaml").write_text(yaml.safe_dump({"cam0": camera}))
+    with pytest.raises(InputError, match=r"cam0: camera_model ds with distortion_model radtan does not exist") as error:
+        read_back("kalibr", tmp_path / "chain.yaml")
+    assert str(error.value).count("chain.yaml") == 1

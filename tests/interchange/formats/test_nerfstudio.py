@@ -155,6 +155,7 @@ def test_cameras_without_a_pose(tmp_path):
         ({"frames": [{"file_path": "a", "transform_matrix": [[1, 0, 0, 0]] * 4}]}, "is not a rotation"),
         ({"frames": [{"file_path": "a", "transform_matrix": 5}]}, "16 numbers are needed"),
         ({"frames": [{"file_path": "a"}]}, "transform_matrix is missing"),
+        ({"frames": 2 * DOCUMENTED["frames"][:1]}, r"camera .*frame_00001.* occurs twice"),
     ],
 )
 def test_bad_files(tmp_path, change, match):

@@ -270,3 +270,26 @@ def test_other_files(tmp_path):
     (tmp_path / "empty").mkdir()
     with pytest.raises(InputError, match="holds no camera"):
         read_back("mv3dt", tmp_path / "empty")
+
+
+def test_cameras_that_are_none_or_twice_the_same_are_told(tmp_path):
+    sensor = {"type": "camera", "id": "c", "cameraMatrix": NORTH}
+    path = tmp_path / "calibration.json"
+    path.write_text(json.dumps({"sensors": [sensor, sensor]}))
+    with pytest.raises(InputError, match=f"^{path}: camera c occurs twice"):
+        read_back("amc", path, size=SIZE)
+    content = {"K": np.diag([-900.0, 900.0, 1.0]).tolist(), "R": LOOKING_NORTH.tolist(), "t": [[-4.0], [2.5], [3.0]]}
+    (tmp_path / "a.yaml").write_text(yaml.safe_dump(content))
+    with pytest.raises(InputError, match=f"^{tmp_path}/a.yaml: .*focal lengths above 0"):
+        read_back("mv3dt", tmp_path / "a.yaml", size=SIZE)
+
+
+@pytest.mark.parametrize("comment", ["{not JSON}", "{}", '{"name": 3}'])
+def test_what_passerby_told_of_itself_may_have_been_edited(tmp_path, comment):
+    """A name is that of the file then."""
+    written("mv3dt", Rig((facing("a b"),)), tmp_path)
+    (file,) = (tmp_path / "camInfo").iterdir()
+    text, count = re.subn(r"^# passerby: .*$", f"# passerby: {comment}", file.read_text(), flags=re.MULTILINE)
+    assert count == 1
+    file.write_text(text)
+    assert read_back("mv3dt", tmp_path, size=SIZE)[0].names == (file.stem,)

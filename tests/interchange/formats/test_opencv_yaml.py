@@ -140,3 +140,46 @@ def test_a_whole_rig_in_one_file(tmp_path):
     (tmp_path / "folder.yml").mkdir()
     export(Export(rig), "opencv", tmp_path / "folder.yml")
     assert len(list((tmp_path / "folder.yml").iterdir())) == 4
+
+
+def test_folders_and_files_without_a_camera_are_told(tmp_path):
+    with pytest.raises(InputError, match=r"has no file of OpenCV \(\.yml, "):
+        read_rig_as("opencv", tmp_path)
+    write(tmp_path / "other.yml", threshold=3.0)
+    with pytest.raises(InputError, match="holds no camera: a camera_matrix and distortion_coefficients are needed"):
+        read_rig_as("opencv", tmp_path)
+
+
+def test_files_that_are_the_same_camera_are_told(tmp_path):
+    for name in ("C1.yml", "C1.xml"):
+        write(tmp_path / name, K=MATRIX, D=DISTORTIONS, image_width=1280, image_height=720)
+    with pytest.raises(InputError, match=f"^{tmp_path}: camera C1 occurs twice"):
+        read_rig_as("opencv", tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        ({"Ks": np.array([MATRIX])}, "Ks, rvecs, Ts, image_sizes and is_fisheye have different numbers of cameras"),
+        ({"Ks": np.array([-MATRIX, MATRIX])}, "focal lengths above 0"),
+        ({"distortions": np.zeros((2, 1, 7))}, "distortions has 7 values"),
+    ],
+)
+def test_a_multi_view_file_that_contradicts_itself(tmp_path, changed, said):
+    told = {
+        "rvecs": np.zeros((2, 3, 1)), "Ts": np.zeros((2, 3)), "Ks": np.array([MATRIX, MATRIX]),
+        "distortions": np.zeros((2, 1, 5)), "is_fisheye": np.array([0, 0]), "image_sizes": np.array([[1280, 720]] * 2),
+    }  # fmt: skip
+    write(tmp_path / "rig.yaml", **told)
+    assert read_rig_as("opencv", tmp_path / "rig.yaml", Given(metres_per_unit=1.0))[0].names == ("0", "1")
+    write(tmp_path / "rig.yaml", **(told | changed))
+    with pytest.raises(InputError, match=said) as error:
+        read_rig_as("opencv", tmp_path / "rig.yaml", Given(metres_per_unit=1.0))
+    assert str(error.value).startswith(str(tmp_path / "rig.yaml"))
+
+
+def test_a_stereo_pair_whose_matrix_is_none(tmp_path):
+    write(tmp_path / "intrinsics.yml", M1=np.eye(2), D1=DISTORTIONS, M2=MATRIX, D2=DISTORTIONS)
+    write(tmp_path / "extrinsics.yml", R=TURN, T=MOVE[:, None])
+    with pytest.raises(InputError, match="the camera matrix has 4 numbers: 3 x 3 are needed"):
+        read_rig_as("opencv", tmp_path, Given((1280, 720), 1.0))

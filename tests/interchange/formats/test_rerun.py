@@ -132,3 +132,11 @@ def test_without_the_package_the_error_names_the_extra(monkeypatch, tmp_path):
     with pytest.raises(InputError, match=r"pip install 'passerby\[rerun\]'"):
         export(Export(rig()), "rerun", tmp_path / "rig.rrd")
     assert not (tmp_path / "rig.rrd").exists()
+
+
+def test_people_of_single_places_without_sigmas_are_points_alone(written):
+    alone = replace(ways(), sigma_m=np.full(6, np.nan), part=np.arange(6))
+    static, timed, _ = written(rig(), alone)
+    people = [name for name in timed if name.startswith("/world/people/")]
+    assert len(people) == 2
+    assert not [name for name in (*static, *timed) if "/ways/" in name or "/people_sigmas/" in name]

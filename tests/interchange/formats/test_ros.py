@@ -247,6 +247,16 @@ def test_cameras_below_different_roots(tmp_path):
         read_back("ros", tmp_path)
 
 
+def test_lenses_and_names_that_no_rig_has(tmp_path):
+    (tmp_path / "a.yaml").write_text(OST)
+    (tmp_path / "b.yaml").write_text(OST)
+    with pytest.raises(InputError, match=f"^{tmp_path}: camera narrow_stereo occurs twice"):
+        read_back("ros", tmp_path)
+    (tmp_path / "b.yaml").write_text(OST.replace("698.12", "-698.12"))
+    with pytest.raises(InputError, match=f"^{tmp_path}/b.yaml: .*focal lengths above 0"):
+        read_back("ros", tmp_path)
+
+
 def test_an_empty_folder(tmp_path):
     with pytest.raises(InputError, match="holds no camera_info"):
         read_back("ros", tmp_path)
