@@ -8,11 +8,12 @@ from itertools import permutations
 import numpy as np
 import pytest
 
+from passerby.core.figures import CueFigures
 from passerby.core.floor_plan import FloorPlan, PlannedCamera
 from passerby.core.scale_cues import CameraDistance, CameraHeight, KnownLength, PersonHeight, ScaleCues
 from passerby.core.solution import Solution
 from passerby.evaluation.metrics import compare
-from passerby.solver.cue_agreement import find_disputes
+from passerby.solver.cue_agreement import argue, find_disputes
 from passerby.solver.people import PeopleOptions
 from support.scenes.people_and_rigs import part, simulated, solve
 
@@ -52,6 +53,39 @@ def test_of_two_both_are_named_the_more_certain_first() -> None:
 def test_people_of_five_per_cent_do_not_contradict_a_tenth() -> None:
     """Two of their sigmas: a crowd may be so."""
     assert find_disputes(np.log([1.0, 1.1]), np.array([0.05, 0.01])) == []
+
+
+def said(name: str, scale: float | None, sigma: float | None, stated_m: float = 2.0) -> CueFigures:
+    """A cue by whose own measure all lengths would have to be so many times as large."""
+    return CueFigures(
+        cue=name, stated_m=stated_m, measured_m=stated_m, sd_m=0.02, residual_sigmas=0.0, share=0.3, own_scale=scale,
+        own_sigma=sigma,
+    )  # fmt: skip
+
+
+def test_the_cue_that_all_others_contradict_is_told_with_what_it_measures() -> None:
+    cues = [said("gate", 1.0, 0.01), said("pole", 1.1, 0.01), said("kerb", 1.0, 0.01), said("wall", None, None)]
+    judged, (told,) = argue(cues)
+    assert (told.code, told.severity, told.values["cue"]) == ("scale_cue_contradicted", "doubt", "pole")
+    assert told.values["stated_m"] == 2.0
+    assert told.values["measured_m"] == pytest.approx(2.0 / 1.1, rel=1e-3)
+    assert told.values["sigmas"] > 5
+    assert [cue.disagrees_with for cue in judged] == [None, ("gate", "kerb"), None, None]
+
+
+def test_of_two_cues_that_contradict_each_other_both_are_told() -> None:
+    judged, (told,) = argue([said("gate", 1.0, 0.02), said("pole", 1.25, 0.01)])
+    assert (told.code, told.severity) == ("scale_cues_disagree", "doubt")
+    assert told.values["cues"] == ["pole", "gate"]
+    assert told.values["percent"] == pytest.approx(25.0)
+    assert told.values["sigmas_percent"] == pytest.approx([1.0, 2.0])
+    assert [cue.disagrees_with for cue in judged] == [("pole",), ("gate",)]
+
+
+def test_cues_that_agree_or_say_nothing_are_left_as_they_are() -> None:
+    cues = [said("gate", 1.0, 0.02), said("pole", 1.02, 0.02), said("wall", None, None)]
+    assert argue(cues) == (cues, [])
+    assert argue(cues[2:]) == (cues[2:], [])
 
 
 def cue(kind: str, factor: float) -> dict[str, object]:
