@@ -177,3 +177,28 @@ def test_a_shelf_belongs_to_one_process_and_a_killed_one_gives_it_back(tmp_path)
             assert held()
             second.kill()
     assert not held()
+
+
+def test_what_is_not_used_any_more_and_what_killed_runs_left_goes(tmp_path):
+    used, other = (StageCache.of(tmp_path, "people", {"a": number}) for number in (1, 2))
+    for kept in (used, other):
+        kept.save(3, PART)
+        (kept.folder / ".000004.npz.abcd_123.part").write_bytes(b"half")
+    (tmp_path / "mine.txt").write_text("mine")
+    forget_others(tmp_path, {used.folder})
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(["mine.txt", used.folder.name])
+    assert [path.name for path in used.folder.iterdir()] == ["000003.npz"]
+    forget_others(tmp_path / "none", set())
+    assert not (tmp_path / "none").exists()
+
+
+def test_a_shelf_that_cannot_be_made_is_told(tmp_path):
+    (tmp_path / "file").write_text("mine")
+    with pytest.raises(InputError, match="file/C1: cannot be written"), cache_lock(tmp_path / "file" / "C1"):
+        raise AssertionError
+
+
+def test_a_system_without_locks_keeps_nobody_out(tmp_path, monkeypatch):
+    monkeypatch.setattr("passerby.perception.kept.fcntl", None)
+    with cache_lock(tmp_path / "C1"), cache_lock(tmp_path / "C1"):
+        assert (tmp_path / "C1").is_dir()

@@ -1,0 +1,149 @@
+"""Pieces of a recording: where they begin and end, what they are called, and what is left where they cannot be written."""
+
+from __future__ import annotations
+
+import errno
+from collections.abc import Callable
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import av
+import numpy as np
+import pytest
+
+from passerby.common.errors import InputError
+from passerby.interchange.video_writer import VideoWriter
+from passerby.recording import pieces as module
+from passerby.recording.pieces import LONGEST, Piece, PieceWriter, make_folder
+from passerby.recording.wall_clock import WallTime
+
+BEGIN = datetime(2026, 3, 4, 5, 6, 7, 250_000, tzinfo=UTC).timestamp()
+WALL = WallTime(BEGIN, "sender")
+FPS, SECONDS, KEY_EVERY = 10, 6, 10
+Change = Callable[[int, Any], bool]
+
+
+@pytest.fixture(scope="module")
+def film(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("film") / "film.mkv"
+    with VideoWriter(path, (64, 48), FPS, key_every=KEY_EVERY) as video:
+        for number in range(SECONDS * FPS):
+            video.write(np.full((48, 64, 3), 3 * number, np.uint8))
+    return path
+
+
+def recorded(
+    film: Path, folder: Path, length_s: float = 2.0, wall: WallTime | None = WALL,
+    changed: Change = lambda number, packet: True,
+) -> list[Piece]:  # fmt: skip
+    """Pieces of the film's packets, but for those for which `changed` says no."""
+    make_folder(folder)
+    pieces: list[Piece] = []
+    with av.open(str(film)) as container:
+        stream = container.streams.video[0]
+        writer = PieceWriter(folder, [stream], length_s, lambda: wall, pieces.append)
+        for number, packet in enumerate(container.demux(stream)):
+            if changed(number, packet):
+                writer.write(packet)
+        writer.end()
+        writer.end()  # what is ended stays so
+    return pieces
+
+
+def left_in(folder: Path) -> list[str]:
+    return sorted(path.name for path in folder.iterdir())
+
+
+def test_every_packet_is_in_one_piece_and_each_begins_with_a_key_frame(film: Path, tmp_path: Path) -> None:
+    pieces = recorded(film, tmp_path)
+    assert [piece.packets for piece in pieces] == [20, 20, 20]
+    assert [round(piece.begin_s - BEGIN, 3) for piece in pieces] == [0.0, 2.0, 4.0]
+    assert [piece.size_bytes for piece in pieces] == [piece.path.stat().st_size for piece in pieces]
+    assert left_in(tmp_path) == [piece.path.name for piece in pieces]
+    for piece in pieces:
+        with av.open(str(piece.path)) as container:
+            assert next(container.demux(video=0)).is_keyframe
+
+
+def test_a_name_that_is_taken_is_that_of_the_next_thousandth(film: Path, tmp_path: Path) -> None:
+    """A camera whose clock was set back, or two runs at once: no piece is written over."""
+    first = recorded(film, tmp_path, 60.0)
+    before = first[0].path.read_bytes()
+    second = recorded(film, tmp_path, 60.0)
+    assert [piece.path.name for piece in (*first, *second)] == ["20260304T050607.250Z.mkv", "20260304T050607.251Z.mkv"]
+    assert first[0].path.read_bytes() == before
+
+
+def test_what_comes_before_the_first_key_frame_is_left_out(film: Path, tmp_path: Path) -> None:
+    (piece,) = recorded(film, tmp_path, 60.0, changed=lambda number, packet: number >= 4)
+    assert piece.packets == SECONDS * FPS - KEY_EVERY
+    assert piece.begin_s == pytest.approx(BEGIN + KEY_EVERY / FPS)
+
+
+def test_without_key_frames_a_piece_ends_at_last(film: Path, tmp_path: Path) -> None:
+    """And the next one begins where one comes."""
+    length_s = 1.2
+    pieces = recorded(film, tmp_path, length_s, changed=lambda number, packet: number in (0, 50) or not packet.is_keyframe)
+    assert [round(piece.begin_s - BEGIN, 3) for piece in pieces] == [0.0, 5.0]
+    assert pieces[0].seconds == pytest.approx(LONGEST * length_s, abs=1.5 / FPS)
+
+
+def test_a_clock_that_jumps_back_begins_a_new_piece(film: Path, tmp_path: Path) -> None:
+    def changed(number: int, packet: Any) -> bool:
+        if number >= 30 and packet.pts is not None:
+            packet.pts -= round(2.5 / packet.time_base)
+            packet.dts -= round(2.5 / packet.time_base)
+        return True
+
+    pieces = recorded(film, tmp_path, 60.0, changed=changed)
+    assert [piece.packets for piece in pieces] == [30, 30]
+    assert [round(piece.begin_s - BEGIN, 3) for piece in pieces] == [0.0, 0.5]
+
+
+def test_nothing_is_kept_of_a_connection_whose_time_is_not_known(film: Path, tmp_path: Path) -> None:
+    assert recorded(film, tmp_path, wall=None) == []
+    assert left_in(tmp_path) == []
+
+
+def full(*arguments: Any, **named: Any) -> None:
+    raise OSError(errno.ENOSPC, "No space left on device")
+
+
+def invalid(*arguments: Any, **named: Any) -> None:
+    raise av.error.InvalidDataError(errno.EINVAL, "Invalid data found when processing input")
+
+
+def test_a_disk_that_is_full_is_told_with_its_remedy(film: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """While a piece is written, and when it is to get its name; then no piece is told of that is not there."""
+    told = r"\.recording-\d+\.part: cannot be written \(No space left on device\): make room there"
+    with monkeypatch.context() as patch:
+        patch.setattr(PieceWriter, "_mux", full)
+        with pytest.raises(InputError, match=told):
+            recorded(film, tmp_path / "a")
+    with monkeypatch.context() as patch:
+        patch.setattr(module.os, "fsync", full)
+        with pytest.raises(InputError, match=told):
+            recorded(film, tmp_path / "b")
+    for folder in (tmp_path / "a", tmp_path / "b"):
+        assert all(name.startswith(".recording-") for name in left_in(folder))
+        make_folder(folder)  # as the next recording does
+        assert left_in(folder) == []
+
+
+def test_what_no_file_can_hold_is_a_fault_of_the_camera(film: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(PieceWriter, "_mux", invalid)
+    with pytest.raises(ValueError, match=r"sends what a Matroska file cannot hold \(Invalid data found"):
+        recorded(film, tmp_path)
+    assert left_in(tmp_path) == []
+
+
+def test_a_folder_that_cannot_be_made_is_told_and_what_is_not_ours_stays(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("mine")
+    with pytest.raises(InputError, match="file: cannot be written"):
+        make_folder(tmp_path / "file")
+    (tmp_path / "a").mkdir()
+    for name in (".recording-12.part", ".recording.part", "20260304T050607.250Z.mkv", "notes.txt"):
+        (tmp_path / "a" / name).write_text("mine")
+    make_folder(tmp_path / "a")
+    assert left_in(tmp_path / "a") == [".recording.part", "20260304T050607.250Z.mkv", "notes.txt"]
