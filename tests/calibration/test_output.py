@@ -3,6 +3,7 @@
 import json
 import signal
 from dataclasses import replace
+from importlib import metadata
 
 import numpy as np
 import pytest
@@ -10,13 +11,16 @@ import pytest
 from passerby.calibration.calibration import Calibration
 from passerby.calibration.writing import write_calibration, write_results
 from passerby.cli.main import run
-from passerby.common.errors import InputError
+from passerby.common.errors import EvidenceError, InputError
 from passerby.core.cameras import Pose, Rig
 from passerby.core.figures import SolverFigures
 from passerby.core.observations import Boxes, CameraObservations, Keypoints, Observations
-from passerby.interchange.output_folder import read_folder_rig, read_output
+from passerby.findings.finding import doubt
+from passerby.interchange.output_folder import read_folder_rig, read_output, remove_report_parts, report_files
 from passerby.interchange.rig_toml import read_rig, write_rig
+from passerby.perception.video_probe import WallTime
 from passerby.scene.scene import Scene
+from passerby.scene.wall_clock import WallClock
 from support.faults.dying_process import TOLD, every_moment, hidden, visible
 from support.scenes.handmade_files import write_scene
 
@@ -138,3 +142,97 @@ def test_tracks_of_cameras_that_are_no_more_go(calibrations, out):
 def test_the_same_bytes_wherever_it_lies(calibrations, out, tmp_path):
     write_calibration(calibrations[0], tmp_path / "elsewhere" / "deep", report=False)
     assert visible(tmp_path / "elsewhere" / "deep") == visible(out)
+
+
+def test_a_folder_that_tells_of_no_rig_that_could_be_used(calibrations, out):
+    first = calibrations[0]
+    unposed = Rig(tuple(replace(camera, pose=None) for camera in first.rig), verdict="doubtful")
+    write_calibration(replace(first, rig=unposed, verdict="doubtful"), out, report=False)
+    with pytest.raises(EvidenceError, match=r"rig\.toml: none of its 2 cameras has a pose"):
+        read_output(out)
+    refused = replace(first, verdict="refused", diagnostics=(doubt("people_stand_still"),))
+    write_calibration(refused, out, report=False)
+    with pytest.raises(EvidenceError, match="the calibration was refused: ") as error:
+        read_output(out)
+    assert error.value.reasons == refused.reasons
+
+
+def test_clocks_of_some_cameras_alone_are_those_of_no_calibration(out):
+    told = json.loads((out / "calibration.json").read_text())
+    told["cameras"][0] |= {"fps": 25.0, "time_offset_s": 0.5}
+    (out / "calibration.json").write_text(json.dumps(told))
+    with pytest.raises(InputError, match=r"calibration\.json: .*: camera B has no fps, though others have"):
+        read_output(out)
+
+
+def test_a_file_that_cannot_be_read_is_told(out, monkeypatch):
+    def broken(path):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr("passerby.interchange.output_folder.checksum", broken)
+    with pytest.raises(
+        InputError, match=r"rig\.toml: cannot be read \(Permission denied\): check the file and its permissions"
+    ):
+        read_output(out)
+
+
+def test_files_of_an_earlier_report_go_and_those_of_the_user_stay(tmp_path):
+    """Names that are none of ours are nobody's business, nor are files that cannot be deleted."""
+    page, folder = tmp_path / "report.html", tmp_path / "report_files"
+    old, new = "0123456789abcdef", "fedcba9876543210"
+    for name in (f"{old}/a.js", f"{old}/b.js", f"{new}/a.js", "mine/a.js", f"{new}/notes.txt"):
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_text("")
+    page.write_text("")
+    remove_report_parts(page, but=new)
+    assert [path.relative_to(tmp_path).as_posix() for path in report_files(page)] == ["report.html", f"report_files/{new}/a.js"]
+    remove_report_parts(page)
+    assert sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*.*")) == [f"{new}/notes.txt", "mine/a.js"]
+
+
+def test_a_calibration_and_its_folder_say_in_a_line_what_they_are(calibrations, out):
+    first = calibrations[0]
+    lost = replace(first.rig, cameras=(first.rig.cameras[0], replace(first.rig.cameras[1], pose=None)))
+    assert repr(replace(first, rig=lost, verdict="doubtful")) == (
+        f"Calibration({first.scene.name!r}: doubtful, 1 of 2 cameras registered)"
+    )
+    assert repr(read_output(out)) == f"OutputFolder({str(out)!r}: accepted, 2 of 2 cameras)"
+    assert read_output(out).report["verdict"] == "accepted"
+    for html in (first._repr_html_(), read_output(out)._repr_html_()):
+        assert "accepted" in html
+        assert "<td>A" in html or ">A<" in html
+
+
+def test_a_calibration_is_drawn_and_reported(calibrations, tmp_path):
+    first = calibrations[0]
+    with pytest.raises(InputError, match="view 'below': choose one of space, above"):
+        first.plot("below")
+    space, above = first.plot(), first.plot("above")
+    assert {trace.type for trace in space.data} >= {"scatter3d"}
+    assert "scatter3d" not in {trace.type for trace in above.data}
+    first.report(tmp_path / "new" / "report.html")
+    assert first.scene.name in (tmp_path / "new" / "report.html").read_text()
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="cannot be written"):
+        first.report(tmp_path / "file" / "report.html")
+
+
+def test_the_file_tells_the_wall_time_that_was_chosen_and_the_libraries_that_are_there(calibrations, monkeypatch):
+    first = calibrations[0]
+
+    def version(package):
+        if package == "av":
+            raise metadata.PackageNotFoundError(package)
+        return "1.0"
+
+    monkeypatch.setattr(metadata, "version", version)
+    origin = WallTime(1000.0, utc=True)
+    for chosen, expected in (
+        ((None, None), None),
+        ((origin, None), (origin.text, None)),
+        ((None, origin), (None, origin.text)),
+    ):
+        document = replace(first, wall_clock=WallClock(origin, *chosen)).document()
+        assert (document.wall_clock_origin, document.wall_clock_span) == (origin.text, expected)
+    assert (document.versions["av"], document.versions["numpy"]) == (None, "1.0")
+    assert first.document().wall_clock_origin is None

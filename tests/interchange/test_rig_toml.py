@@ -84,6 +84,10 @@ def test_files_of_other_tools_are_opened(tmp_path, text):
         (f"[a]\n{LENS}fisheye = true", r"distortions has 5 values; a fisheye lens takes 0, 4"),
         (f'[a]\n{LENS}fisheye = "no"', r"fisheye is 'no': write true or false"),
         (f"[a]\n{LENS}rotation = [0.1, 0.2, 0.3]", r"has a rotation but no translation"),
+        (
+            f"[a]\n{LENS}rotation = [0.1, 0.2, 1e6]\ntranslation = [0, 0, 0]",
+            r"\[a\]: .*a Rodrigues vector in radians is needed",
+        ),
         (f"[a]\n{LENS}rotation = [0.1, 0.2]\ntranslation = [0, 0, 0]", r"rotation is \[0.1, 0.2\]"),
         (f"[a]\n{LENS}rotation = [[1,0,0],[0,1,0],[0,0,2]]\ntranslation = [0, 0, 0]", r"is not a rotation"),
         (f'[a]\nname = "n"\n{LENS}[b]\nname = "n"\n{LENS}', r"camera n occurs twice"),
