@@ -51,7 +51,7 @@ def run(wanted: Wanted) -> Found:
         records = [json.loads(path.read_text(encoding="utf-8")) for path in sorted(Path(folder).glob("*.json"))]
         report = Path(folder) / "untrusted.xml"
         _tests(wanted, "tests/interchange/untrusted/test_untrusted.py", [f"--junitxml={report}"], cases, Path(folder))
-        checks, failed = _counted(report)
+        checks, failed = counted(report)
     faults = sum(record.get("faults", 0) for record in records)
     whole = [record for record in records if record["share"] == 1.0]
     least = min((record.get("cases", 0) for record in whole), default=0)
@@ -83,7 +83,7 @@ def _tests(wanted: Wanted, path: str, options: list[str], cases: int, records: P
     return done.returncode
 
 
-def _counted(report: Path) -> tuple[int, int]:
+def counted(report: Path) -> tuple[int, int]:
     """How many tests ran, and how many of them failed; (0, 0) where the run did not end."""
     from xml.etree import ElementTree
 

@@ -16,7 +16,7 @@ HEAD = """# Reliability
 This page compares Passerby's own statements with the truth. Do its sigmas match its errors? How near are the errors to the
 least possible ones? Does its verdict accept a wrong rig? Does it name the intrinsics that are wrong, and no others? Does the
 monitor detect a camera that moved, without false alarms? Can a damaged file or a fault of the machine destroy finished work or
-cause a wrong answer without a warning?
+cause a wrong answer without a warning? How much of the code that judges, tells and writes runs in the tests?
 """
 HEADINGS: Mapping[str, Heading] = {
     "coverage": Heading("Sigmas"),
@@ -26,6 +26,7 @@ HEADINGS: Mapping[str, Heading] = {
     "monitor": Heading("The monitor"),
     "fuzz": Heading("Untrusted files"),
     "faults": Heading("Faults of the machine"),
+    "branches": Heading("Branch coverage"),
 }
 """Of the parts, as `--only` takes them, in their order on the page."""
 
@@ -38,6 +39,7 @@ PARTS: Mapping[str, str] = MappingProxyType({
     "monitor": "watch",
     "fuzz": "fuzz",
     "faults": "faults",
+    "branches": "branches",
 })  # fmt: skip
 """Part -> module of `reliability`."""
 

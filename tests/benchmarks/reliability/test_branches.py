@@ -1,0 +1,88 @@
+"""What the tests run of the code that judges, tells and writes, as the page on reliability tells of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pytest
+
+from support.paths import ROOT, TESTS
+
+Bench = Callable[[str], ModuleType]
+FILE = "src/passerby/solver/findings.py"
+
+
+@pytest.fixture(scope="module")
+def part(bench: Bench) -> ModuleType:
+    return bench("reliability.branches")
+
+
+def outcome(lines: list[int], missing: list[int], taken: list[list[int]], left: list[list[int]], failed: int = 0) -> Any:
+    found = {"executed_lines": lines, "missing_lines": missing, "executed_branches": taken, "missing_branches": left}
+    return {"tests": 4, "failed": failed, "files": {FILE: found}}
+
+
+@pytest.mark.unit
+def test_what_one_run_misses_another_one_may_cover(part: ModuleType) -> None:
+    first = outcome([1, 2], [3, 4, 5, 9], [[2, 6]], [[2, 3], [6, 9], [6, -1]])
+    second = outcome([1, 3], [2, 4, 5, 9], [[2, 3]], [[2, 6], [6, 9], [6, -1]])
+    alone, both = (part.covered(outcomes, FILE) for outcomes in ([first], [first, second]))
+    assert (alone.n_covered, alone.n) == (3, 10)
+    assert (both.n_covered, both.n) == (5, 10)
+    # The branch to line 9 is told by the line itself.
+    assert both.missed == "4-5, 9, 6 to the end"
+
+
+@pytest.mark.unit
+def test_a_file_that_no_test_imports_is_not_covered(part: ModuleType) -> None:
+    unseen = part.covered([outcome([1], [], [], [])], "src/passerby/report/page.py")
+    assert not unseen.is_enough
+    assert unseen.missed == "all"
+
+
+@pytest.mark.unit
+def test_the_page_names_the_files_below_the_goal_and_tests_that_failed(part: ModuleType) -> None:
+    covered = {path: outcome([1, 2, 3, 4, 5], [], [], [])["files"][FILE] for path in part._files()}
+    whole = {"tests": 1000, "failed": 0, "files": covered}
+    found = part._part([whole], ["findings"], quick=False)
+    assert all(line["reached"] for line in found.facts["lines"])
+    assert "1,000 tests of the folders `tests/findings` ran" in found.text
+    assert "No file is below 95 %." in found.text
+    assert "failed" not in found.text
+
+    short = whole | {"failed": 2, "files": covered | outcome([1, 2, 3, 4], [5, 6], [], [])["files"]}
+    found = part._part([short], ["findings"], quick=True)
+    text = found.text
+    assert "quick run" in text
+    assert "**2 of them failed**" in text
+    row = next(line for line in text.splitlines() if line.startswith("| `solver/findings.py`"))
+    assert [cell.strip() for cell in row.split("|")[1:-1]] == ["`solver/findings.py`", "66.7 %", "5-6"]
+    assert [line["what"] for line in found.facts["lines"]] == [f"branch coverage: {group}" for group in part.GROUPS]
+    assert len([line for line in text.splitlines() if line.startswith("| `")]) == 1
+
+
+@pytest.mark.unit
+def test_every_pattern_is_of_files_and_every_folder_of_tests(part: ModuleType) -> None:
+    for group, patterns in part.GROUPS.items():
+        for pattern in patterns:
+            assert list(Path(ROOT, part.PACKAGE).glob(pattern)), f"{group}: {pattern}"
+    assert all((TESTS / folder).is_dir() for folder in part.FOLDERS)
+    assert not set(part._files("verdict")) & set(part._files("writers"))
+
+
+def test_the_tests_of_one_folder_cover_the_findings_and_no_verdict(part: ModuleType, bench: Bench, tmp_path: Path) -> None:
+    wanted = bench("reliability.runs").Wanted(tmp_path, quick=True, workers=1)
+    found = part.run(wanted, ["findings"])
+    reached = {line["what"]: line["reached"] for line in found.facts["lines"]}
+    assert reached == {
+        "branch coverage: verdict": False,
+        "branch coverage: findings": True,
+        "branch coverage: writers": False,
+    }
+    assert "failed" not in found.text
+    assert "| `calibration/diagnostics/verdict.py`" in found.text
+    # What is kept is not run again.
+    assert part.run(wanted, ["findings"]).text == found.text
