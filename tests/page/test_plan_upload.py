@@ -174,3 +174,14 @@ def test_a_large_plan_is_shown_smaller_and_measured_as_it_is(tmp_path):
     shown = PlanPictures().shown(path)
     assert shown.size == (2 * LARGEST_PX, 100)
     assert cv2.imdecode(np.frombuffer(shown.data, np.uint8), 1).shape == (50, LARGEST_PX, 3)
+
+
+def test_the_size_of_a_jpeg_is_found_behind_what_has_no_length():
+    """Fill bytes and restart markers may stand between segments; a size that is stated after the scan is none."""
+    content = picture(".jpg")
+    assert picture_header(content[:2] + b"\xff\xff\xff\xd0\xff\x01" + content[2:]) == ("jpg", (60, 40))
+    with pytest.raises(InputError, match="cut off or broken"):
+        picture_header(content.replace(struct.pack(">HH", 40, 60), struct.pack(">HH", 0, 60)))
+    frame = content[content.index(b"\xff\xc0") :]
+    with pytest.raises(InputError, match="cut off or broken"):
+        picture_header(content[:2] + b"\xff\xda\x00\x02" + frame)

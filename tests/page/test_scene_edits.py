@@ -164,3 +164,17 @@ def test_a_part_of_a_recording_is_kept_and_all_of_it_again():
         without_time_limit(once, "gate 2", "from_s")
     with pytest.raises(InputError, match=r"\[cameras\.C9\] is not there"):
         with_time_limit(TEXT, "C9", "from_s", 1.0)
+
+
+def test_a_file_that_was_broken_or_written_otherwise_meanwhile_is_left_alone():
+    """Somebody may edit it beside the page: what cannot be continued is told with where to correct it."""
+    with pytest.raises(InputError, match=r"the scene file is not TOML: .*: correct it in an editor first"):
+        with_length("[scale\n", 1.0, 0.02, MARKS)
+    with pytest.raises(InputError, match=r"\[scale\] lengths is no list of tables: write \[\[scale\.lengths\]\]"):
+        with_length("[scale]\nlengths = 3\n", 1.0, 0.02, MARKS)
+    with pytest.raises(InputError, match=r"\[cameras\.C1\] exclude is no list: correct it in an editor first"):
+        with_excluded(TEXT.replace('"a.mp4"  # north', '"a.mp4"\nexclude = 3'), "C1", "exclude", [1.0, 2.0])
+
+
+def test_a_world_in_an_empty_file_stands_alone():
+    assert with_world_points("", "points.csv") == '[world]\npoints = "points.csv"\n'
