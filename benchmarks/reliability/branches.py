@@ -119,13 +119,13 @@ def work(job: Job) -> Mapping[str, Any]:
 
 
 def covered(outcomes: Sequence[Mapping[str, Any]], path: str) -> Covered:
-    """What of a file ran in any of the runs; a file that no run has seen counts as one line that did not run."""
+    """What of a file ran in any of the runs; a file that no run tells of counts as one line that did not run."""
     seen = [outcome["files"][path] for outcome in outcomes if path in outcome["files"]]
     ran = {line for one in seen for line in one["executed_lines"]}
     lines = {line for one in seen for line in one["missing_lines"]} - ran
     taken = {tuple(branch) for one in seen for branch in one["executed_branches"]}
     branches = {tuple(branch) for one in seen for branch in one["missing_branches"]} - taken
-    if not ran | lines:
+    if not seen:
         return Covered(1, 0, "all")
     # A branch to a line that did not run says nothing more.
     left = [f"{start} to {end if end > 0 else 'the end'}" for start, end in sorted(branches) if end not in lines]

@@ -37,10 +37,12 @@ def test_what_one_run_misses_another_one_may_cover(part: ModuleType) -> None:
 
 
 @pytest.mark.unit
-def test_a_file_that_no_test_imports_is_not_covered(part: ModuleType) -> None:
+def test_a_file_that_no_run_tells_of_is_not_covered(part: ModuleType) -> None:
     unseen = part.covered([outcome([1], [], [], [])], "src/passerby/report/page.py")
     assert not unseen.is_enough
     assert unseen.missed == "all"
+    # One without any code is.
+    assert part.covered([outcome([], [], [], [])], FILE).is_enough
 
 
 @pytest.mark.unit
