@@ -10,20 +10,20 @@ import pytest
 from passerby.calibration import rig_comparison
 from passerby.calibration.rig_comparison import compare_rigs
 from passerby.common.errors import EvidenceError, InputError
-from support.scenes.people_and_rigs import part, simulated
+from support.scenes.people_and_rigs import part, ring, simulated
 
 
 def test_a_scene_whose_people_cannot_be_associated_is_told(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     refused = SimpleNamespace(verdict="refused", reasons=("nobody walks: film people", "B saw nobody: point it at them"))
     monkeypatch.setattr(rig_comparison, "calibrate", lambda *_, **named: refused)
-    rig = simulated().rig
+    rig = ring(3)
     with pytest.raises(EvidenceError, match="nobody walks: film people; B saw nobody: point it at them"):
         compare_rigs(rig, rig, tmp_path / "scene.toml")
 
 
 def test_the_people_of_a_scene_are_those_of_its_calibration(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Its own poses are not used; the seed is handed on."""
-    scene, asked = simulated(), []
+    scene, asked = simulated(seconds=8.0), []
 
     def calibrate(people: Path, **named: object) -> SimpleNamespace:
         asked.append((people, named["seed"]))
@@ -40,6 +40,6 @@ def test_the_people_of_a_scene_are_those_of_its_calibration(monkeypatch: pytest.
 
 def test_a_folder_that_is_damaged_is_told(tmp_path: Path) -> None:
     (tmp_path / "calibration.json").write_text("{}")
-    rig = simulated().rig
+    rig = ring(3)
     with pytest.raises(InputError, match=r"calibration\.json: is not what `passerby calibrate` writes"):
         compare_rigs(rig, rig, tmp_path)
