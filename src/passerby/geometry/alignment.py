@@ -52,6 +52,12 @@ class WorldFit:
     """One sigma of the place of the targets' centre, metres (root of the trace)."""
     scale_sigma: float
     """Relative one sigma of the scale; 0 where it was kept."""
+    covariance: Floats
+    """(n, n) of what was fitted: turns (about the vertical, with `tilt` about all axes), radians; shifts (on the ground, with
+    `tilt` in space), metres; and the logarithm of the scale, where it was fitted."""
+    centre: Floats
+    """(3,) about which the turns and the scale are: the middle of the used targets. Without `tilt` heights grow from the
+    ground."""
 
 
 def fit_world(places: Places, *, with_scale: bool = False, tilt: bool = False) -> WorldFit:
@@ -165,7 +171,7 @@ def _refined(places: Places, start: Similarity, used: Bools, with_scale: bool, t
     shifts = slice(3, 6) if tilt else slice(1, 3)
     place = np.trace(covariance[shifts, shifts])
     scale = float(np.sqrt(covariance[-1, -1])) if with_scale else 0.0
-    return WorldFit(motion, used.copy(), noise, float(np.sqrt(turns)), float(np.sqrt(place)), scale)
+    return WorldFit(motion, used.copy(), noise, float(np.sqrt(turns)), float(np.sqrt(place)), scale, covariance, centre)
 
 
 def _jacobian(misses: Callable[[Similarity, Floats], Floats], motion: Similarity, n_free: int) -> Floats:

@@ -54,7 +54,11 @@ class Evidence:
     joints: PointObservations
     """K sightings; `sigma_px` holds the person's extent in the picture, larger for a doubtful joint."""
     joint_kind: Ints
-    """(J,) which joint of the body each is, by its number in the files."""
+    """(J,) which joint of the body each is, by its number in the files,"""
+    joint_person: Ints
+    """(J,) whose identity,"""
+    joint_frame: Ints
+    """(J,) and at which instant."""
     n_cameras: int
     findings: tuple[Finding, ...] = ()
     """What is wrong with the input."""
@@ -108,8 +112,8 @@ def gather_evidence(
     )
     identities, person = np.unique(key[:, 0], return_inverse=True)
     sightings = _sightings(rig, tables, camera_of, keep, block, np.concatenate(velocity)[keep] if fps else None)
-    joints, kind = _joints(rig, observations, rng, round(more * max_joints), fps)
-    return Evidence(sightings, person, key[:, 1], identities, joints, kind, len(rig), findings)
+    joints, kind, whose, when = _joints(rig, observations, rng, round(more * max_joints), fps)
+    return Evidence(sightings, person, key[:, 1], identities, joints, kind, whose, when, len(rig), findings)
 
 
 def _names_hold(rig: Rig, observations: Observations) -> tuple[bool, tuple[Finding, ...]]:
@@ -228,8 +232,8 @@ def _sightings(
 
 def _joints(
     rig: Rig, observations: Observations, rng: np.random.Generator, limit: int, fps: float | None
-) -> tuple[PointObservations, Ints]:
-    """Every joint that two cameras saw, as a point of its own."""
+) -> tuple[PointObservations, Ints, Ints, Ints]:
+    """Every joint that two cameras saw, as a point of its own: its sightings, its kind, its identity and its instant."""
     columns: list[tuple[Ints, ...]] = []
     xy, size_px, velocity = [], [], []
     for index, camera in enumerate(rig):
@@ -254,7 +258,7 @@ def _joints(
     if len(frame) == 0:
         still = np.zeros((0, 2)) if fps else None
         empty = PointObservations(camera_of[:0], camera_of[:0], np.zeros((0, 3)), np.zeros((0, 2, 3)), np.zeros(0), still)
-        return empty, np.zeros(0, np.int64)
+        return empty, *(np.zeros(0, np.int64) for _ in range(3))
     n_joints = int(joint.max()) + 1
     rows, point, key = _shared_instants(camera_of, frame, identity * n_joints + joint, rng, limit)
     pixels, size = np.concatenate(xy)[rows], np.concatenate(size_px)[rows]
@@ -267,4 +271,4 @@ def _joints(
     good = np.flatnonzero(np.isfinite(bearing).all(axis=1))
     motion = np.concatenate(velocity)[rows] if fps else None
     sightings = PointObservations(camera_of, point, bearing, tangent, size, motion)
-    return sightings.take(good), key[:, 0] % n_joints
+    return sightings.take(good), key[:, 0] % n_joints, key[:, 0] // n_joints, key[:, 1]

@@ -36,7 +36,7 @@ from passerby.solver.pose_graph import connected_components, heading_rotation
 from passerby.solver.refined_lenses import decide_refined_lenses, far_lenses, lens_figures
 from passerby.solver.registrations import doubts_about_registrations
 from passerby.solver.systematic import StatedFocals
-from passerby.solver.uncertainty import RigCovariance, add_learnt_stance, design_effect, rig_covariance
+from passerby.solver.uncertainty import RigCovariance, add_learnt_stance, design_effect, joint_design_effect, rig_covariance
 from passerby.solver.zones import ZONE_CAMERAS, ZonedRig, doubts_about_seams, initial_rig_by_zones, seams_of
 
 __all__ = ["PeopleOptions", "solve_people"]
@@ -155,7 +155,10 @@ def _sure(
     lenses = decide_refined_lenses(start.unknowns, start.stated, fit.model.problem, state, inflation)
     refined = "focal" in start.unknowns.parts
     focals = None if refined else StatedFocals.of(start.rig, fit.model.problem, state)
-    covariance = rig_covariance(terms, fit.model.problem, state, inflation, sigma, lenses.sigma if lenses else None, focals)
+    of_joints = joint_design_effect(fit.model, start.evidence, terms)
+    covariance = rig_covariance(
+        terms, fit.model.problem, state, inflation, sigma, lenses.sigma if lenses else None, focals, of_joints
+    )
     return covariance, report, lens_figures(lenses, start.stated, start.rig)
 
 

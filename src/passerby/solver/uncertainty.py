@@ -20,7 +20,7 @@ from passerby.solver.evidence import Evidence
 from passerby.solver.gauge import SCALE, TILT_X, TILT_Y, VAGUE, Free, held_system, placement_freedoms, similarity_freedoms
 from passerby.solver.optimizer.least_squares import NormalEquations, Term
 from passerby.solver.people_state import AdjustmentState
-from passerby.solver.person_model import TIME, UPRIGHT, PeopleProblem
+from passerby.solver.person_model import JOINT, TIME, UPRIGHT, PeopleProblem
 from passerby.solver.refinement import AdjustmentProblem
 from passerby.solver.systematic import SIGMAS, StatedFocals, add_systematic_errors
 
@@ -75,7 +75,7 @@ class RigCovariance:
 
 def rig_covariance(
     terms: Sequence[Term], problem: PeopleProblem, state: AdjustmentState, inflation: float, scale_sigma: float,
-    lens_sigma: Floats | None = None, focals: StatedFocals | None = None,
+    lens_sigma: Floats | None = None, focals: StatedFocals | None = None, of_joints: float | None = None,
 ) -> RigCovariance:  # fmt: skip
     """The covariance of all cameras.
 
@@ -87,12 +87,13 @@ def rig_covariance(
         scale_sigma: relative standard deviation of the scale, from all cues and what people have in common.
         lens_sigma: (C, L) one sigma of the lenses' unknowns, the last of each camera's; None where they are not refined.
         focals: focal lengths that are guesses, held in the adjustment; None where none is.
+        of_joints: the inflation of joints, where it is known apart.
     """
-    layout = problem.layout
-    widened, wide, own_columns, biases = add_systematic_errors(problem, state, [downweight(term, inflation) for term in terms])
+    weighted = partial(downweight, inflation=inflation, of_joints=of_joints)
+    widened, wide, own_columns, biases = add_systematic_errors(problem, state, [weighted(term) for term in terms])
     H_all = NormalEquations(wide, widened).reduce().H
     H, H_cb = H_all[np.ix_(own_columns, own_columns)], H_all[np.ix_(own_columns, biases.ravel())]
-    size = layout.camera_size
+    size = problem.layout.camera_size
     system, free = held_system(H, state, size)
     inverse = system.inverse()
     constraint = placement_freedoms(state, len(H), size)
@@ -112,7 +113,7 @@ def rig_covariance(
     # The adjustment knows the spread of single heights, but not what all people and boxes have in common.
     beyond = 0.0 if free.scale else max(scale_sigma**2 - of_freedoms[SCALE, SCALE], 0.0)
     if focals is not None:
-        guessed = focals.moved(inverse, problem, terms, partial(downweight, inflation=inflation))
+        guessed = focals.moved(inverse, problem, terms, weighted)
         covariance, cameras = covariance + guessed, cameras + guessed[np.ix_(system.own, system.own)]
         of_freedoms = along @ cameras @ along.T
     metric = cameras + beyond * np.outer(freedoms.moves[:, SCALE], freedoms.moves[:, SCALE])
@@ -192,12 +193,15 @@ def _time_sigmas(covariance: Floats, size: int, n_cameras: int) -> Floats:
     return np.asarray(TIME_EXCESS * np.sqrt(np.maximum(variance, 0.0)))
 
 
-def downweight(term: Term, inflation: float) -> Term:
-    """The term at its robust weights; rows about people and joints, which follow one another, count less by the inflation."""
+def downweight(term: Term, inflation: float, of_joints: float | None = None) -> Term:
+    """The term at its robust weights; rows about people and joints, which follow one another, count less by the inflation.
+
+    `of_joints` is that of joints, where it is another one.
+    """
     squared = np.einsum("mk,mk->m", term.residual, term.residual)
     weight = term.loss.weight(squared) if term.loss is not None else np.ones(len(squared))
     if term.block is not None:
-        weight = weight / inflation
+        weight = weight / (inflation if of_joints is None or term.family != JOINT else of_joints)
     return replace(_scaled(term, np.sqrt(weight)), loss=None)
 
 
@@ -254,6 +258,23 @@ def design_effect(model: AdjustmentProblem, evidence: Evidence, terms: list[Term
     stretch = instant[blocks] // CHUNK_INSTANTS
     key = np.column_stack([s.camera, evidence.person[blocks], stretch])
     return MODEL_EXCESS * max(1.0, max(_design_effect(term, key) for term in terms[:2]))
+
+
+def joint_design_effect(model: AdjustmentProblem, evidence: Evidence, terms: Sequence[Term]) -> float | None:
+    """The same of joints: the larger of what stretches of one joint show, and of what each kind of joint in each camera shows.
+
+    A detector puts a joint beside the true one by as much as pose and view make it, for seconds or throughout. None where there
+    are no joints.
+    """
+    joints = model.problem.joints
+    if not len(joints.camera):
+        return None
+    term = next(term for term in terms if term.family == JOINT and term.block is not None)
+    point = model.joints[joints.point]
+    kind, whose = evidence.joint_kind[point], evidence.joint_person[point]
+    stretch = np.unique(evidence.joint_frame, return_inverse=True)[1][point] // CHUNK_INSTANTS
+    keys = np.column_stack([joints.camera, kind, whose, stretch]), np.column_stack([joints.camera, kind])
+    return MODEL_EXCESS * max(1.0, *(_design_effect(term, key) for key in keys))
 
 
 def _joint_inflation(model: AdjustmentProblem) -> float:

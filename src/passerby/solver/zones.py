@@ -264,6 +264,7 @@ def _evidence_of(evidence: Evidence, cameras: Sequence[int]) -> tuple[Ints, Evid
     people, person = np.unique(evidence.person[blocks], return_inverse=True)
     return people, Evidence(
         sightings, person.ravel(), evidence.frame[blocks], evidence.identities[people], joints, evidence.joint_kind[points],
+        evidence.joint_person[points], evidence.joint_frame[points],
         len(cameras),
     )  # fmt: skip
 

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from passerby.calibration.alignment.sigmas import own_covariances
 from passerby.common.arrays import Floats
 from passerby.common.errors import InputError
 from passerby.core.cameras import Camera, Rig
@@ -56,24 +57,34 @@ def local_places(place: Floats, cameras: Sequence[Camera]) -> tuple[Floats, Floa
     return east_north_up(filled, origin), origin
 
 
-def position_sds(rig: Rig, with_scale: bool) -> dict[str, float]:
-    """By camera, of one coordinate of its place in the rig, metres.
+def position_sds(rig: Rig, with_scale: bool, tilt: bool = False) -> dict[str, float]:
+    """By camera, of one coordinate of its place in the rig, metres; without what a fit of the scale or the tilt decides."""
+    own = own_covariances(rig, with_scale=with_scale, tilt=tilt)
+    sizes = _sizes_without_scale(rig) if with_scale else _stated_sizes(rig)
+    sizes |= {name: float(np.sqrt(np.trace(covariance[:3, :3]))) for name, covariance in own.items()}
+    return {name: float(size / np.sqrt(3)) for name, size in sizes.items()}
 
-    The largest part of a sigma is mostly the scale, which all cameras share and which moves each by its distance from the
-    middle. Where the scale is fitted it says nothing: as much of it as fits into everybody's sigma is taken off.
+
+def _stated_sizes(rig: Rig) -> dict[str, float]:
+    """By camera, one sigma of its position; 0 for an infinite one, which is that of the rig as a whole."""
+    sigmas = {camera.name: 0.0 if camera.sigma is None else camera.sigma.position_m for camera in rig.posed()}
+    return {name: sd if np.isfinite(sd) else 0.0 for name, sd in sigmas.items()}
+
+
+def _sizes_without_scale(rig: Rig) -> dict[str, float]:
+    """The same where no covariances are stated, without the scale: as much of it as fits into the sigmas of all cameras.
+
+    The scale moves each camera by its distance from the middle.
     """
-    posed = rig.posed()
-    sigmas = {camera.name: 0.0 if camera.sigma is None else camera.sigma.position_m for camera in posed}
-    # An infinite one is that of the rig as a whole, and says nothing of the camera's own.
-    total = {name: sd if np.isfinite(sd) else 0.0 for name, sd in sigmas.items()}
-    if with_scale and len(posed):
-        middle = np.mean([camera.centre for camera in posed], axis=0)
-        distance = {camera.name: max(float(np.linalg.norm(camera.centre - middle)), 1e-9) for camera in posed}
-        common = min(total[name] / distance[name] for name in total)
-        total = {
-            name: np.sqrt(max(sd**2 - (common * distance[name]) ** 2, (OWN_SHARE * sd) ** 2)) for name, sd in total.items()
-        }
-    return {name: float(sd / np.sqrt(3)) for name, sd in total.items()}
+    total, posed = _stated_sizes(rig), rig.posed()
+    if not len(posed):
+        return total
+    middle = np.mean([camera.centre for camera in posed], axis=0)
+    distance = {camera.name: max(float(np.linalg.norm(camera.centre - middle)), 1e-9) for camera in posed}
+    common = min(total[name] / distance[name] for name in total)
+    return {
+        name: float(np.sqrt(max(sd**2 - (common * distance[name]) ** 2, (OWN_SHARE * sd) ** 2))) for name, sd in total.items()
+    }
 
 
 def angle_sd(camera: Camera) -> float:

@@ -17,6 +17,7 @@ from passerby.calibration.alignment.residuals import (
     point_residuals,
     position_residuals,
 )
+from passerby.calibration.alignment.sigmas import in_known_world
 from passerby.common.arrays import Floats
 from passerby.common.errors import EvidenceError, InputError
 from passerby.core.cameras import Pose, Rig
@@ -105,7 +106,7 @@ def align_to_points(
     names = [(point.name, camera.name) for point, camera, _ in rows]
     known = list(dict.fromkeys(point.name for point, _, _ in rows))
     _enough(len(known), [point.xyz for point, _, _ in rows], with_scale, tilt, "point", notes)
-    own = position_sds(rig, with_scale)
+    own = position_sds(rig, with_scale, tilt)
     places = SeenPoints(
         centre=np.array([camera.centre for _, camera, _ in rows]),
         ray=np.array([ray for _, _, ray in rows]),
@@ -115,7 +116,9 @@ def align_to_points(
         angle_sd=np.array([np.hypot(CLICK_SD_PX / camera.lens.focal, angle_sd(camera)) for _, camera, _ in rows]),
     )
     fit = _fitted(places, with_scale, tilt, "points")
-    aligned = aligned_by(rig, fit.motion, source, _fit_figures(fit, with_scale, tilt), tilt=tilt)
+    aligned = _in_world(
+        aligned_by(rig, fit.motion, source, _fit_figures(fit, with_scale, tilt), tilt=tilt), fit, with_scale, tilt
+    )
     residuals = point_residuals(aligned.rig, rows, places, fit)
     notes += gross_points(residuals) + doubts(places, fit, with_scale, tilt, "points", len(known))
     return with_residuals(aligned, residuals, notes)
@@ -147,7 +150,7 @@ def align_to_positions(
     if geodetic and len(rows):
         target, origin = local_places(place, cameras)
     _enough(len(rows), list(target), with_scale, tilt, "camera with a known position", notes)
-    own = position_sds(rig, with_scale)
+    own = position_sds(rig, with_scale, tilt)
     places = KnownPositions(
         centre=np.array([camera.centre for camera in cameras]),
         target=target,
@@ -157,10 +160,15 @@ def align_to_positions(
     fit = _fitted(places, with_scale, tilt, "positions")
     metadata = {} if origin is None else {"geodetic_origin": f"{origin[0]:.9f} {origin[1]:.9f} {origin[2]:.3f}"}
     told = _fit_figures(fit, with_scale, tilt) | ({} if origin is None else {"geodetic_origin": origin.tolist()})
-    aligned = aligned_by(rig, fit.motion, source, told, metadata, tilt=tilt)
+    aligned = _in_world(aligned_by(rig, fit.motion, source, told, metadata, tilt=tilt), fit, with_scale, tilt)
     residuals = position_residuals(aligned.rig, rows, target, np.isfinite(place[:, 2]), fit)
     notes += [notice("position_off", row["camera"], off_m=row["off_m"]) for row in residuals if not row["used"]]
     return with_residuals(aligned, residuals, notes + doubts(places, fit, with_scale, tilt, "positions", len(rows)))
+
+
+def _in_world(aligned: Aligned, fit: WorldFit, with_scale: bool, tilt: bool) -> Aligned:
+    """With the sigmas that the cameras have in the world of the known places."""
+    return replace(aligned, rig=in_known_world(aligned.rig, fit, with_scale=with_scale, tilt=tilt))
 
 
 def _posed(rig: Rig, name: str) -> Pose:
