@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import Any
 
+from reliability import blind_cameras, blind_files, blind_people, blind_scene
 from reliability.hostile_cameras import CAMERAS
 from reliability.hostile_files import FILES
 from reliability.hostile_pairs import PAIRS
@@ -15,8 +16,12 @@ from reliability.staging import HandedIn
 
 HOSTILE: Mapping[str, tuple[str, Callable[[int], HandedIn]]] = MappingProxyType({**PEOPLE, **CAMERAS, **FILES})
 """Name -> what it is, and its builder by seed."""
-EVERY: Mapping[str, tuple[str, Callable[[int], HandedIn]]] = MappingProxyType({**HOSTILE, **PAIRS})
-"""Those and pairs of faults, which limits of the verdict are not set by."""
+BLIND: Mapping[str, tuple[str, Callable[[int], HandedIn]]] = MappingProxyType(
+    {**blind_people.CASES, **blind_cameras.CASES, **blind_files.CASES, **blind_scene.CASES}
+)
+"""Written from the documentation alone, after the limits of the verdict were set."""
+EVERY: Mapping[str, tuple[str, Callable[[int], HandedIn]]] = MappingProxyType({**HOSTILE, **PAIRS, **BLIND})
+"""All of them; limits of the verdict are set by `HOSTILE` alone, and by ordinary scenes."""
 
 
 def work(case: tuple[str, int]) -> dict[str, Any]:

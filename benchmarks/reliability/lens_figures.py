@@ -138,11 +138,18 @@ def _with_joints(seed: int) -> tuple[Rig, Observations]:
             seconds=float(rng.uniform(10, 25)), box_noise=0.03, joint_noise_px=0.5,
         )
     )  # fmt: skip
-    alike, boxes = rng.normal(0, 0.95 * JOINTS_OFF, (17, 2)), rng.uniform() > 1 / 3
+    boxes = rng.uniform() > 1 / 3
+    seen = with_joints_off(scene.observations, rng)
+    cameras = {name: own if boxes else replace(own, boxes=Boxes.empty()) for name, own in seen.cameras.items()}
+    return scene.rig, replace(seen, cameras=cameras)
+
+
+def with_joints_off(seen: Observations, rng: np.random.Generator) -> Observations:
+    """Joints beside the true ones throughout, by kind: mostly alike in all cameras, a part of it in each camera on its own."""
+    alike = rng.normal(0, 0.95 * JOINTS_OFF, (17, 2))
     cameras = {}
-    for name, own in scene.observations.cameras.items():
+    for name, own in seen.cameras.items():
         off = alike + rng.normal(0, 0.3 * JOINTS_OFF, (17, 2))
         tall = np.nan_to_num(np.ptp(own.keypoints.xy[:, :, 1], axis=1))
-        moved = replace(own.keypoints, xy=own.keypoints.xy + tall[:, None, None] * off)
-        cameras[name] = CameraObservations(own.boxes if boxes else Boxes.empty(), moved)
-    return scene.rig, Observations(cameras, scene.observations.fps)
+        cameras[name] = replace(own, keypoints=replace(own.keypoints, xy=own.keypoints.xy + tall[:, None, None] * off))
+    return replace(seen, cameras=cameras)

@@ -1,0 +1,185 @@
+"""Are the sigmas true of other inputs than boxes under known names? One simulated scene of each, errors over stated sigmas.
+
+Everything that is stated to the calibration is drawn from what the statement says: a population's mean height, a focal length
+with its usual error, a surveyed position with its standard deviation.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from passerby.calibration.alignment.world import align_to_positions
+from passerby.calibration.calibration import Calibration
+from passerby.calibration.in_memory import calibrate_observations
+from passerby.calibration.pipeline import calibrate
+from passerby.core.cameras import Camera, Lens, Pose, Rig
+from passerby.core.figures import adjusted
+from passerby.core.known_places import KnownPosition
+from passerby.geometry.rotations import angle_between
+from passerby.scene.scene import Scene
+from passerby.simulation import PRESETS, SimulatedScene, SimulationOptions, simulate, write_scene
+from passerby.simulation.rendering import RenderOptions
+from passerby.simulation.write import MEAN_SD
+from passerby.solver.lens_unknowns import FOCAL_CORE
+from reliability.coverage import in_sigmas
+from reliability.lens_figures import with_joints_off
+
+KEYPOINTS, KEYPOINTS_ALIKE = "keypoints", "keypoints that err alike"
+FOUND, VIDEOS = "identities found", "videos"
+REFINED, REFINED_KEYPOINTS = "refined lenses", "refined lenses, keypoints"
+UNKNOWN, UNKNOWN_KEYPOINTS = "lenses unknown", "lenses unknown, keypoints"
+ALIGNED, ONE = "aligned", "one person, 12 s"
+FIRST_SEED: Mapping[str, int] = MappingProxyType({
+    kind: 110_000 + 1000 * number
+    for number, kind in enumerate(
+        (KEYPOINTS, FOUND, VIDEOS, REFINED, REFINED_KEYPOINTS, UNKNOWN, UNKNOWN_KEYPOINTS, ALIGNED, ONE, KEYPOINTS_ALIKE)
+    )
+})  # fmt: skip
+"""Kind of input -> the first of its seeds."""
+MOST_FOCAL_ERROR = 0.2
+"""Stated focal lengths are off by a Cauchy distribution of the core that the solver takes; cut here."""
+SURVEYED_SD_M = 0.03
+FILM_CAMERAS, FILM_PEOPLE, FILM_SECONDS = 4, 8, 25.0
+
+
+def work(case: tuple[str, int]) -> dict[str, Any]:
+    """The scene of a kind of input and a seed: verdict, and errors as multiples of the stated sigmas, by what is stated."""
+    kind, seed = case
+    options = drawn(kind, seed)
+    scene = simulate(options)
+    found, focals = CALIBRATED[kind](scene, seed)
+    about = {
+        "kind": kind, "preset": options.preset, "cameras": options.n_cameras, "people": options.n_people,
+        "seconds": options.seconds, "verdict": found.verdict, "reasons": list(found.reasons),
+    }  # fmt: skip
+    if len(found.rig.posed()) < 2:
+        return about | {"sigmas": {}}
+    if kind == ALIGNED:
+        return about | {"sigmas": _aligned_errors(found, scene, seed)}
+    sigmas = in_sigmas(found, scene, bool(options.clock_offsets))
+    return about | {"sigmas": sigmas | ({"focal length": _focal_errors(found, scene)} if focals else {})}
+
+
+def drawn(kind: str, seed: int) -> SimulationOptions:
+    """The options of the scene of a kind of input and a seed: the three presets in turn, all else at random."""
+    rng = np.random.default_rng([8, seed])
+    found, alone, filmed = kind in (FOUND, VIDEOS), kind == ONE, kind == VIDEOS
+    unknown = kind in (UNKNOWN, UNKNOWN_KEYPOINTS)
+    cameras = int(rng.integers(3, FILM_CAMERAS + 1 if filmed else 7))
+    people = int(rng.integers(4, FILM_PEOPLE + 1 if filmed else 11)) if found or unknown else int(rng.integers(2, 11))
+    seconds = FILM_SECONDS if filmed else float(rng.uniform(20, 60))
+    joints = kind in (KEYPOINTS, KEYPOINTS_ALIKE, REFINED_KEYPOINTS, UNKNOWN_KEYPOINTS)
+    return SimulationOptions(
+        preset=tuple(PRESETS)[seed % len(PRESETS)], seed=seed, cameras=cameras, people=1 if alone else people,
+        seconds=12.0 if alone else seconds, box_noise=float(rng.uniform(0.01, 0.04)),
+        missing=float(rng.uniform(0.0, 0.1)), false_boxes=float(rng.uniform(0.0, 0.1)),
+        joint_noise_px=float(rng.uniform(1.0, 3.0)) if joints else 0.0, unrelated_ids=kind == FOUND,
+        tracklet_seconds=float(rng.uniform(6.0, 20.0)) if kind == FOUND else 0.0,
+        clock_offsets=float(rng.uniform(0.0, 1.0)) if found else 0.0,
+    )  # fmt: skip
+
+
+def _scale(options: SimulationOptions) -> dict[str, float]:
+    """What is stated of how tall people are: what they were drawn from."""
+    return {
+        "person_height_m": options.person_height_mean_m, "person_height_sd_m": options.person_height_sd_m,
+        "person_height_mean_sd_m": MEAN_SD * options.person_height_mean_m,
+    }  # fmt: skip
+
+
+def _in_memory(scene: SimulatedScene, lenses: Rig, mode: str = "given", **tables: Mapping[str, Any]) -> Calibration:
+    seen = scene.observations.cameras
+    joints = {name: camera.keypoints for name, camera in seen.items()} if scene.options.joint_noise_px else None
+    return calibrate_observations(
+        lenses, {name: camera.boxes for name, camera in seen.items()}, keypoints=joints, fps=scene.options.fps,
+        association={"mode": mode}, scale=_scale(scene.options), **tables,
+    )  # fmt: skip
+
+
+def _known(scene: SimulatedScene, seed: int) -> tuple[Calibration, bool]:
+    return _in_memory(scene, scene.rig), False
+
+
+def _alike(scene: SimulatedScene, seed: int) -> tuple[Calibration, bool]:
+    seen = with_joints_off(scene.observations, np.random.default_rng([11, seed]))
+    return _in_memory(replace(scene, observations=seen), scene.rig), False
+
+
+def _found(scene: SimulatedScene, seed: int) -> tuple[Calibration, bool]:
+    return _in_memory(scene, scene.rig, "combined"), False
+
+
+def _refined(scene: SimulatedScene, seed: int) -> tuple[Calibration, bool]:
+    rng = np.random.default_rng([9, seed])
+    off = np.clip(FOCAL_CORE * rng.standard_cauchy(len(scene.rig)), -MOST_FOCAL_ERROR, MOST_FOCAL_ERROR)
+    stated = [replace(camera, lens=_longer(camera.lens, float(e))) for camera, e in zip(scene.rig, off, strict=True)]
+    return _in_memory(scene, Rig(tuple(stated)), solver={"refine": ["focal"]}), True
+
+
+def _longer(lens: Lens, log_factor: float) -> Lens:
+    matrix = np.array(lens.matrix)
+    matrix[[0, 1], [0, 1]] *= np.exp(log_factor)
+    return replace(lens, matrix=matrix)
+
+
+def _unknown(scene: SimulatedScene, seed: int) -> tuple[Calibration, bool]:
+    return _in_memory(scene, Rig(tuple(Camera(camera.name, Lens.unknown(camera.lens.size)) for camera in scene.rig))), True
+
+
+def _filmed(scene: SimulatedScene, seed: int) -> tuple[Calibration, bool]:
+    with tempfile.TemporaryDirectory() as scratch:
+        return calibrate(Scene.load(write_scene(scene, Path(scratch) / "scene", video=RenderOptions()))), False
+
+
+CALIBRATED: Mapping[str, Callable[[SimulatedScene, int], tuple[Calibration, bool]]] = MappingProxyType({
+    KEYPOINTS: _known,
+    KEYPOINTS_ALIKE: _alike,
+    FOUND: _found,
+    VIDEOS: _filmed,
+    REFINED: _refined,
+    REFINED_KEYPOINTS: _refined,
+    UNKNOWN: _unknown,
+    UNKNOWN_KEYPOINTS: _unknown,
+    ALIGNED: _known,
+    ONE: _known,
+})  # fmt: skip
+"""Kind of input -> calibrates its scene; and whether focal lengths are estimated."""
+
+
+def _focal_errors(found: Calibration, scene: SimulatedScene) -> list[float]:
+    """Errors of the focal lengths' logarithms over their sigmas."""
+    errors = []
+    for name, lens in adjusted(found.figures).lenses.items():
+        if lens.focal is not None and lens.focal.sigma_px:
+            off = np.log(found.rig[name].lens.focal / scene.rig[name].lens.focal)
+            errors.append(abs(float(off)) / (lens.focal.sigma_px / lens.focal.refined_px))
+    return errors
+
+
+def _aligned_errors(found: Calibration, scene: SimulatedScene, seed: int) -> dict[str, list[float]]:
+    """Errors in the world of a survey of three cameras or more; the true world, in which nothing else is free."""
+    rng = np.random.default_rng([10, seed])
+    names = found.rig.posed().names
+    count = min(len(names), int(rng.integers(3, len(names) + 1))) if len(names) > 3 else len(names)
+    surveyed = [
+        KnownPosition(name, np.asarray(scene.rig[name].centre) + SURVEYED_SD_M * rng.standard_normal(3), SURVEYED_SD_M)
+        for name in rng.permutation(names)[:count].tolist()
+    ]
+    rig = align_to_positions(found.rig, surveyed, with_scale=True).rig
+    out: dict[str, list[float]] = {"position": [], "orientation": []}
+    for camera in rig.posed():
+        truth, sigma = scene.rig[camera.name].pose, camera.sigma
+        assert isinstance(truth, Pose)
+        if sigma is None or camera.pose is None or not np.isfinite(sigma.position_m):
+            continue
+        out["position"].append(float(np.linalg.norm(camera.pose.centre - truth.centre)) / sigma.position_m)
+        turned = np.degrees(angle_between(camera.pose.R_cw, truth.R_cw))
+        out["orientation"].append(float(turned) / sigma.orientation_deg)
+    return out
