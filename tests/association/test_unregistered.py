@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
+from passerby.association import registration_failures
 from passerby.association.camera_tracklets import CameraTracklets
+from passerby.association.candidates import Candidates
+from passerby.association.clocks.starts import Starts
 from passerby.association.graph import Edge, ViewGraph, view_graph
 from passerby.association.ground.ground_tracks import ground_tracks
-from passerby.association.ground.registration import register_pair
+from passerby.association.ground.registration import Registration, register_pair
 from passerby.association.registration_failures import (
     fit_of,
     nobody_walks,
@@ -21,7 +26,7 @@ from passerby.association.registration_failures import (
 )
 from passerby.core.cameras import Pose
 from passerby.core.observations import CameraObservations, Clock
-from passerby.findings.finding import Finding
+from passerby.findings.finding import Finding, doubt, notice
 from passerby.geometry.single_view import Level
 from support.scenes.people_and_rigs import looking_at
 from support.scenes.walkers_on_plane import UP, Station, Walker, bodies_at, standing, walkers
@@ -150,6 +155,59 @@ def test_each_camera_that_is_lost_has_its_own_finding() -> None:
     assert "fixed_by" not in found["elsewhere"].values
 
 
+def guess(share: float) -> Registration:
+    none = np.zeros(0, np.int64)
+    return Registration(1 + 0j, 0j, 0.0, 40.0, 50, share, 0j, none, none, np.zeros(0))
+
+
+def lost(edges: Sequence[Edge], **named: Any) -> Finding:
+    """What is said of C3, which these edges join to nobody, where clocks are in step."""
+    people = crowd()
+    cameras = [camera(name, EAST, people, level=name != "flat") for name in ("C1", "C2", "C3", "flat")]
+    graph = ViewGraph(tuple(edges), ((0, 1), (2,), (3,)), np.zeros(4))
+    found = unregistered_cameras(cameras, graph, 0.0, **named)
+    assert [(name, one.severity) for name, one in found.items()] == [("C3", "doubt"), ("flat", "doubt")]
+    assert (found["flat"].code, found["flat"].cameras) == ("few_walkers", ("flat",))
+    return found["C3"]
+
+
+def test_a_camera_that_is_lost_is_told_with_the_one_that_it_fits_best() -> None:
+    few, none = Edge(0, 2, guess(0.2), 0.0, 0.0, False), Edge(1, 2, None, 0.0, 0.0, False)
+    told = lost([few, none])
+    assert (told.code, told.cameras) == ("camera_unregistered", ("C3",))
+    assert told.values == {"to": "C1", "timed": True, "fit": "few_in_both", "share": 0.2}
+    assert lost([none], timed=False).values == {"to": "C2", "timed": False, "fit": "never_together"}
+    # An edge to a camera that is lost itself says nothing of this one.
+    assert lost([Edge(2, 3, guess(0.9), 0.0, 0.0, False)]).values == {"to": None, "timed": True, "fit": "nobody"}
+
+
+def test_a_camera_whose_start_is_unknown_is_told_by_that() -> None:
+    why = doubt("people_stand_still")
+    starts = Starts(600.0, np.zeros(4), np.zeros(4, dtype=np.int64), doubts={2: why})
+    assert lost([], starts=starts) is why
+    assert lost([], starts=replace(starts, doubts={})).code == "camera_unregistered"
+
+
+def test_nothing_is_tried_with_cameras_that_share_no_ground(monkeypatch: pytest.MonkeyPatch) -> None:
+    tried: list[str] = []
+    fix = notice("clock_far_off", "C3", "C2", ahead_s=12.0, search_s=13)
+
+    def would_fit(a: CameraTracklets, b: CameraTracklets, max_lag_s: float) -> Finding | None:
+        tried.append(a.name)
+        return fix if a.name == "C2" else None
+
+    monkeypatch.setattr(registration_failures, "what_would_fit", would_fit)
+    assert "fixed_by" not in lost([], near=Candidates(4, {(0, 2): "activity"})).values
+    assert tried == ["C1"]
+    assert Finding.of_value(lost([], near=Candidates(4, {(0, 2): "activity", (1, 2): "activity"})).values["fixed_by"]) == fix
+
+
+def test_a_camera_that_sees_no_walker_walks_nowhere() -> None:
+    poses: list[Pose | None] = [looking_at((8, 0, 4), (0, 0, 1)), looking_at((0, 8, 4), (0, 0, 1))]
+    (told,) = nobody_walks([camera("C1", EAST, crowd()), camera("C2", EAST, crowd(), level=False)], poses)
+    assert told.code == "people_stand_still"
+
+
 def test_nobody_is_lost_where_all_fit() -> None:
     people = crowd()
     cameras = [camera("C1", EAST, people), camera("C2", WEST, people, seed=1)]
@@ -162,12 +220,12 @@ def test_what_is_told_of_a_pair() -> None:
     first, second = camera("C1", EAST, people).tracks, camera("C2", WEST, people, seed=1).tracks
     assert first is not None
     assert second is not None
-    guess = register_pair(0, 1, first, second, 3.0).candidates[0]
-    assert guess.share > 0.6
+    found = register_pair(0, 1, first, second, 3.0).candidates[0]
+    assert found.share > 0.6
     assert fit_of(Edge(0, 1, None, 0.0, 0.0, False)) == {"fit": "never_together"}
-    assert fit_of(Edge(0, 1, replace(guess, share=0.31), 0.0, 0.0, False)) == {"fit": "few_in_both", "share": 0.31}
-    assert fit_of(Edge(0, 1, guess, 1.2, 0.0, False)) == {"fit": "contradicted"}
-    assert fit_of(Edge(0, 1, guess, 0.8, 0.0, False)) == {"fit": "ambiguous", "runner_up": 0.8}
+    assert fit_of(Edge(0, 1, replace(found, share=0.31), 0.0, 0.0, False)) == {"fit": "few_in_both", "share": 0.31}
+    assert fit_of(Edge(0, 1, found, 1.2, 0.0, False)) == {"fit": "contradicted"}
+    assert fit_of(Edge(0, 1, found, 0.8, 0.0, False)) == {"fit": "ambiguous", "runner_up": 0.8}
 
 
 def test_standing_people_are_told_of() -> None:

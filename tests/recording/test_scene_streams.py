@@ -83,6 +83,11 @@ def test_streams_become_folders_of_a_recording(folder, filmed):
 def test_other_scenes_are_none_of_them(folder):
     assert read_streamed(scene(folder, "C1.mp4", "")) is None
     assert read_streamed(folder / "missing.toml") is None
+    # One that says how long to record, but names files and no stream.
+    path = scene(folder, "C1.mp4")
+    assert [stream.camera for stream in read_streamed(path).streams] == ["C2"]
+    path.write_text(path.read_text().replace('"/dev/video0"', '["a.mp4", "b.mp4"]'))
+    assert read_streamed(path) is None
 
 
 def test_variables_of_a_file_of_secrets(folder):

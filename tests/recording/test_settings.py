@@ -83,6 +83,15 @@ def test_the_scene_file_is_there_before_anything_is_recorded(tmp_path):
         write_scene_file(more, tmp_path / "out")
 
 
+def test_intrinsics_are_found_from_the_recordings_folder(tmp_path):
+    """The file of cameras may lie anywhere, and so may what it names."""
+    (tmp_path / "plans").mkdir()
+    text = "[cameras.a]\nstream='rtsp://h/a'\nintrinsics='../lens.toml'\n[cameras.b]\nstream='rtsp://h/b'\nhfov_deg=90\n"
+    path = write_scene_file(read_plan(written(tmp_path / "plans", text), {}), tmp_path / "out" / "deep")
+    scene = Scene.load(path)
+    assert scene.resolve(scene.cameras["a"].intrinsics) == (tmp_path / "lens.toml").resolve()
+
+
 @pytest.mark.parametrize(
     ("text", "told"),
     [("hfov = 90\n", "hfov"), ("[solver]\nmethod = 'guess'\n", "method"), ("[perception]\nfps = 3\n", "has no place here")],

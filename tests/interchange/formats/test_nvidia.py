@@ -161,6 +161,7 @@ def test_the_dewarper_of_mv3dt_removes_the_distortion(tmp_path):
     [
         ("projection-type=3", "projection-type=4", r"bent\.txt: \[surface0\] projection-type is '4': only 3"),
         ("focal-length=1000.0;1100.0", "focal-length=wide", r"bent\.txt: \[surface0\] focal-length is 'wide': finite numbers"),
+        ("focal-length=1000.0;1100.0", "focal-length=-1000", r"bent\.txt: matrix .*focal lengths above 0"),
         ("src-x0=960.0", "", r"bent\.txt: \[surface0\] src-x0 is None"),
         ("src-x0=960.0", "src-x0=1;2", r"bent\.txt: \[surface0\]: one or two focal lengths"),
         ("distortion=-0.05", "distortion=nan", r"bent\.txt: \[surface0\] distortion is 'nan"),
