@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from passerby.association.ambiguity import ambiguous_cameras
 from passerby.association.appearance.affinity import AppearanceAffinity
 from passerby.association.associate import Tracklets
 from passerby.association.attachment import Attached
@@ -208,6 +209,8 @@ class AssociationRun:
         doubts, notices = drift_findings(self.cameras, drifts)
         graph = initial.graph if initial is not None else None
         walked = graph is not None and any(edge.used for edge in graph.edges)
+        if graph is not None:
+            doubts = [*doubts, *ambiguous_cameras(graph, self.rig.names)]
         notices = [*notices, *unfulfilled(self.options.stated, lambda one: self._identity(one, rows))]
         joined = joined_by_joints(self.cameras, initial.by_joints) if initial is not None else []
         joined += [notice("registered_by_rig", self.cameras[c].name) for c in sorted(attached) if poses[c] is not None]

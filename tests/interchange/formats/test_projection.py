@@ -26,11 +26,16 @@ KINDS = {
     "tilted 14": (*RADTAN, 0.01, 0.021, -0.012, 0.004, *PRISM, 0.013, -0.021),
     "fisheye": (0.031, -0.012, 0.0021, -0.0004),
     "skewed": (),
+    "skewed radtan 4": RADTAN,
+    "skewed rational 8": (*RADTAN, 0.01, 0.021, -0.012, 0.004),
+    "skewed fisheye": (0.031, -0.012, 0.0021, -0.0004),
     "estimated": (-0.12, 0.0, 0.0, 0.0),
     "estimated wide": (-0.3, 0.0, 0.0, 0.0),
     "estimated fisheye": (0.03, 0.0, 0.0, 0.0),
 }
 """Distortion of the lenses."""
+SKEWS = {"skewed": 2.5, "skewed radtan 4": 30.0, "skewed rational 8": 0.4, "skewed fisheye": 5.0}
+"""Of the camera matrix, pixels; of the others 0."""
 
 ESTIMATED = {"estimated", "estimated wide"}
 """As people give them: one focal length, one coefficient, which turns over within the picture where the lens is wide."""
@@ -40,7 +45,7 @@ ALL_BUT_SKEW = {*RADTANS, "rational 8", "prism 12", "tilted 14", *FISHEYES}
 HOLDS = {
     "colmap": {*RADTANS, "rational 8", *FISHEYES},
     "colmap-bin": {*RADTANS, "rational 8", *FISHEYES},
-    "opencv": ALL_BUT_SKEW,
+    "opencv": {*ALL_BUT_SKEW, "skewed fisheye"},
     "anipose": ALL_BUT_SKEW,
     "pose2sim": ALL_BUT_SKEW - FISHEYES,
     "caliscope": ALL_BUT_SKEW,
@@ -61,14 +66,13 @@ FORMATS = sorted(ROUND_TRIPS)
 
 def lens(kind, rng):
     """A lens of a kind, its numbers a little different each time."""
-    fisheye = kind in FISHEYES
+    fisheye = "fisheye" in kind
     focal = rng.uniform(420, 480) if fisheye else rng.uniform(850, 1100)
     focal *= 0.58 if kind == "estimated wide" else 1.0
     ratio = 1.0 if kind.startswith("estimated") else 1.004
     matrix = np.array([[focal, 0, 655.3], [0, focal * ratio, 349.8], [0, 0, 1.0]])
     matrix[:2, 2] += rng.uniform(-9, 9, 2)
-    if kind == "skewed":
-        matrix[0, 1] = 2.5
+    matrix[0, 1] = SKEWS.get(kind, 0.0)
     return Lens(SIZE, matrix, np.array(KINDS[kind]) * rng.uniform(0.9, 1.1, len(KINDS[kind])), fisheye)
 
 
@@ -100,21 +104,13 @@ def seen_points(camera, widest_deg):
     border = np.vstack([*border, *(edge[:, ::-1] for edge in border)]) * (np.array(SIZE) - 1)
     rim = np.radians(widest_deg)
     rim = np.column_stack([np.sin(rim) * np.cos(turn), np.sin(rim) * np.sin(turn), np.full(len(turn), np.cos(rim))])
-    rays = np.vstack([rays, rim, back_projected(camera.lens, border)])
+    rays = np.vstack([rays, rim, camera.lens.bearings(border)])
     pixels = camera.lens.project_rays(rays)
     keep = (pixels > -0.4).all(axis=1) & (pixels < np.array(SIZE) - 0.6).all(axis=1)
-    keep &= (back_projected(camera.lens, pixels) * rays).sum(axis=1) > 1 - 1e-9
+    keep &= (camera.lens.bearings(pixels) * rays).sum(axis=1) > 1 - 1e-9
     keep &= rays[:, 2] >= np.cos(np.radians(widest_deg)) - 1e-12
     depth = rng.uniform(1, 30, (len(rays), 1))
     return ((rays * depth)[keep] - camera.pose.t_cw) @ camera.pose.R_cw
-
-
-def back_projected(lens, pixels):
-    """Rays of pixels; `Lens.bearings` knows no skew."""
-    if not lens.matrix[0, 1]:
-        return lens.bearings(pixels)
-    rays = np.column_stack([pixels, np.ones(len(pixels))]) @ np.linalg.inv(lens.matrix).T
-    return rays / np.linalg.norm(rays, axis=1, keepdims=True)
 
 
 def counterpart(camera, rig, back):

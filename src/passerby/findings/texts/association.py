@@ -132,6 +132,12 @@ ASSOCIATION: Mapping[str, Kind] = {
         DOUBT, "The camera's ground tracks fit no other camera's; `fit` says how far, `fixed_by` what would make them fit.",
         _unregistered, lambda v: VIEW if (fixed := _fixed(v)) is None else fixed.remedy,
     ),
+    "cameras_ambiguous": Kind(
+        DOUBT, "The people of cameras would fit the others' almost as well elsewhere or at another time, by `runner_up`.",
+        "the paths of people fit almost as well if {who} stood elsewhere or showed another time (the second-best hypotheses "
+        "score {runner_up:.0%} of the best)",
+        "record people who move less alike, or give identities or clock offsets",
+    ),
     "other_rate_fits": Kind(
         NOTICE, "With another frame rate the camera's people are where the second camera sees them.",
         "at {fits_fps:.4g} frames per second instead of {fps:.4g} {share:.0%} of the people seen by {camera} are where "
