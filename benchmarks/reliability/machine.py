@@ -17,6 +17,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+from passerby.calibration.kept_tracklets import FOLDER
+
 Fault = Literal["none", "kill", "full"]
 CHANGING = ("os.rename", "os.mkdir", "os.remove", "os.rmdir")
 FREEING = ("os.remove", "os.rmdir")
@@ -24,6 +26,8 @@ FREEING = ("os.remove", "os.rmdir")
 WRITING = os.O_WRONLY | os.O_RDWR | os.O_CREAT
 SEGMENT = 16
 """Pictures kept at once in these runs, so that short videos have several segments."""
+KEPT = ("perception", FOLDER)
+"""Folders of the output folder that only save time."""
 PRELOADED = [
     "passerby.cli.main",
     "passerby.calibration.pipeline",
@@ -134,8 +138,6 @@ def passerby(arguments: Sequence[str | Path], root: Path, fault: Fault = "none",
 
 
 def tree(folder: Path) -> dict[str, bytes]:
-    """All files below a folder by name, but for what is kept for the next run."""
-    files = (path for path in sorted(folder.rglob("*")) if path.is_file())
-    return {
-        name: path.read_bytes() for path in files if not (name := path.relative_to(folder).as_posix()).startswith("perception/")
-    }
+    """All files below a folder by name, but for what is kept for the next run: of videos, and tracklets."""
+    files = ((path.relative_to(folder), path) for path in sorted(folder.rglob("*")) if path.is_file())
+    return {name.as_posix(): path.read_bytes() for name, path in files if name.parts[0] not in KEPT}

@@ -1,6 +1,7 @@
 """Work side by side: the same results, in the same order, told as they come."""
 
 import multiprocessing
+import multiprocessing.synchronize
 import os
 import signal
 import subprocess
@@ -75,6 +76,18 @@ def test_processes_pay_where_there_is_much_to_do_and_more_than_one():
 
 def test_no_processes_where_they_would_not_pay():
     with local_processes(1000, 4) as executor:
+        assert executor is None
+
+
+def test_no_processes_where_the_system_allows_none(monkeypatch):
+    """Containers without shared memory have no semaphores: the work goes on in this process."""
+
+    def none(*arguments, **named):
+        raise OSError(38, "Function not implemented")
+
+    monkeypatch.setattr(parallel, "pays", lambda *measure: True)
+    monkeypatch.setattr(multiprocessing.synchronize.SemLock, "__init__", none)
+    with local_processes(0, 4) as executor:
         assert executor is None
 
 

@@ -117,17 +117,17 @@ class FullDisk:
         return getattr(self._container, name)
 
     def mux(self, packets: Any) -> None:
-        if self._call == "mux":
+        if self._call in ("mux", "mux, then close"):
             raise OSError(errno.ENOSPC, "No space left on device")
         self._container.mux(packets)
 
     def close(self) -> None:
         self._container.close()
-        if self._call == "close":
+        if self._call in ("close", "mux, then close"):
             raise OSError(errno.ENOSPC, "No space left on device")
 
 
-@pytest.mark.parametrize("call", ["mux", "close"])
+@pytest.mark.parametrize("call", ["mux", "close", "mux, then close"])
 def test_a_disk_that_is_full_is_told_and_the_video_before_stays(tmp_path: Path, monkeypatch: Any, call: str) -> None:
     (tmp_path / "a.mp4").write_bytes(b"before")
     real = av.open

@@ -179,7 +179,7 @@ def worthwhile(executor: Executor | None, n_bytes: int, n_cameras: int) -> Execu
 
 @contextmanager
 def local_processes(n_bytes: int, n_cameras: int, n_videos: int = 0) -> Iterator[Executor | None]:
-    """A pool of local processes, one a core; None where it would not pay (see `pays`).
+    """A pool of local processes, one a core; None where it would not pay (see `pays`), or where the system allows none.
 
     Any `concurrent.futures.Executor` can take its place, that of a cluster too. Results do not depend on it.
     Raises `InputError` where one of its processes was killed from outside.
@@ -192,7 +192,11 @@ def local_processes(n_bytes: int, n_cameras: int, n_videos: int = 0) -> Iterator
     # Threads of libraries do not survive a fork; a fresh process takes a moment longer and is safe everywhere.
     before = set(multiprocessing.active_children())
     context = multiprocessing.get_context("spawn")
-    pool = _LocalPool(n_processes, context, _begin_process, (os.getpid(),))
+    try:
+        pool = _LocalPool(n_processes, context, _begin_process, (os.getpid(),))
+    except OSError:  # no semaphores: containers without shared memory, a limit on the size of files
+        yield None
+        return
     pool.size = n_processes
     try:
         yield pool

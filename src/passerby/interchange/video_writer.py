@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import tempfile
+from contextlib import suppress
 from fractions import Fraction
 from pathlib import Path
 from types import TracebackType
@@ -151,14 +152,16 @@ class VideoWriter:
             if kind is None:
                 self._finish()
             else:
-                self._container.close()
+                with suppress(OSError):  # the trouble is known, and the file goes
+                    self._container.close()
         finally:
             self._remove()
 
     def _finish(self) -> None:
         """Give the whole file its name."""
         if self._written == 0:
-            self._container.close()
+            with suppress(OSError):
+                self._container.close()
             raise InputError(f"{self.path}: a video without frames cannot be written")
         self._mux(None)
         try:

@@ -50,6 +50,24 @@ def test_a_fisheye_is_no_pinhole_nor_the_other_way_round():
     assert lm.reduce_to_model(lens_with(), lm.FISHEYE) is None
 
 
+SKEWED = MATRIX + np.array([[0, 30.0, 0], [0, 0, 0], [0, 0, 0]])
+
+
+@pytest.mark.parametrize("coefficients", [(), (-0.1, 0.01, 0.001, 0, 0), tuple(RATIONAL)])
+def test_a_lens_without_its_skew_is_another(coefficients):
+    """Bent or not."""
+    for model in PINHOLES:
+        assert lm.reduce_to_model(lens_with(*coefficients, matrix=SKEWED), model) is None
+    kept = lm.reduce_to_model(lens_with(*coefficients, matrix=SKEWED), replace(lm.RATIONAL_8, skew=True))
+    np.testing.assert_array_equal(kept.matrix, SKEWED)
+
+
+def test_a_skewed_fisheye_is_no_straight_one():
+    lens = lens_with(0.03, -0.01, 0.002, 0, fisheye=True, matrix=SKEWED)
+    assert lm.reduce_to_model(lens, lm.FISHEYE) is None
+    assert lm.reduce_to_model(lens, lm.FISHEYE_SKEWED) is not None
+
+
 def test_unequal_focal_lengths_and_a_middle_elsewhere_are_no_small_thing():
     assert lm.reduce_to_model(lens_with(), replace(lm.PINHOLE, one_focal=True)) is None
     assert lm.reduce_to_model(lens_with(), replace(lm.PINHOLE, centred=True)) is None
@@ -61,7 +79,7 @@ def fine_error(lens, other):
     """Over four times as many pixels across and down as fits are judged on."""
     across, down = (np.linspace(-0.5, length - 0.5, 4 * n) for length, n in zip(SIZE, lr.GRID, strict=True))
     pixels = np.stack(np.meshgrid(across, down), axis=-1).reshape(-1, 2)
-    rays = lr.bearings_of(lens, pixels)
+    rays = lens.bearings(pixels)
     known = np.isfinite(rays).all(axis=1)
     if not other.fisheye:
         known &= rays[:, 2] >= np.cos(np.radians(lr.WIDEST_PINHOLE_DEG))
@@ -89,10 +107,14 @@ def test_the_told_error_is_true_of_any_lens(seed, model):
 
 
 @pytest.mark.parametrize(
-    "model", [lm.RADTAN_5, lm.TILTED_14, replace(lm.RATIONAL_8, one_focal=True), replace(lm.PRISM_12, centred=True)]
-)
+    "model",
+    [
+        lm.RADTAN_5, lm.TILTED_14, replace(lm.RATIONAL_8, one_focal=True), replace(lm.PRISM_12, centred=True),
+        lm.PINHOLE_SKEWED, replace(lm.TILTED_14, skew=True), replace(lm.RATIONAL_8, skew=True, one_focal=True, centred=True),
+    ],
+)  # fmt: skip
 def test_derivatives_are_those_of_differences(model):
-    lens = lm._within(lens_with(*RATIONAL, 1e-3, -1e-3, 5e-4, 2e-4, 0.01, -0.02), model)
+    lens = lm._within(lens_with(*RATIONAL, 1e-3, -1e-3, 5e-4, 2e-4, 0.01, -0.02, matrix=SKEWED), model)
     rays = np.random.default_rng(1).uniform((-0.6, -0.35, 1), (0.6, 0.35, 1.2), (30, 3))
     numbers = lm._numbers(lens, model)
     found = lm._slopes(lens, model, rays)

@@ -153,12 +153,13 @@ def read(folder):
 COMERS = pytest.mark.parametrize("come", [lock, read])
 
 
+@pytest.mark.parametrize("damage", ['["going', "3", '{"going": 1}'])
 @COMERS
-def test_a_decision_that_is_damaged_is_told_and_changes_nothing(tmp_path, come):
+def test_a_decision_that_is_damaged_is_told_and_changes_nothing(tmp_path, come, damage):
     set_up(tmp_path)
     (tmp_path / WRITTEN).mkdir()
     (tmp_path / WRITTEN / "a").write_text("new")
-    (tmp_path / WRITTEN / GONE).write_text('["going')
+    (tmp_path / WRITTEN / GONE).write_text(damage)
     told = f"{GONE}: is damaged .*: delete {tmp_path / WRITTEN} and run the last command again"
     with pytest.raises(InputError, match=told):
         come(tmp_path)

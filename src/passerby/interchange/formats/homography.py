@@ -4,15 +4,16 @@ One JSON file. `cameras` has a table for each camera, by its name:
 
     image_size             [width, height], pixels
     lens_model             "pinhole" or "fisheye": OpenCV's model
-    camera_matrix          3 x 3
+    camera_matrix          3 x 3, without skew
     distortion             OpenCV's coefficients in their order; empty without distortion
     undistorted_to_ground  3 x 3: an undistorted pixel (u, v, 1) -> (x, y, 1) on the ground up to scale, metres
     ground_to_undistorted  3 x 3: its inverse
 
 An undistorted pixel is what `cv2.undistortPoints(pixels, camera_matrix, distortion, P=camera_matrix)` gives, for a fisheye
-`cv2.fisheye.undistortPoints` likewise. Both matrices have unit norm. A pixel above the horizon shows no ground and maps to a
-point behind the camera: the third component of `undistorted_to_ground @ (u, v, 1)` is positive for pixels that show the
-ground, and negative above the horizon.
+`cv2.fisheye.undistortPoints` likewise. Neither takes a skew from the camera matrix: the homographies hold that of a lens
+without distortion, and that of any other lens is a loss. Both homographies have unit norm. A pixel above the horizon shows no
+ground and maps to a point behind the camera: the third component of `undistorted_to_ground @ (u, v, 1)` is positive for pixels
+that show the ground, and negative above the horizon.
 
 R. Hartley and A. Zisserman, "Multiple View Geometry in Computer Vision", 2nd edition, section 8.1.1: the map from the plane
 z = 0 to the image is K [r1 r2 t].
@@ -25,8 +26,9 @@ from typing import Any
 
 import numpy as np
 
-from passerby.core.cameras import Camera
+from passerby.core.cameras import Camera, Lens
 from passerby.interchange.formats.format import Export, Format
+from passerby.interchange.formats.lens_models import FISHEYE, PINHOLE_SKEWED, TILTED_14, express_lens
 from passerby.interchange.formats.losses import Losses
 from passerby.interchange.storage.json_text import to_json
 
@@ -35,26 +37,32 @@ LOWEST_M = 1e-6
 
 
 def write(export: Export, losses: Losses) -> Mapping[str, bytes]:
-    """The one file. Cameras without a pose, and in the plane of the ground, are losses."""
+    """The one file. Cameras without a pose, and in the plane of the ground, are losses, and lenses both bent and skewed."""
     cameras = {}
     for camera in export.posed(losses):
         if abs(camera.centre[2]) < LOWEST_M:
             losses.add(f"camera {camera.name} is at the height of the ground and is left out")
         else:
-            cameras[camera.name] = _table(camera)
+            cameras[camera.name] = _table(camera, _lens(camera, losses))
     return {"": to_json({"unit": "m", "cameras": cameras}).encode("utf-8")}
 
 
-def _table(camera: Camera) -> dict[str, Any]:
+def _lens(camera: Camera, losses: Losses) -> Lens:
+    """The camera's lens, skewed only where it has no distortion."""
+    if not camera.lens.matrix[0, 1]:
+        return camera.lens
+    return express_lens(camera, (PINHOLE_SKEWED, TILTED_14, FISHEYE), losses)[0]
+
+
+def _table(camera: Camera, lens: Lens) -> dict[str, Any]:
     """One camera. A depth, the third component of the map to the image, is positive in front of it."""
     assert camera.pose is not None
-    lens = camera.lens
     to_image = lens.matrix @ np.column_stack([camera.pose.R_cw[:, :2], camera.pose.t_cw])
     to_ground = np.linalg.inv(to_image)
     return {
         "image_size": list(lens.size),
         "lens_model": "fisheye" if lens.fisheye else "pinhole",
-        "camera_matrix": lens.matrix,
+        "camera_matrix": lens.matrix * [[1, 0, 1], [1, 1, 1], [1, 1, 1]],
         "distortion": lens.distortions if lens.distortions.any() else [],
         "undistorted_to_ground": to_ground / np.linalg.norm(to_ground),
         "ground_to_undistorted": to_image / np.linalg.norm(to_image),

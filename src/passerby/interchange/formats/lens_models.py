@@ -43,6 +43,7 @@ class LensModel:
 
 
 PINHOLE = LensModel("a pinhole without distortion", ())
+PINHOLE_SKEWED = replace(PINHOLE, name="a pinhole with skew", skew=True)
 RADTAN_4 = LensModel("k1, k2, p1, p2", (0, 1, 2, 3))
 RADTAN_5 = LensModel("k1, k2, p1, p2, k3", (0, 1, 2, 3, 4))
 RATIONAL_8 = LensModel("OpenCV's rational model", tuple(range(8)))
@@ -52,7 +53,8 @@ FISHEYE = LensModel("OpenCV's fisheye", (0, 1, 2, 3), fisheye=True)
 FISHEYE_SKEWED = replace(FISHEYE, skew=True)
 
 OPENCV = (TILTED_14, FISHEYE_SKEWED)
-"""What `cv2.projectPoints` (which knows no skew) and `cv2.fisheye.projectPoints` (which does) take."""
+"""What files of OpenCV hold. Its pinhole functions know no skew; `cv2.fisheye.calibrate` puts that of a fisheye into the camera
+matrix, from where callers of `cv2.fisheye.projectPoints` have to take it, as its `alpha`."""
 
 
 def express_lens(camera: Camera, models: Sequence[LensModel], losses: Losses, place: str = "") -> tuple[Lens, LensModel]:
@@ -152,12 +154,18 @@ def _has_pole(lens: Lens, rays: Rays) -> bool:
 
 
 def _slopes(lens: Lens, model: LensModel, bearings: Floats) -> Floats:
-    """(2 N, P) derivatives of a pinhole's pixels by what `_numbers` lists, OpenCV's own: twenty times quicker."""
+    """(2 N, P) derivatives of a pinhole's pixels by what `_numbers` lists, OpenCV's own but for skew: twenty times quicker."""
     coefficients = np.concatenate([lens.distortions, np.zeros(14)])[:14]
     _, found = cv2.projectPoints(bearings[:, None], np.zeros(3), np.zeros(3), np.array(lens.matrix), coefficients)
     focal = found[:, 6:7] + found[:, 7:8] if model.one_focal else found[:, 6:8]
     centre = found[:, :0] if model.centred else found[:, 8:10]
-    return np.hstack([focal, centre, found[:, [10 + k for k in model.coefficients]]])
+    bending = found[:, [10 + k for k in model.coefficients]]
+    if not model.skew:
+        return np.hstack([focal, centre, bending])
+    by_skew = np.zeros((len(found), 1))
+    by_skew[::2, 0] = found[1::2, 7]
+    bending[::2] += lens.matrix[0, 1] / lens.matrix[1, 1] * bending[1::2]
+    return np.hstack([focal, centre, by_skew, bending])
 
 
 def how_far(rays: Rays, lens: Lens) -> str:

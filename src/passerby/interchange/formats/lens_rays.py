@@ -42,7 +42,7 @@ class Rays:
     def of(cls, lens: Lens) -> Rays:
         """The rays of a grid over the picture, but for pixels that the lens itself has none for."""
         grid = picture_grid(lens.size)
-        bearings = bearings_of(lens, grid)
+        bearings = lens.bearings(grid)
         known = np.isfinite(bearings).all(axis=1)
         rim, seen = _rim(lens.project_rays, lens.size)
         own = _own(lens, rim, seen)
@@ -87,7 +87,7 @@ class Rays:
 def _own(lens: Lens, rays: Floats, pixels: Floats) -> NDArray[np.bool_]:
     """(N,) whether rays are those of their pixels: a lens may fold what lies far outside of its picture into it."""
     with np.errstate(invalid="ignore"):
-        return np.asarray((bearings_of(lens, pixels) * rays).sum(axis=1) > 1 - 1e-9)
+        return np.asarray((lens.bearings(pixels) * rays).sum(axis=1) > 1 - 1e-9)
 
 
 def _last_rays(lens: Lens) -> Floats:
@@ -122,16 +122,6 @@ def _rim(project: Callable[[Floats], Floats], size: tuple[int, int]) -> tuple[Fl
         pixels = project(bearings)
     inside = _inside(pixels, size)
     return bearings[inside], pixels[inside]
-
-
-def bearings_of(lens: Lens, pixels: Floats) -> Floats:
-    """(N, 3) rays of pixels as `Lens.project_rays` has them: with the skew of a pinhole without distortion, and of no other."""
-    if lens.fisheye or not lens.matrix[0, 1]:
-        return lens.bearings(pixels)
-    if lens.distortions.any():
-        return Lens(lens.size, np.array(lens.matrix) * [[1, 0, 1], [1, 1, 1], [1, 1, 1]], lens.distortions).bearings(pixels)
-    rays = np.column_stack([pixels, np.ones(len(pixels))]) @ np.linalg.inv(lens.matrix).T
-    return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True), dtype=np.float64)
 
 
 def picture_grid(size: tuple[int, int]) -> Floats:

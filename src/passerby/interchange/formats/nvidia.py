@@ -50,7 +50,7 @@ from passerby.core.cameras import Camera, Lens, Pose, Rig
 from passerby.core.stature import PERSON_HEIGHT_M
 from passerby.interchange.formats.drawing import draw
 from passerby.interchange.formats.format import Export, Format, Given
-from passerby.interchange.formats.lens_models import PINHOLE, RADTAN_5, LensModel, express_lens
+from passerby.interchange.formats.lens_models import PINHOLE, PINHOLE_SKEWED, RADTAN_5, LensModel, express_lens
 from passerby.interchange.formats.losses import Losses
 from passerby.interchange.formats.mv3dt_map import MAP, TRANSFORMS, map_files
 from passerby.interchange.formats.names import tame_names
@@ -69,8 +69,6 @@ from passerby.interchange.storage.safe_parsing import NotParsed, parse_json
 
 CAMERAS, DEWARPERS, CALIBRATION = "camInfo", "dewarper", "calibration.json"
 FORBIDDEN, FIRST = re.compile(r"[^A-Za-z0-9_.-]"), re.compile(r"[A-Za-z0-9]")
-SKEWED = replace(PINHOLE, name="a pinhole with skew", skew=True)
-"""A projection matrix holds it; a lens that has none is not given one to come nearer."""
 PERSON_RADIUS_M = 0.3
 """Of the cylinder that MV3DT takes for a person, as in NVIDIA's files; its height is the mean that Passerby counts with."""
 GROUND_POINTS = (0.125, 0.375, 0.625, 0.875)
@@ -143,8 +141,8 @@ def _pinhole(camera: Camera, losses: Losses) -> Lens:
 
 
 def _pinholes(camera: Camera) -> tuple[LensModel, ...]:
-    """The models without distortion that may hold its lens."""
-    return (PINHOLE, SKEWED) if camera.lens.matrix[0, 1] else (PINHOLE,)
+    """The models without distortion that may hold its lens: one without skew is not given one to come nearer."""
+    return (PINHOLE, PINHOLE_SKEWED) if camera.lens.matrix[0, 1] else (PINHOLE,)
 
 
 def _extrinsics(camera: Camera) -> Floats:

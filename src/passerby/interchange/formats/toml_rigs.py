@@ -14,6 +14,8 @@ of OpenCV, `rotation` (a Rodrigues vector) and `translation` of x_c = R X_w + t,
 - Caliscope (0.11.8, `cameras/camera_array.py`: `CameraArray.from_toml`): tables `[cameras.0]` by number, the N of its videos'
   names cam_N.mp4; metres; cameras without pose may stand in it; earlier versions had tables `[cam_0]` and rotations of 3 x 3
   numbers, which are read too.
+
+None of them takes a skew from the matrix: OpenCV's pinhole functions have none, and the fisheye's are called without `alpha`.
 """
 
 from __future__ import annotations
@@ -31,7 +33,7 @@ from passerby.common.errors import InputError
 from passerby.core.cameras import Camera, Lens, Rig
 from passerby.interchange.formats.format import Export, Format, Given
 from passerby.interchange.formats.lens_models import (
-    FISHEYE_SKEWED,
+    FISHEYE,
     RATIONAL_8,
     TILTED_14,
     LensModel,
@@ -47,7 +49,7 @@ from passerby.interchange.storage.faults import read_toml
 OTHER_TABLES = (METADATA, "capture_volume", "charuco", "checkerboard", "cameras")
 """Tables that Pose2Sim takes for no camera, and Caliscope's table of all cameras."""
 
-OPENCV_MODELS = (RATIONAL_8, TILTED_14, FISHEYE_SKEWED)
+OPENCV_MODELS = (RATIONAL_8, TILTED_14, FISHEYE)
 PINHOLE_MODELS = (RATIONAL_8, TILTED_14)
 
 _NOT_BARE = re.compile(r"[^A-Za-z0-9_-]")

@@ -117,6 +117,8 @@ def _gone(written: Path) -> list[str]:
     """What is to go; names that lead out of the folder are none of ours."""
     try:
         names = json.loads((written / GONE).read_text(encoding="utf-8"))
+        if not isinstance(names, list):
+            raise ValueError("it is no list of names")
     except FileNotFoundError:
         return []
     except ValueError as error:
