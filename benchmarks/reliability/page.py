@@ -20,6 +20,7 @@ cause a wrong answer without a warning? How much of the code that judges, tells 
 """
 HEADINGS: Mapping[str, Heading] = {
     "coverage": Heading("Sigmas"),
+    "inputs": Heading("Sigmas of other inputs"),
     "bound": Heading("Errors against the Cramer-Rao bound"),
     "verdict": Heading("The verdict"),
     "lenses": Heading("Stated intrinsics"),
@@ -33,6 +34,7 @@ HEADINGS: Mapping[str, Heading] = {
 
 PARTS: Mapping[str, str] = MappingProxyType({
     "coverage": "coverage",
+    "inputs": "other_inputs",
     "bound": "bound",
     "verdict": "battery",
     "lenses": "lenses",

@@ -12,9 +12,12 @@ import numpy as np
 
 from pages.cases import Outcomes
 from pages.page import table
+from passerby.association.ambiguity import AMBIGUOUS
 from passerby.calibration.calibration import Calibration
+from passerby.calibration.diagnostics.body_widths import MIN_BOXES, NARROWEST_M, WIDEST_M, body_widths
 from passerby.calibration.diagnostics.covisibility import LEAST_FOUND, people_missed
 from passerby.calibration.diagnostics.ground_planarity import HARMFUL_M
+from passerby.calibration.diagnostics.verdict import placed_people
 from passerby.common.errors import InputError
 from passerby.core.figures import AdjustedFigures
 from passerby.solver.consistency import LEAST_AGREEING
@@ -61,6 +64,20 @@ FIGURES: Mapping[str, Figure] = MappingProxyType({
         HARMFUL_M, "HARMFUL_M in `calibration/diagnostics/ground_planarity.py`",
         "how far people's ground rises, metres, where it is told to be uneven", "ground_uneven", False,
         (0.12, 0.15, 0.18, 0.22, 0.25, 0.3, 0.4),
+    ),
+    "narrow": Figure(
+        NARROWEST_M, "NARROWEST_M in `calibration/diagnostics/body_widths.py`",
+        "median width of people's boxes at the scale of the rig, metres", "boxes_misshapen", True,
+        (0.35, 0.4, 0.45, 0.5, 0.55, 0.6),
+    ),
+    "wide": Figure(
+        WIDEST_M, "WIDEST_M in `calibration/diagnostics/body_widths.py`", "the same", "boxes_misshapen", False,
+        (0.7, 0.8, 0.9, 1.0, 1.1, 1.3),
+    ),
+    "alike": Figure(
+        AMBIGUOUS, "AMBIGUOUS in `association/ambiguity.py`",
+        "what the runners-up of a camera's registrations score, as a share of these; the worst camera, identities found",
+        "cameras_ambiguous", False, (0.4, 0.5, 0.6, 0.7, 0.75, 0.8, 0.9),
     ),
 })  # fmt: skip
 
@@ -117,11 +134,27 @@ def _values(found: Calibration) -> dict[str, float]:
         else []
     )
     rises = [float(one.values["rise_m"]) for one in found.diagnostics if one.code == "ground_uneven"]
+    widths = body_widths(found.rig, found.instants, *placed_people(found.rig, found.instants))
+    width = float(np.median(widths)) if len(widths) >= MIN_BOXES else math.nan
     return {
         "found": min((pair.share for pair in missed), default=math.nan),
         "agreeing": min(shares, default=math.nan),
         "rise": max(rises, default=0.0),
+        "narrow": width,
+        "wide": width,
+        "alike": max(_alike(found).values(), default=math.nan),
     }
+
+
+def _alike(found: Calibration) -> dict[str, float]:
+    """By camera, what the runners-up of its used registrations score together, as a share of these; empty without any."""
+    best, second = dict[str, float](), dict[str, float]()
+    for pair in (None if found.association is None else found.association.figures.pairs) or ():
+        if pair.route == "tracks" and pair.used and pair.score is not None and pair.runner_up is not None:
+            for name in pair.cameras:
+                best[name] = best.get(name, 0.0) + pair.score
+                second[name] = second.get(name, 0.0) + pair.runner_up * pair.score
+    return {name: second[name] / best[name] for name in best}
 
 
 def section(outcomes: Outcomes) -> str:

@@ -258,7 +258,8 @@ def _joints(
     if len(frame) == 0:
         still = np.zeros((0, 2)) if fps else None
         empty = PointObservations(camera_of[:0], camera_of[:0], np.zeros((0, 3)), np.zeros((0, 2, 3)), np.zeros(0), still)
-        return empty, *(np.zeros(0, np.int64) for _ in range(3))
+        none = np.zeros(0, np.int64)
+        return empty, none, none, none
     n_joints = int(joint.max()) + 1
     rows, point, key = _shared_instants(camera_of, frame, identity * n_joints + joint, rng, limit)
     pixels, size = np.concatenate(xy)[rows], np.concatenate(size_px)[rows]

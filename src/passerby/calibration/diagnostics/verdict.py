@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from passerby.calibration.diagnostics.body_widths import doubts_of_widths
 from passerby.calibration.diagnostics.covisibility import doubts_of_missed
 from passerby.calibration.diagnostics.walking_speed import ScaleBasis, doubts_of_pace
 from passerby.common.arrays import Floats, Ints
@@ -69,9 +70,10 @@ def _against_people(
     """What the places of the people say against a rig that was computed from them."""
     if solution.method != "people" or len(solution.rig.posed()) < 2:
         return []
-    keys, places = _positions(solution.rig, observations)
+    keys, places = placed_people(solution.rig, observations)
     missed = doubts_of_missed(solution.rig, observations, unrecorded)
-    return [*missed, *doubts_of_pace(keys, grown * places, observations.fps, basis)]
+    widths = doubts_of_widths(solution.rig, observations, keys, places, grown)
+    return [*missed, *doubts_of_pace(keys, grown * places, observations.fps, basis), *widths]
 
 
 def _apart(observations: Observations, given: bool, why: Mapping[str, Finding], *, nothing_known: bool) -> list[Finding]:
@@ -84,10 +86,10 @@ def _apart(observations: Observations, given: bool, why: Mapping[str, Finding], 
 
 def people_positions(rig: Rig, observations: Observations) -> Floats:
     """Where the people were whose boxes two cameras or more saw: (N, 3) triangulated box centres, world, metres."""
-    return _positions(rig, observations)[1]
+    return placed_people(rig, observations)[1]
 
 
-def _positions(rig: Rig, observations: Observations) -> tuple[Floats, Floats]:
+def placed_people(rig: Rig, observations: Observations) -> tuple[Floats, Floats]:
     """(N, 2) frame and identity of the people whom two cameras or more saw, and (N, 3) their boxes' triangulated centres."""
     posed = [camera for camera in rig if camera.pose is not None]
     columns, bearings = [], []

@@ -160,6 +160,12 @@ CALIBRATION: Mapping[str, Kind] = {
         "check that the boxes reach from head to feet, check person_height_m under [scale] and the frame rate, and give a "
         "measured length (for example under [[scale.distances]])", subjects=("scale",),
     ),
+    "boxes_misshapen": Kind(
+        DOUBT, "At the rig's scale the boxes are too wide or too narrow for people: half of them are less wide than `width_m`.",
+        "the boxes of people are {width_m:.2f} m wide at the scale of the rig, which people are not",
+        "check that the boxes reach from head to feet and no further, and give a measured length (for example under "
+        "[[scale.distances]])", subjects=("scale",),
+    ),
     "people_run_fast": Kind(
         DOUBT, "At the rig's scale people move faster than people run.",
         "a quarter of the moving people move at {speed:.1f} m/s or more at the scale of the rig, faster than people run",
