@@ -112,9 +112,16 @@ than {MOST_SIGMAS:g} of its own stated sigmas (the scale depends on the assumed 
 this). The three columns of errors are those of the worst camera: after similarity alignment, and after the placement. A
 camera that moves has to be right before and after. A hostile case may be accepted if its rig is right.
 
-Two cases cannot be detected by any rule, because all observations fit. If *all* images are mirrored left to right, the rig
-is the mirror image of the true one. If people move exactly point-symmetrically and one camera's identities are
-those of the opponents, that camera may as well be on the opposite side."""
+Some cases cannot be detected by any rule, because all observations fit:
+
+- *All* images are mirrored left to right. Then the rig is the mirror image of the true one: mirrored cameras that look at a
+  mirrored world show just these images, and people have no sides that boxes show.
+- People move exactly point-symmetrically, and one camera's given identities are those of the opponents. That camera on the
+  opposite side would see just these boxes under these names. (If identities are found, that is `cameras_ambiguous`.)
+- All that the boxes show is larger or smaller by one factor, and nothing else is known of the scale. A world and its copy at
+  another scale have the same images, so only how tall, how wide and how fast people are speaks about the metre. People with
+  umbrellas or crates, or on stilts, who are not too wide and do not walk too fast for it, are people of a smaller world.
+  Lengths that are all stated in another unit are likewise the lengths of a larger world, if people may be as tall as that."""
 
 
 def _errors(result: Mapping[str, Any]) -> list[str]:
