@@ -2,7 +2,8 @@
 
 Prints the table, and writes `docs/reliability.md` (a quick run: only with `-o FOLDER`). Finished cases are kept in
 `build/reliability`: a run that was stopped goes on. Parts that are not run stay on the page as they are there; those that
-stand there whole, of the same code, are run again only where `--only` names them.
+stand there whole, of the same code, are run again only where `--only` names them. `--only` alone runs none: the head of the
+page then says which are of the code as it is.
 """
 
 from __future__ import annotations
@@ -27,7 +28,9 @@ def main() -> None:
     """Run the parts that are asked for."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--quick", action="store_true", help="a few cases of each kind; the table is printed, not written")
-    parser.add_argument("--only", nargs="+", choices=PARTS, metavar="PART", help=f"of {', '.join(PARTS)}")
+    parser.add_argument(
+        "--only", nargs="*", choices=PARTS, metavar="PART", help=f"of {', '.join(PARTS)}; none: write the page anew"
+    )
     parser.add_argument("--workers", type=int, default=2, help="processes; 2")
     parser.add_argument("--data", type=Path, help="folder of the real data sets; ../shared/data where it is there")
     parser.add_argument("--kept", type=Path, default=ROOT / "build" / "reliability", help="folder of finished cases")
@@ -38,7 +41,8 @@ def main() -> None:
     wanted = Wanted(arguments.kept, arguments.quick, arguments.workers, data)
     out = arguments.out or (None if arguments.quick else ROOT / "docs")
     earlier = sections_on(None if out is None else out / "reliability.md")
-    names = arguments.only or [name for name in PARTS if name not in earlier or not is_whole(earlier[name])]
+    todo = [name for name in PARTS if name not in earlier or not is_whole(earlier[name])]
+    names = todo if arguments.only is None else arguments.only
     publish(reliability_page().grow({name: partial(_run, name, wanted) for name in names}, earlier), out, COMMAND)
 
 

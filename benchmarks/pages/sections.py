@@ -72,7 +72,7 @@ class SectionedPage:
     """Whether a section ends with the time that it took: not where finished cases are taken from an earlier run."""
 
     def grow(self, parts: Mapping[str, Callable[[], Iterable[Found | str]]], earlier: Mapping[str, Section]) -> Iterator[Page]:
-        """Run some parts one after another; the page again and again as it grows.
+        """Run some parts one after another; the page again and again as it grows. Without any, the page as it is.
 
         Args:
             parts: by name, what tells its figures as far as they are, again and again.
@@ -84,6 +84,8 @@ class SectionedPage:
             known = earlier.get(part)
             fits = known is not None and known.title == heading.title and known.text.startswith(heading.says)
             sections[part] = known if known is not None and fits else self._section(part, Found(NOT_RUN))
+        if not parts:
+            yield self.page(sections.values())
         for part, run in parts.items():
             began = time.perf_counter()
             for found in run():

@@ -87,6 +87,10 @@ def test_the_page_keeps_the_parts_that_are_not_run(bench: Bench, tmp_path: Path)
     (third,) = again.grow(parts, sections.sections_on(path))
     assert third == second
     assert third.text.count("earlier state of the code") == 1
+    # Without any part run, the page as it is: what is of other code than today's says so.
+    (fourth,) = replace(again, code="newest").grow({}, sections.sections_on(path))
+    assert fourth.text.count("earlier state of the code") == 2
+    assert fourth.text.count("Text of sigmas.") == 1
 
 
 def test_a_part_is_whole_only_on_its_own_code(bench: Bench, tmp_path: Path) -> None:
