@@ -1,5 +1,7 @@
 """OpenCV's files as OpenCV's own programs write them."""
 
+import re
+
 import cv2
 import numpy as np
 import pytest
@@ -103,6 +105,21 @@ def test_what_is_written_is_found_as_a_lens_by_its_file_alone(tmp_path):
     assert stored.size == (1280, 720)
     assert stored.fisheye
     np.testing.assert_array_equal(stored.distortions, lens.distortions)
+
+
+@pytest.mark.parametrize("distortions", [(), (-0.1, 0.01, 0.001, 0.0, 0.0)])
+def test_what_opencv_makes_of_a_skewed_pinhole_is_as_near_as_told(distortions, tmp_path):
+    """Its functions take no skew from the matrix, so that none may be written to come nearer."""
+    skewed = MATRIX + np.array([[0, 30.0, 0], [0, 0, 0], [0, 0, 0]])
+    camera = Camera("yard", Lens((1280, 720), skewed, np.array(distortions)), Pose(TURN, MOVE))
+    (told,) = export(Export(Rig((camera,))), "opencv", tmp_path, lossy=True)
+    stored = read_opencv_lens(tmp_path / "yard.yml")
+    assert stored.matrix[0, 1] == 0
+    rays = np.random.default_rng(2).uniform((-0.6, -0.35, 1), (0.6, 0.35, 1), (300, 3))
+    project = cv2.fisheye.projectPoints if stored.fisheye else cv2.projectPoints
+    seen = project(rays[:, None], np.zeros(3), np.zeros(3), stored.matrix, stored.distortions)[0][:, 0]
+    off = np.linalg.norm(seen - camera.lens.project_rays(rays), axis=1).max()
+    assert 1 < off <= float(re.search(r"up to ([\d.e+-]+) px off", told)[1])
 
 
 def test_names_that_opencv_cannot_bear_are_those_of_the_files(tmp_path):

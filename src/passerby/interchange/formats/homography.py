@@ -28,7 +28,7 @@ import numpy as np
 
 from passerby.core.cameras import Camera, Lens
 from passerby.interchange.formats.format import Export, Format
-from passerby.interchange.formats.lens_models import FISHEYE, PINHOLE_SKEWED, TILTED_14, express_lens
+from passerby.interchange.formats.lens_models import OPENCV, PINHOLE_SKEWED, express_lens
 from passerby.interchange.formats.losses import Losses
 from passerby.interchange.storage.json_text import to_json
 
@@ -51,7 +51,7 @@ def _lens(camera: Camera, losses: Losses) -> Lens:
     """The camera's lens, skewed only where it has no distortion."""
     if not camera.lens.matrix[0, 1]:
         return camera.lens
-    return express_lens(camera, (PINHOLE_SKEWED, TILTED_14, FISHEYE), losses)[0]
+    return express_lens(camera, (PINHOLE_SKEWED, *OPENCV), losses)[0]
 
 
 def _table(camera: Camera, lens: Lens) -> dict[str, Any]:

@@ -52,9 +52,8 @@ TILTED_14 = LensModel("OpenCV's tilted model", tuple(range(14)))
 FISHEYE = LensModel("OpenCV's fisheye", (0, 1, 2, 3), fisheye=True)
 FISHEYE_SKEWED = replace(FISHEYE, skew=True)
 
-OPENCV = (TILTED_14, FISHEYE_SKEWED)
-"""What files of OpenCV hold. Its pinhole functions know no skew; `cv2.fisheye.calibrate` puts that of a fisheye into the camera
-matrix, from where callers of `cv2.fisheye.projectPoints` have to take it, as its `alpha`."""
+OPENCV = (TILTED_14, FISHEYE)
+"""What OpenCV's functions take from a camera matrix and coefficients: none takes a skew from the matrix."""
 
 
 def express_lens(camera: Camera, models: Sequence[LensModel], losses: Losses, place: str = "") -> tuple[Lens, LensModel]:

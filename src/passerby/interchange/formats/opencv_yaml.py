@@ -5,7 +5,8 @@ OpenCV fixes how matrices are written, but no layout for a rig. Each file has th
 (`samples/cpp/calibration.cpp`, and the tutorial's `camera_calibration.cpp`) writes for a camera, `image_width`, `image_height`,
 `camera_matrix`, `distortion_coefficients` and `fisheye_model`, and those of its stereo sample (`stereo_calib.cpp`) for a pose,
 `R` (3 x 3) and `T` (3 x 1): x_c = R X_w + T, metres, OpenCV's axes, pixels and distortions. `camera_name`, `camera_number`
-(the rig's order) and `units` are additions; a camera without a pose has no R and T.
+(the rig's order) and `units` are additions; a camera without a pose has no R and T. A fisheye's skew stays in its matrix, where
+`cv2.fisheye.calibrate` has it (`cv2.fisheye.projectPoints` takes it as `alpha`); OpenCV's pinhole has none.
 
 Read are such files, one or a folder of them, in YAML, XML or JSON and under the other names that are in use; the pair
 `intrinsics.yml` (M1, D1, M2, D2) and `extrinsics.yml` (R, T: first camera to second) of the stereo sample, whose first camera
@@ -28,7 +29,7 @@ from passerby.common.errors import InputError
 from passerby.common.text import natural_key
 from passerby.core.cameras import Camera, Lens, Pose, Rig
 from passerby.interchange.formats.format import Export, Format, Given
-from passerby.interchange.formats.lens_models import OPENCV, express_lens, trim_coefficients
+from passerby.interchange.formats.lens_models import FISHEYE_SKEWED, OPENCV, express_lens, trim_coefficients
 from passerby.interchange.formats.losses import Losses
 from passerby.interchange.formats.names import tame_names
 from passerby.interchange.opencv_lens import ENDINGS, LARGEST_BYTES, first_value, lens_in, numbers_of, read_values
@@ -81,7 +82,7 @@ def _storage() -> Iterator[tuple[cv2.FileStorage, list[str]]]:
 
 def _put(storage: cv2.FileStorage, camera: Camera, number: int, losses: Losses) -> None:
     """A rig's camera with that number."""
-    lens, _ = express_lens(camera, OPENCV, losses)
+    lens, _ = express_lens(camera, (FISHEYE_SKEWED,) if camera.lens.fisheye else OPENCV, losses)
     if _bears(camera.name):
         storage.write("camera_name", camera.name)
     storage.write("camera_number", number)
