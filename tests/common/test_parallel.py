@@ -89,6 +89,9 @@ def test_no_processes_where_the_system_allows_none(monkeypatch):
     monkeypatch.setattr(multiprocessing.synchronize.SemLock, "__init__", none)
     with local_processes(0, 4) as executor:
         assert executor is None
+    with pytest.raises(InputError) as caught, local_processes(0, 4):
+        raise InputError("the work's own")
+    assert caught.value.__context__ is None, "no trace of the semaphores"
 
 
 def test_processes_prepare_cameras_bit_for_bit(monkeypatch):

@@ -9,7 +9,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial
 from typing import Any, TypeVar
 
@@ -192,9 +192,10 @@ def local_processes(n_bytes: int, n_cameras: int, n_videos: int = 0) -> Iterator
     # Threads of libraries do not survive a fork; a fresh process takes a moment longer and is safe everywhere.
     before = set(multiprocessing.active_children())
     context = multiprocessing.get_context("spawn")
-    try:
+    pool: _LocalPool | None = None
+    with suppress(OSError):  # no semaphores: containers without shared memory, a limit on the size of files
         pool = _LocalPool(n_processes, context, _begin_process, (os.getpid(),))
-    except OSError:  # no semaphores: containers without shared memory, a limit on the size of files
+    if pool is None:
         yield None
         return
     pool.size = n_processes
