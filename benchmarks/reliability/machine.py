@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from passerby.calibration.kept_tracklets import FOLDER
+from passerby.scene.video_inputs import KEPT_FOLDER
 
 Fault = Literal["none", "kill", "full"]
 CHANGING = ("os.rename", "os.mkdir", "os.remove", "os.rmdir")
@@ -26,7 +27,7 @@ FREEING = ("os.remove", "os.rmdir")
 WRITING = os.O_WRONLY | os.O_RDWR | os.O_CREAT
 SEGMENT = 16
 """Pictures kept at once in these runs, so that short videos have several segments."""
-KEPT = ("perception", FOLDER)
+KEPT = (KEPT_FOLDER, FOLDER)
 """Folders of the output folder that only save time."""
 PRELOADED = [
     "passerby.cli.main",
