@@ -12,6 +12,7 @@ from local_page import access, kills
 from local_page.judging import against, ends_of
 from pages.sections import Section, SectionedPage
 from passerby.geometry.rotations import exp_rotation
+from support.browser import CHROMIUM
 from support.scenes.people_and_rigs import simulated
 
 
@@ -89,6 +90,7 @@ GOOD = """<html lang="en"><title>t</title><header>h</header><main><nav>n</nav><h
 <img src="data:," alt=""><button>named</button><label>field <input></label><p>dark</p></main></html>"""
 
 
+@pytest.mark.skipif(CHROMIUM is None, reason="no Chromium: install the package chromium")
 def test_serious_faults_are_found_and_nothing_else(browser):
     page = browser.new_page()
     page.set_content(GOOD)
