@@ -45,6 +45,17 @@ def test_names_are_one_line_that_a_terminal_can_show(tmp_path):
     assert len(device) < 120
 
 
+def test_names_that_are_no_text_are_read_as_far_as_they_are(tmp_path):
+    path = write_recorded(tmp_path / "a.mp4", {**PHONE, "com.apple.quicktime.model": "iPhoneXXXX 13"})
+    data = path.read_bytes()
+    assert b"XXXX" in data
+    path.write_bytes(data.replace(b"XXXX", b"\xff\xfe\xe9\xc0"))
+    device = probe(path).camera.device
+    assert device.startswith("Apple iPhone")
+    assert device.endswith("13")
+    assert device.encode()
+
+
 def test_damaged_metadata_are_no_metadata(tmp_path):
     """Every third byte of the track's metadata is changed; FFmpeg itself refuses a few such files."""
     whole = write_recorded(tmp_path / "a.mov", PHONE, {FOCAL: (SIGNED, struct.pack(">i", 27))})

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 
 from passerby.common.errors import InputError
+from passerby.core.observations import CameraObservations, Observations
 from passerby.core.scale_cues import (
     CameraDistance,
     CameraHeight,
@@ -23,8 +25,10 @@ from passerby.solver.cues import (
     cue_rows,
     expected_heights,
     initial_scale,
+    population_spread,
     scale_cue_lengths,
     triangulate_marks,
+    unusual_people,
 )
 from passerby.solver.people import PeopleOptions
 from support.scenes.people_and_rigs import part, simulated, solve
@@ -184,3 +188,43 @@ def test_a_mark_that_the_lens_cannot_see_is_refused() -> None:
     marks = {"C1": np.array([[1.0, 2.0], [np.nan, 3.0]]), "C2": np.zeros((2, 2))}
     with pytest.raises(InputError, match="camera C1"):
         cue_rows(ScaleCues(lengths=(KnownLength(1.0, 0.1, marks),)), TRUTH.rig)
+
+
+def test_who_is_far_taller_than_most_is_unusual():
+    heights = np.array([1.45, 1.41, 1.52, 1.48, 1.44, 1.56, 2.32, 2.11, 3.0])
+    known = np.array([True] * 8 + [False])
+    found = unusual_people(heights, known, np.full(9, 0.052))
+    assert found.tolist() == [False] * 6 + [True, True, False]
+
+
+@pytest.mark.parametrize("heights", [[1.7, 1.72, 3.0, 1.69], [1.2, 1.25, 1.3, 1.7, 1.75, 1.8, 1.72]])
+def test_without_a_majority_nobody_is_unusual(heights):
+    """Too few people; and nearly as many children as adults."""
+    assert not unusual_people(np.array(heights), np.ones(len(heights), dtype=bool), np.full(len(heights), 0.052)).any()
+
+
+def test_a_mixed_population_has_room_for_children():
+    heights = np.array([1.2, 1.72, 1.7, 1.75, 1.68, 1.8])
+    assert not unusual_people(heights, np.ones(6, dtype=bool), np.full(6, 0.22 / 1.52)).any()
+
+
+def test_stated_heights_are_not_of_the_population():
+    cues = ScaleCues(people=(PersonHeight(4, 1.8),))
+    assert np.isnan(population_spread(cues, np.array([3, 4, 5]))).tolist() == [False, True, False]
+
+
+def test_a_poster_among_people_does_not_change_the_metre():
+    """One of five is half as tall again as people are, in all cameras."""
+    cameras = {}
+    for name, seen in SEEN.cameras.items():
+        ltwh = seen.boxes.ltwh.copy()
+        rows = np.isin(seen.boxes.identity, TRUTH.identities[:1])
+        ltwh[rows, 1] -= 0.5 * ltwh[rows, 3]
+        ltwh[rows, 3] *= 1.5
+        cameras[name] = CameraObservations(replace(seen.boxes, ltwh=ltwh), seen.keypoints)
+    before, after = (solve(TRUTH.rig, seen, options=QUICK) for seen in (SEEN, Observations(cameras, SEEN.fps)))
+    usual, unusual = (compare(found.rig, TRUTH.rig).scale_ratio for found in (before, after))
+    assert usual is not None
+    assert unusual == pytest.approx(usual, rel=0.02)
+    (cue,) = after.figures.scale.cues
+    assert cue.count == len(TRUTH.identities) - 1

@@ -16,6 +16,7 @@ from passerby.core.solution import Solution
 from passerby.simulation import SimulatedScene, SimulationOptions, simulate
 from passerby.solver.contradicted_lenses import LEAST_GAIN, MIN_INSTANTS
 from passerby.solver.initialisation import Initialisation, refine_in_stages, select_initial_rig
+from passerby.solver.lens_check import FAR_CHANGE, FAR_SIGMAS, FocalCheck, sizes_contradicted
 from passerby.solver.lens_scores import LensHypothesis, LensScore, _FreeLenses, score_lenses
 from passerby.solver.lens_unknowns import LensUnknowns
 from passerby.solver.people import PeopleOptions
@@ -239,3 +240,14 @@ def test_what_nobody_tells_of_a_lens_has_no_finite_sigma(rank):
     score = _FreeLenses(H, np.ones(4)).along(LensHypothesis("principal_point", (0,)), np.eye(4)[:, :2])
     assert np.isfinite(score.change).all()
     assert score.sd == pytest.approx((1 / 2, 1 / 3) if rank == 2 else (np.inf, np.inf))
+
+
+def test_a_size_that_no_lens_explains_is_told_where_it_is_far_and_sure():
+    checks = [
+        FocalCheck("far", -1.07, 0.21),
+        FocalCheck("unsure", -1.07, 1.07 / (FAR_SIGMAS - 0.1)),
+        FocalCheck("near", FAR_CHANGE - 0.01, 0.01),
+    ]
+    (found,) = sizes_contradicted(checks)
+    assert (found.code, found.severity, found.cameras) == ("size_contradicted", "doubt", ("far",))
+    assert found.values["change"] == pytest.approx(np.exp(-1.07) - 1)

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from itertools import islice
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import av
 import numpy as np
@@ -65,6 +65,8 @@ OTHER_KINDS = (
 MOST_PIXELS = 1 << 26
 """Of a picture: 8K has half as many. A head of a few bytes may promise more than the memory holds."""
 
+TOLERANT: dict[str, Any] = {"metadata_errors": "replace"} if int(av.__version__.split(".")[0]) < 19 else {}
+"""Names in a file that are no UTF-8 are read all the same; PyAV 19, which needs Python 3.12, knows nothing else."""
 OPTIONS = {
     "protocol_whitelist": "file",
     "format_whitelist": ",".join(VIDEO_CONTAINERS + OTHER_KINDS),
@@ -194,7 +196,7 @@ def open_video(path: Path) -> Iterator[tuple[InputContainer, VideoStream]]:
     _check_file(path)
     try:
         # An absolute path, so that no name is taken for a protocol's.
-        container = av.open(str(path.absolute()), metadata_errors="replace", options=OPTIONS)
+        container = av.open(str(path.absolute()), options=OPTIONS, **TOLERANT)
     except (FFmpegError, OSError) as error:
         if "moov atom" in str(getattr(error, "log", "")) or _is_unfinished_mp4(path):
             raise VideoError(

@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from passerby.common.arrays import Floats, Ints
 from passerby.common.errors import InputError
@@ -30,6 +31,11 @@ boxes are not bodies.
 Lengths came out 4 to 11 % short on five real sets, whose boxes and joints reach beyond the bodies; 1 to 2 % off in simulation.
 """
 
+UNUSUAL_SIGMAS, MEASURED_SD = 4.0, 0.04
+"""Who is so far from the median height counts for nothing: in sigmas of what people of the population differ by (5 % for
+adults) and of what the height of one of them is measured by."""
+FEWEST_COMPARED, MOST_UNUSUAL = 5, 1 / 3
+"""People that make a majority, and the share of them that may be unusual: beyond it nobody is."""
 
 LEAST_PEOPLE_SD = 0.02
 """Relative, of the scale by people as far as it decides which of a plan's placements is wrong: the best that boxes allow."""
@@ -49,6 +55,29 @@ def expected_heights(cues: ScaleCues, identities: Ints) -> tuple[Floats, Floats]
         known = identities == cue.identity
         mean[known], sd[known] = cue.metres, cue.sd_m
     return mean, sd
+
+
+def population_spread(cues: ScaleCues, identities: Ints) -> Floats:
+    """(P,) how much people of the population differ, as a share of their height; NaN for those whose height is stated."""
+    spread = np.full(len(identities), cues.population.sd_m / cues.population.mean_m)
+    spread[np.isin(identities, [cue.identity for cue in cues.people])] = np.nan
+    return spread
+
+
+def unusual_people(heights: Floats, known: NDArray[np.bool_], spread: Floats) -> NDArray[np.bool_]:
+    """(P,) who is far taller or shorter than most of a population: posters and prams, or a child among adults.
+
+    Args:
+        heights: (P,) by the rig, metres.
+        known: (P,) people of the population that were seen.
+        spread: (P,) how much such people differ, as a share.
+    """
+    far = np.zeros(len(heights), dtype=bool)
+    if np.count_nonzero(known) < FEWEST_COMPARED:
+        return far
+    away = np.abs(np.log(heights[known] / np.median(heights[known])))
+    far[known] = away > UNUSUAL_SIGMAS * np.hypot(spread[known], MEASURED_SD)
+    return far if np.count_nonzero(far) <= MOST_UNUSUAL * np.count_nonzero(known) else np.zeros(len(heights), dtype=bool)
 
 
 def cue_rows(cues: ScaleCues, rig: Rig) -> CueRows | None:
@@ -193,6 +222,7 @@ def initial_scale(
 def scale_cue_weights(
     cues: ScaleCues, rows: CueRows | None, centre: Floats, marks: Floats, heights: Floats, mean: Floats, sd: Floats, seen: Ints,
     segments: float = 1.0, R: Floats | None = None, by_boxes: Mapping[int, float] | None = None, freed: Floats | None = None,
+    unusual: NDArray[np.bool_] | None = None,
 ) -> tuple[list[CueFigures], float]:  # fmt: skip
     """What each cue says about the scale: stated, measured, residual in sigmas and share of the weight; and the scale's sigma.
 
@@ -202,18 +232,19 @@ def scale_cue_weights(
 
     The weight of a cue is its information on the logarithm of the scale, (length / standard deviation)^2; the scale's sigma has
     what the rig's own measurement adds besides. The people of the
-    population count as one cue, and so do segments of bodies, which came out `segments` times as long as expected. The sigma is
-    infinite where there is no cue.
+    population count as one cue, without those who are `unusual` (P,), and so do segments of bodies, which came out `segments`
+    times as long as expected. The sigma is infinite where there is no cue.
     """
     places = {cue.identity: f", {cue.place}" if cue.place else "" for cue in cues.people}
     named = np.array([identity in places for identity in seen], dtype=bool)
     found: list[tuple[str, float, float, float]] = []
     kinds: list[dict[str, Any]] = []
-    if (~named).any():
-        count = int(np.count_nonzero(~named))
-        spread = float(np.mean(sd[~named]) / np.sqrt(count))
+    counted = ~named if unusual is None else ~named & ~unusual
+    if counted.any():
+        count = int(np.count_nonzero(counted))
+        spread = float(np.mean(sd[counted]) / np.sqrt(count))
         kinds.append({"kind": "population", "count": count})
-        found.append((f"population of {count}", float(np.mean(heights[~named])), float(np.mean(mean[~named])), spread))
+        found.append((f"population of {count}", float(np.mean(heights[counted])), float(np.mean(mean[counted])), spread))
     for i in np.flatnonzero(named):
         kinds.append({"kind": "person", "identity": int(seen[i])})
         boxed = None if by_boxes is None else by_boxes.get(int(seen[i]))

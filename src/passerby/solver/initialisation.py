@@ -22,7 +22,7 @@ from passerby.geometry.similarity import chordal_mean_rotation
 from passerby.geometry.single_view import Level, level_camera
 from passerby.people.model import JOINED_FOOT_SHIFT_SD, Noise, Priors
 from passerby.people.standing import standing_instants
-from passerby.solver.cues import cue_rows, expected_heights, initial_scale, settle_plan, triangulate_marks
+from passerby.solver.cues import cue_rows, expected_heights, initial_scale, population_spread, settle_plan, triangulate_marks
 from passerby.solver.evidence import Evidence, draw_blocks, gather_evidence
 from passerby.solver.focal_search import search_focals
 from passerby.solver.lens_sigmas import lens_evidence
@@ -160,8 +160,9 @@ class Initialisation:
         never_calibrated = "distortion" in unknowns.parts
         groups = tuple(tuple(group) for group in shared_lenses(stated) if len(group) > 1) if never_calibrated else ()
         knowledge = PriorKnowledge(
-            mean, sd, usual_priors(evidence), cue_rows(cues, rig), lens_core, lens_normal=never_calibrated, lens_groups=groups
-        )
+            mean, sd, usual_priors(evidence), cue_rows(cues, rig), lens_core, lens_normal=never_calibrated, lens_groups=groups,
+            height_spread=population_spread(cues, evidence.identities),
+        )  # fmt: skip
         return cls(rig, evidence, levels, hypotheses, knowledge, stated, unknowns, lens).with_lenses(lens)
 
     def with_free(self, *parts: LensPart) -> Initialisation:
@@ -355,6 +356,9 @@ def refine_in_stages(start: Initialisation, state: RigState, options: PeopleOpti
         )  # fmt: skip
         settled = start.unknowns.settled(state.lens - start.lens)
         start = start.with_lenses(state.lens).weighed(model, result)
+        if not last:
+            knowledge = start.knowledge.judged(state.heights, np.unique(model.problem.person))
+            start = replace(start, knowledge=knowledge)
         if last and (settled or for_lenses == _LENS_ROUNDS):
             break
         if last:

@@ -2,11 +2,13 @@
 
 One unknown a camera is added, the logarithm of its focal length, and one Gauss-Newton step of the reduced system says where
 it would go, and how surely with what people's apparent size does over depth. What contradicts a stated lens is decided
-elsewhere (`contradicted_lenses`): a step of all lenses together spreads one that is wrong over all.
+elsewhere (`contradicted_lenses`): a step of all lenses together spreads one that is wrong over all. What no lens explains,
+since it goes too far, contradicts the camera's place (`sizes_contradicted`).
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +16,7 @@ import numpy as np
 from passerby.common.arrays import Floats
 from passerby.common.symmetric import inverse_of
 from passerby.core.cameras import Rig
+from passerby.findings.finding import Finding, doubt
 from passerby.solver.lens_columns import WidenedLayout, by_focal, lens_columns
 from passerby.solver.lens_sigmas import by_boxes
 from passerby.solver.optimizer.least_squares import NormalEquations
@@ -32,6 +35,10 @@ JOINTS_MISLEAD = 1.5
 # lenses over sigmas that do not know of it: 1.3, 1.4 and 1.6 root mean square where each edge of a camera's boxes is off by
 # 0, 2 and 4 pixels throughout (27 simulated scenes of a minute, three presets, seeds 300 to 302).
 MARGINS_MISLEAD = 1.5
+
+FAR_CHANGE, FAR_SIGMAS = 0.3, 4.0
+"""A focal length that would go so far, as a logarithm, and so many of its sigmas, is no matter of chance; if no wrong lens
+explains it, the camera's place is wrong (`docs/results/limits.md`)."""
 
 
 @dataclass(frozen=True)
@@ -62,6 +69,18 @@ def check_focals(rig: Rig, problem: PeopleProblem, state: AdjustmentState, infla
     sigma = margins * np.hypot(random, misled[:, 0])
     columns = zip(rig.names, step[:, 0].tolist(), sigma.tolist(), strict=True)
     return [FocalCheck(*row) for row in columns]
+
+
+def sizes_contradicted(focals: Sequence[FocalCheck]) -> list[Finding]:
+    """Doubts about cameras whose people are too large or too small for where the camera stands, by more than a lens is wrong.
+
+    Such a camera is not where it seems to be: its people are others than those it was registered by.
+    """
+    return [
+        doubt("size_contradicted", one.camera, change=float(np.expm1(one.change)), sigmas=abs(one.change) / one.sigma)
+        for one in focals
+        if abs(one.change) > FAR_CHANGE and abs(one.change) > FAR_SIGMAS * one.sigma
+    ]
 
 
 def _score(

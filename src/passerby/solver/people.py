@@ -29,7 +29,7 @@ from passerby.solver.cue_leverage import freed_measurements
 from passerby.solver.cues import scale_cue_weights, settle_plan, triangulate_marks
 from passerby.solver.findings import MAX_ORIENTATION_DEG, apart, doubts_about, figures_of, height_noise
 from passerby.solver.initialisation import Fit, Initialisation, InitialRig, PeopleOptions, refine_in_stages, select_initial_rig
-from passerby.solver.lens_check import check_focals
+from passerby.solver.lens_check import check_focals, sizes_contradicted
 from passerby.solver.pairs import MIN_MATCHES
 from passerby.solver.people_state import AdjustmentState
 from passerby.solver.pose_graph import connected_components, heading_rotation
@@ -113,7 +113,7 @@ def solve_people(
         *choice.doubts,
         *doubts_about(start, fit, covariance),
         *disagreements,
-        *contradictions_of(start.rig, wrong),
+        *(contradictions_of(start.rig, wrong) or ([] if covariance.free.cameras else sizes_contradicted(focals))),
         *doubts_about_registrations(start.rig, start.hypotheses, fit.result.state.R, fit.result.state.centre),
         *doubts_about_seams(seams, zones, MAX_ORIENTATION_DEG),
         *far_lenses(lenses),
@@ -141,13 +141,14 @@ def _sure(
     seen = np.unique(fit.model.problem.person)
     terms = replace(fit.model.problem, lens_weight=np.ones(())).terms(state, jacobians=True)
     inflation = design_effect(fit.model, start.evidence, terms)
-    expected = knowledge.height_mean[seen], knowledge.height_sd[seen]
+    expected = knowledge.height_mean[seen], knowledge.height_weight_sd[seen]
     rows = settle_plan(knowledge.cues, state.R, state.centre, state.heights[seen], *expected)
     report, sigma = scale_cue_weights(
         cues, rows, state.centre, triangulate_marks(rows, state.R, state.centre), state.heights[seen], *expected,
         start.evidence.identities[seen], 1.0 if rows is None or rows.world is None else rows.world.factor(state), state.R,
         _heights_by_boxes(start, state, observations) if cues.people else None,
         None if rows is None else freed_measurements(rows, state, fit.model.problem.layout, fit.result.normal, inflation),
+        None if knowledge.unusual is None else knowledge.unusual[seen],
     )  # fmt: skip
     # What is found from noisy boxes is biased by about the variance of their heights: 7 % too small a scale at 27 % of noise.
     sigma = float(np.hypot(sigma, height_noise(fit, start.evidence) ** 2))

@@ -18,7 +18,7 @@ from passerby.geometry.reprojection import PointObservations
 from passerby.geometry.robust import NORMAL_BY_MAD
 from passerby.people.model import HEIGHT_PER_CENTRE, Noise, Priors
 from passerby.solver.cue_terms import CueRows
-from passerby.solver.cues import settle_plan
+from passerby.solver.cues import settle_plan, unusual_people
 from passerby.solver.evidence import Evidence
 from passerby.solver.occlusion import Wholeness, weight_truncated_boxes
 from passerby.solver.optimizer.least_squares import NormalEquations, Result, Stopping, Term, minimise
@@ -99,6 +99,22 @@ class PriorKnowledge:
     """Whether the scales are standard deviations (`PeopleProblem`)."""
     lens_groups: tuple[tuple[int, ...], ...] = ()
     """Cameras of one model (`PeopleProblem`)."""
+    height_spread: Floats | None = None
+    """(P,) how much people differ of whom nothing but their population is known, as a share; NaN for all others."""
+    unusual: NDArray[np.bool_] | None = None
+    """(P,) people of the population who are far taller or shorter than most: their stature says nothing of the scale."""
+
+    @property
+    def height_weight_sd(self) -> Floats:
+        """(P,) `height_sd`, and for unusual people as much as their height."""
+        return self.height_sd if self.unusual is None else np.where(self.unusual, self.height_mean, self.height_sd)
+
+    def judged(self, heights: Floats, seen: Ints) -> PriorKnowledge:
+        """The same with who is unusual by the rig: (P,) heights, metres, and who of them were seen."""
+        if self.height_spread is None:
+            return self
+        known = np.isin(np.arange(len(heights)), seen) & np.isfinite(self.height_spread)
+        return replace(self, unusual=unusual_people(heights, known, self.height_spread))
 
 
 def middle_rays(s: UprightObservations) -> tuple[Floats, Floats]:
@@ -168,9 +184,10 @@ def build_problem(
     joint_problem, joint_points, joint_rows, joint_used = _agreeing_joints(evidence, rig, noise, share, joints)
     person = evidence.person[used]
     expected = _expected_extents(sightings, person, rig, consensus.points[used], noise)
-    cues = settle_plan(knowledge.cues, rig.R, rig.centre, rig.heights, knowledge.height_mean, knowledge.height_sd)
+    cues = settle_plan(knowledge.cues, rig.R, rig.centre, rig.heights, knowledge.height_mean, knowledge.height_weight_sd)
     problem = PeopleProblem(
-        evidence.n_cameras, sightings, joint_problem, person, len(joint_used), knowledge.height_mean, knowledge.height_sd,
+        evidence.n_cameras, sightings, joint_problem, person, len(joint_used),
+        knowledge.height_mean, knowledge.height_weight_sd,
         np.ones(len(used)) if stance is None else stance[used], noise, knowledge.priors, cues,
         None if whole is None else whole[rows], expected, knowledge.lens_core,
         knowledge.lens_weight, knowledge.lens_normal, knowledge.lens_groups,

@@ -36,7 +36,13 @@ def own_covariances(rig: Rig, *, with_scale: bool, tilt: bool) -> dict[str, Floa
     own = _without_scale(covariances, poses) if with_scale else covariances
     for axis in np.eye(3)[:2] if tilt else ():
         own = _without(own, {name: -pose.R_cw @ axis for name, pose in poses.items()}, slice(3, 6))
-    return dict(own)
+    return {name: _without_rounding(covariance) for name, covariance in own.items()}
+
+
+def _without_rounding(covariance: Floats) -> Floats:
+    """(6, 6) with no variance below 0: taking off just all of one leaves the rounding of both."""
+    values, vectors = np.linalg.eigh((covariance + covariance.T) / 2)
+    return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)
 
 
 def in_known_world(rig: Rig, fit: WorldFit, *, with_scale: bool, tilt: bool) -> Rig:

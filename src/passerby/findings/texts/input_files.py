@@ -72,6 +72,13 @@ INPUT_FILES: Mapping[str, Kind] = {
         "{who}: people are upside down: the image seems to be flipped top to bottom, or the camera hangs upside down",
         "turn its images the right way up, with their boxes and keypoints", common=True,
     ),
+    "boxes_by_centres": Kind(
+        DOUBT, "Boxes reach beyond the right and lower borders of the images and keep away from the others: their centres were "
+        "given as corners.",
+        "{who}: {beyond} boxes reach beyond the right and lower borders of the images, and hardly any come near the left and "
+        "upper ones: the boxes seem to be given by their centres",
+        "subtract half of their widths and heights, so that left and top are their edges",
+    ),
     "recordings_short": Kind(
         DOUBT, "The recordings are too short to follow people, and keypoints are not used.",
         _short,

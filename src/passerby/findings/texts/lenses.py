@@ -57,6 +57,14 @@ LENSES: Mapping[str, Kind] = {
         DOUBT, "The people contradict a further `part` of the camera's intrinsics.",
         "{who}: people fit a different {part} than stated", "check its intrinsics", common=True,
     ),
+    "size_contradicted": Kind(
+        DOUBT, "The people appear too large or too small for where the camera seems to stand; no wrong intrinsics explain it.",
+        lambda v: (
+            f"camera {v['camera']}: people fit a focal length {longer(v['change'])} than stated ({v['sigmas']:.1f} sigmas), "
+            "and no error of its intrinsics explains that: the camera may be placed by people who are not those of the others"
+        ),
+        "check whether it shows a screen, a mirror or another place, and its intrinsics and identities",
+    ),
     "focal_refined_far": Kind(
         DOUBT, "The refined focal length is farther from the stated value than the error expected of one.",
         "camera {camera}: its focal length was refined by {change_percent:+.0f} %, more than the error expected of a stated "
