@@ -31,7 +31,7 @@ def own_covariances(rig: Rig, *, with_scale: bool, tilt: bool) -> dict[str, Floa
     for camera in rig:
         if camera.pose is not None and camera.sigma is not None and camera.sigma.covariance is not None:
             poses[camera.name], covariances[camera.name] = camera.pose, np.array(camera.sigma.covariance)
-    if len(poses) < 2:
+    if len(poses) < 2 or not (with_scale or tilt):
         return covariances
     own = _without_scale(covariances, poses) if with_scale else covariances
     for axis in np.eye(3)[:2] if tilt else ():
