@@ -23,6 +23,7 @@ from passerby.interchange.storage.faults import FileFaults, faults_of
 from passerby.perception.sources.recording import gaps_of, recorded_s
 from passerby.scene.box_centres import doubt_of_centres
 from passerby.scene.camera_input import CameraInput
+from passerby.scene.coarse_boxes import doubt_of_coarse_boxes
 from passerby.scene.lens_sources import group_faults
 from passerby.scene.pointing import overlapped_people, pointed_people, pointing_faults, stated_identities
 from passerby.scene.reading import needs_video, read_camera
@@ -259,18 +260,19 @@ def _lens_faults(scene: Scene, readings: list[CameraInput]) -> list[str]:
 
 
 def scene_doubts(scene: Scene, readings: list[CameraInput], *, compare_contents: bool = True) -> list[Finding]:
-    """What lets no rig from these files be accepted: pictures of another size, people on their heads, corners that are centres,
-    one camera twice.
+    """What lets no rig from these files be accepted: pictures of another size, people on their heads, boxes that are no bodies'
+    or of which the centres are given, one camera twice.
     """
     known = [(reading, reading.lens) for reading in readings if reading.lens is not None]
     upside_down = [
         doubt_of_upside_down(reading.name, lens, reading.seen, scene.scale.person_height_m) for reading, lens in known
     ]
     rig = Rig(tuple(Camera(reading.name, lens) for reading, lens in known))
+    coarse = [doubt_of_coarse_boxes(reading.name, reading.seen.boxes) for reading, _ in known]
     by_centres = doubt_of_centres(rig, [reading.seen.boxes for reading, _ in known])
     return [
         *(doubt for reading in readings for doubt in reading.doubts),
-        *(doubt for doubt in (*upside_down, by_centres) if doubt is not None),
+        *(doubt for doubt in (*upside_down, *coarse, by_centres) if doubt is not None),
         *(doubts_of_same_content(rig, observations_of(scene, readings)) if compare_contents else ()),
     ]
 

@@ -79,6 +79,12 @@ INPUT_FILES: Mapping[str, Kind] = {
         "upper ones: the boxes seem to be given by their centres",
         "subtract half of their widths and heights, so that left and top are their edges",
     ),
+    "boxes_coarse": Kind(
+        DOUBT, "The edges of the camera's boxes lie on a grid that is coarse beside people.",
+        "{who}: the edges of the boxes are multiples of {step_px} px, and people are {height_px:.0f} px tall: the boxes are "
+        "made of blocks, which are larger than people",
+        "detect people in the images themselves", common=True,
+    ),
     "recordings_short": Kind(
         DOUBT, "The recordings are too short to follow people, and keypoints are not used.",
         _short,

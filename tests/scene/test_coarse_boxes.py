@@ -1,0 +1,50 @@
+"""Boxes on a grid: of blocks that are coarse beside people, and of whole pixels, which are not."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from passerby.core.observations import Boxes
+from passerby.scene.coarse_boxes import FEWEST, doubt_of_coarse_boxes, grid_step
+
+N = 300
+
+
+@pytest.fixture
+def boxes():
+    rng = np.random.default_rng(0)
+    height = rng.uniform(90, 200, N)
+    ltwh = np.column_stack([rng.uniform(0, 1200, N), rng.uniform(0, 500, N), 0.4 * height, height])
+    return Boxes(np.arange(N), np.ones(N, dtype=np.int64), ltwh, np.ones(N))
+
+
+def rounded(boxes, step):
+    near, far = boxes.ltwh[:, :2], boxes.ltwh[:, :2] + boxes.ltwh[:, 2:]
+    near, far = step * np.floor(near / step), step * np.ceil(far / step)
+    return replace(boxes, ltwh=np.concatenate([near, far - near], axis=1))
+
+
+@pytest.mark.parametrize("step", [20, 32, 64])
+def test_blocks_are_told(boxes, step):
+    found = doubt_of_coarse_boxes("gate", rounded(boxes, step))
+    assert (found.code, found.severity, found.cameras) == ("boxes_coarse", "doubt", ("gate",))
+    assert found.values["step_px"] == step
+
+
+@pytest.mark.parametrize("step", [1, 2, 4, 8])
+def test_fine_grids_are_none(boxes, step):
+    assert grid_step(rounded(boxes, step)) == (None if step == 1 else step)
+    assert doubt_of_coarse_boxes("gate", rounded(boxes, step)) is None
+
+
+def test_a_few_boxes_that_the_border_clips_do_not_hide_the_blocks(boxes):
+    blocks = rounded(boxes, 32)
+    ltwh = blocks.ltwh.copy()
+    ltwh[:5, 3] = 719.0 - ltwh[:5, 1]
+    assert doubt_of_coarse_boxes("gate", replace(blocks, ltwh=ltwh)) is not None
+
+
+def test_boxes_between_pixels_and_few_boxes_have_no_grid(boxes):
+    assert grid_step(boxes) is None
+    assert grid_step(rounded(boxes, 32).take(np.arange(FEWEST - 1))) is None
