@@ -122,9 +122,9 @@ Some cases cannot be detected by any rule, because all observations fit:
   another scale have the same images, so only how tall, how wide and how fast people are speaks about the metre. People with
   umbrellas or crates, or on stilts, who are not too wide and do not walk too fast for it, are people of a smaller world.
   Lengths that are all stated in another unit are likewise the lengths of a larger world, if people may be as tall as that.
-- A lens so long that people all appear equally large is stated too long, and the camera is taken to be as much farther off. In
-  the limit of parallel rays an image depends on the focal length and the distance by their ratio alone. (The figures
-  `focal_change` and `focal_change_sigma` say how little is known; a focal length to be refined makes it a part of the sigma.)"""
+- A lens so long that people all appear equally large is stated too long, and the camera is taken to be farther away by as
+  much. In the limit of parallel rays an image depends on the focal length and the distance by their ratio alone. (The figures
+  `focal_change` and `focal_change_sigma` say how little is known; a refined one makes it a part of the sigma.)"""
 
 
 def _errors(result: Mapping[str, Any]) -> list[str]:

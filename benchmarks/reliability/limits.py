@@ -29,7 +29,7 @@ from passerby.calibration.pipeline import calibrate
 from passerby.core.observations import CameraObservations, Observations
 from passerby.scene.scene import Scene
 from passerby.simulation import SimulationOptions, simulate, write_scene
-from reliability import lens_figures, move_figures, verdict_figures
+from reliability import lens_figures, move_figures, stature_figures, verdict_figures
 
 FIRST_SEED, SEEDS = 940, 4
 KEPT = ROOT / "build" / "limits"
@@ -80,8 +80,11 @@ def _page(seeds: int) -> Iterator[Page]:
     for done in run_cases(store, "lenses", lenses, lens_figures.measure, 2):
         with_lenses = f"{with_moves}\n{lens_figures.section(done, lenses)}"
         yield Page("limits", with_lenses)
+    for done in run_cases(store, "statures", stature_figures.cases(seeds), stature_figures.measure, 2):
+        with_lenses_and_statures = f"{with_lenses}\n{stature_figures.section(done)}"
+        yield Page("limits", with_lenses_and_statures)
     for done in run_cases(store, "figures", verdict_figures.cases(seeds), verdict_figures.measure, 2):
-        yield Page("limits", f"{with_lenses}\n{verdict_figures.section(done)}\n")
+        yield Page("limits", f"{with_lenses_and_statures}\n{verdict_figures.section(done)}\n")
 
 
 def _trial(preset: str, people: int, seconds: float, seed: int) -> Trial:
