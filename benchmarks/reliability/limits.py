@@ -80,7 +80,7 @@ def _page(seeds: int) -> Iterator[Page]:
     for done in run_cases(store, "lenses", lenses, lens_figures.measure, 2):
         with_lenses = f"{with_moves}\n{lens_figures.section(done, lenses)}"
         yield Page("limits", with_lenses)
-    for done in run_cases(store, "statures", stature_figures.cases(seeds), stature_figures.measure, 2):
+    for done in run_cases(store, "statures", stature_figures.cases(max(1, seeds // 2)), stature_figures.measure, 2):
         with_lenses_and_statures = f"{with_lenses}\n{stature_figures.section(done)}"
         yield Page("limits", with_lenses_and_statures)
     for done in run_cases(store, "figures", verdict_figures.cases(seeds), verdict_figures.measure, 2):

@@ -100,7 +100,7 @@ One sigma of what the statures and boxes of all people have in common, where nob
 {len(MEN_AND_WOMEN_CM)} countries, each as likely, any share of women, up to 4 cm shorter for their age, shoes of 1 to 4 cm,
 against the {PERSON_HEIGHT_M:g} m that are assumed. Boxes: films of 25 s, three cameras, five people, whose mean stature is
 stated; positive where people seem taller than they are, so that distances come out short. Seeds from {FIRST_SEED}. In percent.
-The constant is the root mean square of both together, rounded up to half a percent: {100 * _rms(total):.1f} %. Within it are
+The constant is the root mean square of both together, to half a percent: {100 * _rms(total):.1f} %. Within it are
 {within[0]} of the draws, within twice as much {within[1]}.
 
 {table(("", "number", "mean", "5 %", "95 %", "root mean square"), rows)}

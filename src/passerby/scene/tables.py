@@ -480,7 +480,7 @@ class ScaleTable(Table):
     person_height_sd_m: Metres = PERSON_HEIGHT_SD_M
     """Standard deviation of the heights of people around the mean."""
     person_height_mean_sd_m: Metres | None = None
-    """Standard deviation of that mean for the people in these videos. None: 4 % of it, for unknown people. 0.02 is the best
+    """Standard deviation of that mean for the people in these videos. None: 4.5 % of it, for unknown people. 0.02 is the best
     that boxes allow for people whose mean was measured."""
     people: tuple[PersonTable, ...] = ()
     """People with a measured height: `[[scale.people]]`."""

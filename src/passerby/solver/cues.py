@@ -24,12 +24,9 @@ from passerby.solver.plan_rows import plan_rows
 MARK_SIGMA_PX = 1.5
 """How precisely a person marks a point in a picture."""
 
-POPULATION_BIAS = 0.04
+POPULATION_BIAS = 0.045
 """Relative standard deviation, common to all people, of height cues where nobody states it: a crowd is not the population, and
-boxes are not bodies.
-
-Lengths came out 4 to 11 % short on five real sets, whose boxes and joints reach beyond the bodies; 1 to 2 % off in simulation.
-"""
+boxes are not bodies. By published statures and rendered films (`docs/results/limits.md`)."""
 
 UNUSUAL_SIGMAS, MEASURED_SD = 4.0, 0.04
 """Who is so far from the median height counts for nothing: in sigmas of what people of the population differ by (5 % for

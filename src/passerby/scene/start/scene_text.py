@@ -237,7 +237,7 @@ def _scale(cameras: Sequence[SceneCamera]) -> str:
         + _setting("population", scale.population, '"adults", "children" or "mixed", where no mean height is stated.')
         + _setting("person_height_m", scale.person_height_m, "mean standing height of the people, with shoes.")
         + _setting("person_height_sd_m", scale.person_height_sd_m, "standard deviation of their heights.")
-        + _setting("person_height_mean_sd_m", 0.07, "standard deviation of the mean; default: 4 % of it.")
+        + _setting("person_height_mean_sd_m", 0.07, "standard deviation of the mean; default: 4.5 % of it.")
         + "\n"
         + comment("A distance between two cameras (delete the # of all lines of an example, and fill in your values):")
         + f"#[[scale.distances]]\n#between = {between}\n#metres = 10.0\n#sd_m = 0.05\n\n"
