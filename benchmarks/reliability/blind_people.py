@@ -15,7 +15,7 @@ from passerby.core.cameras import Camera, Rig
 from passerby.core.observations import Boxes
 from passerby.simulation.body import BodyState
 from passerby.simulation.motion import STEP_S, Motion
-from reliability.staging import HandedIn, Mask, MovePeople, aimed, joined, raised, staged, still, walking
+from reliability.staging import HandedIn, Mask, MovePeople, aimed, edges_of, joined, raised, staged, still, walking
 
 Build = Callable[[int], HandedIn]
 FURTHER = 1000
@@ -116,11 +116,6 @@ def ring(xy: Floats, z: Floats, radius: float) -> Floats:
     angle = np.arange(8) * np.pi / 4
     around = xy[:, None] + radius * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
     return np.concatenate([around, np.broadcast_to(z[:, None, None], (len(z), 8, 1))], axis=-1)
-
-
-def edges_of(boxes: Boxes) -> Floats:
-    """(N, 4) left, top, right, bottom."""
-    return np.concatenate([boxes.ltwh[:, :2], boxes.ltwh[:, :2] + boxes.ltwh[:, 2:]], axis=1)
 
 
 def with_edges(scene: HandedIn, name: str, edges: Floats, rows: Mask) -> HandedIn:

@@ -15,18 +15,13 @@ from passerby.common.arrays import Floats, Ints
 from passerby.core.cameras import Camera, Lens, Rig
 from passerby.core.observations import Boxes
 from passerby.simulation.motion import Motion
-from reliability.staging import HandedIn, Mask, joined, raised, staged, turned, zoomed
+from reliability.staging import HandedIn, Mask, edges_of, joined, raised, staged, turned, zoomed
 
 Build = Callable[[int], HandedIn]
 SMALLEST_PX = 3.0
 """What is left of a box that is cut is reported from this size on."""
 NEW_TRACKS = 1000
 """Further tracks of a camera are numbered from here."""
-
-
-def edges_of(boxes: Boxes) -> Floats:
-    """(N, 4) left, top, right, bottom."""
-    return np.concatenate([boxes.ltwh[:, :2], boxes.ltwh[:, :2] + boxes.ltwh[:, 2:]], axis=1)
 
 
 def with_edges(scene: HandedIn, name: str, edges: Floats, region: Floats | None = None) -> HandedIn:

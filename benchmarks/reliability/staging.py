@@ -200,6 +200,11 @@ def zoomed(lens: Lens, factor: float) -> Lens:
     return replace(lens, matrix=matrix)
 
 
+def edges_of(boxes: Boxes) -> Floats:
+    """(N, 4) left, top, right, bottom."""
+    return np.concatenate([boxes.ltwh[:, :2], boxes.ltwh[:, :2] + boxes.ltwh[:, 2:]], axis=1)
+
+
 def joined(first: Boxes, second: Boxes) -> tuple[Boxes, Ints]:
     """Two sets of boxes as one, by frame, and the order of its rows in the two put together."""
     frame = np.concatenate([first.frame, second.frame])
