@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from passerby.calibration.alignment.places import position_sds
+from passerby.calibration.alignment.plan import align_to_plan
 from passerby.calibration.alignment.sigmas import fit_moves, own_covariances
 from passerby.calibration.alignment.world import align_to_points, align_to_positions
 from passerby.common.arrays import Floats
 from passerby.core.cameras import Camera, Lens, Pose, PoseSigma, Rig
+from passerby.core.floor_plan import FloorPlan, PlannedCamera
 from passerby.core.known_places import KnownPoint, KnownPosition
 from passerby.geometry.rotations import angle_between, exp_rotation
 from passerby.simulation.placement import looking_at
@@ -89,6 +92,22 @@ def test_errors_in_the_known_world_are_as_large_as_stated(count: int) -> None:
     position, orientation = list[float](), list[float]()
     for _ in range(25):
         aligned = align_to_positions(estimated(rng), surveyed(rng, count), with_scale=True)
+        found = errors_in_sigmas(aligned.rig)
+        position += found[0]
+        orientation += found[1]
+    assert 0.75 < rms(position) < 1.15
+    assert 0.75 < rms(orientation) < 1.15
+
+
+@pytest.mark.parametrize("count", [3, 5])
+def test_errors_on_a_plan_are_as_large_as_stated(count: int) -> None:
+    rng = np.random.default_rng(count)
+    position, orientation = list[float](), list[float]()
+    for _ in range(25):
+        unit, some = 0.001, rng.permutation(len(SPOTS))[:count].tolist()
+        places = {f"C{k + 1}": np.array(SPOTS[k][:2]) + SURVEYED_M * rng.standard_normal(2) for k in some}
+        cameras = tuple(PlannedCamera(name, (xy[0] / unit, -xy[1] / unit), SURVEYED_M) for name, xy in places.items())
+        aligned = align_to_plan(estimated(rng), FloorPlan("hall", unit, 1e-4, cameras), Path("hall.png"), with_scale=True)
         found = errors_in_sigmas(aligned.rig)
         position += found[0]
         orientation += found[1]

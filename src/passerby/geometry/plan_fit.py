@@ -39,6 +39,8 @@ class Placements:
     """(M, 2, 2) of the place by a click in the image, square metres."""
     along: Floats
     """(M, 2) how the place moves with the height of the ground there; 0 for a camera's own position."""
+    rig_sd: Floats | None = None
+    """(M,) of each coordinate by the rig itself, metres; None for a share of the extent (`RIG_SHARE`)."""
 
     @property
     def sound(self) -> Bools:
@@ -63,15 +65,17 @@ class Placements:
         return replace(
             self, target=self.target[rows], place=self.place[rows], group=self.group[rows], target_sd=self.target_sd[rows],
             covariance=self.covariance[rows], along=self.along[rows],
+            rig_sd=None if self.rig_sd is None else self.rig_sd[rows],
         )  # fmt: skip
 
     def weights(self) -> Floats:
         """(2 M, 2 M) inverse of the covariance of all places: what rows of one placement have in common is not independent."""
         n, scale = len(self.place), self.scale
         extent = scale * float(np.ptp(self.target, axis=0).max()) if n else 0.0
+        rig_sd = np.full(n, RIG_SHARE * extent) if self.rig_sd is None else self.rig_sd
         whole = np.zeros((2 * n, 2 * n))
         for i in range(n):
-            whole[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] = self.covariance[i] + (RIG_SHARE * extent) ** 2 * np.eye(2)
+            whole[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] = self.covariance[i] + rig_sd[i] ** 2 * np.eye(2)
         for number in np.unique(self.group):
             rows = np.flatnonzero(self.group == number)
             both = np.column_stack([2 * rows, 2 * rows + 1]).ravel()

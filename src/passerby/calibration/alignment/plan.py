@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from passerby.calibration.alignment.places import camera_of
+from passerby.calibration.alignment.places import camera_of, position_sds
 from passerby.calibration.alignment.residuals import POOR_FIT, TELLING_SCALE
+from passerby.calibration.alignment.sigmas import in_known_world
 from passerby.calibration.alignment.world import WEAK_TURN_DEG, Aligned, aligned_by, with_residuals
 from passerby.common.arrays import Floats
 from passerby.common.errors import EvidenceError
@@ -16,13 +18,15 @@ from passerby.core.cameras import Rig
 from passerby.core.floor_plan import FloorPlan
 from passerby.findings.finding import Finding, doubt, notice
 from passerby.findings.texts import text_of
-from passerby.geometry.plan_fit import ScalePrior
+from passerby.geometry.plan_fit import Placements, ScalePrior, fit_plan
 from passerby.geometry.rotations import exp_rotation
 from passerby.geometry.similarity import Similarity
 from passerby.solver.plan_rows import PlanRows, Settled, plan_rows
 
 RIG_SCALE_SD = 0.05
 """Relative, of the scale of a rig that stands by people's heights; it decides which of three placements is wrong."""
+LEAST_RIG_SD_M = 1e-3
+"""Of a camera's place by the rig, however sure the rig is."""
 
 
 class PlanRefusedError(EvidenceError):
@@ -83,8 +87,26 @@ def align_to_plan(rig: Rig, plan: FloorPlan, image: Path, *, with_scale: bool = 
     motion = Similarity(scale, rotation, np.append(middle, 0.0) - scale * rotation @ np.append(there, 0.0))
     moved = motion.apply(np.column_stack([placements.place, np.zeros(len(placements.place))]))[:, :2]
     aligned = aligned_by(rig, motion, f"plan {plan.name}", _figures(rows, settled, plan, image, with_scale=with_scale))
+    fitted = _covariance(posed, rows, placements, scale, with_scale=with_scale)
+    centre = np.append(middle, 0.0)
+    aligned = replace(aligned, rig=in_known_world(aligned.rig, fitted, centre, with_scale=with_scale, tilt=False))
     residuals = _residuals(rows, plan, moved, placements.target)
     return with_residuals(aligned, residuals, notes + _findings(rows, settled, residuals, with_scale=with_scale))
+
+
+def _covariance(posed: Rig, rows: PlanRows, placements: Placements, scale: float, *, with_scale: bool) -> Floats:
+    """(3 or 4, same) of turn, shifts and, where it is fitted, the logarithm of the scale, as `WorldFit` has them.
+
+    By what the rig states of its cameras, not by the share of the extent that places are weighed with: that is for any rig.
+    """
+    assert rows.settled is not None
+    own = position_sds(posed, with_scale)
+    of_row = [posed.names[c] for c in (*rows.camera.tolist(), *rows.rays.camera.tolist())]
+    stated = replace(placements, rig_sd=np.maximum([own.get(name, 0.0) for name in of_row], LEAST_RIG_SD_M))
+    fit = fit_plan(stated.take(rows.settled.used))
+    sds = np.array([fit.yaw_sd, scale * fit.shift_sd, scale * fit.shift_sd, fit.scale_sd]) * fit.factor
+    sds[3] = np.hypot(sds[3], rows.unit_sd)
+    return np.diag(sds[: 4 if with_scale else 3] ** 2)
 
 
 def _figures(rows: PlanRows, settled: Settled, plan: FloorPlan, image: Path, *, with_scale: bool) -> dict[str, Any]:

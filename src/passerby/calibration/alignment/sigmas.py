@@ -13,7 +13,6 @@ import numpy as np
 
 from passerby.common.arrays import Floats
 from passerby.core.cameras import Pose, PoseSigma, Rig
-from passerby.geometry.alignment import WorldFit
 
 UP = np.array([0.0, 0.0, 1.0])
 ROUNDS, STEEP = 20, 3.0
@@ -45,12 +44,13 @@ def _without_rounding(covariance: Floats) -> Floats:
     return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)
 
 
-def in_known_world(rig: Rig, fit: WorldFit, *, with_scale: bool, tilt: bool) -> Rig:
+def in_known_world(rig: Rig, fitted: Floats, centre: Floats, *, with_scale: bool, tilt: bool) -> Rig:
     """A rig that a fit has moved into its world, with the sigmas that its cameras have there.
 
     Args:
         rig: after the motion; its sigmas are those of before, as `Rig.moved` makes them.
-        fit: of the motion, with its covariance.
+        fitted: (n, n) covariance of what was fitted, as of `WorldFit`.
+        centre: (3,) about which it was.
         with_scale: whether the scale was fitted.
         tilt: whether the vertical and the heights were.
     """
@@ -58,8 +58,8 @@ def in_known_world(rig: Rig, fit: WorldFit, *, with_scale: bool, tilt: bool) -> 
     cameras = []
     for camera in rig:
         if camera.name in own and camera.pose is not None:
-            moves = fit_moves(camera.pose, fit.centre, with_scale=with_scale, tilt=tilt)
-            covariance = own[camera.name] + moves @ fit.covariance @ moves.T
+            moves = fit_moves(camera.pose, centre, with_scale=with_scale, tilt=tilt)
+            covariance = own[camera.name] + moves @ fitted @ moves.T
             camera = replace(camera, sigma=PoseSigma.from_covariance(covariance))
         cameras.append(camera)
     return replace(rig, cameras=tuple(cameras))

@@ -168,7 +168,7 @@ def align_to_positions(
 
 def _in_world(aligned: Aligned, fit: WorldFit, with_scale: bool, tilt: bool) -> Aligned:
     """With the sigmas that the cameras have in the world of the known places."""
-    return replace(aligned, rig=in_known_world(aligned.rig, fit, with_scale=with_scale, tilt=tilt))
+    return replace(aligned, rig=in_known_world(aligned.rig, fit.covariance, fit.centre, with_scale=with_scale, tilt=tilt))
 
 
 def _posed(rig: Rig, name: str) -> Pose:
