@@ -49,7 +49,8 @@ def main() -> None:
 def _run(name: str, wanted: Wanted) -> Iterator[Found]:
     """What a part found, when it is whole."""
     began = time.monotonic()
-    yield importlib.import_module(f"reliability.{PARTS[name]}").run(wanted)
+    module, _, run = PARTS[name].partition(".")
+    yield getattr(importlib.import_module(f"reliability.{module}"), run)(wanted)
     print(f"{name}: {(time.monotonic() - began) / 60:.1f} min", file=sys.stderr, flush=True)
 
 

@@ -192,12 +192,32 @@ def _aligned_errors(found: Calibration, scene: SimulatedScene, seed: int) -> dic
     return out
 
 
-def run(wanted: Wanted) -> Found:
-    """All scenes of all kinds of input."""
+def run_keypoints(wanted: Wanted) -> Found:
+    """Scenes with keypoints under known identities, lenses known."""
+    return _run(wanted, (KEYPOINTS, KEYPOINTS_ALIKE))
+
+
+def run_found(wanted: Wanted) -> Found:
+    """Boxes: identities found, rigs in a surveyed world, and one person."""
+    return _run(wanted, (FOUND, ALIGNED, ALONE))
+
+
+def run_freed(wanted: Wanted) -> Found:
+    """Lenses that are refined or unknown, by boxes and by keypoints."""
+    return _run(wanted, (REFINED, REFINED_KEYPOINTS, UNKNOWN, UNKNOWN_KEYPOINTS))
+
+
+def run_videos(wanted: Wanted) -> Found:
+    """Rendered videos in which people are detected."""
+    return _run(wanted, (VIDEOS,))
+
+
+def _run(wanted: Wanted, kinds: Sequence[str]) -> Found:
+    """All scenes of some kinds of input."""
     count = QUICK_SCENES if wanted.quick else SCENES
-    cases = {f"{kind} {seed}": (kind, seed) for kind, first in FIRST_SEED.items() for seed in range(first, first + count)}
+    cases = {f"{kind} {seed}": (kind, seed) for kind in kinds for seed in range(FIRST_SEED[kind], FIRST_SEED[kind] + count)}
     found = kept(wanted, "inputs", cases, work)
-    by_kind = {kind: [found[key] for key in cases if cases[key][0] == kind] for kind in FIRST_SEED}
+    by_kind = {kind: [found[key] for key in cases if cases[key][0] == kind] for kind in kinds}
     return part_found([_line(kind, results) for kind, results in by_kind.items()], _text(by_kind), quick=wanted.quick)
 
 
@@ -220,20 +240,28 @@ def _text(by_kind: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
             one, two, count = shares(results, what)
             cells.append(f"{100 * one:.0f}, {100 * two:.0f} of {count}" if count else "-")
         rows.append([kind, str(len(results)), str(sum(one["verdict"] == "accepted" for one in results)), *cells])
+    told = "\n".join(f"- *{kind}*: {SAID[kind]}" for kind in by_kind if kind in SAID)
     return f"""
 Simulated scenes of all presets, 3 to 6 cameras, 1 to 10 people, 12 to 60 s, boxes off by 1 to 4 % of their height. The
 table has the percentages of errors within one sigma and within two, and their number; *accepted* is the number of accepted
 rigs, and the sigmas of the others count too.
 
-- *keypoints*: off by 1 to 3 px, each on its own; *that err alike*: by {100 * JOINTS_OFF:g} % of the body's height too, by kind
-  and throughout, mostly alike in all cameras.
-- *identities found*: clocks are off by up to 1 s.
-- *videos*: rendered, {FILM_SECONDS:g} s; people are detected.
-- *refined lenses*: stated focal lengths are off by a Cauchy distribution of the core that the adjustment takes
-  ({100 * FOCAL_CORE:g} %).
-- *lenses unknown*: nothing is stated but the image size.
-- *aligned*: in the world of surveyed positions (off by {100 * SURVEYED_SD_M:g} cm) of three cameras or more, the scale fitted;
-  compared as they stand, without a placement.
+{told}
 
 {table(("input", "scenes", "accepted", *STATED), rows)}
 """
+
+
+SAID: Mapping[str, str] = MappingProxyType({
+    KEYPOINTS: "off by 1 to 3 px, each on its own.",
+    KEYPOINTS_ALIKE: f"by {100 * JOINTS_OFF:g} % of the body's height too, by kind and throughout, mostly alike in all "
+    "cameras.",
+    FOUND: "clocks are off by up to 1 s.",
+    VIDEOS: f"rendered, {FILM_SECONDS:g} s; people are detected.",
+    REFINED: "stated focal lengths are off by a Cauchy distribution of the core that the adjustment takes "
+    f"({100 * FOCAL_CORE:g} %).",
+    UNKNOWN: "nothing is stated but the image size.",
+    ALIGNED: f"in the world of surveyed positions (off by {100 * SURVEYED_SD_M:g} cm) of three cameras or more, the scale "
+    "fitted; compared as they stand, without a placement.",
+})  # fmt: skip
+"""Kind of input -> what is special about it."""

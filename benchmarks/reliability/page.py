@@ -20,7 +20,10 @@ cause a wrong answer without a warning? How much of the code that judges, tells 
 """
 HEADINGS: Mapping[str, Heading] = {
     "coverage": Heading("Sigmas"),
-    "inputs": Heading("Sigmas of other inputs"),
+    "keypoints": Heading("Sigmas by keypoints"),
+    "found": Heading("Sigmas where identities are found, after alignment, and of one person"),
+    "freed": Heading("Sigmas where lenses are refined or unknown"),
+    "videos": Heading("Sigmas from videos"),
     "bound": Heading("Errors against the Cramer-Rao bound"),
     "verdict": Heading("The verdict"),
     "lenses": Heading("Stated intrinsics"),
@@ -33,17 +36,20 @@ HEADINGS: Mapping[str, Heading] = {
 
 
 PARTS: Mapping[str, str] = MappingProxyType({
-    "coverage": "coverage",
-    "inputs": "other_inputs",
-    "bound": "bound",
-    "verdict": "battery",
-    "lenses": "lenses",
-    "monitor": "watch",
-    "fuzz": "fuzz",
-    "faults": "faults",
-    "branches": "branches",
+    "coverage": "coverage.run",
+    "keypoints": "other_inputs.run_keypoints",
+    "found": "other_inputs.run_found",
+    "freed": "other_inputs.run_freed",
+    "videos": "other_inputs.run_videos",
+    "bound": "bound.run",
+    "verdict": "battery.run",
+    "lenses": "lenses.run",
+    "monitor": "watch.run",
+    "fuzz": "fuzz.run",
+    "faults": "faults.run",
+    "branches": "branches.run",
 })  # fmt: skip
-"""Part -> module of `reliability`."""
+"""Part -> module of `reliability`, and its function that runs the part."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +75,7 @@ def reliability_page() -> SectionedPage:
 
 def part_codes() -> dict[str, str]:
     """Part -> digest of the code that its figures rest on: the package, and what measures the part."""
-    return {part: code_digest(*code_behind(f"reliability.{module}")) for part, module in PARTS.items()}
+    return {part: code_digest(*code_behind(f"reliability.{run.partition('.')[0]}")) for part, run in PARTS.items()}
 
 
 def is_whole(section: Section) -> bool:
