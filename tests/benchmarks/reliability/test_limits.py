@@ -37,16 +37,3 @@ def test_a_move_is_found_and_nobody_moves_where_nobody_does(bench: Bench) -> Non
     assert moves.measure(still)["changes"] == []
     (found,) = (one for one in moves.measure(turned)["changes"] if one["moved"])
     assert moves.BORNE_OUT[0] < found["least"] <= found["most"] < moves.BORNE_OUT[1]
-
-
-def test_what_all_people_have_in_common_is_of_statures_and_of_boxes(bench: Bench) -> None:
-    statures = bench("reliability.stature_figures")
-    rng = np.random.default_rng(0)
-    groups = statures.drawn_groups(rng, 20_000)
-    tallest, smallest = np.log(1.86 / 1.72), np.log(1.46 / 1.72)
-    assert smallest < groups.min() < groups.max() < tallest
-    seen = {"a": {"detector": "background", "log_scale": 0.02}, "b": {"detector": "background", "log_scale": float("nan")}}
-    text = statures.section(seen)
-    assert f"in `solver/cues.py`: {statures.POPULATION_BIAS:g}" in text
-    assert "| boxes by the background, rendered films | 1 " in text
-    assert "network" not in text, "none was run"
