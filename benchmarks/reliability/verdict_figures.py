@@ -206,7 +206,7 @@ def section(outcomes: Outcomes) -> str:
             ])  # fmt: skip
         quantities = table(("", "rigs", "worst", "1 % are worse", "5 % are worse", "median"), rows)
         trade = table(("limit", *kinds, "wrong rigs that nothing else tells"), curve)
-        head = f"### {figure.constant}: {figure.limit:g}\n\n{figure.text.capitalize()}."
+        head = f"### {figure.constant}: {figure.limit:g}\n\n{figure.text[0].upper()}{figure.text[1:]}."
         parts += [head, quantities, "Rigs that a limit speaks against:", trade]
     return "\n\n".join(parts)
 
