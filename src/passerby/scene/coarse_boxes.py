@@ -35,7 +35,7 @@ def doubt_of_coarse_boxes(name: str, boxes: Boxes) -> Finding | None:
 
 
 def grid_step(boxes: Boxes) -> int | None:
-    """The largest whole number of pixels of which nearly all edges are multiples, above 1; None where there is none."""
+    """The largest integer above 1, pixels, of which nearly all edges are multiples; None if there is none."""
     if len(boxes) < FEWEST:
         return None
     boxes = boxes.take(np.linspace(0, len(boxes) - 1, min(len(boxes), MOST)).astype(np.int64))
