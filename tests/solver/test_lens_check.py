@@ -247,6 +247,7 @@ def test_a_size_that_no_lens_explains_is_told_where_it_is_far_and_sure():
         FocalCheck("far", -1.07, 0.21),
         FocalCheck("unsure", -1.07, 1.07 / (FAR_SIGMAS - 0.1)),
         FocalCheck("near", FAR_CHANGE - 0.01, 0.01),
+        FocalCheck("hardly told", -9.0, FAR_CHANGE + 0.01),
     ]
     (found,) = sizes_contradicted(checks)
     assert (found.code, found.severity, found.cameras) == ("size_contradicted", "doubt", ("far",))

@@ -21,6 +21,7 @@ from passerby.calibration.clock_skew import MOST_CORRECTIONS, clock_rate_figures
 from passerby.calibration.diagnostics.ground_planarity import ground_figures, shape_of, told_of_ground
 from passerby.calibration.diagnostics.known_heights import contradicted_heights
 from passerby.calibration.diagnostics.smaller_pictures import doubts_of_smaller_pictures
+from passerby.calibration.diagnostics.unusual_people import told_of_unusual
 from passerby.calibration.diagnostics.verdict import judged
 from passerby.calibration.diagnostics.walking_speed import ScaleBasis, doubts_of_heights, scale_basis
 from passerby.calibration.estimation import Estimate, Estimator
@@ -187,7 +188,7 @@ def _doubts(
     scene: Scene, inputs: SceneInputs, solution: Solution, association: Association, motions: Sequence[DetectedMotion],
     shape: GroundShape | None, estimator: Estimator,
 ) -> tuple[tuple[Finding, ...], tuple[Finding, ...]]:  # fmt: skip
-    """What speaks against relying on the solution, and what is only to be noted of the ground and of people held out."""
+    """What speaks against relying on the solution, and what is only to be noted of the ground and of people."""
     tilt_known = scene.world is not None and scene.world.tilt
     uneven, ground = told_of_ground(shape, placed=scene.world is not None, tilt_known=tilt_known)
     sizes = doubts_of_smaller_pictures(
@@ -207,7 +208,9 @@ def _doubts(
     held_out = findings_of_held_out(solution.figures.held_out)
     against = [finding for finding in held_out if finding.severity == "doubt"]
     noticed = tuple(finding for finding in held_out if finding.severity == "notice")
-    return (*inputs.doubts, *places, *sizes, *moved, *association.doubts, *heights, *uneven, *against), (*ground, *noticed)
+    unusual = told_of_unusual(adjusted(solution.figures).people)
+    doubts = (*inputs.doubts, *places, *sizes, *moved, *association.doubts, *heights, *uneven, *against)
+    return doubts, (*ground, *noticed, *unusual)
 
 
 def _decided(

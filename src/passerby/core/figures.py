@@ -132,6 +132,8 @@ class PeopleFigures:
     """Share of the instants."""
     heights_m: Mapping[str, float] = field(default_factory=dict)
     """By identity."""
+    unusual: tuple[int, ...] | None = field(default=None, metadata=ABSENT)
+    """Identities of those so much taller or shorter than most that the scale does not rest on them; None where nobody is."""
 
 
 @dataclass(frozen=True, kw_only=True)

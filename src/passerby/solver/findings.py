@@ -142,7 +142,8 @@ def figures_of(
     state, model, rig = fit.result.state, fit.model, start.rig
     names = rig.names
     support = cycle_consistency(start.hypotheses, len(rig))
-    noise = fit.noise
+    noise, seen = fit.noise, np.unique(model.problem.person)
+    unusual = () if start.knowledge.unusual is None else start.evidence.identities[seen][start.knowledge.unusual[seen]].tolist()
     return AdjustedFigures(
         cameras=_cameras(start, fit, covariance, focals),
         pairs=tuple(
@@ -158,11 +159,10 @@ def figures_of(
             broken_edges=noise.broken,
         ),
         people=PeopleFigures(
-            identities=len(np.unique(model.problem.person)), instants=len(model.problem.person),
+            identities=len(seen), instants=len(model.problem.person),
             standing=float(np.mean(fit.stance[model.blocks])) if len(model.blocks) else None,
-            heights_m={
-                str(start.evidence.identities[p]): float(state.heights[p]) for p in np.unique(model.problem.person)
-            },
+            heights_m={str(start.evidence.identities[p]): float(state.heights[p]) for p in seen},
+            unusual=tuple(unusual) or None,
         ),
         foot_shift=float(state.globals[0]), scale=ScaleFigures(relative_sigma=_finite(covariance.scale), cues=tuple(cues)),
         vertical_sigma_deg=_finite(covariance.vertical_deg), covariance_inflation=covariance.inflation,

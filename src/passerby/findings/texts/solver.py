@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from passerby.findings.texts.kinds import DOUBT, REFUSAL, Fields, Kind
+from passerby.common.text import listed
+from passerby.findings.texts.kinds import DOUBT, NOTICE, REFUSAL, Fields, Kind
 
 PART_NAMES = {"vertical": "up direction"}
 """Words for the parts of the world that can be undetermined, where they are others."""
@@ -22,6 +23,14 @@ def _to_determine(v: Fields) -> str:
         return "give a measured length under [scale], or boxes, or keypoints with heads and ankles"
     length = "; a measured length under [scale] fixes the scale, but not the up direction" if "scale" in v["lacks"] else ""
     return f"give boxes, or keypoints with heads and ankles, of people seen whole by two cameras{length}"
+
+
+def _unusual(v: Fields) -> str:
+    low, high = f"{v['low_m']:.2f}", f"{v['high_m']:.2f}"
+    tall = f"{low} m" if low == high else f"{low} to {high} m"
+    numbers = [str(one) for one in v["identities"]]
+    who, are = (f"person {numbers[0]}", "is") if len(numbers) == 1 else (f"people {listed(numbers)}", "are")
+    return f"{who} {are} {tall} tall by the rig (median of all people: {v['usual_m']:.2f} m), and {are} left out of the scale"
 
 
 SOLVER: Mapping[str, Kind] = {
@@ -133,5 +142,11 @@ SOLVER: Mapping[str, Kind] = {
         lambda v: f"the scale constraints '{v['cues'][0]}' (1 sigma {v['sigmas_percent'][0]:.1f} %) and '{v['cues'][1]}' "
         f"(1 sigma {v['sigmas_percent'][1]:.1f} %) disagree by {v['percent']:.0f} %, {v['sigmas']:.1f} sigmas",
         "check both, or state a third length, which decides between them", subjects=("scale",),
+    ),
+    "people_unusual": Kind(
+        NOTICE, "People of these `identities` are far taller or shorter than most: the scale does not rest on them.",
+        _unusual,
+        "check that these are people, not posters, prams or reflections",
+        subjects=("scale",),
     ),
 }  # fmt: skip
