@@ -119,6 +119,7 @@ def test_identities_are_found_from_arrays():
     assert passerby.evaluate(found, made.rig).similarity.mean_position_mm < 100
 
 
+@pytest.mark.slow
 def test_joints_alone_from_arrays(made):
     joints = {name: made.observations[name].keypoints for name in made.rig.names}
     joints = {name: one.take(one.frame % 3 == 0) for name, one in joints.items()}

@@ -42,6 +42,7 @@ def people_without(seed: int, left_out: int) -> KnownPeople:
     return known_people(own, poses, person, np.zeros(len(own)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("c", [0, 2])
 def test_a_camera_is_found_where_it_is_with_its_clock(c):
     camera = cameras(4)[c]
@@ -56,6 +57,7 @@ def test_a_camera_is_found_where_it_is_with_its_clock(c):
     assert abs(found.offset_s + LATE_S) < 0.3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("seed", "other"), [(4, 5), (5, 6), (6, 4)])
 def test_a_camera_among_other_people_is_not_believed(seed, other):
     found = attach_camera(cameras(seed)[1].bodies, people_without(other, 1), PERSON_HEIGHT_M, 5.0)

@@ -73,6 +73,7 @@ def test_feet_near_the_horizon_do_not_count() -> None:
     assert rate_of_walkers([walked(5.0, offset_m=60j)]) is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("given", [True, False])
 def test_the_rate_of_a_simulated_scene(given: bool) -> None:
     """Five frames a second, told to nobody, from tracklets and from detections."""

@@ -158,6 +158,7 @@ def test_nobody_seen_is_no_error(scene: SimulatedScene) -> None:
     assert found.tracks is None
 
 
+@pytest.mark.slow
 def test_an_executor_changes_nothing(scene: SimulatedScene) -> None:
     observations = Observations({name: nameless(CameraObservations(scene.truth[name])) for name in scene.rig.names})
     clocks = dict.fromkeys(scene.rig.names, Clock(FPS))

@@ -101,6 +101,7 @@ def test_tracklets_are_of_one_person(preset: str, fps: float, most: float) -> No
     np.testing.assert_array_equal(found.frame, boxes.frame)
 
 
+@pytest.mark.slow
 def test_many_false_boxes_do_not_join() -> None:
     boxes = seen("terrace", 10.0, false_boxes=1.0)
     found = track(forgotten(boxes), 10.0).identity
@@ -109,6 +110,7 @@ def test_many_false_boxes_do_not_join() -> None:
     assert covered(found, boxes.identity) > 0.75
 
 
+@pytest.mark.slow
 def test_scores_that_say_nothing_do_not_matter() -> None:
     boxes = seen("basketball", 10.0)
     found = track(replace(forgotten(boxes), score=np.ones(len(boxes))), 10.0).identity
@@ -146,6 +148,7 @@ def test_two_who_merge_and_part_are_not_guessed(nearest: float) -> None:
     assert not before & after
 
 
+@pytest.mark.slow
 def test_a_crowd_is_not_guessed() -> None:
     """Fourteen people on 80 square metres: without the margin the purity is 0.94."""
     boxes = seen("terrace", 5.0, people=14)
@@ -199,6 +202,7 @@ def test_embeddings_help_where_people_differ_and_harm_nowhere() -> None:
     np.testing.assert_array_equal(alike, plain)
 
 
+@pytest.mark.slow
 def test_resemblance_is_measured_and_noise_is_seen_through() -> None:
     boxes = seen("construction", 5.0)
     told = learn_similarity(worn(boxes, 1.0))

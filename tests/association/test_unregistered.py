@@ -74,6 +74,7 @@ def test_a_mistaken_frame_rate_is_named(true_fps: float, stated: float) -> None:
     assert (found.values["fits_fps"], found.values["fps"]) == (pytest.approx(true_fps), stated)
 
 
+@pytest.mark.slow
 @thinned(("delay_s", "enough"), [(12.3, 14), (-8.4, 10)])
 def test_clocks_farther_apart_than_was_searched_for(delay_s: float, enough: int) -> None:
     people = crowd()
@@ -96,6 +97,7 @@ def test_clocks_minutes_apart(delay_s: float, monkeypatch: pytest.MonkeyPatch) -
     assert abs(delay_s) <= found.values["search_s"] <= abs(delay_s) + 2
 
 
+@pytest.mark.slow
 def test_a_recording_that_overlaps_another_for_a_part_only(monkeypatch: pytest.MonkeyPatch) -> None:
     """Both record for 90 s, the second begins 60 s after the first: only 30 s are common."""
     monkeypatch.setattr(sys.modules[__name__], "SECONDS", 90.0)
@@ -107,6 +109,7 @@ def test_a_recording_that_overlaps_another_for_a_part_only(monkeypatch: pytest.M
     assert found.values["ahead_s"] == pytest.approx(-60.0, abs=0.05)
 
 
+@pytest.mark.slow
 @thinned("seed", range(4))
 def test_strangers_have_no_clock_that_fits(seed: int) -> None:
     """All lags are tried: by chance something fits, but not clearly."""
@@ -114,6 +117,7 @@ def test_strangers_have_no_clock_that_fits(seed: int) -> None:
     assert what_would_fit(camera("C1", EAST, people), camera("C2", WEST, others, seed=1), 3.0) is None
 
 
+@pytest.mark.slow
 def test_nothing_fits_other_people() -> None:
     here = camera("C1", EAST, crowd())
     assert what_would_fit(here, camera("C2", WEST, crowd(seed=9)), 3.0) is None

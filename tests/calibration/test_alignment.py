@@ -191,6 +191,7 @@ def test_sigmas_move_with_the_world():
     assert np.cov(np.array(spread).T) * 1e4 == pytest.approx(moved.covariance, abs=0.06 * np.abs(moved.covariance).max())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("with_scale", [False, True])
 def test_the_stated_sigmas_are_right(with_scale):
     """Errors over stated sigmas over 80 seeds; a root mean square of 80 normal numbers is within 0.75 and 1.25."""
@@ -212,6 +213,7 @@ def test_the_stated_sigmas_are_right(with_scale):
         assert 0.75 < np.sqrt(np.mean(np.square(ratios))) < 1.25
 
 
+@pytest.mark.slow
 def test_sound_places_are_kept():
     """20 sets of noisy points: hardly any is called a gross error, and the rig comes back."""
     lost = 0

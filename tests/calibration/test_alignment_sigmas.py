@@ -86,6 +86,7 @@ def rms(values: list[float]) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [3, 5])
 def test_errors_in_the_known_world_are_as_large_as_stated(count: int) -> None:
     rng = np.random.default_rng(count)

@@ -37,6 +37,7 @@ def between(rig, factor=1.0):
     return {"metres": metres * factor, "between": [first, second], "sd_m": 0.02}
 
 
+@pytest.mark.slow
 def test_a_check_changes_nothing_and_is_told(small):
     plain, checked = calibrated(small, []), calibrated(small, [marked(small.rig), between(small.rig)])
     for name in small.rig.names:
@@ -60,6 +61,7 @@ def test_a_rig_that_contradicts_a_check_is_not_accepted(small, wrong):
     assert finding.values["number"] == 1
 
 
+@pytest.mark.slow
 def test_the_sigma_is_that_of_the_scale_where_nothing_is_measured(small):
     """A measured length makes a check sharper."""
     loose = calibrated(small, [between(small.rig)]).figures.checks[0]

@@ -46,6 +46,7 @@ def test_a_good_rig_fits_people_whom_it_never_saw(scene):
     assert findings_of_held_out(figures) == ()
 
 
+@pytest.mark.slow
 def test_a_camera_that_was_elsewhere_in_the_stretch_held_out(scene):
     """The rest of the recording cannot show it: only the people held out do."""
     rig, instants = scene.rig, scene.observations
@@ -69,6 +70,7 @@ def test_every_fifth_stretch_and_no_other(scene):
     assert (held == (number % EVERY == 0)).all()
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_figures(scene):
     assert hold_out(scene.rig, scene.observations, HEIGHT_M, 3) == hold_out(scene.rig, scene.observations, HEIGHT_M, 3)
 
@@ -97,6 +99,7 @@ def test_the_limit():
     assert alone.severity == "notice"
 
 
+@pytest.mark.slow
 def test_one_odd_stretch_of_two_says_nothing_of_the_rig():
     long = simulate(SimulationOptions(preset="terrace", seed=951, seconds=85.0, people=3, box_noise=0.01))
     rig, instants = long.rig, long.observations

@@ -110,6 +110,7 @@ def test_people_grow_with_the_rig_that_known_places_enlarge(tmp_path, solver, ap
     assert [found.values["metres"] for found in calibration.doubts if found.code == "people_too_tall"] == heights
 
 
+@pytest.mark.slow
 def test_the_same_input_gives_the_same_bytes(tmp_path, solver):
     scene = write_scene(tmp_path)
     passerby.calibrate(scene).write(tmp_path / "one")
@@ -196,6 +197,7 @@ def test_an_interruption_ends_cleanly(tmp_path, solver, capsys):
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_a_folder_that_cannot_be_written(tmp_path, solver, capsys):
     (tmp_path / "file").write_text("in the way")
     assert run(["calibrate", str(write_scene(tmp_path)), "-o", str(tmp_path / "file")]) == 2

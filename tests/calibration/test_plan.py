@@ -91,12 +91,14 @@ def test_two_points_set_scale_origin_and_heading(by_points) -> None:
     assert all(row["off_m"] < 0.5 for row in by_points.world["residuals"])
 
 
+@pytest.mark.slow
 def test_a_plan_that_is_a_tenth_too_large_makes_the_world_so(image) -> None:
     """So that it is the plan that sets the scale: its cameras are placed as if it were right, 22 mm for 20."""
     found = calibrated(image, cameras=stands(*scene().rig.names), metres_per_pixel=1.1 * UNIT)
     assert compare(found.rig, scene().rig).scale_ratio == pytest.approx(1.1, rel=0.008)
 
 
+@pytest.mark.slow
 def test_a_distance_on_the_plan_is_as_good_as_metres_per_pixel(image) -> None:
     ends = [[100.0, 100.0], [900.0, 850.0]]
     metres = UNIT * float(np.hypot(800, 750))
@@ -105,6 +107,7 @@ def test_a_distance_on_the_plan_is_as_good_as_metres_per_pixel(image) -> None:
     assert off_m(found) < 0.15
 
 
+@pytest.mark.slow
 def test_a_wrong_point_is_named_and_left_out(image) -> None:
     points = clicks(4)
     points[2]["at"] = [points[2]["at"][0] + 60.0, points[2]["at"][1]]
@@ -116,6 +119,7 @@ def test_a_wrong_point_is_named_and_left_out(image) -> None:
     assert found.verdict == "accepted"
 
 
+@pytest.mark.slow
 def test_a_wrong_click_in_one_image_is_named_with_its_camera(image) -> None:
     points = clicks(2)
     wrong = sorted(points[0]["pixels"])[0]
@@ -126,6 +130,7 @@ def test_a_wrong_click_in_one_image_is_named_with_its_camera(image) -> None:
     assert (told.values["point"], told.cameras) == ("1", (wrong,))
 
 
+@pytest.mark.slow
 def test_placements_that_contradict_each_other_let_no_rig_be_accepted(image) -> None:
     """Three cameras, one of them on its spot of the mirrored plan: which is wrong cannot be told."""
     wrong = stands("C1", "C2", "C3")
@@ -136,6 +141,7 @@ def test_placements_that_contradict_each_other_let_no_rig_be_accepted(image) -> 
     assert found.verdict == "doubtful"
 
 
+@pytest.mark.slow
 @thinned(("times", "by"), product((0.3, 25.4, 1e-3, 1e3), ("points", "cameras")), quick=2)
 def test_a_plan_in_a_wrong_unit_is_told_and_does_not_touch_the_rig(image, times, by) -> None:
     placed = {"points": clicks(4)} if by == "points" else {"cameras": stands(*scene().rig.names)}
@@ -149,6 +155,7 @@ def test_a_plan_in_a_wrong_unit_is_told_and_does_not_touch_the_rig(image, times,
     assert not found.world
 
 
+@pytest.mark.slow
 def test_a_mirrored_plan_is_told_as_such(image) -> None:
     mirrored = {name: [SIDE - at[0], at[1]] for name, at in stands(*scene().rig.names).items()}
     found = calibrated(image, cameras=mirrored)
@@ -159,6 +166,7 @@ def test_a_mirrored_plan_is_told_as_such(image) -> None:
         )), image)  # fmt: skip
 
 
+@pytest.mark.slow
 @thinned("order", [("C2", "C1", "C3", "C4"), ("C2", "C3", "C4", "C1"), ("C3", "C4", "C2", "C1")])
 def test_exchanged_cameras_let_no_rig_be_accepted(image, order) -> None:
     """Any two of the four fit by themselves: which are right cannot be told."""

@@ -47,6 +47,7 @@ def small():
     return simulate(SimulationOptions(seed=4000, **QUIET))
 
 
+@pytest.mark.slow
 def test_given_identities(small):
     """Stated 30 % too tall, so that it has to be this person who sets the scale."""
     identity, table = pointed_at(small, "C1", grown=1.3)

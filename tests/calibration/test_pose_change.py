@@ -87,6 +87,7 @@ def test_a_knock_and_back_is_found():
     assert abs(change.last / 5.0 - 20.0) < 1.0
 
 
+@pytest.mark.slow
 def test_pixels_across_and_pixels_down_count_alike():
     """A camera's pose is the same where the picture's columns are taken for its rows."""
     scene = moved(None)

@@ -66,6 +66,7 @@ def test_each_group_is_a_rig_of_its_own(rooms, found):
     assert "cameras_share_nobody" in {one.code for one in found.doubts}
 
 
+@pytest.mark.slow
 def test_a_group_is_what_its_cameras_alone_would_be(rooms, found):
     truth, boxes = rooms
     alone = Rig(tuple(camera for camera in truth if camera.name.startswith("U")))

@@ -116,12 +116,14 @@ def has_boxes_at(calibration, at):
     return int((np.abs(centre - [52.5, 105.0]).max(axis=1) < 15).sum())
 
 
+@pytest.mark.slow
 def test_a_poster_is_no_person(small):
     posted, at = with_poster(small, "C1")
     assert has_boxes_at(found_by(posted), at) > 20
     assert has_boxes_at(found_by(posted, not_people=[at]), at) == 0
 
 
+@pytest.mark.slow
 def test_a_poster_is_no_person_in_given_identities(small):
     """Here an id is known, and all of it goes, of this camera only."""
     posted, at = with_poster(small, "C1")

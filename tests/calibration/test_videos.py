@@ -289,6 +289,7 @@ def test_the_scene_files_rate_is_believed(place):
     assert seen.observations.clocks["C1"].fps == 3.2
 
 
+@pytest.mark.slow
 def test_boxes_get_looks_from_their_video_in_the_order_of_the_file(place, dense):
     cameras = {name: f'tracks = "{name}.txt"\nvideo = "{name}.mp4"' for name in BOTH}
     seen, videos = inputs(scene_file(place, cameras))
@@ -334,6 +335,7 @@ def blue_scene(place):
     return {"C1": "blue1.mp4", "C2": "blue2.mp4"}
 
 
+@pytest.mark.slow
 def test_joints_by_default(place, tmp_path, monkeypatch):
     """Where a network for joints is at hand it is used, on a budget; `check` says so."""
     cameras = blue_scene(place)
@@ -531,6 +533,7 @@ def test_bars_are_drawn_on_standard_error_alone(monkeypatch, capsys):
     assert "watching [C2]" in errors, "names are no markup"
 
 
+@pytest.mark.slow
 def test_the_boxes_of_a_file_are_not_moved(place):
     """Boxes that a detector found are told from the pixel's corner, those of a file from its middle."""
     one = puppets(4.0, 3.0, 2, 2)

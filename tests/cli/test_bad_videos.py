@@ -223,6 +223,7 @@ def test_nobody_anywhere(scene, tmp_path, capsys):
     assert not capsys.readouterr().err, "check does not watch videos"
 
 
+@pytest.mark.slow
 def test_nobody_in_one_of_three(scene, good, tmp_path, capsys):
     rig = (good / "rig.toml").read_text()
     third = rig[rig.index("[C2]") :].replace("[C2]", "[C3]").replace('"C2"', '"C3"').replace("[C2.", "[C3.")
@@ -285,6 +286,7 @@ def test_a_network_that_cannot_be_used(scene, tmp_path, capsys, command, detecto
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("inside", [True, False])
 def test_an_output_folder_that_cannot_be_one(scene, tmp_path, capsys, inside):
     (tmp_path / "file").write_text("")

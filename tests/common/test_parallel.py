@@ -94,6 +94,7 @@ def test_no_processes_where_the_system_allows_none(monkeypatch):
     assert caught.value.__context__ is None, "no trace of the semaphores"
 
 
+@pytest.mark.slow
 def test_processes_prepare_cameras_bit_for_bit(monkeypatch):
     monkeypatch.setattr(parallel, "pays", lambda *measure: True)
     monkeypatch.setattr(os, "sched_getaffinity", lambda process: {0, 1}, raising=False)
@@ -116,6 +117,7 @@ def test_processes_prepare_cameras_bit_for_bit(monkeypatch):
         np.testing.assert_array_equal(one.tracks.position, other.tracks.position)
 
 
+@pytest.mark.slow
 def test_processes_that_were_kept_for_videos_alone_do_not_begin(monkeypatch):
     monkeypatch.setattr(os, "sched_getaffinity", lambda process: {0, 1}, raising=False)
     before = set(multiprocessing.active_children())

@@ -315,7 +315,7 @@ def set_axes(actor) -> None:
             actor[frame, 0] = actor[frame, 0] * [1, 1, -1] + [0, 0, 2]
 
 
-@pytest.mark.parametrize("what", sorted(TUM_BREAKS))
+@thinned("what", sorted(TUM_BREAKS), every=3)
 def test_a_broken_campus_is_told_in_one_line(campus, tmp_path, what) -> None:
     folder = tmp_path / "CampusSeq1"
     shutil.copytree(campus, folder)

@@ -55,6 +55,7 @@ def test_every_room_has_a_line():
     assert {room for room in rooms if not room.startswith("_")} <= told
 
 
+@pytest.mark.slow
 def test_the_picture_shows_the_rooms_that_there_are():
     spec = importlib.util.spec_from_file_location("make_rooms", ROOT / "docs" / "make_rooms.py")
     assert spec is not None

@@ -80,6 +80,7 @@ def test_a_move_is_found_in_thinned_footage_and_the_thinning_is_told(tmp_path, c
     assert "to stay within 0.12 s of processor time for each camera and minute" in printed.err
 
 
+@pytest.mark.slow
 def test_small_rigs_are_not_thinned_unless_asked(tmp_path, capsys):
     rig = true_rig()
     paths = write_watched(tmp_path, calibrated(rig), walkers(rig, 60, people=12))

@@ -65,6 +65,7 @@ def test_groups_without_footage_are_left_out(site, tmp_path, capsys):
     assert "groups" not in told
 
 
+@pytest.mark.slow
 def test_cameras_without_news_are_those_of_each_group(site, tmp_path, capsys):
     run(["monitor", *map(str, site), "-o", str(tmp_path / "checked")])
     capsys.readouterr()

@@ -55,6 +55,7 @@ def test_a_camera_has_no_more_neighbours_for_more_cameras():
     assert len(neighbours_by_rig(crowd, dict.fromkeys(crowd.names, 0.0))) <= 12 * 60
 
 
+@pytest.mark.slow
 def test_nothing_moves():
     found = watched()
     assert found.names == RIG.names
@@ -100,6 +101,7 @@ def test_cameras_with_hardly_anybody_say_nothing(people):
     assert not any(window.clear(camera) for window in found.windows for camera in range(16))
 
 
+@pytest.mark.slow
 def test_a_camera_among_many_in_one_room_is_tested_with_seven():
     hall = true_rig(14)
     seen = with_clocks(walkers(hall, 60))

@@ -65,6 +65,7 @@ def test_only_cameras_with_news_are_read(quiet, tmp_path, capsys):
     assert told["cameras"][0]["as_of"] > told["cameras"][1]["as_of"]
 
 
+@pytest.mark.slow
 def test_a_move_and_its_pose_are_taken_over(moved, tmp_path, capsys):
     status, first, _ = monitored(*moved, tmp_path / "out", capsys)
     assert status == 3

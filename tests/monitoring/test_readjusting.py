@@ -62,6 +62,7 @@ def off_deg(estimate, rig):
     return float(np.degrees(angle_between(estimate.R @ common, R).max()))
 
 
+@pytest.mark.slow
 def test_a_rig_is_found_again_from_cameras_that_turned(turned):
     after = moves(TURNS)
     now = replace(RIG, cameras=tuple(replace(c, pose=after[c.name][1]) if c.name in after else c for c in RIG))

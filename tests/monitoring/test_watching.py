@@ -108,6 +108,7 @@ def test_few_people_tell_nothing():
     assert watch(GIVEN, gather_rig_observations(GIVEN, Observations({}, 2.0))).moves == ()
 
 
+@pytest.mark.slow
 def test_the_same_footage_gives_the_same_bits():
     seen = walkers(RIG, 150, knocks={"C2": (80.0, knocked(RIG["C2"].pose, (0, 2, 0)))})
     first, again = (watch(GIVEN, gather_rig_observations(GIVEN, seen)).moves[0] for _ in range(2))

@@ -353,6 +353,7 @@ def test_recordings_in_pieces_count_from_their_common_wall_time(tmp_path):
     assert second - first == 40
 
 
+@pytest.mark.slow
 def test_first_pictures_need_no_import_of_what_calibrates():
     """These imports take longer than the pictures; they come with the check of the scene, afterwards."""
     code = (

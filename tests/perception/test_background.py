@@ -106,6 +106,7 @@ def test_noise_is_nobody(model: BackgroundModel) -> None:
         assert len(found(model, [], noise=noise)[0]) == 0
 
 
+@pytest.mark.slow
 def test_who_stands_for_nearly_half_of_the_time_is_found() -> None:
     standing = Figure(240, 330, (40, 60, 170))
     frames = recording(COUNT)
@@ -145,6 +146,7 @@ def test_one_behind_a_signpost_is_one(model: BackgroundModel) -> None:
     assert worst_edge(people.ltwh, figure) < 3.0
 
 
+@pytest.mark.slow
 def test_swaying_leaves_are_nobody() -> None:
     """A region that changes from picture to picture is no evidence; beside it people are found."""
     rng = np.random.default_rng(9)
@@ -175,6 +177,7 @@ def test_low_things_are_no_people(model: BackgroundModel) -> None:
     assert len(found(model, [], scene=scene)[0]) == 0  # type: ignore[arg-type]
 
 
+@pytest.mark.slow
 def test_the_light_of_the_day_is_followed() -> None:
     """In each window of the recording another part of the scene lies in the shade of a house."""
     rng = np.random.default_rng(4)
@@ -218,6 +221,7 @@ def test_the_model_survives_its_arrays(sunny: BackgroundModel) -> None:
         assert len(a) > 0
 
 
+@pytest.mark.slow
 def test_the_same_recording_gives_the_same_model_and_order_matters_not_to_the_detector(model: BackgroundModel) -> None:
     again = learn_background(recording(COUNT), plan_sampling(COUNT))
     for name, array in model.to_arrays().items():
@@ -241,6 +245,7 @@ def test_more_pictures_than_asked_for_are_passed_over() -> None:
     assert (one.colour == other.colour).all()
 
 
+@pytest.mark.slow
 def test_what_cannot_be_learnt_from_is_said() -> None:
     frames = recording(8)
     with pytest.raises(EvidenceError, match="4 frames are too few"):

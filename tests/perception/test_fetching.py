@@ -185,6 +185,7 @@ def test_a_server_that_never_answers(server, target, monkeypatch):
             fetch(f"http://127.0.0.1:{port}/tiny.onnx", target, SHA256, len(BODY))
 
 
+@pytest.mark.slow
 def test_a_transfer_that_stalls(server, target, monkeypatch):
     """Half of the file comes, however long that takes; then the server holds back half of whatever it is asked for."""
     server.breaks_after = [150_000]

@@ -12,6 +12,7 @@ from passerby.perception import video
 from passerby.perception.sources.files import VideoSource
 from passerby.perception.sources.recording import open_source
 from passerby.perception.video import VideoInfo, VideoReader, probe
+from support.tiers import thinned
 
 COUNT, FPS, SIZE = 300, 25, (128, 96)
 
@@ -59,7 +60,7 @@ def compared(info: VideoInfo, rate: float, monkeypatch: pytest.MonkeyPatch) -> t
     return few, reader.decoded.pictures
 
 
-@pytest.mark.parametrize("rate", [0.9, 0.67, 0.31])
+@thinned("rate", [0.67, 0.9, 0.31])
 @pytest.mark.parametrize("name", CODECS)
 def test_the_same_pictures(name: str, rate: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     file, codec, options = CODECS[name]

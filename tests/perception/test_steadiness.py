@@ -74,6 +74,7 @@ def test_a_camera_that_stands() -> None:
     assert told.largest_shake_px < 0.1
 
 
+@pytest.mark.slow
 @thinned("part", [0.1, 0.3, 0.5, 0.7], quick=2)
 def test_people_are_no_move(part: float) -> None:
     rng = np.random.default_rng(0)
@@ -82,6 +83,7 @@ def test_people_are_no_move(part: float) -> None:
     assert told.recognised >= (0.9 * COUNT if part <= 0.3 else 1)
 
 
+@pytest.mark.slow
 def test_a_crowd_in_half_of_every_picture_is_no_move() -> None:
     rng = np.random.default_rng(0)
     halves = [(crowded(seen(), rng, 0.97), k) for k in range(COUNT)]
@@ -146,6 +148,7 @@ def test_a_zoom_is_named_and_measured(zoom: float) -> None:
     assert move.zoom == pytest.approx(zoom, rel=0.005)
 
 
+@pytest.mark.slow
 @thinned(("dx", "degrees"), [(3.6, 0), (60, 0), (-40, -3), (0, 2)], quick=2)
 def test_a_move_is_no_zoom(dx: float, degrees: float) -> None:
     rng = np.random.default_rng(0)
@@ -188,6 +191,7 @@ def test_a_mount_that_sags() -> None:
     assert 15 <= told.lasting[0].seconds <= 20
 
 
+@pytest.mark.slow
 def test_a_camera_that_is_turned_to_something_else() -> None:
     other = texture(2)
     rng = np.random.default_rng(0)
@@ -218,6 +222,7 @@ def test_nothing_to_hold_on_to() -> None:
     assert SteadinessWatcher(SIZE).result() == Steadiness((), 0.0, 0, 0)
 
 
+@pytest.mark.slow
 def test_the_same_pictures_give_the_same_bits() -> None:
     rng = np.random.default_rng(0)
     pictures = [crowded(seen(0.5 * (k % 3), 0, 4.0 * (k > 20)), rng, 0.3) for k in range(COUNT)]

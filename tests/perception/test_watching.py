@@ -357,6 +357,7 @@ def test_nobody_in_the_whole_video(job, calls, monkeypatch):
     assert calls.appearance == 0
 
 
+@pytest.mark.slow
 def test_a_camera_that_is_moved_is_told_and_when(job, calls, tmp_path):
     fine = np.random.default_rng(5).normal(128, 60, (60, 90, 3)).clip(0, 255).astype(np.uint8)
     wide = cv2.resize(fine, (450, 300), interpolation=cv2.INTER_LINEAR)
@@ -382,6 +383,7 @@ def test_a_camera_that_is_moved_is_told_and_when(job, calls, tmp_path):
         assert (again.faults("A", info), again.findings("A", info)) == (faults, findings)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("zoom", [1.2, 0.85])
 def test_a_camera_that_zooms_is_told_and_when(job, calls, tmp_path, zoom):
     fine = np.random.default_rng(5).normal(128, 60, (90, 120, 3)).clip(0, 255).astype(np.uint8)

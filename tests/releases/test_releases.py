@@ -149,6 +149,7 @@ OF_OTHERS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("other", [False, True], ids=["these libraries", "other libraries"])
 @pytest.mark.parametrize("name", KEPT)
 def test_what_was_kept_is_taken_or_made_again(release, name, other, monkeypatch):
@@ -187,6 +188,7 @@ def test_its_scene_is_calibrated_as_it_was(release):
     assert now < 1.5 * then + 10
 
 
+@pytest.mark.slow
 def test_its_output_folder_is_read_by_every_command(release, tmp_path):
     out = str(release / "out")
     assert run(["report", out, "-o", str(tmp_path / "report.html")]) == 0

@@ -49,6 +49,7 @@ def test_the_table_of_cameras_is_what_calibration_json_holds(page, calibrated):
         assert {key: float(row[key]) for key in keys} == {key: one[name] for key, name in keys.items()}
 
 
+@pytest.mark.slow
 def test_every_key_of_calibration_json_is_read(calibrated, scene):
     geopose = solved(scene, "geopose", lambda text: without(text, "keypoints").replace('"people"', '"geopose"'))[1]
     for out, key in ((calibrated[1], "tree"), (geopose, "reference")):
@@ -58,6 +59,7 @@ def test_every_key_of_calibration_json_is_read(calibrated, scene):
         assert {"schema_version", "scene_file", "files"} <= told.keys()
 
 
+@pytest.mark.slow
 def test_a_calibration_and_its_folder_give_the_same_figures_and_the_same_bytes(page, calibrated):
     calibration, out = calibrated
     fresh = Page(report_page(contents_of(calibration)))
@@ -85,6 +87,7 @@ def test_a_doubtful_one_tells_what_is_wrong_and_what_to_do(calibrated):
     assert "Record more people in its view." in summary
 
 
+@pytest.mark.slow
 def test_a_frame_that_was_set_is_told_with_what_it_rests_on(calibrated):
     contents = contents_from(calibrated[1])
     assert "Alignment of the world frame" not in Page(report_page(contents)).sections["stages"]
@@ -219,6 +222,7 @@ def test_an_hour_of_a_hundred_people_before_sixteen_cameras_stays_small():
     assert len(set(kept["who"])) == 100
 
 
+@pytest.mark.slow
 def test_the_command_makes_the_page_again(calibrated, tmp_path, capsys):
     out, there = calibrated[1], tmp_path / "page.html"
     assert run(["report", str(out), "-o", str(there)]) == 0

@@ -40,6 +40,7 @@ def drawn(told, name):
     return camera_picture(told, fit, name), fit
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("preset", ["terrace", "construction"])
 def test_the_grid_lies_where_the_camera_projects_the_ground(preset):
     made = simulated(preset)
@@ -73,6 +74,7 @@ def test_the_grid_lies_where_the_camera_projects_the_ground(preset):
     assert off[near].max() < 0.03
 
 
+@pytest.mark.slow
 def test_the_horizon_and_plumb_lines_are_drawn_and_named():
     made = simulated()
     for camera in made.rig:

@@ -10,6 +10,7 @@ from passerby.core.cameras import Camera, Lens, Pose
 from passerby.report.reference_layer import MOST_LINES, plumb_lines
 from passerby.report.through_lens import View, simplify_polyline, spacing_of
 from support.report.drawings import distance_to
+from support.tiers import thinned
 
 LENSES = {
     "pinhole": Lens((1280, 720), np.array([[800.0, 0, 639.5], [0, 800.0, 359.5], [0, 0, 1]]), np.zeros(0)),
@@ -98,7 +99,7 @@ def test_the_horizon_is_where_level_rays_go(kind):
 
 
 @pytest.mark.parametrize("kind", ALL)
-@pytest.mark.parametrize("pitch", [-10.0, 20.0, 75.0])
+@thinned("pitch", [20.0, -10.0, 75.0])
 def test_vertical_edges_lie_along_the_plumb_lines(kind, pitch):
     camera = looking(ALL[kind], pitch=pitch)
     step = np.deg2rad(10)

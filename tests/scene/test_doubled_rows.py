@@ -128,6 +128,7 @@ def test_one_doubled_row_changes_no_calibration(given: bool) -> None:
         assert np.array_equal(first.rig[name].pose.centre, second.rig[name].pose.centre)
 
 
+@pytest.mark.slow
 def test_doubled_joints_in_memory_are_told_and_too_many_are_an_error() -> None:
     made = simulate(SimulationOptions(seconds=10.0, cameras=2, seed=3))
     lenses = {camera.name: camera.lens for camera in made.rig}

@@ -58,6 +58,7 @@ def at(boxes: Boxes, factor: float, noise: bool = False) -> Boxes:
     return found_twice(moved) if noise else moved
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "lens", "told"),
     [
@@ -87,6 +88,7 @@ def test_a_copy_at_another_frame_rate_is_told() -> None:
     assert sentence.endswith("in the images of the other: give each camera a recording of its own, or delete [cameras.B]")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("preset", ["terrace", "basketball", "construction"])
 @pytest.mark.parametrize("seed", [1, 2])
 def test_cameras_of_a_scene_are_not_accused(preset: str, seed: int) -> None:
@@ -129,6 +131,7 @@ def test_a_pair_side_by_side_is_not_accused(shift: tuple[float, float, float], n
     assert same_contents(rig, seen_by(rig, made, noise)) == []
 
 
+@pytest.mark.slow
 def test_a_pair_that_nothing_tells_apart_is_doubted_by_its_place() -> None:
     made = scene()
     rig = Rig((*beside(made.rig, (0.02, 0.0, 0.0)), made.rig["C3"]))

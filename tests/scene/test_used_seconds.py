@@ -48,6 +48,7 @@ def test_either_pose_of_a_camera_that_was_moved_can_be_had(tmp_path):
         assert judged.similarity.mean_orientation_deg < 0.4
 
 
+@pytest.mark.slow
 def test_frames_are_counted_from_the_recording_s_own_beginning(tmp_path):
     seen = read_inputs(Scene.load(written(tmp_path, keypoints=True, from_s=2.0, until_s=4.0))).observations
     for part in (seen["C2"].boxes, seen["C2"].keypoints):

@@ -161,6 +161,7 @@ def test_joints_tell_themselves() -> None:
     assert told == doubt("image_upside_down", "C1")
 
 
+@pytest.mark.slow
 def test_findings_of_the_files_are_told_with_the_path(tmp_path: Path) -> None:
     lens = Lens((1920, 1080), np.array([[1500.0, 0, 960], [0, 1500, 540], [0, 0, 1]]), np.zeros(0))
     extent = walkers((1920, 1080), 0.5)

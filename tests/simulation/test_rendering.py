@@ -148,6 +148,7 @@ def test_the_same_scene_gives_the_same_pictures():
         render_camera(simulated, "C9", RenderOptions())
 
 
+@pytest.mark.slow
 def test_the_background_stands_still_but_for_noise():
     simulated = small(scene(seconds=1.0))
     still = np.stack(list(render_camera(simulated, "C1", STILL))).astype(int)
@@ -161,6 +162,7 @@ def test_the_background_stands_still_but_for_noise():
     assert (noisy[0] != noisy[1])[calm].mean() > 0.5
 
 
+@pytest.mark.slow
 def test_cameras_see_the_same_ground():
     rig = small(scene(seconds=1.0), 0.75).rig
     rng = np.random.default_rng(0)
@@ -205,6 +207,7 @@ def test_videos_hold_the_scene(tmp_path):
             assert np.abs(picture.astype(int) - made).mean() < 6
 
 
+@pytest.mark.slow
 def test_a_scene_folder_with_videos(tmp_path):
     simulated = small(scene(seconds=0.6, cameras=2, people=4, unrelated_ids=True))
     path = write_scene(simulated, tmp_path / "s", video=RenderOptions(shadows=False))

@@ -21,6 +21,7 @@ def differences(changed: dict, camera: str = "C1") -> tuple[np.ndarray, np.ndarr
     return (faulty - clean)[inner], (clean[..., 3] - clean[..., 1])[inner]
 
 
+@pytest.mark.slow
 def test_box_noise_has_the_stated_deviation_on_each_edge():
     moved, height = differences({"box_noise": 0.03})
     relative = moved / height[:, None]
@@ -63,6 +64,7 @@ def test_missing_drops_the_stated_share_of_boxes_and_joints():
     assert kept == sum(len(thinned.observations[n].keypoints) for n in clean.rig.names)
 
 
+@pytest.mark.slow
 @thinned(("preset", "share"), [("terrace", 0.2), ("terrace", 1.0), ("construction", 0.1), ("construction", 0.3)], quick=2)
 def test_the_stated_share_of_identities_is_swapped_within_camera_and_instant(preset, share):
     clean, swapped = faulty_scene(preset=preset, seconds=20.0), faulty_scene(preset=preset, seconds=20.0, identity_swaps=share)

@@ -31,6 +31,7 @@ def test_same_options_give_the_same_scene_and_another_seed_another():
     assert not equal(simulate(chosen), simulate(SimulationOptions(seconds=4.0, seed=1, **options)))
 
 
+@pytest.mark.slow
 def test_faults_do_not_change_cameras_motion_or_each_other():
     clean, faulty = scene(), scene(box_noise=0.05, missing=0.3, joint_noise_px=2.0, identity_swaps=0.3, clock_offsets=0.4)
     np.testing.assert_array_equal(clean.joints3d, faulty.joints3d)
@@ -87,6 +88,7 @@ def test_any_number_of_cameras_stands_around_the_area_and_looks_in(count):
         assert (np.abs(pixel - np.array(camera.lens.size) / 2) < 0.15 * np.array(camera.lens.size)).all()
 
 
+@pytest.mark.slow
 @EVERY_PRESET
 def test_boxes_hold_the_projected_joints(preset):
     """Without noise and occlusion, every box that the picture does not cut holds the person's joints; feet and head end it."""
@@ -109,6 +111,7 @@ def test_boxes_hold_the_projected_joints(preset):
     assert checked > 500
 
 
+@pytest.mark.slow
 @EVERY_PRESET
 def test_boxes_of_upright_people_tell_their_height(preset):
     """Foot ray to the true ground position, then the height at which the box's top passes over it."""
@@ -148,6 +151,7 @@ def test_construction_people_crouch_about_a_third_of_the_time():
     assert 0.25 < np.mean(shares) < 0.45
 
 
+@pytest.mark.slow
 def test_heights_follow_the_options():
     heights = np.array(list(scene(people=200, seconds=0.2, cameras=1).heights.values()))
     assert heights.mean() == pytest.approx(1.72, abs=0.02)
@@ -158,6 +162,7 @@ def test_heights_follow_the_options():
     np.testing.assert_allclose(tall, 1.9)
 
 
+@pytest.mark.slow
 def test_occlusion_takes_boxes_away_and_hides_joints():
     crowd = {"people": 40, "seconds": 2.0}
     hidden, free = scene(**crowd), scene(**crowd, occlusion=False)

@@ -42,6 +42,7 @@ def test_every_camera_has_a_place_and_floors_are_chained_by_stairs(count):
     assert stairs == {(floor, floor + 1) for floor in range(floors.max())}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [801, 802])
 def test_cameras_share_ground_with_two_to_six_others_and_never_with_another_floor(seed):
     site = simulate_site(SiteOptions(cameras=30, people=20, seed=seed, seconds=1.0))

@@ -21,6 +21,7 @@ def found(simulated: SimulatedScene) -> dict:
     return {name: seen.boxes for name, seen in simulated.observations.cameras.items()}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "more",
     [
@@ -46,6 +47,7 @@ def test_what_association_gets_changes_nothing_else(more):
             np.testing.assert_array_equal(a.boxes.identity, b.boxes.identity)
 
 
+@pytest.mark.slow
 def test_the_truth_says_whom_each_box_shows():
     """Swaps and false boxes are in what is reported; the truth is the clean scene's."""
     clean, faulty = scene(), scene(identity_swaps=0.3, false_boxes=0.2)
@@ -63,6 +65,7 @@ def test_the_truth_says_whom_each_box_shows():
     assert 0.4 < identity_agreement(found(faulty), faulty.truth).precision < 0.7  # 0.7 of the boxes of either camera are right
 
 
+@pytest.mark.slow
 def test_unrelated_ids_are_one_to_one_in_a_camera_and_mean_nothing_in_another():
     simulated = scene(preset="construction", unrelated_ids=True, false_boxes=0.1)
     numbering = []
@@ -186,6 +189,7 @@ def test_true_clocks_find_the_pairs_that_an_offset_hides():
     assert judged.pairs_true > 0.5 * identity_agreement(found(again), again.truth).pairs_true
 
 
+@pytest.mark.slow
 def test_groups_have_no_common_ground():
     simulated = scene(preset="construction", people=20, cameras=8, groups=(6, 2))
     assert simulated.rig.names == tuple(f"C{i}" for i in range(1, 9))

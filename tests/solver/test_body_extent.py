@@ -117,6 +117,7 @@ def workers() -> SimulatedScene:
     return simulate(SimulationOptions(preset="construction", seed=3, seconds=25, box_noise=0.02, joint_noise_px=1.0))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("extents_of", [box_extents, joint_extents])
 def test_with_true_cameras_the_true_world_comes_out(workers: SimulatedScene, extents_of) -> None:  # type: ignore[no-untyped-def]
     rig = workers.rig

@@ -68,6 +68,7 @@ def person(share: float = 1.0) -> PersonHeight:
     return PersonHeight(2, TRUTH.heights[2] * share, 0.002)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "cues", "tolerance"),
     [
@@ -123,6 +124,7 @@ def test_a_cue_against_precise_people_is_told_with_its_residual() -> None:
     assert distance.stated_m == pytest.approx(1.6 * TRUE_DISTANCE)
 
 
+@pytest.mark.slow
 def test_the_scales_sigma_shrinks_with_each_cue() -> None:
     sigmas = [
         solved(cues).figures.scale.relative_sigma

@@ -187,6 +187,7 @@ def test_two_cameras_with_nothing_between_them_are_both_unknown() -> None:
     assert free == Free(True, True, True, (0, 1))
 
 
+@pytest.mark.slow
 def test_whole_people_fix_all_of_it() -> None:
     rig = Rig(TRUTH.rig.cameras[:2])
     for seen in (part(TRUTH.observations), part(TRUTH.observations, boxes=False, keypoints=True)):

@@ -90,6 +90,7 @@ def test_scale_is_proportional_to_the_height_of_people() -> None:
     assert compare(rigs[1], rigs[0], "C1").scale_ratio == pytest.approx(1.8 / 1.6, rel=1e-6)
 
 
+@pytest.mark.slow
 @thinned("metres", [3.6, 1.0])
 def test_scale_from_a_known_length(metres: float) -> None:
     """The paper's free-throw line and pipe, marked in two cameras to the pixel: right whatever the height of people."""
@@ -102,6 +103,7 @@ def test_scale_from_a_known_length(metres: float) -> None:
     assert solution.figures.scale.from_ == "known lengths"
 
 
+@pytest.mark.slow
 def test_joints_as_correspondences() -> None:
     truth = scene(seconds=20.0, joint_noise_px=1.0)
     solution = solve(truth, GeoPoseOptions("C1"))
@@ -120,6 +122,7 @@ def test_one_person_in_five_swapped_is_left_to_ransac() -> None:
     assert found.similarity.mean_position_mm < 60
 
 
+@pytest.mark.slow
 def test_same_seed_same_rig_bit_for_bit() -> None:
     first, second = solve(scene(seconds=10.0)), solve(scene(seconds=10.0))
     for a, b in zip(first.rig, second.rig, strict=True):

@@ -176,6 +176,7 @@ def test_a_wrong_distortion_is_named() -> None:
     assert "distortion" in accusations(solution)[0]
 
 
+@pytest.mark.slow
 @thinned("preset", ["basketball", "terrace"])
 def test_a_mirrored_camera_is_not_accused_of_its_lens_nor_are_the_others(preset: str) -> None:
     """What of it agrees by chance fits another focal length better: it has to agree with that one."""

@@ -93,6 +93,7 @@ def test_swapped_identities_are_borne_by_some_route_of_every_pair() -> None:
         assert min(turn for turn, _, _ in result) < 5, (a, b, result)  # measured 3.0
 
 
+@pytest.mark.slow
 def test_the_baseline_goes_with_the_height_of_people() -> None:
     truth = simulated("terrace", seconds=15.0)
     evidence = gather_evidence(truth.rig, part(truth.observations), np.random.default_rng(0))

@@ -67,6 +67,7 @@ def test_presets_are_solved_in_shape_scale_vertical_and_ground(preset: str) -> N
     assert solution.method == "people"
 
 
+@pytest.mark.slow
 @thinned("preset", PRESETS)
 def test_a_third_of_swapped_identities_costs_little(preset: str) -> None:
     position, orientation, found = errors(solved(preset, 0.3), simulated(preset).rig)
@@ -108,6 +109,7 @@ def test_the_same_input_and_seed_give_the_same_bits() -> None:
     assert first.figures == second.figures
 
 
+@pytest.mark.slow
 def test_no_camera_is_special() -> None:
     """In another order the cameras come out as the same rig, but for which one stands above the origin."""
     rig, seen = boxes_only("terrace")
@@ -120,6 +122,7 @@ def test_no_camera_is_special() -> None:
     np.testing.assert_allclose(other.rig["C3"].centre[:2], 0, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_the_world_stands_on_the_ground_below_the_first_camera() -> None:
     first = solved("basketball").rig["C1"]
     assert first.pose is not None
@@ -129,6 +132,7 @@ def test_the_world_stands_on_the_ground_below_the_first_camera() -> None:
     assert first.pose.R_cw[2, 1] > 0
 
 
+@pytest.mark.slow
 def test_poses_that_are_handed_in_are_not_read() -> None:
     """A wrong pose in the input, as a rig file with an old calibration has it, changes nothing."""
     rig, seen = boxes_only("terrace")
@@ -137,6 +141,7 @@ def test_poses_that_are_handed_in_are_not_read() -> None:
     np.testing.assert_array_equal(solution.rig["C2"].centre, solved("terrace").rig["C2"].centre)
 
 
+@pytest.mark.slow
 def test_scale_goes_with_the_height_of_people() -> None:
     rig, seen = boxes_only("terrace")
     options = PeopleOptions(coarse_people=150)
@@ -152,6 +157,7 @@ def renamed(seen: CameraObservations, by: int) -> CameraObservations:
     return CameraObservations(replace(seen.boxes, identity=seen.boxes.identity + by))
 
 
+@pytest.mark.slow
 def test_of_two_groups_the_larger_is_registered_and_the_others_are_named() -> None:
     truth = simulated("terrace", cameras=5, seed=3, seconds=15.0)
     seen = part(truth.observations)
@@ -174,6 +180,7 @@ def true_guess(rig: Rig, a: int, b: int) -> PairHypothesis:
     return PairHypothesis(a, b, R_ba, second.t_cw - R_ba @ first.t_cw, "tracks", 3, 3)
 
 
+@pytest.mark.slow
 def test_guesses_from_outside_are_counted_like_the_solvers_own() -> None:
     """In the rig's own numbers, also where some of its cameras are left out; wrong ones are outvoted."""
     truth = simulated("terrace", cameras=5, seed=3, seconds=15.0)
@@ -232,6 +239,7 @@ def test_joints_alone() -> None:
     assert solution.verdict == "accepted"
 
 
+@pytest.mark.slow
 def test_joints_beside_boxes_make_it_better() -> None:
     truth = simulated("terrace", seconds=8.0, joint_noise_px=1.0)
     both = errors(solve(truth.rig, truth.observations), truth.rig)
@@ -241,6 +249,7 @@ def test_joints_beside_boxes_make_it_better() -> None:
     assert_metric(both[2])
 
 
+@pytest.mark.slow
 def test_people_who_are_taller_than_expected_do_not_bend_the_rig() -> None:
     truth = simulated("terrace", seconds=15.0, person_height_mean_m=1.9)
     position, orientation, found = errors(solve(truth.rig, part(truth.observations)), truth.rig)
@@ -251,6 +260,7 @@ def test_people_who_are_taller_than_expected_do_not_bend_the_rig() -> None:
     assert found.gravity_error_deg < 0.3
 
 
+@pytest.mark.slow
 def test_a_detectors_slack_is_borne() -> None:
     """It moves the edges and so scale (by 1 / 1.08) and ground, which no picture can tell, but not the shape."""
     truth = simulated("terrace", seconds=15.0, box_slack=0.04)
@@ -262,6 +272,7 @@ def test_a_detectors_slack_is_borne() -> None:
     assert found.ground_error_mm < 80
 
 
+@pytest.mark.slow
 def test_missing_and_false_boxes_are_borne() -> None:
     truth = simulated("terrace", seconds=20.0, missing=0.4, false_boxes=0.3)
     position, orientation, found = errors(solve(truth.rig, part(truth.observations)), truth.rig)
@@ -315,6 +326,7 @@ def test_options_out_of_range_are_refused(options: dict[str, float]) -> None:
         PeopleOptions(**options)  # type: ignore[arg-type]
 
 
+@pytest.mark.slow
 def test_a_limit_on_sightings_is_kept_and_costs_little() -> None:
     rig, seen = boxes_only("construction")
     solution = solve(rig, seen, options=PeopleOptions(max_sightings=1500))

@@ -149,6 +149,7 @@ def test_rays_are_made_anew_and_residuals_stay(problem_of_lenses: tuple[PeoplePr
     assert np.abs(anew.sightings.top - s.top).max() > 0
 
 
+@pytest.mark.slow
 def test_a_wrong_focal_length_is_found_and_the_cameras_with_it() -> None:
     stated, truth = solved(((1, 1.1),), ())
     refined, _ = solved(((1, 1.1),), ("focal",))
@@ -201,6 +202,7 @@ def test_a_principal_point_that_boxes_do_not_tell_stays_as_stated_and_is_said_to
         assert own.orientation_deg > other.orientation_deg
 
 
+@pytest.mark.slow
 def test_without_refinement_nothing_is_told_of_lenses() -> None:
     solution, truth = solved((), ())
     assert solution.figures.lenses == {}

@@ -69,6 +69,7 @@ def first_guess(monkeypatch: pytest.MonkeyPatch, *against: int) -> InitialRig:
     return select_initial_rig(start, options, np.random.default_rng(1))
 
 
+@pytest.mark.slow
 def test_of_rigs_that_about_as_many_agree_with_the_one_is_chosen_that_keeps_the_registrations(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -82,6 +83,7 @@ def test_of_rigs_that_about_as_many_agree_with_the_one_is_chosen_that_keeps_the_
     assert min(tried.agreeing for tried in chosen.candidates) > 0.9 * usual.agreeing
 
 
+@pytest.mark.slow
 def test_a_rig_that_few_agree_with_is_not_chosen_for_the_registrations_it_keeps(monkeypatch: pytest.MonkeyPatch) -> None:
     """A wrong registration must not decide against all that is seen."""
     usual = first_guess(monkeypatch)

@@ -41,6 +41,7 @@ def factors(found, true):
     return np.array([found[camera.name].lens.focal / camera.lens.focal for camera in true])
 
 
+@pytest.mark.slow
 def test_the_grounds_of_pairs_tell_first_focal_lengths(simulated):
     stated = unknown(simulated.rig)
     rng = np.random.default_rng(0)

@@ -56,6 +56,7 @@ def scale_of(truth: SimulatedScene, solution: Solution) -> float:
         truth.rig["C1"].centre - truth.rig["C2"].centre))  # fmt: skip
 
 
+@pytest.mark.slow
 @thinned(("preset", "seed"), [("terrace", 1), ("terrace", 2), ("construction", 3)])
 def test_scale_and_up_are_as_sure_as_stated(preset: str, seed: int) -> None:
     truth, solution = solved(preset, seed)
@@ -82,6 +83,7 @@ def test_a_camera_height_replaces_the_guess_at_the_ground() -> None:
     assert 0.06 < solution.figures.scale.relative_sigma < 0.12  # a height over a ground that nobody is seen on is no scale
 
 
+@pytest.mark.slow
 def test_a_measured_length_is_believed_and_a_wrong_one_is_named() -> None:
     truth, seen = room("terrace", 1)
     metres = float(np.linalg.norm(truth.rig["C1"].centre - truth.rig["C2"].centre))

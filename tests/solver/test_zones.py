@@ -147,6 +147,7 @@ def test_a_corridor_of_forty_cameras_ends_where_it_is(monkeypatch: pytest.Monkey
         assert errors.orientation_deg[camera.name] < 3 * camera.shape_orientation_sigma_deg < 5
 
 
+@pytest.mark.slow
 def test_a_rig_that_no_zone_solves_is_solved_as_one(monkeypatch: pytest.MonkeyPatch) -> None:
     rig = corridor(14)
     seen = people_in(rig, np.random.default_rng(4), 60)

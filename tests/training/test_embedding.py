@@ -145,6 +145,7 @@ def test_a_set_without_query_is_scored_by_its_people(tmp_path):
     assert score_data(data, embed).queries == 2
 
 
+@pytest.mark.slow
 def test_reading_and_scoring_need_no_pytorch():
     code = "import sys, passerby.training.data, passerby.training.embedding; sys.exit('torch' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -59,6 +59,7 @@ def test_cases_differ_and_are_as_many_as_asked_for() -> None:
         assert len(simulated.cases(part, 3)) == 3 * len(kinds) * len(presets)
 
 
+@pytest.mark.slow
 def test_what_a_case_states_is_true_but_for_the_clicks(tmp_path) -> None:
     case = simulated.ScaleCase("two points", "terrace", 3)
     scene = simulate(case.options)

@@ -103,6 +103,7 @@ def test_the_table_names_a_wrong_point(out, tmp_path, capsys):
     assert "uncertainty (1 sigma): heading" in said.out
 
 
+@pytest.mark.slow
 def test_a_whole_folder_into_a_new_one(made, out, tmp_path, capsys):
     (out / "trajectories").mkdir()
     positions = positions_csv(truth(made), tmp_path / "positions.csv")
@@ -139,6 +140,7 @@ def test_a_whole_folder_into_a_new_one(made, out, tmp_path, capsys):
     assert json.loads(capsys.readouterr().out)["truth"]["similarity"]["mean_m"] < 0.12
 
 
+@pytest.mark.slow
 def test_a_folder_in_place(out, capsys):
     before, page = (out / "tracks" / "C1.txt").read_bytes(), (out / "report.html").read_text()
     assert run(["align", str(out / "rig.toml"), "-o", str(out), "--camera", "C2"]) == 0
@@ -294,6 +296,7 @@ def test_the_scene_file_sets_the_frame(made, tmp_path):
     assert one["figures"]["people"]["heights_m"] == pytest.approx(three["figures"]["people"]["heights_m"])
 
 
+@pytest.mark.slow
 def test_a_frame_that_cannot_be_set_is_told(made, tmp_path):
     (made[0] / "near.csv").write_text("camera,x,y,sd_m\nC1,0,0,5\nC2,0.1,0,5\n")
     kept = calibrate(world_scene(made, tmp_path, '\n[world]\npositions = "near.csv"\n'))

@@ -84,6 +84,7 @@ def calibrated(tmp_path_factory):
     return folder / "out"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", ["ply", "gltf", "glb"])
 def test_an_output_folders_people_go_along_unasked(calibrated, tmp_path, capsys, form):
     asked, unasked, rig_only = (tmp_path / f"{name}.{form}" for name in ("asked", "unasked", "rig"))
@@ -101,6 +102,7 @@ def test_an_output_folders_people_go_along_unasked(calibrated, tmp_path, capsys,
     assert (tmp_path / f"python.{form}").read_bytes() == rig_only.read_bytes()
 
 
+@pytest.mark.slow
 def test_a_calibrations_people_are_drawn_too(calibrated, tmp_path):
     fresh = passerby.calibrate(calibrated.parent / "scene" / "scene.toml")
     passerby.export_rig(fresh, "ply", tmp_path / "fresh.ply", lossy=True)
@@ -157,6 +159,7 @@ def test_people_are_no_cameras(tmp_path, capsys):
     assert read_keypoints(tmp_path / "C1.json").frame.tolist() == [1]
 
 
+@pytest.mark.slow
 def test_every_format_is_listed(capsys):
     assert run(["formats"]) == 0
     listed = [line.split()[0] for line in capsys.readouterr().out.splitlines()[: len(MODULES)]]

@@ -73,6 +73,7 @@ def test_the_distance_to_the_truth(calibrated, capsys, tmp_path):
     assert len(figures["smoothed"]["ways"]) == 7
 
 
+@pytest.mark.slow
 def test_the_same_bytes(calibrated, tmp_path):
     for name in ("a", "b"):
         assert run(["track", str(calibrated[1]), "-o", str(tmp_path / name)]) == 0

@@ -11,6 +11,7 @@ from passerby.core.cameras import Camera, Lens, Pose, Rig
 from passerby.core.observations import Clock
 from passerby.core.trajectories import Trajectories
 from passerby.interchange.formats import Export, Given, export, read_rig_as
+from support.tiers import thinned
 
 RAYS = np.array([[0.3, -0.2, 1.0], [-0.5, 0.1, 1.1]])
 # Parameters, and where pycolmap 4.2.1 (Camera.img_from_cam) has RAYS: pixels from the corner of the first one.
@@ -96,7 +97,7 @@ def test_models_that_opencv_has(model, binary, tmp_path):
     np.testing.assert_allclose(rig["C1"].project(RAYS), np.array(pixels) - 0.5, atol=1e-8)
 
 
-@pytest.mark.parametrize("model", FITTED)
+@thinned("model", FITTED, every=2)
 def test_models_that_opencv_has_not(model, tmp_path):
     parameters, pixels = FITTED[model]
     write_text_model(tmp_path, model, parameters)

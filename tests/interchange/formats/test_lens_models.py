@@ -11,6 +11,7 @@ from passerby.core.cameras import Camera, Lens
 from passerby.interchange.formats import lens_models as lm
 from passerby.interchange.formats import lens_rays as lr
 from passerby.interchange.formats.losses import Losses
+from support.tiers import thinned
 
 SIZE = (1280, 720)
 MATRIX = np.array([[900.0, 0, 652], [0, 911, 349], [0, 0, 1]])
@@ -86,7 +87,7 @@ def fine_error(lens, other):
     return np.linalg.norm(other.project_rays(rays[known]) - lens.project_rays(rays[known]), axis=1).max()
 
 
-@pytest.mark.parametrize("seed", range(6))
+@thinned("seed", range(6))
 @pytest.mark.parametrize("model", [lm.PINHOLE, lm.RADTAN_5, lm.RATIONAL_8, replace(lm.RADTAN_4, one_focal=True, centred=True)])
 def test_the_told_error_is_true_of_any_lens(seed, model):
     rng = np.random.default_rng(seed)

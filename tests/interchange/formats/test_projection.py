@@ -10,6 +10,7 @@ import pytest
 from passerby.common.errors import InputError
 from passerby.core.cameras import Camera, Lens, Pose, Rig
 from passerby.interchange.formats import Export, Given, all_formats, export, read_rig_as
+from support.tiers import thinned
 
 SIZE = (1280, 720)
 NAMES = ("Hall 1.north", "C-2")
@@ -144,7 +145,7 @@ HELD = [(name, kind) for name in FORMATS for kind in KINDS if kind in HOLDS.get(
 LOST = [(name, kind) for name in FORMATS for kind in KINDS if kind not in HOLDS.get(name, ())]
 
 
-@pytest.mark.parametrize(("name", "kind"), HELD)
+@thinned(("name", "kind"), HELD, every=3)
 def test_points_stay_at_their_pixels(name, kind, tmp_path):
     rig = rig_of(kind)
     back, told = there_and_back(name, rig, tmp_path)
@@ -156,7 +157,7 @@ def test_points_stay_at_their_pixels(name, kind, tmp_path):
         assert largest_difference(camera, other) < TOLERANCE_PX
 
 
-@pytest.mark.parametrize(("name", "kind"), LOST)
+@thinned(("name", "kind"), LOST, every=5)
 def test_what_a_loss_says_is_true(name, kind, tmp_path):
     rig = rig_of(kind)
     back, told = there_and_back(name, rig, tmp_path, lossy=True)

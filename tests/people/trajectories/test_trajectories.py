@@ -111,6 +111,7 @@ def test_cameras_with_clocks_of_their_own():
     assert np.mean(pole_errors(ignored)) > 5 * np.mean(pole_errors(found))
 
 
+@pytest.mark.slow
 @thinned("preset", PRESETS, quick=2)
 def test_simulated_people_are_within_the_goal_and_better_than_pairwise(preset):
     scene, found = followed(preset)

@@ -35,6 +35,7 @@ def cameras(tmp_path_factory):
     return found
 
 
+@pytest.mark.slow
 def test_people_are_seen_when_they_are_there(cameras):
     look = look_at(cameras, BEGIN, BEGIN + 60 * MINUTES)
     assert len(look.people) == 2 * MINUTES - 1
@@ -44,6 +45,7 @@ def test_people_are_seen_when_they_are_there(cameras):
     assert look.mean_in(0.0, 1.0) == 0.0
 
 
+@pytest.mark.slow
 def test_the_busiest_span_is_proposed(cameras):
     surveys = [RecordingSurvey(None, len(paths), begins, paths) for paths, begins in cameras]  # type: ignore[arg-type]
     span = propose_span(surveys)
