@@ -176,7 +176,7 @@ def wheelchairs(seed: int) -> HandedIn:
     return staged(seed, preset="basketball", people=10, seconds=40.0, people_move=seated)
 
 
-def _lissajous(
+def lissajous(
     motion: Motion, rng: np.random.Generator, n: int, size: tuple[float, float], periods: tuple[float, float]
 ) -> Floats:
     """(K, P, 2) smooth ways about an area of half extents, each with periods and phases of its own, seconds."""
@@ -188,7 +188,7 @@ def scooters(seed: int) -> HandedIn:
     """Everybody rides a scooter: upright, without steps, at up to 5 m/s."""
 
     def ride(motion: Motion, heights: Floats, rng: np.random.Generator) -> Motion:
-        return carried(motion, _lissajous(motion, rng, len(heights), (8.0, 10.0), (16.0, 24.0)), jump=0.12)
+        return carried(motion, lissajous(motion, rng, len(heights), (8.0, 10.0), (16.0, 24.0)), jump=0.12)
 
     return staged(seed, given=False, preset="construction", cameras=5, people=8, people_move=ride)
 
@@ -327,7 +327,7 @@ def balcony(seed: int) -> HandedIn:
     floor = staged(seed, people=4, **wanted)
 
     def above(motion: Motion, heights: Floats, rng: np.random.Generator) -> Motion:
-        xy = _lissajous(motion, rng, len(heights), (6.5, 0.9), (25.0, 50.0)) + (0.0, 12.0)
+        xy = lissajous(motion, rng, len(heights), (6.5, 0.9), (25.0, 50.0)) + (0.0, 12.0)
         return raised(striding(motion, xy, heights), lambda xy: np.full(xy.shape[:-1], 2.8))
 
     up = staged(seed + OTHERS, people=7, rig=lambda *_: floor.truth, people_move=above, **wanted)
@@ -408,7 +408,7 @@ def stooped(seed: int) -> HandedIn:
 
     def bent(motion: Motion, heights: Floats, rng: np.random.Generator) -> Motion:
         n = len(heights)
-        moved = striding(motion, _lissajous(motion, rng, n, (7.0, 9.0), (70.0, 120.0)), heights)
+        moved = striding(motion, lissajous(motion, rng, n, (7.0, 9.0), (70.0, 120.0)), heights)
         return replace(moved, state=posed(moved.state, lean=rng.uniform(1.0, 1.25, n), crouch=rng.uniform(0.15, 0.3, n)))
 
     return staged(seed, given=False, preset="construction", people=9, seconds=60.0, people_move=bent)
