@@ -116,6 +116,8 @@ Some cases cannot be detected by any rule, because all observations fit:
 
 - *All* images are mirrored left to right. Then the rig is the mirror image of the true one: mirrored cameras that look at a
   mirrored world show just these images, and people have no sides that boxes show.
+- One camera stands in another place, in which people do the same at the same times under the same names. As far as they do, its
+  images are those of a camera in the first place.
 - People move exactly point-symmetrically, and one camera's given identities are those of the opponents. That camera on the
   opposite side would see just these boxes under these names. (If identities are found, that is `cameras_ambiguous`.)
 - All that the boxes show is larger or smaller by one factor, and nothing else is known of the scale. A world and its copy at

@@ -16,7 +16,7 @@ from passerby.association.ambiguity import AMBIGUOUS
 from passerby.calibration.calibration import Calibration
 from passerby.calibration.diagnostics.body_widths import MIN_BOXES, NARROWEST_M, WIDEST_M, body_widths
 from passerby.calibration.diagnostics.covisibility import LEAST_FOUND, people_missed
-from passerby.calibration.diagnostics.ground_planarity import HARMFUL_M
+from passerby.calibration.diagnostics.ground_planarity import HARMFUL_M, STEEP_DEG, STEEP_SIGMAS
 from passerby.calibration.diagnostics.verdict import placed_people
 from passerby.common.errors import InputError
 from passerby.core.figures import AdjustedFigures
@@ -65,6 +65,15 @@ FIGURES: Mapping[str, Figure] = MappingProxyType({
         HARMFUL_M, "HARMFUL_M in `calibration/diagnostics/ground_planarity.py`",
         "how far people's ground rises, metres, where it is told to be uneven", "ground_uneven", False,
         (0.12, 0.15, 0.18, 0.22, 0.25, 0.3, 0.4),
+    ),
+    "slope": Figure(
+        STEEP_DEG, "STEEP_DEG in `calibration/diagnostics/ground_planarity.py`",
+        "how far the ground below people's own ways slopes, degrees, if by more than STEEP_SIGMAS of its sigmas",
+        "people_on_levels", False, (0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0),
+    ),
+    "steep": Figure(
+        STEEP_SIGMAS, "STEEP_SIGMAS in `calibration/diagnostics/ground_planarity.py`",
+        "the same in sigmas, if by more than STEEP_DEG", "people_on_levels", False, (2.0, 3.0, 4.0, 5.0, 7.0, 10.0),
     ),
     "narrow": Figure(
         NARROWEST_M, "NARROWEST_M in `calibration/diagnostics/body_widths.py`",
@@ -156,10 +165,15 @@ def _values(found: Calibration) -> dict[str, float]:
     rises = [float(one.values["rise_m"]) for one in found.diagnostics if one.code == "ground_uneven"]
     widths = body_widths(found.rig, found.instants, *placed_people(found.rig, found.instants))
     width = float(np.median(widths)) if len(widths) >= MIN_BOXES else math.nan
+    ground = figures.ground
+    slope = math.nan if ground is None or ground.slope_deg is None else ground.slope_deg
+    sigmas = slope / ground.slope_sigma_deg if ground is not None and ground.slope_sigma_deg else math.nan
     return {
         "found": min((pair.share for pair in missed), default=math.nan),
         "agreeing": min(shares, default=math.nan),
         "rise": max(rises, default=0.0),
+        "slope": slope if sigmas > STEEP_SIGMAS else min(slope, 0.0),
+        "steep": sigmas if slope > STEEP_DEG else min(sigmas, 0.0),
         "narrow": width,
         "wide": width,
         "size": max((sigmas for change, sigmas in focals if change > FAR_CHANGE), default=0.0),

@@ -4,12 +4,31 @@ from __future__ import annotations
 
 import pytest
 
-from passerby.calibration.diagnostics.ground_planarity import HARMFUL_M, ground_figures, told_of_ground
+from passerby.calibration.diagnostics.ground_planarity import (
+    HARMFUL_M,
+    STEEP_DEG,
+    STEEP_SIGMAS,
+    ground_figures,
+    told_of_ground,
+)
 from passerby.people.ground_shape import GroundShape
 
 
-def shape(rise_m: float, chance_sigmas: float = 30.0) -> GroundShape:
-    return GroundShape(rise_m, 0.01, (1.0, 2.0), (3.0, 4.0), chance_sigmas)
+def shape(rise_m: float, chance_sigmas: float = 30.0, slope: tuple[float, float] = (0.1, 0.1)) -> GroundShape:
+    return GroundShape(rise_m, 0.01, (1.0, 2.0), (3.0, 4.0), chance_sigmas, *slope)
+
+
+@pytest.mark.parametrize(("tilt_known", "severity"), [(False, "doubt"), (True, "notice")])
+def test_ways_that_slope_are_told_where_they_do_beyond_chance(tilt_known: bool, severity: str) -> None:
+    steep = shape(0.001, slope=(1.1 * STEEP_DEG, 0.9 * STEEP_DEG / STEEP_SIGMAS))
+    ((told,),) = [found for found in told_of_ground(steep, tilt_known=tilt_known) if found]
+    assert (told.code, told.severity) == ("people_on_levels", severity)
+    assert told.values == {"slope_deg": steep.slope_deg, "sigma_deg": steep.slope_sigma_deg}
+
+
+@pytest.mark.parametrize("slope", [(0.9 * STEEP_DEG, 0.01), (2.0 * STEEP_DEG, 2.1 * STEEP_DEG / STEEP_SIGMAS)])
+def test_ways_that_slope_a_little_or_by_chance_are_level(slope: tuple[float, float]) -> None:
+    assert told_of_ground(shape(0.001, slope=slope)) == ((), ())
 
 
 def test_a_rise_that_makes_the_rig_wrong_is_a_doubt_with_its_places() -> None:
@@ -39,3 +58,4 @@ def test_the_figures_of_a_report() -> None:
     figures = ground_figures(shape(0.4))
     assert figures is not None
     assert (figures.rise_m, figures.low, figures.high, figures.chance_sigmas) == (0.4, (1.0, 2.0), (3.0, 4.0), 30.0)
+    assert (figures.slope_deg, figures.slope_sigma_deg) == (0.1, 0.1)

@@ -84,3 +84,19 @@ def test_people_who_work_near_the_ground_make_no_hole():
 
 def test_too_few_places_tell_nothing():
     assert ground_shape(people(np.full(30, 0.86), np.zeros((30, 2))), 0.5) is None
+
+
+def test_people_who_each_keep_to_a_level_slope_against_the_plane_through_both():
+    """Two on a stage of 0.5 m, in a world whose ground goes through the middle of either half: each one's way slopes."""
+    rng = np.random.default_rng(1)
+    n, slope = 4000, 0.06
+    who = np.arange(n) % 4
+    places = rng.uniform(-2, 2, (n, 2)) + np.column_stack([np.where(who < 2, -2.5, 2.5), np.zeros(n)])
+    height = 0.8 + 0.05 * who + np.where(who < 2, 0.0, 0.5) - slope * places[:, 0] + rng.normal(0, 0.02, n)
+    shape = ground_shape(people(height, places), 0.5)
+    assert shape is not None
+    assert shape.slope_deg == pytest.approx(np.degrees(np.arctan(slope)), abs=3 * shape.slope_sigma_deg)
+    assert shape.slope_sigma_deg < 0.2
+    level = ground_shape(people(height + slope * places[:, 0], places), 0.5)
+    assert level is not None
+    assert level.slope_deg < 3 * level.slope_sigma_deg

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from passerby.core.observations import Boxes
-from passerby.scene.box_centres import doubt_of_centres
+from passerby.scene.box_centres import ALONE, BEYOND, doubt_of_centres
 from passerby.simulation import SimulationOptions, simulate
 
 
@@ -36,6 +36,16 @@ def test_boxes_by_their_centres_are_told(scene):
     assert found.values["beyond"] >= 20
 
 
+@pytest.mark.parametrize("name", ["C1", "C2", "C3", "C4"])
+def test_one_camera_by_centres_is_told_by_its_name_where_enough_people_are_at_its_borders(scene, name):
+    boxes = boxes_of(scene, by_centres=(name,))
+    size = np.array(scene.rig[name].lens.size)
+    low, extent = np.split(boxes[scene.rig.names.index(name)].ltwh, 2, axis=1)
+    enough = ((low + extent > size + BEYOND * extent).sum(axis=0) >= ALONE).all()
+    found = doubt_of_centres(scene.rig, boxes)
+    assert (None if found is None else found.cameras) == ((name,) if enough else None)
+
+
 def test_bodies_that_the_border_cuts_off_reach_beyond_both_sides():
     """Boxes of whole bodies, half of them outside, at all borders alike."""
     scene = simulate(SimulationOptions(preset="terrace", seed=3, cameras=1))
@@ -47,6 +57,8 @@ def test_bodies_that_the_border_cuts_off_reach_beyond_both_sides():
         np.arange(2000), np.ones(2000, dtype=np.int64), np.concatenate([centre - extent / 2, extent], axis=1), np.ones(2000)
     )
     assert doubt_of_centres(scene.rig, [whole]) is None
+    right = whole.take((whole.ltwh[:, :2] > 0).all(axis=1))
+    assert doubt_of_centres(scene.rig, [right]) is None  # some of those at the right and below go beyond by more than half
     moved = whole.take(((whole.ltwh[:, :2] > 0) & (whole.ltwh[:, :2] + extent < (width, height))).all(axis=1))
     moved = replace(moved, ltwh=moved.ltwh + np.array([30.0, 75.0, 0.0, 0.0]))
     assert doubt_of_centres(scene.rig, [moved]) is not None

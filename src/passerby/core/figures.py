@@ -298,6 +298,9 @@ class GroundFigures:
     high: tuple[float, float]
     """and where it is highest."""
     chance_sigmas: float | None
+    slope_deg: float | None = field(default=None, metadata=ABSENT)
+    """Of the ground below people's own ways, against the world's z; None in files of an older Passerby."""
+    slope_sigma_deg: float | None = field(default=None, metadata=ABSENT)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -2,6 +2,7 @@
 
 The world's z is the normal of the people's ground, and its zero lies on it. A slope that is even changes nothing but what is
 called up. A ground that is not one plane, with stairs, a ramp or a stage, tilts the whole of it: people on either level pull.
+Where nobody changes the level, each one's own way still lies level, and slopes against a plane that was laid through both.
 """
 
 from __future__ import annotations
@@ -54,6 +55,10 @@ class GroundShape:
     """and the highest."""
     chance_sigmas: float
     """How far it is from one plane altogether, in sigmas of what chance makes."""
+    slope_deg: float
+    """Of the ground below people's own ways, against the world's z: each person with a height of his own."""
+    slope_sigma_deg: float
+    """One sigma of it, along it."""
 
     @property
     def sure(self) -> bool:
@@ -112,7 +117,8 @@ def _shape(person: Ints, place: Floats, height: Floats) -> GroundShape:
         place: (S, 2) metres.
         height: (S,) of the middle, metres.
     """
-    x, y = ((place - place.mean(axis=0)) / np.maximum(2.0 * place.std(axis=0), 0.25)).T
+    spread = np.maximum(2.0 * place.std(axis=0), 0.25)
+    x, y = ((place - place.mean(axis=0)) / spread).T
     plane = np.column_stack([np.ones(len(x)), x, y])
     bent = np.column_stack([x**a * y ** (d - a) for d in range(2, DEGREE + 1) for a in range(d + 1)])
     bent = bent - plane @ np.linalg.lstsq(plane, bent, rcond=None)[0]
@@ -130,6 +136,9 @@ def _shape(person: Ints, place: Floats, height: Floats) -> GroundShape:
     # Robust variance of the residuals, by the weights that they got (Huber 1981).
     variance = float((weight**2 * miss**2).sum() / max(weight.sum() - design.shape[1], 1.0))
     covariance = inverse[:n, :n] * variance * EXCESS
+    slope, steep_covariance = solved[n : n + 2] / spread, inverse[n : n + 2, n : n + 2] * variance * EXCESS
+    steep = float(np.linalg.norm(slope))
+    along = slope / max(steep, 1e-12)
     surface = bent @ solved[:n]
     order = np.argsort(surface, kind="stable")
     low, high = (int(order[int(share * (len(order) - 1))]) for share in (EXTENT, 1.0 - EXTENT))
@@ -139,4 +148,5 @@ def _shape(person: Ints, place: Floats, height: Floats) -> GroundShape:
         float(surface[high] - surface[low]), float(np.sqrt(between @ covariance @ between)),
         (float(place[low, 0]), float(place[low, 1])), (float(place[high, 0]), float(place[high, 1])),
         (square - n) / float(np.sqrt(2.0 * n)),
+        float(np.degrees(np.arctan(steep))), float(np.degrees(np.sqrt(along / spread @ steep_covariance @ (along / spread)))),
     )  # fmt: skip

@@ -8,6 +8,7 @@ from passerby.findings.finding import Severity
 from passerby.findings.texts.kinds import DOUBT, NOTICE, Fields, Kind
 
 _ALL_OVER = "record people walking all over the area that the cameras share"
+_LEVEL = 'provide points with known heights: under [world] set points = "points.csv" and tilt = true'
 _MORE_OR_LESS: tuple[Severity, ...] = ("notice", "doubt")
 
 
@@ -180,9 +181,16 @@ CALIBRATION: Mapping[str, Kind] = {
     "ground_uneven": Kind(
         _MORE_OR_LESS, "The people's ground is not one plane; a doubt where that spoils the up direction and the heights.",
         _uneven,
-        lambda v: "" if v["severity"] == "notice" else 'provide points with known heights: under [world] set points = '
-        '"points.csv" '
-        "and tilt = true; or record people on one level", subjects=("vertical",),
+        lambda v: "" if v["severity"] == "notice" else f"{_LEVEL}; or record people on one level", subjects=("vertical",),
+    ),
+    "people_on_levels": Kind(
+        _MORE_OR_LESS, "People's own ways slope against the ground of the rig: some walk on another level than others.",
+        lambda v: (
+            f"everybody's own way slopes by {v['slope_deg']:.1f} degrees against the ground of all people together (1 sigma "
+            f"{v['sigma_deg']:.1f}): some walk on another level than others"
+        )
+        + ("" if v["severity"] == "notice" else ", and the up direction and the heights are wrong"),
+        lambda v: "" if v["severity"] == "notice" else f"{_LEVEL}; or record people on one level", subjects=("vertical",),
     ),
     "check_length_off": Kind(
         DOUBT, "A length that was given as a check contradicts the rig.",
