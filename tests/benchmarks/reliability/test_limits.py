@@ -15,7 +15,7 @@ PAGE = Path(__file__).resolve().parents[3] / "docs" / "results" / "limits.md"
 STATED = re.compile(r"`?(?P<name>[A-Z_]+)`? in `(?:passerby/)?(?P<module>[a-z_/]+)\.py`(?:: | is )(?P<values>[\d., ]*\d)")
 MEASURED = {
     "HARMFUL_RATIO", "BORNE_OUT", "LEAST_FOUND", "LEAST_AGREEING", "HARMFUL_M", "LEAST_GAIN", "POPULATION_BIAS", "NARROWEST_M",
-    "WIDEST_M", "AMBIGUOUS", "FAR_SIGMAS", "FAR_CHANGE",
+    "WIDEST_M", "AMBIGUOUS", "FAR_SIGMAS", "FAR_CHANGE", "STEEP_DEG", "STEEP_SIGMAS",
 }  # fmt: skip
 
 
