@@ -299,6 +299,7 @@ def test_the_ratio_of_useless_looks_is_zero_by_its_weight() -> None:
             assert np.abs(ratio).mean() < 0.05
 
 
+@pytest.mark.slow
 def test_the_ratio_claims_no_more_than_is_so() -> None:
     """Calibration: with the prior odds, the ratio's mean chance of one person is not above the share that are."""
     claimed, so = [], []

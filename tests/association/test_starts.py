@@ -86,6 +86,7 @@ def test_people_who_are_always_there_tell_no_lag() -> None:
     assert lag_of_visits(few, few) is None
 
 
+@pytest.mark.slow
 def test_a_camera_that_sees_other_people_has_an_unknown_start() -> None:
     cameras = seen(strangers=(2,))
     starts = find_starts(cameras, 600.0)

@@ -136,6 +136,7 @@ def test_a_refusal_is_written_and_ends_with_status_3(tmp_path, solver, capsys):
     assert all(camera.pose is None for camera in rig)
 
 
+@pytest.mark.slow
 def test_a_refused_rerun_replaces_the_accepted_rig(tmp_path, solver):
     scene, out = write_scene(tmp_path), tmp_path / "out"
     assert run(["calibrate", str(scene), "-o", str(out)]) == 0

@@ -166,6 +166,7 @@ def test_a_solve_that_is_refused_after_a_move_was_left_out(given: bool, monkeypa
     assert [one.camera for one in motion.measured_again(repaired.corrections, repaired.estimate)] == ["C2"]
 
 
+@pytest.mark.slow
 @pytest.mark.unit
 def test_lenses_from_which_no_first_guess_can_be_made_anew_leave_a_doubtful_rig(monkeypatch: pytest.MonkeyPatch) -> None:
     """The refined lenses are farther off than a first guess bears, and with them no arrangement of the cameras agrees."""

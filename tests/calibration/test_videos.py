@@ -305,6 +305,7 @@ def test_boxes_get_looks_from_their_video_in_the_order_of_the_file(place, dense)
     assert set(videos.figures["cameras"]) == set(BOTH)
 
 
+@pytest.mark.slow
 def test_no_video_is_watched_where_nothing_is_wanted_of_it(place):
     cameras = {name: f'tracks = "{name}.txt"\nvideo = "{name}.mp4"' for name in BOTH}
     for perception, mode in (("embedder = 'none'", "combined"), ("", "trajectory"), ("", "given")):
@@ -439,6 +440,7 @@ class _Heard:
         self.told.append(f"failed: {stage}")
 
 
+@pytest.mark.slow
 def test_a_network_that_cannot_be_had_is_told_at_once(place, tmp_path, monkeypatch):
     nothing_to_be_had(tmp_path, monkeypatch)
     scene = scene_file(place, blue_scene(place), perception='detector = "auto"\nembedder = "auto"\nfps = 1')

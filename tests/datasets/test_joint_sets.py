@@ -327,6 +327,7 @@ def test_a_broken_campus_is_told_in_one_line(campus, tmp_path, what) -> None:
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.slow
 def test_a_skew_is_told(campus, tmp_path) -> None:
     folder = tmp_path / "CampusSeq1"
     shutil.copytree(campus, folder)

@@ -45,6 +45,7 @@ def test_all_groups_are_monitored(site, tmp_path, capsys):
     assert run(["monitor", str(tmp_path / "checked"), str(site[1])]) == 0
 
 
+@pytest.mark.slow
 def test_the_json_has_all_groups(site, capsys):
     assert run(["monitor", *map(str, site), "--json"]) == 3
     told = json.loads(capsys.readouterr().out)

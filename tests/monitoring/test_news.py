@@ -84,6 +84,7 @@ def test_a_move_and_its_pose_are_taken_over(moved, tmp_path, capsys):
     assert np.allclose(again.centre, pose.centre, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_a_move_is_not_forgotten_where_new_footage_shows_nobody(moved, tmp_path, capsys):
     monitored(*moved, tmp_path / "out", capsys)
     write_watched(tmp_path, GIVEN, walkers(RIG, 10, people=1))
@@ -96,6 +97,7 @@ def test_a_move_is_not_forgotten_where_new_footage_shows_nobody(moved, tmp_path,
     assert all(one["carried"] for one in monitored(*moved, tmp_path / "out", capsys)[1]["cameras"])
 
 
+@pytest.mark.slow
 def test_a_scene_of_the_cameras_with_news_alone_will_do(quiet, tmp_path, capsys):
     monitored(*quiet, tmp_path / "out", capsys)
     parts = quiet[1].read_text().split("[cameras.")
@@ -122,6 +124,7 @@ def test_one_camera_with_news_is_tested_when_others_have_news(quiet, tmp_path, c
     assert "no neighbour" not in said
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("change", ["rig", "every", "in_step"])
 def test_another_rig_or_other_options_are_monitored_anew(quiet, tmp_path, capsys, change):
     monitored(*quiet, tmp_path / "out", capsys)

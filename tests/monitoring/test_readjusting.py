@@ -81,6 +81,7 @@ def test_nothing_seen_is_no_rig():
     assert readjust(GIVEN, nothing, np.random.default_rng(0), stretch_s=6.0) is None
 
 
+@pytest.mark.slow
 def test_most_cameras_turned_are_named(found):
     assert found.watched.by_joints
     assert [found.state(name) for name in RIG.names] == ["moved", "moved", "steady", "moved"]
@@ -95,6 +96,7 @@ def test_most_cameras_turned_are_named(found):
     assert found.to_dict()["by_joints"]
 
 
+@pytest.mark.slow
 def test_the_limit_is_what_twelve_seconds_calibrate_to(found):
     metres, degrees = found.smallest("C3")
     assert 0.2 < degrees < 2

@@ -52,6 +52,7 @@ class MonitorClient(Client):
         return cv2.imdecode(np.frombuffer(answer.body, np.uint8), cv2.IMREAD_COLOR).mean()
 
 
+@pytest.mark.slow
 def test_the_state_is_that_of_the_folder(checked):
     told = MonitorClient(checked).get("/api/monitor").json()
     assert {one["name"]: one["state"] for one in told["cameras"]} == {
@@ -70,6 +71,7 @@ def test_the_state_is_that_of_the_folder(checked):
     assert not {"scene_file", "rig_file", "calibration_scene_file"} & set(told)
 
 
+@pytest.mark.slow
 def test_it_is_told_anew_when_the_rig_is_monitored_again(checked):
     client = MonitorClient(checked)
     before = client.get("/api/monitor").json()
@@ -79,6 +81,7 @@ def test_it_is_told_anew_when_the_rig_is_monitored_again(checked):
     assert after["cameras"][1]["state"] == "steady"
 
 
+@pytest.mark.slow
 def test_pictures_then_and_now_are_those_of_their_moments(checked):
     client = MonitorClient(checked)
     views, notes = client.views("C2")
@@ -95,6 +98,7 @@ def test_pictures_then_and_now_are_those_of_their_moments(checked):
     assert views["at the end of the monitored footage"]["frame"] == SECONDS * FPS
 
 
+@pytest.mark.slow
 def test_without_the_films_of_the_calibration_the_earliest_picture_stands_in(checked, tmp_path):
     def away(told):
         told["calibration_scene_file"] = str(tmp_path / "gone" / "scene.toml")
@@ -111,6 +115,7 @@ def test_without_the_films_of_the_calibration_the_earliest_picture_stands_in(che
     assert "does not name the scene file" in client.views("C2")[1][0]
 
 
+@pytest.mark.slow
 def test_only_what_the_calibration_used_is_its_picture(checked, tmp_path):
     """A camera that was moved while it was calibrated: the picture is of the part that was kept."""
     films = Path(read_monitor(checked).calibration_scene_file).parent
@@ -127,6 +132,7 @@ def test_only_what_the_calibration_used_is_its_picture(checked, tmp_path):
     ("left_out", "frames", "shown"),
     [("before", (3, 4), (5 + 20) // 2), ("after", (7, 12), (1 + 6) // 2), ("between", (3, 6), (7 + 20) // 2)],
 )
+@pytest.mark.slow
 def test_a_part_that_the_calibration_left_out_is_not_its_picture(checked, left_out, frames, shown):
     """The camera was moved while it filmed 20 frames; beside what was left out it saw nobody."""
     folder = Path(read_monitor(checked).rig_file).parent
@@ -139,12 +145,14 @@ def test_a_part_that_the_calibration_left_out_is_not_its_picture(checked, left_o
     assert views["at the calibration"]["frame"] == shown
 
 
+@pytest.mark.slow
 def test_a_camera_of_boxes_has_no_pictures(checked):
     views, notes = MonitorClient(checked).views("C3")
     assert views == {}
     assert "has no video" in notes[0]
 
 
+@pytest.mark.slow
 def test_a_folder_of_an_older_passerby_is_shown(checked):
     """It named no files and no clocks."""
 
@@ -173,10 +181,12 @@ def test_a_folder_of_an_older_passerby_is_shown(checked):
         "of=footage",
     ],
 )
+@pytest.mark.slow
 def test_what_names_no_picture_is_refused(checked, query):
     assert MonitorClient(checked).get("/picture", query).status == 422
 
 
+@pytest.mark.slow
 def test_only_the_opened_browser_is_answered(checked):
     client = MonitorClient(checked)
     assert client.get("/").status == 200
@@ -186,6 +196,7 @@ def test_only_the_opened_browser_is_answered(checked):
     assert client.post("/api/act").status == 404
 
 
+@pytest.mark.slow
 def test_what_is_opened(checked, session, capsys):
     assert find_opened(checked) == OpenedMonitoring(checked)
     assert isinstance(find_opened(session.scene_file), Opened)
@@ -208,6 +219,7 @@ def test_what_is_no_monitor_file_is_one_clear_line(tmp_path, text):
         read_monitor(tmp_path / "nowhere")
 
 
+@pytest.mark.slow
 def test_a_rig_that_was_monitored_keeps_the_scene_of_its_calibration(checked):
     """Monitored again and again, each time from the last folder: also if the file beside it is broken by then."""
     first = read_monitor(checked)

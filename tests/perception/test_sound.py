@@ -37,6 +37,7 @@ def heard(video: VideoInfo) -> Onsets:
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, 1])
 def test_common_sound_gives_the_offset_and_other_sound_none(seed: int, tmp_path: Path) -> None:
     outcome = work(SoundCase(seed, SHORT), tmp_path)

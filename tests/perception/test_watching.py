@@ -237,6 +237,7 @@ def test_what_decides_the_people_makes_all_anew(job, calls, monkeypatch, change)
     assert set(stages(job).values()).isdisjoint(kept.values())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("segment", [1, 7, 50, 64])
 def test_segments_decide_nothing(job, calls, monkeypatch, tmp_path, segment):
     eights = facts(watch_camera(job, silent))
@@ -274,6 +275,7 @@ def test_what_is_kept_changes_no_choice(thrifty, calls):
         assert facts(watch_camera(thrifty, silent)) == whole
 
 
+@pytest.mark.slow
 def test_what_is_damaged_or_lost_is_made_again_and_no_more(job, calls):
     whole = facts(watch_camera(job, silent))
     for stage, name, pictures_again in (

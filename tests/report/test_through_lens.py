@@ -43,6 +43,7 @@ def lines():
     return np.array(begin), np.array(end)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", LENSES)
 @pytest.mark.parametrize("pitch", [-5.0, 20.0, 70.0])
 def test_lines_are_where_the_camera_projects_them(kind, pitch):

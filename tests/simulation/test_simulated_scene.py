@@ -24,6 +24,7 @@ def equal(first, second) -> bool:
     return True
 
 
+@pytest.mark.slow
 def test_same_options_give_the_same_scene_and_another_seed_another():
     options = {"box_noise": 0.02, "missing": 0.1, "identity_swaps": 0.2, "false_boxes": 0.1, "clock_offsets": 0.2}
     chosen = SimulationOptions(seconds=4.0, **options)
@@ -182,6 +183,7 @@ def test_occlusion_takes_boxes_away_and_hides_joints():
         assert shown.mean() < (free.observations[name].keypoints.score > 0).mean() - 0.05
 
 
+@pytest.mark.slow
 def test_the_nearer_person_hides_the_farther_one():
     """Of two people whose boxes overlap by more than 90 %, the one with the lower feet (the nearer) is still there."""
     crowd = {"people": 30, "seconds": 2.0}

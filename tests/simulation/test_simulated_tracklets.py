@@ -161,6 +161,7 @@ def test_false_boxes_look_like_nobody():
         assert similarity[same].mean() > similarity[other].mean() + 0.4
 
 
+@pytest.mark.slow
 def test_each_camera_has_its_own_frame_rate_and_the_observations_do_not_tell_the_offsets():
     rates, offsets = (5.0, 10.0, 4.0, 12.5), (0.0, 0.3, -0.25, 2.0)
     simulated = scene(camera_fps=rates, clock_offsets=offsets, occlusion=False, people=2)

@@ -133,6 +133,7 @@ def test_with_true_cameras_the_true_world_comes_out(workers: SimulatedScene, ext
     assert abs(ground) < 0.04
 
 
+@pytest.mark.slow
 def test_joint_names_that_contradict_the_pictures_are_not_believed(workers: SimulatedScene) -> None:
     """The same joints under names turned upside down: the highest and lowest ones stand in, and it is said."""
     cameras = {}
@@ -148,6 +149,7 @@ def test_joint_names_that_contradict_the_pictures_are_not_believed(workers: Simu
     assert all("ankle" in right[j] for j in np.flatnonzero(extents.is_bottom))
 
 
+@pytest.mark.slow
 def test_shared_counts_people_seen_whole_by_both(workers: SimulatedScene) -> None:
     extents = box_extents(workers.rig, workers.observations)
     keys = [
@@ -157,6 +159,7 @@ def test_shared_counts_people_seen_whole_by_both(workers: SimulatedScene) -> Non
     assert extents.shared(0, 1) == len(keys[0] & keys[1])
 
 
+@pytest.mark.slow
 def test_one_camera_alone_measures_nobody(workers: SimulatedScene) -> None:
     pose = workers.rig.cameras[0].pose
     assert pose is not None

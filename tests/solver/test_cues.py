@@ -91,6 +91,7 @@ def test_each_cue_pulls_the_scale_to_its_value(name: str, cues: ScaleCues, toler
     assert name.split()[0] in told[0].cue
 
 
+@pytest.mark.slow
 def test_shares_sum_to_one_and_go_with_the_sigmas() -> None:
     """Two distances that contradict by a fifth, one known half as well: the scale lies at the weighted mean of the two."""
     cues = ScaleCues(
@@ -111,6 +112,7 @@ def test_shares_sum_to_one_and_go_with_the_sigmas() -> None:
     assert second.residual_sigmas == pytest.approx(-0.16 * TRUE_DISTANCE / 0.04, rel=0.3)
 
 
+@pytest.mark.slow
 def test_a_cue_against_precise_people_is_told_with_its_residual() -> None:
     mean = float(np.mean(list(TRUTH.heights.values())))
     loose = ScaleCues(PopulationHeight(mean, 0.03), distances=(CameraDistance(("C1", "C3"), 1.6 * TRUE_DISTANCE, 2.7),))

@@ -59,6 +59,7 @@ def sigmas(solution: Solution) -> np.ndarray:
     return np.array([(c.sigma.position_m, c.sigma.orientation_deg) for c in solution.rig if c.sigma is not None])
 
 
+@pytest.mark.slow
 def test_heads_wrists_and_hips_fix_the_shape_and_nothing_else() -> None:
     solution = solve(TRUTH.rig, LOOSE, options=QUICK)
     assert solution.verdict == "doubtful"
@@ -145,6 +146,7 @@ def test_a_scale_that_is_stated_to_no_better_than_itself_is_unknown(upper: tuple
         assert np.isfinite(found.scale) == known
 
 
+@pytest.mark.slow
 def test_a_camera_that_hangs_by_pairs_alone_slides_along_its_baseline() -> None:
     """C4 shares joints with C3 only: how far it is from C3 is nowhere to be seen. The others see each other's points."""
     pairs = in_turns(UPPER, {"C1": [0], "C2": [0], "C3": [0, 1], "C4": [1]})

@@ -149,6 +149,7 @@ def test_sigmas_hold_the_errors() -> None:
         assert camera.sigma.position_m < 1.0
 
 
+@pytest.mark.slow
 def test_a_camera_that_shares_nobody_has_no_pose_and_a_reason() -> None:
     truth = scene(seconds=15.0)
     cameras = {**truth.observations.cameras, "C3": CameraObservations()}

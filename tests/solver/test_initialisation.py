@@ -11,6 +11,7 @@ from passerby.solver.people import PeopleOptions
 from support.scenes.people_and_rigs import part, simulated, without_poses
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("box_noise", "more"), [(0.0, False), (0.2, True)])
 def test_rounds_go_on_while_the_noise_grows(box_noise: float, more: bool) -> None:
     """Two rounds are two where boxes are exact, and more where noise (a fifth of the height) is underrated at first."""

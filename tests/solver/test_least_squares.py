@@ -112,6 +112,7 @@ def all_residuals(problem: Curves, state: State) -> np.ndarray:
     return np.concatenate([term.residual.ravel() for term in problem.terms(state, jacobians=False)])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 def test_ends_where_scipy_ends(seed: int) -> None:
     problem, _, start = curves(seed)

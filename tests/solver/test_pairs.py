@@ -76,6 +76,7 @@ def test_both_routes_come_near_the_truth(preset: str, route: str) -> None:
     assert (np.median(result, axis=0) < median).all(), result
 
 
+@pytest.mark.slow
 def test_joints_are_a_route_of_their_own() -> None:
     rig, every = found_in("terrace", keypoints=True, joint_noise_px=2.0)
     found = [h for h in every if h.route == "joints"]

@@ -117,6 +117,7 @@ def test_labels_that_are_exchanged_at_random():
     assert_apart_is_right(spans, true)
 
 
+@pytest.mark.slow
 def test_false_boxes_and_missing_ones():
     made = scene(false_boxes=0.1, missing=0.1)
     places, _, spans = judged(made.rig, labelled(made))

@@ -155,6 +155,7 @@ def test_an_export_without_what_writes_onnx(tmp_path, capsys, monkeypatch):
     assert "passerby reid export needs onnxscript: pip install 'passerby[reid]'" in printed.err
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "arguments",
     [["--help"], ["reid", "--help"], ["reid", "train", "--help"], ["reid", "evaluate", "stripes", "{court}", "--json"]],

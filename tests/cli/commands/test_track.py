@@ -32,6 +32,7 @@ def rows_of(path):
         return list(csv.DictReader(file))
 
 
+@pytest.mark.slow
 def test_it_writes_a_table_and_a_page(calibrated, capsys, tmp_path):
     out = copied(calibrated, tmp_path)
     capsys.readouterr()
@@ -135,6 +136,7 @@ def test_broken_folders(calibrated, tmp_path, capsys, breaks, status, says):
     assert not (out / "trajectories").exists()
 
 
+@pytest.mark.slow
 def test_a_doubtful_calibration_is_followed_and_says_so(calibrated, tmp_path, capsys):
     out = copied(calibrated, tmp_path)
     broken_report(out, verdict="doubtful", reasons=["few people"])
@@ -143,6 +145,7 @@ def test_a_doubtful_calibration_is_followed_and_says_so(calibrated, tmp_path, ca
     assert "note: the calibration is doubtful: few people" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_without_a_frame_rate(calibrated, tmp_path, capsys):
     out = copied(calibrated, tmp_path)
     report = json.loads((out / "calibration.json").read_text())
