@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from passerby.core.observations import Boxes
-from passerby.scene.box_centres import ALONE, BEYOND, doubt_of_centres
+from passerby.scene.box_centres import doubt_of_centres
 from passerby.simulation import SimulationOptions, simulate
 
 
@@ -36,14 +36,11 @@ def test_boxes_by_their_centres_are_told(scene):
     assert found.values["beyond"] >= 20
 
 
-@pytest.mark.parametrize("name", ["C1", "C2", "C3", "C4"])
-def test_one_camera_by_centres_is_told_by_its_name_where_enough_people_are_at_its_borders(scene, name):
-    boxes = boxes_of(scene, by_centres=(name,))
-    size = np.array(scene.rig[name].lens.size)
-    low, extent = np.split(boxes[scene.rig.names.index(name)].ltwh, 2, axis=1)
-    enough = ((low + extent > size + BEYOND * extent).sum(axis=0) >= ALONE).all()
-    found = doubt_of_centres(scene.rig, boxes)
-    assert (None if found is None else found.cameras) == ((name,) if enough else None)
+@pytest.mark.parametrize(("name", "told"), [("C1", True), ("C2", False), ("C3", True), ("C4", False)])
+def test_one_camera_by_centres_is_told_by_its_name_where_enough_people_are_at_its_borders(scene, name, told):
+    """Nobody leaves the second and the fourth camera's image at the right."""
+    found = doubt_of_centres(scene.rig, boxes_of(scene, by_centres=(name,)))
+    assert (None if found is None else found.cameras) == ((name,) if told else None)
 
 
 def test_bodies_that_the_border_cuts_off_reach_beyond_both_sides():
