@@ -9,10 +9,11 @@ from __future__ import annotations
 import argparse
 import sys
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import MappingProxyType, ModuleType
 
 import numpy as np
 
@@ -29,7 +30,16 @@ from passerby.calibration.pipeline import calibrate
 from passerby.core.observations import CameraObservations, Observations
 from passerby.scene.scene import Scene
 from passerby.simulation import SimulationOptions, simulate, write_scene
-from reliability import lens_figures, move_figures, stature_figures, verdict_figures
+from reliability import (
+    clock_figures,
+    joint_figures,
+    lens_figures,
+    move_figures,
+    refined_figures,
+    stature_figures,
+    unusual_figures,
+    verdict_figures,
+)
 
 FIRST_SEED, SEEDS = 940, 4
 KEPT = ROOT / "build" / "limits"
@@ -39,6 +49,17 @@ AMOUNTS = ((2, 15.0), (3, 30.0), (6, 30.0), (8, 60.0), (4, 90.0))
 BOX_NOISE = 0.02
 SHIFTS = (0.0, 0.1, 0.2, 0.4)
 """Of one camera's boxes in the stretches that are held out, as shares of their height: what no other stretch shows."""
+SECTIONS: Mapping[str, ModuleType] = MappingProxyType({
+    "moves": move_figures,
+    "clocks": clock_figures,
+    "lenses": lens_figures,
+    "refined": refined_figures,
+    "statures": stature_figures,
+    "unusual": unusual_figures,
+    "joints": joint_figures,
+    "figures": verdict_figures,
+})  # fmt: skip
+"""Each has cases by key for so many seeds, measures one, and makes a section of the page of their outcomes."""
 
 
 @dataclass(frozen=True)
@@ -72,19 +93,13 @@ def _page(seeds: int) -> Iterator[Page]:
     text = _text(trials)
     yield Page("limits", text)
     store = Kept(KEPT, ("reliability",))
-    moves = move_figures.cases(seeds)
-    for done in run_cases(store, "moves", moves, move_figures.measure, 2):
-        with_moves = f"{text}\n{move_figures.section(done, moves)}"
-        yield Page("limits", with_moves)
-    lenses = lens_figures.cases(seeds)
-    for done in run_cases(store, "lenses", lenses, lens_figures.measure, 2):
-        with_lenses = f"{with_moves}\n{lens_figures.section(done, lenses)}"
-        yield Page("limits", with_lenses)
-    for done in run_cases(store, "statures", stature_figures.cases(max(1, seeds // 2)), stature_figures.measure, 2):
-        with_lenses_and_statures = f"{with_lenses}\n{stature_figures.section(done)}"
-        yield Page("limits", with_lenses_and_statures)
-    for done in run_cases(store, "figures", verdict_figures.cases(seeds), verdict_figures.measure, 2):
-        yield Page("limits", f"{with_lenses_and_statures}\n{verdict_figures.section(done)}\n")
+    whole = text
+    for name, figures in SECTIONS.items():
+        wanted = figures.cases(seeds)
+        for done in run_cases(store, name, wanted, figures.measure, 2):
+            text = f"{whole}\n{figures.section(done, wanted)}"
+            yield Page("limits", text)
+        whole = text
 
 
 def _trial(preset: str, people: int, seconds: float, seed: int) -> Trial:

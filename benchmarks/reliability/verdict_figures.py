@@ -20,11 +20,13 @@ from passerby.calibration.diagnostics.ground_planarity import HARMFUL_M, STEEP_D
 from passerby.calibration.diagnostics.verdict import placed_people
 from passerby.common.errors import InputError
 from passerby.core.figures import AdjustedFigures
-from passerby.solver.consistency import LEAST_AGREEING
+from passerby.solver import findings
+from passerby.solver.consistency import LEAST_AGREEING, MOST_CHANGE, JointConsistency
 from passerby.solver.lens_check import FAR_CHANGE, FAR_SIGMAS
 from reliability.hostile import HOSTILE
 from reliability.judging import calibrated, errors_of
 from reliability.ordinary import ordinary_scene
+from reliability.overheard import overheard
 
 ORDINARY_SEED, HOSTILE_SEED = 940_000, 941_000
 """The first ones; no page of results uses them."""
@@ -60,6 +62,11 @@ FIGURES: Mapping[str, Figure] = MappingProxyType({
         LEAST_AGREEING, "LEAST_AGREEING in `solver/consistency.py`",
         "of a camera's sightings and joints, those that agree with the rig; the worst camera", "camera_disagrees", True,
         (0.5, 0.6, 0.65, 0.71, 0.75, 0.8, 0.85),
+    ),
+    "change": Figure(
+        MOST_CHANGE, "MOST_CHANGE in `solver/consistency.py`",
+        "how much less of a camera's sightings agrees in one part of the recording than in another; the worst camera",
+        "camera_disagrees_at_times", False, (0.2, 0.3, 0.36, 0.42, 0.5, 0.6, 0.8),
     ),
     "rise": Figure(
         HARMFUL_M, "HARMFUL_M in `calibration/diagnostics/ground_planarity.py`",
@@ -134,7 +141,8 @@ def judged(case: tuple[str, int]) -> Judged | None:
     name, seed = case
     scene = ordinary_scene(seed) if name == ORDINARY else HOSTILE[name][1](seed)
     try:
-        found = calibrated(scene)
+        with overheard(findings, "joint_consistency") as agreeing:
+            found = calibrated(scene)
     except InputError:
         return None
     truths = [scene.truth] if scene.later is None else [scene.truth, scene.later]
@@ -142,7 +150,7 @@ def judged(case: tuple[str, int]) -> Judged | None:
     if not errors:
         return None
     codes = tuple(one.code for one in found.doubts)
-    return Judged(name, any(one.wrong for one in errors), codes, _values(found))
+    return Judged(name, any(one.wrong for one in errors), codes, _values(found) | {"change": _change(agreeing)})
 
 
 def _values(found: Calibration) -> dict[str, float]:
@@ -182,6 +190,15 @@ def _values(found: Calibration) -> dict[str, float]:
     }
 
 
+def _change(agreeing: Sequence[JointConsistency]) -> float:
+    """By how much a camera's share of sightings that agree changes over the last solve; the worst camera."""
+    if not agreeing:
+        return math.nan
+    shares = agreeing[-1].by_time
+    known = shares[np.isfinite(shares).sum(axis=1) > 1]
+    return float(np.max(np.nanmax(known, axis=1) - np.nanmin(known, axis=1), initial=0.0))
+
+
 def _alike(found: Calibration) -> dict[str, float]:
     """By camera, what the runners-up of its used registrations score together, as a share of these; empty without any."""
     best, second = dict[str, float](), dict[str, float]()
@@ -193,7 +210,7 @@ def _alike(found: Calibration) -> dict[str, float]:
     return {name: second[name] / best[name] for name in best}
 
 
-def section(outcomes: Outcomes) -> str:
+def section(outcomes: Outcomes, _: Mapping[str, Any]) -> str:
     """A table of what each figure comes to, and one of what other limits would do; `outcomes` of `measure`, by key."""
     results = [Judged(**one) for one in outcomes.values() if one]
     kinds = {

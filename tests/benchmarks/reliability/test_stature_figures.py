@@ -37,24 +37,27 @@ def test_groups_are_drawn_by_their_seed_and_are_of_a_plausible_stature(statures:
 def test_heights_of_boxes_are_held_against_whole_bodies(statures: ModuleType) -> None:
     scene = simulate(SimulationOptions(preset="terrace", seed=1, cameras=2, people=3, seconds=4.0, occlusion=False))
     taller = {name: replace(boxes, ltwh=boxes.ltwh * (1, 1, 1, 1.03)) for name, boxes in scene.truth.items()}
-    ratios = statures.height_ratios(scene.rig, taller, scene.truth)
-    assert len(ratios) > 20
-    assert np.abs(ratios - np.log(1.03)).max() < CLOSE
-    nothing = {name: boxes.take(np.zeros(len(boxes), dtype=bool)) for name, boxes in scene.truth.items()}
-    assert len(statures.height_ratios(scene.rig, nothing, scene.truth)) == 0
+    for camera in scene.rig:
+        ratios, away = statures.height_ratios(camera, taller[camera.name], scene)
+        assert len(ratios) == len(away) > 10
+        assert np.abs(ratios - np.log(1.03)).max() < CLOSE
+        assert 1.0 < np.exp(away).min() < np.exp(away).max() < 30.0
+        nothing = taller[camera.name].take(np.zeros(len(taller[camera.name]), dtype=bool))
+        assert [len(column) for column in statures.height_ratios(camera, nothing, scene)] == [0, 0]
 
 
 def test_the_page_has_the_constant_and_tells_scale_from_heights(statures: ModuleType) -> None:
     seen = {"a": _outcome("background", 0.02, 0.01), "b": _outcome("background", float("nan"), 0.03)}
-    text = statures.section(seen)
+    text = statures.section(seen, {})
     assert f"in `solver/cues.py`: {statures.POPULATION_BIAS:g}" in text
+    assert f"in `solver/lens_check.py`: {statures.SIZE_DRIFT:g}" in text
     assert re.search(r"\| boxes by the background, rendered films +\| 1 ", text)
     assert re.search(r"\| heights of boxes by the background +\| 2 ", text)
     assert "by the network" not in text, "none was run"
     assert "The models were not at hand" in text
     both = seen | {"c": _outcome("network", 0.0, 0.0)}
-    assert "The models were not at hand" not in statures.section(both)
-    assert "root mean square" in statures.section({}), "without a film"
+    assert "The models were not at hand" not in statures.section(both, {})
+    assert "root mean square" in statures.section({}, {}), "without a film"
 
 
 def test_without_models_there_are_films_by_silhouettes_alone(
@@ -66,4 +69,4 @@ def test_without_models_there_are_films_by_silhouettes_alone(
 
 
 def _outcome(detector: str, log_scale: float, log_boxes: float) -> dict[str, object]:
-    return {"detector": detector, "log_scale": log_scale, "log_boxes": log_boxes, "boxes": 1}
+    return {"detector": detector, "log_scale": log_scale, "log_boxes": log_boxes, "boxes": 1, "growth": [0.01]}
