@@ -147,8 +147,8 @@ theirs. Rendered films of 25 s, three cameras, five people, joints by a network,
 {table(("usual score over the joint's", "joints", "median", "90 %"), bins)}
 
 *loss*: mean negative log likelihood of the errors (Cauchy), less that by power 0. Then the rigs' mean error of position after
-the best similarity, median over the films of a preset. Errors grow with the first power; rigs gain from more, since joints
-of little confidence are off alike from one instant to the next.
+the best similarity, median over the films of a preset. The constant is the power of the least loss; the rigs are hardly
+better or worse by any other.
 
 {table(head, rows)}
 """

@@ -22,6 +22,7 @@ from passerby.common.errors import InputError
 from passerby.core.figures import AdjustedFigures
 from passerby.solver import findings
 from passerby.solver.consistency import LEAST_AGREEING, MOST_CHANGE, JointConsistency
+from passerby.solver.findings import MAX_POSITION_M
 from passerby.solver.lens_check import FAR_CHANGE, FAR_SIGMAS
 from reliability.hostile import HOSTILE
 from reliability.judging import calibrated, errors_of
@@ -67,6 +68,11 @@ FIGURES: Mapping[str, Figure] = MappingProxyType({
         MOST_CHANGE, "MOST_CHANGE in `solver/consistency.py`",
         "how much less of a camera's sightings agrees in one part of the recording than in another; the worst camera",
         "camera_disagrees_at_times", False, (0.2, 0.3, 0.36, 0.42, 0.5, 0.6, 0.8),
+    ),
+    "unsure": Figure(
+        MAX_POSITION_M, "MAX_POSITION_M in `solver/findings.py`",
+        "one sigma of a camera's position within its rig, metres; the worst camera", "camera_uncertain", False,
+        (0.05, 0.1, 0.15, 0.2, 0.25, 0.35, 0.5, 1.0),
     ),
     "rise": Figure(
         HARMFUL_M, "HARMFUL_M in `calibration/diagnostics/ground_planarity.py`",
@@ -150,7 +156,8 @@ def judged(case: tuple[str, int]) -> Judged | None:
     if not errors:
         return None
     codes = tuple(one.code for one in found.doubts)
-    return Judged(name, any(one.wrong for one in errors), codes, _values(found) | {"change": _change(agreeing)})
+    values = _values(found) | {"change": _change(agreeing)}
+    return Judged(name, any(one.wrong for one in errors), codes, values)
 
 
 def _values(found: Calibration) -> dict[str, float]:
@@ -170,6 +177,11 @@ def _values(found: Calibration) -> dict[str, float]:
         if isinstance(figures, AdjustedFigures)
         else []
     )
+    sigmas_mm = (
+        [one.shape_position_sigma_mm for one in figures.cameras if one.shape_position_sigma_mm is not None]
+        if isinstance(figures, AdjustedFigures)
+        else []
+    )
     rises = [float(one.values["rise_m"]) for one in found.diagnostics if one.code == "ground_uneven"]
     widths = body_widths(found.rig, found.instants, *placed_people(found.rig, found.instants))
     width = float(np.median(widths)) if len(widths) >= MIN_BOXES else math.nan
@@ -178,6 +190,7 @@ def _values(found: Calibration) -> dict[str, float]:
     sigmas = slope / ground.slope_sigma_deg if ground is not None and ground.slope_sigma_deg else math.nan
     return {
         "found": min((pair.share for pair in missed), default=math.nan),
+        "unsure": max(sigmas_mm, default=math.nan) / 1000,
         "agreeing": min(shares, default=math.nan),
         "rise": max(rises, default=0.0),
         "slope": slope if sigmas > STEEP_SIGMAS else min(slope, 0.0),

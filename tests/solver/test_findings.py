@@ -76,6 +76,17 @@ def test_a_camera_whose_place_or_direction_is_hardly_known(
     assert (doubt.code, doubt.cameras) == ("camera_undetermined", ("C2",))
 
 
+@pytest.mark.parametrize(("extent_m", "certain_m", "uncertain_m"), [(2.0, 0.14, 0.16), (20.0, 0.24, 0.26), (200.0, 0.9, 1.1)])
+def test_how_well_a_place_has_to_be_known_goes_by_the_size_of_the_rig(
+    monkeypatch: pytest.MonkeyPatch, extent_m: float, certain_m: float, uncertain_m: float
+) -> None:
+    far = np.max(np.linalg.norm(CENTRES - CENTRES.mean(axis=0), axis=1))
+    monkeypatch.setattr(f"{__name__}.CENTRES", CENTRES * extent_m / far)
+    for sigma_m, codes in ((certain_m, []), (uncertain_m, ["camera_uncertain"])):
+        vague = replace(COVARIANCE, shape=of_camera(COVARIANCE.shape, 1, np.diag([sigma_m**2, 0, 0, 0, 0, 0])))
+        assert [doubt.code for doubt in told(monkeypatch, vague)] == codes
+
+
 def test_a_vertical_that_is_hardly_known(monkeypatch: pytest.MonkeyPatch) -> None:
     leaning = replace(COVARIANCE, vertical_deg=6.0)
     (doubt,) = told(monkeypatch, leaning)

@@ -28,9 +28,9 @@ POPULATION_BIAS = 0.045
 """Relative standard deviation, common to all people, of height cues where nobody states it: a crowd is not the population, and
 boxes are not bodies. By published statures and rendered films (`docs/results/limits.md`)."""
 
-UNUSUAL_SIGMAS, MEASURED_SD = 4.0, 0.04
+UNUSUAL_SIGMAS, MEASURED_SD = 3.0, 0.04
 """Who is so far from the median height counts for nothing: in sigmas of what people of the population differ by (5 % for
-adults) and of what the height of one of them is measured by."""
+adults) and of what the height of one of them is measured by. What other limits make of the scale: docs/results/limits.md."""
 FEWEST_COMPARED, MOST_UNUSUAL = 5, 1 / 3
 """People that make a majority, and the share of them that may be unusual: beyond it nobody is."""
 

@@ -29,9 +29,9 @@ from passerby.people.segments import (
 from passerby.solver.people_state import UprightObservations
 
 # How much farther off a joint is taken to be that was found with less confidence than usual: this power of the ratio, within a
-# range. Residuals grow with the first power only. The power was chosen by the true position errors of just two sets, so it
-# may not carry over: for powers 1, 2 and 3, Shelf 31.8, 31.3 and 31.1 mm, Pose2Sim (one person) 34.2, 31.2 and 28.7 mm.
-DOUBT_POWER, DOUBT_RANGE = 3, (0.5, 10.0)
+# range. Errors of a network's joints in rendered films grow with the first power, of single instants as of means over seconds;
+# rigs are hardly better or worse by any other (docs/results/limits.md).
+DOUBT_POWER, DOUBT_RANGE = 1.0, (0.5, 10.0)
 USUAL_CAMERAS = 50
 """Of larger rigs, the limits of the evidence grow with the cameras."""
 OVERLAPPING_ALL = 12

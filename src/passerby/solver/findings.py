@@ -34,6 +34,10 @@ from passerby.solver.uncertainty import RigCovariance
 # A pose whose sigma exceeds these is no calibration: of the rig's extent, and in degrees.
 _MAX_POSITION_SHARE = 0.05
 MAX_ORIENTATION_DEG = 2.0
+MAX_POSITION_M = 0.25
+"""Nor is one whose position within the rig is known no better, but in rigs so large that it is less than `LARGE_SHARE` of their
+extent. Of what is accepted, 95 % are then within half a metre. What other limits would do: docs/results/limits.md."""
+LARGE_SHARE = 0.005
 _MAX_VERTICAL_DEG = 5.0
 _MIN_SIGHTINGS = 20
 # Boxes whose heights are off by more than this share of themselves bias what is found: noise of +-50 px on boxes of 60 to 130
@@ -55,6 +59,7 @@ def doubts_about(start: Initialisation, fit: Fit, covariance: RigCovariance) -> 
     state, rig = fit.result.state, start.rig
     agrees = joint_consistency(start.evidence, fit.model)
     extent = float(np.max(np.linalg.norm(state.centre - state.centre.mean(axis=0), axis=1))) + 1.0
+    most_m = min(_MAX_POSITION_SHARE * extent, max(MAX_POSITION_M, LARGE_SHARE * extent))
     for c, camera in enumerate(rig):
         sigma = covariance.shape_sigma(c)
         if c in covariance.free.cameras:
@@ -63,7 +68,7 @@ def doubts_about(start: Initialisation, fit: Fit, covariance: RigCovariance) -> 
             out.append(doubt("few_observations", camera.name, agreeing=int(agrees.agreeing[c])))
         elif (contradiction := _contradiction(camera.name, c, agrees)) is not None:
             out.append(contradiction)
-        vague = sigma.position_m > _MAX_POSITION_SHARE * extent or sigma.orientation_deg > MAX_ORIENTATION_DEG
+        vague = sigma.position_m > most_m or sigma.orientation_deg > MAX_ORIENTATION_DEG
         if vague and c not in covariance.free.cameras:
             position_mm, orientation_deg = float(1000 * sigma.position_m), float(sigma.orientation_deg)
             out.append(doubt("camera_uncertain", camera.name, position_mm=position_mm, orientation_deg=orientation_deg))

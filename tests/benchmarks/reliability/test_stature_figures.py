@@ -46,6 +46,14 @@ def test_heights_of_boxes_are_held_against_whole_bodies(statures: ModuleType) ->
         assert [len(column) for column in statures.height_ratios(camera, nothing, scene)] == [0, 0]
 
 
+def test_growth_is_that_of_most_boxes(statures: ModuleType) -> None:
+    rng = np.random.default_rng(2)
+    away = np.log(rng.uniform(3.0, 12.0, 300))
+    ratios = 0.02 + 0.03 * away + 0.01 * rng.standard_normal(300)
+    ratios[:60] -= 0.5  # the lower half is hidden
+    assert statures.growth(ratios, away) == pytest.approx(0.03, abs=0.005)
+
+
 def test_the_page_has_the_constant_and_tells_scale_from_heights(statures: ModuleType) -> None:
     seen = {"a": _outcome("background", 0.02, 0.01), "b": _outcome("background", float("nan"), 0.03)}
     text = statures.section(seen, {})

@@ -34,11 +34,11 @@ MOST_SAMPLES = 3_000
 """Of more, so many are taken at even steps."""
 SIGMAS, LEAST_S = 8.0, 0.2
 """A drift is told where it is so many times its sigma, and so much over the recording: 0.3 m of a walker's way. Over simulated
-scenes with sound clocks it is at most 0.04 s, and scatters by two of its sigmas."""
+scenes with sound clocks it is at most 0.04 s, and scatters by two of its sigmas (docs/results/limits.md)."""
 HARMFUL_S, HARMFUL_RATE, SPOILING_S = 0.5, 0.01, 1.0
 """It is a doubt where it is larger and, over the recording, quicker than a clock that is merely poor: then the frame rate is
-mistaken (25 for 24 is 4 %); or where it is so large that it spoils the rig whatever its cause. 0.8 s cost 30 mm on a
-terrace."""
+mistaken (25 for 24 is 4 %); or where it is so large that it spoils the rig whatever its cause. What drifts cost, and
+what other limits would do: docs/results/limits.md."""
 
 
 @dataclass(frozen=True)

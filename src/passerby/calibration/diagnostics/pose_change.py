@@ -42,7 +42,7 @@ BORNE_OUT = 0.75, 1.6
 make of it. In simulated scenes (docs/results/limits.md) it is 0.85 to 0.96 for moves of 0.1 to 0.5 m or 1 to 10 degrees, and
 0.71 at most where people are taken for others; nothing there comes near the upper limit."""
 ZOOM_BORNE_OUT = 0.6
-"""The least of it for a zoom, which people who are taken for others do not resemble."""
+"""The least of it for a zoom, which people who are taken for others do not resemble (docs/results/limits.md)."""
 LEAST_GAIN, LEAST_SIGMAS, LEAST_SHIFT = 40.0, 10.0, 0.03
 
 
