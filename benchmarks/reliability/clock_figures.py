@@ -103,11 +103,10 @@ def section(outcomes: Outcomes, wanted: Mapping[str, ClockCase]) -> str:
     )  # fmt: skip
     others = ("limit", "drifting clocks told", "clocks in step told")
     doubts = ("limit", "drifting scenes that are a doubt", "wrong rigs without one", "median of the worst cameras without one")
-    return f"""## Clocks that drift, in `association/clocks/drift.py`
-
-A drift is told where it is more than SIGMAS of its sigmas and LEAST_S over the recording; it is a doubt where it is more than
-SPOILING_S, or more than HARMFUL_S and HARMFUL_RATE. Scenes of all presets, four cameras, six people, identities given, seeds
-from {FIRST_SEED}; the clock of one camera is too fast. *worst camera*: its error of position after the best similarity, mm.
+    return f"""A drift is told where it is more than SIGMAS of its sigmas and LEAST_S over the recording; it is a doubt where it
+is more than SPOILING_S, or more than HARMFUL_S and HARMFUL_RATE. Scenes of all presets, four cameras, six people, identities
+given, seeds from {FIRST_SEED}; the clock of one camera is too fast. *worst camera*: its error of position after the best
+similarity, mm.
 
 {table(head, list(_rows(known)))}
 

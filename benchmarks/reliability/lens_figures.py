@@ -84,7 +84,7 @@ def section(outcomes: Outcomes, wanted: Mapping[str, tuple[str, int]]) -> str:
         counts = [str(int((named & (gains >= limit)).sum())) for limit in TRIED]
         quantiles = [f"{np.quantile(gains, q):.0f}" for q in (0.5, 0.9, 1.0)] if len(gains) else ["-"] * 3
         rows.append([kind, str(len(found)), *quantiles, *counts])
-    return f"""## LEAST_GAIN in `solver/contradicted_lenses.py`: {LEAST_GAIN:g}
+    return f"""### LEAST_GAIN in `solver/contradicted_lenses.py`: {LEAST_GAIN:g}
 
 A stated lens is freed where that gains so much, of twice the log likelihood; it is named where people put it far from where it
 is stated and agree with it there. With joints, which err alike, the limit is `LEAST_GAIN_OF_JOINTS`: {LEAST_GAIN_OF_JOINTS:g}.

@@ -155,7 +155,7 @@ def section(outcomes: Outcomes, wanted: Mapping[str, MoveCase]) -> str:
     low = [[_bold(limit, BORNE_OUT[0]), *_told(moves, limit, BORNE_OUT[1], zoom=False)] for limit in LEAST_TRIED]
     high = [[_bold(limit, BORNE_OUT[1]), *_told(moves, BORNE_OUT[0], limit, zoom=False)] for limit in MOST_TRIED]
     least = [[_bold(limit, ZOOM_BORNE_OUT), *_told(zooms, limit, BORNE_OUT[1], zoom=True)] for limit in LEAST_TRIED]
-    return f"""## BORNE_OUT in `calibration/diagnostics/pose_change.py`: {BORNE_OUT[0]:g}, {BORNE_OUT[1]:g}
+    return f"""### BORNE_OUT in `calibration/diagnostics/pose_change.py`: {BORNE_OUT[0]:g}, {BORNE_OUT[1]:g}
 
 A change of pose half-way is told where both poses are that much better in their time than the other's, as a share of what the
 change would make of it. Scenes of {SECONDS:g} s, four cameras, six people, identities given, seeds from {FIRST_SEED}. The

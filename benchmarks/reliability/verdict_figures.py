@@ -231,7 +231,7 @@ def section(outcomes: Outcomes, _: Mapping[str, Any]) -> str:
         "hostile cases, right": [one for one in results if one.case != ORDINARY and not one.wrong],
         "wrong rigs": [one for one in results if one.wrong],
     }
-    parts = [f"## Figures of the verdict\n\n{_HEAD}"]
+    parts = [_HEAD]
     for name, figure in FIGURES.items():
         rows = []
         for kind, some in kinds.items():

@@ -25,7 +25,7 @@ from passerby.solver.person_model import PeopleProblem
 from passerby.solver.uncertainty import downweight
 
 # People do not look equally tall at all distances: hidden feet, slopes and a detector's habits change with depth by
-# a few percent, which a focal length would explain as well. The less depth a camera sees, as a share of its distance, the more.
+# a few percent, which a focal length would explain as well: docs/results/limits.md.
 SIZE_DRIFT = 0.03
 # Joints are off by what no more of them averages out: a detector puts each kind of joint beside the true one, by as much as
 # pose and view make it. Steps of right lenses, over their random sigmas: 1.1 root mean square, 3.4 at the 99th percentile, in
@@ -121,21 +121,3 @@ def _by_size_drift(problem: PeopleProblem, state: AdjustmentState) -> dict[str, 
         "heights": (SIZE_DRIFT * (away - mean[s.camera]) / problem.height_sigma())[:, None, None],
         "joints": np.zeros((len(problem.joints.camera), 2, 1)),
     }
-
-
-def size_drift(problem: PeopleProblem, state: AdjustmentState) -> Floats:
-    """(C,) one sigma of a focal length's logarithm for what people's apparent size may drift over depth."""
-    return np.asarray(SIZE_DRIFT / np.maximum(_depth_spread(problem, state), 0.05))
-
-
-def _depth_spread(problem: PeopleProblem, state: AdjustmentState) -> Floats:
-    """(C,) range of the distances at which a camera sees people (10 to 90 %), as a share of their median."""
-    out = np.zeros(problem.n_cameras)
-    for c in range(problem.n_cameras):
-        people = state.people[problem.sightings.block[problem.sightings.camera == c], :2]
-        joints = state.joints[problem.joints.point[problem.joints.camera == c], :2]
-        distance = np.linalg.norm(np.concatenate([people, joints]) - state.centre[c, :2], axis=1)
-        if len(distance):
-            near, middle, far = np.quantile(distance, (0.1, 0.5, 0.9))
-            out[c] = (far - near) / max(middle, 1e-6)
-    return out

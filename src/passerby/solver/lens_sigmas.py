@@ -78,22 +78,20 @@ def lens_places(n_cameras: int, camera_size: int, n_lens: int) -> NDArray[np.int
     return np.asarray((np.arange(n_cameras)[:, None] + 1) * camera_size - n_lens + np.arange(n_lens))
 
 
-def refined_sigmas(seen: LensEvidence, drift: Floats, core: Floats, lens: Floats, *, normal: bool = False) -> Floats:
+def refined_sigmas(seen: LensEvidence, core: Floats, lens: Floats, *, normal: bool = False) -> Floats:
     """(C, L) root mean square errors of the lenses `lens`.
 
     Args:
         seen: what the sightings say.
-        drift: (C, L) how far all sightings of a camera may mislead, beyond what is known of boxes.
         core: (C, L) scales of the Cauchy distributions of the stated lenses.
         lens: (C, L) the lenses found, as changes of the stated ones.
         normal: whether `core` has standard deviations of normal distributions.
     """
     if normal:
-        return np.asarray(1 / np.sqrt(1 / (seen.sd**2 + drift**2) + 1 / core**2))
+        return np.asarray(1 / np.sqrt(1 / seen.sd**2 + 1 / core**2))
     out = np.zeros_like(lens)
     for c, u in itertools.product(*map(range, lens.shape)):
-        sd = float(np.hypot(seen.sd[c, u], drift[c, u]))
-        out[c, u] = posterior_sd(float(seen.seen[c, u]), sd, float(core[c, u]), float(lens[c, u]))
+        out[c, u] = posterior_sd(float(seen.seen[c, u]), float(seen.sd[c, u]), float(core[c, u]), float(lens[c, u]))
     return out
 
 

@@ -11,8 +11,7 @@ from passerby.common.arrays import Floats
 from passerby.core.cameras import Lens, Rig
 from passerby.core.figures import DistortionFigures, FocalFigures, LensFigures, PrincipalPointFigures
 from passerby.findings.finding import Finding, doubt, notice
-from passerby.solver.lens_check import size_drift
-from passerby.solver.lens_sigmas import by_boxes, lens_evidence, refined_sigmas
+from passerby.solver.lens_sigmas import lens_evidence, refined_sigmas
 from passerby.solver.lens_unknowns import NORMAL_HALF, LensUnknowns
 from passerby.solver.people_state import AdjustmentState
 from passerby.solver.person_model import PeopleProblem
@@ -41,9 +40,6 @@ def decide_refined_lenses(
 ) -> RefinedLenses | None:
     """How sure the lenses are; None where none is refined.
 
-    Sightings of joints fix a focal length by geometry alone; that of a camera with boxes alone follows how tall people seem
-    near and far.
-
     Args:
         unknowns: what is refined.
         stated: lenses as stated.
@@ -54,14 +50,9 @@ def decide_refined_lenses(
     if not unknowns.parts:
         return None
     core = unknowns.core(stated)
-    drift = np.zeros_like(core)
-    # Where several views hold a focal length that nobody stated, people who grow with depth move it by what `lens_evidence`
-    # knows of them; beside a stated one their growth is all that boxes tell.
-    if "distortion" not in unknowns.parts:
-        drift[:, unknowns.columns_of("focal")] = (size_drift(problem, state) * by_boxes(problem))[:, None]
     seen = lens_evidence(problem, state, inflation)
-    sigma = refined_sigmas(seen, drift, core, state.lens, normal=problem.lens_normal)
-    return RefinedLenses(unknowns, sigma, np.hypot(seen.sd, drift))
+    sigma = refined_sigmas(seen, core, state.lens, normal=problem.lens_normal)
+    return RefinedLenses(unknowns, sigma, seen.sd)
 
 
 def lens_figures(lenses: RefinedLenses | None, stated: Rig, refined: Rig) -> dict[str, LensFigures]:

@@ -77,4 +77,4 @@ def test_sections_say_what_no_case_was_run_of(bench: Bench) -> None:
         figures = bench(f"reliability.{name}")
         wanted = figures.cases(1)
         assert len(wanted) > 10
-        assert figures.section({}, wanted).startswith("## ")
+        assert figures.section({}, wanted).startswith("### ")

@@ -29,7 +29,10 @@ def test_the_page_states_the_limits_in_force_and_the_run_they_were_measured_by()
         module = importlib.import_module(f"passerby.{one['module'].replace('/', '.')}")
         in_force = np.atleast_1d(getattr(module, name)).tolist()
         assert [float(value) for value in one["values"].split(",")] == in_force, name
-    assert re.search(r"Code of commit `[0-9a-f]{10}`\.", text)
+    parts = re.split(r"^## ", text, flags=re.MULTILINE)[1:]
+    assert len(parts) > 5
+    for part in parts:
+        assert re.search(r"Code of commit `[0-9a-f]{10}`\.", part), part.partition("\n")[0]
 
 
 def test_a_move_is_found_and_nobody_moves_where_nobody_does(bench: Bench) -> None:
