@@ -30,33 +30,36 @@ from reliability.stature_figures import DETECTORS, detectors_at_hand
 FIRST_SEED = 948_000
 NOISES: Mapping[str, float] = {f"{100 * noise:g} % noise": noise for noise in (0.01, 0.02, 0.04)}
 """Of the edges of boxes, as shares of their height."""
+POINTS = "principal points, 2 % noise"
 FILMS: Mapping[str, str] = {f"rendered films, by the {name}": name for name in DETECTORS}
 REFINED: Mapping[str, Any] = {"refine": ["focal"]}
+REFINED_POINTS: Mapping[str, Any] = {"refine": ["principal_point"]}
 
 
 def cases(seeds: int) -> dict[str, tuple[str, str, int]]:
     """Scenes by key: kind of boxes, preset and seed; two for each seed, of films one for every two."""
     films = [kind for kind, detector in FILMS.items() if detector in detectors_at_hand()]
-    wanted = [(kind, preset, FIRST_SEED + k) for kind in NOISES for preset in PRESETS for k in range(2 * seeds)]
+    wanted = [(kind, preset, FIRST_SEED + k) for kind in (*NOISES, POINTS) for preset in PRESETS for k in range(2 * seeds)]
     wanted += [(kind, preset, FIRST_SEED + k) for kind in films for preset in PRESETS for k in range(max(1, seeds // 2))]
     return {" ".join(map(str, one)): one for one in wanted}
 
 
 def measure(case: tuple[str, str, int]) -> dict[str, Any]:
-    """Where the sightings alone would put each camera's focal length, as a logarithm, and its sigma but for what misleads."""
+    """How far off the sightings alone would put each camera's focal length or principal point, and its sigma but for what
+    misleads: logarithms, or shares of the image's width.
+    """
     kind, preset, seed = case
     with overheard(refined_lenses, "lens_evidence") as returned:
-        if kind in NOISES:
-            names = calibrated(
-                staged(seed, preset=preset, people=8, box_noise=NOISES[kind]).with_tables(solver=REFINED)
-            ).rig.names
+        if kind in FILMS:
+            rig = _film(FILMS[kind], preset, seed)
         else:
-            names = _film(FILMS[kind], preset, seed).names
+            scene = staged(seed, preset=preset, people=8, box_noise=NOISES.get(kind, 0.02))
+            rig = calibrated(scene.with_tables(solver=REFINED_POINTS if kind == POINTS else REFINED)).rig
     if not returned:
         return {"off": [], "sd": []}
     last: LensEvidence = returned[-1]
-    off, sd = last.seen[: len(names), 0], last.sd[: len(names), 0] / BOXES_MISLEAD
-    return {"off": off.tolist(), "sd": sd.tolist()}
+    unit = rig[rig.names[0]].lens.size[0] if kind == POINTS else 1
+    return {"off": (last.seen / unit).ravel().tolist(), "sd": (last.sd / BOXES_MISLEAD / unit).ravel().tolist()}
 
 
 def _film(detector: str, preset: str, seed: int) -> Rig:
@@ -74,7 +77,7 @@ def _film(detector: str, preset: str, seed: int) -> Rig:
 def section(outcomes: Outcomes, wanted: Mapping[str, tuple[str, str, int]]) -> str:
     """A table by boxes and preset, and the constant; `outcomes` of `measure`, by key."""
     rows, every = [], [np.zeros(0)]
-    for kind in (*NOISES, *FILMS):
+    for kind in (*NOISES, POINTS, *FILMS):
         for preset in PRESETS:
             some = [one for key, one in outcomes.items() if wanted[key][:2] == (kind, preset)]
             off, sd = (_column(some, what) for what in ("off", "sd"))
@@ -83,13 +86,13 @@ def section(outcomes: Outcomes, wanted: Mapping[str, tuple[str, str, int]]) -> s
             every.append(off / sd)
             within = [f"{100 * np.mean(np.abs(off / sd) < k * BOXES_MISLEAD):.0f} %" for k in (1, 2)]
             rows.append([kind, preset, str(len(off)), f"{100 * _rms(off):.1f}", f"{_rms(off / sd):.1f}", *within])
-    head = ("boxes", "preset", "cameras", "off by, root mean square %", "over sigmas", "within 1", "within 2")
+    head = ("boxes", "preset", "values", "off by, root mean square %", "over sigmas", "within 1", "within 2")
     return f"""### BOXES_MISLEAD in `solver/lens_sigmas.py`: {BOXES_MISLEAD:g}
 
-By so many times its sigma a right focal length is refined wrongly by boxes, before what is stated holds it. Boxes with noise:
-four cameras, eight people, 30 s, identities given; films: three cameras, five people, 25 s, identities found;
-`refine = ["focal"]`, seeds from {FIRST_SEED}. *over sigmas*: root mean square of the error over its sigma without the
-constant, {_rms(np.concatenate(every)):.1f} over all; *within*: so many sigmas with it.
+By so many times its sigma a right focal length or principal point is refined wrongly by boxes, before what is stated holds
+it. Boxes with noise: four cameras, eight people, 30 s, identities given; films: three cameras, five people, 25 s, identities
+found; seeds from {FIRST_SEED}. *off by*: of the focal length, or of the image's width. *over sigmas*: root mean square of the
+error over its sigma without the constant, {_rms(np.concatenate(every)):.1f} over all; *within*: so many sigmas with it.
 
 {table(head, rows)}
 """

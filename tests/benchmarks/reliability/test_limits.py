@@ -39,7 +39,7 @@ def test_a_move_is_found_and_nobody_moves_where_nobody_does(bench: Bench) -> Non
     moves = bench("reliability.move_figures")
     wanted = moves.cases(1)
     kinds = {case.kind for case in wanted.values()}
-    assert len(kinds) == 2 + len(moves.TURNS_DEG) + len(moves.SHIFTS_M)
+    assert len(kinds) == 2 + len(moves.TURNS_DEG) + len(moves.SHIFTS_M) + len(moves.ZOOMS)
     still = next(case for case in wanted.values() if case.kind == moves.STILL)
     turned = next(case for case in wanted.values() if case.pan_deg == 4.0)
     assert moves.measure(still)["changes"] == []
