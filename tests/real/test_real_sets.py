@@ -93,9 +93,12 @@ def test_shelf_joints(data_root: Path) -> None:
 
 
 def test_one_person_on_the_spot(data_root: Path) -> None:
-    """Measured 28.7 mm, 0.509 degrees; the joints go under wrong names there, which is noticed."""
+    """Measured 34.2 mm, 0.556 degrees; the joints go under wrong names there, which is noticed.
+
+    It was 28.7 mm with a power of the joints' confidence that this very set had chosen; films choose another.
+    """
     solution, _, found = solved(data_root / "pose2sim_single")
-    assert_within(found, 33, 0.65)
+    assert_within(found, 37, 0.65)
     assert solution.verdict == "doubtful"
     assert any("names do not fit the images" in reason for reason in solution.reasons)
     assert any("up direction is uncertain" in reason for reason in solution.reasons)
