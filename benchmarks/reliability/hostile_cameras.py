@@ -6,19 +6,19 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
+from passerby.common.arrays import Floats
 from passerby.core.cameras import Camera, Lens, Rig
 from passerby.core.observations import Boxes
-from reliability.staging import Floats, HandedIn, aimed, staged, turned, zoomed
+from reliability.staging import HandedIn, aimed, staged, turned, zoomed
 
 Build = Callable[[int], HandedIn]
 
 
-def wrong_focal(
-    seed: int, *, factor: float, cameras: tuple[str, ...] = ("C2",), given: bool = True, **wanted: object
-) -> HandedIn:
+def wrong_focal(seed: int, *, factor: float, cameras: tuple[str, ...] = ("C2",), given: bool = True, **wanted: Any) -> HandedIn:
     """A focal length stated `factor` times the true one."""
     scene = staged(seed, given=given, **wanted)
     for name in cameras:

@@ -39,7 +39,7 @@ def frames_lost(seed: int, *, share: float = 0.0, burst_s: float = 0.0, given: b
     lost = rng.uniform(size=last + 1) < share
     middle = last // 2
     lost[middle : middle + round(5 * burst_s)] = True
-    number = np.cumsum(~lost[1:])
+    number = np.cumsum(~lost[1:], dtype=np.int64)
     keep = ~lost[boxes.frame]
     renamed = Boxes(number[boxes.frame[keep] - 1], boxes.identity[keep], boxes.ltwh[keep], boxes.score[keep])
     scene = scene.with_boxes("C2", renamed, scene.who["C2"][keep])

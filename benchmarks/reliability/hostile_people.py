@@ -9,10 +9,11 @@ from types import MappingProxyType
 
 import numpy as np
 
+from passerby.common.arrays import Floats
 from passerby.core.cameras import Rig
 from passerby.core.observations import Boxes
 from passerby.simulation.motion import Motion
-from reliability.staging import Floats, HandedIn, aimed, joined, raised, staged, still, walking
+from reliability.staging import HandedIn, aimed, joined, raised, staged, still, walking
 
 Build = Callable[[int], HandedIn]
 

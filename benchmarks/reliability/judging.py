@@ -41,7 +41,8 @@ class Errors:
 
 def calibrated(scene: HandedIn) -> Calibration:
     """The scene as a user would have it calibrated. Raises `InputError` as `calibrate_observations` does."""
-    return calibrate_observations(scene.lenses, scene.boxes, fps=scene.fps, **scene.tables)
+    tables: dict[str, Any] = dict(scene.tables)
+    return calibrate_observations(scene.lenses, scene.boxes, fps=scene.fps, **tables)
 
 
 def judge(scene: HandedIn) -> dict[str, Any]:

@@ -119,7 +119,7 @@ def right_lenses_found(seed: int) -> dict[str, Any]:
         "late": lambda: replace(own, frame=own.frame + round(LATE_S * scene.options.fps)),
     }
     handed_in = HandedIn(scene.rig, boxes | {"C2": change[spoilt]()}, scene.rig, scene.options.fps)
-    return _named(calibrated(handed_in).findings) | {"spoilt": spoilt}
+    return _named(calibrated(handed_in).diagnostics) | {"spoilt": spoilt}
 
 
 def wrong_lens(case: tuple[str, int]) -> dict[str, Any]:

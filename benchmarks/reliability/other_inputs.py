@@ -106,7 +106,7 @@ def _in_memory(scene: SimulatedScene, lenses: Rig, mode: str = "given", **tables
     joints = {name: camera.keypoints for name, camera in seen.items()} if scene.options.joint_noise_px else None
     return calibrate_observations(
         lenses, {name: camera.boxes for name, camera in seen.items()}, keypoints=joints, fps=scene.options.fps,
-        association={"mode": mode}, scale=_scale(scene.options), **tables,
+        association={"mode": mode}, scale=_scale(scene.options), **tables,  # type: ignore[arg-type]
     )  # fmt: skip
 
 

@@ -143,7 +143,14 @@ def growth(ratios: Floats, away: Floats) -> float:
     """
     line = np.column_stack([np.ones(len(away)), away - away.mean()])
     start = np.array([np.median(ratios), 0.0])
-    fit = least_squares(lambda x: line @ x - ratios, start, lambda x: line, loss="cauchy", f_scale=LOSS_SCALE)
+
+    def off(x: Floats) -> Floats:
+        return np.asarray(line @ x - ratios)
+
+    def derivatives(_: Floats) -> Floats:
+        return line
+
+    fit = least_squares(off, start, derivatives, loss="cauchy", f_scale=LOSS_SCALE)
     return float(fit.x[1])
 
 

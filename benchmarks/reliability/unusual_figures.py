@@ -11,6 +11,7 @@ import numpy as np
 
 from pages.cases import Outcomes
 from pages.page import table
+from passerby.core.figures import adjusted
 from passerby.evaluation.metrics import compare
 from passerby.simulation import PRESETS
 from passerby.solver import cues
@@ -58,7 +59,7 @@ def measure(case: tuple[str, str, int]) -> dict[str, Any]:
     for limit in TRIED:
         with patch.object(cues, "UNUSUAL_SIGMAS", limit):
             found = calibrated(scene)
-        people = found.figures.people
+        people = adjusted(found.figures).people
         out = [] if people is None else [int(who) for who in people.unusual or ()]
         posed = len(found.rig.posed()) > 1
         ratio = compare(found.rig, scene.truth).scale_ratio if posed else None

@@ -26,6 +26,12 @@ def test_right_lenses_are_not_named(bench: Bench, seed: int, spoilt: str) -> Non
     assert result["named"] == []
 
 
+def test_right_lenses_are_not_named_where_identities_are_found(bench: Bench) -> None:
+    result = bench("reliability.lenses").right_lenses_found(36)
+    assert result["spoilt"] == "mirrored"
+    assert result["named"] == []
+
+
 def test_the_section_counts_what_was_accused_and_what_was_named(bench: Bench) -> None:
     lenses = bench("reliability.lenses")
     right = {"1": {"spoilt": "", "named": []}, "2": {"spoilt": "", "named": [["focal_contradicted", "C1"]]}}
