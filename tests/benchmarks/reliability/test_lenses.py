@@ -27,7 +27,8 @@ def test_right_lenses_are_not_named(bench: Bench, seed: int, spoilt: str) -> Non
 
 
 def test_right_lenses_are_not_named_where_identities_are_found(bench: Bench) -> None:
-    result = bench("reliability.lenses").right_lenses_found(36)
+    # A scene in which other things are noticed: what is not of lenses is not counted.
+    result = bench("reliability.lenses").right_lenses_found(38)
     assert result["spoilt"] == "mirrored"
     assert result["named"] == []
 
