@@ -5,10 +5,14 @@ A message names the file, the camera, the value and the remedy, in one line that
 
 from __future__ import annotations
 
+import re
+
 from passerby.common.addresses import without_credentials
 
 LONGEST = 2000
 """Characters of a message: a file may hold a name of a million characters, and nobody's file is shown at length."""
+LONG_WORD = re.compile(r"([^\s/]{80})[^\s/]{176,}([^\s/]{20})")
+"""A word of more characters than a file's name may have, 255 bytes: it comes out of a file."""
 
 
 class PasserbyError(Exception):
@@ -21,8 +25,8 @@ class PasserbyError(Exception):
 
 
 def cut(message: str) -> str:
-    """A message that is too long without its middle, and every one without the passwords of addresses in it."""
-    message = without_credentials(message)
+    """A message, or a word in it, that is too long without its middle, and each without the passwords of addresses in it."""
+    message = LONG_WORD.sub(r"\1...\2", without_credentials(message))
     return message if len(message) <= LONGEST else f"{message[: LONGEST - 400]} ... {message[-390:]}"
 
 

@@ -57,12 +57,20 @@ outside the view is drawn inside the picture. Polynomials of three coefficients 
 MOST_KAPPA, MOST_RADIUS = 1e6, 1e3
 """Of a distortion, and of a picture's half diagonal, both in focal lengths: some 1 and 2 in any lens that was built."""
 
+MOST = 1e9
+"""Pixels, millimetres or times; squares of more would overflow."""
+
 _SAMPLES = 400
 _ATTRIBUTES = {
     "Geometry": ("width", "height", "dpx", "dpy"),
     "Intrinsic": ("focal", "kappa1", "cx", "cy", "sx"),
     "Extrinsic": ("tx", "ty", "tz", "rx", "ry", "rz"),
 }
+_LEAST = {
+    "Geometry.width": 1.0, "Geometry.height": 1.0, "Geometry.dpx": 1e-9, "Geometry.dpy": 1e-9, "Intrinsic.focal": 1e-9,
+    "Intrinsic.sx": 1e-9,
+}  # fmt: skip
+"""Of what is above 0 in every camera."""
 
 
 @dataclass(frozen=True)
@@ -258,9 +266,11 @@ def _tsai_camera(path: Path, camera: ElementTree.Element) -> TsaiCamera:
     value = {
         f"{element}.{name}": _number(path, camera, element, name) for element, names in _ATTRIBUTES.items() for name in names
     }
-    for key in ("Geometry.width", "Geometry.height", "Geometry.dpx", "Geometry.dpy", "Intrinsic.focal", "Intrinsic.sx"):
-        if value[key] <= 0:
-            raise InputError(f"{path}: <{key.replace('.', '> ')} is {value[key]:g}: a number above 0 is needed")
+    for key, least in _LEAST.items():
+        if not least <= value[key] <= MOST:
+            raise InputError(
+                f"{path}: <{key.replace('.', '> ')} is {value[key]:g}: a number from {least:g} to {MOST:g} is needed"
+            )
     return TsaiCamera(
         path,
         (round(value["Geometry.width"]), round(value["Geometry.height"])),

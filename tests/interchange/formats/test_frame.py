@@ -49,6 +49,15 @@ def test_a_format_that_is_only_written_is_not_read(made, tmp_path):
         formats.read_rig_as("one", tmp_path / "a.one")
 
 
+@pytest.mark.parametrize("far", [1e308, 1e12])
+def test_a_camera_that_is_nowhere_is_told(tmp_path, far):
+    """A translation of 1e308 overflows on the way: NaN and infinity come out."""
+    path = tmp_path / "gate.yml"
+    path.write_text(f"projectionMatrix_3x4_w2p: [10, 0, 1, {far}, 0, 10, 1, -{far}, 0, 0, 1, 1]\n".replace("e+", "e"))
+    with pytest.raises(InputError, match=f"{path}: camera gate: the translation of its pose is .* correct its pose, or the unit"):
+        formats.read_rig_as("mv3dt", path, formats.Given((640, 480), 100.0))
+
+
 def test_files_of_another_rig_are_not_left_beside_it(made, tmp_path):
     rig = Export(RIG.posed())
     for _ in range(2):

@@ -6,8 +6,10 @@ from collections.abc import Iterator, Mapping, Set
 from importlib import import_module
 from pathlib import Path
 
+import numpy as np
+
 from passerby.common.errors import InputError
-from passerby.common.text import nearest
+from passerby.common.text import nearest, shortened, shortened_text
 from passerby.core.cameras import Rig
 from passerby.interchange.formats.format import Export, Format, Given, People
 from passerby.interchange.formats.losses import Losses
@@ -54,6 +56,8 @@ MODULES: Mapping[str, str] = {
     "coco": "coco",
 }
 """Name of a format -> its module here, which has `FORMAT`, or for several names `FORMATS`, a mapping of them."""
+FARTHEST_M = 1e12
+"""Of a camera from the origin of its world. A damaged exponent makes it more, and an overflow infinite or no number."""
 
 
 def find_format(name: str) -> Format:
@@ -134,9 +138,21 @@ def read_rig_as(name: str, path: str | Path, given: Given | None = None, *, loss
     if form.read is None:
         raise InputError(f"format {name} holds no cameras that can be read: {_others(reads=True)}")
     rig = form.read(_existing(Path(path), form), given)
+    _refuse_lost(path, rig)
     if not lossy:
         given.losses.forbid(str(path), name)
     return rig, given.losses.told
+
+
+def _refuse_lost(path: str | Path, rig: Rig) -> None:
+    """Raise `InputError` for a camera that is nowhere, or so far away that nothing can be computed of it."""
+    for camera in rig:
+        if camera.pose is not None and not np.abs(camera.pose.t_cw).max() < FARTHEST_M:
+            translation = shortened(camera.pose.t_cw.tolist())
+            raise InputError(
+                f"{path}: camera {shortened_text(camera.name)}: the translation of its pose is {translation} m: correct its pose, "
+                "or the unit"
+            )
 
 
 def read_people_as(name: str, path: str | Path, given: Given | None = None) -> People:
