@@ -101,12 +101,12 @@ def _scale(options: SimulationOptions) -> dict[str, float]:
     }  # fmt: skip
 
 
-def _in_memory(scene: SimulatedScene, lenses: Rig, mode: str = "given", **tables: Mapping[str, Any]) -> Calibration:
+def _in_memory(scene: SimulatedScene, lenses: Rig, mode: str = "given", **tables: Any) -> Calibration:
     seen = scene.observations.cameras
     joints = {name: camera.keypoints for name, camera in seen.items()} if scene.options.joint_noise_px else None
     return calibrate_observations(
         lenses, {name: camera.boxes for name, camera in seen.items()}, keypoints=joints, fps=scene.options.fps,
-        association={"mode": mode}, scale=_scale(scene.options), **tables,  # type: ignore[arg-type]
+        association={"mode": mode}, scale=_scale(scene.options), **tables,
     )  # fmt: skip
 
 

@@ -15,7 +15,7 @@ from pages.page import table
 from passerby.association.ambiguity import AMBIGUOUS
 from passerby.calibration.calibration import Calibration
 from passerby.calibration.diagnostics.body_widths import MIN_BOXES, NARROWEST_M, WIDEST_M, body_widths
-from passerby.calibration.diagnostics.covisibility import LEAST_FOUND, people_missed
+from passerby.calibration.diagnostics.covisibility import LEAST_FOUND, LEAST_SHARED, by_camera, people_missed, share_found
 from passerby.calibration.diagnostics.ground_planarity import HARMFUL_M, STEEP_DEG, STEEP_SIGMAS
 from passerby.calibration.diagnostics.verdict import placed_people
 from passerby.common.errors import InputError
@@ -58,6 +58,11 @@ FIGURES: Mapping[str, Figure] = MappingProxyType({
         LEAST_FOUND, "LEAST_FOUND in `calibration/diagnostics/covisibility.py`",
         "of the people whom one camera sees and another one should, those that it does see, beyond chance; the worst pair",
         "people_missed", True, (0.1, 0.2, 0.28, 0.35, 0.4, 0.5, 0.6),
+    ),
+    "shared": Figure(
+        LEAST_SHARED, "LEAST_SHARED in `calibration/diagnostics/covisibility.py`",
+        "the same over all pairs of a camera, in both directions; the worst camera", "people_not_shared", True,
+        (0.3, 0.35, 0.4, 0.45, 0.5, 0.55, 0.6),
     ),
     "agreeing": Figure(
         LEAST_AGREEING, "LEAST_AGREEING in `solver/consistency.py`",
@@ -190,6 +195,7 @@ def _values(found: Calibration) -> dict[str, float]:
     sigmas = slope / ground.slope_sigma_deg if ground is not None and ground.slope_sigma_deg else math.nan
     return {
         "found": min((pair.share for pair in missed), default=math.nan),
+        "shared": min(map(share_found, by_camera(missed).values()), default=math.nan),
         "unsure": max(sigmas_mm, default=math.nan) / 1000,
         "agreeing": min(shares, default=math.nan),
         "rise": max(rises, default=0.0),

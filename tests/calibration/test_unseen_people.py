@@ -79,6 +79,25 @@ def test_a_camera_that_filmed_others_is_told(rig: Rig, walked: np.ndarray) -> No
     assert 0 < pair.by_chance < pair.due
 
 
+@pytest.mark.parametrize(("share", "codes"), [(0.15, ["people_missed"]), (0.4, ["people_not_shared"]), (0.65, [])])
+def test_a_camera_that_shares_too_few_people_is_told(rig: Rig, walked: np.ndarray, share: float, codes: list[str]) -> None:
+    """C2 films others for a while: each pair with it then shares about as much as all together."""
+    seen, others = seen_by(rig, walked), seen_by(rig, -walked[::-1])
+    boxes = [of["C2"].boxes for of in (seen, others)]
+    own = boxes[0].frame % 20 < 20 * share
+    mixed = replace(boxes[0], ltwh=np.where(own[:, None], boxes[0].ltwh, boxes[1].ltwh))
+    seen = replace(seen, cameras={**seen.cameras, "C2": CameraObservations(mixed)})
+    doubts = doubts_of_missed(rig, seen)
+    assert [doubt.code for doubt in doubts] == codes
+    if codes == ["people_not_shared"]:
+        pairs = [pair for pair in people_missed(rig, seen) if "C2" in (pair.sees, pair.should)]
+        assert len(pairs) == 4
+        assert doubts[0].cameras == ("C2",)
+        due = sum(pair.due for pair in pairs)
+        by_hand = {"found": sum(pair.found for pair in pairs) / due, "by_chance": sum(pair.by_chance for pair in pairs) / due}
+        assert doubts[0].values == by_hand
+
+
 @pytest.mark.parametrize(("beyond_px", "due"), [(1, 0), (4, 200)])
 def test_whoever_stands_at_the_border_need_not_be_found(rig: Rig, beyond_px: int, due: int) -> None:
     """Within a quarter of the height that is expected, and three pixels."""

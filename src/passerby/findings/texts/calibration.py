@@ -134,6 +134,13 @@ CALIBRATION: Mapping[str, Kind] = {
         "check whether one of the two films a screen, a mirror or another place, whether its intrinsics are right, and "
         "whether the ground is flat",
     ),
+    "people_not_shared": Kind(
+        DOUBT, "The camera and the others see too few of the people whom they should both see.",
+        "of the people whom camera {camera} and another one should both see, only {found:.0%} are seen by both, and "
+        "{by_chance:.0%} would match by chance",
+        "record longer, and check whether it films a screen, a mirror or another place, whether its intrinsics are right, and "
+        "whether the ground is flat",
+    ),
     "pointed_person_unmatched": Kind(
         NOTICE, "A person at whom the scene file points was not identified in any other camera.",
         "[[scale.people]] {number}: the person at [{at[0]:g}, {at[1]:g}] in camera {camera} in frame {frame} was not "

@@ -150,8 +150,8 @@ def _refuse_lost(path: str | Path, rig: Rig) -> None:
         if camera.pose is not None and not np.abs(camera.pose.t_cw).max() < FARTHEST_M:
             translation = shortened(camera.pose.t_cw.tolist())
             raise InputError(
-                f"{path}: camera {shortened_text(camera.name)}: the translation of its pose is {translation} m: correct its pose, "
-                "or the unit"
+                f"{path}: camera {shortened_text(camera.name)}: the translation of its pose is {translation} m: correct "
+                "its pose, or the unit"
             )
 
 
