@@ -15,7 +15,7 @@ from pages.page import table
 from passerby.association.ambiguity import AMBIGUOUS
 from passerby.calibration.calibration import Calibration
 from passerby.calibration.diagnostics.body_widths import MIN_BOXES, NARROWEST_M, WIDEST_M, body_widths
-from passerby.calibration.diagnostics.covisibility import LEAST_FOUND, LEAST_SHARED, by_camera, people_missed, share_found
+from passerby.calibration.diagnostics.covisibility import LEAST_FOUND, LEAST_SHARED, least_shared, people_missed
 from passerby.calibration.diagnostics.ground_planarity import HARMFUL_M, STEEP_DEG, STEEP_SIGMAS
 from passerby.calibration.diagnostics.verdict import placed_people
 from passerby.common.errors import InputError
@@ -61,8 +61,8 @@ FIGURES: Mapping[str, Figure] = MappingProxyType({
     ),
     "shared": Figure(
         LEAST_SHARED, "LEAST_SHARED in `calibration/diagnostics/covisibility.py`",
-        "the same over all pairs of a camera, in both directions; the worst camera", "people_not_shared", True,
-        (0.3, 0.35, 0.4, 0.45, 0.5, 0.55, 0.6),
+        "the same over all pairs of a camera, as a share of that over all pairs of the others; the worst camera", "people_not_shared", True,
+        (0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9),
     ),
     "agreeing": Figure(
         LEAST_AGREEING, "LEAST_AGREEING in `solver/consistency.py`",
@@ -195,7 +195,7 @@ def _values(found: Calibration) -> dict[str, float]:
     sigmas = slope / ground.slope_sigma_deg if ground is not None and ground.slope_sigma_deg else math.nan
     return {
         "found": min((pair.share for pair in missed), default=math.nan),
-        "shared": min(map(share_found, by_camera(missed).values()), default=math.nan),
+        "shared": math.nan if (least := least_shared(missed)) is None else least[1],
         "unsure": max(sigmas_mm, default=math.nan) / 1000,
         "agreeing": min(shares, default=math.nan),
         "rise": max(rises, default=0.0),

@@ -32,9 +32,9 @@ LEAST_FOUND = 0.28
 are 15 pixels high, 0.32 and 0.46 in videos whose background detector misses many; wrong ones that nothing else tells: a screen
 0.32, focal lengths 20 % too long in all cameras -0.1, stairs 0.13. Boxes that are off by 20 % of their height fall to 0.1,
 though their rig is right to 0.24 m and 1.8 degrees. What other limits would do: docs/results/limits.md."""
-LEAST_SHARED = 0.5
-"""The same over all pairs of a camera, in both directions: more people, and so less of it by chance. Right rigs of 80 ordinary
-scenes have 0.58 to 0.99 in the worst of their cameras (docs/results/limits.md)."""
+LEAST_SHARED = 0.7
+"""Of what is found over all pairs of a camera, as a share of what is found over all pairs of the others: detectors miss people in
+all cameras alike, wrong identities place one of them (docs/results/limits.md)."""
 BODY_M, MIDDLE_M = 1.75, 0.88
 FOOT_SHARE = 0.04
 """A foot's edge is off by this share of the box's height, which along the ground is far where the camera is low."""
@@ -64,18 +64,28 @@ class Missed:
 def share_found(missed: Sequence[Missed]) -> float:
     """What is found of what chance does not find, over some pairs of cameras together; 1 where nothing can be said."""
     due, found, by_chance = _sums(missed)
-    if due < MIN_DUE or due - by_chance < MIN_BEYOND_CHANCE:
-        return 1.0
-    return (found - by_chance) / (due - by_chance)
+    return (found - by_chance) / (due - by_chance) if _says(missed) else 1.0
 
 
-def by_camera(missed: Sequence[Missed]) -> dict[str, list[Missed]]:
-    """The pairs that each camera is one of, in both directions."""
-    out = dict[str, list[Missed]]()
-    for pair in missed:
-        out.setdefault(pair.sees, []).append(pair)
-        out.setdefault(pair.should, []).append(pair)
-    return out
+def least_shared(missed: Sequence[Missed]) -> tuple[str, float] | None:
+    """The camera of whose people the others find the least, and of theirs it, as a share of what the others find of each other.
+
+    None where nothing can be said: of fewer than three cameras, or where the others find hardly anybody.
+    """
+    shares = dict[str, float]()
+    for name in {one.sees for one in missed} | {one.should for one in missed}:
+        own, others = [], []
+        for pair in missed:
+            (own if name in (pair.sees, pair.should) else others).append(pair)
+        if _says(own) and _says(others) and (among := share_found(others)) > LEAST_FOUND:
+            shares[name] = share_found(own) / among
+    return min(sorted(shares.items()), key=lambda item: item[1], default=None)
+
+
+def _says(missed: Sequence[Missed]) -> bool:
+    """Whether enough people are due."""
+    due, _, by_chance = _sums(missed)
+    return due >= MIN_DUE and due - by_chance >= MIN_BEYOND_CHANCE
 
 
 def _sums(missed: Sequence[Missed]) -> tuple[int, int, int]:
@@ -86,7 +96,7 @@ def _sums(missed: Sequence[Missed]) -> tuple[int, int, int]:
 def doubts_of_missed(rig: Rig, observations: Observations, unrecorded: Mapping[str, Ints] | None = None) -> list[Finding]:
     """A doubt about the pair of cameras of which the second misses most of whom it should see, if it misses nearly all.
 
-    Where there is none, one about the camera that shares too few people with all others together.
+    Where there is none, one about the camera that shares far fewer people with the others than these do with each other.
     """
     missed = people_missed(rig, observations, unrecorded)
     if not missed:
@@ -95,11 +105,12 @@ def doubts_of_missed(rig: Rig, observations: Observations, unrecorded: Mapping[s
     if worst.share < LEAST_FOUND:
         found, by_chance = worst.found / worst.due, worst.by_chance / worst.due
         return [doubt("people_missed", worst.sees, worst.should, found=found, by_chance=by_chance)]
-    camera, pairs = min(by_camera(missed).items(), key=lambda item: share_found(item[1]))
-    if share_found(pairs) < LEAST_SHARED:
-        due, found, by_chance = _sums(pairs)
-        return [doubt("people_not_shared", camera, found=found / due, by_chance=by_chance / due)]
-    return []
+    least = least_shared(missed)
+    if least is None or least[1] >= LEAST_SHARED:
+        return []
+    own = [pair for pair in missed if least[0] in (pair.sees, pair.should)]
+    others = [pair for pair in missed if pair not in own]
+    return [doubt("people_not_shared", least[0], found=share_found(own), others=share_found(others))]
 
 
 def people_missed(rig: Rig, observations: Observations, unrecorded: Mapping[str, Ints] | None = None) -> list[Missed]:

@@ -135,11 +135,11 @@ CALIBRATION: Mapping[str, Kind] = {
         "whether the ground is flat",
     ),
     "people_not_shared": Kind(
-        DOUBT, "The camera and the others see too few of the people whom they should both see.",
-        "of the people whom camera {camera} and another one should both see, only {found:.0%} are seen by both, and "
-        "{by_chance:.0%} would match by chance",
-        "record longer, and check whether it films a screen, a mirror or another place, whether its intrinsics are right, and "
-        "whether the ground is flat",
+        DOUBT, "The camera shares far fewer people with the others than these share with each other.",
+        "of the people whom camera {camera} and another one should both see, {found:.0%} are seen by both, beyond chance; of "
+        "those whom two others should both see, {others:.0%}",
+        "record longer, and check whether it films a screen, a mirror or another place, and whether its intrinsics and "
+        "identities are right",
     ),
     "pointed_person_unmatched": Kind(
         NOTICE, "A person at whom the scene file points was not identified in any other camera.",
