@@ -23,6 +23,7 @@ from pages.page import publish
 from pages.sections import Found, Heading, Section, SectionedPage, sections_on
 from reliability import (
     clock_figures,
+    effect_figures,
     held_out_figures,
     joint_figures,
     lens_figures,
@@ -44,6 +45,7 @@ PARTS: Mapping[str, ModuleType] = MappingProxyType({
     "statures": stature_figures,
     "unusual": unusual_figures,
     "joints": joint_figures,
+    "effects": effect_figures,
     "figures": verdict_figures,
 })  # fmt: skip
 """Each has cases by key for so many seeds, measures one, and makes a section of the page of their outcomes."""
@@ -56,6 +58,7 @@ HEADINGS: Mapping[str, Heading] = {
     "statures": Heading("How tall people are, and look"),
     "unusual": Heading("Unusual people"),
     "joints": Heading("Joints of little confidence"),
+    "effects": Heading("Errors that last"),
     "figures": Heading("Figures of the verdict"),
 }
 

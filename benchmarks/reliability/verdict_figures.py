@@ -61,8 +61,8 @@ FIGURES: Mapping[str, Figure] = MappingProxyType({
     ),
     "shared": Figure(
         LEAST_SHARED, "LEAST_SHARED in `calibration/diagnostics/covisibility.py`",
-        "the same over all pairs of a camera, as a share of that over all pairs of the others; the worst camera", "people_not_shared", True,
-        (0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9),
+        "the same over all pairs of a camera, as a share of that over all pairs of the others; the worst camera",
+        "people_not_shared", True, (0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9),
     ),
     "agreeing": Figure(
         LEAST_AGREEING, "LEAST_AGREEING in `solver/consistency.py`",

@@ -31,6 +31,10 @@ OUTLYING, LEAST_REDUNDANCY, LEAST_STANCE = 3.0, 0.25, 0.1
 """Of the noise of feet and standing heights, in units of the noise given: residuals count as this large at most, the redundancy
 as no smaller, and the noise learnt as no smaller."""
 
+USUAL_EFFECT, USUAL_COUNTS = 2.2, 10.0
+"""The design effect of most recordings that are long enough to show it, and for how many sums over stretches it counts: the
+fit itself takes up what few stretches have in common (docs/results/limits.md)."""
+
 MODEL_EXCESS = 1.4
 """Factor on the design effect for what no stretch shows; fitted together with what is systematic (`systematic.SIGMAS`)."""
 
@@ -248,7 +252,8 @@ def design_effect(model: AdjustmentProblem, evidence: Evidence, terms: list[Term
     """How many times less the residuals tell than as many independent ones would (the design effect).
 
     A person's gait, clothes and posture shift the boxes of one camera alike for a while. The variance of the sums over such
-    stretches, against that of single residuals, measures it (Kish 1965); 1 where all are independent.
+    stretches, against that of single residuals, measures it (Kish 1965); 1 where all are independent. Few stretches show little
+    of it, because cameras and people are fitted to them: the usual one counts there (`USUAL_EFFECT`).
     """
     s = model.problem.sightings
     if len(s) == 0:
@@ -257,7 +262,19 @@ def design_effect(model: AdjustmentProblem, evidence: Evidence, terms: list[Term
     blocks = model.blocks[s.block]
     stretch = instant[blocks] // CHUNK_INSTANTS
     key = np.column_stack([s.camera, evidence.person[blocks], stretch])
-    return MODEL_EXCESS * max(1.0, max(_design_effect(term, key) for term in terms[:2]))
+    seen = max(1.0, max(_design_effect(term, key) for term in terms[:2]))
+    left = sums_left(key)
+    return MODEL_EXCESS * (left * seen + USUAL_COUNTS * USUAL_EFFECT) / (left + USUAL_COUNTS)
+
+
+def sums_left(key: Ints) -> int:
+    """How many sums over stretches the fit leaves: two for each, less two for each place of a person, and six for each camera.
+
+    Args:
+        key: (M, 3) of each sighting: the camera, the person and the stretch of time.
+    """
+    stretches, places, cameras = (len(np.unique(some, axis=0)) for some in (key, key[:, 1:], key[:, 0]))
+    return max(2 * stretches - 2 * places - 6 * cameras, 0)
 
 
 def joint_design_effect(model: AdjustmentProblem, evidence: Evidence, terms: Sequence[Term]) -> float | None:
