@@ -19,7 +19,7 @@ from passerby.solver.initialisation import Initialisation, refine_in_stages, sel
 from passerby.solver.people import PeopleOptions
 from passerby.solver.people_state import AdjustmentState
 from passerby.solver.person_model import PeopleProblem
-from passerby.solver.uncertainty import RigCovariance, rig_covariance
+from passerby.solver.uncertainty import MODEL_EXCESS, USUAL_EFFECT, RigCovariance, design_effect, rig_covariance, sums_left
 from support.scenes.people_and_rigs import part, simulated, solve, without_poses
 
 QUICK = PeopleOptions(coarse_people=100)
@@ -96,6 +96,29 @@ def some(observations: Observations, identities: int, frames: int = 10**9) -> Ob
         boxes = camera.boxes
         seen[name] = CameraObservations(boxes.take((boxes.identity <= identities) & (boxes.frame <= frames)))
     return Observations(seen, observations.fps)
+
+
+def test_sums_that_places_and_cameras_take_up_are_not_left() -> None:
+    """Three cameras see two people for four stretches: 48 sums, 16 of which are places and 18 cameras."""
+    every = np.array([(camera, person, stretch) for camera in range(3) for person in range(2) for stretch in range(4)])
+    assert sums_left(np.repeat(every, 5, axis=0)) == 48 - 16 - 18
+    assert sums_left(every[every[:, 2] == 0]) == 0
+    assert sums_left(every[:0]) == 0
+
+
+def test_a_short_recording_counts_with_the_usual_design_effect_and_a_long_one_with_its_own() -> None:
+    truth = simulated("terrace", seconds=30.0)
+    effects = []
+    for frames in (30, 300):
+        seen = some(truth.observations, 4, frames)
+        rng = np.random.default_rng(0)
+        start = Initialisation.prepare(without_poses(truth.rig), seen, ScaleCues(), QUICK, rng)
+        fit = refine_in_stages(start, select_initial_rig(start, QUICK, rng).state, QUICK, rng)
+        terms = fit.model.problem.terms(fit.result.state, jacobians=False)
+        effects.append(design_effect(fit.model, start.evidence, terms) / MODEL_EXCESS)
+    assert effects[0] == pytest.approx(USUAL_EFFECT)
+    assert 1.0 < effects[1]
+    assert effects[1] != pytest.approx(USUAL_EFFECT, rel=0.02)
 
 
 def typical_sigma(solution: Solution) -> float:
