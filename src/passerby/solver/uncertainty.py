@@ -31,7 +31,7 @@ OUTLYING, LEAST_REDUNDANCY, LEAST_STANCE = 3.0, 0.25, 0.1
 """Of the noise of feet and standing heights, in units of the noise given: residuals count as this large at most, the redundancy
 as no smaller, and the noise learnt as no smaller."""
 
-USUAL_EFFECT, USUAL_COUNTS = 2.2, 10.0
+USUAL_EFFECT, USUAL_COUNTS = 2.6, 10.0
 """The design effect of most recordings that are long enough to show it, and for how many sums over stretches it counts: the
 fit itself takes up what few stretches have in common (docs/results/limits.md)."""
 
