@@ -32,7 +32,7 @@ import numpy as np
 
 from passerby.common.arrays import Floats
 from passerby.common.errors import InputError
-from passerby.common.text import shortened
+from passerby.common.text import shortened, shortened_text
 from passerby.core.cameras import Camera, Lens, Pose
 from passerby.interchange.storage.faults import read_text
 from passerby.interchange.storage.safe_parsing import NotParsed, parse_xml
@@ -134,7 +134,7 @@ class TsaiCamera:
         try:
             return Camera(name, self.lens(size), self.pose)
         except InputError as error:
-            raise InputError(f"camera {name}: {error}") from None
+            raise InputError(f"camera {shortened_text(name)}: {error}") from None
 
 
 def fitted_distortions(kappa: float, radius: float, focal_px: float, place: str = "lens") -> tuple[Floats, float]:
@@ -256,7 +256,7 @@ def read_tsai_cameras(path: str | Path) -> dict[str, TsaiCamera]:
     for number, element in enumerate(elements, start=1):
         name = element.get("name") or (path.stem if len(elements) == 1 else f"{path.stem}_{number}")
         if name in cameras:
-            raise InputError(f"{path}: two cameras are called {name}: give them different names")
+            raise InputError(f"{path}: two cameras are called {shortened_text(name)}: give them different names")
         cameras[name] = _tsai_camera(path, element)
     return cameras
 

@@ -207,3 +207,12 @@ def test_a_lens_of_no_number_in_a_binary_file_is_told(tmp_path):
     write_binary_model(tmp_path, "PINHOLE", (float("nan"), 1010.0, 640.5, 360.25))
     with pytest.raises(InputError, match=r"cameras\.bin: camera 7: parameters \(nan, .*: finite numbers are needed"):
         read_rig_as("colmap-bin", tmp_path)
+
+
+def test_a_name_of_many_words_is_not_shown_at_length(tmp_path):
+    write_text_model(tmp_path, "PINHOLE", EXACT["PINHOLE"][0])
+    (tmp_path / "cameras.txt").write_text("8 PINHOLE 1280 720 1 2 3 4\n")
+    (tmp_path / "images.txt").write_text(f"1 1 0 0 0 0 0 0 7 {'- ' * 400}C1.png\n\n")
+    with pytest.raises(InputError, match=r"image (- )+.*\.\.\. is of camera 7") as told:
+        read_rig_as("colmap", tmp_path)
+    assert len(str(told.value)) < len(str(tmp_path)) + 200

@@ -33,9 +33,9 @@ are 15 pixels high, 0.32 and 0.46 in videos whose background detector misses man
 0.32, focal lengths 20 % too long in all cameras -0.1, stairs 0.13. Boxes that are off by 20 % of their height fall to 0.1,
 though their rig is right to 0.24 m and 1.8 degrees. What other limits would do: docs/results/limits.md."""
 LEAST_SHARED = 0.5
-"""Of what is found over all pairs of a camera, as a share of what is found over all pairs of the others: detectors miss people in
-all cameras alike, wrong identities place one of them. Right rigs of 80 ordinary scenes have 0.77 or more in their worst camera
-(docs/results/limits.md), those of 18 rendered films, whose background detector misses many, 0.54 or more."""
+"""Of what is found over all pairs of a camera, as a share of what is found over all pairs of the others: detectors miss people
+in all cameras alike, wrong identities place one of them. Right rigs of 80 ordinary scenes have 0.77 or more in their worst
+camera (docs/results/limits.md), those of 18 rendered films, whose background detector misses many, 0.54 or more."""
 BODY_M, MIDDLE_M = 1.75, 0.88
 FOOT_SHARE = 0.04
 """A foot's edge is off by this share of the box's height, which along the ground is far where the camera is low."""

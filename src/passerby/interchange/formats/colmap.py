@@ -21,7 +21,7 @@ from scipy.spatial.transform import Rotation
 
 from passerby.common.arrays import Floats
 from passerby.common.errors import InputError
-from passerby.common.text import shortened
+from passerby.common.text import shortened, shortened_text
 from passerby.core.cameras import Camera, Lens, Pose, Rig
 from passerby.interchange.formats.colmap_files import ColmapCamera, ColmapImage, as_binary, as_text, read_model
 from passerby.interchange.formats.colmap_models import MODELS, WRITTEN, lens_of, nearest_to, parameters_of
@@ -81,7 +81,8 @@ def _read(path: Path, given: Given, binary_first: bool) -> Rig:
     images = sorted(files.images, key=lambda image: image.number)
     for image in images:
         if image.camera not in known:
-            raise InputError(f"{folder}: image {image.name} is of camera {image.camera}, which is not in its cameras")
+            name = shortened_text(image.name)
+            raise InputError(f"{folder}: image {name} is of camera {image.camera}, which is not in its cameras")
     posed = [(image.camera, _pose(image, given.metres_per_unit or 1.0, folder)) for image in images]
     unseen = [(number, None) for number in sorted(known.keys() - {image.camera for image in images})]
     names = _names([image.name for image in images], [number for number, _ in unseen])
@@ -89,7 +90,7 @@ def _read(path: Path, given: Given, binary_first: bool) -> Rig:
     cameras = []
     for name, (number, pose) in zip(names, [*posed, *unseen], strict=True):
         if number not in lenses:
-            lenses[number] = _lens(known[number], given, f"{folder}: camera {name}", name)
+            lenses[number] = _lens(known[number], given, f"{folder}: camera {shortened_text(name)}", name)
         lens = lenses[number]
         if lens is not None:
             cameras.append(Camera(name, lens, pose))

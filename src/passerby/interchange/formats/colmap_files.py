@@ -14,7 +14,7 @@ from pathlib import Path
 
 from passerby.common.arrays import Floats
 from passerby.common.errors import InputError
-from passerby.common.text import shortened
+from passerby.common.text import shortened, shortened_text
 from passerby.interchange.formats.colmap_models import MODELS
 from passerby.interchange.storage.faults import read_text
 from passerby.interchange.storage.safe_parsing import file_bytes
@@ -237,6 +237,6 @@ def _binary_images(path: Path) -> tuple[ColmapImage, ...]:
         name = reader.text()
         reader.skip(24 * reader.whole("<Q")[0])
         if not all(map(math.isfinite, pose)):
-            raise InputError(f"{path}: image {name}: pose {pose}: finite numbers are needed")
+            raise InputError(f"{path}: image {shortened_text(name)}: pose {pose}: finite numbers are needed")
         images.append(ColmapImage(number, pose[:4], pose[4:], camera, name))
     return tuple(images)

@@ -29,7 +29,7 @@ import numpy as np
 
 from passerby.common.arrays import Floats
 from passerby.common.errors import InputError
-from passerby.common.text import shortened
+from passerby.common.text import shortened, shortened_text
 from passerby.core.cameras import Camera, Lens, Pose, Rig
 from passerby.interchange.formats.format import Format, Given
 from passerby.interchange.gathering import gathered_rig
@@ -60,8 +60,13 @@ def read(path: Path, given: Given) -> Rig:
     if not elements:
         raise InputError(f"{path}: holds no <camera>: a calibration of Qualisys Track Manager (.qca.txt) is needed here")
     names = [element.get("serial") or str(number) for number, element in enumerate(elements, start=1)]
-    cameras = zip(names, elements, strict=True)
-    return gathered_rig(path, ((f"camera {name}", partial(_camera, name, element, given)) for name, element in cameras))
+    return gathered_rig(
+        path,
+        (
+            (f"camera {shortened_text(name)}", partial(_camera, name, element, given))
+            for name, element in zip(names, elements, strict=True)
+        ),
+    )
 
 
 def _camera(name: str, element: ElementTree.Element, given: Given) -> Camera:

@@ -10,6 +10,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from passerby.common.errors import InputError
+from passerby.common.text import shortened_text
 from passerby.core.cameras import Camera, Pose, Rig
 from passerby.interchange.formats.format import Format, Given
 from passerby.interchange.tsai import METRES, is_tsai, read_tsai_cameras
@@ -30,7 +31,9 @@ def read(path: Path, given: Given) -> Rig:
     for file in files:
         for name, found in read_tsai_cameras(file).items():
             if name in cameras:
-                raise InputError(f"{file}: camera {name} is in another file of {path} too: give one of them another name")
+                raise InputError(
+                    f"{file}: camera {shortened_text(name)} is in another file of {path} too: give one of them another name"
+                )
             pose = found.pose
             cameras[name] = Camera(name, found.camera(name, given.size).lens, Pose(pose.R_cw, scale * pose.t_cw))
     return Rig(tuple(cameras.values()))
