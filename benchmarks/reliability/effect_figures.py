@@ -110,4 +110,4 @@ def _within(results: Sequence[Mapping[str, Any]], kind: str, effect: float) -> s
 def _errors(result: Mapping[str, Any], kind: str, effect: float) -> Floats:
     left, seen = result["left"], result["effect"]
     used, other = (left * seen + USUAL_COUNTS * usual for usual in (USUAL_EFFECT, effect))
-    return np.asarray(result["sigmas"][kind]) * np.sqrt(used / other)
+    return np.asarray(np.asarray(result["sigmas"][kind]) * np.sqrt(used / other))

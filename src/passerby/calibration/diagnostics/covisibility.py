@@ -75,12 +75,16 @@ def least_shared(missed: Sequence[Missed]) -> tuple[str, float] | None:
     """
     shares = dict[str, float]()
     for name in {one.sees for one in missed} | {one.should for one in missed}:
-        own, others = [], []
-        for pair in missed:
-            (own if name in (pair.sees, pair.should) else others).append(pair)
+        own, others = _apart(missed, name)
         if _says(own) and _says(others) and (among := share_found(others)) > LEAST_FOUND:
             shares[name] = share_found(own) / among
     return min(sorted(shares.items()), key=lambda item: item[1], default=None)
+
+
+def _apart(missed: Sequence[Missed], camera: str) -> tuple[list[Missed], list[Missed]]:
+    """The pairs that a camera is one of, and the others."""
+    own = [pair for pair in missed if camera in (pair.sees, pair.should)]
+    return own, [pair for pair in missed if camera not in (pair.sees, pair.should)]
 
 
 def _says(missed: Sequence[Missed]) -> bool:
@@ -109,8 +113,7 @@ def doubts_of_missed(rig: Rig, observations: Observations, unrecorded: Mapping[s
     least = least_shared(missed)
     if least is None or least[1] >= LEAST_SHARED:
         return []
-    own = [pair for pair in missed if least[0] in (pair.sees, pair.should)]
-    others = [pair for pair in missed if pair not in own]
+    own, others = _apart(missed, least[0])
     return [doubt("people_not_shared", least[0], found=share_found(own), others=share_found(others))]
 
 
