@@ -20,6 +20,9 @@ distortions = [0.1, 0.0, 0.0, 0.0, 0.0]
 POSE = "rotation = [0.1, 0.2, 0.3]\ntranslation = [1.0, 2.0, 3.0]\n"
 
 
+SIGMAS = "position_sigma_mm = 20\norientation_sigma_deg = 0.1\n"
+
+
 def write(tmp_path, text):
     path = tmp_path / "rig.toml"
     path.write_text(text)
@@ -95,6 +98,11 @@ def test_files_of_other_tools_are_opened(tmp_path, text):
         (f"[a]\nname = [1]\n{LENS}", r"\[a\]: name is \[1\]: give the camera's name in quotes"),
         (f"[a]\n{LENS}focal_sd_percent = 0", r"\[a\]: focal_sd_percent is 0: give a number above 0, up to"),
         (f"[a]\n{LENS}focal_sd_percent = 5000", r"\[a\]: focal_sd_percent is 5000: .* or delete it"),
+        (f"[a]\n{LENS}position_sigma_mm = -1", r"\[a\]: position_sigma_mm is -1: give a number from 0 on"),
+        (f"[a]\n{LENS}orientation_sigma_deg = -0.1", r"\[a\]: orientation_sigma_deg is -0.1: give a number"),
+        (f"[a]\n{LENS}{SIGMAS}covariance = {np.arange(36).reshape(6, 6).tolist()}", r"\[a\]: covariance is not symmetric"),
+        (f"[a]\n{LENS}{SIGMAS}covariance = {(1e300 * np.eye(6)).tolist()}", r"\[a\]: covariance is .* larger than any"),
+        (f"[a]\n{LENS}{SIGMAS}covariance = {np.diag([1, 1, 1, 1, 1, -1]).tolist()}", r"covariance has a variance below 0"),
     ],
 )
 def test_a_fault_names_file_table_value_and_mend(tmp_path, text, told):
@@ -120,7 +128,7 @@ vectors = st.tuples(finite, finite, finite)
 @given(vectors, vectors, st.sampled_from([0, 4, 5, 8, 12, 14]), st.booleans())
 def test_round_trip(tmp_path_factory, turn, shift, count, with_sigma):
     lens = Lens((640, 480), np.array([[500.0, 0, 320], [0, 510, 240], [0, 0, 1]]), np.linspace(-0.1, 0.1, count))
-    sigma = PoseSigma(0.0123, 0.45, np.arange(36.0).reshape(6, 6)) if with_sigma else None
+    sigma = PoseSigma(0.0123, 0.45, 40 * np.eye(6) + np.add.outer(np.arange(6.0), np.arange(6.0))) if with_sigma else None
     posed = Camera("a b.c", lens, Pose(Rotation.from_rotvec(turn).as_matrix(), shift), sigma)
     fisheye = Camera("2", Lens((640, 480), lens.matrix, np.array([0.1, 0, 0, 0]), fisheye=True))
     path = tmp_path_factory.mktemp("rig") / "rig.toml"

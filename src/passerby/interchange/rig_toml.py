@@ -38,6 +38,8 @@ RIG_FORMAT = 1
 RIG = "a rig file (TOML)"
 FOCAL_SD = "focal_sd_percent"
 UNCALIBRATED = "uncalibrated"
+ROUNDING, LARGEST_VARIANCE = 1e-3, 1e12
+"""Of a covariance, the first as a share of its largest number: other tools round to a few digits."""
 UNFILLED = ("FX", "FY", "CX", "CY")
 """What `passerby init` writes for numbers that it does not know."""
 
@@ -188,9 +190,23 @@ def _sigma(table: dict[str, Any]) -> PoseSigma | None:
         _numbers(table, key, (), "one number") if key in stated else np.inf
         for key in ("position_sigma_mm", "orientation_sigma_deg")
     )
-    covariance = _numbers(table, "covariance", (6, 6), "six rows of six numbers") if "covariance" in table else None
+    for key in stated:
+        if table[key] < 0:
+            raise InputError(f"{key} is {table[key]:g}: give a number from 0 on, or delete it")
+    covariance = _covariance(table) if "covariance" in table else None
     covariance = covariance if len(stated) == 2 else None
     return PoseSigma(float(position) / 1000, float(orientation), covariance)
+
+
+def _covariance(table: dict[str, Any]) -> Floats:
+    """The stated covariance: symmetric, and positive but for rounding."""
+    found = _numbers(table, "covariance", (6, 6), "six rows of six numbers")
+    most = float(np.abs(found).max())
+    if most > LARGEST_VARIANCE or np.abs(found - found.T).max() > ROUNDING * most:
+        raise InputError("covariance is not symmetric, or larger than any: delete it, or restore the file")
+    if np.linalg.eigvalsh(found)[0] < -ROUNDING * most:
+        raise InputError("covariance has a variance below 0 in some direction: delete it, or restore the file")
+    return found
 
 
 def _numbers(table: dict[str, Any], key: str, shape: tuple[int, ...], meaning: str) -> Floats:

@@ -272,11 +272,12 @@ def _taken_apart(place: str, projection: Floats, metres: float) -> tuple[Floats,
     triangle, R = rq(projection[:, :3])
     signs = np.sign(np.diag(triangle))
     triangle, R = triangle * signs, R * signs[:, None]
-    t = np.linalg.solve(triangle, projection[:, 3])
+    with np.errstate(over="ignore", invalid="ignore"):  # who reads the rig tells a camera that is nowhere
+        t = metres * np.linalg.solve(triangle, projection[:, 3])
     matrix = triangle / triangle[2, 2]
     if abs(matrix[0, 1]) < LEAST_SKEW_PX:
         matrix[0, 1] = 0.0
-    return matrix, Pose(np.asarray(R, dtype=np.float64), np.asarray(metres * t, dtype=np.float64))
+    return matrix, Pose(np.asarray(R, dtype=np.float64), np.asarray(t, dtype=np.float64))
 
 
 def _lens(place: str, size: tuple[int, int], matrix: Floats) -> Lens:
