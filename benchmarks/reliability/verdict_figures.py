@@ -19,7 +19,9 @@ from passerby.calibration.diagnostics.covisibility import LEAST_FOUND, LEAST_SHA
 from passerby.calibration.diagnostics.ground_planarity import HARMFUL_M, STEEP_DEG, STEEP_SIGMAS
 from passerby.calibration.diagnostics.verdict import placed_people
 from passerby.common.errors import InputError
+from passerby.core.cameras import Rig
 from passerby.core.figures import AdjustedFigures
+from passerby.simulation import simulate
 from passerby.solver import findings
 from passerby.solver.consistency import LEAST_AGREEING, MOST_CHANGE, JointConsistency
 from passerby.solver.findings import MAX_POSITION_M
@@ -27,11 +29,12 @@ from passerby.solver.lens_check import FAR_CHANGE, FAR_SIGMAS
 from reliability.hostile import HOSTILE
 from reliability.judging import calibrated, errors_of
 from reliability.ordinary import ordinary_scene
+from reliability.other_inputs import CALIBRATED, VIDEOS, drawn
 from reliability.overheard import overheard
 
-ORDINARY_SEED, HOSTILE_SEED = 940_000, 941_000
+ORDINARY_SEED, HOSTILE_SEED, FILM_SEED = 940_000, 941_000, 961_000
 """The first ones; no page of results uses them."""
-ORDINARY = "ordinary"
+ORDINARY, FILM = "ordinary", "film"
 
 
 @dataclass(frozen=True)
@@ -125,7 +128,7 @@ class Judged:
     """One scene."""
 
     case: str
-    """`ORDINARY` or the name of a hostile case."""
+    """`ORDINARY`, `FILM` or the name of a hostile case."""
     wrong: bool
     """Whether a camera is off by more than may be accepted."""
     codes: tuple[str, ...]
@@ -135,8 +138,9 @@ class Judged:
 
 
 def cases(seeds: int) -> dict[str, tuple[str, int]]:
-    """Ordinary scenes, twenty for each seed, and each hostile case once for every four, by key."""
+    """Ordinary scenes, twenty for each seed, five films, and each hostile case once for every four, by key."""
     ordinary = [(ORDINARY, seed) for seed in range(ORDINARY_SEED, ORDINARY_SEED + 20 * seeds)]
+    ordinary += [(FILM, seed) for seed in range(FILM_SEED, FILM_SEED + 5 * seeds)]
     hostile = [(name, HOSTILE_SEED + k) for k in range(max(1, seeds // 4)) for name in HOSTILE]
     return {f"{name} {seed}": (name, seed) for name, seed in ordinary + hostile}
 
@@ -149,20 +153,26 @@ def measure(case: tuple[str, int]) -> dict[str, Any]:
 
 def judged(case: tuple[str, int]) -> Judged | None:
     """The same with its types."""
-    name, seed = case
-    scene = ordinary_scene(seed) if name == ORDINARY else HOSTILE[name][1](seed)
     try:
         with overheard(findings, "joint_consistency") as agreeing:
-            found = calibrated(scene)
+            found, truths = _calibrated(*case)
     except InputError:
         return None
-    truths = [scene.truth] if scene.later is None else [scene.truth, scene.later]
     errors = [one for truth in truths if (one := errors_of(found.rig, truth)) is not None]
     if not errors:
         return None
     codes = tuple(one.code for one in found.doubts)
     values = _values(found) | {"change": _change(agreeing)}
-    return Judged(name, any(one.wrong for one in errors), codes, values)
+    return Judged(case[0], any(one.wrong for one in errors), codes, values)
+
+
+def _calibrated(name: str, seed: int) -> tuple[Calibration, list[Rig]]:
+    """A case calibrated, and what is true of it, at the beginning and, where that is another thing, later."""
+    if name == FILM:
+        filmed = simulate(drawn(VIDEOS, seed))
+        return CALIBRATED[VIDEOS](filmed, seed)[0], [filmed.rig]
+    scene = ordinary_scene(seed) if name == ORDINARY else HOSTILE[name][1](seed)
+    return calibrated(scene), [scene.truth] if scene.later is None else [scene.truth, scene.later]
 
 
 def _values(found: Calibration) -> dict[str, float]:
@@ -234,7 +244,8 @@ def section(outcomes: Outcomes, _: Mapping[str, Any]) -> str:
     results = [Judged(**one) for one in outcomes.values() if one]
     kinds = {
         "ordinary scenes, right": [one for one in results if one.case == ORDINARY and not one.wrong],
-        "hostile cases, right": [one for one in results if one.case != ORDINARY and not one.wrong],
+        "rendered films, right": [one for one in results if one.case == FILM and not one.wrong],
+        "hostile cases, right": [one for one in results if one.case not in (ORDINARY, FILM) and not one.wrong],
         "wrong rigs": [one for one in results if one.wrong],
     }
     parts = [_HEAD]
@@ -267,6 +278,7 @@ def _share(figure: Figure, name: str, some: Sequence[Judged], limit: float) -> s
     return f"{beyond} of {len(known)}"
 
 
-_HEAD = f"""Ordinary scenes, seeds from {ORDINARY_SEED}, and the [hostile cases](../reliability.md) on another seed,
-{HOSTILE_SEED}. *wrong*: a camera is off by more than may be accepted. The limit in force is bold. A limit should speak against
-no right rig of an ordinary scene, and against the wrong rigs that nothing else tells."""
+_HEAD = f"""Ordinary scenes, seeds from {ORDINARY_SEED}; rendered films in which people are detected by background subtraction,
+from {FILM_SEED}; and the [hostile cases](../reliability.md) on another seed, {HOSTILE_SEED}. *wrong*: a camera is off by more
+than may be accepted. The limit in force is bold. A limit should speak against no right rig of an ordinary scene or film, and
+against the wrong rigs that nothing else tells."""
