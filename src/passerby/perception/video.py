@@ -112,8 +112,17 @@ class VideoReader:
             last_tick = tick
             if number > self.after:
                 yielded += 1
-                yield Frame(number, seconds, picture())
+                yield Frame(number, seconds, self._shown(number, picture))
         self.decoded = file.summary(yielded) if reading is None else reading.summary(yielded)
+
+    def _shown(self, number: int, picture: Callable[[], Picture]) -> Picture:
+        """A picture. Raises `InputError` where a damaged header has it in a format of pixels that is none."""
+        try:
+            return picture()
+        except FFmpegError as error:
+            raise InputError(
+                f"{self.info.path}: picture {number} cannot be converted ({error.strerror}): copy or encode the video again"
+            ) from None
 
     def _chooser(self) -> IsWanted:
         """What tells of each picture in turn, before it is decoded, whether it will be chosen."""

@@ -223,7 +223,11 @@ def camera_of_sequence(folder: Path) -> TrackedCamera:
     except configparser.Error as error:
         raise InputError(f"{folder / SEQUENCE}: is not a description of a sequence: {str(error).splitlines()[0]}") from None
     pictures = folder / parser.get("Sequence", "imDir", fallback="img1")
-    if not pictures.is_dir():
+    try:
+        found = pictures.is_dir()
+    except OSError:  # a name that no file can have
+        found = False
+    if not found:
         raise InputError(f"{pictures}: no such folder: the frames of the sequence are needed there")
     boxes, hidden = _read_truth(folder / "gt" / "gt.txt")
     return TrackedCamera(parser.get("Sequence", "name", fallback=folder.name), pictures, boxes, hidden)
