@@ -186,6 +186,8 @@ def broken(tmp_path: Path, what: str) -> Path:
         (msmt17(folder) / "list_gallery.txt").unlink()
     elif what == "line":
         (msmt17(folder) / "list_val.txt").write_text("0000/0000_000_01_0303morning_0015_0.jpg\n")
+    elif what == "number":
+        (msmt17(folder) / "list_val.txt").write_text(f"0000/0000_000_01_0303morning_0015_0.jpg {'9' * 5000}\n")
     elif what == "images of msmt17":
         shutil.rmtree(msmt17(folder) / "test")
     elif what == "nothing":
@@ -211,6 +213,7 @@ def broken(tmp_path: Path, what: str) -> Path:
         ("nobody in gallery", "set: nobody of the query is in the gallery, seen by another camera"),
         ("list", "list_gallery.txt: no such file"),
         ("line", "list_val.txt: line 1: '0000/0000_000_01_0303morning_0015_0.jpg' is not an image and a person"),
+        ("number", "list_val.txt: line 1: '0000/0000_000_01_0303morning_0015_0.jpg 999"),
         ("images of msmt17", "train and test or mask_train_v2 and mask_test_v2 are needed"),
         ("nothing", "set: holds no images of people in a known layout: give Market-1501 .* a folder per identity"),
         ("all bad", "2 images that cannot be read: .* nothing is left to learn from"),

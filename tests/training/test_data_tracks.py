@@ -276,6 +276,13 @@ def test_what_is_wrong_is_told(tmp_path, what, message):
         read_data(folder, tmp_path / "cache")
 
 
+def test_a_folder_name_that_no_folder_can_have_is_told(tmp_path):
+    mot(tmp_path / "yard", mot_rows())
+    (tmp_path / "yard" / "seqinfo.ini").write_text(f"[Sequence]\nimDir={'i' * 5000}\n")
+    with pytest.raises(InputError, match=r"yard/iii+\.\.\.i+: no such folder"):
+        read_data(tmp_path / "yard", tmp_path / "cache")
+
+
 def test_what_cut_crops_refuses(tmp_path):
     video = film(tmp_path / "C1.mp4", count=3)
     box = np.array([[10.0, 10, 20, 50]] * 2)
