@@ -228,7 +228,7 @@ def camera_of_sequence(folder: Path) -> TrackedCamera:
     except OSError:  # a name that no file can have
         found = False
     if not found:
-        raise InputError(f"{pictures}: no such folder: the frames of the sequence are needed there")
+        raise InputError(f"{folder / SEQUENCE}: {pictures}: no such folder: the frames of the sequence are needed there")
     boxes, hidden = _read_truth(folder / "gt" / "gt.txt")
     return TrackedCamera(parser.get("Sequence", "name", fallback=folder.name), pictures, boxes, hidden)
 
