@@ -79,7 +79,8 @@ def key_picture(path: Path, second: float) -> tuple[float, Picture] | None:
         if frame is None:
             return None
         rotation = frame.rotation % 360 if frame.rotation % 90 == 0 else 0
-        return (_time(frame) or begin) - begin, upright(VideoReformatter(), frame, rotation)
+        picture = _upright(frame, rotation)
+        return None if picture is None else ((_time(frame) or begin) - begin, picture)
 
 
 def _in_pieces(info: VideoInfo, number: Ints, worth: Floats, most_pixels: float) -> Frame | None:
@@ -145,8 +146,17 @@ def _by_key_frame(info: VideoInfo, number: Ints, worth: Floats, best: int, most:
             if here > wanted:
                 return None
             if here == wanted and not frame.is_corrupt:
-                return Frame(here, time - origin, upright(VideoReformatter(), frame, info.rotation))
+                picture = _upright(frame, info.rotation)
+                return None if picture is None else Frame(here, time - origin, picture)
     return None
+
+
+def _upright(frame: VideoFrame, rotation: int) -> Picture | None:
+    """A picture, upright; None where a damaged header has it in a format of pixels that is none."""
+    try:
+        return upright(VideoReformatter(), frame, rotation)
+    except FFmpegError:
+        return None
 
 
 def _decoded(container: InputContainer, stream: VideoStream) -> Iterator[VideoFrame]:
