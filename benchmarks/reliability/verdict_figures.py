@@ -205,7 +205,7 @@ def _values(found: Calibration) -> dict[str, float]:
     sigmas = slope / ground.slope_sigma_deg if ground is not None and ground.slope_sigma_deg else math.nan
     return {
         "found": min((pair.share for pair in missed), default=math.nan),
-        "shared": math.nan if (least := least_shared(missed)) is None else least[1],
+        "shared": math.nan if (least := least_shared(missed)) is None else least.ratio,
         "unsure": max(sigmas_mm, default=math.nan) / 1000,
         "agreeing": min(shares, default=math.nan),
         "rise": max(rises, default=0.0),

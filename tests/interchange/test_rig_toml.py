@@ -101,8 +101,11 @@ def test_files_of_other_tools_are_opened(tmp_path, text):
         (f"[a]\n{LENS}position_sigma_mm = -1", r"\[a\]: position_sigma_mm is -1: give a number from 0 on"),
         (f"[a]\n{LENS}orientation_sigma_deg = -0.1", r"\[a\]: orientation_sigma_deg is -0.1: give a number"),
         (f"[a]\n{LENS}{SIGMAS}covariance = {np.arange(36).reshape(6, 6).tolist()}", r"\[a\]: covariance is not symmetric"),
-        (f"[a]\n{LENS}{SIGMAS}covariance = {(1e300 * np.eye(6)).tolist()}", r"\[a\]: covariance is .* larger than any"),
-        (f"[a]\n{LENS}{SIGMAS}covariance = {np.diag([1, 1, 1, 1, 1, -1]).tolist()}", r"covariance has a variance below 0"),
+        (f"[a]\n{LENS}{SIGMAS}covariance = {(1e300 * np.eye(6)).tolist()}", r"\[a\]: covariance has a value of 1e\+300"),
+        (
+            f"[a]\n{LENS}{SIGMAS}covariance = {np.diag([1, 1, 1, 1, 1, -1]).tolist()}",
+            r"covariance has a negative variance \(-1\)",
+        ),
     ],
 )
 def test_a_fault_names_file_table_value_and_mend(tmp_path, text, told):

@@ -14,12 +14,21 @@ from passerby.core.solution import Solution
 from passerby.evaluation.metrics import compare
 from passerby.geometry.rotations import exp_rotation, log_rotation
 from passerby.geometry.similarity import fit_plane_similarity
+from passerby.solver import uncertainty
 from passerby.solver.cues import POPULATION_BIAS
 from passerby.solver.initialisation import Initialisation, refine_in_stages, select_initial_rig
 from passerby.solver.people import PeopleOptions
 from passerby.solver.people_state import AdjustmentState
 from passerby.solver.person_model import PeopleProblem
-from passerby.solver.uncertainty import MODEL_EXCESS, USUAL_EFFECT, RigCovariance, design_effect, rig_covariance, sums_left
+from passerby.solver.uncertainty import (
+    MODEL_EXCESS,
+    USUAL_COUNTS,
+    USUAL_EFFECT,
+    RigCovariance,
+    design_effect,
+    rig_covariance,
+    sums_left,
+)
 from support.scenes.people_and_rigs import part, simulated, solve, without_poses
 
 QUICK = PeopleOptions(coarse_people=100)
@@ -106,19 +115,28 @@ def test_sums_that_places_and_cameras_take_up_are_not_left() -> None:
     assert sums_left(every[:0]) == 0
 
 
-def test_a_short_recording_counts_with_the_usual_design_effect_and_a_long_one_with_its_own() -> None:
+def test_the_usual_design_effect_counts_against_the_sums_that_are_left(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a short recording it is all that counts; of a long one it counts for as many sums as it is said to."""
     truth = simulated("terrace", seconds=30.0)
-    effects = []
+    other = USUAL_EFFECT + 1.0
+    shares = []
     for frames in (30, 300):
         seen = some(truth.observations, 4, frames)
         rng = np.random.default_rng(0)
         start = Initialisation.prepare(without_poses(truth.rig), seen, ScaleCues(), QUICK, rng)
         fit = refine_in_stages(start, select_initial_rig(start, QUICK, rng).state, QUICK, rng)
         terms = fit.model.problem.terms(fit.result.state, jacobians=False)
-        effects.append(design_effect(fit.model, start.evidence, terms) / MODEL_EXCESS)
-    assert effects[0] == pytest.approx(USUAL_EFFECT)
-    assert effects[1] > 1.0
-    assert effects[1] != pytest.approx(USUAL_EFFECT, rel=0.02)
+        effects = []
+        for usual in (USUAL_EFFECT, other):
+            monkeypatch.setattr(uncertainty, "USUAL_EFFECT", usual)
+            effects.append(design_effect(fit.model, start.evidence, terms) / MODEL_EXCESS)
+        shares.append(effects[1] - effects[0])
+        assert frames > 30 or effects == pytest.approx([USUAL_EFFECT, other])
+    left = USUAL_COUNTS / shares[1] - USUAL_COUNTS
+    assert shares[0] == pytest.approx(1.0)
+    assert left == pytest.approx(round(left), abs=1e-6)
+    # Four cameras, four people and eight stretches: fewer where somebody is out of view.
+    assert 50 < left <= 2 * 4 * 4 * 8 - 2 * 4 * 8 - 6 * 4
 
 
 def typical_sigma(solution: Solution) -> float:

@@ -199,13 +199,17 @@ def _sigma(table: dict[str, Any]) -> PoseSigma | None:
 
 
 def _covariance(table: dict[str, Any]) -> Floats:
-    """The stated covariance: symmetric, and positive but for rounding."""
+    """(6, 6) the stated covariance: symmetric and positive but for rounding. Raises `InputError` for one that is not."""
     found = _numbers(table, "covariance", (6, 6), "six rows of six numbers")
     most = float(np.abs(found).max())
-    if most > LARGEST_VARIANCE or np.abs(found - found.T).max() > ROUNDING * most:
-        raise InputError("covariance is not symmetric, or larger than any: delete it, or restore the file")
-    if np.linalg.eigvalsh(found)[0] < -ROUNDING * most:
-        raise InputError("covariance has a variance below 0 in some direction: delete it, or restore the file")
+    if most > LARGEST_VARIANCE:
+        raise InputError(f"covariance has a value of {most:g}: delete it, or restore the file")
+    skew = float(np.abs(found - found.T).max())
+    if skew > ROUNDING * most:
+        raise InputError(f"covariance is not symmetric (by {skew:g}): delete it, or restore the file")
+    least = float(np.linalg.eigvalsh(found)[0])
+    if least < -ROUNDING * most:
+        raise InputError(f"covariance has a negative variance ({least:g}): delete it, or restore the file")
     return found
 
 

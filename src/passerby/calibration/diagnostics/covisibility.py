@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -68,23 +69,32 @@ def share_found(missed: Sequence[Missed]) -> float:
     return (found - by_chance) / (due - by_chance) if _says(missed) else 1.0
 
 
-def least_shared(missed: Sequence[Missed]) -> tuple[str, float] | None:
-    """The camera of whose people the others find the least, and of theirs it, as a share of what the others find of each other.
+class Shared(NamedTuple):
+    """What a camera and the others find of the people whom both should detect, beyond chance."""
+
+    camera: str
+    found: float
+    others: float
+    """The same over all pairs of the others."""
+
+    @property
+    def ratio(self) -> float:
+        """Of what is found over the camera's pairs to what is found over those of the others."""
+        return self.found / self.others
+
+
+def least_shared(missed: Sequence[Missed]) -> Shared | None:
+    """The camera that shares the fewest people with the others, by how many these share with each other.
 
     None where nothing can be said: of fewer than three cameras, or where the others find hardly anybody.
     """
-    shares = dict[str, float]()
-    for name in {one.sees for one in missed} | {one.should for one in missed}:
-        own, others = _apart(missed, name)
-        if _says(own) and _says(others) and (among := share_found(others)) > LEAST_FOUND:
-            shares[name] = share_found(own) / among
-    return min(sorted(shares.items()), key=lambda item: item[1], default=None)
-
-
-def _apart(missed: Sequence[Missed], camera: str) -> tuple[list[Missed], list[Missed]]:
-    """The pairs that a camera is one of, and the others."""
-    own = [pair for pair in missed if camera in (pair.sees, pair.should)]
-    return own, [pair for pair in missed if camera not in (pair.sees, pair.should)]
+    shared = []
+    for name in sorted({one.sees for one in missed} | {one.should for one in missed}):
+        own = [pair for pair in missed if name in (pair.sees, pair.should)]
+        others = [pair for pair in missed if name not in (pair.sees, pair.should)]
+        if _says(own) and _says(others) and share_found(others) > LEAST_FOUND:
+            shared.append(Shared(name, share_found(own), share_found(others)))
+    return min(shared, key=lambda one: one.ratio, default=None)
 
 
 def _says(missed: Sequence[Missed]) -> bool:
@@ -111,10 +121,9 @@ def doubts_of_missed(rig: Rig, observations: Observations, unrecorded: Mapping[s
         found, by_chance = worst.found / worst.due, worst.by_chance / worst.due
         return [doubt("people_missed", worst.sees, worst.should, found=found, by_chance=by_chance)]
     least = least_shared(missed)
-    if least is None or least[1] >= LEAST_SHARED:
+    if least is None or least.ratio >= LEAST_SHARED:
         return []
-    own, others = _apart(missed, least[0])
-    return [doubt("people_not_shared", least[0], found=share_found(own), others=share_found(others))]
+    return [doubt("people_not_shared", least.camera, found=least.found, others=least.others)]
 
 
 def people_missed(rig: Rig, observations: Observations, unrecorded: Mapping[str, Ints] | None = None) -> list[Missed]:

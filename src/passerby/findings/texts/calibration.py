@@ -136,8 +136,8 @@ CALIBRATION: Mapping[str, Kind] = {
     ),
     "people_not_shared": Kind(
         DOUBT, "The camera shares far fewer people with the others than these share with each other.",
-        "of the people whom camera {camera} and another one should both see, {found:.0%} are seen by both, beyond chance; of "
-        "those whom two others should both see, {others:.0%}",
+        "camera {camera} shares only {found:.0%} of the people that it and the other cameras should both detect, but the "
+        "others share {others:.0%} with each other (matches by chance excluded)",
         "record longer, and check whether it films a screen, a mirror or another place, and whether its intrinsics and "
         "identities are right",
     ),

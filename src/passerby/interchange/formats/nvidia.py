@@ -272,7 +272,7 @@ def _taken_apart(place: str, projection: Floats, metres: float) -> tuple[Floats,
     triangle, R = rq(projection[:, :3])
     signs = np.sign(np.diag(triangle))
     triangle, R = triangle * signs, R * signs[:, None]
-    with np.errstate(over="ignore", invalid="ignore"):  # who reads the rig tells a camera that is nowhere
+    with np.errstate(over="ignore", invalid="ignore"):  # `read_rig_as` refuses a pose that is not finite
         t = metres * np.linalg.solve(triangle, projection[:, 3])
     matrix = triangle / triangle[2, 2]
     if abs(matrix[0, 1]) < LEAST_SKEW_PX:

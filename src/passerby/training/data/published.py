@@ -22,7 +22,7 @@ MARKET_JUNK, MARKET_DISTRACTOR = "-1", "0000"
 
 MSMT17_LISTS = {"train": ("list_train.txt", "list_val.txt"), "query": ("list_query.txt",), "gallery": ("list_gallery.txt",)}
 MSMT17_VERSIONS = (("train", "test"), ("mask_train_v2", "mask_test_v2"))
-MOST_DIGITS = 18
+MSMT17_DIGITS = 18
 """Of a person's number."""
 MSMT17_CAMERA = re.compile(r"[^_]+_[^_]+_([^_]+)_")
 """0000_000_01_0303morning_0015_0.jpg: the third field is the camera."""
@@ -100,7 +100,7 @@ def _listed(file: Path, folder: Path, people: str) -> list[Listed]:
             continue
         fields = line.rsplit(maxsplit=1)
         camera = MSMT17_CAMERA.match(Path(fields[0]).name)
-        if len(fields) != 2 or not fields[1].isdecimal() or len(fields[1]) > MOST_DIGITS or camera is None:
+        if len(fields) != 2 or not fields[1].isdecimal() or len(fields[1]) > MSMT17_DIGITS or camera is None:
             raise InputError(
                 f"{file}: line {number}: '{line.strip()[:80]}' is not an image and a person, such as "
                 "'0000/0000_000_01_0303morning_0015_0.jpg 0': unpack the data set again"
