@@ -6,7 +6,7 @@ import pytest
 from passerby.calibration.alignment.lengths import check_lengths, findings_of_checks
 from passerby.calibration.in_memory import calibrate_observations
 from passerby.common.errors import InputError
-from passerby.scene.tables import CheckTable
+from passerby.scene.scale_tables import CheckTable
 from passerby.simulation import SimulationOptions, simulate
 
 

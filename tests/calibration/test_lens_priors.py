@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from passerby.calibration.lens_priors import with_lens_priors
-from passerby.core.cameras import LARGEST_FOCAL_SD, Camera, Lens, Rig
-from passerby.core.figures import DistortionFigures, FocalFigures, LensFigures, PrincipalPointFigures
+from passerby.core.cameras import Camera, Lens, Rig
+from passerby.core.lens import LARGEST_FOCAL_SD
+from passerby.core.lens_figures import DistortionFigures, FocalFigures, LensFigures, PrincipalPointFigures
 
 FOCAL = FocalFigures(
     stated_px=700.0, refined_px=710.0, sigma_px=20.0, people_sigma_px=40.0, far=False, told=True, prior_sigma_px=70.0,

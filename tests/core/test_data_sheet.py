@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from passerby.common.errors import InputError
-from passerby.core.cameras import LARGEST_FOCAL_SD, Lens
+from passerby.core.cameras import Lens
 from passerby.core.data_sheet import DATA_SHEET_SD, focal_of_field, sd_of_field
+from passerby.core.lens import LARGEST_FOCAL_SD
 
 SIZE = (1280, 720)
 

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from passerby.core.figures import DistortionFigures, FocalFigures, LensFigures, PrincipalPointFigures
+from passerby.core.lens_figures import DistortionFigures, FocalFigures, LensFigures, PrincipalPointFigures
 from passerby.core.lens_parameters import lens_parameters, names_in_words
 
 FOCAL = FocalFigures(

@@ -14,9 +14,7 @@ from passerby.core.figures import (
     ClockCorrection,
     CueFigures,
     FittedRate,
-    FocalFigures,
     GroundFigures,
-    LensFigures,
     MotionFigures,
     ScaleFigures,
     SolvedCamera,
@@ -25,10 +23,10 @@ from passerby.core.figures import (
     StarPair,
     StarScale,
 )
+from passerby.core.lens_figures import FocalFigures, LensFigures
 from passerby.interchange.calibration_json import (
     CalibrationDocument,
     CameraEntry,
-    DeclaredScene,
     DiagnosticEntry,
     PerceptionEntry,
     WorldEntry,
@@ -37,6 +35,7 @@ from passerby.interchange.calibration_json import (
     read_document,
     write_document,
 )
+from passerby.interchange.declared_scene import DeclaredScene
 from passerby.interchange.storage.json_text import plain, to_json
 
 CUE = CueFigures(cue="population of 3", stated_m=1.72, measured_m=1.7, sd_m=0.05, residual_sigmas=-0.4, share=1.0)

@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from passerby.common.errors import InputError
-from passerby.core.cameras import LARGEST_FOCAL_SD, Camera, Lens, Pose, PoseSigma, Rig
+from passerby.core.cameras import Camera, Lens, Pose, PoseSigma, Rig
+from passerby.core.lens import LARGEST_FOCAL_SD
 from passerby.interchange.rig_toml import read_lens, read_rig, write_rig
 
 LENS = """size = [1920, 1080]

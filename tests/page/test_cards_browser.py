@@ -7,7 +7,8 @@ import cv2
 import numpy as np
 import pytest
 
-from passerby.core.figures import AdjustedFigures, FocalFigures, LensFigures
+from passerby.core.figures import AdjustedFigures
+from passerby.core.lens_figures import FocalFigures, LensFigures
 from passerby.interchange.calibration_json import CalibrationDocument, CameraEntry, DiagnosticEntry, write_document
 from passerby.interchange.motchallenge import read_boxes
 from passerby.interchange.rig_toml import read_rig

@@ -4,7 +4,7 @@ import pytest
 from pydantic import ValidationError
 
 from passerby.core.stature import PERSON_HEIGHT_M, PERSON_HEIGHT_SD_M
-from passerby.scene.tables import ScaleTable
+from passerby.scene.scale_tables import ScaleTable
 
 
 def heights(**stated):

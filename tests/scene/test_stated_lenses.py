@@ -8,7 +8,8 @@ import pytest
 
 from passerby.cli.main import run
 from passerby.common.errors import InputError
-from passerby.core.cameras import LARGEST_FOCAL_SD, Lens
+from passerby.core.cameras import Lens
+from passerby.core.lens import LARGEST_FOCAL_SD
 from passerby.core.observations import Boxes, Keypoints
 from passerby.scene.check import check_scene
 from passerby.scene.inputs import assemble_inputs, read_cameras, read_inputs

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from passerby.core.cameras import Camera, Lens, Rig
-from passerby.core.figures import FocalFigures, LensFigures
+from passerby.core.lens_figures import FocalFigures, LensFigures
 from passerby.core.solution import Solution
 from passerby.evaluation.metrics import compare
 from passerby.findings.texts import texts_of

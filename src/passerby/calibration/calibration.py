@@ -26,7 +26,6 @@ from passerby.findings.texts import diagnostic, texts_of
 from passerby.interchange.calibration_json import (
     CalibrationDocument,
     CameraEntry,
-    DeclaredScene,
     DiagnosticEntry,
     GroupEntry,
     PerceptionEntry,
@@ -34,6 +33,7 @@ from passerby.interchange.calibration_json import (
     entry_of,
     parse_document,
 )
+from passerby.interchange.declared_scene import DeclaredScene
 from passerby.interchange.output_folder import (
     group_folder,
     scene_file,

@@ -11,8 +11,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from passerby.core.cameras import LARGEST_FOCAL_SD, Lens, Rig
-from passerby.core.figures import FocalFigures, LensFigures, LensPrior
+from passerby.core.cameras import Lens, Rig
+from passerby.core.lens import LARGEST_FOCAL_SD
+from passerby.core.lens_figures import FocalFigures, LensFigures, LensPrior
 from passerby.core.unknown_focals import SEARCHED_SD
 
 

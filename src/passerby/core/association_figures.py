@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from passerby.core.figures import ABSENT, LevelFigures
+from passerby.common.absence import ABSENT
+from passerby.core.figures import LevelFigures
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from passerby.core.figures import FocalFigures, LensFigures, LensPrior
+from passerby.core.lens_figures import FocalFigures, LensFigures, LensPrior
 
 MOSTLY, WHOLLY = 0.5, 0.9
 """Shares of people in what is known of a number, from which it counts as determined by them mostly, and wholly."""

@@ -9,7 +9,8 @@ from dataclasses import replace
 import numpy as np
 
 from passerby.common.arrays import Floats
-from passerby.core.cameras import LARGEST_FOCAL_SD, Lens, Rig
+from passerby.core.cameras import Lens, Rig
+from passerby.core.lens import LARGEST_FOCAL_SD
 
 SEARCHED_SD = 0.1
 """A focal length that is known this well needs no search."""

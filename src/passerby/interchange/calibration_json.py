@@ -17,12 +17,14 @@ import numpy as np
 from pydantic import ConfigDict, Discriminator, Field, Tag, TypeAdapter, ValidationError
 from pydantic_core import ErrorDetails
 
+from passerby.common.absence import ABSENT
 from passerby.common.errors import InputError
 from passerby.common.text import shortened, shortened_text
 from passerby.core.association_figures import AssociationFigures
 from passerby.core.cameras import Camera
-from passerby.core.figures import ABSENT, AdjustedFigures, SolverFigures, StarFigures
+from passerby.core.figures import AdjustedFigures, SolverFigures, StarFigures
 from passerby.core.solution import Verdict
+from passerby.interchange.declared_scene import OPEN_TABLE, DeclaredScene
 from passerby.interchange.storage.atomic import write_text
 from passerby.interchange.storage.faults import read_text
 from passerby.interchange.storage.json_text import to_json
@@ -40,8 +42,6 @@ def _without_underscore(name: str) -> str:
 
 
 _STRICT = ConfigDict(strict=True, allow_inf_nan=False, alias_generator=_without_underscore)
-_OPEN = ConfigDict(strict=True, allow_inf_nan=False, extra="allow")
-"""Of tables of which only some keys are read again; the others are kept as they are."""
 
 _LONG_NUMBER = re.compile(r"[0-9]{300}")
 """No float holds it, nor has any figure so many digits."""
@@ -168,7 +168,7 @@ class PerceptionEntry:
 class ResidualEntry:
     """How far a camera, or a point that it saw, is from where it is known to be, as far as it is read again."""
 
-    __pydantic_config__: ClassVar[ConfigDict] = _OPEN
+    __pydantic_config__: ClassVar[ConfigDict] = OPEN_TABLE
     point: str | None = field(default=None, metadata=ABSENT)
     camera: str | None = field(default=None, metadata=ABSENT)
     off_m: Number = None
@@ -183,7 +183,7 @@ class ResidualEntry:
 class PlanEntry:
     """The floor plan that set the world's frame."""
 
-    __pydantic_config__: ClassVar[ConfigDict] = _OPEN
+    __pydantic_config__: ClassVar[ConfigDict] = OPEN_TABLE
     image: str
     """From the scene file's folder, or absolute."""
     metres_per_pixel: Annotated[float, Field(gt=0)]
@@ -195,7 +195,7 @@ class PlanEntry:
 class WorldEntry:
     """How `[world]` or `passerby align` placed the world, as far as it is read again."""
 
-    __pydantic_config__: ClassVar[ConfigDict] = _OPEN
+    __pydantic_config__: ClassVar[ConfigDict] = OPEN_TABLE
     by: str
     scale: Number = None
     scale_fitted: bool | None = field(default=None, metadata=ABSENT)
@@ -204,71 +204,6 @@ class WorldEntry:
     plan: PlanEntry | None = field(default=None, metadata=ABSENT)
     residuals: tuple[ResidualEntry, ...] | None = field(default=None, metadata=ABSENT)
     notes: tuple[str, ...] | None = field(default=None, metadata=ABSENT)
-
-
-@dataclass(frozen=True, kw_only=True)
-class DeclaredTimes:
-    """`[scene]` of the scene file, as far as it is read again."""
-
-    __pydantic_config__: ClassVar[ConfigDict] = _OPEN
-    name: str | None = field(default=None, metadata=ABSENT)
-    fps: Annotated[float, Field(gt=0)] | None = field(default=None, metadata=ABSENT)
-
-
-@dataclass(frozen=True, kw_only=True)
-class DeclaredCamera:
-    """`[cameras.NAME]`, likewise."""
-
-    __pydantic_config__: ClassVar[ConfigDict] = _OPEN
-    intrinsics: str | None = field(default=None, metadata=ABSENT)
-    video: str | tuple[str, ...] | None = field(default=None, metadata=ABSENT)
-    """From the scene file's folder; several files, folders or patterns of one recording."""
-    video_names: str | None = field(default=None, metadata=ABSENT)
-    video_times: str | None = field(default=None, metadata=ABSENT)
-    tracks: str | None = field(default=None, metadata=ABSENT)
-    detections: str | None = field(default=None, metadata=ABSENT)
-    keypoints: str | None = field(default=None, metadata=ABSENT)
-    fps: Annotated[float, Field(gt=0)] | None = field(default=None, metadata=ABSENT)
-
-
-@dataclass(frozen=True, kw_only=True)
-class DeclaredAssociation:
-    """`[association]`, likewise."""
-
-    __pydantic_config__: ClassVar[ConfigDict] = _OPEN
-    mode: str | None = field(default=None, metadata=ABSENT)
-
-
-@dataclass(frozen=True, kw_only=True)
-class DeclaredScale:
-    """`[scale]`, likewise."""
-
-    __pydantic_config__: ClassVar[ConfigDict] = _OPEN
-    person_height_m: Number = field(default=None, metadata=ABSENT)
-    person_height_sd_m: Number = field(default=None, metadata=ABSENT)
-
-
-@dataclass(frozen=True, kw_only=True)
-class DeclaredSites:
-    """`[sites]`, likewise."""
-
-    __pydantic_config__: ClassVar[ConfigDict] = _OPEN
-    groups: tuple[tuple[str, ...], ...] | None = field(default=None, metadata=ABSENT)
-
-
-@dataclass(frozen=True, kw_only=True)
-class DeclaredScene:
-    """The scene file as it was read, with the values that it leaves out."""
-
-    __pydantic_config__: ClassVar[ConfigDict] = _OPEN
-    scene: DeclaredTimes = field(default_factory=DeclaredTimes)
-    cameras: Mapping[str, DeclaredCamera] = field(default_factory=dict)
-    perception: Mapping[str, Any] | None = field(default=None, metadata=ABSENT)
-    association: DeclaredAssociation = field(default_factory=DeclaredAssociation)
-    solver: Mapping[str, Any] | None = field(default=None, metadata=ABSENT)
-    scale: DeclaredScale = field(default_factory=DeclaredScale)
-    world: Mapping[str, Any] | None = field(default=None, metadata=ABSENT)
-    sites: DeclaredSites | None = field(default=None, metadata=ABSENT)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -21,7 +21,8 @@ import tomli_w
 from passerby.common.arrays import Floats
 from passerby.common.errors import InputError
 from passerby.common.text import listed, shortened
-from passerby.core.cameras import LARGEST_FOCAL_SD, Camera, Lens, Pose, PoseSigma, Rig
+from passerby.core.cameras import Camera, Lens, Pose, PoseSigma, Rig
+from passerby.core.lens import LARGEST_FOCAL_SD
 from passerby.geometry.rotations import log_rotation
 from passerby.interchange.gathering import gathered_rig
 from passerby.interchange.numbers import NotNumbers, finite_numbers

@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from passerby.common.errors import InputError
-from passerby.core.figures import LensFigures, adjusted
+from passerby.core.figures import adjusted
+from passerby.core.lens_figures import LensFigures
 from passerby.interchange.calibration_json import CALIBRATION_FILE, CalibrationDocument, parse_document, read_document
 
 

@@ -8,69 +8,31 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
 import cv2
 import numpy as np
-from av.container import InputContainer
-from av.error import EOFError as EndOfFile
 from av.error import FFmpegError
-from av.packet import Packet
 from av.video.frame import VideoFrame
 from av.video.reformatter import VideoReformatter
-from av.video.stream import VideoStream
 
 from passerby.common.errors import InputError
+from passerby.perception.file_reading import SHORTFALL_S, Decoded, FileReading, IsWanted
 from passerby.perception.pictures import Frame, Picture
-from passerby.perception.sparse_packets import PassedOver, sparse
 from passerby.perception.video_error import VideoError
 from passerby.perception.video_probe import GRID_TOLERANCE_S, Piece, VideoInfo, fit_of_size, open_video, probe
 
 __all__ = ["Decoded", "VideoInfo", "VideoReader", "expected_count", "fit_of_size", "frames", "probe"]
 
-# A file that ends this much before the length it tells, and this part of it, was cut off. Sound that lasts longer than the
-# pictures, where only a common length is told, and lengths rounded to a second stay below.
-SHORTFALL_S = 0.5
-SHORTFALL_OF_FILE_S = 2.0
-
-# So many reads in a row may fail before the rest of the file is given up.
-FAILED_READS = 100
-
 # Pieces of which more is passed over than the one are entered by a key frame, which is looked for by the other before the first
 # picture that is wanted: containers' indices may be off by a second.
 SOUGHT_FROM_S, SOUGHT_BEFORE_S = 20.0, 2.0
-
-# Timestamps that fall back by more belong to another recording behind the first: it is taken to follow at once.
-JUMP_BACK_S = 1.0
 
 # Where fewer pictures a second are wanted, groups of pictures that hold none of them are not decoded.
 SPARSE_RATE = 1.0
 
 TURNS = {90: cv2.ROTATE_90_COUNTERCLOCKWISE, 180: cv2.ROTATE_180, 270: cv2.ROTATE_90_CLOCKWISE}
-
-
-@dataclass(frozen=True)
-class Decoded:
-    """What became of a video that was read to its end."""
-
-    pictures: int
-    """Pictures that the file gave, chosen or not."""
-    yielded: int
-    """Pictures that were chosen."""
-    seconds: float
-    """Timestamp of the last picture, from the first."""
-    broken: int
-    """Packets that could not be decoded, and pictures that were decoded with errors."""
-    first_broken_s: float | None
-    """When the first of these would have been shown, about."""
-    ended_early: str | None
-    """Where the file ends clearly before the length that it tells: one sentence about it."""
-    cut_pieces: int = 0
-    """Pieces of a recording that end before the length that they tell."""
-    failed_pieces: int = 0
-    """Pieces, or pictures, that could not be read after all."""
 
 
 class VideoReader:
@@ -102,7 +64,7 @@ class VideoReader:
         is_wanted = self._chooser() if self.rate is not None and self.rate < SPARSE_RATE else None
         after = self.after if self.rate is None else 0
         reading = _Recording(self.info, self.threads, after, is_wanted) if self.info.pieces else None
-        file = _Reading(self.info, is_wanted)
+        file = FileReading(self.info, is_wanted)
         pictures = _one_file(self.info, file, self.threads) if reading is None else reading.pictures()
         last_tick, yielded = -1, 0
         for number, seconds, picture in pictures:
@@ -146,13 +108,11 @@ class VideoReader:
         return math.floor((number - 1) * self.rate / self.info.clock_fps + 1e-6)
 
 
-IsWanted = Callable[[int, float], bool]
-"""Of a picture's number and seconds."""
 Taken = tuple[int, float, Callable[[], Picture]]
 """Number and seconds of a picture, and what converts it when it is chosen."""
 
 
-def _one_file(info: VideoInfo, reading: _Reading, threads: int, skipped_s: float = 0.0) -> Iterator[Taken]:
+def _one_file(info: VideoInfo, reading: FileReading, threads: int, skipped_s: float = 0.0) -> Iterator[Taken]:
     """The pictures of one file; those of its first seconds may be left out."""
     reformatter = VideoReformatter()
     with open_video(info.path) as (container, stream):
@@ -204,7 +164,7 @@ class _Recording:
             else:
                 yield before + 1, before / clock, partial(np.asarray, picture)
             return
-        reading = _Reading(piece.info, None if self._is_wanted is None else partial(self._is_wanted_of_piece, before))
+        reading = FileReading(piece.info, None if self._is_wanted is None else partial(self._is_wanted_of_piece, before))
         try:
             ahead = max(self._info.used[0], (self._after - 1) / clock) - piece.begin_s
             skipped_s = ahead - SOUGHT_BEFORE_S if ahead > SOUGHT_FROM_S else 0.0
@@ -245,149 +205,6 @@ def decoded_picture(path: Path, size: tuple[int, int]) -> Picture | None:
     if picture is None or (picture.shape[1], picture.shape[0]) != size:
         return None
     return np.asarray(picture, dtype=np.uint8)
-
-
-class _Reading:
-    """One pass over the pictures of a file, and what was noticed on the way."""
-
-    def __init__(self, info: VideoInfo, is_wanted: IsWanted | None = None) -> None:
-        self._info, self._is_wanted = info, is_wanted
-        self._origin: float | None = None
-        self._size: tuple[int, int] | None = None
-        self._number = 0
-        self._seconds = 0.0
-        self._pictures = 0
-        self._broken = 0
-        self._first_broken_s: float | None = None
-        self._of_stream = True
-
-    def pictures(self, container: InputContainer, stream: VideoStream) -> Iterator[tuple[int, float, VideoFrame]]:
-        """Number, seconds and picture, the numbers ascending."""
-        self._of_stream = stream.duration is not None
-        packets = self._packets(container, stream)
-        if container.format.name == "avi":
-            # Its packets have times of decoding only: a picture's own is not known before.
-            self._is_wanted = None
-        for packet in packets if self._is_wanted is None else sparse(packets, self._is_wanted_at):
-            for frame in self._drained(stream) if isinstance(packet, PassedOver) else self._decode(stream, packet):
-                self._check_size(frame)
-                self._pictures += 1
-                previous = self._number
-                self._count(frame)
-                if frame.is_corrupt:
-                    self._note_broken()
-                if self._number > previous:
-                    yield self._number, self._seconds, frame
-            if isinstance(packet, PassedOver):
-                self._pass_over(packet.last_s)
-        if self._pictures == 0:
-            raise VideoError(self._info.path, "nothing of it can be decoded: copy the video again")
-
-    def _drained(self, stream: VideoStream) -> list[VideoFrame]:
-        """The pictures that the decoder still holds; it begins anew afterwards."""
-        frames = self._decode(stream, None)
-        stream.codec_context.flush_buffers()
-        for frame in frames:
-            if frame.time_base is None and stream.time_base is not None:
-                frame.time_base = stream.time_base
-        return frames
-
-    def _is_wanted_at(self, time: float) -> bool | None:
-        """Whether the picture of a time of the stream will be chosen; None before the first picture."""
-        if self._origin is None or self._is_wanted is None:
-            return None
-        seconds = time - self._origin
-        return self._is_wanted(round(seconds * self._info.clock_fps) + 1, seconds)
-
-    def _pass_over(self, time: float) -> None:
-        """Count pictures up to a time of the stream that are not decoded."""
-        if self._origin is None:
-            return
-        number = round((time - self._origin) * self._info.clock_fps) + 1
-        if number > self._number:
-            self._number, self._seconds = number, time - self._origin
-
-    def skip(self, container: InputContainer, stream: VideoStream, seconds: float) -> None:
-        """Go to the last key frame before so many seconds, where the file has timestamps and can seek; else stay."""
-        try:
-            first = next((frame for packet in container.demux(stream) for frame in packet.decode()), None)
-        except FFmpegError:
-            first = None
-        begin = None if first is None or first.pts is None or first.time_base is None else first.pts * first.time_base
-        target = 0.0 if begin is None else float(begin) + seconds
-        try:
-            container.seek(int(target * 1_000_000), backward=True)
-        except (FFmpegError, OverflowError):
-            container.seek(0)
-        self._origin = None if begin is None else float(begin)
-
-    def _packets(self, container: InputContainer, stream: VideoStream) -> Iterator[Packet[VideoStream] | None]:
-        """The packets, past places where the file cannot be read; None at the end of one that breaks off."""
-        failed = 0
-        while failed < FAILED_READS:
-            try:
-                for packet in container.demux(stream):
-                    failed = 0
-                    yield packet
-                return
-            except EndOfFile:
-                break
-            except FFmpegError:
-                failed += 1
-                self._note_broken()
-        yield None
-
-    def _decode(self, stream: VideoStream, packet: Packet[VideoStream] | None) -> list[VideoFrame]:
-        """The pictures that a packet completes, or (None) that the decoder still holds; none where the packet is broken."""
-        try:
-            return stream.decode(packet)
-        except FFmpegError:
-            self._note_broken()
-            return []
-
-    def _note_broken(self) -> None:
-        self._broken += 1
-        if self._first_broken_s is None:
-            self._first_broken_s = self._seconds
-
-    def _check_size(self, frame: VideoFrame) -> None:
-        """Raise `InputError` when a picture has another size than the first."""
-        size = (frame.width, frame.height)
-        if self._size is None:
-            self._size = size
-        if size != self._size:
-            raise VideoError(
-                self._info.path,
-                f"the frames change from {self._size[0]} x {self._size[1]} to {size[0]} x {size[1]} after"
-                f" {self._seconds:.2f} s: cut the video there and keep the part that the intrinsics are for",
-            )
-
-    def _count(self, frame: VideoFrame) -> None:
-        """Number and time of a picture by its timestamp or, without one, one step after the picture before."""
-        clock = self._info.clock_fps
-        if frame.pts is None or frame.time_base is None:
-            step = clock / self._info.average_fps
-            self._number += max(1, round(step)) if self._pictures > 1 else 1
-            self._seconds = (self._number - 1) / clock
-            return
-        time = float(frame.pts * frame.time_base)
-        if self._origin is None:
-            self._origin = time - self._seconds
-        if time - self._origin < self._seconds - JUMP_BACK_S:
-            self._note_broken()
-            self._origin = time - self._seconds - 1.0 / self._info.average_fps
-        number = round((time - self._origin) * clock) + 1
-        if number > self._number:
-            self._number, self._seconds = number, time - self._origin
-
-    def summary(self, yielded: int) -> Decoded:
-        """What the pass came to."""
-        promised = self._info.seconds
-        end = self._seconds + 1.0 / self._info.average_fps
-        early = None
-        if promised is not None and promised - end > (SHORTFALL_S if self._of_stream else SHORTFALL_OF_FILE_S):
-            early = f"the video ends after {end:.1f} s of the {promised:.1f} s that the file states: it was cut off"
-        return Decoded(self._pictures, yielded, self._seconds, self._broken, self._first_broken_s, early)
 
 
 def frames(video: VideoInfo | str | Path, rate: float | None = None, after: int = 0, threads: int = 1) -> VideoReader:

@@ -21,11 +21,10 @@ import onnxruntime
 
 from passerby.common.arrays import Floats, Ints
 from passerby.common.errors import InputError
-from passerby.core.observations import UNKNOWN, Boxes, Keypoints, Vectors
-from passerby.findings.finding import Finding, notice
-from passerby.interchange.storage.toml_text import key
+from passerby.core.observations import UNKNOWN, Boxes, Keypoints
+from passerby.perception.given_boxes import GivenBoxes, no_embeddings
 from passerby.perception.joint_budget import JointBudget
-from passerby.perception.kept import SUMMARY, Arrays, StageCache, cache_lock, forget_others, hash_of_arrays
+from passerby.perception.kept import SUMMARY, Arrays, StageCache, cache_lock, forget_others
 from passerby.perception.opening import (
     background_count,
     background_identity,
@@ -34,12 +33,13 @@ from passerby.perception.opening import (
     open_embedder,
     open_estimator,
 )
-from passerby.perception.pictures import Detections, Detector, Embedder, Frame, KeypointEstimator, Picture
+from passerby.perception.pictures import Detector, Embedder, Frame, KeypointEstimator, Picture
 from passerby.perception.plan import Plan
 from passerby.perception.source_state import VideoFilesState, video_identity
 from passerby.perception.steadiness import SteadinessWatcher
 from passerby.perception.video import VideoInfo, VideoReader, expected_count
 from passerby.perception.video_error import VideoError
+from passerby.perception.video_observations import VideoObservations
 
 REVISION = 1
 """Counted up whenever a stage gives other results than before, so that what an older version kept is not taken for them."""
@@ -84,57 +84,6 @@ def _learning(job: CameraJob) -> int:
     if job.boxes is not None or job.plan.detector is not None:
         return 0
     return LEARNT_WORTH * (background_count(job.info) or 0)
-
-
-@dataclass(frozen=True, eq=False)
-class VideoObservations:
-    """What was seen in one camera's video."""
-
-    boxes: Boxes
-    """Of all pictures looked at, identities -1, or those that were given; embeddings where they were wanted."""
-    keypoints: Keypoints
-    pictures: int
-    """How many were looked at."""
-    summary: dict[str, Any]
-    """How decoding ended, and whether the camera moved: `ended_early`, `broken`, `moves`."""
-    seconds: dict[str, float] = field(default_factory=dict)
-    """Time spent by each stage in this run."""
-    made_again: bool = False
-    """Whether there were finished results that could not be taken: of another video, other options or other versions."""
-
-    def faults(self, name: str, info: VideoInfo, from_s: float = 0.0, until_s: float = math.inf) -> list[str]:
-        """What makes the part of the video unusable that lies between two times, in seconds."""
-        place, found = f"{info.path}: camera {name}", []
-        early = self.summary["ended_early"]
-        if early is not None:
-            found.append(
-                f"{place}: {early}: copy the video again, or save the readable part with `ffmpeg -i {info.path.name} -c copy "
-                "whole.mp4`"
-            )
-        found += [
-            f"{place}: the camera {_what(move)} {move['seconds']:.1f} s after the start, {_how_far(move)}, and stays "
-            f"{_needed(move)}: under [cameras.{key(name)}] set until_s = {math.floor(move['seconds'])} for "
-            f"the part before, or from_s = {math.ceil(move['seconds']) + 1} for the part after, or delete [cameras.{key(name)}]"
-            for move in self.summary["moves"]
-            if move["until"] is None and from_s < move["seconds"] < until_s
-        ]
-        return found
-
-    def findings(self, name: str, info: VideoInfo) -> list[Finding]:
-        """What is odd about the video, but does not stop a calibration."""
-        place, broken = str(info.path), self.summary["broken"]
-        found = [
-            notice("camera_bumped", name, place=place, from_s=move["seconds"], until_s=move["until"], pixels=move["pixels"])
-            for move in self.summary["moves"]
-            if move["until"] is not None
-        ]
-        if broken:
-            first = self.summary["first_broken_s"]
-            found.append(notice("frames_undecodable", name, place=place, broken=broken, first_s=first))
-        cut, failed = self.summary.get("cut_pieces", 0), self.summary.get("failed_pieces", 0)
-        if cut or failed:
-            found.append(notice("pieces_broken", name, place=place, cut=cut, failed=failed, files=len(info.files)))
-        return found
 
 
 @dataclass(eq=False)
@@ -230,7 +179,7 @@ class _Watch:
     def _open_detector(self, video: dict[str, Any]) -> Detector:
         """The detector; where it is background subtraction, the empty scene is learnt first."""
         if self._job.boxes is not None:
-            return _Given(self._job.boxes)
+            return GivenBoxes(self._job.boxes)
         if self._job.plan.detector is not None:
             return open_detector(self._job.plan.detector, self._job.plan)
         kept = _background(self._job, video)
@@ -315,7 +264,7 @@ class _Watch:
             with self._timed("detection"):
                 people = self._detector(frame)
             # Boxes of a file are as cameras project to them, or as another detector has them: they stay as they are.
-            ltwh = people.ltwh if isinstance(self._detector, _Given) else people.centred
+            ltwh = people.ltwh if isinstance(self._detector, GivenBoxes) else people.centred
             score = people.score
             self._people.rows.append(_row_of(frame, ltwh, score))
         else:
@@ -325,7 +274,7 @@ class _Watch:
         if self._looks is not None and self._embedder is not None and self._looks.part is None:
             with self._timed("embedding"):
                 wanted = len(ltwh) > 0 and index % self._looks_every == 0
-                vectors = self._embedder(frame.picture, ltwh) if wanted else _nothing(len(ltwh), self._embedder.dimensions)
+                vectors = self._embedder(frame.picture, ltwh) if wanted else no_embeddings(len(ltwh), self._embedder.dimensions)
             self._looks.rows.append({"vectors": vectors})
         if self._joints is not None and self._estimator is not None:
             # Chosen also where the result is kept: the choice depends on all images before.
@@ -363,7 +312,7 @@ class _Watch:
         keypoints = Keypoints.empty()
         if joints is not None and self._estimator is not None:
             keypoints = Keypoints(frame, boxes.identity, joints["xy"], joints["score"], self._estimator.joints)
-        if isinstance(self._detector, _Given):
+        if isinstance(self._detector, GivenBoxes):
             boxes, keypoints = self._detector.named(frame, appearance, keypoints)
         elif appearance is not None:
             boxes = replace(boxes, embedding=appearance)
@@ -376,42 +325,6 @@ class _Watch:
         began = time.perf_counter()
         yield
         self.seconds[stage] = self.seconds.get(stage, 0.0) + time.perf_counter() - began
-
-
-class _Given:
-    """The boxes that a file told, in place of a detector."""
-
-    def __init__(self, boxes: Boxes) -> None:
-        self._boxes = boxes
-        self._order = np.argsort(boxes.frame, kind="stable")
-        self._frames = boxes.frame[self._order]
-
-    @property
-    def identity(self) -> dict[str, Any]:
-        """The boxes' content."""
-        return {"detector": "given", "boxes": hash_of_arrays(self._boxes.frame, self._boxes.ltwh)}
-
-    def __call__(self, frame: Frame) -> Detections:
-        """The boxes of a frame, in the order of the file."""
-        rows = self._rows(frame.number)
-        return Detections(self._boxes.ltwh[rows], self._boxes.score[rows])
-
-    def named(self, frame: Ints, appearance: Vectors | None, keypoints: Keypoints) -> tuple[Boxes, Keypoints]:
-        """All boxes in the order of the file, with the embeddings of those that were looked at, and the joints by their names.
-
-        `frame` are the frame numbers of the rows that were looked at, as the pictures came.
-        """
-        rows = np.concatenate([self._rows(number) for number in np.unique(frame).tolist()] or [np.zeros(0, np.int64)])
-        boxes = self._boxes
-        if appearance is not None:
-            vectors = _nothing(len(boxes), appearance.shape[1])
-            vectors[rows] = appearance
-            boxes = replace(boxes, embedding=vectors)
-        return boxes, replace(keypoints, identity=boxes.identity[rows]) if len(keypoints) else keypoints
-
-    def _rows(self, number: int) -> Ints:
-        low, high = np.searchsorted(self._frames, (number, number + 1))
-        return np.asarray(self._order[low:high])
 
 
 def _budget_of(job: CameraJob) -> JointBudget | None:
@@ -437,28 +350,6 @@ def _row_of(frame: Frame, ltwh: Floats, score: Floats) -> Arrays:
         "ltwh": np.asarray(ltwh, dtype=np.float64).reshape(-1, 4),
         "score": np.asarray(score, dtype=np.float64),
     }
-
-
-def _zooms(move: Mapping[str, Any]) -> bool:
-    return bool(move.get("zoom", 1.0) != 1.0)  # what older versions kept has none
-
-
-def _what(move: Mapping[str, Any]) -> str:
-    return "moves" if not _zooms(move) else "zooms in" if move["zoom"] > 1 else "zooms out"
-
-
-def _how_far(move: Mapping[str, Any]) -> str:
-    if _zooms(move):
-        return f"by a factor of {max(move['zoom'], 1 / move['zoom']):.2f}"
-    return "by an unknown amount" if move["pixels"] is None else f"by {move['pixels']:.0f} pixels"
-
-
-def _needed(move: Mapping[str, Any]) -> str:
-    return "so: a fixed focal length is needed" if _zooms(move) else "there: static cameras are needed"
-
-
-def _nothing(rows: int, dimensions: int) -> Vectors:
-    return np.zeros((rows, dimensions), dtype=np.float32)
 
 
 def _summary(pictures: int, reader: VideoReader, watcher: SteadinessWatcher) -> dict[str, Any]:

@@ -12,8 +12,9 @@ from passerby.core.cameras import Rig
 from passerby.core.figures import AdjustedFigures, adjusted
 from passerby.core.observations import Boxes, CameraObservations, Clock, Keypoints, Observations
 from passerby.core.solution import Verdict
-from passerby.interchange.calibration_json import CalibrationDocument, CameraEntry, DeclaredCamera
+from passerby.interchange.calibration_json import CalibrationDocument, CameraEntry
 from passerby.interchange.coco import read_keypoints
+from passerby.interchange.declared_scene import DeclaredCamera
 from passerby.interchange.motchallenge import read_boxes
 from passerby.interchange.output_folder import RIG_FILE, TRACKS_FOLDER, is_file_name, read_report
 from passerby.interchange.rig_toml import read_rig

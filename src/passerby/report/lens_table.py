@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from passerby.core.field_of_view import field_of_view_deg
-from passerby.core.figures import LensFigures
+from passerby.core.lens_figures import LensFigures
 from passerby.core.lens_parameters import LensParameter, lens_parameters, names_in_words
 from passerby.report.camera_table import swatch
 from passerby.report.contents import Contents

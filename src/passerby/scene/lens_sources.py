@@ -13,7 +13,8 @@ import numpy as np
 
 from passerby.common.errors import InputError
 from passerby.common.text import shortened
-from passerby.core.cameras import LARGEST_FOCAL_SD, Lens
+from passerby.core.cameras import Lens
+from passerby.core.lens import LARGEST_FOCAL_SD
 from passerby.findings.finding import notice
 from passerby.perception.video_probe import fit_of_size
 from passerby.scene.camera_input import CameraInput, KnownLens

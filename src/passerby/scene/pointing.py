@@ -10,8 +10,8 @@ from passerby.core.pointing import PeopleInFrame, PointedPerson, Sighting, State
 from passerby.findings.finding import Finding, notice
 from passerby.scene.camera_input import CameraInput
 from passerby.scene.identity_tables import PersonAtTable, TogetherTable
+from passerby.scene.scale_tables import PersonTable
 from passerby.scene.scene import Scene
-from passerby.scene.tables import PersonTable
 
 PersonAt = PersonTable | PersonAtTable
 

@@ -14,7 +14,8 @@ from typing import TypeVar
 import numpy as np
 
 from passerby.common.errors import InputError
-from passerby.core.cameras import LARGEST_FOCAL_SD, Lens
+from passerby.core.cameras import Lens
+from passerby.core.lens import LARGEST_FOCAL_SD
 from passerby.core.observations import UNKNOWN, Boxes, Keypoints
 from passerby.findings.finding import notice
 from passerby.findings.texts import text_of

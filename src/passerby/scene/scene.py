@@ -25,20 +25,15 @@ from passerby.scene.errors import explain_fault, find_repeated_key
 from passerby.scene.floor_plan import floor_plan
 from passerby.scene.identity_tables import PersonAtTable, TogetherTable
 from passerby.scene.lens_keys import check_models, models_of, named_camera
+from passerby.scene.scale_tables import CameraHeightTable, CheckTable, DistanceTable, LengthTable, PersonTable, ScaleTable
 from passerby.scene.table import Table
 from passerby.scene.tables import (
     RECORDS,
     SCENE_FORMAT,
     AssociationTable,
-    CameraHeightTable,
     CameraTable,
-    CheckTable,
-    DistanceTable,
-    LengthTable,
     PerceptionTable,
-    PersonTable,
     RecordingTable,
-    ScaleTable,
     SceneTable,
     SitesTable,
     SolverTable,

@@ -26,7 +26,8 @@ from passerby.perception.model_files import AUTO
 from passerby.perception.plan import Plan, keypoints_to_be_had, make_plan
 from passerby.perception.video import VideoInfo
 from passerby.perception.video_error import VideoError
-from passerby.perception.watching import CameraJob, Tell, VideoObservations, kept_results, watch_camera, work_of
+from passerby.perception.video_observations import VideoObservations
+from passerby.perception.watching import CameraJob, Tell, kept_results, watch_camera, work_of
 from passerby.scene.camera_input import CameraInput
 from passerby.scene.reading import add_video_results, needs_embeddings, needs_keypoints, needs_video, of_video
 from passerby.scene.scene import Scene

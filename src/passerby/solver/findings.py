@@ -13,7 +13,6 @@ from passerby.core.figures import (
     ClockCorrection,
     CueFigures,
     DistanceFigures,
-    LensFigures,
     LevelFigures,
     NoiseFigures,
     PairFigures,
@@ -21,6 +20,7 @@ from passerby.core.figures import (
     ScaleFigures,
     SolvedCamera,
 )
+from passerby.core.lens_figures import LensFigures
 from passerby.findings.finding import Finding, doubt
 from passerby.people.model import HEIGHT_PER_CENTRE
 from passerby.solver.consistency import STRETCHES, JointConsistency, joint_consistency

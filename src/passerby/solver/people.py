@@ -13,8 +13,10 @@ from dataclasses import replace
 import numpy as np
 
 from passerby.common.errors import EvidenceError
-from passerby.core.cameras import LARGEST_FOCAL_SD, Camera, Pose, Rig
-from passerby.core.figures import CueFigures, LensFigures
+from passerby.core.cameras import Camera, Pose, Rig
+from passerby.core.figures import CueFigures
+from passerby.core.lens import LARGEST_FOCAL_SD
+from passerby.core.lens_figures import LensFigures
 from passerby.core.observations import Observations
 from passerby.core.scale_cues import ScaleCues
 from passerby.core.solution import Solution, Verdict

@@ -9,7 +9,7 @@ import numpy as np
 
 from passerby.common.arrays import Floats
 from passerby.core.cameras import Lens, Rig
-from passerby.core.figures import DistortionFigures, FocalFigures, LensFigures, PrincipalPointFigures
+from passerby.core.lens_figures import DistortionFigures, FocalFigures, LensFigures, PrincipalPointFigures
 from passerby.findings.finding import Finding, doubt, notice
 from passerby.solver.lens_sigmas import lens_evidence, refined_sigmas
 from passerby.solver.lens_unknowns import NORMAL_HALF, LensUnknowns

@@ -13,7 +13,7 @@ from passerby.common.errors import InputError
 from passerby.findings.finding import Finding
 from passerby.findings.texts import text_of
 from passerby.interchange.video_writer import VideoWriter
-from passerby.perception import video
+from passerby.perception.file_reading import FileReading
 from passerby.perception.source_state import VideoFilesState, video_identity
 from passerby.perception.sources import recording as recordings
 from passerby.perception.sources.files import VideoSource, WallSpan
@@ -263,8 +263,8 @@ def test_a_span_of_a_long_piece_is_entered_by_a_key_frame(tmp_path: Path, monkey
     begin = whole.wall.seconds
     span = WallSpan(begin + 40.0, begin + 44.0)
     decoded = []
-    counted = video._Reading._count
-    monkeypatch.setattr(video._Reading, "_count", lambda self, frame: decoded.append(1) or counted(self, frame))
+    counted = FileReading._count
+    monkeypatch.setattr(FileReading, "_count", lambda self, frame: decoded.append(1) or counted(self, frame))
     info = open_source(VideoSource((folder,), span=span)).info
     assert read(info) == same(201, 221)
     assert len(decoded) < 60

@@ -13,7 +13,7 @@ from passerby.common.errors import PasserbyError
 from passerby.core.cameras import Rig
 from passerby.core.figures import CheckedLength
 from passerby.findings.finding import Finding, doubt, notice
-from passerby.scene.tables import CheckTable
+from passerby.scene.scale_tables import CheckTable
 
 OFF_SIGMAS = 3.0
 """A check length that is off by more lets no rig be accepted: one in 370 by chance."""

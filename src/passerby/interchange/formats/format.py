@@ -7,7 +7,8 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Literal
 
 from passerby.common.errors import InputError
-from passerby.core.cameras import LARGEST_FOCAL_SD, Lens
+from passerby.core.cameras import Lens
+from passerby.core.lens import LARGEST_FOCAL_SD
 from passerby.interchange.formats.losses import Losses
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from passerby.core.figures import ABSENT
+from passerby.common.absence import ABSENT
 
 
 def to_json(value: Any) -> str:

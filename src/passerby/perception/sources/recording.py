@@ -16,7 +16,8 @@ from passerby.findings.finding import Finding, notice
 from passerby.perception.sources.file_times import FileTimes, times_of
 from passerby.perception.sources.files import VideoSource, WallSpan, list_files
 from passerby.perception.sources.picture_heads import PictureHead, read_picture_head
-from passerby.perception.sources.placing import GAP_S, Gaps, begins_by_names, follow_at_once, gaps_between
+from passerby.perception.sources.placing import GAP_S, begins_by_names, follow_at_once, gaps_between
+from passerby.perception.sources.recording_findings import differing_pieces, gap_findings, long_recording, unreadable_pieces
 from passerby.perception.video_camera import RecordingCamera
 from passerby.perception.video_error import VideoError
 from passerby.perception.video_probe import VARIABLE_CLOCK_FPS, Piece, VideoInfo, WallTime, probe
@@ -29,8 +30,6 @@ SAME_RATE, OTHER_RATE = 0.001, 0.1
 """Pieces whose rates differ by less than the one count alike; by more than the other they are another stream."""
 LONGEST_PIECE_S = 6 * 3600.0
 """A piece that begins earlier than this before a span is over when the span begins: it is not opened."""
-LONG_S = 3600.0
-"""Longer recordings are told: half an hour with people determines a rig, and watching takes about as long as filming."""
 PICTURE_GAP = 3.0
 """Pictures that are more than so many usual steps apart have a gap between them."""
 
@@ -212,11 +211,11 @@ def _of_videos(
     )
     info = replace(info, seconds=_span(info))
     findings = [
-        *_unreadable(name, place, paths, failed, listed),
-        *_differing(name, place, paths, other, opened, size, rate, listed),
+        *unreadable_pieces(name, place, paths, failed, listed),
+        *differing_pieces(name, place, paths, other, opened, size, rate, listed),
         *([] if times is not None or len(paths) < 2 else [notice("pieces_untimed", name, place=str(place), pieces=len(paths))]),
-        *_gap_findings(name, place, gaps, wall, "pieces"),
-        *_long(name, source, info),
+        *gap_findings(name, place, gaps, wall, "pieces"),
+        *long_recording(name, source, info),
     ]
     return Recording(info, tuple(findings))
 
@@ -314,14 +313,14 @@ def _of_pictures(
     other = [k for k in sizes if sizes[k] != size]
     gaps = gaps_between(begins, np.full(len(begins), step), PICTURE_GAP * step)
     findings = [
-        *_unreadable(name, place, paths, failed, len(paths)),
+        *unreadable_pieces(name, place, paths, failed, len(paths)),
         *(
             [notice("pieces_differ", name, place=str(place), count=len(other), files=len(paths), first=paths[other[0]].name,
                     what=f"{sizes[other[0]][0]} x {sizes[other[0]][1]}", usual=f"{size[0]} x {size[1]}")]
             if other else []
         ),
-        *_gap_findings(name, place, gaps, wall, "images"),
-        *_long(name, source, info),
+        *gap_findings(name, place, gaps, wall, "images"),
+        *long_recording(name, source, info),
     ]  # fmt: skip
     return Recording(info, tuple(findings))
 
@@ -350,53 +349,3 @@ def _span(info: VideoInfo) -> float:
     """How long the used part lasts, with its gaps."""
     assert info.end_s is not None
     return max(0.0, info.end_s - info.begin_s)
-
-
-def _unreadable(name: str, place: Path, paths: Sequence[Path], failed: Sequence[tuple[int, str]], listed: int) -> list[Finding]:
-    if not failed:
-        return []
-    number, why = failed[0]
-    return [
-        notice("pieces_unreadable", name, place=str(place), count=len(failed), files=listed, first=paths[number].name, why=why)
-    ]
-
-
-def _differing(
-    name: str, place: Path, paths: Sequence[Path], other: Sequence[int], opened: dict[int, VideoInfo], size: tuple[int, int],
-    rate: float, listed: int,
-) -> list[Finding]:  # fmt: skip
-    if not other:
-        return []
-    first = opened[other[0]]
-    by_size = first.size != size
-    what = f"{first.size[0]} x {first.size[1]}" if by_size else f"{first.clock_fps:.4g} frames per second"
-    usual = f"{size[0]} x {size[1]}" if by_size else f"{rate:.4g}"
-    values = {"count": len(other), "files": listed, "first": paths[other[0]].name, "what": what, "usual": usual}
-    return [notice("pieces_differ", name, place=str(place), **values)]
-
-
-def _gap_findings(name: str, place: Path, gaps: Gaps, wall: WallTime | None, what: str) -> list[Finding]:
-    found = []
-    if gaps.count:
-        longest_at = None if wall is None else WallTime(round(wall.seconds + gaps.longest_at_s), wall.utc).text
-        values = {"count": gaps.count, "seconds": gaps.seconds, "longest_s": gaps.longest_s, "between": what}
-        found.append(
-            notice("recording_gaps", name, place=str(place), **values, longest_at_s=gaps.longest_at_s, longest_at=longest_at)
-        )
-    if gaps.overlaps:
-        at = None if wall is None else WallTime(round(wall.seconds + gaps.longest_overlap_at_s), wall.utc).text
-        values = {"count": gaps.overlaps, "seconds": gaps.overlap_s, "irregular": gaps.irregular, "longest_at": at}
-        found.append(notice("pieces_overlap", name, place=str(place), **values))
-    return found
-
-
-def _long(name: str, source: VideoSource, info: VideoInfo) -> list[Finding]:
-    """Recordings of hours, of which no span is chosen."""
-    if source.span is not None or info.seconds is None or info.seconds <= LONG_S:
-        return []
-    first = last = None
-    if info.wall is not None and info.end_s is not None:
-        first = WallTime(round(info.wall.seconds + info.begin_s), info.wall.utc).text
-        last = WallTime(round(info.wall.seconds + info.end_s), info.wall.utc).text
-    values = {"hours": info.seconds / 3600.0, "files": len(info.files), "first": first, "last": last}
-    return [notice("recording_long", name, place=str(info.path), **values)]

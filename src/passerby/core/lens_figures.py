@@ -1,0 +1,75 @@
+"""Figures of refined lenses, as `calibration.json` has them under `figures`; see `passerby.core.figures`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+from passerby.common.absence import ABSENT
+
+LensPrior = Literal["stated", "search", "assumed"]
+"""What was known of a part of a lens before the adjustment: a value of the scene or of the intrinsics; a first estimate, from
+how the same people fit together in several cameras; or what lenses usually are."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FocalFigures:
+    """A focal length that was refined, pixels."""
+
+    stated_px: float
+    """The value of the prior."""
+    refined_px: float
+    sigma_px: float
+    people_sigma_px: float | None
+    """By people alone."""
+    far: bool
+    """Farther from the stated one than stated ones are off."""
+    told: bool
+    """Whether people know it."""
+    prior_sigma_px: float | None = field(default=None, metadata=ABSENT)
+    """Of the prior, as the adjustment took it; None in files of an older Passerby, as are the others below."""
+    prior: LensPrior | None = field(default=None, metadata=ABSENT)
+    people_share: float | None = field(default=None, metadata=ABSENT)
+    """How much of what is known comes from people rather than from the prior, 0 to 1; a search counts as people."""
+    scene_px: float | None = field(default=None, metadata=ABSENT)
+    """What the scene states, with its sigma; None where it states nothing."""
+    scene_sigma_px: float | None = field(default=None, metadata=ABSENT)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PrincipalPointFigures:
+    """As `FocalFigures`, of x and y."""
+
+    stated_px: tuple[float, float]
+    refined_px: tuple[float, float]
+    sigma_px: tuple[float, float]
+    people_sigma_px: tuple[float | None, float | None]
+    far: bool
+    told: bool
+    prior_sigma_px: tuple[float, float] | None = field(default=None, metadata=ABSENT)
+    prior: LensPrior | None = field(default=None, metadata=ABSENT)
+    people_share: tuple[float, float] | None = field(default=None, metadata=ABSENT)
+
+
+@dataclass(frozen=True, kw_only=True)
+class DistortionFigures:
+    """As `FocalFigures`, of the first distortion coefficient of a lens that was never calibrated."""
+
+    refined: float
+    sigma: float
+    stated: float | None = field(default=None, metadata=ABSENT)
+    prior_sigma: float | None = field(default=None, metadata=ABSENT)
+    people_sigma: float | None = field(default=None, metadata=ABSENT)
+    prior: LensPrior | None = field(default=None, metadata=ABSENT)
+    people_share: float | None = field(default=None, metadata=ABSENT)
+
+
+@dataclass(frozen=True, kw_only=True)
+class LensFigures:
+    """The parts of a camera's lens that were refined."""
+
+    focal: FocalFigures | None = field(default=None, metadata=ABSENT)
+    principal_point: PrincipalPointFigures | None = field(default=None, metadata=ABSENT)
+    distortion: DistortionFigures | None = field(default=None, metadata=ABSENT)
+    group: str | None = field(default=None, metadata=ABSENT)
+    """Cameras of one group have one focal length and distortion; None where no other camera is like it."""

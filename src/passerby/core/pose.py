@@ -1,0 +1,117 @@
+"""A camera's pose, and its uncertainty.
+
+World to camera is `x_c = R_cw X_w + t_cw` with OpenCV's camera axes (x right, y down, z forward), metres.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from passerby.common.arrays import Floats, frozen
+
+
+@dataclass(frozen=True, eq=False)
+class Pose:
+    """World to camera: `x_c = R_cw X_w + t_cw`."""
+
+    R_cw: Floats
+    """(3, 3) rotation."""
+    t_cw: Floats
+    """(3,) translation, metres."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "R_cw", frozen(self.R_cw).reshape(3, 3))
+        object.__setattr__(self, "t_cw", frozen(self.t_cw).reshape(3))
+
+    def __repr__(self) -> str:
+        return f"Pose({pose_in_words(self)})"
+
+    @classmethod
+    def from_centre(cls, R_cw: Floats, centre: Floats) -> Pose:
+        """Pose of a camera with its centre at `centre` (3,), world frame, metres."""
+        return cls(R_cw, -np.asarray(R_cw) @ np.asarray(centre))
+
+    @cached_property
+    def centre(self) -> Floats:
+        """(3,) camera centre in the world, metres."""
+        return frozen(-self.R_cw.T @ self.t_cw)
+
+    @property
+    def heading_deg(self) -> float | None:
+        """Where the camera looks over the ground: degrees from the world's x axis towards y, in (-180, 180].
+
+        None for one that looks straight up or down.
+        """
+        x, y, _ = self.R_cw[2]
+        return None if np.hypot(x, y) < 1e-9 else float(np.degrees(np.arctan2(y, x)))
+
+    @property
+    def tilt_deg(self) -> float:
+        """How far the optical axis points below the horizon, degrees in [-90, 90]."""
+        return float(np.degrees(np.arctan2(-self.R_cw[2, 2], np.hypot(self.R_cw[2, 0], self.R_cw[2, 1]))))
+
+    @property
+    def roll_deg(self) -> float | None:
+        """How far the camera is turned about its optical axis, clockwise as seen from behind it: degrees in (-180, 180].
+
+        0: the picture's rows are level. None for a camera that looks straight up or down.
+        """
+        level = np.cross(self.R_cw[2], (0.0, 0.0, 1.0))
+        if np.linalg.norm(level) < 1e-9:
+            return None
+        return float(np.degrees(np.arctan2(self.R_cw[0] @ np.cross(self.R_cw[2], level), self.R_cw[0] @ level)))
+
+    def moved(self, rotation: Floats, translation: Floats, scale: float = 1.0) -> Pose:
+        """The pose after the world is moved by `X -> scale rotation X + translation`."""
+        R_cw = self.R_cw @ np.asarray(rotation).T
+        centre = scale * np.asarray(rotation) @ self.centre + np.asarray(translation)
+        return Pose.from_centre(R_cw, centre)
+
+
+def pose_in_words(pose: Pose) -> str:
+    """Where a camera is and where it looks."""
+    x, y, z = (round(float(value), 3) + 0.0 for value in pose.centre)
+    heading = "straight up or down" if pose.heading_deg is None else f"heading {pose.heading_deg:.1f} deg"
+    return f"at ({x:.3f}, {y:.3f}, {z:.3f}) m, {heading}, tilt {pose.tilt_deg:.1f} deg"
+
+
+@dataclass(frozen=True, eq=False)
+class PoseSigma:
+    """One-sigma uncertainty of a camera's pose, after the best rigid placement of the rig as a whole.
+
+    Infinite where no evidence constrains it; files leave it out.
+    """
+
+    position_m: float
+    """Root of the trace of the position's covariance, metres (the expected distance from the true centre)."""
+    orientation_deg: float
+    """Root of the trace of the rotation vector's covariance, degrees."""
+    covariance: Floats | None = None
+    """(6, 6): centre (metres, world), then rotation vector (radians, camera frame); None where any of it is infinite."""
+
+    @classmethod
+    def from_covariance(cls, covariance: Floats) -> PoseSigma:
+        """The sigma of a covariance (6, 6) as `covariance` has it; rounding may leave its traces just below 0."""
+        position, turn = max(np.trace(covariance[:3, :3]), 0.0), max(np.trace(covariance[3:, 3:]), 0.0)
+        known = bool(np.isfinite(position + turn))
+        return cls(float(np.sqrt(position)), float(np.degrees(np.sqrt(turn))), covariance if known else None)
+
+    def __repr__(self) -> str:
+        position = f"{1000 * self.position_m:.0f} mm" if np.isfinite(self.position_m) else "position unknown"
+        orientation = f"{self.orientation_deg:.2f} deg" if np.isfinite(self.orientation_deg) else "orientation unknown"
+        return f"PoseSigma({position}, {orientation})"
+
+    def moved(self, rotation: Floats, scale: float = 1.0) -> PoseSigma:
+        """The uncertainty after the world is moved by `X -> scale rotation X + translation`, as if that motion were exact.
+
+        The centre's part turns and grows with the world; the rotation vector is the camera's own and stays.
+        """
+        covariance = None
+        if self.covariance is not None:
+            block = np.eye(6)
+            block[:3, :3] = scale * np.asarray(rotation)
+            covariance = block @ self.covariance @ block.T
+        return PoseSigma(scale * self.position_m, self.orientation_deg, covariance)

@@ -1,0 +1,82 @@
+"""What was seen in one camera's video."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from passerby.core.observations import Boxes, Keypoints
+from passerby.findings.finding import Finding, notice
+from passerby.interchange.storage.toml_text import key
+from passerby.perception.video_probe import VideoInfo
+
+
+@dataclass(frozen=True, eq=False)
+class VideoObservations:
+    """What was seen in one camera's video."""
+
+    boxes: Boxes
+    """Of all pictures looked at, identities -1, or those that were given; embeddings where they were wanted."""
+    keypoints: Keypoints
+    pictures: int
+    """How many were looked at."""
+    summary: dict[str, Any]
+    """How decoding ended, and whether the camera moved: `ended_early`, `broken`, `moves`."""
+    seconds: dict[str, float] = field(default_factory=dict)
+    """Time spent by each stage in this run."""
+    made_again: bool = False
+    """Whether there were finished results that could not be taken: of another video, other options or other versions."""
+
+    def faults(self, name: str, info: VideoInfo, from_s: float = 0.0, until_s: float = math.inf) -> list[str]:
+        """What makes the part of the video unusable that lies between two times, in seconds."""
+        place, found = f"{info.path}: camera {name}", []
+        early = self.summary["ended_early"]
+        if early is not None:
+            found.append(
+                f"{place}: {early}: copy the video again, or save the readable part with `ffmpeg -i {info.path.name} -c copy "
+                "whole.mp4`"
+            )
+        found += [
+            f"{place}: the camera {_what(move)} {move['seconds']:.1f} s after the start, {_how_far(move)}, and stays "
+            f"{_needed(move)}: under [cameras.{key(name)}] set until_s = {math.floor(move['seconds'])} for "
+            f"the part before, or from_s = {math.ceil(move['seconds']) + 1} for the part after, or delete [cameras.{key(name)}]"
+            for move in self.summary["moves"]
+            if move["until"] is None and from_s < move["seconds"] < until_s
+        ]
+        return found
+
+    def findings(self, name: str, info: VideoInfo) -> list[Finding]:
+        """What is odd about the video, but does not stop a calibration."""
+        place, broken = str(info.path), self.summary["broken"]
+        found = [
+            notice("camera_bumped", name, place=place, from_s=move["seconds"], until_s=move["until"], pixels=move["pixels"])
+            for move in self.summary["moves"]
+            if move["until"] is not None
+        ]
+        if broken:
+            first = self.summary["first_broken_s"]
+            found.append(notice("frames_undecodable", name, place=place, broken=broken, first_s=first))
+        cut, failed = self.summary.get("cut_pieces", 0), self.summary.get("failed_pieces", 0)
+        if cut or failed:
+            found.append(notice("pieces_broken", name, place=place, cut=cut, failed=failed, files=len(info.files)))
+        return found
+
+
+def _zooms(move: Mapping[str, Any]) -> bool:
+    return bool(move.get("zoom", 1.0) != 1.0)  # what older versions kept has none
+
+
+def _what(move: Mapping[str, Any]) -> str:
+    return "moves" if not _zooms(move) else "zooms in" if move["zoom"] > 1 else "zooms out"
+
+
+def _how_far(move: Mapping[str, Any]) -> str:
+    if _zooms(move):
+        return f"by a factor of {max(move['zoom'], 1 / move['zoom']):.2f}"
+    return "by an unknown amount" if move["pixels"] is None else f"by {move['pixels']:.0f} pixels"
+
+
+def _needed(move: Mapping[str, Any]) -> str:
+    return "so: a fixed focal length is needed" if _zooms(move) else "there: static cameras are needed"
