@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import subprocess
@@ -9,6 +10,7 @@ import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+from pages.kept import code_behind, code_digest
 from pages.page import table
 from pages.sections import Found
 from reliability.page import Line, part_found
@@ -46,9 +48,10 @@ remains a program of arithmetic: one that is built to take much time or memory d
 def run(wanted: Wanted) -> Found:
     """Run the marked tests, and those of untrusted files."""
     cases = QUICK_CASES if wanted.quick else int(os.environ.get("PASSERBY_FUZZ_CASES", CASES))
+    kept = _records(wanted, cases)
+    status = _tests(wanted, "tests/interchange/untrusted/test_readers.py", ["-m", "fuzz"], cases, kept)
+    records = [json.loads(path.read_text(encoding="utf-8")) for path in sorted(kept.glob("*.json"))]
     with TemporaryDirectory() as folder:
-        status = _tests(wanted, "tests/interchange/untrusted/test_readers.py", ["-m", "fuzz"], cases, Path(folder))
-        records = [json.loads(path.read_text(encoding="utf-8")) for path in sorted(Path(folder).glob("*.json"))]
         report = Path(folder) / "untrusted.xml"
         _tests(wanted, "tests/interchange/untrusted/test_untrusted.py", [f"--junitxml={report}"], cases, Path(folder))
         checks, failed = counted(report)
@@ -70,6 +73,16 @@ def run(wanted: Wanted) -> Found:
     rows.append(("**all**", *(f"{sum(record.get(key, 0) for record in records):,}" for key in COUNTS)))
     readers = table(("reader", *COUNTS), rows)
     return part_found(lines, TEXT.format(readers=readers, bombs=checks - failed, failed=failed), quick=wanted.quick)
+
+
+def _records(wanted: Wanted, cases: int) -> Path:
+    """The folder in which each reader's count is kept as soon as it is there, of this code, these tests and so many cases."""
+    digest = hashlib.sha256(f"{code_digest(*code_behind(__name__))} {cases}".encode())
+    for path in sorted((ROOT / "tests/interchange/untrusted").glob("*.py")):
+        digest.update(path.read_bytes())
+    folder = wanted.kept / f"fuzz-{digest.hexdigest()[:16]}"
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder
 
 
 def _tests(wanted: Wanted, path: str, options: list[str], cases: int, records: Path) -> int:
