@@ -247,6 +247,10 @@ def test_sensors_of_others(tmp_path):
             {"attributes": [{"name": "frameWidth", "value": "wide"}, {"name": "frameHeight", "value": 1}]},
             "frameWidth is 'wide'",
         ),
+        (
+            {"attributes": [{"name": "frameWidth", "value": 10**400}, {"name": "frameHeight", "value": 1}]},
+            "frameWidth is 1000.*: a whole number",
+        ),
         ({"intrinsicMatrix": np.eye(3).tolist(), "extrinsicMatrix": [[1, 2, 3]] * 3}, "extrinsicMatrix has 9 numbers"),
         ({"intrinsicMatrix": np.eye(3).tolist(), "extrinsicMatrix": np.ones((3, 4)).tolist()}, "is not a rotation"),
     ],

@@ -1,5 +1,6 @@
 """OpenCV's files as OpenCV's own programs write them."""
 
+import json
 import re
 
 import cv2
@@ -51,6 +52,14 @@ def test_files_without_poses_are_lenses_in_the_order_of_their_names(tmp_path):
     rig, _ = read_rig_as("opencv", tmp_path, Given((1280, 720)))
     assert rig.names == ("C2", "C10")
     assert all(camera.pose is None for camera in rig)
+
+
+def test_numbers_of_cameras_may_be_beyond_floats(tmp_path):
+    for name, number in (("C1", 10**400), ("C2", 3), ("C3", 10**399)):
+        content = {"camera_matrix": MATRIX.tolist(), "distortion_coefficients": DISTORTIONS.tolist(), "cameraNumber": number}
+        (tmp_path / f"{name}.json").write_text(json.dumps(content))
+    rig, _ = read_rig_as("opencv", tmp_path, Given((1280, 720)))
+    assert rig.names == ("C2", "C3", "C1")
 
 
 def test_the_pair_of_the_stereo_sample(tmp_path):

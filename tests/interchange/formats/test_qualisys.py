@@ -74,6 +74,11 @@ def test_smaller_videos_cover_the_sensor(tmp_path):
         read_rig_as("qualisys", path, Given(size=(544, 960)))
 
 
+def test_a_height_of_videos_of_too_many_digits_says_nothing(tmp_path):
+    path = written(tmp_path, CAMERA.replace('viewrotation="0"', f'viewrotation="0" video_resolution="{"5" * 5000}p"'))
+    assert read_rig_as("qualisys", path)[0].names == read_rig_as("qualisys", written(tmp_path, CAMERA))[0].names
+
+
 def test_without_a_field_of_the_video_the_sensor_counts(tmp_path):
     bare = CAMERA.replace("fov_video ", "fov_other ")
     assert read_rig_as("qualisys", written(tmp_path, bare))[0]["26580"].lens.size == (1920, 1088)

@@ -140,7 +140,12 @@ def test_caliscope_of_earlier_days(tmp_path):
 
 @pytest.mark.parametrize(
     ("names", "numbers"),
-    [(("cam_3", "cam_0"), ["3", "0"]), (("cam_3", "door"), ["0", "1"]), (("cam_03", "cam_1"), ["0", "1"])],
+    [
+        (("cam_3", "cam_0"), ["3", "0"]),
+        (("cam_3", "door"), ["0", "1"]),
+        (("cam_03", "cam_1"), ["0", "1"]),
+        ((f"cam_{'9' * 5000}", "cam_1"), ["0", "1"]),
+    ],
 )
 def test_caliscope_numbers_cameras_as_their_videos(names, numbers, tmp_path):
     rig = Rig(tuple(Camera(name, LENS, Pose(np.eye(3), np.array([index, 0, 5.0]))) for index, name in enumerate(names)))

@@ -65,3 +65,8 @@ def test_cam2_comes_before_cam10():
 )
 def test_matching(cameras, others, pairs):
     assert match_names(cameras, others) == pairs
+
+
+def test_numbers_of_any_length_match():
+    long = "9" * 5000
+    assert match_names([f"left {long}", "left 2"], [[f"cam{long}"], ["cam002"]]) == {0: 0, 1: 1}

@@ -260,7 +260,7 @@ def _pixels(place: str, attributes: dict[str, Any], key: str) -> int:
     """A whole number that may be text."""
     try:
         return whole(place, {key: float(attributes[key])}, key)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise InputError(f"{place}: {key} is {shortened(attributes[key])}: a whole number above 0 is needed") from None
 
 

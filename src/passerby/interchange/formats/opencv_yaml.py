@@ -143,7 +143,7 @@ def _read(path: Path, given: Given) -> Rig:
 def _number(content: Mapping[str, Any]) -> float:
     """A camera's place in the rig; those without one come last, in the order of their files."""
     number = content.get("cameranumber")
-    return float(number) if isinstance(number, (int, float)) else float("inf")
+    return number if isinstance(number, (int, float)) and number == number else float("inf")  # whole ones may be beyond floats
 
 
 def _files_in(folder: Path) -> list[Path]:

@@ -122,7 +122,7 @@ def _field(element: ElementTree.Element) -> Floats:
 
 def _scales(element: ElementTree.Element, field: tuple[float, float], size: tuple[int, int] | None) -> tuple[float, float]:
     """Pixels of the video per pixel of the sensor, across and down."""
-    lines = re.fullmatch(r"(\d+)p", element.get("video_resolution", ""))
+    lines = re.fullmatch(r"(\d{1,9})p", element.get("video_resolution", ""))
     if size is None:
         if lines and int(lines[1]) < 0.9 * min(field):
             raise InputError(

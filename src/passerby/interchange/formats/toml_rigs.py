@@ -54,7 +54,7 @@ PINHOLE_MODELS = (RATIONAL_8, TILTED_14)
 
 _NOT_BARE = re.compile(r"[^A-Za-z0-9_-]")
 """Needs no quotes as the name of a TOML table otherwise."""
-_NUMBERED = re.compile(r"cam_(0|[1-9]\d*)")
+_NUMBERED = re.compile(r"cam_(0|[1-9]\d{0,8})")
 
 
 def _write_anipose(export: Export, losses: Losses) -> Mapping[str, bytes]:

@@ -91,9 +91,10 @@ def _plain(name: str) -> str:
     return re.sub(r"[\s_.\-]", "", name.casefold())
 
 
-def _last_number(name: str) -> int | None:
+def _last_number(name: str) -> str | None:
+    """Its digits without zeros before them: a name may have more than a number can."""
     numbers = _NUMBER.findall(name)
-    return int(numbers[-1]) if numbers else None
+    return numbers[-1].lstrip("0") if numbers else None
 
 
 def _common(words: list[list[re.Match[str]]]) -> tuple[int, int]:
