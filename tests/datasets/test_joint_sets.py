@@ -338,3 +338,18 @@ def test_a_skew_is_told(campus, tmp_path) -> None:
     notes = read_published("campus", folder).notes
     assert any("camera Camera0 has a skew" in note for note in notes)
     assert not any("Camera1 has a skew" in note for note in notes)
+
+
+@pytest.mark.parametrize(
+    "rows",
+    [[[1e300, -1e300, 0.0], [1e300, 1e300, 0.0]], [[1.0, 1.0, 0.0], [0.0, 1.0, 0.0]], [[0.0, 1.0, 0.0], [1.0, 0.0, 0.0]]],
+)
+def test_a_matrix_that_is_no_rotation_is_told(rows, tmp_path) -> None:
+    write_panoptic(tmp_path / "170101_walk1")
+    (path,) = (tmp_path / "170101_walk1").glob("calibration_*.json")
+    content = json.loads(path.read_text())
+    for camera in content["cameras"]:
+        camera["R"] = [*rows, [0.0, 0.0, 1.0]]
+    path.write_text(json.dumps(content))
+    with pytest.raises(InputError, match="this is not a rotation matrix"):
+        read_published("panoptic", tmp_path / "170101_walk1")

@@ -70,6 +70,18 @@ def test_half_a_file(tmp_path):
         open_session(whole)
 
 
+@pytest.mark.parametrize("name", ["x", "y"])
+def test_names_that_are_no_text(name, tmp_path):
+    path = saved(doubling(), tmp_path)
+    path.write_bytes(
+        path.read_bytes()
+        .replace(b"\n\x01" + name.encode(), b"\n\x01\xee")
+        .replace(b"\x12\x01" + name.encode(), b"\x12\x01\xee")
+    )
+    with pytest.raises(InputError, match=r"network\.onnx: its names are not text: the file is damaged; fetch it again"):
+        open_session(path)
+
+
 @pytest.mark.parametrize("model", [doubling(opset=999), doubling(operator="NoSuchOperator")])
 def test_operators_that_are_not_known(tmp_path, model):
     with pytest.raises(InputError, match=r"network\.onnx: needs operators .*older opset") as caught:

@@ -276,11 +276,21 @@ def test_what_is_wrong_is_told(tmp_path, what, message):
         read_data(folder, tmp_path / "cache")
 
 
-def test_a_folder_name_that_no_folder_can_have_is_told(tmp_path):
+@pytest.mark.parametrize("name", ["i" * 5000, "i - " * 500, "a/" * 300])
+def test_a_folder_name_that_no_folder_can_have_is_told(name, tmp_path):
     mot(tmp_path / "yard", mot_rows())
-    (tmp_path / "yard" / "seqinfo.ini").write_text(f"[Sequence]\nimDir={'i' * 5000}\n")
-    with pytest.raises(InputError, match=r"yard/iii+\.\.\.i+: no such folder"):
+    (tmp_path / "yard" / "seqinfo.ini").write_text(f"[Sequence]\nimDir={name}\n")
+    with pytest.raises(InputError, match=r"yard/seqinfo\.ini: imDir is [ai].*\.\.\.: no such folder") as told:
         read_data(tmp_path / "yard", tmp_path / "cache")
+    assert len(str(told.value).replace(str(tmp_path), "")) < 250
+
+
+def test_what_is_no_description_of_a_sequence_is_shown_in_short(tmp_path):
+    mot(tmp_path / "yard", mot_rows())
+    (tmp_path / "yard" / "seqinfo.ini").write_text("[Sequence]\n" + f"{'a ' * 500}=1\n" * 2)
+    with pytest.raises(InputError, match=r"is not a description of a sequence: .* a a") as told:
+        read_data(tmp_path / "yard", tmp_path / "cache")
+    assert len(str(told.value).replace(str(tmp_path), "")) < 250
 
 
 def test_what_cut_crops_refuses(tmp_path):

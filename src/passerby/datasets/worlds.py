@@ -72,7 +72,9 @@ def right_handed(place: str, cameras: Sequence[PublishedCamera], seen: Mapping[s
 
 def rotation(matrix: Floats, place: str) -> Floats:
     """The rotation nearest to a published, rounded one. Raises `InputError` where it is none."""
-    if np.abs(matrix @ matrix.T - np.eye(3)).max() > ROTATION_TOLERANCE or np.linalg.det(matrix) < 0:
+    with np.errstate(over="ignore", invalid="ignore"):  # NaN is no rotation either
+        is_rotation = bool(np.abs(matrix @ matrix.T - np.eye(3)).max() <= ROTATION_TOLERANCE)
+    if not is_rotation or np.linalg.det(matrix) < 0:
         raise InputError(
             f"{place} is {matrix.round(4).tolist()}: this is not a rotation matrix; take the file from the set again"
         )

@@ -95,7 +95,10 @@ def _opened(path: Path, providers: list[Any]) -> onnxruntime.InferenceSession:
     options.add_session_config_entry("session.intra_op.allow_spinning", "0")
     options.add_session_config_entry("session.inter_op.allow_spinning", "0")
     # Its own fallback would print to standard output.
-    return onnxruntime.InferenceSession(str(path), sess_options=options, providers=providers, enable_fallback=0)
+    session = onnxruntime.InferenceSession(str(path), sess_options=options, providers=providers, enable_fallback=0)
+    for value in (*session.get_inputs(), *session.get_outputs()):
+        _port(value)  # raises `UnicodeDecodeError` where a name in the file is no text
+    return session
 
 
 def runtime_errors() -> tuple[type[Exception], ...]:
@@ -119,6 +122,8 @@ def runtime_errors() -> tuple[type[Exception], ...]:
 
 def _complaint(path: Path, error: Exception) -> str:
     """What is wrong with the file and what fixes it, in one line."""
+    if isinstance(error, UnicodeDecodeError):
+        return "its names are not text: the file is damaged; fetch it again or give another"
     kind = type(error).__name__
     text = " ".join(str(error).split())
     said = text if len(text) < 160 else f"... {text[-150:]}"

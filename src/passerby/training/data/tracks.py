@@ -16,6 +16,7 @@ from scipy.sparse import csr_array
 from passerby.common.arrays import Ints
 from passerby.common.errors import InputError
 from passerby.common.progress import Progress, silent
+from passerby.common.text import shortened_text
 from passerby.core.observations import UNKNOWN, Boxes
 from passerby.findings.texts import text_of
 from passerby.interchange.motchallenge import LARGEST_WHOLE, read_boxes
@@ -221,14 +222,18 @@ def camera_of_sequence(folder: Path) -> TrackedCamera:
     try:
         parser.read_string(read_text(folder / SEQUENCE, "the description of a MOTChallenge sequence"))
     except configparser.Error as error:
-        raise InputError(f"{folder / SEQUENCE}: is not a description of a sequence: {str(error).splitlines()[0]}") from None
-    pictures = folder / parser.get("Sequence", "imDir", fallback="img1")
+        why = shortened_text(str(error).splitlines()[0])
+        raise InputError(f"{folder / SEQUENCE}: is not a description of a sequence: {why}") from None
+    named = parser.get("Sequence", "imDir", fallback="img1")
+    pictures = folder / named
     try:
         found = pictures.is_dir()
     except OSError:  # a name that no file can have
         found = False
     if not found:
-        raise InputError(f"{folder / SEQUENCE}: {pictures}: no such folder: the frames of the sequence are needed there")
+        raise InputError(
+            f"{folder / SEQUENCE}: imDir is {shortened_text(named)}: no such folder: it must hold the frames of the sequence"
+        )
     boxes, hidden = _read_truth(folder / "gt" / "gt.txt")
     return TrackedCamera(parser.get("Sequence", "name", fallback=folder.name), pictures, boxes, hidden)
 
