@@ -353,3 +353,15 @@ def test_a_matrix_that_is_no_rotation_is_told(rows, tmp_path) -> None:
     path.write_text(json.dumps(content))
     with pytest.raises(InputError, match="this is not a rotation matrix"):
         read_published("panoptic", tmp_path / "170101_walk1")
+
+
+@pytest.mark.parametrize("name", ["", " ", None, 3])
+def test_a_camera_whose_name_is_no_text_is_told(name, tmp_path) -> None:
+    write_panoptic(tmp_path / "170101_walk1")
+    (path,) = (tmp_path / "170101_walk1").glob("calibration_*.json")
+    content = json.loads(path.read_text())
+    for camera in content["cameras"]:
+        camera["name"] = name
+    path.write_text(json.dumps(content))
+    with pytest.raises(InputError, match=r"name is .*: a text is needed"):
+        read_published("panoptic", tmp_path / "170101_walk1")

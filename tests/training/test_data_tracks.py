@@ -285,6 +285,13 @@ def test_a_folder_name_that_no_folder_can_have_is_told(name, tmp_path):
     assert len(str(told.value).replace(str(tmp_path), "")) < 250
 
 
+@pytest.mark.parametrize("row", ["-1,1,10,10,20,50,1,1,1", "1.5,1,10,10,20,50,1,1,1", "1,0.5,10,10,20,50,1,1,1"])
+def test_frames_and_identities_of_a_sequence_are_whole_numbers(row, tmp_path):
+    mot(tmp_path / "yard", [*mot_rows(), row.split(",")])
+    with pytest.raises(InputError, match=r"gt\.txt: frame .*, id .*: whole numbers are needed, of frames from 0 on"):
+        read_data(tmp_path / "yard", tmp_path / "cache")
+
+
 def test_what_is_no_description_of_a_sequence_is_shown_in_short(tmp_path):
     mot(tmp_path / "yard", mot_rows())
     (tmp_path / "yard" / "seqinfo.ini").write_text("[Sequence]\n" + f"{'a ' * 500}=1\n" * 2)

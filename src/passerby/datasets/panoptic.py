@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from passerby.common.errors import InputError
+from passerby.common.text import shortened, shortened_text
 from passerby.core.cameras import Camera, Lens, Pose, Rig
 from passerby.core.observations import BODY_17, UNKNOWN
 from passerby.datasets.parsing import check_size, entry, numbered, numbers, read_json, whole
@@ -107,7 +108,9 @@ def _rig(path: Path) -> Rig:
 
 def _camera(table: dict[str, Any], place: str) -> Camera:
     name = entry(table, "name", place)
-    place = f"{place} ({name})"
+    if not isinstance(name, str) or not name.strip():
+        raise InputError(f"{place}: name is {shortened(name)}: a text is needed; take the file from the set again")
+    place = f"{place} ({shortened_text(name)})"
     width, height = numbers(entry(table, "resolution", place), (2,), f"{place}: resolution", "width and height")
     matrix = numbers(entry(table, "K", place), (3, 3), f"{place}: K", "3 x 3 numbers")
     distortions = numbers(entry(table, "distCoef", place), (5,), f"{place}: distCoef", "5 numbers")
@@ -117,7 +120,7 @@ def _camera(table: dict[str, Any], place: str) -> Camera:
         lens = Lens((int(width), int(height)), matrix, distortions)
     except InputError as error:
         raise InputError(f"{place}: {error}") from None
-    return Camera(str(name), lens, Pose(R @ TO_Z_UP.T, METRES_PER_UNIT * t))
+    return Camera(name, lens, Pose(R @ TO_Z_UP.T, METRES_PER_UNIT * t))
 
 
 def _media(folder: Path, rig: Rig) -> tuple[dict[str, Path], dict[str, tuple[Path, ...]], dict[str, tuple[int, ...]]]:

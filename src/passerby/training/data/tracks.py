@@ -249,6 +249,10 @@ def _read_truth(path: Path) -> tuple[Boxes, NDArray[np.bool_]]:
         raise InputError(
             f"{path}: {rows.shape[1]} columns: frame, id, left, top, width, height as numbers are needed in each row"
         )
+    whole = (rows[:, 0] >= 0) & (rows[:, :2] == np.floor(rows[:, :2])).all(axis=1)
+    if not whole.all():
+        frame, identity = rows[np.flatnonzero(~whole)[0], :2]
+        raise InputError(f"{path}: frame {frame:g}, id {identity:g}: whole numbers are needed, of frames from 0 on")
     keep = (rows[:, 1] >= 0) & (rows[:, 4:6] > 0).all(axis=1)
     if rows.shape[1] > 6:
         keep &= rows[:, 6] != 0
