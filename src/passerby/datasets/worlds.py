@@ -15,6 +15,7 @@ from scipy.linalg import rq
 
 from passerby.common.arrays import Floats
 from passerby.common.errors import InputError
+from passerby.common.text import shortened
 from passerby.core.cameras import Camera, Lens, Pose, Rig
 
 AGREEMENT = 0.95
@@ -76,7 +77,7 @@ def rotation(matrix: Floats, place: str) -> Floats:
         is_rotation = bool(np.abs(matrix @ matrix.T - np.eye(3)).max() <= ROTATION_TOLERANCE)
     if not is_rotation or np.linalg.det(matrix) < 0:
         raise InputError(
-            f"{place} is {matrix.round(4).tolist()}: this is not a rotation matrix; take the file from the set again"
+            f"{place} is {shortened(matrix.tolist())}: this is not a rotation matrix; take the file from the set again"
         )
     u, _, vt = np.linalg.svd(matrix)
     return np.asarray(u @ vt)
@@ -101,7 +102,7 @@ def from_projection(name: str, matrix: Floats, size: tuple[int, int], place: str
         scaled = matrix / np.linalg.norm(matrix[2, :3])
         left = scaled[:, :3]
     if not np.isfinite(scaled).all() or abs(np.linalg.det(left)) < 1e-9 * np.linalg.norm(left) ** 2:
-        raise InputError(f"{place} is {matrix.round(4).tolist()}: this is not a projection matrix of a camera")
+        raise InputError(f"{place} is {shortened(matrix.tolist())}: this is not a projection matrix of a camera")
     upper, orthonormal = rq(left)
     signs = np.where(np.diag(upper) < 0, -1.0, 1.0)
     upper, orthonormal = upper * signs, signs[:, None] * orthonormal
