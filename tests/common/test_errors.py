@@ -24,3 +24,16 @@ def test_a_message_of_many_words_is_shown_by_its_ends():
     assert len(shown) <= LONGEST
     assert shown.startswith("a few words")
     assert shown.endswith("the fix")
+
+
+def test_words_without_end_are_shown_by_their_ends():
+    shown = str(InputError(f"intri.yml: camera {'- ' * 2000}- is missing: a 3 x 3 camera matrix is needed"))
+    assert shown.startswith("intri.yml: camera - - ")
+    assert shown.endswith("- is missing: a 3 x 3 camera matrix is needed")
+    assert len(shown) < 400
+
+
+def test_lists_of_names_and_paths_are_shown_whole():
+    names = ", ".join(f"camera {number}" for number in range(100))
+    path = "/".join(["a folder"] * 50)
+    assert str(InputError(f"{path}/scene.toml: {names}: no such cameras")) == f"{path}/scene.toml: {names}: no such cameras"

@@ -13,6 +13,8 @@ LONGEST = 2000
 """Characters of a message: a file may hold a name of a million characters, and nobody's file is shown at length."""
 LONG_WORD = re.compile(r"([^\s/]{80})[^\s/]{176,}([^\s/]{20})")
 """A word of more characters than a file's name may have, 255 bytes: it comes out of a file."""
+LONG_RUN = re.compile(r"([^\n,;:()/]{180})[^\n,;:()/]{300,}([^\n,;:()/]{100})")
+"""Words without any punctuation, longer than sentences are: they come out of a file, too."""
 
 
 class PasserbyError(Exception):
@@ -25,8 +27,8 @@ class PasserbyError(Exception):
 
 
 def cut(message: str) -> str:
-    """A message, or a word in it, that is too long without its middle, and each without the passwords of addresses in it."""
-    message = LONG_WORD.sub(r"\1...\2", without_credentials(message))
+    """A message, or a part of it, that is too long without its middle, and without the passwords of addresses in it."""
+    message = LONG_RUN.sub(r"\1 ... \2", LONG_WORD.sub(r"\1...\2", without_credentials(message)))
     return message if len(message) <= LONGEST else f"{message[: LONGEST - 400]} ... {message[-390:]}"
 
 
