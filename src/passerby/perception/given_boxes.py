@@ -1,4 +1,4 @@
-"""People whom a file told of, in place of a detector."""
+"""People whose boxes a file states, in place of a detector."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from passerby.perception.pictures import Detections, Frame
 
 
 class GivenBoxes:
-    """The boxes that a file told, in place of a detector."""
+    """The boxes that a file states, in place of a detector."""
 
     def __init__(self, boxes: Boxes) -> None:
         self._boxes = boxes
