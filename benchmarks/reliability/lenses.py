@@ -213,8 +213,8 @@ def _lines(right: Mapping[str, Mapping[str, Any]], wrong: Mapping[str, Mapping[s
     ]  # fmt: skip
     named = sum(result["right"] for result in severe)
     return [
-        Line(f"right lenses accused, {len(right)} scenes", percent(accused, len(right)), f"under {100 * MOST_ACCUSED:.0f} %",
-             accused < MOST_ACCUSED * len(right)),
+        Line(f"right lenses accused, {len(right)} scenes", f"{accused} ({100 * accused / len(right):.2f} %)",
+             f"under {100 * MOST_ACCUSED:.0f} %", accused < MOST_ACCUSED * len(right)),
         Line(f"focal lengths 15 % off or more, and cropped pictures, named, {len(severe)} scenes",
              percent(named, len(severe)), f"{100 * SEVERE:.0f} % or more", named >= SEVERE * len(severe)),
     ]  # fmt: skip
