@@ -38,6 +38,6 @@ def test_the_section_counts_what_was_accused_and_what_was_named(bench: Bench) ->
     right = {"1": {"spoilt": "", "named": []}, "2": {"spoilt": "", "named": [["focal_contradicted", "C1"]]}}
     wrong = {"focal 0.2 1": {"right": True, "only": True, "named": [["focal_contradicted", "C1"]], "accepted": False}}
     accused, named = lenses._lines(right, wrong)
-    assert (accused.seen, accused.reached) == ("50.0 %", False)
+    assert (accused.seen, accused.reached) == ("1 (50.00 %)", False)
     assert (named.seen, named.reached) == ("100.0 %", True)
     assert "one focal length off by 20 %" in lenses._text(right, {}, wrong)
