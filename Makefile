@@ -19,7 +19,7 @@ WITH_DATA := $(if $(DATA),--data $(DATA))
 PEERS := .venv-peer-caliscope/.installed .venv-peer-colmap/.installed .venv-peer-humancalib/.installed
 PIP := -m pip install --quiet --disable-pip-version-check
 
-.PHONY: help hooks demo test test-slow lint types docs bench bench-quick bench-association bench-perception bench-reid bench-lenses bench-scale bench-sites bench-sources bench-page bench-peers bench-formats limits versions reliability peers format clean
+.PHONY: help hooks demo test test-slow lint types docs bench bench-quick bench-association bench-perception bench-reid bench-lenses bench-scale bench-sites bench-sources bench-page bench-peers bench-formats limits versions mutation reliability peers format clean
 
 ## help: what there is to do
 help:
@@ -98,6 +98,10 @@ bench-perception: $(INSTALLED)
 # Coverage of the sigmas, hostile scenes, the monitor, fuzzing, faults: writes docs/reliability.md. What is finished is kept.
 reliability: $(TRAINING_INSTALLED)
 	$(ONE_THREAD) $(VENV)/bin/python benchmarks/run_reliability.py
+
+## mutation: docs/results/mutation.md: 300 seeded faults of solver and verdict, and which of them the tests notice; hours
+mutation: $(INSTALLED)
+	$(VENV)/bin/python benchmarks/mutation.py --rooms solver association calibration -o docs/results
 
 ## versions: docs/results/versions.md: each Python, the oldest and the newest libraries
 versions: $(INSTALLED)

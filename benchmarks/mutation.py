@@ -1,10 +1,10 @@
 """What the tests notice: seeded faults, one at a time, in a copy of the sources, and the tests of their room run on each.
 
-`python benchmarks/mutation.py build/mutation.jsonl` draws the faults by the seed, runs the quick tests of the fault's room
-until one fails, then, where none did, the quick tests of other rooms that name the fault's module, and the smokes of all
-rooms: together what `make test` notices, or a little less. `--slow` then runs the slow tests of the room on what is left.
-What is finished is kept in the file and not run again. `--list` only shows the faults, `--report` only what is kept. The
-tests run with the interpreter that runs this, one process at a time.
+`python benchmarks/mutation.py [-o FOLDER]` draws the faults by the seed, runs the quick tests of the fault's room until one
+fails, then, where none did, the quick tests of other rooms that name the fault's module, and the smokes of all rooms:
+together what `make test` notices, or a little less. `--slow` then runs the slow tests of the room on what is left. What is
+finished is kept in `build/mutation`, for the same sources and tests only. `--list` only shows the faults. The tests run with
+the interpreter that runs this.
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ from __future__ import annotations
 import argparse
 import ast
 import copy
-import json
 import os
 import random
 import re
@@ -22,17 +21,25 @@ import subprocess
 import sys
 import tempfile
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-ROOT = Path(__file__).resolve().parents[1]
+from command import ONE_THREAD
+from datasets import ROOT
+from pages.cases import run_cases
+from pages.commit import commit
+from pages.kept import Kept
+from pages.page import Page, publish, table, yes
+
 SOURCE = ROOT / "src" / "passerby"
 ROOMS = ("solver", "association", "geometry", "people", "interchange", "scene", "calibration")
 TESTED_BY = {"people": ["people", "monitoring", "solver"]}
 """Rooms whose tests are a room's too: most of what it does is seen in what they make of it."""
-STAGES = ("room", "elsewhere", "slow")
-"""The tests that a fault meets in turn, until one notices it: the quick ones of its room, of other rooms, the slow ones."""
+WHERE = {"room": "quick tests of the room", "elsewhere": "other quick tests", "slow": "slow tests of the room"}
+STAGES = tuple(WHERE)
+"""The tests that a fault meets in turn, until one notices it."""
 CPU_S = 900
 """Processor time after which a fault that makes the tests run on and on counts as noticed."""
 OPPOSITE: dict[type[ast.AST], type[ast.AST]] = {
@@ -44,7 +51,7 @@ NEXT: dict[type[ast.AST], type[ast.AST]] = {
 REVERSED: dict[type[ast.AST], type[ast.AST]] = {
     ast.Lt: ast.GtE, ast.LtE: ast.Gt, ast.Gt: ast.LtE, ast.GtE: ast.Lt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq,
 }  # fmt: skip
-ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+GOAL_PERCENT = 85
 COMMUTING = ("max", "min", "maximum", "minimum", "fmax", "fmin", "hypot", "isinstance")
 ONE_SIDED = (ast.Sub, ast.Div, ast.MatMult)
 
@@ -69,32 +76,33 @@ class Fault:
 
 
 def main() -> None:
+    """Run what is asked for."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("record", type=Path, nargs="?", default=ROOT / "build" / "mutation.jsonl", help="what is finished")
+    parser.add_argument("-o", "--out", type=Path, help="folder of the page; it is printed where none is given")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--count", type=int, default=50, help="faults, spread over the rooms")
+    parser.add_argument("--count", type=int, default=300, help="faults, spread over the rooms")
     parser.add_argument("--rooms", nargs="*", default=ROOMS, choices=ROOMS)
     parser.add_argument("--list", action="store_true", help="show the faults only")
-    parser.add_argument("--report", action="store_true", help="show what is kept only")
     parser.add_argument("--slow", action="store_true", help="run the slow tests too on what no quick one noticed")
-    parser.add_argument("--again", action="store_true", help="run the quick tests again on what they did not notice")
+    parser.add_argument("--workers", type=int, default=os.cpu_count() or 1, help="processes")
     wanted = parser.parse_args()
-    faults = [fault for fault in drawn(wanted.seed, wanted.count) if fault.room in wanted.rooms]
+    faults = drawn(wanted.seed, wanted.count, wanted.rooms)
     if wanted.list:
         print("\n".join(fault.name for fault in faults))
         return
-    if not wanted.report:
-        run_all(faults, wanted.record, STAGES if wanted.slow else STAGES[:2], again=wanted.again)
-    print(report(faults, kept(wanted.record)))
+    stages = STAGES if wanted.slow else STAGES[:2]
+    store = Kept(ROOT / "build" / "mutation", ("../tests",))
+    command = f"python benchmarks/mutation.py --seed {wanted.seed} --count {wanted.count} --rooms {' '.join(wanted.rooms)}"
+    publish(_pages(faults, stages, store, wanted.workers), wanted.out, command + (" --slow" if wanted.slow else ""))
 
 
-def drawn(seed: int, count: int) -> list[Fault]:
-    """So many faults of all rooms in turn, the same for the same seed and sources."""
+def drawn(seed: int, count: int, rooms: Sequence[str]) -> list[Fault]:
+    """So many faults of some rooms in turn, the same for the same seed, rooms and sources."""
     rng = random.Random(seed)
-    stocks = {room: sorted(faults_in(room), key=lambda fault: (fault.path, fault.start, fault.kind)) for room in ROOMS}
+    stocks = {room: sorted(faults_in(room), key=lambda fault: (fault.path, fault.start, fault.kind)) for room in rooms}
     chosen: list[Fault] = []
     for number in range(count):
-        room = ROOMS[number % len(ROOMS)]
+        room = rooms[number % len(rooms)]
         kinds = sorted({fault.kind for fault in stocks[room]})
         # Every kind as likely as another; else most faults would be of constants.
         kind = rng.choice(kinds)
@@ -190,35 +198,30 @@ def _with(node: ast.expr, **fields: object) -> ast.expr:
     return changed
 
 
-def run_all(faults: list[Fault], record: Path, stages: Sequence[str], *, again: bool) -> None:
-    """Run one stage after the other on every fault that none before noticed; keep each answer."""
+def _pages(faults: Sequence[Fault], stages: Sequence[str], store: Kept, workers: int) -> Iterator[Page]:
+    """The page, again and again as one stage after the other is run on every fault that none before noticed."""
+    found: dict[Fault, Notice] = {}
+    left = list(faults)
     for stage in stages:
-        for fault in faults:
-            before = kept(record).get(fault.name, {"fault": fault.name})
-            missed_before = again and stage == "room" and not before.get(stage)
-            if missed_before or not (stage in before or _noticed_by(before)):
-                found = noticed(fault, stage)
-                by = found.test or before.get("by")
-                _keep(record, before | {stage: found.test is not None, "by": by, "cpu_s": found.cpu_s})
-
-
-def _keep(record: Path, line: dict[str, object]) -> None:
-    record.parent.mkdir(parents=True, exist_ok=True)
-    with record.open("a", encoding="utf-8") as file:
-        file.write(json.dumps(line) + "\n")
-    print(f"{_noticed_by(line):9}", line["cpu_s"], "s", line["fault"], "|", line["by"], flush=True)
+        cases = {fault.name: (fault, stage) for fault in left}
+        for outcomes in run_cases(store, f"mutation {stage}", cases, work, workers):
+            seen = {fault: outcomes[fault.name]["test"] for fault in left if fault.name in outcomes}
+            found |= {fault: Notice(stage if test else "", test or "") for fault, test in seen.items()}
+            yield Page("mutation", page_text(found, len(faults), stages))
+        left = [fault for fault in left if not found[fault].stage]
 
 
 @dataclass(frozen=True)
 class Notice:
-    """Which test failed first, if any, and the processor's seconds until then."""
+    """Which test failed first on a fault, and of which stage it is; empty where none failed."""
 
-    test: str | None
-    cpu_s: int
+    stage: str
+    test: str
 
 
-def noticed(fault: Fault, stage: str) -> Notice:
-    """Run the tests of a stage on a copy of the sources with the fault, until one fails."""
+def work(case: tuple[Fault, str]) -> dict[str, Any]:
+    """Run the tests of a stage on a copy of the sources with the fault, until one fails: `test`, None where none did."""
+    fault, stage = case
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     failed = None
     with tempfile.TemporaryDirectory() as folder:
@@ -230,7 +233,9 @@ def noticed(fault: Fault, stage: str) -> Notice:
         for number, (tests, marked) in enumerate(tests_of(fault, stage)):
             failed = failed or _first_failure(tests, marked, sources, Path(folder) / str(number))
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return Notice(failed, round(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime))
+    cpu_s = round(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
+    print(f"{stage if failed else '':9}", cpu_s, "s", fault.name, "|", failed, flush=True, file=sys.stderr)
+    return {"test": failed, "cpu_s": cpu_s}
 
 
 def tests_of(fault: Fault, stage: str) -> Iterator[tuple[list[str], str]]:
@@ -277,28 +282,41 @@ def limit() -> None:
     resource.setrlimit(resource.RLIMIT_CPU, (CPU_S, CPU_S))
 
 
-def kept(record: Path) -> dict[str, dict[str, object]]:
-    """What is finished, the last word on each fault."""
-    if not record.is_file():
-        return {}
-    lines = [json.loads(line) for line in record.read_text(encoding="utf-8").splitlines()]
-    return {line["fault"]: line for line in lines}
+def page_text(found: Mapping[Fault, Notice], count: int, stages: Sequence[str]) -> str:
+    """The page: how many faults each stage noticed, and those that none did.
+
+    Args:
+        found: by fault, of those that are finished.
+        count: faults drawn.
+        stages: those that are run.
+    """
+    head = ("room", "faults", *(WHERE[stage] for stage in stages), "noticed", f"{GOAL_PERCENT} % or more")
+    rows = []
+    for room in (*sorted({fault.room for fault in found}), "all"):
+        counts = Counter(notice.stage for fault, notice in found.items() if room in (fault.room, "all"))
+        n = counts.total()
+        share = 100 * (n - counts[""]) / n if n else 0.0
+        rows.append((room, str(n), *(str(counts[stage]) for stage in stages), f"{share:.1f} %", yes(share >= GOAL_PERCENT)))
+    survivors = [(f"`{fault.path}:{fault.line}`", fault.kind, _code(fault.before), _code(fault.after))
+                 for fault, notice in found.items() if not notice.stage]  # fmt: skip
+    unfinished = f" **{len(found)} of the {count} faults are finished.**" if len(found) < count else ""
+    return f"""# Seeded faults
+
+One expression at a time is changed in a copy of the package, and the tests are run until one fails.{unfinished} Code of
+commit {commit()}.
+
+{table(head, rows)}
+
+Faults that no test noticed:
+
+{table(("where", "kind", "before", "after"), survivors) if survivors else "none."}
+"""
 
 
-def report(faults: list[Fault], finished: dict[str, dict[str, object]]) -> str:
-    """A table of rooms, and the faults that the quick tests of their room did not notice."""
-    columns = (*STAGES, "none")
-    rows = [f"| room | faults | {' | '.join(columns)} |", "|---" * (2 + len(columns)) + "|"]
-    done = [(fault, _noticed_by(finished[fault.name]) or "none") for fault in faults if fault.name in finished]
-    for room in (*ROOMS, "all"):
-        counts = Counter(by for fault, by in done if room in (fault.room, "all"))
-        rows.append(f"| {room} | {counts.total()} | {' | '.join(str(counts[column]) for column in columns)} |")
-    return "\n".join([*rows, "", *(f"- {by}: {fault.name}" for fault, by in done if by != "room")])
-
-
-def _noticed_by(line: dict[str, object]) -> str:
-    """The stage that noticed a fault; empty where none has."""
-    return next((stage for stage in STAGES if line.get(stage)), "")
+def _code(text: str) -> str:
+    """As a cell of a table."""
+    escaped = text.replace("|", "\\|")
+    return f"`{escaped}`"
 
 
 if __name__ == "__main__":

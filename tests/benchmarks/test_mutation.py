@@ -1,0 +1,47 @@
+"""Which faults are drawn, whether one is noticed, and how the page counts them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from types import ModuleType
+
+import pytest
+
+Bench = Callable[[str], ModuleType]
+
+
+def test_the_draw_is_of_the_seed_and_spread_over_the_rooms(bench: Bench) -> None:
+    mutation = bench("mutation")
+    faults = mutation.drawn(1, 6, ("geometry", "people"))
+    assert [fault.room for fault in faults] == ["geometry", "people"] * 3
+    assert faults == mutation.drawn(1, 6, ("geometry", "people"))
+    assert faults != mutation.drawn(2, 6, ("geometry", "people"))
+    assert len({fault.name for fault in faults}) == len(faults)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("after", "noticed"), [("raise ValueError\n", True), ("", False)])
+def test_a_fault_is_noticed_and_a_copy_without_one_is_not(bench: Bench, after: str, noticed: bool) -> None:
+    mutation = bench("mutation")
+    fault = mutation.Fault("geometry", "geometry/geodesy.py", 1, "wrong constant", "", after, 0, 0)
+    assert bool(mutation.work((fault, "room"))["test"]) is noticed
+
+
+def test_the_page_counts_what_was_noticed_and_names_what_was_not(bench: Bench) -> None:
+    mutation = bench("mutation")
+
+    def fault(line: int) -> object:
+        return mutation.Fault("solver", "solver/a.py", line, "off by one", "a | b", "(b | a)", 0, 1)
+
+    found = {
+        fault(1): mutation.Notice("room", "t"),
+        fault(2): mutation.Notice("elsewhere", "t"),
+        fault(3): mutation.Notice("", ""),
+    }
+    text = mutation.page_text(found, 4, ("room", "elsewhere"))
+    rows = [[cell.strip() for cell in line.split(" | ")] for line in text.splitlines() if line.startswith("| solver")]
+    assert [cell.strip("| ") for cell in rows[0]] == ["solver", "3", "1", "1", "66.7 %", "**no**"]
+    assert "3 of the 4 faults are finished" in text
+    assert "`solver/a.py:3`" in text
+    assert "`solver/a.py:2`" not in text
+    assert r"`a \| b`" in text
