@@ -99,6 +99,7 @@ def test_a_registered_pair(cameras: list[CameraTracklets]) -> None:
     assert pair.offset_s == -0.8
     assert pair.registered_offset_s == pytest.approx(-0.8, abs=0.1)
     assert (pair.score, pair.share, pair.matches) == (guess.score, guess.share, guess.samples)
+    assert pair.runner_up == graph.edges[0].runner_up
     assert pair.looks is None
 
 

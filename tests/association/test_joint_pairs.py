@@ -69,6 +69,20 @@ def test_who_stands_still_proves_nothing():
         assert found.gain < 0.2
 
 
+def test_who_stands_still_to_the_last_digit_proves_nothing():
+    """A picture that is frozen: the joints fit as perfectly at any delay, so that there is no misfit to take away."""
+    rng = np.random.default_rng(0)
+    first, second, *_ = ring(4, rng)
+    joints = moving_on_spot(ONE, 3.0, FPS, rng, moving=0.0)
+    tracks = [
+        joint_tracks(seen(camera, joints, rng, noise=0.0).keypoints, camera.lens, Clock(FPS)) for camera in (first, second)
+    ]
+    found = register_joints(0, 1, *tracks, np.random.default_rng(0))
+    assert found is not None
+    assert found.score == pytest.approx(1.0)
+    assert not found.used
+
+
 def test_hypotheses_contradict_each_other_by_rotation_or_by_baseline():
     """One that only turns the camera elsewhere, one that only puts it elsewhere, and one that does neither."""
     fit = joint_pairs._Fit(0, 0, False, np.eye(3), np.array([1.0, 0.0, 0.0]), 0.9)

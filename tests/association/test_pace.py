@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from passerby.association.camera_tracklets import CameraTracklets
+from passerby.association.clocks import frame_rate
 from passerby.association.clocks.frame_rate import FASTEST, SLOWEST, UNKNOWN_RATE, estimate_frame_rate, rate_of_walkers
 from passerby.core.cameras import Rig
 from passerby.core.observations import UNKNOWN, CameraObservations, Clock, Observations
@@ -85,6 +86,16 @@ def test_the_rate_of_a_simulated_scene(given: bool) -> None:
         cameras[name] = CameraObservations(boxes if given else replace(boxes, identity=np.full(len(boxes), UNKNOWN)))
     found = estimate_frame_rate(rig, Observations(cameras), 1.72, np.random.default_rng(0))
     assert 2.5 < found < 10.0
+
+
+def test_the_estimate_is_what_walkers_tell_at_the_rate_that_agrees_with_itself(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Tracking at 2 and at 10 frames a second tells 4 and 9: the second comes nearer to what it was tracked at; at 9, 9.1."""
+    found = {2.0: 4.0, 10.0: 9.0, 9.0: 9.1}
+    monkeypatch.setattr(frame_rate, "build_camera_tracklets", lambda camera, seen, clock, *_: clock.fps)
+    monkeypatch.setattr(frame_rate, "rate_of_walkers", lambda rates: found[rates[0]])
+    rig = Rig(simulated("terrace", 20.0, 2, unrelated_ids=True).rig.cameras[:1])
+    nobody = Observations({rig.names[0]: CameraObservations()})
+    assert estimate_frame_rate(rig, nobody, 1.72, np.random.default_rng(0)) == 9.1
 
 
 def test_nobody_seen_leaves_the_usual_rate() -> None:

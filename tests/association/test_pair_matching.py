@@ -59,6 +59,26 @@ def test_agreement_is_what_it_is_defined_as(
     np.testing.assert_allclose(agreement_of_pairs(met, motion, factor), wanted, atol=1e-9)
 
 
+@pytest.mark.parametrize("heading", np.deg2rad([0.0, 45.0, 90.0, 180.0, 260.0]))
+def test_agreement_does_not_depend_on_the_way_that_camera_b_faces(heading: float) -> None:
+    """People far off, whose places are known to some metres along the ray, are misplaced by as much."""
+    rng = np.random.default_rng(4)
+    tolerance, n = Tolerance(floor_m=0.3, along=0.05, across=0.02, foot_m=0.0), 40
+
+    def far(place: np.ndarray) -> GroundTracks:
+        return GroundTracks(Level(UP, 4.0, 0.0), tolerance, np.arange(n), np.arange(n), place, np.zeros(n, np.complex128))
+
+    place = 60.0 * np.exp(2j * np.pi * rng.uniform(size=n))
+    moved = place + rng.uniform(1.0, 4.0, n) * np.exp(2j * np.pi * rng.uniform(size=n))
+    turn = np.exp(1j * heading)
+    straight, turned = (find_synchronous_pairs(TrackPair(far(place), far(way * moved)), 0) for way in (1.0, turn))
+    wanted = agreement_of_pairs(straight, GroundMotion(1.0 + 0j, 0j, 0.0))
+    assert np.ptp(wanted) > 0.8
+    np.testing.assert_allclose(agreement_of_pairs(turned, GroundMotion(complex(turn), 0j, 0.0)), wanted, atol=1e-9)
+    by_definition = [agreement_of(turned, row, GroundMotion(complex(turn), 0j, 0.0), 1.0) for row in range(n)]
+    np.testing.assert_allclose(wanted, by_definition, atol=1e-9)
+
+
 def seen(noise_m: float = 0.0, b: Station = B) -> SynchronousPairs:
     rng = np.random.default_rng(3)
     people = walkers(5, rng)

@@ -295,6 +295,16 @@ def test_a_change_of_appearance_alone_splits_where_it_is() -> None:
     assert abs(int(np.flatnonzero(found[:100] != 0)[0]) - 60) <= 1
 
 
+def test_boxes_without_an_embedding_say_nothing_of_looks() -> None:
+    """Every tenth box has one: these tell people apart, and where a tracklet changes, as well as if there were no others."""
+    people, frames = np.eye(4), np.arange(120)
+    tracklets = [walker((100 + 200 * number, 50), (0, 0), frames, number, 10.0) for number in range(3)]
+    wears = np.concatenate([np.repeat([0, 3], 60), np.repeat([1, 2], 120)])
+    boxes = together(*tracklets)
+    rare = replace(boxes, embedding=np.where(boxes.frame % 10 == 0, 1.0, 0.0)[:, None] * people[wears])
+    np.testing.assert_array_equal(split_tracklets(rare, 10.0).identity, np.where(wears == 3, 3, boxes.identity))
+
+
 @pytest.mark.real
 @pytest.mark.parametrize("camera", ["V1", "V5"])
 def test_pets(data_root: Path, camera: str) -> None:
