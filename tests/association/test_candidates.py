@@ -109,7 +109,7 @@ def test_fewer_than_two_cameras_with_people_give_no_pairs():
 
 
 def test_stated_groups_are_the_only_pairs():
-    found = stated_candidates(("a", "b", "c", "d"), (("c", "a"), ("b", "c", "d")))
+    found = stated_candidates(("a", "b", "c", "d"), (("c", "a"), ("b", "c", "d"), ("a", "elsewhere"), ("elsewhere", "d")))
     assert list(found.found_by) == [(0, 2), (1, 2), (1, 3), (2, 3)]
     assert found.tried.stated == 4
     assert found.tried.most_of_a_camera == 3

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -77,6 +77,34 @@ def test_sound_clocks_of_noisy_cameras_do_not_drift() -> None:
     assert len(found) == 4
     assert not any(drift.sure for drift in found.values())
     assert all(drift.sigma > 0 for drift in found.values())
+
+
+def test_people_whom_two_of_many_cameras_see_tell_the_drift_less_surely() -> None:
+    """Each person is known in two neighbouring cameras of six, and is somebody else in each of the others."""
+    n, people = 6, 12
+    scene = filmed(crowd(people), tuple(10.1 if c == 2 else FPS for c in range(n)))
+    by_all = scene.drifts()
+    for c in range(n):
+        known = (c - np.arange(people)) % n < 2
+        scene.person[c] = np.where(known, np.arange(people), 100 * (c + 1) + np.arange(people))
+    found = scene.drifts()
+    assert list(found) == list(range(n))
+    assert found[2].sure
+    assert found[2].rate == pytest.approx(0.01, abs=0.0005)
+    assert not any(found[c].sure for c in range(n) if c != 2)
+    assert all(found[c].sigma > 1.5 * by_all[c].sigma for c in range(n)), "a third of the sightings: by its root at least"
+
+
+def test_a_camera_that_shares_one_moment_only_is_left_out() -> None:
+    """Three frames within a quarter of a second and one a second later make one sample, the only one of its camera."""
+    scene = filmed(crowd(), (FPS, FPS, 10.2, FPS))
+    bodies = scene.cameras[0].bodies
+    scene.cameras[0] = replace(
+        scene.cameras[0], bodies=bodies.take((bodies.tracklet == 0) & np.isin(bodies.frame, [3, 4, 5, 15]))
+    )
+    found = scene.drifts()
+    assert list(found) == [1, 2, 3]
+    np.testing.assert_allclose(found[2].rate, 0.02, atol=0.002)
 
 
 def test_a_camera_without_a_pose_is_left_out() -> None:

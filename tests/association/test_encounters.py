@@ -49,6 +49,18 @@ def test_fewer_instants_are_spread_evenly() -> None:
     assert len(find_synchronous_pairs(TrackPair(always, always), 4, 1000)) == 96 * 3 * 3
 
 
+def test_as_many_instants_as_are_wanted_are_all_taken() -> None:
+    """Also where neighbours stay together and their number does not divide that of the instants; of one more, some are left."""
+    always = tracks_of([(step, 0) for step in range(99)])
+    for stretch in (1, 20):
+        every, some = (find_synchronous_pairs(TrackPair(always, always), 0, most, stretch) for most in (99, 98))
+        np.testing.assert_array_equal(always.step[every.a], np.arange(99))
+        assert not every.thinned
+        assert some.thinned
+        assert len(some) < 99
+    assert not find_synchronous_pairs(TrackPair(always, always), 0).thinned
+
+
 def test_neighbours_stay_together_where_asked() -> None:
     always = tracks_of([(step, 0) for step in range(1000)])
     instants = always.step[find_synchronous_pairs(TrackPair(always, always), 0, 100, 20).a]

@@ -88,7 +88,27 @@ def test_hypotheses_contradict_each_other_by_rotation_or_by_baseline():
     fit = joint_pairs._Fit(0, 0, False, np.eye(3), np.array([1.0, 0.0, 0.0]), 0.9)
     turned, moved = replace(fit, R_ba=exp_rotation(np.radians([0, 40, 0]))), replace(fit, t_ba=np.array([0.0, 1.0, 0.0]))
     near = replace(fit, R_ba=exp_rotation(np.radians([0, 1, 0])), t_ba=np.array([1.0, 0.02, 0.0]))
-    assert [joint_pairs._contradict(other, fit) for other in (turned, moved, near)] == [True, True, False]
+    aside = replace(fit, t_ba=np.array([np.cos(np.radians(40.0)), np.sin(np.radians(40.0)), 0.0]))
+    assert [joint_pairs._contradict(other, fit) for other in (turned, moved, aside, near)] == [True, True, True, False]
+
+
+def test_each_person_is_told_as_mirrored_where_left_and_right_are_exchanged():
+    """Of two people only one is exchanged in the second camera, as a detector does with one who is seen from behind."""
+    rng = np.random.default_rng(2)
+    first, second, *_ = ring(4, rng)
+    joints = moving_on_spot(np.array([[0.0, 0.0], [1.2, 0.3]]), 3.0, FPS, rng)
+    plain, exchanged = (
+        [joint_tracks(seen(camera, joints, np.random.default_rng(7), exchanged=swap).keypoints, camera.lens, Clock(FPS))
+         for camera in (first, second)]
+        for swap in (False, True)
+    )  # fmt: skip
+    for number in (0, 1):
+        other = plain[1].tracklet == number
+        mixed = replace(plain[1], rays=np.where(other[:, None, None], exchanged[1].rays, plain[1].rays),
+                        found=np.where(other[:, None], exchanged[1].found, plain[1].found))  # fmt: skip
+        found = register_joints(0, 1, plain[0], mixed, np.random.default_rng(0))
+        assert found is not None
+        assert {person.j: person.mirrored for person in found.people} == {number: True, 1 - number: False}
 
 
 def test_clocks_that_differ_are_not_taken_to_agree():

@@ -97,6 +97,13 @@ def test_a_camera_without_embeddings_has_no_looks() -> None:
     assert looks_of() is None
 
 
+def test_a_camera_that_saw_nobody_has_no_looks_though_its_boxes_come_with_embeddings() -> None:
+    (a, _), (b, _) = camera("C1", seed=1), camera("C2", seed=2)
+    nobody = replace(b, seen=CameraObservations(b.seen.boxes.take(np.zeros(len(b.seen.boxes), dtype=bool))))
+    assert nobody.seen.boxes.embedding is not None
+    assert looks_of(a, nobody) is None
+
+
 @pytest.mark.parametrize("offset_s", [0.0, 7.25])
 def test_boxes_are_thinned_to_one_a_tracklet_and_grid_time(offset_s: float) -> None:
     (a, _), (b, _) = camera("C1", seed=1, offset_s=offset_s), camera("C2", seed=2)

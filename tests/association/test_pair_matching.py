@@ -101,6 +101,19 @@ def test_nobody_matches_under_a_motion_that_is_far_off() -> None:
     assert match_tracklets(seen(), GroundMotion(turn, shift + 200.0, lag_s), 2.5) is None
 
 
+def test_two_tracklets_match_by_three_common_samples_and_not_by_two() -> None:
+    """Whoever is seen by both for a second and a half has three grid times."""
+    place, walk = np.array([-3.0 + 2.0j, -2.5 + 2.0j, -2.0 + 2.0j]), np.full(3, 1.0 + 0j)
+    for n, matched in ((3, True), (2, False)):
+        step = np.arange(n)
+        own = GroundTracks(Level(UP, 4.0, 0.0), Tolerance(), step, np.zeros(n, np.int64), place[:n], walk[:n])
+        found = match_tracklets(find_synchronous_pairs(TrackPair(own, own), 0), GroundMotion(1.0 + 0j, 0j, 0.0), 1.0)
+        assert (found is not None) == matched
+        if found is not None:
+            assert found.score == pytest.approx(3.0)
+            assert (found.tracklets_a.tolist(), found.tracklets_b.tolist()) == ([0], [0])
+
+
 @pytest.mark.parametrize(("b", "free_lag"), [(B, True), (ON_THE_GRID, True), (ON_THE_GRID, False)])
 def test_the_true_motion_is_fitted_from_near_it(b: Station, free_lag: bool) -> None:
     met, true = seen(b=b), GroundMotion(*A.motion_to(b))
