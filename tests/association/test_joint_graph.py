@@ -10,10 +10,12 @@ import passerby.association.joints.joint_graph as joint_graph
 from passerby.association.associate import Tracklets
 from passerby.association.graph import ViewGraph
 from passerby.association.joints.joint_pairs import JointRegistration, SamePerson
+from passerby.association.joints.joint_tracks import joint_tracks
 from passerby.calibration.association_loop import solve_with_unknown_identities
 from passerby.calibration.association_run import AssociationOptions
+from passerby.common.progress import silent
 from passerby.core.cameras import Camera, Rig
-from passerby.core.observations import Observations
+from passerby.core.observations import Clock, Keypoints, Observations
 from passerby.core.scale_cues import ScaleCues
 from passerby.evaluation.metrics import compare
 from passerby.solver.people import solve_people
@@ -33,6 +35,31 @@ def test_a_registration_that_contradicts_better_ones_is_dropped():
     right = [registration(0, 1), registration(1, 2), registration(2, 3), registration(0, 2)]
     wrong = registration(0, 3, gain=0.55, wrong=[0.0, 1.5, 0.0])
     assert [one.used for one in joint_graph.consistent_registrations([*right, wrong], 4)] == [True, True, True, True, False]
+
+
+def test_registrations_that_close_a_loop_of_two_joined_pairs_are_kept():
+    """Two pairs are sure, then what joins them, and last what closes the loop: all are right, in whatever order they are."""
+    loop = [registration(0, 1, gain=0.9), registration(2, 3, gain=0.85), registration(1, 2), registration(0, 3, gain=0.6)]
+    for one in (loop, loop[::-1]):
+        assert all(found.used for found in joint_graph.consistent_registrations(one, 4))
+
+
+def test_only_cameras_that_are_apart_and_may_share_ground_are_tried(monkeypatch):
+    """Cameras 0 and 1 are of one group, 3 sees nobody's joints, and 2 is no candidate of 1."""
+    tried = []
+    monkeypatch.setattr(joint_graph, "register_joints", lambda a, b, *_: tried.append((a, b)))
+    rng = np.random.default_rng(0)
+    camera, joints = ring(1, rng).cameras[0], moving_on_spot(np.zeros((1, 2)), 0.5, 25.0, rng)
+    found = joint_tracks(seen(camera, joints, rng).keypoints, camera.lens, Clock(25.0))
+    nobody = joint_tracks(Keypoints.empty(), camera.lens, Clock(25.0))
+    graph = ViewGraph((), ((0, 1), (2,), (3,), (4,)), np.zeros(5))
+    for candidates, wanted in (
+        (None, [(0, 2), (0, 4), (1, 2), (1, 4), (2, 4)]),
+        ({(0, 1), (0, 2), (2, 3), (2, 4)}, [(0, 2), (2, 4)]),
+    ):
+        tried.clear()
+        joint_graph.register_by_joints([found, found, found, nobody, found], graph, rng, None, silent, candidates)
+        assert tried == wanted
 
 
 def test_of_two_equally_good_neither_is_believed():

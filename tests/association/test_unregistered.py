@@ -74,6 +74,23 @@ def test_a_mistaken_frame_rate_is_named(true_fps: float, stated: float) -> None:
     assert (found.values["fits_fps"], found.values["fps"]) == (pytest.approx(true_fps), stated)
 
 
+def test_a_rate_at_which_two_ways_fit_alike_is_not_named() -> None:
+    """People who walk as each other's mirror images fit as well after half a turn, so that they prove nothing."""
+    some = crowd(3)
+    for people, told in ((some, True), (some + [Walker(one.seconds, -one.points) for one in some], False)):
+        right, wrong = camera("C1", EAST, people), camera("C2", WEST, people, seed=1, stated_fps=10.0)
+        assert (registration_failures._at_rate(right, wrong, 2.0, 0.5) is not None) == told
+
+
+def test_a_lag_between_what_was_searched_and_half_of_the_recordings_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys.modules[__name__], "SECONDS", 24.0)
+    people = crowd()
+    here, late = camera("C1", EAST, people), camera("C2", replace(WEST, delay_s=5.6), people, seed=1)
+    found = registration_failures._at_larger_lag(here, late, 3.0)
+    assert found is not None
+    assert found.lag_s == pytest.approx(5.6, abs=0.1)
+
+
 @pytest.mark.slow
 @thinned(("delay_s", "enough"), [(12.3, 14), (-8.4, 10)])
 def test_clocks_farther_apart_than_was_searched_for(delay_s: float, enough: int) -> None:
