@@ -98,6 +98,17 @@ def test_one_loud_wrong_pair_does_not_lead_the_tree() -> None:
             assert abs(np.angle(edge(graph, a, b).guess.turn / right(a, b).turn)) < 1e-9  # type: ignore[union-attr]
 
 
+def test_a_louder_pair_with_a_near_rival_gives_way_to_clear_ones() -> None:
+    """In a ring of four no third camera speaks: the pair that is in doubt is judged by the other three, not they by it."""
+    clear = [pair(a, b, right(a, b), wrong(a, b, 10.0)) for a, b in ((0, 1), (1, 2), (2, 3))]
+    doubtful = pair(0, 3, wrong(0, 3, 150.0), right(0, 3, 0.45 * 150.0))
+    graph = view_graph([*clear, doubtful], 4)
+    for a, b in ((0, 1), (1, 2), (2, 3), (0, 3)):
+        assert edge(graph, a, b).used
+        assert edge(graph, a, b).guess.turn == right(a, b).turn  # type: ignore[union-attr]
+    assert_in_step(graph, (0, 1, 2, 3))
+
+
 def test_a_wrong_lag_alone_is_noticed() -> None:
     pairs = [pair(a, b, right(a, b)) for a, b in combinations(range(4), 2) if (a, b) != (1, 3)]
     graph = view_graph([*pairs, pair(1, 3, right(1, 3, 120.0, late_s=4.0), right(1, 3, 100.0))], 4)

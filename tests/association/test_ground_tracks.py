@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from passerby.association.ground.ground_tracks import MAX_REACH_HEIGHTS, GroundTracks, Tolerance, ground_tracks
+from passerby.association.ground.ground_tracks import CELL_M, MAX_REACH_HEIGHTS, GroundTracks, Tolerance, ground_tracks
 from passerby.association.sampling import STEP_S
 from passerby.geometry.single_view import Level
 from support.scenes.walkers_on_plane import UP, bodies_at
@@ -119,6 +119,18 @@ def test_a_jump_of_the_tracker_is_no_walk() -> None:
     assert (np.abs(found.velocity) < 12.0).all()
     assert {1.0, 9.0} <= set((found.step * STEP_S).tolist())
     assert 5.0 not in (found.step * STEP_S).tolist()
+
+
+def test_a_camera_covers_the_ground_about_the_places_of_its_people() -> None:
+    seconds = np.arange(0, 9, 0.2)
+    walked = straight(seconds)
+    found = tracks_of(np.zeros(len(seconds), int), seconds, walked)
+    near = found.position[:, None] + 0.9 * CELL_M * np.exp(2j * np.pi * np.arange(8) / 8)
+    assert found.covers(near.ravel()).all()
+    beside = walked + 4.0 * CELL_M * 1j * VELOCITY / abs(VELOCITY)
+    assert not found.covers(np.concatenate([beside, walked[:1] - 40.0, walked[:1] + 40.0j])).any()
+    nobody = tracks_of(np.zeros(0, int), np.zeros(0), np.zeros(0, complex))
+    assert not nobody.covers(walked).any()
 
 
 def test_nobody_gives_no_track() -> None:

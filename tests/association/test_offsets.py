@@ -5,11 +5,22 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from passerby.association.clocks.offsets import snap_to_whole_frames
+from passerby.association.clocks.offsets import relative_to_reference, snap_to_whole_frames
+from passerby.core.cameras import Rig
+from support.scenes.people_and_rigs import ring, without_poses
 
 FPS = np.full(4, 25.0)
 FRAME_S = 0.04
 SIGMA_S = np.array([0.0, 0.002, 0.003, 0.002])
+
+
+@pytest.mark.parametrize(("lost", "reference"), [((), 0), ((0,), 1), ((0, 1, 3), 2), ((0, 1, 2, 3), 0), (None, 0)])
+def test_offsets_are_told_against_the_first_registered_camera(lost: tuple[int, ...] | None, reference: int) -> None:
+    offset_s, rig = np.array([0.5, -1.25, 3.0, 0.75]), ring(4)
+    cameras = [bare if c in (lost or ()) else own for c, (own, bare) in enumerate(zip(rig, without_poses(rig), strict=True))]
+    found = relative_to_reference(offset_s, None if lost is None else Rig(tuple(cameras)))
+    assert found[reference] == 0.0
+    np.testing.assert_allclose(found - found[0], offset_s - offset_s[0], err_msg="what is between two cameras stays")
 
 
 def test_offsets_that_are_whole_within_their_sigmas_become_so() -> None:

@@ -8,8 +8,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from passerby.association.camera_tracklets import CameraTracklets, build_camera_tracklets, build_tracklets, earlier_tracklets
-from passerby.core.observations import UNKNOWN, Boxes, CameraObservations, Clock, Keypoints, Observations
+from passerby.association.camera_tracklets import (
+    CameraTracklets,
+    _joints_of_boxes,
+    build_camera_tracklets,
+    build_tracklets,
+    earlier_tracklets,
+)
+from passerby.core.observations import BODY_17, UNKNOWN, Boxes, CameraObservations, Clock, Keypoints, Observations
 from passerby.simulation import SimulatedScene
 from support.scenes.people_and_rigs import simulated
 
@@ -125,6 +131,17 @@ def test_joints_belong_to_the_boxes_that_they_lie_in(scene: SimulatedScene) -> N
     for number in np.unique(joints.identity[known]).tolist():
         frames = joints.frame[joints.identity == number]
         assert len(np.unique(frames)) == len(frames), "two on one box"
+
+
+def test_joints_are_held_against_the_boxes_of_their_own_frame() -> None:
+    """Two people change places from frame to frame."""
+    frame, number = np.repeat(np.arange(1, 9), 2), np.tile([0, 1], 8)
+    left = np.where((frame + number) % 2 == 0, 100.0, 500.0)
+    boxes = Boxes(frame, number, np.column_stack([left, left, np.full(16, 60.0), np.full(16, 160.0)]), np.ones(16))
+    corners = np.linspace(0.0, 1.0, len(BODY_17))[:, None]
+    xy = boxes.ltwh[:, None, :2] + corners * boxes.ltwh[:, None, 2:]
+    joints = Keypoints(frame, np.full(16, UNKNOWN), xy, np.ones(xy.shape[:2]))
+    np.testing.assert_array_equal(_joints_of_boxes(joints, boxes).identity, number)
 
 
 def test_joints_far_from_every_box_are_nobodys(scene: SimulatedScene) -> None:

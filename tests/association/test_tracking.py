@@ -276,6 +276,15 @@ def test_one_misplaced_box_and_a_half_hidden_person_do_not_split() -> None:
     np.testing.assert_array_equal(split_tracklets(replace(whole, ltwh=ltwh), 10.0).identity, whole.identity)
 
 
+@pytest.mark.parametrize("frame", [1, 20])
+def test_a_single_box_with_somebody_elses_number_does_not_split(frame: int) -> None:
+    """Not even as the second of all, though what came before it is the very first box."""
+    one, two = (walker((100, top), (10, 0), np.arange(40), number, 10.0) for number, top in ((0, 50), (1, 900)))
+    one = replace(one, identity=np.where(one.frame == frame, 1, 0))
+    boxes = together(one, two.take(two.frame != frame))
+    np.testing.assert_array_equal(split_tracklets(boxes, 10.0).identity, boxes.identity)
+
+
 def test_split_leaves_unknown_rows_and_numbers_stay_unique() -> None:
     first = together(walker((100, 50), (30, 0), np.arange(20), 7, 10.0), walker((600, 50), (30, 0), np.arange(40, 60), 7, 10.0))
     other = walker((100, 400), (30, 0), np.arange(60), 2, 10.0)
