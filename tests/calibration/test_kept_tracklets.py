@@ -82,7 +82,7 @@ def test_other_people_and_another_rate_are_sought_anew(scene: SimulatedScene, tm
     assert not known.has(replace(own, keypoints=Keypoints.empty()), FPS)
 
 
-@pytest.mark.parametrize("content", [b"", b"PK nonsense", "cut", "float", "short", "pickled"])
+@pytest.mark.parametrize("content", [b"", b"PK nonsense", "cut", "float", "short", "negative", "pickled"])
 def test_a_damaged_file_is_not_used(scene: SimulatedScene, tmp_path: Path, content: bytes | str) -> None:
     own = nameless(scene.observations[scene.rig.names[0]])
     kept = kept_tracklets.KeptTracklets(tmp_path)
@@ -97,7 +97,13 @@ def test_a_damaged_file_is_not_used(scene: SimulatedScene, tmp_path: Path, conte
     elif isinstance(content, bytes):
         path.write_bytes(content)
     else:
-        wrong = {"float": np.ones(len(own.boxes)), "short": np.arange(3), "pickled": np.array([{}], dtype=object)}
+        negative = np.append(np.arange(len(own.boxes) - 1), UNKNOWN - 1)
+        wrong = {
+            "float": np.ones(len(own.boxes)),
+            "short": np.arange(3),
+            "negative": negative,
+            "pickled": np.array([{}], dtype=object),
+        }
         np.savez(path, **(fields | {"boxes": wrong[content]}))
     assert kept.load(own, FPS) is None
 

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from passerby.calibration.alignment.lines import MarkedLine, align_to_lines, measure_line
+from passerby.calibration.alignment.places import CLICK_SD_PX, UNKNOWN_ORIENTATION_DEG
 from passerby.common.errors import EvidenceError, InputError
-from passerby.core.cameras import Rig
+from passerby.core.cameras import Pose, Rig
 from passerby.geometry.rotations import exp_rotation
 from passerby.simulation import SimulationOptions, simulate
 
@@ -126,3 +127,16 @@ def test_lines_without_cameras_are_refused(truth):
         align_to_lines(lost, [line], 0.3)
     with pytest.raises(InputError, match="no camera Z"):
         align_to_lines(truth, [MarkedLine("vertical", {"Z": ((1.0, 2.0), (3.0, 4.0))})], 0.3)
+
+
+def test_the_angle_of_one_line_in_one_camera_scatters_as_it_is_stated(truth):
+    """Clicks and the camera's own orientation are off by what they are taken to be off by."""
+    rng, name = np.random.default_rng(5), truth.names[0]
+    ratios = []
+    for seed in range(60):
+        turn = exp_rotation(np.radians(UNKNOWN_ORIENTATION_DEG) * rng.normal(size=3))
+        pose = Pose.from_centre(turn @ truth[name].pose.R_cw, truth[name].centre)
+        turned = Rig(tuple(replace(one, pose=pose if one.name == name else one.pose, sigma=None) for one in truth))
+        told = measure_line(turned, marked(truth, "vertical", posts(truth)[0], [name], CLICK_SD_PX, seed), 0.0)
+        ratios.append(told.off_deg / told.sigma_deg)
+    assert 0.75 < np.sqrt(np.mean(np.square(ratios))) < 1.3

@@ -92,6 +92,7 @@ def test_nothing_is_solved_again_without_need() -> None:
         (0.72, 200, None),
         (1.0, 200, None),
         (0.5, 99, None),
+        (0.5, 100, 0.5),
     ],
 )
 def test_the_share_of_the_picture_that_people_keep_to(share: float, count: int, expected: float | None) -> None:

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from passerby.calibration.diagnostics.verdict import judged, people_positions
+from passerby.calibration.diagnostics.verdict import MIN_POSITIONS, judged, people_positions
 from passerby.common.arrays import Floats
 from passerby.core.cameras import Rig
 from passerby.core.observations import Boxes, CameraObservations, Keypoints, Observations
@@ -60,8 +60,10 @@ def test_people_on_one_line_or_spot_let_no_rig_be_accepted(across_m: float, alon
     assert judged(solved(), replace(people, cameras=cameras)).verdict == "accepted"
 
 
-def test_too_few_places_tell_of_no_line() -> None:
-    assert judged(solved(), seen(np.zeros((5, 2)))).findings == ()
+@pytest.mark.parametrize(("count", "told"), [(5, []), (MIN_POSITIONS - 1, []), (MIN_POSITIONS, [("people_on_one_line", ())])])
+def test_too_few_places_tell_of_no_line(count: int, told: list[tuple[str, tuple[str, ...]]]) -> None:
+    along = np.column_stack([np.linspace(-1.5, 1.5, count), np.zeros(count)])
+    assert codes(judged(solved(), seen(along))) == told
 
 
 def test_a_camera_that_is_left_out_is_told_once_with_what_is_known_of_it() -> None:

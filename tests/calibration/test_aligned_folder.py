@@ -1,0 +1,20 @@
+"""An output folder in another frame of the world: nothing of the old one stays in it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from passerby.calibration.alignment.folder import write_aligned
+from passerby.calibration.alignment.world import align_to_camera
+from passerby.interchange.output_folder import read_output
+from support.scenes.output_folders import written_output
+
+
+def test_parts_of_a_report_that_the_user_deleted_go_with_the_old_frame(tmp_path: Path) -> None:
+    out = written_output(tmp_path)
+    part = out / "report_files" / "0123456789abcdef" / "camera.js"
+    part.parent.mkdir(parents=True)
+    part.write_text("of the old frame")
+    write_aligned(out, out, align_to_camera(read_output(out).rig, "B"))
+    assert not (out / "report_files").exists()
+    assert read_output(out).rig["B"].pose is not None
