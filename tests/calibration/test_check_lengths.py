@@ -6,6 +6,7 @@ import pytest
 from passerby.calibration.alignment.lengths import check_lengths, findings_of_checks
 from passerby.calibration.in_memory import calibrate_observations
 from passerby.common.errors import InputError
+from passerby.core.figures import CheckedLength
 from passerby.scene.scale_tables import CheckTable
 from passerby.simulation import SimulationOptions, simulate
 
@@ -96,3 +97,11 @@ def test_without_a_scale_nothing_is_judged(small):
 def test_faults_name_their_place(small, check, fault):
     with pytest.raises(InputError, match=fault):
         calibrated(small, [check])
+
+
+@pytest.mark.parametrize(("measured_m", "off"), [(4.0, False), (3.75, False), (4.25, False), (3.65, True), (4.35, True)])
+def test_a_check_is_off_by_its_difference_in_sigmas(measured_m, off):
+    """Three sigmas are 0.3 m here, either way."""
+    check = CheckedLength(number=3, cameras=("A", "B"), stated_m=4.0, measured_m=measured_m, sigma_m=0.1)
+    found = findings_of_checks([check])
+    assert [(one.code, one.severity, one.cameras) for one in found] == [("check_length_off", "doubt", ("A", "B"))] * off

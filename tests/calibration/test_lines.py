@@ -8,7 +8,7 @@ import pytest
 from passerby.calibration.alignment.lines import MarkedLine, align_to_lines, measure_line
 from passerby.calibration.alignment.places import CLICK_SD_PX, UNKNOWN_ORIENTATION_DEG
 from passerby.common.errors import EvidenceError, InputError
-from passerby.core.cameras import Pose, Rig
+from passerby.core.cameras import Pose, PoseSigma, Rig
 from passerby.geometry.rotations import exp_rotation
 from passerby.simulation import SimulationOptions, simulate
 
@@ -140,3 +140,24 @@ def test_the_angle_of_one_line_in_one_camera_scatters_as_it_is_stated(truth):
         told = measure_line(turned, marked(truth, "vertical", posts(truth)[0], [name], CLICK_SD_PX, seed), 0.0)
         ratios.append(told.off_deg / told.sigma_deg)
     assert 0.75 < np.sqrt(np.mean(np.square(ratios))) < 1.3
+
+
+@pytest.mark.parametrize(("cameras", "times"), [(1, 100), (2, 40)])
+def test_the_heading_along_a_line_scatters_as_it_is_stated(truth, cameras, times):
+    """By clicks alone: the cameras' orientations are known."""
+    known = Rig(tuple(replace(one, sigma=PoseSigma(1e-6, 1e-6)) for one in truth))
+    along = np.array([np.cos(0.7), np.sin(0.7), 0.0])
+    ends = middle(truth) + np.array([-2.0 * along, 2.0 * along])
+    ratios = []
+    for seed in range(times):
+        found = align_to_lines(known, [marked(truth, "x", ends, truth.names[:cameras], CLICK_SD_PX, seed)], 1e-5)
+        there = found.motion.rotation @ along
+        ratios.append(np.degrees(np.arctan2(there[1], there[0])) / found.figures["heading_sigma_deg"])
+    assert 0.8 < np.sqrt(np.mean(np.square(ratios))) < 1.25
+
+
+def test_two_lines_of_one_heading_are_surer_than_one_by_the_root_of_two(truth):
+    ends = middle(truth) + np.array([[-2.0, 0.0, 0.0], [2.0, 0.0, 0.0]])
+    line = marked(truth, "x", ends, truth.names[:1])
+    one, two = (align_to_lines(truth, [line] * count, 0.01).figures["heading_sigma_deg"] for count in (1, 2))
+    assert one == pytest.approx(np.sqrt(2) * two)

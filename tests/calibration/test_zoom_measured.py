@@ -5,31 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from passerby.calibration.diagnostics.correspondences import Correspondences, match_people
-from passerby.calibration.diagnostics.zoom import zoom_of
-from passerby.core.cameras import Lens, Pose
-from passerby.geometry.rotations import exp_rotation
-from passerby.people.body_centres import BodyCentres, TriangulatedPeople
-from support.scenes.people_and_rigs import looking_at
-
-LENS = Lens((1280, 720), np.array([[800.0, 0, 640], [0, 800.0, 360], [0, 0, 1]]), np.zeros(0))
-POSE = looking_at((8.0, 0.5, 3.0), (0.0, 0.0, 0.9))
-MOVED = Pose.from_centre(exp_rotation(np.array([0.02, 0.06, 0.01])) @ POSE.R_cw, POSE.centre + (0.3, -0.2, 0.1))
-BODY_M = 1.72
-SIGMA_PX = 6.0
-
-
-def seen(pose: Pose, zoom: float = 1.0, *, count: int = 200, noise: float = 1.0, seed: int = 0) -> Correspondences:
-    """People with a camera whose focal length is `zoom` times that of the lens: pixels are off by `noise` sigmas."""
-    rng = np.random.default_rng(seed)
-    place = np.column_stack([rng.uniform(-3.0, 3.0, (count, 2)), rng.normal(0.9, 0.2, count)])
-    instant, identity = np.arange(count) // 4, np.arange(count) % 4
-    people = TriangulatedPeople(instant, identity, place, np.tile(1e-8 * np.eye(3), (count, 1, 1)))
-    at = (place - pose.centre) @ pose.R_cw.T
-    ray = LENS.bearings(LENS.project_rays(at * (zoom, zoom, 1.0)) + noise * SIGMA_PX * rng.normal(size=(count, 2)))
-    extent = zoom * LENS.focal * BODY_M / np.linalg.norm(at, axis=1)
-    own = BodyCentres(instant, identity, ray, LENS.tangents(ray), np.full(count, SIGMA_PX), extent, np.full(count, 0.5))
-    return match_people(own, people, BODY_M, given=True)
+from passerby.calibration.diagnostics.zoom import MOST_PAIRS, _thinned, zoom_of
+from support.scenes.sightings_of_places import MOVED, POSE, seen
 
 
 @pytest.mark.parametrize("zoom", [0.7, 1.4])
@@ -55,3 +32,12 @@ def test_a_camera_that_was_moved_and_zoomed_is_told_with_both(zoom: float) -> No
 @pytest.mark.parametrize("zoom", [0.97, 1.0, 1.03])
 def test_a_camera_that_was_moved_and_hardly_zoomed_does_not_zoom(zoom: float) -> None:
     assert zoom_of(seen(MOVED, zoom, noise=0.05), POSE, MOVED, 5.0) is None
+
+
+@pytest.mark.parametrize("times", [0.9, 1.5, 2.0, 2.5])
+def test_of_many_sightings_even_steps_are_taken_for_the_focal_length(times: float) -> None:
+    many = seen(POSE, count=int(times * MOST_PAIRS))
+    few = _thinned(many)
+    assert 0.5 * min(len(many), MOST_PAIRS) <= len(few) <= MOST_PAIRS
+    kept = np.flatnonzero(np.isin(many.own.ray[:, 0], few.own.ray[:, 0]))
+    assert len(set(np.diff(kept))) == 1
