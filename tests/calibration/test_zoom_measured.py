@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from passerby.calibration.diagnostics.zoom import MOST_PAIRS, _thinned, zoom_of
-from support.scenes.sightings_of_places import MOVED, POSE, seen
+from support.scenes.sightings_of_places import MOVED, PEOPLE, POSE, seen
 
 
 @pytest.mark.parametrize("zoom", [0.7, 1.4])
@@ -36,8 +36,10 @@ def test_a_camera_that_was_moved_and_hardly_zoomed_does_not_zoom(zoom: float) ->
 
 @pytest.mark.parametrize("times", [0.9, 1.5, 2.0, 2.5])
 def test_of_many_sightings_even_steps_are_taken_for_the_focal_length(times: float) -> None:
-    many = seen(POSE, count=int(times * MOST_PAIRS))
+    """What counts are pairs of a sighting and anybody whom it may show."""
+    many = seen(POSE, count=int(times * MOST_PAIRS) // PEOPLE, tracklet={})
     few = _thinned(many)
-    assert 0.5 * min(len(many), MOST_PAIRS) <= len(few) <= MOST_PAIRS
+    assert 0.5 * min(len(many.row), MOST_PAIRS) <= len(few.row) <= MOST_PAIRS
     kept = np.flatnonzero(np.isin(many.own.ray[:, 0], few.own.ray[:, 0]))
+    assert len(kept) == len(few)
     assert len(set(np.diff(kept))) == 1
