@@ -148,6 +148,15 @@ def test_what_is_common_is_taken_off_and_no_more() -> None:
     assert all((kept[camera.name] == camera.sigma.covariance).all() for camera in rig)
 
 
+@pytest.mark.parametrize("count", [2, 3, 5])
+def test_what_is_a_cameras_own_stays_but_for_one_direction(count: int) -> None:
+    """Of three equal variances the scale can take one off at most, with two cameras as with many."""
+    rig = stated(Rig(truth().cameras[:count]))
+    for left in own_covariances(rig, with_scale=True, tilt=False).values():
+        assert 0.66 * 3 * OWN_M**2 < np.trace(left[:3, :3]) < 1.5 * 3 * OWN_M**2
+        np.testing.assert_allclose(left[3:, 3:], OWN[3:, 3:], rtol=1e-6, atol=1e-9)
+
+
 def test_one_camera_that_is_sure_holds_the_common_scale_down() -> None:
     rig = stated(truth())
     sure = replace(rig["C1"], sigma=PoseSigma.from_covariance(OWN))
@@ -184,3 +193,10 @@ def test_moves_are_the_derivatives_of_the_motion(tilt: bool) -> None:
         turned = pose.R_cw @ turn.T @ pose.R_cw.T
         seen = np.array([turned[2, 1] - turned[1, 2], turned[0, 2] - turned[2, 0], turned[1, 0] - turned[0, 1]]) / 2
         np.testing.assert_allclose(moves[3:, column], seen / step, atol=1e-5)
+
+
+def test_what_sigmas_without_covariances_leave_does_not_depend_on_the_origin_of_the_world() -> None:
+    plain = Rig(tuple(replace(c, sigma=replace(c.sigma, covariance=None)) for c in stated(truth())))
+    far = plain.moved(exp_rotation(np.array([0.0, 0.0, 2.0])), np.array([150.0, -80.0, 0.0]))
+    here, there = position_sds(plain, True), position_sds(far, True)
+    assert there == pytest.approx(here, rel=1e-6)

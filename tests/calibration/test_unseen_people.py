@@ -155,3 +155,10 @@ def test_a_camera_that_saw_nobody_says_nothing(rig: Rig, walked: np.ndarray) -> 
     seen = seen_by(rig, walked)
     empty = replace(seen, cameras={**seen.cameras, "C1": CameraObservations()})
     assert {(pair.sees, pair.should) for pair in people_missed(rig, empty)} == {("C2", "C3"), ("C3", "C2")}
+
+
+def test_who_is_due_and_found_does_not_depend_on_the_origin_and_the_heading_of_the_world(rig: Rig, walked: np.ndarray) -> None:
+    seen = films_others(rig, walked, "C2", 0.4)
+    c, s = np.cos(1.0), np.sin(1.0)
+    moved = rig.moved(np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]), np.array([60.0, -35.0, 0.0]), 1.0)
+    assert people_missed(moved, seen) == people_missed(rig, seen)
