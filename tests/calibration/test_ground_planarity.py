@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from passerby.calibration.diagnostics.ground_planarity import (
@@ -9,9 +11,13 @@ from passerby.calibration.diagnostics.ground_planarity import (
     STEEP_DEG,
     STEEP_SIGMAS,
     ground_figures,
+    shape_of,
     told_of_ground,
 )
+from passerby.core.cameras import Rig
+from passerby.core.solution import Solution
 from passerby.people.ground_shape import GroundShape
+from support.scenes.people_and_rigs import simulated
 
 
 def shape(rise_m: float, chance_sigmas: float = 30.0, slope: tuple[float, float] = (0.1, 0.1)) -> GroundShape:
@@ -59,3 +65,15 @@ def test_the_figures_of_a_report() -> None:
     assert figures is not None
     assert (figures.rise_m, figures.low, figures.high, figures.chance_sigmas) == (0.4, (1.0, 2.0), (3.0, 4.0), 30.0)
     assert (figures.slope_deg, figures.slope_sigma_deg) == (0.1, 0.1)
+
+
+def test_two_cameras_tell_the_shape_of_the_ground_and_one_does_not() -> None:
+    """People who walk on a plane, seen by true cameras."""
+    scene = simulated("terrace", 20.0, 0)
+    posed = [Rig(tuple(c if n < count else replace(c, pose=None) for n, c in enumerate(scene.rig))) for count in (1, 2, 4)]
+    one, two, all_four = (shape_of(Solution("people", rig, "accepted"), scene.observations, 1.72) for rig in posed)
+    assert one is None
+    for found in (two, all_four):
+        assert found is not None
+        assert not found.sure
+        assert told_of_ground(found) == ((), ())
