@@ -73,3 +73,10 @@ def test_boxes_at_the_border_of_nobody_who_is_placed_and_too_few_say_nothing() -
         for name, own in wide.cameras.items()
     }  # fmt: skip
     assert len(body_widths(rig(), Observations(cut), keys, places)) == 0
+
+
+@pytest.mark.parametrize(("count", "told"), [(MIN_BOXES - 1, False), (MIN_BOXES, True)])
+def test_just_enough_boxes_are_enough_to_tell(count: int, told: bool) -> None:
+    keys, places = people(count)
+    one = Rig(rig().cameras[:1])
+    assert len(doubts_of_widths(one, seen(one, places, 1.2), keys, places)) == told

@@ -62,6 +62,18 @@ def test_a_camera_that_was_elsewhere_in_the_stretch_held_out(scene):
     assert held_out_ratio(figures) > 1.5 * held_out_ratio(good)
 
 
+def test_two_cameras_hold_people_out_of_each_other(scene):
+    """One alone has nobody to be held against."""
+    for count in (1, 2):
+        rig = Rig(scene.rig.cameras[:count])
+        boxes = {name: scene.observations[name].boxes for name in rig.names}
+        early = {name: CameraObservations(one.take(one.frame < 60)) for name, one in boxes.items()}
+        seen = replace(scene.observations, cameras=early)
+        figures = hold_out(rig, seen, HEIGHT_M, 0)
+        assert (figures is not None) == (count == 2)
+    assert 0.5 < held_out_ratio(figures) < 1.6
+
+
 def test_every_fifth_stretch_and_no_other(scene):
     steps = np.arange(1, 26 * 10)
     held = is_held_out(steps, scene.rig, scene.observations, 1.0)

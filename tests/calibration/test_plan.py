@@ -214,6 +214,18 @@ def test_placements_of_cameras_without_a_pose_are_left_out(image) -> None:
         align_to_plan(lost, replace(plan_of(), cameras=(PlannedCamera("C9", (1.0, 1.0), 0.1),)), image)
 
 
+def test_a_camera_that_is_placed_wrongly_is_named_and_no_other(image) -> None:
+    """Four cameras and two points agree, so that the one that does not is known."""
+    sound = plan_of(points=2, cameras=scene().rig.names)
+    assert align_to_plan(scene().rig, sound, image).diagnostics == ()
+    off = [replace(one, at=(one.at[0] + 90.0, one.at[1])) if one.camera == "C3" else one for one in sound.cameras]
+    aligned = align_to_plan(scene().rig, replace(sound, cameras=tuple(off)), image)
+    (told,) = aligned.diagnostics
+    assert (told.code, told.cameras) == ("position_off", ("C3",))
+    assert told.values["off_m"] == pytest.approx(90 * UNIT, rel=0.1)
+    assert [row["camera"] for row in aligned.residuals if not row["used"]] == ["C3"]
+
+
 def test_align_takes_a_plan_in_a_file_of_its_own(by_points, image, tmp_path, capsys) -> None:
     by_points.write(tmp_path / "out")
     at = stands("C1", "C2", "C3", "C4")

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from passerby.calibration.diagnostics.zoom import MOST_PAIRS, _thinned, zoom_of
+from passerby.calibration.diagnostics.pose_change import WINDOW_ROWS
+from passerby.calibration.diagnostics.zoom import MOST_PAIRS, _thinned, detect_zoom, zoom_of
 from support.scenes.sightings_of_places import MOVED, PEOPLE, POSE, seen
 
 
@@ -43,3 +44,31 @@ def test_of_many_sightings_even_steps_are_taken_for_the_focal_length(times: floa
     kept = np.flatnonzero(np.isin(many.own.ray[:, 0], few.own.ray[:, 0]))
     assert len(kept) == len(few)
     assert len(set(np.diff(kept))) == 1
+
+
+def zoomed_from(share: float, factor: float = 1.5, count: int = 200) -> np.ndarray:
+    """(count,) of each sighting the focal length, that of the lens for a share of the time."""
+    return np.where(np.arange(count) < share * count, 1.0, factor)
+
+
+@pytest.mark.parametrize(("share", "stated", "at_end", "factor"), [
+    (0.7, True, True, 1.5), (0.7, False, True, 1.5), (0.3, True, True, 1.5), (0.3, False, False, 1 / 1.5),
+])  # fmt: skip
+def test_a_zoom_is_dated_and_belongs_to_the_part_that_the_stated_lens_does_not_hold_for(
+    share: float, stated: bool, at_end: bool, factor: float
+) -> None:
+    """Of a lens that is estimated, the longer part is taken for the rest."""
+    change = detect_zoom(seen(POSE, zoomed_from(share), noise=0.3), POSE, 5.0, stated=stated)
+    assert change is not None
+    assert change.sure
+    assert (change.at_start, change.at_end) == (not at_end, at_end)
+    # 50 instants.
+    assert (change.first, change.last) == ((50 * share, 49) if at_end else (0, 50 * share - 1))
+    assert change.zoom == pytest.approx(factor, rel=0.02)
+    assert change.metres < 0.1
+
+
+@pytest.mark.parametrize(("count", "told"), [(2 * WINDOW_ROWS, True), (2 * WINDOW_ROWS - PEOPLE, False)])
+def test_a_zoom_takes_enough_sightings_before_and_after(count: int, told: bool) -> None:
+    m = seen(POSE, zoomed_from(0.5, 1.8, count), count=count, noise=0.2)
+    assert (detect_zoom(m, POSE, 5.0) is not None) == told

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from passerby.calibration.diagnostics.correspondences import Correspondences, match_people
+from passerby.common.arrays import Floats
 from passerby.core.cameras import Lens, Pose
 from passerby.geometry.rotations import exp_rotation
 from passerby.people.body_centres import BodyCentres, TriangulatedPeople
@@ -19,14 +20,14 @@ PEOPLE = 4
 
 
 def seen(
-    pose: Pose, zoom: float = 1.0, *, count: int = 200, noise: float = 1.0, seed: int = 0,
+    pose: Pose, zoom: float | Floats = 1.0, *, count: int = 200, noise: float = 1.0, seed: int = 0,
     tracklet: dict[int, int] | None = None,
 ) -> Correspondences:  # fmt: skip
     """People, four at each instant, by a camera whose focal length is `zoom` times that of the lens.
 
     Args:
         pose: of the camera.
-        zoom: see above.
+        zoom: see above; of all sightings, or (count,) of each.
         count: sightings.
         noise: what pixels are off by, in their sigmas.
         seed: of places and noise.
@@ -37,7 +38,8 @@ def seen(
     instant, identity = np.arange(count) // PEOPLE, np.arange(count) % PEOPLE
     people = TriangulatedPeople(instant, identity, place, np.tile(1e-8 * np.eye(3), (count, 1, 1)))
     at = (place - pose.centre) @ pose.R_cw.T
-    ray = LENS.bearings(LENS.project_rays(at * (zoom, zoom, 1.0)) + noise * SIGMA_PX * rng.normal(size=(count, 2)))
+    lengthened = np.column_stack([np.broadcast_to(zoom, count)] * 2 + [np.ones(count)])
+    ray = LENS.bearings(LENS.project_rays(at * lengthened) + noise * SIGMA_PX * rng.normal(size=(count, 2)))
     extent = zoom * LENS.focal * BODY_M / np.linalg.norm(at, axis=1)
     own = identity if tracklet is None else np.array([tracklet.get(one, -1) for one in identity.tolist()])
     centres = BodyCentres(instant, own, ray, LENS.tangents(ray), np.full(count, SIGMA_PX), extent, np.full(count, 0.5))
