@@ -336,6 +336,16 @@ def test_another_scale_is_told():
     assert re.search(r"should be (5.9|6.[01]) % larger .*`scale`", aligned.notes[1])
 
 
+@pytest.mark.parametrize(("count", "told"), [(2, False), (3, True), (4, True)])
+def test_three_places_tell_another_scale_and_two_do_not(count, told):
+    """Two that are apart by another length than in the rig may as well be wrong themselves."""
+    wanted = square().moved(*turned(0.5, (1, 2, 0), 1.06))
+    aligned = align_to_positions(square(), [replace(one, sd_m=0.3) for one in positions_in(wanted)[:count]])
+    assert [one.values["percent"] for one in aligned.diagnostics if one.code == "places_want_scale"] == [
+        pytest.approx(6.0, abs=0.1)
+    ] * told
+
+
 def test_geodetic_positions():
     """Known answer: one second of latitude and longitude at 52 degrees north, from the radii of curvature of WGS 84."""
     origin = np.array([52.0, 13.0, 100.0])

@@ -203,6 +203,14 @@ def test_a_calibration_and_its_folder_say_in_a_line_what_they_are(calibrations, 
         assert "<td>A" in html or ">A<" in html
 
 
+def test_only_a_further_group_has_a_number_in_its_file_and_its_name(calibrations):
+    first = calibrations[0]
+    assert (first.document().group, first.document().name) == (None, first.scene.name)
+    for number in (2, 3):
+        told = replace(first, group=number).document()
+        assert (told.group, told.name) == (number, f"{first.scene.name}, group {number}")
+
+
 def test_a_calibration_is_drawn_and_reported(calibrations, tmp_path):
     first = calibrations[0]
     with pytest.raises(InputError, match="view 'below': choose one of space, above"):

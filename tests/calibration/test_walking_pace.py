@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import passerby
-from passerby.calibration.diagnostics.walking_speed import doubts_of_heights, doubts_of_pace, paces, scale_basis
+from passerby.calibration.diagnostics.walking_speed import ScaleBasis, doubts_of_heights, doubts_of_pace, paces, scale_basis
 from passerby.core.figures import CueFigures
 from passerby.findings.texts import remedy_of
 from passerby.simulation import SimulatedScene, SimulationOptions, simulate
@@ -49,6 +49,18 @@ def test_children_taken_for_adults_are_told() -> None:
 
 def test_people_who_run_and_walk_say_nothing() -> None:
     assert doubts_of_pace(*ways([0.9, 1.2, 2.5, 3.0, 3.5]), FPS) == []
+
+
+@pytest.mark.parametrize(
+    ("running", "basis", "told"),
+    [(3.5, "taken", False), (4.5, "taken", True), (4.5, "stated", True), (4.5, "measured", False), (5.0, "measured", True)],
+)
+def test_runners_are_doubted_later_where_a_length_was_measured(running: float, basis: ScaleBasis, told: bool) -> None:
+    """Some walk and most run, so that the paces are not those of walkers."""
+    found = doubts_of_pace(*ways([0.9, 1.2, 2.0, running, running, running]), FPS, basis)
+    assert [one.code for one in found] == ["people_run_fast"] * told
+    if told:
+        assert found[0].values["speed"] == pytest.approx(running)
 
 
 def test_people_who_stand_and_recordings_without_a_rate_say_nothing() -> None:

@@ -16,7 +16,7 @@ from support.scenes.handmade_files import write_scene
 from support.scenes.people_and_rigs import ring
 
 
-def written_output(folder: Path, boxes: Boxes | None = None) -> Path:
+def written_output(folder: Path, boxes: Boxes | None = None, *, report: bool = False) -> Path:
     """An output folder of two cameras A and B, which saw the same boxes; nobody has told a frame rate."""
     folder.mkdir(exist_ok=True)
     scene = Scene.load(write_scene(folder))
@@ -24,5 +24,5 @@ def written_output(folder: Path, boxes: Boxes | None = None) -> Path:
     posed = tuple(replace(camera, pose=pose) for camera, pose in zip(read_rig(folder / "rig.toml"), poses, strict=True))
     seen = Observations({camera.name: CameraObservations(boxes or Boxes.empty()) for camera in posed})
     calibrated = Calibration(scene, Rig(posed, verdict="accepted"), "accepted", (), seen, 0, {}, SolverFigures())
-    write_calibration(calibrated, folder / "out", report=False)
+    write_calibration(calibrated, folder / "out", report=report)
     return folder / "out"
