@@ -11,15 +11,17 @@ from support.scenes.sightings_of_places import MOVED, PEOPLE, POSE, seen
 
 
 @pytest.mark.parametrize("zoom", [0.7, 1.4])
-def test_the_focal_length_scatters_by_its_sigma(zoom: float) -> None:
-    """Of a camera that stays where it is, over samples of the pixels' noise."""
+def test_the_focal_length_is_off_by_its_sigma_at_most(zoom: float) -> None:
+    """Of a camera that stays where it is, over samples of the pixels' noise. What lasts may be as large again as what scatters,
+    so that errors which only scatter are smaller.
+    """
     errors, sigmas = [], []
-    for seed in range(12):
-        found = zoom_of(seen(POSE, zoom, seed=seed), POSE, POSE, 5.0)
+    for seed in range(24):
+        found = zoom_of(seen(POSE, zoom, count=60, seed=seed), POSE, POSE, 0.5)
         assert found is not None
         errors.append(np.log(found.factor / zoom))
         sigmas.append(abs(np.log(found.factor)) / found.sigmas)
-    assert 0.6 < np.sqrt(np.mean(np.square(errors))) / np.mean(sigmas) < 1.6
+    assert 0.4 < np.sqrt(np.mean(np.square(errors))) / np.mean(sigmas) < 1.2
 
 
 @pytest.mark.parametrize("zoom", [0.8, 1.3])
