@@ -60,8 +60,12 @@ def test_people_on_one_line_or_spot_let_no_rig_be_accepted(across_m: float, alon
     assert judged(solved(), replace(people, cameras=cameras)).verdict == "accepted"
 
 
-@pytest.mark.parametrize(("count", "told"), [(5, []), (MIN_POSITIONS - 1, []), (MIN_POSITIONS, [("people_on_one_line", ())])])
-def test_too_few_places_tell_of_no_line(count: int, told: list[tuple[str, tuple[str, ...]]]) -> None:
+def test_too_few_places_tell_of_no_line() -> None:
+    assert judged(solved(), seen(np.zeros((5, 2)))).findings == ()
+
+
+@pytest.mark.parametrize(("count", "told"), [(MIN_POSITIONS - 1, []), (MIN_POSITIONS, [("people_on_one_line", ())])])
+def test_just_enough_places_tell_of_a_line(count: int, told: list[tuple[str, tuple[str, ...]]]) -> None:
     along = np.column_stack([np.linspace(-1.5, 1.5, count), np.zeros(count)])
     assert codes(judged(solved(), seen(along))) == told
 
