@@ -3,8 +3,9 @@
 `python benchmarks/mutation.py [-o FOLDER]` draws the faults by the seed, runs the quick tests of the fault's room until one
 fails, then, where none did, the quick tests of other rooms that name the fault's module, and the smokes of all rooms:
 together what `make test` notices, or a little less. `--slow` then runs the slow tests of the room on what is left. What is
-finished is kept in `build/mutation`, for the same sources and tests only. `--list` only shows the faults. The tests run with
-the interpreter that runs this.
+finished is kept in `build/mutation`, for the same sources: a fault that a test noticed as long as the file of that test is
+the same, one that none noticed as long as all tests are. `--list` only shows the faults. The tests run with the interpreter
+that runs this.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from __future__ import annotations
 import argparse
 import ast
 import copy
+import hashlib
 import os
 import random
 import re
@@ -23,6 +25,7 @@ import tempfile
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -33,7 +36,7 @@ from pages.commit import commit
 from pages.kept import Kept
 from pages.page import Page, publish, table, yes
 
-SOURCE = ROOT / "src" / "passerby"
+SOURCE, TESTS = ROOT / "src" / "passerby", ROOT / "tests"
 ROOMS = ("solver", "association", "geometry", "people", "interchange", "scene", "calibration")
 TESTED_BY = {"people": ["people", "monitoring", "solver"]}
 """Rooms whose tests are a room's too: most of what it does is seen in what they make of it."""
@@ -91,7 +94,7 @@ def main() -> None:
         print("\n".join(fault.name for fault in faults))
         return
     stages = STAGES if wanted.slow else STAGES[:2]
-    store = Kept(ROOT / "build" / "mutation", ("../tests",))
+    store = Answers(ROOT / "build" / "mutation", ())
     command = f"python benchmarks/mutation.py --seed {wanted.seed} --count {wanted.count} --rooms {' '.join(wanted.rooms)}"
     publish(_pages(faults, stages, store, wanted.workers), wanted.out, command + (" --slow" if wanted.slow else ""))
 
@@ -235,7 +238,31 @@ def work(case: tuple[Fault, str]) -> dict[str, Any]:
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     cpu_s = round(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
     print(f"{stage if failed else '':9}", cpu_s, "s", fault.name, "|", failed, flush=True, file=sys.stderr)
-    return {"test": failed, "cpu_s": cpu_s}
+    return {"test": failed, "tests": tests_behind(failed), "cpu_s": cpu_s}
+
+
+class Answers(Kept):
+    """What is finished and still holds with the tests as they are."""
+
+    def get(self, what: str) -> dict[str, Any] | None:
+        """The answer of `work` that is kept under a name, unless the tests that it rests on were changed."""
+        answer = super().get(what)
+        return answer if answer is not None and answer["tests"] == tests_behind(answer["test"]) else None
+
+
+@cache
+def tests_behind(test: str | None) -> str:
+    """A digest of the tests that an answer rests on: of the file of the test that failed, of all where none did.
+
+    Args:
+        test: as pytest names it (`FAILED tests/a.py::test_b`); None, or an exit status, for no single test.
+    """
+    own = ROOT / (test or "").partition(" ")[2].partition("::")[0]
+    paths = [own, *TESTS.rglob("conftest.py")] if own.is_file() else [*TESTS.rglob("*.py")]
+    digest = hashlib.sha256()
+    for path in sorted(paths):
+        digest.update(path.relative_to(ROOT).as_posix().encode() + b"\0" + path.read_bytes())
+    return digest.hexdigest()[:16]
 
 
 def tests_of(fault: Fault, stage: str) -> Iterator[tuple[list[str], str]]:
@@ -258,7 +285,7 @@ def naming(module: str) -> list[str]:
     """The files of tests that import a module."""
     package, _, name = module.rpartition(".")
     named = re.compile(rf"\b({re.escape(module)}\b|from {re.escape(package)} import .*\b{name}\b)")
-    files = [path for path in sorted((ROOT / "tests").rglob("test_*.py")) if named.search(path.read_text(encoding="utf-8"))]
+    files = [path for path in sorted(TESTS.rglob("test_*.py")) if named.search(path.read_text(encoding="utf-8"))]
     return [path.relative_to(ROOT).as_posix() for path in files]
 
 

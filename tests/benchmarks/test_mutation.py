@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from types import ModuleType
 
 import pytest
+
+from passerby.interchange.storage.atomic import write_text
 
 Bench = Callable[[str], ModuleType]
 
@@ -45,3 +48,31 @@ def test_the_page_counts_what_was_noticed_and_names_what_was_not(bench: Bench) -
     assert "`solver/a.py:3`" in text
     assert "`solver/a.py:2`" not in text
     assert r"`a \| b`" in text
+
+
+def test_an_answer_holds_as_long_as_the_tests_behind_it_are_the_same(
+    bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    mutation = bench("mutation")
+    monkeypatch.setattr(mutation, "ROOT", tmp_path)
+    monkeypatch.setattr(mutation, "TESTS", tmp_path / "tests")
+    a, b = tmp_path / "tests" / "test_a.py", tmp_path / "tests" / "test_b.py"
+    answers = mutation.Answers(tmp_path / "kept", ())
+    found = {"noticed": "FAILED tests/test_a.py::test_x", "missed": None}
+
+    mutation.tests_behind.cache_clear()
+
+    def hold() -> list[str]:
+        mutation.tests_behind.cache_clear()  # as in the next run
+        return [what for what in found if answers.get(what) is not None]
+
+    write_text(a, "")
+    write_text(b, "")
+    for what, test in found.items():
+        answers.put(what, {"test": test, "tests": mutation.tests_behind(test)})
+    assert hold() == ["noticed", "missed"]
+    write_text(b, "# changed")
+    assert hold() == ["noticed"]
+    write_text(a, "# changed")
+    assert hold() == []
+    mutation.tests_behind.cache_clear()
