@@ -4,8 +4,8 @@
 fails, then, where none did, the quick tests of other rooms that name the fault's module, and the smokes of all rooms:
 together what `make test` notices, or a little less. `--slow` then runs the slow tests of the room on what is left. What is
 finished is kept in `build/mutation`, for the same sources: a fault that a test noticed as long as the file of that test is
-the same, one that none noticed as long as all tests are. `--list` only shows the faults. The tests run with the interpreter
-that runs this.
+the same, one that none noticed as long as all tests that ran are. `--list` only shows the faults. The tests run with the
+interpreter that runs this.
 """
 
 from __future__ import annotations
@@ -238,7 +238,8 @@ def work(case: tuple[Fault, str]) -> dict[str, Any]:
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     cpu_s = round(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
     print(f"{stage if failed else '':9}", cpu_s, "s", fault.name, "|", failed, flush=True, file=sys.stderr)
-    return {"test": failed, "tests": tests_behind(failed), "cpu_s": cpu_s}
+    folders = tuple(TESTED_BY.get(fault.room, [fault.room])) if stage != "elsewhere" else ()
+    return {"test": failed, "folders": folders, "tests": tests_behind(failed, folders), "cpu_s": cpu_s}
 
 
 class Answers(Kept):
@@ -247,18 +248,22 @@ class Answers(Kept):
     def get(self, what: str) -> dict[str, Any] | None:
         """The answer of `work` that is kept under a name, unless the tests that it rests on were changed."""
         answer = super().get(what)
-        return answer if answer is not None and answer["tests"] == tests_behind(answer["test"]) else None
+        holds = answer is not None and answer["tests"] == tests_behind(answer["test"], tuple(answer["folders"]))
+        return answer if holds else None
 
 
 @cache
-def tests_behind(test: str | None) -> str:
-    """A digest of the tests that an answer rests on: of the file of the test that failed, of all where none did.
+def tests_behind(test: str | None, folders: tuple[str, ...]) -> str:
+    """A digest of the tests that an answer rests on: of the file of the test that failed, of all that ran where none did.
 
     Args:
         test: as pytest names it (`FAILED tests/a.py::test_b`); None, or an exit status, for no single test.
+        folders: below `tests`, of those that ran; none: of all.
     """
     own = ROOT / (test or "").partition(" ")[2].partition("::")[0]
-    paths = [own, *TESTS.rglob("conftest.py")] if own.is_file() else [*TESTS.rglob("*.py")]
+    ran = [path for folder in folders for path in (TESTS / folder).rglob("*.py")] if folders else TESTS.rglob("*.py")
+    shared = [*TESTS.rglob("conftest.py"), *(TESTS / "support").rglob("*.py")]
+    paths = {own, *TESTS.rglob("conftest.py")} if own.is_file() else {*ran, *shared}
     digest = hashlib.sha256()
     for path in sorted(paths):
         digest.update(path.relative_to(ROOT).as_posix().encode() + b"\0" + path.read_bytes())

@@ -56,23 +56,24 @@ def test_an_answer_holds_as_long_as_the_tests_behind_it_are_the_same(
     mutation = bench("mutation")
     monkeypatch.setattr(mutation, "ROOT", tmp_path)
     monkeypatch.setattr(mutation, "TESTS", tmp_path / "tests")
-    a, b = tmp_path / "tests" / "test_a.py", tmp_path / "tests" / "test_b.py"
+    own, beside, elsewhere = (tmp_path / "tests" / name for name in ("a/test_own.py", "a/test_beside.py", "b/test_b.py"))
     answers = mutation.Answers(tmp_path / "kept", ())
-    found = {"noticed": "FAILED tests/test_a.py::test_x", "missed": None}
-
+    found = {"noticed": ("FAILED tests/a/test_own.py::test_x", ("a",)), "missed": (None, ("a",)), "by none": (None, ())}
     mutation.tests_behind.cache_clear()
 
     def hold() -> list[str]:
         mutation.tests_behind.cache_clear()  # as in the next run
         return [what for what in found if answers.get(what) is not None]
 
-    write_text(a, "")
-    write_text(b, "")
-    for what, test in found.items():
-        answers.put(what, {"test": test, "tests": mutation.tests_behind(test)})
+    for path in (own, beside, elsewhere):
+        write_text(path, "")
+    for what, (test, folders) in found.items():
+        answers.put(what, {"test": test, "folders": folders, "tests": mutation.tests_behind(test, folders)})
+    assert hold() == ["noticed", "missed", "by none"]
+    write_text(elsewhere, "# changed")
     assert hold() == ["noticed", "missed"]
-    write_text(b, "# changed")
+    write_text(beside, "# changed")
     assert hold() == ["noticed"]
-    write_text(a, "# changed")
+    write_text(own, "# changed")
     assert hold() == []
     mutation.tests_behind.cache_clear()
