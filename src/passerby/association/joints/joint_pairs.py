@@ -41,7 +41,7 @@ MAX_RUNNER_UP = 0.6
 ALSO_SCORE = 0.5
 """Other tracklets are one person by a pose that was found without them if their joints reach this score."""
 RIVAL_ANGLE = np.deg2rad(15.0)
-"""Hypotheses whose rotations or baselines differ by more contradict each other."""
+"""Hypotheses whose rotations differ by more, or whose baselines differ by twice as much, contradict each other."""
 
 
 @dataclass(frozen=True, eq=False)
