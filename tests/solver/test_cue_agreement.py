@@ -13,7 +13,7 @@ from passerby.core.floor_plan import FloorPlan, PlannedCamera
 from passerby.core.scale_cues import CameraDistance, CameraHeight, KnownLength, PersonHeight, ScaleCues
 from passerby.core.solution import Solution
 from passerby.evaluation.metrics import compare
-from passerby.solver.cue_agreement import argue, find_disputes
+from passerby.solver.cue_agreement import RIG_SD, argue, find_disputes
 from passerby.solver.people import PeopleOptions
 from support.scenes.people_and_rigs import part, simulated, solve
 
@@ -48,6 +48,15 @@ def test_of_two_both_are_named_the_more_certain_first() -> None:
     (dispute,) = find_disputes(np.log([1.0, 1.3]), np.array([0.045, 0.01]))
     assert (dispute.cue, dispute.other) == (1, 0)
     assert dispute.off == pytest.approx(np.log(1.3))
+
+
+def test_who_leaves_a_contradiction_behind_is_not_the_one_that_is_wrong() -> None:
+    """Three cues of one per cent. Without the highest the others are 2.7 sigmas apart, without the lowest 3.5."""
+    sigma = float(np.hypot(0.01, RIG_SD))
+    apart = np.array([0.0, 2.7, 2.7 + 3.5]) * np.sqrt(2) * sigma
+    for order in permutations(range(3)):
+        (dispute,) = find_disputes(apart[list(order)], np.full(3, 0.01))
+        assert (order[dispute.cue], dispute.other) == (2, None)
 
 
 def test_people_of_five_per_cent_do_not_contradict_a_tenth() -> None:

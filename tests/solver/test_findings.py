@@ -157,3 +157,31 @@ def test_boxes_that_flicker_are_noisy_however_well_the_rig_fits_them(instants: i
     assert findings.height_noise(fit, evidence) == pytest.approx(expected, rel=1e-3)
     problem.sightings.has_foot = np.zeros(instants)
     assert findings.height_noise(fit, evidence) == 0.0
+
+
+class Sightings(SimpleNamespace):
+    """Of these cameras."""
+
+    def __len__(self) -> int:
+        return len(self.camera)
+
+
+def test_each_camera_counts_what_was_seen_in_it() -> None:
+    """Four boxes in the first camera, one in the second, none in the third; those that agree are 1, 2, 6 and 5 pixels off."""
+    residual = np.array([[0.1, 0.0], [0.0, 0.2], [0.0, -0.6], [0.3, 0.4]])
+    problem = SimpleNamespace(
+        sightings=Sightings(camera=np.array([0, 0, 0, 1])), joints=SimpleNamespace(camera=np.array([1, 2, 2])),
+        terms=lambda state, jacobians: [SimpleNamespace(residual=residual)], centre_sigma=lambda: np.full(4, 10.0),
+    )  # fmt: skip
+    evidence = SimpleNamespace(sightings=Sightings(camera=np.array([0, 0, 0, 0, 1])))
+    start: Any = SimpleNamespace(rig=RIG, levels=[None] * 3, evidence=evidence)
+    state = SimpleNamespace(slack=np.array([0.01, -0.01, 0.0]))
+    fit: Any = SimpleNamespace(result=SimpleNamespace(state=state), model=SimpleNamespace(problem=problem))
+    checks: Any = [SimpleNamespace(change=0.0, sigma=0.01)] * 3
+    found = findings._cameras(start, fit, COVARIANCE, checks)
+    assert [camera.name for camera in found] == ["C1", "C2", "C3"]
+    assert [(camera.sightings, camera.agreeing, camera.joints) for camera in found] == [(4, 3, 0), (1, 1, 1), (0, 0, 2)]
+    assert [camera.median_residual_px for camera in found] == [pytest.approx(2.0), pytest.approx(5.0), None]
+    assert [camera.slack for camera in found] == [0.01, -0.01, 0.0]
+    assert found[0].shape_position_sigma_mm == pytest.approx(1000 * np.sqrt(3e-4))
+    assert found[0].shape_orientation_sigma_deg == pytest.approx(np.degrees(np.sqrt(3e-6)))

@@ -85,6 +85,17 @@ def test_covariances_are_symmetric_and_positive(optimum: tuple[PeopleProblem, Ad
         assert found.sigma(c).orientation_deg > found.shape_sigma(c).orientation_deg
 
 
+def test_sigmas_of_distances_are_those_of_sampled_rigs() -> None:
+    """Cameras that err by far more here than there, together and each on its own, against many draws of their errors."""
+    rng = np.random.default_rng(3)
+    centre = np.array([[0.0, 0.0, 3.0], [8.0, 1.0, 2.5], [2.0, 9.0, 4.0]])
+    root = rng.normal(size=(18, 18)) * np.repeat([1e-3, 1e-2, 3e-2], 6)[:, None]
+    drawn = centre + (rng.normal(size=(40_000, 18)) @ root.T).reshape(-1, 3, 6)[:, :, :3]
+    sampled = np.linalg.norm(drawn[:, :, None] - drawn[:, None], axis=-1).std(axis=0)
+    found = uncertainty._distance_sigmas(root @ root.T, centre)
+    np.testing.assert_allclose(found, sampled, rtol=0.03, atol=1e-9)
+
+
 def test_inflation_and_scale_go_where_they_belong(optimum: tuple[PeopleProblem, AdjustmentState]) -> None:
     plain, inflated, vague = covariance(*optimum), covariance(*optimum, inflation=9.0), covariance(*optimum, scale=0.2)
     for c in range(4):

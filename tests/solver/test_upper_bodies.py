@@ -13,7 +13,15 @@ from passerby.core.scale_cues import CameraDistance, CameraHeight, ScaleCues
 from passerby.core.solution import Solution
 from passerby.evaluation.metrics import compare
 from passerby.simulation import SimulatedScene, SimulationOptions, simulate
-from passerby.solver.body_segments import Bodies, body_scale, body_vertical
+from passerby.solver.body_segments import (
+    LEAN_SD,
+    SAME_POSTURE,
+    SIDEWAYS_SD,
+    SWAY_SD,
+    Bodies,
+    body_scale,
+    body_vertical,
+)
 from support.scenes.people_and_rigs import solve
 from support.scenes.upper_bodies import office_joints
 from support.tiers import thinned
@@ -124,6 +132,18 @@ def test_somebody_who_leans_and_turns_shows_up_all_the_same() -> None:
     by_way = np.einsum("ij,jk,kl->il", facing.basis.T, facing.covariance, facing.basis)
     assert by_way[0, 0] > 4 * by_way[1, 1]
     assert np.trace(turning.covariance) < 0.5 * np.trace(facing.covariance)
+
+
+@pytest.mark.parametrize("people", [1, 4])
+def test_who_faces_one_way_tells_the_up_direction_as_well_as_trunks_are_known_to_lean(people: int) -> None:
+    """How each leans on the mean is known beforehand to `LEAN_SD` and `SIDEWAYS_SD`; of three postures each sways."""
+    each = 3 * SAME_POSTURE
+    person = np.repeat(np.arange(people), each)
+    found = body_vertical(Bodies(person, np.tile(np.arange(each), people), STANDING[None].repeat(len(person), axis=0), JOINTS))
+    assert found is not None
+    by_way = found.basis.T @ found.covariance @ found.basis
+    forwards, sideways = ((sd**2 + SWAY_SD**2 / 3) / people for sd in (LEAN_SD, SIDEWAYS_SD))
+    np.testing.assert_allclose(by_way, np.diag([forwards, sideways, 0.0]), atol=1e-9)
 
 
 def test_segments_that_contradict_each_other_tell_no_scale() -> None:

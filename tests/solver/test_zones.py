@@ -75,6 +75,19 @@ def test_zones_cover_all_cameras_and_overlap(count: int) -> None:
     assert joined == set(range(len(found)))
 
 
+@pytest.mark.parametrize("times", [2, 3])
+def test_a_row_of_cameras_is_cut_into_zones_of_equal_length(times: int) -> None:
+    """Each has its own cameras and, at most, those that it has in common with a neighbour on either side."""
+    count = times * CORE_CAMERAS
+    order = np.random.default_rng(times).permutation(count)
+    found = cut_zones(chain(count)[np.ix_(order, order)])
+    assert len(found) == times
+    for zone in found:
+        assert CORE_CAMERAS <= len(zone) <= CORE_CAMERAS + 2 * IN_COMMON
+        places = order[list(zone)]
+        assert places.max() - places.min() == len(zone) - 1
+
+
 def test_cameras_that_share_nothing_are_zones_of_their_own() -> None:
     shared = np.zeros((40, 40), int)
     shared[:20, :20], shared[20:, 20:] = chain(20), chain(20)
