@@ -17,6 +17,7 @@ from passerby.geometry.similarity import fit_plane_similarity
 from passerby.solver import uncertainty
 from passerby.solver.cues import POPULATION_BIAS
 from passerby.solver.initialisation import Initialisation, refine_in_stages, select_initial_rig
+from passerby.solver.optimizer.least_squares import Term
 from passerby.solver.people import PeopleOptions
 from passerby.solver.people_state import AdjustmentState
 from passerby.solver.person_model import PeopleProblem
@@ -124,6 +125,17 @@ def test_sums_that_places_and_cameras_take_up_are_not_left() -> None:
     assert sums_left(np.repeat(every, 5, axis=0)) == 48 - 16 - 18
     assert sums_left(every[every[:, 2] == 0]) == 0
     assert sums_left(every[:0]) == 0
+
+
+@pytest.mark.parametrize("size", [1.0, 1e-4])
+def test_residuals_alike_within_a_stretch_tell_as_much_as_one_of_them(size: float) -> None:
+    """Whatever their size. Independent ones tell all that they could."""
+    rng = np.random.default_rng(0)
+    alike, each = 500, 6
+    key = np.repeat(np.column_stack([np.arange(alike), np.zeros(alike, int)]), each, axis=0)
+    residual = size * np.repeat(rng.normal(size=(alike, 2)), each, axis=0)
+    assert uncertainty._design_effect(Term(residual), key) == pytest.approx(each)
+    assert uncertainty._design_effect(Term(size * rng.normal(size=residual.shape)), key) == pytest.approx(1.0, abs=0.1)
 
 
 def test_the_usual_design_effect_counts_against_the_sums_that_are_left(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -14,13 +14,17 @@ from passerby.core.solution import Solution
 from passerby.evaluation.metrics import compare
 from passerby.simulation import SimulatedScene, SimulationOptions, simulate
 from passerby.solver.body_segments import (
+    HIP_SHARE,
     LEAN_SD,
+    MIN_BODIES,
     SAME_POSTURE,
+    SEGMENTS,
     SIDEWAYS_SD,
     SWAY_SD,
     Bodies,
     body_scale,
     body_vertical,
+    ground_below_hips,
 )
 from support.scenes.people_and_rigs import solve
 from support.scenes.upper_bodies import office_joints
@@ -144,6 +148,37 @@ def test_who_faces_one_way_tells_the_up_direction_as_well_as_trunks_are_known_to
     by_way = found.basis.T @ found.covariance @ found.basis
     forwards, sideways = ((sd**2 + SWAY_SD**2 / 3) / people for sd in (LEAN_SD, SIDEWAYS_SD))
     np.testing.assert_allclose(by_way, np.diag([forwards, sideways, 0.0]), atol=1e-9)
+
+
+def test_a_side_of_the_trunk_alone_is_known_no_better_sideways_than_forwards() -> None:
+    """Two shoulders and one hip: the line between them slants, and so the trunk seems to lean."""
+    person = np.zeros(60, dtype=np.int64)
+    half = Bodies(person, np.arange(60), STANDING[None, :3].repeat(60, axis=0), JOINTS[:3])
+    found = body_vertical(half)
+    assert found is not None
+    by_way = found.basis.T @ found.covariance @ found.basis
+    assert np.sqrt(np.linalg.eigvalsh(by_way)[1:]) == pytest.approx(
+        np.full(2, np.hypot(LEAN_SD, SWAY_SD / np.sqrt(3))), rel=0.02
+    )
+
+
+def test_nobody_counts_who_is_measured_less_often_than_it_takes() -> None:
+    """The first of three people, who is a giant, is measured once less than the others are."""
+    times = np.array([MIN_BODIES - 1, MIN_BODIES, MIN_BODIES])
+    person = np.repeat(np.arange(3), times)
+    seen = np.where(person == 0, 1.5, 1.0)[:, None, None] * STANDING
+    frame, mean, sd = np.arange(len(person)), np.full(3, 1.72), np.full(3, 0.1)
+    shoulders = Bodies(person, frame, seen[:, :2], JOINTS[:2])
+    found = body_scale(shoulders, mean, sd, np.arange(3))
+    assert found is not None
+    assert found.people == 2
+    assert found.log_factor == pytest.approx(np.log(SEGMENTS[1].share * 1.72 / 0.4))
+    assert body_scale(shoulders, mean, sd, np.arange(1)) is None
+    up = np.array([0.0, 0.0, 1.0])
+    assert ground_below_hips(bodies(seen, person), up, 1.0, np.arange(3), mean) == pytest.approx(0.95 - HIP_SHARE * 1.72)
+    assert ground_below_hips(bodies(seen, person), up, 1.0, np.arange(1), mean[:1]) is None
+    assert body_vertical(bodies(seen[:MIN_BODIES], person[:MIN_BODIES])) is not None
+    assert body_vertical(bodies(seen[: MIN_BODIES - 1], person[: MIN_BODIES - 1])) is None
 
 
 def test_segments_that_contradict_each_other_tell_no_scale() -> None:
