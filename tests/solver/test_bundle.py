@@ -157,6 +157,20 @@ def test_held_cameras_stay_to_the_bit(fixed: tuple[int, ...]) -> None:
         assert (moved < 1e-12) == (c in fixed)
 
 
+def test_cameras_that_are_held_stay_to_the_last_digit() -> None:
+    """Also where one of two is not the farthest: two that are held fix the scale themselves."""
+    rng = np.random.default_rng(8)
+    rig = ring(4)
+    points = cloud(rng, 40)
+    start = disturbed(poses_of(rig), rng)
+    seen = sightings(rig, points, rng, 0.5)
+    for held in ((0,), (0, 1), (3, 1)):
+        found = adjust_points(start, points, seen, fixed_cameras=held)
+        for camera in held:
+            np.testing.assert_array_equal(found.poses[camera].R_cw, start[camera].R_cw)
+            np.testing.assert_allclose(found.poses[camera].centre, start[camera].centre, rtol=1e-12)
+
+
 def test_residuals_stand_in_the_order_of_the_sightings() -> None:
     rng = np.random.default_rng(5)
     rig = ring(3)

@@ -10,7 +10,7 @@ import pytest
 from passerby.core.cameras import Rig
 from passerby.core.scale_cues import CameraDistance, CameraHeight, ScaleCues
 from passerby.core.solution import Solution
-from passerby.solver.gauge import NULL_SHARE, Free, HeldSystem, held_system, placement_freedoms
+from passerby.solver.gauge import NULL_SHARE, Free, HeldSystem, held_system, placement_freedoms, similarity_freedoms
 from passerby.solver.initialisation import Fit, Initialisation, refine_in_stages, select_initial_rig
 from passerby.solver.optimizer.least_squares import NormalEquations
 from passerby.solver.people import PeopleOptions
@@ -124,6 +124,33 @@ def test_where_all_is_fixed_the_inverse_is_what_it_was(whole: tuple[PeopleProble
     assert not free
     plain = np.linalg.pinv(system.matrix, rcond=1e-13, hermitian=True) * system.scale[:, None] * system.scale
     np.testing.assert_array_equal(system.inverse(), plain)
+
+
+def test_no_residual_notices_the_placement(whole: tuple[PeopleProblem, AdjustmentState]) -> None:
+    """A shift along the ground and a turn about the vertical are null vectors of the normal matrix, a rise or a pitch is none."""
+    problem, state = whole
+    H, size = reduced(problem, state), problem.layout.camera_size
+    placement = placement_freedoms(state, len(H), size)
+    tilted = placement.copy()
+    tilted[5::size][: len(state.R), 0] = 0.01
+    tilted[0::size][: len(state.R), 2] += 0.01
+    costs = np.einsum("ik,ij,jk->k", placement, H, placement)
+    assert (np.abs(costs) < 1e-6 * np.diag(H).max()).all()
+    assert np.einsum("i,ij,j", tilted[:, 0], H, tilted[:, 0]) > 100 * np.abs(costs).max()
+
+
+def test_cameras_apart_from_the_others_have_no_say_in_how_far_the_rig_moved() -> None:
+    """Whatever a freedom of the similarity, the cameras that hold it tell it alone, and tell it by the whole amount."""
+    poses = [camera.pose for camera in TRUTH.rig if camera.pose is not None]
+    state = AdjustmentState(
+        np.array([pose.R_cw for pose in poses]), np.array([pose.centre for pose in poses]), np.zeros(4), np.zeros(1),
+        np.zeros(0), np.zeros((0, 4)), np.zeros((0, 3)),
+    )  # fmt: skip
+    for fixed in (None, np.array([0, 1, 3])):
+        freedoms = similarity_freedoms(state, fixed)
+        np.testing.assert_allclose(freedoms.along @ freedoms.moves, np.eye(7), atol=1e-9)
+        told_by = np.abs(freedoms.along.reshape(7, 4, 6)).sum(axis=(0, 2)) > 0
+        assert told_by.tolist() == [True, True, fixed is None, True]
 
 
 def test_priors_on_people_who_were_not_seen_fix_nothing(upper: tuple[PeopleProblem, AdjustmentState]) -> None:

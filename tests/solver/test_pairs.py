@@ -130,6 +130,33 @@ def test_few_trials_do_where_all_people_agree(monkeypatch: pytest.MonkeyPatch) -
     assert max(max(errors(rig, h)[:2]) for h in found) < 3
 
 
+def test_the_ground_route_turns_one_vertical_into_the_other() -> None:
+    """A motion of the plane: a rotation that keeps up as both levels have it, and a drop by the difference of their heights."""
+    rng = np.random.default_rng(0)
+    rig = ring(3)
+    seen = observe(rig, rng.uniform(-2, 2, (80, 2)), np.full(80, BODY), np.arange(80), np.zeros(80, dtype=int))
+    evidence = gather_evidence(rig, Observations(seen), rng)
+    levels = [level_of(evidence, c, BODY, np.random.default_rng(0)) for c in range(3)]
+    focal = np.array([camera.lens.focal for camera in rig])
+    found = [h for h in pair_hypotheses(evidence, levels, focal, BODY, np.random.default_rng(0)) if h.route == "ground"]
+    assert len(found) == 3
+    for h in found:
+        a, b = levels[h.a], levels[h.b]
+        assert a is not None
+        assert b is not None
+        np.testing.assert_allclose(h.R_ba @ h.R_ba.T, np.eye(3), atol=1e-9)
+        np.testing.assert_allclose(h.R_ba @ a.up, b.up, atol=1e-9)
+        assert h.t_ba @ b.up == pytest.approx(a.height - b.height)
+    # A camera that could not be levelled has no part in it, whichever it is of a pair.
+    for lost in range(3):
+        some = [None if c == lost else level for c, level in enumerate(levels)]
+        found = pair_hypotheses(evidence, some, focal, BODY, np.random.default_rng(0))
+        assert [(h.a, h.b) for h in found if h.route == "ground"] == [
+            pair for pair in ((0, 1), (0, 2), (1, 2)) if lost not in pair
+        ]
+        assert [(h.a, h.b) for h in found if h.route == "epipolar"] == [(0, 1), (0, 2), (1, 2)]
+
+
 def test_shared_rows_show_the_same_blocks() -> None:
     camera, block = np.array([0, 0, 0, 1, 1, 2]), np.array([5, 2, 9, 9, 5, 5])
     rows_a, rows_b = shared_rows(camera, block, 0, 1)

@@ -16,13 +16,15 @@ from passerby.geometry.rotations import exp_rotation, log_rotation
 from passerby.geometry.similarity import fit_plane_similarity
 from passerby.solver import uncertainty
 from passerby.solver.cues import POPULATION_BIAS
+from passerby.solver.gauge import SCALE, TILT_X, TILT_Y, VAGUE, Free
 from passerby.solver.initialisation import Initialisation, refine_in_stages, select_initial_rig
 from passerby.solver.optimizer.least_squares import Term
 from passerby.solver.people import PeopleOptions
 from passerby.solver.people_state import AdjustmentState
-from passerby.solver.person_model import PeopleProblem
+from passerby.solver.person_model import TIME, PeopleProblem
 from passerby.solver.uncertainty import (
     MODEL_EXCESS,
+    TIME_EXCESS,
     USUAL_COUNTS,
     USUAL_EFFECT,
     RigCovariance,
@@ -108,6 +110,28 @@ def test_inflation_and_scale_go_where_they_belong(optimum: tuple[PeopleProblem, 
     # What is stated holds as soon as it is more than the adjustment's own 2.2 %.
     assert covariance(*optimum, scale=0.03).scale == pytest.approx(0.03, rel=0.1)
     assert plain.scale >= 0.02
+
+
+@pytest.mark.parametrize("about", [TILT_X, TILT_Y])
+def test_a_vertical_that_may_lean_any_way_is_unknown(about: int) -> None:
+    """By more than `VAGUE`; the scale likewise."""
+    for sigma, unknown in ((0.9 * VAGUE, False), (1.1 * VAGUE, True)):
+        of_freedoms = np.diag(np.full(7, 1e-6))
+        of_freedoms[about, about] = sigma**2
+        assert uncertainty._with_vague(Free(), of_freedoms) == Free(vertical=unknown)
+        of_freedoms = np.diag(np.full(7, 1e-6))
+        of_freedoms[SCALE, SCALE] = sigma**2
+        assert uncertainty._with_vague(Free(), of_freedoms) == Free(scale=unknown)
+
+
+def test_clocks_are_as_sure_as_they_differ_from_the_first_cameras() -> None:
+    """An error that all clocks have in common is none; each camera's own adds to the first camera's."""
+    size, own = TIME + 1, np.array([0.01, 0.03, 0.05])
+    covariance = 7.0 * np.eye(3 * size)
+    clocks = np.arange(3) * size + TIME
+    covariance[np.ix_(clocks, clocks)] = 2.0**2 + np.diag(own**2)
+    found = uncertainty._time_sigmas(covariance, size, 3)
+    np.testing.assert_allclose(found, TIME_EXCESS * np.array([0.0, *np.hypot(own[1:], own[0])]), atol=1e-9)
 
 
 def some(observations: Observations, identities: int, frames: int = 10**9) -> Observations:

@@ -9,7 +9,7 @@ import pytest
 
 from passerby.core.observations import Boxes, CameraObservations
 from passerby.evaluation.metrics import compare
-from passerby.solver.occlusion import CLEAN, LEAST_WEIGHT, weight_truncated_boxes
+from passerby.solver.occlusion import CLEAN, LEAST_WEIGHT, MIN_BOXES, weight_truncated_boxes
 from support.scenes.people_and_rigs import part, simulated, solve
 from support.tiers import thinned
 
@@ -36,6 +36,15 @@ def test_broken_edges_are_found_and_counted(share: float) -> None:
 def test_few_boxes_are_not_judged() -> None:
     judged = weight_truncated_boxes(np.full(12, 0.3), np.zeros(12))
     assert (judged.weight == 1).all()
+
+
+def test_as_many_boxes_as_it_takes_are_judged() -> None:
+    """One in ten has lost a quarter of the person below."""
+    rng = np.random.default_rng(4)
+    top, bottom = rng.normal(size=(2, MIN_BOXES)) * 0.01
+    bottom[::10] -= 0.25
+    assert (weight_truncated_boxes(top, bottom).weight[::10] < 0.01).all()
+    assert (weight_truncated_boxes(top[1:], bottom[1:]).weight == 1).all()
 
 
 def headless(boxes: Boxes, rng: np.random.Generator) -> Boxes:

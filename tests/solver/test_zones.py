@@ -88,6 +88,16 @@ def test_a_row_of_cameras_is_cut_into_zones_of_equal_length(times: int) -> None:
         assert places.max() - places.min() == len(zone) - 1
 
 
+@pytest.mark.parametrize(("left", "more"), [(1, 0), (2 * IN_COMMON - 1, 0), (2 * IN_COMMON, 1)])
+def test_the_few_cameras_that_are_left_over_join_their_neighbours(left: int, more: int) -> None:
+    """Unless they are enough for a zone of their own: twice what it has in common with another."""
+    count = 2 * CORE_CAMERAS + left
+    order = np.random.default_rng(left).permutation(count)
+    found = cut_zones(chain(count)[np.ix_(order, order)])
+    assert len(found) == 2 + more
+    assert sum(len(zone) >= CORE_CAMERAS for zone in found) == 2
+
+
 def test_cameras_that_share_nothing_are_zones_of_their_own() -> None:
     shared = np.zeros((40, 40), int)
     shared[:20, :20], shared[20:, 20:] = chain(20), chain(20)
