@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from passerby.common.errors import EvidenceError
 from passerby.core.cameras import Camera, Lens, Rig
-from passerby.core.observations import CameraObservations, Keypoints, Observations
+from passerby.core.observations import BODY_17, CameraObservations, Keypoints, Observations
 from passerby.geometry.rotations import direction_angle, exp_rotation
 from passerby.simulation import SimulatedScene, SimulationOptions, simulate
 from passerby.solver.geopose.body_extent import (
@@ -131,6 +131,27 @@ def test_with_true_cameras_the_true_world_comes_out(workers: SimulatedScene, ext
     np.testing.assert_allclose(standing, np.mean(list(workers.heights.values())), rtol=0.02)
     ground = np.median(segments.bottom[:, 2]) - extents.shares[1] * standing
     assert abs(ground) < 0.04
+
+
+@pytest.mark.parametrize("right", [True, False])
+def test_heads_and_ankles_are_the_ends_of_people_unless_their_names_contradict_the_pictures(right: bool) -> None:
+    """A camera without anybody in it says nothing of names."""
+    rng = np.random.default_rng(0)
+    tall = np.array([0.94 if j < 5 else 0.82 if j < 7 else 0.6 if j < 11 else 0.52 if j < 13 else 0.28 if j < 15 else 0.04
+                     for j in range(len(BODY_17))])  # fmt: skip
+    xy = np.stack([np.full((20, 17), 300.0), np.tile(400 - 300 * tall, (20, 1))], axis=2) + rng.normal(0, 1, (20, 17, 2))
+    names = BODY_17 if right else BODY_17[::-1]
+    seen = Keypoints(np.arange(20), np.zeros(20, int), xy, np.ones((20, 17)), names)
+    lens = Lens((640, 480), np.array([[600.0, 0, 320], [0, 600, 240], [0, 0, 1]]), np.zeros(4))
+    rig = Rig((Camera("A", lens), Camera("B", lens)))
+    found = joint_extents(rig, Observations({"A": CameraObservations(keypoints=seen), "B": CameraObservations()}))
+    assert (found.finding is None) == right
+    top, bottom = np.flatnonzero(found.is_top).tolist(), np.flatnonzero(found.is_bottom).tolist()
+    assert set(top) <= set(range(5))
+    assert len(top) == (5 if right else 1)
+    assert bottom == [15, 16]
+    assert found.shares[0] > 0.9
+    assert found.shares[1] < 0.1
 
 
 @pytest.mark.slow

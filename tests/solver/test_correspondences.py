@@ -17,6 +17,7 @@ from passerby.solver.geopose.correspondences import (
     box_points,
     joint_points,
     match_pair,
+    numbered_points,
     point_observations,
 )
 
@@ -107,3 +108,20 @@ def test_observations_carry_the_lens() -> None:
     offset = np.array([[0.001, -0.002, 0.0]])
     moved = LENS.project_rays(points.bearing + offset) - points.pixel
     np.testing.assert_allclose((seen.tangent[0] @ offset[0]), moved[0], rtol=0.01)
+
+
+def test_each_sighting_moves_over_the_picture_as_its_own_lens_has_it() -> None:
+    """Rays that turn a little: pixels move by the tangents, which differ from lens to lens."""
+    long = Lens((640, 480), np.array([[1500.0, 0, 320], [0, 1500, 240], [0, 0, 1]]), np.zeros(4))
+    bent = Lens((640, 480), np.array([[600.0, 0, 320], [0, 600, 240], [0, 0, 1]]), np.array([-0.2, 0.05, 0, 0]))
+    rig = Rig((Camera("A", LENS), Camera("B", long), Camera("C", bent)))
+    rng = np.random.default_rng(0)
+    numbers = np.arange(8)
+    points = numbered_points(rig, {name: (numbers, rng.uniform([20, 20], [620, 460], (8, 2))) for name in rig.names})
+    seen = point_observations(rig, points, points.labels()[0])
+    turned = seen.bearing + 1e-5 * np.cross(rng.normal(size=(24, 3)), seen.bearing)
+    moved = np.einsum("mki,mi->mk", seen.tangent, turned - seen.bearing)
+    for c, camera in enumerate(rig):
+        own = seen.camera == c
+        assert own.sum() == 8
+        np.testing.assert_allclose(camera.lens.project_rays(turned[own]) - points.pixel[own], moved[own], rtol=1e-3, atol=1e-5)

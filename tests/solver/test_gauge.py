@@ -127,7 +127,7 @@ def test_where_all_is_fixed_the_inverse_is_what_it_was(whole: tuple[PeopleProble
 
 
 def test_no_residual_notices_the_placement(whole: tuple[PeopleProblem, AdjustmentState]) -> None:
-    """A shift along the ground and a turn about the vertical are null vectors of the normal matrix, a rise or a pitch is none."""
+    """A shift along the ground and a turn about the vertical are null vectors of the normal matrix, a rise or pitch is none."""
     problem, state = whole
     H, size = reduced(problem, state), problem.layout.camera_size
     placement = placement_freedoms(state, len(H), size)

@@ -10,7 +10,7 @@ import pytest
 
 from passerby.common.errors import EvidenceError, InputError
 from passerby.core.cameras import Pose, Rig
-from passerby.core.observations import CameraObservations, Observations
+from passerby.core.observations import Boxes, CameraObservations, Keypoints, Observations
 from passerby.core.scale_cues import KnownLength, ScaleCues
 from passerby.core.solution import Solution
 from passerby.evaluation.metrics import compare
@@ -21,6 +21,7 @@ from passerby.solver.geopose.correspondences import box_points, match_pair
 from passerby.solver.geopose.geopose import (
     GeoPoseOptions,
     PairGeometry,
+    _kind_of_points,
     check_people_stand,
     decompose,
     local_bundle_adjustment,
@@ -30,6 +31,7 @@ from passerby.solver.geopose.geopose import (
     solve_pair,
     triangulate_pair,
 )
+from support.scenes.people_and_rigs import ring
 from support.scenes.simulated import from_shared_views
 from support.tiers import thinned
 
@@ -202,6 +204,37 @@ def test_steps_of_a_pair_come_closer_to_the_truth() -> None:
     assert fits.mean() > 0.95
     assert rms < 4
     assert (at[fits][:, 2] > 0).all()
+
+
+def test_joints_are_used_where_as_many_cameras_have_them_as_boxes() -> None:
+    truth = scene(seconds=15.0, joint_noise_px=1.0)
+    boxes, joints = (
+        {name: CameraObservations(seen.boxes if b else Boxes.empty(), Keypoints.empty() if b else seen.keypoints)
+         for name, seen in truth.observations.cameras.items()} for b in (True, False)
+    )  # fmt: skip
+    few = {**boxes, "C1": truth.observations.cameras["C1"], "C2": truth.observations.cameras["C2"]}
+    auto = GeoPoseOptions("C1")
+    assert _kind_of_points(truth.rig, truth.observations, auto) == "joints"
+    assert _kind_of_points(truth.rig, Observations(joints), auto) == "joints"
+    assert _kind_of_points(truth.rig, Observations(boxes), auto) == "boxes"
+    assert _kind_of_points(truth.rig, Observations(few), auto) == "boxes"
+    assert _kind_of_points(truth.rig, Observations(few), replace(auto, points="joints")) == "joints"
+
+
+def test_what_misses_by_many_sigmas_is_no_inlier_of_a_pair() -> None:
+    """Half a pixel of noise in both pictures, and one point in four moved by forty sigmas upwards or down."""
+    rng = np.random.default_rng(0)
+    rig = Rig(ring(5).cameras[:2])
+    at = rng.uniform((-2, -2, 0), (2, 2, 2), (200, 3))
+    pixels = [camera.project(at) + 0.5 * rng.normal(size=(200, 2)) for camera in rig]
+    wrong = np.arange(200) % 4 == 0
+    pixels[1][wrong, 1] += rng.choice([-20.0, 20.0], np.count_nonzero(wrong))
+    rays = [camera.lens.bearings(pixel) for camera, pixel in zip(rig, pixels, strict=True)]
+    lenses = rig.cameras[0].lens, rig.cameras[1].lens
+    for options in (BOXES, replace(BOXES, ransac_threshold_px=1.5)):
+        _, inliers = pair_essential(*rays, lenses, np.full((200, 2), 0.5), options, np.random.default_rng(0))
+        assert inliers[~wrong].mean() > 0.9
+        assert inliers[wrong].mean() < 0.1
 
 
 def test_a_pair_takes_no_more_correspondences_than_it_may() -> None:

@@ -18,7 +18,7 @@ from passerby.geometry.reprojection import PointObservations
 from passerby.interchange.rig_toml import read_rig, write_rig
 from passerby.scene.tables import SolverTable
 from passerby.solver.lens_sigmas import posterior_sd
-from passerby.solver.lens_unknowns import LensUnknowns
+from passerby.solver.lens_unknowns import FAR_PRINCIPAL_POINT, LensUnknowns
 from passerby.solver.optimizer.least_squares import Step
 from passerby.solver.people import PeopleOptions
 from passerby.solver.people_state import AdjustmentState, UprightObservations
@@ -246,6 +246,25 @@ def test_figures_give_each_prior_and_how_much_people_count_beside_it():
     assert point.people_sigma_px == (pytest.approx(30.0), None)
     assert (distortion.refined, distortion.stated, distortion.prior_sigma) == pytest.approx((-0.1, 0.0, 0.15))
     assert (distortion.people_sigma, distortion.people_share) == pytest.approx((0.05, 0.9))
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_a_principal_point_is_far_where_it_moved_by_more_than_unknown_ones_are_off(axis: int) -> None:
+    """Three sigmas of a lens that was never calibrated, either way; it is told where people know it better than that."""
+    unknowns = LensUnknowns(("principal_point",))
+    stated = Rig((Camera("A", LENS),))
+    usual = FAR_PRINCIPAL_POINT * LENS.size[0]
+    for moved, far in ((-2.9, False), (2.9, False), (-3.1, True), (3.1, True)):
+        change = np.zeros((1, 2))
+        change[0, axis] = moved * usual
+        sigmas = np.full((1, 2), 0.5 * usual)
+        sigmas[0, axis] = 0.9 * usual if far else 0.5 * usual
+        found = lens_figures(RefinedLenses(unknowns, sigmas, sigmas), stated, unknowns.rig(stated, change))["A"].principal_point
+        assert found is not None
+        assert (found.far, found.told) == (far, not far)
+        assert [one.code for one in far_lenses({"A": LensFigures(principal_point=found)})] == [
+            "principal_point_refined_far"
+        ] * far
 
 
 def test_the_prior_of_a_stated_value_is_given_as_a_sigma():

@@ -1,0 +1,76 @@
+"""Two grounds that are laid on each other: what fits costs nothing, and what does not costs what it misses by."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import scipy.optimize
+
+from passerby.solver.focal_search import _FARTHEST_M, _FLOOR_M, _NOWHERE, _SHARE, _Grounds, _misfit, pair_costs
+from passerby.solver.pairs import MIN_MATCHES
+
+TURN, SHIFT = np.exp(2.3j), 17.0 - 9.0j
+
+
+def places(rng: np.random.Generator, count: int = 150) -> np.ndarray:
+    """On the ground, x + iy, near and far."""
+    return rng.uniform(2, 30, count) * np.exp(1j * rng.uniform(-0.5, 0.5, count))
+
+
+def misfit(x: np.ndarray, y: np.ndarray) -> float:
+    return _misfit(x, y, *np.random.default_rng(0).integers(len(x), size=(2, 300)))
+
+
+def sigma(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    return np.asarray(np.hypot(_FLOOR_M + _SHARE * np.abs(x), _FLOOR_M + _SHARE * np.abs(y)))
+
+
+def test_a_ground_that_was_turned_and_shifted_fits() -> None:
+    x = places(np.random.default_rng(1))
+    assert misfit(x, TURN * x + SHIFT) == pytest.approx(0.0, abs=1e-9)
+    assert misfit(x, TURN * 1.2 * x + SHIFT) > 10
+    assert misfit(x, np.conj(x)) > 100, "a mirror image is no turn"
+
+
+@pytest.mark.parametrize("wrong", [15, 75])
+def test_the_cost_is_the_least_that_any_turn_and_shift_leaves(wrong: int) -> None:
+    """Of places that are known the worse the farther they are, a tenth or a half of them quite wrong."""
+    rng = np.random.default_rng(2)
+    x = places(rng)
+    y = TURN * x + SHIFT
+    y += sigma(x, y) * (rng.normal(size=len(x)) + 1j * rng.normal(size=len(x)))
+    some = rng.permutation(len(x))[:wrong]
+    y[some] += 20 * (rng.normal(size=wrong) + 1j * rng.normal(size=wrong))
+
+    def cost(way: np.ndarray) -> float:
+        moved = np.exp(1j * way[0]) * x + way[1] + 1j * way[2]
+        return float(np.log1p((np.abs(moved - y) / sigma(x, y)) ** 2).sum())
+
+    best = scipy.optimize.minimize(cost, [np.angle(TURN), SHIFT.real, SHIFT.imag], method="Nelder-Mead", tol=1e-8)
+    assert misfit(x, y) == pytest.approx(best.fun, rel=1e-3)
+
+
+def test_places_that_are_nowhere_cost_as_much_as_those_that_miss_by_far() -> None:
+    x = places(np.random.default_rng(3), 40)
+    y = TURN * x + SHIFT
+    y[:5], x[5:8] = np.nan, 1.01 * _FARTHEST_M
+    assert misfit(x, y) == pytest.approx(8 * _NOWHERE)
+    few = np.where(np.arange(40) < MIN_MATCHES - 1, x[::-1], np.nan)
+    assert misfit(few, y[::-1]) == pytest.approx(40 * _NOWHERE)
+    enough = np.where(np.arange(40) < MIN_MATCHES, x[::-1], np.nan)
+    assert misfit(enough, y[::-1]) == pytest.approx((40 - MIN_MATCHES) * _NOWHERE)
+
+
+def test_every_two_focal_lengths_are_compared_by_the_people_that_both_saw() -> None:
+    """The second of three grounds of one camera fits the first of the other; the last could not be levelled."""
+    rng = np.random.default_rng(4)
+    x = places(rng, 60)
+    order = rng.permutation(60)
+    y = (TURN * x + SHIFT)[order]
+    one = _Grounds(np.array([-0.2, 0.0, 0.2]), [x * np.exp(0.3), x, None])
+    other = _Grounds(np.array([0.0, 0.3]), [y, y.real * 1.6 + 1j * y.imag])
+    cost = pair_costs(one, other, order, np.arange(60), rng)
+    assert cost.shape == (3, 2)
+    assert cost[1, 0] == pytest.approx(0.0, abs=1e-9)
+    assert (cost[[0, 0, 1], [0, 1, 1]] > 5).all()
+    assert cost[2] == pytest.approx(60 * _NOWHERE)
