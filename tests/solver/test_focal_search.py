@@ -50,6 +50,15 @@ def test_the_cost_is_the_least_that_any_turn_and_shift_leaves(wrong: int) -> Non
     assert misfit(x, y) == pytest.approx(best.fun, rel=1e-3)
 
 
+def test_a_minority_that_agrees_on_another_way_does_not_win() -> None:
+    """Two of five people are taken for each other throughout, and look as if the cameras stood on one spot."""
+    x = places(np.random.default_rng(5))
+    y, other = TURN * x + SHIFT, np.arange(len(x)) % 5 < 2
+    y[other] = np.conj(TURN) * x[other]
+    missed = np.log1p((np.abs(TURN * x + SHIFT - y) / sigma(x, y)) ** 2)
+    assert misfit(x, y) == pytest.approx(float(missed.sum()), rel=0.02)
+
+
 def test_places_that_are_nowhere_cost_as_much_as_those_that_miss_by_far() -> None:
     x = places(np.random.default_rng(3), 40)
     y = TURN * x + SHIFT
