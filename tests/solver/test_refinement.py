@@ -20,6 +20,7 @@ from passerby.solver.refinement import (
     _learn_joints,
     _on_time,
 )
+from support.scenes.exact_sightings import poses_of, standing
 from support.scenes.people_and_rigs import LENS, ring
 
 HEIGHTS = np.array([1.6, 1.9])
@@ -28,33 +29,15 @@ PERSON = np.array([0, 1, 1])
 
 
 def state_of(rig: Rig) -> RigState:
-    poses = [camera.pose for camera in rig if camera.pose is not None]
-    R, centre = np.array([pose.R_cw for pose in poses]), np.array([pose.centre for pose in poses])
-    return RigState.start(R, centre, HEIGHTS, Priors(), np.zeros((0, 3)), np.zeros((len(poses), 0)))
-
-
-def standing(rig: Rig) -> UprightObservations:
-    """What the cameras see of upright people without any error: head and foot of each in each camera."""
-    tall = HEIGHTS[PERSON]
-    feet, heads = (np.column_stack([GROUND, z]) for z in (np.zeros(len(tall)), tall))
-    parts = []
-    for camera in rig:
-        top, bottom = camera.project(heads), camera.project(feet)
-        rays = [camera.lens.bearings(pixels) for pixels in (top, bottom)]
-        parts.append((*rays, *map(camera.lens.tangents, rays), np.linalg.norm(top - bottom, axis=1)))
-    top, bottom, top_tangent, bottom_tangent, extent = (np.concatenate(column) for column in zip(*parts, strict=True))
-    n, people = len(extent), len(tall)
-    return UprightObservations(
-        np.repeat(np.arange(len(rig)), people), np.tile(np.arange(people), len(rig)), top, bottom, top_tangent, bottom_tangent,
-        extent, np.ones(n), np.zeros(n), np.ones(n),
-    )  # fmt: skip
+    R, centre = poses_of(rig)
+    return RigState.start(R, centre, HEIGHTS, Priors(), np.zeros((0, 3)), np.zeros((len(rig), 0)))
 
 
 @pytest.mark.parametrize("bent", [1.0, 0.5])
 def test_who_stands_where_rays_meet_is_expected_as_large_as_seen_or_as_the_body_is_long(bent: float) -> None:
     """Of noisy boxes the body counts, of sure ones what was seen, and between the mean of logarithms by their variances."""
     rig = ring(4)
-    seen = standing(rig)
+    seen = standing(rig, GROUND, HEIGHTS[PERSON])
     upright = seen.extent_px.copy()
     shorter = UprightObservations(**{**vars(seen), "extent_px": bent * upright})
     middles = np.column_stack([GROUND, 0.5 * HEIGHTS[PERSON]])

@@ -1,0 +1,53 @@
+"""What people alone say of lenses: the same whatever was stated of these."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from passerby.geometry.reprojection import PointObservations
+from passerby.people.model import Noise
+from passerby.solver.lens_sigmas import (
+    lens_evidence,
+)
+from passerby.solver.lens_unknowns import LensUnknowns
+from passerby.solver.people_state import AdjustmentState
+from passerby.solver.person_model import PeopleProblem
+from support.scenes.exact_sightings import poses_of, standing
+from support.scenes.people_and_rigs import ring
+
+UNKNOWNS = LensUnknowns(("focal", "principal_point"))
+RIG = ring(4)
+
+
+def exact(instants: int = 60) -> tuple[PeopleProblem, AdjustmentState]:
+    """Eight people, each at many places, seen without any error."""
+    rng = np.random.default_rng(0)
+    person = np.arange(instants) % 8
+    heights = rng.normal(1.72, 0.06, 8)
+    ground = rng.uniform(-2, 2, (instants, 2))
+    nothing = np.zeros((4, UNKNOWNS.size))
+    sightings = replace(standing(RIG, ground, heights[person]), has_foot=np.zeros(4 * instants))
+    nobody = PointObservations(np.zeros(0, int), np.zeros(0, int), np.zeros((0, 3)), np.zeros((0, 2, 3)), np.zeros(0))
+    problem = PeopleProblem(
+        4, UNKNOWNS.sightings(sightings, RIG, nothing), UNKNOWNS.points(nobody, RIG, nothing), person, 0, np.full(8, 1.72),
+        np.full(8, 0.09), np.ones(instants), Noise(), lens_core=UNKNOWNS.core(RIG), lens_normal=True,
+    )  # fmt: skip
+    R, centre = poses_of(RIG)
+    people = np.column_stack([ground, np.zeros(instants), heights[person]])
+    state = AdjustmentState(R, centre, np.zeros(4), np.array([0.08]), heights, people, np.zeros((0, 3)), lens=nothing)
+    return problem, state
+
+
+@pytest.mark.parametrize("unknown", range(3))
+def test_what_people_say_of_a_lens_does_not_go_by_what_was_stated_of_it(unknown: int) -> None:
+    problem, state = exact()
+    assert problem.lens_core is not None
+    found = []
+    for looser in (30.0, 100.0, 1e4):
+        core = problem.lens_core.copy()
+        core[1, unknown] *= looser
+        found.append(lens_evidence(replace(problem, lens_core=core), state, 2.0).sd[1, unknown])
+    np.testing.assert_allclose(found, found[-1], rtol=1e-3)
