@@ -9,9 +9,7 @@ import pytest
 
 from passerby.geometry.reprojection import PointObservations
 from passerby.people.model import Noise
-from passerby.solver.lens_sigmas import (
-    lens_evidence,
-)
+from passerby.solver.lens_sigmas import lens_evidence
 from passerby.solver.lens_unknowns import LensUnknowns
 from passerby.solver.people_state import AdjustmentState
 from passerby.solver.person_model import PeopleProblem
