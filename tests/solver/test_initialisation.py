@@ -21,3 +21,13 @@ def test_rounds_go_on_while_the_noise_grows(box_noise: float, more: bool) -> Non
     rounds = refine_in_stages(start, select_initial_rig(start, options, rng).state, options, rng).rounds
     assert (len(rounds) > 2) == more
     assert len(rounds) < 8
+
+
+def test_nobody_is_renamed_by_the_first_rough_rig() -> None:
+    """A fifth of the identities are swapped: once the cameras stand better, sightings go to whom they show."""
+    truth = simulated("terrace", seconds=6.0, identity_swaps=0.2)
+    options, rng = PeopleOptions(coarse_people=100, rounds=2), np.random.default_rng(0)
+    start = Initialisation.prepare(without_poses(truth.rig), part(truth.observations), ScaleCues(), options, rng)
+    rounds = refine_in_stages(start, select_initial_rig(start, options, rng).state, options, rng).rounds
+    assert rounds[0].renamed == 0
+    assert all(one.renamed > 0 for one in rounds[1:])

@@ -87,6 +87,17 @@ def test_joints_are_a_route_of_their_own() -> None:
     assert np.abs(result[:, 2] - 1).max() < 0.06, result
 
 
+def test_whole_people_beside_joints_tell_the_length_of_the_baseline() -> None:
+    """Of the route by joints: no guess at what joints show of a body is needed."""
+    truth = simulated("terrace", seconds=6.0, joint_noise_px=2.0)
+    rig = Rig(truth.rig.cameras[:2])
+    seen = part(truth.observations, boxes=True, keypoints=True)
+    (found,) = [h for h in hypotheses(rig, gather_evidence(rig, seen, np.random.default_rng(0))) if h.route == "joints"]
+    turn, direction, length = errors(rig, found)
+    assert max(turn, direction) < 2
+    assert length == pytest.approx(1, abs=0.08)
+
+
 def test_swapped_identities_are_borne_by_some_route_of_every_pair() -> None:
     rig, every = found_in("terrace", identity_swaps=0.3)
     for a, b in PAIRS:
