@@ -6,8 +6,23 @@ import numpy as np
 import pytest
 import scipy.optimize
 
-from passerby.solver.focal_search import _FARTHEST_M, _FLOOR_M, _NOWHERE, _SHARE, _Grounds, _misfit, pair_costs
+from passerby.core.cameras import Camera, Lens, Rig
+from passerby.core.observations import Observations
+from passerby.solver.evidence import gather_evidence
+from passerby.solver.focal_search import (
+    _FARTHEST_M,
+    _FLOOR_M,
+    _NOWHERE,
+    _SHARE,
+    FOUND_SD,
+    _Grounds,
+    _misfit,
+    pair_costs,
+    search_focals,
+)
+from passerby.solver.lens_unknowns import LENS_PARTS, LensUnknowns
 from passerby.solver.pairs import MIN_MATCHES
+from support.scenes.people_and_rigs import observe, ring
 
 TURN, SHIFT = np.exp(2.3j), 17.0 - 9.0j
 
@@ -83,3 +98,18 @@ def test_every_two_focal_lengths_are_compared_by_the_people_that_both_saw() -> N
     assert cost[1, 0] == pytest.approx(0.0, abs=1e-9)
     assert (cost[[0, 0, 1], [0, 1, 1]] > 5).all()
     assert cost[2] == pytest.approx(60 * _NOWHERE)
+
+
+def test_cameras_that_share_too_few_people_keep_their_guesses() -> None:
+    """As many as a pair of cameras needs are compared; with one less nothing is told of the lenses."""
+    rng = np.random.default_rng(6)
+    true = Rig(ring(5).cameras[:2])
+    stated = Rig(tuple(Camera(camera.name, Lens.unknown(camera.lens.size)) for camera in true))
+    for count, searched in ((MIN_MATCHES - 1, False), (MIN_MATCHES, True)):
+        ground = rng.uniform(-1.5, 1.5, (count, 2))
+        seen = observe(true, ground, np.full(count, 1.72), np.arange(count), np.zeros(count, int))
+        evidence = gather_evidence(stated, Observations(seen), rng)
+        assert len(evidence.sightings) == 2 * count
+        found = search_focals(evidence, stated, LensUnknowns(LENS_PARTS), 1.72, rng)
+        assert [camera.lens.focal_sd == FOUND_SD for camera in found] == [searched] * 2
+        assert [camera.lens is before.lens for camera, before in zip(found, stated, strict=True)] == [not searched] * 2
