@@ -122,6 +122,22 @@ def test_exact_sightings_give_back_the_truth() -> None:
     np.testing.assert_allclose(found.points, first + scale * (points - first), atol=1e-5)
 
 
+@pytest.mark.parametrize("unit", [1.0, 1e-5])
+def test_the_unit_of_lengths_does_not_matter(unit: float) -> None:
+    """Of a rig in hundreds of kilometres as of one in metres the farthest camera keeps its distance, and the shape is found."""
+    rng = np.random.default_rng(9)
+    rig = ring(4)
+    points = cloud(rng, 40)
+    seen = sightings(rig, points, rng, 0.0)
+    start = [Pose.from_centre(pose.R_cw, unit * pose.centre) for pose in disturbed(poses_of(rig), rng)]
+    found = adjust_points(start, unit * points, seen)
+    centre, before, true = (np.array([pose.centre for pose in poses]) for poses in (found.poses, start, poses_of(rig)))
+    away, held, truly = (np.linalg.norm(at - at[0], axis=1) for at in (centre, before, true))
+    far = int(np.argmax(held))
+    assert away[far] == pytest.approx(held[far], rel=1e-9)
+    np.testing.assert_allclose(away / away[far], truly / truly[far], rtol=1e-4)
+
+
 def test_one_sighting_in_eight_far_off_is_let_go() -> None:
     rng = np.random.default_rng(3)
     rig = ring(4)
