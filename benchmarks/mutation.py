@@ -55,6 +55,8 @@ REVERSED: dict[type[ast.AST], type[ast.AST]] = {
     ast.Lt: ast.GtE, ast.LtE: ast.Gt, ast.Gt: ast.LtE, ast.GtE: ast.Lt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq,
 }  # fmt: skip
 GOAL_PERCENT = 85
+FAILED = ("FAILED", "ERROR")
+"""Begin a line of pytest that names a test."""
 COMMUTING = ("max", "min", "maximum", "minimum", "fmax", "fmin", "hypot", "isinstance")
 ONE_SIDED = (ast.Sub, ast.Div, ast.MatMult)
 
@@ -223,7 +225,11 @@ class Notice:
 
 
 def work(case: tuple[Fault, str]) -> dict[str, Any]:
-    """Run the tests of a stage on a copy of the sources with the fault, until one fails: `test`, None where none did."""
+    """Run the tests of a stage on a copy of the sources with the fault, until one fails: `test`, None where none did.
+
+    Raises:
+        RuntimeError: the test that fails does so without the fault as well.
+    """
     fault, stage = case
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     failed = None
@@ -235,6 +241,10 @@ def work(case: tuple[Fault, str]) -> dict[str, Any]:
         path.write_bytes(text[: fault.start] + fault.after.encode() + text[fault.end :])
         for number, (tests, marked) in enumerate(tests_of(fault, stage)):
             failed = failed or _first_failure(tests, marked, sources, Path(folder) / str(number))
+        path.write_bytes(text)
+        kind, _, test = (failed or "").partition(" ")
+        if kind in FAILED and (_first_failure([test], "", sources, Path(folder) / "again") or "").startswith(FAILED):
+            raise RuntimeError(f"{test} fails without the fault as well: {fault.name}")
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     cpu_s = round(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
     print(f"{stage if failed else '':9}", cpu_s, "s", fault.name, "|", failed, flush=True, file=sys.stderr)
@@ -305,7 +315,7 @@ def _first_failure(tests: list[str], marked: str, sources: Path, place: Path) ->
     )  # fmt: skip
     if done.returncode in (0, 5):  # 5: no test of that kind
         return None
-    first = [line for line in done.stdout.splitlines() if line.startswith(("FAILED", "ERROR"))]
+    first = [line for line in done.stdout.splitlines() if line.startswith(FAILED)]
     return first[0].split(" - ")[0] if first else f"exit status {done.returncode}"
 
 

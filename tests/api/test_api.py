@@ -62,7 +62,7 @@ def apart(a, b):
 
 
 def test_every_name_is_there_and_told():
-    text = (Path(passerby.__file__).parents[2] / "docs" / "api.md").read_text()
+    text = (Path(__file__).parents[2] / "docs" / "api.md").read_text(encoding="utf-8")
     for name in passerby.__all__:
         assert getattr(passerby, name) is not None
         assert f"`{name}`" in text, f"docs/api.md does not tell of {name}"

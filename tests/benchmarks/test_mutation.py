@@ -30,6 +30,15 @@ def test_a_fault_is_noticed_and_a_copy_without_one_is_not(bench: Bench, after: s
     assert bool(mutation.work((fault, "room"))["test"]) is noticed
 
 
+@pytest.mark.slow
+def test_a_test_that_fails_without_the_fault_as_well_ends_the_run(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    mutation = bench("mutation")
+    fault = mutation.Fault("geometry", "geometry/geodesy.py", 1, "wrong constant", "", "", 0, 0)
+    monkeypatch.setattr(mutation, "_first_failure", lambda tests, *_: f"FAILED {tests[0]}")
+    with pytest.raises(RuntimeError, match="fails without the fault as well"):
+        mutation.work((fault, "room"))
+
+
 def test_the_page_counts_what_was_noticed_and_names_what_was_not(bench: Bench) -> None:
     mutation = bench("mutation")
 
