@@ -18,7 +18,8 @@ from passerby.solver.uncertainty import downweight
 
 BOXES_MISLEAD = 1.25
 """Lenses follow what boxes are off by alike more than poses do. What boxes alone say of right focal lengths and principal
-points is off by 1.2 of its sigmas, root mean square over simulated scenes and rendered films: docs/results/limits.md."""
+points is off by 1.1 of its sigmas, root mean square over simulated scenes and rendered films, by up to 1.5 of them in one
+preset: docs/results/limits.md."""
 
 BOXES_COUNT_LESS = 2.5
 """Stated lenses count against boxes as if these misled by so many sigmas, so that right ones stay: with what boxes

@@ -182,7 +182,10 @@ def _best_view(m: Correspondences, pose: Pose, factor: float, *, free: bool = Tr
 
 
 def _zoom_sigma(m: Correspondences, view: _View, per_second: float, *, held: bool) -> float:
-    """One sigma of the logarithm of a view's focal length, its pose held or unknown, by the scatter of clusters (sandwich)."""
+    """One sigma of the logarithm of a view's focal length, its pose held or unknown.
+
+    By the scatter of clusters (sandwich), to which the formal covariance is added: rather too large than too small.
+    """
     seen = m.zoomed(view.zoom)
     pairs = fit_costs(seen, view.pose).pair
     residual, information, by_pose, square = pose_residuals(seen, view.pose, pairs)
