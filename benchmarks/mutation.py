@@ -205,23 +205,14 @@ def _with(node: ast.expr, **fields: object) -> ast.expr:
 
 def _pages(faults: Sequence[Fault], stages: Sequence[str], store: Kept, workers: int) -> Iterator[Page]:
     """The page, again and again as one stage after the other is run on every fault that none before noticed."""
-    found: dict[Fault, Notice] = {}
-    left = list(faults)
+    found: dict[Fault, str] = {}
     for stage in stages:
+        left = [fault for fault in faults if fault not in found]
         cases = {fault.name: (fault, stage) for fault in left}
         for outcomes in run_cases(store, f"mutation {stage}", cases, work, workers):
-            seen = {fault: outcomes[fault.name]["test"] for fault in left if fault.name in outcomes}
-            found |= {fault: Notice(stage if test else "", test or "") for fault, test in seen.items()}
+            noticed = {fault: bool(outcomes[fault.name]["test"]) for fault in left if fault.name in outcomes}
+            found |= {fault: stage if seen else "" for fault, seen in noticed.items() if seen or stage == stages[-1]}
             yield Page("mutation", page_text(found, len(faults), stages))
-        left = [fault for fault in left if not found[fault].stage]
-
-
-@dataclass(frozen=True)
-class Notice:
-    """Which test failed first on a fault, and of which stage it is; empty where none failed."""
-
-    stage: str
-    test: str
 
 
 def work(case: tuple[Fault, str]) -> dict[str, Any]:
@@ -324,23 +315,23 @@ def limit() -> None:
     resource.setrlimit(resource.RLIMIT_CPU, (CPU_S, CPU_S))
 
 
-def page_text(found: Mapping[Fault, Notice], count: int, stages: Sequence[str]) -> str:
+def page_text(found: Mapping[Fault, str], count: int, stages: Sequence[str]) -> str:
     """The page: how many faults each stage noticed, and those that none did.
 
     Args:
-        found: by fault, of those that are finished.
+        found: the stage that noticed a fault, empty where none did; of those that are finished.
         count: faults drawn.
         stages: those that are run.
     """
     head = ("room", "faults", *(WHERE[stage] for stage in stages), "noticed", f"{GOAL_PERCENT} % or more")
     rows = []
     for room in (*sorted({fault.room for fault in found}), "all"):
-        counts = Counter(notice.stage for fault, notice in found.items() if room in (fault.room, "all"))
+        counts = Counter(stage for fault, stage in found.items() if room in (fault.room, "all"))
         n = counts.total()
         share = 100 * (n - counts[""]) / n if n else 0.0
         rows.append((room, str(n), *(str(counts[stage]) for stage in stages), f"{share:.1f} %", yes(share >= GOAL_PERCENT)))
     survivors = [(f"`{fault.path}:{fault.line}`", fault.kind, _code(fault.before), _code(fault.after))
-                 for fault, notice in found.items() if not notice.stage]  # fmt: skip
+                 for fault, stage in found.items() if not stage]  # fmt: skip
     unfinished = f" **{len(found)} of the {count} faults are finished.**" if len(found) < count else ""
     return f"""# Seeded faults
 

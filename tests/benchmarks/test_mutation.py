@@ -46,9 +46,9 @@ def test_the_page_counts_what_was_noticed_and_names_what_was_not(bench: Bench) -
         return mutation.Fault("solver", "solver/a.py", line, "off by one", "a | b", "(b | a)", 0, 1)
 
     found = {
-        fault(1): mutation.Notice("room", "t"),
-        fault(2): mutation.Notice("elsewhere", "t"),
-        fault(3): mutation.Notice("", ""),
+        fault(1): "room",
+        fault(2): "elsewhere",
+        fault(3): "",
     }
     text = mutation.page_text(found, 4, ("room", "elsewhere"))
     rows = [[cell.strip() for cell in line.split(" | ")] for line in text.splitlines() if line.startswith("| solver")]
