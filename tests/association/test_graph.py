@@ -105,7 +105,7 @@ def test_a_louder_pair_with_a_near_rival_gives_way_to_clear_ones() -> None:
     graph = view_graph([*clear, doubtful], 4)
     for a, b in ((0, 1), (1, 2), (2, 3), (0, 3)):
         assert edge(graph, a, b).used
-        assert edge(graph, a, b).guess.turn == right(a, b).turn  # type: ignore[union-attr]
+        assert edge(graph, a, b).guess.turn == right(a, b).turn
     assert_in_step(graph, (0, 1, 2, 3))
 
 

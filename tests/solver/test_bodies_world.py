@@ -58,7 +58,7 @@ def test_the_height_of_a_camera_replaces_the_hips_and_leaves_the_scale_to_bodies
 
 @pytest.mark.parametrize("kind", ["lengths", "distances"])
 def test_a_measured_length_keeps_the_size_of_the_rig_and_leaves_the_ground_to_hips(kind: str) -> None:
-    found, world = placed(CueRows(**{kind: np.array([[2.0, 0.01]])}))  # type: ignore[arg-type]
+    found, world = placed(CueRows(**{kind: np.array([[2.0, 0.01]])}))
     by_hips = HALF * HIPS_M - HIP_SHARE * STATURE_M
     np.testing.assert_allclose(found.centre, state().centre - [0, 0, by_hips])
     assert (world.scale_off, world.ground_sd_m) == (pytest.approx(np.log(2.0)), GROUND_SD_M)

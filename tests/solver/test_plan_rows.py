@@ -61,7 +61,7 @@ def test_the_residual_is_how_much_larger_the_rig_is_than_its_plan(factor: float)
     moved = state_of(R @ turn.T, factor * centre @ turn.T + [30.0, -20.0, 0.0])
     plan = rows()
     assert residual(plan, moved) * plan.sigma == pytest.approx(np.log(factor), abs=1e-6)
-    measured, stated = plan.span(moved.R, moved.centre)  # type: ignore[misc]
+    measured, stated = plan.span(moved.R, moved.centre)
     assert measured / stated == pytest.approx(factor)
 
 
