@@ -212,7 +212,7 @@ def _pages(faults: Sequence[Fault], stages: Sequence[str], store: Kept, workers:
         for outcomes in run_cases(store, f"mutation {stage}", cases, work, workers):
             noticed = {fault: bool(outcomes[fault.name]["test"]) for fault in left if fault.name in outcomes}
             found |= {fault: stage if seen else "" for fault, seen in noticed.items() if seen or stage == stages[-1]}
-            yield Page("mutation", page_text(found, len(faults), stages))
+            yield Page("mutation", page_text(found, len(faults), stages), commit_in_text=True)
 
 
 def work(case: tuple[Fault, str]) -> dict[str, Any]:

@@ -128,7 +128,7 @@ def _pages(pythons: list[str]) -> Iterator[Page]:
     missing = [name for name in pythons if shutil.which(name) is None]
     cases = {f"{python} {end}": (python, end) for python in there for end in (NEWEST, OLDEST, WHEEL)}
     for done in run_cases(Kept(KEPT, ("versions.py",)), "versions", cases, work, 1):
-        yield Page("versions", page_text(done, missing))
+        yield Page("versions", page_text(done, missing), commit_in_text=True)
 
 
 def page_text(outcomes: Outcomes, missing: list[str]) -> str:

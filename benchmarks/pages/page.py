@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from importlib import metadata
 from pathlib import Path
 
+from pages.commit import commit
 from passerby.interchange.storage.atomic import write_bytes, write_text
 
 PACKAGES = ("passerby", "numpy", "scipy", "poselib")
@@ -28,6 +29,8 @@ class Page:
     """Markdown; its links to the plots are relative."""
     plots: Mapping[str, str | bytes] = field(default_factory=dict)
     """File name -> SVG text, or the bytes of another picture. Names begin with the page's own."""
+    commit_in_text: bool = False
+    """Whether the text names the commits itself; else the foot of the page names that of this run."""
 
 
 def write_page(page: Page, folder: Path, command: str) -> Path:
@@ -36,7 +39,7 @@ def write_page(page: Page, folder: Path, command: str) -> Path:
     Args:
         page: what to write.
         folder: made where it is missing.
-        command: what was typed; it stands at the foot of the page, with the machine and the versions.
+        command: what was typed; it stands at the foot of the page, with the commit, the machine and the versions.
 
     Raises:
         InputError: the folder is not writable.
@@ -68,8 +71,9 @@ def publish(pages: Page | Iterable[Page], folder: Path | None, command: str) -> 
 
 
 def signed(page: Page, command: str) -> str:
-    """The page's text with the command that wrote it, the machine and the versions at its foot."""
-    return f"{page.text.rstrip()}\n\n{FOOT}{command}` on: {machine_note()}\n"
+    """The page's text with the command that wrote it, the commit, the machine and the versions at its foot."""
+    code = "" if page.commit_in_text else f", code of commit {commit()},"
+    return f"{page.text.rstrip()}\n\n{FOOT}{command}`{code} on: {machine_note()}\n"
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:

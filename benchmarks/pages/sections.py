@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from pages.commit import commit
 from pages.page import FOOT, Page, load
 
 NOT_RUN = "not run"
@@ -69,7 +70,7 @@ class SectionedPage:
     code: str | Mapping[str, str]
     """Digest of the code as it is now, of all parts or by part."""
     timed: bool = True
-    """Whether a section ends with the time that it took: not where finished cases are taken from an earlier run."""
+    """Whether a section ends with its time and commit: not where finished cases are taken from an earlier run."""
 
     def grow(self, parts: Mapping[str, Callable[[], Iterable[Found | str]]], earlier: Mapping[str, Section]) -> Iterator[Page]:
         """Run some parts one after another; the page again and again as it grows. Without any, the page as it is.
@@ -92,7 +93,8 @@ class SectionedPage:
                 found = Found(found) if isinstance(found, str) else found
                 if self.timed:
                     minutes = (time.perf_counter() - began) / 60
-                    found = replace(found, text=f"{found.text}\n\n{minutes:.1f} minutes; mean load at the end {load():.1f}.")
+                    note = f"{minutes:.1f} minutes; mean load at the end {load():.1f}; code of commit {commit()}."
+                    found = replace(found, text=f"{found.text}\n\n{note}")
                 sections[part] = replace(self._section(part, found), code=self.code_of(part))
                 yield self.page(sections.values())
 
@@ -104,7 +106,7 @@ class SectionedPage:
             known = json.dumps({"code": section.code, **section.facts}, ensure_ascii=False).replace("--", "-\\u002d")
             older = [_OLDER] if section.code not in ("", self.code_of(section.part)) else []
             parts += [f"<!-- part {section.part} {known} -->", f"## {section.title}", *older, section.text.strip()]
-        return Page(self.name, "\n\n".join(parts) + "\n")
+        return Page(self.name, "\n\n".join(parts) + "\n", commit_in_text=True)
 
     def code_of(self, part: str) -> str:
         """Digest of the code of a part as it is now."""
