@@ -1,16 +1,20 @@
 """Tables of the README and of docs/filming.md, taken from the pages in docs/results: `python benchmarks/headline.py`.
 
-Nothing between the two markers in these files is written by hand; a test compares both.
+Nothing between two markers in these files is written by hand; a test compares both.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
+
+from pages.page import table
 
 ROOT = Path(__file__).resolve().parent.parent
 RESULTS, README, FILMING = ROOT / "docs" / "results", ROOT / "README.md", ROOT / "docs" / "filming.md"
-BEGIN, END = "<!-- headline: written by benchmarks/headline.py -->", "<!-- end of the headline -->"
+END = "<!-- end of the headline -->"
 
 
 @dataclass(frozen=True)
@@ -21,9 +25,13 @@ class Headline:
     heading: str
     """Of the section whose first table is shown."""
     says: str = ""
+    columns: tuple[str, ...] = ()
+    """Those that are shown; all where none is named."""
+    rows: Mapping[str, str] = field(default_factory=dict)
+    """Column -> regular expression that its cells begin with in the rows that are shown."""
 
 
-HEADLINES = (
+PEERS = (
     Headline(
         "paper", "## Against the paper",
         "From the pixels of three rendered scenes that stand for the paper's real ones. Only the intrinsics and people's mean "
@@ -38,20 +46,45 @@ HEADLINES = (
         "Compared with current engines on the same observations, with known identities (Passerby's figure divided by theirs):",
     ),
 )  # fmt: skip
-PATTERN = (Headline("lenses", "## What estimated intrinsics cost"),)
-SHOWN = {README: HEADLINES, FILMING: PATTERN}
-"""The tables of each file, between its two markers."""
+SPREAD = ("similarity, median", "worst seed", "scale error", "worst", "verdicts")
+"""Columns of a sweep."""
+SHOWN: Mapping[Path, Mapping[str, tuple[Headline, ...]]] = {
+    README: {"headline": PEERS},
+    FILMING: {
+        "seconds": (Headline("seconds", "### terrace", columns=("seconds", *SPREAD)),),
+        "people": (Headline("people", "### terrace", columns=("people", *SPREAD), rows={"method": "people"}),),
+        "pattern": (Headline("lenses", "## What estimated intrinsics cost"),),
+        "scale": (
+            Headline(
+                "scale", "## Goals", columns=("case", "measured"),
+                rows={"case": "(nobody known, boxes|one person, boxes|one person, keypoints|a plan|one marked).* median"},
+            ),
+        ),
+    },
+}  # fmt: skip
+"""The tables of each file, between the markers of a name."""
 
 
-def first_table(text: str, heading: str) -> str:
-    """The first Markdown table after a heading. Raises `ValueError` where there is none."""
-    _, found, after = text.partition(heading)
+def begin(name: str) -> str:
+    """The marker above the tables of a name."""
+    return f"<!-- {name}: written by benchmarks/headline.py -->"
+
+
+def first_table(text: str, headline: Headline) -> str:
+    """The wanted part of the first Markdown table after a heading. Raises `ValueError` where there is none."""
+    _, found, after = text.partition(headline.heading)
     lines = after.splitlines()
     start = next((number for number, line in enumerate(lines) if line.startswith("|")), None)
     if not found or start is None:
-        raise ValueError(f"no table below {heading!r}")
+        raise ValueError(f"no table below {headline.heading!r}")
     end = next((number for number in range(start, len(lines)) if not lines[number].startswith("|")), len(lines))
-    return "\n".join(lines[start:end])
+    head, _, *cells = ([cell.strip() for cell in line.strip("|").split("|")] for line in lines[start:end])
+    shown = [head.index(column) for column in headline.columns or head]
+    rules = [(head.index(column), re.compile(rule)) for column, rule in headline.rows.items()]
+    rows = [row for row in cells if all(rule.match(row[column]) for column, rule in rules)]
+    if cells and not rows:
+        raise ValueError(f"no row of the table below {headline.heading!r} is as wanted")
+    return table([head[column] for column in shown], [[row[column] for column in shown] for row in rows])
 
 
 def command(text: str) -> str:
@@ -59,25 +92,27 @@ def command(text: str) -> str:
     return text.strip().splitlines()[-1].split("`")[1]
 
 
-def headlines(file: Path = README, results: Path = RESULTS) -> str:
-    """The text between the markers of a file."""
+def headlines(file: Path, name: str, results: Path = RESULTS) -> str:
+    """The text between the markers of a name in a file."""
     parts = []
-    for headline in SHOWN[file]:
+    for headline in SHOWN[file][name]:
         path = results / f"{headline.page}.md"
         page = path.read_text()
         link = RESULTS.relative_to(file.parent).as_posix()
         source = f"By `{command(page)}`: [{headline.page}]({link}/{headline.page}.md)."
-        parts += [headline.says, first_table(page, headline.heading), source]
+        parts += [headline.says, first_table(page, headline), source]
     return "\n\n".join(part for part in parts if part)
 
 
 def main() -> None:
     """Write the tables anew."""
-    for file in SHOWN:
+    for file, names in SHOWN.items():
         text = file.read_text()
-        before, rest = text.split(BEGIN)
-        after = rest.split(END)[1]
-        file.write_text(f"{before}{BEGIN}\n\n{headlines(file)}\n\n{END}{after}")
+        for name in names:
+            before, rest = text.split(begin(name))
+            _, _, after = rest.partition(END)
+            text = f"{before}{begin(name)}\n\n{headlines(file, name)}\n\n{END}{after}"
+        file.write_text(text)
 
 
 if __name__ == "__main__":

@@ -49,6 +49,7 @@ PARTS: Mapping[str, Part] = MappingProxyType(
         "clocks": Part("clocks", "errors when the cameras' clocks differ by 0 to 1 s"),
         "cameras": Part("cameras", "errors with 2 to 8 cameras"),
         "people": Part("people", "errors with 1 to 20 people"),
+        "seconds": Part("seconds", "errors with 10 to 80 s"),
         "tracking": Part("tracking", "people's ways over the ground, by estimated and by true cameras"),
     }
 )

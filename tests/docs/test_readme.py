@@ -24,17 +24,23 @@ def headline() -> ModuleType:
     return module
 
 
-@pytest.mark.parametrize("name", ["README", "FILMING"])
-def test_headline_tables_are_those_of_the_pages(headline: ModuleType, name: str) -> None:
-    file = getattr(headline, name)
-    shown = file.read_text().split(headline.BEGIN)[1].split(headline.END)[0].strip()
-    assert shown == headline.headlines(file).strip()
+@pytest.mark.parametrize("where", ["README", "FILMING"])
+def test_headline_tables_are_those_of_the_pages(headline: ModuleType, where: str) -> None:
+    file = getattr(headline, where)
+    for name in headline.SHOWN[file]:
+        shown = file.read_text().split(headline.begin(name))[1].split(headline.END)[0].strip()
+        assert shown == headline.headlines(file, name).strip(), name
 
 
 def test_a_page_without_the_table_is_told(headline: ModuleType) -> None:
+    text = "## A\n\n| x   | y   |\n|-----|-----|\n| 1   | one |\n| 2   | two |\n\n| z |\n"
     with pytest.raises(ValueError, match="no table"):
-        headline.first_table("# Page\n\ntext\n", "## Goals")
-    assert headline.first_table("## A\n\n| x |\n|---|\n| 1 |\n\n| y |\n", "## A") == "| x |\n|---|\n| 1 |"
+        headline.first_table("# Page\n\ntext\n", headline.Headline("page", "## Goals"))
+    with pytest.raises(ValueError, match="no row"):
+        headline.first_table(text, headline.Headline("page", "## A", rows={"y": "three"}))
+    assert headline.first_table(text, headline.Headline("page", "## A")) == text[6:].partition("\n\n")[0]
+    chosen = headline.Headline("page", "## A", columns=("y",), rows={"x": "2"})
+    assert headline.first_table(text, chosen) == "| y   |\n|-----|\n| two |"
 
 
 def test_links_lead_somewhere() -> None:
