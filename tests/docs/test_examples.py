@@ -150,16 +150,29 @@ def test_examples_run(page: Path, tmp_path: Path, prepared: Callable[[str], Path
 
 @pytest.mark.slow
 def test_tutorial_as_it_is_written(tmp_path: Path, prepared: Callable[[str], Path], capfd: pytest.CaptureFixture[str]) -> None:
-    """Each command with the very films that it makes; what it prints is what the page shows, but for figures and spaces."""
+    """Each command with the very films that it makes; what it prints is what the page shows, but for figures and spaces.
+
+    `make tutorial` writes these lines of the page anew.
+    """
     page = ROOT / "docs" / "tutorial.md"
     reader = Reader(page, tmp_path, prepared, verbatim=True)
+    text = page.read_text(encoding="utf-8").splitlines()
     for block in blocks_of(page):
         capfd.readouterr()
         reader.follow(block)
-        printed = {_shape(line) for line in "".join(capfd.readouterr()).splitlines()}
-        for line in (line for shown in block.outputs for line in shown if block.language == "console"):
-            if line.strip() not in ("", "..."):
-                assert _shape(line) in printed, f"tutorial.md:{block.line}: {line!r} is not printed"
+        printed: dict[str, list[str]] = {}
+        for line in "".join(capfd.readouterr()).splitlines():
+            printed.setdefault(_shape(line), []).append(line.rstrip())
+        if block.language != "console":
+            continue
+        for number, line in enumerate(block.text.splitlines(), start=block.line - 1):
+            if line.startswith("$ ") or line.strip() in ("", "..."):
+                continue
+            assert text[number].strip() == line.strip()
+            assert printed.get(_shape(line)), f"tutorial.md:{number + 1}: {line!r} is not printed"
+            text[number] = printed[_shape(line)].pop(0)
+    if os.environ.get("PASSERBY_TUTORIAL") == "write":
+        page.write_text("\n".join(text) + "\n", encoding="utf-8")
 
 
 def _shape(line: str) -> str:
