@@ -46,7 +46,7 @@ PEERS = (
         "Compared with current engines on the same observations, with known identities (Passerby's figure divided by theirs):",
     ),
 )  # fmt: skip
-SPREAD = ("similarity, median", "worst seed", "scale error", "worst", "verdicts")
+SPREAD = ("similarity, median", "worst seed", "scale error", "verdicts")
 """Columns of a sweep."""
 SHOWN: Mapping[Path, Mapping[str, tuple[Headline, ...]]] = {
     README: {"headline": PEERS},
@@ -79,12 +79,19 @@ def first_table(text: str, headline: Headline) -> str:
         raise ValueError(f"no table below {headline.heading!r}")
     end = next((number for number in range(start, len(lines)) if not lines[number].startswith("|")), len(lines))
     head, _, *cells = ([cell.strip() for cell in line.strip("|").split("|")] for line in lines[start:end])
-    shown = [head.index(column) for column in headline.columns or head]
-    rules = [(head.index(column), re.compile(rule)) for column, rule in headline.rows.items()]
+    shown = [_place(head, column) for column in headline.columns] or range(len(head))
+    rules = [(_place(head, column), re.compile(rule)) for column, rule in headline.rows.items()]
     rows = [row for row in cells if all(rule.match(row[column]) for column, rule in rules)]
     if cells and not rows:
         raise ValueError(f"no row of the table below {headline.heading!r} is as wanted")
     return table([head[column] for column in shown], [[row[column] for column in shown] for row in rows])
+
+
+def _place(head: list[str], column: str) -> int:
+    """The place of a column. Raises `ValueError` where its name is not of exactly one."""
+    if head.count(column) != 1:
+        raise ValueError(f"{head.count(column)} columns are named {column!r}")
+    return head.index(column)
 
 
 def command(text: str) -> str:

@@ -39,6 +39,10 @@ def test_a_page_without_the_table_is_told(headline: ModuleType) -> None:
     with pytest.raises(ValueError, match="no row"):
         headline.first_table(text, headline.Headline("page", "## A", rows={"y": "three"}))
     assert headline.first_table(text, headline.Headline("page", "## A")) == text[6:].partition("\n\n")[0]
+    with pytest.raises(ValueError, match="2 columns are named 'x'"):
+        headline.first_table("## A\n\n| x | x |\n|---|---|\n", headline.Headline("page", "## A", columns=("x",)))
+    twice = "| x   | x   |\n|-----|-----|\n| 1   | 2   |"
+    assert headline.first_table(f"## A\n\n{twice}\n", headline.Headline("page", "## A")) == twice
     chosen = headline.Headline("page", "## A", columns=("y",), rows={"x": "2"})
     assert headline.first_table(text, chosen) == "| y   |\n|-----|\n| two |"
 
