@@ -139,6 +139,39 @@ def test_samples_whole_steps_apart_keep_every_bit_and_are_counted_by_the_step() 
         np.testing.assert_allclose(found.clocks[name].seconds(found[name].boxes.frame), clocks[name].seconds(boxes[name].frame))
 
 
+@pytest.mark.parametrize(
+    "frames", [np.linspace(1, 200, 30).round(), np.linspace(1, 1600, 41).round(), np.array([3, 4, 40, 55, 61, 90, 133, 177])],
+    ids=["steps of 6 and 7", "steps of 40, some of 39", "as somebody chose"],
+)  # fmt: skip
+def test_people_marked_in_the_same_frames_of_all_cameras_keep_every_bit(frames: np.ndarray) -> None:
+    frames = frames.astype(np.int64)
+    clocks = {"A": Clock(25.0), "B": Clock(25.0), "C": Clock(25.0, 0.4)}
+    own = {"A": frames, "B": frames[1:-2], "C": np.delete(frames, 3) - 10}
+    boxes = {name: walker(clock, own[name]) for name, clock in clocks.items()}
+    seen = Observations({name: CameraObservations(rows) for name, rows in boxes.items()})
+    assert common_time_steps(seen, clocks) == TimeSteps(clocks["A"])
+    found = resample_to_common_steps(seen, clocks)
+    for name in clocks:
+        np.testing.assert_array_equal(found[name].boxes.ltwh, boxes[name].ltwh)
+        np.testing.assert_array_equal(found[name].boxes.frame, own[name] + (10 if name == "C" else 0))
+
+
+def test_frames_that_only_some_cameras_share_are_brought_together() -> None:
+    clocks = {"A": Clock(30.0), "B": Clock(30.0), "C": Clock(30.0)}
+    frames = np.linspace(1, 400, 60).round().astype(np.int64)
+    boxes = {name: walker(clock, frames + shift) for (name, clock), shift in zip(clocks.items(), (0, 0, 3), strict=True)}
+    assert_true_everywhere(brought(clocks, boxes))
+    steps = common_time_steps(Observations({name: CameraObservations(rows) for name, rows in boxes.items()}), clocks)
+    assert steps.every > 1
+
+
+def test_every_second_sample_shared_leaves_the_slower_rate() -> None:
+    clocks = {"A": Clock(30.0), "B": Clock(30.0)}
+    boxes = {"A": walker(clocks["A"], np.arange(1, 600, 6)), "B": walker(clocks["B"], np.arange(1, 600, 3))}
+    seen = Observations({name: CameraObservations(rows) for name, rows in boxes.items()})
+    assert common_time_steps(seen, clocks) == TimeSteps(clocks["A"], 6, 1)
+
+
 def test_pictures_at_uneven_times_meet_at_most_steps() -> None:
     rng = np.random.default_rng(4)
     clocks = {f"C{n}": Clock(100.0, 0.37 * n) for n in range(3)}

@@ -43,6 +43,10 @@ class _Samples:
 EVEN = 0.5
 """Samples are even where so many of their steps are as long as the shortest usual one; else they come at times of their own, as
 a phone's pictures do."""
+ON_STEPS, TOGETHER = 0.99, 0.9
+"""Time steps are those of even samples where so many samples of all cameras lie on them. Else they are all frames, where so
+many samples that are near one of the reference camera are at the same time as it: people were marked in the same frames of all
+cameras, whatever frames these are."""
 LONG_STEP, NO_GAP = 90.0, 2.0
 """Uneven samples are taken to be as far apart as this percentile of their steps, so that there is one for nearly every time
 step: who is missing at a time step counts as not seen. Steps beyond so many times the median are gaps without people."""
@@ -93,7 +97,8 @@ def common_time_steps(observations: Observations, clocks: Mapping[str, Clock]) -
     Cameras are sampled at every frame, or at every n-th: between samples nobody is seen, and other cameras' samples there would
     meet nobody. The usual rate of sampling is the one most cameras have (the slower one among equals): the slowest of all would
     throw away what the others share, and the fastest would turn each sample of the rest into several that say nothing new. That
-    camera's own samples, and all that are whole samples apart from it, need no interpolation.
+    camera's own samples, and all that are whole samples apart from it, need no interpolation. Samples at the same times in all
+    cameras need none, however uneven they are: then every frame is a time step.
 
     Args:
         observations: frame numbers are each camera's own.
@@ -121,7 +126,30 @@ def common_time_steps(observations: Observations, clocks: Mapping[str, Clock]) -
     alike = {fps: sum(abs(other - fps) < ALIKE * fps for other in rates.values()) for fps in rates.values()}
     usual = min(alike, key=lambda fps: (-alike[fps], fps))
     busiest = max((name for name in used if abs(rates[name] - usual) < ALIKE * usual), key=lambda name: seen[name])
-    return TimeSteps(clocks[busiest], every[busiest], _first_of_most(frames[busiest], every[busiest]))
+    steps = TimeSteps(clocks[busiest], every[busiest], _first_of_most(frames[busiest], every[busiest]))
+    if steps.every > 1:
+        at = {name: _at_grid(np.unique(frames[name]), clocks[name], steps.reference) for name in used}
+        on_steps = np.concatenate([(one - steps.first) % steps.every == 0 for one in at.values()])
+        if np.mean(on_steps) < ON_STEPS and _sampled_together(at, busiest, steps.every):
+            return TimeSteps(steps.reference)
+    return steps
+
+
+def _sampled_together(at: Mapping[str, Floats], reference: str, every: int) -> bool:
+    """Whether the cameras' samples, frames of the reference camera's clock, are at the same times as its own.
+
+    Samples that are nearer to another one of the reference camera than to none say so; where it saw nobody, none do.
+    """
+    own = at[reference]
+    together = apart = 0
+    for name, other in at.items():
+        if name == reference:
+            continue
+        after = np.clip(np.searchsorted(own, other), 1, max(len(own) - 1, 1))
+        distance = np.minimum(np.abs(other - own[after - 1]), np.abs(other - own[np.minimum(after, len(own) - 1)]))
+        together += int(np.count_nonzero(distance == 0))
+        apart += int(np.count_nonzero((distance > 0) & (distance <= every / 2)))
+    return together > 0 and together >= TOGETHER * (together + apart)
 
 
 def _first_of_most(frame: Ints, step: int) -> int:
