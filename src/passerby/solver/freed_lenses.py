@@ -10,12 +10,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 
 from passerby.common.arrays import Floats, Ints
-from passerby.core.cameras import Rig
+from passerby.core.cameras import Lens, Rig
+from passerby.geometry.reprojection import PointObservations
 from passerby.geometry.rotations import rotation_between
 from passerby.people.model import Noise
 from passerby.solver.evidence import Evidence
@@ -134,19 +134,44 @@ def _with_lenses(start: Initialisation, changes: dict[LensHypothesis, Floats]) -
         columns = np.arange(_UNKNOWNS.size)[_UNKNOWNS.columns_of(hypothesis.part)]
         along = columns if hypothesis.axis is None else columns[hypothesis.axis : hypothesis.axis + 1]
         moved[np.ix_(np.array(hypothesis.cameras), along)] += change
-    nothing = np.zeros_like(moved)
-    s, o, cues = start.evidence.sightings, start.evidence.joints, start.knowledge.cues
-    s = _UNKNOWNS.sightings(_UNKNOWNS.sightings(s, start.rig, nothing), start.rig, moved)
-    o = _UNKNOWNS.points(_UNKNOWNS.points(o, start.rig, nothing), start.rig, moved)
-    held: dict[str, Any] = {"pixels": None, "lens_at": None, "by_lens": None, "distortion_slope": None}
+    rig, cues = _UNKNOWNS.rig(start.rig, moved), start.knowledge.cues
+    lenses = {c: (start.rig.cameras[c].lens, rig.cameras[c].lens) for c in np.flatnonzero(moved.any(axis=1)).tolist()}
+    s = start.evidence.sightings
+    top, top_tangent = _rays_through(lenses, s.camera, s.top, s.top_tangent)
+    bottom, bottom_tangent = _rays_through(lenses, s.camera, s.bottom, s.bottom_tangent)
+    s = replace(s, top=top, top_tangent=top_tangent, bottom=bottom, bottom_tangent=bottom_tangent)
     if cues is not None and cues.marks is not None:
-        marks = _UNKNOWNS.points(_UNKNOWNS.points(cues.marks, start.rig, nothing), start.rig, moved)
-        cues = replace(cues, marks=replace(marks, **held))
+        cues = replace(cues, marks=_points_through(lenses, cues.marks))
     if cues is not None and cues.plan is not None:
-        rays = _UNKNOWNS.points(_UNKNOWNS.points(cues.plan.rays, start.rig, nothing), start.rig, moved)
-        cues = replace(cues, plan=replace(cues.plan, rays=replace(rays, **held)))
-    evidence = replace(start.evidence, sightings=replace(s, **held), joints=replace(o, **held))
-    return _UNKNOWNS.rig(start.rig, moved), evidence, replace(start.knowledge, cues=cues)
+        cues = replace(cues, plan=replace(cues.plan, rays=_points_through(lenses, cues.plan.rays)))
+    evidence = replace(start.evidence, sightings=s, joints=_points_through(lenses, start.evidence.joints))
+    return rig, evidence, replace(start.knowledge, cues=cues)
+
+
+def _points_through(lenses: Mapping[int, tuple[Lens, Lens]], o: PointObservations) -> PointObservations:
+    """Sightings of points as other lenses see their pixels."""
+    bearing, tangent = _rays_through(lenses, o.camera, o.bearing, o.tangent)
+    return replace(o, bearing=bearing, tangent=tangent)
+
+
+def _rays_through(
+    lenses: Mapping[int, tuple[Lens, Lens]], camera: Ints, rays: Floats, tangents: Floats
+) -> tuple[Floats, Floats]:
+    """Rays (M, 3) and tangents (M, 2, 3) of the same pixels by other lenses; the old ones where a lens cannot have seen them.
+
+    Args:
+        lenses: of each camera that has another one, the old and the new one.
+        camera: (M,) of the rays.
+        rays: (M, 3) by the old lenses.
+        tangents: (M, 2, 3) by the old lenses.
+    """
+    rays, tangents = np.array(rays), np.array(tangents)
+    for c, (old, new) in lenses.items():
+        rows = np.flatnonzero(camera == c)
+        found = new.bearings(old.project_rays(rays[rows]))
+        good = np.isfinite(found).all(axis=1)
+        rays[rows[good]], tangents[rows[good]] = found[good], new.tangents(found[good])
+    return rays, tangents
 
 
 def _turned(R: Floats, before: Rig, after: Rig) -> Floats:

@@ -172,12 +172,13 @@ def _best_view(m: Correspondences, pose: Pose, factor: float, *, free: bool = Tr
 
     best = view(factor, pose)
     for step in STEPS if free else ():
+        signs: tuple[int, ...] = (-1, 1)
         for _ in range(MOST_STEPS):
-            tried = [view(best.zoom * float(np.exp(sign * step)), best.pose) for sign in (-1, 1)]
-            better = min(tried, key=lambda one: one.cost)
+            tried = {sign: view(best.zoom * float(np.exp(sign * step)), best.pose) for sign in signs}
+            sign, better = min(tried.items(), key=lambda one: one[1].cost)
             if better.cost >= best.cost:
                 break
-            best = better
+            best, signs = better, (sign,)  # behind lies the view before
     return best
 
 
