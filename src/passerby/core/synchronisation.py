@@ -138,7 +138,7 @@ def common_time_steps(observations: Observations, clocks: Mapping[str, Clock]) -
 def _sampled_together(at: Mapping[str, Floats], reference: str, every: int) -> bool:
     """Whether the cameras' samples, frames of the reference camera's clock, are at the same times as its own.
 
-    Samples that are nearer to another one of the reference camera than to none say so; where it saw nobody, none do.
+    Only samples within half a step of one of the reference camera's count: where that camera saw nobody, nothing can be said.
     """
     own = at[reference]
     together = apart = 0

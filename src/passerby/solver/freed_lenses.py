@@ -149,7 +149,7 @@ def _with_lenses(start: Initialisation, changes: dict[LensHypothesis, Floats]) -
 
 
 def _points_through(lenses: Mapping[int, tuple[Lens, Lens]], o: PointObservations) -> PointObservations:
-    """Sightings of points as other lenses see their pixels."""
+    """Observations of points with the rays that other lenses give their pixels."""
     bearing, tangent = _rays_through(lenses, o.camera, o.bearing, o.tangent)
     return replace(o, bearing=bearing, tangent=tangent)
 
