@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import pytest
 
+from pages.commit import commit
 from pages.page import Page
 from paper import parts
 from passerby.cli import main
@@ -65,7 +66,8 @@ def test_pages_say_what_wrote_them(calls, capsys, tmp_path):
     )
     text = (out / "third.md").read_text()
     assert text.startswith(
-        "# third\n\n![x](third.svg)\n\nWritten by `python benchmarks/run_paper.py third --quick --seeds 3 --data DATA` on: "
+        "# third\n\n![x](third.svg)\n\n"
+        f"Written by `python benchmarks/run_paper.py third --quick --seeds 3 --data DATA`, code of commit {commit()}, on: "
     )
     assert "numpy" in text
     assert str(tmp_path) not in text
