@@ -109,7 +109,7 @@ def _teams(place: Place) -> Iterator[str]:
     """Two seeds side by side; the table as far as it is."""
     start = place.start
     if start is None:
-        return
+        raise SystemExit("reid: the part teams begins with the network that the part crowds trains: name both")
     done: list[Team] = []
     with ThreadPoolExecutor(WORKERS) as pool:
         epochs = 2 if place.quick else None

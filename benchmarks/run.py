@@ -68,7 +68,7 @@ def main() -> None:
     parser.add_argument("--only", nargs="+", choices=SECTIONS, metavar="NAME", help=f"sections: {', '.join(SECTIONS)}")
     parser.add_argument("-o", "--out", type=Path, help="folder for the tables; docs/results")
     pixels = parser.add_argument_group("perception and reid")
-    pixels.add_argument("--scenes", type=Path, help="folder that keeps rendered videos for the next time")
+    pixels.add_argument("--scenes", type=lambda name: Path(name).resolve(), help="folder that keeps rendered videos")
     pixels.add_argument("--seeds", type=int, default=3, help="seeds of each rendered scene; 3")
     pixels.add_argument(
         "--parts",
