@@ -1,6 +1,7 @@
 """Footage with joints: the cameras of a window are adjusted anew, and those that were turned are named, most of them or one."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from passerby.monitoring.readjusting import joints_are_shared
 from passerby.monitoring.result import MonitoringResult
 from passerby.monitoring.watched import WatchOptions
 from passerby.people.rig_observations import poses_of
+from passerby.solver import readjustment
 from passerby.solver.initialisation import PeopleOptions
 from passerby.solver.readjustment import readjust
 from reliability.footage import Move, calibrated
@@ -74,6 +76,15 @@ def test_a_rig_is_found_again_from_cameras_that_turned(turned):
     # Three people for 12 s: two stretches each, or three where they begin within one.
     assert (estimate.stretches >= 4).all()
     assert (estimate.stretches <= 9).all()
+
+
+def test_stretches_are_of_people_whom_two_cameras_saw():
+    """Camera 0 saw person 0 at frames 0, 5, 12 and, alone, at 30, camera 1 at the first three; both saw person 1 at 7."""
+    sightings = SimpleNamespace(camera=np.array([0, 1, 0, 1, 0, 1, 0, 0, 1]), block=np.array([0, 0, 1, 1, 2, 2, 3, 4, 4]))
+    fit = SimpleNamespace(model=SimpleNamespace(blocks=np.array([1, 2, 3, 4, 0]), problem=SimpleNamespace(sightings=sightings)))
+    evidence = SimpleNamespace(frame=np.array([7, 0, 5, 12, 30]), person=np.array([1, 0, 0, 0, 0]), n_cameras=3)
+    assert readjustment._stretches(fit, evidence, 10.0).tolist() == [3, 3, 0]
+    assert readjustment._stretches(fit, evidence, 100.0).tolist() == [2, 2, 0]
 
 
 def test_nothing_seen_is_no_rig():

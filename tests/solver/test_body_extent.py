@@ -154,6 +154,21 @@ def test_heads_and_ankles_are_the_ends_of_people_unless_their_names_contradict_t
     assert found.shares[1] < 0.1
 
 
+def test_the_names_of_joints_hold_for_people_near_and_far() -> None:
+    """Near people without faces fill the lower half of the picture, far ones stand small in the upper half."""
+    tall = np.repeat([0.94, 0.82, 0.6, 0.52, 0.28, 0.04], [5, 2, 4, 2, 2, 2])
+    near, far = (np.tile(foot - size * tall, (20, 1)) for foot, size in ((470.0, 250.0), (130.0, 30.0)))
+    xy = np.stack([np.full((40, 17), 300.0), np.concatenate([near, far])], axis=2)
+    score = np.ones((40, 17))
+    score[:20, :5] = 0.0
+    lens = Lens((640, 480), np.array([[600.0, 0, 320], [0, 600, 240], [0, 0, 1]]), np.zeros(4))
+    seen = Keypoints(np.arange(40), np.zeros(40, int), xy, score, BODY_17)
+    found = joint_extents(Rig((Camera("A", lens),)), Observations({"A": CameraObservations(keypoints=seen)}))
+    assert found.finding is None
+    assert found.is_top[:5].all()
+    assert np.flatnonzero(found.is_bottom).tolist() == [15, 16]
+
+
 @pytest.mark.slow
 def test_joint_names_that_contradict_the_pictures_are_not_believed(workers: SimulatedScene) -> None:
     """The same joints under names turned upside down: the highest and lowest ones stand in, and it is said."""

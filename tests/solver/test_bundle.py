@@ -10,6 +10,7 @@ import pytest
 from passerby.core.cameras import Lens, Pose, Rig
 from passerby.geometry.reprojection import PointObservations, pose_jacobian, project_near, retract_poses
 from passerby.geometry.rotations import angle_between, exp_rotation, log_rotation, skew
+from passerby.solver.optimizer import bundle
 from passerby.solver.optimizer.bundle import adjust_points
 from support.scenes.people_and_rigs import LENS, ring
 
@@ -220,3 +221,11 @@ def test_sigmas_hold_over_forty_draws_of_the_noise() -> None:
         assert np.abs(found.pose_covariance[:2]).max() == 0
     assert np.mean(np.abs(normalised) < 1) == pytest.approx(0.683, abs=0.156)
     assert np.mean(squared) == pytest.approx(6.0, abs=2.0)
+
+
+@pytest.mark.parametrize("unknowns", [0, 30, 79])
+def test_without_outliers_the_variance_is_that_of_the_residuals_that_the_unknowns_leave(unknowns: int) -> None:
+    """Forty sightings have eighty residuals, and each unknown takes one of them."""
+    squared = np.random.default_rng(8).chisquare(2, 40)
+    found = bundle._robust_variance(squared, np.ones(40), 1e6, unknowns)
+    assert found == pytest.approx(squared.sum() / (80 - unknowns), rel=1e-6)

@@ -9,7 +9,7 @@ import pytest
 
 from passerby.geometry.reprojection import PointObservations
 from passerby.people.model import Noise
-from passerby.solver.lens_sigmas import lens_evidence
+from passerby.solver.lens_sigmas import BOXES_COUNT_LESS, lens_evidence
 from passerby.solver.lens_unknowns import LensUnknowns
 from passerby.solver.people_state import AdjustmentState
 from passerby.solver.person_model import PeopleProblem
@@ -49,3 +49,11 @@ def test_what_people_say_of_a_lens_does_not_go_by_what_was_stated_of_it(unknown:
         core[1, unknown] *= looser
         found.append(lens_evidence(replace(problem, lens_core=core), state, 2.0).sd[1, unknown])
     np.testing.assert_allclose(found, found[-1], rtol=1e-3)
+
+
+def test_priors_count_by_what_boxes_are_off_by_beyond_chance() -> None:
+    """Hardly beyond it here: sixty instants leave much to chance, and the factor that boxes count less by is left."""
+    problem, state = exact()
+    excess = lens_evidence(problem, state, 2.0).excess
+    assert (excess >= BOXES_COUNT_LESS**2).all()
+    np.testing.assert_allclose(excess, BOXES_COUNT_LESS**2, rtol=0.1)

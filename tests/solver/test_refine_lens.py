@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from passerby.core.cameras import Camera, Lens, Rig
-from passerby.core.lens_figures import FocalFigures, LensFigures
+from passerby.core.lens_figures import DistortionFigures, FocalFigures, LensFigures
 from passerby.core.solution import Solution
 from passerby.evaluation.metrics import compare
 from passerby.findings.texts import texts_of
@@ -23,7 +23,7 @@ from passerby.solver.optimizer.least_squares import Step
 from passerby.solver.people import PeopleOptions
 from passerby.solver.people_state import AdjustmentState, UprightObservations
 from passerby.solver.person_model import CAMERA_SIZE, PeopleProblem
-from passerby.solver.refined_lenses import RefinedLenses, far_lenses, lens_figures, lens_notes
+from passerby.solver.refined_lenses import KNOWN_FOCAL, RefinedLenses, far_lenses, lens_figures, lens_notes
 from support.scenes.people_and_rigs import LENS, looking_at, part, simulated, solve, without_poses
 
 BOTH = LensUnknowns(("focal", "principal_point"))
@@ -226,6 +226,15 @@ def test_notes_say_what_was_refined() -> None:
     (told,) = far_lenses({"C2": LensFigures(focal=replace(focal, refined_px=1500.0, far=True))})
     assert (told.code, told.cameras) == ("focal_refined_far", ("C2",))
     assert told.values == {"change_percent": pytest.approx(50.0)}
+
+
+@pytest.mark.parametrize(("share", "codes"), [(0.9, []), (1.1, ["focal_undetermined"])])
+def test_the_focal_length_of_an_uncalibrated_lens_is_undetermined_beyond_its_limit(share: float, codes: list[str]) -> None:
+    sigma = share * KNOWN_FOCAL * 1000
+    focal = FocalFigures(stated_px=1000.0, refined_px=1000.0, sigma_px=sigma, people_sigma_px=sigma, far=False, told=True)
+    found = far_lenses({"C2": LensFigures(focal=focal, distortion=DistortionFigures(refined=0.0, sigma=0.05))})
+    assert [one.code for one in found] == ["principal_points_assumed", *codes]
+    assert [one.code for one in far_lenses({"C2": LensFigures(focal=focal)})] == []
 
 
 def test_figures_give_each_prior_and_how_much_people_count_beside_it():

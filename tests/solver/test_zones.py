@@ -98,6 +98,15 @@ def test_the_few_cameras_that_are_left_over_join_their_neighbours(left: int, mor
     assert sum(len(zone) >= CORE_CAMERAS for zone in found) == 2
 
 
+@pytest.mark.parametrize(("room", "parts"), [(1, 1), (0, 2)])
+def test_a_camera_that_is_left_over_stays_alone_where_its_neighbours_have_no_room(room: int, parts: int) -> None:
+    """Each part leaves room for what it will have in common with a neighbour on either side."""
+    full = ZONE_CAMERAS - 2 * IN_COMMON - room
+    cores = zones._without_small([list(range(full)), [full]], chain(full + 1).astype(float))
+    assert len(cores) == parts
+    assert sorted(c for core in cores for c in core) == list(range(full + 1))
+
+
 def test_cameras_that_share_nothing_are_zones_of_their_own() -> None:
     shared = np.zeros((40, 40), int)
     shared[:20, :20], shared[20:, 20:] = chain(20), chain(20)
