@@ -190,19 +190,21 @@ def _merged(found: Sequence[OtherFormat]) -> list[OtherFormat]:
 
 
 def rotation_of_sideways(lens: Lens, seen: CameraObservations, person_height_m: float) -> int:
-    """Degrees clockwise, 90 or 270, that put an image upright in which people lie on their side; 0 where they do not.
+    """Degrees clockwise, 90 or 270, that put an image upright whose boxes are of people on their side; 0 where they are not.
+
+    Keypoints alone need no upright image: a camera on its side is calibrated by them as any other.
 
     Args:
         lens: of the image as it is.
         seen: boxes and keypoints in it.
         person_height_m: expected standing height, metres.
     """
-    shares = heads_by_rotation(seen.keypoints)
-    if shares is not None:
-        return next((turn for turn in (90, 270) if shares[turn] > HEADS_ELSEWHERE), 0)
     whole = seen.boxes.take(seen.boxes.inside(lens.size))
     if len(whole) < MIN_BODIES or float(np.median(whole.ltwh[:, 2] / whole.ltwh[:, 3])) <= WIDER:
         return 0
+    shares = heads_by_rotation(seen.keypoints)
+    if shares is not None:
+        return next((turn for turn in (90, 270) if shares[turn] > HEADS_ELSEWHERE), 0)
     return _better_rotation(lens, whole, person_height_m, (90, 270))
 
 
