@@ -53,10 +53,7 @@ def faults_of_people(scene: Scene, readings: Sequence[CameraInput]) -> list[str]
         if outside := [fault for part in _parts(reading) if (fault := _outside_fault(scene, reading, lens, *part))]:
             faults += outside
         elif turn := rotation_of_sideways(lens, reading.seen, scene.scale.person_height_m):
-            faults.append(
-                f"{reading.boxes_path}: camera {reading.name}: people lie on their side: the images are turned by 90 degrees, and clockwise "
-                f"by {turn} degrees they are upright: under [cameras.{reading.name}] set rotate = {turn}"
-            )
+            faults.append(_sideways_fault(reading, turn))
     return faults
 
 
@@ -152,6 +149,14 @@ def _format_fault(scene: Scene, readings: Sequence[CameraInput], found: OtherFor
         )
     who = f"camera{'s' if len(found.cameras) > 1 else ''} {', '.join(found.cameras)}"
     return f"{first.boxes_path}: {who}: {seems}: {remedy}"
+
+
+def _sideways_fault(reading: CameraInput, turn: int) -> str:
+    remedy = "under [cameras.{}] set rotate = 90" if turn == 90 else "under [cameras.{}] set rotate = 270"
+    return (
+        f"{reading.boxes_path}: camera {reading.name}: people lie on their side: the images are turned by 90 degrees, and "
+        f"clockwise by {turn} degrees they are upright: {remedy.format(reading.name)}"
+    )
 
 
 def _outside(extent: Floats, size: tuple[int, int]) -> Floats:

@@ -80,14 +80,14 @@ INPUT_FILES: Mapping[str, Kind] = {
     "image_upside_down": Kind(
         DOUBT, "The camera's people are upside down.",
         "{who}: people are upside down: the image seems to be flipped top to bottom, or the camera hangs upside down",
-        "turn its images the right way up, with their boxes and keypoints; for a camera that hangs upside down, set "
-        "rotate = 180",
+        "turn its images the right way up, with their boxes and keypoints; if the camera hangs upside down, under "
+        "[cameras.{camera}] set rotate = 180",
         common=True,
     ),
     "boxes_by_centres": Kind(
         DOUBT, "Boxes reach beyond two borders of the images and keep away from the others: their centres were read as their "
         "left and upper edges, or these as centres.",
-        _off_centre, "set boxes = \"{box_format}\" under [scene], or under [cameras.{camera}] for one camera",
+        _off_centre, "under [scene] set boxes = \"{box_format}\", or under [cameras.{camera}] for one camera",
     ),
     "boxes_coarse": Kind(
         DOUBT, "The edges of the camera's boxes lie on a grid that is coarse beside people.",
