@@ -80,8 +80,8 @@ INPUT_FILES: Mapping[str, Kind] = {
     "image_upside_down": Kind(
         DOUBT, "The camera's people are upside down.",
         "{who}: people are upside down: the image seems to be flipped top to bottom, or the camera hangs upside down",
-        "turn its images the right way up, with their boxes and keypoints; if the camera hangs upside down, under "
-        "[cameras.{camera}] set rotate = 180",
+        "turn its images the right way up, with their boxes and keypoints, or set rotate = 180 if the camera hangs "
+        "upside down",
         common=True,
     ),
     "boxes_by_centres": Kind(
