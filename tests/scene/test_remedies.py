@@ -43,6 +43,8 @@ OLD_FORMS = re.compile(
     r"\[(?:association|solver|solver\.options|scene|scale|world|perception)\] [a-z_]+(?: = |\))|to \[scene\]"
 )
 """`[association] max_offset_s = 14` is no line of TOML, and the table a second time is none either."""
+EXAMPLES = {"boxes": "corners"}
+"""Keys with a choice of words: one of them, where the text has the one that fits."""
 BARE = '[cameras.C1]\nintrinsics = "rig.toml"\nvideo = "C1.mp4"\n\n[cameras.C2]\nintrinsics = "rig.toml"\nvideo = "C2.mp4"\n'
 
 
@@ -74,7 +76,10 @@ def remedies() -> list[tuple[str, tuple[str, ...]]]:
     found = {}
     for _, text in texts():
         for table, told in REMEDY.findall(text):
-            lines = [f"{key} = {value if value != '{}' else '7'}".replace("{}", "C1") for key, value in SETTING.findall(told)]
+            lines = [
+                f"{key} = {value if value != '{}' else '7'}".replace("{}", EXAMPLES.get(key, "C1"))
+                for key, value in SETTING.findall(told)
+            ]
             choices = [(line,) for line in lines] if " or " in told else [tuple(lines)]
             found |= dict.fromkeys((table.replace("{}", "C1"), choice) for choice in choices)
     return sorted(found)

@@ -1,4 +1,4 @@
-"""Boxes from smaller pictures than the lens is for, and people on their heads, let no rig be accepted."""
+"""Boxes from images of another size, crop or rotation than the lens is for."""
 
 from __future__ import annotations
 
@@ -14,8 +14,12 @@ import passerby
 from passerby.core.cameras import Lens
 from passerby.core.observations import Boxes, CameraObservations, Keypoints
 from passerby.findings.finding import doubt
+from passerby.perception.video import VideoInfo
+from passerby.scene.box_interpretations import is_upside_down, misfit_of_rotation, rotation_of_sideways
 from passerby.scene.intrinsics_checks import smaller_picture
-from passerby.scene.upside_down import doubt_of_upside_down, fits_better_turned
+from passerby.scene.people_in_images import faults_of_people, findings_of_people
+from passerby.scene.reading import input_from_memory
+from passerby.scene.scene import Scene
 from passerby.simulation import SimulatedScene, SimulationOptions, simulate
 from support.tiers import thinned
 
@@ -125,20 +129,21 @@ def test_a_flip_top_to_bottom_is_told_and_right_pictures_are_not(preset: str, he
     made = scene(preset, height=height)
     for camera in made.rig:
         boxes = made.observations[camera.name].boxes
-        told = doubt_of_upside_down(camera.name, camera.lens, CameraObservations(boxes), 1.72)
-        assert told is None
-        wrong = CameraObservations(flipped(boxes, camera.lens.size))
-        assert fits_better_turned(camera.lens, wrong, 1.72) > 1.2
+        assert not is_upside_down(camera.lens, CameraObservations(boxes), 1.72)
+        wrong_boxes = flipped(boxes, camera.lens.size)
+        stated, turned = (misfit_of_rotation(camera.lens, wrong_boxes, 1.72, turn) for turn in (0, 180))
+        assert stated is not None
+        assert turned is not None
+        assert stated / turned > 1.2
     wrong = CameraObservations(flipped(made.observations["C1"].boxes, made.rig["C1"].lens.size))
-    told = doubt_of_upside_down("C1", made.rig["C1"].lens, wrong, 1.72)
-    assert told == doubt("image_upside_down", "C1")
+    assert is_upside_down(made.rig["C1"].lens, wrong, 1.72)
 
 
 @pytest.mark.parametrize("height", [1.2, 8.0])
 def test_where_both_ways_fit_alike_nothing_is_said(height: float) -> None:
     made = scene(height=height)
     for camera in made.rig:
-        assert doubt_of_upside_down(camera.name, camera.lens, made.observations[camera.name], 1.72) is None
+        assert not is_upside_down(camera.lens, made.observations[camera.name], 1.72)
 
 
 @pytest.mark.system
@@ -153,12 +158,11 @@ def test_joints_tell_themselves() -> None:
     made = scene()
     camera = made.rig["C1"]
     joints = made.observations["C1"].keypoints
-    assert doubt_of_upside_down("C1", camera.lens, CameraObservations(keypoints=joints), 1.72) is None
+    assert not is_upside_down(camera.lens, CameraObservations(keypoints=joints), 1.72)
     turned = Keypoints(
         joints.frame, joints.identity, (0, camera.lens.size[1]) + joints.xy * (1, -1), joints.score, joints.joints
     )
-    told = doubt_of_upside_down("C1", camera.lens, CameraObservations(keypoints=turned), 1.72)
-    assert told == doubt("image_upside_down", "C1")
+    assert is_upside_down(camera.lens, CameraObservations(keypoints=turned), 1.72)
 
 
 @pytest.mark.slow
@@ -176,3 +180,94 @@ def test_findings_of_the_files_are_told_with_the_path(tmp_path: Path) -> None:
     )
     assert found.verdict != "accepted"
     assert any("camera A: all people lie within 960 x 540 of the 1920 x 1080 image" in reason for reason in found.reasons)
+
+
+def sideways(made: SimulatedScene, name: str, turn: int) -> tuple[Lens, CameraObservations]:
+    """A camera whose images are on their side: those that `turn` degrees clockwise put upright."""
+    camera, seen = made.rig[name], made.observations[name]
+    width, height = camera.lens.size
+
+    def back(xy: np.ndarray) -> np.ndarray:
+        """Anticlockwise by `turn`; the upright image's (x, y)."""
+        return np.stack([xy[..., 1], width - xy[..., 0]] if turn == 90 else [height - xy[..., 1], xy[..., 0]], axis=-1)
+
+    ltwh = seen.boxes.ltwh
+    ends = np.stack([back(ltwh[:, :2]), back(ltwh[:, :2] + ltwh[:, 2:])])
+    boxes = replace(seen.boxes, ltwh=np.concatenate([ends.min(axis=0), np.ptp(ends, axis=0)], axis=1))
+    point = back(camera.lens.matrix[:2, 2])
+    fx, fy = camera.lens.matrix[0, 0], camera.lens.matrix[1, 1]
+    matrix = np.array([[fy, 0, point[0]], [0, fx, point[1]], [0, 0, 1.0]])
+    lens = Lens((height, width), matrix, np.zeros(0))
+    return lens, CameraObservations(boxes, replace(seen.keypoints, xy=back(seen.keypoints.xy)))
+
+
+@pytest.mark.parametrize("turn", [90, 270])
+@thinned(("preset", "height"), [("terrace", None), ("basketball", None), ("construction", None), ("terrace", 6.0)])
+def test_the_rotation_that_puts_people_upright_is_found(preset: str, height: float | None, turn: int) -> None:
+    made = scene(preset, height=height)
+    for name in made.rig.names:
+        lens, seen = sideways(made, name, turn)
+        assert rotation_of_sideways(lens, CameraObservations(seen.boxes), 1.72) == turn
+        assert rotation_of_sideways(lens, seen, 1.72) == turn
+        # A camera on its side is calibrated by keypoints as any other.
+        assert rotation_of_sideways(lens, CameraObservations(keypoints=seen.keypoints), 1.72) == 0
+        assert not is_upside_down(lens, CameraObservations(seen.boxes), 1.72)
+        right = made.observations[name]
+        assert rotation_of_sideways(made.rig[name].lens, CameraObservations(right.boxes), 1.72) == 0
+        assert rotation_of_sideways(made.rig[name].lens, right, 1.72) == 0
+
+
+def test_a_camera_on_its_side_is_one_error_with_its_remedy() -> None:
+    made = scene()
+    lens, seen = sideways(made, "C2", 270)
+    boxes = {name: made.observations[name].boxes for name in made.rig.names} | {"C2": seen.boxes}
+    with pytest.raises(passerby.InputError, match=r"camera C2: people lie on their side: .* set rotate = 270$") as error:
+        passerby.calibrate_observations(
+            {camera.name: camera.lens for camera in made.rig} | {"C2": lens}, boxes, fps=5.0, association={"mode": "given"}
+        )
+    assert "more fault" not in str(error.value)
+
+
+def test_many_people_beyond_the_image_are_an_error() -> None:
+    """A picture within the picture, or a crop: the boxes of one camera are so low that half of them end below the image."""
+    made = scene()
+    width, height = made.rig["C3"].lens.size
+    boxes = {name: made.observations[name].boxes for name in made.rig.names}
+    ends = boxes["C3"].ltwh[:, 1] + boxes["C3"].ltwh[:, 3]
+    low = replace(boxes["C3"], ltwh=boxes["C3"].ltwh + (0.0, height - np.median(ends), 0.0, 0.0))
+    with pytest.raises(passerby.InputError, match=rf"camera C3: .* the {width} x {height} image .*offset"):
+        passerby.calibrate_observations(made.rig, boxes | {"C3": low}, fps=5.0, association={"mode": "given"})
+
+
+@thinned(("preset", "seed"), [("construction", 100), ("terrace", 102), ("construction", 7)])
+def test_bodies_that_are_cut_off_and_drawn_whole_are_no_error(preset: str, seed: int) -> None:
+    made = scene(preset, seed, height=6.0)
+    declared = Scene.model_validate(
+        {
+            "cameras": {n: {"intrinsics": Path("r"), "tracks": Path("t")} for n in made.rig.names},
+            "association": {"mode": "given"},
+        }
+    )
+    readings, beyond = [], 0
+    for camera in made.rig:
+        joints = made.observations[camera.name].keypoints
+        low, high = joints.xy.min(axis=1), joints.xy.max(axis=1)
+        whole = Boxes(joints.frame, joints.identity, np.concatenate([low, high - low], axis=1), np.ones(len(joints)))
+        beyond += int((high > camera.lens.size).any(axis=1).sum())
+        readings.append(input_from_memory(declared, camera.name, camera.lens, whole, Keypoints.empty()))
+    assert beyond > 20
+    assert faults_of_people(declared, readings) == []
+
+
+def test_people_that_passerby_detected_itself_are_not_suspected_of_another_size() -> None:
+    made = scene()
+    declared = Scene.model_validate(
+        {"cameras": {n: {"intrinsics": Path("r"), "video": Path("cam0.mp4")} for n in made.rig.names}}
+    )
+    camera = made.rig["C1"]
+    half = scaled(0.3)(made.observations["C1"].boxes, camera.lens.size)
+    reading = input_from_memory(declared, "C1", camera.lens, half, Keypoints.empty())
+    reading.boxes_path = Path("cam0.mp4")
+    assert [one.code for one in findings_of_people(declared, [reading])] == ["people_in_part_of_image"]
+    reading.video = VideoInfo(Path("cam0.mp4"), camera.lens.size, "h264", 25.0, False, 25.0, None, None)
+    assert findings_of_people(declared, [reading]) == []

@@ -14,6 +14,7 @@ from passerby.calibration.calibration import Calibration
 from passerby.calibration.pipeline import calibrate_inputs
 from passerby.common.errors import InputError
 from passerby.common.progress import Progress
+from passerby.core.box_format import BoxFormat
 from passerby.core.cameras import Lens, Rig
 from passerby.core.observations import Boxes, Keypoints
 from passerby.interchange.storage.faults import FileFaults
@@ -22,16 +23,14 @@ from passerby.scene.inputs import IN_MEMORY, assemble_inputs
 from passerby.scene.reading import input_from_memory
 from passerby.scene.scene import TABLES, Scene
 
-BOX_COLUMNS = "frame, id (-1 where unknown), left, top, width, height[, score]"
-
 Lenses = Rig | Mapping[str, Lens]
 SeenBoxes = Mapping[str, Boxes | ArrayLike]
 
 
 def calibrate_observations(
     lenses: Lenses, boxes: SeenBoxes | None = None, *, keypoints: Mapping[str, Keypoints] | None = None,
-    fps: float | Mapping[str, float] | None = None, name: str = "scene", seed: int = 0, progress: Progress | None = None,
-    executor: Executor | None = None, **tables: Mapping[str, Any],
+    fps: float | Mapping[str, float] | None = None, box_format: str = "ltwh", name: str = "scene", seed: int = 0,
+    progress: Progress | None = None, executor: Executor | None = None, **tables: Mapping[str, Any],
 ) -> Calibration:  # fmt: skip
     """Calibrate from what is in memory: arrays of boxes, or joints, by camera.
 
@@ -45,9 +44,11 @@ def calibrate_observations(
     Args:
         lenses: of each camera; or a rig, whose poses are left alone.
         boxes: of each camera, `Boxes` or an array of (N, 6 or 7): frame, id (-1 where unknown), left, top, width, height in
-            pixels, and score.
+            pixels, and score; or the four numbers of `box_format`.
         keypoints: joints, of cameras that have any; the ids are those of the boxes.
         fps: frames per second of the frame numbers, of all cameras or of each.
+        box_format: of the arrays' four numbers, as the key `boxes` of the scene file: "ltwh", "corners", "centres", or
+            "normalised ltwh" and so on.
         name: what the scene is called.
         seed: as of `calibrate`.
         progress: as of `calibrate`.
@@ -59,14 +60,18 @@ def calibrate_observations(
         InputError: a camera without a lens, an array of another shape, a setting that does not exist.
     """
     known = {camera.name: camera.lens for camera in lenses} if isinstance(lenses, Rig) else dict(lenses)
-    seen = {camera: _boxes(camera, rows) for camera, rows in (boxes or {}).items()}
+    try:
+        form = BoxFormat.of_text(box_format)
+    except ValueError as error:
+        raise InputError(f"box_format: {error}") from None
     joints = dict(keypoints or {})
-    for camera in (*seen, *joints):
+    for camera in (*(boxes or {}), *joints):
         if camera not in known:
             raise InputError(
                 f"camera {camera} has people, but no intrinsics: add it to the lenses ({', '.join(known) or 'none'})"
             )
-    scene = _scene(name, list(known), fps, tables)
+    seen = {camera: _boxes(camera, rows, form, known[camera].size) for camera, rows in (boxes or {}).items()}
+    scene = _scene(name, list(known), fps, form, tables)
     empty = Boxes.empty(), Keypoints.empty()
     readings = [
         input_from_memory(scene, camera, lens, seen.get(camera, empty[0]), joints.get(camera, empty[1]))
@@ -75,7 +80,9 @@ def calibrate_observations(
     return calibrate_inputs(scene, assemble_inputs(scene, readings), seed=seed, progress=progress, executor=executor)
 
 
-def _scene(name: str, cameras: list[str], fps: float | Mapping[str, float] | None, tables: Mapping[str, Any]) -> Scene:
+def _scene(
+    name: str, cameras: list[str], fps: float | Mapping[str, float] | None, form: BoxFormat, tables: Mapping[str, Any]
+) -> Scene:
     """A scene that names no files. Raises `FileFaults` (an `InputError`) as for a scene file."""
     rates = dict(fps) if isinstance(fps, Mapping) else {}
     declared: dict[str, dict[str, Any]] = {camera: {"intrinsics": IN_MEMORY, "tracks": IN_MEMORY} for camera in cameras}
@@ -83,7 +90,7 @@ def _scene(name: str, cameras: list[str], fps: float | Mapping[str, float] | Non
         if camera not in declared:
             raise InputError(f"fps: camera {camera} has no lens: name one of {', '.join(cameras) or 'none'}")
         declared[camera] = {**declared[camera], "fps": rate}
-    own = {"name": name} | ({} if fps is None or rates else {"fps": fps})
+    own = {"name": name, "boxes": str(form)} | ({} if fps is None or rates else {"fps": fps})
     allowed = ("association", "sites", "scale", "solver", "world")
     for table in tables:
         if table not in allowed:
@@ -96,20 +103,24 @@ def _scene(name: str, cameras: list[str], fps: float | Mapping[str, float] | Non
         raise FileFaults([f"scene {name}: {explain_fault(dict(fault), TABLES)}" for fault in error.errors()]) from None
 
 
-def _boxes(camera: str, rows: Boxes | ArrayLike) -> Boxes:
-    """Boxes from an array (N, 6 or 7). Raises `InputError`, with the camera, for one that holds no boxes."""
+def _boxes(camera: str, rows: Boxes | ArrayLike, form: BoxFormat, size: tuple[int, int]) -> Boxes:
+    """Boxes from an array (N, 6 or 7) of a format, in an image of (width, height).
+
+    Raises `InputError`, with the camera, for one that holds no boxes.
+    """
     if isinstance(rows, Boxes):
         return rows
+    columns = f"frame, id (-1 where unknown), {', '.join(form.columns)}[, score]"
     try:
         table = np.asarray(rows, dtype=np.float64)
     except (TypeError, ValueError) as error:
-        raise InputError(f"boxes of camera {camera} are not numbers ({error}): give {BOX_COLUMNS}") from None
+        raise InputError(f"boxes of camera {camera} are not numbers ({error}): give {columns}") from None
     if table.size == 0:
         return Boxes.empty()
     if table.ndim != 2 or table.shape[1] not in (6, 7):
-        raise InputError(f"boxes of camera {camera} have the shape {table.shape}: give rows of {BOX_COLUMNS}")
+        raise InputError(f"boxes of camera {camera} have the shape {table.shape}: give rows of {columns}")
     score = table[:, 6] if table.shape[1] == 7 else np.ones(len(table))
     try:
-        return Boxes(table[:, 0], table[:, 1], table[:, 2:6], score)  # type: ignore[arg-type]
+        return Boxes(table[:, 0], table[:, 1], form.to_ltwh(table[:, 2:6], size), score)  # type: ignore[arg-type]
     except InputError as error:
         raise InputError(f"boxes of camera {camera}: {error}") from None

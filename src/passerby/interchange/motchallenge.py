@@ -1,5 +1,7 @@
 """MOTChallenge text: one box a row, `frame, identity, left, top, width, height, score[, -1, -1, -1]`.
 
+The four numbers of a box may be in another `BoxFormat`.
+
 Frames are whole numbers from 0 on, in order; identities are whole numbers, -1 where unknown. Pixels as OpenCV counts them.
 A sound file is parsed at once by numpy; only a faulty one is read a second time, line by line, to tell what is wrong where.
 """
@@ -17,18 +19,20 @@ import numpy as np
 from passerby.common.arrays import Floats
 from passerby.common.errors import InputError
 from passerby.common.text import shortened
+from passerby.core.box_format import LTWH, BoxFormat
 from passerby.core.observations import UNKNOWN, Boxes
 from passerby.interchange.storage.atomic import write_text
 from passerby.interchange.storage.faults import FileFaults, read_text
 
 MIN_COLUMNS, MAX_COLUMNS = 7, 10
-COLUMNS = ("frame", "identity", "left", "top", "width", "height", "score")
 LARGEST_WHOLE = 2**53
 """Above it a float64 no longer tells whole numbers apart."""
 
 
-def read_boxes(path: str | Path, *, doubles: bool = False) -> Boxes:
+def read_boxes(path: str | Path, *, doubles: bool = False, box_format: BoxFormat = LTWH) -> Boxes:
     """Read the boxes of one camera; a file without rows is a camera that saw nobody.
+
+    The boxes of another `box_format` become left, top, width, height; normalised ones stay in shares of the image.
 
     With `doubles` rows that stand twice, and identities that do in a frame, are no fault: the boxes are the file's rows, and
     `without_doubles` settles them.
@@ -39,9 +43,10 @@ def read_boxes(path: str | Path, *, doubles: bool = False) -> Boxes:
     """
     text = read_text(path, "a text file of boxes (MOTChallenge)")
     rows = _parse(text)
-    if rows is None or not _is_sound(rows, doubles):
-        raise FileFaults(list(_faults(Path(path), text, doubles)) or [f"{path}: is not a MOTChallenge text of boxes"])
-    return Boxes(rows[:, 0].astype(np.int64), rows[:, 1].astype(np.int64), rows[:, 2:6], rows[:, 6])
+    if rows is None or not _is_sound(rows, doubles, box_format):
+        faults = list(_faults(Path(path), text, doubles, box_format))
+        raise FileFaults(faults or [f"{path}: is not a MOTChallenge text of boxes"])
+    return Boxes(rows[:, 0].astype(np.int64), rows[:, 1].astype(np.int64), box_format.to_ltwh(rows[:, 2:6]), rows[:, 6])
 
 
 def write_boxes(path: str | Path, boxes: Boxes) -> None:
@@ -73,10 +78,10 @@ def _parse(text: str) -> Floats | None:
     return np.asarray(table[:, :7], dtype=np.float64) if MIN_COLUMNS <= table.shape[1] <= MAX_COLUMNS else None
 
 
-def _is_sound(rows: Floats, doubles: bool) -> bool:
+def _is_sound(rows: Floats, doubles: bool, box_format: BoxFormat) -> bool:
     if len(rows) == 0:
         return True
-    if not np.isfinite(rows).all() or not (rows[:, 4:6] > 0).all():
+    if not np.isfinite(rows).all() or not (box_format.to_ltwh(rows[:, 2:6])[:, 2:] > 0).all():
         return False
     frame, identity = rows[:, 0], rows[:, 1]
     whole = (rows[:, :2] == np.floor(rows[:, :2])).all() and np.abs(rows[:, :2]).max() <= LARGEST_WHOLE
@@ -88,7 +93,7 @@ def _is_sound(rows: Floats, doubles: bool) -> bool:
     return len(np.unique(known, axis=0)) == len(known) and len(np.unique(rows, axis=0)) == len(rows)
 
 
-def _faults(path: Path, text: str, doubles: bool) -> Iterator[str]:
+def _faults(path: Path, text: str, doubles: bool, box_format: BoxFormat) -> Iterator[str]:
     """Every fault of the file, in the order of its lines."""
     columns = 0
     last_frame = -1.0
@@ -101,7 +106,7 @@ def _faults(path: Path, text: str, doubles: bool) -> Iterator[str]:
         fields = line.split(",")
         columns = columns or len(fields)
         try:
-            row = _row(fields, columns)
+            row = _row(fields, columns, box_format)
         except InputError as error:
             yield f"{place}: {error}"
             continue
@@ -126,27 +131,30 @@ def _faults(path: Path, text: str, doubles: bool) -> Iterator[str]:
         seen_people.setdefault(person, number)
 
 
-def _row(fields: list[str], columns: int) -> tuple[float, ...]:
+def _row(fields: list[str], columns: int, box_format: BoxFormat) -> tuple[float, ...]:
     """The seven numbers of a row. Raises `InputError` without the place."""
+    named = ("frame", "identity", *box_format.columns, "score")
     if not MIN_COLUMNS <= len(fields) <= MAX_COLUMNS:
         raise InputError(
-            f"{len(fields)} columns instead of {MIN_COLUMNS} to {MAX_COLUMNS}: write {','.join(COLUMNS)}[,-1,-1,-1], separated "
+            f"{len(fields)} columns instead of {MIN_COLUMNS} to {MAX_COLUMNS}: write {','.join(named)}[,-1,-1,-1], separated "
             "by commas"
         )
     if len(fields) != columns:
         raise InputError(f"{len(fields)} columns, but the first row has {columns}: give all rows the same columns")
-    names = (*COLUMNS, "column 8", "column 9", "column 10")
+    names = (*named, "column 8", "column 9", "column 10")
     numbers = tuple(_number(field, name) for field, name in zip(fields, names, strict=False))
     for value, name in zip(numbers[:7], names, strict=False):
         if not math.isfinite(value):
             raise InputError(f"{name} is {value}: delete the row or give a finite number")
-    for value, name, least in ((numbers[0], "frame", 0), (numbers[1], "identity", UNKNOWN)):
-        if value != math.floor(value) or not least <= value <= LARGEST_WHOLE:
+    for value, name, lowest in ((numbers[0], "frame", 0), (numbers[1], "identity", UNKNOWN)):
+        if value != math.floor(value) or not lowest <= value <= LARGEST_WHOLE:
             unknown = " (-1 for unknown)" if name == "identity" else ""
-            raise InputError(f"{name} is {value:.12g}: a whole number from {least} on is needed{unknown}")
-    for value, name in ((numbers[4], "width"), (numbers[5], "height")):
-        if value <= 0:
-            raise InputError(f"{name} is {value:.12g}: it must be above 0 (columns 3 to 6 are left, top, width, height)")
+            raise InputError(f"{name} is {value:.12g}: a whole number from {lowest} on is needed{unknown}")
+    corners = box_format.convention == "corners"
+    for edge, value, first, before in zip(named[4:6], numbers[4:6], numbers[2:4], named[2:4], strict=True):
+        if value <= (first if corners else 0):
+            least = f"{before}, {first:.12g}" if corners else "0"
+            raise InputError(f"{edge} is {value:.12g}: it must be above {least} (columns 3 to 6 are {', '.join(named[2:6])})")
     return numbers[:7]
 
 

@@ -21,17 +21,16 @@ from passerby.core.pointing import PointedPerson, StatedIdentities
 from passerby.findings.finding import Finding, notice
 from passerby.interchange.storage.faults import FileFaults, faults_of
 from passerby.perception.sources.recording import gaps_of, recorded_s
-from passerby.scene.box_centres import doubt_of_centres
 from passerby.scene.camera_input import CameraInput
 from passerby.scene.coarse_boxes import doubt_of_coarse_boxes
 from passerby.scene.lens_sources import group_faults
+from passerby.scene.people_in_images import doubts_of_people, faults_of_people, findings_of_people
 from passerby.scene.pointing import overlapped_people, pointed_people, pointing_faults, stated_identities
 from passerby.scene.reading import needs_video, read_camera
 from passerby.scene.same_content import doubts_of_same_content
 from passerby.scene.same_files import faults_of_same_file, faults_of_same_video
 from passerby.scene.scene import Scene
 from passerby.scene.seen_lenses import add_seen_lenses
-from passerby.scene.upside_down import doubt_of_upside_down
 from passerby.scene.wall_clock import WallClock, align_wall_clocks, chosen_span, wall_clock_of
 from passerby.scene.world_files import world_faults
 
@@ -198,6 +197,7 @@ def scene_faults(scene: Scene, readings: list[CameraInput]) -> list[str]:
     """Faults between cameras, and of what the scene file says about them."""
     return [
         *_length_faults(scene, readings),
+        *faults_of_people(scene, readings),
         *pointing_faults(scene, readings),
         *_lens_faults(scene, readings),
         *group_faults(scene, readings),
@@ -221,6 +221,7 @@ def scene_findings(scene: Scene, readings: list[CameraInput]) -> list[Finding]:
         for cue in scene.scale.people
         if cue.identity is not None and cue.identity not in known
     ]
+    found += findings_of_people(scene, readings)
     found += overlapped_people(scene, readings)
     return found + _guessed_lenses(scene, readings) + _clock_findings(scene, readings) + _embedding_findings(scene, readings)
 
@@ -260,19 +261,16 @@ def _lens_faults(scene: Scene, readings: list[CameraInput]) -> list[str]:
 
 
 def scene_doubts(scene: Scene, readings: list[CameraInput], *, compare_contents: bool = True) -> list[Finding]:
-    """What lets no rig from these files be accepted: pictures of another size, people on their heads, boxes that are no bodies'
-    or of which the centres are given, one camera twice.
+    """What lets no rig from these files be accepted: images of another size or upside down, boxes that are no bodies' or in
+    another format, one camera twice.
     """
     known = [(reading, reading.lens) for reading in readings if reading.lens is not None]
-    upside_down = [
-        doubt_of_upside_down(reading.name, lens, reading.seen, scene.scale.person_height_m) for reading, lens in known
-    ]
     rig = Rig(tuple(Camera(reading.name, lens) for reading, lens in known))
     coarse = [doubt_of_coarse_boxes(reading.name, reading.seen.boxes) for reading, _ in known]
-    by_centres = doubt_of_centres(rig, [reading.seen.boxes for reading, _ in known])
     return [
         *(doubt for reading in readings for doubt in reading.doubts),
-        *(doubt for doubt in (*upside_down, *coarse, by_centres) if doubt is not None),
+        *doubts_of_people(scene, readings),
+        *(doubt for doubt in coarse if doubt is not None),
         *(doubts_of_same_content(rig, observations_of(scene, readings)) if compare_contents else ()),
     ]
 

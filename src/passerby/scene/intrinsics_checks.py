@@ -1,4 +1,4 @@
-"""Whether a camera's picture size, its matrix and the people in it are of one picture."""
+"""Whether a camera's picture size and its matrix are of one picture, and whether people were found in a smaller one."""
 
 from __future__ import annotations
 
@@ -6,19 +6,15 @@ import numpy as np
 
 from passerby.common.arrays import Floats
 from passerby.core.cameras import Lens
-from passerby.core.extents import extents_of
-from passerby.findings.finding import doubt, notice
+from passerby.findings.finding import notice
 from passerby.findings.texts import text_of
 from passerby.scene.camera_input import CameraInput
 from passerby.scene.scene import Scene
 
-OUTSIDE_SHARE = 0.01
-"""A tracker may predict a box or two past the border; where more than this share of the boxes does not touch the picture (grown
-by 2 %), the boxes were made on a picture of another size."""
-BORDER_SHARE = 0.02
-FILLED_SHARE = 0.6
-"""People who all stay within this share of the width and the height hint at a size that is too large."""
 FILLED_ROWS = 100
+"""Fewer people say nothing of the size of the picture."""
+STRAY_SHARE = 0.001
+"""Boxes that a tracker predicts past the border."""
 SUB_STREAMS = (1 / 4, 1 / 3, 3 / 8, 1 / 2, 2 / 3, 3 / 4)
 """Width and height of usual second streams over those of the main one."""
 STRIP = 0.0125
@@ -53,45 +49,6 @@ def check_principal_point(scene: Scene, reading: CameraInput, lens: Lens) -> Non
             reading.findings.append(finding)
 
 
-def check_extents(scene: Scene, reading: CameraInput, lens: Lens) -> None:
-    """Picture size against where the people are."""
-    width, height = lens.size
-    size, intrinsics = [width, height], source_of_size(scene, reading.name)
-    for path, extent, rows in (
-        (reading.boxes_path, extents_of(reading.boxes), reading.boxes),
-        (reading.keypoints_path, extents_of(reading.keypoints), reading.keypoints),
-    ):
-        if path is None or not len(extent):
-            continue
-        margin = BORDER_SHARE * np.array([width, height])
-        outside = ((extent[:, :2] > np.array([width, height]) + margin) | (extent[:, 2:] < -margin)).any(axis=1)
-        count, place = int(outside.sum()), str(path)
-        if count:
-            first = int(np.flatnonzero(outside)[0])
-            corners = extent[first].round(1).reshape(2, 2).tolist()
-            finding = notice(
-                "people_outside_image", reading.name, place=place, outside=count, people=len(extent),
-                frame=int(rows.frame[first]), corners=corners, size=size,
-            )  # fmt: skip
-            if count > OUTSIDE_SHARE * len(extent):
-                reading.faults.append(
-                    f"{text_of(finding)}: wrong image size? the size {width} x {height} in {intrinsics} is not the size of "
-                    f"the images in which the people were detected"
-                )
-            else:
-                reading.findings.append(finding)
-        filled = (extent[:, 2:] / lens.size).max(axis=0)
-        smaller = smaller_picture(extent, lens.size)
-        if smaller is not None:
-            cut, seen_size = smaller
-            reading.doubts.append(
-                doubt("smaller_image_cut", reading.name, place=place, cut=cut, seen_size=list(seen_size), size=size)
-            )
-        elif len(extent) >= FILLED_ROWS and filled.max() < FILLED_SHARE:
-            values = {"across": float(filled[0]), "down": float(filled[1]), "size": size, "intrinsics": intrinsics}
-            reading.findings.append(notice("people_in_part_of_image", reading.name, place=place, **values))
-
-
 def smaller_picture(extent: Floats, size: tuple[int, int]) -> tuple[int, tuple[int, int]] | None:
     """The size of the smaller picture that people were found in, and how many its right and lower borders cut off.
 
@@ -105,7 +62,7 @@ def smaller_picture(extent: Floats, size: tuple[int, int]) -> tuple[int, tuple[i
     if len(extent) < FILLED_ROWS:
         return None
     ends = extent[:, 2:] / size
-    most = np.quantile(ends, 1 - OUTSIDE_SHARE / 10, axis=0)
+    most = np.quantile(ends, 1 - STRAY_SHARE, axis=0)
     for share in SUB_STREAMS:
         reach = most / share
         if reach.max() > 1 + STRIP or reach.min() < REACHED:

@@ -29,7 +29,7 @@ from passerby.perception.sources.recording import open_source
 from passerby.perception.video import VideoInfo, fit_of_size
 from passerby.scene.camera_input import CameraInput, KnownLens
 from passerby.scene.doubled_rows import remove_duplicates
-from passerby.scene.intrinsics_checks import check_extents, check_principal_point, source_of_size
+from passerby.scene.intrinsics_checks import check_principal_point, source_of_size
 from passerby.scene.lens_sources import find_lens
 from passerby.scene.scene import Scene
 from passerby.scene.used_rows import keep_used
@@ -61,7 +61,8 @@ def read_camera(scene: Scene, name: str, model: CameraInput | None = None, span:
         return None if path is None else scene.resolve(path)
 
     _read_intrinsics(reading, path_of(table.intrinsics), table.focal_sd_percent)
-    rows_of, joints_of = partial(read_boxes, doubles=True), partial(read_keypoints, doubles=True)
+    rows_of = partial(read_boxes, doubles=True, box_format=scene.box_format(name))
+    joints_of = partial(read_keypoints, doubles=True)
     tracks = _attempt(rows_of, path_of(table.tracks), reading.faults)
     detections = _attempt(rows_of, path_of(table.detections), reading.faults)
     own, own_path = (tracks, table.tracks) if table.tracks is not None else (detections, table.detections)
@@ -73,7 +74,6 @@ def read_camera(scene: Scene, name: str, model: CameraInput | None = None, span:
         reading.boxes, reading.boxes_path = own or reading.boxes, scene.resolve(own_path)
     reading.keypoints_path = path_of(table.keypoints)
     reading.keypoints = _attempt(joints_of, reading.keypoints_path, reading.faults) or reading.keypoints
-    _settle_doubles(reading)
     unrecorded = name in scene.unrecorded
     if not unrecorded:
         _open_video(scene, reading, span)
@@ -81,6 +81,9 @@ def read_camera(scene: Scene, name: str, model: CameraInput | None = None, span:
         find_lens(scene, reading, model)
     elif reading.lens is not None and reading.lens.uncalibrated and len(scene.models[name]) > 1:
         reading.lens = replace(reading.lens, group=name)
+    if scene.box_format(name).normalised and reading.lens is not None:
+        reading.boxes = replace(reading.boxes, ltwh=reading.boxes.ltwh * np.tile(reading.lens.size, 2))
+    _settle_doubles(reading)
     if reading.video is not None:
         _check_video(scene, reading, reading.video)
     reading.awaiting = table.watched
@@ -165,8 +168,6 @@ def _settle_doubles(reading: CameraInput) -> None:
 def _check_people(scene: Scene, reading: CameraInput) -> None:
     """What can be told of a camera whose people are known."""
     (_check_identities if reading.given else _check_sources)(scene, reading)
-    if reading.lens is not None:
-        check_extents(scene, reading, reading.lens)
 
 
 def _check_video(scene: Scene, reading: CameraInput, video: VideoInfo) -> None:

@@ -17,6 +17,7 @@ from pydantic import Field, PrivateAttr, ValidationError, model_validator
 
 from passerby.common.errors import InputError
 from passerby.common.text import nearest, shortened
+from passerby.core.box_format import BoxFormat
 from passerby.core.scale_cues import CameraDistance, CameraHeight, KnownLength, PersonHeight, PopulationHeight, ScaleCues
 from passerby.interchange.storage.faults import FileFaults, read_text
 from passerby.interchange.storage.safe_parsing import NotParsed, parse_toml, path_problem
@@ -205,6 +206,10 @@ class Scene(Table):
     def fps_of(self, camera: str) -> float | None:
         """Frames per second of a camera's frame numbers as the scene file has them; None where it says nothing."""
         return self.cameras[camera].fps or self.scene.fps
+
+    def box_format(self, camera: str) -> BoxFormat:
+        """The format of a camera's boxes."""
+        return BoxFormat.of_text(self.cameras[camera].boxes or self.scene.boxes)
 
     def scale_cues(self) -> ScaleCues:
         """The scale table as the solvers take it."""

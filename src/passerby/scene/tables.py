@@ -18,6 +18,7 @@ from pydantic import (
 
 from passerby.common.addresses import not_a_file
 from passerby.common.text import shortened
+from passerby.core.box_format import BoxFormat
 from passerby.core.data_sheet import NARROWEST_FIELD_DEG, WIDEST_FISHEYE_DEG
 from passerby.perception.sources.name_times import NamePattern
 from passerby.scene.identity_tables import PersonAtTable, TogetherTable
@@ -44,6 +45,11 @@ def _name_pattern(value: str) -> str:
     return value
 
 
+def _box_format(value: Any) -> Any:
+    """The usual spellings of a box format as the one that is documented."""
+    return str(BoxFormat.of_text(value)) if isinstance(value, str) else value
+
+
 def _same_as(value: str) -> str:
     named_camera(value)
     return value
@@ -57,6 +63,10 @@ def _polygon(value: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float
 
 Moment = Annotated[datetime | time, BeforeValidator(_moment)]
 Mode = Literal["combined", "trajectory", "appearance", "given"]
+BoxFormatName = Annotated[
+    Literal["ltwh", "corners", "centres", "normalised ltwh", "normalised corners", "normalised centres"],
+    BeforeValidator(_box_format),
+]
 
 LONGEST_RECORDING_S = 7 * 86400.0
 RECORDED_BY_CALIBRATE = "or add [recording] seconds = 600: then `passerby calibrate` records it first"
@@ -89,6 +99,10 @@ class SceneTable(Table):
     used."""
     until: Moment | None = None
     """Wall time at which the used span ends, likewise."""
+    boxes: BoxFormatName = "ltwh"
+    """What the four numbers of a box are in `tracks` and `detections`. ltwh: left, top, width, height; corners: left, top,
+    right, bottom; centres: centre x, centre y, width, height. In pixels, or normalised: in shares of the image's width and
+    height, as YOLO tools write centres."""
     format_version: int = 1
     """Of the scene file's keys; a file of a later Passerby is not read. It can be left out."""
 
@@ -160,6 +174,8 @@ class CameraTable(Table):
     """Boxes with ids, MOTChallenge text: identities in mode "given", otherwise tracklets of this camera; -1 for unknown."""
     keypoints: Path | None = None
     """Keypoints, COCO JSON; `track_id` has the same meaning and the same numbers as the ids in `tracks`."""
+    boxes: BoxFormatName | None = None
+    """Format of the boxes in this camera's `tracks` and `detections`. None: that of `[scene]`."""
     embeddings: Path | None = None
     """Appearance of the boxes in `tracks`, or else in `detections`: npz, one row per row of that file, in the same order."""
     fps: FramesPerSecond | None = None

@@ -50,6 +50,16 @@ def _short(v: Fields) -> str:
     )
 
 
+def _off_centre(v: Fields) -> str:
+    beyond, near, seem = ("right and lower", "left and upper", "be given by their centres")
+    if "centres" not in v["box_format"]:
+        beyond, near, seem = near, beyond, f"be {v['box_format']}, not {v['stated']}"
+    return (
+        f"{v['who']}: {v['beyond']} boxes reach beyond the {beyond} borders of the images, and few come near the {near} ones: "
+        f"the boxes seem to {seem}"
+    )
+
+
 INPUT_FILES: Mapping[str, Kind] = {
     "same_recording": Kind(
         DOUBT, "Two cameras show the same images.",
@@ -70,14 +80,14 @@ INPUT_FILES: Mapping[str, Kind] = {
     "image_upside_down": Kind(
         DOUBT, "The camera's people are upside down.",
         "{who}: people are upside down: the image seems to be flipped top to bottom, or the camera hangs upside down",
-        "turn its images the right way up, with their boxes and keypoints", common=True,
+        "turn its images the right way up, with their boxes and keypoints, or set rotate = 180 if the camera hangs "
+        "upside down",
+        common=True,
     ),
     "boxes_by_centres": Kind(
-        DOUBT, "Boxes reach beyond the right and lower borders of the images and keep away from the others: their centres were "
-        "given as corners.",
-        "{who}: {beyond} boxes reach beyond the right and lower borders of the images, and hardly any come near the left and "
-        "upper ones: the boxes seem to be given by their centres",
-        "subtract half of their widths and heights, so that left and top are their edges",
+        DOUBT, "Boxes reach beyond two borders of the images and keep away from the others: their centres were read as their "
+        "left and upper edges, or these as centres.",
+        _off_centre, "under [scene] set boxes = \"{box_format}\", or under [cameras.{camera}] for one camera",
     ),
     "boxes_coarse": Kind(
         DOUBT, "The edges of the camera's boxes lie on a grid that is coarse beside people.",

@@ -17,6 +17,7 @@ from passerby.common.arrays import Ints
 from passerby.common.errors import InputError
 from passerby.common.progress import Progress, silent
 from passerby.common.text import shortened_text
+from passerby.core.box_format import LTWH
 from passerby.core.observations import UNKNOWN, Boxes
 from passerby.findings.texts import text_of
 from passerby.interchange.motchallenge import LARGEST_WHOLE, read_boxes
@@ -153,6 +154,10 @@ def cameras_of_scene(path: Path) -> tuple[list[TrackedCamera], bool, list[str]]:
             missing = "video" if not table.videos else "tracks"
             notes.append(f"{path}: camera {name} has no {missing}: left out")
             continue
+        if scene.box_format(name) != LTWH:
+            raise InputError(
+                f'{path}: [cameras.{name}] its boxes are {scene.box_format(name)}: training reads boxes = "ltwh" only'
+            )
         source = one_file([scene.resolve(video) for video in table.videos], name, folders=True)
         cameras.append(TrackedCamera(name, source, _boxes_of(scene.resolve(table.tracks), notes)))
     if not cameras:

@@ -1,0 +1,280 @@
+"""What the numbers of the boxes mean: their format, and which way up their image is.
+
+An interpretation is a box format and a rotation of the image by quarter turns. The stated one is compared with its rivals:
+boxes have positive sizes and lie within their image; people stand upright on one level ground. One detector usually made all
+boxes of a scene, so the cameras whose stated format is the same are tested together, and then each by itself.
+
+The borders of the images show the format. In a wrong one boxes reach far beyond two borders and keep away from the other two.
+Boxes of people who are cut off by a border, drawn as if they were not, reach beyond left and right alike.
+
+The level fit of the people (`single_view`) shows the rotation: in a camera that looks over heads, those who are lower in the
+image are larger. A camera about as high as body centres fits both ways up, and so does one that looks straight down; then
+nothing is reported. Keypoints have names, and show head and feet themselves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from passerby.common.arrays import Floats, Ints
+from passerby.core.box_format import FORMATS, BoxFormat
+from passerby.core.cameras import Lens
+from passerby.core.observations import MIN_JOINT_SCORE, Boxes, CameraObservations, Keypoints
+from passerby.geometry.single_view import level_camera
+from passerby.people.segments import FEET, HEAD, MIN_EXTENT_PX
+
+BEYOND = 0.2
+"""Share of a box that lies beyond a border, above which it counts as beyond."""
+SLACK = 0.05
+"""The same where a rival format is tested by one camera alone: boxes that are read rightly end at the border. Bodies that are
+drawn whole go farther, and then nothing is concluded from one camera."""
+FEWEST, ALONE = 10, 5
+"""Boxes beyond the borders of each axis, of all cameras together, and of one camera by itself."""
+MOST_ELSEWHERE, MOST_FARTHER = 0.1, 0.02
+"""Boxes beyond the borders in a rival format, as a share of those in the stated one: of all cameras, and of one by itself."""
+FEWEST_ROWS, MISREAD_SHARE = 20, 0.1
+"""Corners are certain where so many rows, without exception, have the right edge beyond the left and the lower below the upper,
+and such a share of the boxes is beyond the image in the stated format. Of left, top, width, height at random positions every
+second row or fewer would be so."""
+LARGEST_SHARE = 2.0
+"""Numbers of normalised boxes: a body that is drawn whole may reach beyond 1. No people are boxes of two pixels."""
+
+MIN_BODIES = 50
+FITS_BETTER = 1.6
+"""Misfit of the people to one ground as stated over that in a rotated image: 1.19 at most for 130 right cameras, 1.2 to 8 m
+high (mostly below 0.6 for those at 2 to 5 m); 1.2 to 5 for their images upside down at 2 to 5 m, above 1.6 for nine of ten."""
+LEAST_MISFIT = 0.1
+"""A better fit does not count where the boxes as stated fit as well as ordinary ones do: 0.04 to 0.1."""
+WIDER = 1.0
+"""Median width over height of the people in an image on its side: upright people have 0.3 to 0.55 (cameras of all presets, 1.5
+to 9 m high, seeds 200 and 201), so on the side 1.8 to 3."""
+HEADS_ELSEWHERE = 0.8
+"""Share of the bodies of keypoints with the head in that direction from the feet: in a right image some people lie, bend or do
+handstands, but few for long."""
+TURNS = {0: (0, -1), 90: (-1, 0), 180: (0, 1), 270: (1, 0)}
+"""Where the heads are in an image, as a direction in pixels, by the degrees clockwise that put it upright."""
+
+
+@dataclass(frozen=True, eq=False)
+class BoxesAsStated:
+    """The boxes of one camera as the stated format reads them."""
+
+    name: str
+    boxes: Boxes
+    """Left, top, width, height in pixels."""
+    size: tuple[int, int]
+    """Width and height of the image, pixels."""
+    stated: BoxFormat
+
+    @property
+    def numbers(self) -> Floats:
+        """(N, 4) as they are in the file."""
+        return self.stated.of_ltwh(self.boxes.ltwh, self.size)
+
+    def borders(self, box_format: BoxFormat) -> _Borders:
+        """Where the boxes lie in another format."""
+        return _Borders.of(box_format.to_ltwh(self.numbers, self.size), self.size)
+
+
+@dataclass(frozen=True)
+class OtherFormat:
+    """A format that fits the boxes of some cameras better than the stated one."""
+
+    cameras: tuple[str, ...]
+    box_format: BoxFormat
+    certain: bool
+    beyond: int
+    """Boxes beyond the borders of their images in the stated format,"""
+    rows: int
+    """of so many."""
+
+
+@dataclass(frozen=True)
+class _Borders:
+    """Numbers of boxes, of one camera or several."""
+
+    rows: int
+    positive: int
+    """Those with a positive width and height."""
+    beyond: Ints
+    """(2,) those with more than `BEYOND` of their width or height outside the image, to either side,"""
+    outside: Ints
+    """(2,) and with more than `SLACK`."""
+
+    @classmethod
+    def of(cls, ltwh: Floats, size: tuple[int, int]) -> _Borders:
+        extent = ltwh[:, 2:]
+        over = np.maximum(-ltwh[:, :2], ltwh[:, :2] + extent - np.array(size)) / np.maximum(extent, 1e-9)
+        return cls(len(ltwh), int((extent > 0).all(axis=1).sum()), (over > BEYOND).sum(axis=0), (over > SLACK).sum(axis=0))
+
+    @classmethod
+    def joined(cls, parts: Sequence[_Borders]) -> _Borders:
+        return cls(
+            sum(part.rows for part in parts), sum(part.positive for part in parts),
+            np.sum([part.beyond for part in parts], axis=0), np.sum([part.outside for part in parts], axis=0),
+        )  # fmt: skip
+
+
+def find_other_formats(cameras: Sequence[BoxesAsStated]) -> tuple[OtherFormat, ...]:
+    """The cameras whose boxes another format than the stated one fits better.
+
+    Args:
+        cameras: the boxes of each camera.
+    """
+    cameras = [camera for camera in cameras if len(camera.boxes)]
+    unit = [camera for camera in cameras if _in_shares(camera) != camera.stated.normalised]
+    out = [_other_unit(unit)] if unit else []
+    for stated in dict.fromkeys(camera.stated for camera in cameras):
+        alike = [camera for camera in cameras if camera.stated == stated and camera not in unit]
+        together = _other_convention(alike, alone=False) if alike else None
+        each = [] if together else [found for camera in alike if (found := _other_convention([camera], alone=True))]
+        out += [together] if together else _merged(each)
+    return tuple(out)
+
+
+def _in_shares(camera: BoxesAsStated) -> bool:
+    return bool(np.abs(camera.numbers).max() <= LARGEST_SHARE)
+
+
+def _other_unit(cameras: Sequence[BoxesAsStated]) -> OtherFormat:
+    """The format of boxes that are in the other unit; of those that fit alike, the stated convention, or else the first."""
+    stated = cameras[0].stated
+    rivals = sorted(
+        (one for one in FORMATS if one.normalised != stated.normalised), key=lambda one: one.convention != stated.convention
+    )
+
+    def implausible(rival: BoxFormat) -> int:
+        seen = _Borders.joined([camera.borders(rival) for camera in cameras])
+        return 2 * (seen.rows - seen.positive) + int(seen.beyond.sum())
+
+    rows = sum(len(camera.boxes) for camera in cameras)
+    return OtherFormat(tuple(camera.name for camera in cameras), min(rivals, key=implausible), True, rows, rows)
+
+
+def _other_convention(cameras: Sequence[BoxesAsStated], *, alone: bool) -> OtherFormat | None:
+    """The convention that fits the boxes of these cameras together better than the stated one, in the same unit."""
+    stated = cameras[0].stated
+    seen = {camera.name: camera.borders(stated) for camera in cameras}
+    now = _Borders.joined(list(seen.values()))
+    named = tuple(name for name, own in seen.items() if own.beyond.any())
+    rivals = [one for one in FORMATS if one.normalised == stated.normalised and one != stated]
+    for rival in sorted(rivals, key=lambda one: one.convention != "corners"):
+        then = _Borders.joined([camera.borders(rival) for camera in cameras])
+        if then.positive < then.rows:
+            continue
+        if rival.convention == "corners":
+            many = now.rows >= FEWEST_ROWS and now.beyond.sum() >= max(FEWEST, MISREAD_SHARE * now.rows)
+            if many and then.beyond.sum() <= MOST_ELSEWHERE * now.beyond.sum():
+                every = tuple(camera.name for camera in cameras)
+                return OtherFormat(every, rival, True, int(now.beyond.sum()), now.rows)
+            continue
+        fewer = then.outside <= MOST_FARTHER * now.beyond if alone else then.beyond <= MOST_ELSEWHERE * now.beyond
+        if (now.beyond >= (ALONE if alone else FEWEST)).all() and fewer.all():
+            return OtherFormat(named, rival, False, int(now.beyond.sum()), now.rows)
+    return None
+
+
+def _merged(found: Sequence[OtherFormat]) -> list[OtherFormat]:
+    """Those of the same format as one."""
+    out: dict[tuple[BoxFormat, bool], OtherFormat] = {}
+    for one in found:
+        key = (one.box_format, one.certain)
+        other = out.get(key)
+        out[key] = one if other is None else OtherFormat(
+            (*other.cameras, *one.cameras), *key, other.beyond + one.beyond, other.rows + one.rows
+        )  # fmt: skip
+    return list(out.values())
+
+
+def rotation_of_sideways(lens: Lens, seen: CameraObservations, person_height_m: float) -> int:
+    """Degrees clockwise, 90 or 270, that put an image upright whose boxes are of people on their side; 0 where they are not.
+
+    Keypoints alone need no upright image: a camera on its side is calibrated by them as any other.
+
+    Args:
+        lens: of the image as it is.
+        seen: boxes and keypoints in it.
+        person_height_m: expected standing height, metres.
+    """
+    whole = seen.boxes.take(seen.boxes.inside(lens.size))
+    if len(whole) < MIN_BODIES or float(np.median(whole.ltwh[:, 2] / whole.ltwh[:, 3])) <= WIDER:
+        return 0
+    shares = heads_by_rotation(seen.keypoints)
+    if shares is not None:
+        return next((turn for turn in (90, 270) if shares[turn] > HEADS_ELSEWHERE), 0)
+    return _better_rotation(lens, whole, person_height_m, (90, 270))
+
+
+def is_upside_down(lens: Lens, seen: CameraObservations, person_height_m: float) -> bool:
+    """Whether people are upside down in an image; False also where that is not known.
+
+    Arguments as of `rotation_of_sideways`.
+    """
+    shares = heads_by_rotation(seen.keypoints)
+    if shares is not None:
+        return shares[180] > HEADS_ELSEWHERE
+    return _better_rotation(lens, seen.boxes, person_height_m, (180,)) == 180
+
+
+def _better_rotation(lens: Lens, boxes: Boxes, person_height_m: float, turns: tuple[int, ...]) -> int:
+    """Of some rotations the one after which people fit one ground far better than before; 0 where none does."""
+    stated = misfit_of_rotation(lens, boxes, person_height_m, 0)
+    if stated is None or stated < LEAST_MISFIT:
+        return 0
+    fits = {turn: misfit_of_rotation(lens, boxes, person_height_m, turn) for turn in turns}
+    known = {turn: max(misfit, 1e-9) for turn, misfit in fits.items() if misfit is not None}
+    best = min(known, key=lambda turn: known[turn], default=0)
+    return best if best and stated >= FITS_BETTER * known[best] else 0
+
+
+def heads_by_rotation(keypoints: Keypoints) -> dict[int, float] | None:
+    """The share of the bodies whose head is above their feet after each rotation; None where fewer than 50 show both."""
+    bare = [name.removeprefix("left_").removeprefix("right_") for name in keypoints.joints]
+    ends = []
+    for wanted in (HEAD, FEET):
+        columns = np.array([name in wanted for name in bare])
+        found = (keypoints.score[:, columns] > MIN_JOINT_SCORE)[..., None]
+        with np.errstate(invalid="ignore", divide="ignore"):
+            ends.append(np.where(found, keypoints.xy[:, columns], 0.0).sum(axis=1) / found.sum(axis=1))
+    upwards = ends[0] - ends[1]
+    upwards = upwards[np.isfinite(upwards).all(axis=1)]
+    if len(upwards) < MIN_BODIES:
+        return None
+    along = {turn: upwards @ np.array(heads) for turn, heads in TURNS.items()}
+    return {turn: float(np.mean(most >= np.linalg.norm(upwards, axis=1) * np.sqrt(0.5))) for turn, most in along.items()}
+
+
+def misfit_of_rotation(lens: Lens, boxes: Boxes, person_height_m: float, turn: int) -> float | None:
+    """Median misfit of people to one level ground, a share of their extent, with the image turned clockwise.
+
+    None where fewer than 50 boxes can be used, or no ground fits.
+
+    Args:
+        lens: of the image as it is.
+        boxes: in the image as it is.
+        person_height_m: expected standing height, metres.
+        turn: degrees clockwise: 0, 90, 180 or 270.
+    """
+    heads = np.array(TURNS[turn], dtype=np.float64)
+    ltwh = boxes.ltwh[boxes.inside(lens.size)]
+    extent = ltwh[:, 2:] @ np.abs(heads)
+    ltwh, extent = ltwh[extent >= MIN_EXTENT_PX], extent[extent >= MIN_EXTENT_PX]
+    middle = ltwh[:, :2] + ltwh[:, 2:] / 2
+    top, bottom = (middle + sign * extent[:, None] / 2 * heads for sign in (1, -1))
+    across = np.array([[-heads[1], heads[0]], [-heads[0], -heads[1]]])
+    R = np.eye(3)
+    R[:2, :2] = across
+    rays = lens.bearings(top), lens.bearings(bottom)
+    known = np.isfinite(np.concatenate(rays, axis=1)).all(axis=1)
+    if known.sum() < MIN_BODIES:
+        return None
+    # Both the pixels and the camera's axes turn.
+    tangent = np.einsum("ab,nbi,ji->naj", across, lens.tangents(rays[0][known]), R)
+    level = level_camera(
+        rays[0][known] @ R.T, rays[1][known] @ R.T, tangent, extent[known],
+        np.full(known.sum(), person_height_m), np.zeros(known.sum()), np.random.default_rng(0),
+    )  # fmt: skip
+    return None if level is None else level.residual

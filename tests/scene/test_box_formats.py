@@ -1,0 +1,270 @@
+"""Boxes in other formats than the stated one, and others that lie half outside the images for good reasons."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import passerby
+from passerby.cli.main import run
+from passerby.core.box_format import FORMATS, LTWH, BoxFormat
+from passerby.core.cameras import Rig
+from passerby.core.observations import Boxes, Keypoints
+from passerby.findings.finding import Finding
+from passerby.scene.box_interpretations import BoxesAsStated, find_other_formats
+from passerby.scene.camera_input import CameraInput
+from passerby.scene.inputs import read_inputs
+from passerby.scene.people_in_images import doubts_of_people, faults_of_people, findings_of_people
+from passerby.scene.reading import input_from_memory
+from passerby.scene.scene import Scene
+from passerby.simulation import SimulatedScene, SimulationOptions, simulate
+from passerby.simulation.write import write_scene as write_simulated
+
+
+@pytest.fixture(scope="module")
+def scene() -> SimulatedScene:
+    return simulate(SimulationOptions(preset="terrace", seed=3, cameras=4, people=6, seconds=30.0, box_noise=0.02))
+
+
+def inputs(rig: Rig, boxes: list[Boxes], stated: str = "ltwh") -> tuple[Scene, list[CameraInput]]:
+    """A scene in memory with these boxes, and a camera that saw no person where there is one only."""
+    names = [*rig.names, *(["empty"] if len(rig) == 1 else [])]
+    cameras = {name: {"intrinsics": Path("rig.toml"), "tracks": Path("boxes.txt")} for name in names}
+    declared = Scene.model_validate({"scene": {"boxes": stated}, "cameras": cameras, "association": {"mode": "given"}})
+    seen = [(camera.name, camera.lens, rows) for camera, rows in zip(rig, boxes, strict=True)]
+    return declared, [input_from_memory(declared, name, lens, rows, Keypoints.empty()) for name, lens, rows in seen]
+
+
+def doubt_of_centres(rig: Rig, boxes: list[Boxes], stated: str = "ltwh") -> Finding | None:
+    found = [one for one in doubts_of_people(*inputs(rig, boxes, stated)) if one.code == "boxes_by_centres"]
+    assert len(found) <= 1
+    return found[0] if found else None
+
+
+def misread(boxes: Boxes, true: BoxFormat, stated: BoxFormat, size: tuple[int, int]) -> Boxes:
+    """The boxes of a file in a format, read in another one; only rows that are boxes in it."""
+    ltwh = stated.to_ltwh(true.of_ltwh(boxes.ltwh, size), size)
+    kept = (ltwh[:, 2:] > 0).all(axis=1)
+    return replace(boxes.take(kept), ltwh=ltwh[kept])
+
+
+def boxes_of(scene: SimulatedScene, *, by_centres: Collection[str] = ()) -> list[Boxes]:
+    out = []
+    for name in scene.rig.names:
+        boxes = scene.observations[name].boxes
+        corner, extent = boxes.ltwh[:, :2], boxes.ltwh[:, 2:]
+        ltwh = np.concatenate([corner + extent / 2, extent], axis=1) if name in by_centres else boxes.ltwh
+        out.append(replace(boxes, ltwh=ltwh))
+    return out
+
+
+def test_ordinary_boxes_have_corners(scene: SimulatedScene) -> None:
+    assert doubt_of_centres(scene.rig, boxes_of(scene)) is None
+
+
+def test_boxes_by_their_centres_are_told(scene: SimulatedScene) -> None:
+    found = doubt_of_centres(scene.rig, boxes_of(scene, by_centres=scene.rig.names))
+    assert found is not None
+    assert (found.code, found.severity) == ("boxes_by_centres", "doubt")
+    assert set(found.cameras) <= set(scene.rig.names)
+    assert found.values["beyond"] >= 20
+
+
+@pytest.mark.parametrize(("name", "told"), [("C1", True), ("C2", False), ("C3", True), ("C4", False)])
+def test_one_camera_by_centres_is_told_by_its_name_where_enough_people_are_at_its_borders(
+    scene: SimulatedScene, name: str, told: bool
+) -> None:
+    """Nobody leaves the second and the fourth camera's image at the right."""
+    found = doubt_of_centres(scene.rig, boxes_of(scene, by_centres=(name,)))
+    assert (None if found is None else found.cameras) == ((name,) if told else None)
+
+
+def test_bodies_that_the_border_cuts_off_reach_beyond_both_sides() -> None:
+    """Boxes of whole bodies, half of them outside, at all borders alike."""
+    scene = simulate(SimulationOptions(preset="terrace", seed=3, cameras=1))
+    rng = np.random.default_rng(0)
+    width, height = scene.rig.cameras[0].lens.size
+    centre = rng.uniform((0, 0), (width, height), (2000, 2))
+    extent = np.tile([60.0, 150.0], (2000, 1))
+    whole = Boxes(
+        np.arange(2000), np.ones(2000, dtype=np.int64), np.concatenate([centre - extent / 2, extent], axis=1), np.ones(2000)
+    )
+    assert doubt_of_centres(scene.rig, [whole]) is None
+    right = whole.take((whole.ltwh[:, :2] > 0).all(axis=1))
+    assert doubt_of_centres(scene.rig, [right]) is None  # some of those at the right and below go beyond by more than half
+    moved = whole.take(((whole.ltwh[:, :2] > 0) & (whole.ltwh[:, :2] + extent < (width, height))).all(axis=1))
+    moved = replace(moved, ltwh=moved.ltwh + np.array([30.0, 75.0, 0.0, 0.0]))
+    assert doubt_of_centres(scene.rig, [moved]) is not None
+
+
+def test_nothing_is_said_without_boxes(scene: SimulatedScene) -> None:
+    assert doubt_of_centres(scene.rig, [Boxes.empty() for _ in scene.rig]) is None
+
+
+def test_left_upper_edges_stated_as_centres_are_reported() -> None:
+    """Read as centres, boxes of left, top, width, height move left and up by half of their size."""
+    rig = simulate(SimulationOptions(preset="terrace", seed=3, cameras=1)).rig
+    size, extent = rig.cameras[0].lens.size, np.tile([60.0, 150.0], (2000, 1))
+    corner = np.random.default_rng(0).uniform((0, 0), np.array(size) - (60, 150), (2000, 2))
+    true = Boxes(np.arange(2000), np.ones(2000, dtype=np.int64), np.concatenate([corner, extent], axis=1), np.ones(2000))
+    found = doubt_of_centres(rig, [misread(true, LTWH, BoxFormat("centres"), size)], "centres")
+    assert found is not None
+    assert (found.values["box_format"], found.values["stated"]) == ("ltwh", "centres")
+    assert doubt_of_centres(rig, [true], "centres") is None
+
+
+def as_stated(scene: SimulatedScene, boxes: list[Boxes], stated: BoxFormat) -> list[BoxesAsStated]:
+    return [BoxesAsStated(camera.name, rows, camera.lens.size, stated) for camera, rows in zip(scene.rig, boxes, strict=True)]
+
+
+def test_corners_are_certain(scene: SimulatedScene) -> None:
+    corners = BoxFormat("corners")
+    boxes = [misread(scene.observations[c.name].boxes, corners, LTWH, c.lens.size) for c in scene.rig]
+    (found,) = find_other_formats(as_stated(scene, boxes, LTWH))
+    assert (found.box_format, found.certain, found.cameras) == (corners, True, scene.rig.names)
+
+
+def test_corners_of_one_camera_name_it(scene: SimulatedScene) -> None:
+    boxes = boxes_of(scene)
+    boxes[1] = misread(boxes[1], BoxFormat("corners"), LTWH, scene.rig["C2"].lens.size)
+    (fault,) = faults_of_people(*inputs(scene.rig, boxes))
+    assert fault.startswith("boxes: camera C2: the boxes are left, top, right, bottom")
+    assert 'box_format = "corners"' in fault
+
+
+@pytest.mark.parametrize("true", [one for one in FORMATS if one.normalised], ids=str)
+@pytest.mark.parametrize("stated", [LTWH, BoxFormat("centres")], ids=str)
+def test_normalised_boxes_are_certain(scene: SimulatedScene, true: BoxFormat, stated: BoxFormat) -> None:
+    boxes = [misread(scene.observations[c.name].boxes, true, stated, c.lens.size) for c in scene.rig]
+    (found,) = find_other_formats(as_stated(scene, boxes, stated))
+    assert (found.box_format, found.certain, found.cameras) == (true, True, scene.rig.names)
+    declared, readings = inputs(scene.rig, boxes, str(stated))
+    (fault,) = faults_of_people(declared, readings)
+    assert "in shares of the image (0 to 1), not in pixels" in fault
+    assert f'"{true}"' in fault
+    assert findings_of_people(declared, readings) == []
+
+
+def test_pixels_stated_as_shares_are_certain(scene: SimulatedScene) -> None:
+    stated = BoxFormat("ltwh", True)
+    boxes = [misread(scene.observations[c.name].boxes, LTWH, stated, c.lens.size) for c in scene.rig]
+    (found,) = find_other_formats(as_stated(scene, boxes, stated))
+    assert (found.box_format, found.certain) == (LTWH, True)
+
+
+@pytest.mark.parametrize("box_format", FORMATS, ids=str)
+def test_rightly_stated_boxes_are_read_and_not_accused(scene: SimulatedScene, box_format: BoxFormat) -> None:
+    assert find_other_formats(as_stated(scene, boxes_of(scene), box_format)) == ()
+
+
+@pytest.mark.parametrize("box_format", FORMATS, ids=str)
+@given(numbers=st.lists(st.tuples(*[st.floats(-500, 3000)] * 2, *[st.floats(1, 900)] * 2), min_size=1, max_size=5))
+def test_formats_round_trip(box_format: BoxFormat, numbers: list[tuple[float, ...]]) -> None:
+    ltwh = np.array(numbers)
+    np.testing.assert_allclose(box_format.to_ltwh(box_format.of_ltwh(ltwh, (640, 480)), (640, 480)), ltwh, atol=1e-9)
+    assert BoxFormat.of_text(str(box_format)) == box_format
+
+
+@pytest.mark.parametrize(
+    ("text", "box_format"),
+    [("Centers", BoxFormat("centres")), ("normalized corners", BoxFormat("corners", True)),
+     ("corners, normalised", BoxFormat("corners", True)), ("centres_normalized", BoxFormat("centres", True))],
+)  # fmt: skip
+def test_usual_spellings_are_accepted(text: str, box_format: BoxFormat) -> None:
+    assert BoxFormat.of_text(text) == box_format
+
+
+def test_an_unknown_format_names_those_that_exist() -> None:
+    with pytest.raises(ValueError, match="'xyz' is no box format: write one of ltwh, corners, centres, normalised ltwh"):
+        BoxFormat.of_text("xyz")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory, scene: SimulatedScene) -> Path:
+    return write_simulated(scene, tmp_path_factory.mktemp("scene")).parent
+
+
+def rewrite(folder: Path, into: Path, size: Callable[[str], tuple[int, int]], box_format: BoxFormat, key: str = "") -> Path:
+    """A copy of a simulated folder with its boxes in another format."""
+    for path in folder.rglob("*"):
+        if path.is_file() and path.suffix in (".toml", ".txt"):
+            copy = into / path.relative_to(folder)
+            copy.parent.mkdir(parents=True, exist_ok=True)
+            text = path.read_text(encoding="utf-8")
+            if path.parent.name == "tracks":
+                table = np.loadtxt(path, delimiter=",")
+                table[:, 2:6] = box_format.of_ltwh(table[:, 2:6], size(path.stem))
+                text = "\n".join(",".join(f"{value:.9g}" for value in row) for row in table) + "\n"
+            elif path.name == "scene.toml" and key:
+                text = text.replace("[scene]\n", f'[scene]\nboxes = "{key}"\n')
+            copy.write_text(text, encoding="utf-8")
+    return into / "scene.toml"
+
+
+@pytest.mark.parametrize("key", ["corners", "centers", "normalized centres", "normalised corners"])
+def test_a_scene_file_states_the_format(folder: Path, tmp_path: Path, scene: SimulatedScene, key: str) -> None:
+    def size(name: str) -> tuple[int, int]:
+        return scene.rig[name].lens.size
+
+    path = rewrite(folder, tmp_path, size, BoxFormat.of_text(key), key)
+    assert run(["check", str(path)]) == 0
+    read, true = read_inputs(Scene.load(path)).observations, read_inputs(Scene.load(folder / "scene.toml")).observations
+    for name in scene.rig.names:
+        np.testing.assert_allclose(read[name].boxes.ltwh, true[name].boxes.ltwh, atol=1e-4)
+
+
+@pytest.mark.parametrize("command", ["check", "calibrate"])
+@pytest.mark.parametrize("true", ["corners", "normalised centres"])
+def test_the_option_is_named_where_it_is_missing(
+    folder: Path, tmp_path: Path, scene: SimulatedScene, capsys: pytest.CaptureFixture[str], true: str, command: str
+) -> None:
+    path = rewrite(folder, tmp_path / "in", lambda name: scene.rig[name].lens.size, BoxFormat.of_text(true))
+    out = ["-o", str(tmp_path / "out")] if command == "calibrate" else []
+    assert run([command, str(path), *out]) == 2
+    (error,) = capsys.readouterr().err.splitlines()
+    assert f'under [scene] set boxes = "{true}"' in error
+    assert not (tmp_path / "out").exists()
+
+
+def test_corners_that_are_none_name_the_row(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = rewrite(folder, tmp_path, lambda name: (1, 1), LTWH, "corners")
+    assert run(["check", str(path)]) == 2
+    assert "(columns 3 to 6 are left, top, right, bottom)" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("box_format", ["corners", "normalised centres"])
+def test_arrays_in_memory_are_read_with_their_format(scene: SimulatedScene, box_format: str) -> None:
+    lenses = {camera.name: camera.lens for camera in scene.rig}
+
+    def arrays(form: BoxFormat) -> dict[str, np.ndarray]:
+        seen = {name: scene.observations[name].boxes for name in scene.rig.names}
+        return {
+            name: np.column_stack([b.frame, b.identity, form.of_ltwh(b.ltwh, lenses[name].size), b.score])
+            for name, b in seen.items()
+        }
+
+    with pytest.raises(passerby.InputError, match=f'box_format = "{box_format}"'):
+        passerby.calibrate_observations(lenses, arrays(BoxFormat.of_text(box_format)), fps=5.0)
+    with pytest.raises(passerby.InputError, match="box_format: 'xy' is no box format"):
+        passerby.calibrate_observations(lenses, arrays(LTWH), fps=5.0, box_format="xy")
+
+
+@pytest.mark.system
+def test_arrays_in_another_format_give_the_same_rig(scene: SimulatedScene) -> None:
+    lenses = {camera.name: camera.lens for camera in scene.rig}
+    form, same = BoxFormat("corners", True), {"mode": "given"}
+    boxes = {name: scene.observations[name].boxes for name in scene.rig.names}
+    arrays = {
+        name: np.column_stack([b.frame, b.identity, form.of_ltwh(b.ltwh, lenses[name].size), b.score])
+        for name, b in boxes.items()
+    }
+    first = passerby.calibrate_observations(lenses, boxes, fps=5.0, association=same)
+    second = passerby.calibrate_observations(lenses, arrays, fps=5.0, box_format=str(form), association=same)
+    for name in scene.rig.names:
+        np.testing.assert_allclose(second.rig[name].centre, first.rig[name].centre, atol=1e-3)
