@@ -11,16 +11,20 @@ import numpy as np
 import pytest
 
 import passerby
-from passerby.core.cameras import Lens
+from passerby.core.cameras import Camera, Lens, Pose
 from passerby.core.observations import Boxes, CameraObservations, Keypoints
 from passerby.findings.finding import doubt
 from passerby.perception.video import VideoInfo
-from passerby.scene.box_interpretations import is_upside_down, misfit_of_rotation, rotation_of_sideways
+from passerby.scene.box_interpretations import is_upside_down, level_of_rotation, rotation_of_sideways
 from passerby.scene.intrinsics_checks import smaller_picture
 from passerby.scene.people_in_images import faults_of_people, findings_of_people
 from passerby.scene.reading import input_from_memory
 from passerby.scene.scene import Scene
 from passerby.simulation import SimulatedScene, SimulationOptions, simulate
+from passerby.simulation.body import pose_joints
+from passerby.simulation.observe import observe_camera
+from passerby.simulation.placement import looking_at
+from passerby.simulation.scene import film
 from support.tiers import thinned
 
 Change = Callable[[Boxes, tuple[int, int]], Boxes]
@@ -131,10 +135,10 @@ def test_a_flip_top_to_bottom_is_told_and_right_pictures_are_not(preset: str, he
         boxes = made.observations[camera.name].boxes
         assert not is_upside_down(camera.lens, CameraObservations(boxes), 1.72)
         wrong_boxes = flipped(boxes, camera.lens.size)
-        stated, turned = (misfit_of_rotation(camera.lens, wrong_boxes, 1.72, turn) for turn in (0, 180))
+        stated, turned = (level_of_rotation(camera.lens, wrong_boxes, 1.72, turn) for turn in (0, 180))
         assert stated is not None
         assert turned is not None
-        assert stated / turned > 1.2
+        assert stated.residual / turned.residual > 1.2
     wrong = CameraObservations(flipped(made.observations["C1"].boxes, made.rig["C1"].lens.size))
     assert is_upside_down(made.rig["C1"].lens, wrong, 1.72)
 
@@ -271,3 +275,29 @@ def test_people_that_passerby_detected_itself_are_not_suspected_of_another_size(
     assert [one.code for one in findings_of_people(declared, [reading])] == ["people_in_part_of_image"]
     reading.video = VideoInfo(Path("cam0.mp4"), camera.lens.size, "h264", 25.0, False, 25.0, None, None)
     assert findings_of_people(declared, [reading]) == []
+
+
+def two_terraces(camera_height: float, step: float, distance: float, seed: int) -> tuple[Lens, Boxes]:
+    """Boxes of people on two levels `distance` metres apart, the near one `step` metres higher than the far one."""
+    filmed = film(SimulationOptions(preset="terrace", seconds=30.0, people=6, seed=seed))
+    lens = Lens((1280, 720), np.array([[914.0, 0, 640], [0, 914, 360], [0, 0, 1]]), np.zeros(0))
+    state, present = filmed.motion.at(np.arange(150) / 5.0)
+    joints, near = pose_joints(state, filmed.heights), np.arange(6) % 2 == 0
+    shift = np.where(near[:, None], (0.0, -distance / 2, max(step, 0.0)), (0.0, distance / 2, max(-step, 0.0)))
+    centre = np.array([0.0, -(distance / 2 + 5.5), camera_height])
+    camera = Camera("C1", lens, Pose.from_centre(looking_at(centre, np.array([0.0, 0.0, 0.8 + abs(step) / 2])), centre))
+    view = observe_camera(camera, joints + shift[None, :, None], filmed.heights, present)
+    seen = (view.inside > 0.9) & (view.hidden < 0.2)
+    box = view.box[seen]
+    box = box + np.random.default_rng(seed).normal(0, 0.02, box.shape) * (box[:, 3:] - box[:, 1:2])
+    frame, person = np.nonzero(seen)
+    return lens, Boxes(frame + 1, person + 1, np.column_stack([box[:, :2], box[:, 2:] - box[:, :2]]), np.ones(len(box)))
+
+
+@pytest.mark.parametrize(("step", "distance", "seed"), [(-3.0, 5.0, 1), (-3.0, 8.0, 1), (1.5, 5.0, 1), (1.5, 5.0, 2)])
+def test_people_on_two_terraces_are_not_upside_down(step: float, distance: float, seed: int) -> None:
+    lens, boxes = two_terraces(3.0, step, distance, seed)
+    seen = CameraObservations(boxes)
+    assert len(boxes) > 300
+    assert not is_upside_down(lens, seen, 1.72)
+    assert rotation_of_sideways(lens, seen, 1.72) == 0

@@ -34,6 +34,8 @@ class Level:
     """Camera above ground, metres (as far as the people are as tall as expected)."""
     residual: float
     """Median misfit, as a share of the bodies' extent."""
+    residual_90: float = 0.0
+    """The misfit that 90 % of the bodies do not exceed."""
 
     @property
     def R_lc(self) -> Floats:
@@ -89,9 +91,7 @@ def level_camera(
     if not starts:
         return None
     best = min((fit.refine(up, height) for _, up, height in starts[:4]), key=lambda found: found[0])
-    _, up, height = best
-    residual = float(np.median(np.linalg.norm(fit.residual(up, height), axis=1)))
-    return Level(up, height, residual)
+    return fit.level(*best[1:])
 
 
 def level_by_heights(
@@ -122,7 +122,7 @@ def level_by_heights(
     if not starts:
         return None
     _, up, height = min((fit.refine(up, height) for _, up, height in starts[:4]), key=lambda found: found[0])
-    return Level(up, height, float(np.median(np.linalg.norm(fit.residual(up, height), axis=1))))
+    return fit.level(up, height)
 
 
 def keep_horizon(up: Floats, longer: float) -> Floats:
@@ -179,6 +179,11 @@ class _Fit:
         """(N,) the foot's and (N,) the head's ray along a direction, and (2, N) the direction in shares of the extent."""
         foot, head, *seen = (self.rows @ direction).reshape(4, -1)
         return foot, head, np.array(seen)
+
+    def level(self, up: Floats, height: float) -> Level:
+        """The level with its misfits."""
+        misfit = np.linalg.norm(self.residual(up, height), axis=1)
+        return Level(up, height, float(np.median(misfit)), float(np.quantile(misfit, 0.9)))
 
     def residual(self, up: Floats, height: float) -> Floats:
         """(N, 2) misfit of the predicted highest points; large for feet above the horizon."""

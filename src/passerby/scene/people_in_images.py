@@ -152,10 +152,9 @@ def _format_fault(scene: Scene, readings: Sequence[CameraInput], found: OtherFor
 
 
 def _sideways_fault(reading: CameraInput, turn: int) -> str:
-    remedy = "under [cameras.{}] set rotate = 90" if turn == 90 else "under [cameras.{}] set rotate = 270"
     return (
         f"{reading.boxes_path}: camera {reading.name}: people lie on their side: the images are turned by 90 degrees, and "
-        f"clockwise by {turn} degrees they are upright: {remedy.format(reading.name)}"
+        f"clockwise by {turn} degrees they are upright: under [cameras.{reading.name}] set rotate = {turn}"
     )
 
 
@@ -195,5 +194,6 @@ def _outside_fault(scene: Scene, reading: CameraInput, lens: Lens, path: Path, r
     return (
         f"{path}: camera {reading.name}: {beyond.mean():.0%} of the people reach beyond the {width} x {height} image by more "
         f"than a tenth of their size (they extend from [{first[0]:.0f}, {first[1]:.0f}] to [{last[0]:.0f}, {last[1]:.0f}]): "
-        f"wrong image size or crop? {stated} is not that of the images in which the people were detected: {remedy}"
+        f"wrong image size or crop? {stated} is not that of the images in which the people were detected: {remedy}; if whole "
+        "bodies were drawn where the border cuts them off, clip the boxes to the image"
     )
