@@ -28,6 +28,7 @@ from passerby.common.errors import InputError
 from passerby.common.text import shortened_text
 from passerby.perception.pieces import JOIN_PICTURES, why_a_pattern_is_no_video, why_no_video_is_there
 from passerby.perception.video_camera import RecordingCamera, read_recording_camera
+from passerby.perception.video_clock import FileClock, read_file_clock
 from passerby.perception.video_error import VideoError
 
 VARIABLE_CLOCK_FPS = 100.0
@@ -132,6 +133,8 @@ class VideoInfo:
     """The files of a recording in pieces, or its pictures, in order of their times; none where it is the one file `path`."""
     wall: WallTime | None = None
     """Wall time of frame 1, where the files tell it."""
+    clock: FileClock = field(default_factory=FileClock)
+    """When it was recorded, as the file says; of pieces, as the first of them says."""
     used: tuple[float, float] = (-math.inf, math.inf)
     """Seconds of the recording that are read, both ends included; pictures outside are passed over."""
 
@@ -183,6 +186,7 @@ def probe(path: str | Path) -> VideoInfo:
             seconds=seconds if seconds is not None else (held / average if held else None),
             rotation=rotation,
             camera=camera,
+            clock=read_file_clock(container, average),
         )
 
 
