@@ -17,7 +17,7 @@ from av.container import InputContainer
 EARLIEST = datetime(2000, 1, 1, tzinfo=UTC).timestamp()
 """Clocks that were never set count from 1904, 1970 or 1980."""
 DAY_S = 86400.0
-_TIMECODE = re.compile(r"(\d\d):(\d\d):(\d\d)[:;.](\d\d+)")
+_TIMECODE = re.compile(r"(\d\d):(\d\d):(\d\d)[:;.](\d+)")
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,7 @@ class FileClock:
     """What a video file says of the time of its recording."""
 
     created_s: float | None = None
-    """Its creation time, seconds since 1970: when the recording began or, by some makers, when it ended. Often whole seconds."""
+    """Its creation time, seconds since 1970: when the recording began or, by some makers, ended. Often whole seconds."""
     timecode_s: float | None = None
     """Its first frame by the timecode, seconds of a day; exact to a frame. The clock may be that of the day, or count recorded
     frames."""

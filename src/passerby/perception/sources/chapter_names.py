@@ -9,6 +9,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from glob import escape
 
@@ -68,3 +69,12 @@ def order_of(stem: str) -> tuple[tuple[str | int, ...], int]:
     if found is not None and found.scheme:
         return natural_key(found.recording), found.chapter
     return natural_key(stem), 0
+
+
+def are_all_chapters(stems: Sequence[str]) -> bool:
+    """Whether names in order are all chapters of one recording by a maker's scheme, and none between them is missing."""
+    names = [name for stem in stems if (name := chapter_name(stem)) is not None and name.scheme]
+    if len(names) < len(stems) or len({name.recording for name in names}) != 1:
+        return False
+    numbers = [name.chapter for name in names]
+    return numbers[0] <= 1 and numbers == list(range(numbers[0], numbers[0] + len(numbers)))

@@ -104,7 +104,7 @@ def _without_intrinsics(camera: SceneCamera) -> list[str]:
     """What can be stated of a lens that is estimated, with what its video says of it."""
     info = camera.found.info
     lines = [comment("No intrinsics: they are estimated together with the rig.")]
-    if info is None:
+    if info is None and camera.found.video is None:
         lines.append('image_size = ["WIDTH", "HEIGHT"]\n')
     if camera.same_as is not None and info is not None:
         told = "the video is from the same device: share one lens if the zoom is the same too"
