@@ -154,9 +154,9 @@ def visible_folders(folder: Path) -> list[Path]:
     return [path for path in _entries(folder) if path.is_dir()]
 
 
-def visible_files(folder: Path, endings: tuple[str, ...]) -> list[Path]:
-    """The files with one of these endings (capitals or not), but for hidden ones, cam2 before cam10."""
-    return [path for path in _entries(folder) if path.suffix.lower() in endings and path.is_file()]
+def visible_files(folder: Path, endings: tuple[str, ...] | None = None) -> list[Path]:
+    """The files with one of these endings (capitals or not) or all, but for hidden ones, cam2 before cam10."""
+    return [path for path in _entries(folder) if (endings is None or path.suffix.lower() in endings) and path.is_file()]
 
 
 def _entries(folder: Path) -> list[Path]:
