@@ -21,6 +21,7 @@ from passerby.findings.finding import notice
 from passerby.findings.texts import text_of
 from passerby.interchange.coco import read_keypoints
 from passerby.interchange.embeddings import read_embeddings
+from passerby.interchange.formats import read_people_as
 from passerby.interchange.motchallenge import read_boxes
 from passerby.interchange.rig_toml import read_lens
 from passerby.interchange.storage.faults import faults_of
@@ -61,7 +62,7 @@ def read_camera(scene: Scene, name: str, model: CameraInput | None = None, span:
         return None if path is None else scene.resolve(path)
 
     _read_intrinsics(reading, path_of(table.intrinsics), table.focal_sd_percent)
-    rows_of, joints_of = partial(read_boxes, doubles=True), partial(read_keypoints, doubles=True)
+    rows_of, joints_of = partial(read_boxes, doubles=True), partial(_read_joints, reading)
     tracks = _attempt(rows_of, path_of(table.tracks), reading.faults)
     detections = _attempt(rows_of, path_of(table.detections), reading.faults)
     own, own_path = (tracks, table.tracks) if table.tracks is not None else (detections, table.detections)
@@ -90,6 +91,15 @@ def read_camera(scene: Scene, name: str, model: CameraInput | None = None, span:
     if not reading.awaiting:
         _check_people(scene, reading)
     return reading
+
+
+def _read_joints(reading: CameraInput, path: Path) -> Keypoints:
+    """The keypoints of a file, or of a folder with a file a frame. Raises `InputError`."""
+    if not path.is_dir():
+        return read_keypoints(path, doubles=True)
+    people = read_people_as("openpose", path)
+    reading.findings += [notice("keypoints_folder", reading.name, place=str(path), why=why) for why in people.notes]
+    return people.keypoints
 
 
 def _read_intrinsics(reading: CameraInput, path: Path | None, focal_sd_percent: float | None) -> None:

@@ -159,7 +159,8 @@ class CameraTable(Table):
     tracks: Path | None = None
     """Boxes with ids, MOTChallenge text: identities in mode "given", otherwise tracklets of this camera; -1 for unknown."""
     keypoints: Path | None = None
-    """Keypoints, COCO JSON; `track_id` has the same meaning and the same numbers as the ids in `tracks`."""
+    """Keypoints, COCO JSON; `track_id` has the same meaning and the same numbers as the ids in `tracks`. Or a folder with a
+    JSON file per frame, as OpenPose and Pose2Sim write it."""
     embeddings: Path | None = None
     """Appearance of the boxes in `tracks`, or else in `detections`: npz, one row per row of that file, in the same order."""
     fps: FramesPerSecond | None = None

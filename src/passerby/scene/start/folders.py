@@ -6,6 +6,7 @@ its subfolders, of which each that holds videos is a camera, called as the folde
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cache
@@ -16,7 +17,7 @@ from passerby.common.text import natural_key
 from passerby.perception.pieces import PICTURE_ENDINGS, VIDEO_ENDINGS, files_below
 from passerby.perception.video_probe import VideoInfo, WallTime
 from passerby.scene.start.chapters import COMPANIONS, Look, companions_note, find_chapters, named_alike, without_small_copies
-from passerby.scene.start.names import camera_names
+from passerby.scene.start.names import camera_names, match_names
 from passerby.scene.start.recordings import is_numbered_series, pieces_among
 from passerby.scene.start.recordings_found import (
     VIDEO_FOLDERS,
@@ -36,6 +37,9 @@ SOURCES = {
     "embeddings": (("embeddings",), ".npz"),
 }
 """Key of the scene file -> the subfolders that are looked in, and how the files end."""
+
+JOINT_FOLDERS, JOINTS_HEAD = ("pose", "openpose", "keypoints", "json"), 4096
+"""How folders begin that hold a folder of keypoints per camera; bytes of a frame that show what it is."""
 
 Probe = Callable[[Path], VideoInfo]
 
@@ -280,20 +284,47 @@ def _add_files(folder: Path, cameras: list[FoundCamera], notes: list[str]) -> No
     by_name = {camera.name.casefold(): camera for camera in cameras}
     make = len(cameras) < 2
     for key, (places, ending) in SOURCES.items():
-        for inner in visible_folders(folder):
-            if inner.name.lower() not in places:
-                continue
-            for path in visible_files(inner, (ending,)):
-                camera = by_name.get(path.stem.casefold())
-                if camera is None and make and key != "embeddings":
-                    camera = FoundCamera(camera_names([path.stem])[0])
-                    cameras.append(camera)
-                    by_name[path.stem.casefold()] = camera
-                if camera is not None:
-                    camera.files.setdefault(key, path)
+        found = [
+            (path.stem, path)
+            for inner in visible_folders(folder)
+            if inner.name.lower() in places
+            for path in visible_files(inner, (ending,))
+        ]
+        found += _folders_of_joints(folder) if key == "keypoints" else []
+        texts = [text for text, _ in found]
+        pairs = {} if make else match_names([camera.name for camera in cameras], [[text] for text in texts])
+        matched = {other: cameras[index] for index, other in pairs.items()}
+        for number, (text, path) in enumerate(found):
+            camera = by_name.get(text.casefold()) or matched.get(number)
+            if camera is None and make and key != "embeddings":
+                camera = FoundCamera(camera_names([text])[0])
+                cameras.append(camera)
+                by_name[text.casefold()] = camera
+            if camera is not None:
+                camera.files.setdefault(key, path)
+            elif path.is_dir():
+                notes.append(f"not used: {path}: its keypoints belong to none of the cameras by its name")
     cameras.sort(key=lambda camera: natural_key(camera.name))
     if not make and any(camera.files for camera in cameras):
         notes.append("boxes or keypoints were found beside the videos: their lines in the scene file are commented out")
+
+
+def _folders_of_joints(folder: Path) -> list[tuple[str, Path]]:
+    """The folders with a JSON file of people per frame, each with the text that its camera is named after.
+
+    OpenPose's and Pose2Sim's: `cam01_json` in the folder itself, or in a folder such as `pose`.
+    """
+    places = [folder, *(inner for inner in visible_folders(folder) if inner.name.lower().startswith(JOINT_FOLDERS))]
+    found = [inner for place in places for inner in visible_folders(place) if _holds_joints(inner)]
+    return [(re.sub(r"(?i)[_-](json|keypoints|pose)$", "", inner.name), inner) for inner in found]
+
+
+def _holds_joints(folder: Path) -> bool:
+    first = next(iter(visible_files(folder, (".json",))), None)
+    try:
+        return first is not None and b'"people"' in first.read_bytes()[:JOINTS_HEAD]
+    except OSError:
+        return False
 
 
 def _too_few(folder: Path, cameras: list[FoundCamera], notes: list[str]) -> str:
