@@ -1,8 +1,8 @@
 """What the cameras' own clocks say of their clock offsets, by the creation times and timecodes of their video files.
 
 They are a first guess: cameras' clocks are set by hand, copies and exports have other times, a timecode may count recorded
-frames, and some makers state the end of a recording. So they are used only where they say that the recordings begin farther apart
-than is searched for, and still overlap; people's tracks then decide between them and the ordinary search.
+frames, and some makers state the end of a recording. So they are used only where they say that the recordings begin farther
+apart than is searched for, and still overlap; people's tracks then decide between them and the ordinary search.
 """
 
 from __future__ import annotations

@@ -161,15 +161,15 @@ ASSOCIATION: Mapping[str, Kind] = {
         _starts_apart,
     ),
     "file_clocks_differ": Kind(
-        NOTICE, "By the creation times or timecodes of their files, recordings begin farther apart than is searched for; that is "
-        "searched too. `later_s` says how long after the first camera's each begins.",
+        NOTICE, "By the creation times or timecodes of their files, recordings begin farther apart than is searched for; that "
+        "is searched too. `later_s` says how long after the first camera's each begins.",
         lambda v: f"{_by_files(v)}; clock offsets are searched within {v['search_s']:g} s of that, and of 0",
         lambda v: f"if people agree with neither: under [association] set max_offset_s = {v['most_s']:.0f}, which searches all "
         "clock offsets up to that",
     ),
     "file_clocks_unused": Kind(
-        NOTICE, "By the creation times or timecodes of their files, recordings begin so far apart that they barely overlap; these "
-        "times are not used.",
+        NOTICE, "By the creation times or timecodes of their files, recordings begin so far apart that they barely overlap; "
+        "these times are not used.",
         lambda v: f"{_by_files(v)}; that is not used, because the recordings would barely overlap",
         lambda v: f"if they do: under [association] set max_offset_s = {v['most_s']:.0f}",
     ),
