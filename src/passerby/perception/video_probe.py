@@ -135,6 +135,10 @@ class VideoInfo:
     """Wall time of frame 1, where the files tell it."""
     clock: FileClock = field(default_factory=FileClock)
     """When it was recorded, as the file says; of pieces, as the first of them says."""
+    stored_fps: float | None = None
+    """Frames per second that the file states, where a table beside it has the times of its frames."""
+    frame_times: tuple[float, ...] = ()
+    """These times, seconds from the first frame, ascending."""
     used: tuple[float, float] = (-math.inf, math.inf)
     """Seconds of the recording that are read, both ends included; pictures outside are passed over."""
 
@@ -142,6 +146,14 @@ class VideoInfo:
     def files(self) -> tuple[Path, ...]:
         """The files that it is read from."""
         return tuple(piece.path for piece in self.pieces) or (self.path,)
+
+    def taken_at(self, stored_s: float) -> float:
+        """When a frame was taken that the file shows at a second, seconds from the first frame."""
+        if not self.frame_times or self.stored_fps is None:
+            return stored_s
+        number = max(0, round(stored_s * self.stored_fps))
+        last = len(self.frame_times) - 1
+        return self.frame_times[min(number, last)] + max(0, number - last) / self.average_fps
 
     @property
     def begin_s(self) -> float:

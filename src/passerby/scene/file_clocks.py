@@ -54,7 +54,7 @@ def file_clock_findings(scene: Scene, readings: Sequence[CameraInput]) -> list[F
     """A notice of recordings that begin farther apart, by their files' clocks, than is searched for."""
     search_s = scene.association.search_s
     measured = measure_by_file_clocks(scene, readings)
-    found = []
+    found: list[Finding] = []
     for kind, begins in _clocks(scene, readings):
         first, *others = begins
         later = {name: _later(begins, (first, name), kind) for name in others}

@@ -26,8 +26,10 @@ from passerby.interchange.motchallenge import read_boxes
 from passerby.interchange.rig_toml import read_lens
 from passerby.interchange.storage.faults import faults_of
 from passerby.perception.sources.files import WallSpan
+from passerby.perception.sources.frame_times import TYPICAL_STEP_S, read_frame_times, timed_by
 from passerby.perception.sources.recording import open_source
 from passerby.perception.video import VideoInfo, fit_of_size
+from passerby.perception.video_error import VideoError
 from passerby.scene.camera_input import CameraInput, KnownLens
 from passerby.scene.doubled_rows import remove_duplicates
 from passerby.scene.intrinsics_checks import check_extents, check_principal_point, source_of_size
@@ -78,6 +80,7 @@ def read_camera(scene: Scene, name: str, model: CameraInput | None = None, span:
     unrecorded = name in scene.unrecorded
     if not unrecorded:
         _open_video(scene, reading, span)
+    _read_times(reading, path_of(table.times))
     if table.intrinsics is None and not unrecorded:
         find_lens(scene, reading, model)
     elif reading.lens is not None and reading.lens.uncalibrated and len(scene.models[name]) > 1:
@@ -191,7 +194,7 @@ def _check_video(scene: Scene, reading: CameraInput, video: VideoInfo) -> None:
             stated = source_of_size(scene, reading.name)
             reading.faults.append(f"{place}: camera {reading.name}: {error} (the lens is in {stated}, [{reading.name}])")
     if reading.fps is None or video.variable:
-        if reading.fps is not None:
+        if reading.fps is not None and not video.frame_times:
             reading.findings.append(notice("video_rate_variable", reading.name, place=place))
         reading.fps = video.clock_fps
     elif abs(reading.fps / video.clock_fps - 1) > SAME_RATE:
@@ -222,6 +225,22 @@ def _open_video(scene: Scene, reading: CameraInput, span: WallSpan | None) -> No
         return
     reading.video = found.info
     reading.findings += found.findings
+
+
+def _read_times(reading: CameraInput, path: Path | None) -> None:
+    """The times of the frames: of the video, and of the boxes and keypoints, which then have frame numbers by them."""
+    if path is None:
+        return
+    try:
+        times = read_frame_times(path, TYPICAL_STEP_S if reading.video is None else 1.0 / reading.video.average_fps)
+        reading.boxes = replace(reading.boxes, frame=times.renumbered(reading.boxes.frame, reading.name))
+        reading.keypoints = replace(reading.keypoints, frame=times.renumbered(reading.keypoints.frame, reading.name))
+        if reading.video is not None:
+            reading.video = timed_by(reading.video, times)
+    except VideoError as error:
+        reading.faults += faults_of(of_video(error, reading.name))
+    except InputError as error:
+        reading.faults += faults_of(error)
 
 
 def of_video(error: InputError, name: str) -> InputError:

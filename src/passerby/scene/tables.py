@@ -154,6 +154,10 @@ class CameraTable(Table):
     video_times: Path | None = None
     """The times of the files, CSV: file name, and seconds or an ISO 8601 time. Of images, of each; of videos, of the first
     frame."""
+    times: Path | None = None
+    """The times of the frames, CSV: a row per frame of the one video file, or of the boxes and keypoints, in seconds, ms, us or
+    ns from any zero or since 1970, or ISO 8601. For a logger's video, which states a constant rate that it did not have. Frames
+    are then numbered by hundredths of a second."""
     detections: Path | None = None
     """Boxes without identities, MOTChallenge text, id -1. Read if there are no `tracks`, in every mode except "given"."""
     tracks: Path | None = None
@@ -227,6 +231,9 @@ class CameraTable(Table):
             raise ValueError("has video_names or video_times, but no video that they could belong to: add `video`")
         if self.video_names is not None and self.video_times is not None:
             raise ValueError("has video_names and video_times: delete one of them")
+        if self.times is not None and (self.fps is not None or self.video_times is not None):
+            other = "fps" if self.fps is not None else "video_times"
+            raise ValueError(f"has times and {other}: delete one of them")
         check_lens_keys(self)
         if self.embeddings is not None and self.detections is None and self.tracks is None:
             raise ValueError("has embeddings, but no boxes that they could belong to: add `tracks` or `detections`")

@@ -15,6 +15,7 @@ from pathlib import Path
 from passerby.common.errors import InputError
 from passerby.common.text import natural_key
 from passerby.perception.pieces import PICTURE_ENDINGS, VIDEO_ENDINGS, files_below
+from passerby.perception.sources.frame_times import find_frame_times, read_frame_times, timed_by
 from passerby.perception.video_probe import VideoInfo, WallTime
 from passerby.scene.start.chapters import COMPANIONS, Look, companions_note, find_chapters, named_alike, without_small_copies
 from passerby.scene.start.names import camera_names, match_names
@@ -54,6 +55,8 @@ class FoundCamera:
     """What the video says of itself."""
     files: dict[str, Path] = field(default_factory=dict)
     """Key of the scene file (`tracks`, ...) -> file."""
+    times: Path | None = None
+    """A table of the times of the video's frames."""
     recording: RecordingSurvey | None = None
     """Of a video in pieces, or images; `video` is then their folder or pattern."""
     fault: str | None = None
@@ -92,6 +95,8 @@ def survey(folder: Path, probe: Probe) -> Survey:
     names = camera_names([text for text, _ in clips])
     cameras = [_opened(name, path, probe) for name, (_, path) in zip(names, clips, strict=True)]
     readable = [camera for camera in cameras if camera.fault is None]
+    for camera in readable:
+        _add_times(camera, notes)
     if len(readable) < 2:
         notes += [f"left out: {camera.fault}" for camera in cameras if camera.fault is not None]
         cameras = readable
@@ -120,6 +125,20 @@ def _opened(name: str, video: Path, probe: Probe) -> FoundCamera:
         return FoundCamera(name, video, probe(video))
     except InputError as error:
         return FoundCamera(name, video, fault=str(error))
+
+
+def _add_times(camera: FoundCamera, notes: list[str]) -> None:
+    """Add the table of the times of a video's frames, if one lies beside it; a line says so where there is one."""
+    path = None if camera.video is None else find_frame_times(camera.video)
+    if path is None or camera.info is None:
+        return
+    try:
+        camera.info = timed_by(camera.info, read_frame_times(path, 1.0 / camera.info.average_fps))
+    except InputError as error:
+        notes.append(f"not used: {error}")
+        return
+    camera.times = path
+    notes.append(f"camera {camera.name}: the times of its frames are those of {path.name}")
 
 
 def _recorded(folder: Path, notes: list[str], probe: Probe, look: Look) -> list[FoundCamera]:
