@@ -24,7 +24,8 @@ def init(
     """Write a scene file, with comments, for a folder of videos.
 
     Intrinsics in the folder, or in its subfolder calibration or intrinsics, are used: a rig file (TOML of Anipose, Caliscope
-    or Pose2Sim) or OpenCV files (YAML, XML, JSON). The exit status is 2 where a camera's video cannot be read.
+    or Pose2Sim), OpenCV files (YAML, XML, JSON), or a file of another tool that `passerby formats` lists. The exit status is
+    2 where a camera's video cannot be read.
     """
     from passerby.scene.start.start import start
 
