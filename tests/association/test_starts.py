@@ -12,12 +12,14 @@ from passerby.association.associate import Tracklets
 from passerby.association.camera_tracklets import CameraTracklets, build_tracklets
 from passerby.association.clocks.activity import find_lag_peaks, lag_of_visits, region_activity
 from passerby.association.clocks.starts import (
+    CREATION_TIME,
     SOUND,
     WALL_CLOCK,
     MeasuredStart,
     Starts,
     contradicted_starts,
     find_starts,
+    shifted,
 )
 from passerby.association.initial_association import associate_by_ground_tracks
 from passerby.association.registration_failures import unregistered_cameras
@@ -121,6 +123,49 @@ def test_a_measured_start_is_tried_first_and_people_decide() -> None:
     assert (found.code, found.cameras) == ("start_contradicted", ("C2", "C1"))
     assert found.values["people_s"] == pytest.approx(200.0, abs=0.6)
     assert contradicted_starts(wrong, ["C1", "C2"], wrong.offset_s, [True, False]) == []
+
+
+@pytest.mark.parametrize("known", [False, True])
+def test_a_files_clock_leads_beyond_the_search_where_people_agree(known: bool) -> None:
+    """Offsets up to 5 s are searched; the recordings begin 200 s apart, and the files say 198 s."""
+    cameras = seen(known=known)[:2]
+    right = [MeasuredStart(("C1", "C2"), 198.0, 5.0 / 3.0, CREATION_TIME)]
+    starts = find_starts(cameras, 5.0, right, known=known)
+    assert starts.lag_steps(0, 1) == pytest.approx(-200.0 / STEP_S, abs=1)
+    assert [one.found_by for one in starts.differences] == ["creation time"]
+    found = associate_by_ground_tracks(cameras, Tracklets.of(cameras), 5.0, {}, starts=starts)
+    np.testing.assert_allclose(found.offset_s, STARTS_S[:2], atol=0.05)
+
+
+def test_a_files_clock_that_people_contradict_changes_nothing() -> None:
+    """Copies have the time of the copying: the search of 5 s about equal clocks goes on as without it."""
+    cameras = [replace(camera, tracks=shifted(camera.tracks, round(-begin / STEP_S))) for camera, begin in
+               zip(seen()[:2], STARTS_S[:2], strict=True) if camera.tracks is not None]  # fmt: skip
+    wrong = [MeasuredStart(("C1", "C2"), 90.0, 5.0 / 3.0, CREATION_TIME)]
+    starts = find_starts(cameras, 5.0, wrong)
+    assert starts.lag_steps(0, 1) is None
+    assert not starts.far
+    found, plain = (associate_by_ground_tracks(cameras, Tracklets.of(cameras), 5.0, {}, starts=one) for one in (starts, None))
+    np.testing.assert_array_equal(found.offset_s, plain.offset_s)
+    np.testing.assert_array_equal(found.person, plain.person)
+    (contradicted,) = contradicted_starts(starts, ["C1", "C2"], found.offset_s, [True, True])
+    assert contradicted.values["found_by"] == "creation time"
+
+
+def test_where_tracks_fit_nothing_yet_activity_has_to_agree_with_a_files_clock() -> None:
+    cameras = seen()[:2]
+    right, wrong = (MeasuredStart(("C1", "C2"), offset, 5.0 / 3.0, CREATION_TIME) for offset in (199.0, -120.0))
+    assert find_starts(cameras, 300.0, [right], by_tracks=False).lag_steps(0, 1) == -398
+    strangers = seen(strangers=(1,))[:2]
+    assert find_starts(strangers, 300.0, [wrong], by_tracks=False).lag_steps(0, 1) is None
+
+
+def test_a_creation_time_may_be_that_of_either_end() -> None:
+    cameras = seen()[:2]
+    both = [MeasuredStart(("C1", "C2"), offset, 5.0 / 3.0, CREATION_TIME) for offset in (100.0, 199.0)]
+    starts = find_starts(cameras, 5.0, both)
+    assert starts.lag_steps(0, 1) == pytest.approx(-200.0 / STEP_S, abs=1)
+    assert contradicted_starts(starts, ["C1", "C2"], starts.offset_s, [True, True]) == []
 
 
 def test_sound_alone_is_taken_where_offsets_are_not_searched_in_full() -> None:

@@ -117,7 +117,7 @@ def test_a_scene_cannot_be_changed(tmp_path):
         (CAMERAS + "trakcs = 'x'", r"\[cameras.B\]: unknown key 'trakcs': did you mean 'tracks'"),
         (
             CAMERAS + "zzz = 'x'",
-            r"unknown key 'zzz': there are intrinsics, image_size, hfov_deg, video, video_names, video_times, detections",
+            r"unknown key 'zzz': there are intrinsics, image_size, hfov_deg, video, video_names, video_times, times, ",
         ),
         (CAMERAS + "[scene]\nfps = 0", r"\[scene\] fps is 0: "),
         (CAMERAS + "[scene]\nfps = inf", r"\[scene\] fps: a finite number"),

@@ -18,7 +18,7 @@ from passerby.association.clocks.offsets import (
     clock_corrections,
     snap_to_whole_frames,
 )
-from passerby.association.clocks.starts import FULL_SEARCH_S, NEAR_S, Starts, find_starts
+from passerby.association.clocks.starts import FILE_CLOCKS, FULL_SEARCH_S, NEAR_S, Starts, find_starts
 from passerby.association.focal_search import search_focals_by_tracks
 from passerby.association.initial_association import (
     EarlierPairs,
@@ -141,7 +141,11 @@ def _candidates(
     names = [camera.name for camera in cameras]
     if options.groups:
         candidates = stated_candidates(names, options.groups)
-    elif len(cameras) <= ALL_PAIRS_UP_TO or search_s > FULL_SEARCH_S or options.mode == "appearance":
+    elif (
+        len(cameras) <= ALL_PAIRS_UP_TO
+        or max([search_s, *_by_file_clocks(options)]) > FULL_SEARCH_S
+        or options.mode == "appearance"
+    ):
         return None
     else:
         tell("candidate pairs")
@@ -162,18 +166,26 @@ def _starts(
     return find_starts(cameras, search_s, options.measured, affinity)
 
 
+def _by_file_clocks(options: AssociationOptions) -> list[float]:
+    """How far recordings begin apart by the clocks of their files, seconds."""
+    return [abs(one.offset_s) for one in options.measured if one.found_by in FILE_CLOCKS]
+
+
 def _from_their_starts(
     cameras: Sequence[CameraTracklets], search_s: float, options: AssociationOptions
 ) -> tuple[Sequence[CameraTracklets], float]:
     """The cameras with clocks set by what is beyond doubt of their starts, and what is left to search, seconds."""
-    if search_s <= FULL_SEARCH_S:
+    by_clocks = _by_file_clocks(options)
+    if search_s <= 0 or (search_s <= FULL_SEARCH_S and not by_clocks):
         return cameras, search_s
-    starts = find_starts(cameras, search_s, options.measured, by_tracks=False)
+    # Activity, which has to agree with the files' clocks, is compared above `FULL_SEARCH_S` only.
+    searched_s = search_s if search_s > FULL_SEARCH_S else max(FULL_SEARCH_S, *by_clocks) + search_s
+    starts = find_starts(cameras, searched_s, options.measured, by_tracks=False)
     moved = [
         replace(camera, clock=replace(camera.clock, offset_s=float(offset)))
         for camera, offset in zip(cameras, starts.offset_s, strict=True)
     ]
-    return moved, NEAR_S
+    return moved, NEAR_S if search_s > FULL_SEARCH_S else search_s
 
 
 def _tell_pairs(tell: Progress, initial: InitialAssociation) -> None:

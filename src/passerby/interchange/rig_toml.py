@@ -64,12 +64,16 @@ def read_rig(path: str | Path) -> Rig:
 def read_lens(path: str | Path, camera: str) -> Lens:
     """Read size, matrix and distortions of one camera: the table `[camera]`, or else the table whose `name` is `camera`.
 
+    Caliscope's tables are numbered and lie in `[cameras]`; `[cameras.0]` is camera `cam_0` too, as Caliscope calls its videos.
     Poses and all other tables are ignored. Raises `InputError` when there is no such table or it cannot be a lens.
     """
     content = read_toml(path, RIG)
     check_version(path, _metadata(content), "format_version", RIG_FORMAT, f"[{METADATA}] ")
     tables = _camera_tables(Path(path), content)
-    key = camera if camera in tables else next((key for key, table in tables.items() if table.get("name") == camera), None)
+    called = {key: names_of_table(key, table) for key, table in tables.items()}
+    key = min(
+        (key for key, names in called.items() if camera in names), key=lambda key: called[key].index(camera), default=None
+    )
     if key is None:
         raise InputError(
             f"{path}: no table [{camera}]: camera {camera} needs one with size, matrix and distortions "
@@ -99,13 +103,28 @@ def _metadata(content: dict[str, Any]) -> dict[str, Any]:
     return metadata if isinstance(metadata, dict) else {}
 
 
+def names_of_table(key: str, table: dict[str, Any]) -> tuple[str, ...]:
+    """What a camera's table is called: by its key, by its name and, a number, as Caliscope calls the video of that number."""
+    names = [key, str(table.get("name", key)), *([f"cam_{key}"] if key.isdecimal() else [])]
+    return tuple(dict.fromkeys(names))
+
+
+def tables_of_cameras(content: dict[str, Any]) -> dict[str, dict[str, Any]]:
+    """The tables with a matrix or distortions, which describe a camera: of the file, or else of Caliscope's `[cameras]`."""
+    for tables in (content, content.get("cameras")):
+        found = {
+            key: table
+            for key, table in (tables.items() if isinstance(tables, dict) else ())
+            if key != METADATA and isinstance(table, dict) and {"matrix", "distortions"} & table.keys()
+        }
+        if found:
+            return found
+    return {}
+
+
 def _camera_tables(path: Path, content: dict[str, Any]) -> dict[str, dict[str, Any]]:
-    """The tables that describe a camera: those with a matrix or distortions."""
-    tables = {
-        key: table
-        for key, table in content.items()
-        if key != METADATA and isinstance(table, dict) and {"matrix", "distortions"} & table.keys()
-    }
+    """The tables that describe a camera. Raises `InputError` where there are none."""
+    tables = tables_of_cameras(content)
     if not tables:
         raise InputError(f"{path}: holds no camera: one table per camera with size, matrix and distortions is needed")
     return tables

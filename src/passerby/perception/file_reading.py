@@ -62,6 +62,7 @@ class FileReading:
         self._size: tuple[int, int] | None = None
         self._number = 0
         self._seconds = 0.0
+        self._shown_s = 0.0
         self._pictures = 0
         self._broken = 0
         self._first_broken_s: float | None = None
@@ -102,16 +103,17 @@ class FileReading:
         """Whether the picture of a time of the stream will be chosen; None before the first picture."""
         if self._origin is None or self._is_wanted is None:
             return None
-        seconds = time - self._origin
+        seconds = self._info.taken_at(time - self._origin)
         return self._is_wanted(round(seconds * self._info.clock_fps) + 1, seconds)
 
     def _pass_over(self, time: float) -> None:
         """Count pictures up to a time of the stream that are not decoded."""
         if self._origin is None:
             return
-        number = round((time - self._origin) * self._info.clock_fps) + 1
+        seconds = self._info.taken_at(time - self._origin)
+        number = round(seconds * self._info.clock_fps) + 1
         if number > self._number:
-            self._number, self._seconds = number, time - self._origin
+            self._number, self._seconds, self._shown_s = number, seconds, time - self._origin
 
     def skip(self, container: InputContainer, stream: VideoStream, seconds: float) -> None:
         """Go to the last key frame before so many seconds, where the file has timestamps and can seek; else stay."""
@@ -174,17 +176,18 @@ class FileReading:
         if frame.pts is None or frame.time_base is None:
             step = clock / self._info.average_fps
             self._number += max(1, round(step)) if self._pictures > 1 else 1
-            self._seconds = (self._number - 1) / clock
+            self._seconds = self._shown_s = (self._number - 1) / clock
             return
         time = float(frame.pts * frame.time_base)
         if self._origin is None:
-            self._origin = time - self._seconds
-        if time - self._origin < self._seconds - JUMP_BACK_S:
+            self._origin = time - self._shown_s
+        if time - self._origin < self._shown_s - JUMP_BACK_S:
             self._note_broken()
-            self._origin = time - self._seconds - 1.0 / self._info.average_fps
-        number = round((time - self._origin) * clock) + 1
+            self._origin = time - self._shown_s - 1.0 / (self._info.stored_fps or self._info.average_fps)
+        seconds = self._info.taken_at(time - self._origin)
+        number = round(seconds * clock) + 1
         if number > self._number:
-            self._number, self._seconds = number, time - self._origin
+            self._number, self._seconds, self._shown_s = number, seconds, time - self._origin
 
     def summary(self, yielded: int) -> Decoded:
         """What the pass came to."""

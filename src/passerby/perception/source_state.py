@@ -17,7 +17,10 @@ LEAST_SAMPLES = 2
 def video_identity(info: VideoInfo) -> dict[str, Any]:
     """What decides the pictures of a video and their numbers, as plain values: its content, wherever it lies."""
     if not info.pieces:
-        return fingerprint(info.path)
+        if not info.frame_times:
+            return fingerprint(info.path)
+        times = hashlib.blake2b(json.dumps(info.frame_times).encode(), digest_size=16).hexdigest()
+        return {**fingerprint(info.path), "frame_times": times}
     samples = max(LEAST_SAMPLES, SAMPLES // len(info.pieces))
     digest, size = hashlib.blake2b(digest_size=16), 0
     for piece in info.pieces:

@@ -28,6 +28,7 @@ from passerby.common.errors import InputError
 from passerby.common.text import shortened_text
 from passerby.perception.pieces import JOIN_PICTURES, why_a_pattern_is_no_video, why_no_video_is_there
 from passerby.perception.video_camera import RecordingCamera, read_recording_camera
+from passerby.perception.video_clock import FileClock, read_file_clock
 from passerby.perception.video_error import VideoError
 
 VARIABLE_CLOCK_FPS = 100.0
@@ -132,6 +133,12 @@ class VideoInfo:
     """The files of a recording in pieces, or its pictures, in order of their times; none where it is the one file `path`."""
     wall: WallTime | None = None
     """Wall time of frame 1, where the files tell it."""
+    clock: FileClock = field(default_factory=FileClock)
+    """When it was recorded, as the file says; of pieces, as the first of them says."""
+    stored_fps: float | None = None
+    """Frames per second that the file states, where a table beside it has the times of its frames."""
+    frame_times: tuple[float, ...] = ()
+    """These times, seconds from the first frame, ascending."""
     used: tuple[float, float] = (-math.inf, math.inf)
     """Seconds of the recording that are read, both ends included; pictures outside are passed over."""
 
@@ -139,6 +146,14 @@ class VideoInfo:
     def files(self) -> tuple[Path, ...]:
         """The files that it is read from."""
         return tuple(piece.path for piece in self.pieces) or (self.path,)
+
+    def taken_at(self, stored_s: float) -> float:
+        """When a frame was taken that the file shows at a second, seconds from the first frame."""
+        if not self.frame_times or self.stored_fps is None:
+            return stored_s
+        number = max(0, round(stored_s * self.stored_fps))
+        last = len(self.frame_times) - 1
+        return self.frame_times[min(number, last)] + max(0, number - last) / self.average_fps
 
     @property
     def begin_s(self) -> float:
@@ -183,6 +198,7 @@ def probe(path: str | Path) -> VideoInfo:
             seconds=seconds if seconds is not None else (held / average if held else None),
             rotation=rotation,
             camera=camera,
+            clock=read_file_clock(container, average),
         )
 
 

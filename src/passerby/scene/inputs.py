@@ -23,6 +23,7 @@ from passerby.interchange.storage.faults import FileFaults, faults_of
 from passerby.perception.sources.recording import gaps_of, recorded_s
 from passerby.scene.camera_input import CameraInput
 from passerby.scene.coarse_boxes import doubt_of_coarse_boxes
+from passerby.scene.file_clocks import file_clock_findings, measure_by_file_clocks
 from passerby.scene.lens_sources import group_faults
 from passerby.scene.people_in_images import doubts_of_people, faults_of_people, findings_of_people
 from passerby.scene.pointing import overlapped_people, pointed_people, pointing_faults, stated_identities
@@ -109,7 +110,7 @@ def read_inputs(
         _raise_faults(scene, readings)
     inputs = assemble_inputs(scene, readings, compare_contents=compare_contents)
     measured, odd = ((), ()) if measure_clocks is None else measure_clocks(scene, readings)
-    by_clock = _measured_by_clock(inputs.wall_clock)
+    by_clock = (*_measured_by_clock(inputs.wall_clock), *measure_by_file_clocks(scene, readings))
     return replace(inputs, findings=(*inputs.findings, *odd), measured=(*measured, *by_clock))
 
 
@@ -222,7 +223,7 @@ def scene_findings(scene: Scene, readings: list[CameraInput]) -> list[Finding]:
         if cue.identity is not None and cue.identity not in known
     ]
     found += findings_of_people(scene, readings)
-    found += overlapped_people(scene, readings)
+    found += [*overlapped_people(scene, readings), *file_clock_findings(scene, readings)]
     return found + _guessed_lenses(scene, readings) + _clock_findings(scene, readings) + _embedding_findings(scene, readings)
 
 

@@ -21,12 +21,15 @@ from passerby.findings.finding import notice
 from passerby.findings.texts import text_of
 from passerby.interchange.coco import read_keypoints
 from passerby.interchange.embeddings import read_embeddings
+from passerby.interchange.formats import read_people_as
 from passerby.interchange.motchallenge import read_boxes
 from passerby.interchange.rig_toml import read_lens
 from passerby.interchange.storage.faults import faults_of
 from passerby.perception.sources.files import WallSpan
+from passerby.perception.sources.frame_times import TYPICAL_STEP_S, read_frame_times, timed_by
 from passerby.perception.sources.recording import open_source
 from passerby.perception.video import VideoInfo, fit_of_size
+from passerby.perception.video_error import VideoError
 from passerby.scene.camera_input import CameraInput, KnownLens
 from passerby.scene.doubled_rows import remove_duplicates
 from passerby.scene.intrinsics_checks import check_principal_point, source_of_size
@@ -62,7 +65,7 @@ def read_camera(scene: Scene, name: str, model: CameraInput | None = None, span:
 
     _read_intrinsics(reading, path_of(table.intrinsics), table.focal_sd_percent)
     rows_of = partial(read_boxes, doubles=True, box_format=scene.box_format(name))
-    joints_of = partial(read_keypoints, doubles=True)
+    joints_of = partial(_read_joints, reading)
     tracks = _attempt(rows_of, path_of(table.tracks), reading.faults)
     detections = _attempt(rows_of, path_of(table.detections), reading.faults)
     own, own_path = (tracks, table.tracks) if table.tracks is not None else (detections, table.detections)
@@ -77,6 +80,7 @@ def read_camera(scene: Scene, name: str, model: CameraInput | None = None, span:
     unrecorded = name in scene.unrecorded
     if not unrecorded:
         _open_video(scene, reading, span)
+    _read_times(reading, path_of(table.times))
     if table.intrinsics is None and not unrecorded:
         find_lens(scene, reading, model)
     elif reading.lens is not None and reading.lens.uncalibrated and len(scene.models[name]) > 1:
@@ -93,6 +97,15 @@ def read_camera(scene: Scene, name: str, model: CameraInput | None = None, span:
     if not reading.awaiting:
         _check_people(scene, reading)
     return reading
+
+
+def _read_joints(reading: CameraInput, path: Path) -> Keypoints:
+    """The keypoints of a file, or of a folder with a file a frame. Raises `InputError`."""
+    if not path.is_dir():
+        return read_keypoints(path, doubles=True)
+    people = read_people_as("openpose", path)
+    reading.findings += [notice("keypoints_folder", reading.name, place=str(path), why=why) for why in people.notes]
+    return people.keypoints
 
 
 def _read_intrinsics(reading: CameraInput, path: Path | None, focal_sd_percent: float | None) -> None:
@@ -182,7 +195,7 @@ def _check_video(scene: Scene, reading: CameraInput, video: VideoInfo) -> None:
             stated = source_of_size(scene, reading.name)
             reading.faults.append(f"{place}: camera {reading.name}: {error} (the lens is in {stated}, [{reading.name}])")
     if reading.fps is None or video.variable:
-        if reading.fps is not None:
+        if reading.fps is not None and not video.frame_times:
             reading.findings.append(notice("video_rate_variable", reading.name, place=place))
         reading.fps = video.clock_fps
     elif abs(reading.fps / video.clock_fps - 1) > SAME_RATE:
@@ -213,6 +226,22 @@ def _open_video(scene: Scene, reading: CameraInput, span: WallSpan | None) -> No
         return
     reading.video = found.info
     reading.findings += found.findings
+
+
+def _read_times(reading: CameraInput, path: Path | None) -> None:
+    """The times of the frames: of the video, and of the boxes and keypoints, which then have frame numbers by them."""
+    if path is None:
+        return
+    try:
+        times = read_frame_times(path, TYPICAL_STEP_S if reading.video is None else 1.0 / reading.video.average_fps)
+        reading.boxes = replace(reading.boxes, frame=times.renumbered(reading.boxes.frame, reading.name))
+        reading.keypoints = replace(reading.keypoints, frame=times.renumbered(reading.keypoints.frame, reading.name))
+        if reading.video is not None:
+            reading.video = timed_by(reading.video, times)
+    except VideoError as error:
+        reading.faults += faults_of(of_video(error, reading.name))
+    except InputError as error:
+        reading.faults += faults_of(error)
 
 
 def of_video(error: InputError, name: str) -> InputError:

@@ -22,6 +22,7 @@ from passerby.core.scale_cues import CameraDistance, CameraHeight, KnownLength, 
 from passerby.interchange.storage.faults import FileFaults, read_text
 from passerby.interchange.storage.safe_parsing import NotParsed, parse_toml, path_problem
 from passerby.interchange.storage.versions import check_version
+from passerby.perception.video_probe import VARIABLE_CLOCK_FPS
 from passerby.scene.errors import explain_fault, find_repeated_key
 from passerby.scene.floor_plan import floor_plan
 from passerby.scene.identity_tables import PersonAtTable, TogetherTable
@@ -205,6 +206,8 @@ class Scene(Table):
 
     def fps_of(self, camera: str) -> float | None:
         """Frames per second of a camera's frame numbers as the scene file has them; None where it says nothing."""
+        if self.cameras[camera].times is not None:
+            return VARIABLE_CLOCK_FPS
         return self.cameras[camera].fps or self.scene.fps
 
     def box_format(self, camera: str) -> BoxFormat:

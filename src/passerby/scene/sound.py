@@ -54,6 +54,8 @@ def _videos_to_hear(scene: Scene, readings: Sequence[CameraInput]) -> Iterator[t
         return
     for reading in readings:
         video = reading.video
-        if video is None or reading.faults or reading.fps is None or abs(video.clock_fps / reading.fps - 1) > SAME_RATE:
+        if video is None or reading.faults or reading.fps is None or video.frame_times:
+            continue
+        if abs(video.clock_fps / reading.fps - 1) > SAME_RATE:
             continue
         yield reading.name, video

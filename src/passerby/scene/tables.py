@@ -168,12 +168,17 @@ class CameraTable(Table):
     video_times: Path | None = None
     """The times of the files, CSV: file name, and seconds or an ISO 8601 time. Of images, of each; of videos, of the first
     frame."""
+    times: Path | None = None
+    """The times of the frames, CSV: a row per frame of the one video file, or of the boxes and keypoints, in seconds, ms, us or
+    ns from any zero or since 1970, or ISO 8601. For a logger's video, which states a constant rate that it did not have. Frames
+    are then numbered by hundredths of a second."""
     detections: Path | None = None
     """Boxes without identities, MOTChallenge text, id -1. Read if there are no `tracks`, in every mode except "given"."""
     tracks: Path | None = None
     """Boxes with ids, MOTChallenge text: identities in mode "given", otherwise tracklets of this camera; -1 for unknown."""
     keypoints: Path | None = None
-    """Keypoints, COCO JSON; `track_id` has the same meaning and the same numbers as the ids in `tracks`."""
+    """Keypoints, COCO JSON; `track_id` has the same meaning and the same numbers as the ids in `tracks`. Or a folder with a
+    JSON file per frame, as OpenPose and Pose2Sim write it."""
     boxes: BoxFormatName | None = None
     """Format of the boxes in this camera's `tracks` and `detections`. None: that of `[scene]`."""
     embeddings: Path | None = None
@@ -242,6 +247,9 @@ class CameraTable(Table):
             raise ValueError("has video_names or video_times, but no video that they could belong to: add `video`")
         if self.video_names is not None and self.video_times is not None:
             raise ValueError("has video_names and video_times: delete one of them")
+        if self.times is not None and (self.fps is not None or self.video_times is not None):
+            other = "fps" if self.fps is not None else "video_times"
+            raise ValueError(f"has times and {other}: delete one of them")
         check_lens_keys(self)
         if self.embeddings is not None and self.detections is None and self.tracks is None:
             raise ValueError("has embeddings, but no boxes that they could belong to: add `tracks` or `detections`")

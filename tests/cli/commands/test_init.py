@@ -91,7 +91,7 @@ def test_videos_and_a_rig_file(folder, capsys):
     assert sorted(path.name for path in place.iterdir()) == ["rig.toml", "scene.toml", "videos"]
     out = told(capsys)
     assert re.search(r"cam1 +videos/cam1.mp4 +64 x 48 +25 +0.4 s +h264 +found", out)
-    assert f"1. passerby check {place}/scene.toml\n  2. passerby calibrate {place}/scene.toml -o {place}/out" in out
+    assert f"1. passerby check {place}/scene.toml\n  2. passerby calibrate {place}/scene.toml -o out" in out
 
 
 @pytest.mark.parametrize("names", [("cam1.mp4", "cam2.mp4"), ("Cam 1 (left).MP4", 'it\'s "2" [x].mov'), ("1/a.mp4", "2/b.mkv")])
@@ -246,24 +246,38 @@ def test_the_rig_file_that_serves_most_cameras_is_taken(folder):
 
 def test_what_is_left_out_is_told(folder, capsys):
     place = folder("cam1.mp4", "cam2.mp4", "cam2.avi", ".cam4.mp4", "old/cam1.mp4")
-    (place / "cam3.mp4").write_bytes(b"")
     (place / "cam5.ts").write_text("export const a = 1\n" * 100)
     init(place)
     out = told(capsys)
     assert list(Scene.load(place / "scene.toml").cameras) == ["cam1", "cam2"]
-    assert "cam3.mp4: holds 0 bytes" in out
-    assert "cam5.ts" in out
+    assert "cam5.ts: is text, not a video" in out
     assert "1 hidden video" in out
     assert "taken to be a copy of cam2.avi" in out
     assert f"the videos in {place}/old" in out
 
 
+def test_a_video_that_cannot_be_read_stays_a_camera(folder, capsys):
+    """So that nobody calibrates without it by mistake: `init` ends with 2, and `check` reports the file."""
+    place = folder("cam1.mp4", "cam2.mp4")
+    (place / "cam3.mp4").write_bytes(b"")
+    with pytest.raises(typer.Exit) as ended:
+        init(place)
+    assert ended.value.exit_code == 2
+    assert re.search(r"cam3 +cam3.mp4 .* UNREADABLE\n", out := told(capsys))
+    assert "1. camera cam3:" in out
+    assert "holds 0 bytes" in out
+    scene = Scene.load(place / "scene.toml")
+    assert list(scene.cameras) == ["cam1", "cam2", "cam3"]
+    *_, third = read_cameras(scene)
+    assert any("holds 0 bytes" in fault for fault in third.faults)
+
+
 def test_a_folder_for_each_camera(folder, capsys):
     place = folder("north/GX010001.MP4", "north/GX020001.MP4", "gate/GX010001.MP4", "overview.mp4")
     init(place)
-    assert videos(Scene.load(place / "scene.toml")) == {"gate": "gate/GX010001.MP4", "north": "north/GX010001.MP4"}
+    assert videos(Scene.load(place / "scene.toml")) == {"gate": "gate/GX010001.MP4", "north": "north"}
     out = told(capsys)
-    assert "left out: GX020001.MP4 in" in out
+    assert "camera north: 2 pieces" in out
     assert "overview.mp4: the cameras are assumed to be the subfolders" in out
 
 

@@ -28,10 +28,10 @@ def filled(folder: Path, *names: str) -> Path:
     return folder
 
 
-def test_a_video_that_is_broken_is_told_and_left_out(tmp_path: Path) -> None:
+def test_a_video_that_is_broken_stays_a_camera(tmp_path: Path) -> None:
     found = survey(filled(tmp_path, "a.mp4", "b.mp4", "broken.mp4"), probe)
-    assert [camera.name for camera in found.cameras] == ["a", "b"]
-    assert found.notes == [f"left out: {tmp_path / 'broken.mp4'}: is not a video"]
+    faults = {camera.name: camera.fault for camera in found.cameras}
+    assert faults == {"a": None, "b": None, "broken": f"{tmp_path / 'broken.mp4'}: is not a video"}
 
 
 def test_boxes_beside_videos_are_told_to_be_switched_off(tmp_path: Path) -> None:

@@ -40,6 +40,9 @@ CLEAR_SHARE, CLEAR_SCORE = 0.5, 60.0
 MEASURED_SIGMAS, LEAST_MISS_S = 3.0, 0.25
 """People contradict what was measured if it is off by more than so many standard deviations, and seconds."""
 ACTIVITY, SOUND, WALL_CLOCK = "activity", "sound", "wall clock"
+TIMECODE, CREATION_TIME = "timecode", "creation time"
+FILE_CLOCKS = (TIMECODE, CREATION_TIME)
+"""Clocks that files state, which may be those of copies: something else has to agree with them."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +54,7 @@ class MeasuredStart:
     """When the second recording began, less when the first did."""
     sigma_s: float
     found_by: str
-    """`WALL_CLOCK` or `SOUND`."""
+    """`WALL_CLOCK`, `SOUND`, or one of `FILE_CLOCKS`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,6 +209,8 @@ def _try(
         lag = round(-one.offset_s / STEP_S)
         reach = max(NEAR_S, MEASURED_SIGMAS * one.sigma_s)
         if not by_tracks:
+            if one.found_by in FILE_CLOCKS and not (pair.peaks and abs(pair.peaks[0].lag - lag) * STEP_S <= reach):
+                continue
             return _Edge(pair.a, pair.b, lag, -one.offset_s, one.found_by, None), ()
         found = _at(pair, first, second, lag, reach, affinity)
         if _is_clear(found):
@@ -290,14 +295,18 @@ def contradicted_starts(
         registered: (C,) whether people tell it.
     """
     number = {name: c for c, name in enumerate(names)}
-    found = []
+    # A creation time may be that of either end: one of the two is enough.
+    told: dict[tuple[tuple[str, str], str], list[MeasuredStart]] = {}
     for one in () if starts is None else starts.measured:
-        a, b = (number[name] for name in one.cameras)
+        told.setdefault((one.cameras, one.found_by), []).append(one)
+    found = []
+    for (cameras, found_by), measured in told.items():
+        a, b = (number[name] for name in cameras)
         by_people = float(offset_s[b] - offset_s[a])
         if not (registered[a] and registered[b]):
             continue
-        if abs(by_people - one.offset_s) > max(LEAST_MISS_S, MEASURED_SIGMAS * one.sigma_s):
-            values = {"found_by": one.found_by, "measured_s": one.offset_s, "people_s": by_people}
+        if all(abs(by_people - one.offset_s) > max(LEAST_MISS_S, MEASURED_SIGMAS * one.sigma_s) for one in measured):
+            values = {"found_by": found_by, "measured_s": measured[0].offset_s, "people_s": by_people}
             found.append(notice("start_contradicted", names[b], names[a], **values))
     return found
 

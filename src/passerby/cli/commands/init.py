@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from passerby.common.errors import InputError
+
 if TYPE_CHECKING:
     from passerby.scene.start.start import Started
 
@@ -22,11 +24,15 @@ def init(
     """Write a scene file, with comments, for a folder of videos.
 
     Intrinsics in the folder, or in its subfolder calibration or intrinsics, are used: a rig file (TOML of Anipose, Caliscope
-    or Pose2Sim) or OpenCV files (YAML, XML, JSON).
+    or Pose2Sim), OpenCV files (YAML, XML, JSON), or a file of another tool that `passerby formats` lists. The exit status is
+    2 where a camera's video cannot be read.
     """
     from passerby.scene.start.start import start
 
-    _show(start(folder, out, force))
+    started = start(folder, out, force)
+    _show(started)
+    if started.unreadable:
+        raise typer.Exit(InputError.exit_status)
 
 
 def _show(started: Started) -> None:
@@ -60,7 +66,7 @@ def _show(started: Started) -> None:
     scene = shlex.quote(str(started.scene))
     steps += [
         f"passerby check {scene}",
-        f"passerby calibrate {scene} -o {shlex.quote(str(started.scene.parent / 'out'))}",
+        f"passerby calibrate {scene} -o out",
     ]
     for index, step in enumerate(steps, start=1):
         print(f"  {index}. {step}")

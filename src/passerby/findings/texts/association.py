@@ -61,6 +61,14 @@ def _starts_apart(v: Fields) -> str:
     )
 
 
+def _by_files(v: Fields) -> str:
+    later = ", ".join(
+        f"that of {name} {_minutes(abs(seconds))} {'after' if seconds >= 0 else 'before'}"
+        for name, seconds in v["later_s"].items()
+    )
+    return f"by the {v['found_by']}s in their files the recordings begin at different times: {later} that of {v['camera']}"
+
+
 def _start_unknown(v: Fields) -> str:
     why = "no clock offset fits its tracks to another camera's beyond doubt"
     if v["lags_s"]:
@@ -152,6 +160,19 @@ ASSOCIATION: Mapping[str, Kind] = {
         NOTICE, "Recordings begin more than a minute apart; `later_s` says how long after the first camera's each begins.",
         _starts_apart,
     ),
+    "file_clocks_differ": Kind(
+        NOTICE, "By the creation times or timecodes of their files, recordings begin farther apart than is searched for; that "
+        "is searched too. `later_s` says how long after the first camera's each begins.",
+        lambda v: f"{_by_files(v)}; clock offsets are searched within {v['search_s']:g} s of that, and of 0",
+        lambda v: f"if people agree with neither: under [association] set max_offset_s = {v['most_s']:.0f}, which searches all "
+        "clock offsets up to that",
+    ),
+    "file_clocks_unused": Kind(
+        NOTICE, "By the creation times or timecodes of their files, recordings begin so far apart that they barely overlap; "
+        "these times are not used.",
+        lambda v: f"{_by_files(v)}; that is not used, because the recordings would barely overlap",
+        lambda v: f"if they do: under [association] set max_offset_s = {v['most_s']:.0f}",
+    ),
     "start_unknown": Kind(
         _ANY, "Recordings may begin minutes or hours apart, and the camera's people fit no other camera's at one offset alone.",
         _start_unknown,
@@ -159,7 +180,7 @@ ASSOCIATION: Mapping[str, Kind] = {
         "same time and set max_offset_s = 5 under [association]",
     ),
     "start_contradicted": Kind(
-        NOTICE, "A wall clock or sound says otherwise than the tracks of people when a recording began.",
+        NOTICE, "A clock or sound says otherwise than the tracks of people when a recording began.",
         _start_contradicted, "check the clocks of the recorders",
     ),
     "offset_by_sound": Kind(

@@ -163,6 +163,10 @@ INPUT_FILES: Mapping[str, Kind] = {
         "camera {camera}: the video states {video_fps:g} frames per second, the scene file {fps:g}: the value of the scene "
         "file is used",
     ),
+    "keypoints_folder": Kind(
+        NOTICE, "How a folder of keypoints, one file per frame, was read, or what in it was left out; `why` says it.",
+        "camera {camera}: {why}",
+    ),
     "detections_unused": Kind(
         NOTICE, "The camera has tracks, so that its detections are not used.",
         "[cameras.{camera}] detections are not used, because there are tracks",

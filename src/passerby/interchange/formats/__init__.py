@@ -27,6 +27,7 @@ __all__ = [
     "find_format",
     "read_people_as",
     "read_rig_as",
+    "recognise_format",
 ]
 
 MODULES: Mapping[str, str] = {
@@ -73,6 +74,19 @@ def find_format(name: str) -> Format:
 def all_formats() -> Iterator[Format]:
     """Every format, in the order of the list."""
     return map(find_format, MODULES)
+
+
+def recognise_format(path: str | Path) -> Format | None:
+    """The format whose reader recognises a calibration file, by its name and content; None where no format does.
+
+    A file is only looked at: what is wrong inside it is an `InputError` of `read_rig_as`. So is a kind of file that is
+    recognised, but that cannot be read; its message says what to export instead.
+
+    Args:
+        path: a file. Formats that keep one rig in several files recognise the one that holds the intrinsics, and their
+            reader takes that file for the rig.
+    """
+    return None
 
 
 def export(rig: Export, name: str, target: str | Path, *, lossy: bool = False) -> tuple[str, ...]:

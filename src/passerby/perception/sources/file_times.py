@@ -135,7 +135,7 @@ def _of_table(table: Path, paths: Sequence[Path]) -> FileTimes:
         raise InputError(f"{table}: is not a table of times (CSV, UTF-8): {error}") from None
     times: dict[str, tuple[float, bool, bool]] = {}
     for number, row in enumerate(rows, start=1):
-        time = _parsed(row[1].strip()) if len(row) > 1 else None
+        time = parse_time(row[1].strip()) if len(row) > 1 else None
         if time is None:
             if number == 1:
                 continue
@@ -158,7 +158,7 @@ def _of_table(table: Path, paths: Sequence[Path]) -> FileTimes:
     return FileTimes(np.array([time for time, _, _ in chosen]), 0.0, walls == {True}, all(utc for _, _, utc in chosen))
 
 
-def _parsed(text: str) -> tuple[float, bool, bool] | None:
+def parse_time(text: str) -> tuple[float, bool, bool] | None:
     """Seconds, whether they are wall time, and whether that is UTC; None for no time."""
     try:
         seconds = float(text)

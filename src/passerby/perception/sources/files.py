@@ -11,6 +11,7 @@ from typing import Literal
 
 from passerby.common.text import natural_key
 from passerby.perception.pieces import PICTURE_ENDINGS, VIDEO_ENDINGS, walk_below
+from passerby.perception.sources.chapter_names import order_of
 from passerby.perception.video_error import VideoError
 
 Kind = Literal["videos", "pictures"]
@@ -66,7 +67,7 @@ class VideoSource:
 
 @dataclass(frozen=True)
 class ListedFiles:
-    """The files of one camera, in natural order of their names."""
+    """The files of one camera, in natural order of their names, the chapters of a recording in order."""
 
     kind: Kind
     paths: tuple[Path, ...]
@@ -96,7 +97,7 @@ def list_files(source: VideoSource) -> ListedFiles:
     chosen = videos or pictures
     if not chosen:
         raise VideoError(source.place, "no video and no image is there: check the path, the pattern and the names' endings")
-    chosen.sort(key=lambda path: ([natural_key(part) for part in path.parts], str(path)))
+    chosen.sort(key=lambda path: ([natural_key(part) for part in path.parent.parts], order_of(path.stem), str(path)))
     return ListedFiles("videos" if videos else "pictures", tuple(chosen))
 
 

@@ -13,10 +13,11 @@ import numpy as np
 from passerby.common.arrays import Floats
 from passerby.common.errors import InputError
 from passerby.findings.finding import Finding, notice
+from passerby.perception.sources.chapter_names import are_all_chapters
 from passerby.perception.sources.file_times import FileTimes, times_of
 from passerby.perception.sources.files import VideoSource, WallSpan, list_files
 from passerby.perception.sources.picture_heads import PictureHead, read_picture_head
-from passerby.perception.sources.placing import GAP_S, begins_by_names, follow_at_once, gaps_between
+from passerby.perception.sources.placing import GAP_S, SLACK_S, begins_by_names, follow_at_once, gaps_between
 from passerby.perception.sources.recording_findings import differing_pieces, gap_findings, long_recording, unreadable_pieces
 from passerby.perception.video_camera import RecordingCamera
 from passerby.perception.video_error import VideoError
@@ -28,6 +29,8 @@ TWICE = 0.25
 """Likewise the share of pieces all of whose time others show too."""
 SAME_RATE, OTHER_RATE = 0.001, 0.1
 """Pieces whose rates differ by less than the one count alike; by more than the other they are another stream."""
+CREATED_RESOLUTION_S = 1.0
+"""Creation times leave off fractions of a second."""
 LONGEST_PIECE_S = 6 * 3600.0
 """A piece that begins earlier than this before a span is over when the span begins: it is not opened."""
 PICTURE_GAP = 3.0
@@ -167,8 +170,9 @@ def _of_videos(
     variable = any(info.variable or abs(info.clock_fps / rate - 1) > SAME_RATE for info in infos)
     clock = VARIABLE_CLOCK_FPS if variable else rate
     seconds = np.array([_length(info, variable) for info in infos])
+    stated = _created(infos, seconds) if begin is None else None
     if begin is None:
-        begins = follow_at_once(seconds)
+        begins = follow_at_once(seconds) if stated is None else begins_by_names(stated, seconds, CREATED_RESOLUTION_S)
     elif times is not None and times.resolution_s > 0:
         begins = begins_by_names(begin[alike], seconds, times.resolution_s)
     else:
@@ -177,7 +181,8 @@ def _of_videos(
     if times is not None and times.wall:
         wall = WallTime(float(begins[0]), times.utc)
     begins = begins - begins[0]
-    gaps = gaps_between(begins, seconds, max(GAP_S, 0.0 if times is None else times.resolution_s))
+    resolution_s = CREATED_RESOLUTION_S if times is None else times.resolution_s
+    gaps = gaps_between(begins, seconds, max(GAP_S, resolution_s))
     if len(alike) > 1 and gaps.inside >= max(1, TWICE * len(alike)):
         raise VideoError(
             place,
@@ -205,6 +210,7 @@ def _of_videos(
         seconds=None,
         rotation=infos[0].rotation,
         camera=infos[0].camera,
+        clock=infos[0].clock,
         pieces=pieces,
         wall=wall,
         used=used,
@@ -213,11 +219,28 @@ def _of_videos(
     findings = [
         *unreadable_pieces(name, place, paths, failed, listed),
         *differing_pieces(name, place, paths, other, opened, size, rate, listed),
-        *([] if times is not None or len(paths) < 2 else [notice("pieces_untimed", name, place=str(place), pieces=len(paths))]),
+        *(
+            []
+            if times is not None or stated is not None or len(paths) < 2 or are_all_chapters([path.stem for path in paths])
+            else [notice("pieces_untimed", name, place=str(place), pieces=len(paths))]
+        ),
         *gap_findings(name, place, gaps, wall, "pieces"),
         *long_recording(name, source, info),
     ]
     return Recording(info, tuple(findings))
+
+
+def _created(infos: Sequence[VideoInfo], seconds: Floats) -> Floats | None:
+    """(N,) when pieces in order of their names were created, where each was so after the one before it had ended; else None.
+
+    Copies and exports have other creation times than recordings, and some makers state the end.
+    """
+    found = [info.clock.created_s for info in infos]
+    created = np.array([one for one in found if one is not None])
+    if len(created) < len(found) or len(found) < 2:
+        return None
+    apart = np.diff(created) >= seconds[:-1] - CREATED_RESOLUTION_S - SLACK_S
+    return created if apart.all() else None
 
 
 def _probed(paths: Sequence[Path]) -> tuple[dict[int, VideoInfo], list[tuple[int, str]]]:

@@ -6,25 +6,30 @@ its subfolders, of which each that holds videos is a camera, called as the folde
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 
 from passerby.common.errors import InputError
 from passerby.common.text import natural_key
 from passerby.perception.pieces import PICTURE_ENDINGS, VIDEO_ENDINGS, files_below
+from passerby.perception.sources.frame_times import find_frame_times, read_frame_times, timed_by
 from passerby.perception.video_probe import VideoInfo, WallTime
-from passerby.scene.start.names import camera_names
-from passerby.scene.start.recordings import Length, is_numbered_series, pieces_among
+from passerby.scene.start.chapters import COMPANIONS, Look, companions_note, find_chapters, named_alike, without_small_copies
+from passerby.scene.start.names import camera_names, match_names
+from passerby.scene.start.recordings import is_numbered_series, pieces_among
 from passerby.scene.start.recordings_found import (
+    VIDEO_FOLDERS,
+    FoundRecording,
     ProposedSpan,
     RecordingSurvey,
     find_recordings,
     propose_span,
+    seconds_of,
     survey_recording,
 )
-
-VIDEO_FOLDERS = ("video", "videos")
 
 SOURCES = {
     "tracks": (("tracks", "tracklets"), ".txt"),
@@ -33,6 +38,9 @@ SOURCES = {
     "embeddings": (("embeddings",), ".npz"),
 }
 """Key of the scene file -> the subfolders that are looked in, and how the files end."""
+
+JOINT_FOLDERS, JOINTS_HEAD = ("pose", "openpose", "keypoints", "json"), 4096
+"""How folders begin that hold a folder of keypoints per camera; bytes of a frame that show what it is."""
 
 Probe = Callable[[Path], VideoInfo]
 
@@ -47,8 +55,12 @@ class FoundCamera:
     """What the video says of itself."""
     files: dict[str, Path] = field(default_factory=dict)
     """Key of the scene file (`tracks`, ...) -> file."""
+    times: Path | None = None
+    """A table of the times of the video's frames."""
     recording: RecordingSurvey | None = None
     """Of a video in pieces, or images; `video` is then their folder or pattern."""
+    fault: str | None = None
+    """Why the video cannot be read; it stays a camera, so that it is not missed."""
 
 
 @dataclass(eq=False)
@@ -69,24 +81,25 @@ def survey(folder: Path, probe: Probe) -> Survey:
     notes: list[str] = []
     _entries(folder)  # raises where there is nothing to look into
 
-    def length(path: Path) -> float | None:
+    @cache
+    def look(path: Path) -> VideoInfo | None:
         try:
-            return probe(path).seconds
+            return probe(path)
         except InputError:
             return None
 
-    recorded = _recorded(folder, notes, probe, length)
+    recorded = _recorded(folder, notes, probe, look)
     if recorded:
         return Survey(recorded, notes, propose_span([one.recording for one in recorded if one.recording is not None]))
-    clips = _clips(folder, notes, length)
-    readable: list[tuple[str, Path, VideoInfo]] = []
-    for text, path in clips:
-        try:
-            readable.append((text, path, probe(path)))
-        except InputError as error:
-            notes.append(f"left out: {error}")
-    names = camera_names([text for text, _, _ in readable])
-    cameras = [FoundCamera(name, path, info) for name, (_, path, info) in zip(names, readable, strict=True)]
+    clips = [clip for clip in _clips(folder, notes, look) if not _is_text(clip[1], notes)]
+    names = camera_names([text for text, _ in clips])
+    cameras = [_opened(name, path, probe) for name, (_, path) in zip(names, clips, strict=True)]
+    readable = [camera for camera in cameras if camera.fault is None]
+    for camera in readable:
+        _add_times(camera, notes)
+    if len(readable) < 2:
+        notes += [f"left out: {camera.fault}" for camera in cameras if camera.fault is not None]
+        cameras = readable
     _add_files(folder, cameras, notes)
     if not cameras:
         _refuse_deeper(folder)
@@ -95,26 +108,64 @@ def survey(folder: Path, probe: Probe) -> Survey:
     return Survey(cameras, notes)
 
 
-def _recorded(folder: Path, notes: list[str], probe: Probe, length: Length) -> list[FoundCamera]:
+def _is_text(path: Path, notes: list[str]) -> bool:
+    """Whether a file is text that a video's ending was taken for, as TypeScript's .ts is; then it is left out."""
+    try:
+        with path.open("rb") as file:
+            head = file.read(1024)
+    except OSError:
+        return False
+    text = bool(head) and all(byte >= 32 or byte in b"\t\n\r\f" for byte in head)
+    notes += [f"left out: {path}: is text, not a video"] if text else []
+    return text
+
+
+def _opened(name: str, video: Path, probe: Probe) -> FoundCamera:
+    try:
+        return FoundCamera(name, video, probe(video))
+    except InputError as error:
+        return FoundCamera(name, video, fault=str(error))
+
+
+def _add_times(camera: FoundCamera, notes: list[str]) -> None:
+    """Add the table of the times of a video's frames, if one lies beside it; a line says so where there is one."""
+    path = None if camera.video is None else find_frame_times(camera.video)
+    if path is None or camera.info is None:
+        return
+    try:
+        camera.info = timed_by(camera.info, read_frame_times(path, 1.0 / camera.info.average_fps))
+    except InputError as error:
+        notes.append(f"not used: {error}")
+        return
+    camera.times = path
+    notes.append(f"camera {camera.name}: the times of its frames are those of {path.name}")
+
+
+def _recorded(folder: Path, notes: list[str], probe: Probe, look: Look) -> list[FoundCamera]:
     """The cameras whose videos are in pieces, or images; empty where there are not two."""
-    readable = []
-    for one in find_recordings(folder, length):
-        try:
-            readable.append((one, survey_recording(one.video, probe)))
-        except InputError as error:
-            notes.append(f"left out: {error}")
-    if len(readable) < 2:
+    found = find_recordings(folder, look, notes)
+    names = camera_names([one.text for one in found])
+    cameras = [_surveyed(name, one, probe) for name, one in zip(names, found, strict=True)]
+    if sum(camera.fault is None for camera in cameras) < 2:
         notes.clear()
         return []
-    names = camera_names([one.text for one, _ in readable])
     notes += [
-        f"camera {name}: {survey.files} {'images' if survey.info.pieces else 'pieces'}"
+        f"camera {camera.name}: {survey.files} {'images' if survey.info.pieces else 'pieces'}"
         + (f", from {_wall(survey, 0)} to {_wall(survey, -1)}" if survey.begins else "")
-        for name, (_, survey) in zip(names, readable, strict=True)
+        for camera in cameras
+        if (survey := camera.recording) is not None
     ]
-    return [
-        FoundCamera(name, one.video, survey.info, recording=survey) for name, (one, survey) in zip(names, readable, strict=True)
-    ]
+    return cameras
+
+
+def _surveyed(name: str, one: FoundRecording, probe: Probe) -> FoundCamera:
+    if one.video.is_file():
+        return _opened(name, one.video, probe)
+    try:
+        survey = survey_recording(one.video, probe)
+    except InputError as error:
+        return FoundCamera(name, one.video, fault=str(error))
+    return FoundCamera(name, one.video, survey.info, recording=survey)
 
 
 def _wall(survey: RecordingSurvey, which: int) -> str:
@@ -126,9 +177,9 @@ def visible_folders(folder: Path) -> list[Path]:
     return [path for path in _entries(folder) if path.is_dir()]
 
 
-def visible_files(folder: Path, endings: tuple[str, ...]) -> list[Path]:
-    """The files with one of these endings (capitals or not), but for hidden ones, cam2 before cam10."""
-    return [path for path in _entries(folder) if path.suffix.lower() in endings and path.is_file()]
+def visible_files(folder: Path, endings: tuple[str, ...] | None = None) -> list[Path]:
+    """The files with one of these endings (capitals or not) or all, but for hidden ones, cam2 before cam10."""
+    return [path for path in _entries(folder) if (endings is None or path.suffix.lower() in endings) and path.is_file()]
 
 
 def _entries(folder: Path) -> list[Path]:
@@ -151,7 +202,7 @@ def _refuse_pieces(folder: Path, pieces: list[Path]) -> None:
         raise InputError(
             f"{folder}: holds pieces of one camera's recording ({told}, ..., {len(pieces)} in a row): give the folder that "
             "holds the pieces of all cameras, each camera's in a folder of its own; if each is another camera, remove the "
-            "times from their names"
+            "times, or numbers of chapters, from their names"
         )
 
 
@@ -168,7 +219,7 @@ def _refuse_deeper(folder: Path) -> None:
         )
 
 
-def _clips(folder: Path, notes: list[str], length: Length) -> list[tuple[str, Path]]:
+def _clips(folder: Path, notes: list[str], look: Look) -> list[tuple[str, Path]]:
     """The videos, each with the text that its camera is named after. Raises `InputError` for pieces of recordings."""
     own = _videos(folder, notes)
     held = {inner: found for inner in visible_folders(folder) if (found := _videos(inner, notes))}
@@ -184,16 +235,35 @@ def _clips(folder: Path, notes: list[str], length: Length) -> list[tuple[str, Pa
     else:
         notes += [f"left out: {path}: the cameras are assumed to be the subfolders" for path in own]
         for inner, (first, *more) in held.items():
-            _refuse_pieces(folder, held[inner] if is_numbered_series(held[inner]) else pieces_among(held[inner], length))
+            _refuse_pieces(folder, held[inner] if is_numbered_series(held[inner]) else _pieces_among(held[inner], look))
             if more:
                 notes.append(
                     f"left out: {', '.join(path.name for path in more)} in {inner}: a camera has one video, and "
                     f"{first.name} is the first; if the cameras' videos lie together in one folder, give that folder"
                 )
         return [(inner.name, found[0]) for inner, found in held.items()]
-    _refuse_pieces(folder, pieces_among(chosen, length))
+    _refuse_pieces(folder, _pieces_among(chosen, look))
+    notes += _may_be_chapters(chosen)
     notes += [f"left out: the videos in {inner}: those in {chosen[0].parent} are taken" for inner in others]
     return [(path.stem, path) for path in _without_copies(chosen, notes)]
+
+
+def _pieces_among(videos: list[Path], look: Look) -> list[Path]:
+    """The pieces of one recording among videos of one folder; empty where there are none."""
+    chapters = find_chapters(videos, look, one_camera=False)
+    return list(chapters[0].paths) if chapters else pieces_among(videos, seconds_of(look))
+
+
+def _may_be_chapters(videos: list[Path]) -> list[str]:
+    """A note where the names of several groups of videos differ by a counter that may be that of chapters."""
+    groups = [paths for names, paths in named_alike(videos) if not names[0].numbers_cameras]
+    if len(groups) < 2:
+        return []
+    first, second = (path.name for path in groups[0][:2])
+    return [
+        f"each video is assumed to be a camera: if {first} and {second} are chapters of one recording, put the files of each "
+        "camera into a folder of its own"
+    ]
 
 
 def _videos(folder: Path, notes: list[str]) -> list[Path]:
@@ -213,6 +283,8 @@ def _videos(folder: Path, notes: list[str]) -> list[Path]:
             usable.append(path)
         except UnicodeEncodeError:
             notes.append(f"left out: {path.name!a} in {folder}: its name is not UTF-8 text: rename it")
+    usable, copies = without_small_copies(usable)
+    notes += companions_note(visible_files(folder, COMPANIONS), copies)
     return usable
 
 
@@ -231,20 +303,47 @@ def _add_files(folder: Path, cameras: list[FoundCamera], notes: list[str]) -> No
     by_name = {camera.name.casefold(): camera for camera in cameras}
     make = len(cameras) < 2
     for key, (places, ending) in SOURCES.items():
-        for inner in visible_folders(folder):
-            if inner.name.lower() not in places:
-                continue
-            for path in visible_files(inner, (ending,)):
-                camera = by_name.get(path.stem.casefold())
-                if camera is None and make and key != "embeddings":
-                    camera = FoundCamera(camera_names([path.stem])[0])
-                    cameras.append(camera)
-                    by_name[path.stem.casefold()] = camera
-                if camera is not None:
-                    camera.files.setdefault(key, path)
+        found = [
+            (path.stem, path)
+            for inner in visible_folders(folder)
+            if inner.name.lower() in places
+            for path in visible_files(inner, (ending,))
+        ]
+        found += _folders_of_joints(folder) if key == "keypoints" else []
+        texts = [text for text, _ in found]
+        pairs = {} if make else match_names([camera.name for camera in cameras], [[text] for text in texts])
+        matched = {other: cameras[index] for index, other in pairs.items()}
+        for number, (text, path) in enumerate(found):
+            camera = by_name.get(text.casefold()) or matched.get(number)
+            if camera is None and make and key != "embeddings":
+                camera = FoundCamera(camera_names([text])[0])
+                cameras.append(camera)
+                by_name[text.casefold()] = camera
+            if camera is not None:
+                camera.files.setdefault(key, path)
+            elif path.is_dir():
+                notes.append(f"not used: {path}: its keypoints belong to none of the cameras by its name")
     cameras.sort(key=lambda camera: natural_key(camera.name))
     if not make and any(camera.files for camera in cameras):
         notes.append("boxes or keypoints were found beside the videos: their lines in the scene file are commented out")
+
+
+def _folders_of_joints(folder: Path) -> list[tuple[str, Path]]:
+    """The folders with a JSON file of people per frame, each with the text that its camera is named after.
+
+    OpenPose's and Pose2Sim's: `cam01_json` in the folder itself, or in a folder such as `pose`.
+    """
+    places = [folder, *(inner for inner in visible_folders(folder) if inner.name.lower().startswith(JOINT_FOLDERS))]
+    found = [inner for place in places for inner in visible_folders(place) if _holds_joints(inner)]
+    return [(re.sub(r"(?i)[_-](json|keypoints|pose)$", "", inner.name), inner) for inner in found]
+
+
+def _holds_joints(folder: Path) -> bool:
+    first = next(iter(visible_files(folder, (".json",))), None)
+    try:
+        return first is not None and b'"people"' in first.read_bytes()[:JOINTS_HEAD]
+    except OSError:
+        return False
 
 
 def _too_few(folder: Path, cameras: list[FoundCamera], notes: list[str]) -> str:

@@ -1,22 +1,26 @@
-"""Which lens belongs to which camera, from the rig files and OpenCV's files that lie in a user's folder.
+"""Which lens belongs to which camera, from the calibration files that lie in a user's folder.
 
-Rig files (TOML) and files of OpenCV are looked for in the folder itself and in its subfolders whose name begins with `calib`
-or `intrinsic`; rig files called `intrinsics` also beside the scene file; files of OpenCV also in the folders in calibration
-folders and in the folder of a camera's video.
+Rig files (TOML), files of OpenCV and files of every other tool with a reader in `passerby.interchange.formats` are looked for
+in the folder itself and in its subfolders whose name begins with `calib` or `intrinsic`; rig files called `intrinsics` also
+beside the scene file; files of OpenCV also in the folders in calibration folders and in the folder of a camera's video. What
+lies in a calibration folder and is not used is named.
 """
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from passerby.common.errors import InputError
 from passerby.common.text import natural_key
 from passerby.core.cameras import Lens
+from passerby.interchange.formats import Given, read_rig_as, recognise_format
 from passerby.interchange.opencv_lens import ENDINGS, LARGEST_BYTES, StoredLens, read_opencv_lens
-from passerby.interchange.rig_toml import METADATA, read_lens
+from passerby.interchange.rig_toml import METADATA, names_of_table, read_lens, tables_of_cameras
 from passerby.interchange.storage.faults import read_toml
+from passerby.perception.pieces import PICTURE_ENDINGS, VIDEO_ENDINGS
 from passerby.scene.scene import CAMERA_NAME
 from passerby.scene.start.folders import FoundCamera, visible_files, visible_folders
 from passerby.scene.start.names import camera_names, match_names
@@ -49,13 +53,19 @@ class CameraLens:
 
 @dataclass(frozen=True, eq=False)
 class _Table:
-    """A camera's table in a rig file, or a file of OpenCV."""
+    """A camera's table in a rig file or in another tool's file, or a file of OpenCV."""
 
     source: Path
     names: tuple[str, ...]
     rig: bool
     lens: Lens | StoredLens | None
     fault: str | None = None
+    assumed_size: bool = False
+
+    @property
+    def size(self) -> tuple[int, int] | None:
+        """The image size that it states."""
+        return None if self.lens is None or self.assumed_size else self.lens.size
 
 
 def find_lenses(folder: Path, cameras: Sequence[FoundCamera], notes: list[str], besides: Path) -> dict[str, CameraLens]:
@@ -67,25 +77,54 @@ def find_lenses(folder: Path, cameras: Sequence[FoundCamera], notes: list[str], 
         notes: What is to be told is added.
         besides: The scene file, which is no rig file.
     """
-    groups = [*_rig_files(folder, notes, besides), _opencv_files(folder, cameras, notes)]
+    rig_files = _rig_files(folder, notes, besides)
+    opencv, seen = _opencv_files(folder, cameras, notes)
+    seen |= {table.source for group in rig_files for table in group} | {besides}
+    groups = [*rig_files, opencv, *_files_of_other_tools(folder, cameras, seen, notes)]
     groups = sorted((group for group in groups if group), key=lambda group: _worth(group, cameras), reverse=True)
     found: dict[str, CameraLens] = {}
     for group in groups:
         left = [camera for camera in cameras if camera.name not in found or found[camera.name].lens is None]
         pairs = match_names([camera.name for camera in left], [table.names for table in group])
+        by_size = _match_sizes(left, group, pairs)
         used = False
-        for index, other in pairs.items():
-            lens = _camera_lens(group[other], left[index], notes)
-            if lens is not None and (lens.lens is not None or left[index].name not in found):
-                found[left[index].name], used = lens, True
-        if not used and left:
-            sources = sorted({str(table.source) for table in group}, key=natural_key)
+        for index, other in (pairs | by_size).items():
+            camera, table = left[index], group[other]
+            lens = _camera_lens(table, camera, notes)
+            if lens is not None and (lens.lens is not None or camera.name not in found):
+                found[camera.name], used = lens, True
+                notes += _how_matched(camera, table, index in by_size)
+        others = [table for other, table in enumerate(group) if other not in {**pairs, **by_size}.values()]
+        unmatched = [camera for index, camera in enumerate(left) if index not in pairs | by_size]
+        if (not used or others) and unmatched:
+            others = others or group
+            sources = sorted({str(table.source) for table in others}, key=natural_key)
             told = ", ".join(sources[:3]) + (f" and {len(sources) - 3} more" if len(sources) > 3 else "")
             notes.append(
-                f"not used: {told}: {_listed([table.names[-1] for table in group])} cannot be matched with the cameras "
-                f"{_listed([camera.name for camera in left])}: give them the same names"
+                f"not used: {told}: {_listed([table.names[0] for table in others])} cannot be matched with the cameras "
+                f"{_listed([camera.name for camera in unmatched])}: give them the same names"
             )
     return found
+
+
+def _match_sizes(cameras: Sequence[FoundCamera], group: Sequence[_Table], known: dict[int, int]) -> dict[int, int]:
+    """What is left and has an image size that no other camera and no other table of the file has, as `match_names` gives it."""
+    ours = [None if camera.info is None else camera.info.size for camera in cameras]
+    theirs = [table.size for table in group]
+    return {
+        index: theirs.index(size)
+        for index, size in enumerate(ours)
+        if index not in known and size is not None and ours.count(size) == theirs.count(size) == 1
+        and theirs.index(size) not in known.values()
+    }  # fmt: skip
+
+
+def _how_matched(camera: FoundCamera, table: _Table, by_size: bool) -> list[str]:
+    """A line about intrinsics that do not bear the camera's name."""
+    if not by_size and (table.rig or match_names([camera.name], [table.names], by_number=False)):
+        return []
+    how = "the image size, which no other has" if by_size else "the number in its name"
+    return [f"camera {camera.name}: intrinsics of {table.names[-1]} in {table.source}, by {how}"]
 
 
 def _worth(group: list[_Table], cameras: Sequence[FoundCamera]) -> tuple[int, bool, int]:
@@ -113,7 +152,9 @@ def _camera_lens(table: _Table, camera: FoundCamera, notes: list[str]) -> Camera
             return None
         return CameraLens(table.source, None, table.lens.lens(size), assumed_size=table.lens.size is None)
     usable = (name for name in sorted(table.names, key=lambda name: name != camera.name) if _can_be_a_camera(name))
-    return CameraLens(table.source, next(usable, None), table.lens, table.fault)
+    return CameraLens(
+        table.source, next(usable, None) if table.rig else None, table.lens, table.fault, assumed_size=table.assumed_size
+    )
 
 
 def _can_be_a_camera(name: str) -> bool:
@@ -141,10 +182,8 @@ def _tables(path: Path, notes: list[str]) -> list[_Table]:
         notes.append(f"not used: {error}")
         return []
     found: list[_Table] = []
-    for key, table in content.items():
-        if key == METADATA or not isinstance(table, dict) or not {"matrix", "distortions"} & table.keys():
-            continue
-        names = tuple(dict.fromkeys((key, str(table.get("name", key)))))
+    for key, table in tables_of_cameras(content).items():
+        names = names_of_table(key, table)
         try:
             found.append(_Table(path, names, True, read_lens(path, key)))
         except InputError as error:
@@ -152,8 +191,8 @@ def _tables(path: Path, notes: list[str]) -> list[_Table]:
     return found
 
 
-def _opencv_files(folder: Path, cameras: Sequence[FoundCamera], notes: list[str]) -> list[_Table]:
-    """The files of OpenCV, each with the name of its camera.
+def _opencv_files(folder: Path, cameras: Sequence[FoundCamera], notes: list[str]) -> tuple[list[_Table], set[Path]]:
+    """The files of OpenCV, each with the name of its camera; and all files that are used or named in a note.
 
     Files that lie together are told apart by their names without words such as "intrinsics"; a file that is alone in its folder
     is called as the folder, except in the user's folder and in a calibration folder.
@@ -163,22 +202,75 @@ def _opencv_files(folder: Path, cameras: Sequence[FoundCamera], notes: list[str]
     own = [camera.video if camera.video.is_dir() else camera.video.parent for camera in cameras if camera.video is not None]
     own = [place for place in own if place.is_dir()]  # a pattern's folder is none
     found: list[_Table] = []
+    seen: set[Path] = set()
     for place in dict.fromkeys([*calibrations, *inner, *own]):
         lenses: list[tuple[Path, StoredLens]] = []
         for path in visible_files(place, ENDINGS):
             try:
                 stored = read_opencv_lens(path) if path.stat().st_size <= LARGEST_BYTES else None
             except InputError as error:
-                notes.append(f"not used: {error}")
+                if recognise_format(path) is None:
+                    notes.append(f"not used: {error}")
+                    seen.add(path)
                 continue
             if stored is not None:
                 lenses.append((path, stored))
+                seen.add(path)
         if len(lenses) == 1 and place not in calibrations:
             names = [place.name]
         else:
             names = camera_names([_specific(path.stem) for path, _ in lenses])
         found += [_Table(path, (name,), False, stored) for name, (path, stored) in zip(names, lenses, strict=True)]
-    return found
+    return found, seen
+
+
+def _files_of_other_tools(
+    folder: Path, cameras: Sequence[FoundCamera], seen: set[Path], notes: list[str]
+) -> list[list[_Table]]:
+    """The cameras of each file that a reader of `passerby.interchange.formats` recognises.
+
+    A line names what cannot be read, and in calibration folders what no reader recognises.
+    """
+    sizes = {camera.info.size for camera in cameras if camera.info is not None}
+    size = next(iter(sizes)) if len(sizes) == 1 else None
+    groups: list[list[_Table]] = []
+    for number, place in enumerate(_places(folder)):
+        unknown: list[Path] = []
+        whole: set[str] = set()
+        for path in visible_files(place):
+            if path in seen or path.suffix.lower() in VIDEO_ENDINGS + PICTURE_ENDINGS:
+                continue
+            form = recognise_format(path)
+            if form is None:
+                unknown.append(path)
+                continue
+            whole |= {path.suffix} if form.target == "folder" else set()
+            try:
+                groups.append(_cameras_in(path, form.name, size))
+            except InputError as error:
+                notes.append(f"not used: {error}")
+        # Poses lie beside the intrinsics.
+        unknown = [path for path in unknown if path.suffix not in whole]
+        if number > 0 and unknown:
+            told = ", ".join(map(str, unknown[:5])) + (f" and {len(unknown) - 5} more" if len(unknown) > 5 else "")
+            notes.append(f"not used: {told}: no calibration that is known here (`passerby formats` lists those that are)")
+    return groups
+
+
+def _cameras_in(path: Path, name: str, size: tuple[int, int] | None) -> list[_Table]:
+    """The lenses in a file of a format; of images of `size` where the file does not state theirs. Raises `InputError`."""
+    # Lengths are those of poses, which are not used here.
+    given, assumed = Given(metres_per_unit=1.0), False
+    try:
+        rig, _ = read_rig_as(name, path, given, lossy=True)
+    except InputError as error:
+        rig, _ = read_rig_as(name, path, replace(given, size=size or (1, 1)), lossy=True)
+        if size is None:
+            raise InputError(f"{error}, by `passerby import {shlex.quote(str(path))} -f {name} -o intrinsics.toml`") from None
+        assumed = True
+    return [
+        _Table(path, (camera.name,), False, camera.lens, assumed_size=assumed) for camera in rig if not camera.lens.uncalibrated
+    ]
 
 
 def _specific(stem: str) -> str:

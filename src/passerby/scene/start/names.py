@@ -47,12 +47,13 @@ def camera_names(texts: Sequence[str]) -> list[str]:
     return _different([valid_name(name) for name in names])
 
 
-def match_names(cameras: Sequence[str], others: Sequence[Sequence[str]]) -> dict[int, int]:
+def match_names(cameras: Sequence[str], others: Sequence[Sequence[str]], *, by_number: bool = True) -> dict[int, int]:
     """Which of the other things belongs to which camera: index of the camera to index of the other, each at most once.
 
     Args:
         cameras: The cameras' names.
         others: The names that each of the other things goes by.
+        by_number: Whether numbers in the names may match them.
 
     By name; then by name with capitals, spaces and `_ - .` set aside; then by the last number in the name, if by it every
     camera that is left finds a thing of its own: cameras 1 to 4 are not matched with tables 0 to 3.
@@ -60,9 +61,9 @@ def match_names(cameras: Sequence[str], others: Sequence[Sequence[str]]) -> dict
     found: dict[int, int] = {}
     for same in (str, _plain):
         found |= _by(same, cameras, others, found)
-    by_number = _by(_last_number, cameras, others, found)
-    if len(found) + len(by_number) == len(cameras):
-        found |= by_number
+    numbered = _by(_last_number, cameras, others, found) if by_number else {}
+    if len(found) + len(numbered) == len(cameras):
+        found |= numbered
     return found
 
 

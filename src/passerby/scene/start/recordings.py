@@ -8,6 +8,8 @@ from datetime import datetime
 from itertools import pairwise
 from pathlib import Path
 
+from passerby.perception.sources.chapter_names import without_chapter
+
 Length = Callable[[Path], float | None]
 """Seconds that a video lasts; None where it does not tell."""
 
@@ -40,7 +42,7 @@ def start_of(stem: str) -> tuple[str, float] | None:
             time = datetime(*(int(part or 0) for part in found.groups())).timestamp()  # type: ignore[arg-type]
         except (ValueError, OverflowError):
             return None
-        return _DATE_AND_TIME.sub("", stem).casefold(), time
+        return without_chapter(_DATE_AND_TIME.sub("", stem).casefold()), time
     if found := _EPOCH.search(stem):
         return _EPOCH.sub("", stem).casefold(), int(found[1]) + int(found[2] or 0) / 1000.0
     return None

@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
 from glob import escape
 from itertools import islice
 from pathlib import Path
@@ -22,9 +23,12 @@ from passerby.perception.sources.files import MOST_FILES, VideoSource, list_file
 from passerby.perception.sources.name_times import usual_time
 from passerby.perception.sources.recording import open_source
 from passerby.perception.video_probe import VideoInfo, WallTime
+from passerby.scene.start.chapters import Look, companions_note, find_chapters, without_small_copies
 from passerby.scene.start.quick_look import look_at
 from passerby.scene.start.recordings import Length, is_numbered_series, pieces_among, time_in
 
+VIDEO_FOLDERS = ("video", "videos")
+"""Names of folders that hold the videos of all cameras."""
 PROPOSED_S = 900.0
 """Of people's walking is enough for a rig where they are many, and takes minutes to process."""
 FULL, MOST_ENDS = 0.8, 10_000
@@ -45,7 +49,7 @@ class FoundRecording:
     text: str
     """What the camera is named after."""
     video: Path
-    """A folder or a pattern, as the scene file names it."""
+    """A folder, a pattern or a file, as the scene file names it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,13 +68,28 @@ class RecordingSurvey:
     """Whether these are numbered images, whose rate nothing tells."""
 
 
-def find_recordings(folder: Path, length: Length) -> list[FoundRecording]:
-    """The cameras of a folder whose videos are in pieces, or images; none where each camera is a file."""
+def find_recordings(folder: Path, look: Look, notes: list[str]) -> list[FoundRecording]:
+    """The cameras of a folder whose videos are in pieces, or images; none where each camera is a file.
+
+    Of cameras in pieces, others may be one file each. What is left out is added to `notes`.
+    """
     files = list(islice(walk_below(folder), MOST_FILES))
     videos = [path for path in files if path.suffix.lower() in VIDEO_ENDINGS]
     if not videos:
         return _of_images([path for path in files if path.suffix.lower() in PICTURE_ENDINGS])
-    return _of_frigate(folder, videos) or _of_folders(folder, videos, length) or _told_by_names(folder, videos, length)
+    videos, copies = without_small_copies(videos)
+    notes += companions_note(files, copies)
+    return _of_frigate(folder, videos) or _of_folders(folder, videos, look, notes) or _told_by_names(videos, look)
+
+
+def seconds_of(look: Look) -> Length:
+    """How long a video lasts, by what it is."""
+
+    def length(path: Path) -> float | None:
+        info = look(path)
+        return None if info is None else info.seconds
+
+    return length
 
 
 def _of_frigate(folder: Path, videos: Sequence[Path]) -> list[FoundRecording]:
@@ -93,22 +112,51 @@ def _of_frigate(folder: Path, videos: Sequence[Path]) -> list[FoundRecording]:
     return found
 
 
-def _of_folders(folder: Path, videos: Sequence[Path], length: Length) -> list[FoundRecording]:
-    """Cameras with a folder of pieces each; empty unless there are two."""
+def _of_folders(folder: Path, videos: Sequence[Path], look: Look, notes: list[str]) -> list[FoundRecording]:
+    """Cameras with a folder each, at least one of them with pieces; empty unless there are two."""
     held: dict[Path, list[Path]] = {}
     for path in videos:
         parts = path.relative_to(folder).parts
         if len(parts) > 1:
             held.setdefault(folder / parts[0], []).append(path)
-    if len(held) == 1 and len(held[next(iter(held))]) == len(videos):
-        inner = next(iter(held))
-        return _of_folders(inner, videos, length)
-    found = [
-        FoundRecording(inner.name, inner)
-        for inner, paths in held.items()
-        if len(paths) > 1 and (is_numbered_series(paths) or _timed(paths) or len(pieces_among(paths, length)) == len(paths))
-    ]
-    return sorted(found, key=lambda one: natural_key(one.text)) if len(found) > 1 else []
+    named = next((inner for inner in held if inner.name.lower() in VIDEO_FOLDERS and len(held[inner]) > 1), None)
+    whole = next(iter(held)) if len(held) == 1 and len(held[next(iter(held))]) == len(videos) else named
+    if whole is not None:
+        told: list[str] = []
+        found = _of_folders(whole, held[whole], look, told) or _told_by_names(held[whole], look)
+        notes += told if found else []
+        return found
+    pieces = {inner: one for inner, paths in held.items() if (one := _pieces_in(inner, paths, look)) is not None}
+    cameras = {inner: held[inner] for inner in held if inner in pieces or not _NO_CAMERA.search(inner.name)}
+    if not pieces or len(cameras) < 2:
+        return []
+    notes += [f"left out: {path}: the cameras are assumed to be the subfolders" for path in videos if path.parent == folder]
+    notes += [f"left out: the videos in {inner}: its name is not that of a camera" for inner in held if inner not in cameras]
+    for inner, paths in cameras.items():
+        used = paths[:1] if inner not in pieces else _used_of(pieces[inner], paths)
+        if more := [path for path in paths if path not in used]:
+            notes.append(f"left out: {', '.join(path.name for path in more)} in {inner}: another recording than {used[0].name}")
+    found = [pieces.get(inner) or FoundRecording(inner.name, paths[0]) for inner, paths in cameras.items()]
+    return sorted(found, key=lambda one: natural_key(one.text))
+
+
+def _pieces_in(inner: Path, paths: Sequence[Path], look: Look) -> FoundRecording | None:
+    """The pieces of one recording in a camera's folder; None where it holds none."""
+    if len(paths) < 2:
+        return None
+    if is_numbered_series(paths) or _timed(paths) or len(pieces_among(paths, seconds_of(look))) == len(paths):
+        return FoundRecording(inner.name, inner)
+    if len({path.parent for path in paths}) > 1:
+        return None
+    first = next(iter(find_chapters(paths, look, one_camera=not _NO_CAMERA.search(inner.name))), None)
+    if first is None:
+        return None
+    alone = len(first.paths) == sum(path.suffix.lower() in VIDEO_ENDINGS for path in paths[0].parent.iterdir())
+    return FoundRecording(inner.name, inner if alone else paths[0].parent / first.pattern)
+
+
+def _used_of(one: FoundRecording, paths: Sequence[Path]) -> list[Path]:
+    return list(paths) if one.video.is_dir() else [path for path in paths if fnmatchcase(path.name, one.video.name)]
 
 
 def _timed(paths: Sequence[Path]) -> bool:
@@ -118,24 +166,27 @@ def _timed(paths: Sequence[Path]) -> bool:
     return len(known) == len(paths) and len({path.parent for path in paths}) > 1
 
 
-def _told_by_names(folder: Path, videos: Sequence[Path], length: Length) -> list[FoundRecording]:
-    """Cameras whose pieces lie in one folder and differ in what stands before or behind the time."""
-    places = {path.parent for path in videos}
-    if len(places) != 1:
+def _told_by_names(videos: Sequence[Path], look: Look) -> list[FoundRecording]:
+    """Cameras whose pieces lie in one folder and differ in what stands before or behind the time, or before the chapter."""
+    if len({path.parent for path in videos}) != 1:
         return []
+    place = videos[0].parent
     groups: dict[tuple[str, str, str], list[Path]] = {}
     for path in videos:
         if (span := time_in(path.stem)) is not None:
             groups.setdefault((path.stem[: span[0]], path.stem[span[1] :], path.suffix), []).append(path)
-    pieces = {key: paths for key, paths in groups.items() if len(paths) > 1 and pieces_among(paths, length)}
-    if len(pieces) < 2:
-        return []
-    place = next(iter(places))
-    # A digit after the beginning, so that "gate_" is not "gate_left_" as well.
-    return [
-        FoundRecording(f"{before} {behind}".strip(" _-."), place / f"{escape(before)}[12]*{escape(behind)}{suffix}")
-        for before, behind, suffix in sorted(pieces, key=lambda key: natural_key("".join(key)))
-    ]
+    pieces = {key: paths for key, paths in groups.items() if len(paths) > 1 and pieces_among(paths, seconds_of(look))}
+    if len(pieces) > 1:
+        # A digit after the beginning, so that "gate_" is not "gate_left_" as well.
+        return [
+            FoundRecording(f"{before} {behind}".strip(" _-."), place / f"{escape(before)}[12]*{escape(behind)}{suffix}")
+            for before, behind, suffix in sorted(pieces, key=lambda key: natural_key("".join(key)))
+        ]
+    chapters = find_chapters(videos, look, one_camera=False)
+    taken = {path for one in chapters for path in one.paths}
+    found = [FoundRecording(one.name, place / one.pattern) for one in chapters]
+    found += [FoundRecording(path.stem, path) for path in videos if path not in taken] if chapters else []
+    return sorted(found, key=lambda one: natural_key(one.text)) if len(found) > 1 else []
 
 
 def _of_images(pictures: Sequence[Path]) -> list[FoundRecording]:

@@ -80,6 +80,9 @@ def _camera(camera: SceneCamera, path: Path) -> str:
         info = camera.found.info
         told = f"   # {_video(camera.found)}" if info else ""
         lines.append(f"video = {value(toml_text.relative(camera.found.video, path))}{told}\n")
+    if camera.found.times is not None:
+        times = value(toml_text.relative(camera.found.times, path))
+        lines.append(f"times = {times}   # of the frames, one row each\n")
     switched = "#" if camera.found.video is not None else ""
     files = [(source, camera.found.files[source]) for source in SOURCES if source in camera.found.files]
     if switched and files:
@@ -91,7 +94,7 @@ def _camera(camera: SceneCamera, path: Path) -> str:
         lines.append(
             f"fps = {value(camera.fps)}   # ASSUMED, as of a video: correct it if the frame numbers have another rate\n"
         )
-    else:
+    elif camera.found.times is None:
         lines.append(f"#fps = {value(_rate(camera))}   # of this camera only\n")
     lines.append("#from_s = 0.0   # observations before from_s or after until_s are left out\n")
     lines.append(
@@ -104,7 +107,7 @@ def _without_intrinsics(camera: SceneCamera) -> list[str]:
     """What can be stated of a lens that is estimated, with what its video says of it."""
     info = camera.found.info
     lines = [comment("No intrinsics: they are estimated together with the rig.")]
-    if info is None:
+    if info is None and camera.found.video is None:
         lines.append('image_size = ["WIDTH", "HEIGHT"]\n')
     if camera.same_as is not None and info is not None:
         told = "the video is from the same device: share one lens if the zoom is the same too"

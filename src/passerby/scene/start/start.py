@@ -11,7 +11,7 @@ from passerby.common.errors import InputError
 from passerby.core.cameras import Camera, Lens, Rig
 from passerby.interchange.rig_toml import write_rig
 from passerby.interchange.storage.atomic import write_text
-from passerby.interchange.storage.toml_text import relative
+from passerby.interchange.storage.toml_text import key, relative
 from passerby.perception.video_probe import fit_of_size, probe
 from passerby.scene.start.folders import FoundCamera, Probe, survey
 from passerby.scene.start.lenses import CameraLens, find_lenses
@@ -42,6 +42,11 @@ class Started:
     """What was left out, assumed or is odd, one line each."""
     to_do: tuple[str, ...]
     """What the user must do before a calibration, one line each."""
+
+    @property
+    def unreadable(self) -> tuple[str, ...]:
+        """Cameras with a video that cannot be read."""
+        return tuple(camera.found.name for camera in self.cameras if camera.found.fault is not None)
 
 
 def start(folder: Path, scene: Path | None = None, force: bool = False, probe: Probe = probe) -> Started:
@@ -80,7 +85,7 @@ def start(folder: Path, scene: Path | None = None, force: bool = False, probe: P
             to_do.append(
                 f"camera {camera.name}: replace IMAGES PER SECOND by the rate that its images' numbers count, in {path}"
             )
-    unknown = [camera.name for camera in found.cameras if camera.name not in places]
+    unknown = [camera.name for camera in found.cameras if camera.name not in places and camera.fault is None]
     if unknown:
         notes.append(
             f"no intrinsics for {', '.join(unknown)}: focal length, principal point and distortion will be estimated together "
@@ -199,6 +204,9 @@ def _state(
     camera: FoundCamera, lens: CameraLens | None, place: Path | None, scene: Path
 ) -> tuple[str, tuple[str, ...], str]:  # fmt: skip
     """A camera's lens for the table, in remarks for the scene file, and what must be done about it."""
+    if camera.fault is not None:
+        must = f"{camera.fault}; or delete [cameras.{key(camera.name)}]"
+        return "UNREADABLE", (f"TO DO: {must}.",), f"camera {camera.name}: {must} in {scene}"
     if lens is None:
         if camera.info is not None:
             return "estimated" if camera.info.camera.focal_35mm is None else "metadata", (), ""

@@ -25,7 +25,8 @@ from passerby.interchange.storage.faults import read_text
 from passerby.perception.pieces import VIDEO_ENDINGS
 from passerby.scene.doubled_rows import remove_duplicates
 from passerby.scene.scene import Scene
-from passerby.scene.start.folders import VIDEO_FOLDERS, visible_files, visible_folders
+from passerby.scene.start.folders import visible_files, visible_folders
+from passerby.scene.start.recordings_found import VIDEO_FOLDERS
 from passerby.training.crops import DataSet
 from passerby.training.data.choosing import PER_PERSON, clear_boxes, spread
 from passerby.training.data.cutting import WantedCrops, cut_crops, source_size
