@@ -54,12 +54,13 @@ def check_principal_point(scene: Scene, reading: CameraInput, lens: Lens) -> Non
 
 
 def check_extents(scene: Scene, reading: CameraInput, lens: Lens) -> None:
-    """Picture size against where the people are."""
+    """Picture size against where the people are, both as filmed."""
     width, height = lens.size
     size, intrinsics = [width, height], source_of_size(scene, reading.name)
+    people = reading.filmed_people
     for path, extent, rows in (
-        (reading.boxes_path, extents_of(reading.boxes), reading.boxes),
-        (reading.keypoints_path, extents_of(reading.keypoints), reading.keypoints),
+        (reading.boxes_path, extents_of(people.boxes), people.boxes),
+        (reading.keypoints_path, extents_of(people.keypoints), people.keypoints),
     ):
         if path is None or not len(extent):
             continue

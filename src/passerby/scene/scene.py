@@ -206,6 +206,11 @@ class Scene(Table):
         """Frames per second of a camera's frame numbers as the scene file has them; None where it says nothing."""
         return self.cameras[camera].fps or self.scene.fps
 
+    @property
+    def turns(self) -> dict[str, int]:
+        """By camera with `rotate`, the degrees clockwise by which its images are turned before they are used."""
+        return {name: table.rotate for name, table in self.cameras.items() if table.rotate}
+
     def scale_cues(self) -> ScaleCues:
         """The scale table as the solvers take it."""
         scale = self.scale
