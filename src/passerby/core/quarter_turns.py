@@ -109,29 +109,31 @@ def _turned_distortions(distortions: Floats, turn: Floats) -> Floats:
     return turned + 0.0  # no -0
 
 
+def turn_pose(pose: Pose, degrees: int) -> Pose:
+    """The pose of the camera whose images are turned clockwise by a multiple of 90 degrees."""
+    turn = axes_turn(degrees)
+    return Pose(turn @ pose.R_cw, turn @ pose.t_cw)
+
+
+def turn_sigma(sigma: PoseSigma, degrees: int) -> PoseSigma:
+    """Its uncertainty: the rotation vector of the covariance is in the camera's frame and turns with it."""
+    if sigma.covariance is None:
+        return sigma
+    block = np.eye(6)
+    block[3:, 3:] = axes_turn(degrees)
+    return replace(sigma, covariance=block @ sigma.covariance @ block.T)
+
+
 def turn_camera(camera: Camera, degrees: int) -> Camera:
     """The camera of the images after these are turned clockwise: lens, pose and covariance. Raises as `turn_lens`."""
     if degrees % 360 == 0:
         return camera
-    turn = axes_turn(degrees)
-    pose = None if camera.pose is None else Pose(turn @ camera.pose.R_cw, turn @ camera.pose.t_cw)
-    return Camera(camera.name, _named(camera, degrees), pose, _turned_sigma(camera.sigma, turn))
-
-
-def _named(camera: Camera, degrees: int) -> Lens:
     try:
-        return turn_lens(camera.lens, degrees)
+        lens = turn_lens(camera.lens, degrees)
     except InputError as error:
         raise InputError(f"camera {camera.name}: {error}") from None
-
-
-def _turned_sigma(sigma: PoseSigma | None, turn: Floats) -> PoseSigma | None:
-    """The rotation vector of the covariance is in the camera's frame and turns with it."""
-    if sigma is None or sigma.covariance is None:
-        return sigma
-    block = np.eye(6)
-    block[3:, 3:] = turn
-    return replace(sigma, covariance=block @ sigma.covariance @ block.T)
+    pose = None if camera.pose is None else turn_pose(camera.pose, degrees)
+    return Camera(camera.name, lens, pose, None if camera.sigma is None else turn_sigma(camera.sigma, degrees))
 
 
 def turns_of(rig: Rig) -> dict[str, int]:
