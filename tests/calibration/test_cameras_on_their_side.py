@@ -3,15 +3,14 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
-from support.scenes.people_and_rigs import simulated
 
 import passerby
 from passerby.core.cameras import Rig
 from passerby.core.quarter_turns import turn_camera, turn_observations
 from passerby.evaluation.metrics import compare
-from passerby.interchange.motchallenge import write_boxes
+from passerby.interchange.motchallenge import read_boxes, write_boxes
 from passerby.interchange.rig_toml import read_rig, write_rig
+from support.scenes.people_and_rigs import simulated
 
 SIDE = {"C2": 270}
 
@@ -38,8 +37,6 @@ def written(folder, rig, boxes, *, rotate=90):
     return scene
 
 
-@pytest.mark.system
-@pytest.mark.smoke
 def test_the_rig_and_the_tracks_are_of_the_images_as_filmed(tmp_path):
     rig, boxes = on_its_side()
     found = passerby.calibrate(written(tmp_path, rig, boxes))
@@ -48,17 +45,14 @@ def test_the_rig_and_the_tracks_are_of_the_images_as_filmed(tmp_path):
     stored = read_rig(tmp_path / "out" / "rig.toml")
     assert {camera.name: camera.lens.rotate for camera in stored} == {name: 90 * (name in SIDE) for name in rig.names}
     comparison = compare(stored, read_rig(tmp_path / "truth.toml"))
-    assert max(error.similarity_deg for error in comparison.cameras) < 0.3
-    assert max(error.similarity_mm for error in comparison.cameras) < 60
-    again = passerby.read_boxes(tmp_path / "out" / "tracks" / "C2.txt") if hasattr(passerby, "read_boxes") else None
-    kept = found.observations["C2"].boxes if again is None else again
-    rows = np.isin(boxes["C2"].ltwh.round(2)[:, 0], kept.ltwh.round(2)[:, 0])
-    assert rows.mean() > 0.9
+    assert max(comparison.similarity.orientation_deg.values()) < 0.3
+    assert max(comparison.similarity.position_mm.values()) < 60
     assert stored["C2"].lens.size == rig["C2"].lens.size
+    tracks = read_boxes(tmp_path / "out" / "tracks" / "C2.txt")
+    assert len(tracks) > 100
+    assert set(map(tuple, tracks.ltwh.round(1))) <= set(map(tuple, boxes["C2"].ltwh.round(1)))
 
 
-@pytest.mark.system
-@pytest.mark.smoke
 def test_a_lens_in_memory_states_the_turn(tmp_path):
     rig, boxes = on_its_side()
     lenses = {one.name: replace(one.lens, rotate=90 * (one.name in SIDE)) for one in rig}

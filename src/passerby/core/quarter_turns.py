@@ -178,6 +178,8 @@ def turn_cues(cues: ScaleCues, rig: Rig, degrees: dict[str, int]) -> ScaleCues:
 
     plan = cues.plan
     if plan is not None:
-        points = [replace(one, pixels={k: (float(u), float(v)) for k, (u, v) in turned(one.pixels).items()}) for one in plan.points]
+        points = [
+            replace(one, pixels={k: (float(u), float(v)) for k, (u, v) in turned(one.pixels).items()}) for one in plan.points
+        ]
         plan = replace(plan, points=tuple(points))
     return replace(cues, lengths=tuple(replace(cue, points=turned(cue.points)) for cue in cues.lengths), plan=plan)

@@ -6,8 +6,8 @@ tools are left alone.
 Passerby's own extra keys are `position_sigma_mm`, `orientation_sigma_deg` and `covariance` (6 x 6: centre in metres, world;
 then rotation vector in radians, camera frame), `focal_sd_percent` (one standard deviation of a focal length that is a
 guess), `uncalibrated` (nobody knows the lens: its matrix is a stand-in, to be estimated), and `rotate` (degrees clockwise by
-which the camera's images are to be turned so that people stand upright; all numbers are of the images as filmed). A sigma that is infinite, since
-nothing fixes the pose, is left out.
+which the camera's images are to be turned so that people stand upright; all numbers are of the images as filmed). A sigma
+that is infinite, since nothing fixes the pose, is left out.
 """
 
 from __future__ import annotations

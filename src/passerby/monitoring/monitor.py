@@ -13,8 +13,8 @@ from passerby.common.errors import InputError
 from passerby.common.progress import Progress, silent
 from passerby.core.cameras import Camera, Rig
 from passerby.core.observations import Clock, Observations
-from passerby.core.synchronisation import resample_to_common_steps
 from passerby.core.quarter_turns import turn_rig
+from passerby.core.synchronisation import resample_to_common_steps
 from passerby.findings.finding import notice
 from passerby.findings.texts import text_of, texts_of
 from passerby.interchange.output_folder import scene_file

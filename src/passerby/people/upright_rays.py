@@ -17,11 +17,11 @@ from passerby.people.segments import upright_segments
 
 LEANS = tuple(np.deg2rad([-45.0, -30.0, -15.0, 15.0, 30.0, 45.0]).tolist())
 REFINED = tuple(np.deg2rad([7.5, 3.75]).tolist())
-"""Leans of people in the image that are tried, and steps about the best one. Beyond 52 degrees a box is wider than tall, and the
-camera's images are to be turned (`rotate`)."""
+"""Leans of people in the image that are tried, and steps about the best one. Images of cameras that are rolled further are to
+be turned (`rotate`)."""
 CLEARLY_BETTER = 0.8
-"""Misfit with a lean over that of upright boxes, below which people lean. On simulated terraces and basketball courts, 2 % noise of
-the boxes, no lean was below it for 24 cameras without roll; with 18 degrees of roll and more it was 0.63 at most for 24 each."""
+"""Misfit with a lean over that of upright boxes, below which people lean. On simulated terraces and basketball courts with 2 %
+noise of the boxes no lean was below it for 24 cameras without roll; for 24 with 18 degrees or more it was 0.63 at most."""
 MOVING_SHARE = 0.25
 """Of a person's extent, between the tenth and the ninetieth percentile of a tracklet's feet: whoever stands shifts by less than
 a tenth, whoever walks passes it within half a second."""

@@ -29,10 +29,8 @@ class VideoObservations:
     made_again: bool = False
     """Whether there were finished results that could not be taken: of another video, other options or other versions."""
 
-    def faults(
-        self, name: str, info: VideoInfo, from_s: float = 0.0, until_s: float = math.inf, stated: int = 0
-    ) -> list[str]:
-        """What makes the part of the video unusable that lies between two times, in seconds; `stated` is the scene's `rotate`."""
+    def faults(self, name: str, info: VideoInfo, from_s: float = 0.0, until_s: float = math.inf, stated: int = 0) -> list[str]:
+        """What makes the part of the video between two times (seconds) unusable; `stated` is the scene's `rotate`."""
         place, found = f"{info.path}: camera {name}", []
         early = self.summary["ended_early"]
         if early is not None:

@@ -139,9 +139,7 @@ class VideoInfo:
         """The video with its pictures turned clockwise by a multiple of 90 degrees, after the rotation that the file states."""
         if degrees % 360 == 0:
             return self
-        pieces = tuple(
-            replace(piece, info=None if piece.info is None else piece.info.turned(degrees)) for piece in self.pieces
-        )
+        pieces = tuple(replace(piece, info=None if piece.info is None else piece.info.turned(degrees)) for piece in self.pieces)
         size = self.size if degrees % 180 == 0 else (self.size[1], self.size[0])
         return replace(self, size=size, rotation=(self.rotation - degrees) % 360, pieces=pieces)
 

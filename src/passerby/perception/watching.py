@@ -25,6 +25,7 @@ from passerby.core.observations import UNKNOWN, Boxes, Keypoints
 from passerby.perception.given_boxes import GivenBoxes, no_embeddings
 from passerby.perception.joint_budget import JointBudget
 from passerby.perception.kept import SUMMARY, Arrays, StageCache, cache_lock, forget_others
+from passerby.perception.lying_people import FEW, turn_that_shows_people
 from passerby.perception.opening import (
     background_count,
     background_identity,
@@ -33,7 +34,6 @@ from passerby.perception.opening import (
     open_embedder,
     open_estimator,
 )
-from passerby.perception.lying_people import FEW, turn_that_shows_people
 from passerby.perception.pictures import Detector, Embedder, Frame, KeypointEstimator, Picture
 from passerby.perception.plan import Plan
 from passerby.perception.source_state import VideoFilesState, video_identity

@@ -121,7 +121,9 @@ def _declared(document: CalibrationDocument, declared: DeclaredCamera, folder: P
     origin = _wall_seconds(stated) if watched and stated is not None else None
     first, last = (None if end is None else _wall_seconds(end) for end in document.wall_clock_span or (None, None))
     span = None if first is None and last is None else WallSpan(-inf if first is None else first, inf if last is None else last)
-    return VideoSource(paths, declared.video_names, times, declared.fps or document.scene.scene.fps, span, origin, declared.rotate or 0)
+    return VideoSource(
+        paths, declared.video_names, times, declared.fps or document.scene.scene.fps, span, origin, declared.rotate or 0
+    )
 
 
 def _wall_seconds(text: str) -> float:
