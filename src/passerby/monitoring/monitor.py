@@ -143,7 +143,9 @@ def monitor_inputs(
         watched, ground = watch_footage(rig, observations, options, known=known, tell=tell, executor=executor)
     sources = Sources(clocks=observations.clocks)
     moves = tuple(move.turned(-scene.turns.get(move.camera, 0)) for move in watched.moves)
-    return MonitoringResult(given.rig, replace(watched, moves=moves), options, ground, (*doubts, *_notes(given, inputs.rig, in_step)), sources,
+    notes = (*doubts, *_notes(given, inputs.rig, in_step))
+    return MonitoringResult(
+        given.rig, replace(watched, moves=moves), options, ground, notes, sources,
         thinning=None if budget_s is None else thinning,
     )  # fmt: skip
 
