@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from passerby.common.arrays import Bools, Floats, Ints
 from passerby.common.columns import Columns
-from passerby.core.cameras import Lens
+from passerby.core.cameras import Camera, Lens
 from passerby.core.observations import MIN_JOINT_SCORE, Boxes, CameraObservations, Keypoints
 from passerby.people.image_motion import image_velocity
 
@@ -22,6 +22,9 @@ BODY_HEIGHTS = {
     "knee": 0.28, "ankle": 0.045, "heel": 0.02, "big_toe": 0.01, "small_toe": 0.01,
 }  # fmt: skip
 """Where joints of a standing body are, as a share of its height (after Drillis and Contini 1966)."""
+
+STEEP = 0.5
+"""Share of the vertical that lies in the image plane: half of it for a camera tilted by 60 degrees."""
 
 HEAD, SHOULDERS, FEET = ("head_top", "nose", "eye", "ear"), ("neck", "shoulder"), ("ankle", "heel", "big_toe", "small_toe")
 
@@ -64,19 +67,42 @@ def segments_of_boxes(boxes: Boxes, lens: Lens, *, unknown: bool = False, lean: 
         boxes: upright rectangles, whatever way the people in them lean.
         lens: of the camera.
         unknown: whether those without an identity are wanted.
-        lean: clockwise from the image's vertical, radians, how people lean in the image of a camera that is rolled. A body is
-            taken to be an ellipse, `BODY_ASPECT` as wide as tall: its long axis runs through the middle of the box, and not
-            from the middle of one edge to that of the other.
+        lean: how people lean in the image, see `ends_of_boxes`.
     """
     whole = boxes.inside(lens.size) & (boxes.ltwh[:, 3] >= MIN_EXTENT_PX) & ((boxes.identity >= 0) | unknown)
-    x, y, w, h = boxes.ltwh[whole].T
-    n, c, s = len(x), np.cos(lean), np.sin(lean)
-    middle, length = np.column_stack([x + w / 2, y + h / 2]), h / np.sqrt(c**2 + (BODY_ASPECT * s) ** 2)
-    top = np.column_stack([x + w / 2, y]) if lean == 0 else middle + 0.5 * length[:, None] * np.array([s, -c])
-    bottom = np.column_stack([x + w / 2, y + h]) if lean == 0 else middle - 0.5 * length[:, None] * np.array([s, -c])
+    n, (top, bottom) = int(whole.sum()), ends_of_boxes(boxes.ltwh[whole], lean)
     return Segments(
         boxes.frame[whole], boxes.identity[whole], top, bottom, np.ones(n), np.zeros(n), np.ones(n), np.flatnonzero(whole)
     )
+
+
+def ends_of_boxes(ltwh: Floats, lean: float = 0.0) -> tuple[Floats, Floats]:
+    """(N, 2) highest and (N, 2) lowest points of the bodies in boxes, pixels.
+
+    A body is taken to be an ellipse, `BODY_ASPECT` as wide as tall. Its long axis runs through the middle of the box; it joins
+    the middles of the upper and the lower edge only where people do not lean in the image.
+
+    Args:
+        ltwh: (N, 4) left, top, width, height, pixels.
+        lean: radians clockwise from the image's vertical: of a camera that is rolled about its viewing direction.
+    """
+    x, y, w, h = ltwh.T
+    if lean == 0:
+        return np.column_stack([x + w / 2, y]), np.column_stack([x + w / 2, y + h])
+    c, s = np.cos(lean), np.sin(lean)
+    half = (h / (2 * np.sqrt(c**2 + (BODY_ASPECT * s) ** 2)))[:, None] * np.array([s, -c])
+    middle = np.column_stack([x + w / 2, y + h / 2])
+    return middle + half, middle - half
+
+
+def lean_in_image(camera: Camera) -> float:
+    """How people lean in the middle of the image of a camera with a pose: radians clockwise from the image's vertical.
+
+    0 for a camera that looks more down than ahead: people in its image lean in all directions.
+    """
+    assert camera.pose is not None
+    right, down, _ = camera.pose.R_cw[:, 2]
+    return float(np.arctan2(right, -down)) if np.hypot(right, down) > STEEP else 0.0
 
 
 def nominal_heights(joints: tuple[str, ...]) -> Floats:
