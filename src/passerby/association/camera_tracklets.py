@@ -22,7 +22,7 @@ from passerby.core.cameras import Camera, Lens, Rig
 from passerby.core.observations import MIN_JOINT_SCORE, UNKNOWN, Boxes, CameraObservations, Clock, Keypoints, Observations
 from passerby.core.pointing import Sighting
 from passerby.geometry.single_view import Level
-from passerby.people.upright_rays import UprightRays, level_from_people, upright_rays
+from passerby.people.upright_rays import UprightRays, levelled_people
 
 SAME_PERSON_OVERLAP = 0.5
 """Joints belong to the box that their extent overlaps by this much (intersection over union)."""
@@ -94,8 +94,7 @@ def build_camera_tracklets(
     tracked, continued = (seen, (none, none)) if given else _tracked_or_kept(seen, clock.fps, kept)
     if not_people:
         tracked = without_people(tracked, not_people)
-    bodies = upright_rays(tracked, camera.lens, clock)
-    level = level_from_people(bodies, person_height_m, rng)
+    bodies, level = levelled_people(tracked, camera.lens, clock, person_height_m, rng)
     tracks = None if level is None else ground_tracks(bodies, level)
     return CameraTracklets(camera.name, tracked, clock, bodies, level, tracks, continued)
 
@@ -109,8 +108,7 @@ def with_lens(camera: CameraTracklets, lens: Lens, person_height_m: float, rng: 
         person_height_m: expected standing height, metres.
         rng: draws the people that the level is fitted to.
     """
-    bodies = upright_rays(camera.seen, lens, camera.clock)
-    level = level_from_people(bodies, person_height_m, rng)
+    bodies, level = levelled_people(camera.seen, lens, camera.clock, person_height_m, rng)
     tracks = None if level is None else ground_tracks(bodies, level)
     return replace(camera, bodies=bodies, level=level, tracks=tracks)
 

@@ -40,7 +40,7 @@ from passerby.interchange.output_folder import (
 )
 from passerby.interchange.storage.json_text import plain, to_json
 from passerby.perception.video_probe import WallTime
-from passerby.report.contents import Contents, declared_videos
+from passerby.report.contents import Contents, declared_videos, upright_contents
 from passerby.scene.scene import Scene
 from passerby.scene.wall_clock import WallClock
 
@@ -194,7 +194,7 @@ def contents_of(calibration: Calibration) -> Contents:
     seen = Observations(calibration.observations.cameras, calibration.observations.fps, dict(clocks))
     document = parse_document(to_json(calibration_document(calibration)))
     videos = declared_videos(document, list(scene.cameras), scene.resolve(Path()))
-    return Contents(document, calibration.rig, seen, dict(clocks), videos)
+    return upright_contents(document, calibration.rig, seen, dict(clocks), videos)
 
 
 COMPUTING_LIBRARIES = ("numpy", "scipy", "opencv-python-headless", "poselib", "av", "onnxruntime")

@@ -9,6 +9,7 @@ from passerby.common.errors import InputError, PasserbyError
 from passerby.common.progress import Progress, silent
 from passerby.core.cameras import Rig
 from passerby.core.observations import CameraObservations, Clock, Observations
+from passerby.core.quarter_turns import turn_observations, turn_rig, turns_of
 from passerby.core.trajectories import Trajectories
 from passerby.interchange.calibration_json import CALIBRATION_FILE
 from passerby.interchange.output_folder import TRACKS_FOLDER, OutputFolder, read_output
@@ -68,10 +69,12 @@ def folder_clocks(folder: OutputFolder, fps: float | None = None) -> dict[str, C
 def trajectories_by_rig(
     folder: OutputFolder, rig: Rig, clocks: Mapping[str, Clock], options: TrackOptions, tell: Progress = silent
 ) -> Trajectories:
-    """The ways by the folder's boxes and a rig. Raises `InputError` where the folder has no box."""
+    """The ways by the folder's boxes and a rig, both as filmed. Raises `InputError` where the folder has no box."""
     if not any(len(boxes) for boxes in folder.boxes.values()):
         raise InputError(
             f"{folder.path / 'tracks'}: holds no box: people are tracked by boxes; calibrate with boxes, or with both"
         )
     seen = Observations({name: CameraObservations(boxes) for name, boxes in folder.boxes.items()})
-    return trajectories(rig, seen, clocks, options, tell=tell)
+    turns = turns_of(folder.rig)
+    seen = turn_observations(seen, folder.rig, turns)
+    return trajectories(turn_rig(rig, turns), seen, clocks, options, tell=tell)

@@ -71,7 +71,7 @@ def calibrate_observations(
                 f"camera {camera} has people, but no intrinsics: add it to the lenses ({', '.join(known) or 'none'})"
             )
     seen = {camera: _boxes(camera, rows, form, known[camera].size) for camera, rows in (boxes or {}).items()}
-    scene = _scene(name, list(known), fps, form, tables)
+    scene = _scene(name, known, fps, form, tables)
     empty = Boxes.empty(), Keypoints.empty()
     readings = [
         input_from_memory(scene, camera, lens, seen.get(camera, empty[0]), joints.get(camera, empty[1]))
@@ -81,14 +81,16 @@ def calibrate_observations(
 
 
 def _scene(
-    name: str, cameras: list[str], fps: float | Mapping[str, float] | None, form: BoxFormat, tables: Mapping[str, Any]
+    name: str, lenses: Mapping[str, Lens], fps: float | Mapping[str, float] | None, form: BoxFormat, tables: Mapping[str, Any]
 ) -> Scene:
     """A scene that names no files. Raises `FileFaults` (an `InputError`) as for a scene file."""
     rates = dict(fps) if isinstance(fps, Mapping) else {}
-    declared: dict[str, dict[str, Any]] = {camera: {"intrinsics": IN_MEMORY, "tracks": IN_MEMORY} for camera in cameras}
+    declared: dict[str, dict[str, Any]] = {
+        camera: {"intrinsics": IN_MEMORY, "tracks": IN_MEMORY, "rotate": lens.rotate} for camera, lens in lenses.items()
+    }
     for camera, rate in rates.items():
         if camera not in declared:
-            raise InputError(f"fps: camera {camera} has no lens: name one of {', '.join(cameras) or 'none'}")
+            raise InputError(f"fps: camera {camera} has no lens: name one of {', '.join(lenses) or 'none'}")
         declared[camera] = {**declared[camera], "fps": rate}
     own = {"name": name, "boxes": str(form)} | ({} if fps is None or rates else {"fps": fps})
     allowed = ("association", "sites", "scale", "solver", "world")

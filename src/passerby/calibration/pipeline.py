@@ -36,6 +36,7 @@ from passerby.common.parallel import worthwhile
 from passerby.common.progress import Progress, silent, tell_note
 from passerby.core.cameras import Rig
 from passerby.core.figures import AdjustedFigures, HeldOutFigures, adjusted, heights_of
+from passerby.core.quarter_turns import turn_observations, turn_rig, undone
 from passerby.core.scale_cues import combine_heights
 from passerby.core.solution import Solution
 from passerby.findings.finding import Finding
@@ -128,7 +129,9 @@ def _calibrate_together(estimator: Estimator, inputs: SceneInputs) -> Calibratio
         shape = shape_of(repaired.estimate.solution, association.instants, scene.scale.person_height_m)
         held_out = _held_out(scene, repaired.estimate, estimator.seed)
         solution = _with_figures(scene, inputs, repaired, motions, shape, held_out)
-        placed = align_to_scene(scene, solution, inputs.elsewhere)
+        # Pixels that the scene states, and all results, are of the images as filmed.
+        filmed = replace(solution, rig=turn_rig(solution.rig, undone(scene.turns)))
+        placed = align_to_scene(scene, filmed, inputs.elsewhere)
         checks = check_lengths(scene.scale.checks, placed.rig, adjusted(solution.figures).scale.relative_sigma)
         off = findings_of_checks(checks)
         doubts, ground = _doubts(scene, inputs, solution, association, motions, shape, estimator)
@@ -144,16 +147,19 @@ def _calibrate_together(estimator: Estimator, inputs: SceneInputs) -> Calibratio
         f"{solution.verdict}{''.join(f': {reason}' for reason in solution.reasons[:1])}",
     ):
         tell_note(tell, note)
+    upright, back = solution.rig, undone(scene.turns)
+    seen = turn_observations(association.observations, upright, back)
+    instants = turn_observations(association.instants, upright, back)
     return Calibration(
         scene=scene,
         rig=replace(placed.rig, verdict=solution.verdict),
         verdict=solution.verdict,
         diagnostics=(*solution.findings, *inputs.findings, *association.notices, *unused, *refined, *frame),
-        observations=association.observations,
+        observations=seen,
         seed=estimator.seed,
         options=asdict(estimator.options),
         figures=replace(placed.figures, checks=checks or None),
-        association=association,
+        association=replace(association, observations=seen, instants=instants),
         clocked=bool(inputs.observations.clocks),
         wall_clock=inputs.wall_clock,
         world=placed.world,

@@ -10,6 +10,7 @@ from passerby.common.errors import EvidenceError
 from passerby.common.progress import Progress
 from passerby.core.cameras import Rig
 from passerby.core.observations import Observations
+from passerby.core.quarter_turns import turn_observations, turn_rig
 from passerby.core.stature import PERSON_HEIGHT_M
 from passerby.core.synchronisation import clocks_of, resample_to_common_steps
 from passerby.evaluation.on_people import PeopleComparison, compare_on_people
@@ -40,19 +41,25 @@ def compare_rigs(
         EvidenceError: the scene's people could not be associated, or are too few.
     """
     if not isinstance(people, Scene) and (Path(people) / CALIBRATION_FILE).is_file():
-        instants, height_m = _people_of_folder(Path(people))
-        return compare_on_people(first, second, instants, height_m, shape=shape)
+        instants, height_m, turns = _people_of_folder(Path(people))
+        return compare_on_people(turn_rig(first, turns), turn_rig(second, turns), instants, height_m, shape=shape)
     found = calibrate(people, seed=seed, progress=progress, executor=executor)
     if found.verdict == "refused":
         raise EvidenceError("; ".join(found.reasons))
-    return compare_on_people(first, second, found.instants, found.scene.scale.person_height_m, shape=shape)
+    turns = found.scene.turns
+    instants = turn_observations(found.instants, found.rig, turns)
+    height_m = found.scene.scale.person_height_m
+    return compare_on_people(turn_rig(first, turns), turn_rig(second, turns), instants, height_m, shape=shape)
 
 
-def _people_of_folder(folder: Path) -> tuple[Observations, float]:
-    """The people in a calibration's tracks at common time steps, and how tall it took them to be."""
+def _people_of_folder(folder: Path) -> tuple[Observations, float, dict[str, int]]:
+    """The people in a calibration's tracks at common time steps, upright, and how tall it took them to be; and by how much
+    cameras on their sides are turned.
+    """
     contents = contents_from(folder)
     seen = contents.observations
     names = [name for name in contents.rig.names if (folder / TRACKS_FOLDER).is_dir()]
     sizes = {camera.name: camera.lens.size for camera in contents.rig}
     stated = contents.document.scene.scale.person_height_m
-    return resample_to_common_steps(seen, clocks_of(seen, names), sizes=sizes), stated or PERSON_HEIGHT_M
+    turns = {name: table.rotate for name, table in contents.document.scene.cameras.items() if table.rotate}
+    return resample_to_common_steps(seen, clocks_of(seen, names), sizes=sizes), stated or PERSON_HEIGHT_M, turns

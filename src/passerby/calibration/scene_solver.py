@@ -14,6 +14,7 @@ from passerby.common.errors import EvidenceError, InputError
 from passerby.core.cameras import Rig
 from passerby.core.observations import Observations
 from passerby.core.overlap import connected_groups, count_shared_observations, missing_overlap
+from passerby.core.quarter_turns import turn_cues
 from passerby.core.scale_cues import PersonHeight, combine_heights
 from passerby.core.solution import Solution
 from passerby.findings.refusals import RefusalError, findings_of
@@ -76,7 +77,7 @@ def solve_scene(
     guesses: Sequence[PairHypothesis] = (), known: Sequence[PersonHeight] = (), executor: Executor | None = None,
 ) -> Solution:  # fmt: skip
     """Run the scene's solver; a want of evidence is a refused solution without poses. `known` adds to the scene's cues."""
-    cues = scene.scale_cues()
+    cues = turn_cues(scene.scale_cues(), rig, scene.turns)
     cues = replace(cues, people=combine_heights((*cues.people, *known)))
     shared = count_shared_observations(synchronised)
     try:

@@ -21,6 +21,8 @@ FISHEYE_DISTORTION_LENGTHS = (0, 4)
 # A pixel whose undistorted ray does not come back to within this many pixels lies outside what the lens model can express.
 INVERSION_TOLERANCE_PX = 0.05
 
+QUARTER_TURNS = (0, 90, 180, 270)
+
 LARGEST_FOCAL_SD = 0.5
 """Of a focal length known no better than this the calibration, which follows it to first order, says nothing."""
 
@@ -48,6 +50,9 @@ class Lens:
     group: str | None = None
     """Cameras of one model: uncalibrated lenses with the same group share one focal length and distortion. None: no other
     lens is like it."""
+    rotate: int = 0
+    """Degrees clockwise, 0, 90, 180 or 270, by which the images are to be turned so that people in them stand upright: of a
+    camera that is mounted on its side. The other values are of the images as filmed."""
 
     def __post_init__(self) -> None:
         if self.focal_sd is not None and not 0 < self.focal_sd <= LARGEST_FOCAL_SD:
@@ -62,6 +67,8 @@ class Lens:
         object.__setattr__(self, "matrix", matrix)
         object.__setattr__(self, "distortions", distortions)
         object.__setattr__(self, "size", (int(self.size[0]), int(self.size[1])))
+        if self.rotate not in QUARTER_TURNS:
+            raise InputError(f"rotate is {self.rotate}: give 90, 180 or 270 degrees clockwise, or 0")
         if min(self.size) < 1:
             raise InputError(f"size {list(self.size)} is not an image size: give [width, height] in pixels")
         if matrix.shape != (3, 3) or not np.isfinite(matrix).all():

@@ -37,6 +37,7 @@ class DeclaredCamera:
     detections: str | None = field(default=None, metadata=ABSENT)
     keypoints: str | None = field(default=None, metadata=ABSENT)
     fps: Annotated[float, Field(gt=0)] | None = field(default=None, metadata=ABSENT)
+    rotate: int | None = field(default=None, metadata=ABSENT)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,8 +5,9 @@ One table a camera: `name`, `size` [width, height], `matrix`, `distortions`, `ro
 tools are left alone.
 Passerby's own extra keys are `position_sigma_mm`, `orientation_sigma_deg` and `covariance` (6 x 6: centre in metres, world;
 then rotation vector in radians, camera frame), `focal_sd_percent` (one standard deviation of a focal length that is a
-guess), and `uncalibrated` (nobody knows the lens: its matrix is a stand-in, to be estimated). A sigma that is infinite, since
-nothing fixes the pose, is left out.
+guess), `uncalibrated` (nobody knows the lens: its matrix is a stand-in, to be estimated), and `rotate` (degrees clockwise by
+which the camera's images are to be turned so that people stand upright; all numbers are of the images as filmed). A sigma
+that is infinite, since nothing fixes the pose, is left out.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from passerby.common.arrays import Floats
 from passerby.common.errors import InputError
 from passerby.common.text import listed, shortened
 from passerby.core.cameras import Camera, Lens, Pose, PoseSigma, Rig
-from passerby.core.lens import LARGEST_FOCAL_SD
+from passerby.core.lens import LARGEST_FOCAL_SD, QUARTER_TURNS
 from passerby.geometry.rotations import log_rotation
 from passerby.interchange.gathering import gathered_rig
 from passerby.interchange.numbers import NotNumbers, finite_numbers
@@ -39,6 +40,7 @@ RIG_FORMAT = 1
 RIG = "a rig file (TOML)"
 FOCAL_SD = "focal_sd_percent"
 UNCALIBRATED = "uncalibrated"
+ROTATE = "rotate"
 ROUNDING, LARGEST_VARIANCE = 1e-3, 1e12
 """Of a covariance, the first as a share of its largest number: other tools round to a few digits."""
 UNFILLED = ("FX", "FY", "CX", "CY")
@@ -165,7 +167,10 @@ def _lens(table: dict[str, Any]) -> Lens:
     focal_sd = _focal_sd(table)
     if uncalibrated and focal_sd is None:
         focal_sd = LARGEST_FOCAL_SD
-    return Lens((int(size[0]), int(size[1])), matrix, distortions, fisheye, focal_sd, uncalibrated)
+    rotate = table.get(ROTATE, 0)
+    if isinstance(rotate, bool) or rotate not in QUARTER_TURNS:
+        raise InputError(f"{ROTATE} is {shortened(rotate)}: write 90, 180 or 270 (degrees clockwise), or delete it")
+    return Lens((int(size[0]), int(size[1])), matrix, distortions, fisheye, focal_sd, uncalibrated, rotate=int(rotate))
 
 
 def _focal_sd(table: dict[str, Any]) -> float | None:
@@ -264,6 +269,8 @@ def table_of(camera: Camera) -> dict[str, Any]:
         table[FOCAL_SD] = 100 * lens.focal_sd
     if lens.uncalibrated:
         table[UNCALIBRATED] = True
+    if lens.rotate:
+        table[ROTATE] = lens.rotate
     if camera.sigma is not None:
         if np.isfinite(camera.sigma.position_m):
             table["position_sigma_mm"] = 1000 * camera.sigma.position_m

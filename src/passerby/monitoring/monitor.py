@@ -13,6 +13,7 @@ from passerby.common.errors import InputError
 from passerby.common.progress import Progress, silent
 from passerby.core.cameras import Camera, Rig
 from passerby.core.observations import Clock, Observations
+from passerby.core.quarter_turns import turn_rig
 from passerby.core.synchronisation import resample_to_common_steps
 from passerby.findings.finding import notice
 from passerby.findings.texts import text_of, texts_of
@@ -124,8 +125,9 @@ def monitor_inputs(
     options = options or WatchOptions()
     names = [name for name in given.rig.names if name in inputs.rig.names and given.rig[name].pose is not None]
     _check_names(given.rig, inputs.rig.names, scene.place)
-    _check_pictures(given.rig, inputs.rig, scene.place)
-    rig, observations = _footage(given, scene, inputs, names, in_step)
+    turned = replace(given, rig=turn_rig(given.rig, scene.turns))
+    _check_pictures(turned.rig, inputs.rig, scene.place)
+    rig, observations = _footage(turned, scene, inputs, names, in_step)
     known = scene.association.given
     doubts: tuple[str, ...] = ()
     budget_s = options.budget_s or (SITE_BUDGET_S if len(given.rig) > MANY else None)
@@ -140,7 +142,10 @@ def monitor_inputs(
     else:
         watched, ground = watch_footage(rig, observations, options, known=known, tell=tell, executor=executor)
     sources = Sources(clocks=observations.clocks)
-    return MonitoringResult(given.rig, watched, options, ground, (*doubts, *_notes(given, inputs.rig, in_step)), sources,
+    moves = tuple(move.turned(-scene.turns.get(move.camera, 0)) for move in watched.moves)
+    notes = (*doubts, *_notes(given, inputs.rig, in_step))
+    return MonitoringResult(
+        given.rig, replace(watched, moves=moves), options, ground, notes, sources,
         thinning=None if budget_s is None else thinning,
     )  # fmt: skip
 

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+import numpy as np
 
 from passerby.common.arrays import Floats
 from passerby.common.errors import InputError
 from passerby.core.cameras import Pose, PoseSigma
+from passerby.core.quarter_turns import axes_turn, turn_pose, turn_sigma
 from passerby.monitoring.evidence import MotionTest
 from passerby.monitoring.moments import ChangePoint
 
@@ -65,6 +68,17 @@ class Move:
     sigma: PoseSigma | None
     others: tuple[str, ...] = ()
     """Cameras that may have moved instead: the people do not tell which."""
+
+    def turned(self, degrees: int) -> Move:
+        """The move of the camera whose images are turned clockwise by a multiple of 90 degrees."""
+        if degrees % 360 == 0:
+            return self
+        block = np.eye(6)
+        block[3:, 3:] = axes_turn(degrees)
+        pose = None if self.pose is None else turn_pose(self.pose, degrees)
+        sigma = None if self.sigma is None else turn_sigma(self.sigma, degrees)
+        covariance = block @ self.covariance @ block.T
+        return replace(self, shift=block @ self.shift, covariance=covariance, pose=pose, sigma=sigma)
 
 
 @dataclass(frozen=True, eq=False)

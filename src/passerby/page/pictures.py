@@ -5,12 +5,13 @@ from __future__ import annotations
 import os
 import threading
 from collections import OrderedDict
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
 
 from passerby.common.errors import InputError
+from passerby.perception.sources.files import VideoSource
 from passerby.perception.sources.recording import open_source
 from passerby.perception.video import VideoInfo
 from passerby.perception.video_still import still
@@ -124,9 +125,14 @@ def open_video_alone(scene: Scene, camera: str) -> VideoInfo | str:
     """A camera's video that is a single file, or why there is none to be shown."""
     try:
         source = source_of(scene, camera)
-        return f"camera {camera} has no video" if source is None else open_source(source, camera).info
+        return f"camera {camera} has no video" if source is None else _as_filmed(source, camera)
     except InputError as error:
         return str(error)
+
+
+def _as_filmed(source: VideoSource, camera: str) -> VideoInfo:
+    """A camera's video, not turned by `rotate`: boxes, clicks and rig on the page are of the images as filmed."""
+    return open_source(replace(source, rotate=0), camera).info
 
 
 def open_videos(scene: Scene) -> dict[str, VideoInfo | str]:
@@ -141,7 +147,7 @@ def open_videos(scene: Scene) -> dict[str, VideoInfo | str]:
         try:
             source = source_of(scene, reading.name, span)
             if source is not None:
-                reading.video = open_source(source, reading.name).info
+                reading.video = _as_filmed(source, reading.name)
         except InputError as error:
             why[reading.name] = str(error)
     align_wall_clocks(scene, readings)

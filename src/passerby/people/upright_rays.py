@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import deepcopy
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +15,13 @@ from passerby.core.observations import CameraObservations, Clock
 from passerby.geometry.single_view import Level, level_camera
 from passerby.people.segments import upright_segments
 
+LEANS = tuple(np.deg2rad([-45.0, -30.0, -15.0, 15.0, 30.0, 45.0]).tolist())
+REFINED = tuple(np.deg2rad([7.5, 3.75]).tolist())
+"""Leans of people in the image that are tried, and steps about the best one. Images of cameras that are rolled further are to
+be turned (`rotate`)."""
+CLEARLY_BETTER = 0.8
+"""Misfit with a lean over that of upright boxes, below which people lean. On simulated terraces and basketball courts with 2 %
+noise of the boxes no lean was below it for 24 cameras without roll; for 24 with 18 degrees or more it was 0.63 at most."""
 MOVING_SHARE = 0.25
 """Of a person's extent, between the tenth and the ninetieth percentile of a tracklet's feet: whoever stands shifts by less than
 a tenth, whoever walks passes it within half a second."""
@@ -50,15 +58,16 @@ class UprightRays(Columns):
         return len(self.frame)
 
 
-def upright_rays(seen: CameraObservations, lens: Lens, clock: Clock) -> UprightRays:
+def upright_rays(seen: CameraObservations, lens: Lens, clock: Clock, lean: float = 0.0) -> UprightRays:
     """People whose top and bottom are both in the picture.
 
     Args:
         seen: boxes and joints; identities are tracklet numbers of this camera or -1.
         lens: the camera's lens.
         clock: from frames to seconds.
+        lean: how people lean in their boxes, radians clockwise from the image's vertical.
     """
-    ends = upright_segments(seen, lens)
+    ends = upright_segments(seen, lens, lean)
     top_ray, bottom_ray = lens.bearings(ends.top), lens.bearings(ends.bottom)
     found = UprightRays(
         ends.frame, clock.seconds(ends.frame), ends.identity, top_ray, bottom_ray, lens.tangents(top_ray),
@@ -77,6 +86,45 @@ def level_from_people(bodies: UprightRays, person_height_m: float, rng: np.rando
     use = bodies.take(tracked) if np.count_nonzero(tracked) >= 50 else bodies
     span, foot = person_height_m * (use.top_fraction - use.bottom_fraction), person_height_m * use.bottom_fraction
     return level_camera(use.top, use.bottom, use.top_tangent, use.extent_px, span, foot, rng)
+
+
+def levelled_people(
+    seen: CameraObservations, lens: Lens, clock: Clock, person_height_m: float, rng: np.random.Generator
+) -> tuple[UprightRays, Level | None]:
+    """The people of a camera and its level, however the camera is rolled about its viewing direction.
+
+    A box does not show how the person in it leans. But people who are farther away look smaller, and stand nearer to the
+    horizon: with the right lean all fit one ground, with a wrong one they do not. So the leans of `LEANS` are compared by the
+    misfit of their levels, and the best one is refined. Boxes are taken as upright unless a lean fits clearly better.
+
+    Args:
+        seen: boxes and joints; identities are tracklet numbers of this camera or -1.
+        lens: the camera's lens.
+        clock: from frames to seconds.
+        person_height_m: expected standing height, metres.
+        rng: draws the people that the level is fitted to, the same ones for each lean.
+
+    Returns:
+        The people, with the lean that was found, and the level; None where there are too few people.
+    """
+    draws = deepcopy(rng)
+    upright = upright_rays(seen, lens, clock)
+    level = level_from_people(upright, person_height_m, rng)
+    if level is None or not len(seen.boxes):
+        return upright, level
+
+    def tried(lean: float) -> tuple[float, UprightRays, Level | None]:
+        bodies = upright_rays(seen, lens, clock, lean)
+        found = level_from_people(bodies, person_height_m, deepcopy(draws))
+        return np.inf if found is None else found.residual, bodies, found
+
+    found = {lean: tried(lean) for lean in LEANS}
+    best = min(found, key=lambda lean: found[lean][0])
+    for step in REFINED:
+        found |= {lean: tried(lean) for lean in (best - step, best + step)}
+        best = min(found, key=lambda lean: found[lean][0])
+    residual, bodies, leaning = found[best]
+    return (bodies, leaning) if residual < CLEARLY_BETTER * level.residual else (upright, level)
 
 
 def of_moving_tracklets(bodies: UprightRays) -> Bools:

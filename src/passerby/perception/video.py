@@ -158,7 +158,7 @@ class _Recording:
         clock = self._info.clock_fps
         before = round(piece.begin_s * clock)
         if piece.info is None:
-            picture = decoded_picture(piece.path, self._info.size)
+            picture = decoded_picture(piece.path, self._info.size, self._info.rotation)
             if picture is None:
                 self._fail(piece, "it is damaged or of another size")
             else:
@@ -195,13 +195,21 @@ class _Recording:
         )
 
 
-def decoded_picture(path: Path, size: tuple[int, int]) -> Picture | None:
-    """(H, W, 3) BGR of an image file, upright; None where it cannot be read or has another size."""
+def decoded_picture(path: Path, size: tuple[int, int], rotation: int = 0) -> Picture | None:
+    """(H, W, 3) BGR of an image file, upright; None where it cannot be read or has another size.
+
+    Args:
+        path: the file.
+        size: (width, height) of the upright picture.
+        rotation: degrees counter-clockwise by which it is turned after the rotation that the file states.
+    """
     try:
         content = np.fromfile(path, dtype=np.uint8)
     except OSError:
         return None
     picture = cv2.imdecode(content, cv2.IMREAD_COLOR) if len(content) else None
+    if picture is not None and rotation in TURNS:
+        picture = cv2.rotate(picture, TURNS[rotation])
     if picture is None or (picture.shape[1], picture.shape[0]) != size:
         return None
     return np.asarray(picture, dtype=np.uint8)

@@ -29,14 +29,22 @@ class VideoObservations:
     made_again: bool = False
     """Whether there were finished results that could not be taken: of another video, other options or other versions."""
 
-    def faults(self, name: str, info: VideoInfo, from_s: float = 0.0, until_s: float = math.inf) -> list[str]:
-        """What makes the part of the video unusable that lies between two times, in seconds."""
+    def faults(self, name: str, info: VideoInfo, from_s: float = 0.0, until_s: float = math.inf, stated: int = 0) -> list[str]:
+        """What makes the part of the video between two times (seconds) unusable; `stated` is the scene's `rotate`."""
         place, found = f"{info.path}: camera {name}", []
         early = self.summary["ended_early"]
         if early is not None:
             found.append(
                 f"{place}: {early}: copy the video again, or save the readable part with `ffmpeg -i {info.path.name} -c copy "
                 "whole.mp4`"
+            )
+        if (rotate := self.summary.get("rotate")) is not None:
+            lie = "stand on their heads" if (rotate - stated) % 360 == 180 else "lie on their side"
+            found.append(
+                f"{place}: people {lie} in its images: under [cameras.{key(name)}] set rotate = {rotate} (degrees clockwise), "
+                "and keep the intrinsics of the images as filmed"
+                if rotate
+                else f"{place}: people {lie} in its images after these are turned: under [cameras.{key(name)}] delete rotate"
             )
         found += [
             f"{place}: the camera {_what(move)} {move['seconds']:.1f} s after the start, {_how_far(move)}, and stays "

@@ -10,7 +10,7 @@ import math
 import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from itertools import islice
 from pathlib import Path
@@ -141,6 +141,14 @@ class VideoInfo:
     """These times, seconds from the first frame, ascending."""
     used: tuple[float, float] = (-math.inf, math.inf)
     """Seconds of the recording that are read, both ends included; pictures outside are passed over."""
+
+    def turned(self, degrees: int) -> VideoInfo:
+        """The video with its pictures turned clockwise by a multiple of 90 degrees, after the rotation that the file states."""
+        if degrees % 360 == 0:
+            return self
+        pieces = tuple(replace(piece, info=None if piece.info is None else piece.info.turned(degrees)) for piece in self.pieces)
+        size = self.size if degrees % 180 == 0 else (self.size[1], self.size[0])
+        return replace(self, size=size, rotation=(self.rotation - degrees) % 360, pieces=pieces)
 
     @property
     def files(self) -> tuple[Path, ...]:

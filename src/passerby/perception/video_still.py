@@ -92,7 +92,7 @@ def _in_pieces(info: VideoInfo, number: Ints, worth: Floats, most_pixels: float)
         piece = held[-1]
         before = round(piece.begin_s * info.clock_fps)
         if piece.info is None:
-            picture = decoded_picture(piece.path, info.size) if wanted == before + 1 else None
+            picture = decoded_picture(piece.path, info.size, info.rotation) if wanted == before + 1 else None
             if picture is not None:
                 return Frame(wanted, before / info.clock_fps, picture)
             continue

@@ -25,6 +25,7 @@ from passerby.core.observations import UNKNOWN, Boxes, Keypoints
 from passerby.perception.given_boxes import GivenBoxes, no_embeddings
 from passerby.perception.joint_budget import JointBudget
 from passerby.perception.kept import SUMMARY, Arrays, StageCache, cache_lock, forget_others
+from passerby.perception.lying_people import FEW, turn_that_shows_people
 from passerby.perception.opening import (
     background_count,
     background_identity,
@@ -71,6 +72,8 @@ class CameraJob:
     """Folder of this camera's kept results."""
     boxes: Boxes | None = None
     """The people, where they are known; None: they are to be found."""
+    rotate: int = 0
+    """Degrees clockwise by which the scene turns the video's pictures, as `info` has them."""
 
 
 def work_of(job: CameraJob) -> int:
@@ -135,7 +138,8 @@ def kept_results(job: CameraJob, tell: Tell) -> VideoObservations | None:
 def _video(job: CameraJob) -> dict[str, Any]:
     """What decides all stages."""
     video = {"video": video_identity(job.info), "rate": job.rate, "segment": SEGMENT, "revision": REVISION}
-    return video | {"versions": _versions()}
+    turned = {"rotate": job.rotate} if job.rotate else {}
+    return video | turned | {"versions": _versions()}
 
 
 def _background(job: CameraJob, video: Mapping[str, Any]) -> StageCache:
@@ -150,6 +154,7 @@ class _Watch:
         self._job, self._tell = job, tell
         self._learning, self._work = _learning(job), work_of(job)
         self.seconds: dict[str, float] = {}
+        self._found = 0
         self._used: set[Path] = set()
         self._files, self._at_s = VideoFilesState(job.info), -math.inf
         video = _video(job)
@@ -242,6 +247,10 @@ class _Watch:
         self._at_s = math.inf
         self._turn((index + SEGMENT) // SEGMENT)
         summary = _summary(index + 1, reader, watcher)
+        if job.boxes is None and job.plan.detector is not None and self._found < FEW * (index + 1):
+            with self._timed("detection"):
+                turn = turn_that_shows_people(job.info, self._detector)
+            summary |= {"rotate": (job.rotate + turn) % 360} if turn else {}
         for stage in self._stages:
             stage.kept.finish(summary)
         return summary
@@ -271,6 +280,7 @@ class _Watch:
             first = int(self._people.part["count"][:place].sum())
             rows = slice(first, first + int(self._people.part["count"][place]))
             ltwh, score = self._people.part["ltwh"][rows], self._people.part["score"][rows]
+        self._found += len(ltwh)
         if self._looks is not None and self._embedder is not None and self._looks.part is None:
             with self._timed("embedding"):
                 wanted = len(ltwh) > 0 and index % self._looks_every == 0

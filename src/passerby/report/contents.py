@@ -11,6 +11,7 @@ from pathlib import Path
 from passerby.core.cameras import Rig
 from passerby.core.figures import AdjustedFigures, adjusted
 from passerby.core.observations import Boxes, CameraObservations, Clock, Keypoints, Observations
+from passerby.core.quarter_turns import turn_observations, turn_rig, turns_of
 from passerby.core.solution import Verdict
 from passerby.interchange.calibration_json import CalibrationDocument, CameraEntry
 from passerby.interchange.coco import read_keypoints
@@ -23,7 +24,7 @@ from passerby.perception.sources.files import VideoSource, WallSpan
 
 @dataclass(frozen=True, eq=False)
 class Contents:
-    """All that the report is made from."""
+    """All that the report is made from: images turned so that people stand upright, and all values of the turned images."""
 
     document: CalibrationDocument
     """What `calibration.json` holds."""
@@ -62,7 +63,15 @@ def contents_from(out: Path) -> Contents:
     rig = read_rig(out / RIG_FILE)
     clocks = _clocks(document.entries, rig)
     seen = {name: CameraObservations(*_seen(out / TRACKS_FOLDER, name)) for name in rig.names}
-    return Contents(document, rig, Observations(seen, document.scene.scene.fps, clocks), clocks, _videos(document, rig))
+    return upright_contents(document, rig, Observations(seen, document.scene.scene.fps, clocks), clocks, _videos(document, rig))
+
+
+def upright_contents(
+    document: CalibrationDocument, rig: Rig, seen: Observations, clocks: Mapping[str, Clock], videos: Mapping[str, VideoSource]
+) -> Contents:
+    """The contents of a calibration of which all values are of the images as filmed."""
+    turns = turns_of(rig)
+    return Contents(document, turn_rig(rig, turns), turn_observations(seen, rig, turns), clocks, videos)
 
 
 def _seen(folder: Path, name: str) -> tuple[Boxes, Keypoints]:
@@ -112,7 +121,9 @@ def _declared(document: CalibrationDocument, declared: DeclaredCamera, folder: P
     origin = _wall_seconds(stated) if watched and stated is not None else None
     first, last = (None if end is None else _wall_seconds(end) for end in document.wall_clock_span or (None, None))
     span = None if first is None and last is None else WallSpan(-inf if first is None else first, inf if last is None else last)
-    return VideoSource(paths, declared.video_names, times, declared.fps or document.scene.scene.fps, span, origin)
+    return VideoSource(
+        paths, declared.video_names, times, declared.fps or document.scene.scene.fps, span, origin, declared.rotate or 0
+    )
 
 
 def _wall_seconds(text: str) -> float:

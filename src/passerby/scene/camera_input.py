@@ -7,10 +7,12 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from passerby.common.arrays import Ints
+from passerby.common.arrays import Floats, Ints
 from passerby.core.cameras import Lens
 from passerby.core.observations import UNKNOWN, Boxes, CameraObservations, Keypoints
+from passerby.core.quarter_turns import turn_lens, turn_pixels, turn_seen, turned_size
 from passerby.findings.finding import Finding
 from passerby.perception.video import VideoInfo
 
@@ -39,6 +41,8 @@ class CameraInput:
     name: str
     given: bool = True
     """Whether the ids are global identities (mode "given"); else they are this camera's own tracklet numbers."""
+    rotate: int = 0
+    """Degrees clockwise by which its images were turned: lens, boxes, keypoints and video here are of the turned images."""
     lens: Lens | None = None
     lens_source: KnownLens | None = None
     """Where the lens is from; None where there is none, or it came from memory."""
@@ -58,6 +62,33 @@ class CameraInput:
     """What is odd about these files, but stops nothing."""
     doubts: list[Finding] = field(default_factory=list)
     """What speaks against any rig from these files."""
+
+    @property
+    def filmed_size(self) -> tuple[int, int] | None:
+        """(width, height) of the images as filmed, in which the scene file states its pixels; None where it is not known."""
+        return None if self.lens is None else turned_size(self.lens.size, self.rotate)
+
+    @property
+    def filmed_lens(self) -> Lens | None:
+        """The lens of the images as filmed."""
+        return None if self.lens is None else turn_lens(self.lens, -self.rotate)
+
+    @property
+    def filmed_people(self) -> CameraObservations:
+        """All boxes and keypoints, in the images as filmed."""
+        size = (0, 0) if self.lens is None else self.lens.size
+        return turn_seen(CameraObservations(self.boxes, self.keypoints), size, 0 if self.lens is None else -self.rotate)
+
+    def upright(self, pixels: ArrayLike) -> Floats:
+        """(..., 2) pixels of the images as filmed, in the turned images."""
+        size = self.filmed_size
+        given = np.asarray(pixels, dtype=np.float64)
+        return given if size is None or not self.rotate else turn_pixels(given, size, self.rotate)
+
+    def filmed(self, pixels: ArrayLike) -> Floats:
+        """(..., 2) pixels of the turned images, in the images as filmed."""
+        given = np.asarray(pixels, dtype=np.float64)
+        return given if self.lens is None or not self.rotate else turn_pixels(given, self.lens.size, -self.rotate)
 
     @property
     def seen(self) -> CameraObservations:

@@ -18,6 +18,7 @@ from passerby.common.errors import InputError
 from passerby.core.cameras import Camera, Rig
 from passerby.core.observations import Clock, Observations
 from passerby.core.pointing import PointedPerson, StatedIdentities
+from passerby.core.quarter_turns import turn_boxes
 from passerby.findings.finding import Finding, notice
 from passerby.interchange.storage.faults import FileFaults, faults_of
 from passerby.perception.sources.recording import gaps_of, recorded_s
@@ -208,7 +209,7 @@ def scene_faults(scene: Scene, readings: list[CameraInput]) -> list[str]:
         *faults_of_same_file(scene, readings),
         *_short_video_faults(scene, readings),
         *_emptiness_faults(scene, readings),
-        *world_faults(scene, {reading.name: reading.lens.size for reading in readings if reading.lens is not None}),
+        *world_faults(scene, {one.name: one.filmed_size for one in readings if one.filmed_size is not None}),
     ]
 
 
@@ -267,7 +268,8 @@ def scene_doubts(scene: Scene, readings: list[CameraInput], *, compare_contents:
     """
     known = [(reading, reading.lens) for reading in readings if reading.lens is not None]
     rig = Rig(tuple(Camera(reading.name, lens) for reading, lens in known))
-    coarse = [doubt_of_coarse_boxes(reading.name, reading.seen.boxes) for reading, _ in known]
+    boxes = [turn_boxes(reading.seen.boxes, lens.size, -reading.rotate) for reading, lens in known]
+    coarse = [doubt_of_coarse_boxes(reading.name, own) for (reading, _), own in zip(known, boxes, strict=True)]
     return [
         *(doubt for reading in readings for doubt in reading.doubts),
         *doubts_of_people(scene, readings),
@@ -277,17 +279,17 @@ def scene_doubts(scene: Scene, readings: list[CameraInput], *, compare_contents:
 
 
 def _length_faults(scene: Scene, readings: list[CameraInput]) -> list[str]:
-    lenses = {reading.name: reading.lens for reading in readings}
+    sizes = {reading.name: reading.filmed_size for reading in readings}
     faults = []
     marked = [(f"[[scale.lengths]] {number}", one.points) for number, one in enumerate(scene.scale.lengths, start=1)]
     marked += [(f"[[scale.checks]] {number}", one.points or {}) for number, one in enumerate(scene.scale.checks, start=1)]
     for place, points in marked:
         for name, ends in points.items():
-            lens = lenses[name]
-            if lens is not None and not all(0 <= u <= lens.size[0] and 0 <= v <= lens.size[1] for u, v in ends):
+            size = sizes[name]
+            if size is not None and not all(0 <= u <= size[0] and 0 <= v <= size[1] for u, v in ends):
                 faults.append(
                     f"{scene.place}: {place} points: {[list(end) for end in ends]} lies outside the "
-                    f"{lens.size[0]} x {lens.size[1]} image of camera {name}: give pixels of that image"
+                    f"{size[0]} x {size[1]} image of camera {name}: give pixels of that image"
                 )
     return faults
 

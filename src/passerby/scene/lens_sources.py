@@ -15,6 +15,7 @@ from passerby.common.errors import InputError
 from passerby.common.text import shortened
 from passerby.core.cameras import Lens
 from passerby.core.lens import LARGEST_FOCAL_SD
+from passerby.core.quarter_turns import turn_lens, turned_size
 from passerby.findings.finding import notice
 from passerby.perception.video_probe import fit_of_size
 from passerby.scene.camera_input import CameraInput, KnownLens
@@ -39,12 +40,12 @@ def find_lens(scene: Scene, reading: CameraInput, model: CameraInput | None) -> 
     if model is None:
         _find_own_lens(scene, reading)
     elif model.lens is not None:
-        _take_lens(scene, reading, model, model.lens)
+        _take_lens(scene, reading, model, turn_lens(model.lens, -model.rotate))
 
 
 def _find_own_lens(scene: Scene, reading: CameraInput) -> None:
     """The lens by what the scene file, or else the video, states; stated for one camera, it holds for all of its model."""
-    size = scene.cameras[reading.name].image_size or (None if reading.video is None else reading.video.size)
+    size = scene.cameras[reading.name].image_size or _filmed(reading)
     if size is None:
         return
     names = scene.models[reading.name]
@@ -73,6 +74,13 @@ def _find_own_lens(scene: Scene, reading: CameraInput) -> None:
             reading.lens_source = KnownLens("people", str(scene.place))
     except InputError as error:
         reading.faults.append(f"{scene.place}: [cameras.{stating or reading.name}] {error}")
+    if reading.lens is not None:
+        reading.lens = turn_lens(replace(reading.lens, rotate=reading.rotate), reading.rotate)
+
+
+def _filmed(reading: CameraInput) -> tuple[int, int] | None:
+    """Size of the video's images as filmed; None without a video."""
+    return None if reading.video is None else turned_size(reading.video.size, reading.rotate)
 
 
 def _stated_lens(scene: Scene, camera: str, size: tuple[int, int], fisheye: bool) -> Lens:
@@ -99,9 +107,12 @@ def equivalent_px(focal_35mm: float, size: tuple[int, int]) -> float:
 
 
 def _take_lens(scene: Scene, reading: CameraInput, model: CameraInput, lens: Lens) -> None:
-    """The lens of another camera of the same model: shared where nobody calibrated it, else with a unit's own deviation."""
+    """The lens of another camera of the same model: shared where nobody calibrated it, else with a unit's own deviation.
+
+    `lens` is of the images as filmed.
+    """
     table, place = scene.cameras[reading.name], f"{scene.place}: [cameras.{reading.name}] lens"
-    size = table.image_size or (lens.size if reading.video is None else reading.video.size)
+    size = table.image_size or _filmed(reading) or lens.size
     try:
         same = size == lens.size or (not lens.uncalibrated and fit_of_size(size, lens.size) == "cropped")
     except InputError:
@@ -112,26 +123,27 @@ def _take_lens(scene: Scene, reading: CameraInput, model: CameraInput, lens: Len
             f"{lens.size[0]} x {lens.size[1]}: one lens holds for one image size; give both the same size, or delete lens"
         )
         return
-    reading.lens, source = lens, model.lens_source
+    source = model.lens_source
     if not lens.uncalibrated:
         own = UNIT_SPREAD if table.focal_sd_percent is None else table.focal_sd_percent / 100
         sd = min(float(np.hypot(own, lens.focal_sd or 0.0)), LARGEST_FOCAL_SD)
-        reading.lens = replace(lens, focal_sd=sd, uncalibrated=True)
+        lens = replace(lens, focal_sd=sd, uncalibrated=True)
+    reading.lens = turn_lens(replace(lens, rotate=reading.rotate), reading.rotate)
     if source is not None:
         reading.lens_source = replace(source, same_as=model.name)
 
 
 def group_faults(scene: Scene, readings: Sequence[CameraInput]) -> list[str]:
     """Lenses of one group that are not one lens; a scene file's are, so that these are from memory."""
-    first: dict[str, tuple[str, Lens]] = {}
+    first: dict[str, tuple[str, Lens, str]] = {}
     faults = []
     for reading in readings:
         lens = reading.lens
         if lens is None or lens.group is None or not lens.uncalibrated:
             continue
-        camera, other = first.setdefault(lens.group, (reading.name, lens))
+        camera, other, first_size = first.setdefault(lens.group, (reading.name, lens, _size_of(reading, lens)))
         for what, own, others in (
-            ("image size", f"{lens.size[0]} x {lens.size[1]}", f"{other.size[0]} x {other.size[1]}"),
+            ("image size", _size_of(reading, lens), first_size),
             ("lens model", "fisheye" if lens.fisheye else "pinhole", "fisheye" if other.fisheye else "pinhole"),
             ("focal length", f"{lens.focal:.6g} px", f"{other.focal:.6g} px"),
         ):
@@ -142,3 +154,9 @@ def group_faults(scene: Scene, readings: Sequence[CameraInput]) -> list[str]:
                 )
                 break
     return faults
+
+
+def _size_of(reading: CameraInput, lens: Lens) -> str:
+    """Of the images as filmed: a camera on its side has the lens of one that is not."""
+    width, height = turned_size(lens.size, reading.rotate)
+    return f"{width} x {height}"

@@ -15,7 +15,8 @@ from passerby.common.arrays import Floats
 from passerby.core.box_format import BoxFormat
 from passerby.core.cameras import Lens
 from passerby.core.extents import extents_of
-from passerby.core.observations import Boxes, Keypoints
+from passerby.core.observations import Boxes, CameraObservations, Keypoints
+from passerby.core.quarter_turns import turn_lens
 from passerby.findings.finding import Finding, doubt, notice
 from passerby.findings.texts import text_of
 from passerby.scene.box_interpretations import (
@@ -52,7 +53,7 @@ def faults_of_people(scene: Scene, readings: Sequence[CameraInput]) -> list[str]
             continue
         if outside := [fault for part in _parts(reading) if (fault := _outside_fault(scene, reading, lens, *part))]:
             faults += outside
-        elif turn := rotation_of_sideways(lens, reading.seen, scene.scale.person_height_m):
+        elif turn := rotation_of_sideways(*_upright(reading, lens), scene.scale.person_height_m):
             faults.append(_sideways_fault(reading, turn))
     return faults
 
@@ -88,7 +89,7 @@ def doubts_of_people(scene: Scene, readings: Sequence[CameraInput]) -> list[Find
     found += [
         doubt("image_upside_down", reading.name)
         for reading, lens in _known(readings)
-        if is_upside_down(lens, reading.seen, scene.scale.person_height_m)
+        if is_upside_down(*_upright(reading, lens), scene.scale.person_height_m)
     ]
     return found + [
         doubt(
@@ -101,16 +102,21 @@ def doubts_of_people(scene: Scene, readings: Sequence[CameraInput]) -> list[Find
 
 
 def _known(readings: Sequence[CameraInput]) -> Iterator[tuple[CameraInput, Lens]]:
-    """The cameras whose people can be tested, with their lenses."""
+    """The cameras whose people can be tested, with the lenses of their images as filmed."""
     for reading in readings:
-        if reading.lens is not None and not reading.faults and not reading.awaiting:
-            yield reading, reading.lens
+        if reading.filmed_lens is not None and not reading.faults and not reading.awaiting:
+            yield reading, reading.filmed_lens
+
+
+def _upright(reading: CameraInput, filmed: Lens) -> tuple[Lens, CameraObservations]:
+    """The lens and the people of a camera after its images are turned as the scene file states."""
+    return turn_lens(filmed, reading.rotate), reading.seen
 
 
 def _parts(reading: CameraInput) -> list[tuple[Path, Boxes | Keypoints]]:
-    """Boxes and keypoints with their files; without those that were detected in the camera's own video, whose size is known."""
-    own = None if reading.video is None else reading.video.path
-    parts = ((reading.boxes_path, reading.boxes), (reading.keypoints_path, reading.keypoints))
+    """Boxes and keypoints as filmed with their files; without those detected in the camera's own video, whose size is known."""
+    own, people = None if reading.video is None else reading.video.path, reading.filmed_people
+    parts = ((reading.boxes_path, people.boxes), (reading.keypoints_path, people.keypoints))
     return [(path, rows) for path, rows in parts if path is not None and path != own and len(rows)]
 
 
@@ -119,7 +125,8 @@ def _other_formats(scene: Scene, readings: Sequence[CameraInput]) -> tuple[Other
         [
             BoxesAsStated(reading.name, rows, lens.size, scene.box_format(reading.name))
             for reading, lens in _known(readings)
-            for path, rows in ((path, reading.seen.boxes) for path, _ in _parts(reading) if path == reading.boxes_path)
+            for path, rows in _parts(reading)
+            if path == reading.boxes_path and isinstance(rows, Boxes)
         ]
     )
 
@@ -152,10 +159,9 @@ def _format_fault(scene: Scene, readings: Sequence[CameraInput], found: OtherFor
 
 
 def _sideways_fault(reading: CameraInput, turn: int) -> str:
-    return (
-        f"{reading.boxes_path}: camera {reading.name}: people lie on their side: the images are turned by 90 degrees, and "
-        f"clockwise by {turn} degrees they are upright: under [cameras.{reading.name}] set rotate = {turn}"
-    )
+    rotate = (reading.rotate + turn) % 360
+    remedy = f"set rotate = {rotate} (degrees clockwise)" if rotate else "delete rotate"
+    return f"{reading.boxes_path}: camera {reading.name}: people lie on their side: under [cameras.{reading.name}] {remedy}"
 
 
 def _outside(extent: Floats, size: tuple[int, int]) -> Floats:

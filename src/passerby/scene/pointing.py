@@ -23,7 +23,7 @@ def pointed_people(scene: Scene, readings: Sequence[CameraInput]) -> tuple[Point
     for number, cue in enumerate(scene.scale.people, start=1):
         frame = None if cue.camera is None else _nearest(cue, by_name.get(cue.camera))
         if cue.camera is not None and cue.at is not None and frame is not None:
-            found.append(PointedPerson(number, cue.camera, frame, cue.at, cue.height_m, cue.sd_m))
+            found.append(PointedPerson(number, cue.camera, frame, _at(cue.at, by_name[cue.camera]), cue.height_m, cue.sd_m))
     return tuple(found)
 
 
@@ -35,7 +35,9 @@ def stated_identities(scene: Scene, readings: Sequence[CameraInput]) -> StatedId
     def sightings(place: str, boxes: Sequence[PersonAtTable]) -> tuple[Sighting, ...]:
         frames = [_nearest(one, by_name.get(one.camera)) for one in boxes]
         return tuple(
-            Sighting(one.camera, frame, one.at, place) for one, frame in zip(boxes, frames, strict=True) if frame is not None
+            Sighting(one.camera, frame, _at(one.at, by_name[one.camera]), place)
+            for one, frame in zip(boxes, frames, strict=True)
+            if frame is not None
         )
 
     def groups(key: str, tables: Sequence[TogetherTable]) -> tuple[tuple[Sighting, ...], ...]:
@@ -66,9 +68,9 @@ def overlapped_people(scene: Scene, readings: Sequence[CameraInput]) -> list[Fin
         if frame is None or cue.at is None:
             continue
         people = people_in_frame(reading.seen, frame)
-        holding = people.holding(cue.at)
+        holding = people.holding(_at(cue.at, reading))
         if len(holding) > 1:
-            values = {"frame": frame, "at": list(cue.at), "count": len(holding), "box": _box(people, holding[0])}
+            values = {"frame": frame, "at": list(cue.at), "count": len(holding), "box": _box(people, holding[0], reading)}
             findings.append(notice("pointed_people_overlap", reading.name, place=f"{scene.place}: {place}", **values))
     return findings
 
@@ -110,7 +112,7 @@ def _place_fault(cue: PersonAt, reading: CameraInput) -> str | None:
     """What is wrong with the pixel or the time, whoever is there."""
     if cue.at is None:
         return None
-    (u, v), size = cue.at, None if reading.lens is None else reading.lens.size
+    (u, v), size = cue.at, reading.filmed_size
     if size is not None and not (0 <= u <= size[0] and 0 <= v <= size[1]):
         return (
             f"at: [{u:g}, {v:g}] lies outside the {size[0]} x {size[1]} image of camera {reading.name}: give a pixel of that "
@@ -149,11 +151,11 @@ def _person_fault(cue: PersonAt, reading: CameraInput) -> str | None:
             )
         return f"{_key(cue)}: camera {reading.name} sees people in {span}, not at {_when(cue)}: give a time within it"
     people = people_in_frame(reading.seen, found)
-    distance = people.distance_px(cue.at)
+    distance = people.distance_px(_at(cue.at, reading))
     if not len(distance) or distance.min() > 0:
         nearest = ""
         if len(distance):
-            left, top, width, height = _box(people, int(np.argmin(distance)))
+            left, top, width, height = _box(people, int(np.argmin(distance)), reading)
             nearest = (
                 f"; the nearest box, {distance.min():.0f} px away, is {width:.0f} x {height:.0f} px at left {left:.0f}, top "
                 f"{top:.0f}"
@@ -166,9 +168,17 @@ def _person_fault(cue: PersonAt, reading: CameraInput) -> str | None:
     return None
 
 
-def _box(people: PeopleInFrame, row: int) -> list[float]:
-    """Left, top, width and height of a person, pixels."""
-    return [round(float(value), 1) for value in people.ltwh[row]]
+def _at(pixel: tuple[float, float], reading: CameraInput) -> tuple[float, float]:
+    """A pixel of the images as filmed, in the turned ones that the people are in."""
+    u, v = reading.upright(pixel)
+    return float(u), float(v)
+
+
+def _box(people: PeopleInFrame, row: int, reading: CameraInput) -> list[float]:
+    """Left, top, width and height of a person, pixels of the images as filmed."""
+    left, top, width, height = people.ltwh[row]
+    corners = reading.filmed([[left, top], [left + width, top + height]])
+    return [round(float(value), 1) for value in (*corners.min(axis=0), *np.ptp(corners, axis=0))]
 
 
 def _key(cue: PersonAt) -> str:

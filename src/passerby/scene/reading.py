@@ -17,6 +17,7 @@ from passerby.common.errors import InputError
 from passerby.core.cameras import Lens
 from passerby.core.lens import LARGEST_FOCAL_SD
 from passerby.core.observations import UNKNOWN, Boxes, Keypoints
+from passerby.core.quarter_turns import turn_boxes, turn_keypoints, turn_lens, turned_size
 from passerby.findings.finding import notice
 from passerby.findings.texts import text_of
 from passerby.interchange.coco import read_keypoints
@@ -58,12 +59,12 @@ def read_camera(scene: Scene, name: str, model: CameraInput | None = None, span:
     if model is None and scene.models[name][0] != name:
         model = read_camera(scene, scene.models[name][0])
     table, given = scene.cameras[name], scene.association.given
-    reading = CameraInput(name, given, fps=scene.fps_of(name))
+    reading = CameraInput(name, given, fps=scene.fps_of(name), rotate=table.rotate)
 
     def path_of(path: Path | None) -> Path | None:
         return None if path is None else scene.resolve(path)
 
-    _read_intrinsics(reading, path_of(table.intrinsics), table.focal_sd_percent)
+    _read_intrinsics(scene, reading, path_of(table.intrinsics), table.focal_sd_percent)
     rows_of = partial(read_boxes, doubles=True, box_format=scene.box_format(name))
     joints_of = partial(_read_joints, reading)
     tracks = _attempt(rows_of, path_of(table.tracks), reading.faults)
@@ -85,14 +86,15 @@ def read_camera(scene: Scene, name: str, model: CameraInput | None = None, span:
         find_lens(scene, reading, model)
     elif reading.lens is not None and reading.lens.uncalibrated and len(scene.models[name]) > 1:
         reading.lens = replace(reading.lens, group=name)
-    if scene.box_format(name).normalised and reading.lens is not None:
-        reading.boxes = replace(reading.boxes, ltwh=reading.boxes.ltwh * np.tile(reading.lens.size, 2))
+    if scene.box_format(name).normalised and reading.filmed_size is not None:
+        reading.boxes = replace(reading.boxes, ltwh=reading.boxes.ltwh * np.tile(reading.filmed_size, 2))
     _settle_doubles(reading)
     if reading.video is not None:
         _check_video(scene, reading, reading.video)
     reading.awaiting = table.watched
-    if reading.lens is not None:
-        check_principal_point(scene, reading, reading.lens)
+    if reading.filmed_lens is not None:
+        check_principal_point(scene, reading, reading.filmed_lens)
+    _turn_people(reading)
     keep_used(scene, reading)
     if not reading.awaiting:
         _check_people(scene, reading)
@@ -108,10 +110,21 @@ def _read_joints(reading: CameraInput, path: Path) -> Keypoints:
     return people.keypoints
 
 
-def _read_intrinsics(reading: CameraInput, path: Path | None, focal_sd_percent: float | None) -> None:
-    """The lens in a file of intrinsics, if there is one."""
-    reading.lens = _attempt(lambda path: read_lens(path, reading.name), path, reading.faults)
-    if reading.lens is None:
+def _read_intrinsics(scene: Scene, reading: CameraInput, path: Path | None, focal_sd_percent: float | None) -> None:
+    """The lens in a file of intrinsics, if there is one, of the turned images."""
+    filmed = _attempt(lambda path: read_lens(path, reading.name), path, reading.faults)
+    if filmed is None:
+        return
+    if filmed.rotate not in (0, reading.rotate):
+        reading.faults.append(
+            f"{path}: [{reading.name}] has rotate = {filmed.rotate}, but [cameras.{reading.name}] in {scene.place} "
+            f"{f'rotate = {reading.rotate}' if reading.rotate else 'has no rotate'}: give both the same"
+        )
+        return
+    try:
+        reading.lens = turn_lens(replace(filmed, rotate=reading.rotate), reading.rotate)
+    except InputError as error:
+        reading.faults.append(f"{path}: [{reading.name}]: {error}: turn its video instead, and delete rotate")
         return
     if focal_sd_percent is not None:
         reading.lens = replace(reading.lens, focal_sd=focal_sd_percent / 100)
@@ -119,11 +132,25 @@ def _read_intrinsics(reading: CameraInput, path: Path | None, focal_sd_percent: 
     reading.lens_source = KnownLens("people" if unknown else "file", str(path))
 
 
+def _turn_people(reading: CameraInput) -> None:
+    """Boxes and keypoints that files have of the images as filmed, in the turned images."""
+    size = reading.filmed_size
+    if size is not None and reading.rotate:
+        reading.boxes = turn_boxes(reading.boxes, size, reading.rotate)
+        reading.keypoints = turn_keypoints(reading.keypoints, size, reading.rotate)
+
+
 def input_from_memory(scene: Scene, name: str, lens: Lens, boxes: Boxes, keypoints: Keypoints) -> CameraInput:
     """What is told of a camera without any file, checked as files are; faults are gathered, not raised."""
+    try:
+        upright = turn_lens(lens, lens.rotate)
+    except InputError as error:
+        raise InputError(f"camera {name}: {error}") from None
     reading = CameraInput(
-        name, scene.association.given, lens, boxes=boxes, boxes_path=Path("boxes"), keypoints=keypoints, fps=scene.fps_of(name)
-    )
+        name, scene.association.given, lens.rotate, upright, boxes=boxes, boxes_path=Path("boxes"), keypoints=keypoints,
+        fps=scene.fps_of(name),
+    )  # fmt: skip
+    _turn_people(reading)
     reading.keypoints_path = Path("keypoints") if len(keypoints) else None
     _settle_doubles(reading)
     keep_used(scene, reading)
@@ -185,11 +212,14 @@ def _check_people(scene: Scene, reading: CameraInput) -> None:
 
 def _check_video(scene: Scene, reading: CameraInput, video: VideoInfo) -> None:
     """A video against the lens, and its rate against what the scene file says."""
-    place = str(video.path)
-    if reading.lens is not None:
+    place, lens = str(video.path), reading.filmed_lens
+    if lens is not None:
         try:
-            if fit_of_size(video.size, reading.lens.size, video.rotation) == "cropped":
-                sizes = {"video_size": list(video.size), "size": list(reading.lens.size)}
+            filmed = turned_size(video.size, reading.rotate)
+            if fit_of_size(filmed, lens.size, (video.rotation + reading.rotate) % 360) == "cropped":
+                sizes = {"video_size": list(filmed), "size": list(lens.size)}
+                # What is missing is right and below in the images as filmed; turned, it may be where the origin is.
+                reading.lens = turn_lens(replace(lens, size=filmed), reading.rotate) if reading.rotate else reading.lens
                 reading.findings.append(notice("video_cropped", reading.name, place=place, **sizes))
         except InputError as error:
             stated = source_of_size(scene, reading.name)

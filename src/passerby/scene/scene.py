@@ -214,6 +214,11 @@ class Scene(Table):
         """The format of a camera's boxes."""
         return BoxFormat.of_text(self.cameras[camera].boxes or self.scene.boxes)
 
+    @property
+    def turns(self) -> dict[str, int]:
+        """By camera with `rotate`, the degrees clockwise by which its images are turned before they are used."""
+        return {name: table.rotate for name, table in self.cameras.items() if table.rotate}
+
     def scale_cues(self) -> ScaleCues:
         """The scale table as the solvers take it."""
         scale = self.scale

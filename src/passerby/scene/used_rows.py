@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from passerby.common.arrays import Bools, Floats, Ints
@@ -59,8 +57,8 @@ def _keep_places(scene: Scene, reading: CameraInput) -> None:
     if not polygons:
         return
     place = f"{scene.place}: [cameras.{reading.name}] exclude"
-    if reading.lens is not None:
-        width, height = reading.lens.size
+    if reading.filmed_size is not None:
+        width, height = reading.filmed_size
         for number, polygon in enumerate(polygons, start=1):
             low, high = np.min(polygon, axis=0), np.max(polygon, axis=0)
             if (high < 0).any() or (low > (width, height)).any():
@@ -69,9 +67,9 @@ def _keep_places(scene: Scene, reading: CameraInput) -> None:
                     "pixels of the boxes"
                 )
                 return
-    before = reading.people
-    reading.boxes = reading.boxes.take(~inside_any(feet_of_boxes(reading.boxes), _corners(polygons)))
-    reading.keypoints = reading.keypoints.take(~inside_any(feet_of_keypoints(reading.keypoints), _corners(polygons)))
+    before, corners = reading.people, [reading.upright(polygon) for polygon in polygons]
+    reading.boxes = reading.boxes.take(~inside_any(feet_of_boxes(reading.boxes), corners))
+    reading.keypoints = reading.keypoints.take(~inside_any(feet_of_keypoints(reading.keypoints), corners))
     left_out = before - reading.people
     if before and not reading.people:
         reading.faults.append(f"{place}: all {before} people of the camera are in it, so nothing is left: check its corners")
@@ -94,7 +92,3 @@ def feet_of_keypoints(keypoints: Keypoints) -> Floats:
     some = np.isfinite(low).all(axis=1)
     middle = 0.5 * (np.where(some, low[:, 0], 0.0) + np.where(some, high[:, 0], 0.0))
     return np.where(some[:, None], np.column_stack([middle, high[:, 1]]), np.nan)
-
-
-def _corners(polygons: Sequence[Sequence[Sequence[float]]]) -> list[Floats]:
-    return [np.asarray(polygon, dtype=np.float64) for polygon in polygons]

@@ -80,7 +80,7 @@ class SceneVideoProcessor:
                 continue
             table = scene.cameras[reading.name]
             used = table.from_s or 0.0, math.inf if table.until_s is None else table.until_s
-            reading.faults += result.faults(reading.name, job.info, *used)
+            reading.faults += result.faults(reading.name, job.info, *used, stated=table.rotate)
             reading.findings += result.findings(reading.name, job.info)
             add_video_results(scene, reading, result.boxes, result.keypoints)
             for stage, seconds in result.seconds.items():
@@ -175,6 +175,7 @@ def _job(scene: Scene, reading: CameraInput, plan: Plan, shelf: Path) -> CameraJ
         rate=picture_rate(scene, reading, reading.video),
         plan=replace(plan, embedder=plan.embedder if appearance else None, keypoints=joints),
         shelf=shelf / reading.name,
+        rotate=reading.rotate,
         boxes=None if reading.awaiting else reading.boxes,
     )
 

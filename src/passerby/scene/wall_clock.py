@@ -37,7 +37,7 @@ def source_of(scene: Scene, name: str, span: WallSpan | None = None) -> VideoSou
         return None
     paths = tuple(map(scene.resolve, table.videos))
     times = None if table.video_times is None else scene.resolve(table.video_times)
-    return VideoSource(paths, table.video_names, times, scene.fps_of(name), span)
+    return VideoSource(paths, table.video_names, times, scene.fps_of(name), span, rotate=table.rotate)
 
 
 def chosen_span(scene: Scene) -> WallSpan | None:

@@ -20,6 +20,7 @@ from passerby.core.cameras import Camera, Rig
 from passerby.core.observations import UNKNOWN, Boxes, Observations
 from passerby.core.synchronisation import sampling_distance
 from passerby.findings.finding import Finding, doubt
+from passerby.people.segments import ends_of_boxes, lean_in_image
 from passerby.people.upright_body import ground_under, height_over, pixels_over
 
 MOST_BOXES = 400
@@ -182,12 +183,9 @@ def _standing(number: int, camera: Camera, boxes: Boxes) -> _Standing:
     """Who stands upright on the ground, by one camera, which has a number."""
     rows = np.flatnonzero((boxes.identity > UNKNOWN) & boxes.inside(camera.lens.size))
     rows = rows[:: max(1, len(rows) // MOST_BOXES)]
-    left, top, width, height = boxes.ltwh[rows].T
-    middle = left + width / 2
-    places = []
-    for lower in (top + height * (1 + FOOT_SHARE), top + height, top + height * (1 - FOOT_SHARE)):
-        places.append(ground_under(camera, np.column_stack([middle, lower])))
-    tall = height_over(camera, places[1], np.column_stack([middle, top]))
+    top, bottom = ends_of_boxes(boxes.ltwh[rows], lean_in_image(camera))
+    places = [ground_under(camera, top + (1 + share) * (bottom - top)) for share in (FOOT_SHARE, 0.0, -FOOT_SHARE)]
+    tall = height_over(camera, places[1], top)
     sound = np.isfinite(tall) & np.isfinite(places[0]).all(axis=1) & np.isfinite(places[2]).all(axis=1)
     usual = float(np.median(tall[sound])) if sound.any() else BODY_M
     sound &= (tall > UPRIGHT[0] * usual) & (tall < UPRIGHT[1] * usual)

@@ -45,6 +45,8 @@ class VideoSource:
     """What is used of it."""
     origin: float | None = None
     """Wall time of frame 1, seconds since 1970. None: the first picture is frame 1."""
+    rotate: int = 0
+    """Degrees clockwise by which its pictures are turned, after the rotation that the files state."""
 
     @property
     def single(self) -> Path | None:

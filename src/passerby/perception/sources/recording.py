@@ -63,7 +63,7 @@ def wall_extent(source: VideoSource) -> WallExtent | None:
 
 
 def open_source(source: VideoSource, name: str = "") -> Recording:
-    """Look into a camera's video.
+    """Look into a camera's video, turned as the source says.
 
     Args:
         source: what the scene file says of it.
@@ -72,6 +72,12 @@ def open_source(source: VideoSource, name: str = "") -> Recording:
     Raises:
         InputError: no file, none that can be read, files of several cameras, a file that grows, or as `times_of` says.
     """
+    found = _opened(source, name)
+    return replace(found, info=found.info.turned(source.rotate))
+
+
+def _opened(source: VideoSource, name: str) -> Recording:
+    """The video as filmed."""
     if source.single is not None:
         return Recording(probe(source.single))
     files = list_files(source)

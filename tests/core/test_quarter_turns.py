@@ -1,0 +1,84 @@
+"""Images turned by quarter turns: what a camera projects turns with them."""
+
+import numpy as np
+import pytest
+
+from passerby.common.errors import InputError
+from passerby.core.cameras import Camera, Lens, Pose, PoseSigma
+from passerby.core.observations import Boxes
+from passerby.core.quarter_turns import turn_boxes, turn_camera, turn_lens, turn_pixels
+from passerby.geometry.rotations import exp_rotation
+
+PINHOLE = (-0.21, 0.07, 0.003, -0.004, 0.01, 0.02, -0.01, 0.004, 0.002, -0.001, 0.003, 0.0015)
+FISHEYE = (0.02, -0.01, 0.004, -0.001)
+MATRIX = [[880.0, 0.0, 652.0], [0.0, 910.0, 344.0], [0.0, 0.0, 1.0]]
+POSE = Pose(exp_rotation(np.array([1.7, -0.6, 0.5])), np.array([0.4, 1.0, 9.0]))
+TURNS = (90, 180, 270)
+
+
+def camera(fisheye: bool, rotate: int = 0) -> Camera:
+    lens = Lens((1280, 720), np.array(MATRIX), np.array(FISHEYE if fisheye else PINHOLE), fisheye, rotate=rotate)
+    covariance = np.diag([1.0, 2.0, 3.0, 4.0, 5.0, 6.0]) + 0.1
+    return Camera("A", lens, POSE, PoseSigma.from_covariance(covariance))
+
+
+@pytest.mark.parametrize("fisheye", [False, True])
+@pytest.mark.parametrize("degrees", TURNS)
+def test_the_turned_camera_sees_points_where_the_turned_image_shows_them(fisheye, degrees):
+    before = camera(fisheye)
+    points = np.random.default_rng(0).uniform((-2, -2, 0), (2, 2, 2), (200, 3))
+    seen = before.project(points)
+    assert np.isfinite(seen).all()
+    found = turn_camera(before, degrees).project(points)
+    assert np.allclose(found, turn_pixels(seen, before.lens.size, degrees), atol=1e-9)
+
+
+@pytest.mark.parametrize("degrees", TURNS)
+def test_turns_are_those_of_the_stored_image(degrees):
+    image = np.arange(12).reshape(3, 4)
+    turned = np.rot90(image, -degrees // 90)
+    v, u = np.mgrid[:3, :4]
+    there = turn_pixels(np.stack([u, v], axis=-1).astype(float), (4, 3), degrees).astype(int)
+    assert (turned[there[..., 1], there[..., 0]] == image).all()
+
+
+@pytest.mark.parametrize("degrees", TURNS)
+def test_a_turn_is_undone_by_its_inverse(degrees):
+    before = camera(False, rotate=degrees)
+    upright = turn_camera(before, degrees)
+    after = turn_camera(upright, -degrees)
+    assert upright.lens.rotate == 0
+    assert after.lens.rotate == degrees
+    assert after.lens.size == before.lens.size
+    assert np.allclose(after.lens.matrix, before.lens.matrix)
+    assert np.allclose(after.lens.distortions, before.lens.distortions)
+    assert np.allclose(after.pose.R_cw, before.pose.R_cw)
+    assert np.allclose(after.sigma.covariance, before.sigma.covariance)
+
+
+@pytest.mark.parametrize("degrees", TURNS)
+def test_the_covariance_of_the_rotation_is_in_the_turned_frame(degrees):
+    before = camera(False)
+    after = turn_camera(before, degrees)
+    vector = np.array([0.01, -0.02, 0.03])
+    moved = turn_camera(Camera("A", before.lens, Pose(exp_rotation(vector) @ POSE.R_cw, POSE.t_cw)), degrees)
+    turned = moved.pose.R_cw @ after.pose.R_cw.T
+    axes = after.pose.R_cw @ before.pose.R_cw.T
+    assert np.allclose(turned, exp_rotation(axes @ vector))
+    assert np.allclose(after.sigma.covariance[3:, 3:], axes @ before.sigma.covariance[3:, 3:] @ axes.T)
+
+
+@pytest.mark.parametrize("degrees", TURNS)
+def test_boxes_hold_their_corners(degrees):
+    boxes = Boxes(np.array([1]), np.array([2]), np.array([[100.0, 50.0, 40.0, 160.0]]), np.array([0.9]))
+    corners = turn_pixels(np.array([[100.0, 50.0], [140.0, 210.0]]), (1280, 720), degrees)
+    (left, top, width, height) = turn_boxes(boxes, (1280, 720), degrees).ltwh[0]
+    assert np.allclose([left, top, left + width, top + height], [*corners.min(axis=0), *corners.max(axis=0)])
+
+
+def test_what_no_lens_model_expresses_is_an_error():
+    skewed = Lens((1280, 720), np.array([[900.0, 2.0, 640.0], [0.0, 900.0, 360.0], [0.0, 0.0, 1.0]]), np.zeros(5))
+    with pytest.raises(InputError, match="skew"):
+        turn_lens(skewed, 90)
+    with pytest.raises(InputError, match="rotate is 45"):
+        Lens((1280, 720), np.array(MATRIX), np.zeros(5), rotate=45)
