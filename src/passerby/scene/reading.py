@@ -34,6 +34,7 @@ from passerby.scene.lens_sources import find_lens
 from passerby.scene.scene import Scene
 from passerby.scene.used_rows import keep_used
 from passerby.scene.wall_clock import source_of
+from passerby.scene.wands import take_wands
 
 T = TypeVar("T")
 
@@ -73,6 +74,7 @@ def read_camera(scene: Scene, name: str, model: CameraInput | None = None, span:
         reading.boxes, reading.boxes_path = own or reading.boxes, scene.resolve(own_path)
     reading.keypoints_path = path_of(table.keypoints)
     reading.keypoints = _attempt(joints_of, reading.keypoints_path, reading.faults) or reading.keypoints
+    take_wands(scene, reading)
     _settle_doubles(reading)
     unrecorded = name in scene.unrecorded
     if not unrecorded:
@@ -109,6 +111,7 @@ def input_from_memory(scene: Scene, name: str, lens: Lens, boxes: Boxes, keypoin
         name, scene.association.given, lens, boxes=boxes, boxes_path=Path("boxes"), keypoints=keypoints, fps=scene.fps_of(name)
     )
     reading.keypoints_path = Path("keypoints") if len(keypoints) else None
+    take_wands(scene, reading)
     _settle_doubles(reading)
     keep_used(scene, reading)
     check_principal_point(scene, reading, lens)
