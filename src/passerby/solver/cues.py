@@ -15,6 +15,7 @@ from passerby.core.cameras import Rig
 from passerby.core.figures import CueFigures
 from passerby.core.scale_cues import KnownLength, ScaleCues
 from passerby.geometry.plan_fit import UNKNOWN_SD, ScalePrior
+from passerby.geometry.ray_consensus import vote_points
 from passerby.geometry.reprojection import PointObservations
 from passerby.geometry.robust import NORMAL_BY_MAD
 from passerby.geometry.triangulation import triangulate
@@ -24,6 +25,8 @@ from passerby.solver.plan_rows import plan_rows
 
 MARK_SIGMA_PX = 1.5
 """How precisely a person marks a point in a picture."""
+MARK_TOLERANCE = 6.0
+"""Sigmas within which the marks of one end agree, as of people and joints (`refinement.AGREE_SIGMAS`)."""
 
 MEDIAN_EFFICIENCY = 1.2533
 """The standard deviation of a median over that of a mean, of many normal values."""
@@ -161,21 +164,33 @@ def settle_plan(rows: CueRows | None, R: Floats, centre: Floats, heights: Floats
 def triangulate_marks(rows: CueRows | None, R: Floats, centre: Floats) -> Floats:
     """(2 K, 3) ends of the known lengths under a rig, metres.
 
-    Where the marks of an end do not meet, it is where it was at the other times. Raises `InputError` where there are none.
+    NaN where the marks of an end disagree at one of several times. Raises `InputError` where those of a length never meet.
     """
     if rows is None or rows.marks is None:
         return np.zeros((0, 3))
-    m = rows.marks
-    points = triangulate(m.camera, m.point, m.bearing, R, -np.einsum("cij,cj->ci", R, centre), 2 * len(rows.lengths))
-    lost = ~np.isfinite(points).all(axis=1)
-    cue, end = np.repeat(rows.length_cue, 2), np.arange(len(points)) % 2
-    for point in np.flatnonzero(lost):
-        others = ~lost & (cue == cue[point]) & (end == end[point])
-        if not others.any():
+    m, n = rows.marks, 2 * len(rows.lengths)
+    points = triangulate(m.camera, m.point, m.bearing, R, -np.einsum("cij,cj->ci", R, centre), n)
+    tolerance = np.full(len(m.point), MARK_TOLERANCE * MARK_SIGMA_PX)
+    agreeing = vote_points(m.camera, m.point, m.bearing, m.tangent, tolerance, n, R, centre).points
+    for cue, count in enumerate(rows.count_of_cue()):
+        own = np.repeat(rows.length_cue == cue, 2)
+        found = np.isfinite(agreeing[own].reshape(-1, 6)).all(axis=1).any()
+        points[own] = agreeing[own] if count > 1 and found else points[own]
+        if not np.isfinite(points[own].reshape(-1, 6)).all(axis=1).any():
             raise InputError(
-                f"{rows.names[cue[point]]} under scale: the marks of one end do not meet: mark it in cameras farther apart"
+                f"{rows.names[cue]}, under scale: the marks of one end do not meet: mark it in cameras farther apart"
             )
-        points[point] = np.median(points[others], axis=0)
+    return points
+
+
+def without_gaps(rows: CueRows | None, points: Floats) -> Floats:
+    """The points of `triangulate_marks`, an end without one where it is at the other times in the median."""
+    if rows is None:
+        return points
+    points, group = points.copy(), 2 * np.repeat(rows.length_cue, 2) + np.arange(len(points)) % 2
+    lost = ~np.isfinite(points).all(axis=1)
+    for one in np.unique(group[lost]):
+        points[lost & (group == one)] = np.median(points[~lost & (group == one)], axis=0)
     return points
 
 
@@ -221,10 +236,10 @@ def scale_cue_lengths(
     if rows is None:
         return []
     values, stated = [], []
-    noise = None if R is None else length_noise(rows, R, centre, marks)
+    noise = None if R is None else length_noise(rows, R, centre, without_gaps(rows, marks))
     measured = np.linalg.norm(marks[0::2] - marks[1::2], axis=1)
     for cue, count in enumerate(rows.count_of_cue()):
-        own = rows.length_cue == cue
+        own = (rows.length_cue == cue) & np.isfinite(measured)
         value, metres = float(np.median(measured[own])), rows.lengths[own][0, 0]
         sd = rows.lengths[own][0, 1] / np.sqrt(count)
         if count > 1:
