@@ -83,6 +83,8 @@ class CueRows:
     """A floor plan on which cameras or points were placed."""
     world: WorldRows | None = None
     """What bodies tell of the world that nobody is seen whole in."""
+    longer_m: Floats | None = None
+    """(K,) by how much the noise of the marks lengthens each length under a rig, on the mean; 0 when None."""
 
     def count_of_cue(self) -> Ints:
         """(L,) how many times each of the L cues about lengths was measured."""
@@ -144,7 +146,8 @@ class CueRows:
         ]  # fmt: skip
         apart = points[0::2] - points[1::2]
         norm = np.maximum(np.linalg.norm(apart, axis=1, keepdims=True), 1e-9)
-        off = (norm - self.lengths[:, :1]) / self.lengths[:, 1:]
+        longer = 0.0 if self.longer_m is None else self.longer_m[:, None]
+        off = (norm - self.lengths[:, :1] - longer) / self.lengths[:, 1:]
         by_block = np.concatenate([apart, -apart], axis=1)[:, None] / (norm * self.lengths[:, 1:])[:, :, None]
         several = self.count_of_cue()[self.length_cue] > 1
         for own, loss in ((~several, None), (several, Cauchy(MARK_LOSS))):

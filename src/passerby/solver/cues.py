@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -30,6 +30,8 @@ MARK_TOLERANCE = 6.0
 
 MEDIAN_EFFICIENCY = 1.2533
 """The standard deviation of a median over that of a mean, of many normal values."""
+MOST_LONGER = 0.1
+"""Largest share of a length by which noise is taken to make it longer: what half its variance over the length holds for."""
 
 POPULATION_BIAS = 0.045
 """Relative standard deviation, common to all people, of height cues where nobody states it: a crowd is not the population, and
@@ -141,8 +143,8 @@ def _ends_seen(lengths: Sequence[KnownLength], rig: Rig) -> PointObservations | 
     return PointObservations.joined(parts) if parts else None
 
 
-def settle_plan(rows: CueRows | None, R: Floats, centre: Floats, heights: Floats, mean: Floats, sd: Floats) -> CueRows | None:
-    """The cues with the plan's placements that agree under a rig.
+def settle_cues(rows: CueRows | None, R: Floats, centre: Floats, heights: Floats, mean: Floats, sd: Floats) -> CueRows | None:
+    """The cues with the plan's placements that agree under a rig, and with what noise makes of lengths there.
 
     Args:
         rows: the cues.
@@ -152,7 +154,11 @@ def settle_plan(rows: CueRows | None, R: Floats, centre: Floats, heights: Floats
         mean: (P,) what is expected of them.
         sd: (P,) one sigma of that.
     """
-    if rows is None or rows.plan is None:
+    if rows is None:
+        return rows
+    if rows.marks is not None:
+        rows = replace(rows, longer_m=measure_cues(rows, R, centre, triangulate_marks(rows, R, centre)).longer_m)
+    if rows.plan is None:
         return rows
     weight = (mean / sd) ** 2
     people = len(heights) and weight.sum() > 0
@@ -194,77 +200,105 @@ def without_gaps(rows: CueRows | None, points: Floats) -> Floats:
     return points
 
 
-def length_noise(rows: CueRows, R: Floats, centre: Floats, marks: Floats) -> Floats:
-    """(K,) one sigma of each length between marked points by the marks of them, metres.
+def length_noise(rows: CueRows, R: Floats, centre: Floats, marks: Floats) -> tuple[Floats, Floats]:
+    """(K,) one sigma of each length between marked points by the marks of them, and (K,) by how much they lengthen it, metres.
+
+    Noise across a length makes it longer: on the mean by half its variance over the length.
 
     Args:
-        rows: with the lens rays of the clicks.
+        rows: with the lens rays of the marks.
         R: (C, 3, 3) world to camera.
         centre: (C, 3) metres.
         marks: (2 K, 3) the points, metres.
     """
     o = rows.marks
     if o is None:
-        return np.zeros(0)
+        return np.zeros(0), np.zeros(0)
     away = np.linalg.norm(marks[o.point] - centre[o.camera], axis=1)
     J = o.tangent @ R[o.camera] / (np.maximum(away, 1e-3) * o.sigma_px)[:, None, None]
     information = np.tile(1e-6 * np.eye(3), (len(marks), 1, 1))
     np.add.at(information, o.point, J.transpose(0, 2, 1) @ J)
-    between = np.linalg.inv(information)
+    of_ends = np.linalg.inv(information)
+    between = of_ends[0::2] + of_ends[1::2]
     line = marks[0::2] - marks[1::2]
-    line /= np.maximum(np.linalg.norm(line, axis=1, keepdims=True), 1e-9)
-    return np.asarray(np.sqrt(np.einsum("li,lij,lj->l", line, between[0::2] + between[1::2], line)))
+    length = np.maximum(np.linalg.norm(line, axis=1, keepdims=True), 1e-9)
+    along = np.einsum("li,lij,lj->l", line / length, between, line / length)
+    return np.sqrt(along), (np.trace(between, axis1=1, axis2=2) - along) / (2 * length[:, 0])
 
 
-def spread_of_median(measured: Floats, median: float) -> float:
-    """One sigma of the median of K measurements of one length, metres.
+@dataclass(frozen=True, eq=False)
+class MeasuredLengths:
+    """The L cues about lengths by a rig, and how their K measurements are biased."""
 
-    Noise across a length makes it longer by about the variance over the length: that is no part of the spread, and is added.
+    metres: Floats
+    """(L,)"""
+    sigma_m: Floats
+    """(L,) by the marks."""
+    longer_m: Floats
+    """(K,) by which noise makes each measurement longer on the mean; 0 for what is measured once."""
+
+
+def measure_cues(rows: CueRows, R: Floats, centre: Floats, marks: Floats) -> MeasuredLengths:
+    """The cues about lengths by a rig: of an object that is measured several times the weighted median.
+
+    The noise of its marks is estimated from what the measurements differ by.
+
+    Args:
+        rows: the cues.
+        R: (C, 3, 3) world to camera.
+        centre: (C, 3) metres.
+        marks: (2 K, 3) of `triangulate_marks`.
     """
-    spread = NORMAL_BY_MAD * float(np.median(np.abs(measured - median)))
-    return float(np.hypot(MEDIAN_EFFICIENCY * spread / np.sqrt(len(measured)), spread**2 / max(median, 1e-9)))
+    noise, longer = length_noise(rows, R, centre, without_gaps(rows, marks))
+    measured = np.linalg.norm(marks[0::2] - marks[1::2], axis=1)
+    values, sigmas = [], []
+    for cue, count in enumerate(rows.count_of_cue()):
+        every = rows.length_cue == cue
+        own = every & np.isfinite(measured)
+        if count == 1:
+            values.append(float(measured[own][0]))
+            sigmas.append(float(noise[own][0]))
+            longer[own] = 0.0
+            continue
+        order = np.argsort(measured[own], kind="stable")
+        weight = np.cumsum(1 / noise[own][order] ** 2)
+        middle = order[np.searchsorted(weight, 0.5 * weight[-1])]
+        median = float(measured[own][middle])
+        factor = NORMAL_BY_MAD * float(np.median(np.abs(measured[own] - median) / noise[own]))
+        longer[every] = np.minimum(factor**2 * longer[every], MOST_LONGER * median)
+        bias = float(np.average(longer[own], weights=1 / noise[own] ** 2))
+        values.append(median - bias)
+        # The bias holds for small noise: half of it may be wrong.
+        sigmas.append(float(np.hypot(MEDIAN_EFFICIENCY * factor / np.sqrt(weight[-1]), 0.5 * bias)))
+    return MeasuredLengths(np.array(values), np.array(sigmas), longer)
 
 
-def scale_cue_lengths(
-    rows: CueRows | None, centre: Floats, marks: Floats, R: Floats | None = None
-) -> list[tuple[str, float, float, float]]:
+def scale_cue_lengths(rows: CueRows | None, R: Floats, centre: Floats, marks: Floats) -> list[tuple[str, float, float, float]]:
     """(name, measured, stated, standard deviation) of every length, distance and camera height, metres.
 
-    Where the rotations (C, 3, 3) of the cameras are known, so is what the clicks on lengths add to their standard deviations,
-    and the span of a settled plan, which comes last.
+    What the marks on lengths add is in their standard deviations. The span of a settled plan comes last.
     """
     if rows is None:
         return []
-    values, stated = [], []
-    noise = None if R is None else length_noise(rows, R, centre, without_gaps(rows, marks))
-    measured = np.linalg.norm(marks[0::2] - marks[1::2], axis=1)
-    for cue, count in enumerate(rows.count_of_cue()):
-        own = (rows.length_cue == cue) & np.isfinite(measured)
-        value, metres = float(np.median(measured[own])), rows.lengths[own][0, 0]
-        sd = rows.lengths[own][0, 1] / np.sqrt(count)
-        if count > 1:
-            sd = np.hypot(sd, spread_of_median(measured[own], value))
-        elif noise is not None:
-            sd = np.hypot(sd, noise[own][0])
-        values.append(value)
-        stated.append((metres, sd))
+    lengths, count = measure_cues(rows, R, centre, marks), rows.count_of_cue()
+    first = np.searchsorted(rows.length_cue, np.arange(len(count)))
+    stated = np.concatenate([rows.lengths[first], rows.distances, rows.heights])
+    stated[: len(count), 1] = np.hypot(stated[: len(count), 1] / np.sqrt(count), lengths.sigma_m)
+    values = lengths.metres.tolist()
     values += [float(np.linalg.norm(centre[i] - centre[j])) for i, j in rows.distance_between]
     values += [float(centre[i, 2]) for i in rows.height_of]
-    stated += [*map(tuple, rows.distances), *map(tuple, rows.heights)]
     found = [
         (name, value, float(metres), float(sd)) for name, value, (metres, sd) in zip(rows.names, values, stated, strict=True)
     ]
-    if rows.plan is not None and R is not None and (span := rows.plan.span(R, centre)) is not None:
+    if rows.plan is not None and (span := rows.plan.span(R, centre)) is not None:
         found.append((f"plan {rows.plan.name}", *span, rows.plan.sigma * span[1]))
     return found
 
 
-def initial_scale(
-    rows: CueRows | None, centre: Floats, marks: Floats, n_people: int, population_sd: float, R: Floats | None = None
-) -> float:
+def initial_scale(rows: CueRows | None, R: Floats, centre: Floats, marks: Floats, n_people: int, population_sd: float) -> float:
     """The factor that brings lengths built on people's height nearest to the cues, all weighed by their relative precision."""
     logs, weights = [0.0], [max(n_people, 1) / population_sd**2]
-    for _, value, stated, sd in scale_cue_lengths(rows, centre, marks, R):
+    for _, value, stated, sd in scale_cue_lengths(rows, R, centre, marks):
         if value > 1e-3:
             logs.append(np.log(stated / value))
             weights.append((stated / sd) ** 2)
@@ -272,8 +306,8 @@ def initial_scale(
 
 
 def scale_cue_weights(
-    cues: ScaleCues, rows: CueRows | None, centre: Floats, marks: Floats, heights: Floats, mean: Floats, sd: Floats, seen: Ints,
-    segments: float = 1.0, R: Floats | None = None, by_boxes: Mapping[int, float] | None = None, freed: Floats | None = None,
+    cues: ScaleCues, rows: CueRows | None, R: Floats, centre: Floats, marks: Floats, heights: Floats, mean: Floats, sd: Floats,
+    seen: Ints, segments: float = 1.0, by_boxes: Mapping[int, float] | None = None, freed: Floats | None = None,
     unusual: NDArray[np.bool_] | None = None,
 ) -> tuple[list[CueFigures], float]:  # fmt: skip
     """What each cue says about the scale: stated, measured, residual in sigmas and share of the weight; and the scale's sigma.
@@ -303,7 +337,7 @@ def scale_cue_weights(
         tall, spread = (heights[i], sd[i]) if boxed is None else (boxed, np.hypot(sd[i], BOX_SD * mean[i]))
         found.append((f"height of person {seen[i]}{places[int(seen[i])]}", float(tall), float(mean[i]), float(spread)))
     first = len(found) + (0 if rows is None else len(rows.count_of_cue()))
-    found += scale_cue_lengths(rows, centre, marks, R)
+    found += scale_cue_lengths(rows, R, centre, marks)
     own = [(value, spread) for _, value, _, spread in found]
     for number, (value, by_rig) in enumerate([] if freed is None else freed.tolist(), start=first):
         own[number] = value, float(np.hypot(own[number][1], by_rig))

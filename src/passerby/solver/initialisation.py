@@ -27,7 +27,7 @@ from passerby.solver.cues import (
     expected_heights,
     initial_scale,
     population_spread,
-    settle_plan,
+    settle_cues,
     triangulate_marks,
     without_gaps,
 )
@@ -319,10 +319,10 @@ def rescaled(start: Initialisation, R: Floats, centre: Floats) -> RigState:
     """A first state with the scale that people and cues agree on."""
     knowledge = start.knowledge
     expected = knowledge.height_mean
-    rows = settle_plan(knowledge.cues, R, centre, expected, expected, knowledge.height_sd)
+    rows = settle_cues(knowledge.cues, R, centre, expected, expected, knowledge.height_sd)
     marks = triangulate_marks(rows, R, centre)
     sd = float(np.mean(knowledge.height_sd / knowledge.height_mean)) if len(knowledge.height_sd) else 0.05
-    factor = initial_scale(rows, centre, marks, len(knowledge.height_sd), sd, R)
+    factor = initial_scale(rows, R, centre, marks, len(knowledge.height_sd), sd)
     ends = factor * without_gaps(rows, marks)
     state = RigState.start(R, centre * factor, knowledge.height_mean * factor, knowledge.priors, ends, start.lens)
     return state

@@ -18,7 +18,7 @@ from passerby.geometry.reprojection import PointObservations
 from passerby.geometry.robust import NORMAL_BY_MAD
 from passerby.people.model import HEIGHT_PER_CENTRE, Noise, Priors
 from passerby.solver.cue_terms import CueRows
-from passerby.solver.cues import settle_plan, unusual_people
+from passerby.solver.cues import settle_cues, unusual_people
 from passerby.solver.evidence import Evidence
 from passerby.solver.occlusion import Wholeness, weight_truncated_boxes
 from passerby.solver.optimizer.least_squares import NormalEquations, Result, Stopping, Term, minimise
@@ -187,7 +187,7 @@ def build_problem(
     joint_problem, joint_points, joint_rows, joint_used = _agreeing_joints(evidence, rig, noise, share, joints)
     person = evidence.person[used]
     expected = _expected_extents(sightings, person, rig, consensus.points[used], noise)
-    cues = settle_plan(knowledge.cues, rig.R, rig.centre, rig.heights, knowledge.height_mean, knowledge.height_weight_sd)
+    cues = settle_cues(knowledge.cues, rig.R, rig.centre, rig.heights, knowledge.height_mean, knowledge.height_weight_sd)
     problem = PeopleProblem(
         evidence.n_cameras, sightings, joint_problem, person, len(joint_used),
         knowledge.height_mean, knowledge.height_weight_sd,
