@@ -14,6 +14,7 @@ from passerby.common.errors import InputError
 from passerby.core.cameras import Rig
 from passerby.core.figures import CueFigures
 from passerby.core.scale_cues import KnownLength, ScaleCues
+from passerby.core.units import WrongUnit, find_wrong_unit
 from passerby.geometry.plan_fit import UNKNOWN_SD, ScalePrior
 from passerby.geometry.ray_consensus import vote_points
 from passerby.geometry.reprojection import PointObservations
@@ -27,6 +28,9 @@ MARK_SIGMA_PX = 1.5
 """How precisely a person marks a point in a picture."""
 MARK_TOLERANCE = 6.0
 """Sigmas within which the marks of one end agree, as of people and joints (`refinement.AGREE_SIGMAS`)."""
+
+ROUGH_SCALE_SD = 0.1
+"""Relative, of the scale of a rough rig that was put together from pairs of cameras and people's expected heights."""
 
 MEDIAN_EFFICIENCY = 1.2533
 """The standard deviation of a median over that of a mean, of many normal values."""
@@ -293,6 +297,24 @@ def scale_cue_lengths(rows: CueRows | None, R: Floats, centre: Floats, marks: Fl
     if rows.plan is not None and (span := rows.plan.span(R, centre)) is not None:
         found.append((f"plan {rows.plan.name}", *span, rows.plan.sigma * span[1]))
     return found
+
+
+def refuse_wrong_units(rows: CueRows | None, rigs: Sequence[tuple[Floats, Floats]]) -> None:
+    """Raise `InputError` for a length that is in another unit than metres by every rough rig that people's heights made.
+
+    Args:
+        rows: the cues.
+        rigs: rotations (C, 3, 3) world to camera and centres (C, 3), metres.
+    """
+    found: dict[str, list[WrongUnit | None]] = {}
+    for R, centre in rigs:
+        for name, measured, stated, _ in scale_cue_lengths(rows, R, centre, triangulate_marks(rows, R, centre)):
+            if measured > 0 and not name.startswith("plan "):
+                found.setdefault(name, []).append(find_wrong_unit(float(np.log(stated / measured)), ROUGH_SCALE_SD))
+    for name, wrong in found.items():
+        first = wrong[0]
+        if first is not None and first.unit is not None and all(one is not None and one.unit == first.unit for one in wrong):
+            raise InputError(f"[scale], {name}: the stated metres are {first.in_words}")
 
 
 def initial_scale(rows: CueRows | None, R: Floats, centre: Floats, marks: Floats, n_people: int, population_sd: float) -> float:

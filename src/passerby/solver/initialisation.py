@@ -27,6 +27,7 @@ from passerby.solver.cues import (
     expected_heights,
     initial_scale,
     population_spread,
+    refuse_wrong_units,
     settle_cues,
     triangulate_marks,
     without_gaps,
@@ -274,6 +275,17 @@ def people_for_all(evidence: Evidence, people: int, of_camera: int) -> int:
         return people
     seen_by = len(evidence.sightings) / len(evidence.person)
     return max(people, int(np.ceil(of_camera * evidence.n_cameras / seen_by)))
+
+
+def check_units(start: Initialisation) -> None:
+    """Raise `InputError` for a stated length that is in another unit than metres by every rough rig."""
+    n, rigs = len(start.rig), []
+    if start.knowledge.cues is None:
+        return
+    for _, tree in spanning_trees(start.hypotheses, range(n), n):
+        poses = gravity_aligned(poses_of_tree(tree, 0), start.levels)
+        rigs.append((np.array([poses[c].R_cw for c in range(n)]), np.array([poses[c].centre for c in range(n)])))
+    refuse_wrong_units(start.knowledge.cues, rigs)
 
 
 def select_initial_rig(start: Initialisation, options: PeopleOptions, rng: np.random.Generator) -> InitialRig:

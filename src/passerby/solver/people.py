@@ -30,7 +30,15 @@ from passerby.solver.cue_agreement import argue
 from passerby.solver.cue_leverage import freed_measurements
 from passerby.solver.cues import scale_cue_weights, settle_cues, triangulate_marks
 from passerby.solver.findings import MAX_ORIENTATION_DEG, apart, doubts_about, figures_of, height_noise
-from passerby.solver.initialisation import Fit, Initialisation, InitialRig, PeopleOptions, refine_in_stages, select_initial_rig
+from passerby.solver.initialisation import (
+    Fit,
+    Initialisation,
+    InitialRig,
+    PeopleOptions,
+    check_units,
+    refine_in_stages,
+    select_initial_rig,
+)
 from passerby.solver.lens_check import check_focals, sizes_contradicted
 from passerby.solver.pairs import MIN_MATCHES
 from passerby.solver.people_state import AdjustmentState
@@ -82,6 +90,7 @@ def solve_people(
         inside = Rig(tuple(rig.cameras[c] for c in groups[0]))
         among = [h for guess in guesses if (h := guess.among(groups[0])) is not None]
         start = Initialisation.prepare(inside, observations, cues, options, rng, among)
+    check_units(start)
     choice, zoned = _first_guess(start, options, rng, executor)
     fit = refine_in_stages(start, choice.state, options, rng)
     for _ in range(_RESTARTS):
