@@ -275,7 +275,8 @@ def aligned_by(
     tilt: bool = False,
 ) -> Aligned:  # fmt: skip
     """The moved rig, its metadata and the figures of the motion."""
-    kept = {key: value for key, value in rig.metadata.items() if key not in ("world", "geodetic_origin")}
+    replaced = {"world", "geodetic_origin"} | ({"up"} if tilt else set())
+    kept = {key: value for key, value in rig.metadata.items() if key not in replaced}
     moved = rig.moved(motion.rotation, motion.translation, motion.scale)
     moved = replace(moved, metadata=kept | {"world": how} | dict(metadata or {}))
     told = {
