@@ -13,7 +13,7 @@ from passerby.core.observations import Keypoints
 from passerby.geometry.rotations import direction_angle
 from support.scenes.people_and_rigs import part, simulated, without_poses
 
-TRUTH = simulated("terrace", seconds=20.0)
+TRUTH = simulated("terrace", seconds=10.0)
 
 
 @cache
@@ -57,6 +57,7 @@ def test_a_ramp_is_reported_and_z_is_its_normal() -> None:
     assert found.rig.metadata["up"].startswith("ground normal; gravity within")
 
 
+@pytest.mark.slow
 def test_level_ground_is_not_reported() -> None:
     found = calibrated(0.0)
     up = found.figures.up
@@ -66,6 +67,7 @@ def test_level_ground_is_not_reported() -> None:
     assert not [one for one in found.diagnostics if one.code == "ground_tilted"]
 
 
+@pytest.mark.slow
 def test_boxes_leave_the_slope_of_the_ground_open() -> None:
     boxes = {name: seen.boxes for name, seen in part(TRUTH.observations).cameras.items()}
     found = calibrate_observations(without_poses(TRUTH.rig), boxes, fps=TRUTH.options.fps, association={"mode": "given"})
