@@ -110,6 +110,6 @@ def test_a_plan_whose_unit_is_quite_wrong_fixes_no_scale() -> None:
     for factor, wrong in ((1.05, False), (3.3, True), (1 / 3.3, True)):
         settled = replace(plan, settled=None).settle(R, factor * centre, known)
         assert settled.settled is not None
-        assert settled.settled.has_wrong_unit == wrong
+        assert (settled.settled.wrong_unit is not None) == wrong
         assert np.isinf(settled.sigma) == wrong
         assert len(settled.terms(state_of(R, factor * centre), LAYOUT)) == 1 - wrong

@@ -22,6 +22,7 @@ from passerby.calibration.diagnostics.ground_planarity import ground_figures, sh
 from passerby.calibration.diagnostics.known_heights import contradicted_heights
 from passerby.calibration.diagnostics.smaller_pictures import doubts_of_smaller_pictures
 from passerby.calibration.diagnostics.unusual_people import told_of_unusual
+from passerby.calibration.diagnostics.up_direction import find_tilted_ground, up_figures, with_up
 from passerby.calibration.diagnostics.verdict import judged
 from passerby.calibration.diagnostics.walking_speed import ScaleBasis, doubts_of_heights, scale_basis
 from passerby.calibration.estimation import Estimate, Estimator
@@ -128,7 +129,7 @@ def _calibrate_together(estimator: Estimator, inputs: SceneInputs) -> Calibratio
         association = repaired.estimate.association
         shape = shape_of(repaired.estimate.solution, association.instants, scene.scale.person_height_m)
         held_out = _held_out(scene, repaired.estimate, estimator.seed)
-        solution = _with_figures(scene, inputs, repaired, motions, shape, held_out)
+        solution = _with_figures(scene, inputs, repaired, motions, shape, held_out, estimator.seed)
         # Pixels that the scene states, and all results, are of the images as filmed.
         filmed = replace(solution, rig=turn_rig(solution.rig, undone(scene.turns)))
         placed = align_to_scene(scene, filmed, inputs.elsewhere)
@@ -152,7 +153,7 @@ def _calibrate_together(estimator: Estimator, inputs: SceneInputs) -> Calibratio
     instants = turn_observations(association.instants, upright, back)
     return Calibration(
         scene=scene,
-        rig=replace(placed.rig, verdict=solution.verdict),
+        rig=with_up(replace(placed.rig, verdict=solution.verdict), None if _states_up(scene) else solution.figures.up),
         verdict=solution.verdict,
         diagnostics=(*solution.findings, *inputs.findings, *association.notices, *unused, *refined, *frame),
         observations=seen,
@@ -167,6 +168,11 @@ def _calibrate_together(estimator: Estimator, inputs: SceneInputs) -> Calibratio
     )
 
 
+def _states_up(scene: Scene) -> bool:
+    """Whether `[world]` sets the up direction, by points, positions or lines."""
+    return scene.world is not None and (scene.world.tilt or bool(scene.world.lines))
+
+
 def _held_out(scene: Scene, estimate: Estimate, seed: int) -> HeldOutFigures | None:
     """Of a rig of the person model; the paper's method knows no other adjustment."""
     if estimate.solution.method != "people":
@@ -176,7 +182,7 @@ def _held_out(scene: Scene, estimate: Estimate, seed: int) -> HeldOutFigures | N
 
 def _with_figures(
     scene: Scene, inputs: SceneInputs, repaired: Repaired, motions: Sequence[DetectedMotion], shape: GroundShape | None,
-    held_out: HeldOutFigures | None,
+    held_out: HeldOutFigures | None, seed: int,
 ) -> Solution:  # fmt: skip
     """The solution, its figures with those of the repairs, of the ground and of the people held out."""
     solution = repaired.estimate.solution
@@ -184,7 +190,9 @@ def _with_figures(
     if "clock_rate" in scene.solver.refine and (inputs.observations.clocks or inputs.observations.fps is not None):
         rates = clock_rate_figures(inputs, repaired.inputs, repaired.estimate)
     moved = tuple(one.figures for one in motions)
-    figures = replace(solution.figures, moved=moved, ground=ground_figures(shape), clock_rates=rates, held_out=held_out)
+    up = up_figures(solution, repaired.estimate.association.instants, np.random.default_rng(seed))
+    ground = ground_figures(shape)
+    figures = replace(solution.figures, moved=moved, ground=ground, up=up, clock_rates=rates, held_out=held_out)
     if isinstance(figures, AdjustedFigures):
         figures = replace(figures, lenses=with_lens_priors(figures.lenses, inputs.rig))
     return replace(solution, figures=figures)
@@ -197,6 +205,7 @@ def _doubts(
     """What speaks against relying on the solution, and what is only to be noted of the ground and of people."""
     tilt_known = scene.world is not None and scene.world.tilt
     uneven, ground = told_of_ground(shape, placed=scene.world is not None, tilt_known=tilt_known)
+    ground = (*ground, *find_tilted_ground(solution.figures.up, up_stated=_states_up(scene)))
     sizes = doubts_of_smaller_pictures(
         inputs.rig,
         inputs.observations,

@@ -236,6 +236,20 @@ class GroundFigures:
 
 
 @dataclass(frozen=True, kw_only=True)
+class UpFigures:
+    """What the world's z is in the solver's world, and how far it may be from gravity."""
+
+    is_: str
+    """`ground normal`: of the ground that people walk on; `trunks`: people's mean trunk, where nobody is seen whole."""
+    gravity_sigma_deg: float
+    """One sigma of the angle between z and gravity; for a ground normal with the slope that a ground may have."""
+    tilt_deg: float | None = field(default=None, metadata=ABSENT)
+    """Angle between the ground's normal and people's trunks; None where keypoints do not show them."""
+    tilt_sigma_deg: float | None = field(default=None, metadata=ABSENT)
+    """One sigma of it, along it."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class ResidualFigures:
     """How far each camera sees people from where the other cameras put them."""
 
@@ -289,6 +303,8 @@ class SolverFigures:
     moved: tuple[MotionFigures, ...] = ()
     ground: GroundFigures | None = None
     """None where too few places tell."""
+    up: UpFigures | None = field(default=None, metadata=ABSENT)
+    """None where the up direction is not known, and in files of an older Passerby."""
     held_out: HeldOutFigures | None = field(default=None, metadata=ABSENT)
     """None where too few people could be held out."""
     checks: tuple[CheckedLength, ...] | None = field(default=None, metadata=ABSENT)

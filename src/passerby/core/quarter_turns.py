@@ -62,7 +62,8 @@ def turn_keypoints(keypoints: Keypoints, size: Size, degrees: int) -> Keypoints:
 
 def turn_seen(seen: CameraObservations, size: Size, degrees: int) -> CameraObservations:
     """All that a camera saw in images of a size (width, height), after these are turned clockwise."""
-    return CameraObservations(turn_boxes(seen.boxes, size, degrees), turn_keypoints(seen.keypoints, size, degrees))
+    joints, wands = (turn_keypoints(points, size, degrees) for points in (seen.keypoints, seen.wands))
+    return CameraObservations(turn_boxes(seen.boxes, size, degrees), joints, wands)
 
 
 def axes_turn(degrees: int) -> Floats:

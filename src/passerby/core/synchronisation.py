@@ -26,6 +26,9 @@ line (half of 1 m/s^2 times 0.2 s squared is 2 cm), and a slow camera has nothin
 ALIKE = 0.02
 """Sampling rates that differ by less than this share are alike: 30 and 29.97 frames per second, or every sixth picture of 30
 and every fifth of a phone's 25.2."""
+MOST_BEND = 0.05
+"""Share of a wand's length in the image by which cubic and straight interpolation may differ: a turn of 0.63 radians from one
+sample to the next, of which a cubic interpolation leaves 0.4 % of the length."""
 _ON_THE_INSTANT = 1e-6
 """A sample so near to an instant, in steps of the grid, lies on it: what rounding leaves of a whole number."""
 
@@ -200,8 +203,9 @@ def resample_to_common_steps(
         gap = max(max_gap_samples * step, max_gap_s * clock.fps) + _ON_THE_INSTANT
         size = None if sizes is None else sizes.get(name)
         cameras[name] = CameraObservations(
-            _boxes_at(seen.boxes, clock, grid, gap, size), _keypoints_at(seen.keypoints, clock, grid, gap)
-        )
+            _boxes_at(seen.boxes, clock, grid, gap, size), _keypoints_at(seen.keypoints, clock, grid, gap),
+            _wands_at(seen.wands, clock, grid, gap),
+        )  # fmt: skip
     return Observations(cameras, grid.fps, dict.fromkeys(cameras, grid))
 
 
@@ -284,6 +288,37 @@ def _keypoints_at(keypoints: Keypoints, clock: Clock, grid: Clock, gap: float) -
     return Keypoints(
         s.instant, keypoints.identity[s.before], _between(keypoints.xy, s), _lower(keypoints.score, s), keypoints.joints
     )
+
+
+def _wands_at(wands: Keypoints, clock: Clock, grid: Clock, gap: float) -> Keypoints:
+    """Wands at common time steps: cubic between four samples at even steps, since a straight line would shorten what turns.
+
+    Where these are not there, or the wand turns too far from one sample to the next, there is none.
+    """
+    at = _at_grid(wands.frame, clock, grid)
+    if _all_on_the_grid(at):
+        return Keypoints(at.astype(np.int64), wands.identity, wands.xy, wands.score, wands.joints)
+    s = _samples(wands.frame, wands.identity, at, gap, None)
+    order = np.lexsort((wands.frame, wands.identity))
+    place = np.argsort(order)
+    first, last = (order[np.clip(place[row] + by, 0, len(order) - 1)] for row, by in ((s.before, -1), (s.after, 1)))
+    nodes = np.stack([first, s.before, s.after, last])
+    even = (np.ptp(np.diff(wands.frame[nodes], axis=0), axis=0) == 0) & (np.ptp(wands.identity[nodes], axis=0) == 0)
+    x = s.share
+    # Lagrange's polynomial through samples at -1, 0, 1 and 2.
+    weights = [
+        -x * (x - 1) * (x - 2) / 6,
+        (x + 1) * (x - 1) * (x - 2) / 2,
+        -(x + 1) * x * (x - 2) / 2,
+        (x + 1) * x * (x - 1) / 6,
+    ]
+    cubic, straight = np.einsum("kn,knij->nij", weights, wands.xy[nodes]), _between(wands.xy, s)
+    line, bend = np.diff(cubic, axis=1)[:, 0], np.diff(cubic - straight, axis=1)[:, 0]
+    slow = np.linalg.norm(bend, axis=1) < MOST_BEND * np.linalg.norm(line, axis=1)
+    on_time = x < _ON_THE_INSTANT
+    kept = np.flatnonzero(on_time | (even & slow))
+    xy = np.where(on_time[:, None, None], wands.xy[s.before], cubic)
+    return Keypoints(s.instant[kept], wands.identity[s.before][kept], xy[kept], _lower(wands.score, s)[kept], wands.joints)
 
 
 def _between(values: Floats, s: _Samples) -> Floats:

@@ -38,6 +38,7 @@ from passerby.scene.lens_sources import find_lens
 from passerby.scene.scene import Scene
 from passerby.scene.used_rows import keep_used
 from passerby.scene.wall_clock import source_of
+from passerby.scene.wands import take_wands
 
 T = TypeVar("T")
 
@@ -88,6 +89,7 @@ def read_camera(scene: Scene, name: str, model: CameraInput | None = None, span:
         reading.lens = replace(reading.lens, group=name)
     if scene.box_format(name).normalised and reading.filmed_size is not None:
         reading.boxes = replace(reading.boxes, ltwh=reading.boxes.ltwh * np.tile(reading.filmed_size, 2))
+    take_wands(scene, reading)
     _settle_doubles(reading)
     if reading.video is not None:
         _check_video(scene, reading, reading.video)
@@ -138,6 +140,7 @@ def _turn_people(reading: CameraInput) -> None:
     if size is not None and reading.rotate:
         reading.boxes = turn_boxes(reading.boxes, size, reading.rotate)
         reading.keypoints = turn_keypoints(reading.keypoints, size, reading.rotate)
+        reading.wands = turn_keypoints(reading.wands, size, reading.rotate)
 
 
 def input_from_memory(scene: Scene, name: str, lens: Lens, boxes: Boxes, keypoints: Keypoints) -> CameraInput:
@@ -152,6 +155,7 @@ def input_from_memory(scene: Scene, name: str, lens: Lens, boxes: Boxes, keypoin
     )  # fmt: skip
     _turn_people(reading)
     reading.keypoints_path = Path("keypoints") if len(keypoints) else None
+    take_wands(scene, reading)
     _settle_doubles(reading)
     keep_used(scene, reading)
     check_principal_point(scene, reading, lens)

@@ -24,7 +24,7 @@ from passerby.solver.body_segments import (
     segments_agree,
 )
 from passerby.solver.cue_terms import CueRows, WorldRows
-from passerby.solver.cues import expected_heights, settle_plan
+from passerby.solver.cues import expected_heights, settle_cues
 from passerby.solver.gauge import SCALE, TILT_X, TILT_Y, Z, held_system, similarity_freedoms
 from passerby.solver.initialisation import Fit, PeopleOptions
 from passerby.solver.optimizer.least_squares import Stopping
@@ -67,7 +67,7 @@ def placed_by_bodies(
         return fit
     placed, world = _placed(state, tied, rows, bodies, scale, vertical, people, mean)
     known = replace(rows or CueRows(), world=world)
-    known = settle_plan(known, placed.R, placed.centre, np.zeros(0), np.zeros(0), np.zeros(0)) or known
+    known = settle_cues(known, placed.R, placed.centre, np.zeros(0), np.zeros(0), np.zeros(0)) or known
     knowledge = replace(fit.start.knowledge, cues=known)
     model = replace(fit.model, problem=replace(problem, cues=known), state=placed)
     result = minimise_problem(model, Stopping(options.max_iterations, options.tolerance))
@@ -119,10 +119,9 @@ def _moved(state: AdjustmentState, factor: float, turn: Floats, ground: float) -
     def moved(points: Floats) -> Floats:
         return np.asarray(factor * points @ turn.T - np.array([0.0, 0.0, ground]))
 
-    marks = moved(state.globals[1:].reshape(-1, 3)).ravel()
     return replace(
         state, R=state.R @ turn.T, centre=moved(state.centre), joints=moved(state.joints),
-        globals=np.concatenate([state.globals[:1], marks]),
+        lengths=moved(state.lengths.reshape(-1, 3)).reshape(-1, 6),
     )  # fmt: skip
 
 

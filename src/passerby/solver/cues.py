@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -13,9 +13,12 @@ from passerby.common.arrays import Floats, Ints
 from passerby.common.errors import InputError
 from passerby.core.cameras import Rig
 from passerby.core.figures import CueFigures
-from passerby.core.scale_cues import ScaleCues
+from passerby.core.scale_cues import KnownLength, ScaleCues
+from passerby.core.units import WrongUnit, find_wrong_unit
 from passerby.geometry.plan_fit import UNKNOWN_SD, ScalePrior
+from passerby.geometry.ray_consensus import vote_points
 from passerby.geometry.reprojection import PointObservations
+from passerby.geometry.robust import NORMAL_BY_MAD
 from passerby.geometry.triangulation import triangulate
 from passerby.people.box_heights import BOX_SD
 from passerby.solver.cue_terms import CueRows
@@ -23,6 +26,16 @@ from passerby.solver.plan_rows import plan_rows
 
 MARK_SIGMA_PX = 1.5
 """How precisely a person marks a point in a picture."""
+MARK_TOLERANCE = 6.0
+"""Sigmas within which the marks of one end agree, as of people and joints (`refinement.AGREE_SIGMAS`)."""
+
+ROUGH_SCALE_SD = 0.1
+"""Relative, of the scale of a rough rig that was put together from pairs of cameras and people's expected heights."""
+
+MEDIAN_EFFICIENCY = 1.2533
+"""The standard deviation of a median over that of a mean, of many normal values."""
+MOST_LONGER = 0.1
+"""Largest share of a length by which noise is taken to make it longer: what half its variance over the length holds for."""
 
 POPULATION_BIAS = 0.045
 """Relative standard deviation, common to all people, of height cues where nobody states it: a crowd is not the population, and
@@ -83,39 +96,28 @@ def cue_rows(cues: ScaleCues, rig: Rig) -> CueRows | None:
     Cues on cameras outside the rig are left out. Raises `InputError` for a marked point that the lens cannot have seen.
     """
     index = {name: number for number, name in enumerate(rig.names)}
-    lengths: list[tuple[float, float]] = []
-    sightings = []
-    for cue in cues.lengths:
-        inside = {name: pixels for name, pixels in cue.points.items() if name in index}
-        if len(inside) < 2:
-            continue
-        for name, pixels in inside.items():
-            bearing = rig[name].lens.bearings(pixels)
-            if not np.isfinite(bearing).all():
-                raise InputError(
-                    f"scale.lengths: a point marked in camera {name} lies outside what its lens can see: {pixels.tolist()}"
-                )
-            tangent = rig[name].lens.tangents(bearing)
-            sightings += [(index[name], 2 * len(lengths) + end, bearing[end], tangent[end]) for end in range(2)]
-        lengths.append((cue.metres, cue.sd_m))
+    inside = [cue for cue in cues.lengths if sum(name in index for name in cue.points) > 1]
+    lengths = _without_marks_outside_lenses(inside, rig)
+    marks = _ends_seen(lengths, rig)
+    # One object that is measured several times is one cue.
+    names = [cue.name or f"length {number}" for number, cue in enumerate(lengths, start=1)]
+    order = {name: place for place, name in enumerate(dict.fromkeys(names))}
+    cue_of = np.array([order[name] for name in names], dtype=np.int64)
     distances = [cue for cue in cues.distances if set(cue.between) <= set(index)]
     heights = [cue for cue in cues.camera_heights if cue.camera in index]
     plan = plan_rows(cues.plan, rig)
     if not (lengths or distances or heights or plan is not None):
         return None
-    sightings.sort(key=lambda sighting: sighting[0])
-    marks = None
-    if sightings:
-        camera, point, bearings, tangents = (np.array(column) for column in zip(*sightings, strict=True))
-        marks = PointObservations(camera, point, bearings, tangents, np.full(len(camera), MARK_SIGMA_PX))
+    stated = np.array([[cue.metres, cue.sd_m] for cue in lengths]).reshape(-1, 2)
+    stated[:, 1] *= np.sqrt(np.bincount(cue_of)[cue_of]) if len(lengths) else 1.0
     return CueRows(
-        2 * len(lengths), marks, np.array(lengths).reshape(-1, 2),
+        marks, stated, cue_of,
         np.array([[index[name] for name in cue.between] for cue in distances], dtype=np.int64).reshape(-1, 2),
         np.array([[cue.metres, cue.sd_m] for cue in distances]).reshape(-1, 2),
         np.array([index[cue.camera] for cue in heights], dtype=np.int64),
         np.array([[cue.metres, cue.sd_m] for cue in heights]).reshape(-1, 2),
         (
-            *(f"length {number + 1}" for number in range(len(lengths))),
+            *order,
             *(f"distance {cue.between[0]} to {cue.between[1]}" for cue in distances),
             *(f"height of camera {cue.camera}" for cue in heights),
         ),
@@ -123,8 +125,58 @@ def cue_rows(cues: ScaleCues, rig: Rig) -> CueRows | None:
     )  # fmt: skip
 
 
-def settle_plan(rows: CueRows | None, R: Floats, centre: Floats, heights: Floats, mean: Floats, sd: Floats) -> CueRows | None:
-    """The cues with the plan's placements that agree under a rig.
+def _without_marks_outside_lenses(lengths: Sequence[KnownLength], rig: Rig) -> list[KnownLength]:
+    """Lengths without the marks of an object at several times that a lens cannot have seen, as long as others remain.
+
+    Such a mark is a false detection, or the lens is an estimate that is not right yet.
+    """
+    outside: set[tuple[int, str]] = set()
+    for camera in rig:
+        seen = [k for k, cue in enumerate(lengths) if cue.name and camera.name in cue.points]
+        if seen:
+            rays = camera.lens.bearings(np.concatenate([lengths[k].points[camera.name] for k in seen]))
+            lost = ~np.isfinite(rays.reshape(len(seen), 6)).all(axis=1)
+            outside |= {(k, camera.name) for k, one in zip(seen, lost, strict=True) if one}
+    if not outside:
+        return list(lengths)
+    parts = [
+        replace(cue, points={name: ends for name, ends in cue.points.items() if (k, name) not in outside})
+        for k, cue in enumerate(lengths)
+    ]
+    whole = [sum(name in rig.names for name in cue.points) > 1 for cue in parts]
+    measured = {cue.name for cue, enough in zip(parts, whole, strict=True) if enough}
+    return [
+        part if enough else cue
+        for cue, part, enough in zip(lengths, parts, whole, strict=True)
+        if enough or cue.name not in measured
+    ]
+
+
+def _ends_seen(lengths: Sequence[KnownLength], rig: Rig) -> PointObservations | None:
+    """The ends of lengths, as each camera of the rig sees them, sorted by camera. Raises `InputError` as `cue_rows`."""
+    parts = []
+    for c, camera in enumerate(rig):
+        seen = [k for k, cue in enumerate(lengths) if camera.name in cue.points]
+        if not seen:
+            continue
+        pixels = np.concatenate([lengths[k].points[camera.name] for k in seen])
+        bearing = camera.lens.bearings(pixels)
+        outside = np.flatnonzero(~np.isfinite(bearing).all(axis=1))
+        if len(outside):
+            own = lengths[seen[outside[0] // 2]]
+            what = f"an end of the {own.name}" if own.name else "a point"
+            raise InputError(
+                f"scale.lengths: {what} marked in camera {camera.name} lies outside what its lens can see: "
+                f"{own.points[camera.name].tolist()}"
+            )
+        point = (2 * np.array(seen)[:, None] + np.arange(2)).ravel()
+        many = np.full(len(point), MARK_SIGMA_PX)
+        parts.append(PointObservations(np.full(len(point), c), point, bearing, camera.lens.tangents(bearing), many))
+    return PointObservations.joined(parts) if parts else None
+
+
+def settle_cues(rows: CueRows | None, R: Floats, centre: Floats, heights: Floats, mean: Floats, sd: Floats) -> CueRows | None:
+    """The cues with the plan's placements that agree under a rig, and with what noise makes of lengths there.
 
     Args:
         rows: the cues.
@@ -134,7 +186,11 @@ def settle_plan(rows: CueRows | None, R: Floats, centre: Floats, heights: Floats
         mean: (P,) what is expected of them.
         sd: (P,) one sigma of that.
     """
-    if rows is None or rows.plan is None:
+    if rows is None:
+        return rows
+    if rows.marks is not None:
+        rows = replace(rows, longer_m=measure_cues(rows, R, centre, triangulate_marks(rows, R, centre)).longer_m)
+    if rows.plan is None:
         return rows
     weight = (mean / sd) ** 2
     people = len(heights) and weight.sum() > 0
@@ -144,72 +200,155 @@ def settle_plan(rows: CueRows | None, R: Floats, centre: Floats, heights: Floats
 
 
 def triangulate_marks(rows: CueRows | None, R: Floats, centre: Floats) -> Floats:
-    """(n, 3) marked points under a rig, metres. Raises `InputError` where the marks of a point do not meet."""
+    """(2 K, 3) ends of the known lengths under a rig, metres.
+
+    NaN where the marks of an end disagree at one of several times. Raises `InputError` where those of a length never meet.
+    """
     if rows is None or rows.marks is None:
         return np.zeros((0, 3))
-    m = rows.marks
-    points = triangulate(m.camera, m.point, m.bearing, R, -np.einsum("cij,cj->ci", R, centre), rows.n_points)
-    if not np.isfinite(points).all():
-        number = int(np.flatnonzero(~np.isfinite(points).all(axis=1))[0]) // 2
-        raise InputError(
-            f"scale.lengths number {number + 1}: the marks of one end do not meet: mark it in cameras farther apart"
-        )
+    m, n = rows.marks, 2 * len(rows.lengths)
+    points = triangulate(m.camera, m.point, m.bearing, R, -np.einsum("cij,cj->ci", R, centre), n)
+    tolerance = np.full(len(m.point), MARK_TOLERANCE * MARK_SIGMA_PX)
+    agreeing = vote_points(m.camera, m.point, m.bearing, m.tangent, tolerance, n, R, centre).points
+    for cue, count in enumerate(rows.count_of_cue()):
+        own = np.repeat(rows.length_cue == cue, 2)
+        found = np.isfinite(agreeing[own].reshape(-1, 6)).all(axis=1).any()
+        points[own] = agreeing[own] if count > 1 and found else points[own]
+        if not np.isfinite(points[own].reshape(-1, 6)).all(axis=1).any():
+            raise InputError(
+                f"{rows.names[cue]}, under scale: the marks of one end do not meet: mark it in cameras farther apart"
+            )
     return points
 
 
-def length_noise(rows: CueRows, R: Floats, centre: Floats, marks: Floats) -> Floats:
-    """(L,) one sigma of each length between marked points by the clicks on them, metres.
+def without_gaps(rows: CueRows | None, points: Floats) -> Floats:
+    """The points of `triangulate_marks`, an end without one where it is at the other times in the median."""
+    if rows is None:
+        return points
+    points, group = points.copy(), 2 * np.repeat(rows.length_cue, 2) + np.arange(len(points)) % 2
+    lost = ~np.isfinite(points).all(axis=1)
+    for one in np.unique(group[lost]):
+        points[lost & (group == one)] = np.median(points[~lost & (group == one)], axis=0)
+    return points
+
+
+def length_noise(rows: CueRows, R: Floats, centre: Floats, marks: Floats) -> tuple[Floats, Floats]:
+    """(K,) one sigma of each length between marked points by the marks of them, and (K,) by how much they lengthen it, metres.
+
+    Noise across a length makes it longer: on the mean by half its variance over the length.
 
     Args:
-        rows: with the lens rays of the clicks.
+        rows: with the lens rays of the marks.
         R: (C, 3, 3) world to camera.
         centre: (C, 3) metres.
-        marks: (2 L, 3) the points, metres.
+        marks: (2 K, 3) the points, metres.
     """
     o = rows.marks
     if o is None:
-        return np.zeros(0)
+        return np.zeros(0), np.zeros(0)
     away = np.linalg.norm(marks[o.point] - centre[o.camera], axis=1)
     J = o.tangent @ R[o.camera] / (np.maximum(away, 1e-3) * o.sigma_px)[:, None, None]
-    information = np.tile(1e-6 * np.eye(3), (rows.n_points, 1, 1))
+    information = np.tile(1e-6 * np.eye(3), (len(marks), 1, 1))
     np.add.at(information, o.point, J.transpose(0, 2, 1) @ J)
-    between = np.linalg.inv(information)
+    of_ends = np.linalg.inv(information)
+    between = of_ends[0::2] + of_ends[1::2]
     line = marks[0::2] - marks[1::2]
-    line /= np.maximum(np.linalg.norm(line, axis=1, keepdims=True), 1e-9)
-    return np.asarray(np.sqrt(np.einsum("li,lij,lj->l", line, between[0::2] + between[1::2], line)))
+    length = np.maximum(np.linalg.norm(line, axis=1, keepdims=True), 1e-9)
+    along = np.einsum("li,lij,lj->l", line / length, between, line / length)
+    return np.sqrt(along), (np.trace(between, axis1=1, axis2=2) - along) / (2 * length[:, 0])
 
 
-def scale_cue_lengths(
-    rows: CueRows | None, centre: Floats, marks: Floats, R: Floats | None = None
-) -> list[tuple[str, float, float, float]]:
+@dataclass(frozen=True, eq=False)
+class MeasuredLengths:
+    """The L cues about lengths by a rig, and how their K measurements are biased."""
+
+    metres: Floats
+    """(L,)"""
+    sigma_m: Floats
+    """(L,) by the marks."""
+    longer_m: Floats
+    """(K,) by which noise makes each measurement longer on the mean; 0 for what is measured once."""
+
+
+def measure_cues(rows: CueRows, R: Floats, centre: Floats, marks: Floats) -> MeasuredLengths:
+    """The cues about lengths by a rig: of an object that is measured several times the weighted median.
+
+    The noise of its marks is estimated from what the measurements differ by.
+
+    Args:
+        rows: the cues.
+        R: (C, 3, 3) world to camera.
+        centre: (C, 3) metres.
+        marks: (2 K, 3) of `triangulate_marks`.
+    """
+    noise, longer = length_noise(rows, R, centre, without_gaps(rows, marks))
+    measured = np.linalg.norm(marks[0::2] - marks[1::2], axis=1)
+    values, sigmas = [], []
+    for cue, count in enumerate(rows.count_of_cue()):
+        every = rows.length_cue == cue
+        own = every & np.isfinite(measured)
+        if count == 1:
+            values.append(float(measured[own][0]))
+            sigmas.append(float(noise[own][0]))
+            longer[own] = 0.0
+            continue
+        order = np.argsort(measured[own], kind="stable")
+        weight = np.cumsum(1 / noise[own][order] ** 2)
+        middle = order[np.searchsorted(weight, 0.5 * weight[-1])]
+        median = float(measured[own][middle])
+        factor = NORMAL_BY_MAD * float(np.median(np.abs(measured[own] - median) / noise[own]))
+        longer[every] = np.minimum(factor**2 * longer[every], MOST_LONGER * median)
+        bias = float(np.average(longer[own], weights=1 / noise[own] ** 2))
+        values.append(median - bias)
+        # The bias holds for small noise: half of it may be wrong.
+        sigmas.append(float(np.hypot(MEDIAN_EFFICIENCY * factor / np.sqrt(weight[-1]), 0.5 * bias)))
+    return MeasuredLengths(np.array(values), np.array(sigmas), longer)
+
+
+def scale_cue_lengths(rows: CueRows | None, R: Floats, centre: Floats, marks: Floats) -> list[tuple[str, float, float, float]]:
     """(name, measured, stated, standard deviation) of every length, distance and camera height, metres.
 
-    Where the rotations (C, 3, 3) of the cameras are known, so is what the clicks on lengths add to their standard deviations,
-    and the span of a settled plan, which comes last.
+    What the marks on lengths add is in their standard deviations. The span of a settled plan comes last.
     """
     if rows is None:
         return []
-    values = [float(np.linalg.norm(a - b)) for a, b in marks.reshape(-1, 2, 3)]
+    lengths, count = measure_cues(rows, R, centre, marks), rows.count_of_cue()
+    first = np.searchsorted(rows.length_cue, np.arange(len(count)))
+    stated = np.concatenate([rows.lengths[first], rows.distances, rows.heights])
+    stated[: len(count), 1] = np.hypot(stated[: len(count), 1] / np.sqrt(count), lengths.sigma_m)
+    values = lengths.metres.tolist()
     values += [float(np.linalg.norm(centre[i] - centre[j])) for i, j in rows.distance_between]
     values += [float(centre[i, 2]) for i in rows.height_of]
-    stated = np.concatenate([rows.lengths, rows.distances, rows.heights])
-    if R is not None and len(rows.lengths):
-        noise = length_noise(rows, R, centre, marks)
-        stated[: len(noise), 1] = np.hypot(stated[: len(noise), 1], noise)
     found = [
         (name, value, float(metres), float(sd)) for name, value, (metres, sd) in zip(rows.names, values, stated, strict=True)
     ]
-    if rows.plan is not None and R is not None and (span := rows.plan.span(R, centre)) is not None:
+    if rows.plan is not None and (span := rows.plan.span(R, centre)) is not None:
         found.append((f"plan {rows.plan.name}", *span, rows.plan.sigma * span[1]))
     return found
 
 
-def initial_scale(
-    rows: CueRows | None, centre: Floats, marks: Floats, n_people: int, population_sd: float, R: Floats | None = None
-) -> float:
+def refuse_wrong_units(rows: CueRows | None, rigs: Sequence[tuple[Floats, Floats]]) -> None:
+    """Raise `InputError` for a length that is in another unit than metres by every rough rig that people's heights made.
+
+    Args:
+        rows: the cues.
+        rigs: rotations (C, 3, 3) world to camera and centres (C, 3), metres.
+    """
+    found: dict[str, list[WrongUnit | None]] = {}
+    for R, centre in rigs:
+        for name, measured, stated, _ in scale_cue_lengths(rows, R, centre, triangulate_marks(rows, R, centre)):
+            if measured > 0 and not name.startswith("plan "):
+                found.setdefault(name, []).append(find_wrong_unit(float(np.log(stated / measured)), ROUGH_SCALE_SD))
+    for name, wrong in found.items():
+        first = wrong[0]
+        if first is not None and first.unit is not None and all(one is not None and one.unit == first.unit for one in wrong):
+            raise InputError(f"[scale], {name}: the stated metres are {first.in_words}")
+
+
+def initial_scale(rows: CueRows | None, R: Floats, centre: Floats, marks: Floats, n_people: int, population_sd: float) -> float:
     """The factor that brings lengths built on people's height nearest to the cues, all weighed by their relative precision."""
     logs, weights = [0.0], [max(n_people, 1) / population_sd**2]
-    for _, value, stated, sd in scale_cue_lengths(rows, centre, marks, R):
+    for _, value, stated, sd in scale_cue_lengths(rows, R, centre, marks):
         if value > 1e-3:
             logs.append(np.log(stated / value))
             weights.append((stated / sd) ** 2)
@@ -217,8 +356,8 @@ def initial_scale(
 
 
 def scale_cue_weights(
-    cues: ScaleCues, rows: CueRows | None, centre: Floats, marks: Floats, heights: Floats, mean: Floats, sd: Floats, seen: Ints,
-    segments: float = 1.0, R: Floats | None = None, by_boxes: Mapping[int, float] | None = None, freed: Floats | None = None,
+    cues: ScaleCues, rows: CueRows | None, R: Floats, centre: Floats, marks: Floats, heights: Floats, mean: Floats, sd: Floats,
+    seen: Ints, segments: float = 1.0, by_boxes: Mapping[int, float] | None = None, freed: Floats | None = None,
     unusual: NDArray[np.bool_] | None = None,
 ) -> tuple[list[CueFigures], float]:  # fmt: skip
     """What each cue says about the scale: stated, measured, residual in sigmas and share of the weight; and the scale's sigma.
@@ -247,13 +386,15 @@ def scale_cue_weights(
         boxed = None if by_boxes is None else by_boxes.get(int(seen[i]))
         tall, spread = (heights[i], sd[i]) if boxed is None else (boxed, np.hypot(sd[i], BOX_SD * mean[i]))
         found.append((f"height of person {seen[i]}{places[int(seen[i])]}", float(tall), float(mean[i]), float(spread)))
-    first = len(found) + (0 if rows is None else len(rows.lengths))
-    found += scale_cue_lengths(rows, centre, marks, R)
+    first = len(found) + (0 if rows is None else len(rows.count_of_cue()))
+    found += scale_cue_lengths(rows, R, centre, marks)
     own = [(value, spread) for _, value, _, spread in found]
     for number, (value, by_rig) in enumerate([] if freed is None else freed.tolist(), start=first):
         own[number] = value, float(np.hypot(own[number][1], by_rig))
     if rows is not None:
         kinds += [{"kind": kind} for kind in rows.kinds]
+        for number, count in enumerate(rows.count_of_cue().tolist(), start=first - len(rows.count_of_cue())):
+            kinds[number] |= {"count": count} if count > 1 else {}
         kinds += [{"kind": "plan"} for _ in range(len(found) - len(kinds))]
     if rows is not None and rows.world is not None and rows.world.trunk_m is not None:
         usual, spread = rows.world.trunk_m

@@ -22,7 +22,16 @@ from passerby.geometry.similarity import chordal_mean_rotation
 from passerby.geometry.single_view import Level, level_camera
 from passerby.people.model import JOINED_FOOT_SHIFT_SD, Noise, Priors
 from passerby.people.standing import standing_instants
-from passerby.solver.cues import cue_rows, expected_heights, initial_scale, population_spread, settle_plan, triangulate_marks
+from passerby.solver.cues import (
+    cue_rows,
+    expected_heights,
+    initial_scale,
+    population_spread,
+    refuse_wrong_units,
+    settle_cues,
+    triangulate_marks,
+    without_gaps,
+)
 from passerby.solver.evidence import Evidence, draw_blocks, gather_evidence
 from passerby.solver.focal_search import search_focals
 from passerby.solver.lens_sigmas import lens_evidence
@@ -268,6 +277,17 @@ def people_for_all(evidence: Evidence, people: int, of_camera: int) -> int:
     return max(people, int(np.ceil(of_camera * evidence.n_cameras / seen_by)))
 
 
+def check_units(start: Initialisation) -> None:
+    """Raise `InputError` for a stated length that is in another unit than metres by every rough rig."""
+    n, rigs = len(start.rig), []
+    if start.knowledge.cues is None:
+        return
+    for _, tree in spanning_trees(start.hypotheses, range(n), n):
+        poses = gravity_aligned(poses_of_tree(tree, 0), start.levels)
+        rigs.append((np.array([poses[c].R_cw for c in range(n)]), np.array([poses[c].centre for c in range(n)])))
+    refuse_wrong_units(start.knowledge.cues, rigs)
+
+
 def select_initial_rig(start: Initialisation, options: PeopleOptions, rng: np.random.Generator) -> InitialRig:
     """Descend from every tree on a part of the evidence, and keep the rig that contradicts fewest registrations of pairs, of
     these the one that most sightings agree with.
@@ -311,11 +331,12 @@ def rescaled(start: Initialisation, R: Floats, centre: Floats) -> RigState:
     """A first state with the scale that people and cues agree on."""
     knowledge = start.knowledge
     expected = knowledge.height_mean
-    rows = settle_plan(knowledge.cues, R, centre, expected, expected, knowledge.height_sd)
+    rows = settle_cues(knowledge.cues, R, centre, expected, expected, knowledge.height_sd)
     marks = triangulate_marks(rows, R, centre)
     sd = float(np.mean(knowledge.height_sd / knowledge.height_mean)) if len(knowledge.height_sd) else 0.05
-    factor = initial_scale(rows, centre, marks, len(knowledge.height_sd), sd, R)
-    state = RigState.start(R, centre * factor, knowledge.height_mean * factor, knowledge.priors, marks * factor, start.lens)
+    factor = initial_scale(rows, R, centre, marks, len(knowledge.height_sd), sd)
+    ends = factor * without_gaps(rows, marks)
+    state = RigState.start(R, centre * factor, knowledge.height_mean * factor, knowledge.priors, ends, start.lens)
     return state
 
 

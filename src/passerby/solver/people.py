@@ -28,9 +28,17 @@ from passerby.solver.bodies_world import placed_by_bodies
 from passerby.solver.contradicted_lenses import contradicted_lenses, contradictions_of
 from passerby.solver.cue_agreement import argue
 from passerby.solver.cue_leverage import freed_measurements
-from passerby.solver.cues import scale_cue_weights, settle_plan, triangulate_marks
+from passerby.solver.cues import scale_cue_weights, settle_cues, triangulate_marks
 from passerby.solver.findings import MAX_ORIENTATION_DEG, apart, doubts_about, figures_of, height_noise
-from passerby.solver.initialisation import Fit, Initialisation, InitialRig, PeopleOptions, refine_in_stages, select_initial_rig
+from passerby.solver.initialisation import (
+    Fit,
+    Initialisation,
+    InitialRig,
+    PeopleOptions,
+    check_units,
+    refine_in_stages,
+    select_initial_rig,
+)
 from passerby.solver.lens_check import check_focals, sizes_contradicted
 from passerby.solver.pairs import MIN_MATCHES
 from passerby.solver.people_state import AdjustmentState
@@ -82,6 +90,7 @@ def solve_people(
         inside = Rig(tuple(rig.cameras[c] for c in groups[0]))
         among = [h for guess in guesses if (h := guess.among(groups[0])) is not None]
         start = Initialisation.prepare(inside, observations, cues, options, rng, among)
+    check_units(start)
     choice, zoned = _first_guess(start, options, rng, executor)
     fit = refine_in_stages(start, choice.state, options, rng)
     for _ in range(_RESTARTS):
@@ -144,10 +153,10 @@ def _sure(
     terms = replace(fit.model.problem, lens_weight=np.ones(())).terms(state, jacobians=True)
     inflation = design_effect(fit.model, start.evidence, terms)
     expected = knowledge.height_mean[seen], knowledge.height_weight_sd[seen]
-    rows = settle_plan(knowledge.cues, state.R, state.centre, state.heights[seen], *expected)
+    rows = settle_cues(knowledge.cues, state.R, state.centre, state.heights[seen], *expected)
     report, sigma = scale_cue_weights(
-        cues, rows, state.centre, triangulate_marks(rows, state.R, state.centre), state.heights[seen], *expected,
-        start.evidence.identities[seen], 1.0 if rows is None or rows.world is None else rows.world.factor(state), state.R,
+        cues, rows, state.R, state.centre, triangulate_marks(rows, state.R, state.centre), state.heights[seen], *expected,
+        start.evidence.identities[seen], 1.0 if rows is None or rows.world is None else rows.world.factor(state),
         _heights_by_boxes(start, state, observations) if cues.people else None,
         None if rows is None else freed_measurements(rows, state, fit.model.problem.layout, fit.result.normal, inflation),
         None if knowledge.unusual is None else knowledge.unusual[seen],

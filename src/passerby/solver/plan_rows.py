@@ -10,6 +10,7 @@ from passerby.common.arrays import Bools, Floats, Ints
 from passerby.common.errors import InputError
 from passerby.core.cameras import Rig
 from passerby.core.floor_plan import FloorPlan
+from passerby.core.units import WrongUnit, find_wrong_unit
 from passerby.geometry.plan_fit import Choice, Placements, PlanFit, ScalePrior, choose_placements, fit_plan, fits_mirrored
 from passerby.geometry.reprojection import PointObservations
 from passerby.geometry.rotations import skew
@@ -20,10 +21,6 @@ MEETS_GROUND = 0.02
 """A ray that falls by less than a fiftieth of its length tells of no place on the ground: a pixel is metres there."""
 ANGLE_SD = 1e-3
 """One sigma of a camera's direction, radians: 0.06 degrees, as of simulated scenes with boxes."""
-
-
-GROSS = 2.5
-"""No people are so many times as tall, or as small, as stated: the plan's unit is wrong. Feet for metres are 3.3."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,8 +36,8 @@ class Settled:
     """The largest distance between two used placements, by the plan."""
     is_mirrored: bool
     """Whether the placements agree on the plan's mirror image only."""
-    has_wrong_unit: bool
-    """Whether the plan is `GROSS` times too large or too small for the people."""
+    wrong_unit: WrongUnit | None
+    """The unit of the plan, if people's heights show that it is not the metre."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,13 +96,13 @@ class PlanRows:
     @property
     def sigma(self) -> float:
         """Relative, of the scale that the plan gives. Infinite where it gives none."""
-        if self.settled is None or self.settled.has_wrong_unit:
+        if self.settled is None or self.settled.wrong_unit is not None:
             return np.inf
         return float(np.hypot(self.settled.fit.scale_sd * self.settled.fit.factor, self.unit_sd))
 
     def span(self, R: Floats, centre: Floats) -> tuple[float, float] | None:
         """The plan's span by the rig and by the plan, metres; None where the placements fix no scale."""
-        if self.settled is None or self.settled.has_wrong_unit:
+        if self.settled is None or self.settled.wrong_unit is not None:
             return None
         place = np.concatenate([centre[self.camera, :2], _on_ground(R, centre, self.rays, held=True)[0]])[self.settled.used]
         scale = float(np.linalg.norm(self.settled.fit.by_place @ place.ravel()))
@@ -113,7 +110,7 @@ class PlanRows:
 
     def terms(self, state: AdjustmentState, layout: Layout) -> list[Term]:
         """The logarithm of the scale over its sigma, with its Jacobian. Lenses that move do so from one round to the next."""
-        if self.settled is None or self.settled.has_wrong_unit:
+        if self.settled is None or self.settled.wrong_unit is not None:
             return []
         used, sigma = self.settled.used, self.sigma
         place, by_ray, _ = _on_ground(state.R, state.centre, self.rays, held=True)
@@ -192,6 +189,6 @@ def _on_ground(R: Floats, centre: Floats, o: PointObservations, *, held: bool = 
 def _settled(placements: Placements, choice: Choice, fit: PlanFit, prior: ScalePrior) -> Settled:
     target = placements.target[choice.used]
     span = float(np.linalg.norm(target[:, None] - target[None], axis=-1).max())
-    off, sigma = abs(np.log(placements.scale) + prior.log_growth), np.hypot(fit.scale_sd, prior.sd)
-    is_gross = bool(prior.is_known and off > np.log(GROSS) + 3 * sigma)
-    return Settled(fit, choice.used, choice.suspects, span, fits_mirrored(placements, choice, prior), is_gross)
+    times = -float(np.log(placements.scale) + prior.log_growth)
+    wrong = find_wrong_unit(times, float(np.hypot(fit.scale_sd, prior.sd))) if prior.is_known else None
+    return Settled(fit, choice.used, choice.suspects, span, fits_mirrored(placements, choice, prior), wrong)

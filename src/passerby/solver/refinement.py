@@ -18,7 +18,7 @@ from passerby.geometry.reprojection import PointObservations
 from passerby.geometry.robust import NORMAL_BY_MAD
 from passerby.people.model import HEIGHT_PER_CENTRE, Noise, Priors
 from passerby.solver.cue_terms import CueRows
-from passerby.solver.cues import settle_plan, unusual_people
+from passerby.solver.cues import settle_cues, unusual_people
 from passerby.solver.evidence import Evidence
 from passerby.solver.occlusion import Wholeness, weight_truncated_boxes
 from passerby.solver.optimizer.least_squares import NormalEquations, Result, Stopping, Term, minimise
@@ -57,12 +57,15 @@ class RigState:
     """(C,) errors of the clocks, seconds (`AdjustmentState`)."""
     lens: Floats
     """(C, L) by how much lenses differ from the stated ones (`AdjustmentState`)."""
+    lengths: Floats
+    """(K, 6) the ends of known lengths (`AdjustmentState`)."""
 
     @classmethod
     def start(cls, R: Floats, centre: Floats, height_mean: Floats, priors: Priors, marks: Floats, lens: Floats) -> RigState:
         """A first state: people as tall as expected, no slack, clocks as stated."""
         none = np.zeros(len(R))
-        return cls(R, centre, height_mean.copy(), none, np.concatenate([[priors.foot_shift], marks.ravel()]), none, lens)
+        shift = np.array([priors.foot_shift])
+        return cls(R, centre, height_mean.copy(), none, shift, none, lens, marks.reshape(-1, 6))
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,7 +187,7 @@ def build_problem(
     joint_problem, joint_points, joint_rows, joint_used = _agreeing_joints(evidence, rig, noise, share, joints)
     person = evidence.person[used]
     expected = _expected_extents(sightings, person, rig, consensus.points[used], noise)
-    cues = settle_plan(knowledge.cues, rig.R, rig.centre, rig.heights, knowledge.height_mean, knowledge.height_weight_sd)
+    cues = settle_cues(knowledge.cues, rig.R, rig.centre, rig.heights, knowledge.height_mean, knowledge.height_weight_sd)
     problem = PeopleProblem(
         evidence.n_cameras, sightings, joint_problem, person, len(joint_used),
         knowledge.height_mean, knowledge.height_weight_sd,
@@ -193,7 +196,9 @@ def build_problem(
         knowledge.lens_weight, knowledge.lens_normal, knowledge.lens_groups,
     )  # fmt: skip
     people = np.column_stack([consensus.points[used, :2], np.zeros(len(used)), rig.heights[person]])
-    state = AdjustmentState(rig.R, rig.centre, rig.slack, rig.globals, rig.heights, people, joint_points, rig.time, rig.lens)
+    state = AdjustmentState(
+        rig.R, rig.centre, rig.slack, rig.globals, rig.heights, people, joint_points, rig.time, rig.lens, rig.lengths
+    )  # fmt: skip
     renamed = int(np.count_nonzero(s.block[rows] != block))
     return AdjustmentProblem(problem, state, rows, renamed, used, joint_rows, joint_used, evidence.joint_kind[joint_used])
 
@@ -258,7 +263,9 @@ def minimise_problem(model: AdjustmentProblem, stopping: Stopping) -> Result[Adj
 
 def rig_of(state: AdjustmentState) -> RigState:
     """What the next round starts from."""
-    return RigState(state.R, state.centre, state.heights, state.slack, state.globals, state.time, state.lens)
+    return RigState(
+        state.R, state.centre, state.heights, state.slack, state.globals, state.time, state.lens, state.lengths
+    )  # fmt: skip
 
 
 def occlusion_weights(model: AdjustmentProblem, state: AdjustmentState, n_sightings: int) -> Wholeness:

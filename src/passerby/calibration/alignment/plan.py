@@ -11,7 +11,7 @@ import numpy as np
 from passerby.calibration.alignment.places import camera_of, position_sds
 from passerby.calibration.alignment.residuals import POOR_FIT, TELLING_SCALE
 from passerby.calibration.alignment.sigmas import in_known_world
-from passerby.calibration.alignment.world import WEAK_TURN_DEG, Aligned, aligned_by, with_residuals
+from passerby.calibration.alignment.world import RIG_SCALE_SD, WEAK_TURN_DEG, Aligned, aligned_by, with_residuals
 from passerby.common.arrays import Floats
 from passerby.common.errors import EvidenceError
 from passerby.core.cameras import Rig
@@ -23,8 +23,6 @@ from passerby.geometry.rotations import exp_rotation
 from passerby.geometry.similarity import Similarity
 from passerby.solver.plan_rows import PlanRows, Settled, plan_rows
 
-RIG_SCALE_SD = 0.05
-"""Relative, of the scale of a rig that stands by people's heights; it decides which of three placements is wrong."""
 LEAST_RIG_SD_M = 1e-3
 """Of a camera's place by the rig, however sure the rig is."""
 
@@ -69,9 +67,10 @@ def align_to_plan(rig: Rig, plan: FloorPlan, image: Path, *, with_scale: bool = 
         )
     fit, settled = rows.settled.fit, rows.settled
     placements = rows.placements(R, centre)
-    if settled.has_wrong_unit:
-        stated = plan.metres_per_pixel
-        raise PlanRefusedError(doubt("plan_unit_wrong", metres_per_pixel=stated, by_people=stated * placements.scale))
+    if settled.wrong_unit is not None:
+        stated, unit = plan.metres_per_pixel, settled.wrong_unit.unit
+        values = {"metres_per_pixel": stated, "by_people": stated * placements.scale}
+        raise PlanRefusedError(doubt("plan_unit_wrong", **values, **({} if unit is None else {"unit": unit})))
     if settled.is_mirrored:
         raise PlanRefusedError(doubt("plan_mirrored"))
     turn = float(np.degrees(fit.yaw_sd * fit.factor))

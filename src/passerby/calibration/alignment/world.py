@@ -22,6 +22,7 @@ from passerby.common.arrays import Floats
 from passerby.common.errors import EvidenceError, InputError
 from passerby.core.cameras import Pose, Rig
 from passerby.core.known_places import KnownPoint, KnownPosition
+from passerby.core.units import find_wrong_unit
 from passerby.findings.finding import Finding, notice
 from passerby.findings.texts import texts_of
 from passerby.geometry.alignment import WorldFit, fit_world, fits_mirrored
@@ -31,6 +32,8 @@ from passerby.geometry.similarity import Similarity
 
 STRAIGHT_DOWN = 0.1
 """Sine of 6 degrees: a camera that looks down more steeply has no direction on the ground to speak of."""
+RIG_SCALE_SD = 0.05
+"""Relative, of the scale of a rig by people's heights; it decides whether a unit is wrong, and which of three placements."""
 WEAK_TURN_DEG = 15.0
 """A turn that is known no better than this is not known."""
 
@@ -115,6 +118,7 @@ def align_to_points(
         sd=np.array([np.hypot(point.sd_m, own[camera.name]) for point, camera, _ in rows]),
         angle_sd=np.array([np.hypot(CLICK_SD_PX / camera.lens.focal, angle_sd(camera)) for _, camera, _ in rows]),
     )
+    _refuse_wrong_unit(rig, places, tilt, "points", source)
     fit = _fitted(places, with_scale, tilt, "points")
     aligned = _in_world(
         aligned_by(rig, fit.motion, source, _fit_figures(fit, with_scale, tilt), tilt=tilt), fit, with_scale, tilt
@@ -157,6 +161,8 @@ def align_to_positions(
         sd=np.array([np.hypot(known.sd_m, own[known.camera]) for known in rows]),
         heights=tilt,
     )
+    if not geodetic:
+        _refuse_wrong_unit(rig, places, tilt, "positions", source)
     fit = _fitted(places, with_scale, tilt, "positions")
     metadata = {} if origin is None else {"geodetic_origin": f"{origin[0]:.9f} {origin[1]:.9f} {origin[2]:.3f}"}
     told = _fit_figures(fit, with_scale, tilt) | ({} if origin is None else {"geodetic_origin": origin.tolist()})
@@ -193,6 +199,24 @@ def _enough(count: int, targets: Sequence[Floats], with_scale: bool, tilt: bool,
         raise EvidenceError(
             f"all known coordinates lie within {1000 * spread:.0f} mm: give points or positions that are metres apart"
         )
+
+
+def _refuse_wrong_unit(rig: Rig, places: Places, tilt: bool, what: str, source: str) -> None:
+    """Raises `InputError` where people's heights show that coordinates are not in metres.
+
+    A rig without a verdict is not from people; its scale may be any.
+    """
+    if rig.verdict is None:
+        return
+    try:
+        free = fit_world(places, with_scale=True, tilt=tilt)
+    except EvidenceError:
+        return
+    if free.scale_sigma > WEAK_SCALE:
+        return
+    wrong = find_wrong_unit(float(np.log(free.motion.scale)), float(np.hypot(RIG_SCALE_SD, free.scale_sigma)))
+    if wrong is not None:
+        raise InputError(f"{source}: the distances between the {what} are {wrong.in_words}")
 
 
 def _fitted(places: Places, with_scale: bool, tilt: bool, what: str) -> WorldFit:
@@ -251,7 +275,8 @@ def aligned_by(
     tilt: bool = False,
 ) -> Aligned:  # fmt: skip
     """The moved rig, its metadata and the figures of the motion."""
-    kept = {key: value for key, value in rig.metadata.items() if key not in ("world", "geodetic_origin")}
+    replaced = {"world", "geodetic_origin"} | ({"up"} if tilt else set())
+    kept = {key: value for key, value in rig.metadata.items() if key not in replaced}
     moved = rig.moved(motion.rotation, motion.translation, motion.scale)
     moved = replace(moved, metadata=kept | {"world": how} | dict(metadata or {}))
     told = {

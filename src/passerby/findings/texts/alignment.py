@@ -63,7 +63,8 @@ ALIGNMENT: Mapping[str, Kind] = {
     "plan_unit_wrong": Kind(
         DOUBT, "The plan is several times too large or too small for people; it was not used.",
         "according to people's heights a pixel of the plan is about {by_people:.2g} m wide, not {metres_per_pixel:g} m",
-        "check metres_per_pixel, or the metres of distance; the plan was not used", subjects=("scale",),
+        lambda v: "check metres_per_pixel, or the metres of distance"
+        + (f", which seems to be in {v['unit']}" if "unit" in v else "") + "; the plan was not used", subjects=("scale",),
     ),
     "places_fit_poorly": Kind(
         NOTICE, "The known points or positions fit worse than their stated accuracy.",

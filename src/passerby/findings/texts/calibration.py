@@ -190,6 +190,12 @@ CALIBRATION: Mapping[str, Kind] = {
         _uneven,
         lambda v: "" if v["severity"] == "notice" else f"{_LEVEL}; or record people on one level", subjects=("vertical",),
     ),
+    "ground_tilted": Kind(
+        NOTICE, "The ground is tilted against the people on it: z is the normal of the ground, not the direction of gravity.",
+        "the ground is tilted by {tilt_deg:.1f} ± {sigma_deg:.1f} degrees against the bodies of the people on it: z is the "
+        "normal of the ground, not the direction of gravity",
+        "if z is to be the direction of gravity, mark vertical edges under [[world.lines]]", subjects=("vertical",),
+    ),
     "people_on_levels": Kind(
         _MORE_OR_LESS, "People's own ways slope against the ground of the rig: some walk on another level than others.",
         lambda v: (

@@ -1,0 +1,100 @@
+"""What the world's z is, and how far it may be from gravity.
+
+Feet on the ground fix z far better than bodies do: z is the normal of the ground that people walk on. A floor is level, a yard
+drains, a ramp slopes; people stand along gravity on all of them. Trunks show gravity, if keypoints are seen; boxes do not.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from passerby.common.arrays import Floats
+from passerby.core.cameras import Rig
+from passerby.core.figures import AdjustedFigures, UpFigures
+from passerby.core.observations import Observations
+from passerby.core.solution import Solution
+from passerby.findings.finding import Finding, notice
+from passerby.solver.body_segments import Bodies, bodies_in_space, body_vertical
+
+GROUND_SLOPE_DEG = 1.0
+"""One sigma of the slope of a ground of which nothing is known. Floors are level; paved ways slope by up to 1.2 degrees across
+(1 in 48) and ramps by up to 4.8 (1 in 12): the limits of the ADA Standards for Accessible Design of 2010, 403.3 and 405.2."""
+LEAST_PEOPLE = 5
+"""With trunks, for the differences between them to show how well their mean is known."""
+COMMON_LEAN_DEG = 0.5
+"""One sigma of what the trunks of all people lean by alike: people who walk one way lean forwards by some degrees."""
+LEAST_TILT_DEG, TILT_SIGMAS = 1.0, 3.0
+"""A ground that is tilted by so much against bodies, and by so many sigmas, is reported: one in 90 level ones by chance."""
+
+
+def up_figures(solution: Solution, instants: Observations, rng: np.random.Generator) -> UpFigures | None:
+    """What z is, and its sigma against gravity; None without a known up direction.
+
+    Args:
+        solution: in its own world, z the up direction that it found.
+        instants: the people that it was made from, at common time steps.
+        rng: draws bodies where there are many.
+    """
+    figures = solution.figures
+    if not isinstance(figures, AdjustedFigures) or figures.vertical_sigma_deg is None:
+        return None
+    if not any(camera.sightings for camera in figures.cameras):
+        return UpFigures(is_="trunks", gravity_sigma_deg=figures.vertical_sigma_deg)
+    rig = solution.rig.posed()
+    R, centre = (np.array([getattr(camera.pose, name) for camera in rig]) for name in ("R_cw", "centre"))
+    found = _mean_tilt(bodies_in_space(rig, R, centre, instants, rng))
+    if found is None:
+        sigma = float(np.hypot(figures.vertical_sigma_deg, GROUND_SLOPE_DEG))
+        return UpFigures(is_="ground normal", gravity_sigma_deg=sigma)
+    tilt, measured = found
+    measured = measured + 0.5 * figures.vertical_sigma_deg**2 * np.eye(2)
+    size = float(np.linalg.norm(tilt))
+    along = tilt / max(size, 1e-12)
+    # The tilt about each of two axes has a prior around 0; what is left of the measured one, with its variance.
+    prior = 0.5 * GROUND_SLOPE_DEG**2 * np.eye(2)
+    gain = prior @ np.linalg.inv(prior + measured)
+    left = float(np.linalg.norm(gain @ tilt))
+    sigma = float(np.sqrt(left**2 + np.trace(gain @ measured)))
+    along_sigma = float(np.sqrt(along @ measured @ along))
+    return UpFigures(is_="ground normal", gravity_sigma_deg=sigma, tilt_deg=size, tilt_sigma_deg=along_sigma)
+
+
+def _mean_tilt(bodies: Bodies | None) -> tuple[Floats, Floats] | None:
+    """(2,) how far trunks are from z along x and y, degrees, and its covariance (2, 2); None where few people show it.
+
+    The covariance is that of the mean of independent people, by what they differ by, with the factor of Student's distribution.
+    """
+    if bodies is None:
+        return None
+    tilts = []
+    for identity in np.unique(bodies.identity):
+        own = bodies.identity == identity
+        vertical = body_vertical(
+            replace(bodies, identity=bodies.identity[own], frame=bodies.frame[own], points=bodies.points[own])
+        )
+        if vertical is not None and vertical.up[2] > 0:
+            tilts.append(np.degrees(vertical.up[:2] / vertical.up[2]))
+    count = len(tilts)
+    if count < LEAST_PEOPLE:
+        return None
+    spread = np.cov(np.array(tilts).T) / count * (count - 1) / (count - 3)
+    return np.mean(tilts, axis=0), spread + 0.5 * COMMON_LEAN_DEG**2 * np.eye(2)
+
+
+def find_tilted_ground(up: UpFigures | None, *, up_stated: bool) -> tuple[Finding, ...]:
+    """A notice where the ground is tilted against the people who walk on it, unless `[world]` sets the up direction."""
+    if up is None or up.tilt_deg is None or up.tilt_sigma_deg is None or up_stated:
+        return ()
+    if up.tilt_deg <= max(LEAST_TILT_DEG, TILT_SIGMAS * up.tilt_sigma_deg):
+        return ()
+    return (notice("ground_tilted", tilt_deg=up.tilt_deg, sigma_deg=up.tilt_sigma_deg),)
+
+
+def with_up(rig: Rig, up: UpFigures | None) -> Rig:
+    """The rig with what its z is in its metadata."""
+    if up is None:
+        return rig
+    text = f"{up.is_}; gravity within {up.gravity_sigma_deg:.1f} degrees (1 sigma)"
+    return replace(rig, metadata=dict(rig.metadata) | {"up": text})
