@@ -38,8 +38,9 @@ def up_figures(solution: Solution, instants: Observations, rng: np.random.Genera
         rng: draws bodies where there are many.
     """
     figures = solution.figures
-    if not isinstance(figures, AdjustedFigures) or figures.vertical_sigma_deg is None:
+    if not isinstance(figures, AdjustedFigures) or not np.isfinite(figures.vertical_sigma_deg or np.nan):
         return None
+    assert figures.vertical_sigma_deg is not None
     if not any(camera.sightings for camera in figures.cameras):
         return UpFigures(is_="trunks", gravity_sigma_deg=figures.vertical_sigma_deg)
     rig = solution.rig.posed()
