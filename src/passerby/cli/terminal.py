@@ -75,7 +75,8 @@ def stages(verbose: bool = False, form: ProgressForm = ProgressForm.auto) -> Ite
         yield _Lines() if verbose else _Log()
         return
     columns = (
-        SpinnerColumn(), TextColumn("{task.description}", markup=False), _Counted(bar_width=24), _Count(), TimeElapsedColumn(), _Left(),
+        SpinnerColumn(), TextColumn("{task.description}", markup=False), _Counted(bar_width=24), _Count(),
+        TimeElapsedColumn(), _Left(),
     )  # fmt: skip
     with Progress(*columns, console=console, transient=True) as bar:
         shown = _Bar(bar)
