@@ -61,6 +61,11 @@ class OutputFolder:
         return html_of(self)
 
     @property
+    def tracks(self) -> Mapping[str, Boxes]:
+        """By camera with a pose, its boxes with identities that are the same in all cameras, as `Calibration.tracks`."""
+        return self.boxes
+
+    @property
     def report(self) -> Mapping[str, Any]:
         """What `calibration.json` holds, as plain values."""
         held: Mapping[str, Any] = plain(self.document)
