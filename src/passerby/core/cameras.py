@@ -278,7 +278,7 @@ def _in_picture(camera: Camera, world: Floats) -> Floats:
     """(N, 2) pixels of world points (N, 3); NaN outside the picture, and where a lens model folds back into it."""
     pose, pixels = camera._posed(), camera.project(world)
     with np.errstate(invalid="ignore"):
-        shown = ((pixels >= 0) & (pixels <= camera.lens.size)).all(axis=1)
+        shown: Bools = np.asarray(((pixels >= 0) & (pixels <= np.array(camera.lens.size))).all(axis=1))
     rays = world @ pose.R_cw.T + pose.t_cw
     seen = _seen_rays(camera.lens, np.where(shown[:, None], pixels, np.nan))
     with np.errstate(invalid="ignore"):

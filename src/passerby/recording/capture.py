@@ -204,8 +204,7 @@ def _supervised(
                 return "stopped"
         missing = [recorder for recorder in _missing(recorders, began, now, options) if recorder.stream.camera not in warned]
         if missing and not options.without_missing:
-            rest = f"; {options.to_go_on} the other cameras go on" if len(missing) < len(recorders) else ""
-            raise InputError("; ".join(one.explained() for one in missing) + rest)
+            raise InputError(f"{'; '.join(one.explained() for one in missing)}; {options.to_go_on} the other cameras go on")
         for recorder in missing:
             warned.add(recorder.stream.camera)
             tell_warning(tell, f"{recorder.explained()}; the other cameras go on")
