@@ -72,6 +72,8 @@ class Camera:
     """How long it sends nothing after it was asked to play."""
     began: float = field(default_factory=time.time)
     """Wall time of second 0 of the film."""
+    connections: list[float] = field(default_factory=list)
+    """When clients connected."""
 
 
 class _Rtsp(socketserver.BaseRequestHandler):
@@ -79,6 +81,7 @@ class _Rtsp(socketserver.BaseRequestHandler):
 
     def handle(self) -> None:
         self.camera = self.server.camera
+        self.camera.connections.append(time.time())
         if time.time() < self.camera.began + self.camera.on_s:
             return
         self.lock = threading.Lock()

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from passerby.calibration.pipeline import calibrate
     from passerby.common.errors import EvidenceError, InputError, PasserbyError
     from passerby.core.cameras import Camera, Lens, Pose, PoseSigma, Rig
+    from passerby.core.ground_points import GroundPoints
     from passerby.core.known_places import KnownPoint, KnownPosition
     from passerby.core.observations import Boxes, Keypoints, Observations
     from passerby.core.solution import Verdict
@@ -43,6 +44,7 @@ __all__ = [
     "Comparison",
     "EvidenceError",
     "Finding",
+    "GroundPoints",
     "InputError",
     "Keypoints",
     "KnownPoint",
@@ -82,6 +84,7 @@ _HOMES = {
     "Comparison": "evaluation.metrics",
     "EvidenceError": "common.errors",
     "Finding": "findings.finding",
+    "GroundPoints": "core.ground_points",
     "InputError": "common.errors",
     "Keypoints": "core.observations",
     "KnownPoint": "core.known_places",

@@ -28,6 +28,7 @@ from passerby.page.work import EVENTS, FOLDER, RESULT, RUN_LOCK, Work
 from passerby.perception.sources.recording import open_source
 from passerby.scene.scene import Scene
 from passerby.scene.world_tables import WorldTable
+from support.scenes.output_folders import written_output
 
 from .conftest import Client
 
@@ -266,6 +267,11 @@ def test_what_can_be_opened(session, tmp_path):
     opened = find_opened(session.scene_file)
     assert (opened.scene_file, opened.out.name) == (session.scene_file, "out")
     assert find_opened(session.scene_file.parent).scene_file == session.scene_file
+    out = written_output(tmp_path / "site")
+    assert find_opened(out).scene_file == tmp_path / "site" / "scene.toml"
+    shutil.copytree(tmp_path / "site", tmp_path / "copy")
+    with pytest.raises(InputError, match=r"passerby open SCENE -o .*copy/out"):
+        find_opened(tmp_path / "copy" / "out")
     with pytest.raises(InputError, match="no such file"):
         find_opened(tmp_path / "nothing")
     (tmp_path / "empty").mkdir()

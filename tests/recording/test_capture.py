@@ -145,6 +145,20 @@ def test_a_camera_that_cannot_be_reached_is_told_without_its_password(film, tmp_
     assert "keeper" not in str(raised.value)
 
 
+def test_all_cameras_that_refuse_the_user_are_reported_and_not_tried_again(film, tmp_path):
+    with rtsp_camera(film, password=LOGIN) as (first, one), rtsp_camera(film, password=LOGIN) as (second, other):
+        streams = stream_of("a", first, "keeper:wr0ng"), stream_of("b", second, "keeper:wr0ng")
+        with rtsp_camera(film) as (third, _), pytest.raises(InputError) as raised:
+            record((*streams, stream_of("c", third)), tmp_path, CaptureOptions(20.0, timeout_s=10.0))
+    told = str(raised.value)
+    assert told.count("401 Unauthorized") == 2
+    assert "camera a (" in told
+    assert "camera b (" in told
+    assert "camera c (" not in told
+    assert "user name and password" in told
+    assert (len(one.connections), len(other.connections)) == (1, 1)
+
+
 def test_the_others_go_on_if_the_user_says_so(film, tmp_path):
     told = []
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import re
 import tomllib
 
 import numpy as np
@@ -16,6 +17,14 @@ from passerby.interchange.rig_toml import read_rig
 from passerby.scene.scene import Scene
 from passerby.simulation import write_scene
 from support.scenes.simulated import scene
+
+
+@pytest.mark.parametrize("height", [1.72, 1.6, 1.83])
+def test_the_scene_file_holds_nothing_that_its_method_does_not_need(tmp_path, height):
+    text = write_scene(scene(seconds=1.0, person_height_mean_m=height), tmp_path / "terrace").read_text()
+    assert "reference" not in text
+    assert max(len(number) for number in re.findall(r"= (\d+\.\d+)", text)) <= len("0.022875")
+
 
 FAULTS = {"seconds": 3.0, "box_noise": 0.02, "false_boxes": 0.1, "identity_swaps": 0.2, "clock_offsets": 0.2}
 

@@ -9,11 +9,15 @@ from functools import cache, partial
 import numpy as np
 import pytest
 
-from passerby.core.cameras import Lens, Rig
+from passerby.core.cameras import Camera, Lens, Pose, Rig
 from passerby.core.observations import Boxes, CameraObservations, Observations
 from passerby.core.scale_cues import ScaleCues
 from passerby.core.solution import Solution
 from passerby.simulation import SimulatedScene, SimulationOptions, simulate
+from passerby.simulation.body import pose_joints
+from passerby.simulation.observe import observe_camera
+from passerby.simulation.placement import looking_at
+from passerby.simulation.scene import film
 from passerby.solver.contradicted_lenses import LEAST_GAIN, MIN_INSTANTS
 from passerby.solver.initialisation import Initialisation, refine_in_stages, select_initial_rig
 from passerby.solver.lens_check import FAR_CHANGE, FAR_SIGMAS, FocalCheck, sizes_contradicted
@@ -253,3 +257,44 @@ def test_a_size_that_no_lens_explains_is_told_where_it_is_far_and_sure():
     (found,) = sizes_contradicted(checks)
     assert (found.code, found.severity, found.cameras) == ("size_contradicted", "doubt", ("far",))
     assert found.values["change"] == pytest.approx(np.exp(-1.07) - 1)
+
+
+def test_steps_that_are_the_same_in_all_cameras_say_nothing_of_where_one_stands() -> None:
+    """Cameras side by side on a wall trade all focal lengths for all distances."""
+    assert sizes_contradicted([FocalCheck(name, -2.3, 0.19) for name in "ABCD"]) == []
+    for steps in ((2.3, -2.3), (-2.3, -1.6, -2.3), (-2.3, -0.1, -0.1), (-2.3,)):
+        found = sizes_contradicted([FocalCheck(name, step, 0.19) for name, step in zip("ABC", steps, strict=False)])
+        assert [one.cameras[0] for one in found] == [name for name, step in zip("ABC", steps, strict=False) if step != -0.1]
+
+
+def on_a_wall(spacing_m: float) -> tuple[Rig, Observations]:
+    """Four parallel cameras, 3 m high, 6 m in front of the middle of the people; boxes with 2 % of noise."""
+    filmed, rng = film(SimulationOptions(seconds=30.0, people=6, seed=1)), np.random.default_rng(1)
+    state, present = filmed.motion.at(np.arange(150) / 5.0)
+    joints, size = pose_joints(state, filmed.heights), np.array([1280, 720])
+    lens = Lens((1280, 720), np.array([[914.0, 0, 640], [0, 914, 360], [0, 0, 1]]), np.zeros(0))
+    cameras, seen = [], {}
+    for number in range(4):
+        x = (number - 1.5) * spacing_m
+        centre = np.array([x, -6.0, 3.0])
+        camera = Camera(f"C{number + 1}", lens, Pose.from_centre(looking_at(centre, np.array([x, 2.0, 0.8])), centre))
+        view = observe_camera(camera, joints, filmed.heights, present)
+        frame, person = np.nonzero((view.inside > 0.5) & (view.hidden < 0.3))
+        edges = view.visible_box[frame, person]
+        edges = edges + 0.02 * rng.standard_normal(edges.shape) * (edges[:, 3] - edges[:, 1])[:, None]
+        edges = np.clip(edges, 0, [*size, *size])
+        ltwh = np.column_stack([edges[:, :2], edges[:, 2:] - edges[:, :2]])
+        seen[camera.name] = CameraObservations(Boxes(frame + 1, person + 1, ltwh, np.ones(len(ltwh))))
+        cameras.append(camera)
+    return Rig(tuple(cameras)), Observations(seen, 5.0)
+
+
+@pytest.mark.system
+@thinned("spacing_m", [1.0, 0.5, 0.3], quick=1)
+def test_a_right_rig_of_cameras_side_by_side_on_a_wall_is_accepted(spacing_m: float) -> None:
+    rig, observations = on_a_wall(spacing_m)
+    solution = solve(rig, observations, options=SOLVING)
+    assert [one.code for one in solution.findings] == []
+    found, true = (np.array([camera.centre for camera in one]) for one in (solution.rig, rig))
+    across, wanted = (np.linalg.norm(np.diff(centres, axis=0), axis=1) for centres in (found, true))
+    np.testing.assert_allclose(across / across.mean(), wanted / wanted.mean(), atol=0.05)

@@ -18,7 +18,7 @@ from passerby.common.progress import Progress
 from passerby.core.association_figures import AssociationFigures
 from passerby.core.cameras import Camera, Rig
 from passerby.core.figures import SolverFigures, adjusted
-from passerby.core.observations import UNKNOWN, Observations
+from passerby.core.observations import UNKNOWN, Boxes, Observations
 from passerby.core.solution import Verdict
 from passerby.evaluation.reprojection import median_residuals
 from passerby.findings.finding import Finding
@@ -117,6 +117,14 @@ class Calibration:
     def accepted(self) -> bool:
         """Whether the rig can be relied upon."""
         return self.verdict == "accepted"
+
+    @property
+    def tracks(self) -> Mapping[str, Boxes]:
+        """By camera, its boxes with identities that are the same in all cameras: what `tracks/CAMERA.txt` holds.
+
+        Frames are each camera's own; `passerby.trajectories(calibration)` has where people were on the ground, and when.
+        """
+        return {name: seen.boxes for name, seen in self.observations.cameras.items()}
 
     @property
     def clocks_searched(self) -> bool:

@@ -50,6 +50,7 @@ app = typer.Typer(
     help="Calibrate a network of cameras from the people who walk through its view.",
     add_completion=False,
     pretty_exceptions_enable=False,
+    rich_markup_mode=None,  # rich would take "[scale]" for markup, and leave it out
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
@@ -284,5 +285,9 @@ app.command()(dataset)
 app.command()(export)
 app.command("import")(import_)
 app.command()(formats)
-app.add_typer(models_app, name="models")
-app.add_typer(reid_app, name="reid")
+for group in (models_app, reid_app):
+    app.add_typer(group, name=group.info.name, short_help=group.info.help)
+for commands in (app, models_app, reid_app):
+    for command in commands.registered_commands:
+        # In full where commands are listed: click would cut it after the first line.
+        command.short_help = " ".join((command.callback.__doc__ or "").split("\n\n")[0].split())

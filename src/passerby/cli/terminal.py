@@ -11,7 +11,6 @@ from contextlib import contextmanager
 from typing import Any
 
 from rich.console import Console
-from rich.markup import escape
 from rich.progress import BarColumn, Progress, ProgressColumn, SpinnerColumn, Task, TaskID, TextColumn, TimeElapsedColumn
 from rich.table import Table
 from rich.text import Text
@@ -40,11 +39,12 @@ def show_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]
             cells = [cell.rjust(width) for cell, width in zip(row[1:], widths[1:], strict=True)]
             print("  ".join([row[0].ljust(widths[0]), *cells]).rstrip())
         return
-    table = Table(title=escape(title), title_justify="left")
+    # As Text: rich would take "[scale]" in a string for markup, and leave it out.
+    table = Table(title=Text(title), title_justify="left")
     for index, column in enumerate(columns):
-        table.add_column(column, justify="right" if index else "left")
+        table.add_column(Text(column), justify="right" if index else "left")
     for row in rows:
-        table.add_row(*map(escape, row))
+        table.add_row(*map(Text, row))
     console.print(table)
 
 
@@ -75,7 +75,8 @@ def stages(verbose: bool = False, form: ProgressForm = ProgressForm.auto) -> Ite
         yield _Lines() if verbose else _Log()
         return
     columns = (
-        SpinnerColumn(), TextColumn("{task.description}"), _Counted(bar_width=24), _Count(), TimeElapsedColumn(), _Left(),
+        SpinnerColumn(), TextColumn("{task.description}", markup=False), _Counted(bar_width=24), _Count(),
+        TimeElapsedColumn(), _Left(),
     )  # fmt: skip
     with Progress(*columns, console=console, transient=True) as bar:
         shown = _Bar(bar)
@@ -252,7 +253,7 @@ class _Bar:
         if part in self._tasks:
             self._bar.update(self._tasks[part], completed=done, total=total or None)
         else:
-            self._tasks[part] = self._bar.add_task(escape(f"{stage} {part}".strip()), total=total or None, completed=done)
+            self._tasks[part] = self._bar.add_task(f"{stage} {part}".strip(), total=total or None, completed=done)
 
     def end_stage(self) -> None:
         """Leave a line of the stage that is over, with the time that it took."""

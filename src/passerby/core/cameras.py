@@ -12,9 +12,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from passerby.common.arrays import Floats, frozen
+from passerby.common.arrays import Bools, Floats, frozen
 from passerby.common.display import html_of
 from passerby.common.errors import InputError
+from passerby.core.ground_points import GroundPoints, ground_points, sees_ground
 from passerby.core.lens import FISHEYE_DISTORTION_LENGTHS, PINHOLE_DISTORTION_LENGTHS, Lens
 from passerby.core.pose import Pose, PoseSigma, pose_in_words
 from passerby.geometry.triangulation import triangulate_views
@@ -23,6 +24,8 @@ __all__ = ["FISHEYE_DISTORTION_LENGTHS", "PINHOLE_DISTORTION_LENGTHS", "Camera",
 
 NAMED = 8
 """Cameras beyond are not named on one line."""
+FOLDED_RAD = 0.01
+"""A pixel that has a ray so far from the point's shows another one: beyond its last angle a distortion folds back."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,6 +80,65 @@ class Camera:
         pose = self._posed()
         return self.lens.project_rays(np.asarray(points, dtype=np.float64).reshape(-1, 3) @ pose.R_cw.T + pose.t_cw)
 
+    def ground(self, pixels: Floats, *, pixel_sd_px: float = 0.0) -> GroundPoints:
+        """The points on the ground z = 0 that pixels show, with their uncertainty by the camera's pose.
+
+            found = camera.ground([[640.0, 500.0]])
+            found.xy, found.sigma_m
+
+        The sigma holds, as that of the pose, for the best placement of the rig as a whole; the intrinsics count as exact. Near
+        the horizon a small error of the pose moves a point far, and the sigma, which is linear, is too small.
+
+        Args:
+            pixels: (N, 2) or (2,), pixels of the picture as filmed.
+            pixel_sd_px: standard deviation of each coordinate of the pixels, added to the uncertainty.
+
+        Returns:
+            N points (x, y), world, metres; always finite.
+
+        Raises:
+            InputError: the camera has no pose, or a pixel shows no ground: it is above the horizon or nearer to it than 0.01
+                rad, or the lens has no ray for it. `sees_ground` says which do.
+        """
+        return ground_points(self.lens, self._posed(), self.sigma, _pixels(pixels, self.name), pixel_sd_px)
+
+    def sees_ground(self, pixels: Floats) -> Bools:
+        """Which pixels show the ground, 0.01 rad or more below the horizon.
+
+        Args:
+            pixels: (N, 2) or (2,), pixels of the picture as filmed.
+
+        Returns:
+            (N,) True where `ground` has a point.
+
+        Raises:
+            InputError: the camera has no pose.
+        """
+        return sees_ground(self.lens, self._posed(), _pixels(pixels, self.name))
+
+    def undistort(self, points: Floats) -> Floats:
+        """Pixels of the picture as filmed to those of the undistorted picture, which has the camera matrix `K`.
+
+        Args:
+            points: (N, 2) or (2,), pixels of the picture as filmed.
+
+        Returns:
+            (N, 2) pixels; always finite. `P` projects to them.
+
+        Raises:
+            InputError: a pixel without a ray in front of the camera, as beyond 90 degrees of a fisheye.
+        """
+        pixels = _pixels(points, self.name)
+        rays = self.lens.bearings(pixels)
+        lost = np.flatnonzero(~(np.nan_to_num(rays[:, 2], nan=0.0) > 0))
+        if len(lost):
+            u, v = pixels[lost[0]]
+            raise InputError(
+                f"camera {self.name}: pixel {lost[0]}, ({u:.1f}, {v:.1f}), has no place in an undistorted image: it is "
+                "outside the lens, or 90 degrees or more off the optical axis: leave it out"
+            )
+        return np.asarray((rays / rays[:, 2:]) @ self.K[:2].T)
+
     def _posed(self) -> Pose:
         if self.pose is None:
             raise InputError(f"camera {self.name} has no pose: it was not calibrated")
@@ -124,6 +186,21 @@ class Rig:
 
     def __len__(self) -> int:
         return len(self.cameras)
+
+    def project(self, points: Floats) -> dict[str, Floats]:
+        """Where all cameras with a pose see world points: the inverse of `triangulate`.
+
+            rig.project([[0.0, 5.0, 1.2]])["C1"]
+
+        Args:
+            points: (N, 3) or (3,), world, metres.
+
+        Returns:
+            By camera, (N, 2) pixels of the picture as filmed; NaN where its image does not show the point: behind the camera,
+            or outside the image.
+        """
+        world = np.asarray(points, dtype=np.float64).reshape(-1, 3)
+        return {camera.name: _in_picture(camera, world) for camera in self.posed()}
 
     def triangulate(self, points: Mapping[str, Floats]) -> Floats:
         """The world points that cameras see at given pixels; row n of every camera is the same point.
@@ -183,6 +260,30 @@ class Rig:
             for camera in self.cameras
         )
         return replace(self, cameras=cameras)
+
+
+def _pixels(values: Floats, camera: str) -> Floats:
+    """(N, 2) finite pixels. Raises `InputError`."""
+    pixels = np.asarray(values, dtype=np.float64)
+    if pixels.shape[-1:] != (2,) or pixels.ndim > 2:
+        raise InputError(f"camera {camera}: pixels have the shape {pixels.shape}: give (N, 2)")
+    pixels = pixels.reshape(-1, 2)
+    lost = np.flatnonzero(~np.isfinite(pixels).all(axis=1))
+    if len(lost):
+        raise InputError(f"camera {camera}: pixel {lost[0]} is not finite: leave it out")
+    return pixels
+
+
+def _in_picture(camera: Camera, world: Floats) -> Floats:
+    """(N, 2) pixels of world points (N, 3); NaN outside the picture, and where a lens model folds back into it."""
+    pose, pixels = camera._posed(), camera.project(world)
+    with np.errstate(invalid="ignore"):
+        shown: Bools = np.asarray(((pixels >= 0) & (pixels <= np.array(camera.lens.size))).all(axis=1))
+    rays = world @ pose.R_cw.T + pose.t_cw
+    seen = _seen_rays(camera.lens, np.where(shown[:, None], pixels, np.nan))
+    with np.errstate(invalid="ignore"):
+        shown &= np.einsum("ni,ni->n", seen, rays) > np.cos(FOLDED_RAD) * np.linalg.norm(rays, axis=1)
+    return np.where(shown[:, None], pixels, np.nan)
 
 
 def _seen_rays(lens: Lens, pixels: Floats) -> Floats:

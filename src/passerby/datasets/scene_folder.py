@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import cv2
-import tomli_w
 
 from passerby.common.errors import InputError
 from passerby.common.parallel import side_by_side
@@ -21,6 +20,7 @@ from passerby.interchange.motchallenge import write_boxes
 from passerby.interchange.rig_toml import write_rig
 from passerby.interchange.storage.atomic import write_text
 from passerby.interchange.storage.csv_text import to_csv
+from passerby.interchange.storage.toml_text import to_toml
 from passerby.interchange.storage.whole_folder import whole_folder
 from passerby.interchange.video_writer import VideoWriter
 
@@ -109,7 +109,7 @@ def write_scene_folder(
         if videos:
             write_text(folder / VIDEOS_FILE, _scene(published, videos, "combined"))
         made = {"name": published.name, "from": source.resolve().as_posix(), "notes": notes}
-        write_text(folder / MARKER, tomli_w.dumps(made))
+        write_text(folder / MARKER, to_toml(made))
     return SceneFolder(
         scene=directory / SCENE_FILE,
         mode=mode,
@@ -179,9 +179,8 @@ def _scene(published: Published, tables: dict[str, dict[str, str]], mode: str) -
         "scene": {"name": published.name, **fps},
         "cameras": tables,
         "association": {"mode": mode},
-        "solver": {"reference": next(iter(tables))},
     }
-    return tomli_w.dumps(content)
+    return to_toml(content)
 
 
 def _write_people(published: Published, folder: Path, tables: dict[str, dict[str, str]]) -> None:

@@ -23,7 +23,9 @@ from passerby.interchange.calibration_json import (
 )
 from passerby.interchange.motchallenge import read_boxes
 from passerby.interchange.rig_toml import read_rig
+from passerby.interchange.storage.faults import read_text
 from passerby.interchange.storage.json_text import plain
+from passerby.interchange.storage.safe_parsing import NotParsed, parse_toml
 from passerby.interchange.storage.transaction import recover
 
 RIG_FILE, TRACKS_FOLDER, REPORT_FILE = "rig.toml", "tracks", "report.html"
@@ -57,6 +59,11 @@ class OutputFolder:
     def _repr_html_(self) -> str | None:
         """In a notebook: the verdict with its reasons, the table of cameras and the rig from above."""
         return html_of(self)
+
+    @property
+    def tracks(self) -> Mapping[str, Boxes]:
+        """By camera with a pose, its boxes with identities that are the same in all cameras, as `Calibration.tracks`."""
+        return self.boxes
 
     @property
     def report(self) -> Mapping[str, Any]:
@@ -224,6 +231,45 @@ def checksum(path: Path) -> str:
     """Of a file's content."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, lambda: hashlib.blake2b(digest_size=16)).hexdigest()
+
+
+def scene_of(out: Path, document: CalibrationDocument, remedy: str) -> Path:
+    """The scene file of a folder: where the calibration says, or in a folder above, where both were moved together.
+
+    A folder that was copied with its scene file still names that of the original. The two files may differ by now, and edits
+    of one are none of the other: the user has to name one.
+
+    Args:
+        out: the output folder.
+        document: its `calibration.json`.
+        remedy: how to name a scene file, for the errors.
+
+    Raises:
+        InputError: it is not stated or not there, or there is one above the folder too, with the same cameras.
+    """
+    if document.scene_file is None:
+        raise InputError(f"{out / CALIBRATION_FILE}: does not state the path of the scene file (scene_file): {remedy}")
+    stated, above = out / document.scene_file, out.resolve().parents
+    if stated.is_file() and stated.resolve().parent in above:
+        return stated
+    near = next((folder / stated.name for folder in above if _declares(folder / stated.name, document)), None)
+    if stated.is_file() and near is not None and not near.samefile(stated):
+        raise InputError(
+            f"{out}: was made from {stated}, but {near} has the same cameras: the folder seems to be a copy: name the one "
+            f"to use: {remedy}"
+        )
+    if stated.is_file() or near is not None:
+        return near or stated
+    raise InputError(f"{stated}: no such file: {out} was made from this scene file: {remedy}")
+
+
+def _declares(path: Path, document: CalibrationDocument) -> bool:
+    """Whether a file is a scene file of the document's cameras."""
+    try:
+        cameras = parse_toml(read_text(path, "a scene file (TOML)")).get("cameras") if path.is_file() else None
+    except (InputError, NotParsed):
+        return False
+    return isinstance(cameras, dict) and set(cameras) == set(document.scene.cameras)
 
 
 def scene_file(scene: Path | None) -> str | None:

@@ -62,8 +62,12 @@ def _focal(lens: LensFigures | None) -> dict[str, float | None]:
 
 
 def _about(document: CalibrationDocument, name: str) -> dict[str, list[str]]:
-    """What the calibration says of one camera, first of all or alone: problems, and warnings that change no verdict."""
-    own = [one for one in document.diagnostics or () if one.cameras[:1] == (name,)]
+    """What the calibration says of one camera: problems, and warnings that change no verdict.
+
+    It stands beside every camera that it names; what names all cameras stands at the top alone, with `reasons` and `findings`.
+    """
+    everywhere = {one.name for one in document.cameras}
+    own = [one for one in document.diagnostics or () if name in one.cameras and not everywhere <= set(one.cameras)]
     return {
         "problems": [one.text for one in own if one.severity != "notice"],
         "warnings": [one.text for one in own if one.severity == "notice"],

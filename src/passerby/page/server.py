@@ -62,13 +62,11 @@ def find_opened(opened: Path, out: Path | None = None) -> Opened | OpenedMonitor
     if not opened.is_dir():
         raise InputError(f"{opened}: no such file or folder: give an output folder, a scene file or a folder of videos")
     from passerby.interchange.calibration_json import CALIBRATION_FILE
-    from passerby.interchange.output_folder import read_report
+    from passerby.interchange.output_folder import read_report, scene_of
 
     if (opened / CALIBRATION_FILE).is_file():
-        named = read_report(opened).scene_file
-        if named is None or not Path(named).is_file():
-            raise InputError(f"{opened}: the scene file of this calibration is not there: open the scene file instead")
-        return Opened(Path(named), out or opened)
+        remedy = f"open the scene file instead: passerby open SCENE -o {opened}"
+        return Opened(scene_of(opened, read_report(opened), remedy), out or opened)
     from passerby.interchange.monitor_json import MONITOR_FILE, read_monitor
 
     if (opened / MONITOR_FILE).is_file():

@@ -14,7 +14,7 @@ from typing import Any, Literal
 import av
 from av.audio.stream import AudioStream
 from av.container import InputContainer
-from av.error import FFmpegError
+from av.error import FFmpegError, HTTPForbiddenError, HTTPUnauthorizedError
 from av.video.stream import VideoStream
 
 from passerby.common.errors import InputError
@@ -29,6 +29,8 @@ SCHEMA_VERSION = 1
 LOOK_EVERY_S = 0.25
 FIRST_WAIT_S, LONGEST_WAIT_S = 0.5, 8.0
 """Before a connection is tried anew; twice as long each time, until pictures come again."""
+OTHERS_WAIT_S = 2.0
+"""Where one camera fails at the beginning, the others have so long to connect or to fail: all are reported at once."""
 RESERVE_BYTES = 500_000_000
 """Of the disk, left to others."""
 SHORTEST_GAP_S = 0.5
@@ -158,23 +160,32 @@ def record(
             raise recorder.failure
     result = Recording(tuple(recorder.result() for recorder in recorders), ended)
     if not any(camera.pieces for camera in result.cameras) and ended == "time":
-        first = recorders[0]
-        raise InputError(f"camera {first.stream.camera} ({first.stream.shown}): {first.explained()}")
+        raise InputError("; ".join(recorder.explained() for recorder in recorders))
     return result
 
 
 @contextmanager
 def _at_work(recorders: list[_Recorder], stop: threading.Event) -> Iterator[None]:
-    """Recorders in threads of their own, which have ended when the block has."""
-    threads = [threading.Thread(target=recorder.run, name=f"recording {recorder.stream.camera}") for recorder in recorders]
+    """Recorders in threads of their own, which have ended when the block has.
+
+    After an error no thread is waited for that has no connection yet: a host that does not answer would delay the message.
+    It writes nothing (`_connection`).
+    """
+    threads = {
+        threading.Thread(target=recorder.run, name=f"recording {recorder.stream.camera}", daemon=True): recorder
+        for recorder in recorders
+    }
     for thread in threads:
         thread.start()
+    ended = False
     try:
         yield
+        ended = True
     finally:
         stop.set()
-        for thread in threads:
-            thread.join()
+        for thread, recorder in threads.items():
+            if ended or recorder.opened:
+                thread.join()
 
 
 def _supervised(
@@ -188,22 +199,36 @@ def _supervised(
             return "stopped"
         now = time.monotonic() - began
         for recorder in recorders:
-            name = recorder.stream.camera
-            tell(STAGE, min(int(now), int(options.seconds)), int(options.seconds), part=name)
+            tell(STAGE, min(int(now), int(options.seconds)), int(options.seconds), part=recorder.stream.camera)
             if recorder.failure is not None:
                 return "stopped"
-            if recorder.connected or name in warned or not recorder.fault or now < options.timeout_s:
-                continue
-            told = f"camera {name} ({recorder.stream.shown}): {recorder.explained()}"
-            if not options.without_missing:
-                raise InputError(f"{told}; {options.to_go_on} the other cameras go on")
-            warned.add(name)
-            tell_warning(tell, f"{told}; the other cameras go on")
+        missing = [recorder for recorder in _missing(recorders, began, now, options) if recorder.stream.camera not in warned]
+        if missing and not options.without_missing:
+            raise InputError(f"{'; '.join(one.explained() for one in missing)}; {options.to_go_on} the other cameras go on")
+        for recorder in missing:
+            warned.add(recorder.stream.camera)
+            tell_warning(tell, f"{recorder.explained()}; the other cameras go on")
         if sum(recorder.size_bytes for recorder in recorders) >= options.most_bytes:
             return "space"
         if shutil.disk_usage(folder).free < RESERVE_BYTES:
             return "disk"
     return "time"
+
+
+def _missing(recorders: list[_Recorder], began: float, now: float, options: CaptureOptions) -> list[_Recorder]:
+    """The cameras that cannot be reached, as soon as that is known; none before.
+
+    It is known of a camera that refuses the user, and of one that has failed until `timeout_s`. The others then have
+    `OTHERS_WAIT_S`, so that one message names all.
+    """
+    failed = [recorder for recorder in recorders if recorder.fault and not recorder.connected]
+    known_s = [recorder.refused_at - began for recorder in failed if recorder.refused_at is not None]
+    if failed and now >= options.timeout_s:
+        known_s.append(options.timeout_s)
+    if not known_s:
+        return []
+    answered = all(recorder.fault or recorder.connected for recorder in recorders)
+    return failed if answered or now >= min(known_s) + OTHERS_WAIT_S else []
 
 
 @dataclass(eq=False)
@@ -218,6 +243,10 @@ class _Recorder:
     stop: threading.Event
     connected: bool = False
     """Whether anything has come so far."""
+    opened: bool = False
+    """Whether there has been a connection, and so perhaps a file."""
+    refused_at: float | None = None
+    """When the camera refused the user name and password, by the monotonic clock."""
     done: bool = False
     fault: str | None = None
     failure: InputError | None = None
@@ -233,7 +262,7 @@ class _Recorder:
         return self.stop.is_set() or time.monotonic() >= self.until
 
     def run(self) -> None:
-        """Connect again and again until the end."""
+        """Connect again and again until the end; not to a camera that refuses the user: many lock one who tries often."""
         wait = FIRST_WAIT_S
         try:
             while not self.over:
@@ -246,6 +275,9 @@ class _Recorder:
                         self.fault = None
                 except FFmpegError as error:
                     self.fault = self.stream.hidden(error.strerror or type(error).__name__)
+                    if isinstance(error, HTTPUnauthorizedError | HTTPForbiddenError) and not self.connected:
+                        self.refused_at = time.monotonic()
+                        return
                 except (IndexError, ValueError) as error:
                     self.fault = self.stream.hidden(str(error))
                 wait = FIRST_WAIT_S if len(self.pieces) > before else min(2 * wait, LONGEST_WAIT_S)
@@ -260,6 +292,9 @@ class _Recorder:
         """Record until the connection breaks or the end comes."""
         self.clock = WallClock()
         with _opened(self.stream, self.options.timeout_s) as container:
+            self.opened = True
+            if self.stop.is_set():
+                return
             if not container.streams.video:
                 raise ValueError("has no pictures, only sound")
             streams: list[VideoStream | AudioStream] = [container.streams.video[0], *container.streams.audio[:1]]
@@ -288,8 +323,11 @@ class _Recorder:
         self.source = None if settled is None else settled.source
 
     def explained(self) -> str:
-        """Why nothing comes, and what to do."""
-        return f"{self.fault or 'sends no pictures'}: check the address, the user name and password, and that the camera is on"
+        """Which camera, why nothing comes, and what to do."""
+        remedy = "check the address, the user name and password, and that the camera is on"
+        if self.refused_at is not None:
+            remedy = "give the user name and password that the camera accepts"
+        return f"camera {self.stream.camera} ({self.stream.shown}): {self.fault or 'sends no pictures'}: {remedy}"
 
     def result(self) -> CameraRecording:
         """What was recorded."""

@@ -5,11 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import tomli_w
-
 from passerby.common.addresses import plain_without_credentials
 from passerby.common.errors import InputError
 from passerby.interchange.storage.atomic import write_text
+from passerby.interchange.storage.toml_text import to_toml
 from passerby.recording.settings import RecordingPlan
 from passerby.scene.scene import Scene
 
@@ -41,5 +40,5 @@ def write_scene_file(plan: RecordingPlan, folder: Path) -> Path:
             cameras[name]["intrinsics"] = str((plan.place.parent / given["intrinsics"]).resolve())
     content = plain_without_credentials({**plan.tables, "cameras": cameras})
     Scene.of_content(content, plan.place)
-    write_text(path, f"# Recorded by passerby record.\n\n{tomli_w.dumps(content)}")
+    write_text(path, f"# Recorded by passerby record.\n\n{to_toml(content)}")
     return path

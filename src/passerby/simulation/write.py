@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import tomli_w
 
 from passerby.common.progress import Progress, silent
 from passerby.core.cameras import Rig
@@ -18,6 +17,7 @@ from passerby.interchange.motchallenge import write_boxes
 from passerby.interchange.rig_toml import write_rig
 from passerby.interchange.storage.atomic import write_text
 from passerby.interchange.storage.csv_text import to_csv
+from passerby.interchange.storage.toml_text import to_toml
 from passerby.interchange.storage.whole_folder import whole_folder
 from passerby.simulation.rendering import RenderOptions, write_videos
 from passerby.simulation.scene import SimulatedScene
@@ -90,11 +90,11 @@ def _write_files(simulated: SimulatedScene, folder: Path, name: str, keypoints: 
     made: dict[str, Any] = {"options": options, "clock_offsets_s": simulated.clock_offsets}
     if video is not None:
         made["video"] = asdict(video)
-    write_text(folder / OPTIONS_FILE, tomli_w.dumps(made))
+    write_text(folder / OPTIONS_FILE, to_toml(made))
     scene = _scene(simulated, name, keypoints)
-    write_text(folder / (SCENE_FILE if video is None else BOXES_FILE), tomli_w.dumps(scene))
+    write_text(folder / (SCENE_FILE if video is None else BOXES_FILE), to_toml(scene))
     if video is not None:
-        write_text(folder / SCENE_FILE, tomli_w.dumps(_of_videos(scene)))
+        write_text(folder / SCENE_FILE, to_toml(_of_videos(scene)))
 
 
 def _scene(simulated: SimulatedScene, name: str, keypoints: bool) -> dict[str, Any]:
@@ -111,7 +111,7 @@ def _scene(simulated: SimulatedScene, name: str, keypoints: bool) -> dict[str, A
         "scene": {"name": name, "fps": float(options.fps)},
         "cameras": cameras,
         "association": {"mode": "combined" if options.unrelated_ids else "given"},
-        "solver": {"method": "people", "reference": simulated.rig.names[0]},
+        "solver": {"method": "people"},
         "scale": {
             "person_height_m": options.person_height_mean_m,
             # A spread of zero would claim a height that is known exactly; a centimetre is as good as anybody knows it.

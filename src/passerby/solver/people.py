@@ -43,7 +43,7 @@ from passerby.solver.lens_check import check_focals, sizes_contradicted
 from passerby.solver.pairs import MIN_MATCHES
 from passerby.solver.people_state import AdjustmentState
 from passerby.solver.pose_graph import connected_components, heading_rotation
-from passerby.solver.refined_lenses import decide_refined_lenses, far_lenses, lens_figures
+from passerby.solver.refined_lenses import decide_refined_lenses, diverged_lenses, far_lenses, lens_figures
 from passerby.solver.registrations import doubts_about_registrations
 from passerby.solver.systematic import StatedFocals
 from passerby.solver.uncertainty import RigCovariance, add_learnt_stance, design_effect, joint_design_effect, rig_covariance
@@ -113,6 +113,7 @@ def solve_people(
         focals = [replace(check, change=0.0) for check in focals]
     # Where the rig itself is not determined, anything moves it.
     wrong = [] if covariance.free.cameras else contradicted_lenses(start, fit, covariance.inflation)
+    far = far_lenses(lenses)
     posed = _placed(start.rig, fit.result.state, covariance)
     posed = _with_refined_sigmas(posed, lenses)
     zones = () if zoned is None else zoned.figures(start.rig)
@@ -122,12 +123,12 @@ def solve_people(
         *start.evidence.findings,
         *findings,
         *choice.doubts,
-        *doubts_about(start, fit, covariance),
+        *doubts_about(start, fit, covariance, diverged_lenses(far, converged=fit.result.converged)),
         *disagreements,
         *(contradictions_of(start.rig, wrong) or ([] if covariance.free.cameras else sizes_contradicted(focals))),
         *doubts_about_registrations(start.rig, start.hypotheses, fit.result.state.R, fit.result.state.centre),
         *doubts_about_seams(seams, zones, MAX_ORIENTATION_DEG),
-        *far_lenses(lenses),
+        *far,
     ]
     verdict: Verdict = "doubtful" if findings else "accepted"
     figures = figures_of(start, choice, fit, covariance, cues_said, focals, lenses)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -186,6 +186,15 @@ def lens_notes(lenses: Mapping[str, LensFigures]) -> list[Finding]:
                 )
             )  # fmt: skip
     return out
+
+
+def diverged_lenses(far: Sequence[Finding], *, converged: bool) -> list[str]:
+    """The cameras with a refined lens that diverged, by the findings of `far_lenses`, each once.
+
+    Where the adjustment did not converge, a lens that people do not determine is still on its way.
+    """
+    codes = {"focal_refined_far", "principal_point_refined_far", *(() if converged else ("focal_undetermined",))}
+    return list(dict.fromkeys(finding.cameras[0] for finding in far if finding.code in codes))
 
 
 def far_lenses(lenses: Mapping[str, LensFigures]) -> list[Finding]:

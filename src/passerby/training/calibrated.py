@@ -9,8 +9,7 @@ from pathlib import Path
 from passerby.common.errors import EvidenceError, InputError
 from passerby.core.cameras import Rig
 from passerby.core.observations import Boxes, Clock
-from passerby.interchange.calibration_json import CALIBRATION_FILE
-from passerby.interchange.output_folder import RIG_FILE, read_output
+from passerby.interchange.output_folder import RIG_FILE, read_output, scene_of
 from passerby.perception.video import probe
 from passerby.scene.scene import Scene
 from passerby.training.data.one_file import one_file
@@ -48,7 +47,7 @@ def read_calibrated(out: Path, scene: Path | None = None) -> CalibratedScene:
         raise EvidenceError(
             f"{out / RIG_FILE}: {len(posed)} of {found.all_cameras} cameras have a pose: identities need two cameras or more"
         )
-    loaded = Scene.load(_scene_path(out, found.document.scene_file, scene))
+    loaded = Scene.load(scene or scene_of(out, found.document, "give the new path of the scene file"))
     for camera in posed:
         if camera.name not in loaded.cameras:
             raise InputError(
@@ -64,18 +63,6 @@ def read_calibrated(out: Path, scene: Path | None = None) -> CalibratedScene:
         raise InputError(f"{loaded.place}: no calibrated camera has a video: crops of people are cut from videos")
     clocks = found.clocks or _alike(loaded, posed, videos)
     return CalibratedScene(loaded, posed, found.boxes, clocks, found.verdict, videos)
-
-
-def _scene_path(out: Path, written: str | None, given: Path | None) -> Path:
-    """The scene file: the given one, or else that which was written into the folder."""
-    if given is not None:
-        return given
-    if written is None:
-        raise InputError(f"{out / CALIBRATION_FILE}: does not state the path of the scene file (scene_file): give it")
-    path = out / written
-    if not path.is_file():
-        raise InputError(f"{path}: no such file: {out} was made from it: give the new path of the scene file")
-    return path
 
 
 def _alike(scene: Scene, rig: Rig, videos: Mapping[str, Path]) -> dict[str, Clock]:

@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import tomli_w
 import torch
 from accelerate import Accelerator
 from torch import Tensor, nn
@@ -25,6 +24,7 @@ from torch.utils.data import DataLoader, Dataset
 from passerby.common.errors import InputError
 from passerby.common.progress import Progress, silent
 from passerby.interchange.storage.atomic import write_text
+from passerby.interchange.storage.toml_text import to_toml
 from passerby.training.augmentation import augment
 from passerby.training.backbones import open_backbone
 from passerby.training.checkpoints import CHECKPOINT, Checkpoint, load_checkpoint, save_checkpoint
@@ -191,7 +191,7 @@ class _Training:
         apart = None if crops.apart is None else torch.from_numpy(np.asarray(crops.apart))
         self._loss = ReidLoss(options, apart).to(self._accelerator.device)
         if before is None and self.leads:
-            write_text(folder / RUN_FILE, tomli_w.dumps({"options": options.to_dict(), "origin": dict(self.origin)}))
+            write_text(folder / RUN_FILE, to_toml({"options": options.to_dict(), "origin": dict(self.origin)}))
 
     @property
     def network(self) -> ReidNetwork:

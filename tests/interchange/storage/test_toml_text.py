@@ -19,6 +19,18 @@ def test_keys_and_values_come_back(name, content):
     assert tomllib.loads(line) == {name: content}
 
 
+def test_numbers_of_a_whole_file_end_where_people_would_end_them():
+    content = {"scale": {"sd_m": 0.0125 * 1.72, "points": [[0.1 + 0.2, 3]], "count": 3}, "name": "a"}
+    written = toml_text.to_toml(content)
+    assert "sd_m = 0.0215\n" in written
+    assert tomllib.loads(written) == {"scale": {"sd_m": 0.0215, "points": [[0.3, 3]], "count": 3}, "name": "a"}
+
+
+@given(st.floats(-1e9, 1e9))
+def test_numbers_of_a_whole_file_keep_twelve_digits(number):
+    assert tomllib.loads(toml_text.to_toml({"x": number}))["x"] == pytest.approx(number, rel=1e-11, abs=0)
+
+
 @given(st.text())
 def test_comments_hold_nothing_but_comments(text):
     written = toml_text.comment(text, "  ")

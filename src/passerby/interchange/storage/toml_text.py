@@ -1,13 +1,30 @@
-"""Pieces of TOML for files that are written with comments."""
+"""TOML as text, for files that people read and edit."""
 
 from __future__ import annotations
 
 import os
 import re
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import tomli_w
+
+SIGNIFICANT_DIGITS = 12
+"""Of a number in such a file: a product as 0.0125 * 1.72 ends in 0.021500000000000002 for the binary digits of its factors."""
+
+
+def to_toml(content: Mapping[str, Any]) -> str:
+    """A whole file of tables. Numbers get 12 significant digits; a rig, of which every bit counts, has a writer of its own."""
+    return tomli_w.dumps({name: _rounded(one) for name, one in content.items()})
+
+
+def _rounded(content: Any) -> Any:
+    if isinstance(content, float):
+        return float(f"{content:.{SIGNIFICANT_DIGITS}g}")
+    if isinstance(content, Mapping):
+        return {name: _rounded(one) for name, one in content.items()}
+    return [_rounded(one) for one in content] if isinstance(content, list | tuple) else content
 
 
 def key(name: str) -> str:

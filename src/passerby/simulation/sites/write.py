@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import tomli_w
 
 from passerby.common.progress import Progress, silent
 from passerby.core.cameras import Rig
@@ -17,6 +16,7 @@ from passerby.interchange.motchallenge import write_boxes
 from passerby.interchange.rig_toml import write_rig
 from passerby.interchange.storage.atomic import write_text
 from passerby.interchange.storage.csv_text import to_csv
+from passerby.interchange.storage.toml_text import to_toml
 from passerby.interchange.storage.whole_folder import whole_folder
 from passerby.simulation.sites.site import Site, SiteCamera
 from passerby.simulation.sites.walkers import NOWHERE
@@ -39,7 +39,7 @@ def write_site(site: Site, directory: str | Path, tell: Progress = silent) -> Pa
     directory = Path(directory)
     with whole_folder(directory, OPTIONS_FILE, "a simulated scene") as new:
         _write_truth(site, new)
-        write_text(new / SCENE_FILE, tomli_w.dumps(_scene(site, directory.resolve().name)))
+        write_text(new / SCENE_FILE, to_toml(_scene(site, directory.resolve().name)))
         stage, count = "simulating cameras", len(site.rig)
         tell(stage, 0, count)
         for done, camera in enumerate(site.cameras(), start=1):
@@ -74,7 +74,7 @@ def _write_truth(site: Site, folder: Path) -> None:
     write_text(folder / "ground_positions.csv", to_csv(("frame", "id", "floor", "x_m", "y_m"), _positions(site)))
     options = {key: value for key, value in asdict(site.options).items() if value is not None}
     offsets = dict(zip(names, site.clock_offsets_s.tolist(), strict=True))
-    write_text(folder / OPTIONS_FILE, tomli_w.dumps({"options": options, "clock_offsets_s": offsets}))
+    write_text(folder / OPTIONS_FILE, to_toml({"options": options, "clock_offsets_s": offsets}))
 
 
 def _positions(site: Site) -> Iterator[tuple[object, ...]]:
@@ -104,7 +104,7 @@ def _scene(site: Site, name: str) -> dict[str, Any]:
         "scene": {"name": name, "fps": float(options.fps)},
         "cameras": cameras,
         "association": {"mode": "combined"} | search,
-        "solver": {"method": "people", "reference": site.rig.names[0]},
+        "solver": {"method": "people"},
         "scale": {
             "person_height_m": options.person_height_mean_m,
             # As in `write_scene`: nobody knows a spread to better than a centimetre.
