@@ -24,6 +24,7 @@ from passerby.perception.sources.recording import gaps_of, recorded_s
 from passerby.scene.box_centres import doubt_of_centres
 from passerby.scene.camera_input import CameraInput
 from passerby.scene.coarse_boxes import doubt_of_coarse_boxes
+from passerby.scene.joint_layouts import correct_layouts
 from passerby.scene.lens_sources import group_faults
 from passerby.scene.pointing import overlapped_people, pointed_people, pointing_faults, stated_identities
 from passerby.scene.reading import needs_video, read_camera
@@ -212,7 +213,7 @@ def scene_faults(scene: Scene, readings: list[CameraInput]) -> list[str]:
 
 
 def scene_findings(scene: Scene, readings: list[CameraInput]) -> list[Finding]:
-    """Oddities between cameras."""
+    """Oddities between cameras; joints under the names of another layout get their own."""
     known = {
         int(who) for reading in readings for part in (reading.boxes, reading.keypoints) for who in np.unique(part.identity)
     }
@@ -221,7 +222,7 @@ def scene_findings(scene: Scene, readings: list[CameraInput]) -> list[Finding]:
         for cue in scene.scale.people
         if cue.identity is not None and cue.identity not in known
     ]
-    found += overlapped_people(scene, readings)
+    found += [*overlapped_people(scene, readings), *correct_layouts(readings)]
     return found + _guessed_lenses(scene, readings) + _clock_findings(scene, readings) + _embedding_findings(scene, readings)
 
 

@@ -21,6 +21,7 @@ from passerby.findings.finding import notice
 from passerby.findings.texts import text_of
 from passerby.interchange.coco import read_keypoints
 from passerby.interchange.embeddings import read_embeddings
+from passerby.interchange.formats.skeletons import standard_names
 from passerby.interchange.motchallenge import read_boxes
 from passerby.interchange.rig_toml import read_lens
 from passerby.interchange.storage.faults import faults_of
@@ -72,7 +73,7 @@ def read_camera(scene: Scene, name: str, model: CameraInput | None = None, span:
     if own_path is not None and (table.tracks is not None or not given):
         reading.boxes, reading.boxes_path = own or reading.boxes, scene.resolve(own_path)
     reading.keypoints_path = path_of(table.keypoints)
-    reading.keypoints = _attempt(joints_of, reading.keypoints_path, reading.faults) or reading.keypoints
+    reading.keypoints = _named(_attempt(joints_of, reading.keypoints_path, reading.faults) or reading.keypoints)
     _settle_doubles(reading)
     unrecorded = name in scene.unrecorded
     if not unrecorded:
@@ -106,14 +107,20 @@ def _read_intrinsics(reading: CameraInput, path: Path | None, focal_sd_percent: 
 def input_from_memory(scene: Scene, name: str, lens: Lens, boxes: Boxes, keypoints: Keypoints) -> CameraInput:
     """What is told of a camera without any file, checked as files are; faults are gathered, not raised."""
     reading = CameraInput(
-        name, scene.association.given, lens, boxes=boxes, boxes_path=Path("boxes"), keypoints=keypoints, fps=scene.fps_of(name)
-    )
+        name, scene.association.given, lens, boxes=boxes, boxes_path=Path("boxes"), keypoints=_named(keypoints),
+        fps=scene.fps_of(name),
+    )  # fmt: skip
     reading.keypoints_path = Path("keypoints") if len(keypoints) else None
     _settle_doubles(reading)
     keep_used(scene, reading)
     check_principal_point(scene, reading, lens)
     _check_people(scene, reading)
     return reading
+
+
+def _named(keypoints: Keypoints) -> Keypoints:
+    """The joints under the names that the person model knows."""
+    return replace(keypoints, joints=standard_names(keypoints.joints))
 
 
 def needs_video(scene: Scene, reading: CameraInput) -> bool:

@@ -72,6 +72,12 @@ INPUT_FILES: Mapping[str, Kind] = {
         "{who}: people are upside down: the image seems to be flipped top to bottom, or the camera hangs upside down",
         "turn its images the right way up, with their boxes and keypoints", common=True,
     ),
+    "keypoint_layout_corrected": Kind(
+        NOTICE, "The keypoints have the names of one layout, and lie in the images as those of another: they get its names.",
+        "{who}: the keypoints are named as those of {stated}, but lie in the images as those of {layout}: they are taken as "
+        "{layout} (correlation of {correlation:.2f} with the order from head to feet)",
+        "name them so in the files", common=True,
+    ),
     "boxes_by_centres": Kind(
         DOUBT, "Boxes reach beyond the right and lower borders of the images and keep away from the others: their centres were "
         "given as corners.",
