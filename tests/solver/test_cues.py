@@ -157,7 +157,7 @@ def test_cues_on_cameras_outside_the_rig_are_left_out() -> None:
     )
     rows = cue_rows(cues, TRUTH.rig)
     assert rows is not None
-    assert rows.n_points == 2
+    assert len(rows.lengths) == 1
     assert len(rows.distances) == len(rows.heights) == 0
     assert cue_rows(ScaleCues(), TRUTH.rig) is None
     assert cue_rows(ScaleCues(distances=cues.distances), TRUTH.rig) is None

@@ -32,9 +32,16 @@ def case():
         [rng.uniform(-1.5, 1.5, (n_blocks, 2)), rng.normal(0, 0.05, n_blocks), rng.normal(1.7, 0.1, n_blocks)]
     )
     joints = rng.uniform([-1, -1, 0], [1, 1, 1.8], (n_joints, 3))
-    points = rng.uniform([-1, -1, 0], [1, 1, 1.8], (2, 3))
+    points = rng.uniform([-1, -1, 0], [1, 1, 1.8], (6, 3))
     state = AdjustmentState(
-        R, centre, rng.normal(0, 0.02, 3), np.concatenate([[0.12], points.ravel()]), np.array([1.7, 1.8]), people, joints
+        R,
+        centre,
+        rng.normal(0, 0.02, 3),
+        np.array([0.12]),
+        np.array([1.7, 1.8]),
+        people,
+        joints,
+        lengths=points.reshape(-1, 6),
     )
     camera, block = (a.ravel() for a in np.meshgrid(np.arange(n_cameras), np.arange(n_blocks), indexing="ij"))
 
@@ -66,9 +73,9 @@ def case():
         return PointObservations(c, p, b, LENS.tangents(b), rng.uniform(1, 2, len(c)))
 
     cues = CueRows(
-        2,
         sight(points),
-        np.array([[1.2, 0.02]]),
+        np.array([[1.2, 0.02], [0.8, 0.01], [0.8, 0.01]]),
+        np.array([0, 1, 1]),
         np.array([[0, 1]]),
         np.array([[11.0, 0.1]]),
         np.array([2]),
@@ -148,7 +155,7 @@ def all_unknowns(problem):
         yield from ((f, (i, j)) for i in range(family.count) for j in range(family.size))
 
 
-@pytest.mark.parametrize(("which", "count"), [("case", 13), ("timed_case", 14)])
+@pytest.mark.parametrize(("which", "count"), [("case", 15), ("timed_case", 16)])
 def test_every_jacobian_matches_central_differences(which, count, request):
     problem, state = request.getfixturevalue(which)
     terms = problem.terms(state, jacobians=True)

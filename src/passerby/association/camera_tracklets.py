@@ -187,14 +187,14 @@ def _tracked(seen: CameraObservations, fps: float) -> Tracked:
     if len(boxes):
         boxes, continued = _tracklets(boxes, fps)
         joints = _joints_of_boxes(joints, boxes) if len(joints) else joints
-        return CameraObservations(boxes, joints), continued
+        return replace(seen, boxes=boxes, keypoints=joints), continued
     extents = _extents(joints)
     found = extents[:, 2] > 0
     made = Boxes(joints.frame[found], joints.identity[found], extents[found], joints.score[found].mean(axis=1))
     made, continued = _tracklets(made, fps)
     identity = np.full(len(joints), UNKNOWN)
     identity[found] = made.identity
-    return CameraObservations(boxes, replace(joints, identity=identity)), continued
+    return replace(seen, boxes=boxes, keypoints=replace(joints, identity=identity)), continued
 
 
 def _tracklets(boxes: Boxes, fps: float) -> tuple[Boxes, tuple[Ints, Ints]]:

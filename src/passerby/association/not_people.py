@@ -38,6 +38,5 @@ def without_people(seen: CameraObservations, not_people: Collection[Sighting]) -
     gone.discard(UNKNOWN)
     names = np.array(sorted(gone), dtype=np.int64)
     boxes, joints = seen.boxes, seen.keypoints
-    return CameraObservations(
-        boxes.take(~np.isin(boxes.identity, names) & ~alone), joints.take(~np.isin(joints.identity, names))
-    )  # fmt: skip
+    kept = boxes.take(~np.isin(boxes.identity, names) & ~alone), joints.take(~np.isin(joints.identity, names))
+    return CameraObservations(*kept, seen.wands)

@@ -38,7 +38,7 @@ def joined_sightings(observations: Observations, pairs: Iterable[tuple[str, str]
     cameras = {}
     for c, name in enumerate(names):
         boxes, keypoints = observations[name].boxes, observations[name].keypoints
-        cameras[name] = CameraObservations(boxes.take(kept[2 * c]), keypoints.take(kept[2 * c + 1]))
+        cameras[name] = CameraObservations(boxes.take(kept[2 * c]), keypoints.take(kept[2 * c + 1]), observations[name].wands)
     return replace(observations, cameras=cameras)
 
 

@@ -155,7 +155,9 @@ class AssociationRun:
         cameras = {}
         for camera, (boxes, joints) in zip(self.cameras, rows, strict=True):
             named = replace(camera.seen.boxes, identity=boxes + 1), replace(camera.seen.keypoints, identity=joints + 1)
-            cameras[camera.name] = CameraObservations(named[0].take(boxes > UNKNOWN), named[1].take(joints > UNKNOWN))
+            cameras[camera.name] = CameraObservations(
+                named[0].take(boxes > UNKNOWN), named[1].take(joints > UNKNOWN), camera.seen.wands
+            )  # fmt: skip
         return Observations(cameras)
 
     def instants(self, identified: Observations, offset_s: Floats) -> Observations:

@@ -227,7 +227,8 @@ def _without(observations: Observations, moved: DetectedMotion) -> Observations:
     def kept(part: Boxes | Keypoints) -> Bools:
         return np.asarray((part.frame < moved.first_frame - margin) | (part.frame > moved.last_frame + margin))
 
-    rest = CameraObservations(seen.boxes.take(kept(seen.boxes)), seen.keypoints.take(kept(seen.keypoints)))
+    boxes, joints, wands = seen.boxes, seen.keypoints, seen.wands
+    rest = CameraObservations(boxes.take(kept(boxes)), joints.take(kept(joints)), wands.take(kept(wands)))
     return replace(observations, cameras={**observations.cameras, moved.camera: rest})
 
 

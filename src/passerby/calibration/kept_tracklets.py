@@ -72,7 +72,7 @@ class KeptTracklets:
         for found, length in ((boxes, len(seen.boxes)), (joints, len(seen.keypoints)), (ends, len(begins))):
             if found.dtype != np.int64 or found.shape != (length,) or found.min(initial=0) < UNKNOWN:
                 return None
-        named = CameraObservations(replace(seen.boxes, identity=boxes), replace(seen.keypoints, identity=joints))
+        named = replace(seen, boxes=replace(seen.boxes, identity=boxes), keypoints=replace(seen.keypoints, identity=joints))
         with suppress(OSError):
             os.utime(path)  # used now: what a run needs is not deleted for what it makes
         return named, (ends, begins.astype(np.int64))

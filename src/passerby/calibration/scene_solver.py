@@ -14,7 +14,7 @@ from passerby.common.errors import EvidenceError, InputError
 from passerby.core.cameras import Rig
 from passerby.core.observations import Observations
 from passerby.core.overlap import connected_groups, count_shared_observations, missing_overlap
-from passerby.core.scale_cues import PersonHeight, combine_heights
+from passerby.core.scale_cues import PersonHeight, combine_heights, lengths_of_wands
 from passerby.core.solution import Solution
 from passerby.findings.refusals import RefusalError, findings_of
 from passerby.geometry.relative_pose import PairHypothesis
@@ -77,7 +77,8 @@ def solve_scene(
 ) -> Solution:  # fmt: skip
     """Run the scene's solver; a want of evidence is a refused solution without poses. `known` adds to the scene's cues."""
     cues = scene.scale_cues()
-    cues = replace(cues, people=combine_heights((*cues.people, *known)))
+    lengths = (*cues.lengths, *lengths_of_wands(cues.wands, synchronised))
+    cues = replace(cues, people=combine_heights((*cues.people, *known)), lengths=lengths)
     shared = count_shared_observations(synchronised)
     try:
         if len(connected_groups(shared)[0]) == 1:

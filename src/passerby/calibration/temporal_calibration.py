@@ -140,6 +140,7 @@ def _renumbered(seen: CameraObservations, numbers: Ints) -> CameraObservations:
     return CameraObservations(
         replace(boxes, identity=np.where(find_regular_boxes(boxes), boxes.identity, UNKNOWN)),
         replace(seen.keypoints, identity=renumbered(seen.keypoints.identity)),
+        seen.wands,
     )
 
 
@@ -166,7 +167,7 @@ def _without(observations: Observations, lost: Mapping[str, Finding]) -> Observa
     Who is interpolated between a box of his own and one of somebody else is nowhere near either.
     """
     seen = {
-        name: CameraObservations(camera.boxes.take(find_regular_boxes(camera.boxes)), camera.keypoints)
+        name: replace(camera, boxes=camera.boxes.take(find_regular_boxes(camera.boxes)))
         if name not in lost
         else CameraObservations()
         for name, camera in observations.cameras.items()

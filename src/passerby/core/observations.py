@@ -34,6 +34,9 @@ BODY_17 = (
 )  # fmt: skip
 """COCO's 17 joints, in COCO's order."""
 
+WAND_ENDS = ("first end", "second end")
+"""The two keypoints of a wand."""
+
 
 def _column(values: object, dtype: type, shape_tail: tuple[int, ...], name: str) -> NDArray[Any]:
     given = np.asarray(values)
@@ -232,6 +235,8 @@ class CameraObservations:
 
     boxes: Boxes = field(default_factory=Boxes.empty)
     keypoints: Keypoints = field(default_factory=Keypoints.empty)
+    wands: Keypoints = field(default_factory=lambda: Keypoints.empty(WAND_ENDS))
+    """Sticks of known length that are carried through the scene: the two ends of each, with its number as the identity."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,7 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from passerby.core.floor_plan import FloorPlan
+from passerby.core.observations import Observations
 from passerby.core.stature import PERSON_HEIGHT_M, PERSON_HEIGHT_SD_M
+
+MOST_STEPS = 200
+"""Time steps at which a wand is measured: a spread of 5 % between them leaves 0.4 % of their median."""
 
 
 @dataclass(frozen=True)
@@ -44,6 +48,18 @@ class KnownLength:
     sd_m: float
     points: Mapping[str, NDArray[np.float64]]
     """camera name -> (2, 2) pixels of the two ends, the ends in the same order in all cameras."""
+    name: str = ""
+    """Lengths of one name are one object at several times: the error of its stated length is the same in all of them."""
+
+
+@dataclass(frozen=True)
+class Wand:
+    """A stick of known length that is carried through the scene. `CameraObservations.wands` has its two ends."""
+
+    points: tuple[str, str]
+    """The names of its two ends in the keypoint files."""
+    metres: float
+    sd_m: float
 
 
 @dataclass(frozen=True)
@@ -73,7 +89,30 @@ class ScaleCues:
     lengths: tuple[KnownLength, ...] = ()
     distances: tuple[CameraDistance, ...] = ()
     camera_heights: tuple[CameraHeight, ...] = ()
+    wands: tuple[Wand, ...] = ()
+    """The number of each is its identity in `CameraObservations.wands`."""
     plan: FloorPlan | None = None
+
+
+def lengths_of_wands(wands: Sequence[Wand], observations: Observations) -> tuple[KnownLength, ...]:
+    """Each wand as a known length at each of up to `MOST_STEPS` time steps at which two or more cameras see both ends.
+
+    Args:
+        wands: their numbers are the identities in `observations`.
+        observations: at common time steps.
+    """
+    found = []
+    for number, wand in enumerate(wands):
+        seen: dict[int, dict[str, NDArray[np.float64]]] = {}
+        for name, camera in observations.cameras.items():
+            own = camera.wands.take(np.flatnonzero(camera.wands.identity == number))
+            for frame, ends in zip(own.frame.tolist(), own.xy, strict=True):
+                seen.setdefault(frame, {})[name] = ends
+        shared = [frame for frame in sorted(seen) if len(seen[frame]) > 1]
+        chosen = np.unique(np.linspace(0, len(shared) - 1, min(len(shared), MOST_STEPS)).round().astype(int))
+        name = f"wand {wand.points[0]} to {wand.points[1]}"
+        found += [KnownLength(wand.metres, wand.sd_m, seen[shared[k]], name) for k in chosen]
+    return tuple(found)
 
 
 def combine_heights(people: Sequence[PersonHeight]) -> tuple[PersonHeight, ...]:

@@ -200,8 +200,9 @@ def resample_to_common_steps(
         gap = max(max_gap_samples * step, max_gap_s * clock.fps) + _ON_THE_INSTANT
         size = None if sizes is None else sizes.get(name)
         cameras[name] = CameraObservations(
-            _boxes_at(seen.boxes, clock, grid, gap, size), _keypoints_at(seen.keypoints, clock, grid, gap)
-        )
+            _boxes_at(seen.boxes, clock, grid, gap, size), _keypoints_at(seen.keypoints, clock, grid, gap),
+            _keypoints_at(seen.wands, clock, grid, gap),
+        )  # fmt: skip
     return Observations(cameras, grid.fps, dict.fromkeys(cameras, grid))
 
 

@@ -84,7 +84,7 @@ def nominal_heights(joints: tuple[str, ...]) -> Floats:
 
 
 def order_correlations(keypoints: Keypoints, names: tuple[str, ...]) -> list[float]:
-    """How well names order the joints of people from head to feet as the image does: a correlation of each person, of about 100.
+    """How well names order people's joints from head to feet as the image does: correlations of about 100 people.
 
     Args:
         keypoints: joints of one camera.

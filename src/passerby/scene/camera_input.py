@@ -10,7 +10,7 @@ import numpy as np
 
 from passerby.common.arrays import Ints
 from passerby.core.cameras import Lens
-from passerby.core.observations import UNKNOWN, Boxes, CameraObservations, Keypoints
+from passerby.core.observations import UNKNOWN, WAND_ENDS, Boxes, CameraObservations, Keypoints
 from passerby.findings.finding import Finding
 from passerby.perception.video import VideoInfo
 
@@ -48,6 +48,8 @@ class CameraInput:
     """The file that they are from: `tracks`, or else `detections` where identities are not given."""
     keypoints: Keypoints = field(default_factory=Keypoints.empty)
     keypoints_path: Path | None = None
+    wands: Keypoints = field(default_factory=lambda: Keypoints.empty(WAND_ENDS))
+    """Ends of the wands of the scene file, which `keypoints` has not."""
     fps: float | None = None
     """Frames per second of the frame numbers."""
     video: VideoInfo | None = None
@@ -63,10 +65,9 @@ class CameraInput:
     def seen(self) -> CameraObservations:
         """The observations that a calibration starts from; in mode "given" those with a known identity only."""
         if not self.given:
-            return CameraObservations(self.boxes, self.keypoints)
-        return CameraObservations(
-            self.boxes.take(self.boxes.identity > UNKNOWN), self.keypoints.take(self.keypoints.identity > UNKNOWN)
-        )
+            return CameraObservations(self.boxes, self.keypoints, self.wands)
+        known = self.boxes.take(self.boxes.identity > UNKNOWN), self.keypoints.take(self.keypoints.identity > UNKNOWN)
+        return CameraObservations(*known, self.wands)
 
     @property
     def people(self) -> int:

@@ -34,6 +34,7 @@ from passerby.scene.scene import Scene
 from passerby.scene.seen_lenses import add_seen_lenses
 from passerby.scene.upside_down import doubt_of_upside_down
 from passerby.scene.wall_clock import WallClock, align_wall_clocks, chosen_span, wall_clock_of
+from passerby.scene.wands import wand_faults
 from passerby.scene.world_files import world_faults
 
 IN_MEMORY = Path("(in memory)")
@@ -203,6 +204,7 @@ def scene_faults(scene: Scene, readings: list[CameraInput]) -> list[str]:
         *_lens_faults(scene, readings),
         *group_faults(scene, readings),
         *_joint_faults(scene, readings),
+        *wand_faults(scene, readings),
         *_embedding_faults(scene, readings),
         *faults_of_same_video(scene, readings),
         *faults_of_same_file(scene, readings),

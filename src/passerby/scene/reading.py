@@ -35,6 +35,7 @@ from passerby.scene.lens_sources import find_lens
 from passerby.scene.scene import Scene
 from passerby.scene.used_rows import keep_used
 from passerby.scene.wall_clock import source_of
+from passerby.scene.wands import take_wands
 
 T = TypeVar("T")
 
@@ -73,7 +74,9 @@ def read_camera(scene: Scene, name: str, model: CameraInput | None = None, span:
     if own_path is not None and (table.tracks is not None or not given):
         reading.boxes, reading.boxes_path = own or reading.boxes, scene.resolve(own_path)
     reading.keypoints_path = path_of(table.keypoints)
-    reading.keypoints = _named(_attempt(joints_of, reading.keypoints_path, reading.faults) or reading.keypoints)
+    reading.keypoints = _attempt(joints_of, reading.keypoints_path, reading.faults) or reading.keypoints
+    take_wands(scene, reading)
+    _name_joints(reading)
     _settle_doubles(reading)
     unrecorded = name in scene.unrecorded
     if not unrecorded:
@@ -107,10 +110,11 @@ def _read_intrinsics(reading: CameraInput, path: Path | None, focal_sd_percent: 
 def input_from_memory(scene: Scene, name: str, lens: Lens, boxes: Boxes, keypoints: Keypoints) -> CameraInput:
     """What is told of a camera without any file, checked as files are; faults are gathered, not raised."""
     reading = CameraInput(
-        name, scene.association.given, lens, boxes=boxes, boxes_path=Path("boxes"), keypoints=_named(keypoints),
-        fps=scene.fps_of(name),
-    )  # fmt: skip
+        name, scene.association.given, lens, boxes=boxes, boxes_path=Path("boxes"), keypoints=keypoints, fps=scene.fps_of(name)
+    )
     reading.keypoints_path = Path("keypoints") if len(keypoints) else None
+    take_wands(scene, reading)
+    _name_joints(reading)
     _settle_doubles(reading)
     keep_used(scene, reading)
     check_principal_point(scene, reading, lens)
@@ -118,9 +122,9 @@ def input_from_memory(scene: Scene, name: str, lens: Lens, boxes: Boxes, keypoin
     return reading
 
 
-def _named(keypoints: Keypoints) -> Keypoints:
-    """The joints under the names that the person model knows."""
-    return replace(keypoints, joints=standard_names(keypoints.joints))
+def _name_joints(reading: CameraInput) -> None:
+    """Give the joints the names that the person model knows."""
+    reading.keypoints = replace(reading.keypoints, joints=standard_names(reading.keypoints.joints))
 
 
 def needs_video(scene: Scene, reading: CameraInput) -> bool:

@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
+from passerby.core.observations import BODY_17
 from passerby.core.stature import PERSON_HEIGHT_M, PERSON_HEIGHT_SD_M, POPULATIONS
 from passerby.scene.table import Metres, Pixel, Seconds, Table
 
@@ -67,6 +68,28 @@ class LengthTable(Table):
     """Standard deviation. The marked points of painted lines and pipes are accurate to about two centimetres."""
     points: dict[str, Ends]
     """camera -> the pixels of the two ends, the ends in the same order in all cameras."""
+    name: str = ""
+    """What was measured. Tables of one name are one object, such as a stick that is marked at several times."""
+
+
+class WandTable(Table):
+    """`[[scale.wands]]`: a stick of known length that a person carries, its two ends found in the images as keypoints are."""
+
+    points: tuple[str, str]
+    """The names of the two ends in the `keypoints` files, beside the keypoints of the body or in annotations of their own."""
+    metres: Metres
+    """The length between the two ends."""
+    sd_m: Metres = 0.005
+    """Standard deviation. The ends of a stick that was measured with a tape are accurate to about half a centimetre."""
+
+    @model_validator(mode="after")
+    def _has_two_ends(self) -> Self:
+        if self.points[0] == self.points[1]:
+            raise ValueError(f"points names '{self.points[0]}' twice: name the two ends of the stick")
+        of_body = [name for name in self.points if name in BODY_17]
+        if of_body:
+            raise ValueError(f"points: '{of_body[0]}' is a keypoint of the body: name the two ends of the stick")
+        return self
 
 
 class DistanceTable(Table):
@@ -133,6 +156,8 @@ class ScaleTable(Table):
     """People with a measured height: `[[scale.people]]`."""
     lengths: tuple[LengthTable, ...] = ()
     """Lengths between points that cameras see: `[[scale.lengths]]`."""
+    wands: tuple[WandTable, ...] = ()
+    """Sticks of known length that people carry: `[[scale.wands]]`."""
     distances: tuple[DistanceTable, ...] = ()
     """Distances between two cameras: `[[scale.distances]]`."""
     checks: tuple[CheckTable, ...] = ()

@@ -17,7 +17,15 @@ from pydantic import Field, PrivateAttr, ValidationError, model_validator
 
 from passerby.common.errors import InputError
 from passerby.common.text import nearest, shortened
-from passerby.core.scale_cues import CameraDistance, CameraHeight, KnownLength, PersonHeight, PopulationHeight, ScaleCues
+from passerby.core.scale_cues import (
+    CameraDistance,
+    CameraHeight,
+    KnownLength,
+    PersonHeight,
+    PopulationHeight,
+    ScaleCues,
+    Wand,
+)
 from passerby.interchange.storage.faults import FileFaults, read_text
 from passerby.interchange.storage.safe_parsing import NotParsed, parse_toml, path_problem
 from passerby.interchange.storage.versions import check_version
@@ -25,7 +33,15 @@ from passerby.scene.errors import explain_fault, find_repeated_key
 from passerby.scene.floor_plan import floor_plan
 from passerby.scene.identity_tables import PersonAtTable, TogetherTable
 from passerby.scene.lens_keys import check_models, models_of, named_camera
-from passerby.scene.scale_tables import CameraHeightTable, CheckTable, DistanceTable, LengthTable, PersonTable, ScaleTable
+from passerby.scene.scale_tables import (
+    CameraHeightTable,
+    CheckTable,
+    DistanceTable,
+    LengthTable,
+    PersonTable,
+    ScaleTable,
+    WandTable,
+)
 from passerby.scene.table import Table
 from passerby.scene.tables import (
     RECORDS,
@@ -215,11 +231,17 @@ class Scene(Table):
                 PersonHeight(cue.identity, cue.height_m, cue.sd_m) for cue in scale.people if cue.identity is not None
             ),
             lengths=tuple(
-                KnownLength(cue.metres, cue.sd_m, {name: np.array(ends) for name, ends in cue.points.items()})
+                KnownLength(
+                    cue.metres,
+                    cue.sd_m,
+                    {name: np.array(ends) for name, ends in cue.points.items()},
+                    f"length {cue.name}" if cue.name else "",
+                )
                 for cue in scale.lengths
             ),
             distances=tuple(CameraDistance(cue.between, cue.metres, cue.sd_m) for cue in scale.distances),
             camera_heights=tuple(CameraHeight(cue.camera, cue.metres, cue.sd_m) for cue in scale.camera_heights),
+            wands=tuple(Wand(cue.points, cue.metres, cue.sd_m) for cue in scale.wands),
             plan=None if self.world is None or self.world.plan is None else floor_plan(self.world.plan),
         )
 
@@ -351,6 +373,7 @@ TABLES: dict[tuple[str, ...], type[Table]] = {
     ("scale",): ScaleTable,
     ("scale", "people", "*"): PersonTable,
     ("scale", "lengths", "*"): LengthTable,
+    ("scale", "wands", "*"): WandTable,
     ("scale", "distances", "*"): DistanceTable,
     ("scale", "camera_heights", "*"): CameraHeightTable,
     ("scale", "checks", "*"): CheckTable,

@@ -43,6 +43,7 @@ def _keep_times(scene: Scene, reading: CameraInput) -> None:
 
     reading.boxes = reading.boxes.take(used(reading.boxes.frame))
     reading.keypoints = reading.keypoints.take(used(reading.keypoints.frame))
+    reading.wands = reading.wands.take(used(reading.wands.frame))
     if len(before) and not reading.people:
         seen = f"{(before[0] - 1) / fps:.1f} to {(before[-1] - 1) / fps:.1f} s"
         values = {key: getattr(table, key) for key in named}

@@ -119,10 +119,9 @@ def _moved(state: AdjustmentState, factor: float, turn: Floats, ground: float) -
     def moved(points: Floats) -> Floats:
         return np.asarray(factor * points @ turn.T - np.array([0.0, 0.0, ground]))
 
-    marks = moved(state.globals[1:].reshape(-1, 3)).ravel()
     return replace(
         state, R=state.R @ turn.T, centre=moved(state.centre), joints=moved(state.joints),
-        globals=np.concatenate([state.globals[:1], marks]),
+        lengths=moved(state.lengths.reshape(-1, 3)).reshape(-1, 6),
     )  # fmt: skip
 
 

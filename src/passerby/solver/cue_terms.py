@@ -13,6 +13,11 @@ from passerby.solver.optimizer.least_squares import Cauchy, Layout, Term
 from passerby.solver.people_state import AdjustmentState
 from passerby.solver.plan_rows import PlanRows
 
+LENGTH = 2
+"""The family of the blocks of known lengths, the six coordinates of their two ends; see `person_model.UPRIGHT` and `JOINT`."""
+MARK_LOSS = 3.0
+"""Sigmas from which a mark of an end, or one of several measurements of a length, counts less: it may be of something else."""
+
 
 @dataclass(frozen=True, eq=False)
 class WorldRows:
@@ -61,12 +66,13 @@ class WorldRows:
 class CueRows:
     """Scale cues as rows of the problem: marked points, known lengths, distances and heights of cameras."""
 
-    n_points: int = 0
-    """Marked points; the two ends of length i are points 2i and 2i + 1."""
     marks: PointObservations | None = None
-    """Sightings of the marked points, sorted by camera."""
+    """Sightings of the ends of lengths, sorted by camera; the two ends of length i are points 2i and 2i + 1."""
     lengths: Floats = field(default_factory=lambda: np.zeros((0, 2)))
-    """(L, 2): metres and standard deviation."""
+    """(K, 2): metres and standard deviation. That of an object which is measured n times is wider by the root of n: its error
+    is the same each time, and all n together know the scale as well as its length is stated."""
+    length_cue: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    """(K,) the cue that each length belongs to, from 0 on, ascending: one object may be measured at many times."""
     distance_between: Ints = field(default_factory=lambda: np.zeros((0, 2), dtype=np.int64))
     distances: Floats = field(default_factory=lambda: np.zeros((0, 2)))
     height_of: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
@@ -78,16 +84,19 @@ class CueRows:
     world: WorldRows | None = None
     """What bodies tell of the world that nobody is seen whole in."""
 
+    def count_of_cue(self) -> Ints:
+        """(L,) how many times each of the L cues about lengths was measured."""
+        return np.bincount(self.length_cue)
+
     @property
     def kinds(self) -> tuple[str, ...]:
         """Of each cue but the plan: `length`, `distance` or `camera_height`."""
-        counts = {"length": len(self.lengths), "distance": len(self.distances), "camera_height": len(self.heights)}
+        counts = {"length": len(self.count_of_cue()), "distance": len(self.distances), "camera_height": len(self.heights)}
         return tuple(kind for kind, count in counts.items() for _ in range(count))
 
     def terms(self, state: AdjustmentState, layout: Layout) -> list[Term]:
         """The cues' residuals with dense Jacobians; there are few of them."""
         out = []
-        first = layout.n_cameras * layout.camera_size
         if len(self.distances):
             a, b = self.distance_between.T
             apart = state.centre[a] - state.centre[b]
@@ -107,38 +116,39 @@ class CueRows:
             out.append(self.world.term(state, layout))
         if self.plan is not None:
             out += self.plan.terms(state, layout)
-        if self.marks is not None and self.n_points:
-            out += self._length_terms(state, layout, first)
+        if self.marks is not None and len(self.lengths):
+            out += self._length_terms(state, layout)
         return out
 
-    def _length_terms(self, state: AdjustmentState, layout: Layout, first: int) -> list[Term]:
+    def _length_terms(self, state: AdjustmentState, layout: Layout) -> list[Term]:
         assert self.marks is not None
-        o, points = self.marks, state.globals[1:].reshape(-1, 3)
+        o, points = self.marks, state.lengths.reshape(-1, 3)
         R = state.R[o.camera]
         d = (R @ (points[o.point] - state.centre[o.camera])[:, :, None])[:, :, 0]
         residual, by_d = project_near(o.bearing, o.tangent, d)
         by_pose, by_point = pose_jacobian(by_d / o.sigma_px[:, None, None], d, R)
-        rows = np.arange(len(d))
-        J = np.zeros((len(d), 2, layout.n_shared))
-        for column in range(POSE_SIZE):
-            J[rows, :, o.camera * layout.camera_size + column] = by_pose[:, :, column]
-        for axis in range(3):
-            J[rows, :, first + 1 + 3 * o.point + axis] = by_point[:, :, axis]
+        rows, n = np.arange(len(d)), len(self.lengths)
+        by_camera = np.zeros((len(d), 2, layout.camera_size))
+        by_camera[:, :, :POSE_SIZE] = by_pose
         if o.by_lens is not None and o.lens_at is not None:
             residual = residual + (o.by_lens @ (state.lens[o.camera] - o.lens_at)[:, :, None])[:, :, 0]
-            n_lens = o.by_lens.shape[2]
-            for unknown in range(n_lens):
-                column = (o.camera + 1) * layout.camera_size - n_lens + unknown
-                J[rows, :, column] = o.by_lens[:, :, unknown] / o.sigma_px[:, None]
+            by_camera[:, :, layout.camera_size - o.by_lens.shape[2] :] = o.by_lens / o.sigma_px[:, None, None]
+        by_ends = np.zeros((len(d), 2, 2, 3))
+        by_ends[rows, :, o.point % 2] = by_point
+        residual = residual / o.sigma_px[:, None]
+        # Of each end: a camera sees both ends of a length, and stands once in a term for each block.
+        terms = [
+            Term(residual[own], Cauchy(MARK_LOSS), camera=o.camera[own], by_camera=by_camera[own], family=LENGTH,
+                 block=o.point[own] // 2, by_block=by_ends[own].reshape(-1, 2, 6))
+            for own in (o.point % 2 == 0, o.point % 2 == 1)
+        ]  # fmt: skip
         apart = points[0::2] - points[1::2]
-        norm = np.maximum(np.linalg.norm(apart, axis=1), 1e-9)
-        n = len(self.lengths)
-        J_length = np.zeros((n, 1, layout.n_shared))
-        for axis in range(3):
-            value = apart[:, axis] / norm / self.lengths[:, 1]
-            J_length[np.arange(n), 0, first + 1 + 6 * np.arange(n) + axis] = value
-            J_length[np.arange(n), 0, first + 4 + 6 * np.arange(n) + axis] = -value
-        return [
-            Term(residual / o.sigma_px[:, None], Cauchy(3.0), by_shared=J),
-            Term(((norm - self.lengths[:, 0]) / self.lengths[:, 1])[:, None], by_shared=J_length),
-        ]
+        norm = np.maximum(np.linalg.norm(apart, axis=1, keepdims=True), 1e-9)
+        off = (norm - self.lengths[:, :1]) / self.lengths[:, 1:]
+        by_block = np.concatenate([apart, -apart], axis=1)[:, None] / (norm * self.lengths[:, 1:])[:, :, None]
+        several = self.count_of_cue()[self.length_cue] > 1
+        for own, loss in ((~several, None), (several, Cauchy(MARK_LOSS))):
+            if own.any():
+                block = np.arange(n)[own]
+                terms.append(Term(off[own], loss, family=LENGTH, block=block, by_block=by_block[own]))
+        return terms

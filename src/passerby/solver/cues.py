@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -13,9 +13,11 @@ from passerby.common.arrays import Floats, Ints
 from passerby.common.errors import InputError
 from passerby.core.cameras import Rig
 from passerby.core.figures import CueFigures
-from passerby.core.scale_cues import ScaleCues
+from passerby.core.scale_cues import KnownLength, ScaleCues
 from passerby.geometry.plan_fit import UNKNOWN_SD, ScalePrior
+from passerby.geometry.ray_consensus import vote_points
 from passerby.geometry.reprojection import PointObservations
+from passerby.geometry.robust import NORMAL_BY_MAD
 from passerby.geometry.triangulation import triangulate
 from passerby.people.box_heights import BOX_SD
 from passerby.solver.cue_terms import CueRows
@@ -23,6 +25,11 @@ from passerby.solver.plan_rows import plan_rows
 
 MARK_SIGMA_PX = 1.5
 """How precisely a person marks a point in a picture."""
+MARK_TOLERANCE = 6.0
+"""Sigmas within which the marks of one end agree, as of people and joints (`refinement.AGREE_SIGMAS`)."""
+
+MEDIAN_EFFICIENCY = 1.2533
+"""The standard deviation of a median over that of a mean, of many normal values."""
 
 POPULATION_BIAS = 0.045
 """Relative standard deviation, common to all people, of height cues where nobody states it: a crowd is not the population, and
@@ -83,44 +90,55 @@ def cue_rows(cues: ScaleCues, rig: Rig) -> CueRows | None:
     Cues on cameras outside the rig are left out. Raises `InputError` for a marked point that the lens cannot have seen.
     """
     index = {name: number for number, name in enumerate(rig.names)}
-    lengths: list[tuple[float, float]] = []
-    sightings = []
-    for cue in cues.lengths:
-        inside = {name: pixels for name, pixels in cue.points.items() if name in index}
-        if len(inside) < 2:
-            continue
-        for name, pixels in inside.items():
-            bearing = rig[name].lens.bearings(pixels)
-            if not np.isfinite(bearing).all():
-                raise InputError(
-                    f"scale.lengths: a point marked in camera {name} lies outside what its lens can see: {pixels.tolist()}"
-                )
-            tangent = rig[name].lens.tangents(bearing)
-            sightings += [(index[name], 2 * len(lengths) + end, bearing[end], tangent[end]) for end in range(2)]
-        lengths.append((cue.metres, cue.sd_m))
+    lengths = [cue for cue in cues.lengths if sum(name in index for name in cue.points) > 1]
+    marks = _ends_seen(lengths, rig)
+    # One object that is measured several times is one cue.
+    names = [cue.name or f"length {number}" for number, cue in enumerate(lengths, start=1)]
+    order = {name: place for place, name in enumerate(dict.fromkeys(names))}
+    cue_of = np.array([order[name] for name in names], dtype=np.int64)
     distances = [cue for cue in cues.distances if set(cue.between) <= set(index)]
     heights = [cue for cue in cues.camera_heights if cue.camera in index]
     plan = plan_rows(cues.plan, rig)
     if not (lengths or distances or heights or plan is not None):
         return None
-    sightings.sort(key=lambda sighting: sighting[0])
-    marks = None
-    if sightings:
-        camera, point, bearings, tangents = (np.array(column) for column in zip(*sightings, strict=True))
-        marks = PointObservations(camera, point, bearings, tangents, np.full(len(camera), MARK_SIGMA_PX))
+    stated = np.array([[cue.metres, cue.sd_m] for cue in lengths]).reshape(-1, 2)
+    stated[:, 1] *= np.sqrt(np.bincount(cue_of)[cue_of]) if len(lengths) else 1.0
     return CueRows(
-        2 * len(lengths), marks, np.array(lengths).reshape(-1, 2),
+        marks, stated, cue_of,
         np.array([[index[name] for name in cue.between] for cue in distances], dtype=np.int64).reshape(-1, 2),
         np.array([[cue.metres, cue.sd_m] for cue in distances]).reshape(-1, 2),
         np.array([index[cue.camera] for cue in heights], dtype=np.int64),
         np.array([[cue.metres, cue.sd_m] for cue in heights]).reshape(-1, 2),
         (
-            *(f"length {number + 1}" for number in range(len(lengths))),
+            *order,
             *(f"distance {cue.between[0]} to {cue.between[1]}" for cue in distances),
             *(f"height of camera {cue.camera}" for cue in heights),
         ),
         plan,
     )  # fmt: skip
+
+
+def _ends_seen(lengths: Sequence[KnownLength], rig: Rig) -> PointObservations | None:
+    """The ends of lengths, as each camera of the rig sees them, sorted by camera. Raises `InputError` as `cue_rows`."""
+    parts = []
+    for c, camera in enumerate(rig):
+        seen = [k for k, cue in enumerate(lengths) if camera.name in cue.points]
+        if not seen:
+            continue
+        pixels = np.concatenate([lengths[k].points[camera.name] for k in seen])
+        bearing = camera.lens.bearings(pixels)
+        outside = np.flatnonzero(~np.isfinite(bearing).all(axis=1))
+        if len(outside):
+            own = lengths[seen[outside[0] // 2]]
+            what = f"an end of the {own.name}" if own.name else "a point"
+            raise InputError(
+                f"scale.lengths: {what} marked in camera {camera.name} lies outside what its lens can see: "
+                f"{own.points[camera.name].tolist()}"
+            )
+        point = (2 * np.array(seen)[:, None] + np.arange(2)).ravel()
+        many = np.full(len(point), MARK_SIGMA_PX)
+        parts.append(PointObservations(np.full(len(point), c), point, bearing, camera.lens.tangents(bearing), many))
+    return PointObservations.joined(parts) if parts else None
 
 
 def settle_plan(rows: CueRows | None, R: Floats, centre: Floats, heights: Floats, mean: Floats, sd: Floats) -> CueRows | None:
@@ -144,39 +162,67 @@ def settle_plan(rows: CueRows | None, R: Floats, centre: Floats, heights: Floats
 
 
 def triangulate_marks(rows: CueRows | None, R: Floats, centre: Floats) -> Floats:
-    """(n, 3) marked points under a rig, metres. Raises `InputError` where the marks of a point do not meet."""
+    """(2 K, 3) ends of the known lengths under a rig, metres.
+
+    NaN where the marks of an end disagree at one of several times. Raises `InputError` where those of a length never meet.
+    """
     if rows is None or rows.marks is None:
         return np.zeros((0, 3))
-    m = rows.marks
-    points = triangulate(m.camera, m.point, m.bearing, R, -np.einsum("cij,cj->ci", R, centre), rows.n_points)
-    if not np.isfinite(points).all():
-        number = int(np.flatnonzero(~np.isfinite(points).all(axis=1))[0]) // 2
-        raise InputError(
-            f"scale.lengths number {number + 1}: the marks of one end do not meet: mark it in cameras farther apart"
-        )
+    m, n = rows.marks, 2 * len(rows.lengths)
+    points = triangulate(m.camera, m.point, m.bearing, R, -np.einsum("cij,cj->ci", R, centre), n)
+    tolerance = np.full(len(m.point), MARK_TOLERANCE * MARK_SIGMA_PX)
+    agreeing = vote_points(m.camera, m.point, m.bearing, m.tangent, tolerance, n, R, centre).points
+    for cue, count in enumerate(rows.count_of_cue()):
+        own = np.repeat(rows.length_cue == cue, 2)
+        found = np.isfinite(agreeing[own].reshape(-1, 6)).all(axis=1).any()
+        points[own] = agreeing[own] if count > 1 and found else points[own]
+        if not np.isfinite(points[own].reshape(-1, 6)).all(axis=1).any():
+            raise InputError(
+                f"{rows.names[cue]}, under scale: the marks of one end do not meet: mark it in cameras farther apart"
+            )
+    return points
+
+
+def without_gaps(rows: CueRows | None, points: Floats) -> Floats:
+    """The points of `triangulate_marks`, an end without one where it is at the other times in the median."""
+    if rows is None:
+        return points
+    points, group = points.copy(), 2 * np.repeat(rows.length_cue, 2) + np.arange(len(points)) % 2
+    lost = ~np.isfinite(points).all(axis=1)
+    for one in np.unique(group[lost]):
+        points[lost & (group == one)] = np.median(points[~lost & (group == one)], axis=0)
     return points
 
 
 def length_noise(rows: CueRows, R: Floats, centre: Floats, marks: Floats) -> Floats:
-    """(L,) one sigma of each length between marked points by the clicks on them, metres.
+    """(K,) one sigma of each length between marked points by the marks of them, metres.
 
     Args:
         rows: with the lens rays of the clicks.
         R: (C, 3, 3) world to camera.
         centre: (C, 3) metres.
-        marks: (2 L, 3) the points, metres.
+        marks: (2 K, 3) the points, metres.
     """
     o = rows.marks
     if o is None:
         return np.zeros(0)
     away = np.linalg.norm(marks[o.point] - centre[o.camera], axis=1)
     J = o.tangent @ R[o.camera] / (np.maximum(away, 1e-3) * o.sigma_px)[:, None, None]
-    information = np.tile(1e-6 * np.eye(3), (rows.n_points, 1, 1))
+    information = np.tile(1e-6 * np.eye(3), (len(marks), 1, 1))
     np.add.at(information, o.point, J.transpose(0, 2, 1) @ J)
     between = np.linalg.inv(information)
     line = marks[0::2] - marks[1::2]
     line /= np.maximum(np.linalg.norm(line, axis=1, keepdims=True), 1e-9)
     return np.asarray(np.sqrt(np.einsum("li,lij,lj->l", line, between[0::2] + between[1::2], line)))
+
+
+def spread_of_median(measured: Floats, median: float) -> float:
+    """One sigma of the median of K measurements of one length, metres.
+
+    Noise across a length makes it longer by about the variance over the length: that is no part of the spread, and is added.
+    """
+    spread = NORMAL_BY_MAD * float(np.median(np.abs(measured - median)))
+    return float(np.hypot(MEDIAN_EFFICIENCY * spread / np.sqrt(len(measured)), spread**2 / max(median, 1e-9)))
 
 
 def scale_cue_lengths(
@@ -189,13 +235,22 @@ def scale_cue_lengths(
     """
     if rows is None:
         return []
-    values = [float(np.linalg.norm(a - b)) for a, b in marks.reshape(-1, 2, 3)]
+    values, stated = [], []
+    noise = None if R is None else length_noise(rows, R, centre, without_gaps(rows, marks))
+    measured = np.linalg.norm(marks[0::2] - marks[1::2], axis=1)
+    for cue, count in enumerate(rows.count_of_cue()):
+        own = (rows.length_cue == cue) & np.isfinite(measured)
+        value, metres = float(np.median(measured[own])), rows.lengths[own][0, 0]
+        sd = rows.lengths[own][0, 1] / np.sqrt(count)
+        if count > 1:
+            sd = np.hypot(sd, spread_of_median(measured[own], value))
+        elif noise is not None:
+            sd = np.hypot(sd, noise[own][0])
+        values.append(value)
+        stated.append((metres, sd))
     values += [float(np.linalg.norm(centre[i] - centre[j])) for i, j in rows.distance_between]
     values += [float(centre[i, 2]) for i in rows.height_of]
-    stated = np.concatenate([rows.lengths, rows.distances, rows.heights])
-    if R is not None and len(rows.lengths):
-        noise = length_noise(rows, R, centre, marks)
-        stated[: len(noise), 1] = np.hypot(stated[: len(noise), 1], noise)
+    stated += [*map(tuple, rows.distances), *map(tuple, rows.heights)]
     found = [
         (name, value, float(metres), float(sd)) for name, value, (metres, sd) in zip(rows.names, values, stated, strict=True)
     ]
@@ -247,13 +302,15 @@ def scale_cue_weights(
         boxed = None if by_boxes is None else by_boxes.get(int(seen[i]))
         tall, spread = (heights[i], sd[i]) if boxed is None else (boxed, np.hypot(sd[i], BOX_SD * mean[i]))
         found.append((f"height of person {seen[i]}{places[int(seen[i])]}", float(tall), float(mean[i]), float(spread)))
-    first = len(found) + (0 if rows is None else len(rows.lengths))
+    first = len(found) + (0 if rows is None else len(rows.count_of_cue()))
     found += scale_cue_lengths(rows, centre, marks, R)
     own = [(value, spread) for _, value, _, spread in found]
     for number, (value, by_rig) in enumerate([] if freed is None else freed.tolist(), start=first):
         own[number] = value, float(np.hypot(own[number][1], by_rig))
     if rows is not None:
         kinds += [{"kind": kind} for kind in rows.kinds]
+        for number, count in enumerate(rows.count_of_cue().tolist(), start=first - len(rows.count_of_cue())):
+            kinds[number] |= {"count": count} if count > 1 else {}
         kinds += [{"kind": "plan"} for _ in range(len(found) - len(kinds))]
     if rows is not None and rows.world is not None and rows.world.trunk_m is not None:
         usual, spread = rows.world.trunk_m

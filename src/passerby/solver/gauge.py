@@ -126,11 +126,6 @@ def placement_freedoms(state: AdjustmentState, n: int, camera_size: int) -> Floa
         # A turn of the world about z by w moves a centre by w z x C, and turns the camera by -R z w in its own frame.
         out[first : first + 3, 2] = -state.R[c] @ up
         out[first + 3 : first + 6, 2] = np.cross(up, state.centre[c])
-    first = len(state.R) * camera_size + 1
-    for point in range((len(state.globals) - 1) // 3):
-        at = state.globals[1 + 3 * point : 4 + 3 * point]
-        out[first + 3 * point, 0] = out[first + 3 * point + 1, 1] = 1.0
-        out[first + 3 * point : first + 3 * point + 3, 2] = np.cross(up, at)
     return out
 
 

@@ -22,7 +22,15 @@ from passerby.geometry.similarity import chordal_mean_rotation
 from passerby.geometry.single_view import Level, level_camera
 from passerby.people.model import JOINED_FOOT_SHIFT_SD, Noise, Priors
 from passerby.people.standing import standing_instants
-from passerby.solver.cues import cue_rows, expected_heights, initial_scale, population_spread, settle_plan, triangulate_marks
+from passerby.solver.cues import (
+    cue_rows,
+    expected_heights,
+    initial_scale,
+    population_spread,
+    settle_plan,
+    triangulate_marks,
+    without_gaps,
+)
 from passerby.solver.evidence import Evidence, draw_blocks, gather_evidence
 from passerby.solver.focal_search import search_focals
 from passerby.solver.lens_sigmas import lens_evidence
@@ -315,7 +323,8 @@ def rescaled(start: Initialisation, R: Floats, centre: Floats) -> RigState:
     marks = triangulate_marks(rows, R, centre)
     sd = float(np.mean(knowledge.height_sd / knowledge.height_mean)) if len(knowledge.height_sd) else 0.05
     factor = initial_scale(rows, centre, marks, len(knowledge.height_sd), sd, R)
-    state = RigState.start(R, centre * factor, knowledge.height_mean * factor, knowledge.priors, marks * factor, start.lens)
+    ends = factor * without_gaps(rows, marks)
+    state = RigState.start(R, centre * factor, knowledge.height_mean * factor, knowledge.priors, ends, start.lens)
     return state
 
 

@@ -16,6 +16,7 @@ import numpy as np
 from passerby.common.arrays import Floats, Ints
 from passerby.core.cameras import Lens, Rig
 from passerby.people.upright_body import body_ends
+from passerby.solver.cue_terms import LENGTH
 from passerby.solver.optimizer.least_squares import Layout, Term
 from passerby.solver.people_state import AdjustmentState
 from passerby.solver.person_model import FOOT_SHIFT, JOINT, PeopleProblem
@@ -116,7 +117,7 @@ class WidenedLayout:
 
 def _kind(term: Term) -> str:
     """Which residuals a term holds, by its shape: centres, heights, joints or neither."""
-    if term.camera is None or term.block is None:
+    if term.camera is None or term.block is None or term.family == LENGTH:
         return ""
     if term.family == JOINT:
         return "joints"

@@ -60,7 +60,7 @@ class AdjustmentState:
     slack: Floats
     """(C,) boxes are taller than people by this factor, as a logarithm; 0 on the mean."""
     globals: Floats
-    """Foot shift (share of the height), then three coordinates per marked point."""
+    """(1,) foot shift, as a share of the height."""
     heights: Floats
     """(P,) standing heights, metres."""
     people: Floats
@@ -72,10 +72,12 @@ class AdjustmentState:
     the clocks are right."""
     lens: Floats = field(default_factory=lambda: np.zeros((0, 0)))
     """(C, L) by how much lenses differ from the stated ones (`LensUnknowns`); no columns where they are not refined."""
+    lengths: Floats = field(default_factory=lambda: np.zeros((0, 6)))
+    """(K, 6) the two ends of each known length, metres (`CueRows`)."""
 
     def scaled(self, scale: float) -> AdjustmentState:
         """All lengths of cameras, people and joints times `scale`, the standing heights too."""
         return replace(
-            self, centre=self.centre * scale, globals=np.concatenate([self.globals[:1], self.globals[1:] * scale]),
-            heights=self.heights * scale, people=self.people * scale, joints=self.joints * scale,
+            self, centre=self.centre * scale, heights=self.heights * scale, people=self.people * scale,
+            joints=self.joints * scale, lengths=self.lengths * scale,
         )  # fmt: skip

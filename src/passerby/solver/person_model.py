@@ -21,7 +21,7 @@ from passerby.common.arrays import Floats, Ints
 from passerby.geometry.reprojection import POSE_SIZE, PointObservations, pose_jacobian, project_near, retract_poses
 from passerby.people.model import GAIT_SHARE, HEIGHT_PER_CENTRE, Noise, Priors
 from passerby.people.upright_body import HIGH, LOW, body_ends, by_low_and_high
-from passerby.solver.cue_terms import CueRows
+from passerby.solver.cue_terms import LENGTH, CueRows
 from passerby.solver.optimizer.least_squares import Cauchy, Family, Layout, Step, Term
 from passerby.solver.people_state import AdjustmentState, UprightObservations
 
@@ -101,9 +101,9 @@ class PeopleProblem:
     @property
     def layout(self) -> Layout:
         """The sizes of the unknowns."""
-        families = (Family(len(self.person), 4, self.person), Family(self.n_joints, 3))
-        n_globals = 1 + (3 * self.cues.n_points if self.cues else 0)
-        return Layout(self.n_cameras, self.camera_size, n_globals, len(self.height_mean), families)
+        n_lengths = 0 if self.cues is None else len(self.cues.lengths)
+        families = (Family(len(self.person), 4, self.person), Family(self.n_joints, 3), Family(n_lengths, 6))
+        return Layout(self.n_cameras, self.camera_size, 1, len(self.height_mean), families)
 
     @property
     def scale_px(self) -> Floats:
@@ -337,6 +337,7 @@ class PeopleProblem:
             state.heights + step.groups, state.people + step.blocks[UPRIGHT], state.joints + step.blocks[JOINT],
             state.time + by_camera[:, TIME] if self.timed else state.time,
             state.lens + by_camera[:, self.camera_size - self.n_lens :] if self.n_lens else state.lens,
+            state.lengths + step.blocks[LENGTH],
         )  # fmt: skip
 
 

@@ -57,12 +57,15 @@ class RigState:
     """(C,) errors of the clocks, seconds (`AdjustmentState`)."""
     lens: Floats
     """(C, L) by how much lenses differ from the stated ones (`AdjustmentState`)."""
+    lengths: Floats
+    """(K, 6) the ends of known lengths (`AdjustmentState`)."""
 
     @classmethod
     def start(cls, R: Floats, centre: Floats, height_mean: Floats, priors: Priors, marks: Floats, lens: Floats) -> RigState:
         """A first state: people as tall as expected, no slack, clocks as stated."""
         none = np.zeros(len(R))
-        return cls(R, centre, height_mean.copy(), none, np.concatenate([[priors.foot_shift], marks.ravel()]), none, lens)
+        shift = np.array([priors.foot_shift])
+        return cls(R, centre, height_mean.copy(), none, shift, none, lens, marks.reshape(-1, 6))
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,7 +196,9 @@ def build_problem(
         knowledge.lens_weight, knowledge.lens_normal, knowledge.lens_groups,
     )  # fmt: skip
     people = np.column_stack([consensus.points[used, :2], np.zeros(len(used)), rig.heights[person]])
-    state = AdjustmentState(rig.R, rig.centre, rig.slack, rig.globals, rig.heights, people, joint_points, rig.time, rig.lens)
+    state = AdjustmentState(
+        rig.R, rig.centre, rig.slack, rig.globals, rig.heights, people, joint_points, rig.time, rig.lens, rig.lengths
+    )  # fmt: skip
     renamed = int(np.count_nonzero(s.block[rows] != block))
     return AdjustmentProblem(problem, state, rows, renamed, used, joint_rows, joint_used, evidence.joint_kind[joint_used])
 
@@ -258,7 +263,9 @@ def minimise_problem(model: AdjustmentProblem, stopping: Stopping) -> Result[Adj
 
 def rig_of(state: AdjustmentState) -> RigState:
     """What the next round starts from."""
-    return RigState(state.R, state.centre, state.heights, state.slack, state.globals, state.time, state.lens)
+    return RigState(
+        state.R, state.centre, state.heights, state.slack, state.globals, state.time, state.lens, state.lengths
+    )  # fmt: skip
 
 
 def occlusion_weights(model: AdjustmentProblem, state: AdjustmentState, n_sightings: int) -> Wholeness:

@@ -16,6 +16,7 @@ import numpy as np
 
 from passerby.common.arrays import Floats, Ints
 from passerby.core.cameras import PoseSigma
+from passerby.solver.cue_terms import LENGTH
 from passerby.solver.evidence import Evidence
 from passerby.solver.gauge import SCALE, TILT_X, TILT_Y, VAGUE, Free, held_system, placement_freedoms, similarity_freedoms
 from passerby.solver.optimizer.least_squares import NormalEquations, Term
@@ -204,7 +205,7 @@ def downweight(term: Term, inflation: float, of_joints: float | None = None) -> 
     """
     squared = np.einsum("mk,mk->m", term.residual, term.residual)
     weight = term.loss.weight(squared) if term.loss is not None else np.ones(len(squared))
-    if term.block is not None:
+    if term.block is not None and term.family != LENGTH:
         weight = weight / (inflation if of_joints is None or term.family != JOINT else of_joints)
     return replace(_scaled(term, np.sqrt(weight)), loss=None)
 

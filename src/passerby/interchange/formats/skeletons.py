@@ -1,9 +1,9 @@
 """Which joints other tools find, in which order, and how they spell their names.
 
 BODY_25 and COCO of OpenPose: its `doc/02_output.md`. BODY_25B, which OpenPose writes with 25 joints too, and BODY_135, which
-begins with it: the README of openpose_train's experimental models. Halpe's 26 and 136: the README of Halpe-FullBody, AlphaPose's
-own set. COCO-WholeBody's 133: its README. BlazePose's 33: MediaPipe's documentation of pose landmarks. The 17 of COCO come first
-in Halpe's, COCO-WholeBody's and BODY_25B.
+begins with it: the README of openpose_train's experimental models. Halpe's 26 and 136: the README of Halpe-FullBody,
+AlphaPose's own set. COCO-WholeBody's 133: its README. BlazePose's 33: MediaPipe's documentation of pose landmarks. The 17 of
+COCO come first in Halpe's, COCO-WholeBody's and BODY_25B.
 """
 
 from __future__ import annotations
@@ -31,13 +31,14 @@ WHOLE_BODY_23 = (
     *BODY_17, "left_big_toe", "left_small_toe", "left_heel", "right_big_toe", "right_small_toe", "right_heel",
 )  # fmt: skip
 BODY_25B = (
-    *BODY_17, "neck", "head_top", "left_big_toe", "left_small_toe", "left_heel", "right_big_toe", "right_small_toe", "right_heel",
+    *BODY_17, "neck", "head_top", "left_big_toe", "left_small_toe", "left_heel", "right_big_toe", "right_small_toe",
+    "right_heel",
 )  # fmt: skip
 BLAZEPOSE_33 = (
     "nose", "left_eye_inner", "left_eye", "left_eye_outer", "right_eye_inner", "right_eye", "right_eye_outer", "left_ear",
     "right_ear", "mouth_left", "mouth_right", "left_shoulder", "right_shoulder", "left_elbow", "right_elbow", "left_wrist",
-    "right_wrist", "left_pinky", "right_pinky", "left_index", "right_index", "left_thumb", "right_thumb", "left_hip", "right_hip",
-    "left_knee", "right_knee", "left_ankle", "right_ankle", "left_heel", "right_heel", "left_big_toe", "right_big_toe",
+    "right_wrist", "left_pinky", "right_pinky", "left_index", "right_index", "left_thumb", "right_thumb", "left_hip",
+    "right_hip", "left_knee", "right_knee", "left_ankle", "right_ankle", "left_heel", "right_heel", "left_big_toe", "right_big_toe",
 )  # fmt: skip
 SKELETONS: Mapping[int, Mapping[str, tuple[str, ...]]] = {
     17: {"COCO": BODY_17}, 18: {"OpenPose's COCO": COCO_18}, 25: {"BODY_25": BODY_25, "BODY_25B": BODY_25B},
@@ -105,8 +106,8 @@ def other_layouts(names: Sequence[str]) -> tuple[str, Mapping[str, tuple[str, ..
 def ordered_joints(names: tuple[str, ...]) -> tuple[str, ...]:
     """COCO's 17 first, in COCO's order, then the others in the tool's.
 
-    The others are kept: with all 25 of OpenPose's joints the cameras of Pose2Sim's demonstration come to 34.0 mm and 0.56 degrees
-    of the truth, with COCO's 17 of them alone to 34.3 mm and 0.86 degrees.
+    The others are kept: with all 25 of OpenPose's joints the cameras of Pose2Sim's demonstration come to 34.0 mm and 0.56
+    degrees of the truth, with COCO's 17 of them alone to 34.3 mm and 0.86 degrees.
     """
     return (*(name for name in BODY_17 if name in names), *(name for name in names if name not in BODY_17))
 
