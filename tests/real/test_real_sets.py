@@ -100,8 +100,8 @@ def test_shelf_joints(data_root: Path) -> None:
 def test_one_person_on_the_spot(data_root: Path) -> None:
     """Measured 34.0 mm, 0.556 degrees; the files have BODY_25B's joints under BODY_25's names, which is corrected.
 
-    The third power of the joints' confidence gives 28.5 mm, but neither the joints' residuals here and in Shelf nor their errors
-    in rendered films grow so fast. The cameras' stated sigmas are 35 mm, and the truth itself is no better than 25 mm.
+    The third power of the joints' confidence gives 28.5 mm, but neither the joints' residuals here and in Shelf nor their
+    errors in rendered films grow so fast. The cameras' stated sigmas are 35 mm, and the truth itself is no better than 25 mm.
     """
     solution, _, found = solved(data_root / "pose2sim_single")
     assert_within(found, 37, 0.65)

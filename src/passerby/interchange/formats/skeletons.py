@@ -38,7 +38,8 @@ BLAZEPOSE_33 = (
     "nose", "left_eye_inner", "left_eye", "left_eye_outer", "right_eye_inner", "right_eye", "right_eye_outer", "left_ear",
     "right_ear", "mouth_left", "mouth_right", "left_shoulder", "right_shoulder", "left_elbow", "right_elbow", "left_wrist",
     "right_wrist", "left_pinky", "right_pinky", "left_index", "right_index", "left_thumb", "right_thumb", "left_hip",
-    "right_hip", "left_knee", "right_knee", "left_ankle", "right_ankle", "left_heel", "right_heel", "left_big_toe", "right_big_toe",
+    "right_hip", "left_knee", "right_knee", "left_ankle", "right_ankle", "left_heel", "right_heel", "left_big_toe",
+    "right_big_toe",
 )  # fmt: skip
 SKELETONS: Mapping[int, Mapping[str, tuple[str, ...]]] = {
     17: {"COCO": BODY_17}, 18: {"OpenPose's COCO": COCO_18}, 25: {"BODY_25": BODY_25, "BODY_25B": BODY_25B},
