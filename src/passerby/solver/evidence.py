@@ -31,7 +31,8 @@ from passerby.solver.people_state import UprightObservations
 # How much farther off a joint is taken to be that was found with less confidence than usual: this power of the ratio, within a
 # range. Errors of a network's joints in rendered films grow with the first power, of single instants as of means over seconds;
 # rigs are barely better or worse by any other (docs/results/limits.md). Residuals of OpenPose's joints in two real recordings
-# grow with the first power too, although the third gives the smaller position error in both, by 0.7 and 5.5 mm.
+# grow with the first power too. The third gives smaller position errors in both, by 0.7 and 5.5 mm, but not systematically: in
+# the four quarters of the second recording, two have larger ones.
 DOUBT_POWER, DOUBT_RANGE = 1.0, (0.5, 10.0)
 USUAL_CAMERAS = 50
 """Of larger rigs, the limits of the evidence grow with the cameras."""
