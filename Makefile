@@ -19,7 +19,7 @@ WITH_DATA := $(if $(DATA),--data $(DATA))
 PEERS := .venv-peer-caliscope/.installed .venv-peer-colmap/.installed .venv-peer-humancalib/.installed
 PIP := -m pip install --quiet --disable-pip-version-check
 
-.PHONY: help hooks demo test test-slow lint types docs tutorial bench bench-quick bench-association bench-perception bench-reid bench-lenses bench-scale bench-sites bench-sources bench-page bench-peers bench-formats limits versions mutation reliability peers format clean
+.PHONY: help hooks demo test test-slow lint types docs tutorial bench bench-quick bench-association bench-perception bench-reid bench-lenses bench-scale bench-sites bench-sources bench-page bench-peers bench-public bench-formats limits versions mutation reliability peers format clean
 
 ## help: what there is to do
 help:
@@ -83,6 +83,10 @@ bench-quick: $(BENCH_INSTALLED)
 ## bench-peers: Passerby beside other tools
 bench-peers: $(BENCH_INSTALLED) peers
 	$(BENCH_VENV)/bin/python benchmarks/run.py --only peers
+
+## bench-public: Passerby on public scenes whose authors state their errors. What is finished is kept in build/peers
+bench-public: $(INSTALLED)
+	$(ONE_THREAD) $(VENV)/bin/python benchmarks/run.py --only peers --peer-parts public
 
 ## bench-formats: files for other tools, read by them
 # Every tool reads what is exported to it, in an environment of its own.

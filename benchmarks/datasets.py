@@ -49,11 +49,16 @@ def data_set(name: str) -> DataSet:
 
 def folder_of(data: DataSet) -> Path | None:
     """The data set's folder, or None where it is not at hand."""
-    places = [Path(os.environ["PASSERBY_DATA"])] if os.environ.get("PASSERBY_DATA") else [ROOT.parent / "shared" / "data"]
-    for place in places:
-        if (place / data.name / "rig.toml").is_file() and (place / data.name / data.source).is_dir():
-            return (place / data.name).resolve()
-    return None
+    root = data_root()
+    if root is None or not (root / data.name / "rig.toml").is_file() or not (root / data.name / data.source).is_dir():
+        return None
+    return (root / data.name).resolve()
+
+
+def data_root() -> Path | None:
+    """The folder of all data sets: `$PASSERBY_DATA`, or `../shared/data` beside the repository; None where it is missing."""
+    folder = Path(os.environ.get("PASSERBY_DATA") or ROOT.parent / "shared" / "data")
+    return folder if folder.is_dir() else None
 
 
 def models_folder() -> Path | None:

@@ -34,8 +34,8 @@ class Headline:
 PEERS = (
     Headline(
         "paper", "## Against the paper",
-        "From the pixels of three rendered scenes that stand for the paper's real ones. Only the intrinsics and people's mean "
-        "height are known; errors are given with the estimated scale:",
+        "From the pixels of three rendered scenes that stand for the paper's real ones. The intrinsics and people's mean "
+        "height are known, and nothing else unless a column says so; errors are given with the estimated scale:",
     ),
     Headline(
         "paper", "## Do matchers collapse where people do not?",

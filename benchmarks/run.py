@@ -27,17 +27,11 @@ from datasets import ROOT
 from pages.page import Page, publish
 from pages.parts import Wanted
 from pages.sections import sections_on
-
-
-def _peers(scratch: Path, quick: bool) -> Iterable[Page]:
-    """Imported only where it is wanted: the others need none of it."""
-    from peers.page import run
-
-    return run(scratch, quick)
+from peers import page as peers_page
 
 
 def _formats(scratch: Path, quick: bool) -> Page:
-    """Imported only where it is wanted, as the peers."""
+    """Imported only where it is wanted: the others need none of it."""
     from formats import run
 
     return run(scratch, quick)
@@ -56,7 +50,7 @@ SECTIONS: dict[str, Callable[[Path, bool], Page | Iterable[Page]]] = {
     "sites": sites_page.run,
     "sources": sources_page.run,
     "page": local_page_page.run,
-    "peers": _peers,
+    "peers": peers_page.run,
     "formats": _formats,
 }
 RESULTS = ROOT / "docs" / "results"
@@ -137,11 +131,18 @@ def main() -> None:
     opened.add_argument(
         "--page-kept", type=Path, default=local_page_page.KEPT, help="folder of finished cases; build/page/kept"
     )
+    beside = parser.add_argument_group("peers")
+    beside.add_argument(
+        "--peer-parts", nargs="+", choices=peers_page.HEADINGS, metavar="PART", default=(),
+        help=f"of peers: {', '.join(peers_page.HEADINGS)}; all",
+    )  # fmt: skip
+    beside.add_argument("--peer-kept", type=Path, default=peers_page.KEPT, help="folder of finished cases; build/peers")
+    beside.add_argument("--peer-workers", type=int, default=2, help="processes; 2")
     arguments = parser.parse_args()
     out = arguments.out or (None if arguments.quick else RESULTS)
     earlier = {
         name: sections_on(None if out is None else out / f"{name}.md")
-        for name in ("perception", "reid", "lenses", "scale", "sites", "sources", "page")
+        for name in ("perception", "reid", "lenses", "scale", "sites", "sources", "page", "peers")
     }
     wanted = perception.Wanted(arguments.scenes, arguments.seeds, arguments.parts, earlier["perception"])
     sections = SECTIONS | {
@@ -181,6 +182,10 @@ def main() -> None:
                 earlier["sources"],
             ),
             asked=sources_page.Asked(arguments.source_seeds, arguments.source_seconds, arguments.source_against),
+        ),
+        "peers": partial(
+            peers_page.run,
+            wanted=Wanted(arguments.peer_kept, arguments.peer_parts, workers=arguments.peer_workers, earlier=earlier["peers"]),
         ),
         "page": partial(
             local_page_page.run,

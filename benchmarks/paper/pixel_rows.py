@@ -42,7 +42,7 @@ class Row:
     name: str
     label: str
     scale: str
-    """Where its scale comes from: a known length, or the height of people."""
+    """Where its scale comes from: a known length, the height of people, or both."""
 
 
 ROWS = (
@@ -52,6 +52,7 @@ ROWS = (
     Row("boxes-re-id", "boxes, people by re-identification, GeoPose", "height"),
     Row("trajectories", "**ours**, trajectories alone", "height"),
     Row("people", "**ours**, the default", "height"),
+    Row("people-prior", "**ours**, the default, with the paper's prior knowledge", "height, length"),
     Row("people-by-hand", "**ours**, people named by hand", "height"),
     Row("keypoints", f"**ours**, joints, {JOINT_NOISE_PX:g} px", "height"),
 )
@@ -130,6 +131,13 @@ def _from_videos(mode: str, method: str, name: str | None = None) -> Callable[[S
     return run
 
 
+def _with_prior(stage: Stage) -> PixelOutcome:
+    tables = {
+        "association": {"mode": "combined"}, "solver": {"method": "people"}, "scale": stage.prior_knowledge,
+    }  # fmt: skip
+    return _calibrated(stage, stage.scene("prior", tables))
+
+
 def _keypoints(stage: Stage) -> PixelOutcome:
     sightings = {}
     for name in stage.rig.names:
@@ -147,6 +155,7 @@ RUNS: Mapping[str, Callable[[Stage], PixelOutcome]] = {
     "boxes-re-id": _from_videos("appearance", "geopose"),
     "trajectories": _from_videos("trajectory", "people"),
     "people": _from_videos("combined", "people", "people"),
+    "people-prior": _with_prior,
     "people-by-hand": _boxes_by_hand("people"),
     "keypoints": _keypoints,
 }

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -28,6 +29,9 @@ from passerby.simulation import SimulatedScene, SimulationOptions, simulate
 LENGTH_M = 3.6
 """The known length of all rows without people: the paper's free-throw line."""
 LENGTH_NOISE_PX, JUDGE_NOISE_PX, ORACLE_NOISE_PX, JOINT_NOISE_PX = 0.5, 0.5, 1.0, 2.0
+PRIOR_HEIGHTS_M: Mapping[str, float] = MappingProxyType({"terrace": 1.75})
+PRIOR_LENGTHS_M: Mapping[str, float] = MappingProxyType({"basketball": 3.6, "construction": 1.0})
+"""What the paper took the scale of each scene from: the height of people, its free-throw line, and a pipe."""
 JUDGED, ANNOTATED = 15, 30
 """Correspondences of RPE, as in the paper, and those of the oracle: others, as many as the paper says suffice."""
 PERCEPTION = {"detector": "background", "embedder": "auto"}
@@ -87,6 +91,19 @@ class Stage:
     def length(self) -> KnownLength:
         """Marked in the views."""
         return marked_length(self.truth.rig, LENGTH_M, LENGTH_NOISE_PX, self.generator(0))
+
+    @property
+    def prior_knowledge(self) -> dict[str, Any]:
+        """What the paper knew of this scene's scale, as the table `[scale]`; ends of a length marked to `ORACLE_NOISE_PX`."""
+        preset = self.options.preset
+        known: dict[str, Any] = {}
+        if preset in PRIOR_HEIGHTS_M:
+            known["person_height_m"] = PRIOR_HEIGHTS_M[preset]
+        if preset in PRIOR_LENGTHS_M:
+            metres = PRIOR_LENGTHS_M[preset]
+            length = marked_length(self.truth.rig, metres, ORACLE_NOISE_PX, self.generator(3))
+            known["lengths"] = [{"metres": metres, "points": {name: ends.tolist() for name, ends in length.points.items()}}]
+        return known
 
     @cached_property
     def judged(self) -> dict[str, Floats]:

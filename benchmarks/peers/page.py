@@ -1,13 +1,21 @@
-"""The section `peers`: every engine on every case, two cases side by side, and the page that comes of it."""
+"""`docs/results/peers.md`: every engine on every case, two side by side; public scenes whose authors state their errors."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
+from datasets import ROOT
+from pages.cases import Outcomes
+from pages.commit import commit
 from pages.page import Page
+from pages.parts import Wanted, finished, grown
+from pages.sections import Found, Heading
+from peers import public
 from peers.cases import (
     BOX_NOISE,
     CONDITIONS,
@@ -32,11 +40,36 @@ LANES = 2
 """Cases side by side, a core each; the engines of one case run in turn."""
 LIMIT_S = 20.0
 """A run of more seconds is a failure, for all engines alike."""
+KEPT = ROOT / "build" / "peers"
+CODE = ("peers", "lenses")
+"""Folders of the benchmarks that the outcomes depend on, beside the package."""
+ENGINES = "engines"
+_TITLE = "# Beside today's peers"
 NOT_MADE = "not run: environment not made, `make bench-peers`"
 
 
-def run(scratch: Path, quick: bool) -> Iterator[Page]:
-    """All cases; two in a quick run. The page grows with every case."""
+def run(scratch: Path, quick: bool, wanted: Wanted | None = None) -> Iterator[Page]:
+    """The page, which grows with every case of the wanted parts; two cases of the engines in a quick run."""
+    wanted = wanted or Wanted(KEPT)
+    if quick:
+        wanted = replace(wanted, parts=(ENGINES,))
+    return grown("peers", _TITLE, HEADINGS, partial(_part, scratch=scratch, quick=quick, wanted=wanted), wanted, CODE)
+
+
+def _part(part: str, scratch: Path, quick: bool, wanted: Wanted) -> Iterator[Found]:
+    """A part again and again, as its cases are finished."""
+    if part == ENGINES:
+        return _run_engines(scratch, quick)
+    return finished(part, public.cases(), public.work, _public_found, wanted, CODE)
+
+
+def _public_found(part: str, cases: Mapping[str, public.PublicCase], done: Outcomes, code: str) -> Found:
+    del part
+    return Found(public.text_of(cases, done, code))
+
+
+def _run_engines(scratch: Path, quick: bool) -> Iterator[Found]:
+    """All cases; two in a quick run."""
     cases = quick_cases() if quick else all_cases()
     rows: list[Row] = []
     missing: list[str] = []
@@ -45,7 +78,7 @@ def run(scratch: Path, quick: bool) -> Iterator[Page]:
             rows += found
             if not found:
                 missing.append(case.name)
-            yield page(merged(rows), missing, quick=quick)
+            yield Found(f"{engines_text(merged(rows), missing, quick=quick)}\n\nCode of commit {commit()}.")
 
 
 def merged(rows: Sequence[Row]) -> list[Row]:
@@ -80,14 +113,15 @@ def run_case(case: Case, scratch: Path, peers: Sequence[Engine]) -> list[Row]:
     return rows
 
 
-def page(rows: Sequence[Row], missing: Sequence[str] = (), peers: Sequence[Engine] = PEERS, *, quick: bool = False) -> Page:
-    """The page of the rows so far; `missing` names the cases whose data are not at hand."""
+def engines_text(
+    rows: Sequence[Row], missing: Sequence[str] = (), peers: Sequence[Engine] = PEERS, *, quick: bool = False
+) -> str:
+    """The tables of the rows so far; `missing` names the cases whose data are not at hand."""
     engines = [peer.name for peer in peers if any(peer.name in row.results for row in rows)]
     absent = [f"- {peer.name}: {NOT_MADE}" for peer in peers if peer.interpreter() is None]
     absent += [f"- {name}: not run: data not here" for name in missing]
     versions = sorted({result.version for row in rows for result in row.results.values() if result.version})
     parts = [
-        _HEAD,
         _QUICK if quick else "",
         "\n".join(absent),
         errors_table(rows, engines) if rows else "",
@@ -96,13 +130,12 @@ def page(rows: Sequence[Row], missing: Sequence[str] = (), peers: Sequence[Engin
     if engines:
         parts += [summary_table(rows, engines), goal_lines(rows, engines), _COSTS, costs_table(rows, engines)]
     parts.append(f"Engines: {', '.join(versions)}." if versions else "")
-    return Page("peers", "\n\n".join(part for part in parts if part) + "\n")
+    return "\n\n".join(part for part in parts if part)
 
 
 _SHARES = " or ".join(f"{100 * share:g} %" for share in CONDITIONS.values() if share)
 
-_HEAD = f"""# Beside today's peers
-
+_ENGINES = f"""\
 Identities are given to all engines: the peers cannot find them. All get the same observations, at most {INSTANTS} instants of
 each set ({JOINT_INSTANTS} of joints): Passerby as boxes or joints (default options), its peers as points that two cameras or
 more saw: the *centre* of each whole box, its *top+bottom*, or *joints*. Similarity errors, means over all cameras, and over
@@ -129,3 +162,18 @@ over the cases where neither fails, those of *whole* over all, where a peer that
 _COSTS = """Processor seconds of the solver alone (its input read, its modules imported before) and of the whole process, with
 the start of Python, and peak memory. One thread each, the engines of a case in turn, two cases side by side on two cores. It
 is processor time because that depends little on what else the machine does; with one thread it is the time by the clock."""
+
+_PUBLIC = """16 of the 160 synthetic sports scenes of Yang 2026: golf and kendo, 3 to 10 cameras of 1200 x 1200 pixels on a
+hemisphere, one person with 19 joints and a stick of known length in the hands, 50 time steps, joints and stick with noise of
+0.1 or 0.5 px. With the stick the authors report 0.016 to 0.020 degrees and about 1 mm; for methods that use people only, 0.22
+to 0.27 degrees and 3 to 7 cm.
+
+A row is the mean over its two scenes. *similarity*: position and orientation error after similarity alignment. *metric*:
+position error with the scale as it was found, the first camera held. *scale error*: how far the rig's scale is from 1. *with
+the stick*: its two ends are a wand (`[[scale.wands]]`). *time*: processor seconds of one calibration, one thread."""
+
+HEADINGS: Mapping[str, Heading] = {
+    ENGINES: Heading("The same observations for all engines", _ENGINES),
+    "public": Heading("Public scenes with a stick", _PUBLIC),
+}
+"""Of the parts, in their order on the page."""

@@ -17,6 +17,8 @@ from passerby.evaluation.metrics import Comparison, compare
 from passerby.interchange.coco import read_keypoints
 from passerby.interchange.motchallenge import read_boxes
 from passerby.interchange.rig_toml import read_rig
+from passerby.scene.camera_input import CameraInput
+from passerby.scene.joint_layouts import correct_layouts
 from support.scenes.people_and_rigs import solve
 
 pytestmark = pytest.mark.real
@@ -36,6 +38,9 @@ def solved(folder: Path, every: int = 1) -> tuple[Solution, Rig, Comparison]:
         else:
             keypoints = read_keypoints(joints)
             seen[camera.name] = CameraObservations(keypoints=keypoints.take(keypoints.frame % every == 0))
+    readings = [CameraInput(name, boxes=one.boxes, keypoints=one.keypoints) for name, one in seen.items()]
+    correct_layouts(readings)
+    seen = {reading.name: reading.seen for reading in readings}
     solution = solve(truth, Observations(seen))
     found = compare(solution.rig, truth)
     assert found.missing == ()
@@ -93,15 +98,19 @@ def test_shelf_joints(data_root: Path) -> None:
 
 
 def test_one_person_on_the_spot(data_root: Path) -> None:
-    """Measured 34.2 mm, 0.556 degrees; the joints go under wrong names there, which is noticed.
+    """Measured 34.0 mm, 0.556 degrees; the files have BODY_25B's joints under BODY_25's names, which is corrected.
 
-    It was 28.7 mm with a power of the joints' confidence that this very set had chosen; films choose another.
+    The third power of the joints' confidence gives 28.5 mm, but neither the joints' residuals here and in Shelf nor their
+    errors in rendered films grow so fast. The cameras' stated sigmas are 35 mm, and the truth itself is no better than 25 mm.
     """
     solution, _, found = solved(data_root / "pose2sim_single")
     assert_within(found, 37, 0.65)
     assert solution.verdict == "doubtful"
-    assert any("names do not fit the images" in reason for reason in solution.reasons)
+    assert not any("names do not fit the images" in reason for reason in solution.reasons)
+    # One person who balances on the spot: where up is stays uncertain, and is no farther off than that.
     assert any("up direction is uncertain" in reason for reason in solution.reasons)
+    assert found.gravity_error_deg is not None
+    assert found.gravity_error_deg < 2 * solution.figures.vertical_sigma_deg
 
 
 def test_errors_on_real_people_are_what_the_sigmas_say(data_root: Path) -> None:

@@ -20,6 +20,7 @@ from passerby.core.observations import Boxes, Keypoints
 from passerby.interchange.storage.faults import FileFaults
 from passerby.scene.errors import explain_fault
 from passerby.scene.inputs import IN_MEMORY, assemble_inputs
+from passerby.scene.joint_layouts import correct_layouts
 from passerby.scene.reading import input_from_memory
 from passerby.scene.scene import TABLES, Scene
 
@@ -77,6 +78,7 @@ def calibrate_observations(
         input_from_memory(scene, camera, lens, seen.get(camera, empty[0]), joints.get(camera, empty[1]))
         for camera, lens in known.items()
     ]
+    correct_layouts(readings)
     return calibrate_inputs(scene, assemble_inputs(scene, readings), seed=seed, progress=progress, executor=executor)
 
 

@@ -25,6 +25,7 @@ from passerby.perception.sources.recording import gaps_of, recorded_s
 from passerby.scene.camera_input import CameraInput
 from passerby.scene.coarse_boxes import doubt_of_coarse_boxes
 from passerby.scene.file_clocks import file_clock_findings, measure_by_file_clocks
+from passerby.scene.joint_layouts import correct_layouts
 from passerby.scene.lens_sources import group_faults
 from passerby.scene.people_in_images import doubts_of_people, faults_of_people, findings_of_people
 from passerby.scene.pointing import overlapped_people, pointed_people, pointing_faults, stated_identities
@@ -171,6 +172,7 @@ def read_cameras(scene: Scene) -> list[CameraInput]:
     readings = [own.get(name) or read_camera(scene, name, own[scene.models[name][0]], span) for name in scene.cameras]
     readings[0].faults += faults
     align_wall_clocks(scene, readings)
+    correct_layouts(readings)
     if any(reading.fps is None for reading in readings):
         # Frame numbers are counted alike in all cameras: the rate of one camera's video says nothing of the others.
         for reading in readings:
@@ -216,7 +218,7 @@ def scene_faults(scene: Scene, readings: list[CameraInput]) -> list[str]:
 
 
 def scene_findings(scene: Scene, readings: list[CameraInput]) -> list[Finding]:
-    """Oddities between cameras."""
+    """Oddities between cameras; joints under the names of another layout get their own."""
     known = {
         int(who) for reading in readings for part in (reading.boxes, reading.keypoints) for who in np.unique(part.identity)
     }

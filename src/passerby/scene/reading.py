@@ -23,6 +23,7 @@ from passerby.findings.texts import text_of
 from passerby.interchange.coco import read_keypoints
 from passerby.interchange.embeddings import read_embeddings
 from passerby.interchange.formats import read_people_as
+from passerby.interchange.formats.skeletons import standard_names
 from passerby.interchange.motchallenge import read_boxes
 from passerby.interchange.rig_toml import read_lens
 from passerby.interchange.storage.faults import faults_of
@@ -90,6 +91,7 @@ def read_camera(scene: Scene, name: str, model: CameraInput | None = None, span:
     if scene.box_format(name).normalised and reading.filmed_size is not None:
         reading.boxes = replace(reading.boxes, ltwh=reading.boxes.ltwh * np.tile(reading.filmed_size, 2))
     take_wands(scene, reading)
+    _name_joints(reading)
     _settle_doubles(reading)
     if reading.video is not None:
         _check_video(scene, reading, reading.video)
@@ -156,11 +158,17 @@ def input_from_memory(scene: Scene, name: str, lens: Lens, boxes: Boxes, keypoin
     _turn_people(reading)
     reading.keypoints_path = Path("keypoints") if len(keypoints) else None
     take_wands(scene, reading)
+    _name_joints(reading)
     _settle_doubles(reading)
     keep_used(scene, reading)
     check_principal_point(scene, reading, lens)
     _check_people(scene, reading)
     return reading
+
+
+def _name_joints(reading: CameraInput) -> None:
+    """Give the joints the names that the person model knows."""
+    reading.keypoints = replace(reading.keypoints, joints=standard_names(reading.keypoints.joints))
 
 
 def needs_video(scene: Scene, reading: CameraInput) -> bool:

@@ -225,7 +225,7 @@ class TestRunners:
         assert all(peer.interpreter() is None for peer in runners.PEERS)
         with pytest.raises(FileNotFoundError, match="caliscope"):
             runners.run_engine(runners.CALISCOPE, tmp_path, tmp_path, 1.0)
-        text = page.page([], ["PETS2009, clean"]).text
+        text = page.engines_text([], ["PETS2009, clean"])
         for peer in runners.PEERS:
             assert f"- {peer.name}: not run: environment not made, `make bench-peers`" in text
         assert "- PETS2009, clean: not run: data not here" in text
@@ -316,6 +316,6 @@ def test_the_page_runs_from_a_case_to_text(bench: Callable[[str], ModuleType], t
     assert rows[0].ours.failure is None
     assert rows[0].ours.mm is not None
     assert rows[0].ours.mm < 300
-    text = page.page(rows, (), [engine]).text
+    text = page.engines_text(rows, (), [engine])
     assert "fails: RuntimeError: I am no engine" in text
     assert "| short scene | clean " in text

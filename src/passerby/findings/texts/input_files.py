@@ -84,6 +84,12 @@ INPUT_FILES: Mapping[str, Kind] = {
         "upside down",
         common=True,
     ),
+    "keypoint_layout_corrected": Kind(
+        NOTICE, "The keypoints have the names of one layout, and lie in the images as those of another: they get its names.",
+        "{who}: the keypoints are named as those of {stated}, but lie in the images as those of {layout}: they are taken as "
+        "{layout} (correlation of {correlation:.2f} with the order from head to feet)",
+        "name them so in the files", common=True,
+    ),
     "boxes_by_centres": Kind(
         DOUBT, "Boxes reach beyond two borders of the images and keep away from the others: their centres were read as their "
         "left and upper edges, or these as centres.",

@@ -2,8 +2,9 @@
 
     {"people": [{"person_id": [-1], "pose_keypoints_2d": [x, y, confidence, x, y, confidence, ...]}, ...]}
 
-Joints: BODY_25 (25) or COCO (18), and what other tools put there: COCO's own 17, Halpe's 26 (Pose2Sim, RTMLib) or 136,
-COCO-WholeBody's 133. Confidence 0 is a joint that was not found. `person_id` is -1 where nobody tracked. The frame is the
+Joints: BODY_25 or BODY_25B (25), BODY_135 or COCO (18), and what other tools put there: COCO's own 17, Halpe's 26 (Pose2Sim,
+RTMLib) or 136, BlazePose's 33, COCO-WholeBody's 133. The 25 are taken as BODY_25; a calibration finds out by the images when
+they are BODY_25B. Confidence 0 is a joint that was not found. `person_id` is -1 where nobody tracked. The frame is the
 number at the end of a file's name, before `_keypoints`. OpenPose counts the frames of a video from 0, in twelve digits, and
 Passerby from 1: such numbers are raised by one. The numbers of pictures (their own names, whatever they are) stay.
 
@@ -87,11 +88,11 @@ FORMAT = Format(
     tools=("OpenPose", "RTMLib", "Pose2Sim", "Sports2D"),
     target="folder",
     conventions=(
-        "Read only, one camera's folder. BODY_25 or COCO (18 keypoints), also COCO's 17, Halpe's 26 and 136 and "
-        "COCO-WholeBody's 133: COCO's 17 come first, neck, hips' middle, head and feet are kept after them, face and hands "
-        "are not. Confidence 0 is a keypoint that was not found. The frame is the number at the end of a file's name; twelve "
-        "digits before _keypoints are OpenPose's own count of a video from 0 and are raised by one, since Passerby counts "
-        "from 1."
+        "Read only, one camera's folder. BODY_25, BODY_25B, BODY_135 or COCO (18 keypoints), also COCO's 17, Halpe's 26 and "
+        "136, BlazePose's 33 and COCO-WholeBody's 133: COCO's 17 come first, neck, hips' middle, head and feet are kept after "
+        "them, face and hands are not. Confidence 0 is a keypoint that was not found. The frame is the number at the end of a "
+        "file's name; twelve digits before _keypoints are OpenPose's own count of a video from 0 and are raised by one, since "
+        "Passerby counts from 1."
     ),
     read_people=read_people,
 )
