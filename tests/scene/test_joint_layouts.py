@@ -9,6 +9,7 @@ import pytest
 
 from passerby.core.observations import BODY_17, Keypoints
 from passerby.interchange.formats.skeletons import BODY_25, BODY_25B, ordered_joints
+from passerby.findings.finding import Finding
 from passerby.scene.camera_input import CameraInput
 from passerby.scene.joint_layouts import correct_layouts
 from support.scenes.simulated import scene
@@ -34,13 +35,20 @@ def readings(people: dict[str, Keypoints], names: tuple[str, ...]) -> list[Camer
     return [CameraInput(name, keypoints=replace(one, joints=names)) for name, one in people.items()]
 
 
+def corrected(given: list[CameraInput]) -> list[Finding]:
+    """The notices that a correction adds."""
+    before = [len(one.findings) for one in given]
+    correct_layouts(given)
+    return [finding for one, count in zip(given, before, strict=True) for finding in one.findings[count:]]
+
+
 def test_joints_of_another_layout_get_its_names(people) -> None:
     given = readings(people, BODY_25)
-    (found,) = correct_layouts(given)
+    (found,) = corrected(given)
     assert (found.code, found.severity, found.cameras) == ("keypoint_layout_corrected", "notice", tuple(people))
     assert (found.values["stated"], found.values["layout"]) == ("BODY_25", "BODY_25B")
     assert {one.keypoints.joints for one in given} == {BODY_25B}
-    assert correct_layouts(given) == []
+    assert corrected(given) == []
 
 
 def test_columns_in_another_order(people) -> None:
@@ -51,7 +59,7 @@ def test_columns_in_another_order(people) -> None:
         for name, one in people.items()
     }
     given = readings(moved, ordered_joints(BODY_25))
-    assert len(correct_layouts(given)) == 1
+    assert len(corrected(given)) == 1
     for one in given:
         column = one.keypoints.joints.index("left_knee")
         np.testing.assert_array_equal(one.keypoints.xy[:, column], people[one.name].xy[:, BODY_25B.index("left_knee")])
@@ -59,7 +67,7 @@ def test_columns_in_another_order(people) -> None:
 
 def test_right_names_stay(people) -> None:
     given = readings(people, BODY_25B)
-    assert correct_layouts(given) == []
+    assert corrected(given) == []
     assert {one.keypoints.joints for one in given} == {BODY_25B}
 
 
@@ -68,7 +76,7 @@ def test_names_that_fit_no_layout_stay(people) -> None:
     shuffle = np.random.default_rng(3).permutation(25)
     shuffled = {name: replace(one, xy=one.xy[:, shuffle]) for name, one in people.items()}
     given = readings(shuffled, BODY_25)
-    assert correct_layouts(given) == []
+    assert corrected(given) == []
     assert {one.keypoints.joints for one in given} == {BODY_25}
 
 
