@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from passerby.core.observations import BODY_17, Keypoints
-from passerby.interchange.formats.skeletons import BODY_25, BODY_25B, ordered_joints
 from passerby.findings.finding import Finding
+from passerby.interchange.formats.skeletons import BODY_25, BODY_25B, ordered_joints
 from passerby.scene.camera_input import CameraInput
 from passerby.scene.joint_layouts import correct_layouts
 from support.scenes.simulated import scene
