@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Literal
 from passerby.common.errors import InputError
 from passerby.core.cameras import Lens
 from passerby.core.lens import LARGEST_FOCAL_SD
-from passerby.interchange.formats.losses import Losses
+from passerby.interchange.formats.losses import Losses, Unread
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -69,6 +69,8 @@ class Given:
     """Of lengths in the file; None: as the file says, or the format's own unit."""
     losses: Losses = field(default_factory=Losses)
     """What is in the file and cannot be kept."""
+    unread: Unread = field(default_factory=Unread)
+    """What is in the file beyond lenses and poses, and is not read: readers add to it."""
 
     def size_of(self, place: str) -> tuple[int, int]:
         """The size that the user gave. Raises `InputError`, beginning with `place`, where none was given."""
