@@ -48,6 +48,8 @@ SIZE_NAMES = ("imagesize", "imgsize", "size", "resolution", "imageresolution")
 _WIDTH, _HEIGHT = ("imagewidth", "width"), ("imageheight", "height")
 _MODEL = ("distortionmodel", "cameramodel", "model", "projectionmodel")
 _FISHEYE = ("fisheyemodel", "fisheye", "isfisheye", "usefisheye")
+LENS_NAMES = frozenset({*MATRIX_NAMES, *DISTORTION_NAMES, *SIZE_NAMES, *_WIDTH, *_HEIGHT, *_MODEL, *_FISHEYE})
+"""All keys that a lens is read from."""
 _PINHOLE_MODELS = (
     "", "plumbbob", "pinhole", "radtan", "radialtangential", "rationalpolynomial", "opencv", "brown", "brownconrady",
 )  # fmt: skip

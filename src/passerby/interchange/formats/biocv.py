@@ -19,6 +19,7 @@ from passerby.common.errors import InputError
 from passerby.common.text import natural_key, shortened
 from passerby.core.cameras import PINHOLE_DISTORTION_LENGTHS, Camera, Lens, Rig
 from passerby.interchange.formats.format import Format, Given
+from passerby.interchange.formats.recognition import FileSample
 from passerby.interchange.formats.values import rigid
 from passerby.interchange.gathering import gathered_rig
 from passerby.interchange.storage.faults import read_text
@@ -64,6 +65,10 @@ def _camera(file: Path, given: Given) -> Camera:
     return Camera(file.stem, lens, rigid("the 4 x 4 matrix", transform, given.metres_per_unit or METRES))
 
 
+def _recognises(sample: FileSample) -> bool:
+    return sample.suffix == SUFFIX and calib_numbers(sample.data.decode("utf-8", errors="replace")) is not None
+
+
 FORMAT = Format(
     name="biocv",
     title="BioCV's calibrations (.calib)",
@@ -75,4 +80,5 @@ FORMAT = Format(
         "and pixels, millimetres; pinhole with k1 k2 p1 p2 k3."
     ),
     read=read,
+    recognises=_recognises,
 )

@@ -27,6 +27,7 @@ from passerby.common.text import shortened
 from passerby.core.cameras import Camera, Lens, Pose, Rig
 from passerby.interchange.formats.format import Format, Given
 from passerby.interchange.formats.lens_models import trim_coefficients
+from passerby.interchange.formats.recognition import FileSample
 from passerby.interchange.formats.values import load_json, numbers, table, whole
 from passerby.interchange.gathering import gathered_rig
 from passerby.interchange.rotation_vectors import rotation_of
@@ -113,6 +114,11 @@ def _value(parameters: dict[Any, Any], key: str) -> float:
     return float(numbers(key, table(key, parameters.get(key), "val"), "val", ()))
 
 
+def _recognises(sample: FileSample) -> bool:
+    calibration = sample.table.get("Calibration")
+    return isinstance(calibration, dict) and isinstance(calibration.get("cameras"), list)
+
+
 FORMAT = Format(
     name="calibio",
     title="calib.io's Camera Calibrator (JSON)",
@@ -126,4 +132,5 @@ FORMAT = Format(
         "frame (`passerby align`)."
     ),
     read=read,
+    recognises=_recognises,
 )

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from passerby.core.cameras import Rig
     from passerby.core.observations import Boxes, Keypoints
     from passerby.core.trajectories import Trajectories
+    from passerby.interchange.formats.recognition import FileSample
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,6 +112,8 @@ class Format:
     """Cameras; a lens without a pose is a camera without a pose. Raises `InputError` (file, place, value, remedy)."""
     read_people: Callable[[Path, Given], People] | None = None
     """One camera's boxes or joints. Raises `InputError`."""
+    recognises: Callable[[FileSample], bool] | None = None
+    """Whether a file is a calibration of this format, or the part of it that has the intrinsics. Never raises."""
     companions: frozenset[str] = frozenset()
     """Of a folder: files below it that no reader takes for a camera, so that others of their kind may lie beside them."""
     draws_people: bool = False

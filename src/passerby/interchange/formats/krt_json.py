@@ -34,12 +34,13 @@ from passerby.core.cameras import Camera, Lens, Pose, Rig
 from passerby.interchange.formats.format import Export, Format, Given
 from passerby.interchange.formats.lens_models import RADTAN_5, express_lens
 from passerby.interchange.formats.losses import Losses
+from passerby.interchange.formats.recognition import FileSample
 from passerby.interchange.formats.values import load_json, padded, rotation
 from passerby.interchange.gathering import gathered_rig
 from passerby.interchange.opencv_lens import (
     DISTORTION_NAMES,
+    LENS_NAMES,
     MATRIX_NAMES,
-    SIZE_NAMES,
     first_value,
     lens_in,
     numbers_of,
@@ -61,8 +62,7 @@ VOXELPOSE = ("fx", "fy", "cx", "cy", "k", "p", "r", "t")
 PANOPTIC_ONLY = ("panel", "node")
 """Keys that CMU Panoptic's tables have, and that nobody else's do. They repeat the name (`00_03`)."""
 READ = frozenset({
-    *NAMES, *ROTATION, *TRANSLATION, *UNITS, *FOCAL, "rt", "p", *MATRIX_NAMES, *DISTORTION_NAMES, *SIZE_NAMES, "fisheye",
-    "fisheyemodel", "isfisheye", "distortionmodel", "cameramodel", "rectifyalpha",
+    *NAMES, *ROTATION, *TRANSLATION, *UNITS, *FOCAL, *LENS_NAMES, "rt", "p", "rectifyalpha",
 })  # fmt: skip
 
 
@@ -103,7 +103,7 @@ def _write_panoptic(export: Export, losses: Losses) -> Mapping[str, bytes]:
                 "t": [[value / CENTIMETRES] for value in camera.pose.t_cw.tolist()],
             }
         )
-    return {"": _text({"calibDataSource": "passerby", "cameras": tables})}
+    return {"": _text({"cameras": tables})}
 
 
 def _text(value: Any) -> bytes:
@@ -248,6 +248,20 @@ def _numbers(path: Path, key: str, value: Any, count: int) -> Floats:
     return found
 
 
+def _recognises_krt(sample: FileSample) -> bool:
+    tables = _krt_tables(sample)
+    return bool(tables) and not any(key in table for table in tables for key in PANOPTIC_ONLY)
+
+
+def _recognises_panoptic(sample: FileSample) -> bool:
+    return any(key in table for table in _krt_tables(sample) for key in PANOPTIC_ONLY)
+
+
+def _krt_tables(sample: FileSample) -> list[dict[str, Any]]:
+    """The tables of cameras with K, R and t in a JSON file."""
+    return [table for _, table in plain_tables(sample.content) if is_krt(table)] if sample.suffix == ".json" else []
+
+
 FORMATS: Mapping[str, Format] = {
     "krt-json": Format(
         name="krt-json",
@@ -263,6 +277,7 @@ FORMATS: Mapping[str, Format] = {
         ),
         write=_write_krt,
         read=read_krt,
+        recognises=_recognises_krt,
     ),
     "panoptic": Format(
         name="panoptic",
@@ -277,5 +292,6 @@ FORMATS: Mapping[str, Format] = {
         ),
         write=_write_panoptic,
         read=read_panoptic,
+        recognises=_recognises_panoptic,
     ),
 }

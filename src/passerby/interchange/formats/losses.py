@@ -10,7 +10,7 @@ so that nothing is dropped without a word.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Mapping
 
 from passerby.common.errors import InputError
 from passerby.common.text import shortened_text
@@ -55,9 +55,9 @@ class Unread:
         self._counts[what] += 1
 
     def keys(self, found: Iterable[object], read: Collection[object]) -> None:
-        """The keys of a table that are not among those that the reader knows."""
+        """The keys that are not among those that the reader knows; of a mapping, those with a value that says something."""
         for key in found:
-            if key not in read:
+            if key not in read and not (isinstance(found, Mapping) and _says_nothing(found[key])):
                 self.add(shortened_text(str(key)))
 
     @property
@@ -68,3 +68,12 @@ class Unread:
         listed = [what if count == 1 else f"{what} ({count} times)" for what, count in self._counts.items()]
         more = f" and {len(listed) - LISTED} more" if len(listed) > LISTED else ""
         return (f"not read: {', '.join(listed[:LISTED])}{more}",)
+
+
+def _says_nothing(value: object) -> bool:
+    """Whether a value is empty, or what tools write where they have none."""
+    if isinstance(value, dict):
+        return all(map(_says_nothing, value.values()))
+    if isinstance(value, (list, tuple)):
+        return not value
+    return value is None or (isinstance(value, (str, int, float)) and value in ("", "null", 0, False))

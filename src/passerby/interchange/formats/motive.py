@@ -8,8 +8,8 @@
       <Extrinsic X Y Z OrientMatrix0 ... OrientMatrix8/></Camera>
 
 `IntrinsicStandardCameraModel` has OpenCV's distortion, k1 k2 p1 p2 k3 in this order: k1, k2, TangentialX, TangentialY, k3;
-`Intrinsic` is Motive's own model, which is not documented. X, Y, Z is the camera's centre, metres. OrientMatrix has, row by row,
-the rotation from camera to world; the camera's axes are x right, y up, z backward. Motive's world has y up: (x, y, z) becomes
+`Intrinsic` is Motive's own model, which is not documented. X, Y, Z is the camera's centre, metres. OrientMatrix is the rotation
+from camera to world, row by row; the camera's axes are x right, y up, z backward. Motive's world has y up: (x, y, z) becomes
 (x, -z, y) here.
 
 Motive before 3 saves `.cal`, a binary file that only Motive's own library reads. It is recognised, and the message says what to
@@ -31,6 +31,7 @@ from passerby.common.errors import InputError
 from passerby.common.text import shortened_text
 from passerby.core.cameras import Camera, Lens, Pose, Rig
 from passerby.interchange.formats.format import Format, Given
+from passerby.interchange.formats.recognition import FileSample
 from passerby.interchange.formats.values import attribute_numbers, load_xml, rotation
 from passerby.interchange.gathering import gathered_rig
 from passerby.interchange.storage.safe_parsing import file_bytes
@@ -113,6 +114,18 @@ def _lens(name: str, element: ElementTree.Element, given: Given) -> Lens:
     return Lens((int(width), int(height)), np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]]), coefficients)
 
 
+def _recognises(sample: FileSample) -> bool:
+    return sample.suffix == SUFFIX or (sample.suffix == BINARY_SUFFIX and _is_binary(sample.data))
+
+
+def _is_binary(data: bytes) -> bool:
+    """Whether bytes are no text: other tools call text files .cal too."""
+    try:
+        return "\0" in data.decode()
+    except UnicodeDecodeError:
+        return True
+
+
 FORMAT = Format(
     name="motive",
     title="Calibration of OptiTrack Motive (.mcal)",
@@ -126,4 +139,5 @@ FORMAT = Format(
         " cannot be read: save it as .mcal in Motive 3."
     ),
     read=read,
+    recognises=_recognises,
 )

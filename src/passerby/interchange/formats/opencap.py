@@ -24,6 +24,7 @@ from passerby.common.errors import InputError
 from passerby.common.text import natural_key, shortened
 from passerby.core.cameras import Camera, Lens, Pose, Rig
 from passerby.interchange.formats.format import Format, Given
+from passerby.interchange.formats.recognition import FileSample
 from passerby.interchange.formats.values import rotation
 from passerby.interchange.gathering import gathered_rig
 from passerby.interchange.storage.pickled_arrays import parse_pickled_arrays
@@ -86,6 +87,16 @@ def _numbers(values: dict[Any, Any], key: str, count: int) -> Floats:
     return array
 
 
+def _recognises(sample: FileSample) -> bool:
+    if sample.suffix not in (SUFFIX, ".pkl"):
+        return False
+    try:
+        content = parse_pickled_arrays(sample.data)
+    except NotParsed:
+        return False
+    return isinstance(content, dict) and {"intrinsicMat", "distortion", "imageSize"} <= content.keys()
+
+
 FORMAT = Format(
     name="opencap",
     title="OpenCap's cameraIntrinsicsExtrinsics.pickle",
@@ -99,4 +110,5 @@ FORMAT = Format(
         "arrays are read from it."
     ),
     read=read,
+    recognises=_recognises,
 )

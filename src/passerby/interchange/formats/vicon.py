@@ -31,6 +31,7 @@ from passerby.core.cameras import Camera, Lens, Pose, Rig
 from passerby.interchange.formats.format import Format, Given
 from passerby.interchange.formats.lens_models import RADTAN_5, RATIONAL_8, how_far, nearest_lens
 from passerby.interchange.formats.lens_rays import Rays
+from passerby.interchange.formats.recognition import FileSample
 from passerby.interchange.formats.values import attribute_numbers, load_xml
 from passerby.interchange.gathering import gathered_rig
 from passerby.interchange.tsai import WORST_PX
@@ -116,9 +117,7 @@ def _radial(name: str, frame: ElementTree.Element, principal: Floats, given: Giv
         if model == MODEL:
             values = attribute_numbers(inner, "VICON_RADIAL2", 5)
             return values[:2], values[2:]
-        given.losses.add(
-            f"camera {name}: its distortion {shortened(model)} is left out: only {MODEL} is known, image points are off"
-        )
+        given.losses.add(f"camera {name}: its distortion {shortened(model)} is left out: only {MODEL} is known")
         return None
     return principal, np.append(attribute_numbers(frame, "VICON_RADIAL", 2, 0.0), 0.0)
 
@@ -141,12 +140,16 @@ def _project(plain: Lens, centre: Floats, k: Floats, rays: Floats) -> Floats:
 
 def _undistorted(radius: Floats, k: Floats) -> Floats:
     square = radius**2
-    return radius * (1 + square * (k[0] + square * (k[1] + square * k[2])))
+    return np.asarray(radius * (1 + square * (k[0] + square * (k[1] + square * k[2]))))
 
 
 def _slope(radius: Floats, k: Floats) -> Floats:
     square = radius**2
-    return 1 + square * (3 * k[0] + square * (5 * k[1] + square * 7 * k[2]))
+    return np.asarray(1 + square * (3 * k[0] + square * (5 * k[1] + square * 7 * k[2])))
+
+
+def _recognises(sample: FileSample) -> bool:
+    return sample.suffix == SUFFIX or (sample.tag == "Cameras" and sample.has_elements("Camera/KeyFrames"))
 
 
 FORMAT = Format(
@@ -162,4 +165,5 @@ FORMAT = Format(
         "square are losses. Cameras without a KeyFrame are not read."
     ),
     read=read,
+    recognises=_recognises,
 )
