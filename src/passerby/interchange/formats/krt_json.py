@@ -20,7 +20,7 @@ All have OpenCV's camera axes and pixels.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -129,8 +129,16 @@ def read_panoptic(path: Path, given: Given, kinds: tuple[str, ...] | None = None
     return _gathered(path, tables, partial(_panoptic_camera, path, given))
 
 
-def _gathered(path: Path, tables: list[tuple[str, dict[str, Any]]], camera: Any) -> Rig:
-    return gathered_rig(path, ((f"camera {shortened_text(name)}", partial(camera, name, table)) for name, table in tables))
+def _gathered(path: Path, tables: list[tuple[str, dict[str, Any]]], camera: Callable[..., Camera]) -> Rig:
+    """The rig of the cameras that `camera` makes of names and tables. Raises `FileFaults` that name the cameras."""
+
+    def read(name: str, table: dict[str, Any]) -> Camera:
+        try:
+            return camera(name, table)
+        except InputError as error:
+            raise InputError(str(error).removeprefix(f"{path}: ")) from None
+
+    return gathered_rig(path, ((f"camera {shortened_text(name)}", partial(read, name, table)) for name, table in tables))
 
 
 def camera_tables(content: Any) -> Iterator[tuple[str, Any]]:
@@ -195,6 +203,8 @@ def _krt_camera(path: Path, stated: Any, given: Given, name: str, table: dict[st
 def _panoptic_camera(path: Path, given: Given, name: str, table: dict[str, Any]) -> Camera:
     """One camera of CMU Panoptic. Raises `InputError` without the place."""
     given.unread.keys(table, {*READ, *PANOPTIC_ONLY, "type"})
+    if not isinstance(table.get("name"), str) or not table["name"].strip():
+        raise InputError(f"name is {shortened(table.get('name'))}: a text is needed; take the file from the set again")
     lens = _lens(path, name, table, given)
     R, t = _rotation_and_translation(path, table)
     if R is None or t is None:
@@ -214,7 +224,7 @@ def _lens(path: Path, name: str, table: dict[str, Any], given: Given) -> Lens:
             values["distortion"] = [k[0], k[1], *_numbers(path, "p", tangential, 2), k[2]]
     if first_value(values, DISTORTION_NAMES) is None:
         given.unread.add(f"camera {shortened_text(name)} states no distortion: none is assumed")
-        values["distortion"] = [0.0]
+        values["distortion"] = [0.0] * 4
     values |= {key: str(value) for key, value in values.items() if key == "model"}
     stored = lens_in(path, values)
     assert stored is not None

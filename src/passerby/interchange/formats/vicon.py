@@ -66,9 +66,7 @@ def read(path: Path, given: Given) -> Rig:
         else:
             cameras.append((f"camera {shortened_text(name)}", partial(_camera, name, element, given)))
     if not cameras:
-        raise InputError(
-            f"{path}: none of its {len(elements)} cameras is calibrated (has a KeyFrame): calibrate in Vicon first"
-        )
+        raise InputError(f"{path}: none of its {len(elements)} cameras has a KeyFrame: calibrate them in Vicon first")
     return gathered_rig(path, cameras)
 
 

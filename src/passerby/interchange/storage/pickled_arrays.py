@@ -35,6 +35,8 @@ _NAMES = {
     ("numpy", "ndarray"): "ndarray",
     ("numpy", "dtype"): "dtype",
     ("_codecs", "encode"): "encode",
+    ("__builtin__", "bytes"): "bytes",
+    ("builtins", "bytes"): "bytes",
 }
 """Names that may occur in a pickle, by module and name -> what this reader does for them."""
 
@@ -163,6 +165,8 @@ def _made(kind: str, arguments: tuple[Any, ...]) -> Any:
         return _Type(str(arguments[0]))
     if kind == "encode" and isinstance(arguments[0], str):
         return arguments[0].encode("latin-1")
+    if kind == "bytes" and not arguments:
+        return b""
     if kind == "scalar":
         return _numbers((), arguments[0], arguments[1], False).item()
     if kind == "_frombuffer":
