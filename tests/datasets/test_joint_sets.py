@@ -236,7 +236,7 @@ PANOPTIC_BREAKS = {
     "no rotation": (lambda f: camera(f, R=[[1, 0, 0], [0, 1, 0], [0, 0, -1]]), "camera 00_00: R.*not a rotation"),
     "not finite": (lambda f: camera(f, t=[[1], [float("nan")], [2]]), "camera 00_00: t is .*finite numbers"),
     "too few": (lambda f: camera(f, distCoef=[0.1, 0.2]), "camera 00_00: distortions has 2 values"),
-    "no focal length": (lambda f: camera(f, K=[[0, 0, 1], [0, 0, 1], [0, 0, 1]]), "camera 00_00: matrix .* not a camera matrix"),
+    "no focal length": (lambda f: camera(f, K=[[0, 0, 1], [0, 0, 1], [0, 0, 1]]), "00_00: matrix .* not a camera matrix"),
     "joints cut short": (lambda f: poses(f).write_text(poses(f).read_text()[:-40]), r"body3DScene_00000140.json: is not JSON"),
     "no bodies": (lambda f: poses(f).write_text("{}"), "'bodies' is missing"),
     "a joint too few": (lambda f: body(f, joints19=[0.0] * 72), r"bodies\[0\]: joints19 .*19 x 4 numbers are needed"),

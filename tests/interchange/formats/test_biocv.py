@@ -37,8 +37,8 @@ def test_bad_files(tmp_path):
     path = calib(tmp_path / "00.calib", (0.1, 0.2))
     with pytest.raises(InputError, match=r"00.calib: the file: holds no width, height"):
         read_rig_as("biocv", path)
-    with pytest.raises(InputError, match="the 4 x 4 matrix: .* not a rotation"):
+    with pytest.raises(InputError, match=r"the 4 x 4 matrix: .* not a rotation"):
         read_rig_as("biocv", calib(path, rotation=np.diag([1.0, 1, -1])))
     (tmp_path / "empty").mkdir()
-    with pytest.raises(InputError, match="holds no .calib file"):
+    with pytest.raises(InputError, match=r"holds no [.]calib file"):
         read_rig_as("biocv", tmp_path / "empty")

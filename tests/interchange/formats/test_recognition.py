@@ -7,8 +7,8 @@ from passerby.interchange.rig_toml import write_rig
 from support.untrusted import example_files as example
 
 BY_FOLDER = {
-    "colmap": "cameras.txt", "colmap-bin": "cameras.bin", "opencv": "A.yml", "easymocap": "intri.yml", "ros": "camera_info/A.yaml",
-    "mv3dt": "camInfo/A.yml",
+    "colmap": "cameras.txt", "colmap-bin": "cameras.bin", "opencv": "A.yml", "easymocap": "intri.yml",
+    "ros": "camera_info/A.yaml", "mv3dt": "camInfo/A.yml",
 }  # fmt: skip
 """The file of a folder's rig that has the intrinsics."""
 BY_NAME = {"pose2sim": "Calib.toml"}
@@ -34,7 +34,8 @@ def test_a_format_recognises_its_files_and_reads_what_it_recognises(form, tmp_pa
     found = recognise_format(path)
     assert found is not None
     assert found.name == form.name
-    assert len(read_rig_as(found.name, path, Given((640, 480), 1.0), lossy=True)[0])
+    size = None if form.name in example.READ_ONLY else (640, 480)
+    assert len(read_rig_as(found.name, path, Given(size, 1.0), lossy=True)[0])
 
 
 @pytest.mark.parametrize("form", READERS, ids=lambda form: form.name)
