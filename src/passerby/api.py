@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -81,12 +82,18 @@ def import_rig(
         format: one of those that `passerby formats` lists.
         size: (width, height) of the images, if the file does not state it.
         metres_per_unit: of lengths, if the file does not state them in metres.
-        lossy: continue where not everything in the file can be kept.
+        lossy: continue where not everything in the file can be kept; a warning (`UserWarning`) says what is lost.
+
+    What the file holds and the rig does not take, such as residuals, is listed in a warning.
 
     Raises:
         InputError: an unknown format, or a file that cannot be read so.
     """
-    return read_rig_as(format, Path(path), Given(size, metres_per_unit), lossy=lossy)[0]
+    given = Given(size, metres_per_unit)
+    rig, losses = read_rig_as(format, Path(path), given, lossy=lossy)
+    for told in (*(f"lost: {loss}" for loss in losses), *given.unread.told):
+        warnings.warn(f"{path}: {told}", stacklevel=2)
+    return rig
 
 
 def evaluate(rig: RigLike, truth: RigLike, reference: str | None = None) -> Comparison:

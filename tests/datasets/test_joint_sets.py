@@ -183,6 +183,13 @@ def camera(folder: Path, **values: object) -> None:
     path.write_text(json.dumps(content))
 
 
+def every_camera(folder: Path, **values: object) -> None:
+    """Change all cameras of Panoptic's calibration."""
+    path = folder / "calibration_sequence.json"
+    content = json.loads(path.read_text())
+    path.write_text(json.dumps({"cameras": [table | values for table in content["cameras"]]}))
+
+
 def poses(folder: Path, number: int = 0) -> Path:
     return sorted((folder / "hdPose3d_stage1_coco19").iterdir())[number]
 
@@ -222,13 +229,14 @@ PANOPTIC_BREAKS = {
         lambda f: shutil.copy(f / "calibration_sequence.json", f / "calibration_other.json"),
         "calibration_other.json and calibration_sequence.json",
     ),
-    "empty": (lambda f: (f / "calibration_sequence.json").write_text(""), "sequence.json: is not JSON"),
-    "no cameras": (lambda f: (f / "calibration_sequence.json").write_text('{"cameras": []}'), "no camera is of the type 'hd'"),
+    "empty": (lambda f: (f / "calibration_sequence.json").write_text(""), "sequence.json: line 1: is not JSON"),
+    "no cameras": (lambda f: (f / "calibration_sequence.json").write_text('{"cameras": []}'), "holds no camera"),
+    "no hd camera": (lambda f: every_camera(f, type="vga"), "no camera is of the type hd"),
     "a camera twice": (lambda f: camera(f, name="00_01"), "00_01 occurs twice"),
-    "no rotation": (lambda f: camera(f, R=[[1, 0, 0], [0, 1, 0], [0, 0, -1]]), r"cameras\[1\] \(00_00\): R .*not a rotation"),
-    "not finite": (lambda f: camera(f, t=[[1], [float("nan")], [2]]), r"\(00_00\): t is .*must be finite"),
-    "too few": (lambda f: camera(f, distCoef=[0.1, 0.2]), r"\(00_00\): distCoef is \[0.1, 0.2\]: 5 numbers are needed"),
-    "no focal length": (lambda f: camera(f, K=[[0, 0, 1], [0, 0, 1], [0, 0, 1]]), r"\(00_00\): matrix .* not a camera matrix"),
+    "no rotation": (lambda f: camera(f, R=[[1, 0, 0], [0, 1, 0], [0, 0, -1]]), "camera 00_00: R.*not a rotation"),
+    "not finite": (lambda f: camera(f, t=[[1], [float("nan")], [2]]), "camera 00_00: t is .*finite numbers"),
+    "too few": (lambda f: camera(f, distCoef=[0.1, 0.2]), "camera 00_00: distortions has 2 values"),
+    "no focal length": (lambda f: camera(f, K=[[0, 0, 1], [0, 0, 1], [0, 0, 1]]), "00_00: matrix .* not a camera matrix"),
     "joints cut short": (lambda f: poses(f).write_text(poses(f).read_text()[:-40]), r"body3DScene_00000140.json: is not JSON"),
     "no bodies": (lambda f: poses(f).write_text("{}"), "'bodies' is missing"),
     "a joint too few": (lambda f: body(f, joints19=[0.0] * 72), r"bodies\[0\]: joints19 .*19 x 4 numbers are needed"),
@@ -351,7 +359,7 @@ def test_a_matrix_that_is_no_rotation_is_told(rows, tmp_path) -> None:
     for camera in content["cameras"]:
         camera["R"] = [*rows, [0.0, 0.0, 1.0]]
     path.write_text(json.dumps(content))
-    with pytest.raises(InputError, match="this is not a rotation matrix"):
+    with pytest.raises(InputError, match="is not a rotation"):
         read_published("panoptic", tmp_path / "170101_walk1")
 
 

@@ -13,23 +13,20 @@ at -163 cm and the ankles at -8. Turned so that z is up: (x, y, z) becomes (x, z
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from passerby.common.errors import InputError
-from passerby.common.text import shortened, shortened_text
-from passerby.core.cameras import Camera, Lens, Pose, Rig
+from passerby.core.cameras import Rig
 from passerby.core.observations import BODY_17, UNKNOWN
 from passerby.datasets.parsing import check_size, entry, numbered, numbers, read_json, whole
 from passerby.datasets.published import Published
 from passerby.datasets.skeletons import BETWEEN_ANKLES, PROJECTED, Skeletons, check_upright, ground_under, projected
-from passerby.datasets.worlds import rotation
+from passerby.interchange.formats import Given
+from passerby.interchange.formats.krt_json import CENTIMETRES, Y_DOWN_TO_Z_UP, read_panoptic
 
 FPS = 29.97
 POSES = "hdPose3d_stage1_coco19"
-TO_Z_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
-METRES_PER_UNIT = 0.01
 COCO19 = (
     "neck", "nose", "body_centre", "left_shoulder", "left_elbow", "left_wrist", "left_hip", "left_knee", "left_ankle",
     "right_shoulder", "right_elbow", "right_wrist", "right_hip", "right_knee", "right_ankle", "left_eye", "left_ear",
@@ -87,40 +84,8 @@ def _calibration(folder: Path) -> Path:
 
 
 def _rig(path: Path) -> Rig:
-    """All HD cameras, z up, metres."""
-    tables = entry(read_json(path, "a calibration (JSON)"), "cameras", str(path))
-    if not isinstance(tables, list):
-        raise InputError(f"{path}: cameras is not a list: take the file from the set again")
-    cameras = [
-        _camera(table, f"{path}: cameras[{index}]")
-        for index, table in enumerate(tables)
-        if isinstance(table, dict) and table.get("type") == "hd"
-    ]
-    if not cameras:
-        raise InputError(
-            f"{path}: no camera is of the type 'hd', which the keypoints belong to: take the file from the set again"
-        )
-    try:
-        return Rig(tuple(cameras))
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from None
-
-
-def _camera(table: dict[str, Any], place: str) -> Camera:
-    name = entry(table, "name", place)
-    if not isinstance(name, str) or not name.strip():
-        raise InputError(f"{place}: name is {shortened(name)}: a text is needed; take the file from the set again")
-    place = f"{place} ({shortened_text(name)})"
-    width, height = numbers(entry(table, "resolution", place), (2,), f"{place}: resolution", "width and height")
-    matrix = numbers(entry(table, "K", place), (3, 3), f"{place}: K", "3 x 3 numbers")
-    distortions = numbers(entry(table, "distCoef", place), (5,), f"{place}: distCoef", "5 numbers")
-    R = rotation(numbers(entry(table, "R", place), (3, 3), f"{place}: R", "3 x 3 numbers"), f"{place}: R")
-    t = numbers(entry(table, "t", place), (3,), f"{place}: t", "3 numbers")
-    try:
-        lens = Lens((int(width), int(height)), matrix, distortions)
-    except InputError as error:
-        raise InputError(f"{place}: {error}") from None
-    return Camera(name, lens, Pose(R @ TO_Z_UP.T, METRES_PER_UNIT * t))
+    """All HD cameras, which the keypoints belong to, z up, metres."""
+    return read_panoptic(path, Given(), kinds=("hd",))
 
 
 def _media(folder: Path, rig: Rig) -> tuple[dict[str, Path], dict[str, tuple[Path, ...]], dict[str, tuple[int, ...]]]:
@@ -158,6 +123,6 @@ def _skeletons(files: dict[int, Path]) -> Skeletons:
     if not tables:
         raise InputError(f"{next(iter(files.values())).parent}: none of the {len(files)} files has a person: take others")
     joints = np.stack(tables)[:, KEPT]
-    xyz = METRES_PER_UNIT * joints[..., :3] @ TO_Z_UP.T
+    xyz = CENTIMETRES * joints[..., :3] @ Y_DOWN_TO_Z_UP.T
     score = np.clip(joints[..., 3], 0.0, 1.0)
     return Skeletons(np.array(frames), np.array(people), xyz, score, BODY_17)

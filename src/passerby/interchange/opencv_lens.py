@@ -29,15 +29,27 @@ LARGEST_BYTES = 1_000_000
 DEEPEST = 8
 """Tables in tables that are looked into: a lens lies in the first or the second."""
 
-_MATRIX = ("cameramatrix", "intrinsicmatrix", "intrinsicsmatrix", "intrinsic", "intrinsics", "cammatrix", "matrix", "mtx", "k")
-_DISTORTIONS = (
+MATRIX_NAMES = (
+    "cameramatrix",
+    "intrinsicmatrix",
+    "intrinsicsmatrix",
+    "intrinsic",
+    "intrinsics",
+    "cammatrix",
+    "matrix",
+    "mtx",
+    "k",
+)
+DISTORTION_NAMES = (
     "distortioncoefficients", "distortioncoeffs", "distcoeffs", "distcoefs", "distcoeff", "distcoef", "distortionparameters",
     "distortions", "distortion", "dist", "d",
 )  # fmt: skip
-_SIZE = ("imagesize", "size", "resolution", "imageresolution")
+SIZE_NAMES = ("imagesize", "imgsize", "size", "resolution", "imageresolution")
 _WIDTH, _HEIGHT = ("imagewidth", "width"), ("imageheight", "height")
 _MODEL = ("distortionmodel", "cameramodel", "model", "projectionmodel")
 _FISHEYE = ("fisheyemodel", "fisheye", "isfisheye", "usefisheye")
+LENS_NAMES = frozenset({*MATRIX_NAMES, *DISTORTION_NAMES, *SIZE_NAMES, *_WIDTH, *_HEIGHT, *_MODEL, *_FISHEYE})
+"""All keys that a lens is read from."""
 _PINHOLE_MODELS = (
     "", "plumbbob", "pinhole", "radtan", "radialtangential", "rationalpolynomial", "opencv", "brown", "brownconrady",
 )  # fmt: skip
@@ -73,10 +85,10 @@ def read_opencv_lens(path: str | Path) -> StoredLens | None:
 
 def lens_in(path: Path, content: Mapping[str, Any]) -> StoredLens | None:
     """The lens among a file's values, see `read_values`; None where they hold no camera matrix. Raises `InputError`."""
-    matrix = first_value(content, _MATRIX)
+    matrix = first_value(content, MATRIX_NAMES)
     if matrix is None:
         return None
-    distortions = first_value(content, _DISTORTIONS)
+    distortions = first_value(content, DISTORTION_NAMES)
     if distortions is None:
         raise InputError(f"{path}: has a camera matrix, but no distortion coefficients: add them, zeros for a lens without")
     model = _plain(str(first_value(content, _MODEL) or ""))
@@ -119,7 +131,7 @@ def _parsed(text: str) -> Any:
     found = parse_json(text) if head.startswith(("{", "[")) else parse_safe_yaml(ESCAPED_QUOTE.sub(r"\1'", text))
     if not isinstance(found, dict | list):
         raise NotParsed("holds one value only")
-    return _with_plain_keys(found, DEEPEST)
+    return with_plain_keys(found, DEEPEST)
 
 
 def _of_xml(element: ElementTree.Element) -> Any:
@@ -137,12 +149,12 @@ def _of_xml(element: ElementTree.Element) -> Any:
     return values[0] if len(values) == 1 else values
 
 
-def _with_plain_keys(value: Any, levels: int) -> Any:
+def with_plain_keys(value: Any, levels: int) -> Any:
     """The same, its keys plain; what lies deeper than so many levels is left out, since YAML can hold itself."""
     if levels == 0:
         return None
     if isinstance(value, dict):
-        return {_plain(str(key)): _with_plain_keys(inner, levels - 1) for key, inner in value.items()}
+        return {_plain(str(key)): with_plain_keys(inner, levels - 1) for key, inner in value.items()}
     return value
 
 
@@ -170,7 +182,7 @@ def numbers_of(path: Path, what: str, value: Any) -> Floats:
 
 def _size(path: Path, content: Mapping[str, Any]) -> tuple[int, int] | None:
     """(width, height) as far as the file says."""
-    size = first_value(content, _SIZE)
+    size = first_value(content, SIZE_NAMES)
     nested = size if isinstance(size, dict) and "data" not in size else content
     width, height = first_value(nested, _WIDTH), first_value(nested, _HEIGHT)
     if (width is None or height is None) and size is not None and nested is content:

@@ -43,6 +43,11 @@ UNCALIBRATED = "uncalibrated"
 ROTATE = "rotate"
 ROUNDING, LARGEST_VARIANCE = 1e-3, 1e12
 """Of a covariance, the first as a share of its largest number: other tools round to a few digits."""
+CAMERA_KEYS = frozenset({
+    "name", "size", "matrix", "distortions", "rotation", "translation", "fisheye", "position_sigma_mm", "orientation_sigma_deg",
+    "covariance", FOCAL_SD, UNCALIBRATED,
+})  # fmt: skip
+"""Keys of a camera's table that are read."""
 UNFILLED = ("FX", "FY", "CX", "CY")
 """What `passerby init` writes for numbers that it does not know."""
 

@@ -57,6 +57,8 @@ HOLDS = {
     "nerfstudio": {*RADTANS, *FISHEYES},
     "mv3dt": {*RADTANS, "skewed"},
     "amc": {"pinhole", "skewed"},
+    "krt-json": RADTANS,
+    "panoptic": RADTANS,
 }
 """Which lenses each format holds as they are."""
 KEEPS_UNPOSED = {"opencv", "caliscope", "ros"}

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import io
 import json
+import pickle
 import tempfile
 from collections.abc import Mapping
 from functools import cache
@@ -153,7 +154,50 @@ def written(name: str, write: object) -> bytes:
         return (Path(folder) / name).read_bytes()
 
 
-READ_ONLY = {"tsai": TSAI, "qualisys": QUALISYS}
+VICON = (
+    '<?xml version="1.0" encoding="utf-8"?><Cameras VERSION="12"><Camera DEVICEID="2107343" NAME="Front" PIXEL_ASPECT_RATIO="1" '
+    'SENSOR_SIZE="1920 1080" SKEW="0" TYPE="Vue"><KeyFrames><KeyFrame FOCAL_LENGTH="1100.5" FRAME="0" IMAGE_ERROR="0.2" '
+    'ORIENTATION="0.5 0.5 -0.5 0.5" POSITION="1200 -3400 1500" PRINCIPAL_POINT="960 540" '
+    'VICON_RADIAL2="Vicon3Parameter 955 548 -1e-08 1e-15 0"/></KeyFrames></Camera></Cameras>'
+)
+MOTIVE = (
+    '<?xml version="1.0" encoding="UTF-16LE"?><calibrationProfile version="1"><Calibration><Cameras Count="1">'
+    '<Camera Serial="M123"><Properties CameraID="6"/><Attributes ImagerPixelWidth="1664" ImagerPixelHeight="1088"/>'
+    '<IntrinsicStandardCameraModel HorizontalFocalLength="1200" VerticalFocalLength="1201" LensCenterX="830" '
+    'LensCenterY="540" k1="0.01" k2="-0.02" k3="0.001" TangentialX="0.003" TangentialY="-0.004"/>'
+    '<Extrinsic X="1.5" Y="2.5" Z="3.5" OrientMatrix0="1" OrientMatrix1="0" OrientMatrix2="0" OrientMatrix3="0" '
+    'OrientMatrix4="1" OrientMatrix5="0" OrientMatrix6="0" OrientMatrix7="0" OrientMatrix8="1"/></Camera></Cameras>'
+    "</Calibration></calibrationProfile>"
+).encode("utf-16")
+OPENCAP = pickle.dumps(
+    {
+        "distortion": np.array([[0.12, -0.13, 0.001, -0.002, 0.0]]),
+        "intrinsicMat": np.array([[1156.0, 0, 353.4], [0, 1159.0, 647.5], [0, 0, 1]]),
+        "imageSize": np.array([[1280.0], [720.0]]),
+        "rotation": np.eye(3),
+        "translation": np.array([[100.0], [200.0], [3000.0]]),
+        "rotation_EulerAngles": np.zeros((3, 1)),
+    },
+    protocol=4,
+)
+BIOCV = "1920\n1080\n1000 0 960\n0 1000 540\n0 0 1\n\n1 0 0 100\n0 1 0 -50\n0 0 1 4000\n0 0 0 1\n\n-0.1 0.02 0 0 0\n"
+CALIBIO = json.dumps(
+    {"Calibration": {"cameras": [{
+        "model": {
+            "polymorphic_id": 2147483649, "polymorphic_name": "libCalib::CameraModelOpenCV",
+            "ptr_wrapper": {"data": {
+                "parameters": {key: {"val": value} for key, value in (
+                    ("f", 1100.0), ("ar", 1.0), ("cx", 640.0), ("cy", 360.0), ("k1", -0.2), ("k2", 0.05), ("p1", 0.001),
+                )},
+                "CameraModelCRT": {"CameraModelBase": {"imageSize": {"width": 1280, "height": 720}}},
+            }},
+        },
+        "transform": {"rotation": {"rx": 0.1, "ry": 0.2, "rz": 0.3}, "translation": {"x": 1.0, "y": 2.0, "z": 3.0}},
+    }]}}
+)  # fmt: skip
+READ_ONLY: dict[str, str | bytes] = {
+    "tsai": TSAI, "qualisys": QUALISYS, "vicon": VICON, "motive": MOTIVE, "opencap": OPENCAP, "biocv": BIOCV, "calibio": CALIBIO,
+}  # fmt: skip
 """Formats that are not written."""
 
 
@@ -208,7 +252,8 @@ def output_folder() -> Files:
 def exported(name: str, target: str) -> Files:
     """The rig in a format, in one file of that name, or in a folder where it is empty."""
     if name in READ_ONLY:
-        return {target: READ_ONLY[name].encode()}
+        content = READ_ONLY[name]
+        return {target: content if isinstance(content, bytes) else content.encode()}
     with tempfile.TemporaryDirectory() as folder:
         export(Export(rig(bent=name not in ("tsai",))), name, Path(folder) / (target or "rig"), lossy=True)
         return files_of(Path(folder) / ("" if target else "rig"))

@@ -17,7 +17,7 @@ from passerby.datasets.matlab import mat_matrix
 from passerby.datasets.parsing import text_matrix, xml_numbers
 from passerby.interchange.coco import read_keypoints
 from passerby.interchange.embeddings import read_embeddings
-from passerby.interchange.formats import Given, all_formats, read_people_as, read_rig_as
+from passerby.interchange.formats import Given, all_formats, read_people_as, read_rig_as, recognise_format
 from passerby.interchange.motchallenge import read_boxes
 from passerby.interchange.opencv_lens import read_opencv_lens
 from passerby.interchange.output_folder import read_output
@@ -115,6 +115,12 @@ def _scene(path: Path) -> Any:
     return scene, read_inputs(scene).rig
 
 
+def _recognised(path: Path) -> Any:
+    """What reads a file that is recognised; nothing for one that is not."""
+    form = recognise_format(path)
+    return None if form is None else read_rig_as(form.name, path, Given((640, 480), 1.0), lossy=True)[0]
+
+
 def _panoptic(path: Path) -> Any:
     from passerby.datasets.panoptic import _rig
 
@@ -190,6 +196,8 @@ READERS: tuple[Reader, ...] = (
     Reader("output folder", example.output_folder, lambda path: read_output(path.parent), (InputError, EvidenceError)),
     *_formats(),
     *_people(),
+    Reader("recognised file, JSON", lambda: example.exported("krt-json", "cameras.json"), _recognised),
+    Reader("recognised file, pickle", lambda: example.exported("opencap", "camera.pickle"), _recognised),
     Reader("kept results of videos", _kept_files, _kept, ()),
     Reader("network", _one("net.onnx", example.network), _network),
     Reader("description of a network", lambda: {"net.onnx": example.bare_network(), "net.toml": example.NETWORK.encode()},

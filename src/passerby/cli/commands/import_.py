@@ -44,14 +44,14 @@ def import_(
     known = find_format(form)
     if known.read_people is not None and (known.read is None or out.suffix.lower() != ".toml"):
         people = read_people_as(form, source, given)
-        _tell(*people.notes)
+        _tell(*people.notes, *given.unread.told)
         print(_write_people(people, out))
         return
     rig, losses = read_rig_as(form, source, given, lossy=lossy)
     if out.suffix.lower() != ".toml":
         raise InputError(f"{out}: cameras are written as a rig file: name it {out.with_suffix('.toml')}")
     write_rig(out, rig)
-    _tell(*(f"lost: {loss}" for loss in losses))
+    _tell(*(f"lost: {loss}" for loss in losses), *given.unread.told)
     posed = len(rig.posed())
     print(f"{len(rig)} cameras, {posed} with poses: written to {out}")
 

@@ -13,6 +13,7 @@ from passerby.common.text import nearest, shortened, shortened_text
 from passerby.core.cameras import Rig
 from passerby.interchange.formats.format import Export, Format, Given, People
 from passerby.interchange.formats.losses import Losses
+from passerby.interchange.formats.recognition import sample_file
 from passerby.interchange.storage.atomic import write_bytes
 from passerby.interchange.storage.transaction import folder_lock, transaction
 
@@ -34,10 +35,10 @@ MODULES: Mapping[str, str] = {
     "colmap": "colmap",
     "colmap-bin": "colmap",
     "opencv": "opencv_yaml",
+    "freemocap": "freemocap",
     "anipose": "toml_rigs",
     "pose2sim": "toml_rigs",
     "caliscope": "toml_rigs",
-    "freemocap": "freemocap",
     "easymocap": "easymocap",
     "kalibr": "kalibr",
     "ros": "ros",
@@ -50,8 +51,15 @@ MODULES: Mapping[str, str] = {
     "gltf": "gltf",
     "glb": "gltf",
     "rerun": "rerun",
+    "krt-json": "krt_json",
+    "panoptic": "krt_json",
     "tsai": "tsai",
     "qualisys": "qualisys",
+    "vicon": "vicon",
+    "motive": "motive",
+    "opencap": "opencap",
+    "biocv": "biocv",
+    "calibio": "calibio",
     "openpose": "openpose",
     "alphapose": "alphapose",
     "coco": "coco",
@@ -86,7 +94,10 @@ def recognise_format(path: str | Path) -> Format | None:
         path: a file. Formats that keep one rig in several files recognise the one that holds the intrinsics, and their
             reader takes that file for the rig.
     """
-    return None
+    sample = sample_file(Path(path))
+    if sample is None:
+        return None
+    return next((form for form in all_formats() if form.recognises is not None and form.recognises(sample)), None)
 
 
 def export(rig: Export, name: str, target: str | Path, *, lossy: bool = False) -> tuple[str, ...]:

@@ -25,12 +25,12 @@ from passerby.interchange.formats.found_people import Found, frame_in, identity_
 from passerby.interchange.formats.frame_numbers import frames_of_names
 from passerby.interchange.formats.values import load_json
 
+READ = ("image_id", "category_id", "keypoints", "score", "box", "bbox", "idx")
 _OF_A_VIDEO = re.compile(r"(0|[1-9]\d*)\.jpg")
 
 
 def read_people(path: Path, given: Given) -> People:
     """One camera's joints and boxes. Raises `InputError`."""
-    del given
     if path.is_dir():
         raise InputError(f"{path}: is a folder: give the file alphapose-results.json in it")
     content = load_json(path, "AlphaPose's results")
@@ -42,6 +42,8 @@ def read_people(path: Path, given: Given) -> People:
     if not isinstance(content, list):
         raise InputError(f"{path}: is not a list of people: give alphapose-results.json")
     people = [_checked(f"{path}: [{number}]", person) for number, person in enumerate(content)]
+    for person in people:
+        given.unread.keys(person, READ)
     images = [person["image_id"] for person in people]
     video = all(isinstance(image, str) and _OF_A_VIDEO.fullmatch(image) for image in images)
     frames = _frames(path, images)

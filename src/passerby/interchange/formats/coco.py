@@ -28,16 +28,33 @@ from passerby.interchange.formats.found_people import Found, frame_in, identity_
 from passerby.interchange.formats.frame_numbers import frames_of_names
 from passerby.interchange.formats.values import load_json
 
+READ = (
+    "id",
+    "image_id",
+    "category_id",
+    "bbox",
+    "keypoints",
+    "num_keypoints",
+    "score",
+    "iscrowd",
+    "area",
+    "track_id",
+    "attributes",
+)
 PERSON = 1
 """COCO's category of people."""
 
 
 def read_people(path: Path, given: Given) -> People:
     """One camera's boxes and joints. Raises `InputError`."""
-    del given
     if path.is_dir():
         raise InputError(f"{path}: is a folder: give the JSON file in it")
     content = load_json(path, "COCO annotations or results")
+    listed = content if isinstance(content, list) else content.get("annotations") if isinstance(content, dict) else None
+    for annotation in listed if isinstance(listed, list) else []:
+        given.unread.keys(annotation if isinstance(annotation, dict) else {}, READ)
+    if isinstance(content, dict):
+        given.unread.keys(content, ("images", "annotations", "categories", "info", "licenses"))
     if isinstance(content, list):
         return _of_list(path, "", content, _frames_of_results(path, content), {PERSON: None}, ())
     if not isinstance(content, dict) or not isinstance(content.get("annotations"), list):

@@ -29,6 +29,7 @@ from passerby.interchange.formats.format import Export, Format, Given
 from passerby.interchange.formats.lens_models import express_lens
 from passerby.interchange.formats.losses import Losses
 from passerby.interchange.formats.names import tame_names
+from passerby.interchange.formats.recognition import FileSample
 
 LEAST_QUATERNION, MOST_QUATERNION = 0.25, 1e6
 """Of the largest part of a quaternion, whose length should be one: others are no rotation, or another number's bytes."""
@@ -77,6 +78,10 @@ def _read(path: Path, given: Given, binary_first: bool) -> Rig:
     """A camera for every image, and one without a pose for every camera that has no image."""
     folder = path if path.is_dir() else path.parent
     files = read_model(folder, binary_first)
+    for name in files.others:
+        given.unread.add(name)
+    if any(image.points for image in files.images):
+        given.unread.add("2D points of the images")
     known = {camera.number: camera for camera in files.cameras}
     images = sorted(files.images, key=lambda image: image.number)
     for image in images:
@@ -143,6 +148,14 @@ def _lens(camera: ColmapCamera, given: Given, place: str, name: str) -> Lens | N
     return lens
 
 
+def _recognises_text(sample: FileSample) -> bool:
+    return sample.name == "cameras.txt" and sample.path.with_name("images.txt").is_file()
+
+
+def _recognises_binary(sample: FileSample) -> bool:
+    return sample.name == "cameras.bin" and sample.path.with_name("images.bin").is_file()
+
+
 _CONVENTIONS = (
     "Poses are world to camera (quaternion w, x, y, z and translation), OpenCV's axes. Written in metres; COLMAP has no unit, "
     "so what is read counts as metres unless --units states another. Pixels from the corner of the first one, half a pixel "
@@ -159,6 +172,7 @@ FORMATS: Mapping[str, Format] = {
         conventions=_CONVENTIONS,
         write=_write_text,
         read=_read_text,
+        recognises=_recognises_text,
     ),
     "colmap-bin": Format(
         "colmap-bin",
@@ -168,5 +182,6 @@ FORMATS: Mapping[str, Format] = {
         conventions=_CONVENTIONS,
         write=_write_binary,
         read=_read_binary,
+        recognises=_recognises_binary,
     ),
 }

@@ -46,6 +46,8 @@ class ColmapImage:
     translation: tuple[float, ...]
     camera: int
     name: str
+    points: bool = False
+    """Whether it has 2D points, which are left out."""
 
 
 @dataclass(frozen=True)
@@ -54,6 +56,8 @@ class ColmapModelFiles:
 
     cameras: tuple[ColmapCamera, ...]
     images: tuple[ColmapImage, ...]
+    others: tuple[str, ...] = ()
+    """Names of files beside them that hold something and are not read."""
 
 
 def as_text(cameras: Sequence[ColmapCamera], images: Sequence[ColmapImage], points: Floats) -> dict[str, bytes]:
@@ -120,8 +124,26 @@ def read_model(folder: Path, binary_first: bool) -> ColmapModelFiles:
         )
     cameras, images = folder / f"cameras{ending}", folder / f"images{ending}"
     if ending == ".txt":
-        return ColmapModelFiles(tuple(_text_cameras(cameras)), tuple(_text_images(images)) if images.is_file() else ())
-    return ColmapModelFiles(_binary_cameras(cameras), _binary_images(images) if images.is_file() else ())
+        found = tuple(_text_cameras(cameras)), tuple(_text_images(images)) if images.is_file() else ()
+    else:
+        found = _binary_cameras(cameras), _binary_images(images) if images.is_file() else ()
+    return ColmapModelFiles(*found, _others(folder, ending))
+
+
+def _others(folder: Path, ending: str) -> tuple[str, ...]:
+    """The files of a model that hold something and are not read: the model in the other kind of files, its 3D points."""
+    other = ".txt" if ending == ".bin" else ".bin"
+    doubled = [folder / f"{part}{other}" for part in ("cameras", "images")]
+    extra = [folder / f"{part}{ending}" for part in ("points3D", "rigs", "frames")]
+    return tuple(file.name for file in (*doubled, *extra) if file.is_file() and _holds_something(file))
+
+
+def _holds_something(file: Path) -> bool:
+    """Whether a model's file has an entry; a binary one has its count in front."""
+    if file.suffix == ".bin":
+        with file.open("rb") as stream:
+            return any(stream.read(8))
+    return any(line.strip() for _, line in _lines(file))
 
 
 def _text_cameras(path: Path) -> Iterator[ColmapCamera]:
@@ -148,8 +170,8 @@ def _text_images(path: Path) -> Iterator[ColmapImage]:
             )
         number, camera = _whole(place, words[0], words[8])
         pose = _finite(place, words[1:8])
-        yield ColmapImage(number, pose[:4], pose[4:], camera, words[9].strip())
-        next(lines, None)
+        _, points = next(lines, ("", ""))
+        yield ColmapImage(number, pose[:4], pose[4:], camera, words[9].strip(), bool(points.strip()))
 
 
 def _lines(path: Path) -> Iterator[tuple[str, str]]:
@@ -235,8 +257,9 @@ def _binary_images(path: Path) -> tuple[ColmapImage, ...]:
     for _ in range(reader.whole("<Q")[0]):
         (number,), pose, (camera,) = reader.whole("<I"), reader.take("<7d"), reader.whole("<I")
         name = reader.text()
-        reader.skip(24 * reader.whole("<Q")[0])
+        points = reader.whole("<Q")[0]
+        reader.skip(24 * points)
         if not all(map(math.isfinite, pose)):
             raise InputError(f"{path}: image {shortened_text(name)}: pose {pose}: finite numbers are needed")
-        images.append(ColmapImage(number, pose[:4], pose[4:], camera, name))
+        images.append(ColmapImage(number, pose[:4], pose[4:], camera, name, points > 0))
     return tuple(images)

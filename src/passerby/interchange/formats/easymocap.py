@@ -24,12 +24,14 @@ import numpy as np
 
 from passerby.common.arrays import Floats
 from passerby.common.errors import InputError
+from passerby.common.text import natural_key, shortened_text
 from passerby.core.cameras import Camera, Lens, Pose, Rig
 from passerby.geometry.rotations import log_rotation
 from passerby.interchange.formats.format import Export, Format, Given
 from passerby.interchange.formats.lens_models import RADTAN_5, express_lens
 from passerby.interchange.formats.losses import Losses
 from passerby.interchange.formats.names import tame_names
+from passerby.interchange.formats.recognition import FileSample
 from passerby.interchange.formats.values import (
     load_yaml,
     matrix_data,
@@ -43,6 +45,8 @@ from passerby.interchange.storage.safe_parsing import NotParsed, parse_json
 
 INTRINSICS, EXTRINSICS = "intri.yml", "extri.yml"
 NAMES, TRUE_NAMES = "names", "passerby_names"
+LENS, POSE = ("K", "dist", "D", "H", "W"), ("R", "Rot", "T")
+"""Keys of a camera, before its name."""
 HEAD = "%YAML:1.0\n---\n"
 """What OpenCV of every version reads; 5 writes %YAML 1.2 itself."""
 FORBIDDEN = re.compile(r"[^A-Za-z0-9_-]")
@@ -92,16 +96,30 @@ def read(path: Path, given: Given) -> Rig:
         raise InputError(f"{intrinsics}: has no list `names`: is it another kind of file?")
     extrinsics = intrinsics.with_name(EXTRINSICS)
     poses = _content(extrinsics) if extrinsics.is_file() else {}
+    given.unread.keys(values, (NAMES, TRUE_NAMES, *(f"{key}_{name}" for key in LENS for name in names)))
+    given.unread.keys(poses, (NAMES, *(f"{key}_{name}" for key in POSE for name in names)))
     cameras = []
     for name, true_name in zip(names, _true_names(values.get(TRUE_NAMES), names), strict=True):
         lens = _lens(f"{intrinsics}: camera {name}", values, name, given)
         cameras.append(
             Camera(true_name, lens, _pose(f"{extrinsics}: camera {name}", poses, name, given.metres_per_unit or 1.0))
         )
+    _check_names(extrinsics, poses, names)
     try:
         return Rig(tuple(cameras))
     except InputError as error:
         raise InputError(f"{intrinsics}: {error}") from None
+
+
+def _check_names(path: Path, poses: dict[Any, Any], names: list[str]) -> None:
+    """Raise `InputError` for poses of cameras that `intri.yml` does not have: they would be lost."""
+    keys = (str(key).partition("_") for key, value in poses.items() if isinstance(value, dict))
+    others = sorted({name for key, _, name in keys if key in POSE and name not in names}, key=natural_key)
+    if others:
+        raise InputError(
+            f"{path}: has poses of cameras {shortened_text(', '.join(others))}, but {INTRINSICS} has cameras "
+            f"{shortened_text(', '.join(names))}: give each camera the same name in both files"
+        )
 
 
 def _content(path: Path) -> dict[Any, Any]:
@@ -152,6 +170,11 @@ def _matrix(place: str, values: dict[Any, Any], key: str, shape: tuple[int, ...]
     return None if values.get(key) is None else numbers(place, {key: matrix_data(values, key)}, key, shape)
 
 
+def _recognises(sample: FileSample) -> bool:
+    table = sample.table
+    return sample.suffix in (".yml", ".yaml") and NAMES in table and any(str(key).startswith("K_") for key in table)
+
+
 FORMAT = Format(
     name="easymocap",
     title="EasyMocap's intri.yml and extri.yml",
@@ -161,4 +184,5 @@ FORMAT = Format(
     "k3.",
     write=write,
     read=read,
+    recognises=_recognises,
 )

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Literal
 from passerby.common.errors import InputError
 from passerby.core.cameras import Lens
 from passerby.core.lens import LARGEST_FOCAL_SD
-from passerby.interchange.formats.losses import Losses
+from passerby.interchange.formats.losses import Losses, Unread
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from passerby.core.cameras import Rig
     from passerby.core.observations import Boxes, Keypoints
     from passerby.core.trajectories import Trajectories
+    from passerby.interchange.formats.recognition import FileSample
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,6 +70,8 @@ class Given:
     """Of lengths in the file; None: as the file says, or the format's own unit."""
     losses: Losses = field(default_factory=Losses)
     """What is in the file and cannot be kept."""
+    unread: Unread = field(default_factory=Unread)
+    """What is in the file beyond lenses and poses, and is not read: readers add to it."""
 
     def size_of(self, place: str) -> tuple[int, int]:
         """The size that the user gave. Raises `InputError`, beginning with `place`, where none was given."""
@@ -109,6 +112,8 @@ class Format:
     """Cameras; a lens without a pose is a camera without a pose. Raises `InputError` (file, place, value, remedy)."""
     read_people: Callable[[Path, Given], People] | None = None
     """One camera's boxes or joints. Raises `InputError`."""
+    recognises: Callable[[FileSample], bool] | None = None
+    """Whether a file is a calibration of this format, or the part of it that has the intrinsics. Never raises."""
     companions: frozenset[str] = frozenset()
     """Of a folder: files below it that no reader takes for a camera, so that others of their kind may lie beside them."""
     draws_people: bool = False

@@ -20,6 +20,7 @@ HIDDEN_CONFIDENCE = 0.5
 """Of a joint that an annotator placed though it was hidden, as `passerby.interchange.coco` has it."""
 LARGEST = 2.0**53
 """No picture has such a coordinate, and above it numbers of JSON and of numpy part."""
+BEYOND = "{} keypoints per person, of the face and the hands, are left out"
 RAISED = "frame numbers are those of a video counted from 0, and are raised by one"
 
 
@@ -161,6 +162,7 @@ def _keypoints(found: list[Found], place: str, names: tuple[str, ...] | None, vi
     names = _names(lengths[0], names, place)
     kept = ordered_joints(names)
     table = np.array(rows).reshape(len(rows), -1, 3)
+    notes.count(table.shape[1] - len(names), "one keypoint per person has no name and is left out", BEYOND)
     table = table[:, [names.index(name) for name in kept]]
     lost = np.isnan(table).any(axis=2) | (np.nan_to_num(table[..., 2]) <= 0)
     table[lost] = 0.0

@@ -32,12 +32,16 @@ from passerby.core.cameras import Camera, Lens, Rig
 from passerby.interchange.formats.format import Export, Format, Given
 from passerby.interchange.formats.lens_models import FISHEYE, RATIONAL_8, TILTED_14, express_lens
 from passerby.interchange.formats.losses import Losses
+from passerby.interchange.formats.recognition import FileSample
 from passerby.interchange.formats.values import padded
 from passerby.interchange.gathering import gathered_rig
-from passerby.interchange.rig_toml import METADATA, METRES_PER_UNIT, camera_of, table_of
+from passerby.interchange.rig_toml import CAMERA_KEYS, METADATA, METRES_PER_UNIT, camera_of, table_of
 from passerby.interchange.storage.faults import read_toml
 
 MILLIMETRES = 1000.0
+SAME_AGAIN = ("world_orientation", "world_position")
+"""Of a camera: its pose once more, from camera to world."""
+READ_METADATA = ("units", "charuco_square_size", "groundplane_calibration")
 LEAST_COEFFICIENTS = 5
 """FreeMoCap's own pinholes have five."""
 
@@ -74,6 +78,9 @@ def read(path: Path, given: Given) -> Rig:
             f"{path}: is not a calibration of FreeMoCap: each table but [metadata] is a camera with a matrix there"
         )
     metadata = content.get(METADATA)
+    for camera in tables.values():
+        given.unread.keys(camera, (*CAMERA_KEYS, *SAME_AGAIN))
+    given.unread.keys(metadata if isinstance(metadata, dict) else {}, READ_METADATA)
     metres = given.metres_per_unit or _metres_per_unit(path, metadata if isinstance(metadata, dict) else {})
     return gathered_rig(path, ((f"[{key}]", partial(camera_of, key, table, metres)) for key, table in tables.items()))
 
@@ -90,6 +97,16 @@ def _metres_per_unit(path: Path, metadata: dict[str, Any]) -> float:
     return METRES_PER_UNIT[units]
 
 
+def _recognises(sample: FileSample) -> bool:
+    metadata = sample.table.get(METADATA)
+    own = ("charuco_square_size", "groundplane_calibration")
+    tables = [table for table in sample.table.values() if isinstance(table, dict)]
+    return sample.suffix == ".toml" and (
+        (isinstance(metadata, dict) and any(key in metadata for key in own))
+        or any("world_orientation" in table for table in tables)
+    )
+
+
 FORMAT = Format(
     name="freemocap",
     title="FreeMoCap's camera calibration",
@@ -100,4 +117,5 @@ FORMAT = Format(
     "or fisheye.",
     write=write,
     read=read,
+    recognises=_recognises,
 )

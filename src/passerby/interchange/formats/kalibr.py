@@ -35,6 +35,7 @@ from passerby.interchange.formats.lens_models import FISHEYE, RADTAN_4, RADTAN_5
 from passerby.interchange.formats.lens_rays import Rays
 from passerby.interchange.formats.losses import Losses
 from passerby.interchange.formats.names import LETTER, tame_names
+from passerby.interchange.formats.recognition import FileSample
 from passerby.interchange.formats.values import (
     dump_yaml,
     homogeneous,
@@ -49,6 +50,11 @@ from passerby.interchange.formats.values import (
 CAMERA_KEY = re.compile(r"cam(\d+)")
 FORBIDDEN_IN_ROS = re.compile(r"[^A-Za-z0-9_]")
 COEFFICIENTS = {"radtan": 4, "equidistant": 4, "fov": 1, "none": 0}
+READ = (
+    "camera_model", "distortion_coeffs", "distortion_model", "intrinsics", "resolution", "rostopic", "camera_name", "T_cn_cnm1",
+    "T_cam_world",
+)  # fmt: skip
+"""Keys of a camera. The topic is where its images come from."""
 MODELS = ("pinhole", "omni", "ds", "eucm")
 
 
@@ -87,11 +93,13 @@ def read(path: Path, given: Given) -> Rig:
     found = {int(match[1]): content[key] for key in content if (match := CAMERA_KEY.fullmatch(str(key)))}
     if not found:
         raise InputError(f"{path}: has no table cam0: is it another kind of file?")
+    given.unread.keys(content, [key for key in content if CAMERA_KEY.fullmatch(str(key))])
     cameras: list[Camera] = []
     pose: Pose | None = None
     for index in sorted(found):
         place = f"{path}: cam{index}"
         values = table(place, found[index], "camera")
+        given.unread.keys(values, READ)
         start = Pose(np.eye(3), np.zeros(3)) if index == 0 and len(found) > 1 else None
         pose = _pose(place, values, pose if index - 1 in found else None, given.metres_per_unit or 1.0) or start
         name = values.get("camera_name", f"cam{index}")
@@ -149,6 +157,11 @@ def _lens(place: str, values: dict[Any, Any], losses: Losses) -> Lens:
     return lens
 
 
+def _recognises(sample: FileSample) -> bool:
+    first = sample.table.get("cam0")
+    return isinstance(first, dict) and "camera_model" in first and "intrinsics" in first
+
+
 FORMAT = Format(
     name="kalibr",
     title="Kalibr's camera chain",
@@ -159,4 +172,5 @@ FORMAT = Format(
     "OpenCV's fisheye (equidistant); the world in the extra key T_cam_world.",
     write=write,
     read=read,
+    recognises=_recognises,
 )

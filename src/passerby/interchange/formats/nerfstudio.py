@@ -32,6 +32,7 @@ from passerby.interchange.formats.format import Export, Format, Given
 from passerby.interchange.formats.lens_models import FISHEYE, RADTAN_5, LensModel, express_lens
 from passerby.interchange.formats.losses import Losses
 from passerby.interchange.formats.names import tame_names
+from passerby.interchange.formats.recognition import FileSample
 from passerby.interchange.formats.values import (
     load_json,
     numbers,
@@ -48,6 +49,7 @@ OPENGL = np.diag([1.0, -1.0, -1.0])
 """OpenCV's camera axes to OpenGL's, and back."""
 PINHOLES = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL")
 DISTORTIONS = ("k1", "k2", "k3", "k4", "p1", "p2")
+LENS = ("camera_model", "fl_x", "fl_y", "cx", "cy", "w", "h", *DISTORTIONS)
 
 
 def write(export: Export, losses: Losses) -> Mapping[str, bytes]:
@@ -93,6 +95,9 @@ def read(path: Path, given: Given) -> Rig:
         raise InputError(f"{path}: has no list `frames`: is it another kind of file?")
     tables = [table(f"{path}: frames[{index}]", frame, "frame") for index, frame in enumerate(frames)]
     names = _names(tables)
+    given.unread.keys(content, (*LENS, "frames", "orientation_override"))
+    for frame in tables:
+        given.unread.keys(frame, (*LENS, "file_path", "camera_name", "transform_matrix"))
     cameras = []
     for name, frame in zip(names, tables, strict=True):
         place = f"{path}: frame {shortened(name)}"
@@ -149,6 +154,11 @@ def _pose(place: str, frame: dict[Any, Any], metres: float) -> Pose:
     return Pose.from_centre((R_wc @ OPENGL).T, metres * matrix[:3, 3])
 
 
+def _recognises(sample: FileSample) -> bool:
+    frames = sample.table.get("frames")
+    return isinstance(frames, list) and any(isinstance(frame, dict) and "transform_matrix" in frame for frame in frames[:1])
+
+
 FORMAT = Format(
     name="nerfstudio",
     title="nerfstudio's transforms.json",
@@ -159,4 +169,5 @@ FORMAT = Format(
     "k1 k2 k3 p1 p2, or OpenCV's fisheye for all cameras.",
     write=write,
     read=read,
+    recognises=_recognises,
 )

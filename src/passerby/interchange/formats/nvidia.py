@@ -55,6 +55,7 @@ from passerby.interchange.formats.losses import Losses
 from passerby.interchange.formats.mv3dt_map import MAP, TRANSFORMS, map_files
 from passerby.interchange.formats.names import tame_names
 from passerby.interchange.formats.nvidia_dewarper import dewarper_config, read_dewarper
+from passerby.interchange.formats.recognition import FileSample
 from passerby.interchange.formats.values import (
     load_json,
     numbers,
@@ -77,6 +78,13 @@ FARTHEST_GROUND_M = 60.0
 """From the camera: of a pixel on the ground farther away, a tenth of a pixel moves the point by decimetres."""
 LEAST_SKEW_PX = 1e-6
 """Less comes from taking a projection matrix apart."""
+READ_FILE = ("projectionMatrix_3x4_w2p", "projectionMatrix_3x4", "K", "R", "t", "modelInfo")
+"""Keys of a camera's file. `modelInfo` is the size of a person for the tracker."""
+READ_SENSOR = (
+    "type", "id", "coordinates", "attributes", "intrinsicMatrix", "extrinsicMatrix", "cameraMatrix", "imageCoordinates",
+    "globalCoordinates",
+)  # fmt: skip
+"""Keys of a sensor that are read, or repeat its matrices."""
 _COMMENT = re.compile(r"^# passerby: (\{.*\})$", re.MULTILINE)
 
 
@@ -176,6 +184,8 @@ def _read_mv3dt(path: Path, given: Given) -> Rig:
         values = table(str(file), parse_yaml(file, text), "projection matrix")
         if path.is_file() or {"K", "projectionMatrix_3x4_w2p", "projectionMatrix_3x4"} & values.keys():
             cameras.append(_camera_file(file, values, _told(text), given))
+        else:
+            given.unread.add(f"{file.name}, which has no projection matrix")
     return _rig(folder, cameras)
 
 
@@ -192,6 +202,7 @@ def _told(text: str) -> dict[str, Any]:
 def _camera_file(file: Path, values: dict[Any, Any], told: dict[str, Any], given: Given) -> Camera:
     """The camera of one `camInfo` file."""
     place = str(file)
+    given.unread.keys(values, READ_FILE)
     name = told.get("name")
     size = (whole(place, {"w": told["size"][0]}, "w"), whole(place, {"h": told["size"][1]}, "h")) if _is_pair(told) else None
     size = size or given.size_of(place)
@@ -220,11 +231,15 @@ def _read_amc(path: Path, given: Given) -> Rig:
     sensors = content.get("sensors")
     if not isinstance(sensors, list):
         raise InputError(f"{path}: has no list `sensors`: is it another kind of file?")
+    given.unread.keys(content, ("sensors", "calibrationType", "version"))
     cameras = []
     for index, sensor in enumerate(sensors):
         values = table(f"{path}: sensors[{index}]", sensor, "sensor")
         if values.get("type", "camera") == "camera":
+            given.unread.keys(values, (*READ_SENSOR, *(("scaleFactor",) if values.get("scaleFactor") == 1 else ())))
             cameras.append(_camera_sensor(f"{path}: sensor {shortened(values.get('id'))}", values, given))
+        else:
+            given.unread.add(f"sensor {shortened(values.get('id'))}, which is no camera")
     return _rig(path, cameras)
 
 
@@ -296,6 +311,14 @@ def _rig(place: Path, cameras: list[Camera]) -> Rig:
         raise InputError(f"{place}: {error}") from None
 
 
+def _recognises_mv3dt(sample: FileSample) -> bool:
+    return bool({"projectionMatrix_3x4_w2p", "projectionMatrix_3x4"} & sample.table.keys())
+
+
+def _recognises_amc(sample: FileSample) -> bool:
+    return sample.suffix == ".json" and isinstance(sample.table.get("sensors"), list) and "calibrationType" in sample.table
+
+
 FORMATS: Mapping[str, Format] = {
     "mv3dt": Format(
         name="mv3dt",
@@ -309,6 +332,7 @@ FORMATS: Mapping[str, Format] = {
         companions=frozenset({MAP, TRANSFORMS}),
         write=_write_mv3dt,
         read=_read_mv3dt,
+        recognises=_recognises_mv3dt,
     ),
     "amc": Format(
         name="amc",
@@ -320,5 +344,6 @@ FORMATS: Mapping[str, Format] = {
         "videos first.",
         write=_write_amc,
         read=_read_amc,
+        recognises=_recognises_amc,
     ),
 }

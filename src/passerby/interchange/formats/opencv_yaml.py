@@ -32,7 +32,18 @@ from passerby.interchange.formats.format import Export, Format, Given
 from passerby.interchange.formats.lens_models import FISHEYE_SKEWED, OPENCV, express_lens, trim_coefficients
 from passerby.interchange.formats.losses import Losses
 from passerby.interchange.formats.names import tame_names
-from passerby.interchange.opencv_lens import ENDINGS, LARGEST_BYTES, first_value, lens_in, numbers_of, read_values
+from passerby.interchange.formats.recognition import FileSample
+from passerby.interchange.opencv_lens import (
+    DEEPEST,
+    ENDINGS,
+    LARGEST_BYTES,
+    LENS_NAMES,
+    first_value,
+    lens_in,
+    numbers_of,
+    read_values,
+    with_plain_keys,
+)
 from passerby.interchange.rig_toml import METRES_PER_UNIT
 from passerby.interchange.rotation_vectors import rotation_of
 from passerby.interchange.storage.faults import FileFaults, faults_of
@@ -42,6 +53,9 @@ ENDING = ".yml"
 _NAME = ("cameraname", "name", "camname", "camera", "serial")
 _ROTATION = ("r", "rotation", "rotationmatrix", "rmat", "rvec", "rvector", "rotationvector", "rodrigues", "rot")
 _TRANSLATION = ("t", "translation", "translationvector", "tvec", "tvector", "trans")
+_READ = frozenset({*LENS_NAMES, *_NAME, *_ROTATION, *_TRANSLATION, "units", "cameranumber"})
+_CERTAIN = ("cameramatrix", "intrinsicmatrix", "intrinsicsmatrix", "cammatrix", "mtx")
+"""Names of a camera matrix that stand for nothing else."""
 _STEREO = ("m1", "d1", "m2", "d2")
 _MULTIVIEW = ("ks", "distortions", "rvecs", "ts", "isfisheye", "imagesizes")
 
@@ -124,10 +138,14 @@ def _read(path: Path, given: Given) -> Rig:
             faults += faults_of(error)
     pairs = {key: value for content in contents.values() for key, value in content.items()}
     if all(key in pairs for key in (*_STEREO, "r", "t")):
+        given.unread.keys(pairs, (*_STEREO, "r", "t"))
         return Rig(tuple(_stereo(path, pairs, given)))
     for file, content in sorted(contents.items(), key=lambda item: _number(item[1])):
         try:
-            cameras += _cameras(file, content, given)
+            here = list(_cameras(file, content, given))
+            cameras += here
+            if not here:
+                given.unread.add(f"{file.name}, which has no camera matrix")
         except InputError as error:
             faults += faults_of(error)
     if faults:
@@ -158,14 +176,20 @@ def _files_in(folder: Path) -> list[Path]:
 def _cameras(path: Path, content: Mapping[str, Any], given: Given) -> Iterator[Camera]:
     """The cameras in one file: one, those of the multi-view sample, or one in each of its maps; none where it has none."""
     if all(key in content for key in _MULTIVIEW):
+        given.unread.keys(content, (*_MULTIVIEW, "camids"))
         yield from _multiview(path, content, given)
         return
     if (camera := _camera(path, content, given, path.stem)) is not None:
         yield camera
         return
+    others: dict[str, Any] = {}
     for key, value in content.items():
         if isinstance(value, dict) and "data" not in value and (camera := _camera(path, value, given, key)) is not None:
             yield camera
+        else:
+            others[key] = value
+    if len(others) < len(content):
+        given.unread.keys(others, ())
 
 
 def _camera(path: Path, content: Mapping[str, Any], given: Given, name: str) -> Camera | None:
@@ -173,6 +197,7 @@ def _camera(path: Path, content: Mapping[str, Any], given: Given, name: str) -> 
     stored = lens_in(path, content)
     if stored is None:
         return None
+    given.unread.keys(content, _READ)
     named = first_value(content, _NAME)
     lens = stored.lens(stored.size or given.size_of(str(path)))
     return Camera(named if isinstance(named, str) and named else name, lens, _pose(path, content, given))
@@ -259,6 +284,17 @@ def _lens(path: Path, size: tuple[int, int], matrix: Any, distortions: Any, fish
         raise InputError(f"{path}: {error}") from None
 
 
+def _recognises(sample: FileSample) -> bool:
+    content = with_plain_keys(sample.content, DEEPEST)
+    if sample.tag == "opencv_storage":
+        return True
+    if not isinstance(content, dict) or sample.suffix not in ENDINGS or "projectionmatrix" in content:
+        return False
+    tables = [content, *(value for value in content.values() if isinstance(value, dict))]
+    pair = all(key in content for key in _STEREO) or all(key in content for key in _MULTIVIEW)
+    return pair or any(first_value(table, _CERTAIN) is not None for table in tables)
+
+
 FORMAT = Format(
     "opencv",
     "OpenCV's files (FileStorage), one per camera or one for all",
@@ -274,4 +310,5 @@ FORMAT = Format(
     write=_write,
     read=_read,
     write_one=_write_one,
+    recognises=_recognises,
 )

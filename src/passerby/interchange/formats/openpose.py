@@ -24,6 +24,7 @@ from passerby.core.observations import Keypoints
 from passerby.interchange.formats.format import Format, Given, People
 from passerby.interchange.formats.found_people import Found, identity_in, numbers_in, people_of
 from passerby.interchange.formats.frame_numbers import frames_of_names
+from passerby.interchange.formats.losses import Unread
 from passerby.interchange.formats.values import load_json
 
 ENDING = "_keypoints"
@@ -34,14 +35,13 @@ SCALED = 1.0
 
 def read_people(path: Path, given: Given) -> People:
     """One camera's joints; a file without people is a picture without any. Raises `InputError`."""
-    del given
     if not path.is_dir():
         raise InputError(f"{path}: is a file: give the folder of --write_json, which has one file per frame")
     files = sorted(file for file in path.iterdir() if file.suffix.lower() == ".json" and not file.name.startswith("."))
     if not files:
         raise InputError(f"{path}: holds no JSON file: give the folder of --write_json, which has one file per frame")
     video = all(_OF_A_VIDEO.fullmatch(file.stem) for file in files)
-    found = [one for file, frame in _frames(path, files).items() for one in _people(file, frame + video)]
+    found = [one for file, frame in _frames(path, files).items() for one in _people(file, frame + video, given.unread)]
     people = people_of(found, str(path), raised=video)
     _check_pixels(path, people.keypoints)
     return people
@@ -54,12 +54,13 @@ def _frames(path: Path, files: list[Path]) -> Mapping[Path, int]:
     return {file: frames[name] for file, name in names.items()}
 
 
-def _people(file: Path, frame: int) -> list[Found]:
+def _people(file: Path, frame: int, unread: Unread) -> list[Found]:
     """Everybody in one file."""
     content = load_json(file, "a frame of OpenPose")
     people = content.get("people") if isinstance(content, dict) else None
     if not isinstance(people, list):
         raise InputError(f"{file}: has no list `people`: is it another kind of file? Move it out of the folder")
+    unread.keys(content, ("people", "version"))
     found = []
     for number, person in enumerate(people):
         place = f"{file}: people[{number}]"
@@ -68,6 +69,7 @@ def _people(file: Path, frame: int) -> list[Found]:
         joints = numbers_in(person["pose_keypoints_2d"], f"{place}: pose_keypoints_2d")
         if not len(joints):  # only a face or a hand was found
             continue
+        unread.keys(person, ("pose_keypoints_2d", "person_id"))
         identity = identity_in(person.get("person_id"), f"{place}: person_id")
         found.append(Found(frame, identity, float(np.nansum(joints[2::3])), joints=joints))
     return found

@@ -32,6 +32,7 @@ from passerby.common.errors import InputError
 from passerby.common.text import shortened, shortened_text
 from passerby.core.cameras import Camera, Lens, Pose, Rig
 from passerby.interchange.formats.format import Format, Given
+from passerby.interchange.formats.recognition import FileSample
 from passerby.interchange.gathering import gathered_rig
 from passerby.interchange.storage.faults import read_text
 from passerby.interchange.storage.safe_parsing import NotParsed, parse_xml
@@ -42,6 +43,7 @@ SUBPIXELS = 64.0
 QTM_TO_CV = np.diag([1.0, -1.0, -1.0])
 ROTATION_TOLERANCE = 1e-3
 """Files have six decimals."""
+READ = ("active", "calibrated", "serial", "video_resolution", "viewrotation", "fov_video", "transform", "intrinsic")
 SHAPE_TOLERANCE = 0.02
 SMALLEST_SKEW_PX = 0.01
 
@@ -59,6 +61,7 @@ def read(path: Path, given: Given) -> Rig:
     elements = root.findall(".//cameras/camera")
     if not elements:
         raise InputError(f"{path}: holds no <camera>: a calibration of Qualisys Track Manager (.qca.txt) is needed here")
+    given.unread.keys((child.tag for child in root), ("cameras",))
     names = [element.get("serial") or str(number) for number, element in enumerate(elements, start=1)]
     return gathered_rig(
         path,
@@ -71,6 +74,7 @@ def read(path: Path, given: Given) -> Rig:
 
 def _camera(name: str, element: ElementTree.Element, given: Given) -> Camera:
     """The camera of an element. Raises `InputError` without the place."""
+    given.unread.keys([*element.attrib, *(child.tag for child in element)], READ)
     lens = _lens(name, element, given)
     idle = element.get("active", "1") == "0" or element.get("calibrated", "true").lower() == "false"
     return Camera(name, lens, None if idle else _pose(element, given.metres_per_unit or METRES))
@@ -158,6 +162,10 @@ def _numbers(element: ElementTree.Element, tag: str, names: list[str], missing: 
     return np.array(values)
 
 
+def _recognises(sample: FileSample) -> bool:
+    return sample.has_elements(".//cameras/camera/intrinsic")
+
+
 FORMAT = Format(
     name="qualisys",
     title="Calibration of Qualisys Track Manager (.qca.txt)",
@@ -172,4 +180,5 @@ FORMAT = Format(
         "it, also where viewrotation is not 0."
     ),
     read=read,
+    recognises=_recognises,
 )

@@ -39,6 +39,7 @@ from passerby.interchange.formats.format import Export, Format, Given
 from passerby.interchange.formats.lens_models import FISHEYE, RADTAN_5, RATIONAL_8, express_lens
 from passerby.interchange.formats.losses import Losses
 from passerby.interchange.formats.names import LETTER, tame_names
+from passerby.interchange.formats.recognition import FileSample
 from passerby.interchange.formats.values import (
     dump_yaml,
     load_yaml,
@@ -54,6 +55,11 @@ INFOS, TRANSFORMS, LAUNCH = "camera_info", "static_transforms.yaml", "static_tra
 WORLD = "world"
 OPTICAL = ("_optical_frame", "_optical")
 """Endings of the frames whose z axis points forward; REP 103 asks for `_optical`, drivers add `_frame`."""
+READ = (
+    "image_width", "image_height", "camera_name", "true_name", "camera_matrix", "distortion_model", "distortion_coefficients",
+    "rectification_matrix", "projection_matrix",
+)  # fmt: skip
+"""Keys of a camera_info. The last two are of the rectified image and follow from the others."""
 DISTORTIONS = {"plumb_bob": (0, 4, 5), "rational_polynomial": (8,), "equidistant": (0, 4)}
 """How many coefficients each model may have."""
 
@@ -155,16 +161,20 @@ def read(path: Path, given: Given) -> Rig:
     poses = _poses(transforms, given.metres_per_unit or 1.0) if transforms.is_file() else {}
     cameras: list[Camera] = []
     roots: dict[str, str] = {}
+    placed: set[str] = set()
     for file in files:
         values = table(str(file), load_yaml(file, "a camera_info of ROS"), "camera_info")
+        given.unread.keys(values, READ)
         ros_name = str(values.get("camera_name") or file.stem)
         name = values.get("true_name", ros_name)
         root, pose = next((poses[ros_name + ending] for ending in OPTICAL if ros_name + ending in poses), ("", None))
         roots |= {root: file.name} if root else {}
+        placed.update(ros_name + ending for ending in OPTICAL)
         if len(roots) > 1:
             (a, first), (b, second) = roots.items()
             raise InputError(f"{transforms}: {first} stands below frame {a}, {second} below {b}: one root for all is needed")
         cameras.append(Camera(name if isinstance(name, str) and name else ros_name, _lens(str(file), values), pose))
+    given.unread.keys((f"the transform of {frame}" for frame in poses if frame.endswith(OPTICAL) and frame not in placed), ())
     try:
         return Rig(tuple(cameras))
     except InputError as error:
@@ -230,6 +240,10 @@ def _child_to_parent(place: str, values: dict[Any, Any], metres: float) -> Float
     return matrix
 
 
+def _recognises(sample: FileSample) -> bool:
+    return {"image_width", "image_height", "camera_matrix", "projection_matrix"} <= sample.table.keys()
+
+
 FORMAT = Format(
     name="ros",
     title="ROS camera_info and static transforms",
@@ -239,4 +253,5 @@ FORMAT = Format(
     "plumb_bob, rational_polynomial, equidistant.",
     write=write,
     read=read,
+    recognises=_recognises,
 )

@@ -42,12 +42,16 @@ from passerby.interchange.formats.lens_models import (
 )
 from passerby.interchange.formats.losses import Losses
 from passerby.interchange.formats.names import tame_names
+from passerby.interchange.formats.recognition import FileSample
 from passerby.interchange.gathering import gathered_rig
-from passerby.interchange.rig_toml import METADATA, METRES_PER_UNIT, camera_of, table_of
+from passerby.interchange.rig_toml import CAMERA_KEYS, METADATA, METRES_PER_UNIT, camera_of, table_of
 from passerby.interchange.storage.faults import read_toml
 
 OTHER_TABLES = (METADATA, "capture_volume", "charuco", "checkerboard", "cameras")
 """Tables that Pose2Sim takes for no camera, and Caliscope's table of all cameras."""
+
+NUMBERS = ("cam_id", "rotation_count")
+"""Keys of Caliscope's tables that repeat a camera's number, and how its video is turned on the screen."""
 
 OPENCV_MODELS = (RATIONAL_8, TILTED_14, FISHEYE)
 PINHOLE_MODELS = (RATIONAL_8, TILTED_14)
@@ -105,6 +109,7 @@ def _toml(content: Mapping[str, Any]) -> Mapping[str, bytes]:
 
 def _read_anipose(path: Path, given: Given) -> Rig:
     content = read_toml(path, "Anipose's calibration (TOML)")
+    _note_unread(content, given)
     metadata = content.get(METADATA, {})
     units = metadata.get("units") if isinstance(metadata, dict) else None
     metres = given.metres_per_unit or METRES_PER_UNIT.get(units if isinstance(units, str) else "")
@@ -119,6 +124,7 @@ def _read_anipose(path: Path, given: Given) -> Rig:
 
 def _read_pose2sim(path: Path, given: Given) -> Rig:
     content = read_toml(path, "Pose2Sim's calibration (TOML)")
+    _note_unread(content, given)
     return _rig(path, _camera_tables(content), given, given.metres_per_unit or 1.0)
 
 
@@ -126,6 +132,9 @@ def _read_caliscope(path: Path, given: Given) -> Rig:
     content = read_toml(path, "Caliscope's camera_array.toml")
     cameras = content.get("cameras")
     tables = _camera_tables(cameras) if isinstance(cameras, dict) else _camera_tables(content)
+    _note_unread(cameras if isinstance(cameras, dict) else content, given)
+    if isinstance(cameras, dict):
+        given.unread.keys(content, ("cameras",))
     named: dict[str, dict[str, Any]] = {}
     for key, table in tables.items():
         filled = {name: value for name, value in table.items() if value != "null"}
@@ -135,6 +144,16 @@ def _read_caliscope(path: Path, given: Given) -> Rig:
         else:
             named[key] = {**filled, "name": name}
     return _rig(path, named, given, given.metres_per_unit or 1.0)
+
+
+def _note_unread(content: Mapping[str, Any], given: Given) -> None:
+    """What of a file is neither a camera's table nor the unit."""
+    tables = _camera_tables(content)
+    metadata = content.get(METADATA)
+    given.unread.keys({key: value for key, value in content.items() if key not in tables}, (METADATA,))
+    given.unread.keys(metadata if isinstance(metadata, dict) else {}, ("units", "format_version", "verdict"))
+    for table in tables.values():
+        given.unread.keys(table, (*CAMERA_KEYS, *NUMBERS))
 
 
 def _camera_tables(content: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
@@ -179,6 +198,26 @@ def _flat(value: Any) -> Any:
     return value
 
 
+def _recognises_caliscope(sample: FileSample) -> bool:
+    cameras = sample.table.get("cameras")
+    return sample.suffix == ".toml" and isinstance(cameras, dict) and bool(_camera_tables(cameras))
+
+
+def _recognises_pose2sim(sample: FileSample) -> bool:
+    return _is_rig(sample) and sample.name.startswith("calib") and sample.path.stem.lower() != "calibration"
+
+
+def _recognises_anipose(sample: FileSample) -> bool:
+    return _is_rig(sample) and all(re.fullmatch(r"cam_\d+", key) for key in _camera_tables(sample.table))
+
+
+def _is_rig(sample: FileSample) -> bool:
+    """Whether a file has tables of cameras, and is not Passerby's own, which states its version."""
+    metadata = sample.table.get(METADATA)
+    own = isinstance(metadata, dict) and "format_version" in metadata
+    return sample.suffix == ".toml" and not own and bool(_camera_tables(sample.table))
+
+
 _SHARED = "Poses are world to camera (Rodrigues vector and translation), OpenCV's axes, pixels and distortions."
 
 FORMATS: Mapping[str, Format] = {
@@ -192,6 +231,7 @@ FORMATS: Mapping[str, Format] = {
         "its board, which --units states. Pinhole of up to 14 coefficients, fisheye.",
         _write_anipose,
         _read_anipose,
+        recognises=_recognises_anipose,
     ),
     "pose2sim": Format(
         "pose2sim",
@@ -204,6 +244,7 @@ FORMATS: Mapping[str, Format] = {
         "flag.",
         _write_pose2sim,
         _read_pose2sim,
+        recognises=_recognises_pose2sim,
     ),
     "caliscope": Format(
         "caliscope",
@@ -215,5 +256,6 @@ FORMATS: Mapping[str, Format] = {
         "to 14 coefficients, fisheye; cameras without a pose are kept.",
         _write_caliscope,
         _read_caliscope,
+        recognises=_recognises_caliscope,
     ),
 }

@@ -13,6 +13,7 @@ from passerby.common.errors import InputError
 from passerby.common.text import shortened_text
 from passerby.core.cameras import Camera, Pose, Rig
 from passerby.interchange.formats.format import Format, Given
+from passerby.interchange.formats.recognition import FileSample
 from passerby.interchange.tsai import METRES, is_tsai, read_tsai_cameras
 
 
@@ -26,6 +27,9 @@ def read(path: Path, given: Given) -> Rig:
     )
     if not files:
         raise InputError(f"{path}: holds no XML file with a <Camera>: give the folder of the calibrations, or one of them")
+    if path.is_dir():
+        others = sorted(file.name for file in path.iterdir() if file.suffix.lower() == ".xml" and file not in files)
+        given.unread.keys((f"{name}, which has no <Camera>" for name in others), ())
     scale = (given.metres_per_unit or METRES) / METRES
     cameras: dict[str, Camera] = {}
     for file in files:
@@ -37,6 +41,10 @@ def read(path: Path, given: Given) -> Rig:
             pose = found.pose
             cameras[name] = Camera(name, found.camera(name, given.size).lens, Pose(pose.R_cw, scale * pose.t_cw))
     return Rig(tuple(cameras.values()))
+
+
+def _recognises(sample: FileSample) -> bool:
+    return sample.suffix == ".xml" and sample.has_elements(".//Geometry") and sample.has_elements(".//Extrinsic")
 
 
 FORMAT = Format(
@@ -51,4 +59,5 @@ FORMAT = Format(
         "fitted over the whole image to within 0.1 px. A camera is named after its <Camera name>, or else after its file."
     ),
     read=read,
+    recognises=_recognises,
 )

@@ -1,10 +1,11 @@
-"""Values in YAML and JSON files of other tools, checked, with errors a person can act on."""
+"""Values in YAML, JSON and XML files of other tools, checked, with errors a person can act on."""
 
 from __future__ import annotations
 
 from json import JSONDecodeError
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 import yaml
@@ -15,7 +16,7 @@ from passerby.common.text import shortened
 from passerby.core.cameras import Pose
 from passerby.interchange.numbers import NotNumbers, finite_numbers
 from passerby.interchange.storage.faults import read_text
-from passerby.interchange.storage.safe_parsing import FLOAT, NotParsed, parse_json, parse_safe_yaml
+from passerby.interchange.storage.safe_parsing import FLOAT, NotParsed, parse_json, parse_safe_yaml, parse_xml
 
 ROTATION_TOLERANCE = 1e-3
 """Of `R R^T` from one: files round to six digits, some to four. What is accepted is made a rotation."""
@@ -82,6 +83,32 @@ def numbers(place: str, values: dict[Any, Any], key: str, shape: tuple[int, ...]
         return finite_numbers(values[key], shape)
     except NotNumbers:
         raise InputError(f"{place}: {key} is {shortened(values[key])}: {wanted} needed, finite ones") from None
+
+
+def attribute_numbers(element: ElementTree.Element, name: str, count: int, missing: float | None = None) -> Floats:
+    """(count,) the finite numbers of an XML attribute, separated by spaces; `missing` each where it is not there.
+
+    Raises `InputError` without the place.
+    """
+    text = element.get(name)
+    if text is None and missing is not None:
+        return np.full(count, missing)
+    try:
+        values = np.array([float(word) for word in (text or "").split()])
+    except ValueError:
+        values = np.array([np.nan])
+    if values.size != count or not np.isfinite(values).all():
+        told = "missing" if text is None else shortened(text)
+        raise InputError(f"<{element.tag}> {name} is {told}: {count} finite number{'s are' if count > 1 else ' is'} needed")
+    return values
+
+
+def load_xml(path: Path, kind: str, text: str | None = None) -> ElementTree.Element:
+    """The root of an XML file, or of its text. Raises `InputError` for a file that cannot be read or is not XML."""
+    try:
+        return parse_xml(read_text(path, kind) if text is None else text)
+    except NotParsed as error:
+        raise InputError(f"{path}: is not XML: {error}: {kind} is needed here") from None
 
 
 def whole(place: str, values: dict[Any, Any], key: str) -> int:
