@@ -158,10 +158,6 @@ class CameraTable(Table):
     """Field of view in degrees over the image's width, as on a data sheet, if there are no `intrinsics`: the focal length is
     estimated about it. Its standard deviation is `focal_sd_percent`; not given, 15 %, and more beyond 60 degrees (19 % at 90,
     22 % at 103), since data sheets state it with the distortion. Above 150 for fisheye lenses only."""
-    rotate: Literal[0, 90, 180, 270] = 0
-    """Degrees clockwise by which the camera's images are turned so that people in them stand upright, for a camera that is
-    mounted on its side or upside down. All else (boxes, keypoints, intrinsics, pixels in this file, results) is of the images
-    as filmed: as a player shows them, with the rotation that the video's metadata may state."""
     video: Path | tuple[Path, ...] | None = None
     """A video file; or the pieces of one recording, or images: a folder, a pattern ("recordings/*/*/north/*.mp4"), or a list of
     files, folders and patterns. People are detected in it if there are neither boxes nor keypoints; boxes get their embeddings
@@ -199,6 +195,10 @@ class CameraTable(Table):
     are in one are not used. For mirrors, screens, and a street behind a fence."""
     exclude_s: tuple[tuple[Seconds, Seconds], ...] = ()
     """Spans [begin, end] of the camera's own recording in seconds, as `from_s`, whose observations are not used."""
+    rotate: Literal[0, 90, 180, 270] = 0
+    """Degrees clockwise by which the camera's images are turned so that people in them stand upright, for a camera that is
+    mounted on its side or upside down. All else (boxes, keypoints, intrinsics, pixels in this file, results) is of the images
+    as filmed: as a player shows them, with the rotation that the video's metadata may state."""
     focal_sd_percent: Annotated[float, Field(gt=0, le=50)] | None = None
     """Standard deviation of a stated focal length, in per cent of it. Every reported uncertainty includes it, and it is
     the prior if `refine` has "focal". None: the value of the same key in the table of `intrinsics`, or else the intrinsics
