@@ -139,10 +139,10 @@ class DetectedDrift:
         boxes, joints = seen.boxes, seen.keypoints
         middle = boxes.ltwh[:, :2] + 0.5 * boxes.ltwh[:, 2:]
         moved = self._shifted(middle, boxes.frame, lens) - middle
-        moved[~boxes.inside(lens.size)] = 0.0
-        ltwh = np.column_stack([boxes.ltwh[:, :2] + moved, boxes.ltwh[:, 2:]])
-        xy = joints.xy.reshape(-1, 2)
-        xy = self._shifted(xy, np.repeat(joints.frame, joints.xy.shape[1]), lens).reshape(joints.xy.shape)
+        whole = np.asarray(boxes.inside(lens.size))[:, None]
+        ltwh = np.column_stack([boxes.ltwh[:, :2] + np.where(whole, moved, 0.0), boxes.ltwh[:, 2:]])
+        points = joints.xy.reshape(-1, 2)
+        xy = self._shifted(points, np.repeat(joints.frame, joints.xy.shape[1]), lens).reshape(joints.xy.shape)
         found = CameraObservations(replace(boxes, ltwh=ltwh), replace(joints, xy=xy))
         return replace(observations, cameras={**observations.cameras, self.camera: found})
 
@@ -150,7 +150,8 @@ class DetectedDrift:
         """(N, 2) pixels of frames (N,) without the drift; as they were where the lens model cannot be inverted."""
         knots = self.drift.knots[[0, -1]].astype(np.float64)
         shifted = self.drift.shift(lens, pixels, np.interp(frame, self.frames, knots))
-        return np.asarray(np.where(np.isfinite(shifted).all(axis=1)[:, None], shifted, pixels))
+        known = np.asarray(np.isfinite(shifted).all(axis=1))
+        return np.asarray(np.where(known[:, None], shifted, pixels))
 
 
 Motion = DetectedMotion | DetectedDrift
@@ -204,7 +205,7 @@ class MotionRepair:
 
     def measured_again(self, corrections: Sequence[Correction], repaired: Estimate) -> tuple[Motion, ...]:
         """The motions that were found, each as large as it is by the final rig; of a camera that drifts, one drift."""
-        found: dict[object, Motion] = {}
+        found: dict[str | int, Motion] = {}
         for number, one in enumerate(corrections):
             if isinstance(one, MotionCorrection):
                 drifts = isinstance(one.motion, DetectedDrift)

@@ -179,7 +179,9 @@ def _with_figures(
         rates = clock_rate_figures(inputs, repaired.inputs, repaired.estimate)
     moved = tuple(one.figures for one in motions if isinstance(one, DetectedMotion))
     drifts = tuple(one.figures for one in motions if not isinstance(one, DetectedMotion)) or None
-    figures = replace(solution.figures, moved=moved, drifts=drifts, ground=ground_figures(shape), clock_rates=rates, held_out=held_out)
+    figures = replace(
+        solution.figures, moved=moved, drifts=drifts, ground=ground_figures(shape), clock_rates=rates, held_out=held_out
+    )
     if isinstance(figures, AdjustedFigures):
         figures = replace(figures, lenses=with_lens_priors(figures.lenses, inputs.rig))
     return replace(solution, figures=figures)

@@ -24,6 +24,7 @@ from passerby.perception.sources.recording import gaps_of, recorded_s
 from passerby.scene.box_centres import doubt_of_centres
 from passerby.scene.camera_input import CameraInput
 from passerby.scene.coarse_boxes import doubt_of_coarse_boxes
+from passerby.scene.exchanged_streams import faults_of_exchanged_streams, notices_of_exchanged_streams
 from passerby.scene.lens_sources import group_faults
 from passerby.scene.pointing import overlapped_people, pointed_people, pointing_faults, stated_identities
 from passerby.scene.reading import needs_video, read_camera
@@ -205,6 +206,7 @@ def scene_faults(scene: Scene, readings: list[CameraInput]) -> list[str]:
         *_embedding_faults(scene, readings),
         *faults_of_same_video(scene, readings),
         *faults_of_same_file(scene, readings),
+        *faults_of_exchanged_streams(scene, readings),
         *_short_video_faults(scene, readings),
         *_emptiness_faults(scene, readings),
         *world_faults(scene, {reading.name: reading.lens.size for reading in readings if reading.lens is not None}),
@@ -221,7 +223,7 @@ def scene_findings(scene: Scene, readings: list[CameraInput]) -> list[Finding]:
         for cue in scene.scale.people
         if cue.identity is not None and cue.identity not in known
     ]
-    found += overlapped_people(scene, readings)
+    found += overlapped_people(scene, readings) + notices_of_exchanged_streams(readings)
     return found + _guessed_lenses(scene, readings) + _clock_findings(scene, readings) + _embedding_findings(scene, readings)
 
 

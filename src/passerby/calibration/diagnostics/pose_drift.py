@@ -1,7 +1,7 @@
 """Does a camera keep turning while it films? Its sightings by a rotation that changes piecewise linearly over time.
 
-A mount that gives way turns a camera slowly, and an electronic stabiliser shifts its images, which is a rotation as well. A step
-explains a part of such a drift. So both are fitted to the same sightings, and the one with the larger gain is reported.
+A mount that gives way turns a camera slowly, and an electronic stabiliser shifts its images, which is a rotation as well. A
+step explains a part of such a drift. So both are fitted to the same sightings, and the one with the larger gain is reported.
 """
 
 from __future__ import annotations
