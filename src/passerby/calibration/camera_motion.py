@@ -167,7 +167,7 @@ def findings_of_motions(motions: Sequence[Motion], rig: Rig) -> list[Finding]:
     steps = [one for one in motions if isinstance(one, DetectedMotion)]
     zooms = [one.finding for one in steps if one.change.zoom != 1.0]
     moves = [one for one in steps if one.change.zoom == 1.0]
-    moving = {one.camera for one in (*drifts, *moves)}
+    moving = {one.camera for one in drifts} | {one.camera for one in moves}
     if len(drifts) > 1 and len(moving) >= len(rig.posed()) - 1:
         pixels = [one.drift.pixels for one in drifts]
         names = [name for name in rig.names if name in moving]

@@ -33,8 +33,9 @@ FEWEST_SEEN, MOST_CONTINUED, LEAST_EXCHANGED = 2, 0.34, 0.5
 as many continue between most frames of a file."""
 CERTAIN, LIKELY = 8, 5
 """Boxes of both files that continue in the other one: enough for an error of the input, and for a notice. In 72 right simulated
-scenes (three presets, 2.5 to 10 frames a second, seeds 400 to 423, up to 20 % of the boxes missing; in a third of them two cameras
-turn at one time) there are 4 at most, in two of those with turns. Exchanged at half time, 45 have 8 or more, 55 have 5 or more."""
+scenes (three presets, 2.5 to 10 frames a second, seeds 400 to 423, up to 20 % of boxes missing; in a third of them two cameras
+turn at one time) there are 4 at most, in two of those with turns. Exchanged at half time, 45 have 8 or more, 55 have 5
+or more."""
 
 
 @dataclass(frozen=True)
