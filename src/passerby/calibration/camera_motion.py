@@ -1,4 +1,7 @@
-"""Cameras that were moved, or zoomed, while they filmed: what they saw from elsewhere is left out of the inputs."""
+"""Cameras that were moved, zoomed or kept turning while they filmed: the inputs are corrected for it.
+
+What a camera saw before or after a move or a zoom is left out. A slow rotation is taken out of its pixels.
+"""
 
 from __future__ import annotations
 
@@ -17,12 +20,13 @@ from passerby.calibration.diagnostics.correspondences import (
     resect_correspondences,
 )
 from passerby.calibration.diagnostics.pose_change import PoseChange, detect_pose_change
+from passerby.calibration.diagnostics.pose_drift import PoseDrift, detect_drift, fit_drift
 from passerby.calibration.diagnostics.zoom import detect_zoom, zoom_of
 from passerby.calibration.estimation import Estimate
 from passerby.calibration.repairs import Correction
-from passerby.common.arrays import Bools, Ints
-from passerby.core.cameras import Pose, Rig
-from passerby.core.figures import MotionFigures
+from passerby.common.arrays import Bools, Floats, Ints
+from passerby.core.cameras import Lens, Pose, Rig
+from passerby.core.figures import DriftFigures, MotionFigures
 from passerby.core.observations import Boxes, CameraObservations, Clock, Keypoints, Observations, once_in_frame
 from passerby.core.overlap import count_shared_observations
 from passerby.core.synchronisation import USUAL_FPS, clocks_of, resample_to_common_steps
@@ -92,15 +96,99 @@ class DetectedMotion:
 
 
 @dataclass(frozen=True, eq=False)
-class MotionCorrection(Correction):
-    """Inputs without what one camera saw from elsewhere."""
+class DetectedDrift:
+    """A camera that kept turning during its recording."""
 
-    motion: DetectedMotion
+    camera: str
+    frames: tuple[float, float]
+    """Of the camera's own: those of the drift's first and last knot."""
+    fps: float | None
+    """Frames per second of them; None where it is not known."""
+    drift: PoseDrift
+    either: str | None = None
+    """The other camera of a rig of two: it may have turned instead."""
+
+    @property
+    def minutes(self) -> float | None:
+        """How long it was observed; None where the frame rate is not known."""
+        return None if self.fps is None else (self.frames[1] - self.frames[0]) / self.fps / 60.0
+
+    @property
+    def figures(self) -> DriftFigures:
+        """For reports."""
+        return DriftFigures(
+            camera=self.camera, degrees=self.drift.degrees, pixels=self.drift.pixels, minutes=self.minutes,
+            steady=self.drift.steady,
+        )  # fmt: skip
+
+    @property
+    def finding(self) -> Finding:
+        """The doubt that a drift is."""
+        figures = self.figures
+        return doubt(
+            "camera_drifts", self.camera, *([self.either] if self.either else []), together=False, pixels=figures.pixels,
+            degrees=figures.degrees, minutes=figures.minutes, steady=figures.steady,
+        )  # fmt: skip
+
+    def corrected(self, observations: Observations, lens: Lens) -> Observations:
+        """The observations as the camera would have made them, had it kept its mean orientation.
+
+        Boxes that the image border cuts stay as they are: their cut edges are those of the image.
+        """
+        seen = observations[self.camera]
+        boxes, joints = seen.boxes, seen.keypoints
+        middle = boxes.ltwh[:, :2] + 0.5 * boxes.ltwh[:, 2:]
+        moved = self._shifted(middle, boxes.frame, lens) - middle
+        whole = np.asarray(boxes.inside(lens.size))[:, None]
+        ltwh = np.column_stack([boxes.ltwh[:, :2] + np.where(whole, moved, 0.0), boxes.ltwh[:, 2:]])
+
+        def held(points: Keypoints) -> Keypoints:
+            frame = np.repeat(points.frame, points.xy.shape[1])
+            return replace(points, xy=self._shifted(points.xy.reshape(-1, 2), frame, lens).reshape(points.xy.shape))
+
+        found = CameraObservations(replace(boxes, ltwh=ltwh), held(joints), held(seen.wands))
+        return replace(observations, cameras={**observations.cameras, self.camera: found})
+
+    def _shifted(self, pixels: Floats, frame: Ints, lens: Lens) -> Floats:
+        """(N, 2) pixels of frames (N,) without the drift; as they were where the lens model cannot be inverted."""
+        knots = self.drift.knots[[0, -1]].astype(np.float64)
+        shifted = self.drift.shift(lens, pixels, np.interp(frame, self.frames, knots))
+        known = np.asarray(np.isfinite(shifted).all(axis=1))
+        return np.asarray(np.where(known[:, None], shifted, pixels))
+
+
+Motion = DetectedMotion | DetectedDrift
+
+
+def findings_of_motions(motions: Sequence[Motion], rig: Rig) -> list[Finding]:
+    """The doubts that moves, zooms and drifts are. Moves of a camera that drifts are parts of its drift.
+
+    Where cameras drift and all but one are in motion, one finding is for all of them: the motion of the last one passes for
+    that of the others.
+    """
+    drifts = [one for one in motions if isinstance(one, DetectedDrift)]
+    steps = [one for one in motions if isinstance(one, DetectedMotion)]
+    zooms = [one.finding for one in steps if one.change.zoom != 1.0]
+    moves = [one for one in steps if one.change.zoom == 1.0]
+    moving = {one.camera for one in drifts} | {one.camera for one in moves}
+    if len(drifts) > 1 and len(moving) >= len(rig.posed()) - 1:
+        pixels = [one.drift.pixels for one in drifts]
+        names = [name for name in rig.names if name in moving]
+        return [doubt("camera_drifts", *names, together=True, pixels=[min(pixels), max(pixels)]), *zooms]
+    drifting = {one.camera for one in drifts}
+    return [*(one.finding for one in drifts), *(one.finding for one in moves if one.camera not in drifting), *zooms]
+
+
+@dataclass(frozen=True, eq=False)
+class MotionCorrection(Correction):
+    """Inputs that are corrected for the motion of one camera."""
+
+    motion: Motion
 
 
 @dataclass(frozen=True)
 class MotionRepair:
-    """Leaves out what a camera saw while it stood elsewhere."""
+    """Leaves out what a camera saw while it stood elsewhere, and takes slow rotations out of what it saw."""
 
     stated: SceneInputs
     """As they were read, with the frame rates that a scene file's seconds count in."""
@@ -113,41 +201,68 @@ class MotionRepair:
         motion = _most_certain(inputs, estimate, self)
         if motion is None:
             return None
+        if isinstance(motion, DetectedDrift):
+            lens = estimate.solution.rig[motion.camera].lens
+            return MotionCorrection(replace(inputs, observations=motion.corrected(inputs.observations, lens)), motion)
         return MotionCorrection(replace(inputs, observations=_without(inputs.observations, motion)), motion)
 
-    def measured_again(self, corrections: Sequence[Correction], repaired: Estimate) -> tuple[DetectedMotion, ...]:
-        """The motions that were left out, each as large as it is by the final rig."""
-        found = [one for one in corrections if isinstance(one, MotionCorrection)]
-        return tuple(_measured_again(one.motion, self.stated, repaired, self) for one in found)
+    def measured_again(self, corrections: Sequence[Correction], repaired: Estimate) -> tuple[Motion, ...]:
+        """The motions that were found, each as large as it is by the final rig; of a camera that drifts, one drift."""
+        found: dict[str | int, Motion] = {}
+        for number, one in enumerate(corrections):
+            if isinstance(one, MotionCorrection):
+                drifts = isinstance(one.motion, DetectedDrift)
+                found[one.motion.camera if drifts else number] = one.motion
+        return tuple(
+            _drift_measured_again(one, self.stated, repaired, self)
+            if isinstance(one, DetectedDrift)
+            else _measured_again(one, self.stated, repaired, self)
+            for one in found.values()
+        )
 
 
-def _most_certain(inputs: SceneInputs, estimate: Estimate, repair: MotionRepair) -> DetectedMotion | None:
-    """The camera whose motion explains most of what does not fit; others may look moved because of it."""
+def _most_certain(inputs: SceneInputs, estimate: Estimate, repair: MotionRepair) -> Motion | None:
+    """The camera whose motion explains most of what does not fit; others may look moved because of it.
+
+    A drift is reported in place of a step where it explains more of the same sightings.
+    """
     rig, association = estimate.solution.rig, estimate.association
     middles = identified_body_centres(rig, association.instants)
     rays, around = PeopleRays.of(rig, middles), _cameras_around(rig, association.instants)
-    best: tuple[float, int, PoseChange] | None = None
+    best: tuple[float, int, PoseChange | PoseDrift] | None = None
     for c, camera in enumerate(rig):
         if camera.pose is None:
             continue
         m = _matched(c, rig, middles[c], rays, around[c], inputs.observations, association, repair)
         rate = association.instants.fps or USUAL_FPS
         stated = camera.lens.focal_sd is None
-        for change in (detect_pose_change(m, camera.pose, rate), detect_zoom(m, camera.pose, rate, stated=stated)):
-            if change is not None and change.sure and (best is None or change.gain > best[0]):
-                best = change.gain, c, change
+        moved, zoomed = detect_pose_change(m, camera.pose, rate), detect_zoom(m, camera.pose, rate, stated=stated)
+        found: list[PoseChange | PoseDrift] = [one for one in (moved, zoomed) if one is not None and one.sure]
+        if moved in found and (drift := detect_drift(m, camera.pose)) is not None:
+            found.append(drift)
+        for one in found:
+            if best is None or one.gain > best[0]:
+                best = one.gain, c, one
     if best is None:
         return None
     _, c, change = best
     name, posed = rig.names[c], rig.posed().names
     either = next(other for other in posed if other != name) if len(posed) == 2 else None
-    own = _own_frames(name, np.array([change.first, change.last]), inputs.observations, association)
-    frames = _all_frames(inputs.observations[name])
     clock = repair.stated.observations.clocks.get(name)
     fps = clock.fps if clock is not None else repair.stated.observations.fps
+    if isinstance(change, PoseDrift):
+        return DetectedDrift(name, _span(name, change, inputs.observations, association), fps, change, either)
+    own = _own_frames(name, np.array([change.first, change.last]), inputs.observations, association)
+    frames = _all_frames(inputs.observations[name])
     first = int(frames[0]) if change.at_start else int(np.ceil(own[0]))
     last = int(frames[-1]) if change.at_end else int(np.floor(own[1]))
     return DetectedMotion(name, first, last, fps, change, either)
+
+
+def _span(name: str, drift: PoseDrift, observations: Observations, association: Association) -> tuple[float, float]:
+    """A camera's own frames, fractional, at the first and the last knot of a drift."""
+    first, last = _own_frames(name, drift.knots[[0, -1]], observations, association).tolist()
+    return first, last
 
 
 def _cameras_around(rig: Rig, instants: Observations) -> list[set[int]]:
@@ -234,22 +349,10 @@ def _without(observations: Observations, moved: DetectedMotion) -> Observations:
 
 def _measured_again(moved: DetectedMotion, inputs: SceneInputs, estimate: Estimate, repair: MotionRepair) -> DetectedMotion:
     """The size of a motion by the rig that is right, in place of the one that the motion has bent."""
-    solution, association = estimate.solution, estimate.association
-    c = solution.rig.names.index(moved.camera)
-    pose = solution.rig.cameras[c].pose
+    association, pose = estimate.association, estimate.solution.rig[moved.camera].pose
     if pose is None:
         return moved
-    if repair.identities_known:
-        # The instants at hand lack what was left out.
-        seen = inputs.observations
-        clocks = {name: _clock(name, seen, association) for name in seen.cameras}
-        grid = association.instants.clocks.get(moved.camera)
-        everything = resample_to_common_steps(seen, clocks, grid=grid) if grid else seen
-    else:
-        everything = association.instants
-    middles = identified_body_centres(solution.rig, everything)
-    rays, everyone = PeopleRays.of(solution.rig, middles), range(len(middles))
-    m = _matched(c, solution.rig, middles[c], rays, everyone, inputs.observations, association, repair)
+    m = _matched_again(moved.camera, inputs, estimate, repair)
     own = _own_frames(moved.camera, m.own.instant, inputs.observations, association)
     part = m.part((own >= moved.first_frame) & (own <= moved.last_frame))
     if len(part) < 10:
@@ -266,3 +369,30 @@ def _measured_again(moved: DetectedMotion, inputs: SceneInputs, estimate: Estima
     if zoom is not None:
         change = replace(change, other=zoom.pose, zoom=zoom.factor, sigmas=zoom.sigmas)
     return replace(moved, change=change)
+
+
+def _drift_measured_again(found: DetectedDrift, inputs: SceneInputs, estimate: Estimate, repair: MotionRepair) -> DetectedDrift:
+    """The size of a drift by the final rig, from the observations as they were read."""
+    pose = estimate.solution.rig[found.camera].pose
+    if pose is None:
+        return found
+    drift = fit_drift(_matched_again(found.camera, inputs, estimate, repair), pose, len(found.drift.knots) - 1)
+    if drift is None:
+        return found
+    return replace(found, drift=drift, frames=_span(found.camera, drift, inputs.observations, estimate.association))
+
+
+def _matched_again(name: str, inputs: SceneInputs, estimate: Estimate, repair: MotionRepair) -> Correspondences:
+    """All that a camera saw, as it was read, with where the others see the people by the final rig."""
+    rig, association = estimate.solution.rig, estimate.association
+    c = rig.names.index(name)
+    everything = association.instants
+    if repair.identities_known:
+        # The instants at hand lack what was left out.
+        seen = inputs.observations
+        clocks = {name: _clock(name, seen, association) for name in seen.cameras}
+        grid = association.instants.clocks.get(name)
+        everything = resample_to_common_steps(seen, clocks, grid=grid) if grid else seen
+    middles = identified_body_centres(rig, everything)
+    rays, everyone = PeopleRays.of(rig, middles), range(len(middles))
+    return _matched(c, rig, middles[c], rays, everyone, inputs.observations, association, repair)

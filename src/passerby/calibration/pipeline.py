@@ -16,7 +16,7 @@ from passerby.association.result import Association
 from passerby.calibration.alignment.lengths import check_lengths, findings_of_checks
 from passerby.calibration.alignment.scene_world import align_to_scene
 from passerby.calibration.calibration import Calibration
-from passerby.calibration.camera_motion import DetectedMotion, MotionRepair
+from passerby.calibration.camera_motion import DetectedMotion, Motion, MotionRepair, findings_of_motions
 from passerby.calibration.clock_skew import MOST_CORRECTIONS, clock_rate_figures, clock_skew_findings, find_clock_skew
 from passerby.calibration.diagnostics.ground_planarity import ground_figures, shape_of, told_of_ground
 from passerby.calibration.diagnostics.known_heights import contradicted_heights
@@ -181,7 +181,7 @@ def _held_out(scene: Scene, estimate: Estimate, seed: int) -> HeldOutFigures | N
 
 
 def _with_figures(
-    scene: Scene, inputs: SceneInputs, repaired: Repaired, motions: Sequence[DetectedMotion], shape: GroundShape | None,
+    scene: Scene, inputs: SceneInputs, repaired: Repaired, motions: Sequence[Motion], shape: GroundShape | None,
     held_out: HeldOutFigures | None, seed: int,
 ) -> Solution:  # fmt: skip
     """The solution, its figures with those of the repairs, of the ground and of the people held out."""
@@ -189,17 +189,19 @@ def _with_figures(
     rates = None
     if "clock_rate" in scene.solver.refine and (inputs.observations.clocks or inputs.observations.fps is not None):
         rates = clock_rate_figures(inputs, repaired.inputs, repaired.estimate)
-    moved = tuple(one.figures for one in motions)
+    moved = tuple(one.figures for one in motions if isinstance(one, DetectedMotion))
+    drifts = tuple(one.figures for one in motions if not isinstance(one, DetectedMotion)) or None
     up = up_figures(solution, repaired.estimate.association.instants, np.random.default_rng(seed))
-    ground = ground_figures(shape)
-    figures = replace(solution.figures, moved=moved, ground=ground, up=up, clock_rates=rates, held_out=held_out)
+    figures = replace(
+        solution.figures, moved=moved, drifts=drifts, ground=ground_figures(shape), up=up, clock_rates=rates, held_out=held_out
+    )
     if isinstance(figures, AdjustedFigures):
         figures = replace(figures, lenses=with_lens_priors(figures.lenses, inputs.rig))
     return replace(solution, figures=figures)
 
 
 def _doubts(
-    scene: Scene, inputs: SceneInputs, solution: Solution, association: Association, motions: Sequence[DetectedMotion],
+    scene: Scene, inputs: SceneInputs, solution: Solution, association: Association, motions: Sequence[Motion],
     shape: GroundShape | None, estimator: Estimator,
 ) -> tuple[tuple[Finding, ...], tuple[Finding, ...]]:  # fmt: skip
     """What speaks against relying on the solution, and what is only to be noted of the ground and of people."""
@@ -213,7 +215,7 @@ def _doubts(
         lambda rig: estimator.solver(rig)(association.instants, known=association.known_heights),
     )
     places = doubts_of_same_place(solution.rig, inputs.observations)
-    moved = (one.finding for one in motions)
+    moved = findings_of_motions(motions, solution.rig)
     heights = [finding for finding in association.height_findings if finding.severity != "notice"]
     known = combine_heights((*scene.scale_cues().people, *association.known_heights))
     said = {finding.values["cue"] for finding in solution.findings if finding.code == "scale_cue_contradicted"}

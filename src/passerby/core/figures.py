@@ -220,6 +220,21 @@ class MotionFigures:
 
 
 @dataclass(frozen=True, kw_only=True)
+class DriftFigures:
+    """A camera that kept turning during its recording; the rotation was taken out of its observations."""
+
+    camera: str
+    degrees: float
+    """The largest rotation between two times."""
+    pixels: float
+    """How far it moves people in the image (median)."""
+    minutes: float | None
+    """How long the camera was observed; None where the frame rate is not known."""
+    steady: bool
+    """Whether it turned at one rate all the time."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class GroundFigures:
     """How far the people's ground is from one plane."""
 
@@ -301,6 +316,8 @@ class SolverFigures:
     clock_rates: Mapping[str, FittedRate] | None = field(default=None, metadata=ABSENT)
     """By camera; None where rates were not refined."""
     moved: tuple[MotionFigures, ...] = ()
+    drifts: tuple[DriftFigures, ...] | None = field(default=None, metadata=ABSENT)
+    """None where no camera drifts."""
     ground: GroundFigures | None = None
     """None where too few places tell."""
     up: UpFigures | None = field(default=None, metadata=ABSENT)

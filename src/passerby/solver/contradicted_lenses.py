@@ -157,4 +157,4 @@ def _finding(rig: Rig, found: ContradictedLens) -> Finding:
             side = ("left", "right") if axis == 0 else ("top", "bottom")
             return doubt("image_seems_cropped", camera.name, side=side[int(moved > 0)], moved_px=abs(moved))
         return doubt("lens_part_contradicted", camera.name, part="principal point")
-    return doubt("lens_part_contradicted", camera.name, part="distortion")
+    return doubt("lens_part_contradicted", *(rig.names[c] for c in cameras), part="distortion")

@@ -3,7 +3,8 @@
 One Gauss-Newton step of the reduced system, widened by columns for the lenses, says for every hypothesis "this part of this
 camera's lens is wrong, and nothing else" where it would go and by how much the cost would fall (Rao 1948). That is a fall of
 the log likelihood, so that hypotheses can be compared, and it costs as much as one iteration. A step with all lenses free
-instead spreads one wrong lens over all cameras, with sigmas several times as large.
+instead spreads one wrong lens over all cameras, with sigmas several times as large. Focal lengths with a stated standard
+deviation are nuisance parameters of all hypotheses: a change that this deviation explains contradicts nothing.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ from passerby.solver.lens_unknowns import LensPart, by_distortion
 from passerby.solver.optimizer.least_squares import NormalEquations
 from passerby.solver.people_state import AdjustmentState
 from passerby.solver.person_model import PeopleProblem
+from passerby.solver.systematic import StatedFocals
 from passerby.solver.uncertainty import downweight
 
 _DERIVATIVES = {"focal": by_focal, "principal_point": by_principal_point, "distortion": by_distortion}
@@ -90,33 +92,44 @@ def score_lenses(
         problem: the person model, in which no lens is free.
         state: its optimum.
         inflation: how many times less the observations say than as many independent ones would.
-        parts: of lenses, of which one may be wrong in one camera; the focal lengths also in all cameras alike, and a
-            principal point along one axis as well.
+        parts: of lenses, of which one may be wrong in one camera; focal lengths and distortions also in all cameras alike, and
+            a principal point along one axis as well.
     """
     n, scores = problem.n_cameras, []
+    guessed = StatedFocals.of(rig, problem, state)
     for part in parts:
         columns = lens_columns(rig, problem, state, _DERIVATIVES[part])
-        lenses = _free_lenses(problem, state, inflation, columns)
+        lenses = _free_lenses(problem, state, inflation, columns, guessed)
         own = np.eye(len(lenses.H)).reshape(n, -1, len(lenses.H))
         scores += [lenses.along(LensHypothesis(part, (c,)), own[c].T) for c in range(n)]
         if part == "principal_point":
             scores += [lenses.along(LensHypothesis(part, (c,), k), own[c, k : k + 1].T) for c in range(n) for k in range(2)]
-        if part == "focal":
+        if part != "principal_point":
             scores.append(lenses.along(LensHypothesis(part, tuple(range(n))), np.ones((n, 1))))
     return sorted(scores, key=lambda score: -score.gain)
 
 
 def _free_lenses(
-    problem: PeopleProblem, state: AdjustmentState, inflation: float, columns: Mapping[str, Floats]
-) -> _FreeLenses:
-    """The system of u numbers of every lens; `columns` as of `lens_columns`."""
+    problem: PeopleProblem, state: AdjustmentState, inflation: float, columns: Mapping[str, Floats],
+    guessed: StatedFocals | None,
+) -> _FreeLenses:  # fmt: skip
+    """The system of u numbers of every lens; `columns` as of `lens_columns`. Errors of guessed focal lengths are eliminated."""
     own = dict(columns)
+    u = next(iter(own.values())).shape[2]
+    if guessed is not None:
+        own = {kind: np.concatenate([own[kind], guessed.columns[kind]], axis=2) for kind in own}
     wide = WidenedLayout.of(problem, next(iter(own.values())).shape[2])
     terms = [downweight(wide.widen(term, own), inflation) for term in problem.terms(state, jacobians=True)]
     reduced = NormalEquations(wide.layout, terms).reduce()
-    inverse = inverse_of(reduced.H)
-    at: Ints = wide.places.ravel()
-    return _FreeLenses(pseudo_inverse(inverse[np.ix_(at, at)], 1e-15), -(inverse @ reduced.gradient)[at])
+    H, kept = reduced.H, np.arange(len(reduced.H))
+    if guessed is not None:
+        errors, known = wide.places[:, u], np.diag(guessed.covariance) == 0.0
+        uncertain = errors[~known]
+        H[np.ix_(uncertain, uncertain)] += inverse_of(guessed.covariance[np.ix_(~known, ~known)])
+        kept = np.setdiff1d(kept, errors[known])
+    inverse = inverse_of(H[np.ix_(kept, kept)])
+    at: Ints = np.searchsorted(kept, wide.places[:, :u].ravel())
+    return _FreeLenses(pseudo_inverse(inverse[np.ix_(at, at)], 1e-15), -(inverse @ reduced.gradient[kept])[at])
 
 
 def plausible(rig: Rig, hypothesis: LensHypothesis, change: Sequence[float] | Floats) -> bool:

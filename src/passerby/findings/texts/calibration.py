@@ -46,6 +46,30 @@ def _to_choose(v: Fields) -> str:
     return f"under [{v['table']}] set {one} to keep that pose, or {two} for the pose {other} the move"
 
 
+def _drifts(v: Fields) -> str:
+    if v["together"]:
+        least, most = (f"{pixels:.0f}" for pixels in v["pixels"])
+        far = f"{most} px" if least == most else f"{least} to {most} px"
+        return f"the images of cameras {v['cameras']} move slowly, by {far}, and this was taken out of their observations"
+    either = f" (or camera {v['second']} does: two cameras alone cannot show which)" if len(v["names"]) > 1 else ""
+    far, timed = f"{v['pixels']:.0f} px ({v['degrees']:.1f} degrees)", v["minutes"] is not None
+    if not v["steady"]:
+        far = f"by up to {far}"
+    elif timed:
+        far = f"by {v['pixels'] / v['minutes']:.0f} px ({v['degrees'] / v['minutes']:.1f} degrees) a minute, {far} in all"
+    else:
+        far = f"steadily, by {far} in all"
+    return (
+        f"camera {v['camera']} drifts {far}{either}: its pose is the mean one, and the drift was taken out of its observations"
+    )
+
+
+def _to_hold_still(v: Fields) -> str:
+    if v["together"]:
+        return "switch image stabilisation off in these cameras, or fasten them, and record again"
+    return "fasten the camera, or switch its image stabilisation off, and record again"
+
+
 def _zoomed(v: Fields) -> str:
     far = f"zoomed {'in' if v['factor'] > 1 else 'out'} by a factor of {max(v['factor'], 1 / v['factor']):.2f}"
     if v["left_out"] == "between":
@@ -114,6 +138,10 @@ CALIBRATION: Mapping[str, Kind] = {
     "camera_moved": Kind(
         DOUBT, "The camera moved while it filmed (or the second one did); `left_out` says which part was not used.",
         _moved, _to_choose, joint="; ",
+    ),
+    "camera_drifts": Kind(
+        DOUBT, "The camera kept turning while it filmed, or several cameras did `together`; the rotation was corrected.",
+        _drifts, _to_hold_still, joint="; ",
     ),
     "camera_zoomed": Kind(
         DOUBT, "The focal length changed by `factor` while the camera filmed; `left_out` says which part was not used.",

@@ -1,0 +1,68 @@
+"""Two cameras whose files change places while they film are an error of the input; others are left alone."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+import passerby
+from passerby.common.errors import InputError
+from passerby.core.observations import Boxes
+from passerby.simulation import SimulatedScene, SimulationOptions, simulate
+from passerby.simulation.disturbances import Move, film_disturbed
+
+OPTIONS = SimulationOptions(seconds=16.0, people=7, box_noise=0.02, missing=0.05, false_boxes=0.03, seed=5)
+SINCE = 41
+TURNS = (Move("C1", 8.0, turn_deg=(0.0, 6.0, 0.0)), Move("C3", 8.0, turn_deg=(0.0, -6.0, 0.0)))
+
+
+@cache
+def scene(moves: tuple[Move, ...] = ()) -> SimulatedScene:
+    return simulate(OPTIONS, film_disturbed(OPTIONS, moves))
+
+
+def joined(before: Boxes, after: Boxes) -> Boxes:
+    """The boxes of one recording before the exchange and of another one from then on."""
+    parts = before.take(before.frame < SINCE), after.take(after.frame >= SINCE)
+    columns = {one.name for one in fields(Boxes)} - {"embedding"}
+    return Boxes(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in columns})
+
+
+def exchanged(first: str, second: str) -> dict[str, Boxes]:
+    boxes = {name: scene().observations[name].boxes for name in scene().rig.names}
+    own = boxes[first], boxes[second]
+    return {**boxes, first: joined(*own), second: joined(*own[::-1])}
+
+
+def calibrated(boxes: dict[str, Boxes], mode: str = "given") -> passerby.Calibration:
+    return passerby.calibrate_observations(scene().rig, boxes, fps=OPTIONS.fps, association={"mode": mode})
+
+
+@pytest.mark.parametrize("known", [True, False], ids=["identities", "detections"])
+def test_an_exchange_is_an_error_with_both_cameras_and_its_time(known: bool) -> None:
+    boxes = exchanged("C1", "C3")
+    if not known:
+        boxes = {name: replace(one, identity=np.full(len(one), -1)) for name, one in boxes.items()}
+    with pytest.raises(InputError, match=r"cameras C1 and C3 are exchanged from frame 41 \(8\.0 s\) on") as fault:
+        calibrated(boxes, "given" if known else "combined")
+    assert "until_s = 8" in str(fault.value)
+    assert "C2" not in str(fault.value)
+
+
+@pytest.mark.parametrize("moves", [(), TURNS], ids=["still", "two cameras turned at one time"])
+def test_no_exchange_is_found_where_there_is_none(moves: tuple[Move, ...]) -> None:
+    found = calibrated({name: scene(moves).observations[name].boxes for name in scene(moves).rig.names})
+    assert not [one for one in found.diagnostics if one.code == "streams_seem_exchanged"]
+
+
+def test_a_cut_in_one_camera_alone_is_no_exchange() -> None:
+    """A recording with a jump, as of a file from which a part was cut out."""
+    boxes = {name: scene().observations[name].boxes for name in scene().rig.names}
+    own = boxes["C2"]
+    later = own.take(own.frame > SINCE + 20)
+    cut = joined(own, replace(later, frame=later.frame - 20))
+    found = calibrated({**boxes, "C2": cut})
+    assert not [one for one in found.diagnostics if one.code == "streams_seem_exchanged"]
