@@ -39,7 +39,7 @@ def test_every_beginning_of_a_pickle_is_refused(protocol):
         collections.OrderedDict(a=1), np.array([object()]), np.array(["text"]), np.zeros(2, dtype="f8,f4"), print, {1.5: 2},
         np.datetime64("2026-01-01"), {1, 2},
     ],
-    ids=repr,
+    ids=["subclass", "objects", "texts", "records", "function", "number as key", "date", "set"],
 )  # fmt: skip
 def test_other_objects_are_refused(value):
     with pytest.raises(NotParsed):
