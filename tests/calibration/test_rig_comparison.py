@@ -27,8 +27,8 @@ def test_the_people_of_a_scene_are_those_of_its_calibration(monkeypatch: pytest.
 
     def calibrate(people: Path, **named: object) -> SimpleNamespace:
         asked.append((people, named["seed"]))
-        stated = SimpleNamespace(scale=SimpleNamespace(person_height_m=1.72))
-        return SimpleNamespace(verdict="doubtful", instants=part(scene.observations), scene=stated)
+        stated = SimpleNamespace(scale=SimpleNamespace(person_height_m=1.72), turns={})
+        return SimpleNamespace(verdict="doubtful", instants=part(scene.observations), scene=stated, rig=scene.rig)
 
     monkeypatch.setattr(rig_comparison, "calibrate", calibrate)
     shrunk = scene.rig.moved([[1, 0, 0], [0, 1, 0], [0, 0, 1]], [0, 0, 0.3], 0.9)

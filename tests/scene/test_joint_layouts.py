@@ -82,6 +82,6 @@ def test_names_that_fit_no_layout_stay(people) -> None:
 
 def test_cameras_without_people_and_names_of_no_tool(people) -> None:
     few = {name: one.take(np.zeros(0, dtype=np.int64)) for name, one in people.items()}
-    assert correct_layouts(readings(few, BODY_25)) == []
+    assert corrected(readings(few, BODY_25)) == []
     own = tuple(f"marker {number}" for number in range(25))
-    assert correct_layouts(readings(people, own)) == []
+    assert corrected(readings(people, own)) == []

@@ -43,8 +43,8 @@ OLD_FORMS = re.compile(
     r"\[(?:association|solver|solver\.options|scene|scale|world|perception)\] [a-z_]+(?: = |\))|to \[scene\]"
 )
 """`[association] max_offset_s = 14` is no line of TOML, and the table a second time is none either."""
-EXAMPLES = {"boxes": "corners"}
-"""Keys with a choice of words: one of them, where the text has the one that fits."""
+EXAMPLES = {"boxes": "corners", "rotate": "90"}
+"""Keys with a choice of values: one of them, where the text has the one that fits."""
 BARE = '[cameras.C1]\nintrinsics = "rig.toml"\nvideo = "C1.mp4"\n\n[cameras.C2]\nintrinsics = "rig.toml"\nvideo = "C2.mp4"\n'
 
 
@@ -77,7 +77,7 @@ def remedies() -> list[tuple[str, tuple[str, ...]]]:
     for _, text in texts():
         for table, told in REMEDY.findall(text):
             lines = [
-                f"{key} = {value if value != '{}' else '7'}".replace("{}", EXAMPLES.get(key, "C1"))
+                f"{key} = {value if value != '{}' else EXAMPLES.get(key, '7')}".replace("{}", EXAMPLES.get(key, "C1"))
                 for key, value in SETTING.findall(told)
             ]
             choices = [(line,) for line in lines] if " or " in told else [tuple(lines)]

@@ -135,9 +135,10 @@ def _calibrate_together(estimator: Estimator, inputs: SceneInputs) -> Calibratio
         placed = align_to_scene(scene, filmed, inputs.elsewhere)
         checks = check_lengths(scene.scale.checks, placed.rig, adjusted(solution.figures).scale.relative_sigma)
         off = findings_of_checks(checks)
-        doubts, ground = _doubts(scene, inputs, solution, association, motions, shape, estimator)
+        doubts, ground = _doubts(scene, inputs, solution, association, shape, estimator)
         misplaced = tuple(finding for finding in (*placed.findings, *off) if finding.severity == "doubt")
-        solution = _decided(scene, solution, association, (*doubts, *misplaced), placed.rig, inputs.gaps)
+        causes = (*inputs.doubts, *findings_of_motions(motions, solution.rig))
+        solution = _decided(scene, solution, association, causes, (*doubts, *misplaced), placed.rig, inputs.gaps)
     solved = time.perf_counter()
     lenses, rates = adjusted(solution.figures).lenses, solution.figures.clock_rates or {}
     refined = (*lens_notes(lenses), *clock_skew_findings(rates), *ground)
@@ -201,8 +202,8 @@ def _with_figures(
 
 
 def _doubts(
-    scene: Scene, inputs: SceneInputs, solution: Solution, association: Association, motions: Sequence[Motion],
-    shape: GroundShape | None, estimator: Estimator,
+    scene: Scene, inputs: SceneInputs, solution: Solution, association: Association, shape: GroundShape | None,
+    estimator: Estimator,
 ) -> tuple[tuple[Finding, ...], tuple[Finding, ...]]:  # fmt: skip
     """What speaks against relying on the solution, and what is only to be noted of the ground and of people."""
     tilt_known = scene.world is not None and scene.world.tilt
@@ -215,7 +216,6 @@ def _doubts(
         lambda rig: estimator.solver(rig)(association.instants, known=association.known_heights),
     )
     places = doubts_of_same_place(solution.rig, inputs.observations)
-    moved = findings_of_motions(motions, solution.rig)
     heights = [finding for finding in association.height_findings if finding.severity != "notice"]
     known = combine_heights((*scene.scale_cues().people, *association.known_heights))
     said = {finding.values["cue"] for finding in solution.findings if finding.code == "scale_cue_contradicted"}
@@ -226,20 +226,20 @@ def _doubts(
     against = [finding for finding in held_out if finding.severity == "doubt"]
     noticed = tuple(finding for finding in held_out if finding.severity == "notice")
     unusual = told_of_unusual(adjusted(solution.figures).people)
-    doubts = (*inputs.doubts, *places, *sizes, *moved, *association.doubts, *heights, *uneven, *against)
+    doubts = (*places, *sizes, *association.doubts, *heights, *uneven, *against)
     return doubts, (*ground, *noticed, *unusual)
 
 
 def _decided(
-    scene: Scene, solution: Solution, association: Association, doubts: Sequence[Finding], placed: Rig,
-    gaps: Mapping[str, Spans],
+    scene: Scene, solution: Solution, association: Association, causes: Sequence[Finding], doubts: Sequence[Finding],
+    placed: Rig, gaps: Mapping[str, Spans],
 ) -> Solution:  # fmt: skip
     """The solution with the verdict on it."""
     basis, grown = _scale_of(scene, solution, placed)
     tall = doubts_of_heights(heights_of(solution.figures), grown, scene.scale.person_height_m) if grown != 1.0 else ()
     return judged(
-        solution, association.instants, given=scene.association.given, why=association.lost, doubts=(*doubts, *tall),
-        basis=basis, grown=grown, unrecorded=unrecorded_instants(gaps, association),
+        solution, association.instants, given=scene.association.given, why=association.lost, causes=causes,
+        doubts=(*doubts, *tall), basis=basis, grown=grown, unrecorded=unrecorded_instants(gaps, association),
     )  # fmt: skip
 
 

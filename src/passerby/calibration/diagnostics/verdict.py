@@ -27,7 +27,7 @@ MIN_POSITIONS = 10
 
 def judged(
     solution: Solution, observations: Observations, *, given: bool = True, why: Mapping[str, Finding] | None = None,
-    doubts: Sequence[Finding] = (), basis: ScaleBasis = "taken", grown: float = 1.0,
+    causes: Sequence[Finding] = (), doubts: Sequence[Finding] = (), basis: ScaleBasis = "taken", grown: float = 1.0,
     unrecorded: Mapping[str, Ints] | None = None,
 ) -> Solution:  # fmt: skip
     """The solution, no longer accepted where it lacks a camera, where all people were on one line or spot, or where a camera
@@ -38,13 +38,16 @@ def judged(
         observations: people at common instants.
         given: whether their identities were given, not found.
         why: by camera, why it could not be joined to another, where more is known than that nobody is shared.
+        causes: doubts about the input and about cameras that were in motion. They come first: other findings follow from them.
         doubts: what else speaks against relying on it.
         basis: what the scale rests on.
         grown: what the lengths of the rig are multiplied by afterwards, where known places set the scale.
         unrecorded: by camera, the instants at which it recorded nothing.
     """
     doubts = [*doubts, *_against_people(solution, observations, basis, grown, unrecorded or {})]
-    findings = [*solution.findings, *doubts]
+    findings = [*causes, *solution.findings, *doubts]
+    if solution.verdict == "refused":
+        findings = [*solution.findings, *causes, *doubts]
     lost = [camera.name for camera in solution.rig if camera.pose is None]
     if lost:
         apart = _apart(observations, given, why or {}, nothing_known=not findings)
@@ -59,7 +62,7 @@ def judged(
     with_joints = sum(len(observations[camera.name].keypoints) > 0 for camera in solution.rig) > 1
     degenerate = None if with_joints else _one_line_or_spot(people_positions(solution.rig, observations))
     findings += [] if degenerate is None else [degenerate]
-    doubtful = bool(lost) or bool(doubts) or degenerate is not None
+    doubtful = bool(lost or causes or doubts) or degenerate is not None
     verdict = "doubtful" if doubtful and solution.verdict == "accepted" else solution.verdict
     return replace(solution, verdict=verdict, findings=tuple(findings))
 
