@@ -80,10 +80,18 @@ def contradicted_lenses(
             break
         best = min(sound, key=lambda freed: freed.scores[0].gain)
         scores = best.scores
-    # Where one of two wrong lenses is freed, the other shows the more; in the end little must be left.
-    if best is None or best.scores[0].gain > RIVAL_SHARE * first[0].gain:
+    # Where one of two wrong lenses is freed, the other shows the more; in the end little must be left, and less for the lenses
+    # that stay as stated than before: a change that makes these doubtful is no explanation.
+    if best is None or best.scores[0].gain > min(RIVAL_SHARE * first[0].gain, _of_others(first, best.changes)):
         return []
     return [_contradicted(best, hypothesis) for hypothesis in best.changes]
+
+
+def _of_others(scores: Sequence[LensScore], freed: Mapping[LensHypothesis, object]) -> float:
+    """The largest gain of a hypothesis about other parts or cameras than those that were freed."""
+    explained = {(hypothesis.part, hypothesis.cameras) for hypothesis in freed}
+    others = (one.gain for one in scores if (one.hypothesis.part, one.hypothesis.cameras) not in explained)
+    return max(others, default=np.inf)
 
 
 def contradictions_of(rig: Rig, found: Sequence[ContradictedLens]) -> list[Finding]:
