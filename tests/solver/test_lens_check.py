@@ -268,17 +268,17 @@ def test_steps_that_are_the_same_in_all_cameras_say_nothing_of_where_one_stands(
         assert [one.cameras[0] for one in found] == [name for name, step in zip("ABC", steps, strict=False) if step != -0.1]
 
 
-def on_a_wall(spacing_m: float) -> tuple[Rig, Observations]:
-    """Four parallel cameras, 3 m high, 6 m in front of the middle of the people; boxes with 2 % of noise."""
-    filmed, rng = film(SimulationOptions(seconds=30.0, people=6, seed=1)), np.random.default_rng(1)
+def on_a_wall(spacing_m: float, seed: int, *, converging: bool) -> tuple[Rig, Observations]:
+    """Four cameras, 3 m high, 6 m in front of the middle of the people, parallel or aimed at it; boxes with 2 % of noise."""
+    filmed, rng = film(SimulationOptions(seconds=30.0, people=6, seed=seed)), np.random.default_rng(seed)
     state, present = filmed.motion.at(np.arange(150) / 5.0)
     joints, size = pose_joints(state, filmed.heights), np.array([1280, 720])
     lens = Lens((1280, 720), np.array([[914.0, 0, 640], [0, 914, 360], [0, 0, 1]]), np.zeros(0))
     cameras, seen = [], {}
     for number in range(4):
         x = (number - 1.5) * spacing_m
-        centre = np.array([x, -6.0, 3.0])
-        camera = Camera(f"C{number + 1}", lens, Pose.from_centre(looking_at(centre, np.array([x, 2.0, 0.8])), centre))
+        centre, aim = np.array([x, -6.0, 3.0]), np.array([0.0 if converging else x, 2.0, 0.8])
+        camera = Camera(f"C{number + 1}", lens, Pose.from_centre(looking_at(centre, aim), centre))
         view = observe_camera(camera, joints, filmed.heights, present)
         frame, person = np.nonzero((view.inside > 0.5) & (view.hidden < 0.3))
         edges = view.visible_box[frame, person]
@@ -291,9 +291,14 @@ def on_a_wall(spacing_m: float) -> tuple[Rig, Observations]:
 
 
 @pytest.mark.system
-@thinned("spacing_m", [1.0, 0.5, 0.3], quick=1)
-def test_a_right_rig_of_cameras_side_by_side_on_a_wall_is_accepted(spacing_m: float) -> None:
-    rig, observations = on_a_wall(spacing_m)
+@thinned(
+    ("spacing_m", "seed", "converging"),
+    [(1.0, 1, False), (0.5, 1, False), (0.3, 1, False), (0.5, 12, True), (1.0, 11, True), (1.0, 13, True)],
+    quick=1,
+)
+def test_a_right_rig_of_cameras_side_by_side_on_a_wall_is_accepted(spacing_m: float, seed: int, converging: bool) -> None:
+    """Aimed at one point they would fit all focal lengths 25 % shorter, but then no principal point any more."""
+    rig, observations = on_a_wall(spacing_m, seed, converging=converging)
     solution = solve(rig, observations, options=SOLVING)
     assert [one.code for one in solution.findings] == []
     found, true = (np.array([camera.centre for camera in one]) for one in (solution.rig, rig))
