@@ -4,10 +4,12 @@ import cv2
 import numpy as np
 import pytest
 
+from passerby.perception.background import BackgroundDetector, learn_background, plan_sampling
 from passerby.perception.lying_people import turn_that_shows_people
 from passerby.perception.pictures import Detections
-from passerby.perception.video import TURNS, probe
-from support.scenes.puppet_videos import write_video
+from passerby.perception.video import TURNS, VideoReader, probe
+from support.scenes.puppet_videos import pictures as pictures_of
+from support.scenes.puppet_videos import puppets, write_video
 
 
 def upright_picture(number: int) -> np.ndarray:
@@ -42,3 +44,16 @@ def test_the_turn_that_shows_people_is_found(tmp_path, turn):
     path = write_video(tmp_path / "a.mp4", iter(filmed), 5.0)
     assert turn_that_shows_people(probe(path), HeadsAboveTrousers()) == turn
     assert turn_that_shows_people(probe(path).turned(turn), HeadsAboveTrousers()) == 0
+
+
+@pytest.mark.parametrize("turn", [90, 270])
+def test_background_subtraction_sees_people_on_their_side(tmp_path, turn):
+    """Whether these stand on their heads after a turn it cannot see."""
+    made = puppets(24.0, 5.0, 2, 3)
+    pictures = [cv2.rotate(picture, TURNS[turn]) for picture in pictures_of(made, "C1")]
+    path = write_video(tmp_path / "a.mp4", iter(pictures), made.fps)
+    for degrees, expected in ((0, {90, 270}), (turn, {0})):
+        info = probe(path).turned(degrees)
+        sampling = plan_sampling(info.seconds)
+        model = learn_background(VideoReader(info, rate=1.0 / sampling.interval_s), sampling)
+        assert turn_that_shows_people(info, BackgroundDetector(model)) in expected

@@ -9,7 +9,7 @@ more. CONTRIBUTING.md has the figures.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any, cast
 
 import cv2
@@ -95,6 +95,12 @@ class BackgroundModel:
     def scale(self) -> float:
         """Working pixels per pixel of the whole picture."""
         return float(self.colour.shape[2] / self.size[0])
+
+    def turned(self, degrees: int) -> BackgroundModel:
+        """The model of the pictures after they are turned clockwise by a multiple of 90 degrees, without people's stature."""
+        size = self.size if degrees % 180 == 0 else self.size[::-1]
+        colour, noise = (np.rot90(part, -degrees // 90, axes=(1, 2)).copy() for part in (self.colour, self.noise))
+        return replace(self, size=size, colour=colour, noise=noise, stature=None)
 
     def to_arrays(self) -> dict[str, NDArray[Any]]:
         """The model as named arrays, for numpy.savez."""
@@ -231,6 +237,11 @@ class BackgroundDetector:
         self._model = model
         self._options = options or BackgroundOptions()
         self._prepared: tuple[tuple[int, int, int], Reference] | None = None
+
+    def turned(self, degrees: int) -> BackgroundDetector:
+        """The detector for the pictures after they are turned clockwise by a multiple of 90 degrees."""
+        model = self._model.turned(degrees)
+        return BackgroundDetector(model, replace(self._options, working_width=model.colour.shape[2]))
 
     @property
     def identity(self) -> Identity:

@@ -7,6 +7,7 @@ from itertools import islice
 import cv2
 import numpy as np
 
+from passerby.perception.background import BackgroundDetector
 from passerby.perception.pictures import Detector, Frame
 from passerby.perception.video import TURNS, VideoInfo, VideoReader
 
@@ -25,17 +26,20 @@ def turn_that_shows_people(info: VideoInfo, detector: Detector) -> int:
 
     Args:
         info: the video.
-        detector: a network: background subtraction finds people whatever way they lie.
+        detector: of the video as it is.
 
     Raises:
         InputError: as `VideoReader`.
     """
     every_s = EVERY_S if info.seconds is None else min(EVERY_S, info.seconds / PICTURES)
-    counts = dict.fromkeys((0, 90, 180, 270), 0)
+    detectors = {
+        turn: detector.turned(turn) if isinstance(detector, BackgroundDetector) else detector for turn in (0, 90, 180, 270)
+    }
+    counts = dict.fromkeys(detectors, 0)
     for frame in islice(VideoReader(info, rate=1.0 / max(every_s, 1.0 / info.clock_fps)), PICTURES):
         for turn in counts:
             picture = frame.picture if turn == 0 else cv2.rotate(frame.picture, TURNS[360 - turn])
-            people = detector(Frame(frame.number, frame.seconds, np.asarray(picture, dtype=np.uint8)))
+            people = detectors[turn](Frame(frame.number, frame.seconds, np.asarray(picture, dtype=np.uint8)))
             counts[turn] += int((people.score >= CERTAIN).sum())
     best = max((90, 270, 180), key=lambda turn: counts[turn])
     return best if counts[best] >= max(LEAST, TIMES * counts[0]) else 0

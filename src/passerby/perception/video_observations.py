@@ -63,6 +63,8 @@ class VideoObservations:
             for move in self.summary["moves"]
             if move["until"] is not None
         ]
+        if (rotate := self.summary.get("wide_shapes_rotate")) is not None:
+            found.append(notice("people_seem_sideways", name, place=place, rotate=rotate, other=(rotate + 180) % 360))
         if broken:
             first = self.summary["first_broken_s"]
             found.append(notice("frames_undecodable", name, place=place, broken=broken, first_s=first))

@@ -247,10 +247,12 @@ class _Watch:
         self._at_s = math.inf
         self._turn((index + SEGMENT) // SEGMENT)
         summary = _summary(index + 1, reader, watcher)
-        if job.boxes is None and job.plan.detector is not None and self._found < FEW * (index + 1):
+        if job.boxes is None and self._found < FEW * (index + 1):
             with self._timed("detection"):
                 turn = turn_that_shows_people(job.info, self._detector)
-            summary |= {"rotate": (job.rotate + turn) % 360} if turn else {}
+            # Without a network it may be that vehicles lie on their side, and people cannot be seen to stand on their heads.
+            found = "rotate" if job.plan.detector is not None else "wide_shapes_rotate"
+            summary |= {found: (job.rotate + turn) % 360} if turn else {}
         for stage in self._stages:
             stage.kept.finish(summary)
         return summary

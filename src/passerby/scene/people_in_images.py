@@ -87,7 +87,7 @@ def doubts_of_people(scene: Scene, readings: Sequence[CameraInput]) -> list[Find
                 sizes = {"seen_size": list(smaller[1]), "size": list(lens.size)}
                 found.append(doubt("smaller_image_cut", reading.name, place=str(path), cut=smaller[0], **sizes))
     found += [
-        doubt("image_upside_down", reading.name)
+        doubt("image_upside_down", reading.name, rotate=(reading.rotate + 180) % 360)
         for reading, lens in _known(readings)
         if is_upside_down(*_upright(reading, lens), scene.scale.person_height_m)
     ]

@@ -86,8 +86,8 @@ INPUT_FILES: Mapping[str, Kind] = {
     "image_upside_down": Kind(
         DOUBT, "The camera's people are upside down.",
         "{who}: people are upside down: the image seems to be flipped top to bottom, or the camera hangs upside down",
-        "turn its images the right way up, with their boxes and keypoints, or set rotate = 180 if the camera hangs "
-        "upside down",
+        lambda v: "turn its images the right way up, with their boxes and keypoints, or, if the camera hangs upside down, "
+        + ("set rotate = {rotate}" if v["rotate"] else "delete rotate").format(**v),
         common=True,
     ),
     "keypoint_layout_corrected": Kind(

@@ -41,6 +41,11 @@ def _long(v: Fields) -> str:
 
 
 VIDEOS: Mapping[str, Kind] = {
+    "people_seem_sideways": Kind(
+        NOTICE, "Few people are detected in the video, and many more once its images are turned by 90 degrees.",
+        "camera {camera}: few people are detected in its images, and many more once these are turned by 90 degrees",
+        "if people lie on their side there, set rotate = {rotate} (degrees clockwise), or {other} if they are then upside down",
+    ),
     "camera_bumped": Kind(
         NOTICE, "The camera is bumped: it moves for a while and comes back.",
         lambda v: f"camera {v['camera']}: the camera is bumped {v['from_s']:.1f} s after the start, "
