@@ -67,7 +67,8 @@ def icon(verdict: str, size: int = 32) -> Html:
 def _figures(contents: Contents, spells: Spells) -> Html:
     """The key figures, a dash where one is undefined, a word where nothing fixes what it is of."""
     figures = contents.figures
-    scale, vertical, used = figures.scale.relative_sigma, figures.vertical_sigma_deg, figures.people
+    scale, used = figures.scale.relative_sigma, figures.people
+    vertical = figures.vertical_sigma_deg if figures.up is None else figures.up.gravity_sigma_deg
     people = len(spells.people) if used is None else used.identities
     posed, every = len(contents.rig.posed()), len(contents.rig)
     begin, end = spells.span
