@@ -16,10 +16,10 @@ from passerby.core.cameras import Rig
 from passerby.core.known_places import KnownPoint, KnownPosition
 from passerby.core.observations import Clock
 from passerby.core.trajectories import Trajectories
-from passerby.evaluation.metrics import Comparison, compare
+from passerby.evaluation.metrics import Comparison, compare_measuring
 from passerby.evaluation.on_people import PeopleComparison
 from passerby.interchange.formats import Export, Given, export, find_format, read_rig_as
-from passerby.interchange.output_folder import OutputFolder, read_output, read_rig_at
+from passerby.interchange.output_folder import OutputFolder, read_output, read_rig_at, read_tracks_at
 from passerby.interchange.world_files import read_known_points, read_known_positions
 from passerby.monitoring.given_rig import GivenRig, read_given
 from passerby.monitoring.monitor import monitor as watch_rig
@@ -96,20 +96,23 @@ def import_rig(
     return rig
 
 
-def evaluate(rig: RigLike, truth: RigLike, reference: str | None = None) -> Comparison:
+def evaluate(
+    rig: RigLike, truth: RigLike, reference: str | None = None, *, people: str | Path | None = None
+) -> Comparison:  # fmt: skip
     """How far a rig lies from the true one, as `passerby evaluate`.
 
-        passerby.evaluate("out", "truth.toml").similarity.mean_position_mm
+        passerby.evaluate("out", "truth.toml", people="out").measured.points.median_mm
 
     Args:
         rig: the rig to evaluate: a rig, a calibration, or the path of a rig file or an output folder.
         truth: likewise, with the true poses.
         reference: the camera at which the rigs are aligned with the scale kept; default: the first.
+        people: an output folder, or its folder `tracks`: points are measured where people walked. Default: on a grid.
 
     Raises:
-        InputError: no camera has a pose in both, or the reference has none.
+        InputError: no camera has a pose in both, or the reference has none; no boxes are there.
     """
-    return compare(_rig(rig), _rig(truth), reference)
+    return compare_measuring(_rig(rig), _rig(truth), reference, None if people is None else read_tracks_at(Path(people)))
 
 
 def compare_rigs(

@@ -232,14 +232,19 @@ def evaluate(
     reference: Annotated[
         str | None, typer.Option(help="Camera at which the rigs are aligned with the scale kept; default: the first.")
     ] = None,
+    people: Annotated[
+        Path | None,
+        typer.Option(help="Output folder, or its folder tracks: measure points where people walked; default: on a grid."),
+    ] = None,
     json: AsJson = False,
 ) -> None:
-    """Compare a rig with the true one: errors of position and orientation, scale, up direction and ground."""
+    """Compare a rig with the true one: errors of measured points, position and orientation, scale, up direction and ground."""
     from passerby.cli.tables import show_comparison
-    from passerby.evaluation.metrics import compare
-    from passerby.interchange.output_folder import read_rig_at
+    from passerby.evaluation.metrics import compare_measuring
+    from passerby.interchange.output_folder import read_rig_at, read_tracks_at
 
-    comparison = compare(read_rig_at(rig), read_rig_at(truth), reference)
+    tracks = None if people is None else read_tracks_at(people)
+    comparison = compare_measuring(read_rig_at(rig), read_rig_at(truth), reference, tracks)
     if json:
         _print_json(comparison.to_dict())
     else:

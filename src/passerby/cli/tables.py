@@ -15,6 +15,7 @@ from passerby.core.cameras import Camera, Rig
 from passerby.core.field_of_view import field_of_view_deg
 from passerby.core.figures import AdjustedFigures, CheckedLength, HeldOutFigures, adjusted
 from passerby.core.lens_parameters import lens_parameters, names_in_words
+from passerby.evaluation.measuring import Distances, MeasuringErrors
 from passerby.evaluation.metrics import Comparison
 from passerby.evaluation.on_people import PeopleComparison
 from passerby.evaluation.stated import Stated
@@ -245,8 +246,23 @@ def show_comparison(comparison: Comparison) -> None:
         f"ground height error {number(comparison.ground_error_mm)} mm; {len(comparison.names)} of "
         f"{len(comparison.names) + len(comparison.missing)} cameras registered"
     )
+    if comparison.measured is not None:
+        print(_measured_in_words(comparison.measured))
     if comparison.stated is not None and comparison.stated.position_sigmas:
         print(_sigmas_in_words(comparison.stated))
+
+
+def _measured_in_words(found: MeasuringErrors) -> str:
+    """How far off a rig measures, in one line."""
+
+    def said(one: Distances) -> str:
+        return f"median {number(one.median_mm)} mm, 90 % within {number(one.p90_mm)} mm"
+
+    where = "places where people walked" if found.of_people else "places on a grid"
+    ground = "" if found.ground is None else f"; positions on the ground by one camera: {said(found.ground)}"
+    return (
+        f"measured after similarity alignment, at {found.places} {where}: points by all cameras: {said(found.points)}{ground}"
+    )
 
 
 def show_people_comparison(found: PeopleComparison) -> None:

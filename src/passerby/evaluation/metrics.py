@@ -14,7 +14,7 @@ A position error is `|C_est - C_true|`, an orientation error the angle of `R_est
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -22,7 +22,9 @@ import numpy as np
 from passerby.common.arrays import Floats
 from passerby.common.errors import InputError
 from passerby.core.cameras import Camera, Pose, Rig
+from passerby.core.observations import Boxes
 from passerby.evaluation.lens_errors import LensError, lens_error
+from passerby.evaluation.measuring import MeasuringErrors, measuring_errors
 from passerby.evaluation.stated import Stated, stated_errors
 from passerby.geometry.rotations import angle_between, direction_angle
 from passerby.geometry.similarity import Similarity, chordal_mean_rotation
@@ -63,6 +65,8 @@ class Comparison:
     """The errors that the stated sigmas are of; None where it is undefined."""
     lenses: Mapping[str, LensError] = field(default_factory=dict)
     """Errors of the intrinsics, of cameras whose image size is the same in both rigs."""
+    measured: MeasuringErrors | None = None
+    """How far off the rig measures points and places on the ground; None where it was not asked for, or is undefined."""
 
     def __repr__(self) -> str:
         mean, turn = self.similarity.mean_position_mm, self.similarity.mean_orientation_deg
@@ -94,7 +98,15 @@ class Comparison:
             "missing": list(self.missing),
             "stated": None if self.stated is None else self.stated.to_dict(),
             "lenses": {name: error.to_dict() for name, error in self.lenses.items()},
+            "points": None if self.measured is None else self.measured.points.to_dict(),
+            "ground": None if self.measured is None else self._ground(self.measured),
         }
+
+    def _ground(self, measured: MeasuringErrors) -> dict[str, Any] | None:
+        if measured.ground is None:
+            return None
+        cameras = {name: one.to_dict() for name, one in measured.cameras.items()}
+        return {**measured.ground.to_dict(), "cameras": cameras}
 
     def _summary(self, placement: Placement) -> dict[str, float | None]:
         return {
@@ -155,6 +167,16 @@ def compare(estimate: Rig, truth: Rig, reference: str | None = None) -> Comparis
         stated=stated_errors([estimate[name] for name in names], t),
         lenses={name: error for name in names if (error := lens_error(estimate[name].lens, truth[name].lens)) is not None},
     )
+
+
+def compare_measuring(
+    estimate: Rig, truth: Rig, reference: str | None = None, people: Mapping[str, Boxes] | None = None
+) -> Comparison:
+    """The comparison with how far off the rig measures.
+
+    `people` as of `measuring_errors`; all else as of `compare`.
+    """
+    return replace(compare(estimate, truth, reference), measured=measuring_errors(estimate, truth, people))
 
 
 def place(estimate: Sequence[Pose], truth: Sequence[Pose]) -> Similarity | None:

@@ -122,6 +122,17 @@ def read_rig_at(path: Path) -> Rig:
     return read_folder_rig(path) if path.is_dir() else read_rig(path)
 
 
+def read_tracks_at(path: Path) -> dict[str, Boxes]:
+    """By camera the boxes of an output folder, or of its folder `tracks`. Raises `InputError` where there are none."""
+    folder = path / TRACKS_FOLDER if (path / TRACKS_FOLDER).is_dir() else path
+    files = sorted(folder.glob("*.txt")) if folder.is_dir() else []
+    if not files:
+        raise InputError(
+            f"{path}: holds no boxes: give an output folder, or its folder {TRACKS_FOLDER} with one text file per camera"
+        )
+    return {file.stem: read_boxes(file, doubles=True) for file in files}
+
+
 def read_folder_rig(out: Path) -> Rig:
     """The rig of a folder, all cameras; that of an output folder as its `calibration.json` tells of it.
 

@@ -135,8 +135,8 @@ def _without_marks_outside_lenses(lengths: Sequence[KnownLength], rig: Rig) -> l
         seen = [k for k, cue in enumerate(lengths) if cue.name and camera.name in cue.points]
         if seen:
             rays = camera.lens.bearings(np.concatenate([lengths[k].points[camera.name] for k in seen]))
-            lost = ~np.isfinite(rays.reshape(len(seen), 6)).all(axis=1)
-            outside |= {(k, camera.name) for k, one in zip(seen, lost, strict=True) if one}
+            lost = np.asarray(~np.isfinite(rays.reshape(len(seen), 6)).all(axis=1))
+            outside |= {(k, camera.name) for k, one in zip(seen, lost.tolist(), strict=True) if one}
     if not outside:
         return list(lengths)
     parts = [

@@ -1,0 +1,170 @@
+"""How far off a rig measures: points that several cameras see, and places on the ground that one camera sees.
+
+A principal point that is off by a few degrees and a camera that is turned the other way are nearly the same camera for every
+point that it will measure. So errors of pose and of intrinsics alone say little of what a rig is used for. Here known points
+are projected by the true cameras, and measured from these pixels by the estimated ones:
+
+- *points*: up to 1.8 m above places on the ground, triangulated by all cameras that see them;
+- *ground*: the places themselves, where one camera's ray meets z = 0.
+
+Both are compared with the truth after one similarity of the whole rig, the least-squares one of the points.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from passerby.common.arrays import Bools, Floats
+from passerby.common.errors import EvidenceError
+from passerby.core.cameras import Rig
+from passerby.core.observations import Boxes
+from passerby.geometry.similarity import Similarity, fit_similarity
+from passerby.geometry.triangulation import triangulate_views
+
+HEIGHTS_M = (0.0, 0.6, 1.2, 1.8)
+"""Of the points above each place: a person's."""
+MOST_PLACES = 400
+GRID = 64
+"""Places along each side of the area that a grid is laid over, where no people are given."""
+FARTHEST = 10.0
+"""Places of a grid lie no farther from a camera than so many times its height: a person there appears a tenth as tall as right
+below the camera."""
+LEAST_POINTS = 8
+
+
+@dataclass(frozen=True)
+class Distances:
+    """Errors of a number of measurements, millimetres."""
+
+    median_mm: float
+    p90_mm: float
+    """Nine of ten are no larger."""
+    count: int
+
+    @classmethod
+    def of(cls, metres: Floats) -> Distances | None:
+        """Of (N,) distances, metres; None where there are none."""
+        if not len(metres):
+            return None
+        return cls(float(1000 * np.median(metres)), float(1000 * np.quantile(metres, 0.9)), len(metres))
+
+    def to_dict(self) -> dict[str, Any]:
+        """As plain values for JSON."""
+        return {"median_mm": self.median_mm, "p90_mm": self.p90_mm, "count": self.count}
+
+
+@dataclass(frozen=True)
+class MeasuringErrors:
+    """What a rig measures wrongly."""
+
+    places: int
+    """On the ground, at which it is tested."""
+    of_people: bool
+    """Whether people walked there; otherwise they are a grid over the ground that two cameras or more see."""
+    points: Distances
+    ground: Distances | None
+    """None where no camera sees the ground."""
+    cameras: Mapping[str, Distances]
+    """On the ground, by camera."""
+
+
+def measuring_errors(estimate: Rig, truth: Rig, people: Mapping[str, Boxes] | None = None) -> MeasuringErrors | None:
+    """How far off an estimated rig measures.
+
+    Args:
+        estimate: cameras without a pose are left out.
+        truth: with the ground at z = 0.
+        people: boxes by camera, pixels: people walked where the true cameras see their lower edges on the ground. None: a grid.
+
+    Returns:
+        The errors; None where fewer than `LEAST_POINTS` points are seen by two cameras, or do not fix a similarity.
+    """
+    names = [camera.name for camera in truth.posed() if camera.name in estimate.posed().names]
+    true, found = (Rig(tuple(rig[name] for name in names)) for rig in (truth, estimate))
+    places = common_ground(true) if people is None else places_of_people(true, people)
+    if len(names) < 2 or not len(places):
+        return None
+    points = np.concatenate([np.column_stack([places, np.full(len(places), height)]) for height in HEIGHTS_M])
+    pixels = true.project(points)
+    measured = _triangulated(found, pixels)
+    known = np.isfinite(measured).all(axis=1)
+    if known.sum() < LEAST_POINTS:
+        return None
+    try:
+        placement = fit_similarity(measured[known], points[known])
+    except EvidenceError:
+        return None
+    of_points = Distances.of(np.linalg.norm(placement.apply(measured[known]) - points[known], axis=1))
+    assert of_points is not None
+    by_camera = {name: _on_ground(found, name, pixels[name][: len(places)], places, placement) for name in names}
+    cameras = {name: one for name, metres in by_camera.items() if (one := Distances.of(metres)) is not None}
+    ground = Distances.of(np.concatenate(list(by_camera.values())))
+    return MeasuringErrors(len(places), people is not None, of_points, ground, cameras)
+
+
+def common_ground(rig: Rig) -> Floats:
+    """(N, 2) places on the ground z = 0, metres, evenly spread over what two cameras or more see of it nearby."""
+    seen = []
+    for camera in rig:
+        u, v = (np.linspace(0, size - 1, 24) for size in camera.lens.size)
+        grid = np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2)
+        on_ground = camera.ground(grid[camera.sees_ground(grid)]).xy
+        seen.append(on_ground[_nearby(on_ground, camera.centre)])
+    every = np.concatenate(seen) if seen else np.zeros((0, 2))
+    if not len(every):
+        return np.zeros((0, 2))
+    axes = (np.linspace(low, high, GRID) for low, high in zip(every.min(axis=0), every.max(axis=0), strict=True))
+    places = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
+    shown = rig.project(np.column_stack([places, np.zeros(len(places))]))
+    near = [np.isfinite(shown[camera.name]).all(axis=1) & _nearby(places, camera.centre) for camera in rig]
+    return _thinned(places[np.sum(near, axis=0) > 1])
+
+
+def places_of_people(rig: Rig, people: Mapping[str, Boxes]) -> Floats:
+    """(N, 2) places on the ground z = 0, metres, that cameras see at the lower edges of whole boxes.
+
+    Args:
+        rig: the cameras.
+        people: boxes by camera, pixels; those of other cameras are left out.
+    """
+    found = []
+    for camera in rig:
+        boxes = people.get(camera.name, Boxes.empty())
+        ltwh = boxes.ltwh[boxes.inside(camera.lens.size)]
+        feet = ltwh[:, :2] + ltwh[:, 2:] * (0.5, 1.0)
+        found.append(_thinned(camera.ground(feet[camera.sees_ground(feet)]).xy, MOST_PLACES // max(len(rig), 1) + 1))
+    return np.concatenate(found) if found else np.zeros((0, 2))
+
+
+def _nearby(places: Floats, centre: Floats) -> Bools:
+    return np.asarray(np.linalg.norm(places - centre[:2], axis=1) <= FARTHEST * max(centre[2], 0.0))
+
+
+def _thinned(places: Floats, most: int = MOST_PLACES) -> Floats:
+    """At most so many of the places, evenly spread over their order."""
+    rows = np.linspace(0, len(places) - 1, min(len(places), most)).round().astype(np.int64)
+    return np.asarray(places[rows])
+
+
+def _triangulated(rig: Rig, pixels: Mapping[str, Floats]) -> Floats:
+    """(N, 3) points that two cameras or more see at pixels (N, 2); NaN elsewhere."""
+    rays = np.full((len(rig), len(next(iter(pixels.values()))), 3), np.nan)
+    for c, camera in enumerate(rig):
+        seen = np.isfinite(pixels[camera.name]).all(axis=1)
+        rays[c, seen] = camera.lens.bearings(pixels[camera.name][seen])
+    poses = [camera.pose for camera in rig if camera.pose is not None]
+    rotations, translations = np.stack([pose.R_cw for pose in poses]), np.stack([pose.t_cw for pose in poses])
+    return triangulate_views(rays, rotations, translations, np.array([camera.lens.focal**2 for camera in rig]))[0]
+
+
+def _on_ground(rig: Rig, name: str, pixels: Floats, places: Floats, placement: Similarity) -> Floats:
+    """(N,) how far, metres, from the places (P, 2) a camera sees those of them that it shows at pixels (P, 2) on its ground."""
+    camera = rig[name]
+    shown = np.flatnonzero(np.isfinite(pixels).all(axis=1))
+    shown = shown[camera.sees_ground(pixels[shown])]
+    found = placement.apply(camera.ground(pixels[shown]).xyz)
+    return np.asarray(np.linalg.norm(found[:, :2] - places[shown], axis=1))
