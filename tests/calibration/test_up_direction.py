@@ -47,7 +47,7 @@ def test_a_ramp_is_reported_and_z_is_its_normal() -> None:
     found = calibrated(3.0)
     up = found.figures.up
     assert up is not None
-    assert up.is_ == "ground normal"
+    assert up.direction == "ground normal"
     assert off_gravity(found) == pytest.approx(3.0, abs=0.3)
     assert up.tilt_deg == pytest.approx(3.0, abs=3 * up.tilt_sigma_deg)
     assert off_gravity(found) < 2 * up.gravity_sigma_deg

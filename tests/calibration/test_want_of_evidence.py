@@ -25,7 +25,8 @@ def terrace():
 
 def calibrate(simulated, folder, method):
     scene = write_scene(simulated, folder / "scene")
-    scene.write_text(scene.read_text().replace('method = "people"', f'method = "{method}"'))
+    reference = '\nreference = "C1"' if method == "geopose" else ""
+    scene.write_text(scene.read_text().replace('method = "people"', f'method = "{method}"{reference}'))
     status = run(["calibrate", str(scene), "-o", str(folder / "out")])
     return status, json.loads((folder / "out" / "calibration.json").read_text())
 

@@ -254,7 +254,7 @@ class GroundFigures:
 class UpFigures:
     """What the world's z is in the solver's world, and how far it may be from gravity."""
 
-    is_: str
+    direction: str
     """`ground normal`: of the ground that people walk on; `trunks`: people's mean trunk, where nobody is seen whole."""
     gravity_sigma_deg: float
     """One sigma of the angle between z and gravity; for a ground normal with the slope that a ground may have."""

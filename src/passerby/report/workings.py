@@ -211,7 +211,7 @@ def _scaled(contents: Contents) -> Step:
         facts.append(f"The scale is known to {100 * scale:.1f} % (1 sigma).")
     if vertical is not None:
         facts.append(f"The up direction is known to {vertical:.2f}° (1 sigma).")
-    if figures.up is not None and figures.up.is_ == "ground normal":
+    if figures.up is not None and figures.up.direction == "ground normal":
         facts.append(
             "It is the normal of the ground that people walk on. Gravity may differ from it by "
             f"{figures.up.gravity_sigma_deg:.1f}° (1 sigma): the ground may slope."

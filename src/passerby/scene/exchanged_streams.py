@@ -31,6 +31,8 @@ by less than this logarithm: the noise of a detector is within it."""
 FEWEST_SEEN, MOST_CONTINUED, LEAST_EXCHANGED = 2, 0.34, 0.5
 """Boxes on both sides of such a moment, and the shares of them that continue in their own file at most, in the other at least;
 as many continue between most frames of a file."""
+OTHER_MOMENTS = 200
+"""Moments of a recording at which fewer boxes must continue in the other file than at the exchange."""
 CERTAIN, LIKELY = 8, 5
 """Boxes of both files that continue in the other one: enough for an error of the input, and for a notice. In 72 right simulated
 scenes (three presets, 2.5 to 10 frames a second, seeds 400 to 423, up to 20 % of boxes missing; in a third of them two cameras
@@ -96,12 +98,26 @@ def exchanged_streams(readings: Sequence[CameraInput]) -> list[ExchangedStreams]
             for j in b.cuts[np.abs(b.seconds[b.cuts] - a.seconds[k]) <= FARTHEST_S].tolist():
                 best = max(best, (_exchanged(a, k, b, j), k, j))
         boxes, k, j = best
-        if boxes >= LIKELY:
+        if boxes >= LIKELY and boxes > _most_at_other_times(a, k, b, j):
             timed = all(reading.fps is not None for reading in readings if reading.name in (first, second))
             at = (float(a.seconds[k + 1]), float(b.seconds[j + 1]))
             frames = (int(a.frames[k + 1]), int(b.frames[j + 1]))
             found.append(ExchangedStreams((first, second), frames, at if timed else None, boxes))
     return found
+
+
+def _most_at_other_times(a: _Shown, k: int, b: _Shown, j: int) -> int:
+    """The most boxes that continue in the other file at any other moment, the files that far apart in time.
+
+    People who stand still, or cameras side by side, have boxes at the same places of both images all the time.
+    """
+    later = b.seconds[j] - a.seconds[k]
+    moments = np.unique(np.linspace(0, len(a.frames) - 2, OTHER_MOMENTS).round().astype(np.int64))
+    moments = moments[np.abs(a.seconds[moments] - a.seconds[k]) > LONGEST_STEP_S]
+    wanted = a.seconds[moments] + later
+    near = np.clip(np.searchsorted(b.seconds, wanted), 0, len(b.frames) - 2)
+    pairs = zip(moments.tolist(), near.tolist(), (np.abs(b.seconds[near] - wanted) < LONGEST_STEP_S).tolist(), strict=True)
+    return max((_exchanged(a, moment, b, other) for moment, other, found in pairs if found), default=0)
 
 
 @dataclass(frozen=True, eq=False)

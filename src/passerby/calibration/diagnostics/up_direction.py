@@ -42,13 +42,13 @@ def up_figures(solution: Solution, instants: Observations, rng: np.random.Genera
         return None
     assert figures.vertical_sigma_deg is not None
     if not any(camera.sightings for camera in figures.cameras):
-        return UpFigures(is_="trunks", gravity_sigma_deg=figures.vertical_sigma_deg)
+        return UpFigures(direction="trunks", gravity_sigma_deg=figures.vertical_sigma_deg)
     rig = solution.rig.posed()
     R, centre = (np.array([getattr(camera.pose, name) for camera in rig]) for name in ("R_cw", "centre"))
     found = _mean_tilt(bodies_in_space(rig, R, centre, instants, rng))
     if found is None:
         sigma = float(np.hypot(figures.vertical_sigma_deg, GROUND_SLOPE_DEG))
-        return UpFigures(is_="ground normal", gravity_sigma_deg=sigma)
+        return UpFigures(direction="ground normal", gravity_sigma_deg=sigma)
     tilt, measured = found
     measured = measured + 0.5 * figures.vertical_sigma_deg**2 * np.eye(2)
     size = float(np.linalg.norm(tilt))
@@ -59,7 +59,7 @@ def up_figures(solution: Solution, instants: Observations, rng: np.random.Genera
     left = float(np.linalg.norm(gain @ tilt))
     sigma = float(np.sqrt(left**2 + np.trace(gain @ measured)))
     along_sigma = float(np.sqrt(along @ measured @ along))
-    return UpFigures(is_="ground normal", gravity_sigma_deg=sigma, tilt_deg=size, tilt_sigma_deg=along_sigma)
+    return UpFigures(direction="ground normal", gravity_sigma_deg=sigma, tilt_deg=size, tilt_sigma_deg=along_sigma)
 
 
 def _mean_tilt(bodies: Bodies | None) -> tuple[Floats, Floats] | None:
@@ -97,5 +97,5 @@ def with_up(rig: Rig, up: UpFigures | None) -> Rig:
     """The rig with what its z is in its metadata."""
     if up is None:
         return rig
-    text = f"{up.is_}; gravity within {up.gravity_sigma_deg:.1f} degrees (1 sigma)"
+    text = f"{up.direction}; gravity within {up.gravity_sigma_deg:.1f} degrees (1 sigma)"
     return replace(rig, metadata=dict(rig.metadata) | {"up": text})
