@@ -117,15 +117,20 @@ def _boxes_by_hand(method: str) -> Callable[[Stage], PixelOutcome]:
             path = stage.scratch / f"by-hand-{name}.txt"
             write_boxes(path, boxes)
             sightings[name] = {"tracks": str(path)}
-        tables = {"association": {"mode": "given"}, "solver": {"method": method}}
+        tables = {"association": {"mode": "given"}, "solver": _solver(method, stage)}
         return _calibrated(stage, stage.scene(f"by-hand-{method}", tables, sightings))
 
     return run
 
 
+def _solver(method: str, stage: Stage) -> dict[str, str]:
+    """The table of the scene file; GeoPose needs a reference camera."""
+    return {"method": method} | ({"reference": stage.reference} if method == "geopose" else {})
+
+
 def _from_videos(mode: str, method: str, name: str | None = None) -> Callable[[Stage], PixelOutcome]:
     def run(stage: Stage) -> PixelOutcome:
-        tables = {"association": {"mode": mode}, "solver": {"method": method}}
+        tables = {"association": {"mode": mode}, "solver": _solver(method, stage)}
         return _calibrated(stage, stage.scene(f"{mode}-{method}", tables), name)
 
     return run
