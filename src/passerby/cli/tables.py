@@ -15,7 +15,7 @@ from passerby.core.cameras import Camera, Rig
 from passerby.core.field_of_view import field_of_view_deg
 from passerby.core.figures import AdjustedFigures, CheckedLength, HeldOutFigures, adjusted
 from passerby.core.lens_parameters import lens_parameters, names_in_words
-from passerby.evaluation.measuring import Distances, MeasuringErrors
+from passerby.core.measuring import Distances, MeasuringErrors
 from passerby.evaluation.metrics import Comparison
 from passerby.evaluation.on_people import PeopleComparison
 from passerby.evaluation.stated import Stated

@@ -22,9 +22,9 @@ import numpy as np
 from passerby.common.arrays import Floats
 from passerby.common.errors import InputError
 from passerby.core.cameras import Camera, Pose, Rig
+from passerby.core.measuring import MeasuringErrors, measuring_errors
 from passerby.core.observations import Boxes
 from passerby.evaluation.lens_errors import LensError, lens_error
-from passerby.evaluation.measuring import MeasuringErrors, measuring_errors
 from passerby.evaluation.stated import Stated, stated_errors
 from passerby.geometry.rotations import angle_between, direction_angle
 from passerby.geometry.similarity import Similarity, chordal_mean_rotation

@@ -11,8 +11,8 @@ import pytest
 
 from passerby.cli.main import run
 from passerby.core.cameras import Camera, Pose, Rig
+from passerby.core.measuring import common_ground, measuring_errors
 from passerby.core.observations import Boxes
-from passerby.evaluation.measuring import common_ground, measuring_errors
 from passerby.evaluation.metrics import compare
 from passerby.geometry.rotations import exp_rotation
 from passerby.interchange.motchallenge import write_boxes

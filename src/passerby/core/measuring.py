@@ -83,12 +83,28 @@ def measuring_errors(estimate: Rig, truth: Rig, people: Mapping[str, Boxes] | No
     Returns:
         The errors; None where fewer than `LEAST_POINTS` points are seen by two cameras, or do not fix a similarity.
     """
-    names = [camera.name for camera in truth.posed() if camera.name in estimate.posed().names]
-    true, found = (Rig(tuple(rig[name] for name in names)) for rig in (truth, estimate))
-    places = common_ground(true) if people is None else places_of_people(true, people)
+    posed = Rig(tuple(camera for camera in truth.posed() if camera.name in estimate.posed().names))
+    places = common_ground(posed) if people is None else places_of_people(posed, people)
+    return measured_change(truth, estimate, places, of_people=people is not None)
+
+
+def measured_change(before: Rig, after: Rig, places: Floats, *, of_people: bool = True) -> MeasuringErrors | None:
+    """How differently two rigs measure what the same pixels show, after one similarity of the whole rig.
+
+    Args:
+        before: its ground is z = 0.
+        after: the same cameras by name; cameras without a pose in one of the rigs are left out.
+        places: (N, 2) on the ground, metres, in the world of `before`.
+        of_people: whether people walked there.
+
+    Returns:
+        The differences; None where fewer than `LEAST_POINTS` points are seen by two cameras, or do not fix a similarity.
+    """
+    names = [camera.name for camera in before.posed() if camera.name in after.posed().names]
+    true, found = (Rig(tuple(rig[name] for name in names)) for rig in (before, after))
     if len(names) < 2 or not len(places):
         return None
-    points = np.concatenate([np.column_stack([places, np.full(len(places), height)]) for height in HEIGHTS_M])
+    points = points_above(places)
     pixels = true.project(points)
     measured = _triangulated(found, pixels)
     known = np.isfinite(measured).all(axis=1)
@@ -103,7 +119,12 @@ def measuring_errors(estimate: Rig, truth: Rig, people: Mapping[str, Boxes] | No
     by_camera = {name: _on_ground(found, name, pixels[name][: len(places)], places, placement) for name in names}
     cameras = {name: one for name, metres in by_camera.items() if (one := Distances.of(metres)) is not None}
     ground = Distances.of(np.concatenate(list(by_camera.values())))
-    return MeasuringErrors(len(places), people is not None, of_points, ground, cameras)
+    return MeasuringErrors(len(places), of_people, of_points, ground, cameras)
+
+
+def points_above(places: Floats) -> Floats:
+    """(4 N, 3) points at `HEIGHTS_M` above places (N, 2) on the ground z = 0; the places themselves come first."""
+    return np.concatenate([np.column_stack([places, np.full(len(places), height)]) for height in HEIGHTS_M])
 
 
 def common_ground(rig: Rig) -> Floats:
