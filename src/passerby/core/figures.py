@@ -12,6 +12,7 @@ from typing import Literal
 
 from passerby.common.absence import ABSENT
 from passerby.core.lens_figures import LensFigures
+from passerby.core.measuring_figures import MeasuringFigures
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -356,6 +357,8 @@ class AdjustedFigures(SolverFigures):
     """What nothing fixes; None where all is fixed."""
     lenses: Mapping[str, LensFigures] = field(default_factory=dict)
     """By camera; empty where no lens was refined."""
+    measuring: MeasuringFigures | None = field(default=None, metadata=ABSENT)
+    """None where no two cameras see where people walked, or cameras are free to go anywhere."""
 
 
 @dataclass(frozen=True, kw_only=True)

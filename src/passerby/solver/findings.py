@@ -21,6 +21,7 @@ from passerby.core.figures import (
     SolvedCamera,
 )
 from passerby.core.lens_figures import LensFigures
+from passerby.core.measuring_figures import MeasuringFigures
 from passerby.findings.finding import Finding, doubt
 from passerby.people.model import HEIGHT_PER_CENTRE
 from passerby.solver.consistency import STRETCHES, JointConsistency, joint_consistency
@@ -31,11 +32,12 @@ from passerby.solver.lens_check import FocalCheck
 from passerby.solver.pose_graph import cycle_consistency
 from passerby.solver.uncertainty import RigCovariance
 
-# A pose whose sigma exceeds these is no calibration: of the rig's extent, and in degrees.
+# A camera whose rays pass people's places by more than this share of the rig's extent, one sigma, is no calibration.
 _MAX_POSITION_SHARE = 0.05
 MAX_ORIENTATION_DEG = 2.0
+"""Nor are zones of a rig whose headings against each other are known no better."""
 MAX_POSITION_M = 0.25
-"""Nor is one whose position within the rig is known no better, but in rigs so large that it is less than `LARGE_SHARE` of their
+"""Nor is a camera whose rays pass them by more than this, but in rigs so large that it is less than `LARGE_SHARE` of their
 extent. Of what is accepted, 95 % are then within half a metre. What other limits would do: docs/results/limits.md."""
 LARGE_SHARE = 0.005
 _MAX_VERTICAL_DEG = 5.0
@@ -54,7 +56,7 @@ def apart(rig: Rig, groups: list[list[int]]) -> list[Finding]:
 
 
 def doubts_about(
-    start: Initialisation, fit: Fit, covariance: RigCovariance, diverged: Sequence[str] = ()
+    start: Initialisation, fit: Fit, covariance: RigCovariance, measuring: MeasuringFigures | None, diverged: Sequence[str] = ()
 ) -> list[Finding]:  # fmt: skip
     """What speaks against the optimum: what nothing fixes, then by camera.
 
@@ -62,6 +64,7 @@ def doubts_about(
         start: what the optimum was computed from.
         fit: the optimum.
         covariance: of its cameras.
+        measuring: how surely the rig measures; None where that is unknown.
         diverged: cameras with a refined lens that no people hold: the cause of an uncertain pose, and of an adjustment that
             does not end.
     """
@@ -72,21 +75,18 @@ def doubts_about(
     extent = float(np.max(np.linalg.norm(state.centre - state.centre.mean(axis=0), axis=1))) + 1.0
     most_m = min(_MAX_POSITION_SHARE * extent, max(MAX_POSITION_M, LARGE_SHARE * extent))
     for c, camera in enumerate(rig):
-        sigma = covariance.shape_sigma(c)
         if c in covariance.free.cameras:
             out.append(doubt("camera_undetermined", camera.name))
         if agrees.agreeing[c] < _MIN_SIGHTINGS:
             out.append(doubt("few_observations", camera.name, agreeing=int(agrees.agreeing[c])))
         elif (contradiction := _contradiction(camera.name, c, agrees)) is not None:
             out.append(contradiction)
-        vague = sigma.position_m > most_m or sigma.orientation_deg > MAX_ORIENTATION_DEG
-        if vague and c not in covariance.free.cameras:
-            position_mm, orientation_deg = float(1000 * sigma.position_m), float(sigma.orientation_deg)
+        measured = None if measuring is None else measuring.cameras.get(camera.name)
+        across_mm = float(1000 * covariance.shape_sigma(c).position_m) if measured is None else measured.across.median_mm
+        if across_mm > 1000 * most_m and c not in covariance.free.cameras:
             by_lens = camera.name in diverged or not converged
             cause = {"lenses": list(diverged)} if diverged and by_lens else {}
-            out.append(
-                doubt("camera_uncertain", camera.name, position_mm=position_mm, orientation_deg=orientation_deg, **cause)
-            )
+            out.append(doubt("camera_uncertain", camera.name, across_mm=across_mm, **cause))
     if covariance.vertical_deg > _MAX_VERTICAL_DEG and not covariance.free.vertical:
         out.append(doubt("vertical_uncertain", sigma_deg=float(covariance.vertical_deg)))
     cues = fit.model.problem.cues

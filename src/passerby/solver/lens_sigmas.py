@@ -13,7 +13,7 @@ from passerby.common.symmetric import inverse_of
 from passerby.solver.optimizer.least_squares import NormalEquations
 from passerby.solver.people_state import AdjustmentState
 from passerby.solver.person_model import PeopleProblem
-from passerby.solver.systematic import SIGMAS, add_systematic_errors
+from passerby.solver.systematic import ConsiderParameters
 from passerby.solver.uncertainty import downweight
 
 BOXES_MISLEAD = 1.25
@@ -55,11 +55,8 @@ def lens_evidence(problem: PeopleProblem, state: AdjustmentState, inflation: flo
     """
     assert problem.lens_core is not None
     terms = [downweight(term, inflation) for term in replace(problem, lens_weight=np.ones(())).terms(state, jacobians=True)]
-    widened, wide, own, biases = add_systematic_errors(problem, state, terms)
-    H_all = NormalEquations(wide, widened).reduce().H
-    H, H_cb = H_all[np.ix_(own, own)], H_all[np.ix_(own, biases.ravel())]
-    inverse = inverse_of(H)
-    moved = inverse @ H_cb * np.tile(SIGMAS, len(biases))
+    inverse = inverse_of(NormalEquations(problem.layout, terms).reduce().H)
+    moved = ConsiderParameters.of_boxes(problem, state).moved(inverse, problem, terms)
     at = lens_places(problem.n_cameras, problem.layout.camera_size, problem.n_lens)
     variance, biased = np.diag(inverse)[at], (moved[at] ** 2).sum(axis=2)
     prior = 1 / (problem.lens_core**2 + (0.0 if problem.lens_normal else state.lens**2))

@@ -17,6 +17,7 @@ from passerby.core.cameras import Camera, Pose, Rig
 from passerby.core.figures import CueFigures
 from passerby.core.lens import LARGEST_FOCAL_SD
 from passerby.core.lens_figures import LensFigures
+from passerby.core.measuring_figures import MeasuringFigures
 from passerby.core.observations import Observations
 from passerby.core.scale_cues import ScaleCues
 from passerby.core.solution import Solution, Verdict
@@ -40,12 +41,13 @@ from passerby.solver.initialisation import (
     select_initial_rig,
 )
 from passerby.solver.lens_check import check_focals, sizes_contradicted
+from passerby.solver.measuring_uncertainty import measuring_uncertainty
 from passerby.solver.pairs import MIN_MATCHES
 from passerby.solver.people_state import AdjustmentState
 from passerby.solver.pose_graph import connected_components, heading_rotation
 from passerby.solver.refined_lenses import decide_refined_lenses, diverged_lenses, far_lenses, lens_figures
 from passerby.solver.registrations import doubts_about_registrations
-from passerby.solver.systematic import StatedFocals
+from passerby.solver.systematic import ConsiderParameters
 from passerby.solver.uncertainty import RigCovariance, add_learnt_stance, design_effect, joint_design_effect, rig_covariance
 from passerby.solver.zones import ZONE_CAMERAS, ZonedRig, doubts_about_seams, initial_rig_by_zones, seams_of
 
@@ -113,7 +115,7 @@ def solve_people(
         focals = [replace(check, change=0.0) for check in focals]
     # Where the rig itself is not determined, anything moves it.
     wrong = [] if covariance.free.cameras else contradicted_lenses(start, fit, covariance.inflation)
-    far = far_lenses(lenses)
+    far, measuring = far_lenses(lenses), _measuring(start, fit, covariance)
     posed = _placed(start.rig, fit.result.state, covariance)
     posed = _with_refined_sigmas(posed, lenses)
     zones = () if zoned is None else zoned.figures(start.rig)
@@ -123,7 +125,7 @@ def solve_people(
         *start.evidence.findings,
         *findings,
         *choice.doubts,
-        *doubts_about(start, fit, covariance, diverged_lenses(far, converged=fit.result.converged)),
+        *doubts_about(start, fit, covariance, measuring, diverged_lenses(far, converged=fit.result.converged)),
         *disagreements,
         *(contradictions_of(start.rig, wrong) or ([] if covariance.free.cameras else sizes_contradicted(focals))),
         *doubts_about_registrations(start.rig, start.hypotheses, fit.result.state.R, fit.result.state.centre),
@@ -132,6 +134,7 @@ def solve_people(
     ]
     verdict: Verdict = "doubtful" if findings else "accepted"
     figures = figures_of(start, choice, fit, covariance, cues_said, focals, lenses)
+    figures = replace(figures, measuring=measuring)
     if zoned is not None:
         figures = replace(figures, zones=zones, seams=seams)
     return Solution("people", replace(whole, verdict=verdict), verdict, tuple(findings), figures)
@@ -166,20 +169,32 @@ def _sure(
     sigma = float(np.hypot(sigma, height_noise(fit, start.evidence) ** 2))
     terms = add_learnt_stance(terms, fit.result.normal)
     lenses = decide_refined_lenses(start.unknowns, start.stated, fit.model.problem, state, inflation)
-    refined = "focal" in start.unknowns.parts
-    focals = None if refined else StatedFocals.of(start.rig, fit.model.problem, state)
+    estimated = start.unknowns.parts
+    held = ConsiderParameters.of_lenses(start.rig, fit.model.problem, state, estimated)
     of_joints = joint_design_effect(fit.model, start.evidence, terms)
     covariance = rig_covariance(
-        terms, fit.model.problem, state, inflation, sigma, lenses.sigma if lenses else None, focals, of_joints
+        terms, fit.model.problem, state, inflation, sigma, lenses.sigma if lenses else None, held, of_joints, estimated
     )
     return covariance, report, lens_figures(lenses, start.stated, start.rig)
 
 
+def _measuring(start: Initialisation, fit: Fit, covariance: RigCovariance) -> MeasuringFigures | None:
+    """How surely the rig measures where people walked, or where their joints were."""
+    state = fit.result.state
+    places = state.people[:, :2] if len(state.people) else state.joints[:, :2]
+    height_m = float(np.median(state.heights)) if len(state.heights) else 0.0
+    return measuring_uncertainty(_posed(start.rig, state), covariance.complete, places, height_m, covariance.free)
+
+
+def _posed(rig: Rig, state: AdjustmentState) -> Rig:
+    """The cameras with the poses of a state, in its world."""
+    poses = (Pose.from_centre(R, centre) for R, centre in zip(state.R, state.centre, strict=True))
+    return Rig(tuple(replace(camera, pose=pose) for camera, pose in zip(rig, poses, strict=True)))
+
+
 def _heights_by_boxes(start: Initialisation, state: AdjustmentState, observations: Observations) -> dict[int, float]:
     """Identity -> height by boxes, metres, at the size that boxes have around the people of this rig."""
-    poses = (Pose.from_centre(R, centre) for R, centre in zip(state.R, state.centre, strict=True))
-    rig = Rig(tuple(replace(camera, pose=pose) for camera, pose in zip(start.rig, poses, strict=True)))
-    boxed = heights_by_boxes(rig, observations)
+    boxed = heights_by_boxes(_posed(start.rig, state), observations)
     adjusted = dict(zip(start.evidence.identities.tolist(), state.heights.tolist(), strict=True))
     ratios = [height / adjusted[identity] for identity, height in boxed.items() if identity in adjusted]
     if len(ratios) < FEWEST_BOXED:

@@ -9,6 +9,7 @@ import numpy as np
 
 from passerby.common.arrays import Floats
 from passerby.core.cameras import Lens, Rig
+from passerby.core.figures import AdjustedFigures
 from passerby.core.lens_figures import DistortionFigures, FocalFigures, LensFigures, PrincipalPointFigures
 from passerby.findings.finding import Finding, doubt, notice
 from passerby.solver.lens_sigmas import lens_evidence, refined_sigmas
@@ -18,8 +19,8 @@ from passerby.solver.person_model import PeopleProblem
 
 # A lens that moved by more than so many standard deviations of one that was never calibrated is another one, or nobody fits it.
 _FAR_SIGMAS = 3.0
-# A focal length that nobody stated and that is known no better than this makes the rig doubtful.
 KNOWN_FOCAL = 0.04
+"""A focal length without intrinsics that is known no better than this is shown as uncertain."""
 # People tell nothing of a lens that they know no better than this share of what one that was never calibrated is off by.
 _UNTOLD_SHARE = 0.8
 
@@ -152,14 +153,10 @@ def _xy(values: Floats) -> tuple[float, float]:
     return x, y
 
 
-def lens_notes(lenses: Mapping[str, LensFigures]) -> list[Finding]:
-    """What was refined, one finding for each camera and part of its lens.
-
-    Args:
-        lenses: by camera, as of `lens_figures`.
-    """
-    out = []
-    for name, parts in lenses.items():
+def lens_notes(figures: AdjustedFigures) -> list[Finding]:
+    """What was refined, one finding for each camera and part of its lens, and what the principal points leave uncertain."""
+    out = _assumed_points(figures)
+    for name, parts in figures.lenses.items():
         if parts.distortion and parts.focal and parts.principal_point:
             out.append(
                 notice(
@@ -188,22 +185,31 @@ def lens_notes(lenses: Mapping[str, LensFigures]) -> list[Finding]:
     return out
 
 
+def _assumed_points(figures: AdjustedFigures) -> list[Finding]:
+    """What a rig measures without intrinsics: principal points and rotations stand in for each other."""
+    assumed = [name for name, parts in figures.lenses.items() if parts.distortion]
+    turns = [one.shape_orientation_sigma_deg for one in figures.cameras if one.name in assumed]
+    known, measuring = [turn for turn in turns if turn is not None], figures.measuring
+    if not known or measuring is None:
+        return []
+    ground_mm = None if measuring.ground is None else measuring.ground.median_mm
+    values = {"orientation_deg": float(np.median(known)), "ground_mm": ground_mm, "points_mm": measuring.points.median_mm}
+    return [notice("principal_points_assumed", *assumed, **values)]
+
+
 def diverged_lenses(far: Sequence[Finding], *, converged: bool) -> list[str]:
     """The cameras with a refined lens that diverged, by the findings of `far_lenses`, each once.
 
     Where the adjustment did not converge, a lens that people do not determine is still on its way.
     """
-    codes = {"focal_refined_far", "principal_point_refined_far", *(() if converged else ("focal_undetermined",))}
+    codes = {"focal_refined_far", "principal_point_refined_far"}
     return list(dict.fromkeys(finding.cameras[0] for finding in far if finding.code in codes))
 
 
 def far_lenses(lenses: Mapping[str, LensFigures]) -> list[Finding]:
     """The cameras whose lens ended farther from the stated one than stated lenses are off; `lenses` as of `lens_figures`."""
-    assumed = [name for name, parts in lenses.items() if parts.distortion]
-    out = [doubt("principal_points_assumed", *assumed)] if assumed else []
+    out = []
     for name, parts in lenses.items():
-        if parts.distortion and (focal := parts.focal) and focal.sigma_px > KNOWN_FOCAL * focal.refined_px:
-            out.append(doubt("focal_undetermined", name, sigma_percent=100 * focal.sigma_px / focal.refined_px))
         if (focal := parts.focal) and focal.far:
             change = 100 * (focal.refined_px / focal.stated_px - 1)
             out.append(doubt("focal_refined_far", name, change_percent=change))

@@ -1,23 +1,26 @@
-"""What boxes are off by alike for as long as a camera looks, and what that does to the cameras.
+"""What data cannot separate from poses, and what it does to the cameras: errors of boxes and of stated lenses.
 
 Boxes are no points: how people bend, swing and hide their feet shifts the middles and the heights of their boxes, and not in
 the same way near the left of a picture as near its right, or near the camera as far from it. More of the same people do not
-average that out. It is no unknown of the adjustment, which could not tell it from poses; its share in the cameras' covariance
-is that of *consider parameters* (Schmidt 1966, *Application of State-Space Methods to Navigation Problems*): with the normal
-equations `H` and their coupling `H_cb` to parameters of the covariance `Q`, `H^-1 H_cb Q H_cb^T H^-1`.
+average that out. Nor do they tell how a stated lens is off by little. Neither is an unknown of the adjustment, which could not
+tell it from poses; their share in the cameras' covariance is that of *consider parameters* (Schmidt 1966, *Application of
+State-Space Methods to Navigation Problems*): with the normal equations `H` and their coupling `H_cb` to parameters of the
+covariance `Q`, `H^-1 H_cb Q H_cb^T H^-1`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 
-from passerby.common.arrays import Floats, Ints
-from passerby.core.cameras import Rig
-from passerby.solver.lens_columns import WidenedLayout, by_focal, lens_columns
-from passerby.solver.optimizer.least_squares import Layout, NormalEquations, Term
+from passerby.common.arrays import Floats
+from passerby.core.cameras import Lens, Rig
+from passerby.solver.lens_columns import WidenedLayout, by_focal, by_principal_point, lens_columns
+from passerby.solver.lens_unknowns import LENS_PARTS, LensPart, by_distortion
+from passerby.solver.optimizer.least_squares import NormalEquations, Term
 from passerby.solver.people_state import AdjustmentState
 from passerby.solver.person_model import PeopleProblem
 
@@ -32,29 +35,6 @@ Fitted by maximum likelihood to the errors of 61 simulated scenes of all presets
 """
 
 
-def add_systematic_errors(
-    problem: PeopleProblem, state: AdjustmentState, terms: Sequence[Term]
-) -> tuple[list[Term], Layout, Ints, Ints]:
-    """The terms with columns for what is systematic, at the end of each camera's block.
-
-    Args:
-        problem: the person model.
-        state: its optimum.
-        terms: linearised there.
-
-    Returns:
-        The terms and their layout; which shared unknowns of it are the problem's own, in their order; and which are new,
-        (C, K) camera by camera in the order of `SIGMAS`.
-    """
-    wide, s = WidenedLayout.of(problem, len(SIGMAS)), problem.sightings
-    middle, tall = np.zeros((len(s), 2, len(SIGMAS))), np.zeros((len(s), 1, len(SIGMAS)))
-    if len(s):
-        middle[:, 1, 0], tall[:, 0, 1] = problem.scale_px, _depth(problem, state)
-        middle, tall = middle / problem.centre_sigma()[:, None, None], tall / problem.height_sigma()[:, None, None]
-    columns = {"centres": middle, "heights": tall}
-    return [wide.widen(term, columns) for term in terms], wide.layout, wide.own, wide.places
-
-
 def _depth(problem: PeopleProblem, state: AdjustmentState) -> Floats:
     """(M,) logarithm of people's distance over the ground, less its mean in the camera, over its root mean square there.
 
@@ -67,6 +47,94 @@ def _depth(problem: PeopleProblem, state: AdjustmentState) -> Floats:
     value = value - (np.bincount(s.camera, value, n) / count)[s.camera]
     spread = np.sqrt(np.bincount(s.camera, value**2, n) / count)[s.camera]
     return np.asarray(np.where(spread > 1e-6, value / np.maximum(spread, 1e-6), 0.0))
+
+
+LENS_PRIORS: Mapping[LensPart, float] = MappingProxyType({"focal": 0.005, "principal_point": 0.005, "distortion": 0.01})
+"""What the stated intrinsics of a camera are off by, one sigma: shares of the focal length and of the image's width, and the
+first distortion coefficient. Careful calibrations with a board repeat to a few tenths of a per cent of the focal length and to
+some pixels of the principal point; focus and temperature move a lens by as much again."""
+
+_LENS_SIZE = 4
+"""Numbers of a lens that may be wrong: the logarithm of the focal length, the principal point (pixels), and the first
+distortion coefficient."""
+
+
+@dataclass(frozen=True, eq=False)
+class ConsiderParameters:
+    """Numbers that the adjustment does not estimate: what each does to the residuals, and how large it may be."""
+
+    columns: dict[str, Floats]
+    """(M, k, u) whitened derivatives of the residuals by the u numbers of the own camera, for each kind of residual."""
+    root: Floats
+    """(C u, K) a root of the numbers' covariance."""
+
+    @classmethod
+    def of_boxes(cls, problem: PeopleProblem, state: AdjustmentState) -> ConsiderParameters:
+        """What boxes are off by alike in each camera: `SIGMAS`."""
+        s = problem.sightings
+        middle, tall = np.zeros((len(s), 2, len(SIGMAS))), np.zeros((len(s), 1, len(SIGMAS)))
+        if len(s):
+            middle[:, 1, 0], tall[:, 0, 1] = problem.scale_px, _depth(problem, state)
+            middle, tall = middle / problem.centre_sigma()[:, None, None], tall / problem.height_sigma()[:, None, None]
+        return cls({"centres": middle, "heights": tall}, np.diag(np.tile(SIGMAS, problem.n_cameras)))
+
+    @classmethod
+    def of_lenses(
+        cls, rig: Rig, problem: PeopleProblem, state: AdjustmentState, estimated: Sequence[LensPart] = ()
+    ) -> ConsiderParameters:
+        """The parts of the lenses that the adjustment holds: `LENS_PRIORS`, and what the scene states of focal lengths.
+
+        Args:
+            rig: the lenses, in the order of the problem's cameras.
+            problem: the person model.
+            state: its optimum.
+            estimated: parts that are unknowns of the adjustment. Where lenses without intrinsics are, only theirs are.
+        """
+        free = [_estimated(camera.lens, estimated) for camera in rig]
+        focal = [0.0 if own[0] else camera.lens.focal_sd or 0.0 for own, camera in zip(free, rig, strict=True)]
+        covariance = np.zeros((len(rig), _LENS_SIZE, len(rig), _LENS_SIZE))
+        covariance[:, 0, :, 0] = covariance_of_guesses(np.array(focal))
+        for c, (camera, own) in enumerate(zip(rig, free, strict=True)):
+            width = camera.lens.size[0]
+            if not own[0] and not focal[c]:
+                covariance[c, 0, c, 0] = LENS_PRIORS["focal"] ** 2
+            if not own[1]:
+                covariance[c, 1, c, 1] = covariance[c, 2, c, 2] = (LENS_PRIORS["principal_point"] * width) ** 2
+            if not own[2]:
+                covariance[c, 3, c, 3] = LENS_PRIORS["distortion"] ** 2
+        size = len(rig) * _LENS_SIZE
+        value, vector = np.linalg.eigh(covariance.reshape(size, size))
+        return cls(lens_columns(rig, problem, state, by_lens), vector * np.sqrt(np.maximum(value, 0.0)))
+
+    def moved(self, inverse: Floats, problem: PeopleProblem, terms: Sequence[Term], weighted: Weighted | None = None) -> Floats:
+        """(n_shared, K) what the numbers, as large as their sigmas, do to the problem's shared unknowns.
+
+        Args:
+            inverse: (n_shared, n_shared) of the reduced normal equations.
+            problem: the person model.
+            terms: linearised at the optimum.
+            weighted: weights a term as those are that `inverse` is made of. None: the terms are weighted, and the columns are
+                not, as when `SIGMAS` were fitted.
+        """
+        wide = WidenedLayout.of(problem, len(self.root) // problem.n_cameras)
+        widened = [wide.widen(term, self.columns) for term in terms]
+        if weighted is not None:
+            widened = [weighted(term) for term in widened]
+        H = NormalEquations(wide.layout, widened).reduce().H
+        return np.asarray(-inverse @ H[np.ix_(wide.own, wide.places.ravel())] @ self.root)
+
+
+def by_lens(lens: Lens, rays: Floats) -> Floats:
+    """(M, 2, 4) how the pixels of rays (M, 3) move with a lens: focal length (logarithm), principal point, distortion."""
+    parts = (by_focal(lens, rays), by_principal_point(lens, rays), by_distortion(lens, rays))
+    return np.concatenate(parts, axis=2)
+
+
+def _estimated(lens: Lens, parts: Sequence[LensPart]) -> tuple[bool, ...]:
+    """Which of `LENS_PARTS` of a camera the adjustment estimates, where `parts` are among its unknowns."""
+    if "distortion" not in parts or lens.uncalibrated:
+        return tuple(part in parts for part in LENS_PARTS)
+    return tuple(part == "focal" and lens.focal_sd is not None for part in LENS_PARTS)
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,22 +153,6 @@ class StatedFocals:
         if not sd.any():
             return None
         return cls(lens_columns(rig, problem, state, by_focal), covariance_of_guesses(sd))
-
-    def moved(self, inverse: Floats, problem: PeopleProblem, terms: Sequence[Term], weighted: Weighted) -> Floats:
-        """(n_shared, n_shared) what they add to the covariance of the problem's shared unknowns.
-
-        The lenses are held while poses are adjusted, so they are consider parameters.
-
-        Args:
-            inverse: (n_shared, n_shared) of the reduced normal equations.
-            problem: the person model.
-            terms: linearised at the optimum, not weighted yet.
-            weighted: weights a term as those are that `inverse` is made of.
-        """
-        wide = WidenedLayout.of(problem, 1)
-        H = NormalEquations(wide.layout, [weighted(wide.widen(term, self.columns)) for term in terms]).reduce().H
-        moved = inverse @ H[np.ix_(wide.own, wide.places[:, 0])]
-        return np.asarray(moved @ self.covariance @ moved.T)
 
 
 def covariance_of_guesses(sd: Floats) -> Floats:

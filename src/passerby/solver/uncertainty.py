@@ -19,11 +19,15 @@ from passerby.core.cameras import PoseSigma
 from passerby.solver.cue_terms import LENGTH
 from passerby.solver.evidence import Evidence
 from passerby.solver.gauge import SCALE, TILT_X, TILT_Y, VAGUE, Free, held_system, placement_freedoms, similarity_freedoms
+from passerby.solver.lens_unknowns import LENS_PARTS, LensPart, LensUnknowns
 from passerby.solver.optimizer.least_squares import NormalEquations, Term
 from passerby.solver.people_state import AdjustmentState
 from passerby.solver.person_model import JOINT, TIME, UPRIGHT, PeopleProblem
 from passerby.solver.refinement import AdjustmentProblem
-from passerby.solver.systematic import SIGMAS, StatedFocals, add_systematic_errors
+from passerby.solver.systematic import ConsiderParameters
+
+COMPLETE = 10
+"""Numbers of a complete camera: six of the pose, four of the lens."""
 
 CHUNK_INSTANTS = 40
 """Residuals of one person in one camera count as independent over stretches of so many instants."""
@@ -68,6 +72,9 @@ class RigCovariance:
     """What no evidence constrains; its sigmas are infinite."""
     together: Floats = field(default_factory=lambda: np.zeros((0, 0)))
     """(6 C, 6 C) as `shape`, of all cameras at once; along what is free, where the variance is infinite, 0."""
+    complete: Floats = field(default_factory=lambda: np.zeros((0, 0)))
+    """(10 C, 10 C) of complete cameras, intrinsics included, in the world of the adjustment: the centre, the rotation vector,
+    the logarithm of the focal length, the principal point (pixels) and the first distortion coefficient of each."""
 
     def sigma(self, camera: int) -> PoseSigma:
         """One camera's one-sigma figures in the metric world."""
@@ -80,7 +87,8 @@ class RigCovariance:
 
 def rig_covariance(
     terms: Sequence[Term], problem: PeopleProblem, state: AdjustmentState, inflation: float, scale_sigma: float,
-    lens_sigma: Floats | None = None, focals: StatedFocals | None = None, of_joints: float | None = None,
+    lens_sigma: Floats | None = None, held: ConsiderParameters | None = None, of_joints: float | None = None,
+    estimated: Sequence[LensPart] = (),
 ) -> RigCovariance:  # fmt: skip
     """The covariance of all cameras.
 
@@ -91,23 +99,21 @@ def rig_covariance(
         inflation: how many times less the sightings tell than as many independent ones would; priors are not touched by it.
         scale_sigma: relative standard deviation of the scale, from all cues and what people have in common.
         lens_sigma: (C, L) one sigma of the lenses' unknowns, the last of each camera's; None where they are not refined.
-        focals: focal lengths that are guesses, held in the adjustment; None where none is.
+        held: what the adjustment does not estimate of the lenses; None where they are exact.
         of_joints: the inflation of joints, where it is known apart.
+        estimated: parts of the lenses that are among the unknowns, in their order.
     """
     weighted = partial(downweight, inflation=inflation, of_joints=of_joints)
-    widened, wide, own_columns, biases = add_systematic_errors(problem, state, [weighted(term) for term in terms])
-    H_all = NormalEquations(wide, widened).reduce().H
-    H, H_cb = H_all[np.ix_(own_columns, own_columns)], H_all[np.ix_(own_columns, biases.ravel())]
-    size = problem.layout.camera_size
+    own_terms = [weighted(term) for term in terms]
+    H, size, n_cameras = NormalEquations(problem.layout, own_terms).reduce().H, problem.layout.camera_size, len(state.R)
     system, free = held_system(H, state, size)
     inverse = system.inverse()
     constraint = placement_freedoms(state, len(H), size)
     freedom = np.linalg.inv(system.constraint.T @ constraint)
     # What the constraint itself adds along the freedoms (see the module's source) is not the cameras' uncertainty.
     covariance = inverse - constraint @ (freedom @ freedom.T) @ constraint.T
-    moved_by = inverse @ H_cb * np.tile(SIGMAS, len(biases))
-    covariance = covariance + moved_by @ moved_by.T
-    n_cameras = len(state.R)
+    by_boxes = ConsiderParameters.of_boxes(problem, state).moved(inverse, problem, terms, weighted)
+    covariance = covariance + by_boxes @ by_boxes.T
     if lens_sigma is not None:
         covariance = _with_lens_sigmas(covariance, lens_sigma, size)
     cameras = covariance[np.ix_(system.own, system.own)]
@@ -117,10 +123,11 @@ def rig_covariance(
     free = _with_vague(_with_unfixed(free, problem, scale_sigma), of_freedoms)
     # The adjustment knows the spread of single heights, but not what all people and boxes have in common.
     beyond = 0.0 if free.scale else max(scale_sigma**2 - of_freedoms[SCALE, SCALE], 0.0)
-    if focals is not None:
-        guessed = focals.moved(inverse, problem, terms, weighted)
-        covariance, cameras = covariance + guessed, cameras + guessed[np.ix_(system.own, system.own)]
-        of_freedoms = along @ cameras @ along.T
+    by_lenses = np.zeros((len(H), 0)) if held is None else held.moved(inverse, problem, terms, weighted)
+    complete = _complete(covariance, by_lenses, held, system.own, size, estimated)
+    covariance = covariance + by_lenses @ by_lenses.T
+    cameras = covariance[np.ix_(system.own, system.own)]
+    of_freedoms = along @ cameras @ along.T
     metric = cameras + beyond * np.outer(freedoms.moves[:, SCALE], freedoms.moves[:, SCALE])
     keep = np.eye(len(cameras)) - freedoms.moves @ along
     shape = keep @ cameras @ keep.T
@@ -134,8 +141,41 @@ def rig_covariance(
         np.inf if free.vertical else float(np.degrees(np.sqrt(tilt))),
         np.inf if free.scale else float(np.sqrt(max(of_freedoms[SCALE, SCALE] + beyond, 0.0))), inflation, distances,
         _time_sigmas(covariance, size, n_cameras) if size - state.lens.shape[1] > TIME else None, lens_sigma, free,
-        shape,
+        shape, complete,
     )  # fmt: skip
+
+
+def _complete(
+    covariance: Floats, by_lenses: Floats, held: ConsiderParameters | None, own: Ints, size: int, estimated: Sequence[LensPart]
+) -> Floats:
+    """(10 C, 10 C) covariance of complete cameras: the centre, the rotation vector, the logarithm of the focal length, the
+    principal point (pixels), the first distortion coefficient.
+
+    Args:
+        covariance: (n, n) of the shared unknowns, without what the held lenses do to them.
+        by_lenses: (n, K) that.
+        held: what the adjustment does not estimate of the lenses.
+        own: (6 C,) places of the poses' unknowns.
+        size: number of a camera's unknowns; those of its lens are the last.
+        estimated: parts of the lenses that are among the unknowns.
+    """
+    n = len(own) // 6
+    unknowns = LensUnknowns(tuple(estimated))
+    select = np.zeros((n, COMPLETE, len(covariance)))
+    select[:, :6] = np.eye(len(covariance))[own].reshape(n, 6, -1)
+    for part in unknowns.parts:
+        columns, rows = unknowns.columns_of(part), LensUnknowns(LENS_PARTS).columns_of(part)
+        for c in range(n):
+            first = (c + 1) * size - unknowns.size
+            select[c, 6 + rows.start : 6 + rows.stop, first + columns.start : first + columns.stop] = np.eye(
+                rows.stop - rows.start
+            )
+    flat = select.reshape(n * COMPLETE, -1)
+    lenses = np.zeros((n, COMPLETE, by_lenses.shape[1]))
+    if held is not None:
+        lenses[:, 6:] = held.root.reshape(n, COMPLETE - 6, -1)
+    moved = flat @ by_lenses + lenses.reshape(n * COMPLETE, -1)
+    return np.asarray(flat @ covariance @ flat.T + moved @ moved.T)
 
 
 def _with_unfixed(free: Free, problem: PeopleProblem, scale_sigma: float) -> Free:

@@ -35,6 +35,14 @@ def _estimated(v: Fields) -> str:
     )
 
 
+def _assumed(v: Fields) -> str:
+    ground = "" if v["ground_mm"] is None else f"positions on the ground by {v['ground_mm'] / 10:.0f} cm, "
+    return (
+        f"{v['who']} without intrinsics: the principal point is not observable; rotations are uncertain by "
+        f"{v['orientation_deg']:.1f} degrees, {ground}points by {v['points_mm'] / 10:.1f} cm (1 sigma)"
+    )
+
+
 LENSES: Mapping[str, Kind] = {
     "focal_contradicted": Kind(
         DOUBT, "The people contradict the camera's focal length, relative `change`.",
@@ -77,16 +85,10 @@ LENSES: Mapping[str, Kind] = {
         "value",
         "check its intrinsics and whether its images were cropped",
     ),
-    "focal_undetermined": Kind(
-        DOUBT, "The people hardly determine the focal length of a camera without intrinsics.",
-        "camera {camera}: its focal length is estimated to {sigma_percent:.0f} % only",
-        "state its field of view (hfov_deg) or its intrinsics, or record more people, near and far and all over its images",
-    ),
     "principal_points_assumed": Kind(
-        DOUBT, "The principal points of cameras without intrinsics are assumed to be near the image centres.",
-        "{who}: without intrinsics the principal point is assumed to be near the image centre, and an image that was cropped "
-        "on one side turns its camera",
-        "compare the report's images with the ground and people drawn into them, or state the intrinsics", common=True,
+        NOTICE, "The principal points of cameras without intrinsics are not observable: rotations stand in for them.",
+        _assumed,
+        "for exact rotations, state the intrinsics",
     ),
     "intrinsics_estimated": Kind(
         NOTICE, "Focal length, principal point and distortion of a camera without intrinsics were estimated.",

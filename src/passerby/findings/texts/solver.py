@@ -45,10 +45,7 @@ _STATE_LENSES = (
 
 
 def _uncertain(v: Fields) -> str:
-    text = (
-        f"the pose of camera {v['camera']} is uncertain by {v['position_mm']:.0f} mm and {v['orientation_deg']:.1f} degrees "
-        "(1 sigma)"
-    )
+    text = f"camera {v['camera']} is uncertain by {v['across_mm']:.0f} mm (1 sigma) at the places where people walked"
     return f"{text}, because {_of_lenses(v)}" if _of_lenses(v) else text
 
 
@@ -125,7 +122,7 @@ SOLVER: Mapping[str, Kind] = {
         "check its intrinsics, its clock and the identities",
     ),
     "camera_uncertain": Kind(
-        DOUBT, "The camera's pose is uncertain, within the rig.",
+        DOUBT, "The camera's rays pass the places where people walked by `across_mm`, one sigma.",
         _uncertain,
         lambda v: _STATE_LENSES if v.get("lenses") else "record longer, or people nearer to it and at more positions",
     ),

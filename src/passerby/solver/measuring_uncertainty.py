@@ -1,0 +1,162 @@
+"""How surely a rig measures: points that several cameras see, and places on the ground that one camera sees.
+
+A principal point that is off and a camera that is turned the other way are nearly the same camera for every point that it
+measures. So the sigmas of poses and of intrinsics, each alone, say little of what a rig is used for. Here the covariance of the
+complete cameras, with all correlations, is propagated to the places where people walked:
+
+- *points*: up to 1.8 m above these places, triangulated by all cameras that see them;
+- *ground*: the places themselves, where one camera's ray meets z = 0;
+- *across*: how far beside the points a camera's rays to them pass.
+
+To first order the estimated camera with parameters off by `d` shows a point X at `J_X (X' - X) + J d = 0`. As in
+`core.measuring`, one similarity of the whole rig is taken off, the least-squares one of the points.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from passerby.common.arrays import Bools, Floats, Ints
+from passerby.core.cameras import Camera, Rig
+from passerby.core.measuring import HEIGHTS_M, points_above
+from passerby.core.measuring_figures import CameraMeasuring, MeasuringFigures, MeasuringSigma
+from passerby.solver.gauge import Free
+from passerby.solver.systematic import by_lens
+from passerby.solver.uncertainty import COMPLETE
+
+MOST_PLACES = 200
+GROUND_SHARE = 0.015
+"""One sigma of how far above or below people's feet the plane z = 0 lies, as a share of their height: it rests on what the
+lower edge of a box is."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Views:
+    """What one camera sees of N points, in the world of the adjustment."""
+
+    seen: Bools
+    """(N,)"""
+    by_point: Floats
+    """(N, 2, 3) pixels by the point, metres; 0 where it is not seen."""
+    by_camera: Floats
+    """(N, 2, 10) pixels by the complete camera; 0 where it does not see the point."""
+    @classmethod
+    def of(cls, camera: Camera, points: Floats) -> _Views:
+        """Of a camera with a pose, and points (N, 3)."""
+        pose = camera.pose
+        assert pose is not None
+        seen = np.isfinite(camera.project(points)).all(axis=1)
+        pixels = np.nan_to_num(camera.project(points), nan=-1.0)
+        seen &= ((pixels >= 0) & (pixels <= np.array(camera.lens.size) - 1.0)).all(axis=1)
+        d = points @ pose.R_cw.T + pose.t_cw
+        distance = np.linalg.norm(d, axis=1)
+        ray = d / np.maximum(distance, 1e-9)[:, None]
+        by_ray = np.zeros((len(points), 2, 3))
+        by_ray[seen] = camera.lens.tangents(ray[seen])
+        by_d = by_ray / np.maximum(distance, 1e-9)[:, None, None]
+        by_camera = np.zeros((len(points), 2, COMPLETE))
+        by_camera[:, :, :3] = -by_d @ pose.R_cw
+        # A rotation vector w moves the point in the camera's frame by w x d.
+        by_camera[:, :, 3:6] = np.cross(d[:, None], by_d)
+        by_camera[seen, :, 6:] = by_lens(camera.lens, ray[seen])
+        return cls(np.asarray(seen), by_d @ pose.R_cw, np.nan_to_num(by_camera))
+
+
+def measuring_uncertainty(
+    rig: Rig, complete: Floats, people: Floats, person_height_m: float, free: Free
+) -> MeasuringFigures | None:
+    """The uncertainty of what a rig measures where people walked.
+
+    Args:
+        rig: C cameras with poses; world of the adjustment, z up, the ground at z = 0, metres.
+        complete: (10 C, 10 C) covariance of the complete cameras (`RigCovariance.complete`).
+        people: (N, 2) places of people on the ground, metres.
+        person_height_m: of theirs, typical.
+        free: what no evidence constrains.
+
+    Returns:
+        The figures; None where cameras are free to go anywhere, or fewer than two see the places.
+    """
+    if free.cameras or not len(people):
+        return None
+    rows = np.linspace(0, len(people) - 1, min(len(people), MOST_PLACES)).round().astype(np.int64)
+    places = people[rows]
+    points = points_above(places)
+    views = [_Views.of(camera, points) for camera in rig]
+    known = np.sum([view.seen for view in views], axis=0) > 1
+    if np.count_nonzero(known) < len(HEIGHTS_M):
+        return None
+    height_m = GROUND_SHARE * person_height_m
+    root = _root(complete, len(rig), height_m)
+    moved = _triangulated(views, known, root)
+    basis = _similarities(points)
+    fit = np.linalg.lstsq(basis[known].reshape(-1, 7), moved[known].reshape(-1, root.shape[2]), rcond=None)[0]
+    of_points = np.zeros(len(points))
+    of_points[known] = _sigmas(moved[known] - basis[known] @ fit)
+    sees_ground = not (free.vertical or free.ground)
+    cameras, grounds = {}, []
+    for camera, view, own in zip(rig, views, root, strict=True):
+        both, on = view.seen & known, np.flatnonzero(view.seen[: len(places)])
+        if not both.any():
+            continue
+        ground = None
+        if len(on) and sees_ground:
+            grounds.append(_sigmas(_on_ground(view, own, on) - (basis[on] @ fit)[:, :2]))
+            ground = MeasuringSigma.of(grounds[-1])
+        across = MeasuringSigma.of(_sigmas(_beside(view, own, basis @ fit, both)))
+        cameras[camera.name] = CameraMeasuring(points=MeasuringSigma.of(of_points[both]), across=across, ground=ground)
+    return MeasuringFigures(
+        places=len(places), points=MeasuringSigma.of(of_points[known]),
+        ground=MeasuringSigma.of(np.concatenate(grounds)) if grounds else None,
+        ground_height_mm=1000 * height_m if sees_ground else None, cameras=cameras,
+    )  # fmt: skip
+
+
+def _root(complete: Floats, n_cameras: int, height_m: float) -> Floats:
+    """(C, 10, K) a root of the cameras' covariance, with what moves all of them up and down against the ground, one sigma."""
+    value, vector = np.linalg.eigh(0.5 * (complete + complete.T))
+    root = (vector * np.sqrt(np.maximum(value, 0.0))).reshape(n_cameras, COMPLETE, -1)
+    up = np.zeros((n_cameras, COMPLETE, 1))
+    up[:, 2] = height_m
+    return np.concatenate([root, up], axis=2)
+
+
+def _triangulated(views: list[_Views], known: Bools, root: Floats) -> Floats:
+    """(N, 3, K) how triangulated points move with the K independent errors of the cameras; 0 where too few see them."""
+    J = np.stack([view.by_point for view in views])
+    normal = np.einsum("cnki,cnkj->nij", J, J)
+    normal[~known] = np.eye(3)
+    right = np.zeros((len(known), 3, root.shape[2]))
+    for view, own in zip(views, root, strict=True):
+        right += np.swapaxes(view.by_point, 1, 2) @ (view.by_camera @ own)
+    right[~known] = 0.0
+    return np.asarray(-np.linalg.solve(normal, right))
+
+
+def _similarities(points: Floats) -> Floats:
+    """(N, 3, 7) how the freedoms of a similarity move points (N, 3)."""
+    about = points - points.mean(axis=0)
+    out = np.zeros((len(points), 3, 7))
+    out[:, :, :3] = np.eye(3)
+    for axis in range(3):
+        out[:, :, 3 + axis] = np.cross(np.eye(3)[axis], about)
+    out[:, :, 6] = about
+    return out
+
+
+def _on_ground(view: _Views, own: Floats, on: Ints) -> Floats:
+    """(M, 2, K) how the places that a camera sees, M rows, move on its ground z = 0."""
+    return np.asarray(-np.linalg.pinv(view.by_point[on][:, :, :2]) @ (view.by_camera[on] @ own))
+
+
+def _beside(view: _Views, own: Floats, fitted: Floats, both: Bools) -> Floats:
+    """(M, 3, K) how far beside the points a camera's rays pass, across them: least displacements that its pixels ask for."""
+    pixels = view.by_camera[both] @ own + view.by_point[both] @ fitted[both]
+    return np.asarray(np.linalg.pinv(view.by_point[both]) @ pixels)
+
+
+def _sigmas(moved: Floats) -> Floats:
+    """(M,) root mean square lengths of displacements (M, d, K), metres."""
+    return np.asarray(np.sqrt((moved**2).sum(axis=(1, 2))))
