@@ -16,6 +16,7 @@ from passerby.core.field_of_view import field_of_view_deg
 from passerby.core.figures import AdjustedFigures, CheckedLength, HeldOutFigures, adjusted
 from passerby.core.lens_parameters import lens_parameters, names_in_words
 from passerby.core.measuring import Distances, MeasuringErrors
+from passerby.core.measuring_figures import MeasuringFigures
 from passerby.evaluation.metrics import Comparison
 from passerby.evaluation.on_people import PeopleComparison
 from passerby.evaluation.stated import Stated
@@ -32,11 +33,19 @@ def show_calibration(calibration: Calibration, verbose: bool) -> None:
         seen, sigma = calibration.observations[camera.name], camera.sigma
         place = [MISSING] * 3 if camera.pose is None else [number(value, 3) for value in camera.pose.centre]
         position, orientation = (None, None) if sigma is None else (1000 * sigma.position_m, sigma.orientation_deg)
-        sure = [number(position), number(orientation, 2), *(_clock(calibration, camera) if timed else ())]
+        measured = [None] * 2 if sigma is None else [_millimetres(sigma.points_m), _millimetres(sigma.ground_m)]
+        sure = [
+            *map(number, measured),
+            number(position),
+            number(orientation, 2),
+            *(_clock(calibration, camera) if timed else ()),
+        ]
         rows.append([camera.name, *place, *sure, str(len(seen.boxes)), str(len(seen.keypoints))])
     clock = ("time offset s", "offset std s") if timed else ()
-    columns = ("camera", "x m", "y m", "height m", "position std mm", "rotation std deg", *clock, "boxes", "keypoints")
+    stds = ("points std mm", "ground std mm", "position std mm", "rotation std deg")
+    columns = ("camera", "x m", "y m", "height m", *stds, *clock, "boxes", "keypoints")
     show_table(f"{calibration.name}: {calibration.verdict}", columns, rows)
+    show_measuring(adjusted(calibration.figures).measuring)
     show_scale(adjusted(calibration.figures), calibration.rig)
     show_held_out(calibration.figures.held_out)
     show_checks(calibration.figures.checks)
@@ -55,6 +64,21 @@ def show_calibration(calibration: Calibration, verbose: bool) -> None:
         print(to_json(calibration.figures), end="")
     for one in calibration.groups:
         show_calibration(one, verbose)
+
+
+def show_measuring(measuring: MeasuringFigures | None) -> None:
+    """How surely the rig measures where people walked."""
+    if measuring is None:
+        return
+    points, ground = measuring.points, measuring.ground
+    told = [f"points by several cameras to {points.median_mm:.0f} mm (90 %: {points.p90_mm:.0f})"]
+    if ground is not None:
+        told.append(f"positions on the ground by one camera to {ground.median_mm:.0f} mm (90 %: {ground.p90_mm:.0f})")
+    print(f"where people walked, 1 sigma, scale apart: {', '.join(told)}")
+
+
+def _millimetres(metres: float | None) -> float | None:
+    return None if metres is None else 1000 * metres
 
 
 def _clock(calibration: Calibration, camera: Camera) -> list[str]:

@@ -81,12 +81,12 @@ class Camera:
         return self.lens.project_rays(np.asarray(points, dtype=np.float64).reshape(-1, 3) @ pose.R_cw.T + pose.t_cw)
 
     def ground(self, pixels: Floats, *, pixel_sd_px: float = 0.0) -> GroundPoints:
-        """The points on the ground z = 0 that pixels show, with their uncertainty by the camera's pose.
+        """The points on the ground z = 0 that pixels show, with their uncertainty by the camera's pose and intrinsics.
 
             found = camera.ground([[640.0, 500.0]])
             found.xy, found.sigma_m
 
-        The sigma holds, as that of the pose, for the best placement of the rig as a whole; the intrinsics count as exact. Near
+        The sigma holds, as that of the pose, for the best placement of the rig as a whole. It includes the intrinsics. Near
         the horizon a small error of the pose moves a point far, and the sigma, which is linear, is too small.
 
         Args:

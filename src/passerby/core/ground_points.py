@@ -1,7 +1,7 @@
 """Points on the ground that one camera sees, with their uncertainty.
 
 A pixel's ray meets the ground z = 0 at `X = C - C_z d / d_z`, with the camera's centre C and the ray's direction d. To first
-order the errors of the pose (centre, rotation vector) and of the pixel move X linearly.
+order the errors of the pose (centre, rotation vector), of the intrinsics and of the pixel move X linearly.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import numpy as np
 
 from passerby.common.arrays import Bools, Floats
 from passerby.common.errors import InputError
-from passerby.core.lens import Lens
+from passerby.core.lens import INTRINSICS, Lens
 from passerby.core.pose import Pose, PoseSigma
 from passerby.geometry.single_view import HORIZON
 
@@ -24,11 +24,11 @@ class GroundPoints:
     xy: Floats
     """(N, 2) positions on the ground, metres."""
     covariance: Floats | None
-    """(N, 2, 2) of each position, square metres: by the camera's pose and the pixel; None where the pose's is unknown."""
-    by_pose: Floats
-    """(N, 2, 6) derivatives of the position by the pose: the centre (metres, world), the rotation vector (radians, camera)."""
-    pose_covariance: Floats | None
-    """(6, 6) of the pose, in that order, as `PoseSigma.covariance`."""
+    """(N, 2, 2) of each position, square metres: by the camera and the pixel; None where the pose's is unknown."""
+    by_camera: Floats
+    """(N, 2, 10) derivatives of the position by the complete camera, in the order of `PoseSigma.complete`."""
+    camera_covariance: Floats | None
+    """(10, 10) of the complete camera; where only its pose's is known, the intrinsics count as exact."""
 
     def __repr__(self) -> str:
         sigma = self.sigma_m
@@ -62,12 +62,12 @@ class GroundPoints:
         """
         apart = self.xy[first] - self.xy[second]
         metres = float(np.linalg.norm(apart))
-        if self.covariance is None or self.pose_covariance is None:
+        if self.covariance is None or self.camera_covariance is None:
             return metres, None
-        own = self.by_pose[[first, second]] @ self.pose_covariance @ np.swapaxes(self.by_pose[[first, second]], 1, 2)
-        by_pixel = (self.covariance[[first, second]] - own).sum(axis=0)
-        change = self.by_pose[first] - self.by_pose[second]
-        covariance = change @ self.pose_covariance @ change.T + by_pixel
+        both = self.by_camera[[first, second]]
+        by_pixel = (self.covariance[[first, second]] - both @ self.camera_covariance @ np.swapaxes(both, 1, 2)).sum(axis=0)
+        change = both[0] - both[1]
+        covariance = change @ self.camera_covariance @ change.T + by_pixel
         along = apart / metres if metres > 0 else np.array([1.0, 0.0])
         return metres, float(np.sqrt(max(along @ covariance @ along, 0.0)))
 
@@ -81,9 +81,9 @@ def ground_points(lens: Lens, pose: Pose, sigma: PoseSigma | None, pixels: Float
     """Where the rays of pixels meet the ground; see `Camera.ground`.
 
     Args:
-        lens: taken as exact.
+        lens: of the camera.
         pose: world to camera.
-        sigma: of the pose, if known.
+        sigma: of both, if known.
         pixels: (N, 2) of the picture as filmed.
         pixel_sd_px: standard deviation of each coordinate of the pixels.
 
@@ -111,13 +111,23 @@ def ground_points(lens: Lens, pose: Pose, sigma: PoseSigma | None, pixels: Float
     by_point = np.concatenate([np.broadcast_to(np.eye(2), (len(rays), 2, 2)), -along[:, :, None]], axis=2)
     by_direction = (-pose.centre[2] / directions[:, 2])[:, None, None] * by_point
     by_ray = by_direction @ pose.R_cw.T
-    by_pose = np.concatenate([by_point, by_ray @ _cross(rays)], axis=2)
-    known = None if sigma is None else sigma.covariance
-    covariance = None
+    by_pixel = by_ray @ np.linalg.pinv(lens.tangents(rays)) if len(rays) else np.zeros((0, 2, 2))
+    # Where a lens moves the pixels of all rays, the ray of one pixel moves the other way.
+    by_camera = np.concatenate([by_point, by_ray @ _cross(rays), -by_pixel @ lens.by_intrinsics(rays)], axis=2)
+    known, covariance = None if sigma is None else _complete(sigma), None
     if known is not None:
-        by_pixel = by_ray @ np.linalg.pinv(lens.tangents(rays)) if len(rays) else np.zeros((0, 2, 2))
-        covariance = by_pose @ known @ np.swapaxes(by_pose, 1, 2) + pixel_sd_px**2 * by_pixel @ np.swapaxes(by_pixel, 1, 2)
-    return GroundPoints(xy, covariance, by_pose, known)
+        by_both = by_pixel @ np.swapaxes(by_pixel, 1, 2)
+        covariance = by_camera @ known @ np.swapaxes(by_camera, 1, 2) + pixel_sd_px**2 * by_both
+    return GroundPoints(xy, covariance, by_camera, known)
+
+
+def _complete(sigma: PoseSigma) -> Floats | None:
+    """(10, 10) of the complete camera, its intrinsics exact where nothing is known of them; None where nothing is known."""
+    if sigma.complete is not None or sigma.covariance is None:
+        return sigma.complete
+    out = np.zeros((6 + INTRINSICS, 6 + INTRINSICS))
+    out[:6, :6] = sigma.covariance
+    return out
 
 
 def _hits_ground(pose: Pose, rays: Floats) -> Bools:

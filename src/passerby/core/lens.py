@@ -21,6 +21,9 @@ FISHEYE_DISTORTION_LENGTHS = (0, 4)
 # A pixel whose undistorted ray does not come back to within this many pixels lies outside what the lens model can express.
 INVERSION_TOLERANCE_PX = 0.05
 
+INTRINSICS = 4
+"""Numbers of a lens that `Lens.by_intrinsics` has derivatives by."""
+
 QUARTER_TURNS = (0, 90, 180, 270)
 
 LARGEST_FOCAL_SD = 0.5
@@ -215,6 +218,27 @@ class Lens:
         d1 = (self.project_rays(b + step * e1) - self.project_rays(b - step * e1)) / (2 * step)
         d2 = (self.project_rays(b + step * e2) - self.project_rays(b - step * e2)) / (2 * step)
         return np.asarray(d1[:, :, None] * e1[:, None, :] + d2[:, :, None] * e2[:, None, :])
+
+    def by_intrinsics(self, rays: Floats) -> Floats:
+        """How the pixels of rays move with the lens.
+
+        Args:
+            rays: (N, 3) in the camera frame.
+
+        Returns:
+            (N, 2, 4) by the logarithm of both focal lengths (distortions are shares of them, and grow with them), the two
+            coordinates of the principal point (pixels), and the first distortion coefficient, which is radial in all models.
+        """
+        out = np.zeros((len(rays), 2, INTRINSICS))
+        out[:, :, 0] = self.project_rays(rays) - self.matrix[:2, 2]
+        out[:, :, 1:3] = np.eye(2)
+        few = np.zeros(max(len(self.distortions), 4))
+        few[: len(self.distortions)] = self.distortions
+        step = np.zeros_like(few)
+        step[0] = 1e-4
+        ends = [replace(self, distortions=few + sign * step).project_rays(rays) for sign in (1, -1)]
+        out[:, :, 3] = (ends[0] - ends[1]) / 2e-4
+        return out
 
 
 def _image_size(size: tuple[int, int]) -> tuple[int, int]:

@@ -23,6 +23,10 @@ class MeasuringSigma:
         """Of (N,) sigmas, metres; N >= 1."""
         return cls(median_mm=float(1000 * np.median(metres)), p90_mm=float(1000 * np.quantile(metres, 0.9)))
 
+    def scaled(self, scale: float) -> MeasuringSigma:
+        """The same in a world whose lengths are multiplied."""
+        return MeasuringSigma(median_mm=scale * self.median_mm, p90_mm=scale * self.p90_mm)
+
 
 @dataclass(frozen=True, kw_only=True)
 class CameraMeasuring:
@@ -34,6 +38,11 @@ class CameraMeasuring:
     """how far its rays to them pass beside them;"""
     ground: MeasuringSigma | None
     """positions on the ground by it alone. None where it sees none, or where the ground is unknown."""
+
+    def scaled(self, scale: float) -> CameraMeasuring:
+        """The same in a world whose lengths are multiplied."""
+        ground = None if self.ground is None else self.ground.scaled(scale)
+        return CameraMeasuring(points=self.points.scaled(scale), across=self.across.scaled(scale), ground=ground)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,3 +59,13 @@ class MeasuringFigures:
     """One sigma of the height of z = 0 by what the lower edge of a box is."""
     cameras: Mapping[str, CameraMeasuring]
     """By camera."""
+
+    def scaled(self, scale: float) -> MeasuringFigures:
+        """The same in a world whose lengths are multiplied."""
+        height = self.ground_height_mm
+        return MeasuringFigures(
+            places=self.places, points=self.points.scaled(scale),
+            ground=None if self.ground is None else self.ground.scaled(scale),
+            ground_height_mm=None if height is None else scale * height,
+            cameras={name: one.scaled(scale) for name, one in self.cameras.items()},
+        )  # fmt: skip

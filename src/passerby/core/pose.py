@@ -91,13 +91,35 @@ class PoseSigma:
     """Root of the trace of the rotation vector's covariance, degrees."""
     covariance: Floats | None = None
     """(6, 6): centre (metres, world), then rotation vector (radians, camera frame); None where any of it is infinite."""
+    complete: Floats | None = None
+    """(10, 10) of the complete camera: the same six, then the logarithm of the focal length, the principal point (pixels) and
+    the first distortion coefficient. Intrinsics and rotation stand in for each other. None where it is unknown."""
+    points_m: float | None = None
+    """Of points that this camera and others see where people walked, metres: the median of the expected distances;"""
+    ground_m: float | None = None
+    """the same of positions on the ground by this camera alone. Both after one similarity of the whole rig."""
 
     @classmethod
-    def from_covariance(cls, covariance: Floats) -> PoseSigma:
-        """The sigma of a covariance (6, 6) as `covariance` has it; rounding may leave its traces just below 0."""
+    def from_covariance(cls, covariance: Floats, complete: Floats | None = None) -> PoseSigma:
+        """The sigma of a covariance (6, 6) as `covariance` has it; rounding may leave its traces just below 0. `complete`
+        (10, 10) is kept as it is.
+        """
         position, turn = max(np.trace(covariance[:3, :3]), 0.0), max(np.trace(covariance[3:, 3:]), 0.0)
         known = bool(np.isfinite(position + turn))
-        return cls(float(np.sqrt(position)), float(np.degrees(np.sqrt(turn))), covariance if known else None)
+        own = (covariance, complete) if known else (None, None)
+        return cls(float(np.sqrt(position)), float(np.degrees(np.sqrt(turn))), *own)
+
+    @property
+    def with_lens_known(self) -> Floats | None:
+        """(6, 6) the covariance of the pose among cameras with this very lens; `covariance` where nothing of the lens is known.
+
+        Where a rig is compared with itself, the error of its intrinsics is the same on both sides.
+        """
+        if self.complete is None:
+            return self.covariance
+        pose, lens, both = self.complete[:6, :6], self.complete[6:, 6:], self.complete[:6, 6:]
+        unit = 1.0 / np.sqrt(np.maximum(np.diag(lens), 1e-30))
+        return np.asarray(pose - both * unit @ np.linalg.pinv(lens * unit[:, None] * unit, hermitian=True) @ (both * unit).T)
 
     def __repr__(self) -> str:
         position = f"{1000 * self.position_m:.0f} mm" if np.isfinite(self.position_m) else "position unknown"
@@ -109,9 +131,15 @@ class PoseSigma:
 
         The centre's part turns and grows with the world; the rotation vector is the camera's own and stays.
         """
-        covariance = None
-        if self.covariance is not None:
-            block = np.eye(6)
+
+        def carried(covariance: Floats | None) -> Floats | None:
+            if covariance is None:
+                return None
+            block = np.eye(len(covariance))
             block[:3, :3] = scale * np.asarray(rotation)
-            covariance = block @ self.covariance @ block.T
-        return PoseSigma(scale * self.position_m, self.orientation_deg, covariance)
+            return np.asarray(block @ covariance @ block.T)
+
+        return PoseSigma(
+            scale * self.position_m, self.orientation_deg, carried(self.covariance), carried(self.complete),
+            None if self.points_m is None else scale * self.points_m, None if self.ground_m is None else scale * self.ground_m,
+        )  # fmt: skip

@@ -66,6 +66,10 @@ class CameraEntry:
     translation_m: tuple[float, float, float] | None = None
     position_sigma_mm: Number = None
     orientation_sigma_deg: Number = None
+    points_sigma_mm: Number = None
+    """Of points where people walked, that it and other cameras see; the median."""
+    ground_sigma_mm: Number = None
+    """Of positions on the ground by it alone; the median."""
     people: int | None = None
     """Identities that it saw."""
     boxes: int | None = None
@@ -91,6 +95,8 @@ class CameraEntry:
             translation_m=None if pose is None else _three(pose.t_cw),
             position_sigma_mm=None if sigma is None else _known(1000 * sigma.position_m),
             orientation_sigma_deg=None if sigma is None else _known(sigma.orientation_deg),
+            points_sigma_mm=None if sigma is None or sigma.points_m is None else 1000 * sigma.points_m,
+            ground_sigma_mm=None if sigma is None or sigma.ground_m is None else 1000 * sigma.ground_m,
         )
 
 

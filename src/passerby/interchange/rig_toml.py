@@ -4,7 +4,9 @@ One table a camera: `name`, `size` [width, height], `matrix`, `distortions`, `ro
 `translation` (metres), `fisheye`. `[metadata]` holds `format_version`, `units` and the `verdict`. Keys and tables of other
 tools are left alone.
 Passerby's own extra keys are `position_sigma_mm`, `orientation_sigma_deg` and `covariance` (6 x 6: centre in metres, world;
-then rotation vector in radians, camera frame), `focal_sd_percent` (one standard deviation of a focal length that is a
+then rotation vector in radians, camera frame), `complete_covariance` (10 x 10: the same six, the logarithm of the focal length,
+the principal point in pixels and the first distortion coefficient), `points_sigma_mm` and `ground_sigma_mm` (of what the rig
+measures where people walked), `focal_sd_percent` (one standard deviation of a focal length that is a
 guess), `uncalibrated` (nobody knows the lens: its matrix is a stand-in, to be estimated), and `rotate` (degrees clockwise by
 which the camera's images are to be turned so that people stand upright; all numbers are of the images as filmed). A sigma
 that is infinite, since nothing fixes the pose, is left out.
@@ -23,7 +25,7 @@ from passerby.common.arrays import Floats
 from passerby.common.errors import InputError
 from passerby.common.text import listed, shortened
 from passerby.core.cameras import Camera, Lens, Pose, PoseSigma, Rig
-from passerby.core.lens import LARGEST_FOCAL_SD, QUARTER_TURNS
+from passerby.core.lens import INTRINSICS, LARGEST_FOCAL_SD, QUARTER_TURNS
 from passerby.geometry.rotations import log_rotation
 from passerby.interchange.gathering import gathered_rig
 from passerby.interchange.numbers import NotNumbers, finite_numbers
@@ -41,11 +43,14 @@ RIG = "a rig file (TOML)"
 FOCAL_SD = "focal_sd_percent"
 UNCALIBRATED = "uncalibrated"
 ROTATE = "rotate"
+COMPLETE = "complete_covariance"
+POINTS_SIGMA, GROUND_SIGMA = "points_sigma_mm", "ground_sigma_mm"
+SIGMA_KEYS = ("position_sigma_mm", "orientation_sigma_deg", POINTS_SIGMA, GROUND_SIGMA, "covariance", COMPLETE)
+"""Of what a calibration says of a camera's uncertainty."""
 ROUNDING, LARGEST_VARIANCE = 1e-3, 1e12
 """Of a covariance, the first as a share of its largest number: other tools round to a few digits."""
 CAMERA_KEYS = frozenset({
-    "name", "size", "matrix", "distortions", "rotation", "translation", "fisheye", "position_sigma_mm", "orientation_sigma_deg",
-    "covariance", FOCAL_SD, UNCALIBRATED,
+    "name", "size", "matrix", "distortions", "rotation", "translation", "fisheye", *SIGMA_KEYS, FOCAL_SD, UNCALIBRATED,
 })  # fmt: skip
 """Keys of a camera's table that are read."""
 UNFILLED = ("FX", "FY", "CX", "CY")
@@ -223,23 +228,41 @@ def _sigma(table: dict[str, Any]) -> PoseSigma | None:
     for key in stated:
         if table[key] < 0:
             raise InputError(f"{key} is {table[key]:g}: give a number from 0 on, or delete it")
-    covariance = _covariance(table) if "covariance" in table else None
-    covariance = covariance if len(stated) == 2 else None
-    return PoseSigma(float(position) / 1000, float(orientation), covariance)
+    whole = len(stated) == 2
+    covariance = _covariance(table, "covariance", 6) if "covariance" in table else None
+    complete = _covariance(table, COMPLETE, 6 + INTRINSICS) if COMPLETE in table else None
+    points, ground = (_metres(table, key) for key in (POINTS_SIGMA, GROUND_SIGMA))
+    return PoseSigma(
+        float(position) / 1000, float(orientation), covariance if whole else None, complete if whole else None, points, ground
+    )
 
 
-def _covariance(table: dict[str, Any]) -> Floats:
-    """(6, 6) the stated covariance: symmetric and positive but for rounding. Raises `InputError` for one that is not."""
-    found = _numbers(table, "covariance", (6, 6), "six rows of six numbers")
-    most = float(np.abs(found).max())
+def _metres(table: dict[str, Any], key: str) -> float | None:
+    """A stated sigma in millimetres as metres; None where it is not stated."""
+    if key not in table:
+        return None
+    millimetres = float(_numbers(table, key, (), "one number"))
+    if millimetres < 0:
+        raise InputError(f"{key} is {millimetres:g}: give a number from 0 on, or delete it")
+    return millimetres / 1000
+
+
+def _covariance(table: dict[str, Any], key: str, size: int) -> Floats:
+    """(size, size) a stated covariance: symmetric and positive but for rounding. Raises `InputError` for one that is not."""
+    found = _numbers(table, key, (size, size), f"{size} rows of {size} numbers")
+    most = float(np.abs(found[:6, :6]).max())
     if most > LARGEST_VARIANCE:
-        raise InputError(f"covariance has a value of {most:g}: delete it, or restore the file")
-    skew = float(np.abs(found - found.T).max())
-    if skew > ROUNDING * most:
-        raise InputError(f"covariance is not symmetric (by {skew:g}): delete it, or restore the file")
-    least = float(np.linalg.eigvalsh(found)[0])
-    if least < -ROUNDING * most:
-        raise InputError(f"covariance has a negative variance ({least:g}): delete it, or restore the file")
+        raise InputError(f"{key} has a value of {most:g}: delete it, or restore the file")
+    unit = (
+        1.0 / np.sqrt(np.maximum(np.abs(np.diag(found)), 1e-30)) if size > 6 else np.full(size, 1.0 / np.sqrt(max(most, 1e-30)))
+    )
+    scaled = found * unit[:, None] * unit  # pixels beside metres: rounding is that of each number
+    skew = float(np.abs(scaled - scaled.T).max())
+    if skew > ROUNDING:
+        raise InputError(f"{key} is not symmetric (by {skew * most:g}): delete it, or restore the file")
+    least = float(np.linalg.eigvalsh(scaled)[0])
+    if least < -ROUNDING:
+        raise InputError(f"{key} has a negative variance ({least * most:g}): delete it, or restore the file")
     return found
 
 
@@ -283,4 +306,9 @@ def table_of(camera: Camera) -> dict[str, Any]:
             table["orientation_sigma_deg"] = camera.sigma.orientation_deg
         if camera.sigma.covariance is not None and np.isfinite(camera.sigma.covariance).all():
             table["covariance"] = np.asarray(camera.sigma.covariance).tolist()
+        if camera.sigma.complete is not None and np.isfinite(camera.sigma.complete).all():
+            table[COMPLETE] = np.asarray(camera.sigma.complete).tolist()
+        for key, metres in ((POINTS_SIGMA, camera.sigma.points_m), (GROUND_SIGMA, camera.sigma.ground_m)):
+            if metres is not None:
+                table[key] = 1000 * metres
     return table

@@ -129,10 +129,10 @@ def rig_covariance_of(rig: Rig, name: str, share: float = 1.0) -> Floats:
     sigma = rig[name].sigma
     if sigma is None or not np.isfinite(sigma.position_m + sigma.orientation_deg):
         known = np.diag(np.repeat([UNKNOWN_M**2, np.radians(UNKNOWN_DEG) ** 2], 3))
-    elif sigma.covariance is None:
+    elif (own := sigma.with_lens_known) is None:
         known = np.diag(np.repeat([sigma.position_m**2 / 3, np.radians(sigma.orientation_deg) ** 2 / 3], 3))
     else:
-        known = np.asarray(sigma.covariance)
+        known = np.asarray(own)
     return np.asarray(share**2 * known + model_covariance())
 
 

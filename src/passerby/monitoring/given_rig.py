@@ -17,7 +17,7 @@ from passerby.geometry.rotations import log_rotation
 from passerby.interchange.calibration_json import CALIBRATION_FILE
 from passerby.interchange.monitor_json import MONITOR_FILE, read_monitor
 from passerby.interchange.output_folder import RIG_FILE, read_report
-from passerby.interchange.rig_toml import METADATA, METRES_PER_UNIT, RIG, RIG_FORMAT, read_rig, table_of
+from passerby.interchange.rig_toml import METADATA, METRES_PER_UNIT, RIG, RIG_FORMAT, SIGMA_KEYS, read_rig, table_of
 from passerby.interchange.storage.faults import read_toml
 from passerby.interchange.storage.transaction import recover
 
@@ -86,7 +86,7 @@ def rig_text(given: GivenRig, new: Rig, changed: tuple[str, ...]) -> str:
         fresh = table_of(camera)
         table["rotation"] = log_rotation(camera.pose.R_cw).tolist()
         table["translation"] = (np.asarray(camera.pose.t_cw) / unit).tolist()
-        for name in ("position_sigma_mm", "orientation_sigma_deg", "covariance"):
+        for name in SIGMA_KEYS:
             table.pop(name, None)
             if name in fresh:
                 table[name] = fresh[name]

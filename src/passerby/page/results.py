@@ -38,6 +38,8 @@ def _told(document: CalibrationDocument) -> dict[str, Any]:
                 "centre_m": None if one.centre_m is None else list(one.centre_m),
                 "heading_deg": one.heading_deg,
                 "tilt_deg": one.tilt_deg,
+                "points_sigma_mm": one.points_sigma_mm,
+                "ground_sigma_mm": one.ground_sigma_mm,
                 "position_sigma_mm": one.position_sigma_mm,
                 "orientation_sigma_deg": one.orientation_sigma_deg,
                 "time_offset_s": one.time_offset_s,

@@ -23,6 +23,8 @@ COLUMNS = (
     Column("Heading", "°", hint="viewing direction, counter-clockwise from the x axis, seen from above"),
     Column("Tilt", "°", hint="below the horizon"),
     Column("Roll", "°", hint="about the viewing direction, clockwise as seen from behind the camera"),
+    Column("Points std", "mm", hint="1 sigma of points that it and other cameras see where people walked, scale apart"),
+    Column("Ground std", "mm", hint="1 sigma of positions on the ground by this camera alone, scale apart"),
     Column("Position std", "mm", hint="standard deviation (1 sigma)"),
     Column("Rotation std", "°", hint="standard deviation (1 sigma)"),
     Column("Residual", "px", hint="median reprojection error of its people"),
@@ -73,6 +75,10 @@ def _told(contents: Contents, column: str) -> bool:
         return any(entry.keypoints for entry in entries)
     if column == "Boxes":
         return any(entry.boxes for entry in entries) or not any(entry.keypoints for entry in entries)
+    if column == "Points std":
+        return any(entry.points_sigma_mm is not None for entry in entries)
+    if column == "Ground std":
+        return any(entry.ground_sigma_mm is not None for entry in entries)
     if column == "Time offset":
         return any(entry.time_offset_s is not None for entry in entries)
     return True
@@ -94,6 +100,8 @@ def _row(
         number(_first(entry.heading_deg, heading)),
         number(_first(entry.tilt_deg, tilt)),
         number(_first(entry.roll_deg, roll)),
+        number(entry.points_sigma_mm, 0),
+        number(entry.ground_sigma_mm, 0),
         number(entry.position_sigma_mm, 0, kind="stands-out" if name in weak["Position std"] else ""),
         number(entry.orientation_sigma_deg, 2),
         number(residual_px, 1, kind="stands-out" if name in weak["Residual"] else ""),

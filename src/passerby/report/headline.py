@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from passerby.common.text import shortened_text
 from passerby.core.figures import HeldOutFigures
+from passerby.core.measuring_figures import MeasuringFigures
 from passerby.interchange.calibration_json import GroupEntry
 from passerby.interchange.output_folder import REPORT_FILE
 from passerby.report.contents import Contents
@@ -79,6 +80,7 @@ def _figures(contents: Contents, spells: Spells) -> Html:
     scale_told, vertical_told = (UNKNOWN if one in free else MISSING for one in ("scale", "vertical"))
     told = [
         ("cameras with a pose", f"{posed} of {every}"),
+        *_measuring(figures.measuring),
         ("scale uncertainty (1 sigma)", scale_told if scale is None else f"± {100 * scale:.1f} %"),
         ("worst camera position uncertainty", UNKNOWN if free else MISSING if worst is None else f"± {_length(worst)}"),
         ("up direction uncertainty (1 sigma)", vertical_told if vertical is None else f"± {vertical:.1f}°"),
@@ -91,6 +93,15 @@ def _figures(contents: Contents, spells: Spells) -> Html:
         [element("div", element("dt", name), element("dd", value)) for name, value in told],
         class_="key-figures",
     )
+
+
+def _measuring(measuring: MeasuringFigures | None) -> list[tuple[str, str]]:
+    """How surely the rig measures where people walked."""
+    if measuring is None:
+        return []
+    ground = MISSING if measuring.ground is None else f"± {_length(measuring.ground.median_mm)}"
+    points = f"± {_length(measuring.points.median_mm)}"
+    return [("points by several cameras (1 sigma)", points), ("positions on the ground by one camera (1 sigma)", ground)]
 
 
 def _held_out(held_out: HeldOutFigures | None) -> str:

@@ -42,8 +42,9 @@ FAR_FOCAL, FAR_PRINCIPAL_POINT, FAR_DISTORTION = 0.10, 0.02, 0.15
 UNKNOWN_PRINCIPAL_POINT, UNKNOWN_DISTORTION = 0.02, 0.15
 """What lenses that were never calibrated are off by, one standard deviation of a normal distribution: the principal point from
 the image centre, as a share of the width, and the first distortion coefficient from 0. Calibrations of phones and of fixed
-cameras state principal points 0.5 to 2 % of the width off the centre, those of older industrial cameras more. A Cauchy distribution would let the
-principal point of a camera go that turns instead: among joints with 2 px of noise it went by half a width."""
+cameras state principal points 0.5 to 2 % of the width off the centre, those of older industrial cameras more. A Cauchy
+distribution would let the principal point of a camera go that turns instead: among joints with 2 px of noise it went by half a
+width."""
 HELD = 1e-5
 """The same of calibrated lenses beside lenses that were not: shares of the focal length and of the width, and the
 coefficient."""
@@ -221,12 +222,7 @@ class LensUnknowns:
 
 def by_distortion(lens: Lens, rays: Floats) -> Floats:
     """(M, 2, 1) by the first coefficient, radial in all models."""
-    few = np.zeros(max(len(lens.distortions), 4))
-    few[: len(lens.distortions)] = lens.distortions
-    step = np.zeros_like(few)
-    step[0] = 1e-4
-    ends = [replace(lens, distortions=few + sign * step).project_rays(rays) for sign in (1, -1)]
-    return np.asarray((ends[0] - ends[1]) / 2e-4)[:, :, None]
+    return lens.by_intrinsics(rays)[:, :, 3:]
 
 
 def _slope(lens: Lens, pixels: Floats) -> Floats:

@@ -23,13 +23,13 @@ from passerby.core.cameras import Camera, Rig
 from passerby.core.measuring import HEIGHTS_M, points_above
 from passerby.core.measuring_figures import CameraMeasuring, MeasuringFigures, MeasuringSigma
 from passerby.solver.gauge import Free
-from passerby.solver.systematic import by_lens
 from passerby.solver.uncertainty import COMPLETE
 
 MOST_PLACES = 200
-GROUND_SHARE = 0.015
+GROUND_SHARE = 0.022
 """One sigma of how far above or below people's feet the plane z = 0 lies, as a share of their height: it rests on what the
-lower edge of a box is."""
+lower edge of a box is. Root mean square over five rendered films, boxes from the pixels (seeds 950 to 955, without one whose
+rig was wrong): 2.2 %."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +42,7 @@ class _Views:
     """(N, 2, 3) pixels by the point, metres; 0 where it is not seen."""
     by_camera: Floats
     """(N, 2, 10) pixels by the complete camera; 0 where it does not see the point."""
+
     @classmethod
     def of(cls, camera: Camera, points: Floats) -> _Views:
         """Of a camera with a pose, and points (N, 3)."""
@@ -60,7 +61,7 @@ class _Views:
         by_camera[:, :, :3] = -by_d @ pose.R_cw
         # A rotation vector w moves the point in the camera's frame by w x d.
         by_camera[:, :, 3:6] = np.cross(d[:, None], by_d)
-        by_camera[seen, :, 6:] = by_lens(camera.lens, ray[seen])
+        by_camera[seen, :, 6:] = camera.lens.by_intrinsics(ray[seen])
         return cls(np.asarray(seen), by_d @ pose.R_cw, np.nan_to_num(by_camera))
 
 

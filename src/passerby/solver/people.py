@@ -116,7 +116,7 @@ def solve_people(
     # Where the rig itself is not determined, anything moves it.
     wrong = [] if covariance.free.cameras else contradicted_lenses(start, fit, covariance.inflation)
     far, measuring = far_lenses(lenses), _measuring(start, fit, covariance)
-    posed = _placed(start.rig, fit.result.state, covariance)
+    posed = _placed(start.rig, fit.result.state, covariance, measuring)
     posed = _with_refined_sigmas(posed, lenses)
     zones = () if zoned is None else zoned.figures(start.rig)
     seams = () if zoned is None else seams_of(zoned, start.rig, covariance, fit.result.state.R)
@@ -215,13 +215,17 @@ def _with_refined_sigmas(rig: Rig, lenses: Mapping[str, LensFigures]) -> Rig:
     return replace(rig, cameras=tuple(cameras))
 
 
-def _placed(rig: Rig, state: AdjustmentState, covariance: RigCovariance) -> Rig:
+def _placed(rig: Rig, state: AdjustmentState, covariance: RigCovariance, measuring: MeasuringFigures | None) -> Rig:
     """The rig with the first camera above the origin, looking along +y."""
     turn = heading_rotation(state.R[0])
     shift = -turn @ np.array([*state.centre[0, :2], 0.0])
     cameras = []
     for c, camera in enumerate(rig):
         pose = Pose.from_centre(state.R[c], state.centre[c]).moved(turn, shift)
-        sigma = covariance.sigma(c)
-        cameras.append(Camera(camera.name, camera.lens, pose, sigma.moved(turn)))
+        sigma = covariance.sigma(c).moved(turn)
+        if measuring is not None and camera.name in measuring.cameras:
+            own = measuring.cameras[camera.name]
+            ground_m = None if own.ground is None else own.ground.median_mm / 1000
+            sigma = replace(sigma, points_m=own.points.median_mm / 1000, ground_m=ground_m)
+        cameras.append(Camera(camera.name, camera.lens, pose, sigma))
     return Rig(tuple(cameras))

@@ -18,8 +18,9 @@ import numpy as np
 
 from passerby.common.arrays import Floats
 from passerby.core.cameras import Lens, Rig
-from passerby.solver.lens_columns import WidenedLayout, by_focal, by_principal_point, lens_columns
-from passerby.solver.lens_unknowns import LENS_PARTS, LensPart, by_distortion
+from passerby.core.lens import INTRINSICS
+from passerby.solver.lens_columns import WidenedLayout, by_focal, lens_columns
+from passerby.solver.lens_unknowns import LENS_PARTS, LensPart
 from passerby.solver.optimizer.least_squares import NormalEquations, Term
 from passerby.solver.people_state import AdjustmentState
 from passerby.solver.person_model import PeopleProblem
@@ -53,10 +54,6 @@ LENS_PRIORS: Mapping[LensPart, float] = MappingProxyType({"focal": 0.005, "princ
 """What the stated intrinsics of a camera are off by, one sigma: shares of the focal length and of the image's width, and the
 first distortion coefficient. Careful calibrations with a board repeat to a few tenths of a per cent of the focal length and to
 some pixels of the principal point; focus and temperature move a lens by as much again."""
-
-_LENS_SIZE = 4
-"""Numbers of a lens that may be wrong: the logarithm of the focal length, the principal point (pixels), and the first
-distortion coefficient."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +89,7 @@ class ConsiderParameters:
         """
         free = [_estimated(camera.lens, estimated) for camera in rig]
         focal = [0.0 if own[0] else camera.lens.focal_sd or 0.0 for own, camera in zip(free, rig, strict=True)]
-        covariance = np.zeros((len(rig), _LENS_SIZE, len(rig), _LENS_SIZE))
+        covariance = np.zeros((len(rig), INTRINSICS, len(rig), INTRINSICS))
         covariance[:, 0, :, 0] = covariance_of_guesses(np.array(focal))
         for c, (camera, own) in enumerate(zip(rig, free, strict=True)):
             width = camera.lens.size[0]
@@ -102,9 +99,9 @@ class ConsiderParameters:
                 covariance[c, 1, c, 1] = covariance[c, 2, c, 2] = (LENS_PRIORS["principal_point"] * width) ** 2
             if not own[2]:
                 covariance[c, 3, c, 3] = LENS_PRIORS["distortion"] ** 2
-        size = len(rig) * _LENS_SIZE
+        size = len(rig) * INTRINSICS
         value, vector = np.linalg.eigh(covariance.reshape(size, size))
-        return cls(lens_columns(rig, problem, state, by_lens), vector * np.sqrt(np.maximum(value, 0.0)))
+        return cls(lens_columns(rig, problem, state, Lens.by_intrinsics), vector * np.sqrt(np.maximum(value, 0.0)))
 
     def moved(self, inverse: Floats, problem: PeopleProblem, terms: Sequence[Term], weighted: Weighted | None = None) -> Floats:
         """(n_shared, K) what the numbers, as large as their sigmas, do to the problem's shared unknowns.
@@ -122,12 +119,6 @@ class ConsiderParameters:
             widened = [weighted(term) for term in widened]
         H = NormalEquations(wide.layout, widened).reduce().H
         return np.asarray(-inverse @ H[np.ix_(wide.own, wide.places.ravel())] @ self.root)
-
-
-def by_lens(lens: Lens, rays: Floats) -> Floats:
-    """(M, 2, 4) how the pixels of rays (M, 3) move with a lens: focal length (logarithm), principal point, distortion."""
-    parts = (by_focal(lens, rays), by_principal_point(lens, rays), by_distortion(lens, rays))
-    return np.concatenate(parts, axis=2)
 
 
 def _estimated(lens: Lens, parts: Sequence[LensPart]) -> tuple[bool, ...]:

@@ -78,7 +78,12 @@ class RigCovariance:
 
     def sigma(self, camera: int) -> PoseSigma:
         """One camera's one-sigma figures in the metric world."""
-        return PoseSigma.from_covariance(self.metric[camera])
+        n = len(self.complete) // COMPLETE
+        blocks = self.complete.reshape(n, COMPLETE, n, COMPLETE)
+        own = np.array(blocks[camera, :, camera]) if n else None
+        if own is not None:  # the scale's share is in the pose alone
+            own[:6, :6] = self.metric[camera]
+        return PoseSigma.from_covariance(self.metric[camera], own)
 
     def shape_sigma(self, camera: int) -> PoseSigma:
         """One camera's one-sigma figures within the rig."""

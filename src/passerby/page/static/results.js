@@ -33,7 +33,7 @@ export function showResult(state) {
   if (!result) { show(find("result")); return; }
   const old = new Map((before?.cameras ?? []).map((one) => [one.name, one]));
   const rows = result.cameras.map((one) => [one.name, ...row(one), ...(before ? changes(one, old.get(one.name)) : [])]);
-  const columns = ["camera", "x m", "y m", "z m", "heading °", "position std mm", "rotation std °"];
+  const columns = ["camera", "x m", "y m", "z m", "heading °", "points std mm", "ground std mm", "position std mm", "rotation std °"];
   const more = before ? ["moved m", "turned °", "position std before mm"] : [];
   const verdict = before && before.verdict !== result.verdict ? `${before.verdict} before, ${result.verdict} now` : result.verdict;
   show(find("result"),
@@ -44,9 +44,9 @@ export function showResult(state) {
       make("ul", {}, ...result.findings.map((one) => make("li", {}, one)))) : null);
 }
 
-function row({ centre_m: centre, heading_deg, position_sigma_mm, orientation_sigma_deg }) {
+function row({ centre_m: centre, heading_deg, points_sigma_mm, ground_sigma_mm, position_sigma_mm, orientation_sigma_deg }) {
   return [...(centre ?? [null, null, null]).map((one) => number(one, 2)), number(heading_deg, 1),
-    number(position_sigma_mm, 0), number(orientation_sigma_deg, 2)];
+    number(points_sigma_mm, 0), number(ground_sigma_mm, 0), number(position_sigma_mm, 0), number(orientation_sigma_deg, 2)];
 }
 
 function changes(now, old) {
