@@ -72,15 +72,17 @@ def test_clocks_that_were_searched_for_are_shown(calibration, capsys):
     show_calibration(calibration(SEARCHED), verbose=False)
     _, head, first, second, *_ = lines(capsys)
     assert (
-        " ".join(head) == "camera x m y m height m position std mm rotation std deg time offset s offset std s boxes keypoints"
+        " ".join(head)
+        == "camera x m y m height m points std mm ground std mm position std mm rotation std deg time offset s "
+        "offset std s boxes keypoints"
     )
-    assert first[6:8] == ["0.000", "0.000"]
-    assert second[6:8] == ["-1.414", "0.012"]
+    assert first[8:10] == ["0.000", "0.000"]
+    assert second[8:10] == ["-1.414", "0.012"]
 
 
 def test_a_camera_without_a_pose_has_no_clock(calibration, capsys):
     show_calibration(calibration(SEARCHED, lost=True), verbose=False)
-    assert lines(capsys)[3][1:8] == ["-"] * 7
+    assert lines(capsys)[3][1:10] == ["-"] * 9
 
 
 def test_clocks_that_agree_are_not_shown(calibration, capsys):

@@ -285,12 +285,13 @@ def test_sigmas_and_figures_are_whole() -> None:
     solution = solved("construction")
     middle = np.mean([camera.pose.centre for camera in solution.rig], axis=0) * (1, 1, 0)
     figures = {camera.name: camera for camera in solution.figures.cameras}
+    assert 0 < solution.figures.measuring.points.median_mm < 30
     for camera in solution.rig:
         assert camera.sigma is not None
         assert camera.sigma.covariance is not None
         by_scale_m = solution.figures.scale.relative_sigma * np.linalg.norm(camera.pose.centre - middle)
-        assert camera.sigma.position_m == pytest.approx(by_scale_m, rel=0.01), "the shape is known far better"
-        assert 0 < figures[camera.name].shape_position_sigma_mm < 30
+        assert camera.sigma.position_m == pytest.approx(by_scale_m, rel=0.03), "the shape is known far better"
+        assert 0 < figures[camera.name].shape_position_sigma_mm < 1000 * by_scale_m
         assert 0 < camera.sigma.orientation_deg < 2
         assert camera.sigma.position_m**2 == pytest.approx(np.trace(camera.sigma.covariance[:3, :3]))
     assert {camera.name for camera in solution.figures.cameras} == set(solution.rig.names)

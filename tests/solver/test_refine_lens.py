@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 
 from passerby.core.cameras import Camera, Lens, Rig
+from passerby.core.figures import AdjustedFigures, SolvedCamera
 from passerby.core.lens_figures import DistortionFigures, FocalFigures, LensFigures
+from passerby.core.measuring_figures import MeasuringFigures, MeasuringSigma
 from passerby.core.solution import Solution
 from passerby.evaluation.metrics import compare
 from passerby.findings.texts import texts_of
@@ -23,7 +25,7 @@ from passerby.solver.optimizer.least_squares import Step
 from passerby.solver.people import PeopleOptions
 from passerby.solver.people_state import AdjustmentState, UprightObservations
 from passerby.solver.person_model import CAMERA_SIZE, PeopleProblem
-from passerby.solver.refined_lenses import KNOWN_FOCAL, RefinedLenses, far_lenses, lens_figures, lens_notes
+from passerby.solver.refined_lenses import RefinedLenses, far_lenses, lens_figures, lens_notes
 from support.scenes.people_and_rigs import LENS, looking_at, part, simulated, solve, without_poses
 
 BOTH = LensUnknowns(("focal", "principal_point"))
@@ -193,7 +195,7 @@ def test_a_principal_point_that_boxes_do_not_tell_stays_as_stated_and_is_said_to
     refined, truth = solved((), ("principal_point",), "terrace")
     moved = [refined.rig[name].lens.matrix[:2, 2] - truth[name].lens.matrix[:2, 2] for name in truth.names]
     assert np.abs(moved).max() < 0.01 * truth[truth.names[0]].lens.size[0]
-    assert [note.values["constrained"] for note in lens_notes(refined.figures.lenses)] == [False] * len(truth)
+    assert [note.values["constrained"] for note in lens_notes(refined.figures)] == [False] * len(truth)
     without, _ = solved((), (), "terrace")
     for name in truth.names:
         own, other = refined.rig[name].sigma, without.rig[name].sigma
@@ -207,20 +209,20 @@ def test_a_principal_point_that_boxes_tell_is_near_the_right_one() -> None:
     refined, truth = solved((), ("principal_point",))
     moved = [refined.rig[name].lens.matrix[:2, 2] - truth[name].lens.matrix[:2, 2] for name in truth.names]
     assert np.abs(moved).max() < 0.01 * truth[truth.names[0]].lens.size[0]
-    assert [note.values["constrained"] for note in lens_notes(refined.figures.lenses)] == [True] * len(truth)
+    assert [note.values["constrained"] for note in lens_notes(refined.figures)] == [True] * len(truth)
 
 
 @pytest.mark.slow
 def test_without_refinement_nothing_is_told_of_lenses() -> None:
     solution, truth = solved((), ())
     assert solution.figures.lenses == {}
-    assert lens_notes(solution.figures.lenses) == []
+    assert lens_notes(solution.figures) == []
     np.testing.assert_array_equal(solution.rig[truth.names[0]].lens.matrix, truth[truth.names[0]].lens.matrix)
 
 
 def test_notes_say_what_was_refined() -> None:
     focal = FocalFigures(stated_px=1000.0, refined_px=1043.0, sigma_px=4.2, people_sigma_px=5.0, far=False, told=True)
-    assert texts_of(lens_notes({"C2": LensFigures(focal=focal)})) == (
+    assert texts_of(lens_notes(AdjustedFigures(lenses={"C2": LensFigures(focal=focal)}))) == (
         "camera C2: focal length 1043 px instead of 1000 (+4.3 %, sigma 0.4 %)",
     )
     (told,) = far_lenses({"C2": LensFigures(focal=replace(focal, refined_px=1500.0, far=True))})
@@ -228,13 +230,22 @@ def test_notes_say_what_was_refined() -> None:
     assert told.values == {"change_percent": pytest.approx(50.0)}
 
 
-@pytest.mark.parametrize(("share", "codes"), [(0.9, []), (1.1, ["focal_undetermined"])])
-def test_the_focal_length_of_an_uncalibrated_lens_is_undetermined_beyond_its_limit(share: float, codes: list[str]) -> None:
-    sigma = share * KNOWN_FOCAL * 1000
-    focal = FocalFigures(stated_px=1000.0, refined_px=1000.0, sigma_px=sigma, people_sigma_px=sigma, far=False, told=True)
-    found = far_lenses({"C2": LensFigures(focal=focal, distortion=DistortionFigures(refined=0.0, sigma=0.05))})
-    assert [one.code for one in found] == ["principal_points_assumed", *codes]
-    assert [one.code for one in far_lenses({"C2": LensFigures(focal=focal)})] == []
+def test_without_intrinsics_the_notice_says_what_the_rig_measures() -> None:
+    lens = LensFigures(distortion=DistortionFigures(refined=0.0, sigma=0.05))
+    measured = MeasuringSigma(median_mm=30.0, p90_mm=60.0)
+    figures = AdjustedFigures(
+        cameras=(
+            SolvedCamera(name="C1", shape_orientation_sigma_deg=0.1),
+            SolvedCamera(name="C2", shape_orientation_sigma_deg=1.7),
+        ),
+        lenses={"C2": lens},
+        measuring=MeasuringFigures(places=9, points=measured, ground=measured.scaled(2.5), ground_height_mm=34.0, cameras={}),
+    )
+    assert texts_of(lens_notes(figures)) == (
+        "camera C2 without intrinsics: the principal point is not observable; rotations are uncertain by 1.7 degrees, "
+        "positions on the ground by 8 cm, points by 3.0 cm (1 sigma): for exact rotations, state the intrinsics",
+    )
+    assert far_lenses({"C2": lens}) == []
 
 
 def test_figures_give_each_prior_and_how_much_people_count_beside_it():
@@ -242,7 +253,7 @@ def test_figures_give_each_prior_and_how_much_people_count_beside_it():
     stated = Rig((Camera("A", lens), Camera("B", LENS)))
     unknowns = LensUnknowns(("focal", "principal_point", "distortion"))
     change = np.array([[0.02, 3.0, -1.0, -0.1], [0.0] * 4])
-    people, prior = np.array([0.025, 30.0, np.inf, 0.05]), np.array([0.05, 10.0, 10.0, 0.15])
+    people, prior = np.array([0.025, 30.0, np.inf, 0.05]), np.array([0.05, 20.0, 20.0, 0.15])
     sigma = 1 / np.sqrt(1 / people**2 + 1 / prior**2)
     refined = RefinedLenses(unknowns, np.stack([sigma, sigma]), np.stack([people, people]))
     figures = lens_figures(refined, stated, unknowns.rig(stated, change))
@@ -250,8 +261,8 @@ def test_figures_give_each_prior_and_how_much_people_count_beside_it():
     focal, point, distortion = figures["A"].focal, figures["A"].principal_point, figures["A"].distortion
     assert (focal.stated_px, focal.prior_sigma_px) == pytest.approx((lens.focal, 0.05 * lens.focal))
     assert focal.people_share == pytest.approx(0.8)  # twice as sure, four times as much
-    assert point.prior_sigma_px == pytest.approx((10.0, 10.0))
-    assert point.people_share == pytest.approx((0.1, 0.0))
+    assert point.prior_sigma_px == pytest.approx((20.0, 20.0))
+    assert point.people_share == pytest.approx((4 / 13, 0.0))
     assert point.people_sigma_px == (pytest.approx(30.0), None)
     assert (distortion.refined, distortion.stated, distortion.prior_sigma) == pytest.approx((-0.1, 0.0, 0.15))
     assert (distortion.people_sigma, distortion.people_share) == pytest.approx((0.05, 0.9))

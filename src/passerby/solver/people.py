@@ -125,7 +125,7 @@ def solve_people(
         *start.evidence.findings,
         *findings,
         *choice.doubts,
-        *doubts_about(start, fit, covariance, measuring, diverged_lenses(far, converged=fit.result.converged)),
+        *doubts_about(start, fit, covariance, measuring, diverged_lenses(far)),
         *disagreements,
         *(contradictions_of(start.rig, wrong) or ([] if covariance.free.cameras else sizes_contradicted(focals))),
         *doubts_about_registrations(start.rig, start.hypotheses, fit.result.state.R, fit.result.state.centre),

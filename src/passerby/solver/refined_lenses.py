@@ -197,11 +197,8 @@ def _assumed_points(figures: AdjustedFigures) -> list[Finding]:
     return [notice("principal_points_assumed", *assumed, **values)]
 
 
-def diverged_lenses(far: Sequence[Finding], *, converged: bool) -> list[str]:
-    """The cameras with a refined lens that diverged, by the findings of `far_lenses`, each once.
-
-    Where the adjustment did not converge, a lens that people do not determine is still on its way.
-    """
+def diverged_lenses(far: Sequence[Finding]) -> list[str]:
+    """The cameras with a refined lens that diverged, by the findings of `far_lenses`, each once."""
     codes = {"focal_refined_far", "principal_point_refined_far"}
     return list(dict.fromkeys(finding.cameras[0] for finding in far if finding.code in codes))
 
