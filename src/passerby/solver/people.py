@@ -172,8 +172,10 @@ def _sure(
     estimated = start.unknowns.parts
     held = ConsiderParameters.of_lenses(start.rig, fit.model.problem, state, estimated)
     of_joints = joint_design_effect(fit.model, start.evidence, terms)
+    # Without intrinsics the adjustment's own covariance of lenses and poses together holds what boxes are off by alike.
+    lens_sigma = None if lenses is None or fit.model.problem.lens_normal else lenses.sigma
     covariance = rig_covariance(
-        terms, fit.model.problem, state, inflation, sigma, lenses.sigma if lenses else None, held, of_joints, estimated
+        terms, fit.model.problem, state, inflation, sigma, lens_sigma, held, of_joints, estimated
     )
     return covariance, report, lens_figures(lenses, start.stated, start.rig)
 
