@@ -72,8 +72,7 @@ def test_clocks_that_were_searched_for_are_shown(calibration, capsys):
     show_calibration(calibration(SEARCHED), verbose=False)
     _, head, first, second, *_ = lines(capsys)
     assert (
-        " ".join(head)
-        == "camera x m y m height m points std mm ground std mm position std mm rotation std deg time offset s "
+        " ".join(head) == "camera x m y m height m points std mm ground std mm position std mm rotation std deg time offset s "
         "offset std s boxes keypoints"
     )
     assert first[8:10] == ["0.000", "0.000"]
