@@ -26,8 +26,8 @@ Fussgänger*). In areas that cameras watch people turn, wait and walk together: 
 RUN_M, RUN_SD = 2.8, 0.3
 """The same of people who run: from a jog of 2 m/s, where people stop to walk (Thorstensson and Roberthson 1987, *Adaptations to
 changing speed in human locomotion*), to a sprint across a court of 4 to 5 m/s."""
-RUNS_RARELY = 2.0
-"""Power of the share of walkers in the prior: of people in motion a quarter run on average, and everybody does almost never."""
+RUNS_RARELY = 4.0
+"""Power of the share of walkers in the prior: a sixth of motion is running on average, all of it almost never."""
 SPOILT = 0.05
 """Share of speeds that mean nothing: of places that another person's box has spoilt."""
 BLOCK_S = 10.0
@@ -79,11 +79,12 @@ def scale_by_walking(speeds: Sequence[Floats], per_block: float) -> tuple[float,
 
     Args:
         speeds: of each person metres in a second, while in motion.
-        per_block: how many successive speeds of a person count as one.
+        per_block: how many successive speeds of a person count as one; all of them where there are fewer.
     """
     logs = np.log(np.concatenate(speeds))
     values, of_value = np.unique(np.round(logs, 2), return_inverse=True)
-    weight = np.bincount(of_value) / per_block
+    counts = [np.full(len(own), 1 / min(len(own), per_block)) for own in speeds]
+    weight = np.bincount(of_value, weights=np.concatenate(counts))
     true = values + _SHIFT[:, None]
     walk, run = _normal(true, np.log(WALK_M), WALK_PERSON_SD), _normal(true, np.log(RUN_M), RUN_SD)
     noise = SPOILT / np.ptp(_SHIFT)
