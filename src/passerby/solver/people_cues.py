@@ -74,8 +74,8 @@ def scale_by_walking(speeds: Sequence[Floats], per_block: float) -> tuple[float,
 
     The logarithms of speeds are a mixture of walking and running, with a share of running that is not known. The likelihood of
     the factor may have two peaks, such as fast walkers or slow runners. So the estimate is the middle of the interval that a
-    likelihood ratio test at `MOST_SIGMAS` leaves, and sigma is half of it over `MOST_SIGMAS`, with what places and people
-    differ by.
+    likelihood ratio test at `MOST_SIGMAS` leaves, and sigma is half of it over `MOST_SIGMAS`, at least what the mean of so
+    many people differs by, with what places differ by.
 
     Args:
         speeds: of each person metres in a second, while in motion.
@@ -94,8 +94,8 @@ def scale_by_walking(speeds: Sequence[Floats], per_block: float) -> tuple[float,
         likelihood = np.maximum(likelihood, np.log(density) @ weight + RUNS_RARELY * np.log(1 - share))
     inside = _SHIFT[2 * (likelihood.max() - likelihood) <= MOST_SIGMAS**2]
     low, high = float(inside.min()), float(inside.max())
-    spread = WALK_SITE_SD, WALK_PERSON_SD / np.sqrt(len(speeds)), (high - low) / (2 * MOST_SIGMAS)
-    return (low + high) / 2, float(np.linalg.norm(spread))
+    sampled = max((high - low) / (2 * MOST_SIGMAS), WALK_PERSON_SD / np.sqrt(len(speeds)))
+    return (low + high) / 2, float(np.hypot(WALK_SITE_SD, sampled))
 
 
 def walking_speeds(keys: Floats, places: Floats, fps: float | None) -> list[Floats]:
