@@ -14,10 +14,8 @@ from pages.cases import Outcomes
 from pages.page import table
 from passerby.association.ambiguity import AMBIGUOUS
 from passerby.calibration.calibration import Calibration
-from passerby.calibration.diagnostics.body_widths import MIN_BOXES, NARROWEST_M, WIDEST_M, body_widths
 from passerby.calibration.diagnostics.covisibility import LEAST_FOUND, LEAST_SHARED, least_shared, people_missed
 from passerby.calibration.diagnostics.ground_planarity import HARMFUL_M, STEEP_DEG, STEEP_SIGMAS
-from passerby.calibration.diagnostics.verdict import placed_people
 from passerby.common.errors import InputError
 from passerby.core.cameras import Rig
 from passerby.core.figures import AdjustedFigures
@@ -95,15 +93,6 @@ FIGURES: Mapping[str, Figure] = MappingProxyType({
     "steep": Figure(
         STEEP_SIGMAS, "STEEP_SIGMAS in `calibration/diagnostics/ground_planarity.py`",
         "the same in sigmas, if by more than STEEP_DEG", "people_on_levels", False, (2.0, 3.0, 4.0, 5.0, 7.0, 10.0),
-    ),
-    "narrow": Figure(
-        NARROWEST_M, "NARROWEST_M in `calibration/diagnostics/body_widths.py`",
-        "median width of people's boxes at the scale of the rig, metres", "boxes_misshapen", True,
-        (0.35, 0.4, 0.45, 0.5, 0.55, 0.6),
-    ),
-    "wide": Figure(
-        WIDEST_M, "WIDEST_M in `calibration/diagnostics/body_widths.py`", "the same", "boxes_misshapen", False,
-        (0.7, 0.8, 0.9, 1.0, 1.1, 1.3),
     ),
     "alike": Figure(
         AMBIGUOUS, "AMBIGUOUS in `association/ambiguity.py`",
@@ -198,8 +187,6 @@ def _values(found: Calibration) -> dict[str, float]:
         else []
     )
     rises = [float(one.values["rise_m"]) for one in found.diagnostics if one.code == "ground_uneven"]
-    widths = body_widths(found.rig, found.instants, *placed_people(found.rig, found.instants))
-    width = float(np.median(widths)) if len(widths) >= MIN_BOXES else math.nan
     ground = figures.ground
     slope = math.nan if ground is None or ground.slope_deg is None else ground.slope_deg
     sigmas = slope / ground.slope_sigma_deg if ground is not None and ground.slope_sigma_deg else math.nan
@@ -211,8 +198,6 @@ def _values(found: Calibration) -> dict[str, float]:
         "rise": max(rises, default=0.0),
         "slope": slope if sigmas > STEEP_SIGMAS else min(slope, 0.0),
         "steep": sigmas if slope > STEEP_DEG else min(sigmas, 0.0),
-        "narrow": width,
-        "wide": width,
         "size": max((sigmas for change, sigmas in focals if change > FAR_CHANGE), default=0.0),
         "far": max((change for change, sigmas in focals if sigmas > FAR_SIGMAS), default=0.0),
         "alike": max(_alike(found).values(), default=math.nan),

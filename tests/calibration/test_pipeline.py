@@ -11,7 +11,7 @@ from passerby.calibration import scene_solver
 from passerby.cli.main import run
 from passerby.common.errors import EvidenceError, InputError
 from passerby.core.cameras import Pose, PoseSigma
-from passerby.core.figures import AdjustedFigures, PeopleFigures
+from passerby.core.figures import AdjustedFigures, CueFigures, ScaleFigures
 from passerby.core.solution import Solution
 from passerby.findings.finding import doubt, refusal
 from passerby.interchange.motchallenge import read_boxes
@@ -99,15 +99,23 @@ def test_geopose_gets_its_reference(tmp_path, solver):
     assert solver.calls[0][3].reference == "B"
 
 
-@pytest.mark.parametrize(("apart_m", "heights"), [(1.0, []), (2.0, [pytest.approx(3.4)])])
-def test_people_grow_with_the_rig_that_known_places_enlarge(tmp_path, solver, apart_m, heights):
-    """The solver has the two cameras one metre apart, and a person of 1.7 m."""
-    solver.figures = replace(FIGURES, people=PeopleFigures(identities=1, instants=20, standing=1.0, heights_m={"1": 1.7}))
+@pytest.mark.parametrize("apart_m", [1.0, 2.0])
+def test_known_places_are_a_scale_cue_that_heights_can_contradict(tmp_path, solver, apart_m):
+    """The solver has the two cameras one metre apart, by the heights of people."""
+    heights = CueFigures(
+        cue="population of 5", kind="population", count=5, stated_m=1.7, measured_m=1.7, sd_m=0.08, residual_sigmas=0.0,
+        share=1.0, own_scale=1.0, own_sigma=0.045,
+    )  # fmt: skip
+    solver.figures = replace(FIGURES, scale=ScaleFigures(relative_sigma=0.045, cues=(heights,)))
     (tmp_path / "positions.csv").write_text(f"camera,x,y,z\nA,5,5,3\nB,5,{5 + apart_m},3\n")
     scene = write_scene(tmp_path, extra='[world]\npositions = "positions.csv"\nscale = true\n')
     calibration = passerby.calibrate(scene)
     assert np.linalg.norm(calibration.rig["A"].centre - calibration.rig["B"].centre) == pytest.approx(apart_m)
-    assert [found.values["metres"] for found in calibration.doubts if found.code == "people_too_tall"] == heights
+    cue = calibration.figures.scale.cues[-1]
+    assert (cue.kind, cue.own_scale) == ("world", pytest.approx(apart_m))
+    named = [found.values["cues"] for found in calibration.doubts if found.code == "scale_cues_disagree"]
+    assert [set(cues) for cues in named] == [{"population of 5", cue.cue}] * (apart_m > 1)
+    assert calibration.accepted == (apart_m == 1)
 
 
 @pytest.mark.slow

@@ -5,14 +5,13 @@ import re
 import numpy as np
 import pytest
 
-from passerby.calibration.diagnostics.known_heights import contradicted_heights, heights_by_boxes
 from passerby.calibration.in_memory import calibrate_observations
 from passerby.calibration.pointed_heights import identity_at, pointed_heights
 from passerby.common.errors import InputError
 from passerby.core.observations import Boxes, CameraObservations
 from passerby.core.pointing import PointedPerson
-from passerby.core.scale_cues import PersonHeight
 from passerby.evaluation.metrics import compare
+from passerby.people.box_heights import heights_by_boxes
 from passerby.simulation import SimulationOptions, simulate
 
 FPS = 5.0
@@ -73,8 +72,8 @@ def test_time_and_frame_say_the_same(small):
 def test_two_heights_of_one_person_that_differ_let_no_rig_be_accepted(small):
     _, table = pointed_at(small, "C1")
     calibration, _ = scale_by(small, [table, {**table, "height_m": table["height_m"] - 0.2}])
-    (found,) = [one for one in calibration.diagnostics if one.code == "pointed_heights_differ"]
-    assert found.values["numbers"] == [1, 2]
+    (found,) = [one for one in calibration.diagnostics if one.code == "scale_cues_disagree"]
+    assert [name[-1] for name in sorted(found.values["cues"])] == ["1", "2"]
     assert calibration.verdict == "doubtful"
 
 
@@ -91,13 +90,13 @@ def test_a_height_that_contradicts_the_others_is_named_by_its_table(small):
     assert calibration.verdict == "doubtful"
 
 
-def test_true_heights_contradict_nobody_and_of_two_both_are_named(small):
-    known = [PersonHeight(identity, metres) for identity, metres in small.heights.items()]
-    assert contradicted_heights(small.rig, small.observations, known) == []
-    pair = [known[0], PersonHeight(known[1].identity, 1.15 * known[1].metres)]
-    named = [found.values["cue"] for found in contradicted_heights(small.rig, small.observations, pair)]
-    assert named == [f"height of person {one.identity}" for one in pair]
-    assert contradicted_heights(small.rig, small.observations, pair[1:]) == []
+@pytest.mark.slow
+def test_of_two_heights_that_contradict_each_other_both_are_named(small):
+    first, one = pointed_at(small, "C1")
+    second, wrong = pointed_at(small, "C2", grown=1.25, skip=(first,))
+    calibration, _ = scale_by(small, [one, wrong])
+    names = [name for found in calibration.doubts for name in found.values.get("cues", [found.values.get("cue")])]
+    assert f"height of person {second}, [[scale.people]] 2" in names
 
 
 def test_heights_by_boxes_are_those_of_the_people(small):
@@ -178,6 +177,15 @@ def test_whoever_is_nobody_is_a_notice_and_not_used():
     (found,) = heights.findings
     assert (found.code, found.severity, found.cameras) == ("pointed_person_unmatched", "notice", ("C1",))
     assert pointed_heights([one, one], lambda _: 4).findings == ()
+
+
+def test_heights_of_one_person_contradict_each_other_beyond_their_sigmas():
+    stated = [PointedPerson(n, "C1", 2, (20.0, 30.0), metres, 0.01) for n, metres in enumerate((1.8, 1.81, 1.6), start=1)]
+    assert pointed_heights(stated[:2], lambda _: 4).findings == ()
+    assert pointed_heights(stated, lambda one: one.number).findings == ()
+    (found,) = pointed_heights(stated, lambda _: 4).findings
+    assert (found.code, found.values["cue"]) == ("scale_cue_contradicted", "height of person 4, [[scale.people]] 3")
+    assert found.values["measured_m"] == pytest.approx(1.805, abs=0.01)
 
 
 @pytest.mark.slow

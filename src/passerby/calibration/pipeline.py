@@ -13,18 +13,17 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from passerby.association.result import Association
+from passerby.calibration.alignment.known_scale import check_known_scale
 from passerby.calibration.alignment.lengths import check_lengths, findings_of_checks
 from passerby.calibration.alignment.scene_world import align_to_scene
 from passerby.calibration.calibration import Calibration
 from passerby.calibration.camera_motion import DetectedMotion, Motion, MotionRepair, findings_of_motions
 from passerby.calibration.clock_skew import MOST_CORRECTIONS, clock_rate_figures, clock_skew_findings, find_clock_skew
 from passerby.calibration.diagnostics.ground_planarity import ground_figures, shape_of, told_of_ground
-from passerby.calibration.diagnostics.known_heights import contradicted_heights
 from passerby.calibration.diagnostics.smaller_pictures import doubts_of_smaller_pictures
 from passerby.calibration.diagnostics.unusual_people import told_of_unusual
 from passerby.calibration.diagnostics.up_direction import find_tilted_ground, up_figures, with_up
 from passerby.calibration.diagnostics.verdict import judged
-from passerby.calibration.diagnostics.walking_speed import ScaleBasis, doubts_of_heights, scale_basis
 from passerby.calibration.estimation import Estimate, Estimator
 from passerby.calibration.held_out import findings_of_held_out, hold_out
 from passerby.calibration.kept_tracklets import FOLDER, KeptTracklets
@@ -35,10 +34,8 @@ from passerby.calibration.separate_groups import calibrate_by_groups
 from passerby.calibration.unrecorded import Spans, unrecorded_instants
 from passerby.common.parallel import worthwhile
 from passerby.common.progress import Progress, silent, tell_note
-from passerby.core.cameras import Rig
-from passerby.core.figures import AdjustedFigures, HeldOutFigures, adjusted, heights_of
+from passerby.core.figures import AdjustedFigures, HeldOutFigures, adjusted
 from passerby.core.quarter_turns import turn_observations, turn_rig, undone
-from passerby.core.scale_cues import combine_heights
 from passerby.core.solution import Solution
 from passerby.findings.finding import Finding
 from passerby.findings.texts import texts_of
@@ -132,13 +129,13 @@ def _calibrate_together(estimator: Estimator, inputs: SceneInputs) -> Calibratio
         solution = _with_figures(scene, inputs, repaired, motions, shape, held_out, estimator.seed)
         # Pixels that the scene states, and all results, are of the images as filmed.
         filmed = replace(solution, rig=turn_rig(solution.rig, undone(scene.turns)))
-        placed = align_to_scene(scene, filmed, inputs.elsewhere)
+        solution, placed = check_known_scale(solution, align_to_scene(scene, filmed, inputs.elsewhere))
         checks = check_lengths(scene.scale.checks, placed.rig, adjusted(solution.figures).scale.relative_sigma)
         off = findings_of_checks(checks)
         doubts, ground = _doubts(scene, inputs, solution, association, shape, estimator)
         misplaced = tuple(finding for finding in (*placed.findings, *off) if finding.severity == "doubt")
         causes = (*inputs.doubts, *findings_of_motions(motions, solution.rig))
-        solution = _decided(scene, solution, association, causes, (*doubts, *misplaced), placed.rig, inputs.gaps)
+        solution = _decided(scene, solution, association, causes, (*doubts, *misplaced), inputs.gaps)
     solved = time.perf_counter()
     rates = solution.figures.clock_rates or {}
     refined = (*lens_notes(adjusted(solution.figures)), *clock_skew_findings(rates), *ground)
@@ -217,11 +214,6 @@ def _doubts(
     )
     places = doubts_of_same_place(solution.rig, inputs.observations)
     heights = [finding for finding in association.height_findings if finding.severity != "notice"]
-    known = combine_heights((*scene.scale_cues().people, *association.known_heights))
-    said = {finding.values["cue"] for finding in solution.findings if finding.code == "scale_cue_contradicted"}
-    said |= {cue for found in solution.findings if found.code == "scale_cues_disagree" for cue in found.values["cues"]}
-    contradicted = contradicted_heights(solution.rig, association.instants, known)
-    heights += [finding for finding in contradicted if finding.values["cue"] not in said]
     held_out = findings_of_held_out(solution.figures.held_out)
     against = [finding for finding in held_out if finding.severity == "doubt"]
     noticed = tuple(finding for finding in held_out if finding.severity == "notice")
@@ -232,28 +224,13 @@ def _doubts(
 
 def _decided(
     scene: Scene, solution: Solution, association: Association, causes: Sequence[Finding], doubts: Sequence[Finding],
-    placed: Rig, gaps: Mapping[str, Spans],
+    gaps: Mapping[str, Spans],
 ) -> Solution:  # fmt: skip
     """The solution with the verdict on it."""
-    basis, grown = _scale_of(scene, solution, placed)
-    tall = doubts_of_heights(heights_of(solution.figures), grown, scene.scale.person_height_m) if grown != 1.0 else ()
     return judged(
         solution, association.instants, given=scene.association.given, why=association.lost, causes=causes,
-        doubts=(*doubts, *tall), basis=basis, grown=grown, unrecorded=unrecorded_instants(gaps, association),
+        doubts=doubts, unrecorded=unrecorded_instants(gaps, association),
     )  # fmt: skip
-
-
-def _scale_of(scene: Scene, found: Solution, placed: Rig) -> tuple[ScaleBasis, float]:
-    """What the scale rests on, and what known places multiplied it by."""
-    said = bool(scene.scale.model_fields_set & {"person_height_m", "people"})
-    basis = scale_basis(adjusted(found.figures).scale.cues, said=said)
-    if scene.world is None or not scene.world.scale:
-        return basis, 1.0
-    centres = [np.array([camera.pose.centre for camera in rig if camera.pose is not None]) for rig in (found.rig, placed)]
-    before, after = (float(np.linalg.norm(each - each.mean(axis=0))) if len(each) else 0.0 for each in centres)
-    if before <= 0 or abs(after / before - 1) < 1e-12:
-        return basis, 1.0
-    return "measured", after / before
 
 
 def _amount(inputs: SceneInputs) -> str:

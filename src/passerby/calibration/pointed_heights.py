@@ -8,13 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from passerby.common.arrays import Ints
+from passerby.core.figures import CueFigures
 from passerby.core.observations import UNKNOWN, CameraObservations, Observations
 from passerby.core.pointing import PointedPerson, Sighting, StatedIdentities, find_pointed
 from passerby.core.scale_cues import PersonHeight
-from passerby.findings.finding import Finding, doubt, notice
-
-SAME_SIGMAS = 4.0
-"""Heights of one person that differ by more sigmas contradict each other: as of a scale cue that contradicts the rest."""
+from passerby.findings.finding import Finding, notice
+from passerby.solver.cue_agreement import argue
 
 Identify = Callable[[PointedPerson], int | None]
 
@@ -25,26 +24,33 @@ class PointedHeights:
 
     people: tuple[PersonHeight, ...] = ()
     findings: tuple[Finding, ...] = ()
-    """Heights that are not used, and those of one person that differ."""
+    """Heights that are not used, and those of one person that contradict each other."""
 
 
 def pointed_heights(pointed: Sequence[PointedPerson], identify: Identify) -> PointedHeights:
     """The heights of the identities to which pointed-at people belong; `identify` has None for who belongs to none."""
     people: list[PersonHeight] = []
     findings: list[Finding] = []
-    first: dict[int, PointedPerson] = {}
+    cues: dict[int, list[CueFigures]] = {}
     for one in pointed:
         identity = identify(one)
         if identity is None:
             values = {"number": one.number, "frame": one.frame, "at": list(one.at)}
             findings.append(notice("pointed_person_unmatched", one.camera, **values))
             continue
-        other = first.setdefault(identity, one)
-        if abs(one.metres - other.metres) > SAME_SIGMAS * np.hypot(one.sd_m, other.sd_m):
-            numbers, heights = [other.number, one.number], [other.metres, one.metres]
-            findings.append(doubt("pointed_heights_differ", other.camera, one.camera, numbers=numbers, heights_m=heights))
-        people.append(PersonHeight(identity, one.metres, one.sd_m, f"[[scale.people]] {one.number}"))
+        place = f"[[scale.people]] {one.number}"
+        people.append(PersonHeight(identity, one.metres, one.sd_m, place))
+        cues.setdefault(identity, []).append(_as_cue(people[-1]))
+    findings += [finding for own in cues.values() for finding in argue(own)[1]]
     return PointedHeights(tuple(people), tuple(findings))
+
+
+def _as_cue(one: PersonHeight) -> CueFigures:
+    """A stated height, to compare with others of the same person: its scale is that of a person one metre tall."""
+    return CueFigures(
+        cue=f"height of person {one.identity}, {one.place}", kind="person", identity=one.identity, stated_m=one.metres,
+        measured_m=1.0, sd_m=one.sd_m, residual_sigmas=0.0, share=0.0, own_scale=one.metres, own_sigma=one.sd_m / one.metres,
+    )  # fmt: skip
 
 
 def unfulfilled(stated: StatedIdentities, identify: Callable[[Sighting], int | None]) -> list[Finding]:

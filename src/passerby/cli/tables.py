@@ -134,7 +134,7 @@ def show_scale(figures: AdjustedFigures, rig: Rig) -> None:
     if scale.relative_sigma is None:
         print("scale unknown: no observation and no stated length determines it")
         return
-    pulls = ", ".join(f"{cue_in_words(cue)} ({100 * cue.share:.0f} %)" for cue in scale.cues)
+    pulls = ", ".join(f"{cue_in_words(cue)} ({100 * cue.share:.0f} %)" for cue in scale.cues if cue.share > 0)
     print(f"scale known to {100 * scale.relative_sigma:.1f} %, from {pulls}")
     whole = [1000 * camera.sigma.position_m for camera in rig if camera.sigma is not None]
     within = [sigma for camera in figures.cameras if (sigma := camera.shape_position_sigma_mm) is not None]

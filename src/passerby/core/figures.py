@@ -142,11 +142,13 @@ class CueFigures:
     """What one cue says of the scale."""
 
     cue: str
-    """`population of N`, `height of person IDENTITY`, `body segments of N people`, or the name of a measured length."""
+    """`population of N`, `height of person IDENTITY`, `body segments of N people`, `walking speed of N`, `width of the boxes of
+    N`, or the name of a measured length or of known places."""
     kind: str | None = field(default=None, metadata=ABSENT)
-    """population, person, length, distance, camera_height, plan or segments; None in files of an older Passerby."""
+    """population, person, length, distance, camera_height, plan, segments, walking_speed (lengths are metres in a second),
+    body_width or world (known places; lengths are the size of the rig); None in files of an older Passerby."""
     count: int | None = field(default=None, metadata=ABSENT)
-    """Of the population's people, or of those whose segments tell the scale."""
+    """Of the population's people, or of those that the cue was measured on."""
     identity: int | None = field(default=None, metadata=ABSENT)
     """Of the person."""
     stated_m: float
@@ -154,7 +156,7 @@ class CueFigures:
     sd_m: float
     residual_sigmas: float
     share: float
-    """Of the weight of all cues, 0 to 1."""
+    """Of the weight of all cues in the adjustment, 0 to 1; 0 where the cue is only compared with the others."""
     own_scale: float | None = field(default=None, metadata=ABSENT)
     """By this cue alone, all lengths would be so many times as long; None where it tells no scale, and in older files."""
     own_sigma: float | None = field(default=None, metadata=ABSENT)

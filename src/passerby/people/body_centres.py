@@ -9,9 +9,10 @@ import numpy as np
 
 from passerby.common.arrays import Bools, Floats, Ints
 from passerby.common.columns import Columns
-from passerby.core.cameras import Camera, Rig
+from passerby.core.cameras import Camera, Pose, Rig
 from passerby.core.observations import CameraObservations, Observations
 from passerby.geometry.small_systems import solve_symmetric
+from passerby.geometry.triangulation import triangulate
 from passerby.people.segments import upright_segments
 
 SHARE, FLOOR_PX = 0.03, 1.0
@@ -82,6 +83,23 @@ def identified_body_centres(rig: Rig, instants: Observations) -> list[BodyCentre
         found = body_centres(instants[camera.name], camera) if camera.pose is not None else None
         out.append(None if found is None else found.take(found.identity >= 0))
     return out
+
+
+def locate_people(rig: Rig, observations: Observations) -> tuple[Floats, Floats]:
+    """(N, 2) frame and identity of the people that two cameras or more see, and (N, 3) their body centres, world, metres.
+
+    Rays alone tell the place, whatever the heights of people: unlike `triangulate_people`.
+    """
+    rays = PeopleRays.of(rig, identified_body_centres(rig, observations))
+    n = len(rays.instant)
+    if not n:
+        return np.zeros((0, 2)), np.zeros((0, 3))
+    poses = [camera.pose or Pose(np.eye(3), np.zeros(3)) for camera in rig]
+    R, t = np.array([pose.R_cw for pose in poses]), np.array([pose.t_cw for pose in poses])
+    bearing = np.einsum("mij,jm->mi", R[rays.camera], rays.direction)
+    points = triangulate(rays.camera, rays.person, bearing, R, t, n)
+    placed = np.isfinite(points).all(axis=1)
+    return np.column_stack([rays.instant, rays.identity]).astype(float)[placed], points[placed]
 
 
 def triangulate_people(

@@ -93,7 +93,7 @@ def _scale(contents: Contents) -> list[_Weak]:
 
 def _by_people_alone(contents: Contents) -> bool:
     """Whether nothing but people's heights told the scale."""
-    return all(cue.kind in ("population", "segments") for cue in contents.figures.scale.cues)
+    return all(cue.kind in ("population", "segments") for cue in contents.figures.scale.cues if cue.share > 0)
 
 
 def _vertical(contents: Contents) -> list[_Weak]:

@@ -13,6 +13,7 @@ from passerby.findings.finding import Finding, doubt
 
 MOST_SIGMAS = 3.0
 """Cues whose scales are farther apart contradict each other: two of 2 % that differ by 10 %, with room for the logarithm."""
+CODES = ("scale_cue_contradicted", "scale_cues_disagree")
 RIG_SD = 0.005
 """Relative, of what a rig measures between any two of its parts: its shape on simulated scenes with boxes."""
 
@@ -80,16 +81,17 @@ def argue(cues: Sequence[CueFigures]) -> tuple[list[CueFigures], list[Finding]]:
         if dispute.other is None:
             against[cue] = [number for number in telling if number not in accused]
             measured = cues[cue].stated_m * float(np.exp(-dispute.off))
-            findings.append(doubt("scale_cue_contradicted", cue=cues[cue].cue, stated_m=cues[cue].stated_m,
-                                  measured_m=measured, sigmas=dispute.sigmas))  # fmt: skip
+            findings.append(doubt("scale_cue_contradicted", cue=cues[cue].cue, kind=cues[cue].kind,
+                                  stated_m=cues[cue].stated_m, measured_m=measured, sigmas=dispute.sigmas))  # fmt: skip
             continue
         other = telling[dispute.other]
         against[cue], against[other] = [other], [cue]
         sigmas_percent = [float(100 * sd[number]) for number in (dispute.cue, dispute.other)]
-        findings.append(doubt("scale_cues_disagree", cues=[cues[cue].cue, cues[other].cue], sigmas=dispute.sigmas,
+        findings.append(doubt("scale_cues_disagree", cues=[cues[cue].cue, cues[other].cue],
+                              kinds=[cues[cue].kind, cues[other].kind], sigmas=dispute.sigmas,
                               percent=100 * float(np.expm1(abs(dispute.off))), sigmas_percent=sigmas_percent))  # fmt: skip
     return [
-        replace(cue, disagrees_with=tuple(cues[other].cue for other in against[number])) if number in against else cue
+        replace(cue, disagrees_with=tuple(cues[other].cue for other in against[number]) if number in against else None)
         for number, cue in enumerate(cues)
     ], findings
 

@@ -43,6 +43,7 @@ from passerby.solver.initialisation import (
 from passerby.solver.lens_check import check_focals, sizes_contradicted
 from passerby.solver.measuring_uncertainty import measuring_uncertainty
 from passerby.solver.pairs import MIN_MATCHES
+from passerby.solver.people_cues import people_cues
 from passerby.solver.people_state import AdjustmentState
 from passerby.solver.pose_graph import connected_components, heading_rotation
 from passerby.solver.refined_lenses import decide_refined_lenses, diverged_lenses, far_lenses, lens_figures
@@ -53,7 +54,7 @@ from passerby.solver.zones import ZONE_CAMERAS, ZonedRig, doubts_about_seams, in
 
 __all__ = ["PeopleOptions", "solve_people"]
 
-FEWEST_BOXED = 3
+FEWEST_BOXED = 2
 """People by whom the size of boxes is known, that of the one who is asked for among them."""
 _RESTARTS = 2
 """First guesses made anew with better lenses, at most."""
@@ -109,7 +110,6 @@ def solve_people(
     fit = placed_by_bodies(fit, observations, cues, options, rng)
     start = fit.start
     covariance, cues_said, lenses = _sure(start, fit, cues, observations)
-    cues_said, disagreements = argue(cues_said)
     focals = check_focals(start.rig, fit.model.problem, fit.result.state, covariance.inflation)
     if "focal" in start.unknowns.parts:  # where they would go, they went
         focals = [replace(check, change=0.0) for check in focals]
@@ -117,6 +117,7 @@ def solve_people(
     wrong = [] if covariance.free.cameras else contradicted_lenses(start, fit, covariance.inflation)
     far, measuring = far_lenses(lenses), _measuring(start, fit, covariance)
     posed = _placed(start.rig, fit.result.state, covariance, measuring)
+    cues_said, disagreements = argue((*cues_said, *people_cues(posed, observations)))
     posed = _with_refined_sigmas(posed, lenses)
     zones = () if zoned is None else zoned.figures(start.rig)
     seams = () if zoned is None else seams_of(zoned, start.rig, covariance, fit.result.state.R)

@@ -103,21 +103,6 @@ def _uneven(v: Fields) -> str:
     return f"{text}: the relative poses of the cameras are valid, but the up direction and the heights are not"
 
 
-def _fast(v: Fields) -> str:
-    if v["heights"] == "stated":
-        return f"people walk at {v['speed']:.1f} m/s if they are as tall as [scale] states, which is unusually fast"
-    return f"people walk at {v['speed']:.1f} m/s if they are as tall as assumed, which is unusually fast: are they children?"
-
-
-def _to_slow(v: Fields) -> str:
-    if v["heights"] == "stated":
-        return (
-            "check that the boxes reach from head to feet, check the frame rate, and give a measured length (for example "
-            "under [[scale.distances]])"
-        )
-    return "Write their mean height as person_height_m under [scale], or give a length, and check the frame rate"
-
-
 def _unfulfilled(v: Fields) -> str:
     stated = "one person" if v["same"] else "different people"
     found = "1 identity was" if v["found"] == 1 else f"{v['found']} identities were"
@@ -175,43 +160,10 @@ CALIBRATION: Mapping[str, Kind] = {
         "identified in any other camera; its height is not used",
         "point at a time, or in a camera, at which the person is clearly seen by others too", subjects=("scale",),
     ),
-    "pointed_heights_differ": Kind(
-        DOUBT, "Two heights that the scene file states belong to one person.",
-        "[[scale.people]] {numbers[0]} and {numbers[1]} point at the same person by the identities found, but state "
-        "{heights_m[0]:.2f} and {heights_m[1]:.2f} m",
-        "check both pixels and heights", subjects=("scale",),
-    ),
     "stated_identity_unfulfilled": Kind(
         NOTICE, "A correction of identities in the scene file could not be followed.",
         _unfulfilled,
         "check the pixels and the other corrections: two may contradict each other, or two boxes lie on one track",
-    ),
-    "people_walk_fast": Kind(
-        DOUBT, "At the rig's scale people walk faster than people do; `heights` says what the scale comes from.",
-        _fast, _to_slow, joint=lambda v: ": " if v["heights"] == "stated" else " ", subjects=("scale",),
-    ),
-    "nobody_walks_slowly": Kind(
-        DOUBT, "At the rig's scale even the slowest of the moving people are fast; `heights` says what the scale comes from.",
-        "nine of ten moving people go at {speed:.1f} m/s or more at the scale of the rig, faster than people walk",
-        "check that the boxes reach from head to feet, check person_height_m under [scale] and the frame rate, and give a "
-        "measured length (for example under [[scale.distances]])", subjects=("scale",),
-    ),
-    "boxes_misshapen": Kind(
-        DOUBT, "At the rig's scale the boxes are too wide or too narrow for people: half of them are less wide than `width_m`.",
-        "the boxes of people are {width_m:.2f} m wide at the scale of the rig, which people are not",
-        "check that the boxes reach from head to feet and no further, and give a measured length (for example under "
-        "[[scale.distances]])", subjects=("scale",),
-    ),
-    "people_run_fast": Kind(
-        DOUBT, "At the rig's scale people move faster than people run.",
-        "a quarter of the moving people move at {speed:.1f} m/s or more at the scale of the rig, faster than people run",
-        "check the heights and lengths under [scale] and [world], that the boxes reach from head to feet, and the frame "
-        "rate", subjects=("scale",),
-    ),
-    "people_too_tall": Kind(
-        DOUBT, "The known points or positions make people taller or shorter than people are.",
-        "the points or positions under [world] make people {metres:.2f} m tall, but [scale] states {expected_m:.2f} m",
-        "check their units and coordinates, and that the boxes reach from head to feet", subjects=("scale",),
     ),
     "ground_uneven": Kind(
         _MORE_OR_LESS, "The people's ground is not one plane; a doubt where that spoils the up direction and the heights.",

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 
 from passerby.common.text import listed
 from passerby.findings.texts.kinds import DOUBT, NOTICE, REFUSAL, Fields, Kind
@@ -47,6 +48,28 @@ _STATE_LENSES = (
 def _uncertain(v: Fields) -> str:
     text = f"camera {v['camera']} is uncertain by {v['across_mm']:.0f} mm (1 sigma) at the places where people walked"
     return f"{text}, because {_of_lenses(v)}" if _of_lenses(v) else text
+
+
+_CUE_REMEDIES: Mapping[str | None, str] = MappingProxyType({
+    "walking_speed": "check the frame rate, which may be wrong",
+    "body_width": "check that the boxes reach from head to feet and no further",
+    "population": "check person_height_m under [scale] (are these children?) and that the boxes reach from head to feet",
+    "world": "check the units and coordinates under [world]",
+})  # fmt: skip
+
+
+def _to_check(kinds: Sequence[str | None], otherwise: str) -> str:
+    """What may be wrong with scale cues of these kinds."""
+    return "; ".join(dict.fromkeys(_CUE_REMEDIES[kind] for kind in kinds if kind in _CUE_REMEDIES)) or otherwise
+
+
+def _cue_contradicted(v: Fields) -> str:
+    digits, unit = {"walking_speed": (1, "m/s"), "body_width": (2, "m")}.get(v.get("kind", ""), (3, ""))
+    measured, stated = (f"{v[key]:.{digits}f} {unit or 'm'}" for key in ("measured_m", "stated_m"))
+    far = f"{v['sigmas']:.0f} sigmas away"
+    if unit:
+        return f"the {v['cue']} people is {measured} by the other scale constraints, but {stated} is usual, {far}"
+    return f"the scale constraint '{v['cue']}' states {stated}, but the other evidence gives {measured}, {far}"
 
 
 SOLVER: Mapping[str, Kind] = {
@@ -150,15 +173,15 @@ SOLVER: Mapping[str, Kind] = {
     ),
     "scale_cue_contradicted": Kind(
         DOUBT, "A scale constraint contradicts the rest.",
-        "the scale constraint '{cue}' states {stated_m:.3f} m, but the other evidence gives {measured_m:.3f} m, {sigmas:.0f} "
-        "sigmas away",
-        "check it", subjects=("scale",),
+        _cue_contradicted,
+        lambda v: _to_check([v.get("kind")], "check it"), subjects=("scale",),
     ),
     "scale_cues_disagree": Kind(
         DOUBT, "Two scale constraints contradict each other, and nothing says which is wrong; the more certain is first.",
         lambda v: f"the scale constraints '{v['cues'][0]}' (1 sigma {v['sigmas_percent'][0]:.1f} %) and '{v['cues'][1]}' "
         f"(1 sigma {v['sigmas_percent'][1]:.1f} %) disagree by {v['percent']:.0f} %, {v['sigmas']:.1f} sigmas",
-        "check both, or state a third length, which decides between them", subjects=("scale",),
+        lambda v: f"{_to_check(v.get('kinds', ()), 'check both')}, or state a third length, which decides between them",
+        subjects=("scale",),
     ),
     "people_unusual": Kind(
         NOTICE, "People of these `identities` are far taller or shorter than most: the scale does not rest on them.",
