@@ -11,7 +11,7 @@ from pages.page import table
 from pages.sections import Found
 from reliability import hostile, ordinary
 from reliability.hostile import EVERY
-from reliability.judging import MOST_DEG, MOST_M, MOST_SIGMAS
+from reliability.judging import MOST_M, MOST_SIGMAS
 from reliability.page import Line, part_found
 from reliability.runs import Wanted, kept, percent, seeds
 
@@ -106,11 +106,12 @@ The reasons why scenes were not accepted:
 
 
 _VERDICTS = ("accepted", "doubtful", "refused")
-_HEAD = f"""A rig counts as wrong if a camera is off by more than {MOST_M:g} m or {MOST_DEG:g} degrees after similarity
-alignment. It also counts as wrong if, after the best placement along the ground, a camera is off by this much *and* by more
-than {MOST_SIGMAS:g} of its own stated sigmas (the scale depends on the assumed height of people, and the sigma includes
-this). The three columns of errors are those of the worst camera: after similarity alignment, and after the placement. A
-camera that moves has to be right before and after. A hostile case may be accepted if its rig is right.
+_HEAD = f"""A rig counts as wrong by what it measures: after the best similarity of the whole rig, one of ten points above
+the ground that cameras share is off by more than {MOST_M:g} m, or one camera's positions on the ground (the median) by more
+than {MOST_M:g} m and {MOST_SIGMAS:g} of their stated sigmas, or the scale by more than {MOST_SIGMAS:g} of its stated sigmas
+(it depends on the assumed height of people, and the sigma includes this). The three columns of errors are those of the worst
+camera: after similarity alignment, and after the best placement along the ground. A camera that moves has to be right before
+and after. A hostile case may be accepted if its rig is right.
 
 Some cases cannot be detected by any rule, because all observations fit:
 

@@ -1,10 +1,9 @@
 """One scene of the battery: calibrated, and its verdict held against the truth.
 
-The world's heading and place on the ground are arbitrary, and a rig's scale rests on how tall people are taken to be. So the
-rig is laid upon the truth twice. After the best *similarity* an error counts as it is: more than 0.5 m or 3 degrees of any
-camera. After the best *placement along the ground* (a turn about the vertical and a shift, least squares on the centres) an
-error that large counts where it is also more than three of the camera's own stated sigmas: who says that the scale is known
-to 5 % may be wrong by 10 %.
+A rig is wrong by what it measures. A principal point that is off and a camera that is turned the other way are nearly the same
+camera, so neither counts alone. After the best *similarity* of the whole rig, nine of ten points above the ground that cameras
+share have to be right to 0.5 m, and each camera's positions on the ground (the median) to 0.5 m or to three of their stated
+sigmas. The *scale* has to be right to three of its stated sigmas: who says that it is known to 5 % may be wrong by 15 %.
 """
 
 from __future__ import annotations
@@ -20,11 +19,14 @@ from passerby.calibration.calibration import Calibration
 from passerby.calibration.in_memory import calibrate_observations
 from passerby.common.errors import InputError
 from passerby.core.cameras import Pose, Rig
+from passerby.core.figures import adjusted
+from passerby.core.measuring import measuring_errors
 from passerby.evaluation.metrics import compare
 from passerby.geometry.rotations import angle_between
 from reliability.staging import HandedIn
 
-MOST_M, MOST_DEG, MOST_SIGMAS = 0.5, 3.0, 3.0
+MOST_M, MOST_SIGMAS, LEAST_SCALE = 0.5, 3.0, 0.03
+"""A scale that is off by less than the last is right whatever its sigma."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +38,11 @@ class Errors:
     placed_mm: float
     placed_deg: float
     wrong: bool
-    """Whether a camera is off by more than may be accepted."""
+    """Whether the rig measures worse than may be accepted."""
+    points_mm: float | None = None
+    """Nine of ten points that cameras share are right to so much;"""
+    ground_mm: float | None = None
+    """the worst camera's positions on the ground, median. None where the rig measures nothing."""
 
 
 def calibrated(scene: HandedIn) -> Calibration:
@@ -62,25 +68,28 @@ def judge_run(calibrate: Callable[[], Calibration], truths: Sequence[Rig]) -> di
         "verdict": found.verdict, "reasons": list(found.reasons), "findings": list(found.findings),
         "posed": len(found.rig.posed()), "cameras": len(found.rig), "seconds": time.process_time() - began,
     }  # fmt: skip
-    by_truth = [errors for truth in truths if (errors := errors_of(found.rig, truth)) is not None]
+    scale_sd = adjusted(found.figures).scale.relative_sigma
+    by_truth = [errors for truth in truths if (errors := errors_of(found.rig, truth, scale_sd)) is not None]
     if not by_truth:
         return out | {"wrong": False}
     errors = max(by_truth, key=lambda errors: (errors.wrong, errors.similarity_mm))
     return out | {
         "wrong": errors.wrong, "similarity_mm": errors.similarity_mm, "similarity_deg": errors.similarity_deg,
-        "placed_mm": errors.placed_mm, "placed_deg": errors.placed_deg,
+        "placed_mm": errors.placed_mm, "placed_deg": errors.placed_deg, "points_mm": errors.points_mm,
+        "ground_mm": errors.ground_mm,
     }  # fmt: skip
 
 
-def errors_of(rig: Rig, truth: Rig) -> Errors | None:
-    """How wrong a rig is; None where fewer than two cameras have a pose.
+def errors_of(rig: Rig, truth: Rig, scale_sd: float | None = None) -> Errors | None:
+    """How wrong a rig is, whose scale is stated to `scale_sd`, if it is; None where fewer than two cameras have a pose.
 
     A rig that no similarity brings near the truth (cameras at one place, or the wrong way round) is off by the size of it.
     """
     posed = rig.posed()
     if len(posed) < 2:
         return None
-    similarity = compare(posed, truth).similarity
+    comparison, measured = compare(posed, truth), measuring_errors(posed, truth)
+    similarity = comparison.similarity
     true = [_pose(truth, name) for name in posed.names]
     own = [_pose(posed, name) for name in posed.names]
     centres = np.array([pose.centre for pose in true])
@@ -90,13 +99,16 @@ def errors_of(rig: Rig, truth: Rig) -> Errors | None:
     placed = _placed(own, true)
     off_mm = np.array([1000 * np.linalg.norm(a.centre - b.centre) for a, b in zip(placed, true, strict=True)])
     off_deg = np.array([np.degrees(angle_between(a.R_cw, b.R_cw)) for a, b in zip(placed, true, strict=True)])
-    sigmas = [camera.sigma for camera in posed]
-    sure_mm = np.array([0.0 if sigma is None else 1000 * sigma.position_m for sigma in sigmas])
-    sure_deg = np.array([0.0 if sigma is None else sigma.orientation_deg for sigma in sigmas])
-    too_far = (off_mm > 1000 * MOST_M) & (off_mm > MOST_SIGMAS * sure_mm)
-    too_turned = (off_deg > MOST_DEG) & (off_deg > MOST_SIGMAS * sure_deg)
-    wrong = shape_mm > 1000 * MOST_M or shape_deg > MOST_DEG or bool(too_far.any() or too_turned.any())
-    return Errors(shape_mm, shape_deg, float(off_mm.max()), float(off_deg.max()), wrong)
+    worst = shape_mm, shape_deg, float(off_mm.max()), float(off_deg.max())
+    if measured is None or comparison.scale_ratio is None:  # the cameras see no ground in common: they count themselves
+        return Errors(*worst, shape_mm > 1000 * MOST_M)
+    ground = {name: one.median_mm for name, one in measured.cameras.items()}
+    sure = {camera.name: 0.0 if camera.sigma is None else 1000 * (camera.sigma.ground_m or 0.0) for camera in posed}
+    far = any(mm > max(1000 * MOST_M, MOST_SIGMAS * sure[name]) for name, mm in ground.items())
+    scale = abs(float(np.log(comparison.scale_ratio)))
+    unscaled = scale_sd is not None and scale > max(MOST_SIGMAS * scale_sd, LEAST_SCALE)
+    wrong = measured.points.p90_mm > 1000 * MOST_M or far or unscaled
+    return Errors(*worst, wrong, measured.points.p90_mm, max(ground.values(), default=None))
 
 
 def _pose(rig: Rig, name: str) -> Pose:

@@ -93,13 +93,27 @@ def test_a_rig_laid_elsewhere_on_the_ground_is_right(bench: Bench) -> None:
 def test_a_wrong_scale_is_wrong_unless_the_sigma_says_so(bench: Bench) -> None:
     truth = rig_of(1, 0.05)
     larger = truth.moved(np.eye(3), np.zeros(3), 1.1)
-    errors = bench("reliability.judging").errors_of(larger, truth)
+    errors = bench("reliability.judging").errors_of(larger, truth, 0.02)
     assert errors is not None
     assert errors.similarity_mm < 1e-6
     assert errors.placed_mm > 500
     assert errors.wrong
-    unsure = Rig(tuple(replace(camera, sigma=PoseSigma(1.0, 0.1)) for camera in larger))
-    assert not bench("reliability.judging").errors_of(unsure, truth).wrong
+    assert not bench("reliability.judging").errors_of(larger, truth, 0.05).wrong
+
+
+def test_a_camera_that_is_turned_for_its_principal_point_is_right(bench: Bench) -> None:
+    """It measures what it did; turned alone it is wrong."""
+    truth = rig_of(1, 0.05)
+    camera = truth["C2"]
+    matrix = np.array(camera.lens.matrix)
+    matrix[0, 2] += matrix[0, 0] * np.tan(np.radians(4.0))
+    both = bench("reliability.staging").turned(truth, "C2", pan=4.0)
+    lens = replace(camera.lens, matrix=matrix)
+    turned = Rig(tuple(replace(one, lens=lens) if one.name == "C2" else one for one in both))
+    errors_of = bench("reliability.judging").errors_of
+    right = min((errors_of(rig, truth) for rig in (turned, both)), key=lambda errors: errors.points_mm)
+    assert right.similarity_deg > 3
+    assert not right.wrong
 
 
 def test_one_camera_that_is_turned_is_wrong_however_unsure(bench: Bench) -> None:

@@ -53,7 +53,7 @@ def _uncertain(v: Fields) -> str:
 _CUE_REMEDIES: Mapping[str | None, str] = MappingProxyType({
     "walking_speed": "check the frame rate, which may be wrong",
     "body_width": "check that the boxes reach from head to feet and no further",
-    "population": "check person_height_m under [scale] (are these children?) and that the boxes reach from head to feet",
+    "population": "check person_height_m under [scale] (are they children?) and that the boxes reach from head to feet",
     "world": "check the units and coordinates under [world]",
 })  # fmt: skip
 
