@@ -140,6 +140,27 @@ class Summary:
         """Processor time of all."""
         return float(sum(case[run]["cpu_s"] for case in self.cases for run in ("known", "estimated"))) / 3600
 
+    def measured(self, kind: str) -> tuple[float, float]:
+        """Median over the scenes of the errors of `points` or of the `ground`, mm: with the true lenses, and estimated."""
+        known, estimated = (
+            median(case[run].get(f"{kind}_mm", math.inf) for case in self.cases) for run in ("known", "estimated")
+        )
+        return known, estimated
+
+    @property
+    def measured_in_sigmas(self) -> list[float]:
+        """Of each scene with estimated lenses, the larger of both errors in the sigmas that the rig states."""
+        return [
+            max(case["estimated"].get(f"{kind}_mm", math.inf) / case["estimated"].get(f"{kind}_sigma_mm", 1e-9)
+                for kind in ("points", "ground"))
+            for case in self.cases
+        ]  # fmt: skip
+
+    @property
+    def accepted(self) -> float:
+        """Share of the scenes with estimated lenses that were accepted, per cent."""
+        return 100 * sum(case["estimated"]["verdict"] == "accepted" for case in self.cases) / max(len(self.cases), 1)
+
     def errors(self, run: str) -> tuple[float, float]:
         """Median over the scenes of the rig's error (mm, degrees), of `known` or `estimated`; infinite ones count."""
         return median(case[run].get("mm", math.inf) for case in self.cases), median(

@@ -37,7 +37,7 @@ def simulated_rows(cases: Mapping[str, Any], done: Outcomes) -> list[Row]:
 
 def recorded_rows(cases: Mapping[str, Any], done: Outcomes) -> list[Row]:
     """A row for each set, or the demonstration."""
-    return [_recorded_row(key, Summary([done[key]])) if key in done else [key, "not run", *[""] * 10] for key in cases]
+    return [_recorded_row(key, Summary([done[key]])) if key in done else [key, "not run", *[""] * 12] for key in cases]
 
 
 def cost_rows(part: str, done: Outcomes) -> list[Row]:
@@ -66,6 +66,11 @@ def part_goals(part: str, wanted: int, done: Outcomes) -> list[Row]:
          reached([_finite(value)], [limits[0]], [limits[1]])]
         for what, value, limits, unit in asked
     ]  # fmt: skip
+    inside = 100 * sum(value <= 2 for value in summary.measured_in_sigmas) / len(summary.cases)
+    for what, share, limits in (("accepted", summary.accepted, (89.0, 97.0)),
+                                ("points and ground within two stated sigmas", inside, (90.0, 95.0))):  # fmt: skip
+        rows.append([f"{name}: {what}", f"{share:.0f} % ({count})", *(f"{limit:g} %" for limit in limits),
+                     reached([-share], [-limits[0]], [-limits[1]])])  # fmt: skip
     wrong = summary.accepted_wrong
     accepted = f"{name}: accepted with a focal error over {MOST_PERCENT:g} %"
     return [*rows, [accepted, f"{wrong} ({count})", "0", "0", reached([wrong], [0], [0])]]
@@ -114,6 +119,7 @@ def _simulated_row(label: str, wanted: int, summary: Summary) -> Row:
         f"{len(summary.cases)} of {wanted}",
         f"{registered} of {cameras}",
         summary.verdicts(),
+        *_measured(summary),
         f"{number(median(focal), 2)} %",
         f"{number(within(focal, 0.95), 2)} %",
         f"{number(max(focal), 2)} %",
@@ -138,6 +144,7 @@ def _recorded_row(label: str, summary: Summary) -> Row:
         f"{registered} of {cameras}",
         case["known"]["verdict"],
         case["estimated"]["verdict"],
+        *_measured(summary),
         f"{number(median(summary.focal_errors))} %",
         f"{number(max(summary.focal_errors))} %",
         errors(*summary.errors("known")),
@@ -154,12 +161,18 @@ def _cost_row(label: str, some: Sequence[Mapping[str, Any]]) -> Row:
     return [
         label,
         str(len(some)),
+        *_measured(summary),
         f"{number(median(summary.focal_errors))} %",
         f"{number(within(summary.focal_errors, 0.95))} %",
         errors(*summary.errors("known")),
         errors(*summary.errors("estimated")),
         _ratios(summary, 0.5),
     ]
+
+
+def _measured(summary: Summary) -> list[str]:
+    """Errors of points and on the ground, with the true lenses and with estimated ones."""
+    return [f"{number(known)} → {number(estimated)} mm" for known, estimated in map(summary.measured, ("points", "ground"))]
 
 
 def _ratios(summary: Summary, share: float) -> str:

@@ -13,6 +13,8 @@ import numpy as np
 import pytest
 
 from passerby.core.cameras import Camera, Lens, Pose, Rig
+from passerby.core.figures import SolverFigures
+from passerby.core.observations import Boxes, CameraObservations
 from passerby.interchange.rig_toml import write_rig
 
 Bench = Callable[[str], ModuleType]
@@ -96,7 +98,8 @@ def test_withheld_lenses_are_unknown_and_the_others_true(
 
     def record(lenses: dict[str, Lens], *_: Any, **__: Any) -> Any:
         stated.append(lenses)
-        return SimpleNamespace(rig=truth, verdict="accepted", doubts=())
+        seen = dict.fromkeys(truth.names, CameraObservations(Boxes.empty()))
+        return SimpleNamespace(rig=truth, verdict="accepted", doubts=(), observations=seen, figures=SolverFigures())
 
     monkeypatch.setattr(module, "calibrate_observations", record)
     found = module.work(case)
