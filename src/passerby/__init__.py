@@ -26,8 +26,8 @@ if TYPE_CHECKING:
     from passerby.core.ground_points import GroundPoints
     from passerby.core.known_places import KnownPoint, KnownPosition
     from passerby.core.observations import Boxes, Keypoints, Observations
-    from passerby.core.solution import Verdict
     from passerby.core.trajectories import Trajectories
+    from passerby.core.verdict import Verdict
     from passerby.evaluation.metrics import Comparison
     from passerby.evaluation.on_people import PeopleComparison
     from passerby.findings.finding import Finding

@@ -87,7 +87,7 @@ def test_the_command_says_it_in_words_and_ends_with_3(loose: Path, tmp_path: Pat
     distance = '\n[[scale.distances]]\nbetween = ["C1", "C2"]\nmetres = 9.8\nsd_m = 0.01\n'
     measured = loose.with_name("measured.toml")
     measured.write_text(loose.read_text() + distance)
-    for scene, scale in ((loose, "scale unknown: no observation"), (measured, "scale known to 0.1 %, from distance C1 to C2")):
+    for scene, scale in ((loose, "scale unknown: no observation"), (measured, "scale known to 0.3 %, from distance C1 to C2")):
         assert run(["calibrate", str(scene), "-o", str(tmp_path / "out"), "--no-report"]) == WANT_OF_EVIDENCE
         shown = capsys.readouterr()
         assert scale in shown.out

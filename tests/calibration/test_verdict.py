@@ -11,8 +11,9 @@ from passerby.calibration.diagnostics.verdict import MIN_POSITIONS, judged, peop
 from passerby.common.arrays import Floats
 from passerby.core.cameras import Rig
 from passerby.core.observations import Boxes, CameraObservations, Keypoints, Observations
-from passerby.core.solution import Solution, Verdict
-from passerby.findings.finding import doubt
+from passerby.core.solution import Solution
+from passerby.core.verdict import Verdict
+from passerby.findings.finding import doubt, notice, refusal
 from support.scenes.people_and_rigs import observe, ring
 
 RIG = ring(4)
@@ -41,9 +42,10 @@ def codes(solution: Solution) -> list[tuple[str, tuple[str, ...]]]:
 
 
 def test_people_all_over_the_ground_leave_the_verdict_as_it_is() -> None:
-    for verdict in ("accepted", "doubtful", "refused"):
-        found = judged(solved(verdict=verdict), wandering(3.0))
-        assert (found.verdict, found.findings) == (verdict, ())
+    for say, verdict in ((notice, "accepted"), (doubt, "doubtful"), (refusal, "refused")):
+        findings = (say("few_walkers", "C1"),)
+        found = judged(replace(solved(), findings=findings), wandering(3.0))
+        assert (found.verdict, found.findings) == (verdict, findings)
 
 
 @pytest.mark.parametrize(

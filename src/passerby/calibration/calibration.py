@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from importlib import metadata
 from pathlib import Path
@@ -19,9 +19,10 @@ from passerby.core.association_figures import AssociationFigures
 from passerby.core.cameras import Camera, Rig
 from passerby.core.figures import SolverFigures, adjusted
 from passerby.core.observations import UNKNOWN, Boxes, Observations
-from passerby.core.solution import Verdict
+from passerby.core.verdict import Verdict
 from passerby.evaluation.reprojection import median_residuals
 from passerby.findings.finding import Finding
+from passerby.findings.ranking import explained_by
 from passerby.findings.texts import diagnostic, texts_of
 from passerby.interchange.calibration_json import (
     CalibrationDocument,
@@ -223,7 +224,7 @@ def calibration_document(calibration: Calibration, files: Mapping[str, str] | No
         verdict=calibration.verdict,
         reasons=calibration.reasons,
         findings=calibration.findings,
-        diagnostics=tuple(DiagnosticEntry(**diagnostic(finding)) for finding in calibration.diagnostics),
+        diagnostics=tuple(_diagnostic(finding, calibration.doubts) for finding in calibration.diagnostics),
         cameras=tuple(_entry(calibration, camera, residual_px.get(camera.name)) for camera in calibration.rig),
         perception=entry_of(PerceptionEntry, calibration.perception) if calibration.perception else None,
         association=replace(found, mode=scene.association.mode),
@@ -238,6 +239,12 @@ def calibration_document(calibration: Calibration, files: Mapping[str, str] | No
         group=None if calibration.group == 1 else calibration.group,
         groups=tuple(map(_group, calibration.groups)) or None,
     )
+
+
+def _diagnostic(finding: Finding, doubts: Sequence[Finding]) -> DiagnosticEntry:
+    """A finding, and the code of the doubt that it follows from."""
+    cause = None if finding.severity == "notice" else explained_by(finding, doubts)
+    return DiagnosticEntry(**diagnostic(finding), explained_by=None if cause is None else cause.code)
 
 
 def _group(one: Calibration) -> GroupEntry:

@@ -31,6 +31,7 @@ from passerby.core.cameras import Rig
 from passerby.core.figures import adjusted
 from passerby.core.observations import UNKNOWN, Boxes, CameraObservations, Clock, Observations
 from passerby.core.solution import Solution
+from passerby.core.verdict import decide_verdict
 from passerby.findings.finding import Finding, doubt
 from passerby.findings.refusals import findings_of
 from passerby.people.upright_rays import upright_rays
@@ -181,8 +182,8 @@ def _without_clocks(solution: Solution, lost: Mapping[str, Finding]) -> Solution
         return solution
     said = {("cameras_disconnected", (name,)) for name in lost}
     kept = tuple(finding for finding in solution.findings if (finding.code, finding.cameras) not in said)
-    verdict = "doubtful" if solution.verdict == "accepted" else solution.verdict
-    return replace(solution, verdict=verdict, findings=(*lost.values(), *kept))
+    findings = (*lost.values(), *kept)
+    return replace(solution, verdict=decide_verdict(solution.rig, findings), findings=findings)
 
 
 def _association(

@@ -20,8 +20,10 @@ from passerby.core.measuring_figures import MeasuringFigures
 from passerby.evaluation.metrics import Comparison
 from passerby.evaluation.on_people import PeopleComparison
 from passerby.evaluation.stated import Stated
+from passerby.findings.ranking import shown_in_words
 from passerby.findings.texts import text_of
 from passerby.interchange.storage.json_text import to_json
+from passerby.report.usable import good_for
 from passerby.scene.check import CameraCheck, SceneCheck
 from passerby.solver.cues import cue_in_words
 
@@ -92,9 +94,12 @@ def _clock(calibration: Calibration, camera: Camera) -> list[str]:
 def tell_reasons(calibration: Calibration) -> None:
     """On standard error, why a calibration is not to be relied upon; nothing where it is."""
     if not calibration.accepted:
-        reasons = "; ".join(calibration.reasons) or "no reason given"
+        reasons = shown_in_words(calibration.doubts, "the report, or diagnostics in calibration.json") or "no reason given"
         which = "" if calibration.group == 1 else f"group {calibration.group}: "
-        print(f"{which}{calibration.verdict}: {' '.join(reasons.split())}", file=sys.stderr)
+        print(f"{which}{calibration.verdict}: {reasons}", file=sys.stderr)
+        if calibration.verdict == "doubtful":
+            measuring = adjusted(calibration.figures).measuring
+            print(good_for(calibration.doubts, calibration.rig.posed().names, measuring), file=sys.stderr)
     for one in calibration.groups:
         tell_reasons(one)
 

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Literal
 
 from passerby.core.cameras import Rig
 from passerby.core.figures import SolverFigures
+from passerby.core.verdict import Verdict
 from passerby.findings.finding import Finding
 from passerby.findings.texts import texts_of
-
-Verdict = Literal["accepted", "doubtful", "refused"]
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,7 +23,7 @@ from passerby.common.text import shortened, shortened_text
 from passerby.core.association_figures import AssociationFigures
 from passerby.core.cameras import Camera
 from passerby.core.figures import AdjustedFigures, SolverFigures, StarFigures
-from passerby.core.solution import Verdict
+from passerby.core.verdict import Verdict
 from passerby.interchange.declared_scene import OPEN_TABLE, DeclaredScene
 from passerby.interchange.storage.atomic import write_text
 from passerby.interchange.storage.faults import read_text
@@ -121,6 +121,8 @@ class DiagnosticEntry:
     values: Mapping[str, Any] = field(default_factory=dict)
     text: str = ""
     remedy: str = ""
+    explained_by: str | None = field(default=None, metadata=ABSENT)
+    """Code of the finding that it follows from."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,12 +7,14 @@ from collections.abc import Sequence
 from passerby.common.text import shortened_text
 from passerby.core.figures import HeldOutFigures
 from passerby.core.measuring_figures import MeasuringFigures
+from passerby.findings.ranking import MOST_SHOWN
 from passerby.interchange.calibration_json import GroupEntry
 from passerby.interchange.output_folder import REPORT_FILE
 from passerby.report.contents import Contents
 from passerby.report.html import Html, Section, element
 from passerby.report.recommendations import Point, points_of, reported_doubts, sentence
 from passerby.report.seen import Seen, Spells
+from passerby.report.usable import good_for
 from passerby.report.values import MISSING, UNKNOWN, count
 from passerby.report.weak_points import weak_points
 
@@ -29,8 +31,8 @@ ICONS = {
     "doubtful": "M16 7v12M16 24.2v.6",
     "refused": "M9 9l14 14M23 9L9 23",
 }
-SHOWN_REASONS = 6
-"""More would push all else off the first screen; the rest can be opened."""
+SHOWN_REASONS = MOST_SHOWN
+"""The rest can be opened."""
 
 
 def headline_section(contents: Contents, seen: Seen) -> Section:
@@ -44,6 +46,7 @@ def headline_section(contents: Contents, seen: Seen) -> Section:
             "div",
             element("h1", element("span", "Calibration ", class_="unseen"), WORDS[verdict], id="verdict"),
             element("p", MEANINGS[verdict], class_="meaning"),
+            element("p", _usable(contents), class_="meaning") if verdict == "doubtful" else None,
         ),
         class_="banner",
     )
@@ -56,6 +59,12 @@ def headline_section(contents: Contents, seen: Seen) -> Section:
         _groups(contents.document.groups or ()),
     ]
     return Section("summary", "", "", element("div", parts, class_=f"summary verdict-{verdict}"), "Verdict")
+
+
+def _usable(contents: Contents) -> str:
+    """What a doubtful rig is still good for."""
+    doubts = [one.finding for one in reported_doubts(contents.document) if one.finding is not None]
+    return good_for(doubts, contents.rig.posed().names, contents.figures.measuring)
 
 
 def icon(verdict: str, size: int = 32) -> Html:

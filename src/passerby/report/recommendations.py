@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from passerby.findings.finding import Finding
+from passerby.findings.ranking import reasons_of
 from passerby.findings.texts import KINDS, problem_of, remedy_of
 from passerby.interchange.calibration_json import CalibrationDocument, DiagnosticEntry
-from passerby.report.values import listed
 
 FOR_ANY = "run passerby check on the scene file, and record more people walking where the views overlap"
 """What to do about anything of which nothing better is known."""
@@ -50,15 +50,10 @@ def reported_doubts(document: CalibrationDocument) -> list[Reported]:
 
 
 def points_of(doubts: Sequence[Reported]) -> list[Point]:
-    """All doubts as points; those that say the same of one camera each become one."""
-    alike: list[list[Reported]] = []
-    for one in doubts:
-        same = next((group for group in alike if _says_same(group[0], one)), None)
-        if same is None:
-            alike.append([one])
-        else:
-            same.append(one)
-    return [_merged(group) for group in alike]
+    """The doubts as points, causes first; what follows from a cause is left out, and the same of several cameras is one."""
+    known = reasons_of([one.finding for one in doubts if one.finding is not None])
+    points = [Point(sentence(one.problem), sentence(one.remedy or FOR_ANY)) for one in known]
+    return [*points, *(one.point for one in doubts if one.finding is None)]
 
 
 def sentence(text: str) -> str:
@@ -79,19 +74,3 @@ def _reported(row: DiagnosticEntry) -> Reported:
     except (AttributeError, IndexError, KeyError, TypeError, ValueError):  # another Passerby's
         return Reported(row.cameras, (), row.text, row.remedy)
     return Reported(row.cameras, kind.subjects, problem, remedy, finding)
-
-
-def _says_same(one: Reported, other: Reported) -> bool:
-    """Whether two diagnostics say the same of one camera each, so that it can be said at once."""
-    a, b = one.finding, other.finding
-    if a is None or b is None or not len(a.cameras) == len(b.cameras) == 1:
-        return False
-    return KINDS[a.code].common and (a.code, a.values) == (b.code, b.values)
-
-
-def _merged(group: Sequence[Reported]) -> Point:
-    first = group[0]
-    if len(group) == 1 or first.finding is None:
-        return first.point
-    who = f"cameras {listed([one.cameras[0] for one in group])}"
-    return Point(sentence(problem_of(first.finding, who)), sentence(first.remedy or FOR_ANY))

@@ -20,7 +20,8 @@ from passerby.core.lens_figures import LensFigures
 from passerby.core.measuring_figures import MeasuringFigures
 from passerby.core.observations import Observations
 from passerby.core.scale_cues import ScaleCues
-from passerby.core.solution import Solution, Verdict
+from passerby.core.solution import Solution
+from passerby.core.verdict import decide_verdict
 from passerby.findings.finding import doubt, refusal
 from passerby.findings.refusals import RefusalError
 from passerby.geometry.relative_pose import PairHypothesis
@@ -133,7 +134,7 @@ def solve_people(
         *doubts_about_seams(seams, zones, MAX_ORIENTATION_DEG),
         *far,
     ]
-    verdict: Verdict = "doubtful" if findings else "accepted"
+    verdict = decide_verdict(whole, findings)
     figures = figures_of(start, choice, fit, covariance, cues_said, focals, lenses)
     figures = replace(figures, measuring=measuring)
     if zoned is not None:
@@ -175,9 +176,7 @@ def _sure(
     of_joints = joint_design_effect(fit.model, start.evidence, terms)
     # Without intrinsics the adjustment's own covariance of lenses and poses together holds what boxes are off by alike.
     lens_sigma = None if lenses is None or fit.model.problem.lens_normal else lenses.sigma
-    covariance = rig_covariance(
-        terms, fit.model.problem, state, inflation, sigma, lens_sigma, held, of_joints, estimated
-    )
+    covariance = rig_covariance(terms, fit.model.problem, state, inflation, sigma, lens_sigma, held, of_joints, estimated)
     return covariance, report, lens_figures(lenses, start.stated, start.rig)
 
 

@@ -10,6 +10,7 @@ from passerby.calibration.alignment.scene_world import AlignedSolution
 from passerby.core.cameras import Rig
 from passerby.core.figures import AdjustedFigures, CueFigures
 from passerby.core.solution import Solution
+from passerby.core.verdict import decide_verdict
 from passerby.solver.cue_agreement import CODES, argue
 
 
@@ -27,7 +28,7 @@ def check_known_scale(solution: Solution, aligned: AlignedSolution) -> tuple[Sol
     cues, contradictions = argue((*figures.scale.cues, known))
     scale = replace(figures.scale, cues=tuple(cues))
     findings = (*(one for one in solution.findings if one.code not in CODES), *contradictions)
-    verdict = "doubtful" if contradictions and solution.verdict == "accepted" else solution.verdict
+    verdict = decide_verdict(solution.rig, findings)
     solution = replace(solution, figures=replace(figures, scale=scale), findings=findings, verdict=verdict)
     return solution, replace(aligned, figures=replace(placed, scale=scale))
 

@@ -13,6 +13,7 @@ from passerby.core.cameras import Rig
 from passerby.core.observations import UNKNOWN, Observations
 from passerby.core.overlap import count_shared_observations, missing_overlap
 from passerby.core.solution import Solution
+from passerby.core.verdict import decide_verdict
 from passerby.findings.finding import Finding, doubt
 from passerby.geometry.triangulation import triangulate
 
@@ -57,9 +58,7 @@ def judged(
     with_joints = sum(len(observations[camera.name].keypoints) > 0 for camera in solution.rig) > 1
     degenerate = None if with_joints else _one_line_or_spot(people_positions(solution.rig, observations))
     findings += [] if degenerate is None else [degenerate]
-    doubtful = bool(lost or causes or doubts) or degenerate is not None
-    verdict = "doubtful" if doubtful and solution.verdict == "accepted" else solution.verdict
-    return replace(solution, verdict=verdict, findings=tuple(findings))
+    return replace(solution, verdict=decide_verdict(solution.rig, findings), findings=tuple(findings))
 
 
 def _against_people(solution: Solution, observations: Observations, unrecorded: Mapping[str, Ints]) -> list[Finding]:

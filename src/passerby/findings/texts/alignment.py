@@ -64,7 +64,8 @@ ALIGNMENT: Mapping[str, Kind] = {
         DOUBT, "The plan is several times too large or too small for people; it was not used.",
         "according to people's heights a pixel of the plan is about {by_people:.2g} m wide, not {metres_per_pixel:g} m",
         lambda v: "check metres_per_pixel, or the metres of distance"
-        + (f", which seems to be in {v['unit']}" if "unit" in v else "") + "; the plan was not used", subjects=("scale",),
+        + (f", which seems to be in {v['unit']}" if "unit" in v else "") + "; the plan was not used",
+        subjects=("scale",), rank="input",
     ),
     "places_fit_poorly": Kind(
         NOTICE, "The known points or positions fit worse than their stated accuracy.",

@@ -138,7 +138,7 @@ ASSOCIATION: Mapping[str, Kind] = {
     ),
     "camera_unregistered": Kind(
         DOUBT, "The camera's ground tracks fit no other camera's; `fit` says how far, `fixed_by` what would make them fit.",
-        _unregistered, lambda v: VIEW if (fixed := _fixed(v)) is None else fixed.remedy,
+        _unregistered, lambda v: VIEW if (fixed := _fixed(v)) is None else fixed.remedy, rank="symptom",
     ),
     "cameras_ambiguous": Kind(
         DOUBT, "The people of cameras would fit the others' almost as well elsewhere or at another time, by `runner_up`.",
@@ -177,7 +177,7 @@ ASSOCIATION: Mapping[str, Kind] = {
         _ANY, "Recordings may begin minutes or hours apart, and the camera's people fit no other camera's at one offset alone.",
         _start_unknown,
         "record for a longer time together, or state the times: name the files by their times, or cut the recordings to the "
-        "same time and set max_offset_s = 5 under [association]",
+        "same time and set max_offset_s = 5 under [association]", rank="motion",
     ),
     "start_contradicted": Kind(
         NOTICE, "A clock or sound says otherwise than the tracks of people when a recording began.",
@@ -204,11 +204,11 @@ ASSOCIATION: Mapping[str, Kind] = {
         _SAID_OR_NOT, "The camera's clock runs at another rate than stated.",
         "the clock of {camera} drifts by {drift_s:.2f} s over {span_s:.0f} s: its tracks fit about {fits_fps:.4g} frames per "
         "second better than the stated {fps:.4g}",
-        f"check its fps, {_FIT_CLOCK}",
+        f"check its fps, {_FIT_CLOCK}", rank="motion",
     ),
     "clocks_drift_apart": Kind(
         _SAID_OR_NOT, "The clocks of the only two cameras run at different rates.",
-        "the clocks of {camera} and {second} drift apart by {drift_s:.2f} s", f"check their fps, {_FIT_CLOCK}",
+        "the clocks of {camera} and {second} drift apart by {drift_s:.2f} s", f"check their fps, {_FIT_CLOCK}", rank="motion",
     ),
     "clock_fitted": Kind(
         NOTICE, "The camera's frame rate was estimated.",
@@ -219,7 +219,7 @@ ASSOCIATION: Mapping[str, Kind] = {
         DOUBT, "The tracks of the same people do not determine the camera's clock offset.",
         "the clock offset of camera {camera} is unknown: the tracks of the same people do not determine it",
         "record more people walking in the area that it shares with the others, or start the cameras at the same time",
-        joint="; ",
+        joint="; ", rank="motion",
     ),
     "no_embeddings": Kind(
         REFUSAL, 'Mode "appearance": no two cameras have tracklets with embeddings.',

@@ -118,19 +118,20 @@ def _held_out(v: Fields) -> str:
 CALIBRATION: Mapping[str, Kind] = {
     "camera_without_pose": Kind(
         DOUBT, "The camera could not be registered, and no other finding says why.",
-        "{who} could not be registered", "record more people in the area that it shares with the others", common=True,
+        "{who} could not be registered", "record more people in the area that it shares with the others",
+        common=True, rank="symptom",
     ),
     "camera_moved": Kind(
         DOUBT, "The camera moved while it filmed (or the second one did); `left_out` says which part was not used.",
-        _moved, _to_choose, joint="; ",
+        _moved, _to_choose, joint="; ", rank="motion",
     ),
     "camera_drifts": Kind(
         DOUBT, "The camera kept turning while it filmed, or several cameras did `together`; the rotation was corrected.",
-        _drifts, _to_hold_still, joint="; ",
+        _drifts, _to_hold_still, joint="; ", rank="motion",
     ),
     "camera_zoomed": Kind(
         DOUBT, "The focal length changed by `factor` while the camera filmed; `left_out` says which part was not used.",
-        _zoomed, _to_choose_zoom, joint="; ",
+        _zoomed, _to_choose_zoom, joint="; ", rank="motion",
     ),
     "people_on_one_spot": Kind(
         DOUBT, "All people stay on one spot, which determines no rig.", "all people stay on one spot of {length_m:.1f} "
@@ -145,14 +146,14 @@ CALIBRATION: Mapping[str, Kind] = {
         "{second} sees only {found:.0%} of the people that {camera} sees in their common view, and {by_chance:.0%} would "
         "match by chance",
         "check whether one of the two films a screen, a mirror or another place, whether its intrinsics are right, and "
-        "whether the ground is flat",
+        "whether the ground is flat", rank="symptom",
     ),
     "people_not_shared": Kind(
         DOUBT, "The camera shares far fewer people with the others than these share with each other.",
         "camera {camera} shares only {found:.0%} of the people that it and the other cameras should both detect, but the "
         "others share {others:.0%} with each other (matches by chance excluded)",
         "record longer, and check whether it films a screen, a mirror or another place, and whether its intrinsics and "
-        "identities are right",
+        "identities are right", rank="symptom",
     ),
     "pointed_person_unmatched": Kind(
         NOTICE, "A person at whom the scene file points was not identified in any other camera.",
@@ -168,7 +169,8 @@ CALIBRATION: Mapping[str, Kind] = {
     "ground_uneven": Kind(
         _MORE_OR_LESS, "The people's ground is not one plane; a doubt where that spoils the up direction and the heights.",
         _uneven,
-        lambda v: "" if v["severity"] == "notice" else f"{_LEVEL}; or record people on one level", subjects=("vertical",),
+        lambda v: "" if v["severity"] == "notice" else f"{_LEVEL}; or record people on one level",
+        subjects=("vertical",), rank="symptom",
     ),
     "ground_tilted": Kind(
         NOTICE, "The ground is tilted against the people on it: z is the normal of the ground, not the direction of gravity.",
@@ -183,14 +185,15 @@ CALIBRATION: Mapping[str, Kind] = {
             f"{v['sigma_deg']:.1f}): some walk on another level than others"
         )
         + ("" if v["severity"] == "notice" else ", and the up direction and the heights are wrong"),
-        lambda v: "" if v["severity"] == "notice" else f"{_LEVEL}; or record people on one level", subjects=("vertical",),
+        lambda v: "" if v["severity"] == "notice" else f"{_LEVEL}; or record people on one level",
+        subjects=("vertical",), rank="symptom",
     ),
     "check_length_off": Kind(
         DOUBT, "A length that was given as a check contradicts the rig.",
         "[[scale.checks]] {number} is {stated_m:.2f} m long, but {measured_m:.2f} m by the rig, where one sigma is "
         "{sigma_m:.2f} m",
         "check the marks and the length; if both are right, the scale or the shape of the rig is wrong: give a measured length "
-        "under [[scale.lengths]]", subjects=("scale",),
+        "under [[scale.lengths]]", subjects=("scale",), rank="symptom",
     ),
     "check_length_unmeasured": Kind(
         NOTICE, "A length that was given as a check cannot be measured by the rig.",
@@ -201,13 +204,14 @@ CALIBRATION: Mapping[str, Kind] = {
         _MORE_OR_LESS,
         "People who were held out of the adjustment fit the rig clearly worse than those who were fitted; a doubt if those "
         "of several stretches do.",
-        _held_out, "record for longer, with more people, and check that no camera was touched meanwhile",
+        _held_out, "record for longer, with more people, and check that no camera was touched meanwhile", rank="symptom",
     ),
     "smaller_image_fits": Kind(
         DOUBT, "All cameras agree better if the camera's people were detected in smaller images than its intrinsics are for.",
         "camera {camera}: its people seem to be detected in images of {seen_size[0]} x {seen_size[1]}, not of the stated "
         "{size[0]} x {size[1]}: they lie within that part, and all cameras agree better with that size",
         "give intrinsics for images of that size, or scale its boxes and keypoints to the image size of the intrinsics",
+        rank="input",
     ),
     "keypoints_unused": Kind(
         DOUBT, "A camera is missing, and keypoints were not detected.",

@@ -15,12 +15,12 @@ GEOPOSE: Mapping[str, Kind] = {
         _EITHER, "The keypoint names do not fit the images: the highest and lowest keypoints are taken as head and feet.",
         "the keypoint names do not fit the images (correlation of {correlation:.2f} with the order from head to feet): "
         "keypoints are matched by number, and the highest and lowest ones are taken as head and feet",
-        "check the layout of the keypoint files", joint="; ",
+        "check the layout of the keypoint files", joint="; ", rank="input",
     ),
     "pair_failed": Kind(
         _EITHER, "The camera could not be registered with the reference, `second`, for the `cause`.",
         "camera {camera} could not be registered with {second}: {cause.problem}",
-        "{cause.remedy}", joint="{cause.joint}", advice=_OVERLAP,
+        "{cause.remedy}", joint="{cause.joint}", advice=_OVERLAP, rank="symptom",
     ),
     "few_common_points": Kind(
         REFUSAL, "Two cameras have few points in common.",
@@ -63,6 +63,7 @@ GEOPOSE: Mapping[str, Kind] = {
     "few_inliers": Kind(
         DOUBT, "Few of the points that the camera shares with the reference agree with its pose.",
         "only {share:.0%} of the points that camera {camera} shares with the reference agree with its pose", advice=_OVERLAP,
+        rank="symptom",
     ),
     "near_reference": Kind(
         DOUBT, "The camera is almost at the position of the reference camera.",
@@ -74,11 +75,11 @@ GEOPOSE: Mapping[str, Kind] = {
         DOUBT, "The pairs disagree about the positions of the same points.",
         "the pairs disagree about the positions of the same {what} by {share:.0%} of their distance: at least one pair is "
         "wrong",
-        "try another reference camera or {other}", joint="; ",
+        "try another reference camera or {other}", joint="; ", rank="symptom",
     ),
     "global_adjustment_not_converged": Kind(
         DOUBT, "The global adjustment ended before its optimum.",
         "the global adjustment did not converge in {iterations} iterations",
-        advice="record longer, or under [solver.options] set max_iterations = 200",
+        advice="record longer, or under [solver.options] set max_iterations = 200", rank="symptom",
     ),
 }  # fmt: skip

@@ -69,26 +69,26 @@ INPUT_FILES: Mapping[str, Kind] = {
     ),
     "same_recording": Kind(
         DOUBT, "Two cameras show the same images.",
-        _same, "give each camera a recording of its own, or delete [cameras.{second}]",
+        _same, "give each camera a recording of its own, or delete [cameras.{second}]", rank="input",
     ),
     "same_place": Kind(
         DOUBT, "Two cameras have the same pose, and their people do not distinguish them.",
         "cameras {camera} and {second} are {distance_m:.2f} m apart and face the same direction, and their people do not "
         "distinguish them",
-        "if they are one camera, delete [cameras.{second}]; if not, record people near them",
+        "if they are one camera, delete [cameras.{second}]; if not, record people near them", rank="input",
     ),
     "smaller_image_cut": Kind(
         DOUBT, "All people lie in a part of the image and are cut off at its edge: they were detected in smaller images.",
         "camera {camera}: all people lie within {seen_size[0]} x {seen_size[1]} of the {size[0]} x {size[1]} image, and "
         "{cut} are cut off at the edge of that part: were they detected in images of {seen_size[0]} x {seen_size[1]}?",
-        _OF_THAT_SIZE, joint=" ",
+        _OF_THAT_SIZE, joint=" ", rank="input",
     ),
     "image_upside_down": Kind(
         DOUBT, "The camera's people are upside down.",
         "{who}: people are upside down: the image seems to be flipped top to bottom, or the camera hangs upside down",
         lambda v: "turn its images the right way up, with their boxes and keypoints, or, if the camera hangs upside down, "
         + ("set rotate = {rotate}" if v["rotate"] else "delete rotate").format(**v),
-        common=True,
+        common=True, rank="input",
     ),
     "keypoint_layout_corrected": Kind(
         NOTICE, "The keypoints have the names of one layout, and lie in the images as those of another: they get its names.",
@@ -99,13 +99,13 @@ INPUT_FILES: Mapping[str, Kind] = {
     "boxes_by_centres": Kind(
         DOUBT, "Boxes reach beyond two borders of the images and keep away from the others: their centres were read as their "
         "left and upper edges, or these as centres.",
-        _off_centre, "under [scene] set boxes = \"{box_format}\", or under [cameras.{camera}] for one camera",
+        _off_centre, "under [scene] set boxes = \"{box_format}\", or under [cameras.{camera}] for one camera", rank="input",
     ),
     "boxes_coarse": Kind(
         DOUBT, "The edges of the camera's boxes lie on a grid that is coarse beside people.",
         "{who}: the edges of the boxes are multiples of {step_px} px, and people are {height_px:.0f} px tall: the boxes are "
         "made of blocks, which are larger than people",
-        "detect people in the images themselves", common=True,
+        "detect people in the images themselves", common=True, rank="input",
     ),
     "recordings_short": Kind(
         DOUBT, "The recordings are too short to follow people, and keypoints are not used.",

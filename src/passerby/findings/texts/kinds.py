@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 from passerby.findings.finding import Severity
 
@@ -13,6 +13,11 @@ Fields = Mapping[str, Any]
 `cameras A, B`). A finding among the values is a `Said`."""
 
 Subject = Literal["scale", "vertical"]
+
+Rank = Literal["input", "motion", "lens", "other", "symptom"]
+RANKS: tuple[Rank, ...] = get_args(Rank)
+"""What a finding is about, the causes of others first: the files, cameras that move and clocks, intrinsics; what neither causes
+others nor follows from them; and what follows from causes."""
 
 Template = str | Callable[[Fields], str]
 """Text with fields in braces, or a function that makes it."""
@@ -37,6 +42,8 @@ class Kind:
     """What it is about besides cameras."""
     common: bool = False
     """Whether the same of several cameras can be said at once, with all of them as `who`."""
+    rank: Rank = "other"
+    """Whether it causes other findings, or follows from them."""
 
 
 @dataclass(frozen=True)

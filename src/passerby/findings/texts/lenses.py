@@ -47,23 +47,24 @@ LENSES: Mapping[str, Kind] = {
     "focal_contradicted": Kind(
         DOUBT, "The people contradict the camera's focal length, relative `change`.",
         lambda v: f"camera {v['camera']}: people fit a focal length {longer(v['change'])} than stated",
-        'check its intrinsics, or refine it: under [solver] set refine = ["focal"]',
+        'check its intrinsics, or refine it: under [solver] set refine = ["focal"]', rank="lens",
     ),
     "all_focals_contradicted": Kind(
         DOUBT, "The people contradict the focal lengths of all cameras alike, relative `change`.",
         lambda v: f"people fit focal lengths {longer(v['change'])} than stated in all cameras",
         "check the intrinsics and the image size that they were made for, or refine them: under [solver] set "
-        'refine = ["focal"]',
+        'refine = ["focal"]', rank="lens",
     ),
     "image_seems_cropped": Kind(
         DOUBT, "The people put the camera's principal point `moved_px` nearer to one `side` of the image than stated.",
         "camera {camera}: people fit a principal point {moved_px:.0f} px nearer to the {side} of the image than stated: it "
         "seems cropped there",
         "check whether its images were cropped after it was calibrated, and state the intrinsics of the cropped images",
+        rank="lens",
     ),
     "lens_part_contradicted": Kind(
         DOUBT, "The people contradict a further `part` of the camera's intrinsics.",
-        "{who}: people fit a different {part} than stated", "check its intrinsics", common=True,
+        "{who}: people fit a different {part} than stated", "check its intrinsics", common=True, rank="lens",
     ),
     "size_contradicted": Kind(
         DOUBT, "The people appear too large or too small for where the camera seems to stand; no wrong intrinsics explain it.",
@@ -71,19 +72,19 @@ LENSES: Mapping[str, Kind] = {
             f"camera {v['camera']}: people fit a focal length {longer(v['change'])} than stated ({v['sigmas']:.1f} sigmas), "
             "and no error of its intrinsics explains that: the camera may be placed by people who are not those of the others"
         ),
-        "check whether it shows a screen, a mirror or another place, and its intrinsics and identities",
+        "check whether it shows a screen, a mirror or another place, and its intrinsics and identities", rank="symptom",
     ),
     "focal_refined_far": Kind(
         DOUBT, "The refined focal length is farther from the stated value than the error expected of one.",
         "camera {camera}: its focal length was refined by {change_percent:+.0f} %, more than the error expected of a stated "
         "value",
-        "check its intrinsics and the image size that they were made for",
+        "check its intrinsics and the image size that they were made for", rank="lens",
     ),
     "principal_point_refined_far": Kind(
         DOUBT, "The refined principal point is farther from the stated value than the error expected of one.",
         "camera {camera}: its principal point was refined by {moved_px:.0f} px, more than the error expected of a stated "
         "value",
-        "check its intrinsics and whether its images were cropped",
+        "check its intrinsics and whether its images were cropped", rank="lens",
     ),
     "principal_points_assumed": Kind(
         NOTICE, "The principal points of cameras without intrinsics are not observable: rotations stand in for them.",

@@ -90,28 +90,29 @@ SOLVER: Mapping[str, Kind] = {
         DOUBT, "The keypoint names do not order the keypoints from head to feet as the images do.",
         "the keypoint names do not fit the images (correlation of {correlation:.2f} with the order from head to feet): is "
         "the layout another one than the file states? Keypoints are matched by their number, head and feet by position",
-        advice="write the keypoints under the names of the layout that they were detected with",
+        advice="write the keypoints under the names of the layout that they were detected with", rank="input",
     ),
     "cameras_disconnected": Kind(
         DOUBT, "Too few people seen by both connect a group of cameras to the largest one, `main`.",
         lambda v: f"{v['who']} could not be connected to {', '.join(v['main'])}: too few people were seen by both at the "
         f"same time",
-        "record people who walk through both views", joint="; ", common=True,
+        "record people who walk through both views", joint="; ", common=True, rank="symptom",
     ),
     "reinitialisation_failed": Kind(
         DOUBT, "With the refined focal lengths no new initial rig was found.",
         "with the refined focal lengths no initial rig agrees with the people",
-        "state focal lengths that are nearer to the true ones, or leave [solver] refine out",
+        "state focal lengths that are nearer to the true ones, or leave [solver] refine out", rank="symptom",
     ),
     "arrangement_ambiguous": Kind(
         DOUBT, "Another arrangement of the cameras fits almost as well.",
         "two arrangements of the cameras fit the people almost equally well", "record people who walk in more directions",
+        rank="symptom",
     ),
     "registration_contradicted": Kind(
         DOUBT, "The rig contradicts how two cameras stand to each other by the paths of their people.",
         lambda v: f"{v['who']} stand to each other otherwise than the paths of their people say, before anybody is known in "
         f"both",
-        "record longer, or people who walk all over the ground that both see", joint="; ", common=True,
+        "record longer, or people who walk all over the ground that both see", joint="; ", common=True, rank="symptom",
     ),
     "world_undetermined": Kind(
         DOUBT, "No evidence fixes the parts of the world in `lacks`: scale, up direction or height of the ground.",
@@ -131,45 +132,46 @@ SOLVER: Mapping[str, Kind] = {
     ),
     "few_observations": Kind(
         DOUBT, "Few observations agree with the camera's pose.",
-        "camera {camera} has only {agreeing} supporting observations", "record more people in its view",
+        "camera {camera} has only {agreeing} supporting observations", "record more people in its view", rank="symptom",
     ),
     "camera_disagrees_at_times": Kind(
         DOUBT, "In one stretch of the recording the camera contradicts the rig.",
         "camera {camera}: {most:.0%} of its observations agree with the rig in one part of the recording, but {least:.0%} "
         "between {from_percent:.0f} and {to_percent:.0f} % of it",
-        "check whether it was moved, whether frames are missing and whether its clock stays synchronised",
+        "check whether it was moved, whether frames are missing and whether its clock stays synchronised", rank="symptom",
     ),
     "camera_disagrees": Kind(
         DOUBT, "Most of the camera's observations contradict the rig.",
         "camera {camera}: only {agreeing} of {seen} observations agree with the rig",
-        "check its intrinsics, its clock and the identities",
+        "check its intrinsics, its clock and the identities", rank="symptom",
     ),
     "camera_uncertain": Kind(
         DOUBT, "The camera's rays pass the places where people walked by `across_mm`, one sigma.",
         _uncertain,
         lambda v: _STATE_LENSES if v.get("lenses") else "record longer, or people nearer to it and at more positions",
+        rank="symptom",
     ),
     "seam_uncertain": Kind(
         DOUBT, "Two zones of a large rig hardly hold together: how they are turned against each other is uncertain.",
         lambda v: f"{v['who']} hold cameras {', '.join(v['first'])} and cameras {', '.join(v['second'])} together, whose "
         f"headings are uncertain by {v['sigma_deg']:.1f} degrees (1 sigma) against each other",
-        "record longer, or add a camera that sees the ground of both", joint="; ", common=True,
+        "record longer, or add a camera that sees the ground of both", joint="; ", common=True, rank="symptom",
     ),
     "vertical_uncertain": Kind(
         DOUBT, "The up direction is uncertain.",
         "the up direction is uncertain by {sigma_deg:.1f} degrees (1 sigma)", "record people walking about, seen from head "
         "to feet",
-        subjects=("vertical",),
+        subjects=("vertical",), rank="symptom",
     ),
     "boxes_noisy": Kind(
         DOUBT, "The heights of the boxes scatter so much that they bias the rig.",
         "half of the boxes have an error of more than {noise_percent:.0f} % of their own height, which biases shape and scale",
-        "use a better detector, or images in which people are larger", subjects=("scale",),
+        "use a better detector, or images in which people are larger", subjects=("scale",), rank="symptom",
     ),
     "adjustment_not_converged": Kind(
         DOUBT, "The adjustment ended before its optimum.",
         lambda v: ": ".join(filter(None, ("the adjustment did not converge", _of_lenses(v)))),
-        lambda v: _STATE_LENSES if v.get("lenses") else "under [solver.options] set max_iterations = 200",
+        lambda v: _STATE_LENSES if v.get("lenses") else "under [solver.options] set max_iterations = 200", rank="symptom",
     ),
     "scale_cue_contradicted": Kind(
         DOUBT, "A scale constraint contradicts the rest.",

@@ -17,7 +17,8 @@ from passerby.common.errors import EvidenceError, InputError
 from passerby.core.cameras import Camera, PoseSigma, Rig
 from passerby.core.figures import StarFigures, StarPair, StarScale
 from passerby.core.scale_cues import KnownLength
-from passerby.core.solution import Solution, Verdict
+from passerby.core.solution import Solution
+from passerby.core.verdict import decide_verdict
 from passerby.findings.finding import Finding, doubt
 from passerby.findings.refusals import RefusalError, findings_of
 from passerby.findings.texts import texts_of
@@ -146,7 +147,7 @@ def star_solution(
     final = [pair.scaled(scale.factor) for pair in star.pairs]
     covariance = _covariances(final, star.adjusted, scale.factor, sigma_factor, scale.relative_sd)
     solved = _placed_rig(rig, star.reference, final, covariance, world)
-    verdict: Verdict = "doubtful" if findings else "accepted"
+    verdict = decide_verdict(solved, findings)
     figures = StarFigures(
         points=points, reference=rig.names[star.reference], scale=scale,
         pairs=tuple(_pair_figures(rig, pair) for pair in final),

@@ -1,0 +1,98 @@
+"""Which findings a person has to read first: causes, then what no cause explains, the same of several cameras at once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from passerby.findings.finding import Finding
+from passerby.findings.texts import KINDS, problem_of, remedy_of
+from passerby.findings.texts.kinds import RANKS
+
+MOST_SHOWN = 3
+"""Reasons on a first screen."""
+
+
+@dataclass(frozen=True)
+class Reason:
+    """Findings that are said in one sentence."""
+
+    findings: tuple[Finding, ...]
+    """One, or the same of several cameras."""
+
+    @property
+    def problem(self) -> str:
+        """What is the matter."""
+        first, others = self.findings[0], self.findings[1:]
+        if not others:
+            return problem_of(first)
+        if KINDS[first.code].common and all(one.values == first.values for one in others):
+            return problem_of(first, f"cameras {_listed([one.cameras[0] for one in self.findings])}")
+        names = list(dict.fromkeys(name for one in others for name in one.cameras[:1]))
+        return f"{problem_of(first)} (likewise camera{'s' if len(names) > 1 else ''} {_listed(names)})"
+
+    @property
+    def remedy(self) -> str:
+        """What to do; empty where nothing is."""
+        return remedy_of(self.findings[0])
+
+    @property
+    def text(self) -> str:
+        """Both in one sentence."""
+        return f"{self.problem}: {self.remedy}" if self.remedy else self.problem
+
+
+def explained_by(finding: Finding, findings: Sequence[Finding]) -> Finding | None:
+    """The cause among the findings that a finding follows from, if any: one about the same camera, or one of both about all."""
+    rank = KINDS[finding.code].rank
+    if rank not in ("lens", "symptom"):
+        return None
+    least = RANKS.index("motion" if rank == "lens" else "lens")
+    causes = (one for one in findings if one.severity != "notice" and _order(one) <= least)
+    return next(
+        (one for one in causes if not one.cameras or not finding.cameras or set(one.cameras) & set(finding.cameras)), None
+    )
+
+
+def _order(finding: Finding) -> int:
+    return RANKS.index(KINDS[finding.code].rank)
+
+
+def reasons_of(findings: Sequence[Finding]) -> list[Reason]:
+    """What speaks against a rig, as a person should read it.
+
+    Causes come first, each group in the order of the findings; what follows from a cause is left out.
+    """
+    doubts = [one for one in findings if one.severity != "notice"]
+    left = [one for one in doubts if explained_by(one, doubts) is None]
+    ordered = sorted(left, key=_order)
+    groups: list[list[Finding]] = []
+    for one in ordered:
+        same = next((group for group in groups if _of_another_camera(one, group)), None)
+        if same is None:
+            groups.append([one])
+        else:
+            same.append(one)
+    return [Reason(tuple(group)) for group in groups]
+
+
+def _of_another_camera(finding: Finding, group: Sequence[Finding]) -> bool:
+    """Whether a finding about one camera is the same as those of a group about other cameras."""
+    return (
+        group[0].code == finding.code
+        and len(group[0].cameras) == len(finding.cameras) == 1
+        and all(one.cameras != finding.cameras for one in group)
+    )
+
+
+def shown_in_words(findings: Sequence[Finding], where: str) -> str:
+    """The reasons on a first screen, in one line; `where` says where the others are."""
+    reasons = reasons_of(findings)
+    texts = [" ".join(one.text.split()) for one in reasons[:MOST_SHOWN]]
+    left = len(reasons) - len(texts)
+    return "; ".join([*texts, *([f"and {left} more: see {where}"] if left > 0 else [])])
+
+
+def _listed(names: Sequence[str]) -> str:
+    """Names as a sentence has them."""
+    return " and ".join([", ".join(names[:-1]), names[-1]]) if len(names) > 1 else names[0]

@@ -1,0 +1,56 @@
+"""What is shown first: causes before what follows from them, the same of several cameras at once, three at most."""
+
+from __future__ import annotations
+
+from passerby.findings.finding import doubt, notice
+from passerby.findings.ranking import MOST_SHOWN, explained_by, reasons_of, shown_in_words
+from passerby.findings.texts import KINDS
+
+
+def small(camera: str, width: int = 640) -> dict[str, object]:
+    return {"camera": camera, "width": width}
+
+
+MOVED = doubt("camera_moved", "C1", seconds=63.2, frame=317, metres=0.42, degrees=5.1, left_out="after", sigmas=20.0, shift=0.2)
+FEW = doubt("few_observations", "C1", agreeing=12)
+OTHER = doubt("few_observations", "C2", agreeing=9)
+TURNED = doubt("all_focals_contradicted", change=0.1)
+
+
+def codes(*findings) -> list[list[tuple[str, tuple[str, ...]]]]:
+    return [[(one.code, one.cameras) for one in reason.findings] for reason in reasons_of(findings)]
+
+
+def test_what_follows_from_a_cause_about_the_same_camera_is_left_out() -> None:
+    assert codes(FEW, MOVED) == [[("camera_moved", ("C1",))]]
+    assert explained_by(FEW, [FEW, MOVED]) == MOVED
+    assert codes(OTHER, MOVED) == [[("camera_moved", ("C1",))], [("few_observations", ("C2",))]]
+
+
+def test_a_cause_about_all_explains_every_camera() -> None:
+    assert codes(FEW, OTHER, TURNED) == [[("all_focals_contradicted", ())]]
+
+
+def test_notices_explain_nothing_and_are_no_reasons() -> None:
+    said = notice("camera_moved", "C1", **MOVED.values)
+    assert codes(FEW, said) == [[("few_observations", ("C1",))]]
+
+
+def test_the_same_of_several_cameras_is_one_sentence() -> None:
+    (reason,) = reasons_of([FEW, OTHER])
+    assert reason.problem == "camera C1 has only 12 supporting observations (likewise camera C2)"
+    (reason,) = reasons_of([doubt("camera_without_pose", "C1"), doubt("camera_without_pose", "C3")])
+    assert reason.problem == "cameras C1 and C3 could not be registered"
+
+
+def test_a_first_screen_has_three_reasons_and_says_how_many_there_are() -> None:
+    many = [doubt("vertical_uncertain", sigma_deg=6.0), FEW, doubt("boxes_noisy", noise_percent=40.0),
+            doubt("adjustment_not_converged"), doubt("reinitialisation_failed")]  # fmt: skip
+    text = shown_in_words(many, "the report")
+    assert text.count("; ") == MOST_SHOWN
+    assert text.endswith("; and 2 more: see the report")
+
+
+def test_causes_rank_before_symptoms() -> None:
+    assert {KINDS[code].rank for code in ("smaller_image_fits", "same_recording", "image_upside_down")} == {"input"}
+    assert KINDS["camera_uncertain"].rank == "symptom"
