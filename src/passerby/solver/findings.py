@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from passerby.common.arrays import Floats
+from passerby.common.arrays import Floats, Ints
 from passerby.core.cameras import Rig
 from passerby.core.figures import (
     AdjustedFigures,
@@ -23,7 +23,6 @@ from passerby.core.figures import (
 from passerby.core.lens_figures import LensFigures
 from passerby.findings.finding import Finding, doubt
 from passerby.people.model import HEIGHT_PER_CENTRE
-from passerby.solver.consistency import STRETCHES, JointConsistency, joint_consistency
 from passerby.solver.evidence import Evidence
 from passerby.solver.gauge import Free
 from passerby.solver.initialisation import Fit, Initialisation, InitialRig
@@ -68,17 +67,15 @@ def doubts_about(
     converged = fit.result.converged
     out = _undetermined_world(covariance.free)
     state, rig = fit.result.state, start.rig
-    agrees = joint_consistency(start.evidence, fit.model)
+    agreeing = _agreeing(fit, len(rig))
     extent = float(np.max(np.linalg.norm(state.centre - state.centre.mean(axis=0), axis=1))) + 1.0
     most_m = min(_MAX_POSITION_SHARE * extent, max(MAX_POSITION_M, LARGE_SHARE * extent))
     for c, camera in enumerate(rig):
         sigma = covariance.shape_sigma(c)
         if c in covariance.free.cameras:
             out.append(doubt("camera_undetermined", camera.name))
-        if agrees.agreeing[c] < _MIN_SIGHTINGS:
-            out.append(doubt("few_observations", camera.name, agreeing=int(agrees.agreeing[c])))
-        elif (contradiction := _contradiction(camera.name, c, agrees)) is not None:
-            out.append(contradiction)
+        if agreeing[c] < _MIN_SIGHTINGS:
+            out.append(doubt("few_observations", camera.name, agreeing=int(agreeing[c])))
         vague = sigma.position_m > most_m or sigma.orientation_deg > MAX_ORIENTATION_DEG
         if vague and c not in covariance.free.cameras:
             position_mm, orientation_deg = float(1000 * sigma.position_m), float(sigma.orientation_deg)
@@ -112,18 +109,10 @@ def _lacks(free: Free) -> list[str]:
     return [name for name, lacking in named.items() if lacking]
 
 
-def _contradiction(name: str, camera: int, agrees: JointConsistency) -> Finding | None:
-    """That a camera contradicts the others, at some time or all the time."""
-    odd = agrees.odd_stretch(camera)
-    if odd is not None:
-        stretch, least, most = odd
-        begin, end = 100 * stretch / STRETCHES, 100 * (stretch + 1) / STRETCHES
-        return doubt(
-            "camera_disagrees_at_times", name, most=float(most), least=float(least), from_percent=begin, to_percent=end
-        )
-    if agrees.disagrees(camera):
-        return doubt("camera_disagrees", name, agreeing=int(agrees.agreeing[camera]), seen=int(agrees.seen[camera]))
-    return None
+def _agreeing(fit: Fit, cameras: int) -> Ints:
+    """(C,) observations of each camera, of people and of joints, that agree with the rig."""
+    problem = fit.model.problem
+    return sum((np.bincount(seen.camera, minlength=cameras) for seen in (problem.sightings, problem.joints)), np.zeros(cameras, int))
 
 
 def height_noise(fit: Fit, evidence: Evidence) -> float:

@@ -8,9 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from passerby.calibration.diagnostics.body_widths import doubts_of_widths
-from passerby.calibration.diagnostics.covisibility import doubts_of_missed
 from passerby.calibration.diagnostics.walking_speed import ScaleBasis, doubts_of_pace
-from passerby.common.arrays import Floats, Ints
+from passerby.common.arrays import Floats
 from passerby.core.cameras import Rig
 from passerby.core.observations import UNKNOWN, Observations
 from passerby.core.overlap import count_shared_observations, missing_overlap
@@ -28,10 +27,8 @@ MIN_POSITIONS = 10
 def judged(
     solution: Solution, observations: Observations, *, given: bool = True, why: Mapping[str, Finding] | None = None,
     causes: Sequence[Finding] = (), doubts: Sequence[Finding] = (), basis: ScaleBasis = "taken", grown: float = 1.0,
-    unrecorded: Mapping[str, Ints] | None = None,
 ) -> Solution:  # fmt: skip
-    """The solution, no longer accepted where it lacks a camera, where all people were on one line or spot, or where a camera
-    does not see whom it should by the rig.
+    """The solution, no longer accepted where it lacks a camera, or where all people were on one line or spot.
 
     Args:
         solution: of a solver.
@@ -42,9 +39,8 @@ def judged(
         doubts: what else speaks against relying on it.
         basis: what the scale rests on.
         grown: what the lengths of the rig are multiplied by afterwards, where known places set the scale.
-        unrecorded: by camera, the instants at which it recorded nothing.
     """
-    doubts = [*doubts, *_against_people(solution, observations, basis, grown, unrecorded or {})]
+    doubts = [*doubts, *_against_people(solution, observations, basis, grown)]
     findings = [*causes, *solution.findings, *doubts]
     if solution.verdict == "refused":
         findings = [*solution.findings, *causes, *doubts]
@@ -67,16 +63,13 @@ def judged(
     return replace(solution, verdict=verdict, findings=tuple(findings))
 
 
-def _against_people(
-    solution: Solution, observations: Observations, basis: ScaleBasis, grown: float, unrecorded: Mapping[str, Ints]
-) -> list[Finding]:
+def _against_people(solution: Solution, observations: Observations, basis: ScaleBasis, grown: float) -> list[Finding]:
     """What the places of the people say against a rig that was computed from them."""
     if solution.method != "people" or len(solution.rig.posed()) < 2:
         return []
     keys, places = placed_people(solution.rig, observations)
-    missed = doubts_of_missed(solution.rig, observations, unrecorded)
     widths = doubts_of_widths(solution.rig, observations, keys, places, grown)
-    return [*missed, *doubts_of_pace(keys, grown * places, observations.fps, basis), *widths]
+    return [*doubts_of_pace(keys, grown * places, observations.fps, basis), *widths]
 
 
 def _apart(observations: Observations, given: bool, why: Mapping[str, Finding], *, nothing_known: bool) -> list[Finding]:
