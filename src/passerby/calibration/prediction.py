@@ -34,14 +34,17 @@ LATER = 0.37
 NEAR, WITHIN = (0.08, 0.2), 0.9
 """A box is a hit if it is as near to the prediction, as a share of the height, as `WITHIN` of the other cameras' hits are to
 theirs, within these limits: 14 to 35 cm."""
-USUAL_SHARE, USUAL_BLOCKS = 0.7, 5.0
+SEEN_NEAR = 0.3
+"""A camera can detect a person at a place in its image if it did so at another time, no farther away than this share of the
+height: with 1, people behind walls halve the hits of right cameras of simulated sites (24, 32 cameras; seeds 880, 882)."""
+USUAL_SHARE, USUAL_BLOCKS = 0.6, 5.0
 """Share of people that are detected where they are predicted, before any are counted, and how many blocks this counts as:
-detectors miss 5 to 30 %."""
-HARMFUL_SHARE = 0.65
-"""A camera with a smaller share of the hits that are expected predicts a third of the people wrongly, and more."""
-LEAST_ODDS = 20.0
-"""That the share is below the harmful one; all cameras, and all parts of the recording, together have the prior odds of one.
-What other limits of these two would do: docs/results/limits.md (simulated scenes, seeds from 880,000)."""
+detectors miss 5 to 30 %, and nearer people hide some."""
+HARMFUL_SHARE = 0.7
+"""A camera with a smaller share of the hits that are expected predicts 30 % of the people wrongly, and more."""
+LEAST_ODDS = 3.0
+"""That the share is below the harmful one; all cameras, and all parts of the recording, share prior odds of one. What other
+limits of these two would do: docs/results/limits.md (simulated scenes, seeds from 880,000)."""
 BODY_M, MIDDLE_M = 1.75, 0.88
 FOOT_SHARE = 0.04
 """A foot's edge is off by this share of the box's height, which along the ground is far where the camera is low."""
@@ -157,13 +160,14 @@ def find_poor_predictions(outcomes: Outcomes) -> list[PoorPrediction]:
     return found
 
 
-def worst_part(outcomes: Outcomes, camera: int | None, cameras: int) -> PoorPrediction | None:
+def worst_part(outcomes: Outcomes, camera: int | None, cameras: int, harmful: float = HARMFUL_SHARE) -> PoorPrediction | None:
     """The part of the recording during which a camera most significantly predicts people worse than the other cameras do.
 
     Args:
         outcomes: of all cameras.
         camera: index; None: the whole rig, against what is usual.
         cameras: of the rig.
+        harmful: see `HARMFUL_SHARE`.
 
     Returns:
         None without outcomes, or if all are of this camera.
@@ -187,7 +191,7 @@ def worst_part(outcomes: Outcomes, camera: int | None, cameras: int) -> PoorPred
         usual = USUAL_BLOCKS * own_due[rows].mean() * np.array([USUAL_SHARE, 1.0])
         others = (usual + elsewhere[:, first : last + 1].sum(axis=1)) if camera is not None else usual
         expected = float(others[0] / others[1])
-        log_odds = _log_odds(own_hits[rows], own_due[rows], HARMFUL_SHARE * expected)
+        log_odds = _log_odds(own_hits[rows], own_due[rows], harmful * expected)
         prior = -np.log((1 if camera is None else cameras) * (1 if last - first == PARTS - 1 else len(parts)))
         share = float(own_hits[rows].sum() / own_due[rows].sum())
         found.append(PoorPrediction(camera, first, last, share, expected, float(log_odds + prior)))
@@ -305,7 +309,7 @@ class _InView:
         out = np.zeros(len(self.row), dtype=bool)
         for rows in np.array_split(np.arange(len(out)), len(out) // 500 + 1):
             tall = self.tall[rows, None]
-            near = np.hypot(x + w / 2 - self.middle[rows, :1], y + h / 2 - self.middle[rows, 1:]) < tall
+            near = np.hypot(x + w / 2 - self.middle[rows, :1], y + h / 2 - self.middle[rows, 1:]) < SEEN_NEAR * tall
             alike = (h > USUAL_SIZE[0] * tall) & (h < USUAL_SIZE[1] * tall)
             out[rows] = (near & alike & (np.abs(known.frame - self.frame[rows, None]) > apart)).any(axis=1)
         return out
