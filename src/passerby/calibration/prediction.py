@@ -19,14 +19,15 @@ from scipy.stats import t as student
 from passerby.common.arrays import Bools, Floats, Ints
 from passerby.common.columns import Columns
 from passerby.core.cameras import Camera, Rig
-from passerby.core.observations import UNKNOWN, Boxes, Observations
+from passerby.core.observations import UNKNOWN, Boxes, CameraObservations, Observations
 from passerby.core.synchronisation import USUAL_FPS, sampling_distance
 from passerby.findings.finding import Finding, doubt
-from passerby.people.segments import ends_of_boxes, lean_in_image
+from passerby.people.segments import BODY_ASPECT, ends_of_boxes, lean_in_image, segments_of_keypoints
 from passerby.people.upright_body import ground_under, height_over, pixels_over
 
-STRETCH_S, PARTS = 10.0, 8
-"""A block holds one person during so many seconds; a disagreement is located to parts of the recording, so many in all."""
+STRETCH_S, PARTS = (1.0, 10.0), 8
+"""A block holds one person during one of the parts of the recording, or at least and at most so many seconds: people move too
+little in less to be other evidence."""
 MOST_BOXES = 400
 """Of each camera, at even steps: shares are good to a few percent."""
 LATER = 0.37
@@ -63,7 +64,7 @@ class Outcomes(Columns):
     block: Ints
     """(N,) the person and the stretch of time."""
     part: Ints
-    """(N,) part of the recording, 0 to `PARTS` - 1."""
+    """(N,) part of the recording in which the stretch begins, 0 to `PARTS` - 1."""
     residual: Floats
     """(N,) from the predicted middle to that of the nearest box, as a share of the predicted height; infinite without a box."""
     by_chance: Floats
@@ -82,30 +83,30 @@ def predict_people(rig: Rig, observations: Observations, unrecorded: Mapping[str
 
     Args:
         rig: world z up, ground z = 0, metres; cameras without a pose are left out.
-        observations: at common instants. Boxes of unknown identity count as detections, but nobody is predicted from them.
+        observations: at common instants. Boxes of unknown identity count as detections, but no person is predicted from them.
         unrecorded: by camera, the instants at which it recorded nothing.
     """
-    posed = [c for c, camera in enumerate(rig) if camera.pose is not None and len(observations[camera.name].boxes)]
-    fps = observations.fps or USUAL_FPS
-    seen = {c: observations[rig.names[c]].boxes for c in posed}
-    everyone = _Standing.joined([_standing(c, rig.cameras[c], seen[c]) for c in posed]) if posed else _no_one()
-    if not len(everyone):
-        return _outcomes_of(everyone, np.zeros(0), np.zeros(0), 0, everyone.frame, everyone.frame)
-    first, last = (int(edge) for edge in (everyone.frame.min(), everyone.frame.max()))
-    steps = max(1.0, min(STRETCH_S * fps, (last - first + 1) / PARTS))
-    stretch = ((everyone.frame - first) // steps).astype(np.int64)
-    part = (everyone.frame - first) * PARTS // (last - first + 1)
-    _, block = np.unique(np.column_stack([everyone.identity, stretch]), axis=0, return_inverse=True)
-    parts = []
-    for c in posed:
-        boxes = seen[c].take(np.argsort(seen[c].frame, kind="stable"))
-        rows = np.flatnonzero((everyone.by != c) & _recorded(everyone.frame, boxes, steps / 2, unrecorded.get(rig.names[c])))
-        view = _InView.of(everyone.take(rows), rig.cameras[c], boxes, 0.5 * steps)
-        rows = rows[view.row]
-        parts.append(
-            _outcomes_of(everyone.take(rows), view.residual(0.0), view.residual(LATER), c, block.reshape(-1)[rows], part[rows])
-        )
-    return Outcomes.joined(parts)
+    every = {c: _boxes_of(observations[camera.name]) for c, camera in enumerate(rig) if camera.pose is not None}
+    seen = {c: boxes.take(np.argsort(boxes.frame, kind="stable")) for c, boxes in every.items() if len(boxes)}
+    standing = [_standing(c, rig.cameras[c], boxes) for c, boxes in seen.items()]
+    if not any(map(len, standing)):
+        return Outcomes(*(np.zeros(0, np.int64),) * 4, *(np.zeros(0),) * 2)
+    people = _Standing.joined(standing)
+    first, last = int(people.frame.min()), int(people.frame.max())
+    length = last - first + 1
+    steps = float(np.clip(length / PARTS, *((observations.fps or USUAL_FPS) * np.array(STRETCH_S))))
+    stretch = ((people.frame - first) // steps).astype(np.int64)
+    part = (stretch * steps * PARTS / length + 1e-6).astype(np.int64)
+    _, block = np.unique(np.column_stack([people.identity, stretch]), axis=0, return_inverse=True)
+    found = []
+    for c, boxes in seen.items():
+        recorded = _recorded(people.frame, boxes, steps / 2, unrecorded.get(rig.names[c]))
+        rows = np.flatnonzero((people.by != c) & recorded)
+        view = _InView.of(people.take(rows), rig.cameras[c], boxes, steps / 2)
+        rows, within = rows[view.row], np.full(len(view.row), c)
+        residuals = view.residual(0.0), view.residual(LATER)
+        found.append(Outcomes(people.by[rows], within, block.reshape(-1)[rows], part[rows], *residuals))
+    return Outcomes.joined(found)
 
 
 @dataclass(frozen=True)
@@ -181,11 +182,12 @@ def worst_part(outcomes: Outcomes, camera: int | None, cameras: int, harmful: fl
     chance = (np.bincount(pair, outcomes.by_chance < near) / np.bincount(pair))[pair]
     hits, due = (outcomes.residual < near) - chance, 1.0 - chance
     elsewhere = np.array([np.bincount(outcomes.part[~own], one[~own], PARTS) for one in (hits, due)])
-    names, block = np.unique(outcomes.block[own] * PARTS + outcomes.part[own], return_inverse=True)
+    _, row, block = np.unique(outcomes.block[own], return_index=True, return_inverse=True)
+    part = outcomes.part[own][row]
     own_hits, own_due = (np.bincount(block, one[own]).astype(np.float64) for one in (hits, due))
     found = []
     for first, last in (parts := list(combinations_with_replacement(range(PARTS), 2))):
-        rows = (names % PARTS >= first) & (names % PARTS <= last)
+        rows = (part >= first) & (part <= last)
         if np.count_nonzero(rows) < 2:
             continue
         usual = USUAL_BLOCKS * own_due[rows].mean() * np.array([USUAL_SHARE, 1.0])
@@ -209,10 +211,6 @@ def _log_odds(hits: Floats, due: Floats, limit: float) -> float:
     return float(student.logcdf(z, len(hits)) - student.logsf(z, len(hits)))
 
 
-def _outcomes_of(standing: _Standing, residual: Floats, by_chance: Floats, within: int, block: Ints, part: Ints) -> Outcomes:
-    return Outcomes(standing.by, np.full(len(standing), within), block, part, residual, by_chance)
-
-
 def _recorded(frame: Ints, boxes: Boxes, silent: float, unrecorded: Ints | None) -> Bools:
     """(N,) whether a camera recorded: not in its gaps, nor where it has no box for longer than `silent` frames."""
     steps = np.unique(boxes.frame)
@@ -220,9 +218,20 @@ def _recorded(frame: Ints, boxes: Boxes, silent: float, unrecorded: Ints | None)
     inside = (after < len(steps)) & (frame >= steps[0])
     nearest = steps[np.minimum(after, len(steps) - 1)], steps[np.maximum(after - 1, 0)]
     recorded = inside & ((nearest[0] - nearest[1] <= silent) | (nearest[0] == frame))
-    if sampling_distance(boxes.frame) > 1:  # a slower camera saw nobody in between
+    if sampling_distance(boxes.frame) > 1:  # a slower camera has no frame in between
         recorded &= np.isin(frame, steps)
     return np.asarray(recorded if unrecorded is None else recorded & ~np.isin(frame, unrecorded))
+
+
+def _boxes_of(seen: CameraObservations) -> Boxes:
+    """A camera's boxes; of joints alone those that would reach from the heads to the feet of the same people."""
+    if len(seen.boxes) or not len(seen.keypoints):
+        return seen.boxes
+    people = segments_of_keypoints(seen.keypoints, named=True, unknown=True)
+    body = (people.bottom - people.top) / (people.top_fraction - people.bottom_fraction)[:, None]
+    middle = people.bottom + (0.5 - people.bottom_fraction)[:, None] * -body
+    size = np.column_stack([BODY_ASPECT * body[:, 1], body[:, 1]])
+    return Boxes(people.frame, people.identity, np.column_stack([middle - size / 2, size]), np.ones(len(body)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -240,10 +249,6 @@ class _Standing(Columns):
 
     def __len__(self) -> int:
         return len(self.by)
-
-
-def _no_one() -> _Standing:
-    return _Standing(*(np.zeros(0, np.int64),) * 3, np.zeros((0, 2)), np.zeros((0, 2)))
 
 
 def _standing(number: int, camera: Camera, boxes: Boxes) -> _Standing:
