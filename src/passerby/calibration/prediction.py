@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from itertools import combinations_with_replacement
 
 import numpy as np
-from scipy.stats import t as student
+from scipy.special import stdtr
 
 from passerby.common.arrays import Bools, Floats, Ints
 from passerby.common.columns import Columns
@@ -201,14 +201,15 @@ def worst_part(outcomes: Outcomes, camera: int | None, cameras: int, harmful: fl
 
 
 def _log_odds(hits: Floats, due: Floats, limit: float) -> float:
-    """That the share of hits is below a limit: mean score of N blocks over its standard error, which blocks scatter by.
+    """That the share of hits is below a limit, by Student's distribution of the mean score of N blocks over its standard error.
 
     The score of a block is how many more people are missed than the limit allows. One more block, without a miss, keeps few
     blocks from deciding.
     """
     score = np.append(limit * due - hits, (limit - 1.0) * due.mean())
     z = score.mean() / max(score.std(ddof=1) / np.sqrt(len(score)), 1e-9)
-    return float(student.logcdf(z, len(hits)) - student.logsf(z, len(hits)))
+    below, above = (max(float(stdtr(len(hits), side * z)), 1e-300) for side in (1, -1))
+    return float(np.log(below / above))
 
 
 def _recorded(frame: Ints, boxes: Boxes, silent: float, unrecorded: Ints | None) -> Bools:
@@ -310,13 +311,17 @@ class _InView:
         People behind a wall or a pillar never are.
         """
         known = self.boxes.take(np.arange(0, len(self.boxes), max(1, len(self.boxes) // (5 * MOST_BOXES))))
-        x, y, w, h = known.ltwh.T
+        known = known.take(np.argsort(known.ltwh[:, 3]))
+        tall, middle = known.ltwh[:, 3], known.ltwh[:, :2] + known.ltwh[:, 2:] / 2
         out = np.zeros(len(self.row), dtype=bool)
-        for rows in np.array_split(np.arange(len(out)), len(out) // 500 + 1):
-            tall = self.tall[rows, None]
-            near = np.hypot(x + w / 2 - self.middle[rows, :1], y + h / 2 - self.middle[rows, 1:]) < SEEN_NEAR * tall
-            alike = (h > USUAL_SIZE[0] * tall) & (h < USUAL_SIZE[1] * tall)
-            out[rows] = (near & alike & (np.abs(known.frame - self.frame[rows, None]) > apart)).any(axis=1)
+        for rows in np.array_split(np.argsort(self.tall), len(out) // 50 + 1):
+            # People and boxes go by size: each group of people is compared with the boxes about as large alone.
+            least, most = (self.tall[rows, None] * factor for factor in USUAL_SIZE)
+            about = slice(*np.searchsorted(tall, (least.min(initial=np.inf), most.max(initial=0.0))))
+            dx, dy = (middle[about, k] - self.middle[rows, k : k + 1] for k in (0, 1))
+            near = dx**2 + dy**2 < (SEEN_NEAR * self.tall[rows, None]) ** 2
+            alike = (tall[about] > least) & (tall[about] < most)
+            out[rows] = (near & alike & (np.abs(known.frame[about] - self.frame[rows, None]) > apart)).any(axis=1)
         return out
 
     def hidden(self, feet: Floats) -> Bools:
