@@ -24,10 +24,10 @@ from pages.sections import Found, Heading, Section, SectionedPage, sections_on
 from reliability import (
     clock_figures,
     effect_figures,
-    held_out_figures,
     joint_figures,
     lens_figures,
     move_figures,
+    prediction_figures,
     refined_figures,
     stature_figures,
     unusual_figures,
@@ -37,7 +37,7 @@ from reliability import (
 KEPT = ROOT / "build" / "limits"
 SEEDS = 4
 PARTS: Mapping[str, ModuleType] = MappingProxyType({
-    "held_out": held_out_figures,
+    "prediction": prediction_figures,
     "moves": move_figures,
     "clocks": clock_figures,
     "lenses": lens_figures,
@@ -50,7 +50,7 @@ PARTS: Mapping[str, ModuleType] = MappingProxyType({
 })  # fmt: skip
 """Each has cases by key for so many seeds, measures one, and makes a section of the page of their outcomes."""
 HEADINGS: Mapping[str, Heading] = {
-    "held_out": Heading("Held-out evidence"),
+    "prediction": Heading("Predicted people"),
     "moves": Heading("Cameras that move or zoom"),
     "clocks": Heading("Clocks that drift"),
     "lenses": Heading("Stated lenses that are wrong"),

@@ -14,21 +14,17 @@ from pages.cases import Outcomes
 from pages.page import table
 from passerby.association.ambiguity import AMBIGUOUS
 from passerby.calibration.calibration import Calibration
-from passerby.calibration.diagnostics.covisibility import LEAST_FOUND, LEAST_SHARED, least_shared, people_missed
 from passerby.calibration.diagnostics.ground_planarity import HARMFUL_M, STEEP_DEG, STEEP_SIGMAS
 from passerby.common.errors import InputError
 from passerby.core.cameras import Rig
 from passerby.core.figures import AdjustedFigures
 from passerby.simulation import simulate
-from passerby.solver import findings
-from passerby.solver.consistency import LEAST_AGREEING, MOST_CHANGE, JointConsistency
 from passerby.solver.findings import MAX_POSITION_M
 from passerby.solver.lens_check import FAR_CHANGE, FAR_SIGMAS
 from reliability.hostile import HOSTILE
 from reliability.judging import calibrated, errors_of
 from reliability.ordinary import ordinary_scene
 from reliability.other_inputs import CALIBRATED, VIDEOS, drawn
-from reliability.overheard import overheard
 
 ORDINARY_SEED, HOSTILE_SEED, FILM_SEED = 940_000, 941_000, 961_000
 """The first ones; no page of results uses them."""
@@ -55,26 +51,6 @@ class Figure:
 
 
 FIGURES: Mapping[str, Figure] = MappingProxyType({
-    "found": Figure(
-        LEAST_FOUND, "LEAST_FOUND in `calibration/diagnostics/covisibility.py`",
-        "of the people whom one camera sees and another one should, those that it does see, beyond chance; the worst pair",
-        "people_missed", True, (0.1, 0.2, 0.28, 0.35, 0.4, 0.5, 0.6),
-    ),
-    "shared": Figure(
-        LEAST_SHARED, "LEAST_SHARED in `calibration/diagnostics/covisibility.py`",
-        "the same over all pairs of a camera, as a share of that over all pairs of the others; the worst camera",
-        "people_not_shared", True, (0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9),
-    ),
-    "agreeing": Figure(
-        LEAST_AGREEING, "LEAST_AGREEING in `solver/consistency.py`",
-        "of a camera's sightings and joints, those that agree with the rig; the worst camera", "camera_disagrees", True,
-        (0.5, 0.6, 0.65, 0.71, 0.75, 0.8, 0.85),
-    ),
-    "change": Figure(
-        MOST_CHANGE, "MOST_CHANGE in `solver/consistency.py`",
-        "how much less of a camera's sightings agrees in one part of the recording than in another; the worst camera",
-        "camera_disagrees_at_times", False, (0.2, 0.3, 0.36, 0.42, 0.5, 0.6, 0.8),
-    ),
     "unsure": Figure(
         MAX_POSITION_M, "MAX_POSITION_M in `solver/findings.py`",
         "one sigma of a camera's position within its rig, metres; the worst camera", "camera_uncertain", False,
@@ -143,16 +119,14 @@ def measure(case: tuple[str, int]) -> dict[str, Any]:
 def judged(case: tuple[str, int]) -> Judged | None:
     """The same with its types."""
     try:
-        with overheard(findings, "joint_consistency") as agreeing:
-            found, truths = _calibrated(*case)
+        found, truths = _calibrated(*case)
     except InputError:
         return None
     errors = [one for truth in truths if (one := errors_of(found.rig, truth)) is not None]
     if not errors:
         return None
     codes = tuple(one.code for one in found.doubts)
-    values = _values(found) | {"change": _change(agreeing)}
-    return Judged(case[0], any(one.wrong for one in errors), codes, values)
+    return Judged(case[0], any(one.wrong for one in errors), codes, _values(found))
 
 
 def _calibrated(name: str, seed: int) -> tuple[Calibration, list[Rig]]:
@@ -165,13 +139,7 @@ def _calibrated(name: str, seed: int) -> tuple[Calibration, list[Rig]]:
 
 
 def _values(found: Calibration) -> dict[str, float]:
-    missed = people_missed(found.rig, found.instants)
     figures = found.figures
-    shares = (
-        [one.agreeing / one.sightings for one in figures.cameras if one.sightings and one.agreeing is not None]
-        if isinstance(figures, AdjustedFigures)
-        else []
-    )
     focals = (
         [
             (abs(one.focal_change), abs(one.focal_change) / one.focal_change_sigma)
@@ -191,10 +159,7 @@ def _values(found: Calibration) -> dict[str, float]:
     slope = math.nan if ground is None or ground.slope_deg is None else ground.slope_deg
     sigmas = slope / ground.slope_sigma_deg if ground is not None and ground.slope_sigma_deg else math.nan
     return {
-        "found": min((pair.share for pair in missed), default=math.nan),
-        "shared": math.nan if (least := least_shared(missed)) is None else least.ratio,
         "unsure": max(sigmas_mm, default=math.nan) / 1000,
-        "agreeing": min(shares, default=math.nan),
         "rise": max(rises, default=0.0),
         "slope": slope if sigmas > STEEP_SIGMAS else min(slope, 0.0),
         "steep": sigmas if slope > STEEP_DEG else min(sigmas, 0.0),
@@ -202,15 +167,6 @@ def _values(found: Calibration) -> dict[str, float]:
         "far": max((change for change, sigmas in focals if sigmas > FAR_SIGMAS), default=0.0),
         "alike": max(_alike(found).values(), default=math.nan),
     }
-
-
-def _change(agreeing: Sequence[JointConsistency]) -> float:
-    """By how much a camera's share of sightings that agree changes over the last solve; the worst camera."""
-    if not agreeing:
-        return math.nan
-    shares = agreeing[-1].by_time
-    known = shares[np.isfinite(shares).sum(axis=1) > 1]
-    return float(np.max(np.nanmax(known, axis=1) - np.nanmin(known, axis=1), initial=0.0))
 
 
 def _alike(found: Calibration) -> dict[str, float]:

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from passerby.core.cameras import Camera, Lens, Rig
-from passerby.solver.consistency import LEAST_AGREEING
 from passerby.solver.contradicted_lenses import (
+    LEAST_AGREEING,
     LEAST_CHANGE,
     LEAST_SIGMAS,
     MIN_INSTANTS,

@@ -14,7 +14,6 @@ from passerby.core.measuring_figures import CameraMeasuring, MeasuringFigures, M
 from passerby.findings.finding import Finding, doubt
 from passerby.findings.texts import texts_of
 from passerby.solver import findings
-from passerby.solver.consistency import LEAST_AGREEING, MOST_CHANGE, STRETCHES, JointConsistency
 from passerby.solver.gauge import Free
 from passerby.solver.refined_lenses import diverged_lenses
 from passerby.solver.uncertainty import RigCovariance
@@ -28,13 +27,13 @@ COVARIANCE = RigCovariance(
     metric=np.stack([SURE] * 3), shape=np.stack([SURE] * 3), vertical_deg=0.2, scale=0.01, inflation=1.0,
     distances=np.full((3, 3), 0.01),
 )  # fmt: skip
-AGREES = JointConsistency(np.full(3, 500), np.full(3, 480), np.full((3, STRETCHES), 0.96))
+AGREEING = (480, 480, 480)
 
 
 def told(
     monkeypatch: pytest.MonkeyPatch,
     covariance: RigCovariance = COVARIANCE,
-    agrees: JointConsistency = AGREES,
+    agreeing: tuple[int, ...] = AGREEING,
     *,
     noise: float = 0.02,
     converged: bool = True,
@@ -43,11 +42,12 @@ def told(
     measuring: MeasuringFigures | None = None,
 ) -> list[Finding]:
     """What is said of an optimum with these figures."""
-    monkeypatch.setattr(findings, "joint_consistency", lambda evidence, model: agrees)
     monkeypatch.setattr(findings, "height_noise", lambda fit, evidence: noise)
     cues = SimpleNamespace(world=SimpleNamespace(ground_sd_m=ground_sd_m))
+    seen = SimpleNamespace(camera=np.repeat([0, 1, 2], agreeing)), SimpleNamespace(camera=np.zeros(0, np.int64))
+    problem = SimpleNamespace(cues=cues, sightings=seen[0], joints=seen[1])
     result = SimpleNamespace(state=SimpleNamespace(centre=CENTRES), converged=converged)
-    fit: Any = SimpleNamespace(result=result, model=SimpleNamespace(problem=SimpleNamespace(cues=cues)))
+    fit: Any = SimpleNamespace(result=result, model=SimpleNamespace(problem=problem))
     start: Any = SimpleNamespace(rig=RIG, evidence=None)
     found = findings.doubts_about(start, fit, covariance, measuring, diverged)
     assert all(one.severity == "doubt" for one in found)
@@ -105,31 +105,8 @@ def test_a_vertical_that_is_hardly_known(monkeypatch: pytest.MonkeyPatch) -> Non
 
 
 def test_few_sightings_say_nothing_of_agreement(monkeypatch: pytest.MonkeyPatch) -> None:
-    (doubt,) = told(monkeypatch, agrees=replace(AGREES, agreeing=of_camera(AGREES.agreeing, 2, 12)))
+    (doubt,) = told(monkeypatch, agreeing=(480, 480, 12))
     assert (doubt.code, doubt.cameras, doubt.values) == ("few_observations", ("C3",), {"agreeing": 12})
-
-
-def test_a_camera_that_contradicts_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
-    little = int(500 * LEAST_AGREEING) - 1
-    (doubt,) = told(monkeypatch, agrees=replace(AGREES, agreeing=of_camera(AGREES.agreeing, 0, little)))
-    assert (doubt.code, doubt.cameras, doubt.values) == ("camera_disagrees", ("C1",), {"agreeing": little, "seen": 500})
-
-
-def test_a_camera_that_contradicts_the_others_for_a_while(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Told with the time; also where all of the time together agrees well enough."""
-    by_time = AGREES.by_time.copy()
-    by_time[1, 2:4] = [0.96 - MOST_CHANGE - 0.1, 0.96 - MOST_CHANGE - 0.05]
-    by_time[1, 7] = np.nan
-    (doubt,) = told(monkeypatch, agrees=replace(AGREES, by_time=by_time))
-    assert (doubt.code, doubt.cameras) == ("camera_disagrees_at_times", ("C2",))
-    assert doubt.values == {
-        "most": pytest.approx(0.96), "least": pytest.approx(0.86 - MOST_CHANGE), "from_percent": 25.0, "to_percent": 37.5,
-    }  # fmt: skip
-    by_time[1, 2:4] = 0.96 - MOST_CHANGE + 0.01
-    assert told(monkeypatch, agrees=replace(AGREES, by_time=by_time)) == []
-    # One stretch that holds enough cannot differ from another.
-    by_time[1] = [0.1, *[np.nan] * (STRETCHES - 1)]
-    assert told(monkeypatch, agrees=replace(AGREES, by_time=by_time)) == []
 
 
 def test_what_is_wrong_with_the_boxes_the_ground_or_the_adjustment(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,7 +9,7 @@ that is written is the one from all the evidence.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,6 @@ from passerby.core.cameras import Pose, Rig
 from passerby.core.figures import HeldOutFigures, ResidualFigures
 from passerby.core.observations import CameraObservations, Observations
 from passerby.core.synchronisation import USUAL_FPS
-from passerby.findings.finding import Finding, doubt, notice
 from passerby.people.one_against_others import CameraDisagreements, disagreements
 from passerby.solver.initialisation import PeopleOptions
 from passerby.solver.readjustment import readjust
@@ -35,15 +34,20 @@ SIGHTINGS = 8000
 TOLERANCE = 1e-5
 FEWEST = 50
 """Observations on each side, so that a median says something."""
-HARMFUL_RATIO = 1.6
-"""No rig is accepted whose held-out people disagree with it by so many times as much as those who were fitted, in every stretch
-held out: above what ordinary simulated scenes reach (`benchmarks/reliability/limits.py`, seeds from 940 on)."""
-FEWEST_STRETCHES = 2
-"""One stretch alone may be odd for other reasons than the rig, as people who were taken for each other: that is a notice."""
 
 
-def hold_out(rig: Rig, instants: Observations, person_height_m: float, seed: int) -> HeldOutFigures | None:
-    """Residuals of people held out, beside those of the people who were fitted.
+@dataclass(frozen=True, eq=False)
+class HeldOut:
+    """A rig that was adjusted without some of the people."""
+
+    rig: Rig
+    """In a world of its own, z up, the ground at z = 0, metres; the cameras that still have a pose."""
+    figures: HeldOutFigures | None
+    """None where too few people are left on one side."""
+
+
+def hold_out(rig: Rig, instants: Observations, person_height_m: float, seed: int) -> HeldOut | None:
+    """Adjust the rig without the people held out: residuals of these, beside those of the people who were fitted.
 
     Args:
         rig: as solved; world z up, the ground at z = 0.
@@ -52,7 +56,7 @@ def hold_out(rig: Rig, instants: Observations, person_height_m: float, seed: int
         seed: of the choice among too many observations.
 
     Returns:
-        None where the recording is too short, or too few people are left on one side.
+        None where the recording is too short, or no two cameras are left.
     """
     posed = rig.posed()
     steps = _time_steps(posed, instants)
@@ -75,7 +79,7 @@ def hold_out(rig: Rig, instants: Observations, person_height_m: float, seed: int
     held = _residuals([one.take(rows) for one, rows in zip(every, sides, strict=True)])
     fit = _residuals([one.take(~rows) for one, rows in zip(every, sides, strict=True)])
     if held is None or fit is None:
-        return None
+        return HeldOut(anew, None)
     numbers = [(one.step - steps[0]) // (stretch_s * fps) for one in every]
     stretches = np.unique((steps[is_held_out(steps, posed, instants, stretch_s)] - steps[0]) // (stretch_s * fps))
     by_stretch = [
@@ -83,41 +87,20 @@ def hold_out(rig: Rig, instants: Observations, person_height_m: float, seed: int
     ]
     counted = [one.median_share for one in by_stretch if one is not None]
     shares = [share for share in counted if share is not None]
-    return HeldOutFigures(
+    figures = HeldOutFigures(
         stretches=len(counted) or len(stretches),
         stretch_s=stretch_s,
         held_out=held,
         fit=fit,
         least_share=min(shares, default=held.median_share),
     )
+    return HeldOut(anew, figures)
 
 
 def is_held_out(step: Ints, rig: Rig, instants: Observations, stretch_s: float) -> NDArray[np.bool_]:
     """Which time steps lie in a stretch that is held out; the first stretch begins where somebody is seen first."""
     first = int(_time_steps(rig.posed(), instants)[0])
     return np.asarray((step - first) // (stretch_s * (instants.fps or USUAL_FPS)) % EVERY == FIRST)
-
-
-def held_out_ratio(figures: HeldOutFigures) -> float | None:
-    """How many times as much as fitted people those of the best stretch held out disagree, each as a share of their size.
-
-    None where half of the people of either lie behind the cameras that see them.
-    """
-    least, fit = figures.least_share, figures.fit.median_share
-    return None if least is None or fit is None else least / max(fit, 1e-9)
-
-
-def findings_of_held_out(figures: HeldOutFigures | None) -> tuple[Finding, ...]:
-    """A doubt about a rig that people of no stretch held out bear out; of a single stretch, a notice, unless they lie behind
-    the cameras.
-    """
-    if figures is None:
-        return ()
-    ratio = held_out_ratio(figures)
-    if ratio is not None and ratio <= HARMFUL_RATIO:
-        return ()
-    say = doubt if ratio is None or figures.stretches >= FEWEST_STRETCHES else notice
-    return (say("held_out_disagree", ratio=ratio, stretches=figures.stretches, stretch_s=figures.stretch_s),)
 
 
 def _residuals(found: Sequence[CameraDisagreements]) -> ResidualFigures | None:

@@ -25,16 +25,17 @@ from passerby.calibration.diagnostics.unusual_people import told_of_unusual
 from passerby.calibration.diagnostics.up_direction import find_tilted_ground, up_figures, with_up
 from passerby.calibration.diagnostics.verdict import judged
 from passerby.calibration.estimation import Estimate, Estimator
-from passerby.calibration.held_out import findings_of_held_out, hold_out
+from passerby.calibration.held_out import HeldOut, hold_out
 from passerby.calibration.kept_tracklets import FOLDER, KeptTracklets
 from passerby.calibration.lens_priors import with_lens_priors
+from passerby.calibration.prediction import findings_of_predictions, predict_people
 from passerby.calibration.repairs import Repair, Repaired, apply_repairs
 from passerby.calibration.scene_solver import solver_options
 from passerby.calibration.separate_groups import calibrate_by_groups
 from passerby.calibration.unrecorded import Spans, unrecorded_instants
 from passerby.common.parallel import worthwhile
 from passerby.common.progress import Progress, silent, tell_note
-from passerby.core.figures import AdjustedFigures, HeldOutFigures, adjusted
+from passerby.core.figures import AdjustedFigures, adjusted
 from passerby.core.quarter_turns import turn_observations, turn_rig, undone
 from passerby.core.solution import Solution
 from passerby.findings.finding import Finding
@@ -132,10 +133,11 @@ def _calibrate_together(estimator: Estimator, inputs: SceneInputs) -> Calibratio
         solution, placed = check_known_scale(solution, align_to_scene(scene, filmed, inputs.elsewhere))
         checks = check_lengths(scene.scale.checks, placed.rig, adjusted(solution.figures).scale.relative_sigma)
         off = findings_of_checks(checks)
+        predicted = _unpredicted(solution, held_out, association, inputs.gaps)
         doubts, ground = _doubts(scene, inputs, solution, association, shape, estimator)
         misplaced = tuple(finding for finding in (*placed.findings, *off) if finding.severity == "doubt")
         causes = (*inputs.doubts, *findings_of_motions(motions, solution.rig))
-        solution = _decided(scene, solution, association, causes, (*doubts, *misplaced), inputs.gaps)
+        solution = _decided(scene, solution, association, causes, (*predicted, *doubts, *misplaced))
     solved = time.perf_counter()
     rates = solution.figures.clock_rates or {}
     refined = (*lens_notes(adjusted(solution.figures)), *clock_skew_findings(rates), *ground)
@@ -171,16 +173,26 @@ def _states_up(scene: Scene) -> bool:
     return scene.world is not None and (scene.world.tilt or bool(scene.world.lines))
 
 
-def _held_out(scene: Scene, estimate: Estimate, seed: int) -> HeldOutFigures | None:
+def _held_out(scene: Scene, estimate: Estimate, seed: int) -> HeldOut | None:
     """Of a rig of the person model; the paper's method knows no other adjustment."""
     if estimate.solution.method != "people":
         return None
     return hold_out(estimate.solution.rig, estimate.association.instants, scene.scale.person_height_m, seed)
 
 
+def _unpredicted(
+    solution: Solution, held_out: HeldOut | None, association: Association, gaps: Mapping[str, Spans]
+) -> list[Finding]:
+    """The cameras that predict people poorly, by the rig that was adjusted without some of them."""
+    if solution.method != "people":
+        return []
+    rig = solution.rig if held_out is None else held_out.rig
+    return findings_of_predictions(rig, predict_people(rig, association.instants, unrecorded_instants(gaps, association)))
+
+
 def _with_figures(
     scene: Scene, inputs: SceneInputs, repaired: Repaired, motions: Sequence[Motion], shape: GroundShape | None,
-    held_out: HeldOutFigures | None, seed: int,
+    held_out: HeldOut | None, seed: int,
 ) -> Solution:  # fmt: skip
     """The solution, its figures with those of the repairs, of the ground and of the people held out."""
     solution = repaired.estimate.solution
@@ -191,8 +203,9 @@ def _with_figures(
     drifts = tuple(one.figures for one in motions if not isinstance(one, DetectedMotion)) or None
     up = up_figures(solution, repaired.estimate.association.instants, np.random.default_rng(seed))
     figures = replace(
-        solution.figures, moved=moved, drifts=drifts, ground=ground_figures(shape), up=up, clock_rates=rates, held_out=held_out
-    )
+        solution.figures, moved=moved, drifts=drifts, ground=ground_figures(shape), up=up, clock_rates=rates,
+        held_out=None if held_out is None else held_out.figures,
+    )  # fmt: skip
     if isinstance(figures, AdjustedFigures):
         figures = replace(figures, lenses=with_lens_priors(figures.lenses, inputs.rig))
     return replace(solution, figures=figures)
@@ -214,22 +227,18 @@ def _doubts(
     )
     places = doubts_of_same_place(solution.rig, inputs.observations)
     heights = [finding for finding in association.height_findings if finding.severity != "notice"]
-    held_out = findings_of_held_out(solution.figures.held_out)
-    against = [finding for finding in held_out if finding.severity == "doubt"]
-    noticed = tuple(finding for finding in held_out if finding.severity == "notice")
     unusual = told_of_unusual(adjusted(solution.figures).people)
-    doubts = (*places, *sizes, *association.doubts, *heights, *uneven, *against)
-    return doubts, (*ground, *noticed, *unusual)
+    doubts = (*places, *sizes, *association.doubts, *heights, *uneven)
+    return doubts, (*ground, *unusual)
 
 
 def _decided(
     scene: Scene, solution: Solution, association: Association, causes: Sequence[Finding], doubts: Sequence[Finding],
-    gaps: Mapping[str, Spans],
 ) -> Solution:  # fmt: skip
     """The solution with the verdict on it."""
     return judged(
         solution, association.instants, given=scene.association.given, why=association.lost, causes=causes,
-        doubts=doubts, unrecorded=unrecorded_instants(gaps, association),
+        doubts=doubts,
     )  # fmt: skip
 
 

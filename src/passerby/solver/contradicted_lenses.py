@@ -13,7 +13,6 @@ import numpy as np
 
 from passerby.core.cameras import Rig
 from passerby.findings.finding import Finding, doubt
-from passerby.solver.consistency import LEAST_AGREEING
 from passerby.solver.freed_lenses import FreedLens, refit_freed
 from passerby.solver.initialisation import Fit, Initialisation
 from passerby.solver.lens_scores import LensHypothesis, LensScore, farthest, plausible, score_lenses
@@ -32,6 +31,8 @@ MOST_LEFT = BOXES_MISLEAD**2
 """A freed lens is where people put it if another step would gain less than one of one sigma."""
 MIN_INSTANTS = 100
 """People, each instant counted, that agree in a camera that is named: fewer see too little of its image."""
+LEAST_AGREEING = 0.71
+"""Share of a camera's observations that agree with the rig once its lens is freed: 73 % and more with the right one."""
 MOST_LENSES = 3
 """Lenses named at most: where more are wrong, the rig is."""
 _CROPPED = 0.03

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from passerby.common.arrays import Floats
+from passerby.common.arrays import Floats, Ints
 from passerby.core.cameras import Rig
 from passerby.core.figures import (
     AdjustedFigures,
@@ -24,7 +24,6 @@ from passerby.core.lens_figures import LensFigures
 from passerby.core.measuring_figures import MeasuringFigures
 from passerby.findings.finding import Finding, doubt
 from passerby.people.model import HEIGHT_PER_CENTRE
-from passerby.solver.consistency import STRETCHES, JointConsistency, joint_consistency
 from passerby.solver.evidence import Evidence
 from passerby.solver.gauge import Free
 from passerby.solver.initialisation import Fit, Initialisation, InitialRig
@@ -71,16 +70,14 @@ def doubts_about(
     converged = fit.result.converged
     out = _undetermined_world(covariance.free)
     state, rig = fit.result.state, start.rig
-    agrees = joint_consistency(start.evidence, fit.model)
+    agreeing = _agreeing(fit, len(rig))
     extent = float(np.max(np.linalg.norm(state.centre - state.centre.mean(axis=0), axis=1))) + 1.0
     most_m = min(_MAX_POSITION_SHARE * extent, max(MAX_POSITION_M, LARGE_SHARE * extent))
     for c, camera in enumerate(rig):
         if c in covariance.free.cameras:
             out.append(doubt("camera_undetermined", camera.name))
-        if agrees.agreeing[c] < _MIN_SIGHTINGS:
-            out.append(doubt("few_observations", camera.name, agreeing=int(agrees.agreeing[c])))
-        elif (contradiction := _contradiction(camera.name, c, agrees)) is not None:
-            out.append(contradiction)
+        if agreeing[c] < _MIN_SIGHTINGS:
+            out.append(doubt("few_observations", camera.name, agreeing=int(agreeing[c])))
         measured = None if measuring is None else measuring.cameras.get(camera.name)
         across_mm = float(1000 * covariance.shape_sigma(c).position_m) if measured is None else measured.across.median_mm
         if across_mm > 1000 * most_m and c not in covariance.free.cameras:
@@ -112,18 +109,12 @@ def _lacks(free: Free) -> list[str]:
     return [name for name, lacking in named.items() if lacking]
 
 
-def _contradiction(name: str, camera: int, agrees: JointConsistency) -> Finding | None:
-    """That a camera contradicts the others, at some time or all the time."""
-    odd = agrees.odd_stretch(camera)
-    if odd is not None:
-        stretch, least, most = odd
-        begin, end = 100 * stretch / STRETCHES, 100 * (stretch + 1) / STRETCHES
-        return doubt(
-            "camera_disagrees_at_times", name, most=float(most), least=float(least), from_percent=begin, to_percent=end
-        )
-    if agrees.disagrees(camera):
-        return doubt("camera_disagrees", name, agreeing=int(agrees.agreeing[camera]), seen=int(agrees.seen[camera]))
-    return None
+def _agreeing(fit: Fit, cameras: int) -> Ints:
+    """(C,) observations of each camera, of people and of joints, that agree with the rig."""
+    problem = fit.model.problem
+    return sum(
+        (np.bincount(seen.camera, minlength=cameras) for seen in (problem.sightings, problem.joints)), np.zeros(cameras, int)
+    )
 
 
 def height_noise(fit: Fit, evidence: Evidence) -> float:

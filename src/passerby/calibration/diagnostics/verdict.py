@@ -7,8 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from passerby.calibration.diagnostics.covisibility import doubts_of_missed
-from passerby.common.arrays import Floats, Ints
+from passerby.common.arrays import Floats
 from passerby.core.cameras import Rig
 from passerby.core.observations import UNKNOWN, Observations
 from passerby.core.overlap import count_shared_observations, missing_overlap
@@ -26,10 +25,9 @@ MIN_POSITIONS = 10
 
 def judged(
     solution: Solution, observations: Observations, *, given: bool = True, why: Mapping[str, Finding] | None = None,
-    causes: Sequence[Finding] = (), doubts: Sequence[Finding] = (), unrecorded: Mapping[str, Ints] | None = None,
+    causes: Sequence[Finding] = (), doubts: Sequence[Finding] = (),
 ) -> Solution:  # fmt: skip
-    """The solution, no longer accepted where it lacks a camera, where all people were on one line or spot, or where a camera
-    does not see whom it should by the rig.
+    """The solution, no longer accepted where it lacks a camera, or where all people were on one line or spot.
 
     Args:
         solution: of a solver.
@@ -38,9 +36,7 @@ def judged(
         why: by camera, why it could not be joined to another, where more is known than that nobody is shared.
         causes: doubts about the input and about cameras that were in motion. They come first: other findings follow from them.
         doubts: what else speaks against relying on it.
-        unrecorded: by camera, the instants at which it recorded nothing.
     """
-    doubts = [*doubts, *_against_people(solution, observations, unrecorded or {})]
     findings = [*causes, *solution.findings, *doubts]
     if solution.verdict == "refused":
         findings = [*solution.findings, *causes, *doubts]
@@ -59,13 +55,6 @@ def judged(
     degenerate = None if with_joints else _one_line_or_spot(people_positions(solution.rig, observations))
     findings += [] if degenerate is None else [degenerate]
     return replace(solution, verdict=decide_verdict(solution.rig, findings), findings=tuple(findings))
-
-
-def _against_people(solution: Solution, observations: Observations, unrecorded: Mapping[str, Ints]) -> list[Finding]:
-    """What the places of the people say against a rig that was computed from them."""
-    if solution.method != "people" or len(solution.rig.posed()) < 2:
-        return []
-    return doubts_of_missed(solution.rig, observations, unrecorded)
 
 
 def _apart(observations: Observations, given: bool, why: Mapping[str, Finding], *, nothing_known: bool) -> list[Finding]:

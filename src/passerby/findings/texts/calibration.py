@@ -109,10 +109,20 @@ def _unfulfilled(v: Fields) -> str:
     return f"{v['boxes']} boxes are stated to be {stated}, but {found} found in them"
 
 
-def _held_out(v: Fields) -> str:
-    stretches = "one stretch" if v["stretches"] == 1 else f"{v['stretches']} stretches"
-    how = "lie behind cameras" if v["ratio"] is None else f"disagree with it {v['ratio']:.1f} times as much as the others"
-    return f"people of {stretches} of {v['stretch_s']:.0f} s, who were held out of the rig's adjustment, {how}"
+def _unpredicted(v: Fields) -> str:
+    who = f"camera {v['camera']} and the others" if v["cameras"] else "the cameras"
+    whole = v["to_percent"] - v["from_percent"] >= 100
+    when = "" if whole else f" between {v['from_percent']:.0f} and {v['to_percent']:.0f} % of the recording"
+    share = f"{max(v['share'], 0.0):.0%} of them are detected there{when} (usual: {v['expected']:.0%})"
+    return f"{who} predict people in each other's images, but only {share}"
+
+
+def _to_predict(v: Fields) -> str:
+    if not v["cameras"]:
+        return "check the intrinsics, the clocks and the identities, and whether the ground is flat"
+    if v["to_percent"] - v["from_percent"] < 100:
+        return "check whether it was moved, whether frames are missing and whether its clock stays synchronised"
+    return "check whether it films the same place at the same time, and its intrinsics, its clock and the identities"
 
 
 CALIBRATION: Mapping[str, Kind] = {
@@ -141,19 +151,9 @@ CALIBRATION: Mapping[str, Kind] = {
         DOUBT, "All people walk on one straight line, which determines no rig.",
         "all people walk on one straight line of {length_m:.1f} m", _ALL_OVER,
     ),
-    "people_missed": Kind(
-        DOUBT, "Most people seen by the camera are missing where the second camera should see them.",
-        "{second} sees only {found:.0%} of the people that {camera} sees in their common view, and {by_chance:.0%} would "
-        "match by chance",
-        "check whether one of the two films a screen, a mirror or another place, whether its intrinsics are right, and "
-        "whether the ground is flat", rank="symptom",
-    ),
-    "people_not_shared": Kind(
-        DOUBT, "The camera shares far fewer people with the others than these share with each other.",
-        "camera {camera} shares only {found:.0%} of the people that it and the other cameras should both detect, but the "
-        "others share {others:.0%} with each other (matches by chance excluded)",
-        "record longer, and check whether it films a screen, a mirror or another place, and whether its intrinsics and "
-        "identities are right", rank="symptom",
+    "people_not_predicted": Kind(
+        DOUBT, "People are not detected where cameras predict them in each other's images; without a camera: in the whole rig.",
+        _unpredicted, _to_predict, rank="symptom",
     ),
     "pointed_person_unmatched": Kind(
         NOTICE, "A person at whom the scene file points was not identified in any other camera.",
@@ -199,12 +199,6 @@ CALIBRATION: Mapping[str, Kind] = {
         NOTICE, "A length that was given as a check cannot be measured by the rig.",
         "[[scale.checks]] {number} cannot be measured: fewer than two of its cameras have a pose, or its marks do not meet",
         "mark both ends in two cameras that see them from different sides",
-    ),
-    "held_out_disagree": Kind(
-        _MORE_OR_LESS,
-        "People who were held out of the adjustment fit the rig clearly worse than those who were fitted; a doubt if those "
-        "of several stretches do.",
-        _held_out, "record for longer, with more people, and check that no camera was touched meanwhile", rank="symptom",
     ),
     "smaller_image_fits": Kind(
         DOUBT, "All cameras agree better if the camera's people were detected in smaller images than its intrinsics are for.",

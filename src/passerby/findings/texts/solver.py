@@ -134,17 +134,6 @@ SOLVER: Mapping[str, Kind] = {
         DOUBT, "Few observations agree with the camera's pose.",
         "camera {camera} has only {agreeing} supporting observations", "record more people in its view", rank="symptom",
     ),
-    "camera_disagrees_at_times": Kind(
-        DOUBT, "In one stretch of the recording the camera contradicts the rig.",
-        "camera {camera}: {most:.0%} of its observations agree with the rig in one part of the recording, but {least:.0%} "
-        "between {from_percent:.0f} and {to_percent:.0f} % of it",
-        "check whether it was moved, whether frames are missing and whether its clock stays synchronised", rank="symptom",
-    ),
-    "camera_disagrees": Kind(
-        DOUBT, "Most of the camera's observations contradict the rig.",
-        "camera {camera}: only {agreeing} of {seen} observations agree with the rig",
-        "check its intrinsics, its clock and the identities", rank="symptom",
-    ),
     "camera_uncertain": Kind(
         DOUBT, "The camera's rays pass the places where people walked by `across_mm`, one sigma.",
         _uncertain,

@@ -1,0 +1,224 @@
+"""People whom cameras predict in each other's images: a small crowd before true cameras, turned ones, and other footage."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from passerby.calibration.prediction import PARTS, Outcomes, find_poor_predictions, findings_of_predictions, predict_people
+from passerby.core.cameras import Camera, Lens, Pose, Rig
+from passerby.core.observations import Boxes, CameraObservations, Observations
+from passerby.findings.finding import Finding
+from passerby.simulation import SimulationOptions, simulate
+from passerby.simulation.placement import looking_at
+
+LENS = Lens((1280, 720), np.array([[900.0, 0.0, 640.0], [0.0, 900.0, 360.0], [0.0, 0.0, 1.0]]), np.zeros(0))
+CLOSE = 0.08
+"""Of the height: boxes here have no noise."""
+
+
+@pytest.fixture(scope="module")
+def rig() -> Rig:
+    """Three cameras around a square, 4 m up."""
+    places = [(-9.0, -8.0), (9.0, -8.5), (0.0, 11.0)]
+    aim = np.array([0.0, 0.0, 0.9])
+    cameras = []
+    for number, place in enumerate(places, start=1):
+        centre = np.array([*place, 4.0])
+        cameras.append(Camera(f"C{number}", LENS, Pose.from_centre(looking_at(centre, aim), centre)))
+    return Rig(tuple(cameras))
+
+
+@pytest.fixture(scope="module")
+def walked() -> np.ndarray:
+    """(200, 3, 2) places of three people who cross the square."""
+    at = np.linspace(0, 2 * np.pi, 200)
+    return np.stack([np.column_stack([3 * np.cos(k + 1.3 * at), 3 * np.sin((1 + 0.4 * k) * at)]) for k in range(3)], axis=1)
+
+
+def seen_by(rig: Rig, walked: np.ndarray) -> Observations:
+    """The people's boxes in all cameras, none hidden."""
+    cameras = {}
+    frames, people = walked.shape[:2]
+    for camera in rig:
+        place = np.column_stack([walked.reshape(-1, 2), np.zeros(frames * people)])
+        foot, head = camera.project(place), camera.project(place + (0, 0, 1.75))
+        height = foot[:, 1] - head[:, 1]
+        ltwh = np.column_stack([foot[:, 0] - 0.2 * height, head[:, 1], 0.4 * height, height])
+        boxes = Boxes(np.repeat(np.arange(1, frames + 1), people), np.tile(np.arange(people), frames), ltwh, np.ones(len(ltwh)))
+        cameras[camera.name] = CameraObservations(boxes)
+    return Observations(cameras)
+
+
+def with_boxes(seen: Observations, **boxes: Boxes) -> Observations:
+    """The same with other boxes of some cameras."""
+    return replace(seen, cameras={**seen.cameras, **{name: CameraObservations(one) for name, one in boxes.items()}})
+
+
+def films_others(rig: Rig, walked: np.ndarray, camera: str, own: np.ndarray) -> Observations:
+    """A camera sees the others' people in some frames (200,) only, and other people else."""
+    seen, others = seen_by(rig, walked), seen_by(rig, -walked[::-1])
+    boxes = seen[camera].boxes
+    ltwh = np.where(own[boxes.frame - 1, None], boxes.ltwh, others[camera].boxes.ltwh)
+    return with_boxes(seen, **{camera: replace(boxes, ltwh=ltwh)})
+
+
+def findings(rig: Rig, seen: Observations) -> list[Finding]:
+    return findings_of_predictions(rig, predict_people(rig, seen, {}))
+
+
+def in_camera(outcomes: Outcomes, camera: int) -> Outcomes:
+    return outcomes.take(outcomes.within == camera)
+
+
+def test_everyone_is_detected_where_the_true_rig_predicts(rig: Rig, walked: np.ndarray) -> None:
+    outcomes = predict_people(rig, seen_by(rig, walked), {})
+    assert len(np.unique(np.column_stack([outcomes.by, outcomes.within]), axis=0)) == 6
+    assert len(outcomes) > 1500
+    assert (outcomes.residual < CLOSE).mean() > 0.99
+    assert (outcomes.by_chance < CLOSE).mean() < 0.3
+    assert set(outcomes.part) == set(range(PARTS))
+    assert findings(rig, seen_by(rig, walked)) == []
+
+
+@pytest.mark.parametrize(("share", "poor"), [(0.15, True), (0.4, True), (0.9, False)])
+def test_a_camera_that_films_other_people_most_of_the_time(rig: Rig, walked: np.ndarray, share: float, poor: bool) -> None:
+    found = findings(rig, films_others(rig, walked, "C2", np.arange(200) % 20 < 20 * share))
+    assert [(one.code, one.severity, one.cameras) for one in found] == [("people_not_predicted", "doubt", ("C2",))] * poor
+    for one in found:
+        assert one.values["share"] == pytest.approx(share, abs=0.12)
+        assert one.values["expected"] > 0.8
+
+
+def test_the_part_of_the_recording_that_disagrees_is_named(rig: Rig, walked: np.ndarray) -> None:
+    (one,) = findings(rig, films_others(rig, walked, "C2", np.arange(200) < 100))
+    assert one.cameras == ("C2",)
+    assert (one.values["from_percent"], one.values["to_percent"]) == (50.0, 100.0)
+
+
+def test_a_turned_camera(rig: Rig, walked: np.ndarray) -> None:
+    c, s = np.cos(np.radians(4)), np.sin(np.radians(4))
+    turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    pose = rig["C3"].pose
+    assert pose is not None
+    turned = Rig((*rig.cameras[:2], replace(rig["C3"], pose=Pose.from_centre(pose.R_cw @ turn, pose.centre))))
+    (one,) = findings(turned, seen_by(rig, walked))
+    assert one.cameras == ("C3",)
+    assert one.values["share"] < 0.2
+
+
+def test_where_all_cameras_disagree_it_is_said_once_of_the_rig(rig: Rig, walked: np.ndarray) -> None:
+    elsewhere = [seen_by(rig, way) for way in (walked, -walked[::-1], walked[:, ::-1, ::-1] * (1, -1))]
+    seen = Observations({name: part[name] for name, part in zip(rig.names, elsewhere, strict=True)})
+    (one,) = findings(rig, seen)
+    assert one.cameras == ()
+    # Of two cameras, either may be wrong.
+    two = Rig(rig.cameras[:2])
+    (one,) = findings(two, films_others(two, walked, "C2", np.zeros(200, dtype=bool)))
+    assert one.cameras == ()
+
+
+def test_detectors_that_miss_people_are_no_fault_of_the_rig(rig: Rig, walked: np.ndarray) -> None:
+    seen = seen_by(rig, walked)
+    for shares in ((0.6, 0.6, 0.6), (0.95, 0.95, 0.8)):
+        rng = np.random.default_rng(1)
+        boxes = {name: seen[name].boxes for name in rig.names}
+        kept = {name: one.take(rng.random(len(one)) < share) for (name, one), share in zip(boxes.items(), shares, strict=True)}
+        assert findings(rig, with_boxes(seen, **kept)) == []
+
+
+def test_names_do_not_matter_where_people_are_detected(rig: Rig, walked: np.ndarray) -> None:
+    seen = seen_by(rig, walked)
+    boxes = seen["C2"].boxes
+    swapped = with_boxes(seen, C2=replace(boxes, identity=(boxes.identity + 1) % 3))
+    assert findings(rig, swapped) == []
+    unnamed = with_boxes(seen, C2=replace(boxes, identity=np.full(len(boxes), -1)))
+    outcomes = predict_people(rig, unnamed, {})
+    assert not (outcomes.by == 1).any()
+    assert (in_camera(outcomes, 1).residual < CLOSE).mean() > 0.99
+
+
+def test_a_place_where_a_camera_never_detects_anyone_is_not_predicted(rig: Rig, walked: np.ndarray) -> None:
+    """As behind a wall."""
+    seen = seen_by(rig, walked)
+    boxes = seen["C2"].boxes
+    open_side = boxes.ltwh[:, 0] > 600
+    assert 0.2 < open_side.mean() < 0.8
+    walled = with_boxes(seen, C2=boxes.take(open_side))
+    outcomes = predict_people(rig, walled, {})
+    before = in_camera(predict_people(rig, seen, {}), 1)
+    assert 0 < len(in_camera(outcomes, 1)) < 0.8 * len(before)
+    # But for a third of a height along the wall, none is due who cannot be seen.
+    assert (in_camera(outcomes, 1).residual < CLOSE).mean() > 0.75
+    assert findings_of_predictions(rig, outcomes) == []
+
+
+def test_people_hidden_by_a_nearer_one_are_not_predicted(rig: Rig, walked: np.ndarray) -> None:
+    seen = seen_by(rig, walked)
+    boxes = seen["C2"].boxes
+    early = boxes.frame <= 100
+    wide = np.array([100.0, 100.0, 1100.0, 600.0])
+    hidden = with_boxes(
+        seen,
+        C2=replace(boxes, ltwh=np.where(early[:, None], wide, boxes.ltwh), identity=np.where(early, -1, boxes.identity)),
+    )
+    outcomes = in_camera(predict_people(rig, hidden, {}), 1)
+    assert len(outcomes) > 100
+    assert (outcomes.part >= PARTS // 2).mean() > 0.95
+
+
+def test_a_camera_is_not_blamed_for_frames_that_it_lacks(rig: Rig, walked: np.ndarray) -> None:
+    seen = seen_by(rig, walked)
+    boxes = seen["C2"].boxes
+    slower = with_boxes(seen, C2=boxes.take(boxes.frame % 2 == 1))
+    silent = with_boxes(seen, C2=boxes.take((boxes.frame < 60) | (boxes.frame > 140)))
+    gap = np.arange(60, 64)
+    brief = with_boxes(seen, C2=boxes.take(~np.isin(boxes.frame, gap)))
+    for lacking, unrecorded in ((slower, {}), (silent, {}), (brief, {"C2": gap})):
+        outcomes = in_camera(predict_people(rig, lacking, unrecorded), 1)
+        assert len(outcomes) > 200
+        assert (outcomes.residual < CLOSE).mean() > 0.99
+    assert (in_camera(predict_people(rig, brief, {}), 1).residual > CLOSE).any()
+
+
+def test_people_at_the_border_are_not_predicted(rig: Rig) -> None:
+    at = np.zeros((200, 1, 2))
+    at[:100] += (3.0, 3.0)  # otherwise no camera ever detected anyone there
+    seen = seen_by(rig, np.concatenate([at, at[::-1]]))
+    foot, head = rig["C2"].project(np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.75]]))
+    height = int(np.ceil(foot[1] + 0.25 * np.linalg.norm(foot - head)))
+    for beyond_px, some in ((1, False), (4, True)):
+        cropped = Rig((rig["C1"], replace(rig["C2"], lens=replace(LENS, size=(1280, height + beyond_px)))))
+        outcomes = in_camera(predict_people(cropped, seen, {}), 1)
+        assert bool(np.isin(outcomes.part, (2, 3, 4, 5)).any()) == some
+
+
+def test_joints_are_predicted_as_boxes_are() -> None:
+    scene = simulate(SimulationOptions(preset="terrace", seed=880, seconds=20.0, people=4, joint_noise_px=1.0))
+    joints = {name: CameraObservations(keypoints=seen.keypoints) for name, seen in scene.observations.cameras.items()}
+    outcomes = predict_people(scene.rig, replace(scene.observations, cameras=joints), {})
+    assert len(outcomes) > 500
+    assert (outcomes.residual < 0.15).mean() > 0.8
+    assert findings_of_predictions(scene.rig, outcomes) == []
+
+
+def test_too_little_says_nothing(rig: Rig, walked: np.ndarray) -> None:
+    few = films_others(rig, walked, "C2", np.zeros(200, dtype=bool))
+    boxes = {name: seen.boxes.take(seen.boxes.frame <= 5) for name, seen in few.cameras.items()}
+    assert findings(rig, with_boxes(few, **boxes)) == []
+    lost = Rig(tuple(replace(camera, pose=None) for camera in rig))
+    assert find_poor_predictions(predict_people(lost, few, {})) == []
+    empty = replace(few, cameras={**few.cameras, "C2": CameraObservations()})
+    outcomes = predict_people(rig, empty, {})
+    assert {*outcomes.by, *outcomes.within} == {0, 2}
+
+
+def test_the_origin_and_the_heading_of_the_world_do_not_matter(rig: Rig, walked: np.ndarray) -> None:
+    seen = films_others(rig, walked, "C2", np.arange(200) % 20 < 8)
+    c, s = np.cos(1.0), np.sin(1.0)
+    moved = rig.moved(np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]), np.array([60.0, -35.0, 0.0]), 1.0)
+    (one,), (other,) = findings(rig, seen), findings(moved, seen)
+    assert one.cameras == other.cameras
+    assert one.values["share"] == pytest.approx(other.values["share"], abs=1e-6)
