@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -49,12 +49,25 @@ from passerby.solver.systematic import StatedFocals
 from passerby.solver.uncertainty import RigCovariance, add_learnt_stance, design_effect, joint_design_effect, rig_covariance
 from passerby.solver.zones import ZONE_CAMERAS, ZonedRig, doubts_about_seams, initial_rig_by_zones, seams_of
 
-__all__ = ["PeopleOptions", "solve_people"]
+__all__ = ["PeopleOptions", "PeopleSolution", "solve_people"]
 
 FEWEST_BOXED = 3
 """People by whom the size of boxes is known, that of the one who is asked for among them."""
 _RESTARTS = 2
 """First guesses made anew with better lenses, at most."""
+
+
+@dataclass(frozen=True, eq=False)
+class PeopleSolution(Solution):
+    """A solution with the optimum that it was read from, for tests of what else may explain the observations. Only the fields
+    of `Solution` are written to files.
+    """
+
+    start: Initialisation | None = None
+    fit: Fit | None = None
+    covariance: RigCovariance | None = None
+    fps: float | None = None
+    """Time steps a second; None where that is unknown."""
 
 
 def solve_people(
@@ -134,7 +147,9 @@ def solve_people(
     figures = figures_of(start, choice, fit, covariance, cues_said, focals, lenses)
     if zoned is not None:
         figures = replace(figures, zones=zones, seams=seams)
-    return Solution("people", replace(whole, verdict=verdict), verdict, tuple(findings), figures)
+    return PeopleSolution(
+        "people", replace(whole, verdict=verdict), verdict, tuple(findings), figures, start, fit, covariance, observations.fps
+    )  # fmt: skip
 
 
 def _first_guess(
