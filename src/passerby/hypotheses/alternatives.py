@@ -12,15 +12,15 @@ from types import MappingProxyType
 
 import numpy as np
 
-from passerby.common.arrays import Floats
+from passerby.common.arrays import Floats, Ints
 from passerby.core.cameras import Rig
 from passerby.solver.lens_unknowns import LENS_PARTS, LensPart, LensUnknowns
 from passerby.solver.person_model import PeopleProblem
 
 LENS = LensUnknowns(LENS_PARTS)
 STATED: Mapping[LensPart, float] = MappingProxyType({"focal": 0.005, "principal_point": 0.005, "distortion": 0.01})
-"""One standard deviation of a calibrated lens around what is stated: of the focal length a share, of the principal point a share
-of the image's width, of the first distortion coefficient its value. A scene's `focal_sd` replaces the first one."""
+"""One standard deviation of a calibrated lens around what is stated: a share of the focal length; of the principal point, a
+share of the image's width; the first distortion coefficient. A scene's `focal_sd` replaces the first one."""
 WRONG: Mapping[LensPart, float] = MappingProxyType({"focal": 0.2, "principal_point": 0.08, "distortion": 0.1})
 """The same of a lens that is stated wrongly: a zoom that was moved, a cropped image, a lens model that was left out."""
 WRONG_SITES: Mapping[LensPart, float] = MappingProxyType({"focal": 0.05, "principal_point": 0.05, "distortion": 0.02})
@@ -44,16 +44,25 @@ class Alternative:
     """Whether the cameras are wrong by the same factor instead of each by its own."""
     correctable: bool = True
 
+    def key(self, rig: Rig) -> tuple[str, tuple[str, ...]]:
+        """What it is about: its code, and the names of its cameras; none where it is about all alike."""
+        return self.code, () if self.alike else tuple(rig.names[c] for c in self.cameras)
+
+    @property
+    def columns(self) -> Ints:
+        """Of the unknowns of a lens, those that become free."""
+        return np.concatenate([np.arange(LENS.size)[LENS.columns_of(part)] for part in self.parameters])
+
     def apply(self, problem: PeopleProblem, rig: Rig) -> PeopleProblem:
         """The base problem with what is suspected free.
 
         Args:
-            problem: the base problem of `base_prior`.
+            problem: the base problem (`case.Case`).
             rig: the lenses as stated.
         """
         wrong = prior_scales(rig, WRONG)
         assert problem.lens_core is not None
-        columns = np.concatenate([np.arange(LENS.size)[LENS.columns_of(part)] for part in self.parameters])
+        columns = self.columns
         if self.alike:
             common = np.zeros(LENS.size)
             common[columns] = wrong[0, columns]

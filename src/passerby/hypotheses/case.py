@@ -22,8 +22,8 @@ from passerby.solver.person_model import JOINT, UPRIGHT, PeopleProblem
 from passerby.solver.refinement import AGREE_SIGMAS, build_problem, rig_of
 
 PEOPLE, JOINTS, OF_CAMERA = 1500, 4000, 200
-"""Person-instants and joints that are compared, spread evenly: those in between err as their neighbours do. In large rigs more, so
-that there are that many observations of a camera on the mean."""
+"""Person-instants and joints that are compared, spread evenly: those in between err as their neighbours do. In large rigs
+more, so that there are that many observations of a camera on the mean."""
 STRETCH_S = 10.0
 """Errors of one person within this time are taken to be one block, and those of different blocks to be independent."""
 WIDE_SHARE = 0.15
@@ -59,10 +59,10 @@ class Case:
         if fit.model.problem.whole is not None:
             whole[fit.model.rows] = fit.model.problem.whole
         share = AGREE_SIGMAS * max(noise.centre if len(fit.model.rows) else 0.0, noise.joint if evidence.n_joints else 0.0)
+        people = _spread(len(evidence.person), people_for_all(evidence, PEOPLE, OF_CAMERA))
         model = build_problem(
             evidence, rig_of(fit.result.state), noise, start.knowledge, share=max(share, WIDE_SHARE),
-            blocks=_spread(len(evidence.person), people_for_all(evidence, PEOPLE, OF_CAMERA)), joints=_spread(evidence.n_joints, JOINTS), stance=fit.stance,
-            whole=whole, rename=True,
+            blocks=people, joints=_spread(evidence.n_joints, JOINTS), stance=fit.stance, whole=whole, rename=True,
         )  # fmt: skip
         if not len(model.rows) and not len(model.joint_rows):
             return None
@@ -155,7 +155,8 @@ class Case:
         problem = replace(
             p, sightings=replace(seen, block=number[seen.block]), joints=replace(points, point=joint_number[points.point]),
             person=p.person[instants], stance_weight=p.stance_weight[instants], n_joints=int(joints.sum()),
-            whole=None if p.whole is None else p.whole[rows], expected_px=None if p.expected_px is None else p.expected_px[rows],
+            whole=None if p.whole is None else p.whole[rows],
+            expected_px=None if p.expected_px is None else p.expected_px[rows],
         )  # fmt: skip
         state = replace(s, people=s.people[instants], joints=s.joints[joints])
         return replace(

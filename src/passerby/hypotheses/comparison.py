@@ -68,6 +68,8 @@ class Screened:
     """What one linearisation says of an alternative."""
 
     alternative: Alternative
+    cameras: tuple[str, ...]
+    """Names."""
     gain: float
     """By how much the cost of observations and priors would fall, nats."""
     change: float
@@ -93,7 +95,6 @@ def screen(base: Case, alternatives: list[Alternative]) -> list[Screened]:
         # Without the prior E the optimum moves by d with (C^-1 - E) d = E l, and the cost falls by l' E (l + d) / 2.
         wider = np.linalg.solve(np.eye(len(at)) - C @ E, C)
         moved = stated + wider @ E @ stated
-        out.append(
-            Screened(alternative, float(0.5 * stated @ E @ moved), float(moved[0]), float(np.sqrt(max(weight * wider[0, 0], 0))))
-        )
+        names, sigma = tuple(base.stated.names[c] for c in alternative.cameras), np.sqrt(max(weight * wider[0, 0], 0.0))
+        out.append(Screened(alternative, names, float(0.5 * stated @ E @ moved), float(moved[0]), float(sigma)))
     return out

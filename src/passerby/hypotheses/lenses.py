@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
+from passerby.common.arrays import Floats
 from passerby.core.cameras import Rig
+from passerby.core.lens import LARGEST_FOCAL_SD
 from passerby.core.measuring import MeasuringErrors, measured_change
-from passerby.hypotheses.alternatives import WRONG, Alternative, lens_alternatives, prior_scales
+from passerby.hypotheses.alternatives import LENS, WRONG, Alternative, lens_alternatives, prior_scales
 from passerby.hypotheses.case import Case
 from passerby.hypotheses.comparison import Comparison, Refit, Screened, screen
 from passerby.solver.people import PeopleSolution
@@ -21,7 +23,7 @@ LOG_ODDS = float(np.log(3.0))
 LEAST_SCREENED = 12.0
 """Nats below which nothing is fitted. In simulated scenes with right lenses (three presets, seeds 700 to 723) at most 11, with
 wrong ones 44 or more."""
-MOST_REFITS = 4
+MOST_REFITS = 3
 """Alternatives that are fitted, those with the largest scores."""
 MOST_SIGMAS = 3.0
 """A lens that would go farther than so many of the standard deviations of wrong lenses (`WRONG`) is no explanation: the camera
@@ -37,13 +39,52 @@ class Tested:
     alternative: Alternative
     refit: Refit
     over_base: Comparison
-    change: MeasuringErrors | None
-    """Of what the rig measures."""
 
     @property
     def log_odds(self) -> float:
         """Against the lenses as stated."""
         return self.over_base.log_evidence + self.alternative.log_prior
+
+
+@dataclass(frozen=True, eq=False)
+class FoundLenses:
+    """Lenses that fit better than those stated."""
+
+    alternative: Alternative
+    """What is free; several parts of a lens where they stand in for each other."""
+    stated: Rig
+    change: Floats
+    """(C, L) by how much they differ from the stated ones, in what is free; 0 elsewhere."""
+    sigma: Floats
+    """(C, L) one standard deviation of it."""
+    moved: MeasuringErrors | None
+    """How differently the rig measures with them."""
+
+    @classmethod
+    def of(cls, alternative: Alternative, base: Case, case: Case) -> FoundLenses:
+        """From the base model and a model with the alternative free, both at their optima."""
+        change = np.zeros_like(case.state.lens)
+        at = np.ix_(np.array(alternative.cameras), alternative.columns)
+        change[at] = case.state.lens[at].mean(axis=0) if alternative.alike else case.state.lens[at]
+        moved = measured_change(base.rig(), case.rig(), base.state.people[:, :2])
+        return cls(alternative, case.stated, change, case.lens_sigma(), moved)
+
+    @property
+    def is_plausible(self) -> bool:
+        """Whether they go no farther than lenses are stated wrongly."""
+        return bool((np.abs(self.change) <= MOST_SIGMAS * prior_scales(self.stated, WRONG)).all())
+
+    def corrected(self, rig: Rig) -> Rig:
+        """The cameras of a rig, known by their names, with these lenses; focal lengths carry their uncertainty."""
+        lenses = {}
+        for c in self.alternative.cameras:
+            lens = LENS.moved(rig[self.stated.names[c]].lens, self.change[c])
+            if "focal" in self.alternative.parameters:
+                lens = replace(lens, focal_sd=float(np.clip(self.sigma[c, 0], 1e-6, LARGEST_FOCAL_SD)))
+            lenses[self.stated.names[c]] = lens
+        return replace(
+            rig, cameras=tuple(replace(one, lens=lenses.get(one.name, one.lens)) for one in rig)
+        )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,16 +96,14 @@ class LensResult:
     """All alternatives; empty where nothing could be compared."""
     suspects: tuple[Tested, ...] = ()
     """Those that count: one, or those that explain the observations about equally well; the likeliest first."""
-    found: Rig | None = None
-    """With the lenses that fit best, where there are suspects."""
-    sigma: np.ndarray | None = None
-    """(C, L) one standard deviation of their unknowns."""
+    found: FoundLenses | None = None
+    """Where the likeliest one puts lenses."""
     tested: tuple[Tested, ...] = ()
     """All that were fitted."""
 
 
 def examine_lenses(
-    solution: PeopleSolution, uncertainty_mm: float | None = None, corrected: Collection[tuple[str, tuple[int, ...]]] = ()
+    solution: PeopleSolution, uncertainty_mm: float | None = None, corrected: Collection[tuple[str, tuple[str, ...]]] = ()
 ) -> LensResult:
     """Compare the stated lenses with the alternatives to them.
 
@@ -81,16 +120,15 @@ def examine_lenses(
     likely = [
         one.alternative
         for one in sorted(screened, key=lambda one: -one.gain)
-        if one.gain >= LEAST_SCREENED and (one.alternative.code, one.alternative.cameras) not in corrected
+        if one.gain >= LEAST_SCREENED and one.alternative.key(base.stated) not in corrected
     ]
     if not likely:
         return LensResult("nothing", tuple(screened))
-    before, places = Refit.of(base), base.state.people[:, :2]
+    before = Refit.of(base)
     tested = []
     for alternative in likely[:MOST_REFITS]:
         refit = Refit.of(base.with_problem(alternative.apply(base.problem, base.stated)))
-        gain = Comparison.of(refit.predicted, before.predicted)
-        tested.append(Tested(alternative, refit, gain, measured_change(base.rig(), refit.case.rig(), places)))
+        tested.append(Tested(alternative, refit, Comparison.of(refit.predicted, before.predicted)))
     tested.sort(key=lambda one: -(one.over_base.gain + one.alternative.log_prior))
     counted = [one for one in tested if one.log_odds > LOG_ODDS]
     if not counted:
@@ -98,26 +136,23 @@ def examine_lenses(
     best, *others = counted
     suspects = (best, *(one for one in others if not _explains_more(best, one)))
     own = [one for one in suspects if one.alternative.cameras == best.alternative.cameras]
-    final = best.refit.case
+    freed, case = best.alternative, best.refit.case
     if len(own) > 1:  # parts of one lens stand in for each other: all of them are free
-        both = own[0].alternative
         for one in own[1:]:
-            both = both.with_parts_of(one.alternative)
-        final = base.with_problem(both.apply(base.problem, base.stated)).fitted()
-    moved = measured_change(base.rig(), final.rig(), places)
+            freed = freed.with_parts_of(one.alternative)
+        case = base.with_problem(freed.apply(base.problem, base.stated)).fitted()
+    found = FoundLenses.of(freed, base, case)
     uncertainty_mm = points_uncertainty_mm(solution.covariance) if uncertainty_mm is None else uncertainty_mm
-    decision: Decision
-    if moved is not None and effect(moved, uncertainty_mm) <= 1:
+    decision: Decision = "correct"
+    if found.moved is not None and effect(found.moved, uncertainty_mm) <= 1:
         decision = "notice"
-    elif len(own) < len(suspects) or not _correctable(best.alternative, final):
+    elif len(own) < len(suspects) or not found.is_plausible or not freed.correctable:
         decision = "doubt"
-    else:
-        decision = "correct"
-    return LensResult(decision, tuple(screened), suspects, final.rig(), final.lens_sigma(), tuple(tested))
+    return LensResult(decision, tuple(screened), suspects, found, tuple(tested))
 
 
 def effect(change: MeasuringErrors, uncertainty_mm: float) -> float:
-    """The change of what a rig measures, in its own standard deviations: points, or the ground of the camera that changes most."""
+    """The change of what a rig measures, in standard deviations: of points, or of one camera's ground if it changes more."""
     ground = max((one.median_mm for one in change.cameras.values()), default=0.0)
     return max(change.points.median_mm, ground) / max(uncertainty_mm, 1e-9)
 
@@ -132,9 +167,3 @@ def _explains_more(best: Tested, other: Tested) -> bool:
     """Whether one alternative predicts so much better than another one that it leaves no choice."""
     between = Comparison.of(best.refit.predicted, other.refit.predicted)
     return between.log_evidence + best.alternative.log_prior - other.alternative.log_prior > LOG_ODDS
-
-
-def _correctable(alternative: Alternative, case: Case) -> bool:
-    """Whether the lenses go no farther than lenses are stated wrongly."""
-    far = np.abs(case.state.lens) <= MOST_SIGMAS * prior_scales(case.stated, WRONG)
-    return alternative.correctable and bool(far[list(alternative.cameras)].all())

@@ -25,7 +25,6 @@ from passerby.findings.refusals import RefusalError
 from passerby.geometry.relative_pose import PairHypothesis
 from passerby.people.box_heights import heights_by_boxes
 from passerby.solver.bodies_world import placed_by_bodies
-from passerby.solver.contradicted_lenses import contradicted_lenses, contradictions_of
 from passerby.solver.cue_agreement import argue
 from passerby.solver.cue_leverage import freed_measurements
 from passerby.solver.cues import scale_cue_weights, settle_cues, triangulate_marks
@@ -39,7 +38,6 @@ from passerby.solver.initialisation import (
     refine_in_stages,
     select_initial_rig,
 )
-from passerby.solver.lens_check import check_focals, sizes_contradicted
 from passerby.solver.pairs import MIN_MATCHES
 from passerby.solver.people_state import AdjustmentState
 from passerby.solver.pose_graph import connected_components, heading_rotation
@@ -121,11 +119,6 @@ def solve_people(
     start = fit.start
     covariance, cues_said, lenses = _sure(start, fit, cues, observations)
     cues_said, disagreements = argue(cues_said)
-    focals = check_focals(start.rig, fit.model.problem, fit.result.state, covariance.inflation)
-    if "focal" in start.unknowns.parts:  # where they would go, they went
-        focals = [replace(check, change=0.0) for check in focals]
-    # Where the rig itself is not determined, anything moves it.
-    wrong = [] if covariance.free.cameras else contradicted_lenses(start, fit, covariance.inflation)
     far = far_lenses(lenses)
     posed = _placed(start.rig, fit.result.state, covariance)
     posed = _with_refined_sigmas(posed, lenses)
@@ -138,13 +131,12 @@ def solve_people(
         *choice.doubts,
         *doubts_about(start, fit, covariance, diverged_lenses(far, converged=fit.result.converged)),
         *disagreements,
-        *(contradictions_of(start.rig, wrong) or ([] if covariance.free.cameras else sizes_contradicted(focals))),
         *doubts_about_registrations(start.rig, start.hypotheses, fit.result.state.R, fit.result.state.centre),
         *doubts_about_seams(seams, zones, MAX_ORIENTATION_DEG),
         *far,
     ]
     verdict: Verdict = "doubtful" if findings else "accepted"
-    figures = figures_of(start, choice, fit, covariance, cues_said, focals, lenses)
+    figures = figures_of(start, choice, fit, covariance, cues_said, lenses)
     if zoned is not None:
         figures = replace(figures, zones=zones, seams=seams)
     return PeopleSolution(
