@@ -57,9 +57,9 @@ class Comparison:
         """
         gains = worse - better
         n, total = len(gains), float(gains.sum())
-        if n < 2 or not np.ptp(gains) > 0:
+        if n < 2 or not (scatter := float(gains.std(ddof=1))) > 0:
             return cls(total, 0.0, min(total, 0.0))
-        z = float(gains.mean() / (gains.std(ddof=1) / np.sqrt(n)))
+        z = float(gains.mean() / (scatter / np.sqrt(n)))
         return cls(total, z, min(total, 0.5 * n * float(np.log1p(4 * z**2 / (n - 1)))))
 
 

@@ -72,7 +72,7 @@ LENSES: Mapping[str, Kind] = {
     "lens_corrected": Kind(
         NOTICE, "People contradict stated intrinsics, which were corrected: `focal`, `principal_point`, `distortion`.",
         lambda v: f"{_contradicted(v)}; the rig is computed with these intrinsics",
-        "check the stated intrinsics, and state the right ones",
+        "state the right intrinsics",
     ),
     "lens_differs": Kind(
         NOTICE, "People contradict stated intrinsics, and what the rig measures barely depends on it.",
