@@ -6,15 +6,18 @@ cameras and predicts held-out people no worse.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+
+import numpy as np
 
 from passerby.calibration.estimation import Estimate
 from passerby.calibration.repairs import Repaired
 from passerby.core.figures import AdjustedFigures
 from passerby.findings.finding import Finding
+from passerby.hypotheses.alternatives import Alternative
 from passerby.hypotheses.findings import lens_corrected, lens_differs, lens_doubtful
-from passerby.hypotheses.lenses import LensResult, examine_lenses
+from passerby.hypotheses.lenses import FoundLenses, LensResult, examine_lenses
 from passerby.scene.inputs import SceneInputs
 from passerby.solver.people import PeopleSolution
 
@@ -46,25 +49,25 @@ def correct_lenses(
         again: estimates from other inputs.
         disagreement: by how much people who were held out disagree with an estimate; None where that is unknown.
     """
-    said: list[Finding] = []
-    corrected: list[tuple[str, tuple[str, ...]]] = []
+    made: list[FoundLenses] = []
+    adopted: list[Alternative] = []
     while True:
         solution = repaired.estimate.solution
         if not isinstance(solution, PeopleSolution) or solution.verdict == "refused":
-            return LensOutcome(repaired, tuple(said), LensResult("nothing"))
-        result = examine_lenses(solution, corrected=corrected)
+            return LensOutcome(repaired, (), LensResult("nothing"))
+        result = examine_lenses(solution, corrected=adopted)
         found = result.found
         if found is None or result.decision == "nothing":
-            return LensOutcome(repaired, tuple(said), result)
-        if result.decision != "correct" or len(corrected) == MOST_CORRECTIONS:
+            return LensOutcome(repaired, _corrections(made), result)
+        if result.decision != "correct" or len(made) == MOST_CORRECTIONS:
             one = lens_differs(found) if result.decision == "notice" else lens_doubtful(result)
-            return LensOutcome(repaired, (one, *said), result)
+            return LensOutcome(repaired, (one, *_corrections(made)), result)
         after = again(replace(repaired.inputs, rig=found.corrected(repaired.inputs.rig)))
         if _is_worse(after.estimate, repaired.estimate, disagreement):
-            return LensOutcome(repaired, (lens_doubtful(result, "not_better"), *said), result)
+            return LensOutcome(repaired, (lens_doubtful(result, "not_better"), *_corrections(made)), result)
         repaired = replace(after, corrections=(*repaired.corrections, *after.corrections))
-        said.append(lens_corrected(found))
-        corrected += [one.alternative.key(found.stated) for one in result.suspects]
+        made.append(found)
+        adopted += [one.alternative for one in result.suspects]
 
 
 def with_focal_changes(figures: AdjustedFigures, result: LensResult) -> AdjustedFigures:
@@ -79,9 +82,17 @@ def with_focal_changes(figures: AdjustedFigures, result: LensResult) -> Adjusted
     return replace(figures, cameras=cameras)
 
 
+def _corrections(made: Sequence[FoundLenses]) -> tuple[Finding, ...]:
+    """What is reported of corrections: each from the lens as the scene states it to what it became in the end."""
+    if not made:
+        return ()
+    change = np.sum([one.change for one in made], axis=0)
+    return tuple(lens_corrected(replace(one, stated=made[0].stated, change=change, sigma=made[-1].sigma)) for one in made)
+
+
 def _is_worse(after: Estimate, before: Estimate, disagreement: Callable[[Estimate], float | None]) -> bool:
     """Whether an estimate lost cameras, or disagrees more with people who were held out."""
-    if after.solution.verdict == "refused" or len(after.solution.rig.posed()) < len(before.solution.rig.posed()):
+    if after.solution.verdict == "refused" or after.solution.rig.posed().names != before.solution.rig.posed().names:
         return True
     new, old = disagreement(after), disagreement(before)
     return new is not None and old is not None and new > old

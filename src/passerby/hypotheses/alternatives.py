@@ -44,10 +44,6 @@ class Alternative:
     """Whether the cameras are wrong by the same factor instead of each by its own."""
     correctable: bool = True
 
-    def key(self, rig: Rig) -> tuple[str, tuple[str, ...]]:
-        """What it is about: its code, and the names of its cameras; none where it is about all alike."""
-        return self.code, () if self.alike else tuple(rig.names[c] for c in self.cameras)
-
     @property
     def columns(self) -> Ints:
         """Of the unknowns of a lens, those that become free."""

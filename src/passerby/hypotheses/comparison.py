@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from passerby.common.arrays import Floats
-from passerby.hypotheses.alternatives import Alternative
+from passerby.hypotheses.alternatives import LENS, Alternative
 from passerby.hypotheses.case import Case, prior_precision
 
 FOLDS = 5
@@ -90,7 +90,8 @@ def screen(base: Case, alternatives: list[Alternative]) -> list[Screened]:
     out = []
     for alternative in alternatives:
         less = P - prior_precision(alternative.apply(base.problem, base.stated))
-        at = np.flatnonzero(less.any(axis=0))
+        free = alternative.cameras[0] * LENS.size + alternative.columns  # where its prior is as wide already
+        at = np.flatnonzero(less.any(axis=0)) if less.any() else free
         E, C, stated = less[np.ix_(at, at)], covariance[np.ix_(at, at)], lens[at]
         # Without the prior E the optimum moves by d with (C^-1 - E) d = E l, and the cost falls by l' E (l + d) / 2.
         wider = np.linalg.solve(np.eye(len(at)) - C @ E, C)

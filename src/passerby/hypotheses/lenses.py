@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -62,11 +62,15 @@ class FoundLenses:
     """How differently the rig measures with them."""
 
     @classmethod
-    def of(cls, alternative: Alternative, base: Case, case: Case) -> FoundLenses:
-        """From the base model and a model with the alternative free, both at their optima."""
+    def of(cls, alternative: Alternative, base: Case, case: Case, corrected: Sequence[Alternative] = ()) -> FoundLenses:
+        """From the base model and a model with the alternative free, both at their optima.
+
+        What was `corrected` before is free in both.
+        """
         change = np.zeros_like(case.state.lens)
-        at = np.ix_(np.array(alternative.cameras), alternative.columns)
-        change[at] = case.state.lens[at].mean(axis=0) if alternative.alike else case.state.lens[at]
+        for one in (*corrected, alternative):
+            at = np.ix_(np.array(one.cameras), one.columns)
+            change[at] = case.state.lens[at].mean(axis=0) if one.alike else case.state.lens[at]
         moved = measured_change(base.rig(), case.rig(), base.state.people[:, :2])
         return cls(alternative, case.stated, change, case.lens_sigma(), moved)
 
@@ -78,9 +82,9 @@ class FoundLenses:
     def corrected(self, rig: Rig) -> Rig:
         """The cameras of a rig, known by their names, with these lenses; focal lengths carry their uncertainty."""
         lenses = {}
-        for c in self.alternative.cameras:
+        for c in np.flatnonzero(self.change.any(axis=1)).tolist():
             lens = LENS.moved(rig[self.stated.names[c]].lens, self.change[c])
-            if "focal" in self.alternative.parameters:
+            if self.change[c, 0]:
                 lens = replace(lens, focal_sd=float(np.clip(self.sigma[c, 0], 1e-6, LARGEST_FOCAL_SD)))
             lenses[self.stated.names[c]] = lens
         return replace(
@@ -104,24 +108,26 @@ class LensResult:
 
 
 def examine_lenses(
-    solution: PeopleSolution, uncertainty_mm: float | None = None, corrected: Collection[tuple[str, tuple[str, ...]]] = ()
+    solution: PeopleSolution, uncertainty_mm: float | None = None, corrected: Sequence[Alternative] = ()
 ) -> LensResult:
     """Compare the stated lenses with the alternatives to them.
 
     Args:
         solution: a solution by stated lenses; where lenses were refined, they went where people put them.
         uncertainty_mm: one standard deviation of the points that the rig measures; from its poses where it is None.
-        corrected: codes and cameras of alternatives that are not tried again.
+        corrected: alternatives that were adopted before: what they are about stays free.
     """
     case = None if solution.covariance is None or solution.covariance.free.cameras else Case.of(solution)
     if case is None or solution.covariance is None:
         return LensResult("nothing")
+    for adopted in corrected:
+        case = case.with_problem(adopted.apply(case.problem, case.stated))
     base = case.fitted()
     screened = screen(base, lens_alternatives(base.stated))
     likely = [
         one.alternative
         for one in sorted(screened, key=lambda one: -one.gain)
-        if one.gain >= LEAST_SCREENED and one.alternative.key(base.stated) not in corrected
+        if one.gain >= LEAST_SCREENED and one.alternative not in corrected
     ]
     if not likely:
         return LensResult("nothing", tuple(screened))
@@ -142,7 +148,7 @@ def examine_lenses(
         for one in own[1:]:
             freed = freed.with_parts_of(one.alternative)
         case = base.with_problem(freed.apply(base.problem, base.stated)).fitted()
-    found = FoundLenses.of(freed, base, case)
+    found = FoundLenses.of(freed, base, case, corrected)
     uncertainty_mm = points_uncertainty_mm(solution.covariance) if uncertainty_mm is None else uncertainty_mm
     decision: Decision = "correct"
     if found.moved is not None and effect(found.moved, uncertainty_mm) <= 1:
