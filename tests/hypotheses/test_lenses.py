@@ -64,6 +64,7 @@ def test_right_lenses_raise_nothing(preset: str) -> None:
         ("focal", (1,), (np.log(1.1), 0, 0, 0)),
         ("focal", ALL, (np.log(1.1), 0, 0, 0)),
         ("focal", ALL, (np.log(0.92), 0, 0, 0)),
+        ("distortion", ALL, (0, 0, 0, 0.15)),
         ("principal_point", (2,), (0, 0.08, 0, 0)),
         ("principal_point", (2,), (0, -0.06, 0, 0)),
     ],

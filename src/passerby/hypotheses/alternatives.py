@@ -26,7 +26,8 @@ WRONG: Mapping[LensPart, float] = MappingProxyType({"focal": 0.2, "principal_poi
 WRONG_SITES: Mapping[LensPart, float] = MappingProxyType({"focal": 0.05, "principal_point": 0.05, "distortion": 0.02})
 """Share of sites in which one camera's lens is wrong in this respect."""
 ALL_WRONG = 0.01
-"""Share of sites in which the focal lengths of all cameras are wrong by one factor: stated for another image size."""
+"""Share of sites in which the focal lengths of all cameras are wrong by one factor, as for another image size; and of those
+where all distortions are wrong alike: left out, or of images that were undistorted already."""
 
 
 @dataclass(frozen=True)
@@ -75,12 +76,14 @@ class Alternative:
 
 
 def lens_alternatives(rig: Rig) -> list[Alternative]:
-    """Each part of each camera's lens, and the focal lengths of all cameras alike."""
+    """Each part of each camera's lens, and the focal lengths and the distortions of all cameras alike."""
     n = len(rig)
     single = [
         Alternative(part, (c,), (part,), float(np.log(WRONG_SITES[part] / n))) for part in LENS_PARTS for c in range(n)
     ]  # fmt: skip
-    return [*single, Alternative("focal", tuple(range(n)), ("focal",), float(np.log(ALL_WRONG)), alike=True)]
+    parts: tuple[LensPart, ...] = ("focal", "distortion")
+    alike = [Alternative(part, tuple(range(n)), (part,), float(np.log(ALL_WRONG)), alike=True) for part in parts]
+    return [*single, *alike]
 
 
 def prior_scales(rig: Rig, of: Mapping[LensPart, float]) -> Floats:

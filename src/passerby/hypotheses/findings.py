@@ -81,5 +81,8 @@ def _values(found: FoundLenses) -> dict[str, Any]:
             }  # fmt: skip
         else:
             before = float(stated.distortions[0]) if len(stated.distortions) else 0.0
-            out["distortion"] = {"stated": before, "found": float(lens.distortions[0]), "sigma": float(sigma[columns][0])}
+            out["distortion"] = {
+                "stated": before, "found": float(lens.distortions[0]), "change": float(change[columns][0]),
+                "sigma": float(sigma[columns][0]),
+            }  # fmt: skip
     return out

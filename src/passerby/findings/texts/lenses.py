@@ -48,7 +48,10 @@ def _contradicted(v: Fields) -> str:
             text += f", {point['moved_px']:.0f} px nearer to the {point['cropped']} of the image, which seems cropped there"
         parts.append(text)
     if distortion := v.get("distortion"):
-        parts.append(f"a distortion k1 of {distortion['found']:+.3f} instead of {distortion['stated']:+.3f}")
+        of_one = f"a distortion k1 of {distortion['found']:+.3f} instead of {distortion['stated']:+.3f}"
+        parts.append(
+            of_one if v["cameras"] else f"distortions k1 that differ by {distortion['change']:+.3f} from the stated ones"
+        )
     return f"{'camera ' + v['camera'] if v['cameras'] else 'all cameras'}: people fit {' and '.join(parts)}"
 
 
@@ -56,7 +59,9 @@ def _doubtful(v: Fields) -> str:
     if v["why"] == "several":
         names = {"focal": "focal length", "principal_point": "principal point", "distortion": "distortion"}
         suspects = [
-            f"the {names[one['part']]} of camera {one['cameras'][0]}" if one["cameras"] else "the focal lengths of all cameras"
+            f"the {names[one['part']]} of camera {one['cameras'][0]}"
+            if one["cameras"]
+            else f"the {names[one['part']]}s of all cameras"
             for one in v["suspects"]
         ]
         either = " or ".join(suspects)
