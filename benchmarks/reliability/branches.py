@@ -26,8 +26,8 @@ PACKAGE = "src/passerby"
 GROUPS: Mapping[str, Sequence[str]] = MappingProxyType({
     "verdict": (
         "association/registration_failures.py", "calibration/calibration.py", "calibration/diagnostics/*.py",
-        "calibration/held_out.py", "calibration/rig_comparison.py", "solver/consistency.py", "solver/contradicted_lenses.py",
-        "solver/cue_agreement.py", "solver/findings.py",
+        "calibration/held_out.py", "calibration/rig_comparison.py", "solver/consistency.py",
+        "hypotheses/*.py", "solver/cue_agreement.py", "solver/findings.py",
     ),
     "findings": ("findings/**/*.py",),
     "writers": (

@@ -25,7 +25,6 @@ from passerby.simulation import simulate
 from passerby.solver import findings
 from passerby.solver.consistency import LEAST_AGREEING, MOST_CHANGE, JointConsistency
 from passerby.solver.findings import MAX_POSITION_M
-from passerby.solver.lens_check import FAR_CHANGE, FAR_SIGMAS
 from reliability.hostile import HOSTILE
 from reliability.judging import calibrated, errors_of
 from reliability.ordinary import ordinary_scene
@@ -110,16 +109,6 @@ FIGURES: Mapping[str, Figure] = MappingProxyType({
         "what the runners-up of a camera's registrations score, as a share of these; the worst camera, identities found",
         "cameras_ambiguous", False, (0.4, 0.5, 0.6, 0.7, 0.75, 0.8, 0.9),
     ),
-    "size": Figure(
-        FAR_SIGMAS, "FAR_SIGMAS in `solver/lens_check.py`",
-        "how far a camera's focal length would go, in sigmas, if farther than FAR_CHANGE, as a logarithm; the worst camera",
-        "size_contradicted", False, (2.0, 3.0, 4.0, 5.0, 6.0),
-    ),
-    "far": Figure(
-        FAR_CHANGE, "FAR_CHANGE in `solver/lens_check.py`",
-        "how far a camera's focal length would go, as a logarithm, if by more than FAR_SIGMAS of its sigmas; the worst camera",
-        "size_contradicted", False, (0.05, 0.1, 0.2, 0.3, 0.5, 1.0),
-    ),
 })  # fmt: skip
 
 
@@ -183,15 +172,6 @@ def _values(found: Calibration) -> dict[str, float]:
         if isinstance(figures, AdjustedFigures)
         else []
     )
-    focals = (
-        [
-            (abs(one.focal_change), abs(one.focal_change) / one.focal_change_sigma)
-            for one in figures.cameras
-            if one.focal_change is not None and one.focal_change_sigma
-        ]
-        if isinstance(figures, AdjustedFigures)
-        else []
-    )
     sigmas_mm = (
         [one.shape_position_sigma_mm for one in figures.cameras if one.shape_position_sigma_mm is not None]
         if isinstance(figures, AdjustedFigures)
@@ -213,8 +193,6 @@ def _values(found: Calibration) -> dict[str, float]:
         "steep": sigmas if slope > STEEP_DEG else min(sigmas, 0.0),
         "narrow": width,
         "wide": width,
-        "size": max((sigmas for change, sigmas in focals if change > FAR_CHANGE), default=0.0),
-        "far": max((change for change, sigmas in focals if sigmas > FAR_SIGMAS), default=0.0),
         "alike": max(_alike(found).values(), default=math.nan),
     }
 
