@@ -12,7 +12,7 @@ from passerby.core.measuring import Distances, MeasuringErrors, common_ground, m
 from passerby.core.observations import Boxes, CameraObservations, Observations
 from passerby.hypotheses.alternatives import lens_alternatives
 from passerby.hypotheses.findings import lens_corrected, lens_doubtful
-from passerby.hypotheses.lenses import LensResult, effect, examine_lenses
+from passerby.hypotheses.lenses import LensResult, MeasuringUncertainty, effect, examine_lenses
 from passerby.simulation import SimulationOptions, simulate
 from passerby.simulation.body import pose_joints
 from passerby.simulation.observe import observe_camera
@@ -102,7 +102,7 @@ def test_a_corrected_rig_measures_what_the_true_one_measures() -> None:
 @pytest.mark.slow
 def test_what_changes_measurements_by_less_than_their_uncertainty_is_a_notice() -> None:
     _, solution = stated("basketball", (1,), (np.log(1.1), 0, 0, 0))
-    assert examine_lenses(solution, uncertainty_mm=1e4).decision == "notice"
+    assert examine_lenses(solution, MeasuringUncertainty(1e4, {})).decision == "notice"
     tried = [one for one in lens_alternatives(solution.rig) if (one.code, one.cameras) == ("focal", (1,))]
     assert examine_lenses(solution, corrected=tried).decision == "nothing", "what is free contradicts nothing"
 
@@ -126,8 +126,10 @@ def test_the_effect_is_that_of_points_or_of_the_ground_that_changes_most() -> No
         of = (Distances(mm, 2 * mm, 9) for mm in (points, ground, ground))
         return MeasuringErrors(9, True, next(of), next(of), {"C1": next(of)})
 
-    assert effect(change(30.0, 10.0), 20.0) == pytest.approx(1.5)
-    assert effect(change(30.0, 60.0), 20.0) == pytest.approx(3.0)
+    sigma = MeasuringUncertainty(20.0, {"C1": 40.0})
+    assert effect(change(30.0, 10.0), sigma) == pytest.approx(1.5)
+    assert effect(change(30.0, 120.0), sigma) == pytest.approx(3.0)
+    assert effect(change(30.0, 120.0), replace(sigma, ground_mm={})) == pytest.approx(1.5)
 
 
 def on_a_wall(spacing_m: float, seed: int, *, converging: bool) -> tuple[Rig, Observations]:
