@@ -27,7 +27,7 @@ GROUPS: Mapping[str, Sequence[str]] = MappingProxyType({
     "verdict": (
         "association/registration_failures.py", "calibration/calibration.py", "calibration/diagnostics/*.py",
         "calibration/held_out.py", "calibration/prediction.py", "calibration/rig_comparison.py",
-        "solver/contradicted_lenses.py", "solver/cue_agreement.py", "solver/findings.py", "core/verdict.py",
+        "hypotheses/*.py", "solver/cue_agreement.py", "solver/findings.py", "core/verdict.py",
     ),
     "findings": ("findings/**/*.py",),
     "writers": (

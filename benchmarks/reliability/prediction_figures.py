@@ -92,8 +92,8 @@ def section(outcomes: Outcomes, wanted: Mapping[str, tuple[str, int]]) -> str:
     parts = [
         f"""People are predicted in each other camera's images ([method](../method.md#held-out)). Ordinary scenes of boxes,
 seeds from {FIRST_SEED}; scenes of ten people who hide each other, 30 % of their boxes missing; rendered films in which people
-are detected by background subtraction; {len(CASES)} hostile cases. Right rigs of hostile cases have a fault all the same, such as a
-clock that drifts.""",
+are detected by background subtraction; {len(CASES)} hostile cases. Right rigs of hostile cases have a fault all
+the same, such as a clock that drifts.""",
         f"### HARMFUL_SHARE in `calibration/prediction.py`: {HARMFUL_SHARE:g}\n\nRigs with log odds above "
         f"{np.log(LEAST_ODDS):.1f} by another share of the hits that are expected:",
         _counts(kinds, [(f"{share:g}", k, LEAST_ODDS) for k, share in enumerate(TRIED)], f"{HARMFUL_SHARE:g}"),

@@ -18,7 +18,6 @@ from typing import Any
 
 import numpy as np
 import tomli_w
-from scipy.optimize import least_squares
 
 from datasets import models_folder
 from metrics.detections import paired
@@ -34,7 +33,6 @@ from passerby.scene.scene import Scene
 from passerby.simulation import PRESETS, SimulatedScene, SimulationOptions, simulate, write_scene
 from passerby.simulation.rendering import RenderOptions
 from passerby.solver.cues import POPULATION_BIAS
-from passerby.solver.lens_check import SIZE_DRIFT
 from perception_runs import found_boxes
 
 FIRST_SEED, GROUPS = 949_000, 100_000
@@ -56,10 +54,6 @@ OLDER_CM, SHOES_CM = (0.0, 4.0), (1.0, 4.0)
 """By how much older people are shorter (the same paper: they grew by about a centimetre in ten years), and shoes; uniform."""
 LEAST_OVERLAP = 0.5
 """Of a found box and the true one that it stands for, intersection over union."""
-LOSS_SCALE = 0.02
-"""Of a height's logarithm, beyond which a box counts for less."""
-LEAST_BOXES = 60
-"""Of a camera, to tell how they grow with the distance."""
 DETECTORS = {
     "background": {"detector": "background", "embedder": "stripes", "keypoints": "none"},
     "network": {"detector": "yolox-nano", "embedder": "person-reid-retail-0248", "keypoints": "none"},
@@ -93,8 +87,7 @@ def measure(film: tuple[str, str, int]) -> dict[str, Any]:
     """What a detector makes of a rendered film, as logarithms.
 
     `log_scale`: of the scale where the people's mean stature is stated; NaN where there is no rig. `log_boxes`: the median of
-    found over true heights of boxes, `boxes` of them; NaN where there is none. `growth`: how these grow with the logarithm of
-    the distance, by camera. True are boxes of whole bodies in their
+    found over true heights of boxes, `boxes` of them; NaN where there is none. True are boxes of whole bodies in their
     postures, whoever stands before them: what a detector loses behind others is its own.
     """
     detector, preset, seed = film
@@ -116,7 +109,6 @@ def measure(film: tuple[str, str, int]) -> dict[str, Any]:
     return {
         "detector": detector, "log_scale": math.nan if ratio is None else -math.log(ratio),
         "log_boxes": float(np.median(heights)) if len(heights) else math.nan, "boxes": len(heights),
-        "growth": [growth(*column) for column in ratios if len(column[0]) >= LEAST_BOXES],
     }  # fmt: skip
 
 
@@ -132,26 +124,6 @@ def height_ratios(camera: Camera, found: Boxes, scene: SimulatedScene) -> tuple[
     place = scene.ground_positions[true.frame[rows] - 1, true.identity[rows] - 1]
     away = np.linalg.norm(place - camera.pose.centre[:2], axis=1)
     return np.log(seen.ltwh[columns, 3] / true.ltwh[rows, 3]), np.log(away)
-
-
-def growth(ratios: Floats, away: Floats) -> float:
-    """How much boxes are taller for a distance that is larger by a factor e; most count, as in a calibration, not all.
-
-    Args:
-        ratios: (N,) logarithms of found over true heights.
-        away: (N,) logarithms of distances.
-    """
-    line = np.column_stack([np.ones(len(away)), away - away.mean()])
-    start = np.array([np.median(ratios), 0.0])
-
-    def off(x: Floats) -> Floats:
-        return np.asarray(line @ x - ratios)
-
-    def derivatives(_: Floats) -> Floats:
-        return line
-
-    fit = least_squares(off, start, derivatives, loss="cauchy", f_scale=LOSS_SCALE)
-    return float(fit.x[1])
 
 
 def section(outcomes: Outcomes, _: Mapping[str, Any]) -> str:
@@ -182,27 +154,7 @@ boxes of whole bodies in their postures. What networks learnt of how people draw
 show it; how boxes that others draw differ from bodies is not in any row.
 {missing}
 {table(("", "number", "mean", "standard deviation", "5 %", "95 %", "root mean square"), rows)}
-
-### SIZE_DRIFT in `solver/lens_check.py`: {SIZE_DRIFT:g}
-
-One sigma of how much people seem to grow with depth for other reasons than their distance: for a distance that is larger by a
-factor of e. The same films: found against true heights of boxes, fitted by the logarithm of the distance, a robust slope for
-each camera of {LEAST_BOXES} boxes or more. Slopes and kerbs of a real ground are not in it. In percent.
-
-{table(("", "cameras", "mean", "standard deviation", "5 %", "95 %", "root mean square"), _growth_rows(outcomes))}
 """
-
-
-def _growth_rows(outcomes: Outcomes) -> list[list[str]]:
-    """A row for each detector, and one for both."""
-    slopes = {
-        name: np.array([slope for one in outcomes.values() if one["detector"] == name for slope in one["growth"]])
-        for name in DETECTORS
-    }
-    known = {f"boxes by the {name}": own for name, own in slopes.items() if len(own)}
-    if len(known) > 1:
-        known["both"] = np.concatenate([*known.values()])
-    return [_row(name, own, str(len(own))) for name, own in known.items()]
 
 
 def _by_detector(outcomes: Outcomes, key: str) -> dict[str, Floats]:

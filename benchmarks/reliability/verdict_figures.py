@@ -17,10 +17,9 @@ from passerby.calibration.calibration import Calibration
 from passerby.calibration.diagnostics.ground_planarity import HARMFUL_M, STEEP_DEG, STEEP_SIGMAS
 from passerby.common.errors import InputError
 from passerby.core.cameras import Rig
-from passerby.core.figures import AdjustedFigures
+from passerby.core.figures import adjusted
 from passerby.simulation import simulate
 from passerby.solver.findings import MAX_POSITION_M
-from passerby.solver.lens_check import FAR_CHANGE, FAR_SIGMAS
 from reliability.hostile import HOSTILE
 from reliability.judging import calibrated, errors_of
 from reliability.ordinary import ordinary_scene
@@ -53,7 +52,8 @@ class Figure:
 FIGURES: Mapping[str, Figure] = MappingProxyType({
     "unsure": Figure(
         MAX_POSITION_M, "MAX_POSITION_M in `solver/findings.py`",
-        "one sigma of a camera's position within its rig, metres; the worst camera", "camera_uncertain", False,
+        "one sigma of how far a camera's rays pass beside the places where people walked, metres; the worst camera",
+        "camera_uncertain", False,
         (0.05, 0.1, 0.15, 0.2, 0.25, 0.35, 0.5, 1.0),
     ),
     "rise": Figure(
@@ -74,16 +74,6 @@ FIGURES: Mapping[str, Figure] = MappingProxyType({
         AMBIGUOUS, "AMBIGUOUS in `association/ambiguity.py`",
         "what the runners-up of a camera's registrations score, as a share of these; the worst camera, identities found",
         "cameras_ambiguous", False, (0.4, 0.5, 0.6, 0.7, 0.75, 0.8, 0.9),
-    ),
-    "size": Figure(
-        FAR_SIGMAS, "FAR_SIGMAS in `solver/lens_check.py`",
-        "how far a camera's focal length would go, in sigmas, if farther than FAR_CHANGE, as a logarithm; the worst camera",
-        "size_contradicted", False, (2.0, 3.0, 4.0, 5.0, 6.0),
-    ),
-    "far": Figure(
-        FAR_CHANGE, "FAR_CHANGE in `solver/lens_check.py`",
-        "how far a camera's focal length would go, as a logarithm, if by more than FAR_SIGMAS of its sigmas; the worst camera",
-        "size_contradicted", False, (0.05, 0.1, 0.2, 0.3, 0.5, 1.0),
     ),
 })  # fmt: skip
 
@@ -140,31 +130,17 @@ def _calibrated(name: str, seed: int) -> tuple[Calibration, list[Rig]]:
 
 def _values(found: Calibration) -> dict[str, float]:
     figures = found.figures
-    focals = (
-        [
-            (abs(one.focal_change), abs(one.focal_change) / one.focal_change_sigma)
-            for one in figures.cameras
-            if one.focal_change is not None and one.focal_change_sigma
-        ]
-        if isinstance(figures, AdjustedFigures)
-        else []
-    )
-    sigmas_mm = (
-        [one.shape_position_sigma_mm for one in figures.cameras if one.shape_position_sigma_mm is not None]
-        if isinstance(figures, AdjustedFigures)
-        else []
-    )
+    measuring = adjusted(figures).measuring
+    across_mm = [] if measuring is None else [one.across.median_mm for one in measuring.cameras.values()]
     rises = [float(one.values["rise_m"]) for one in found.diagnostics if one.code == "ground_uneven"]
     ground = figures.ground
     slope = math.nan if ground is None or ground.slope_deg is None else ground.slope_deg
     sigmas = slope / ground.slope_sigma_deg if ground is not None and ground.slope_sigma_deg else math.nan
     return {
-        "unsure": max(sigmas_mm, default=math.nan) / 1000,
+        "unsure": max(across_mm, default=math.nan) / 1000,
         "rise": max(rises, default=0.0),
         "slope": slope if sigmas > STEEP_SIGMAS else min(slope, 0.0),
         "steep": sigmas if slope > STEEP_DEG else min(sigmas, 0.0),
-        "size": max((sigmas for change, sigmas in focals if change > FAR_CHANGE), default=0.0),
-        "far": max((change for change, sigmas in focals if sigmas > FAR_SIGMAS), default=0.0),
         "alike": max(_alike(found).values(), default=math.nan),
     }
 

@@ -27,9 +27,10 @@ from passerby.calibration.diagnostics.verdict import judged
 from passerby.calibration.estimation import Estimate, Estimator
 from passerby.calibration.held_out import HeldOut, hold_out
 from passerby.calibration.kept_tracklets import FOLDER, KeptTracklets
+from passerby.calibration.lens_corrections import LensOutcome, correct_lenses, with_focal_changes
 from passerby.calibration.lens_priors import with_lens_priors
 from passerby.calibration.prediction import findings_of_predictions, predict_people
-from passerby.calibration.repairs import Repair, Repaired, apply_repairs
+from passerby.calibration.repairs import Repair, apply_repairs
 from passerby.calibration.scene_solver import solver_options
 from passerby.calibration.separate_groups import calibrate_by_groups
 from passerby.calibration.unrecorded import Spans, unrecorded_instants
@@ -113,8 +114,8 @@ def _calibrate_together(estimator: Estimator, inputs: SceneInputs) -> Calibratio
     """The calibration of cameras as one rig; those that share nobody with its largest group have no pose.
 
     An estimate is six solves at most (`Estimator`). There is one, and one more for each correction: as many as there are
-    cameras (`MotionRepair`), and six of clock rates where these are refined. The check of picture sizes adds one solve for each
-    camera whose people keep to a part of the picture, and one.
+    cameras (`MotionRepair`), three of lenses, and six of clock rates where these are refined. The check of picture sizes adds
+    one solve for each camera whose people keep to a part of the picture, and one.
     """
     scene, tell = estimator.scene, estimator.progress
     began = time.perf_counter()
@@ -122,25 +123,30 @@ def _calibrate_together(estimator: Estimator, inputs: SceneInputs) -> Calibratio
     with threadpool_limits(limits=1, user_api="blas"):
         motion = MotionRepair(inputs, scene.association.given, scene.scale.person_height_m)
         repairs = [Repair(find_clock_skew, MOST_CORRECTIONS)] if "clock_rate" in scene.solver.refine else []
-        repaired = apply_repairs(inputs, estimator, [*repairs, Repair(motion, len(inputs.rig))])
+        repairs.append(Repair(motion, len(inputs.rig)))
+        lens = correct_lenses(
+            apply_repairs(inputs, estimator, repairs), lambda other: apply_repairs(other, estimator, repairs),
+            lambda estimate: _disagreement(scene, estimate, estimator.seed),
+        )  # fmt: skip
+        repaired = lens.repaired
         motions = motion.measured_again(repaired.corrections, repaired.estimate)
         association = repaired.estimate.association
         shape = shape_of(repaired.estimate.solution, association.instants, scene.scale.person_height_m)
         held_out = _held_out(scene, repaired.estimate, estimator.seed)
-        solution = _with_figures(scene, inputs, repaired, motions, shape, held_out, estimator.seed)
+        solution = _with_figures(scene, inputs, lens, motions, shape, held_out, estimator.seed)
         # Pixels that the scene states, and all results, are of the images as filmed.
         filmed = replace(solution, rig=turn_rig(solution.rig, undone(scene.turns)))
         solution, placed = check_known_scale(solution, align_to_scene(scene, filmed, inputs.elsewhere))
         checks = check_lengths(scene.scale.checks, placed.rig, adjusted(solution.figures).scale.relative_sigma)
         off = findings_of_checks(checks)
         predicted = _unpredicted(solution, held_out, association, inputs.gaps)
-        doubts, ground = _doubts(scene, inputs, solution, association, shape, estimator)
+        doubts, ground = _doubts(scene, repaired.inputs, solution, association, shape, estimator)
         misplaced = tuple(finding for finding in (*placed.findings, *off) if finding.severity == "doubt")
-        causes = (*inputs.doubts, *findings_of_motions(motions, solution.rig))
+        causes = (*inputs.doubts, *findings_of_motions(motions, solution.rig), *lens.of("doubt"))
         solution = _decided(scene, solution, association, causes, (*predicted, *doubts, *misplaced))
     solved = time.perf_counter()
     rates = solution.figures.clock_rates or {}
-    refined = (*lens_notes(adjusted(solution.figures)), *clock_skew_findings(rates), *ground)
+    refined = (*lens.of("notice"), *lens_notes(adjusted(solution.figures)), *clock_skew_findings(rates), *ground)
     unused = tuple(finding for finding in association.height_findings if finding.severity == "notice")
     frame = tuple(finding for finding in (*placed.findings, *off) if finding.severity == "notice")
     for note in (
@@ -190,11 +196,18 @@ def _unpredicted(
     return findings_of_predictions(rig, predict_people(rig, association.instants, unrecorded_instants(gaps, association)))
 
 
+def _disagreement(scene: Scene, estimate: Estimate, seed: int) -> float | None:
+    """By how much people who were held out disagree with an estimate, as a share of their size; None where too few are."""
+    found = _held_out(scene, estimate, seed)
+    return None if found is None or found.figures is None else found.figures.held_out.median_share
+
+
 def _with_figures(
-    scene: Scene, inputs: SceneInputs, repaired: Repaired, motions: Sequence[Motion], shape: GroundShape | None,
+    scene: Scene, inputs: SceneInputs, lens: LensOutcome, motions: Sequence[Motion], shape: GroundShape | None,
     held_out: HeldOut | None, seed: int,
 ) -> Solution:  # fmt: skip
-    """The solution, its figures with those of the repairs, of the ground and of the people held out."""
+    """The solution, its figures with those of the repairs, of the lenses, of the ground and of the people held out."""
+    repaired = lens.repaired
     solution = repaired.estimate.solution
     rates = None
     if "clock_rate" in scene.solver.refine and (inputs.observations.clocks or inputs.observations.fps is not None):
@@ -208,6 +221,7 @@ def _with_figures(
     )  # fmt: skip
     if isinstance(figures, AdjustedFigures):
         figures = replace(figures, lenses=with_lens_priors(figures.lenses, inputs.rig))
+        figures = with_focal_changes(figures, lens.result)
     return replace(solution, figures=figures)
 
 

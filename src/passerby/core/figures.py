@@ -40,7 +40,8 @@ class SolvedCamera:
     slack: float | None = None
     """Logarithm of how much taller its boxes are than the people."""
     focal_change: float | None = None
-    """Logarithm of the factor on the focal length that people would like, and its sigma."""
+    """Logarithm of the factor on a stated focal length that fits people best, all other intrinsics as they are stated, and one
+    sigma of it; None where intrinsics were refined or estimated."""
     focal_change_sigma: float | None = None
     shape_position_sigma_mm: float | None = None
     """Sigmas without scale, vertical and ground."""

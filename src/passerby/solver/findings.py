@@ -27,7 +27,6 @@ from passerby.people.model import HEIGHT_PER_CENTRE
 from passerby.solver.evidence import Evidence
 from passerby.solver.gauge import Free
 from passerby.solver.initialisation import Fit, Initialisation, InitialRig
-from passerby.solver.lens_check import FocalCheck
 from passerby.solver.pose_graph import cycle_consistency
 from passerby.solver.uncertainty import RigCovariance
 
@@ -146,7 +145,6 @@ def _finite(value: float) -> float | None:
 
 def figures_of(
     start: Initialisation, choice: InitialRig, fit: Fit, covariance: RigCovariance, cues: Sequence[CueFigures],
-    focals: list[FocalCheck],
     lenses: Mapping[str, LensFigures],
 ) -> AdjustedFigures:  # fmt: skip
     """The figures of every stage."""
@@ -156,7 +154,7 @@ def figures_of(
     noise, seen = fit.noise, np.unique(model.problem.person)
     unusual = () if start.knowledge.unusual is None else start.evidence.identities[seen][start.knowledge.unusual[seen]].tolist()
     return AdjustedFigures(
-        cameras=_cameras(start, fit, covariance, focals),
+        cameras=_cameras(start, fit, covariance),
         pairs=tuple(
             PairFigures(
                 cameras=(names[h.a], names[h.b]), route=h.route, inliers=h.inliers, matches=h.matches,
@@ -188,7 +186,7 @@ def figures_of(
     )  # fmt: skip
 
 
-def _cameras(start: Initialisation, fit: Fit, covariance: RigCovariance, focals: list[FocalCheck]) -> tuple[SolvedCamera, ...]:
+def _cameras(start: Initialisation, fit: Fit, covariance: RigCovariance) -> tuple[SolvedCamera, ...]:
     """The figures of each camera."""
     state, model = fit.result.state, fit.model
     sightings = model.problem.sightings
@@ -204,7 +202,6 @@ def _cameras(start: Initialisation, fit: Fit, covariance: RigCovariance, focals:
                 joints=int(np.count_nonzero(model.problem.joints.camera == c)),
                 median_residual_px=float(np.median(residual_px[own])) if own.any() else None,
                 slack=float(state.slack[c]),
-                focal_change=focals[c].change, focal_change_sigma=focals[c].sigma,
                 shape_position_sigma_mm=_finite(1000 * within.position_m),
                 shape_orientation_sigma_deg=_finite(within.orientation_deg),
                 own_level=None if level is None else LevelFigures(height_m=level.height, residual=level.residual),

@@ -30,11 +30,6 @@ def by_focal(lens: Lens, rays: Floats) -> Floats:
     return np.asarray((lens.project_rays(rays) - lens.matrix[:2, 2])[:, :, None])
 
 
-def by_principal_point(lens: Lens, rays: Floats) -> Floats:
-    """(M, 2, 2) by its two coordinates, pixels."""
-    return np.broadcast_to(np.eye(2), (len(rays), 2, 2))
-
-
 def lens_columns(rig: Rig, problem: PeopleProblem, state: AdjustmentState, by: Derivative) -> dict[str, Floats]:
     """Whitened derivatives of the residuals by u numbers of the own camera's lens, (M, k, u) for each kind of residual.
 

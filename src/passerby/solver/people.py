@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -27,7 +27,6 @@ from passerby.findings.refusals import RefusalError
 from passerby.geometry.relative_pose import PairHypothesis
 from passerby.people.box_heights import heights_by_boxes
 from passerby.solver.bodies_world import placed_by_bodies
-from passerby.solver.contradicted_lenses import contradicted_lenses, contradictions_of
 from passerby.solver.cue_agreement import argue
 from passerby.solver.cue_leverage import freed_measurements
 from passerby.solver.cues import scale_cue_weights, settle_cues, triangulate_marks
@@ -41,7 +40,6 @@ from passerby.solver.initialisation import (
     refine_in_stages,
     select_initial_rig,
 )
-from passerby.solver.lens_check import check_focals, sizes_contradicted
 from passerby.solver.measuring_uncertainty import measuring_uncertainty
 from passerby.solver.pairs import MIN_MATCHES
 from passerby.solver.people_cues import people_cues
@@ -53,12 +51,25 @@ from passerby.solver.systematic import ConsiderParameters
 from passerby.solver.uncertainty import RigCovariance, add_learnt_stance, design_effect, joint_design_effect, rig_covariance
 from passerby.solver.zones import ZONE_CAMERAS, ZonedRig, doubts_about_seams, initial_rig_by_zones, seams_of
 
-__all__ = ["PeopleOptions", "solve_people"]
+__all__ = ["PeopleOptions", "PeopleSolution", "solve_people"]
 
 FEWEST_BOXED = 2
 """People by whom the size of boxes is known, that of the one who is asked for among them."""
 _RESTARTS = 2
 """First guesses made anew with better lenses, at most."""
+
+
+@dataclass(frozen=True, eq=False)
+class PeopleSolution(Solution):
+    """A solution with the optimum that it was read from, for tests of what else may explain the observations. Only the fields
+    of `Solution` are written to files.
+    """
+
+    start: Initialisation | None = None
+    fit: Fit | None = None
+    covariance: RigCovariance | None = None
+    fps: float | None = None
+    """Time steps a second; None where that is unknown."""
 
 
 def solve_people(
@@ -111,11 +122,6 @@ def solve_people(
     fit = placed_by_bodies(fit, observations, cues, options, rng)
     start = fit.start
     covariance, cues_said, lenses = _sure(start, fit, cues, observations)
-    focals = check_focals(start.rig, fit.model.problem, fit.result.state, covariance.inflation)
-    if "focal" in start.unknowns.parts:  # where they would go, they went
-        focals = [replace(check, change=0.0) for check in focals]
-    # Where the rig itself is not determined, anything moves it.
-    wrong = [] if covariance.free.cameras else contradicted_lenses(start, fit, covariance.inflation)
     far, measuring = far_lenses(lenses), _measuring(start, fit, covariance)
     posed = _placed(start.rig, fit.result.state, covariance, measuring)
     cues_said, disagreements = argue((*cues_said, *people_cues(posed, observations)))
@@ -129,17 +135,18 @@ def solve_people(
         *choice.doubts,
         *doubts_about(start, fit, covariance, measuring, diverged_lenses(far)),
         *disagreements,
-        *(contradictions_of(start.rig, wrong) or ([] if covariance.free.cameras else sizes_contradicted(focals))),
         *doubts_about_registrations(start.rig, start.hypotheses, fit.result.state.R, fit.result.state.centre),
         *doubts_about_seams(seams, zones, MAX_ORIENTATION_DEG),
         *far,
     ]
     verdict = decide_verdict(whole, findings)
-    figures = figures_of(start, choice, fit, covariance, cues_said, focals, lenses)
+    figures = figures_of(start, choice, fit, covariance, cues_said, lenses)
     figures = replace(figures, measuring=measuring)
     if zoned is not None:
         figures = replace(figures, zones=zones, seams=seams)
-    return Solution("people", replace(whole, verdict=verdict), verdict, tuple(findings), figures)
+    return PeopleSolution(
+        "people", replace(whole, verdict=verdict), verdict, tuple(findings), figures, start, fit, covariance, observations.fps
+    )  # fmt: skip
 
 
 def _first_guess(

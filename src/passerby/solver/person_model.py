@@ -82,6 +82,8 @@ class PeopleProblem:
     lens_groups: tuple[tuple[int, ...], ...] = ()
     """Cameras of one model: their focal lengths and distortions differ by `UNIT_FOCAL` and `UNIT_DISTORTION` only. Where priors
     are normal."""
+    lens_common: Floats | None = None
+    """(L,) standard deviation of an error that the lenses of all cameras share, beside their own. Where priors are normal."""
 
     @property
     def timed(self) -> bool:
@@ -313,6 +315,10 @@ class PeopleProblem:
             if unknown in (0, k - 1):
                 for members in self.lens_groups:
                     weight = _of_one_model(weight, members, UNIT_FOCAL if unknown == 0 else UNIT_DISTORTION)
+            if self.lens_common is not None and self.lens_common[unknown] > 0:
+                common = self.lens_common[unknown] ** 2 / float(np.mean(root[:, unknown] ** 2))
+                covariance = np.linalg.inv(weight.T @ weight) + common
+                weight = np.linalg.cholesky(np.linalg.inv(covariance)).T
             J = np.zeros((n, 1, self.layout.n_shared))
             J[:, 0, (of_camera + 1) * self.camera_size - k + unknown] = weight
             loss = None if self.lens_normal else Cauchy(root[:, unknown])

@@ -46,19 +46,10 @@ def test_heights_of_boxes_are_held_against_whole_bodies(statures: ModuleType) ->
         assert [len(column) for column in statures.height_ratios(camera, nothing, scene)] == [0, 0]
 
 
-def test_growth_is_that_of_most_boxes(statures: ModuleType) -> None:
-    rng = np.random.default_rng(2)
-    away = np.log(rng.uniform(3.0, 12.0, 300))
-    ratios = 0.02 + 0.03 * away + 0.01 * rng.standard_normal(300)
-    ratios[:60] -= 0.5  # the lower half is hidden
-    assert statures.growth(ratios, away) == pytest.approx(0.03, abs=0.005)
-
-
 def test_the_page_has_the_constant_and_tells_scale_from_heights(statures: ModuleType) -> None:
     seen = {"a": _outcome("background", 0.02, 0.01), "b": _outcome("background", float("nan"), 0.03)}
     text = statures.section(seen, {})
     assert f"in `solver/cues.py`: {statures.POPULATION_BIAS:g}" in text
-    assert f"in `solver/lens_check.py`: {statures.SIZE_DRIFT:g}" in text
     assert re.search(r"\| boxes by the background, rendered films +\| 1 ", text)
     assert re.search(r"\| heights of boxes by the background +\| 2 ", text)
     assert "by the network" not in text, "none was run"
@@ -77,4 +68,4 @@ def test_without_models_there_are_films_by_silhouettes_alone(
 
 
 def _outcome(detector: str, log_scale: float, log_boxes: float) -> dict[str, object]:
-    return {"detector": detector, "log_scale": log_scale, "log_boxes": log_boxes, "boxes": 1, "growth": [0.01]}
+    return {"detector": detector, "log_scale": log_scale, "log_boxes": log_boxes, "boxes": 1}

@@ -35,6 +35,44 @@ def _estimated(v: Fields) -> str:
     )
 
 
+def _contradicted(v: Fields) -> str:
+    """What people fit instead of what is stated."""
+    parts = []
+    if focal := v.get("focal"):
+        lengths = f" ({focal['found_px']:.0f} px instead of {focal['stated_px']:.0f} px)" if v["cameras"] else ""
+        parts.append(f"{'a focal length' if v['cameras'] else 'focal lengths'} {longer(focal['change'])} than stated{lengths}")
+    if point := v.get("principal_point"):
+        (x, y), (u, w) = point["stated_px"], point["found_px"]
+        text = f"a principal point at ({u:.0f}, {w:.0f}) px instead of ({x:.0f}, {y:.0f}) px"
+        if point["cropped"]:
+            text += f", {point['moved_px']:.0f} px nearer to the {point['cropped']} of the image, which seems cropped there"
+        parts.append(text)
+    if distortion := v.get("distortion"):
+        of_one = f"a distortion k1 of {distortion['found']:+.3f} instead of {distortion['stated']:+.3f}"
+        parts.append(
+            of_one if v["cameras"] else f"distortions k1 that differ by {distortion['change']:+.3f} from the stated ones"
+        )
+    return f"{'camera ' + v['camera'] if v['cameras'] else 'all cameras'}: people fit {' and '.join(parts)}"
+
+
+def _doubtful(v: Fields) -> str:
+    if v["why"] == "several":
+        names = {"focal": "focal length", "principal_point": "principal point", "distortion": "distortion"}
+        suspects = [
+            f"the {names[one['part']]} of camera {one['cameras'][0]}"
+            if one["cameras"]
+            else f"the {names[one['part']]}s of all cameras"
+            for one in v["suspects"]
+        ]
+        either = " or ".join(suspects)
+        return f"people contradict the stated intrinsics: {either} may be wrong, and each of these fits about as well"
+    reason = {
+        "implausible": "that is more than intrinsics are wrong by: the camera may stand elsewhere, or show other people",
+        "not_better": "with these intrinsics the rig predicts people worse, so that it is computed with the stated ones",
+    }[v["why"]]
+    return f"{_contradicted(v)}; {reason}"
+
+
 def _assumed(v: Fields) -> str:
     ground = "" if v["ground_mm"] is None else f"positions on the ground by {v['ground_mm'] / 10:.0f} cm, "
     return (
@@ -44,35 +82,19 @@ def _assumed(v: Fields) -> str:
 
 
 LENSES: Mapping[str, Kind] = {
-    "focal_contradicted": Kind(
-        DOUBT, "The people contradict the camera's focal length, relative `change`.",
-        lambda v: f"camera {v['camera']}: people fit a focal length {longer(v['change'])} than stated",
-        'check its intrinsics, or refine it: under [solver] set refine = ["focal"]', rank="lens",
+    "lens_corrected": Kind(
+        NOTICE, "People contradict stated intrinsics, which were corrected: `focal`, `principal_point`, `distortion`.",
+        lambda v: f"{_contradicted(v)}; the rig is computed with these intrinsics",
+        "state the right intrinsics",
     ),
-    "all_focals_contradicted": Kind(
-        DOUBT, "The people contradict the focal lengths of all cameras alike, relative `change`.",
-        lambda v: f"people fit focal lengths {longer(v['change'])} than stated in all cameras",
-        "check the intrinsics and the image size that they were made for, or refine them: under [solver] set "
-        'refine = ["focal"]', rank="lens",
+    "lens_differs": Kind(
+        NOTICE, "People contradict stated intrinsics, and what the rig measures barely depends on it.",
+        lambda v: f"{_contradicted(v)}; that changes measured points by {v['moved_mm']:.0f} mm only, within their uncertainty",
     ),
-    "image_seems_cropped": Kind(
-        DOUBT, "The people put the camera's principal point `moved_px` nearer to one `side` of the image than stated.",
-        "camera {camera}: people fit a principal point {moved_px:.0f} px nearer to the {side} of the image than stated: it "
-        "seems cropped there",
-        "check whether its images were cropped after it was calibrated, and state the intrinsics of the cropped images",
+    "lens_doubtful": Kind(
+        DOUBT, "People contradict stated intrinsics, which could not be corrected; `why` says the reason.",
+        _doubtful, "check the stated intrinsics, the image sizes they were made for, and whether images were cropped",
         rank="lens",
-    ),
-    "lens_part_contradicted": Kind(
-        DOUBT, "The people contradict a further `part` of the camera's intrinsics.",
-        "{who}: people fit a different {part} than stated", "check its intrinsics", common=True, rank="lens",
-    ),
-    "size_contradicted": Kind(
-        DOUBT, "The people appear too large or too small for where the camera seems to stand; no wrong intrinsics explain it.",
-        lambda v: (
-            f"camera {v['camera']}: people fit a focal length {longer(v['change'])} than stated ({v['sigmas']:.1f} sigmas), "
-            "and no error of its intrinsics explains that: the camera may be placed by people who are not those of the others"
-        ),
-        "check whether it shows a screen, a mirror or another place, and its intrinsics and identities", rank="symptom",
     ),
     "focal_refined_far": Kind(
         DOUBT, "The refined focal length is farther from the stated value than the error expected of one.",

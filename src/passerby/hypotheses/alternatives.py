@@ -1,0 +1,104 @@
+"""The complete list of what Passerby can suspect: each alternative changes what the adjustment takes for granted.
+
+An alternative widens a prior of the base model, in which every stated lens is already free within `STATED`. Prior odds are
+those of a whole site, shared by its cameras, so that a sound site of 1,000 cameras is accepted as often as a room of four.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+
+import numpy as np
+
+from passerby.common.arrays import Floats, Ints
+from passerby.core.cameras import Rig
+from passerby.solver.lens_unknowns import LENS_PARTS, LensPart, LensUnknowns
+from passerby.solver.person_model import PeopleProblem
+
+LENS = LensUnknowns(LENS_PARTS)
+STATED: Mapping[LensPart, float] = MappingProxyType({"focal": 0.005, "principal_point": 0.005, "distortion": 0.01})
+"""One standard deviation of a calibrated lens around what is stated: a share of the focal length; of the principal point, a
+share of the image's width; the first distortion coefficient. A scene's `focal_sd` replaces the first one."""
+WRONG: Mapping[LensPart, float] = MappingProxyType({"focal": 0.2, "principal_point": 0.08, "distortion": 0.1})
+"""The same of a lens that is stated wrongly: a zoom that was moved, a cropped image, a lens model that was left out."""
+WRONG_SITES: Mapping[LensPart, float] = MappingProxyType({"focal": 0.05, "principal_point": 0.05, "distortion": 0.02})
+"""Share of sites in which one camera's lens is wrong in this respect."""
+ALL_WRONG = 0.01
+"""Share of sites in which the focal lengths of all cameras are wrong by one factor, as for another image size; and of those
+where all distortions are wrong alike: left out, or of images that were undistorted already."""
+
+
+@dataclass(frozen=True)
+class Alternative:
+    """One thing that may be wrong."""
+
+    code: str
+    cameras: tuple[int, ...]
+    """Indices."""
+    parameters: tuple[LensPart, ...]
+    """Of the lens; those that become free."""
+    log_prior: float
+    """Logarithm of its prior odds against the inputs as stated."""
+    alike: bool = False
+    """Whether the cameras are wrong by the same factor instead of each by its own."""
+    correctable: bool = True
+
+    @property
+    def columns(self) -> Ints:
+        """Of the unknowns of a lens, those that become free."""
+        return np.concatenate([np.arange(LENS.size)[LENS.columns_of(part)] for part in self.parameters])
+
+    def apply(self, problem: PeopleProblem, rig: Rig) -> PeopleProblem:
+        """The base problem with what is suspected free.
+
+        Args:
+            problem: the base problem (`case.Case`).
+            rig: the lenses as stated.
+        """
+        wrong = prior_scales(rig, WRONG)
+        assert problem.lens_core is not None
+        columns = self.columns
+        if self.alike:
+            common = np.zeros(LENS.size)
+            common[columns] = wrong[0, columns]
+            return replace(problem, lens_common=common)
+        core = problem.lens_core.copy()
+        at = np.ix_(np.array(self.cameras), columns)
+        core[at] = np.maximum(core[at], wrong[at])
+        return replace(problem, lens_core=core)
+
+    def with_parts_of(self, other: Alternative) -> Alternative:
+        """Both at once, about the same cameras."""
+        parts = tuple(part for part in LENS_PARTS if part in (*self.parameters, *other.parameters))
+        return replace(self, code="lens", parameters=parts, log_prior=max(self.log_prior, other.log_prior))
+
+
+def lens_alternatives(rig: Rig) -> list[Alternative]:
+    """Each part of each camera's lens, and the focal lengths and the distortions of all cameras alike."""
+    n = len(rig)
+    single = [
+        Alternative(part, (c,), (part,), float(np.log(WRONG_SITES[part] / n))) for part in LENS_PARTS for c in range(n)
+    ]  # fmt: skip
+    parts: tuple[LensPart, ...] = ("focal", "distortion")
+    alike = [Alternative(part, tuple(range(n)), (part,), float(np.log(ALL_WRONG)), alike=True) for part in parts]
+    return [*single, *alike]
+
+
+def prior_scales(rig: Rig, of: Mapping[LensPart, float]) -> Floats:
+    """(C, L) standard deviations of the lenses' unknowns: pixels for the principal point."""
+    out = np.zeros((len(rig), LENS.size))
+    width = np.array([camera.lens.size[0] for camera in rig], dtype=np.float64)
+    out[:, LENS.columns_of("focal")] = of["focal"]
+    out[:, LENS.columns_of("principal_point")] = of["principal_point"] * width[:, None]
+    out[:, LENS.columns_of("distortion")] = of["distortion"]
+    return out
+
+
+def stated_scales(rig: Rig) -> Floats:
+    """(C, L) the same of the lenses as they are stated."""
+    out = prior_scales(rig, STATED)
+    focal = [STATED["focal"] if camera.lens.focal_sd is None else camera.lens.focal_sd for camera in rig]
+    out[:, LENS.columns_of("focal")] = np.array(focal)[:, None]
+    return out

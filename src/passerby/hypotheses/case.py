@@ -1,0 +1,210 @@
+"""The base model: a part of the observations around the optimum, with every stated lens free within what it is known to.
+
+All alternatives are compared on the same observations with the same noise. Only what an alternative changes differs.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from passerby.common.arrays import Bools, Floats, Ints
+from passerby.core.cameras import Pose, Rig
+from passerby.core.synchronisation import USUAL_FPS
+from passerby.hypotheses.alternatives import LENS, stated_scales
+from passerby.solver.cue_terms import CueRows
+from passerby.solver.initialisation import people_for_all
+from passerby.solver.optimizer.least_squares import NormalEquations, Stopping, minimise
+from passerby.solver.people import PeopleSolution
+from passerby.solver.people_state import AdjustmentState
+from passerby.solver.person_model import JOINT, UPRIGHT, PeopleProblem
+from passerby.solver.refinement import AGREE_SIGMAS, build_problem, rig_of
+
+PEOPLE, JOINTS, OF_CAMERA = 1500, 4000, 200
+"""Person-instants and joints that are compared, spread evenly: those in between err as their neighbours do. In large rigs
+more, so that there are that many observations of a camera on the mean."""
+STRETCH_S = 10.0
+"""Errors of one person within this time are taken to be one block, and those of different blocks to be independent."""
+WIDE_SHARE = 0.15
+"""Tolerance of agreement, as a share of a person's extent: as in the first round of a fit, so that people at the edge of an
+image whose lens is wrong are not left out."""
+RAY_ROUNDS = 4
+"""Times that rays are made again with the lenses found."""
+_FITTING, _PREDICTING = Stopping(20, 1e-5), Stopping(40, 1e-6)
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """A problem with its state, and the block that each of its observations belongs to."""
+
+    stated: Rig
+    """Lenses as stated."""
+    problem: PeopleProblem
+    state: AdjustmentState
+    instant_block: Ints
+    """(N,) of each person-instant."""
+    joint_block: Ints
+    """(J,) of each joint."""
+    n_blocks: int
+
+    @classmethod
+    def of(cls, solution: PeopleSolution) -> Case | None:
+        """The base model around a solution, not fitted yet; None where there is nothing to compare by."""
+        start, fit = solution.start, solution.fit
+        if start is None or fit is None or solution.covariance is None or start.unknowns.parts:
+            return None
+        evidence, noise = start.evidence, fit.noise
+        whole = np.ones(len(evidence.sightings))
+        if fit.model.problem.whole is not None:
+            whole[fit.model.rows] = fit.model.problem.whole
+        share = AGREE_SIGMAS * max(noise.centre if len(fit.model.rows) else 0.0, noise.joint if evidence.n_joints else 0.0)
+        people = _spread(len(evidence.person), people_for_all(evidence, PEOPLE, OF_CAMERA))
+        model = build_problem(
+            evidence, rig_of(fit.result.state), noise, start.knowledge, share=max(share, WIDE_SHARE),
+            blocks=people, joints=_spread(evidence.n_joints, JOINTS), stance=fit.stance, whole=whole, rename=True,
+        )  # fmt: skip
+        if not len(model.rows) and not len(model.joint_rows):
+            return None
+        steps = STRETCH_S * (solution.fps or USUAL_FPS)
+        keys = np.concatenate(
+            [
+                np.column_stack([frame // steps, person]).astype(np.int64)
+                for frame, person in (
+                    (evidence.frame[model.blocks], evidence.person[model.blocks]),
+                    (evidence.joint_frame[model.joints], evidence.joint_person[model.joints]),
+                )
+            ]
+        )
+        blocks, block = np.unique(keys, axis=0, return_inverse=True)
+        block = block.reshape(-1)
+        first = np.zeros((len(start.rig), LENS.size))
+        rows = len(model.rows) + len(model.joint_rows)
+        every = max(len(fit.model.rows) + len(fit.model.joint_rows), rows)
+        weight = max(1.0, solution.covariance.inflation * rows / every)
+        problem = replace(
+            model.problem, lens_core=stated_scales(start.rig), lens_weight=np.array(weight), lens_normal=True, lens_groups=()
+        )  # fmt: skip
+        problem = _with_rays(problem, start.rig, first)
+        n = len(model.blocks)
+        return cls(start.rig, problem, replace(model.state, lens=first), block[:n], block[n:], len(blocks))
+
+    def with_problem(self, problem: PeopleProblem) -> Case:
+        """The same with another problem about the same observations."""
+        return replace(self, problem=problem)
+
+    def fitted(self) -> Case:
+        """At its optimum, with rays of the lenses found there."""
+        problem, state = self.problem, self.state
+        for _ in range(RAY_ROUNDS):
+            before = state.lens
+            state = minimise(problem, state, _FITTING).state
+            problem = _with_rays(problem, self.stated, state.lens)
+            if LENS.settled(state.lens - before):
+                break
+        return replace(self, problem=problem, state=state)
+
+    def rig(self) -> Rig:
+        """Cameras with the lenses and poses found."""
+        rig = LENS.rig(self.stated, self.state.lens)
+        poses = (Pose.from_centre(R, centre) for R, centre in zip(self.state.R, self.state.centre, strict=True))
+        return Rig(tuple(replace(camera, pose=pose) for camera, pose in zip(rig, poses, strict=True)))
+
+    def lens_covariance(self) -> Floats:
+        """(C L, C L) of all lenses at the optimum, in units in which the observations are independent."""
+        H = NormalEquations(self.problem.layout, self.problem.terms(self.state, jacobians=True)).reduce().H
+        scale = 1 / np.sqrt(np.maximum(np.diag(H), 1e-12))
+        # Gauge freedoms of the rig have no information: the pseudo-inverse holds them.
+        inverse = np.linalg.pinv(H * scale[:, None] * scale, rcond=1e-10, hermitian=True) * scale[:, None] * scale
+        of_camera = (np.arange(self.problem.n_cameras) + 1) * self.problem.camera_size - self.problem.n_lens
+        at = (of_camera[:, None] + np.arange(self.problem.n_lens)).ravel()
+        return np.asarray(inverse[np.ix_(at, at)])
+
+    def lens_sigma(self) -> Floats:
+        """(C, L) one standard deviation of the lenses' unknowns, with what observations have in common."""
+        variance = np.diag(self.lens_covariance()) * float(np.mean(self.problem.lens_weight))
+        return np.asarray(np.sqrt(np.maximum(variance, 0.0)).reshape(self.state.lens.shape))
+
+    def without(self, held_out: Bools) -> Case:
+        """The case without the blocks (B,) that are held out."""
+        return self._part(~held_out[self.instant_block], ~held_out[self.joint_block])
+
+    def predicted(self, fitted: Case, held_out: Bools) -> Floats:
+        """(B,) robust cost of each block that is held out, nats, where all but its own people is as `fitted`; 0 elsewhere.
+
+        Args:
+            fitted: the case without these blocks, at its optimum.
+            held_out: (B,).
+        """
+        part = self._part(held_out[self.instant_block], held_out[self.joint_block])
+        shared = fitted.state
+        state = replace(
+            part.state, R=shared.R, centre=shared.centre, slack=shared.slack, globals=shared.globals, time=shared.time,
+            lens=shared.lens,
+        )  # fmt: skip
+        problem = _with_rays(part.problem, self.stated, shared.lens)
+        held = np.zeros(problem.layout.n_shared, dtype=bool)
+        return replace(part, problem=problem, state=minimise(problem, state, _PREDICTING, free=held).state)._costs()
+
+    def _part(self, instants: Bools, joints: Bools) -> Case:
+        """Some of the person-instants and joints."""
+        p, s = self.problem, self.state
+        rows, joint_rows = instants[p.sightings.block], joints[p.joints.point]
+        number, joint_number = np.cumsum(instants) - 1, np.cumsum(joints) - 1
+        seen, points = p.sightings.take(rows), p.joints.take(joint_rows)
+        problem = replace(
+            p, sightings=replace(seen, block=number[seen.block]), joints=replace(points, point=joint_number[points.point]),
+            person=p.person[instants], stance_weight=p.stance_weight[instants], n_joints=int(joints.sum()),
+            whole=None if p.whole is None else p.whole[rows],
+            expected_px=None if p.expected_px is None else p.expected_px[rows],
+        )  # fmt: skip
+        state = replace(s, people=s.people[instants], joints=s.joints[joints])
+        return replace(
+            self, problem=problem, state=state, instant_block=self.instant_block[instants], joint_block=self.joint_block[joints]
+        )
+
+    def _costs(self) -> Floats:
+        """(B,) robust cost of the observations of each block, and of what is expected of its people."""
+        out = np.zeros(self.n_blocks)
+        problem = self.problem
+        for term in problem.terms(self.state, jacobians=True):
+            squared = np.einsum("mk,mk->m", term.residual, term.residual)
+            cost = 0.5 * squared if term.loss is None else term.loss.cost(squared)
+            if term.block is not None and term.family in (UPRIGHT, JOINT):
+                block = (self.instant_block if term.family == UPRIGHT else self.joint_block)[term.block]
+                out += np.bincount(block, cost, self.n_blocks)
+            elif term.group is not None and len(problem.person):  # statures: each instant of a person bears its share
+                instants = np.bincount(problem.person, minlength=len(cost))
+                share = cost[problem.person] / instants[problem.person]
+                out += np.bincount(self.instant_block, share, self.n_blocks)
+        return out
+
+
+def prior_precision(problem: PeopleProblem) -> Floats:
+    """(C L, C L) of the priors of the lenses."""
+    core, common = problem.lens_core, problem.lens_common
+    assert core is not None
+    precision = np.diag((core**-2.0).ravel())
+    for unknown in [] if common is None else np.flatnonzero(common):
+        assert common is not None
+        at = np.arange(len(core)) * core.shape[1] + unknown
+        precision[np.ix_(at, at)] = np.linalg.inv(np.diag(core[:, unknown] ** 2) + common[unknown] ** 2)
+    return np.asarray(precision * problem.lens_weight)
+
+
+def _with_rays(problem: PeopleProblem, stated: Rig, lens: Floats) -> PeopleProblem:
+    """The problem with rays of the lenses that differ from the stated ones by `lens` (C, L)."""
+    cues: CueRows | None = problem.cues
+    if cues is not None and cues.marks is not None:
+        cues = replace(cues, marks=LENS.points(cues.marks, stated, lens))
+    if cues is not None and cues.plan is not None:
+        cues = replace(cues, plan=replace(cues.plan, rays=LENS.points(cues.plan.rays, stated, lens)))
+    return replace(
+        problem, sightings=LENS.sightings(problem.sightings, stated, lens), joints=LENS.points(problem.joints, stated, lens),
+        cues=cues,
+    )  # fmt: skip
+
+
+def _spread(count: int, most: int) -> Ints:
+    """Indices below `count`, at most so many, spread evenly."""
+    return np.unique(np.linspace(0, count - 1, min(count, most)).astype(np.int64)) if count else np.zeros(0, np.int64)

@@ -1,0 +1,88 @@
+"""What is reported of lenses that people contradict, as typed values."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+import numpy as np
+
+from passerby.findings.finding import Finding, doubt, notice
+from passerby.hypotheses.alternatives import LENS
+from passerby.hypotheses.lenses import FoundLenses, LensResult
+
+CROPPED = 0.03
+"""A principal point that is off by this share of the width comes from an image that was cropped."""
+
+Why = Literal["several", "implausible", "not_better"]
+"""Why a contradicted lens is not corrected: several explanations fit alike; no lens is wrong by so much; the rig with the
+corrected lens predicts people worse, or loses cameras."""
+
+
+def lens_corrected(found: FoundLenses) -> Finding:
+    """A lens that was corrected."""
+    return notice("lens_corrected", *_about(found), **_values(found))
+
+
+def lens_differs(found: FoundLenses) -> Finding:
+    """A lens that is stated wrongly, and changes what the rig measures by less than its uncertainty."""
+    return notice("lens_differs", *_about(found), **_values(found))
+
+
+def lens_doubtful(result: LensResult, why: Why | None = None) -> Finding:
+    """Lenses of which one is stated wrongly, and that are not corrected."""
+    found = result.found
+    assert found is not None
+    if why is None:
+        several = len({one.alternative.cameras for one in result.suspects}) > 1
+        why = "several" if several else "implausible"
+    names = found.stated.names
+    if why != "several":
+        return doubt("lens_doubtful", *_about(found), why=why, **_values(found))
+    suspects = [
+        {"part": one.alternative.code, "cameras": [] if one.alternative.alike else [names[c] for c in one.alternative.cameras]}
+        for one in result.suspects
+    ]
+    cameras = dict.fromkeys(name for one in suspects for name in one["cameras"])
+    return doubt("lens_doubtful", *cameras, why=why, suspects=suspects, moved_mm=_moved_mm(found))
+
+
+def _about(found: FoundLenses) -> tuple[str, ...]:
+    """The camera that a finding is about; none where it is about all."""
+    return () if found.alternative.alike else tuple(found.stated.names[c] for c in found.alternative.cameras)
+
+
+def _moved_mm(found: FoundLenses) -> float | None:
+    return None if found.moved is None else found.moved.points.median_mm
+
+
+def _values(found: FoundLenses) -> dict[str, Any]:
+    """What was stated and what people fit, in the parts that are free; of several cameras the shared factor."""
+    c = found.alternative.cameras[0]
+    stated, change, sigma = found.stated.cameras[c].lens, found.change[c], found.sigma[c]
+    lens = LENS.moved(stated, change)
+    out: dict[str, Any] = {"moved_mm": _moved_mm(found)}
+    for part in found.alternative.parameters:
+        columns = LENS.columns_of(part)
+        if part == "focal":
+            out["focal"] = {
+                "change": float(np.expm1(change[columns][0])), "sigma": float(sigma[columns][0]),
+                "stated_px": stated.focal, "found_px": lens.focal,
+            }  # fmt: skip
+        elif part == "principal_point":
+            by = change[columns]
+            # The direction that is known best: by boxes, the vertical one turns with the camera.
+            axis = int(np.argmax(np.abs(by) / np.maximum(sigma[columns], 1e-9)))
+            side = ("left", "right") if axis == 0 else ("top", "bottom")
+            cropped = abs(by[axis]) > CROPPED * stated.size[0]
+            out["principal_point"] = {
+                "stated_px": stated.matrix[:2, 2].tolist(), "found_px": lens.matrix[:2, 2].tolist(),
+                "sigma_px": float(sigma[columns].max()), "moved_px": float(abs(by[axis])),
+                "cropped": side[int(by[axis] > 0)] if cropped else None,
+            }  # fmt: skip
+        else:
+            before = float(stated.distortions[0]) if len(stated.distortions) else 0.0
+            out["distortion"] = {
+                "stated": before, "found": float(lens.distortions[0]), "change": float(change[columns][0]),
+                "sigma": float(sigma[columns][0]),
+            }  # fmt: skip
+    return out
