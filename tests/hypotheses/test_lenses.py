@@ -87,6 +87,14 @@ def test_a_wrong_lens_is_found_and_corrected(
 
 
 @pytest.mark.slow
+def test_a_focal_length_twice_as_long_is_not_passed_over() -> None:
+    _, solution = stated("terrace", (1,), (np.log(2.0), 0, 0, 0))
+    result = examine_lenses(solution)
+    assert result.decision in ("correct", "doubt")
+    assert ("focal", (1,)) in suspects(result)
+
+
+@pytest.mark.slow
 def test_a_corrected_rig_measures_what_the_true_one_measures() -> None:
     truth, solution = stated("basketball", (1,), (np.log(1.1), 0, 0, 0))
     result = examine_lenses(solution)
