@@ -82,8 +82,18 @@ def test_a_wrong_lens_is_found_and_corrected(
     assert result.found.change[cameras[0], 1] == pytest.approx(-change[1] * truth.cameras[0].lens.size[0], abs=20)
     corrected = result.found.corrected(solution.rig)
     for c, camera in enumerate(corrected):
-        assert np.array_equal(camera.lens.matrix, solution.rig.cameras[c].lens.matrix) is (c not in cameras)
+        before = solution.rig.cameras[c].lens
+        same = np.array_equal(camera.lens.matrix, before.matrix) and camera.lens.distortions[0] == before.distortions[0]
+        assert same == (c not in cameras)
         assert (camera.lens.focal_sd is not None) is (code == "focal" and c in cameras)
+
+
+@pytest.mark.slow
+def test_a_focal_length_twice_as_long_is_not_passed_over() -> None:
+    _, solution = stated("terrace", (1,), (np.log(2.0), 0, 0, 0))
+    result = examine_lenses(solution)
+    assert result.decision in ("correct", "doubt")
+    assert ("focal", (1,)) in suspects(result)
 
 
 @pytest.mark.slow

@@ -182,8 +182,7 @@ def test_each_camera_counts_what_was_seen_in_it() -> None:
     start: Any = SimpleNamespace(rig=RIG, levels=[None] * 3, evidence=evidence)
     state = SimpleNamespace(slack=np.array([0.01, -0.01, 0.0]))
     fit: Any = SimpleNamespace(result=SimpleNamespace(state=state), model=SimpleNamespace(problem=problem))
-    checks: Any = [SimpleNamespace(change=0.0, sigma=0.01)] * 3
-    found = findings._cameras(start, fit, COVARIANCE, checks)
+    found = findings._cameras(start, fit, COVARIANCE)
     assert [camera.name for camera in found] == ["C1", "C2", "C3"]
     assert [(camera.sightings, camera.agreeing, camera.joints) for camera in found] == [(4, 3, 0), (1, 1, 1), (0, 0, 2)]
     assert [camera.median_residual_px for camera in found] == [pytest.approx(2.0), pytest.approx(5.0), None]
