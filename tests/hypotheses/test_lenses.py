@@ -9,10 +9,11 @@ import pytest
 
 from passerby.core.cameras import Camera, Lens, Pose, Rig
 from passerby.core.measuring import Distances, MeasuringErrors, common_ground, measured_change
+from passerby.core.measuring_figures import CameraMeasuring, MeasuringFigures, MeasuringSigma
 from passerby.core.observations import Boxes, CameraObservations, Observations
 from passerby.hypotheses.alternatives import lens_alternatives
 from passerby.hypotheses.findings import lens_corrected, lens_doubtful
-from passerby.hypotheses.lenses import LensResult, MeasuringUncertainty, effect, examine_lenses
+from passerby.hypotheses.lenses import LensResult, effect, examine_lenses
 from passerby.simulation import SimulationOptions, simulate
 from passerby.simulation.body import pose_joints
 from passerby.simulation.observe import observe_camera
@@ -109,10 +110,21 @@ def test_a_corrected_rig_measures_what_the_true_one_measures() -> None:
     assert right.points.median_mm < 0.25 * wrong.points.median_mm
 
 
+def uncertainty(points_mm: float, ground_mm: dict[str, float]) -> MeasuringFigures:
+    """Of points, and on the ground by camera."""
+    points = MeasuringSigma(median_mm=points_mm, p90_mm=points_mm)
+    cameras = {
+        name: CameraMeasuring(points=points, across=points, ground=MeasuringSigma(median_mm=mm, p90_mm=mm))
+        for name, mm in ground_mm.items()
+    }
+    return MeasuringFigures(places=1, points=points, ground=None, ground_height_mm=None, cameras=cameras)
+
+
 @pytest.mark.slow
 def test_what_changes_measurements_by_less_than_their_uncertainty_is_a_notice() -> None:
     _, solution = stated("basketball", (1,), (np.log(1.1), 0, 0, 0))
-    assert examine_lenses(solution, MeasuringUncertainty(1e4, {})).decision == "notice"
+    vague = replace(solution, figures=replace(solution.figures, measuring=uncertainty(1e4, {})))
+    assert examine_lenses(vague).decision == "notice"
     tried = [one for one in lens_alternatives(solution.rig) if (one.code, one.cameras) == ("focal", (1,))]
     assert examine_lenses(solution, corrected=tried).decision == "nothing", "what is free contradicts nothing"
 
@@ -136,10 +148,10 @@ def test_the_effect_is_that_of_points_or_of_the_ground_that_changes_most() -> No
         of = (Distances(mm, 2 * mm, 9) for mm in (points, ground, ground))
         return MeasuringErrors(9, True, next(of), next(of), {"C1": next(of)})
 
-    sigma = MeasuringUncertainty(20.0, {"C1": 40.0})
+    sigma = uncertainty(20.0, {"C1": 40.0})
     assert effect(change(30.0, 10.0), sigma) == pytest.approx(1.5)
     assert effect(change(30.0, 120.0), sigma) == pytest.approx(3.0)
-    assert effect(change(30.0, 120.0), replace(sigma, ground_mm={})) == pytest.approx(1.5)
+    assert effect(change(30.0, 120.0), uncertainty(20.0, {})) == pytest.approx(1.5)
 
 
 def on_a_wall(spacing_m: float, seed: int, *, converging: bool) -> tuple[Rig, Observations]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -10,13 +10,14 @@ import numpy as np
 
 from passerby.common.arrays import Floats
 from passerby.core.cameras import Rig
+from passerby.core.figures import adjusted
 from passerby.core.lens import LARGEST_FOCAL_SD
 from passerby.core.measuring import MeasuringErrors, measured_change
+from passerby.core.measuring_figures import MeasuringFigures
 from passerby.hypotheses.alternatives import LENS, WRONG, Alternative, lens_alternatives, prior_scales
 from passerby.hypotheses.case import Case
 from passerby.hypotheses.comparison import Comparison, Refit, Screened, screen
 from passerby.solver.people import PeopleSolution
-from passerby.solver.uncertainty import RigCovariance
 
 LOG_ODDS = float(np.log(10.0))
 """An explanation counts that is ten times as probable as the one it is compared with, its prior odds included: strong evidence
@@ -31,16 +32,6 @@ MOST_SIGMAS = 3.0
 stands elsewhere, or shows other people."""
 
 Decision = Literal["nothing", "notice", "correct", "doubt"]
-
-
-@dataclass(frozen=True)
-class MeasuringUncertainty:
-    """Of what a rig measures: one standard deviation, millimetres."""
-
-    points_mm: float
-    """Of triangulated points."""
-    ground_mm: Mapping[str, float]
-    """Of a place on the ground, by the camera that sees it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,14 +108,11 @@ class LensResult:
     """All that were fitted."""
 
 
-def examine_lenses(
-    solution: PeopleSolution, uncertainty: MeasuringUncertainty | None = None, corrected: Sequence[Alternative] = ()
-) -> LensResult:
+def examine_lenses(solution: PeopleSolution, corrected: Sequence[Alternative] = ()) -> LensResult:
     """Compare the stated lenses with the alternatives to them.
 
     Args:
         solution: a solution by stated lenses; where lenses were refined, they went where people put them.
-        uncertainty: of what the rig measures; from its poses where it is None.
         corrected: alternatives that were adopted before: what they are about stays free.
     """
     case = None if solution.covariance is None or solution.covariance.free.cameras else Case.of(solution)
@@ -159,41 +147,23 @@ def examine_lenses(
             freed = freed.with_parts_of(one.alternative)
         case = base.with_problem(freed.apply(base.problem, base.stated)).fitted()
     found = FoundLenses.of(freed, base, case, corrected)
-    uncertainty = uncertainty_of_poses(solution.covariance, base) if uncertainty is None else uncertainty
+    measuring = adjusted(solution.figures).measuring
     decision: Decision = "correct"
-    if found.moved is not None and effect(found.moved, uncertainty) <= 1:
+    if found.moved is not None and measuring is not None and effect(found.moved, measuring) <= 1:
         decision = "notice"
     elif len(own) < len(suspects) or not found.is_plausible or not freed.correctable:
         decision = "doubt"
     return LensResult(decision, tuple(screened), suspects, found, tuple(tested))
 
 
-def effect(change: MeasuringErrors, uncertainty: MeasuringUncertainty) -> float:
+def effect(change: MeasuringErrors, measuring: MeasuringFigures) -> float:
     """The change of what a rig measures, in its standard deviations: of points, or of one camera's ground if that is more."""
     ground = [
-        one.median_mm / max(uncertainty.ground_mm[name], 1e-9)
+        one.median_mm / max(own.median_mm, 1e-9)
         for name, one in change.cameras.items()
-        if name in uncertainty.ground_mm
+        if name in measuring.cameras and (own := measuring.cameras[name].ground) is not None
     ]
-    return max(change.points.median_mm / max(uncertainty.points_mm, 1e-9), *ground, 0.0)
-
-
-def uncertainty_of_poses(covariance: RigCovariance, case: Case) -> MeasuringUncertainty:
-    """A stand-in for the propagated uncertainty of what a rig measures, from the poses alone.
-
-    A point that k cameras see averages their errors of position. A place on the ground that is d away from a camera of height h
-    moves by (d^2 + h^2) / h for each radian that the camera turns.
-    """
-    variance = np.einsum("cii->ci", covariance.shape)
-    position, turn = (np.sqrt(np.maximum(part.sum(axis=1), 0.0)) for part in (variance[:, :3], variance[:, 3:]))
-    seen_by = np.bincount(np.concatenate([case.problem.sightings.block, len(case.problem.person) + case.problem.joints.point]))
-    cameras = float(np.mean(seen_by[seen_by > 0]))
-    centre, places = case.state.centre, case.state.people[:, :2]
-    away = np.linalg.norm(places[None] - centre[:, None, :2], axis=2) if len(places) else np.full((len(centre), 1), np.nan)
-    height = np.maximum(centre[:, 2:], 0.1)
-    ground = 1000 * np.hypot(position, turn * np.median((away**2 + height**2) / height, axis=1))
-    by_name = {name: mm for name, mm in zip(case.stated.names, ground.tolist(), strict=True) if np.isfinite(mm)}
-    return MeasuringUncertainty(float(1000 * np.median(position) / np.sqrt(cameras)), by_name)
+    return max(change.points.median_mm / max(measuring.points.median_mm, 1e-9), *ground, 0.0)
 
 
 def _explains_more(best: Tested, other: Tested) -> bool:
