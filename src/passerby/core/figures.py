@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from passerby.common.absence import ABSENT
-from passerby.core.lens_figures import LensFigures
+from passerby.core.lens_figures import LensFigures, LensRefinement
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -356,6 +356,8 @@ class AdjustedFigures(SolverFigures):
     """What nothing fixes; None where all is fixed."""
     lenses: Mapping[str, LensFigures] = field(default_factory=dict)
     """By camera; empty where no lens was refined."""
+    refinement: LensRefinement | None = field(default=None, metadata=ABSENT)
+    """None where stated lenses were not to be refined."""
 
 
 @dataclass(frozen=True, kw_only=True)

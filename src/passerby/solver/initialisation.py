@@ -182,6 +182,14 @@ class Initialisation:
             return self
         return replace(self, knowledge=replace(self.knowledge, lens_core=self.unknowns.core(self.stated, free=parts)))
 
+    def with_unknowns(self, parts: Sequence[LensPart]) -> Initialisation:
+        """The same with parts of the stated lenses free, none moved yet."""
+        unknowns = LensUnknowns(tuple(parts))
+        core, far = unknowns.first_core(self.stated), unknowns.uncalibrated_sd(self.stated)
+        nothing = np.zeros((len(self.stated), unknowns.size))
+        knowledge = replace(self.knowledge, lens_core=core, lens_far=far)
+        return replace(self, unknowns=unknowns, knowledge=knowledge).with_lenses(nothing)
+
     def weighed(self, model: AdjustmentProblem, result: Result[AdjustmentState]) -> Initialisation:
         """The same with priors of the lenses that count as much more as the sightings of an optimum follow one another."""
         if not self.unknowns.parts:

@@ -20,6 +20,7 @@ from passerby.core.lens_figures import LensFigures
 from passerby.core.observations import Observations
 from passerby.core.scale_cues import ScaleCues
 from passerby.core.solution import Solution, Verdict
+from passerby.core.synchronisation import USUAL_FPS
 from passerby.findings.finding import doubt, refusal
 from passerby.findings.refusals import RefusalError
 from passerby.geometry.relative_pose import PairHypothesis
@@ -45,6 +46,7 @@ from passerby.solver.people_state import AdjustmentState
 from passerby.solver.pose_graph import connected_components, heading_rotation
 from passerby.solver.refined_lenses import decide_refined_lenses, diverged_lenses, far_lenses, lens_figures
 from passerby.solver.registrations import doubts_about_registrations
+from passerby.solver.stated_lenses import refine_stated_lenses
 from passerby.solver.systematic import StatedFocals
 from passerby.solver.uncertainty import RigCovariance, add_learnt_stance, design_effect, joint_design_effect, rig_covariance
 from passerby.solver.zones import ZONE_CAMERAS, ZonedRig, doubts_about_seams, initial_rig_by_zones, seams_of
@@ -80,6 +82,9 @@ def solve_people(
         RefusalError: no two cameras saw enough of the same people at the same instants.
     """
     options = options or PeopleOptions()
+    stated = () if "distortion" in options.refine_lens else options.refine_lens
+    if stated:
+        options = replace(options, refine_lens=())
     first = Initialisation.prepare(rig, observations, cues, options, rng, guesses)
     groups = connected_components(len(rig), first.hypotheses, MIN_MATCHES)
     if len(groups[0]) < 2:
@@ -104,6 +109,9 @@ def solve_people(
             findings.append(doubt("reinitialisation_failed"))
             break
         fit = refine_in_stages(start, choice.state, options, rng)
+    refinement = None
+    if stated:
+        fit, refinement = refine_stated_lenses(fit, stated, options, rng, observations.fps or USUAL_FPS)
     fit = placed_by_bodies(fit, observations, cues, options, rng)
     start = fit.start
     covariance, cues_said, lenses = _sure(start, fit, cues, observations)
@@ -131,7 +139,7 @@ def solve_people(
         *far,
     ]
     verdict: Verdict = "doubtful" if findings else "accepted"
-    figures = figures_of(start, choice, fit, covariance, cues_said, focals, lenses)
+    figures = replace(figures_of(start, choice, fit, covariance, cues_said, focals, lenses), refinement=refinement)
     if zoned is not None:
         figures = replace(figures, zones=zones, seams=seams)
     return Solution("people", replace(whole, verdict=verdict), verdict, tuple(findings), figures)

@@ -82,6 +82,8 @@ class PeopleProblem:
     lens_groups: tuple[tuple[int, ...], ...] = ()
     """Cameras of one model: their focal lengths and distortions differ by `UNIT_FOCAL` and `UNIT_DISTORTION` only. Where priors
     are normal."""
+    lens_far: Floats | None = None
+    """(C, L) the tails of the Cauchy distributions fall like those of normal ones of these standard deviations."""
 
     @property
     def timed(self) -> bool:
@@ -317,6 +319,9 @@ class PeopleProblem:
             J[:, 0, (of_camera + 1) * self.camera_size - k + unknown] = weight
             loss = None if self.lens_normal else Cauchy(root[:, unknown])
             terms.append(Term((weight @ state.lens[:, unknown])[:, None], loss, by_shared=J))
+            if self.lens_far is not None and not self.lens_normal:
+                bound = (self.lens_core / self.lens_far)[:, unknown]
+                terms.append(Term((bound * np.diag(weight) * state.lens[:, unknown])[:, None], by_shared=J * bound[:, None, None]))
         return terms
 
     def _mean_held(self, values: Floats, unknown: int, sd: float, mean_sd: float) -> Term:

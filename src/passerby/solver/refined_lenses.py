@@ -51,7 +51,7 @@ def decide_refined_lenses(
         return None
     core = unknowns.core(stated)
     seen = lens_evidence(problem, state, inflation)
-    sigma = refined_sigmas(seen, core, state.lens, normal=problem.lens_normal)
+    sigma = refined_sigmas(seen, core, state.lens, problem.lens_far, normal=problem.lens_normal)
     return RefinedLenses(unknowns, sigma, seen.sd)
 
 
