@@ -140,8 +140,8 @@ def _calibrate_together(estimator: Estimator, inputs: SceneInputs) -> Calibratio
         causes = (*inputs.doubts, *findings_of_motions(motions, solution.rig))
         solution = _decided(scene, solution, association, causes, (*doubts, *misplaced), placed.rig, inputs.gaps)
     solved = time.perf_counter()
-    lenses, rates = adjusted(solution.figures).lenses, solution.figures.clock_rates or {}
-    refined = (*lens_notes(lenses), *clock_skew_findings(rates), *ground)
+    figures, rates = adjusted(solution.figures), solution.figures.clock_rates or {}
+    refined = (*lens_notes(figures.lenses, figures.refinement), *clock_skew_findings(rates), *ground)
     unused = tuple(finding for finding in association.height_findings if finding.severity == "notice")
     frame = tuple(finding for finding in (*placed.findings, *off) if finding.severity == "notice")
     for note in (

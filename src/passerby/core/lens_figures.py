@@ -85,8 +85,8 @@ class LensRefinement:
     kept: tuple[RefinedPart, ...] = ()
     """and those that are; a refinement that is dropped leaves the rig as solved with the stated values."""
     why: Literal["diverged", "implausible", "prediction"] | None = None
-    """Why what was asked for was dropped: the adjustment did not converge, a lens left the range of wrong stated ones, or people
-    who were held out were predicted no better. None where it is kept."""
+    """Why what was asked for was dropped: the adjustment did not converge, a lens left the range of wrong stated ones, or
+    people who were held out were not predicted better. None where it is kept."""
     gain: float | None = None
     """Over the stated lenses, in the prediction of people held out, nats; None where that was not compared."""
     gain_sigma: float | None = None

@@ -53,19 +53,14 @@ def apart(rig: Rig, groups: list[list[int]]) -> list[Finding]:
     return [doubt("cameras_disconnected", *names, main=main) for names in others]
 
 
-def doubts_about(
-    start: Initialisation, fit: Fit, covariance: RigCovariance, diverged: Sequence[str] = ()
-) -> list[Finding]:  # fmt: skip
+def doubts_about(start: Initialisation, fit: Fit, covariance: RigCovariance) -> list[Finding]:
     """What speaks against the optimum: what nothing fixes, then by camera.
 
     Args:
         start: what the optimum was computed from.
         fit: the optimum.
         covariance: of its cameras.
-        diverged: cameras with a refined lens that no people hold: the cause of an uncertain pose, and of an adjustment that
-            does not end.
     """
-    converged = fit.result.converged
     out = _undetermined_world(covariance.free)
     state, rig = fit.result.state, start.rig
     agrees = joint_consistency(start.evidence, fit.model)
@@ -82,11 +77,7 @@ def doubts_about(
         vague = sigma.position_m > most_m or sigma.orientation_deg > MAX_ORIENTATION_DEG
         if vague and c not in covariance.free.cameras:
             position_mm, orientation_deg = float(1000 * sigma.position_m), float(sigma.orientation_deg)
-            by_lens = camera.name in diverged or not converged
-            cause = {"lenses": list(diverged)} if diverged and by_lens else {}
-            out.append(
-                doubt("camera_uncertain", camera.name, position_mm=position_mm, orientation_deg=orientation_deg, **cause)
-            )
+            out.append(doubt("camera_uncertain", camera.name, position_mm=position_mm, orientation_deg=orientation_deg))
     if covariance.vertical_deg > _MAX_VERTICAL_DEG and not covariance.free.vertical:
         out.append(doubt("vertical_uncertain", sigma_deg=float(covariance.vertical_deg)))
     cues = fit.model.problem.cues
@@ -95,8 +86,8 @@ def doubts_about(
     noise = height_noise(fit, start.evidence)
     if noise > _MAX_HEIGHT_NOISE:
         out.append(doubt("boxes_noisy", noise_percent=100 * noise))
-    if not converged:
-        out.append(doubt("adjustment_not_converged", **({"lenses": list(diverged)} if diverged else {})))
+    if not fit.result.converged:
+        out.append(doubt("adjustment_not_converged"))
     return out
 
 

@@ -44,7 +44,7 @@ from passerby.solver.lens_check import check_focals, sizes_contradicted
 from passerby.solver.pairs import MIN_MATCHES
 from passerby.solver.people_state import AdjustmentState
 from passerby.solver.pose_graph import connected_components, heading_rotation
-from passerby.solver.refined_lenses import decide_refined_lenses, diverged_lenses, far_lenses, lens_figures
+from passerby.solver.refined_lenses import decide_refined_lenses, far_lenses, lens_figures
 from passerby.solver.registrations import doubts_about_registrations
 from passerby.solver.stated_lenses import refine_stated_lenses
 from passerby.solver.systematic import StatedFocals
@@ -110,8 +110,8 @@ def solve_people(
             break
         fit = refine_in_stages(start, choice.state, options, rng)
     refinement = None
-    if stated:
-        fit, refinement = refine_stated_lenses(fit, stated, options, rng, observations.fps or USUAL_FPS)
+    if stated:  # with random numbers of its own: a refinement that is dropped changes nothing
+        fit, refinement = refine_stated_lenses(fit, stated, options, rng.spawn(1)[0], observations.fps or USUAL_FPS)
     fit = placed_by_bodies(fit, observations, cues, options, rng)
     start = fit.start
     covariance, cues_said, lenses = _sure(start, fit, cues, observations)
@@ -121,7 +121,6 @@ def solve_people(
         focals = [replace(check, change=0.0) for check in focals]
     # Where the rig itself is not determined, anything moves it.
     wrong = [] if covariance.free.cameras else contradicted_lenses(start, fit, covariance.inflation)
-    far = far_lenses(lenses)
     posed = _placed(start.rig, fit.result.state, covariance)
     posed = _with_refined_sigmas(posed, lenses)
     zones = () if zoned is None else zoned.figures(start.rig)
@@ -131,12 +130,12 @@ def solve_people(
         *start.evidence.findings,
         *findings,
         *choice.doubts,
-        *doubts_about(start, fit, covariance, diverged_lenses(far, converged=fit.result.converged)),
+        *doubts_about(start, fit, covariance),
         *disagreements,
         *(contradictions_of(start.rig, wrong) or ([] if covariance.free.cameras else sizes_contradicted(focals))),
         *doubts_about_registrations(start.rig, start.hypotheses, fit.result.state.R, fit.result.state.centre),
         *doubts_about_seams(seams, zones, MAX_ORIENTATION_DEG),
-        *far,
+        *far_lenses(lenses),
     ]
     verdict: Verdict = "doubtful" if findings else "accepted"
     figures = replace(figures_of(start, choice, fit, covariance, cues_said, focals, lenses), refinement=refinement)

@@ -321,7 +321,8 @@ class PeopleProblem:
             terms.append(Term((weight @ state.lens[:, unknown])[:, None], loss, by_shared=J))
             if self.lens_far is not None and not self.lens_normal:
                 bound = (self.lens_core / self.lens_far)[:, unknown]
-                terms.append(Term((bound * np.diag(weight) * state.lens[:, unknown])[:, None], by_shared=J * bound[:, None, None]))
+                residual = bound * np.diag(weight) * state.lens[:, unknown]
+                terms.append(Term(residual[:, None], by_shared=J * bound[:, None, None]))
         return terms
 
     def _mean_held(self, values: Floats, unknown: int, sd: float, mean_sd: float) -> Term:

@@ -16,11 +16,9 @@ import numpy as np
 from passerby.core.lens_figures import LensRefinement
 from passerby.solver.block_prediction import Prediction, compare_predictions, held_out_blocks, predicted_costs
 from passerby.solver.initialisation import Fit, PeopleOptions, refine_in_stages
-from passerby.solver.lens_unknowns import LensPart
+from passerby.solver.lens_unknowns import FAR_SIGMAS, LensPart
 from passerby.solver.refinement import rig_of
 
-FAR_SIGMAS = 3.0
-"""A stated lens that moved by more standard deviations than this of a wrong one is another one, or no people fit it."""
 LEAST_SIGMAS = 1.0
 """A refinement predicts held-out people better where the gain is more than this many of its standard errors."""
 

@@ -35,6 +35,18 @@ def _estimated(v: Fields) -> str:
     )
 
 
+_PARTS = {"focal": "focal lengths", "principal_point": "principal points"}
+_DROPPED = {
+    "diverged": "their refinement did not converge",
+    "implausible": "refined ones are farther from them than wrong stated ones are",
+    "prediction": "refined ones do not predict people who were held out significantly better",
+}
+
+
+def _dropped(v: Fields) -> str:
+    return f"the {' and '.join(_PARTS[part] for part in v['parts'])} stay as stated: {_DROPPED[v['why']]}"
+
+
 LENSES: Mapping[str, Kind] = {
     "focal_contradicted": Kind(
         DOUBT, "The people contradict the camera's focal length, relative `change`.",
@@ -65,18 +77,6 @@ LENSES: Mapping[str, Kind] = {
         ),
         "check whether it shows a screen, a mirror or another place, and its intrinsics and identities",
     ),
-    "focal_refined_far": Kind(
-        DOUBT, "The refined focal length is farther from the stated value than the error expected of one.",
-        "camera {camera}: its focal length was refined by {change_percent:+.0f} %, more than the error expected of a stated "
-        "value",
-        "check its intrinsics and the image size that they were made for",
-    ),
-    "principal_point_refined_far": Kind(
-        DOUBT, "The refined principal point is farther from the stated value than the error expected of one.",
-        "camera {camera}: its principal point was refined by {moved_px:.0f} px, more than the error expected of a stated "
-        "value",
-        "check its intrinsics and whether its images were cropped",
-    ),
     "focal_undetermined": Kind(
         DOUBT, "The people hardly determine the focal length of a camera without intrinsics.",
         "camera {camera}: its focal length is estimated to {sigma_percent:.0f} % only",
@@ -91,6 +91,11 @@ LENSES: Mapping[str, Kind] = {
     "intrinsics_estimated": Kind(
         NOTICE, "Focal length, principal point and distortion of a camera without intrinsics were estimated.",
         _estimated,
+    ),
+    "refinement_dropped": Kind(
+        NOTICE, "The refinement of the `parts` was dropped, and the rig is solved with their stated values; `why` is diverged, "
+        "implausible or prediction.",
+        _dropped, "check the intrinsics, or leave the refinement out under [solver]",
     ),
     "focal_refined": Kind(
         NOTICE, "The focal length was refined; `constrained` says whether the people constrain it.",

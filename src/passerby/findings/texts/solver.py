@@ -33,25 +33,6 @@ def _unusual(v: Fields) -> str:
     return f"{who} {are} {tall} tall by the rig (median of all people: {v['usual_m']:.2f} m), and {are} left out of the scale"
 
 
-def _of_lenses(v: Fields) -> str:
-    """The cameras with a refined lens that diverged, as a cause; empty without any."""
-    names = v.get("lenses") or []
-    return f"the refined intrinsics of camera{'s' if len(names) > 1 else ''} {listed(names)} diverged" if names else ""
-
-
-_STATE_LENSES = (
-    "state measured intrinsics, or a field of view (hfov_deg); if they are stated already, leave refine out under [solver]"
-)
-
-
-def _uncertain(v: Fields) -> str:
-    text = (
-        f"the pose of camera {v['camera']} is uncertain by {v['position_mm']:.0f} mm and {v['orientation_deg']:.1f} degrees "
-        "(1 sigma)"
-    )
-    return f"{text}, because {_of_lenses(v)}" if _of_lenses(v) else text
-
-
 SOLVER: Mapping[str, Kind] = {
     "too_little_evidence": Kind(
         REFUSAL, "A step of the calculation lacks evidence; `why` has its words.", "{why}",
@@ -126,8 +107,8 @@ SOLVER: Mapping[str, Kind] = {
     ),
     "camera_uncertain": Kind(
         DOUBT, "The camera's pose is uncertain, within the rig.",
-        _uncertain,
-        lambda v: _STATE_LENSES if v.get("lenses") else "record longer, or people nearer to it and at more positions",
+        "the pose of camera {camera} is uncertain by {position_mm:.0f} mm and {orientation_deg:.1f} degrees (1 sigma)",
+        "record longer, or people nearer to it and at more positions",
     ),
     "seam_uncertain": Kind(
         DOUBT, "Two zones of a large rig hardly hold together: how they are turned against each other is uncertain.",
@@ -148,8 +129,7 @@ SOLVER: Mapping[str, Kind] = {
     ),
     "adjustment_not_converged": Kind(
         DOUBT, "The adjustment ended before its optimum.",
-        lambda v: ": ".join(filter(None, ("the adjustment did not converge", _of_lenses(v)))),
-        lambda v: _STATE_LENSES if v.get("lenses") else "under [solver.options] set max_iterations = 200",
+        "the adjustment did not converge", "under [solver.options] set max_iterations = 200",
     ),
     "scale_cue_contradicted": Kind(
         DOUBT, "A scale constraint contradicts the rest.",
