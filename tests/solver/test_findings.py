@@ -11,11 +11,9 @@ import pytest
 
 from passerby.core.cameras import Camera, Lens, Pose, Rig
 from passerby.core.measuring_figures import CameraMeasuring, MeasuringFigures, MeasuringSigma
-from passerby.findings.finding import Finding, doubt
-from passerby.findings.texts import texts_of
+from passerby.findings.finding import Finding
 from passerby.solver import findings
 from passerby.solver.gauge import Free
-from passerby.solver.refined_lenses import diverged_lenses
 from passerby.solver.uncertainty import RigCovariance
 
 LENS = Lens((800, 600), np.array([[700.0, 0, 400], [0, 700, 300], [0, 0, 1]]), np.zeros(0))
@@ -38,7 +36,6 @@ def told(
     noise: float = 0.02,
     converged: bool = True,
     ground_sd_m: float | None = None,
-    diverged: tuple[str, ...] = (),
     measuring: MeasuringFigures | None = None,
 ) -> list[Finding]:
     """What is said of an optimum with these figures."""
@@ -49,7 +46,7 @@ def told(
     result = SimpleNamespace(state=SimpleNamespace(centre=CENTRES), converged=converged)
     fit: Any = SimpleNamespace(result=result, model=SimpleNamespace(problem=problem))
     start: Any = SimpleNamespace(rig=RIG, evidence=None)
-    found = findings.doubts_about(start, fit, covariance, measuring, diverged)
+    found = findings.doubts_about(start, fit, covariance, measuring)
     assert all(one.severity == "doubt" for one in found)
     return found
 
@@ -116,25 +113,6 @@ def test_what_is_wrong_with_the_boxes_the_ground_or_the_adjustment(monkeypatch: 
         ("boxes_noisy", (), {"noise_percent": pytest.approx(31.0)}),
         ("adjustment_not_converged", (), {}),
     ]
-
-
-def test_a_lens_that_diverged_is_the_cause_of_what_follows_from_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    vague = replace(COVARIANCE, shape=np.array([np.diag([1.0, 0, 0, 0, 0, 0])] * len(COVARIANCE.shape)))
-    ended = {one.cameras: one.values.get("lenses") for one in told(monkeypatch, vague, diverged=("C2",))}
-    assert ended == {("C1",): None, ("C2",): ["C2"], ("C3",): None}
-    found = told(monkeypatch, vague, converged=False, diverged=("C2",))
-    assert [(one.code, one.values["lenses"]) for one in found] == [
-        *[("camera_uncertain", ["C2"])] * 3, ("adjustment_not_converged", ["C2"])
-    ]  # fmt: skip
-    for text in texts_of(found):
-        assert "C2 diverged: state measured intrinsics" in text
-        assert "record longer" not in text
-        assert "max_iterations" not in text
-
-
-def test_which_lenses_diverged() -> None:
-    far = [doubt("focal_refined_far", "C2"), doubt("principal_point_refined_far", "C2")]
-    assert diverged_lenses(far) == ["C2"]
 
 
 def test_groups_that_nobody_joins_are_told_each_with_the_main_one() -> None:

@@ -11,7 +11,7 @@ import pytest
 
 from passerby.core.cameras import Camera, Lens, Rig
 from passerby.core.figures import AdjustedFigures, SolvedCamera
-from passerby.core.lens_figures import DistortionFigures, FocalFigures, LensFigures
+from passerby.core.lens_figures import DistortionFigures, FocalFigures, LensFigures, LensRefinement
 from passerby.core.measuring_figures import MeasuringFigures, MeasuringSigma
 from passerby.core.solution import Solution
 from passerby.evaluation.metrics import compare
@@ -27,6 +27,7 @@ from passerby.solver.people_state import AdjustmentState, UprightObservations
 from passerby.solver.person_model import CAMERA_SIZE, PeopleProblem
 from passerby.solver.refined_lenses import RefinedLenses, far_lenses, lens_figures, lens_notes
 from support.scenes.people_and_rigs import LENS, looking_at, part, simulated, solve, without_poses
+from support.tiers import thinned
 
 BOTH = LensUnknowns(("focal", "principal_point"))
 
@@ -181,35 +182,43 @@ def test_a_focal_length_wrong_by_a_fifth_in_all_cameras_is_found() -> None:
     assert compare(refined.rig, truth).scale_ratio == pytest.approx(1, abs=0.07)
 
 
-@pytest.mark.slow
-def test_right_lenses_stay() -> None:
-    stated, truth = solved((), ())
-    refined, _ = solved((), ("focal",))
-    assert abs(factors(refined.rig, truth) - 1).max() < 0.01
-    assert error_mm(refined, truth) < 2 * error_mm(stated, truth)
-    assert far_lenses(refined.figures.lenses) == []
-
-
-@pytest.mark.slow
-def test_a_principal_point_that_boxes_do_not_tell_stays_as_stated_and_is_said_to() -> None:
-    refined, truth = solved((), ("principal_point",), "terrace")
-    moved = [refined.rig[name].lens.matrix[:2, 2] - truth[name].lens.matrix[:2, 2] for name in truth.names]
-    assert np.abs(moved).max() < 0.01 * truth[truth.names[0]].lens.size[0]
-    assert [note.values["constrained"] for note in lens_notes(refined.figures)] == [False] * len(truth)
-    without, _ = solved((), (), "terrace")
+@thinned(("refine", "preset"), [(("focal",), "basketball"), (("principal_point",), "terrace"),
+                                (("focal", "principal_point"), "basketball")], quick=0)  # fmt: skip
+def test_right_lenses_stay_and_the_rig_is_the_one_without_refinement(refine: tuple[str, ...], preset: str) -> None:
+    stated, truth = solved((), (), preset)
+    refined, _ = solved((), refine, preset)
+    outcome = refined.figures.refinement
+    assert (outcome.asked, outcome.kept, outcome.why) == (refine, (), "prediction")
+    assert refined.figures.lenses == {}
+    assert refined.verdict == stated.verdict
     for name in truth.names:
-        own, other = refined.rig[name].sigma, without.rig[name].sigma
-        assert own is not None
-        assert other is not None
-        assert own.orientation_deg > other.orientation_deg
+        np.testing.assert_array_equal(refined.rig[name].lens.matrix, truth[name].lens.matrix)
+        np.testing.assert_array_equal(refined.rig[name].pose.matrix, stated.rig[name].pose.matrix)
+    (note,) = lens_notes(refined.figures.lenses, outcome)
+    assert (note.severity, note.code, note.values["parts"]) == ("notice", "refinement_dropped", list(refine))
 
 
 @pytest.mark.slow
-def test_a_principal_point_that_boxes_tell_is_near_the_right_one() -> None:
-    refined, truth = solved((), ("principal_point",))
-    moved = [refined.rig[name].lens.matrix[:2, 2] - truth[name].lens.matrix[:2, 2] for name in truth.names]
-    assert np.abs(moved).max() < 0.01 * truth[truth.names[0]].lens.size[0]
-    assert [note.values["constrained"] for note in lens_notes(refined.figures)] == [True] * len(truth)
+def test_a_principal_point_wrong_by_a_twentieth_of_the_width_is_found() -> None:
+    truth = simulated("basketball")
+    width = truth.rig.cameras[1].lens.size[0]
+    change = np.zeros((len(truth.rig), 2))
+    change[1, 0] = 0.05 * width
+    stated = without_poses(LensUnknowns(("principal_point",)).rig(truth.rig, change))
+    options = PeopleOptions(max_sightings=4000, coarse_people=200, refine_lens=("principal_point",))
+    refined = solve(stated, part(truth.observations), options=options)
+    assert refined.figures.refinement.kept == ("principal_point",)
+    name = truth.rig.names[1]
+    moved = refined.rig[name].lens.matrix[:2, 2] - truth.rig[name].lens.matrix[:2, 2]
+    assert abs(moved[0]) < 0.01 * width
+
+
+def test_what_was_dropped_is_said_once_with_what_was_kept() -> None:
+    for kept, parts in (((), ["focal", "principal_point"]), (("focal",), ["principal_point"])):
+        outcome = LensRefinement(asked=("focal", "principal_point"), kept=kept, why="diverged")
+        (note,) = lens_notes(AdjustedFigures(refinement=outcome))
+        assert (note.code, note.values) == ("refinement_dropped", {"parts": parts, "why": "diverged"})
+    assert lens_notes(AdjustedFigures(refinement=LensRefinement(asked=("focal",), kept=("focal",)))) == []
 
 
 @pytest.mark.slow
@@ -225,9 +234,6 @@ def test_notes_say_what_was_refined() -> None:
     assert texts_of(lens_notes(AdjustedFigures(lenses={"C2": LensFigures(focal=focal)}))) == (
         "camera C2: focal length 1043 px instead of 1000 (+4.3 %, sigma 0.4 %)",
     )
-    (told,) = far_lenses({"C2": LensFigures(focal=replace(focal, refined_px=1500.0, far=True))})
-    assert (told.code, told.cameras) == ("focal_refined_far", ("C2",))
-    assert told.values == {"change_percent": pytest.approx(50.0)}
 
 
 def test_without_intrinsics_the_notice_says_what_the_rig_measures() -> None:
@@ -282,9 +288,6 @@ def test_a_principal_point_is_far_where_it_moved_by_more_than_unknown_ones_are_o
         found = lens_figures(RefinedLenses(unknowns, sigmas, sigmas), stated, unknowns.rig(stated, change))["A"].principal_point
         assert found is not None
         assert (found.far, found.told) == (far, not far)
-        assert [one.code for one in far_lenses({"A": LensFigures(principal_point=found)})] == [
-            "principal_point_refined_far"
-        ] * far
 
 
 def test_the_prior_of_a_stated_value_is_given_as_a_sigma():

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from passerby.common.absence import ABSENT
-from passerby.core.lens_figures import LensFigures
+from passerby.core.lens_figures import LensFigures, LensRefinement
 from passerby.core.measuring_figures import MeasuringFigures
 
 
@@ -362,6 +362,8 @@ class AdjustedFigures(SolverFigures):
     """By camera; empty where no lens was refined."""
     measuring: MeasuringFigures | None = field(default=None, metadata=ABSENT)
     """None where no two cameras see where people walked, or cameras are free to go anywhere."""
+    refinement: LensRefinement | None = field(default=None, metadata=ABSENT)
+    """None where stated lenses were not to be refined."""
 
 
 @dataclass(frozen=True, kw_only=True)

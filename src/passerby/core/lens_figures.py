@@ -7,6 +7,7 @@ from typing import Literal
 
 from passerby.common.absence import ABSENT
 
+RefinedPart = Literal["focal", "principal_point", "distortion"]
 LensPrior = Literal["stated", "search", "assumed"]
 """What was known of a part of a lens before the adjustment: a value of the scene or of the intrinsics; a first estimate, from
 how the same people fit together in several cameras; or what lenses usually are."""
@@ -73,3 +74,20 @@ class LensFigures:
     distortion: DistortionFigures | None = field(default=None, metadata=ABSENT)
     group: str | None = field(default=None, metadata=ABSENT)
     """Cameras of one group have one focal length and distortion; None where no other camera is like it."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class LensRefinement:
+    """What became of stated lenses that were to be refined."""
+
+    asked: tuple[RefinedPart, ...]
+    """The parts that were to be refined,"""
+    kept: tuple[RefinedPart, ...] = ()
+    """and those that are; a refinement that is dropped leaves the rig as solved with the stated values."""
+    why: Literal["diverged", "implausible", "prediction"] | None = None
+    """Why what was asked for was dropped: the adjustment did not converge, a lens left the range of wrong stated ones, or
+    people who were held out were not predicted better. None where it is kept."""
+    gain: float | None = None
+    """Over the stated lenses, in the prediction of people held out, nats; None where that was not compared."""
+    gain_sigma: float | None = None
+    """Standard error of `gain`."""

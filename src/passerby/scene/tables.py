@@ -379,7 +379,7 @@ class SolverTable(Table):
     refine: tuple[Literal["focal", "principal_point", "clock_rate"], ...] = ()
     """What is refined besides the poses, with the stated values as priors. focal: each camera's focal length, if it comes from
     a data sheet or the zoom has changed. principal_point: each camera's principal point. clock_rate: each camera's frames per
-    second, if a clock drifts."""
+    second, if a clock drifts. Intrinsics that do not predict people held out better than the stated ones are dropped."""
     options: dict[str, Any] = Field(default_factory=dict)
     """`[solver.options]`: fields of the method's options dataclass, for experiments; nothing needs to be set."""
 

@@ -54,7 +54,7 @@ def apart(rig: Rig, groups: list[list[int]]) -> list[Finding]:
 
 
 def doubts_about(
-    start: Initialisation, fit: Fit, covariance: RigCovariance, measuring: MeasuringFigures | None, diverged: Sequence[str] = ()
+    start: Initialisation, fit: Fit, covariance: RigCovariance, measuring: MeasuringFigures | None
 ) -> list[Finding]:  # fmt: skip
     """What speaks against the optimum: what nothing fixes, then by camera.
 
@@ -63,10 +63,7 @@ def doubts_about(
         fit: the optimum.
         covariance: of its cameras.
         measuring: how surely the rig measures; None where that is unknown.
-        diverged: cameras with a refined lens that no people hold: the cause of an uncertain pose, and of an adjustment that
-            does not end.
     """
-    converged = fit.result.converged
     out = _undetermined_world(covariance.free)
     state, rig = fit.result.state, start.rig
     agreeing = _agreeing(fit, len(rig))
@@ -80,9 +77,7 @@ def doubts_about(
         measured = None if measuring is None else measuring.cameras.get(camera.name)
         across_mm = float(1000 * covariance.shape_sigma(c).position_m) if measured is None else measured.across.median_mm
         if across_mm > 1000 * most_m and c not in covariance.free.cameras:
-            by_lens = camera.name in diverged or not converged
-            cause = {"lenses": list(diverged)} if diverged and by_lens else {}
-            out.append(doubt("camera_uncertain", camera.name, across_mm=across_mm, **cause))
+            out.append(doubt("camera_uncertain", camera.name, across_mm=across_mm))
     if covariance.vertical_deg > _MAX_VERTICAL_DEG and not covariance.free.vertical:
         out.append(doubt("vertical_uncertain", sigma_deg=float(covariance.vertical_deg)))
     cues = fit.model.problem.cues
@@ -91,8 +86,8 @@ def doubts_about(
     noise = height_noise(fit, start.evidence)
     if noise > _MAX_HEIGHT_NOISE:
         out.append(doubt("boxes_noisy", noise_percent=100 * noise))
-    if not converged:
-        out.append(doubt("adjustment_not_converged", **({"lenses": list(diverged)} if diverged else {})))
+    if not fit.result.converged:
+        out.append(doubt("adjustment_not_converged"))
     return out
 
 

@@ -66,10 +66,8 @@ _GROWTH, _MORE_ROUNDS = 1.15, 4
 # Rounds more at most until the rays are those of the lenses found, where lenses are refined: the change in a round is about the
 # square of that in the one before.
 _LENS_ROUNDS = 6
-# A first guess that was made with lenses farther off than this is made anew.
-_MISLEADING_FOCAL, _MISLEADING_PX = 0.05, 30.0
-# The same of lenses that were searched for, which are that far off as a rule, and of which all else is unknown.
-_MISLEADING_SEARCHED = 0.25
+# A first guess that was made with focal lengths farther off than this is made anew.
+_MISLEADING_FOCAL = 0.25
 # What boxes are off by alike makes priors of the lenses count more by this at most.
 _MOST_EXCESS = 30.0
 # Observations of a camera in the coarse descents and in the round that learns the noise, in the mean, where there are many
@@ -182,6 +180,14 @@ class Initialisation:
             return self
         return replace(self, knowledge=replace(self.knowledge, lens_core=self.unknowns.core(self.stated, free=parts)))
 
+    def with_unknowns(self, parts: Sequence[LensPart]) -> Initialisation:
+        """The same with parts of the stated lenses free, none moved yet."""
+        unknowns = LensUnknowns(tuple(parts))
+        core, far = unknowns.first_core(self.stated), unknowns.uncalibrated_sd(self.stated)
+        nothing = np.zeros((len(self.stated), unknowns.size))
+        knowledge = replace(self.knowledge, lens_core=core, lens_far=far)
+        return replace(self, unknowns=unknowns, knowledge=knowledge).with_lenses(nothing)
+
     def weighed(self, model: AdjustmentProblem, result: Result[AdjustmentState]) -> Initialisation:
         """The same with priors of the lenses that count as much more as the sightings of an optimum follow one another."""
         if not self.unknowns.parts:
@@ -194,11 +200,8 @@ class Initialisation:
 
     def near(self, other: Initialisation) -> bool:
         """Whether the lenses differ too little from those of `other` to mislead a first guess."""
-        change = other.lens - self.lens
-        focal, point = change[:, self.unknowns.columns_of("focal")], change[:, self.unknowns.columns_of("principal_point")]
-        if "distortion" in self.unknowns.parts:
-            return bool((np.abs(focal) < _MISLEADING_SEARCHED).all())
-        return bool((np.abs(focal) < _MISLEADING_FOCAL).all() and (np.abs(point) < _MISLEADING_PX).all())
+        focal = (other.lens - self.lens)[:, self.unknowns.columns_of("focal")]
+        return bool((np.abs(focal) < _MISLEADING_FOCAL).all())
 
     def with_lenses(self, lens: Floats) -> Initialisation:
         """The same with rays of the lenses that differ from the stated ones by `lens` (C, L)."""

@@ -60,6 +60,8 @@ def lens_evidence(problem: PeopleProblem, state: AdjustmentState, inflation: flo
     at = lens_places(problem.n_cameras, problem.layout.camera_size, problem.n_lens)
     variance, biased = np.diag(inverse)[at], (moved[at] ** 2).sum(axis=2)
     prior = 1 / (problem.lens_core**2 + (0.0 if problem.lens_normal else state.lens**2))
+    if problem.lens_far is not None:
+        prior = prior + 1 / problem.lens_far**2
     # The share of what sightings say that is left beside the prior.
     share = np.clip(1 - prior * variance, 1e-3, 1.0)
     told = share / variance
@@ -82,26 +84,31 @@ def lens_places(n_cameras: int, camera_size: int, n_lens: int) -> NDArray[np.int
     return np.asarray((np.arange(n_cameras)[:, None] + 1) * camera_size - n_lens + np.arange(n_lens))
 
 
-def refined_sigmas(seen: LensEvidence, core: Floats, lens: Floats, *, normal: bool = False) -> Floats:
+def refined_sigmas(
+    seen: LensEvidence, core: Floats, lens: Floats, far: Floats | None = None, *, normal: bool = False
+) -> Floats:  # fmt: skip
     """(C, L) root mean square errors of the lenses `lens`.
 
     Args:
         seen: what the sightings say.
         core: (C, L) scales of the Cauchy distributions of the stated lenses.
         lens: (C, L) the lenses found, as changes of the stated ones.
+        far: (C, L) standard deviations that their tails fall with; None: they do not.
         normal: whether `core` has standard deviations of normal distributions.
     """
     if normal:
         return np.asarray(1 / np.sqrt(1 / seen.sd**2 + 1 / core**2))
-    out = np.zeros_like(lens)
+    out, far = np.zeros_like(lens), np.full_like(lens, np.inf) if far is None else far
     for c, u in itertools.product(*map(range, lens.shape)):
-        out[c, u] = posterior_sd(float(seen.seen[c, u]), float(seen.sd[c, u]), float(core[c, u]), float(lens[c, u]))
+        out[c, u] = posterior_sd(*(float(each[c, u]) for each in (seen.seen, seen.sd, core, lens, far)))
     return out
 
 
-def posterior_sd(seen: float, seen_sd: float, core: float, at: float) -> float:
-    """Root mean square distance from `at` of a value that is seen as `seen` +- `seen_sd` and is Cauchy distributed about 0."""
+def posterior_sd(seen: float, seen_sd: float, core: float, at: float, far: float = np.inf) -> float:
+    """Root mean square distance from `at` of a value that is seen as `seen` +- `seen_sd` and is Cauchy distributed about 0, its
+    tails times those of a normal distribution of the standard deviation `far`.
+    """
     fine = np.linspace(-1, 1, 2001)
     grid = np.unique(np.concatenate([seen + 6 * seen_sd * fine, 20 * core * fine]))
-    density = np.exp(-0.5 * ((grid - seen) / seen_sd) ** 2) / (core**2 + grid**2)
+    density = np.exp(-0.5 * ((grid - seen) / seen_sd) ** 2 - 0.5 * (grid / far) ** 2) / (core**2 + grid**2)
     return float(np.sqrt(np.trapezoid(density * (grid - at) ** 2, grid) / np.trapezoid(density, grid)))

@@ -21,6 +21,7 @@ from passerby.core.measuring_figures import MeasuringFigures
 from passerby.core.observations import Observations
 from passerby.core.scale_cues import ScaleCues
 from passerby.core.solution import Solution
+from passerby.core.synchronisation import USUAL_FPS
 from passerby.core.verdict import decide_verdict
 from passerby.findings.finding import doubt, refusal
 from passerby.findings.refusals import RefusalError
@@ -45,8 +46,9 @@ from passerby.solver.pairs import MIN_MATCHES
 from passerby.solver.people_cues import people_cues
 from passerby.solver.people_state import AdjustmentState
 from passerby.solver.pose_graph import connected_components, heading_rotation
-from passerby.solver.refined_lenses import decide_refined_lenses, diverged_lenses, far_lenses, lens_figures
+from passerby.solver.refined_lenses import decide_refined_lenses, far_lenses, lens_figures
 from passerby.solver.registrations import doubts_about_registrations
+from passerby.solver.stated_lenses import refine_stated_lenses
 from passerby.solver.systematic import ConsiderParameters
 from passerby.solver.uncertainty import RigCovariance, add_learnt_stance, design_effect, joint_design_effect, rig_covariance
 from passerby.solver.zones import ZONE_CAMERAS, ZonedRig, doubts_about_seams, initial_rig_by_zones, seams_of
@@ -95,6 +97,9 @@ def solve_people(
         RefusalError: no two cameras saw enough of the same people at the same instants.
     """
     options = options or PeopleOptions()
+    stated = () if "distortion" in options.refine_lens else options.refine_lens
+    if stated:
+        options = replace(options, refine_lens=())
     first = Initialisation.prepare(rig, observations, cues, options, rng, guesses)
     groups = connected_components(len(rig), first.hypotheses, MIN_MATCHES)
     if len(groups[0]) < 2:
@@ -119,10 +124,13 @@ def solve_people(
             findings.append(doubt("reinitialisation_failed"))
             break
         fit = refine_in_stages(start, choice.state, options, rng)
+    refinement = None
+    if stated:  # with random numbers of its own: a refinement that is dropped changes nothing
+        fit, refinement = refine_stated_lenses(fit, stated, options, rng.spawn(1)[0], observations.fps or USUAL_FPS)
     fit = placed_by_bodies(fit, observations, cues, options, rng)
     start = fit.start
     covariance, cues_said, lenses = _sure(start, fit, cues, observations)
-    far, measuring = far_lenses(lenses), _measuring(start, fit, covariance)
+    measuring = _measuring(start, fit, covariance)
     posed = _placed(start.rig, fit.result.state, covariance, measuring)
     cues_said, disagreements = argue((*cues_said, *people_cues(posed, observations)))
     posed = _with_refined_sigmas(posed, lenses)
@@ -133,15 +141,15 @@ def solve_people(
         *start.evidence.findings,
         *findings,
         *choice.doubts,
-        *doubts_about(start, fit, covariance, measuring, diverged_lenses(far)),
+        *doubts_about(start, fit, covariance, measuring),
         *disagreements,
         *doubts_about_registrations(start.rig, start.hypotheses, fit.result.state.R, fit.result.state.centre),
         *doubts_about_seams(seams, zones, MAX_ORIENTATION_DEG),
-        *far,
+        *far_lenses(lenses),
     ]
     verdict = decide_verdict(whole, findings)
     figures = figures_of(start, choice, fit, covariance, cues_said, lenses)
-    figures = replace(figures, measuring=measuring)
+    figures = replace(figures, measuring=measuring, refinement=refinement)
     if zoned is not None:
         figures = replace(figures, zones=zones, seams=seams)
     return PeopleSolution(

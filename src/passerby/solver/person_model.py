@@ -84,6 +84,8 @@ class PeopleProblem:
     are normal."""
     lens_common: Floats | None = None
     """(L,) standard deviation of an error that the lenses of all cameras share, beside their own. Where priors are normal."""
+    lens_far: Floats | None = None
+    """(C, L) the tails of the Cauchy distributions fall like those of normal ones of these standard deviations."""
 
     @property
     def timed(self) -> bool:
@@ -323,6 +325,10 @@ class PeopleProblem:
             J[:, 0, (of_camera + 1) * self.camera_size - k + unknown] = weight
             loss = None if self.lens_normal else Cauchy(root[:, unknown])
             terms.append(Term((weight @ state.lens[:, unknown])[:, None], loss, by_shared=J))
+            if self.lens_far is not None and not self.lens_normal:
+                bound = (self.lens_core / self.lens_far)[:, unknown]
+                residual = bound * np.diag(weight) * state.lens[:, unknown]
+                terms.append(Term(residual[:, None], by_shared=J * bound[:, None, None]))
         return terms
 
     def _mean_held(self, values: Floats, unknown: int, sd: float, mean_sd: float) -> Term:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,12 +13,10 @@ from passerby.core.figures import AdjustedFigures
 from passerby.core.lens_figures import DistortionFigures, FocalFigures, LensFigures, PrincipalPointFigures
 from passerby.findings.finding import Finding, doubt, notice
 from passerby.solver.lens_sigmas import lens_evidence, refined_sigmas
-from passerby.solver.lens_unknowns import NORMAL_HALF, LensUnknowns
+from passerby.solver.lens_unknowns import FAR_SIGMAS, NORMAL_HALF, LensUnknowns
 from passerby.solver.people_state import AdjustmentState
 from passerby.solver.person_model import PeopleProblem
 
-# A lens that moved by more than so many standard deviations of one that was never calibrated is another one, or nobody fits it.
-_FAR_SIGMAS = 3.0
 KNOWN_FOCAL = 0.04
 """A focal length without intrinsics that is known no better than this is shown as uncertain."""
 # People tell nothing of a lens that they know no better than this share of what one that was never calibrated is off by.
@@ -52,7 +50,7 @@ def decide_refined_lenses(
         return None
     core = unknowns.core(stated)
     seen = lens_evidence(problem, state, inflation)
-    sigma = refined_sigmas(seen, core, state.lens, normal=problem.lens_normal)
+    sigma = refined_sigmas(seen, core, state.lens, problem.lens_far, normal=problem.lens_normal)
     return RefinedLenses(unknowns, sigma, seen.sd)
 
 
@@ -116,7 +114,7 @@ def _focal(column: int, stated: Lens, refined: Lens, sigmas: _LensSigmas) -> Foc
     change, alone, usual = np.log(refined.focal / stated.focal), sigmas.people[column], sigmas.usual[column]
     return FocalFigures(
         stated_px=stated.focal, refined_px=refined.focal, sigma_px=float(sigmas.found[column] * refined.focal),
-        people_sigma_px=_finite(alone * refined.focal), far=bool(abs(change) > _FAR_SIGMAS * usual),
+        people_sigma_px=_finite(alone * refined.focal), far=bool(abs(change) > FAR_SIGMAS * usual),
         told=bool(alone < _UNTOLD_SHARE * usual), prior_sigma_px=float(sigmas.prior[column] * stated.focal),
         people_share=float(sigmas.people_share[column]),
     )  # fmt: skip
@@ -127,7 +125,7 @@ def _principal_point(columns: slice, stated: Lens, refined: Lens, sigmas: _LensS
     moved, alone, usual = np.abs((refined.matrix - stated.matrix)[:2, 2]), sigmas.people[columns], sigmas.usual[columns]
     return PrincipalPointFigures(
         stated_px=_xy(stated.matrix[:2, 2]), refined_px=_xy(refined.matrix[:2, 2]), sigma_px=_xy(sigmas.found[columns]),
-        people_sigma_px=(_finite(alone[0]), _finite(alone[1])), far=bool((moved > _FAR_SIGMAS * usual).any()),
+        people_sigma_px=(_finite(alone[0]), _finite(alone[1])), far=bool((moved > FAR_SIGMAS * usual).any()),
         told=bool((alone < _UNTOLD_SHARE * usual).all()), prior_sigma_px=_xy(sigmas.prior[columns]),
         people_share=_xy(sigmas.people_share[columns]),
     )  # fmt: skip
@@ -154,8 +152,13 @@ def _xy(values: Floats) -> tuple[float, float]:
 
 
 def lens_notes(figures: AdjustedFigures) -> list[Finding]:
-    """What was refined, one finding for each camera and part of its lens, and what the principal points leave uncertain."""
-    out = _assumed_points(figures)
+    """What was refined, one finding for each camera and part of its lens, what stays as stated, and what the principal points
+    of lenses without intrinsics leave uncertain.
+    """
+    out, refinement = _assumed_points(figures), figures.refinement
+    if refinement is not None and refinement.why is not None:
+        dropped = [part for part in refinement.asked if part not in refinement.kept]
+        out.append(notice("refinement_dropped", parts=dropped, why=refinement.why))
     for name, parts in figures.lenses.items():
         if parts.distortion and parts.focal and parts.principal_point:
             out.append(
@@ -197,20 +200,14 @@ def _assumed_points(figures: AdjustedFigures) -> list[Finding]:
     return [notice("principal_points_assumed", *assumed, **values)]
 
 
-def diverged_lenses(far: Sequence[Finding]) -> list[str]:
-    """The cameras with a refined lens that diverged, by the findings of `far_lenses`, each once."""
-    codes = {"focal_refined_far", "principal_point_refined_far"}
-    return list(dict.fromkeys(finding.cameras[0] for finding in far if finding.code in codes))
-
-
 def far_lenses(lenses: Mapping[str, LensFigures]) -> list[Finding]:
-    """The cameras whose lens ended farther from the stated one than stated lenses are off; `lenses` as of `lens_figures`."""
+    """The cameras without intrinsics whose lens ended farther from the prior than lenses are; `lenses` as of `lens_figures`."""
     out = []
     for name, parts in lenses.items():
-        if (focal := parts.focal) and focal.far:
+        if parts.distortion and (focal := parts.focal) and focal.far:
             change = 100 * (focal.refined_px / focal.stated_px - 1)
             out.append(doubt("focal_refined_far", name, change_percent=change))
-        if (point := parts.principal_point) and point.far:
+        if parts.distortion and (point := parts.principal_point) and point.far:
             moved = float(np.linalg.norm(np.subtract(point.refined_px, point.stated_px)))
             out.append(doubt("principal_point_refined_far", name, moved_px=moved))
     return out

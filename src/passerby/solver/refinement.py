@@ -102,6 +102,8 @@ class PriorKnowledge:
     """Whether the scales are standard deviations (`PeopleProblem`)."""
     lens_groups: tuple[tuple[int, ...], ...] = ()
     """Cameras of one model (`PeopleProblem`)."""
+    lens_far: Floats | None = None
+    """(C, L) how the tails of the scales' distributions fall (`PeopleProblem`)."""
     height_spread: Floats | None = None
     """(P,) how much people differ of whom nothing but their population is known, as a share; NaN for all others."""
     unusual: NDArray[np.bool_] | None = None
@@ -193,7 +195,7 @@ def build_problem(
         knowledge.height_mean, knowledge.height_weight_sd,
         np.ones(len(used)) if stance is None else stance[used], noise, knowledge.priors, cues,
         None if whole is None else whole[rows], expected, knowledge.lens_core,
-        knowledge.lens_weight, knowledge.lens_normal, knowledge.lens_groups,
+        knowledge.lens_weight, knowledge.lens_normal, knowledge.lens_groups, lens_far=knowledge.lens_far,
     )  # fmt: skip
     people = np.column_stack([consensus.points[used, :2], np.zeros(len(used)), rig.heights[person]])
     state = AdjustmentState(

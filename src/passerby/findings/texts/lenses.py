@@ -81,6 +81,18 @@ def _assumed(v: Fields) -> str:
     )
 
 
+_PARTS = {"focal": "focal lengths", "principal_point": "principal points"}
+_DROPPED = {
+    "diverged": "their refinement did not converge",
+    "implausible": "refined ones are farther from them than wrong stated ones are",
+    "prediction": "refined ones do not predict people who were held out significantly better",
+}
+
+
+def _dropped(v: Fields) -> str:
+    return f"the {' and '.join(_PARTS[part] for part in v['parts'])} stay as stated: {_DROPPED[v['why']]}"
+
+
 LENSES: Mapping[str, Kind] = {
     "lens_corrected": Kind(
         NOTICE, "People contradict stated intrinsics, which were corrected: `focal`, `principal_point`, `distortion`.",
@@ -116,6 +128,11 @@ LENSES: Mapping[str, Kind] = {
     "intrinsics_estimated": Kind(
         NOTICE, "Focal length, principal point and distortion of a camera without intrinsics were estimated.",
         _estimated,
+    ),
+    "refinement_dropped": Kind(
+        NOTICE, "The refinement of the `parts` was dropped, and the rig is solved with their stated values; `why` is diverged, "
+        "implausible or prediction.",
+        _dropped, "check the intrinsics, or leave the refinement out under [solver]",
     ),
     "focal_refined": Kind(
         NOTICE, "The focal length was refined; `constrained` says whether the people constrain it.",

@@ -34,22 +34,6 @@ def _unusual(v: Fields) -> str:
     return f"{who} {are} {tall} tall by the rig (median of all people: {v['usual_m']:.2f} m), and {are} left out of the scale"
 
 
-def _of_lenses(v: Fields) -> str:
-    """The cameras with a refined lens that diverged, as a cause; empty without any."""
-    names = v.get("lenses") or []
-    return f"the refined intrinsics of camera{'s' if len(names) > 1 else ''} {listed(names)} diverged" if names else ""
-
-
-_STATE_LENSES = (
-    "state measured intrinsics, or a field of view (hfov_deg); if they are stated already, leave refine out under [solver]"
-)
-
-
-def _uncertain(v: Fields) -> str:
-    text = f"camera {v['camera']} is uncertain by {v['across_mm']:.0f} mm (1 sigma) at the places where people walked"
-    return f"{text}, because {_of_lenses(v)}" if _of_lenses(v) else text
-
-
 _CUE_REMEDIES: Mapping[str | None, str] = MappingProxyType({
     "walking_speed": "check the frame rate, which may be wrong",
     "body_width": "check that the boxes reach from head to feet and no further",
@@ -136,9 +120,8 @@ SOLVER: Mapping[str, Kind] = {
     ),
     "camera_uncertain": Kind(
         DOUBT, "The camera's rays pass the places where people walked by `across_mm`, one sigma.",
-        _uncertain,
-        lambda v: _STATE_LENSES if v.get("lenses") else "record longer, or people nearer to it and at more positions",
-        rank="symptom",
+        "camera {camera} is uncertain by {across_mm:.0f} mm (1 sigma) at the places where people walked",
+        "record longer, or people nearer to it and at more positions", rank="symptom",
     ),
     "seam_uncertain": Kind(
         DOUBT, "Two zones of a large rig hardly hold together: how they are turned against each other is uncertain.",
@@ -159,8 +142,7 @@ SOLVER: Mapping[str, Kind] = {
     ),
     "adjustment_not_converged": Kind(
         DOUBT, "The adjustment ended before its optimum.",
-        lambda v: ": ".join(filter(None, ("the adjustment did not converge", _of_lenses(v)))),
-        lambda v: _STATE_LENSES if v.get("lenses") else "under [solver.options] set max_iterations = 200", rank="symptom",
+        "the adjustment did not converge", "under [solver.options] set max_iterations = 200", rank="symptom",
     ),
     "scale_cue_contradicted": Kind(
         DOUBT, "A scale constraint contradicts the rest.",

@@ -1,0 +1,69 @@
+"""Stated lenses that are to be refined: freed in the rig that holds them, and kept only where that is better.
+
+A refinement is dropped where its adjustment does not converge, where a lens leaves the range of wrong stated ones, or where
+it does not predict people who were held out better than the stated lenses do. A principal point and a rotation, a focal length
+and a distance compensate each other: where people do not tell them apart, the stated lenses measure no worse and have fewer
+unknowns.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from passerby.core.lens_figures import LensRefinement
+from passerby.solver.block_prediction import Prediction, compare_predictions, held_out_blocks, predicted_costs
+from passerby.solver.initialisation import Fit, PeopleOptions, refine_in_stages
+from passerby.solver.lens_unknowns import FAR_SIGMAS, LensPart
+from passerby.solver.refinement import rig_of
+
+LEAST_SIGMAS = 1.0
+"""A refinement predicts held-out people better where the gain is more than this many of its standard errors."""
+
+
+def refine_stated_lenses(
+    fit: Fit, parts: Sequence[LensPart], options: PeopleOptions, rng: np.random.Generator, fps: float
+) -> tuple[Fit, LensRefinement]:  # fmt: skip
+    """The optimum with refined lenses, or the one that holds them, and what became of the refinement.
+
+    Where more than one part is to be refined and that is dropped, the focal lengths are refined alone.
+
+    Args:
+        fit: the optimum that holds all lenses.
+        parts: of the lenses, to be refined.
+        options: of the solver.
+        rng: draws among too many observations.
+        fps: time steps a second.
+    """
+    dropped: LensRefinement | None = None
+    for tried in (parts, parts[:1]) if len(parts) > 1 else (parts,):
+        start = fit.start.with_unknowns(tried)
+        refined = refine_in_stages(start, replace(rig_of(fit.result.state), lens=start.lens), options, rng)
+        found = _outcome(fit, refined, parts, tried, fps)
+        if found.kept:
+            return refined, found if dropped is None else replace(dropped, kept=found.kept)
+        dropped = dropped or found
+    assert dropped is not None
+    return fit, dropped
+
+
+def _outcome(fit: Fit, refined: Fit, asked: Sequence[LensPart], tried: Sequence[LensPart], fps: float) -> LensRefinement:
+    """Whether a refinement is kept, and why not."""
+    asked = tuple(asked)
+    if not refined.result.converged:
+        return LensRefinement(asked=asked, why="diverged")
+    start = refined.start
+    if (np.abs(refined.result.state.lens) > FAR_SIGMAS * start.unknowns.uncalibrated_sd(start.stated)).any():
+        return LensRefinement(asked=asked, why="implausible")
+    gain = _predicted(fit, refined, fps)
+    kept = tuple(tried) if gain.gain > LEAST_SIGMAS * gain.sigma else ()
+    return LensRefinement(asked=asked, kept=kept, why=None if kept else "prediction", gain=gain.gain, gain_sigma=gain.sigma)
+
+
+def _predicted(fit: Fit, refined: Fit, fps: float) -> Prediction:
+    """What the refined lenses gain over the stated ones in people who are held out."""
+    blocks = held_out_blocks(fit.start.evidence, (fit, refined), fps)
+    before, after = (predicted_costs(one, blocks, fit) for one in (fit, refined))
+    return compare_predictions(before, after)
