@@ -19,7 +19,7 @@ from passerby.core.cameras import Pose, Rig
 from passerby.core.measuring import common_ground, measured_change
 from passerby.core.observations import Observations
 from passerby.hypotheses.alternatives import Alternative
-from passerby.hypotheses.lenses import FoundLenses, LensResult, Tested
+from passerby.hypotheses.lenses import FittedAlternative, FoundLenses, LensResult
 from passerby.interchange.rig_toml import write_rig
 from passerby.scene.inputs import SceneInputs
 from passerby.simulation import write_scene
@@ -50,7 +50,7 @@ def wrong_lens(monkeypatch: pytest.MonkeyPatch, decision: str = "correct", times
         if len(corrected) >= times:
             return LensResult("nothing")
         found = FoundLenses(alternative, STATED, change, np.full((3, 4), 0.01), None)
-        return LensResult(decision, (), (Tested(alternative, None, None),), found)  # type: ignore[arg-type]
+        return LensResult(decision, (), (FittedAlternative(alternative, None, None),), found)  # type: ignore[arg-type]
 
     monkeypatch.setattr(lens_corrections, "examine_lenses", examine)
     return asked

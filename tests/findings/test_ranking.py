@@ -14,7 +14,7 @@ def small(camera: str, width: int = 640) -> dict[str, object]:
 MOVED = doubt("camera_moved", "C1", seconds=63.2, frame=317, metres=0.42, degrees=5.1, left_out="after", sigmas=20.0, shift=0.2)
 FEW = doubt("few_observations", "C1", agreeing=12)
 OTHER = doubt("few_observations", "C2", agreeing=9)
-TURNED = doubt("all_focals_contradicted", change=0.1)
+ALL = doubt("lens_doubtful", why="implausible", focal={"change": 0.1})
 
 
 def codes(*findings) -> list[list[tuple[str, tuple[str, ...]]]]:
@@ -28,7 +28,7 @@ def test_what_follows_from_a_cause_about_the_same_camera_is_left_out() -> None:
 
 
 def test_a_cause_about_all_explains_every_camera() -> None:
-    assert codes(FEW, OTHER, TURNED) == [[("all_focals_contradicted", ())]]
+    assert codes(FEW, OTHER, ALL) == [[("lens_doubtful", ())]]
 
 
 def test_notices_explain_nothing_and_are_no_reasons() -> None:

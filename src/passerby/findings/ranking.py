@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from passerby.findings.finding import Finding
-from passerby.findings.texts import KINDS, problem_of, remedy_of
+from passerby.findings.texts import KINDS, problem_of, remedy_of, text_of
 from passerby.findings.texts.kinds import RANKS
 
 MOST_SHOWN = 3
@@ -39,7 +39,10 @@ class Reason:
     @property
     def text(self) -> str:
         """Both in one sentence."""
-        return f"{self.problem}: {self.remedy}" if self.remedy else self.problem
+        first = self.findings[0]
+        if len(self.findings) == 1:
+            return text_of(first)
+        return text_of(first).replace(problem_of(first), self.problem, 1)
 
 
 def explained_by(finding: Finding, findings: Sequence[Finding]) -> Finding | None:

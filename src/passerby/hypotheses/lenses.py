@@ -35,7 +35,7 @@ Decision = Literal["nothing", "notice", "correct", "doubt"]
 
 
 @dataclass(frozen=True, eq=False)
-class Tested:
+class FittedAlternative:
     """An alternative that was fitted."""
 
     alternative: Alternative
@@ -100,11 +100,11 @@ class LensResult:
     decision: Decision
     screened: tuple[Screened, ...] = ()
     """All alternatives; empty where nothing could be compared."""
-    suspects: tuple[Tested, ...] = ()
+    suspects: tuple[FittedAlternative, ...] = ()
     """Those that count: one, or those that explain the observations about equally well; the likeliest first."""
     found: FoundLenses | None = None
     """Where the likeliest one puts lenses."""
-    tested: tuple[Tested, ...] = ()
+    tested: tuple[FittedAlternative, ...] = ()
     """All that were fitted."""
 
 
@@ -133,7 +133,7 @@ def examine_lenses(solution: PeopleSolution, corrected: Sequence[Alternative] = 
     tested = []
     for alternative in likely[:MOST_REFITS]:
         refit = Refit.of(base.with_problem(alternative.apply(base.problem, base.stated)))
-        tested.append(Tested(alternative, refit, Comparison.of(refit.predicted, before.predicted)))
+        tested.append(FittedAlternative(alternative, refit, Comparison.of(refit.predicted, before.predicted)))
     tested.sort(key=lambda one: -(one.over_base.gain + one.alternative.log_prior))
     counted = [one for one in tested if one.log_odds > LOG_ODDS]
     if not counted:
@@ -166,7 +166,7 @@ def effect(change: MeasuringErrors, measuring: MeasuringFigures) -> float:
     return max(change.points.median_mm / max(measuring.points.median_mm, 1e-9), *ground, 0.0)
 
 
-def _explains_more(best: Tested, other: Tested) -> bool:
+def _explains_more(best: FittedAlternative, other: FittedAlternative) -> bool:
     """Whether one alternative predicts so much better than another one that it leaves no choice."""
     between = Comparison.of(best.refit.predicted, other.refit.predicted)
     return between.log_evidence + best.alternative.log_prior - other.alternative.log_prior > LOG_ODDS
