@@ -113,7 +113,6 @@ def followed(text: str, table: str, lines: tuple[str, ...]) -> str:
 def test_remedies_are_found() -> None:
     found = remedies()
     assert ("association", ("max_offset_s = 7",)) in found
-    assert ("solver", ('refine = ["focal"]',)) in found
     assert ("solver", ('refine = ["clock_rate"]',)) in found
     assert ("world", ('points = "points.csv"', "tilt = true")) in found
     assert ("cameras.C1", ("until_s = 7",)) in found

@@ -93,6 +93,8 @@ def _dropped(v: Fields) -> str:
     return f"the {' and '.join(_PARTS[part] for part in v['parts'])} stay as stated: {_DROPPED[v['why']]}"
 
 
+_STATE = "state its intrinsics or its field of view (hfov_deg), and check whether its images were cropped"
+
 LENSES: Mapping[str, Kind] = {
     "lens_corrected": Kind(
         NOTICE, "People contradict stated intrinsics, which were corrected: `focal`, `principal_point`, `distortion`.",
@@ -109,16 +111,14 @@ LENSES: Mapping[str, Kind] = {
         rank="lens",
     ),
     "focal_refined_far": Kind(
-        DOUBT, "The refined focal length is farther from the stated value than the error expected of one.",
-        "camera {camera}: its focal length was refined by {change_percent:+.0f} %, more than the error expected of a stated "
-        "value",
-        "check its intrinsics and the image size that they were made for", rank="lens",
+        DOUBT, "The focal length of a camera without intrinsics was estimated farther from the first guess than lenses are.",
+        "camera {camera}: its focal length was estimated {change_percent:+.0f} % from the first guess, farther than lenses are",
+        _STATE, rank="lens",
     ),
     "principal_point_refined_far": Kind(
-        DOUBT, "The refined principal point is farther from the stated value than the error expected of one.",
-        "camera {camera}: its principal point was refined by {moved_px:.0f} px, more than the error expected of a stated "
-        "value",
-        "check its intrinsics and whether its images were cropped", rank="lens",
+        DOUBT, "The principal point of a camera without intrinsics is estimated farther from the image centre than lenses are.",
+        "camera {camera}: its principal point was estimated {moved_px:.0f} px from the image centre, farther than lenses are",
+        _STATE, rank="lens",
     ),
     "principal_points_assumed": Kind(
         NOTICE, "The principal points of cameras without intrinsics are not observable: rotations stand in for them.",
