@@ -1,6 +1,6 @@
 """The complete list of what Passerby can suspect: each alternative changes what the adjustment takes for granted.
 
-An alternative widens a prior of the base model, in which every stated lens is already free within `STATED`. Prior odds are
+An alternative widens a prior of the base model, in which every stated lens is already free within `LENS_PRIORS`. Prior odds are
 those of a whole site, shared by its cameras, so that a sound site of 1,000 cameras is accepted as often as a room of four.
 """
 
@@ -16,13 +16,12 @@ from passerby.common.arrays import Floats, Ints
 from passerby.core.cameras import Rig
 from passerby.solver.lens_unknowns import LENS_PARTS, LensPart, LensUnknowns
 from passerby.solver.person_model import PeopleProblem
+from passerby.solver.systematic import LENS_PRIORS
 
 LENS = LensUnknowns(LENS_PARTS)
-STATED: Mapping[LensPart, float] = MappingProxyType({"focal": 0.005, "principal_point": 0.005, "distortion": 0.01})
-"""One standard deviation of a calibrated lens around what is stated: a share of the focal length; of the principal point, a
-share of the image's width; the first distortion coefficient. A scene's `focal_sd` replaces the first one."""
 WRONG: Mapping[LensPart, float] = MappingProxyType({"focal": 0.2, "principal_point": 0.08, "distortion": 0.1})
-"""The same of a lens that is stated wrongly: a zoom that was moved, a cropped image, a lens model that was left out."""
+"""One standard deviation of a lens that is stated wrongly: a share of the focal length; of the principal point, a share of the
+image's width; the first distortion coefficient. Zooms are moved, images cropped, lens models left out."""
 WRONG_SITES: Mapping[LensPart, float] = MappingProxyType({"focal": 0.05, "principal_point": 0.05, "distortion": 0.02})
 """Share of sites in which one camera's lens is wrong in this respect."""
 ALL_WRONG = 0.01
@@ -98,7 +97,7 @@ def prior_scales(rig: Rig, of: Mapping[LensPart, float]) -> Floats:
 
 def stated_scales(rig: Rig) -> Floats:
     """(C, L) the same of the lenses as they are stated."""
-    out = prior_scales(rig, STATED)
-    focal = [STATED["focal"] if camera.lens.focal_sd is None else camera.lens.focal_sd for camera in rig]
+    out = prior_scales(rig, LENS_PRIORS)
+    focal = [LENS_PRIORS["focal"] if camera.lens.focal_sd is None else camera.lens.focal_sd for camera in rig]
     out[:, LENS.columns_of("focal")] = np.array(focal)[:, None]
     return out
