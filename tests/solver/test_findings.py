@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from passerby.core.cameras import Camera, Lens, Pose, Rig
-from passerby.findings.finding import Finding, doubt
-from passerby.findings.texts import texts_of
+from passerby.findings.finding import Finding
 from passerby.solver import findings
 from passerby.solver.consistency import LEAST_AGREEING, MOST_CHANGE, STRETCHES, JointConsistency
 from passerby.solver.gauge import Free
