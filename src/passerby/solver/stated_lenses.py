@@ -20,10 +20,10 @@ from passerby.solver.lens_unknowns import FAR_SIGMAS, LensPart
 from passerby.solver.refinement import rig_of
 
 LEAST_GAIN, LEAST_SIGMAS = 3.0, 3.0
-"""A refinement predicts held-out people better where its gain is more than this many nats (odds of 20 to 1), and than this many of
-its standard errors. Simulated scenes of the three presets, four cameras, 60 s (seeds 820 and 821): with right lenses at most 6.4
-nats and 1.4 standard errors, with one lens or all lenses wrong by 5 to 15 % of the focal length and 3 to 8 % of the width, 75 nats and
-5.0 standard errors or more. A part that people barely constrain gains less than a nat, alike in all blocks."""
+"""A refinement predicts held-out people better where its gain is more than this many nats (odds of 20 to 1), and than this many
+of its standard errors. Simulated scenes of the three presets, four cameras, 60 s (seeds 820 and 821): with right lenses at most
+6.4 nats and 1.4 standard errors; with one lens or all lenses off by 5 to 15 % of the focal length and 3 to 8 % of the width, 75
+nats and 5.0 standard errors or more. A part that people barely constrain gains less than a nat, alike in all blocks."""
 
 
 def refine_stated_lenses(
