@@ -159,8 +159,8 @@ def lens_notes(lenses: Mapping[str, LensFigures], refinement: LensRefinement | N
     """
     out = []
     if refinement is not None and refinement.why is not None:
-        parts = [part for part in refinement.asked if part not in refinement.kept]
-        out.append(notice("refinement_dropped", parts=parts, why=refinement.why))
+        dropped = [part for part in refinement.asked if part not in refinement.kept]
+        out.append(notice("refinement_dropped", parts=dropped, why=refinement.why))
     for name, parts in lenses.items():
         if parts.distortion and parts.focal and parts.principal_point:
             out.append(
