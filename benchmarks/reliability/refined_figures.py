@@ -20,7 +20,7 @@ from passerby.core.cameras import Rig
 from passerby.scene.scene import Scene
 from passerby.simulation import PRESETS, SimulationOptions, simulate, write_scene
 from passerby.simulation.rendering import RenderOptions
-from passerby.solver import refined_lenses
+from passerby.solver import initialisation
 from passerby.solver.lens_sigmas import BOXES_MISLEAD, LensEvidence
 from reliability.judging import calibrated
 from reliability.overheard import overheard
@@ -46,10 +46,10 @@ def cases(seeds: int) -> dict[str, tuple[str, str, int]]:
 
 def measure(case: tuple[str, str, int]) -> dict[str, Any]:
     """How far off the sightings alone would put each camera's focal length or principal point, and its sigma but for what
-    misleads: logarithms, or shares of the image's width.
+    misleads: logarithms, or shares of the image's width. At the end of the refinement, whether it is kept or not.
     """
     kind, preset, seed = case
-    with overheard(refined_lenses, "lens_evidence") as returned:
+    with overheard(initialisation, "lens_evidence") as returned:
         if kind in FILMS:
             rig = _film(FILMS[kind], preset, seed)
         else:

@@ -193,7 +193,8 @@ def test_right_lenses_stay_and_the_rig_is_the_one_without_refinement(refine: tup
     assert refined.verdict == stated.verdict
     for name in truth.names:
         np.testing.assert_array_equal(refined.rig[name].lens.matrix, truth[name].lens.matrix)
-        np.testing.assert_array_equal(refined.rig[name].pose.matrix, stated.rig[name].pose.matrix)
+        np.testing.assert_array_equal(refined.rig[name].pose.R_cw, stated.rig[name].pose.R_cw)
+        np.testing.assert_array_equal(refined.rig[name].pose.t_cw, stated.rig[name].pose.t_cw)
     (note,) = lens_notes(refined.figures.lenses, outcome)
     assert (note.severity, note.code, note.values["parts"]) == ("notice", "refinement_dropped", list(refine))
 
