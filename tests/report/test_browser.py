@@ -173,7 +173,8 @@ def test_the_table_of_cameras_is_what_calibration_json_holds(laptop, calibrated)
     )
     for row, one in zip(rows, told, strict=True):
         places = [f"{round(value, 3) + 0.0:.3f}" for value in one["centre_m"]]
-        sigmas = [f"{one['position_sigma_mm']:.0f}", f"{one['orientation_sigma_deg']:.2f}"]
+        sigmas = [f"{one[key]:.0f}" for key in ("points_sigma_mm", "ground_sigma_mm", "position_sigma_mm")]
+        sigmas += [f"{one['orientation_sigma_deg']:.2f}"]
         turns = [f"{round(one[key], 1) + 0.0:.1f}" for key in ("heading_deg", "tilt_deg", "roll_deg")]
         seen = [f"{one['median_residual_px']:.1f}", str(one["people"]), str(one["boxes"])]
         assert [cell.strip() for cell in row] == [one["name"], *places, *turns, *sigmas, *seen]

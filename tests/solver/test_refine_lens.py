@@ -195,7 +195,7 @@ def test_right_lenses_stay_and_the_rig_is_the_one_without_refinement(refine: tup
         np.testing.assert_array_equal(refined.rig[name].lens.matrix, truth[name].lens.matrix)
         np.testing.assert_array_equal(refined.rig[name].pose.R_cw, stated.rig[name].pose.R_cw)
         np.testing.assert_array_equal(refined.rig[name].pose.t_cw, stated.rig[name].pose.t_cw)
-    (note,) = lens_notes(refined.figures.lenses, outcome)
+    (note,) = lens_notes(refined.figures)
     assert (note.severity, note.code, note.values["parts"]) == ("notice", "refinement_dropped", list(refine))
 
 

