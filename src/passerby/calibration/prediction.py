@@ -55,7 +55,7 @@ USUAL_SIZE = (0.75, 1.25)
 
 @dataclass(frozen=True, eq=False)
 class Outcomes(Columns):
-    """N people, each at one instant, whom one camera places where another one should detect them."""
+    """N predictions: one camera places a person at one instant where another camera should detect the person."""
 
     by: Ints
     """(N,) index of the camera that places the person,"""
@@ -79,7 +79,7 @@ class Outcomes(Columns):
 
 
 def predict_people(rig: Rig, observations: Observations, unrecorded: Mapping[str, Ints]) -> Outcomes:
-    """Predict the people whom each camera sees in every other one, and hold the predictions against its boxes.
+    """Predict the people that each camera sees in every other one, and compare the predictions with its boxes.
 
     Args:
         rig: world z up, ground z = 0, metres; cameras without a pose are left out.
@@ -289,7 +289,7 @@ class _InView:
 
     @classmethod
     def of(cls, standing: _Standing, camera: Camera, boxes: Boxes, apart: float) -> _InView:
-        """Those whose feet and head are well inside the image, and whom nothing should keep from being detected."""
+        """People with feet and head well inside the image that nothing should keep from being detected."""
         place = 0.5 * (standing.nearest + standing.farthest)
         feet, head = pixels_over(camera, place, 0.0), pixels_over(camera, place, BODY_M)
         size = np.array(camera.lens.size, dtype=np.float64)

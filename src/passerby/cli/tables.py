@@ -73,10 +73,10 @@ def show_measuring(measuring: MeasuringFigures | None) -> None:
     if measuring is None:
         return
     points, ground = measuring.points, measuring.ground
-    told = [f"points by several cameras to {points.median_mm:.0f} mm (90 %: {points.p90_mm:.0f})"]
+    figures = [f"points by several cameras to {points.median_mm:.0f} mm (90 %: {points.p90_mm:.0f})"]
     if ground is not None:
-        told.append(f"positions on the ground by one camera to {ground.median_mm:.0f} mm (90 %: {ground.p90_mm:.0f})")
-    print(f"where people walked, 1 sigma, scale apart: {', '.join(told)}")
+        figures.append(f"positions on the ground by one camera to {ground.median_mm:.0f} mm (90 %: {ground.p90_mm:.0f})")
+    print(f"where people walked, 1 sigma, scale apart: {', '.join(figures)}")
 
 
 def _millimetres(metres: float | None) -> float | None:
