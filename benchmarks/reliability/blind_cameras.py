@@ -14,7 +14,7 @@ from passerby.common.arrays import Floats
 from passerby.core.cameras import Camera, Lens, Rig
 from passerby.simulation import SimulationOptions, simulate
 from passerby.simulation.disturbances import Disturbance, Move, film_disturbed, gradual_zoom, rig_after
-from reliability.staging import HandedIn, aimed, staged, zoomed
+from reliability.staging import HandedIn, aimed, staged, walked_places, zoomed
 
 Build = Callable[[int], HandedIn]
 ChangeLens = Callable[[Lens, np.random.Generator], Lens]
@@ -68,7 +68,7 @@ def disturbed(seed: int, moves: Sequence[Disturbance], *, given: bool, stays: bo
     boxes = {name: scene.observations[name].boxes for name in scene.rig.names}
     tables = {"association": {"mode": "given" if given else "combined"}}
     later = rig_after(scene.rig, moves[-1:]) if stays else None
-    return HandedIn(scene.rig, boxes, scene.rig, options.fps, tables, later, dict(scene.true_identities))
+    return HandedIn(scene.rig, boxes, scene.rig, options.fps, tables, later, dict(scene.true_identities), walked_places(scene))
 
 
 def instants(seconds: float) -> list[float]:

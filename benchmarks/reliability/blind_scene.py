@@ -15,7 +15,7 @@ from passerby.common.arrays import Floats, Ints
 from passerby.core.cameras import Camera, Lens, Rig
 from passerby.core.observations import Boxes
 from passerby.simulation.motion import Motion
-from reliability.staging import HandedIn, Mask, edges_of, joined, raised, staged, turned, zoomed
+from reliability.staging import HandedIn, Mask, affine, edges_of, joined, raised, staged, turned, zoomed
 
 Build = Callable[[int], HandedIn]
 SMALLEST_PX = 3.0
@@ -313,6 +313,7 @@ def slope_cropped(seed: int) -> HandedIn:
     scene = staged(seed, preset="construction", people=8, seconds=30.0, people_move=move)
     left = 0.14 * scene.lenses["C3"].lens.size[0]
     scene = with_edges(scene, "C3", edges_of(scene.boxes["C3"]) - left * np.array([1.0, 0.0, 1.0, 0.0]))
+    scene = scene.as_shown("C3", lambda lens: affine(lens, 1.0, (-left, 0.0)))
     c, s = np.array([1.0, grade]) / np.hypot(1.0, grade)
     return replace(scene, truth=scene.truth.moved(np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]]), np.zeros(3)))
 

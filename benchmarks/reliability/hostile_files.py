@@ -11,7 +11,7 @@ import numpy as np
 
 from passerby.core.observations import Boxes
 from passerby.simulation import SimulationOptions, simulate
-from reliability.staging import HandedIn, joined, staged
+from reliability.staging import HandedIn, joined, staged, walked_places
 
 Build = Callable[[int], HandedIn]
 SEARCH = {"association": {"mode": "given", "max_offset_s": 5.0}}
@@ -119,7 +119,8 @@ def no_overlap(seed: int, *, given: bool) -> HandedIn:
     scene = simulate(options)
     boxes = {name: scene.observations[name].boxes for name in scene.rig.names}
     who = {name: np.asarray(ids) for name, ids in scene.true_identities.items()}
-    return HandedIn(scene.rig, boxes, scene.rig, 5.0, {"association": {"mode": "given" if given else "combined"}}, who=who)
+    tables = {"association": {"mode": "given" if given else "combined"}}
+    return HandedIn(scene.rig, boxes, scene.rig, 5.0, tables, who=who, walked=walked_places(scene))
 
 
 def weak_bridge(seed: int, *, given: bool, instants: int) -> HandedIn:

@@ -16,7 +16,7 @@ import numpy as np
 from passerby.core.cameras import Lens, Rig
 from passerby.core.observations import Boxes
 from passerby.simulation import PRESETS
-from reliability.staging import HandedIn, staged, zoomed
+from reliability.staging import HandedIn, affine, staged, zoomed
 
 Build = Callable[[int], HandedIn]
 Spoil = Callable[[HandedIn, str], HandedIn]
@@ -59,7 +59,8 @@ def _mirrored(scene: HandedIn, camera: str, *, axis: int) -> HandedIn:
 
 def _half_size(scene: HandedIn, camera: str) -> HandedIn:
     boxes = scene.boxes[camera]
-    return scene.with_boxes(camera, replace(boxes, ltwh=0.5 * boxes.ltwh))
+    half = scene.with_boxes(camera, replace(boxes, ltwh=0.5 * boxes.ltwh))
+    return half.as_shown(camera, lambda lens: affine(lens, 0.5, (0.0, 0.0)))
 
 
 def _frames_lost(scene: HandedIn, camera: str) -> HandedIn:

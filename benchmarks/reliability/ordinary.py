@@ -17,7 +17,7 @@ from passerby.scene.scene import Scene
 from passerby.simulation import PRESETS, SimulatedScene, SimulationOptions, simulate, write_scene
 from passerby.simulation.rendering import RenderOptions
 from reliability.judging import judge, judge_run
-from reliability.staging import HandedIn
+from reliability.staging import HandedIn, walked_places
 
 CAMERAS, CAMERA_SHARES = (3, 4, 5, 6, 7, 8), (0.3, 0.35, 0.2, 0.08, 0.04, 0.03)
 """Mostly few: a scene of eight cameras takes as long as ten of three."""
@@ -65,7 +65,7 @@ def ordinary_scene(seed: int) -> HandedIn:
     scene = simulate(options)
     boxes = {name: scene.observations[name].boxes for name in scene.rig.names}
     mode = "combined" if options.unrelated_ids else "given"
-    return HandedIn(scene.rig, boxes, scene.rig, options.fps, {"association": {"mode": mode}})
+    return HandedIn(scene.rig, boxes, scene.rig, options.fps, {"association": {"mode": mode}}, walked=walked_places(scene))
 
 
 def work(seed: int) -> dict[str, Any]:
@@ -84,7 +84,7 @@ def work(seed: int) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as scratch:
         path = write_scene(scene, Path(scratch) / "scene", keypoints=not filmed, video=RenderOptions() if filmed else None)
         _leave_out(path, scene, lenses=kind in (LENSES, PIXELS_AND_LENSES))
-        return judge_run(lambda: calibrate(Scene.load(path)), [scene.rig]) | {"kind": kind}
+        return judge_run(lambda: calibrate(Scene.load(path)), [scene.rig], walked_places(scene)) | {"kind": kind}
 
 
 def _leave_out(path: Path, scene: SimulatedScene, *, lenses: bool) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from passerby.common.arrays import Floats, Ints
 from passerby.core.cameras import Camera, Lens, Pose, Rig
+from passerby.core.measuring import places_of_people
 from passerby.core.observations import Boxes
 from passerby.simulation import SimulationOptions, simulate
 from passerby.simulation.body import BodyState, pose_joints, stride_length
@@ -37,6 +38,8 @@ class HandedIn:
     """Where they are in the end, where that is elsewhere: a rig is right only if it is right for both."""
     who: Mapping[str, Ints] = field(default_factory=dict)
     """Camera -> (N,) whom each box shows; -1 for nobody. For spoiling, not for the product."""
+    walked: Floats | None = None
+    """(N, 2) places on the true ground where people were, metres: there a rig is judged. None: on a grid."""
 
     def with_boxes(self, camera: str, boxes: Boxes, who: Ints | None = None) -> HandedIn:
         """Another set of boxes in one camera."""
@@ -52,9 +55,22 @@ class HandedIn:
         cameras = tuple(replace(c, lens=change(c.lens)) if c.name == camera else c for c in self.lenses)
         return replace(self, lenses=Rig(cameras))
 
+    def as_shown(self, camera: str, change: Callable[[Lens], Lens]) -> HandedIn:
+        """Boxes in pixels of another picture than the one filmed: the lens that would be right for it."""
+        cameras = tuple(replace(c, lens=change(c.lens)) if c.name == camera else c for c in self.truth)
+        return replace(self, truth=Rig(cameras))
+
     def with_tables(self, **tables: Mapping[str, Any]) -> HandedIn:
         """Further tables of the scene file."""
         return replace(self, tables={**self.tables, **tables})
+
+
+def affine(lens: Lens, scale: float, shift: Sequence[float]) -> Lens:
+    """The lens of a picture whose pixels are those of another one, scaled, then shifted by (x, y)."""
+    matrix = np.array(lens.matrix)
+    matrix[:2] *= scale
+    matrix[:2, 2] += shift
+    return replace(lens, matrix=matrix)
 
 
 MoveRig = Callable[[Rig, np.random.Generator], Rig]
@@ -85,7 +101,12 @@ def staged(
     tables = {"association": {"mode": "given" if given else "combined"}}
     boxes = {name: scene.observations[name].boxes for name in scene.rig.names}
     rates = dict(zip(scene.rig.names, options.frame_rates, strict=True)) if options.camera_fps else options.fps
-    return HandedIn(scene.rig, boxes, scene.rig, rates, tables, after, _who(scene))
+    return HandedIn(scene.rig, boxes, scene.rig, rates, tables, after, _who(scene), walked_places(scene))
+
+
+def walked_places(scene: SimulatedScene) -> Floats:
+    """(N, 2) places on the ground where the cameras see people, metres."""
+    return places_of_people(scene.rig, scene.truth)
 
 
 def _who(scene: SimulatedScene) -> dict[str, Ints]:

@@ -146,7 +146,7 @@ def test_the_findings_say_which_camera_and_where_it_seems_cropped() -> None:
 def test_the_effect_is_that_of_points_or_of_the_ground_that_changes_most() -> None:
     def change(points: float, ground: float) -> MeasuringErrors:
         of = (Distances(mm, 2 * mm, 9) for mm in (points, ground, ground))
-        return MeasuringErrors(9, True, next(of), next(of), {"C1": next(of)})
+        return MeasuringErrors(9, True, next(of), next(of), {"C1": next(of)}, 1.0)
 
     sigma = uncertainty(20.0, {"C1": 40.0})
     assert effect(change(30.0, 10.0), sigma) == pytest.approx(1.5)

@@ -47,6 +47,10 @@ class Lens:
     focal_sd: float | None = None
     """One standard deviation of both focal lengths, as a share of them, where they are a guess. None: they are taken to be
     right."""
+    principal_point_sd: float | None = None
+    """The same of the principal point, as a share of the image's width,"""
+    distortion_sd: float | None = None
+    """and of the first distortion coefficient. None: as stated intrinsics are."""
     uncalibrated: bool = False
     """Whether only the image size is known, and perhaps the focal length as `focal_sd` says: the principal point is taken to be
     the image centre and the distortion to be 0 until people tell more."""

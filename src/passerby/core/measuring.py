@@ -70,6 +70,8 @@ class MeasuringErrors:
     """None where no camera sees the ground."""
     cameras: Mapping[str, Distances]
     """On the ground, by camera."""
+    scale: float
+    """Of the similarity: true lengths over those measured."""
 
 
 def measuring_errors(estimate: Rig, truth: Rig, people: Mapping[str, Boxes] | None = None) -> MeasuringErrors | None:
@@ -119,7 +121,7 @@ def measured_change(before: Rig, after: Rig, places: Floats, *, of_people: bool 
     by_camera = {name: _on_ground(found, name, pixels[name][: len(places)], places, placement) for name in names}
     cameras = {name: one for name, metres in by_camera.items() if (one := Distances.of(metres)) is not None}
     ground = Distances.of(np.concatenate(list(by_camera.values())))
-    return MeasuringErrors(len(places), of_people, of_points, ground, cameras)
+    return MeasuringErrors(len(places), of_people, of_points, ground, cameras, placement.scale)
 
 
 def points_above(places: Floats) -> Floats:

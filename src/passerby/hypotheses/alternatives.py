@@ -16,7 +16,7 @@ from passerby.common.arrays import Floats, Ints
 from passerby.core.cameras import Rig
 from passerby.solver.lens_unknowns import LENS_PARTS, LensPart, LensUnknowns
 from passerby.solver.person_model import PeopleProblem
-from passerby.solver.systematic import LENS_PRIORS
+from passerby.solver.systematic import stated_sd
 
 LENS = LensUnknowns(LENS_PARTS)
 WRONG: Mapping[LensPart, float] = MappingProxyType({"focal": 0.2, "principal_point": 0.08, "distortion": 0.1})
@@ -97,7 +97,4 @@ def prior_scales(rig: Rig, of: Mapping[LensPart, float]) -> Floats:
 
 def stated_scales(rig: Rig) -> Floats:
     """(C, L) the same of the lenses as they are stated."""
-    out = prior_scales(rig, LENS_PRIORS)
-    focal = [LENS_PRIORS["focal"] if camera.lens.focal_sd is None else camera.lens.focal_sd for camera in rig]
-    out[:, LENS.columns_of("focal")] = np.array(focal)[:, None]
-    return out
+    return np.concatenate([prior_scales(Rig((camera,)), stated_sd(camera.lens)) for camera in rig])

@@ -11,12 +11,13 @@ import numpy as np
 from passerby.common.arrays import Floats
 from passerby.core.cameras import Rig
 from passerby.core.figures import adjusted
-from passerby.core.lens import LARGEST_FOCAL_SD
+from passerby.core.lens import LARGEST_FOCAL_SD, Lens
 from passerby.core.measuring import MeasuringErrors, measured_change
 from passerby.core.measuring_figures import MeasuringFigures
 from passerby.hypotheses.alternatives import LENS, WRONG, Alternative, lens_alternatives, prior_scales
 from passerby.hypotheses.case import Case
 from passerby.hypotheses.comparison import Comparison, Refit, Screened, screen
+from passerby.solver.lens_unknowns import LENS_PARTS
 from passerby.solver.people import PeopleSolution
 
 LOG_ODDS = float(np.log(10.0))
@@ -81,16 +82,24 @@ class FoundLenses:
         return bool((np.abs(self.change) <= MOST_SIGMAS * prior_scales(self.stated, WRONG)).all())
 
     def corrected(self, rig: Rig) -> Rig:
-        """The cameras of a rig, known by their names, with these lenses; focal lengths carry their uncertainty."""
+        """The cameras of a rig, known by their names, with these lenses and their uncertainty."""
         lenses = {}
         for c in np.flatnonzero(self.change.any(axis=1)).tolist():
             lens = LENS.moved(rig[self.stated.names[c]].lens, self.change[c])
-            if self.change[c, 0]:
-                lens = replace(lens, focal_sd=float(np.clip(self.sigma[c, 0], 1e-6, LARGEST_FOCAL_SD)))
-            lenses[self.stated.names[c]] = lens
+            lenses[self.stated.names[c]] = self._with_sd(c, lens)
         return replace(
             rig, cameras=tuple(replace(one, lens=lenses.get(one.name, one.lens)) for one in rig)
         )  # fmt: skip
+
+    def _with_sd(self, c: int, lens: Lens) -> Lens:
+        """A camera's lens with the standard deviations of the parts that differ."""
+        focal, *point, distortion = np.maximum(self.sigma[c], 1e-6).tolist()
+        differs = {part: bool(self.change[c, LENS.columns_of(part)].any()) for part in LENS_PARTS}
+        if differs["focal"]:
+            lens = replace(lens, focal_sd=min(focal, LARGEST_FOCAL_SD))
+        if differs["principal_point"]:
+            lens = replace(lens, principal_point_sd=max(point) / lens.size[0])
+        return replace(lens, distortion_sd=distortion) if differs["distortion"] else lens
 
 
 @dataclass(frozen=True, eq=False)

@@ -56,6 +56,14 @@ first distortion coefficient. Careful calibrations with a board repeat to a few 
 some pixels of the principal point; focus and temperature move a lens by as much again."""
 
 
+def stated_sd(lens: Lens) -> dict[LensPart, float]:
+    """What the parts of a lens are off by, one sigma, in the units of `LENS_PRIORS`: what it says itself, or else these."""
+    own: dict[LensPart, float | None] = {
+        "focal": lens.focal_sd, "principal_point": lens.principal_point_sd, "distortion": lens.distortion_sd
+    }  # fmt: skip
+    return {part: LENS_PRIORS[part] if sd is None else sd for part, sd in own.items()}
+
+
 @dataclass(frozen=True, eq=False)
 class ConsiderParameters:
     """Numbers that the adjustment does not estimate: what each does to the residuals, and how large it may be."""
@@ -92,13 +100,13 @@ class ConsiderParameters:
         covariance = np.zeros((len(rig), INTRINSICS, len(rig), INTRINSICS))
         covariance[:, 0, :, 0] = covariance_of_guesses(np.array(focal))
         for c, (camera, own) in enumerate(zip(rig, free, strict=True)):
-            width = camera.lens.size[0]
+            sd = stated_sd(camera.lens)
             if not own[0] and not focal[c]:
-                covariance[c, 0, c, 0] = LENS_PRIORS["focal"] ** 2
+                covariance[c, 0, c, 0] = sd["focal"] ** 2
             if not own[1]:
-                covariance[c, 1, c, 1] = covariance[c, 2, c, 2] = (LENS_PRIORS["principal_point"] * width) ** 2
+                covariance[c, 1, c, 1] = covariance[c, 2, c, 2] = (sd["principal_point"] * camera.lens.size[0]) ** 2
             if not own[2]:
-                covariance[c, 3, c, 3] = LENS_PRIORS["distortion"] ** 2
+                covariance[c, 3, c, 3] = sd["distortion"] ** 2
         size = len(rig) * INTRINSICS
         value, vector = np.linalg.eigh(covariance.reshape(size, size))
         return cls(lens_columns(rig, problem, state, Lens.by_intrinsics), vector * np.sqrt(np.maximum(value, 0.0)))
