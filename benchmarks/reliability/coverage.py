@@ -19,9 +19,11 @@ from passerby.calibration.pipeline import calibrate
 from passerby.core.cameras import Camera, Rig
 from passerby.core.figures import adjusted
 from passerby.core.measuring import measuring_errors
+from passerby.core.observations import Boxes
 from passerby.evaluation.metrics import compare
 from passerby.simulation import PRESETS, SimulatedScene, SimulationOptions, simulate
 from passerby.simulation.write import MEAN_SD
+from passerby.solver.measuring_uncertainty import GROUND_SHARE
 from passerby.solver.systematic import LENS_PRIORS
 from reliability.page import Line, part_found
 from reliability.runs import Wanted, kept, seeds
@@ -67,10 +69,12 @@ def work(seed: int) -> dict[str, Any]:
     """Calibrate one scene from its boxes; errors and sigmas of all that is stated."""
     options = drawn(seed)
     scene = simulate(options)
-    seen = {name: camera.boxes for name, camera in scene.observations.cameras.items()}
+    nuisances = np.random.default_rng([8, seed])
+    stated = stated_lenses(scene.rig, nuisances)
+    seen = with_lower_edges(scene, GROUND_SHARE * nuisances.standard_normal())
     clocked = bool(options.clock_offsets)
     found = calibrate_observations(
-        stated_lenses(scene.rig, np.random.default_rng([8, seed])), seen, fps=options.fps,
+        stated, seen, fps=options.fps,
         association={"mode": "given", "max_offset_s": 1.5 if clocked else 0.0},
         scale={
             "person_height_m": options.person_height_mean_m, "person_height_sd_m": options.person_height_sd_m,
@@ -97,6 +101,12 @@ def stated_lenses(rig: Rig, rng: np.random.Generator) -> Rig:
         distortions[0] += LENS_PRIORS["distortion"] * rng.standard_normal()
         cameras.append(Camera(camera.name, replace(lens, matrix=matrix, distortions=distortions)))
     return Rig(tuple(cameras))
+
+
+def with_lower_edges(scene: SimulatedScene, lower: float) -> dict[str, Boxes]:
+    """Each camera's boxes, with all lower edges that share of the body lower, as what a detector takes for feet may be."""
+    longer = np.array([1.0, 1.0, 1.0, 1.0 + lower])
+    return {name: replace(camera.boxes, ltwh=camera.boxes.ltwh * longer) for name, camera in scene.observations.cameras.items()}
 
 
 def in_sigmas(found: Calibration, scene: SimulatedScene, clocked: bool) -> dict[str, list[float]]:
