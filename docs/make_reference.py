@@ -397,18 +397,18 @@ def findings_page() -> str:
     parts = [WRITTEN, "# All messages", ABOUT_FINDINGS]
     for cause in causes():
         rows = [
-            (f"`{code}`", ", ".join(KINDS[code].severities), _quoted(sentences[code]), KINDS[code].meaning)
+            (f"`{code}`<br>{', '.join(KINDS[code].severities)}", _quoted(sentences[code]), KINDS[code].meaning)
             for code in cause.codes
             if code in KINDS
         ]
         remedy = f"[What to do](../troubleshooting.md#{cause.anchor})"
-        parts += [f"## {cause.title}", remedy, table(("code", "severity", "message", "meaning"), rows).rstrip()]
+        parts += [f"## {cause.title}", remedy, table(("code, severity", "message", "meaning"), rows).rstrip()]
     return "\n\n".join(parts) + "\n"
 
 
 def _quoted(sentences: Sequence[str]) -> str:
     """Sentences as a cell of a table."""
-    return "<br>".join(re.sub(r"([*<\\])", r"\\\1", " ".join(one.split())) for one in sentences)
+    return "<br><br>".join(re.sub(r"([*<\\])", r"\\\1", " ".join(one.split())) for one in sentences)
 
 
 def pages() -> dict[str, str]:

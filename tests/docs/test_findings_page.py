@@ -52,7 +52,7 @@ def test_the_page_is_short() -> None:
 def test_the_page_of_messages_has_the_sentences_of_a_code_below_its_cause(reference: ModuleType, code: str) -> None:
     (cause,) = [one for one in reference.causes() if code in one.codes]
     below = MESSAGES.split(f"(../troubleshooting.md#{cause.anchor})")[1].split("\n## ")[0]
-    (row,) = [line for line in below.splitlines() if line.startswith(f"| `{code}` |")]
+    (row,) = [line for line in below.splitlines() if line.startswith(f"| `{code}`<br>")]
     assert reference.examples()[code]
     for sentence in reference.examples()[code]:
         words = max(re.split(r"[*<\\|\n]", sentence), key=len)
