@@ -17,6 +17,8 @@ PACKAGES = ("passerby", "numpy", "scipy", "poselib")
 """Whose versions decide over the last digits."""
 FOOT = "Written by `"
 """Begins the last paragraph of a page."""
+WIDEST = 60
+"""Characters that a column of a table is padded to: in a column of sentences most of the page would be spaces."""
 
 
 @dataclass(frozen=True)
@@ -77,9 +79,9 @@ def signed(page: Page, command: str) -> str:
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """A Markdown table, columns padded so that it reads well as text too."""
+    """A Markdown table; columns are padded so that it reads well as text, up to `WIDEST` characters."""
     cells = [list(head), *([str(cell) for cell in row] for row in rows)]
-    widths = [max(3, *(len(row[column]) for row in cells)) for column in range(len(head))]
+    widths = [min(WIDEST, max(3, *(len(row[column]) for row in cells))) for column in range(len(head))]
     lines = ["| " + " | ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) + " |" for row in cells]
     return "\n".join([lines[0], "|" + "|".join("-" * (width + 2) for width in widths) + "|", *lines[1:]])
 
