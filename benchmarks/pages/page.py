@@ -33,10 +33,12 @@ class Page:
     """File name -> SVG text, or the bytes of another picture. Names begin with the page's own."""
     commit_in_text: bool = False
     """Whether the text names the commits itself; else the foot of the page names that of this run."""
+    further: tuple[Page, ...] = ()
+    """Pages that the same run writes; a name may begin with a folder."""
 
 
 def write_page(page: Page, folder: Path, command: str) -> Path:
-    """Write a page and its plots, the plots first, and return the page's path.
+    """Write a page, its plots and its further pages, these first, and return the page's path.
 
     Args:
         page: what to write.
@@ -48,6 +50,8 @@ def write_page(page: Page, folder: Path, command: str) -> Path:
     """
     for name, plot in page.plots.items():
         write_bytes(folder / name, plot if isinstance(plot, bytes) else plot.encode("utf-8"))
+    for further in page.further:
+        write_page(further, folder, command)
     path = folder / f"{page.name}.md"
     write_text(path, signed(page, command))
     return path
