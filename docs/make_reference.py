@@ -12,6 +12,7 @@ import ast
 import dataclasses
 import importlib
 import inspect
+import json
 import re
 import types
 import typing
@@ -31,15 +32,20 @@ from pydantic_core import PydanticUndefined
 from typer.models import ArgumentInfo, OptionInfo
 
 from passerby.cli.main import app
-from passerby.findings.texts import KINDS
+from passerby.findings.finding import Finding
+from passerby.findings.texts import KINDS, text_of
 from passerby.interchange.storage.atomic import write_text
 from passerby.scene import scene
 from passerby.scene import tables as scene_tables
 
 FOLDER = Path(__file__).resolve().parent / "reference"
 WRITTEN = "<!-- Written by docs/make_reference.py from the code: change it there. -->"
-ABOUT_FINDINGS = """What speaks against a calibration, or is odd about its input, stands in `calibration.json` under
-[`diagnostics`](../output.md#diagnostics) by these codes; [troubleshooting](../troubleshooting.md) says what to do."""
+ABOUT_FINDINGS = """Every message about a calibration or its input, by cause, with example values. `calibration.json` has them
+under [`diagnostics`](../output.md#diagnostics) by these codes. A `refusal` leaves no rig, a `doubt` lowers the verdict, and a
+`notice` does not change it. [Troubleshooting](../troubleshooting.md) says what to do."""
+TROUBLESHOOTING = Path(__file__).resolve().parent / "troubleshooting.md"
+EXAMPLES = Path(__file__).resolve().parents[1] / "tests" / "findings" / "finding_texts.json"
+"""Findings with values, some for each code."""
 WORDS: dict[type, str] = {
     str: "text",
     float: "number",
@@ -357,11 +363,52 @@ def _help(parameter: Parameter) -> str:
 # --- findings -------------------------------------------------------------------------------------------------------------
 
 
+@dataclass(frozen=True)
+class Cause:
+    """A section of the page of troubleshooting that lists codes of findings."""
+
+    title: str
+    anchor: str
+    codes: tuple[str, ...]
+
+
+def causes() -> list[Cause]:
+    """The sections of the page of troubleshooting with the codes that stand at their ends, in the order of the page."""
+    found = []
+    for part in re.split(r"^## ", TROUBLESHOOTING.read_text(encoding="utf-8"), flags=re.MULTILINE)[1:]:
+        listed = re.search(r"^Codes?: (`\w+`(?:,\s`\w+`)*)\.$", part, flags=re.MULTILINE)
+        title = re.match(r"(.*) \{ #([\w-]+) \}\n", part)
+        if listed and title:
+            found.append(Cause(title[1], title[2], tuple(re.findall(r"\w+", listed[1]))))
+    return found
+
+
+def examples() -> dict[str, list[str]]:
+    """Sentences of each code, as they are printed."""
+    found: dict[str, list[str]] = {}
+    for row in json.loads(EXAMPLES.read_text(encoding="utf-8")):
+        found.setdefault(row["code"], []).append(text_of(Finding.of_value(row)))
+    return found
+
+
 def findings_page() -> str:
-    """Every code of a finding, with its severities and what it means."""
-    rows = [(f"`{code}`", ", ".join(kind.severities), kind.meaning) for code, kind in KINDS.items()]
-    head = f"{WRITTEN}\n\n# Codes of findings\n\n{ABOUT_FINDINGS}\n\n"
-    return head + table(("code", "severity", "meaning"), rows)
+    """Every code of a finding by cause: its severities, sentences with example values, and what it means."""
+    sentences = examples()
+    parts = [WRITTEN, "# All messages", ABOUT_FINDINGS]
+    for cause in causes():
+        rows = [
+            (f"`{code}`<br>{', '.join(KINDS[code].severities)}", _quoted(sentences[code]), KINDS[code].meaning)
+            for code in cause.codes
+            if code in KINDS
+        ]
+        remedy = f"[What to do](../troubleshooting.md#{cause.anchor})"
+        parts += [f"## {cause.title}", remedy, table(("code, severity", "message", "meaning"), rows).rstrip()]
+    return "\n\n".join(parts) + "\n"
+
+
+def _quoted(sentences: Sequence[str]) -> str:
+    """Sentences as a cell of a table."""
+    return "<br><br>".join(re.sub(r"([*<\\])", r"\\\1", " ".join(one.split())) for one in sentences)
 
 
 def pages() -> dict[str, str]:

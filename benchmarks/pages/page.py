@@ -17,6 +17,8 @@ PACKAGES = ("passerby", "numpy", "scipy", "poselib")
 """Whose versions decide over the last digits."""
 FOOT = "Written by `"
 """Begins the last paragraph of a page."""
+WIDEST = 60
+"""Characters that a column of a table is padded to: in a column of sentences most of the page would be spaces."""
 
 
 @dataclass(frozen=True)
@@ -31,10 +33,12 @@ class Page:
     """File name -> SVG text, or the bytes of another picture. Names begin with the page's own."""
     commit_in_text: bool = False
     """Whether the text names the commits itself; else the foot of the page names that of this run."""
+    further: tuple[Page, ...] = ()
+    """Pages that the same run writes; a name may begin with a folder."""
 
 
 def write_page(page: Page, folder: Path, command: str) -> Path:
-    """Write a page and its plots, the plots first, and return the page's path.
+    """Write a page, its plots and its further pages, these first, and return the page's path.
 
     Args:
         page: what to write.
@@ -46,6 +50,8 @@ def write_page(page: Page, folder: Path, command: str) -> Path:
     """
     for name, plot in page.plots.items():
         write_bytes(folder / name, plot if isinstance(plot, bytes) else plot.encode("utf-8"))
+    for further in page.further:
+        write_page(further, folder, command)
     path = folder / f"{page.name}.md"
     write_text(path, signed(page, command))
     return path
@@ -77,9 +83,9 @@ def signed(page: Page, command: str) -> str:
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """A Markdown table, columns padded so that it reads well as text too."""
+    """A Markdown table; columns are padded so that it reads well as text, up to `WIDEST` characters."""
     cells = [list(head), *([str(cell) for cell in row] for row in rows)]
-    widths = [max(3, *(len(row[column]) for row in cells)) for column in range(len(head))]
+    widths = [min(WIDEST, max(3, *(len(row[column]) for row in cells))) for column in range(len(head))]
     lines = ["| " + " | ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) + " |" for row in cells]
     return "\n".join([lines[0], "|" + "|".join("-" * (width + 2) for width in widths) + "|", *lines[1:]])
 

@@ -39,6 +39,8 @@ class Found:
     """Markdown."""
     facts: Mapping[str, Any] = field(default_factory=dict)
     """Plain values of which the head of the page is made."""
+    further: tuple[Page, ...] = ()
+    """Pages of this part alone."""
 
 
 @dataclass(frozen=True)
@@ -53,6 +55,8 @@ class Section:
     code: str = ""
     """Digest of the code that it was run on; empty where it was not run."""
     facts: Mapping[str, Any] = field(default_factory=dict)
+    further: tuple[Page, ...] = ()
+    """Pages to be written with this one; none of a section that was read."""
 
 
 Head = str | Callable[[Sequence[Section]], str]
@@ -106,7 +110,8 @@ class SectionedPage:
             known = json.dumps({"code": section.code, **section.facts}, ensure_ascii=False).replace("--", "-\\u002d")
             older = [_OLDER] if section.code not in ("", self.code_of(section.part)) else []
             parts += [f"<!-- part {section.part} {known} -->", f"## {section.title}", *older, section.text.strip()]
-        return Page(self.name, "\n\n".join(parts) + "\n", commit_in_text=True)
+        further = tuple(page for section in sections for page in section.further)
+        return Page(self.name, "\n\n".join(parts) + "\n", commit_in_text=True, further=further)
 
     def code_of(self, part: str) -> str:
         """Digest of the code of a part as it is now."""
@@ -115,7 +120,7 @@ class SectionedPage:
     def _section(self, part: str, found: Found) -> Section:
         heading = self.headings[part]
         text = "\n\n".join(paragraph for paragraph in (heading.says, found.text.strip()) if paragraph)
-        return Section(part, heading.title, text, facts=found.facts)
+        return Section(part, heading.title, text, facts=found.facts, further=found.further)
 
 
 def sections_on(page: Path | None) -> dict[str, Section]:

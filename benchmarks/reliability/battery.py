@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from pages.page import table
+from pages.page import Page, table
 from pages.sections import Found
 from reliability import hostile, ordinary
 from reliability.hostile import EVERY
@@ -19,6 +19,8 @@ HOSTILE_SEEDS = seeds(106_000, 1)
 ORDINARY_SEEDS = seeds(107_000, 200)
 QUICK_CASES = ("line-given", "court-confused", "flipped", "focal-20-all", "moved-pan-15", "drift-4", "slope-10", "apart-found")
 QUICK_ORDINARY = 6
+CASES_PAGE = "results/hostile"
+"""Name of the page of all hostile cases, beside the page of reliability."""
 MOST_REFUSED = 0.03
 """Share of the ordinary scenes that may be turned down."""
 
@@ -30,7 +32,8 @@ def run(wanted: Wanted) -> Found:
     found = kept(wanted, "hostile", cases, hostile.work)
     scenes = {str(seed): seed for seed in (ORDINARY_SEEDS[:QUICK_ORDINARY] if wanted.quick else ORDINARY_SEEDS)}
     usual = kept(wanted, "ordinary", scenes, ordinary.work)
-    return part_found(_lines(found, usual), _text(cases, found, usual), quick=wanted.quick)
+    pages = (_cases_page(cases, found),)
+    return part_found(_lines(found, usual), _text(cases, found, usual), quick=wanted.quick, further=pages)
 
 
 def false_accepts(found: Mapping[str, Mapping[str, Any]]) -> list[str]:
@@ -64,13 +67,11 @@ def _text(
     cases: Mapping[str, tuple[str, int]], found: Mapping[str, Mapping[str, Any]], usual: Mapping[str, Mapping[str, Any]]
 ) -> str:
     """The section."""
-    rows = [
-        [EVERY[cases[key][0]][0], result["verdict"], *_errors(result), _first(result["reasons"])]
-        for key, result in found.items()
-    ]
-    head = ("case", "verdict", "worst camera, mm", "degrees", "placed, mm", "first reason")
-    wrong_rigs = sum(result["wrong"] for result in found.values())
-    right_accepted = sum(result["verdict"] == "accepted" and not result["wrong"] for result in found.values())
+    counts = table(
+        ("verdict", "rig right", "rig wrong", "no rig"),
+        [[verdict, *_rigs([one for one in found.values() if one["verdict"] == verdict])] for verdict in _VERDICTS],
+    )
+    wrong = {key: found[key] for key in false_accepts(found)}
     turned_down = [result for result in usual.values() if result["verdict"] != "accepted"]
     why = Counter(_kind(reason) for result in turned_down for reason in result["reasons"])
     reasons = table(("reason", "scenes"), [[reason, str(count)] for reason, count in why.most_common()])
@@ -85,10 +86,13 @@ def _text(
     return f"""
 {_HEAD}
 
-Of {len(found)} hostile cases {wrong_rigs} ended with a wrong rig, {len(false_accepts(found))} of them accepted;
-{right_accepted} were accepted and right. The calibration does not know the truth.
+{len(found)} [hostile cases]({CASES_PAGE}.md), by verdict. The calibration does not know the truth:
 
-{table(head, rows)}
+{counts}
+
+Wrong rigs that were accepted:
+
+{_case_table(cases, wrong) if wrong else "None."}
 
 ### Ordinary scenes
 
@@ -105,7 +109,32 @@ The reasons why scenes were not accepted:
 """
 
 
+def _cases_page(cases: Mapping[str, tuple[str, int]], found: Mapping[str, Mapping[str, Any]]) -> Page:
+    """The page of all hostile cases."""
+    return Page(CASES_PAGE, f"# Hostile cases\n\n{_CASES_HEAD}\n\n{_case_table(cases, found)}\n")
+
+
+def _case_table(cases: Mapping[str, tuple[str, int]], found: Mapping[str, Mapping[str, Any]]) -> str:
+    """One row for each case."""
+    head = ("case", "verdict", "worst camera, mm", "degrees", "placed, mm", "first reason")
+    return table(
+        head,
+        [
+            [EVERY[cases[key][0]][0], result["verdict"], *_errors(result), _first(result["reasons"])]
+            for key, result in found.items()
+        ],
+    )
+
+
+def _rigs(results: Sequence[Mapping[str, Any]]) -> list[str]:
+    """How many of the results are right rigs, wrong rigs, and none."""
+    wrong, none = sum(one["wrong"] for one in results), sum("similarity_mm" not in one for one in results)
+    return [str(len(results) - wrong - none), str(wrong), str(none)]
+
+
 _VERDICTS = ("accepted", "doubtful", "refused")
+_CASES_HEAD = """Each case of the battery behind [the verdict](../reliability.md#the-verdict), which explains the columns. The
+errors of wrong rigs are bold."""
 _HEAD = f"""A rig counts as wrong by what it measures: after the best similarity of the whole rig, one of ten points above
 the ground that cameras share is off by more than {MOST_M:g} m, or one camera's positions on the ground (the median) by more
 than {MOST_M:g} m and {MOST_SIGMAS:g} of their stated sigmas, or the scale by more than {MOST_SIGMAS:g} of its stated sigmas

@@ -8,7 +8,7 @@ from types import MappingProxyType
 
 from pages.commit import commit
 from pages.kept import code_behind, code_digest
-from pages.page import table, yes
+from pages.page import Page, table, yes
 from pages.sections import Found, Heading, Section, SectionedPage
 
 HEAD = """# Reliability
@@ -62,10 +62,10 @@ class Line:
     reached: bool
 
 
-def part_found(lines: Sequence[Line], text: str, *, quick: bool) -> Found:
-    """What a part found: its lines of the table, and Markdown of its section without the title."""
+def part_found(lines: Sequence[Line], text: str, *, quick: bool, further: tuple[Page, ...] = ()) -> Found:
+    """What a part found: its lines of the table, and Markdown of its section without the title; and pages of its own."""
     note = "*A quick run: a few cases, too few for conclusions.*\n\n" if quick else ""
-    return Found(note + text.strip(), {"lines": [asdict(line) for line in lines], "commit": commit(), "quick": quick})
+    return Found(note + text.strip(), {"lines": [asdict(line) for line in lines], "commit": commit(), "quick": quick}, further)
 
 
 def reliability_page() -> SectionedPage:

@@ -1,11 +1,14 @@
-"""Folders that examples of the documentation are run in; each is made once and copied."""
+"""Folders that examples of the documentation are run in, each made once and copied; and the maker of the pages of reference."""
 
 from __future__ import annotations
 
 import fcntl
+import importlib.util
 import shutil
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
@@ -14,6 +17,7 @@ from passerby.common.progress import silent
 from passerby.scene.inputs import read_inputs
 from passerby.scene.scene import Scene
 from passerby.scene.video_inputs import SceneVideoProcessor
+from support.documentation import DOCS
 from support.scenes.puppet_videos import film, puppets
 
 Folders = Callable[[str], Path]
@@ -27,6 +31,18 @@ def _without_network() -> Iterator[None]:
         patch.delenv("PASSERBY_MODELS", raising=False)
         patch.setenv("XDG_CACHE_HOME", "/nonexistent")
         yield
+
+
+@pytest.fixture(scope="session")
+def reference() -> ModuleType:
+    """`docs/make_reference.py`."""
+    spec = importlib.util.spec_from_file_location("make_reference", DOCS / "make_reference.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules["make_reference"] = module
+    spec.loader.exec_module(module)
+    return module
 
 
 @pytest.fixture(scope="session")

@@ -58,6 +58,6 @@ def test_links_lead_somewhere() -> None:
 def test_every_page_of_results_tells_its_command(page: Path) -> None:
     last = page.read_text().strip().splitlines()[-1]
     assert re.match(
-        r"Written by `python benchmarks/(run_paper|run|reliability/limits|mutation|versions)\.py[ `]",
+        r"Written by `(make reliability|python benchmarks/(run_paper|run|reliability/limits|mutation|versions)\.py)[ `]",
         last,
     ), last

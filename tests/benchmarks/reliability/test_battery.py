@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 
 import numpy as np
 import pytest
@@ -150,6 +150,35 @@ def test_only_accepted_wrong_rigs_are_false_accepts(bench: Bench) -> None:
         "right": {"verdict": "accepted", "wrong": False},
     }
     assert bench("reliability.battery").false_accepts(results) == ["wrong"]
+
+
+def test_the_page_shows_false_accepts_and_leaves_the_other_cases_to_a_page_of_their_own(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    battery, names = bench("reliability.battery"), list(bench("reliability.hostile").EVERY)
+    errors = {"similarity_mm": 700.0, "similarity_deg": 1.0, "placed_mm": 800.0}
+    results = [
+        {"verdict": "accepted", "wrong": True, "reasons": [], **errors},
+        {"verdict": "doubtful", "wrong": True, "reasons": ["bad", "worse"], **errors},
+        {"verdict": "accepted", "wrong": False, "reasons": [], **errors},
+        {"verdict": "refused", "wrong": False, "reasons": ["nothing"]},
+    ]
+    usual = {"kind": "boxes", "verdict": "accepted", "wrong": False, "reasons": []}
+
+    def kept(_: object, part: str, cases: dict[str, object], __: object) -> dict[str, object]:
+        return dict(zip(cases, results, strict=False)) if part == "hostile" else dict.fromkeys(cases, usual)
+
+    monkeypatch.setattr(battery, "kept", kept)
+    found = battery.run(SimpleNamespace(quick=False))
+    (page,) = found.further
+    titles = [battery.EVERY[name][0] for name in names[:4]]
+    rows = [[line for line in text.splitlines() if line.startswith(f"| {title} ")] for text in (found.text, page.text)
+            for title in titles]  # fmt: skip
+    assert [len(one) for one in rows] == [1, 0, 0, 0, 1, 1, 1, 1]
+    assert "bad (and 1 more)" in rows[5][0]
+    cells = [[cell.strip() for cell in line.split("|")[1:-1]] for line in found.text.splitlines() if line.startswith("| ")]
+    for counts in (["accepted", "1", "1", "0"], ["doubtful", "0", "1", "0"], ["refused", "0", "0", "1"]):
+        assert counts in cells
 
 
 def test_pairs_of_faults_spoil_two_cameras_and_leave_the_others(bench: Bench) -> None:
