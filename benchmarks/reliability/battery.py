@@ -138,8 +138,8 @@ errors of wrong rigs are bold."""
 _HEAD = f"""A rig counts as wrong by what it measures where people walked: after the best similarity of the whole rig, one
 of ten points above the ground that cameras share is off by more than {MOST_M:g} m, or one camera's positions on the ground (the
 median) by more than {MOST_M:g} m and {MOST_SIGMAS:g} of their stated sigmas, or the scale by more than {MOST_SIGMAS:g} of its
-stated sigmas (it depends on the assumed height of people, and the sigma includes this). Pixels are those of the images that were
-handed in: where an image was cropped or is smaller than stated, a rig with the right intrinsics for it is right. The three
+stated sigmas (it depends on the assumed height of people, and the sigma includes this). Pixels are those of the images that
+were handed in: where an image was cropped or is smaller than stated, a rig with the right intrinsics for it is right. The three
 columns of errors are those of the worst camera: after similarity alignment, and after the best placement along the ground. A
 camera that moves has to be right before and after. A hostile case may be accepted if its rig is right.
 
