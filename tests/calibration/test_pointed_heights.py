@@ -84,8 +84,8 @@ def test_a_height_that_contradicts_the_others_is_named_by_its_table(small):
     second, two = pointed_at(small, "C2", skip=(first,))
     third, wrong = pointed_at(small, "C3", grown=1.15, skip=(first, second))
     calibration, _ = scale_by(small, [one, two, wrong])
-    (found,) = [found for found in calibration.doubts if found.code == "scale_cue_contradicted"]
-    assert found.values["cue"] == f"height of person {third}, [[scale.people]] 3"
+    (found,) = [found for found in calibration.doubts if found.code == "scale_cues_disagree"]
+    assert found.values["cues"] == [f"height of person {third}, [[scale.people]] 3"]
     assert found.values["measured_m"] == pytest.approx(small.heights[third], rel=0.02)
     assert calibration.verdict == "doubtful"
 
@@ -95,7 +95,7 @@ def test_of_two_heights_that_contradict_each_other_both_are_named(small):
     first, one = pointed_at(small, "C1")
     second, wrong = pointed_at(small, "C2", grown=1.25, skip=(first,))
     calibration, _ = scale_by(small, [one, wrong])
-    names = [name for found in calibration.doubts for name in found.values.get("cues", [found.values.get("cue")])]
+    names = [name for found in calibration.doubts for name in found.values.get("cues", [])]
     assert f"height of person {second}, [[scale.people]] 2" in names
 
 
@@ -184,7 +184,7 @@ def test_heights_of_one_person_contradict_each_other_beyond_their_sigmas():
     assert pointed_heights(stated[:2], lambda _: 4).findings == ()
     assert pointed_heights(stated, lambda one: one.number).findings == ()
     (found,) = pointed_heights(stated, lambda _: 4).findings
-    assert (found.code, found.values["cue"]) == ("scale_cue_contradicted", "height of person 4, [[scale.people]] 3")
+    assert (found.code, found.values["cues"]) == ("scale_cues_disagree", ["height of person 4, [[scale.people]] 3"])
     assert found.values["measured_m"] == pytest.approx(1.805, abs=0.01)
 
 

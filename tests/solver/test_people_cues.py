@@ -172,7 +172,7 @@ def test_people_agree_with_a_rig_of_their_own_heights() -> None:
 def test_heights_that_walking_speed_and_width_both_contradict_are_named(scale: float) -> None:
     """As if boxes showed the upper half of each person."""
     (found,) = contradictions(scale)
-    assert "population" in found.values.get("kinds", [found.values.get("kind")])
+    assert "population" in found.values["kinds"]
     assert "head to feet" in remedy_of(found)
 
 
@@ -180,7 +180,7 @@ def test_heights_that_walking_speed_and_width_both_contradict_are_named(scale: f
 def test_a_wrong_frame_rate_is_named_as_the_cause(fps: float) -> None:
     """Heights and widths agree with each other, and the speed with neither."""
     (found,) = contradictions(1.0, fps)
-    kinds = found.values.get("kinds", [found.values.get("kind")])
+    kinds = found.values["kinds"]
     assert "walking_speed" in kinds
     assert "frame rate, which may be wrong" in texts_of([found])[0]
 
@@ -189,4 +189,4 @@ def test_a_wrong_frame_rate_is_named_as_the_cause(fps: float) -> None:
 def test_a_length_under_which_people_are_giants_or_dwarfs_is_named(factor: float) -> None:
     """Heights, walking speed and width agree with each other."""
     (found,) = contradictions(1.0, 1.0, length(factor))
-    assert (found.code, found.values["cue"]) == ("scale_cue_contradicted", "length 1")
+    assert (found.code, found.severity, found.values["cues"]) == ("scale_cues_disagree", "doubt", ["length 1"])

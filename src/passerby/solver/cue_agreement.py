@@ -1,4 +1,10 @@
-"""Which scale cues contradict each other, each by the scale that it would give alone."""
+"""What all scale cues say together: how likely each is wrong, and whether the scale is therefore in doubt.
+
+Each cue is as certain as it says, or wrong. The people may be of another population than the one that is assumed: then their
+heights and widths are off by one factor, and only what else is known of the scale shows it. So the scale has a posterior that
+is a mixture of these explanations. It is in doubt where another scale, farther off than the stated uncertainty, is about as
+likely as the one that was found. A wrong cue that changes nothing is a notice.
+"""
 
 from __future__ import annotations
 
@@ -6,110 +12,172 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
-from passerby.common.arrays import Floats, Ints
+from passerby.common.arrays import Floats
 from passerby.core.figures import CueFigures
-from passerby.findings.finding import Finding, doubt
+from passerby.findings.finding import Finding, doubt, notice
 
+WRONG, WRONG_SD = 0.05, 0.4
+"""Prior probability that a cue is wrong, that of `WRONG_SITES` for lenses; and by how much as a logarithm, one sigma: between a
+tenth and a factor of two, which feet for metres, boxes of the upper body or a wrong frame rate exceed."""
+OTHERS, OTHERS_M, OTHERS_SD = 0.05, 1.25, 0.25
+"""Prior probability that the people are no adults: schools, kindergartens. Their mean stature and one sigma of its logarithm:
+children of 1 to 12 years are 0.76 to 1.50 m tall (medians of the WHO growth references of 2006 and 2007)."""
+ASSUMED_SD = 0.04
+"""A mean stature that is less certain is assumed (`POPULATION_BIAS`), one that is more certain was stated with its sigma."""
+AS_LIKELY = 10**-0.5
+"""Odds from which an explanation is about as likely as another: evidence below a factor of the root of ten is "barely worth
+mentioning" (Jeffreys 1961, *Theory of Probability*, appendix B)."""
 MOST_SIGMAS = 3.0
-"""Cues whose scales are farther apart contradict each other: two of 2 % that differ by 10 %, with room for the logarithm."""
-CODES = ("scale_cue_contradicted", "scale_cues_disagree")
+"""A scale that is farther from the stated one is another scale."""
 RIG_SD = 0.005
 """Relative, of what a rig measures between any two of its parts: its shape on simulated scenes with boxes."""
+STEP = 0.001
+"""Of the grid of scales, a fifth of the most certain cue."""
+CODE = "scale_cues_disagree"
+_STATURES = ("population", "segments")
+_OF_PEOPLE = (*_STATURES, "body_width")
+"""Cues that are off by the same factor where the people are of another population. The width is never wrong by itself: boxes
+of another shape than people's do not reach from head to feet."""
 
 
-@dataclass(frozen=True)
-class Dispute:
-    """A cue that contradicts all others, or two of which one must be wrong."""
+@dataclass(frozen=True, eq=False)
+class Agreement:
+    """What N cues say together."""
 
-    cue: int
-    """The wrong one; of two the one that is known better."""
-    other: int | None
-    """None: `cue` contradicts the rest, which agrees."""
+    wrong: Floats
+    """(N,) probability that each cue is wrong."""
     off: float
-    """By how much the cue's scale is larger than that of the rest, or of the other one, as a logarithm."""
-    sigmas: float
+    """Probability that the scale is farther off than its stated uncertainty."""
+    more_variance: float
+    """What another population adds to the variance of the logarithm of the scale, all else being as certain as it says."""
+
+    @property
+    def is_doubtful(self) -> bool:
+        """Whether another scale is about as likely as the one that was found."""
+        return self.off > AS_LIKELY * (1 - self.off)
+
+    @property
+    def suspects(self) -> list[int]:
+        """The cue that is most likely wrong, with the next where it is about as likely; none where none is."""
+        if not len(self.wrong):
+            return []
+        least = AS_LIKELY * (self.wrong.max() if self.is_doubtful else 1 / (1 + AS_LIKELY))
+        return [i for i in np.argsort(-self.wrong, kind="stable")[:2].tolist() if self.wrong[i] >= least]
 
 
-def find_disputes(log_scale: Floats, sd: Floats) -> list[Dispute]:
-    """Cues that contradict each other.
-
-    A cue without which the others agree is wrong. Where that is true of two cues, or only two are left, nobody can tell which.
+def weigh_cues(cues: Sequence[CueFigures]) -> Agreement:
+    """The posterior of the scale, on a grid, and what it says of each cue.
 
     Args:
-        log_scale: (N,) logarithm of the scale by each cue alone.
-        sd: (N,) one sigma of it.
+        cues: the N with a scale of their own, as of `known_cues`.
     """
-    left = np.arange(len(sd))
-    sd = np.hypot(sd, RIG_SD)
-    found = []
-    while len(left) > 1 and np.abs(_against_rest(log_scale[left], sd[left])).max() > MOST_SIGMAS:
-        without = [_spread(log_scale[np.delete(left, k)], sd[np.delete(left, k)]) for k in range(len(left))]
-        first, second = np.argsort(without, kind="stable")[:2]
-        explains_too = without[second] - without[first] < MOST_SIGMAS**2 and _agree(np.delete(left, second), log_scale, sd)
-        if len(left) == 2 or explains_too:
-            a, b = sorted((int(left[first]), int(left[second])), key=lambda cue: sd[cue])
-            off = float(log_scale[a] - log_scale[b])
-            found.append(Dispute(a, b, off, abs(off) / float(np.hypot(sd[a], sd[b]))))
-            left = np.delete(left, [first, second])
-            continue
-        rest = np.delete(left, first)
-        weight = sd[rest] ** -2.0
-        off = float(log_scale[left[first]] - np.average(log_scale[rest], weights=weight))
-        sigma = float(np.sqrt(sd[left[first]] ** 2 + 1 / weight.sum()))
-        found.append(Dispute(int(left[first]), None, off, abs(off) / sigma))
-        left = rest
-    return found
+    if not cues:
+        return Agreement(np.zeros(0), 0.0, 0.0)
+    at, sd = log_scales(cues)
+    grid = np.arange(at.min() - 1.0, at.max() + 1.0, STEP)
+    residual = at[:, None] - grid
+    may_be_wrong = np.array([[cue.kind != "body_width"] for cue in cues])
+    sound = np.where(may_be_wrong, np.log(1 - WRONG), 0.0) + _log_normal(residual, sd)
+    wrong = np.where(may_be_wrong, np.log(WRONG) + _log_normal(residual, np.hypot(sd, WRONG_SD)), -np.inf)
+    either = np.logaddexp(sound, wrong)
+    assumed = next((cue for cue in cues if cue.kind == "population" and (cue.own_sigma or 0.0) >= ASSUMED_SD), None)
+    people = np.array([assumed is not None and cue.kind in _OF_PEOPLE for cue in cues])
+    shifted = np.full(len(grid), -np.inf)
+    if assumed is not None:
+        prior, shift = np.log(OTHERS / (1 - OTHERS)), float(np.log(assumed.stated_m / OTHERS_M))
+        shifted = prior + _log_shifted(residual[people], sd[people], shift)
+    by_usual, by_others = _posterior(either, people, shifted)
+    share = np.exp(wrong - either)
+    statures = np.array([assumed is not None and cue.kind in _STATURES for cue in cues])
+    p_wrong = share @ by_usual + np.where(people, 0.0, share @ by_others) + statures * by_others.sum()
+    middle, sigma = _stated(cues, at, sd)
+    off = float((by_usual + by_others)[np.abs(grid - middle) > MOST_SIGMAS * sigma].sum())
+    by_usual, by_others = _posterior(sound, people, shifted)
+    return Agreement(p_wrong, off, max(_variance(grid, by_usual + by_others) - _variance(grid, by_usual), 0.0))
 
 
 def argue(cues: Sequence[CueFigures]) -> tuple[list[CueFigures], list[Finding]]:
-    """The cues, each with those that it contradicts; and a doubt for each contradiction."""
-    known = {
-        number: (cue.own_scale, cue.own_sigma)
-        for number, cue in enumerate(cues)
-        if cue.own_scale is not None and cue.own_sigma is not None
-    }
-    telling = list(known)
-    log_scale = np.log([known[number][0] for number in telling])
-    sd = np.array([known[number][1] for number in telling])
-    against: dict[int, list[int]] = {}
-    findings = []
-    disputes = find_disputes(log_scale, sd)
-    accused = {telling[one] for dispute in disputes for one in (dispute.cue, dispute.other) if one is not None}
-    for dispute in disputes:
-        cue = telling[dispute.cue]
-        if dispute.other is None:
-            against[cue] = [number for number in telling if number not in accused]
-            measured = cues[cue].stated_m * float(np.exp(-dispute.off))
-            findings.append(doubt("scale_cue_contradicted", cue=cues[cue].cue, kind=cues[cue].kind,
-                                  stated_m=cues[cue].stated_m, measured_m=measured, sigmas=dispute.sigmas))  # fmt: skip
-            continue
-        other = telling[dispute.other]
-        against[cue], against[other] = [other], [cue]
-        sigmas_percent = [float(100 * sd[number]) for number in (dispute.cue, dispute.other)]
-        findings.append(doubt("scale_cues_disagree", cues=[cues[cue].cue, cues[other].cue],
-                              kinds=[cues[cue].kind, cues[other].kind], sigmas=dispute.sigmas,
-                              percent=100 * float(np.expm1(abs(dispute.off))), sigmas_percent=sigmas_percent))  # fmt: skip
-    return [
-        replace(cue, disagrees_with=tuple(cues[other].cue for other in against[number]) if number in against else None)
-        for number, cue in enumerate(cues)
-    ], findings
+    """The cues, each with those that it contradicts; and what is reported, a doubt where the scale is in doubt."""
+    known = known_cues(cues)
+    agreement = weigh_cues(known)
+    suspects = agreement.suspects if len(known) > 1 else []
+    if not suspects:
+        return list(cues), []
+    at, sd = log_scales(known)
+    first = suspects[0]
+    if len(known) == 2:
+        suspects = [0, 1]
+    suspects = sorted(suspects, key=lambda i: sd[i])
+    rest = np.array([i for i in range(len(known)) if i != first])
+    if len(suspects) == 2:
+        off, sigma = float(at[suspects[0]] - at[suspects[1]]), float(np.hypot(*sd[suspects]))
+        values = {"percent": 100 * float(np.expm1(abs(off))), "sigmas_percent": (100 * sd[suspects]).tolist()}
+        names = {known[i].cue: (known[j].cue,) for i, j in (suspects, suspects[::-1])}
+    else:
+        weight = sd[rest] ** -2.0
+        off, sigma = float(at[first] - np.average(at[rest], weights=weight)), float(np.hypot(sd[first], weight.sum() ** -0.5))
+        stated_m = known[first].stated_m
+        values = {"stated_m": stated_m, "measured_m": stated_m * float(np.exp(-off))}
+        names = {known[first].cue: tuple(known[i].cue for i in rest)}
+    report = doubt if agreement.is_doubtful else notice
+    cues_said = [known[i].cue for i in suspects], [known[i].kind for i in suspects]
+    finding = report(CODE, cues=cues_said[0], kinds=cues_said[1], sigmas=abs(off) / sigma, **values)
+    return [replace(cue, disagrees_with=names.get(cue.cue)) for cue in cues], [finding]
 
 
-def _against_rest(log_scale: Floats, sd: Floats) -> Floats:
-    """(N,) sigmas between each cue and the weighted mean of the others."""
+def known_cues(cues: Sequence[CueFigures]) -> list[CueFigures]:
+    """The cues that say something of the scale."""
+    return [cue for cue in cues if cue.own_scale is not None and cue.own_sigma is not None]
+
+
+def log_scales(cues: Sequence[CueFigures]) -> tuple[Floats, Floats]:
+    """(N,) logarithm of the scale by each cue alone, and one sigma of it with the shape of the rig."""
+    at = np.log([cue.own_scale for cue in cues if cue.own_scale is not None])
+    return at, np.hypot([cue.own_sigma for cue in cues if cue.own_sigma is not None], RIG_SD)
+
+
+def _stated(cues: Sequence[CueFigures], at: Floats, sd: Floats) -> tuple[float, float]:
+    """The scale of the rig and one sigma: by known places that set it, else by the cues with weight in the adjustment."""
+    rests = np.array([cue.kind == "world" for cue in cues])
+    rests = rests if rests.any() else np.array([cue.share > 0 for cue in cues])
+    weight = sd**-2.0 * (rests if rests.any() else 1.0)
+    return float(np.average(at, weights=weight)), float(weight.sum() ** -0.5)
+
+
+def _posterior(density: Floats, people: NDArray[np.bool_], shifted: Floats) -> tuple[Floats, Floats]:
+    """(G,) probabilities of the scales of the grid, with people as assumed, and with people of another population.
+
+    Args:
+        density: (N, G) logarithm of that of each cue.
+        people: (N,) the cues that another population changes.
+        shifted: (G,) logarithm of the density of these cues then, with its prior odds.
+    """
+    usual, others = density.sum(axis=0), density[~people].sum(axis=0) + shifted
+    top = max(usual.max(), others.max())
+    by_usual, by_others = np.exp(usual - top), np.exp(others - top)
+    total = (by_usual + by_others).sum()
+    return by_usual / total, by_others / total
+
+
+def _log_normal(residual: Floats, sd: Floats) -> Floats:
+    """(N, G) logarithm of the density of residuals (N, G) with sigmas (N,), without its constant."""
+    return np.asarray(-0.5 * (residual / sd[:, None]) ** 2 - np.log(sd)[:, None])
+
+
+def _log_shifted(residual: Floats, sd: Floats, shift: float) -> Floats:
+    """(G,) the same of all residuals (N, G) at once, where one shift moves them all: its mean, known to `OTHERS_SD`."""
     weight = sd**-2.0
-    others = weight.sum() - weight
-    mean = ((weight * log_scale).sum() - weight * log_scale) / others
-    return np.asarray((log_scale - mean) / np.sqrt(sd**2 + 1 / others))
+    total = weight.sum()
+    mean = weight @ residual / total
+    spread = weight @ residual**2 - total * mean**2
+    variance = OTHERS_SD**2 + 1 / total
+    log_norm = -np.log(sd).sum() - 0.5 * np.log(total * variance)
+    return np.asarray(-0.5 * (spread + (mean - shift) ** 2 / variance) + log_norm)
 
 
-def _spread(log_scale: Floats, sd: Floats) -> float:
-    """Chi-squared about the weighted mean."""
-    weight = sd**-2.0
-    return float((weight * (log_scale - np.average(log_scale, weights=weight)) ** 2).sum())
-
-
-def _agree(rows: Ints, log_scale: Floats, sd: Floats) -> bool:
-    """Whether these cues contradict nothing among them."""
-    return len(rows) < 2 or bool(np.abs(_against_rest(log_scale[rows], sd[rows])).max() <= MOST_SIGMAS)
+def _variance(grid: Floats, weight: Floats) -> float:
+    """Of a density on the grid (G,)."""
+    mean = np.average(grid, weights=weight)
+    return float(np.average((grid - mean) ** 2, weights=weight))

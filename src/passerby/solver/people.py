@@ -28,7 +28,7 @@ from passerby.findings.refusals import RefusalError
 from passerby.geometry.relative_pose import PairHypothesis
 from passerby.people.box_heights import heights_by_boxes
 from passerby.solver.bodies_world import placed_by_bodies
-from passerby.solver.cue_agreement import argue
+from passerby.solver.cue_agreement import argue, known_cues, weigh_cues
 from passerby.solver.cue_leverage import freed_measurements
 from passerby.solver.cues import scale_cue_weights, settle_cues, triangulate_marks
 from passerby.solver.findings import MAX_ORIENTATION_DEG, apart, doubts_about, figures_of, height_noise
@@ -132,7 +132,7 @@ def solve_people(
     covariance, cues_said, lenses = _sure(start, fit, cues, observations)
     measuring = _measuring(start, fit, covariance)
     posed = _placed(start.rig, fit.result.state, covariance, measuring)
-    cues_said, disagreements = argue((*cues_said, *people_cues(posed, observations)))
+    cues_said, disagreements = argue(cues_said)
     posed = _with_refined_sigmas(posed, lenses)
     zones = () if zoned is None else zoned.figures(start.rig)
     seams = () if zoned is None else seams_of(zoned, start.rig, covariance, fit.result.state.R)
@@ -183,7 +183,9 @@ def _sure(
         None if knowledge.unusual is None else knowledge.unusual[seen],
     )  # fmt: skip
     # What is found from noisy boxes is biased by about the variance of their heights: 7 % too small a scale at 27 % of noise.
-    sigma = float(np.hypot(sigma, height_noise(fit, start.evidence) ** 2))
+    report += people_cues(_posed(start.rig, state), observations)
+    more = weigh_cues(known_cues(report)).more_variance
+    sigma = float(np.linalg.norm([sigma, height_noise(fit, start.evidence) ** 2, np.sqrt(more)]))
     terms = add_learnt_stance(terms, fit.result.normal)
     lenses = decide_refined_lenses(start.unknowns, start.stated, fit.model.problem, state, inflation)
     estimated = start.unknowns.parts

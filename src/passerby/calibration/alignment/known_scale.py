@@ -11,7 +11,7 @@ from passerby.core.cameras import Rig
 from passerby.core.figures import AdjustedFigures, CueFigures
 from passerby.core.solution import Solution
 from passerby.core.verdict import decide_verdict
-from passerby.solver.cue_agreement import CODES, argue
+from passerby.solver.cue_agreement import CODE, argue
 
 
 def check_known_scale(solution: Solution, aligned: AlignedSolution) -> tuple[Solution, AlignedSolution]:
@@ -27,7 +27,7 @@ def check_known_scale(solution: Solution, aligned: AlignedSolution) -> tuple[Sol
         return solution, aligned
     cues, contradictions = argue((*figures.scale.cues, known))
     scale = replace(figures.scale, cues=tuple(cues))
-    findings = (*(one for one in solution.findings if one.code not in CODES), *contradictions)
+    findings = (*(one for one in solution.findings if one.code != CODE), *contradictions)
     verdict = decide_verdict(solution.rig, findings)
     solution = replace(solution, figures=replace(figures, scale=scale), findings=findings, verdict=verdict)
     return solution, replace(aligned, figures=replace(placed, scale=scale))

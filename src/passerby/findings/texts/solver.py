@@ -47,13 +47,27 @@ def _to_check(kinds: Sequence[str | None], otherwise: str) -> str:
     return "; ".join(dict.fromkeys(_CUE_REMEDIES[kind] for kind in kinds if kind in _CUE_REMEDIES)) or otherwise
 
 
-def _cue_contradicted(v: Fields) -> str:
-    digits, unit = {"walking_speed": (1, "m/s"), "body_width": (2, "m")}.get(v.get("kind", ""), (3, ""))
-    measured, stated = (f"{v[key]:.{digits}f} {unit or 'm'}" for key in ("measured_m", "stated_m"))
-    far = f"{v['sigmas']:.0f} sigmas away"
-    if unit:
-        return f"the {v['cue']} people is {measured} by the other scale constraints, but {stated} is usual, {far}"
-    return f"the scale constraint '{v['cue']}' states {stated}, but the other evidence gives {measured}, {far}"
+def _cues_disagree(v: Fields) -> str:
+    cues, sigmas = v["cues"], f"{v['sigmas']:.1f} sigmas"
+    if len(cues) == 2:
+        one, other = (f"'{cue}' (1 sigma {sd:.1f} %)" for cue, sd in zip(cues, v["sigmas_percent"], strict=True))
+        return f"the scale constraints {one} and {other} disagree by {v['percent']:.0f} %, {sigmas}"
+    measured, stated = v["measured_m"], v["stated_m"]
+    if v["kinds"] == ["walking_speed"]:
+        return (
+            f"the {cues[0]} people is {measured:.1f} m/s by the other scale constraints, but {stated:.1f} m/s is usual, "
+            f"{sigmas} away"
+        )
+    return (
+        f"the scale constraint '{cues[0]}' states {stated:.3f} m, but the other evidence gives {measured:.3f} m, {sigmas} away"
+    )
+
+
+def _to_agree(v: Fields) -> str:
+    if len(v["cues"]) == 1:
+        return _to_check(v["kinds"], "check it")
+    decides = "" if v["severity"] == "notice" else ", or state a third length, which decides between them"
+    return f"{_to_check(v['kinds'], 'check both')}{decides}"
 
 
 SOLVER: Mapping[str, Kind] = {
@@ -144,17 +158,10 @@ SOLVER: Mapping[str, Kind] = {
         DOUBT, "The adjustment ended before its optimum.",
         "the adjustment did not converge", "under [solver.options] set max_iterations = 200", rank="symptom",
     ),
-    "scale_cue_contradicted": Kind(
-        DOUBT, "A scale constraint contradicts the rest.",
-        _cue_contradicted,
-        lambda v: _to_check([v.get("kind")], "check it"), subjects=("scale",),
-    ),
     "scale_cues_disagree": Kind(
-        DOUBT, "Two scale constraints contradict each other, and nothing says which is wrong; the more certain is first.",
-        lambda v: f"the scale constraints '{v['cues'][0]}' (1 sigma {v['sigmas_percent'][0]:.1f} %) and '{v['cues'][1]}' "
-        f"(1 sigma {v['sigmas_percent'][1]:.1f} %) disagree by {v['percent']:.0f} %, {v['sigmas']:.1f} sigmas",
-        lambda v: f"{_to_check(v.get('kinds', ()), 'check both')}, or state a third length, which decides between them",
-        subjects=("scale",),
+        (*DOUBT, *NOTICE),
+        "One of these scale constraints is wrong; the more certain is first. A notice where the scale is not in doubt.",
+        _cues_disagree, _to_agree, subjects=("scale",),
     ),
     "people_unusual": Kind(
         NOTICE, "People of these `identities` are far taller or shorter than most: the scale does not rest on them.",
