@@ -1,0 +1,84 @@
+"""One camera's observations, and the people by the other cameras that each of them may show."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from passerby.common.arrays import Ints
+from passerby.geometry.groups import rows_of_equal
+from passerby.hypotheses.pair_residuals import PairColumns
+from passerby.people.body_centres import BodyCentres, TriangulatedPeople
+
+MOST_ROWS = 4000
+"""Sightings of a camera at most: of more, even steps are taken."""
+
+
+@dataclass(frozen=True, eq=False)
+class Correspondences:
+    """One camera's sightings, and to each all the people that it may show: K pairs."""
+
+    own: BodyCentres
+    people: TriangulatedPeople
+    row: Ints
+    """(K,) row of `own`, ascending."""
+    person: Ints
+    """(K,) row of `people`."""
+    person_height_m: float
+    given: bool
+    """Whether the sightings' identities are the people's."""
+
+    def __len__(self) -> int:
+        return len(self.own)
+
+    @cached_property
+    def columns(self) -> PairColumns:
+        """What residuals of the pairs need."""
+        return PairColumns.of(self.own, self.people, self.row, self.person, self.person_height_m)
+
+    def part(self, rows: NDArray[np.bool_]) -> Correspondences:
+        """The sightings (M,) that are marked."""
+        number = np.cumsum(rows) - 1
+        kept = rows[self.row]
+        return Correspondences(
+            self.own.take(rows), self.people, number[self.row[kept]], self.person[kept], self.person_height_m, self.given
+        )
+
+
+def instants_compared(own: BodyCentres, others: Ints) -> Ints:
+    """The instants at which a camera's sightings are compared with people, ascending: of more than `MOST_ROWS`, even steps.
+
+    Args:
+        own: sightings, in the order of their instants.
+        others: instants at which other cameras saw somebody, in any order.
+    """
+    instants = np.unique(own.instant[np.isin(own.instant, others)])
+    count = np.searchsorted(own.instant, instants, side="right") - np.searchsorted(own.instant, instants)
+    if count.sum() > MOST_ROWS:
+        instants = instants[:: int(np.ceil(count.sum() / MOST_ROWS))]
+    return np.asarray(instants)
+
+
+def match_people(
+    own: BodyCentres, people: TriangulatedPeople, person_height_m: float, *, given: bool, instants: Ints | None = None
+) -> Correspondences:
+    """A camera's sightings with the people of their instants.
+
+    Args:
+        own: sightings, in the order of their instants.
+        people: by the other cameras.
+        person_height_m: typical standing height, metres.
+        given: whether the sightings' identities are the people's.
+        instants: of `instants_compared`; None: they follow from the people.
+    """
+    instants = instants_compared(own, people.instant) if instants is None else instants
+    own = own.take(np.isin(own.instant, instants))
+    row, person = rows_of_equal(own.instant, people.instant)
+    if given:
+        same = own.identity[row] == people.identity[person]
+        row, person = row[same], person[same]
+    used = np.unique(row)
+    return Correspondences(own.take(used), people, np.searchsorted(used, row), person, person_height_m, given)
