@@ -22,16 +22,8 @@ from passerby.core.observations import Boxes, CameraObservations, Clock, Keypoin
 from passerby.core.overlap import count_shared_observations
 from passerby.core.synchronisation import USUAL_FPS, clocks_of, resample_to_common_steps
 from passerby.findings.finding import Finding, doubt
-from passerby.hypotheses.changes import (
-    FoundChange,
-    PoseChange,
-    PoseDrift,
-    drift_of,
-    find_change,
-    fit_drift,
-    measure_step,
-    step_of,
-)
+from passerby.hypotheses.camera_path import CameraPath
+from passerby.hypotheses.changes import PoseChange, PoseDrift, drift_of, fit_drift, measure_step, step_of, suspect_change
 from passerby.hypotheses.correspondences import Correspondences, instants_compared, match_people
 from passerby.interchange.storage.toml_text import key
 from passerby.people.body_centres import BodyCentres, PeopleRays, body_centres, identified_body_centres
@@ -232,17 +224,20 @@ def _most_certain(inputs: SceneInputs, estimate: Estimate, repair: MotionRepair)
     rig, association = estimate.solution.rig, estimate.association
     centres = identified_body_centres(rig, association.instants)
     rays, around = PeopleRays.of(rig, centres), _cameras_around(rig, association.instants)
-    best: tuple[int, FoundChange, Correspondences] | None = None
+    suspects = []
     for c, camera in enumerate(rig):
         if camera.pose is None:
             continue
         m = _matched(c, rig, centres[c], rays, around[c], inputs.observations, association, repair)
-        found = find_change(m, camera.pose, association.instants.fps or USUAL_FPS, len(rig.posed()))
-        if found is not None and (best is None or found.over_base.gain > best[1].over_base.gain):
-            best = c, found, m
-    if best is None:
+        suspect = suspect_change(m, camera.pose, association.instants.fps or USUAL_FPS, len(rig.posed()))
+        if suspect is not None:
+            suspects.append((c, suspect, m))
+    suspects.sort(key=lambda one: -one[1].gain)
+    compared = ((c, suspect.compared(), m) for c, suspect, m in suspects)
+    found = next(((c, change, m) for c, change, m in compared if change is not None), None)
+    if found is None:
         return None
-    c, change, m = best
+    c, change, m = found
     if change.effect(rig, c, m.people.place[:, :2], adjusted(estimate.solution.figures).measuring) <= 1:
         return None
     name, posed = rig.names[c], rig.posed().names
@@ -368,7 +363,7 @@ def _drift_measured_again(found: DetectedDrift, inputs: SceneInputs, estimate: E
     if pose is None:
         return found
     m = _matched_again(found.camera, inputs, estimate, repair)
-    path = fit_drift(m, pose, len(found.drift.knots) - 1)
+    path = fit_drift(m, CameraPath(pose), len(found.drift.knots) - 1)
     if path is None:
         return found
     drift = drift_of(m, path, found.drift.gain)

@@ -8,8 +8,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from passerby.common.arrays import Bools, Floats, Ints
 from passerby.core.cameras import Pose
@@ -24,16 +26,22 @@ TURN, SHIFT, FOCAL = slice(0, 3), slice(3, 6), slice(6, 7)
 MOVES, ZOOMS, TURNS = (0, 1, 2, 3, 4, 5), (6,), (0, 1, 2)
 """Columns that are free where a camera moves, zooms or turns."""
 EVERY = (*MOVES, *ZOOMS)
+WITH_CLOCK = (*EVERY, 7, 8)
+"""Columns of a path's own unknowns: pose, focal length, and its clock's offset and rate."""
 SIZE = 7
 FOCAL_SD = 0.3
 """One standard deviation of the logarithm of a zoom, and of the error of a stated focal length: a wrong lens is no motion."""
+OFFSET_SD, RATE_SD = 1.0, 0.02
+"""One standard deviation of a clock's offset, instants, and of its rate: a clock that drifts is no motion. 25 for 24 frames per
+second is 0.04."""
 PRIOR_SD = np.array([TURN_SD] * 3 + [CENTRE_SD_M] * 3 + [FOCAL_SD])
+OWN_SD = np.array([*PRIOR_SD, OFFSET_SD, RATE_SD])
 MOST_COST = 0.5 * float(cut_cauchy_cost(np.array(BEYOND), LOSS, BEYOND))
 """Of an observation that shows another person, nats."""
 STEPS = 12
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Stretch:
     """Time in which a camera differs from the rest of the recording."""
 
@@ -47,6 +55,9 @@ class Stretch:
     def at(self, instants: Ints | Floats) -> Floats:
         """(N, 1) share of the change that holds at instants (N,): 1 inside, 0 outside."""
         return ((instants >= self.first) & (instants <= self.last)).astype(np.float64)[:, None]
+
+
+NEVER = Stretch(np.inf, -np.inf)
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +96,11 @@ class CameraPath:
     """The camera's pose where the basis is 0."""
     log_focal: float = 0.0
     """Logarithm of the focal length in that of the lens, where the basis is 0."""
-    times: Stretch | Knots = Stretch(np.inf, -np.inf)
+    late: tuple[float, float] = (0.0, 0.0)
+    """By how much the camera shows people of a later time: instants at `origin`, and instants an instant."""
+    origin: float = 0.0
+    """Instant."""
+    times: Stretch | Knots = NEVER
     change: Floats | None = None
     """(K, 7) coefficients of the basis: exp(turn) R_cw, centre + shift, focal length times exp(log_focal)."""
 
@@ -101,7 +116,7 @@ class CameraPath:
     def constant(self, change: Floats) -> CameraPath:
         """A camera that always is as this one is with a change (7,)."""
         pose = Pose.from_centre(exp_rotation(change[TURN]) @ self.pose.R_cw, self.pose.centre + change[SHIFT])
-        return CameraPath(pose, self.log_focal + float(change[6]))
+        return replace(self, pose=pose, log_focal=self.log_focal + float(change[6]), times=NEVER, change=None)
 
     def exchanged(self) -> CameraPath:
         """The same two cameras for a stretch that is the rest of the time; `times` has to be set."""
@@ -120,20 +135,27 @@ class Residuals:
     """(K, 3, 3) by which the camera is turned from it."""
     amount: Floats
     """(K, B) basis of the path."""
+    velocity: Floats
+    """(3, K) of the people, metres an instant."""
+    instant: NDArray[np.floating[Any]]
+    """(K,) from the path's origin."""
 
     def take(self, pairs: Ints) -> Residuals:
         """Of some of the pairs."""
-        return Residuals(self.found.take(pairs), self.rotation[pairs], self.amount[pairs])
+        return Residuals(
+            self.found.take(pairs), self.rotation[pairs], self.amount[pairs], self.velocity[:, pairs], self.instant[pairs]
+        )
 
     def by_change(self) -> tuple[Floats, Floats]:
-        """Derivatives (2, 7, K) by a change of the path's own pose and focal length, and by one at the pair's time.
+        """Derivatives (2, 9, K) by the path's own unknowns, and (2, 7, K) by a change at the pair's time.
 
         A zoomed lens sees a point d of the camera's frame where the lens sees `(f d_x, f d_y, d_z)`.
         """
         by_pose, R = self.found.by_pose(), self.rotation
         at = np.einsum("nij,jn->ni", R, self.found.at) * (1.0, 1.0, 0.0)
         by_focal = np.einsum("ajn,nij,ni->an", self.found.by_at, R, at, optimize=True)[:, None]
-        own = np.concatenate([by_pose, by_focal], axis=1)
+        by_late = np.einsum("ajn,jn->an", self.found.by_place, self.velocity)[:, None]
+        own = np.concatenate([by_pose, by_focal, by_late, by_late * self.instant], axis=1)
         turned = np.einsum("ajn,nij->ain", by_pose[:, TURN], R)
         return own, np.concatenate([turned, by_pose[:, SHIFT], by_focal], axis=1)
 
@@ -149,12 +171,13 @@ def residuals_along(m: Correspondences, path: CameraPath) -> Residuals:
     tangent = length[:, None, None] * own.tangent * lengthened[:, None]
     grown = np.log(np.linalg.norm(tangent, axis=(1, 2)) / np.linalg.norm(own.tangent, axis=(1, 2)))
     ray, tangent = np.einsum("nji,nj->ni", R, ray / length[:, None]), tangent @ R
-    columns, row = m.columns, m.row
+    columns, row, late = m.columns, m.row, path.late[0] + path.late[1] * (own.instant - path.origin)
+    place = columns.place - changed[row, SHIFT].T + late[row] * m.velocity
     seen = PairColumns(
-        ray.T[:, row], tangent.transpose(1, 2, 0)[:, :, row], columns.place - changed[row, SHIFT].T, columns.covariance,
+        ray.T[:, row], tangent.transpose(1, 2, 0)[:, :, row], place, columns.covariance,
         columns.variance, columns.size - grown[row],
     )  # fmt: skip
-    return Residuals(residuals_at(seen, path.pose), R[row], amount[row])
+    return Residuals(residuals_at(seen, path.pose), R[row], amount[row], m.velocity, np.asarray(own.instant[row] - path.origin))
 
 
 def best_pairs(m: Correspondences, square: Floats) -> Ints:
@@ -190,7 +213,7 @@ class Equations:
         """At a path."""
         all_pairs = residuals_along(m, path)
         best = all_pairs.take(best_pairs(m, all_pairs.found.square))
-        J, _ = best.by_change()
+        J = best.by_change()[0][:, :SIZE]
         weighed = _weighed(best, J, 1.0)
         return cls(
             np.einsum("aun,an->nu", weighed, best.found.residual), np.einsum("aun,avn->nuv", weighed, J),
@@ -208,12 +231,12 @@ def fit_path(
         m: the camera's observations with the people of their instants.
         start: first path; weak priors hold its pose to it, and its change to 0.
         parts: columns of the change that are free; the others stay as they are.
-        own: columns of the path's own pose and focal length that are free.
+        own: columns of the path's own unknowns that are free.
         widening: times its usual scale that the loss begins with; it is halved at each step, down to 1.
         steps: at most.
     """
     fixed, free, K, path = np.array(own), np.array(parts, dtype=np.int64), start.times.size if parts else 0, start
-    precision = np.concatenate([PRIOR_SD[fixed] ** -2.0, np.tile(PRIOR_SD[free] ** -2.0, K)])
+    precision = np.concatenate([OWN_SD[fixed] ** -2.0, np.tile(PRIOR_SD[free] ** -2.0, K)])
     for step in range(steps):
         wide = max(1.0, widening / 2.0**step)
         every = residuals_along(m, path)
@@ -226,10 +249,10 @@ def fit_path(
         normal = weighed.transpose(1, 0, 2).reshape(size, -1) @ J.transpose(1, 0, 2).reshape(size, -1).T
         gradient = np.einsum("aun,an->u", weighed, at.found.residual)
         turned = log_rotation(path.pose.R_cw @ start.pose.R_cw.T)
-        away = np.concatenate([turned, path.pose.centre - start.pose.centre, [path.log_focal]])[fixed]
+        away = np.concatenate([turned, path.pose.centre - start.pose.centre, [path.log_focal], path.late])[fixed]
         away = np.concatenate([away, path.coefficients[:K, free].ravel()])
         delta = -np.linalg.solve(normal + np.diag(precision), gradient + precision * away)
-        step_of_own = np.zeros(SIZE)
+        step_of_own = np.zeros(len(OWN_SD))
         step_of_own[fixed] = delta[: len(fixed)]
         path = _stepped(path, step_of_own, delta[len(fixed) :].reshape(K, len(free)), free)
         if wide == 1.0 and np.abs(delta).max() < STILL:
@@ -246,7 +269,8 @@ def _stepped(path: CameraPath, own: Floats, change: Floats, free: Ints) -> Camer
     turn = log_rotation(exp_rotation(step[:, TURN]) @ exp_rotation(coefficients[:, TURN]))
     coefficients += step
     coefficients[:, TURN] = turn
-    return replace(path, pose=pose, log_focal=path.log_focal + float(own[6]), change=coefficients)
+    late = path.late[0] + float(own[7]), path.late[1] + float(own[8])
+    return replace(path, pose=pose, log_focal=path.log_focal + float(own[6]), late=late, change=coefficients)
 
 
 def _weighed(at: Residuals, J: Floats, wide: float) -> Floats:

@@ -22,6 +22,7 @@ from passerby.hypotheses.camera_path import (
     MOVES,
     TURN,
     TURNS,
+    WITH_CLOCK,
     ZOOMS,
     CameraPath,
     Knots,
@@ -49,6 +50,9 @@ PIECES = 1, 2, 4, 8
 """Numbers of linear pieces of a drift that are tried."""
 MOST_PAIRS = 4000
 """Of observations and people that are compared; of more, even steps of the observations are taken."""
+ALIKE_FOCAL = 0.02
+"""Logarithm of the factor by which two focal lengths have to differ in how far they are from the stated one: a rig that a zoom
+has bent is off by as much."""
 MOST_PLACES = 200
 """Of people, at which an effect is computed."""
 
@@ -175,8 +179,8 @@ class FoundChange:
         return np.asarray(at[list(farthest(at[:, TURN]))])
 
 
-def find_change(m: Correspondences, pose: Pose, per_second: float, n_cameras: int) -> FoundChange | None:
-    """What most probably changed while a camera filmed; None where nothing is ten times as probable as a camera that stays.
+def suspect_change(m: Correspondences, pose: Pose, per_second: float, n_cameras: int) -> SuspectedChange | None:
+    """What may have changed while a camera filmed, not compared yet; None where nothing hints at a change.
 
     Args:
         m: the camera's observations with the people of their instants.
@@ -187,18 +191,33 @@ def find_change(m: Correspondences, pose: Pose, per_second: float, n_cameras: in
     if len(m) < 2 * WINDOW_ROWS:
         return None
     few = thinned(m, MOST_PAIRS)
-    base = fit_path(few, CameraPath(pose))
+    base = fit_path(few, CameraPath(pose, origin=float(few.own.instant.mean())), own=WITH_CLOCK)
     if not is_suspicious(few, base):
         return None
-    trial = _Trial(few, base, _blocks(few, per_second), n_cameras)
-    steps = [
-        found
-        for path in find_stretches(few, base)
-        for kind in ("zoomed", "moved", "zoomed_and_moved")
-        if (found := trial.step(kind, path)) is not None
-    ]
-    likely = [one for family in (steps, trial.drifts()) if (one := _simplest(family)) is not None]
-    return max(likely, key=lambda one: one.over_base.gain + one.log_prior, default=None)
+    steps = find_stretches(few, base)
+    drifts = [path for pieces in PIECES if (path := fit_drift(few, base, pieces)) is not None]
+    before = float(costs_along(few, base).sum())
+    gain = max((before - float(costs_along(few, path).sum()) for path in (*steps, *drifts)), default=0.0)
+    return SuspectedChange(_Trial(few, base, _blocks(few, per_second), n_cameras), tuple(steps), tuple(drifts), gain)
+
+
+@dataclass(frozen=True, eq=False)
+class SuspectedChange:
+    """What may have changed while a camera filmed."""
+
+    trial: _Trial
+    steps: tuple[CameraPath, ...]
+    drifts: tuple[CameraPath, ...]
+    gain: float
+    """How much better the best of them fits, nats; people who are held out gain less."""
+
+    def compared(self) -> FoundChange | None:
+        """The change that predicts people best; None where none is ten times as probable as a camera that stays as it is."""
+        kinds: tuple[Kind, ...] = ("zoomed", "moved", "zoomed_and_moved")
+        steps = [found for path in self.steps for kind in kinds if (found := self.trial.step(kind, path)) is not None]
+        drifts = [self.trial.drift(path) for path in self.drifts]
+        likely = [one for family in (steps, drifts) if (one := _simplest(family)) is not None]
+        return max(likely, key=lambda one: one.over_base.gain + one.log_prior, default=None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -217,7 +236,7 @@ class _Trial:
         change[:, parts] = path.coefficients[:, parts]
         first = replace(path, change=change)
         if kind == "zoomed":
-            first = replace(first, pose=self.base.pose, log_focal=path.log_focal)
+            first = replace(first, pose=self.base.pose)
         full = refine_stretch(self.m, first, parts)
         if full is None:
             return None
@@ -230,15 +249,10 @@ class _Trial:
         folds: list[CameraPath | None] = [fit_path(self.m.part(~held), full, own=parts) for held in self._folds()]
         return self._compared(kind, full, folds, base_held=True)
 
-    def drifts(self) -> list[FoundChange]:
-        """Drifts of few and of many pieces."""
-        out: list[FoundChange] = []
-        for pieces in PIECES:
-            if (full := fit_drift(self.m, self.base.pose, pieces)) is None:
-                break
-            folds: list[CameraPath | None] = [fit_path(self.m.part(~held), full, TURNS) for held in self._folds()]
-            out.append(self._compared("drifts", full, folds))
-        return out
+    def drift(self, path: CameraPath) -> FoundChange:
+        """A drift."""
+        folds: list[CameraPath | None] = [fit_path(self.m.part(~held), path, TURNS, own=WITH_CLOCK) for held in self._folds()]
+        return self._compared("drifts", path, folds)
 
     def _folds(self) -> list[np.ndarray]:
         """The observations that are held out, fold by fold."""
@@ -252,7 +266,7 @@ class _Trial:
         predicted, before = np.zeros(n), np.zeros(n)
         for held, path in zip(self._folds(), folds, strict=True):
             part, block = self.m.part(held), self.block[held]
-            still = self.base if base_held else fit_path(self.m.part(~held), self.base)
+            still = self.base if base_held else fit_path(self.m.part(~held), self.base, own=WITH_CLOCK)
             before += np.bincount(block, costs_along(part, still), n)
             predicted += np.bincount(block, costs_along(part, still if path is None else path), n)
         log_prior = float(np.log(CHANGED_SITES[kind] / self.n_cameras))
@@ -287,11 +301,13 @@ def step_of(m: Correspondences, found: FoundChange, *, stated: bool) -> PoseChan
     t = m.own.instant
     at_start, at_end = bool(inside[0]), bool(inside[-1])
     zooms = found.kind != "moved"
-    if at_start or at_end:
-        other = path.log_focal + float(path.coefficients[0, 6])
-        exchange = abs(other) < abs(path.log_focal) if zooms and stated else inside.sum() > (~inside).sum()
-        if exchange:
-            path, inside, at_start, at_end = path.exchanged(), ~inside, at_end, at_start
+    longer = inside.sum() > (~inside).sum()
+    if zooms and stated:
+        rest, stretch = abs(path.log_focal), abs(path.log_focal + float(path.coefficients[0, 6]))
+        if abs(rest - stretch) > ALIKE_FOCAL:
+            longer = stretch < rest
+    if (at_start or at_end) and longer:
+        path, inside, at_start, at_end = path.exchanged(), ~inside, at_end, at_start
     main, there = path.constant(np.zeros_like(path.coefficients[0])), path.constant(path.coefficients[0])
     a, b = (residuals_along(m, one).found for one in (main, there))
     pairs = best_pairs(m, residuals_along(m, found.path).found.square)
@@ -331,12 +347,12 @@ def measure_step(part: Correspondences, pose: Pose, change: PoseChange, per_seco
     return replace(change, main=pose, other=found.path.pose, zoom=float(np.exp(found.path.log_focal)))
 
 
-def fit_drift(m: Correspondences, pose: Pose, pieces: int) -> CameraPath | None:
+def fit_drift(m: Correspondences, base: CameraPath, pieces: int) -> CameraPath | None:
     """The drift of so many linear pieces of equal length; None for fewer than `WINDOW_ROWS` observations in half a piece."""
     if len(m) < 2 * WINDOW_ROWS * pieces or m.own.instant[0] == m.own.instant[-1]:
         return None
-    start = CameraPath(pose, times=Knots.even(m.own.instant, pieces))
-    return fit_path(m, start, TURNS, widening=16.0)
+    start = replace(base, origin=float(m.own.instant.mean()), times=Knots.even(m.own.instant, pieces), change=None)
+    return fit_path(m, start, TURNS, own=WITH_CLOCK, widening=16.0)
 
 
 def drift_of(m: Correspondences, path: CameraPath, gain: float) -> PoseDrift:

@@ -6,7 +6,7 @@ cost is refined.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from passerby.hypotheses.camera_path import (
     PRIOR_SD,
     SHIFT,
     TURN,
+    WITH_CLOCK,
     CameraPath,
     Equations,
     Stretch,
@@ -107,7 +108,7 @@ def refine_stretch(
         inside = path.times.at(used.own.instant)[:, 0] > 0
         if min(np.count_nonzero(inside), np.count_nonzero(~inside)) < WINDOW_ROWS:
             return None
-        path = fit_path(used, path, parts)
+        path = fit_path(used, path, parts, own=WITH_CLOCK)
         costs = np.array([costs_along(used, one) for one in (path.constant(np.zeros(7)), path.constant(path.coefficients[0]))])
         best = best_stretch(costs, middle=bool(middle), swap=False)
         if best is None:
@@ -115,7 +116,7 @@ def refine_stretch(
         stretch, before = best.stretch_of(used), path.times
         if stretch == before:
             break
-        path = CameraPath(path.pose, path.log_focal, stretch, path.coefficients)
+        path = replace(path, times=stretch)
     return path
 
 
@@ -173,7 +174,7 @@ def _views_of(part: Correspondences, views: list[CameraPath]) -> list[CameraPath
     if len(part) < WINDOW_ROWS // 2:
         return []
     whole = views[0]
-    starts = [*views, *(CameraPath(whole.pose, whole.log_focal + float(focal)) for focal in FOCALS)]
+    starts = [*views, *(replace(whole, log_focal=whole.log_focal + float(focal)) for focal in FOCALS)]
     costs = np.array([costs_along(part, start).mean() for start in starts])
     found = [fit_path(part, starts[int(costs.argmin())])]
     if part.given:
@@ -201,7 +202,7 @@ def _searched(part: Correspondences, start: CameraPath) -> list[CameraPath]:
         B = ray[own].T @ reach[own] + 0.1 * count[k] * pose.R_cw
         u, _, vt = np.linalg.svd(B)
         turn = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
-        there = CameraPath(Pose.from_centre(turn, pose.centre), start.log_focal)
+        there = replace(start, pose=Pose.from_centre(turn, pose.centre))
         tried.append((float(costs_along(part, there).mean()), int(k), there))
     tried.sort(key=lambda one: one[:2])
     return [fit_path(part, one, widening=4.0) for _, _, one in tried[:3]]
@@ -213,7 +214,7 @@ def _between(main: CameraPath, other: CameraPath, stretch: Stretch) -> CameraPat
     change[0, TURN] = log_rotation(other.pose.R_cw @ main.pose.R_cw.T)
     change[0, SHIFT] = other.pose.centre - main.pose.centre
     change[0, FOCAL] = other.log_focal - main.log_focal
-    return CameraPath(main.pose, main.log_focal, stretch, change)
+    return replace(main, times=stretch, change=change)
 
 
 def _alike(m: Correspondences, one: CameraPath, other: CameraPath) -> bool:
