@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 
 from passerby.calibration.camera_motion import MARGIN_S, DetectedMotion, _without
-from passerby.calibration.diagnostics.pose_change import PoseChange
 from passerby.core.cameras import Pose
 from passerby.core.observations import Boxes, CameraObservations, Keypoints, Observations
+from passerby.hypotheses.changes import PoseChange
 
 FPS = 25.0
 MAIN = Pose(np.eye(3), np.zeros(3))
 CHANGE = PoseChange(
     1, 1, at_start=False, at_end=False, main=MAIN, other=Pose.from_centre(np.eye(3), np.array([0.3, 0.0, 0.4])), gain=100.0,
-    sigmas=50.0, shift=0.2, rows=(100, 100), borne_out=(0.9, 0.9),
+    sigmas=50.0, shift=0.2,
 )  # fmt: skip
 
 

@@ -9,11 +9,11 @@ import pytest
 
 import passerby
 from passerby.calibration.camera_motion import DetectedDrift, findings_of_motions
-from passerby.calibration.diagnostics.correspondences import Correspondences, match_people
-from passerby.calibration.diagnostics.pose_change import detect_pose_change
-from passerby.calibration.diagnostics.pose_drift import PoseDrift, detect_drift
 from passerby.core.cameras import Pose
 from passerby.evaluation.metrics import compare
+from passerby.hypotheses.camera_path import CameraPath
+from passerby.hypotheses.changes import FoundChange, PoseDrift, drift_of, fit_drift, suspect_change
+from passerby.hypotheses.correspondences import Correspondences, match_people
 from passerby.people.body_centres import identified_body_centres, triangulate_people
 from passerby.simulation import SimulatedScene, SimulationOptions, simulate
 from passerby.simulation.disturbances import Move, film_disturbed
@@ -42,9 +42,27 @@ def matched(scene: SimulatedScene, camera: str) -> tuple[Correspondences, Pose]:
     return match_people(own, triangulate_people(scene.rig, centres, BODY_M, excluding=c), BODY_M, given=True), pose
 
 
+def compared(m: Correspondences, pose: Pose) -> FoundChange:
+    """What is found."""
+    suspect = suspect_change(m, pose, OPTIONS.fps, 4)
+    assert suspect is not None
+    found = suspect.compared()
+    assert found is not None
+    return found
+
+
+def one_drift(m: Correspondences, pose: Pose) -> PoseDrift:
+    """A drift at one rate."""
+    path = fit_drift(m, CameraPath(pose), 1)
+    assert path is not None
+    return drift_of(m, path, 0.0)
+
+
 def test_a_steady_turn_is_measured() -> None:
-    drift = detect_drift(*matched(filmed(turning("C2", DEGREES)), "C2"))
-    assert drift is not None
+    m, pose = matched(filmed(turning("C2", DEGREES)), "C2")
+    found = compared(m, pose)
+    assert found.kind == "drifts"
+    drift = drift_of(m, found.path, found.over_base.gain)
     assert drift.steady
     assert drift.degrees == pytest.approx(DEGREES, rel=0.1)
     assert drift.turn[-1, 1] - drift.turn[0, 1] == pytest.approx(np.radians(DEGREES), rel=0.1)
@@ -60,19 +78,14 @@ def test_a_steady_turn_is_measured() -> None:
     ],
     ids=["steady", "step", "there and back", "knock"],
 )
-def test_the_better_of_step_and_drift_has_the_larger_gain(moves: tuple[Move, ...], drifts: bool) -> None:
-    m, pose = matched(filmed(moves), "C2")
-    step, drift = detect_pose_change(m, pose, OPTIONS.fps), detect_drift(m, pose)
-    assert step is not None
-    assert drift is not None
-    assert (drift.gain > step.gain) == drifts
+def test_a_step_is_no_drift_and_a_drift_is_no_step(moves: tuple[Move, ...], drifts: bool) -> None:
+    assert compared(*matched(filmed(moves), "C2")).kind == ("drifts" if drifts else "moved")
 
 
 def test_taking_a_drift_out_of_the_observations_stops_the_camera() -> None:
     scene = filmed(turning("C2", DEGREES))
     m, pose = matched(scene, "C2")
-    drift = detect_drift(m, pose)
-    assert drift is not None
+    drift = one_drift(m, pose)
     found = DetectedDrift("C2", (float(drift.knots[0]), float(drift.knots[-1])), OPTIONS.fps, drift)
     lens, seen = scene.rig["C2"].lens, scene.observations
     corrected = found.corrected(seen, lens)
@@ -80,8 +93,7 @@ def test_taking_a_drift_out_of_the_observations_stops_the_camera() -> None:
     centre = identified_body_centres(scene.rig, corrected)
     own = centre[1]
     assert own is not None
-    again = detect_drift(match_people(own, m.people, BODY_M, given=True), pose)
-    assert again is not None
+    again = one_drift(match_people(own, m.people, BODY_M, given=True), pose)
     assert again.degrees < 0.1 * DEGREES
     cut = ~seen["C2"].boxes.inside(lens.size)
     np.testing.assert_array_equal(corrected["C2"].boxes.ltwh[cut], seen["C2"].boxes.ltwh[cut])
@@ -90,8 +102,7 @@ def test_taking_a_drift_out_of_the_observations_stops_the_camera() -> None:
 
 def drifting(camera: str, pixels: float) -> DetectedDrift:
     turn = np.array([[0.0, -0.01, 0.0], [0.0, 0.01, 0.0]])
-    pose = Pose.from_centre(np.eye(3), np.zeros(3))
-    return DetectedDrift(camera, (1.0, 601.0), 5.0, PoseDrift(np.array([1, 601]), turn, pose, 100.0, pixels))
+    return DetectedDrift(camera, (1.0, 601.0), 5.0, PoseDrift(np.array([1.0, 601.0]), turn, 100.0, pixels))
 
 
 def test_a_drift_has_its_rate_and_cameras_that_all_drift_are_one_finding() -> None:

@@ -18,7 +18,6 @@ from passerby.association.clocks.drift import Drift
 from passerby.association.result import Association
 from passerby.calibration.camera_motion import DetectedMotion, MotionRepair
 from passerby.calibration.clock_skew import MOST_CORRECTIONS, clock_rate_figures, find_clock_skew
-from passerby.calibration.diagnostics.pose_change import PoseChange
 from passerby.calibration.estimation import Estimate
 from passerby.calibration.in_memory import calibrate_observations
 from passerby.calibration.repairs import Repair, apply_repairs
@@ -28,6 +27,7 @@ from passerby.core.observations import Clock
 from passerby.core.solution import Solution
 from passerby.findings.finding import refusal
 from passerby.findings.refusals import RefusalError
+from passerby.hypotheses.changes import PoseChange
 from passerby.scene.inputs import SceneInputs
 from passerby.simulation import SimulatedScene, SimulationOptions, simulate
 from passerby.solver.lens_unknowns import LENS_PARTS
@@ -154,7 +154,7 @@ def test_a_solve_that_is_refused_after_a_move_was_left_out(given: bool, monkeypa
     seen, pose = whole.observations, scene(True).rig["C2"].pose
     assert pose is not None
     other = Pose.from_centre(pose.R_cw, pose.centre + 1.0)
-    change = PoseChange(20, 40, False, True, pose, other, 99.0, 99.0, 0.5, (50, 50), (1.0, 1.0))
+    change = PoseChange(20, 40, False, True, pose, other, 99.0, 99.0, 0.5)
     real, found = camera_motion._most_certain, iter([DetectedMotion("C2", 20, 40, 5.0, change)])
     monkeypatch.setattr(camera_motion, "_most_certain", lambda *args: next(found, None) or real(*args))
     first = Estimate(Solution("people", scene(True).rig, "accepted"), Association(seen, seen, seen.clocks))

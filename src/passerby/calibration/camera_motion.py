@@ -13,24 +13,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from passerby.association.result import Association
-from passerby.calibration.diagnostics.correspondences import (
-    Correspondences,
-    instants_compared,
-    match_people,
-    resect_correspondences,
-)
-from passerby.calibration.diagnostics.pose_change import PoseChange, detect_pose_change
-from passerby.calibration.diagnostics.pose_drift import PoseDrift, detect_drift, fit_drift
-from passerby.calibration.diagnostics.zoom import detect_zoom, zoom_of
 from passerby.calibration.estimation import Estimate
 from passerby.calibration.repairs import Correction
 from passerby.common.arrays import Bools, Floats, Ints
-from passerby.core.cameras import Lens, Pose, Rig
-from passerby.core.figures import DriftFigures, MotionFigures
+from passerby.core.cameras import Lens, Rig
+from passerby.core.figures import DriftFigures, MotionFigures, adjusted
 from passerby.core.observations import Boxes, CameraObservations, Clock, Keypoints, Observations, once_in_frame
 from passerby.core.overlap import count_shared_observations
 from passerby.core.synchronisation import USUAL_FPS, clocks_of, resample_to_common_steps
 from passerby.findings.finding import Finding, doubt
+from passerby.hypotheses.camera_path import CameraPath
+from passerby.hypotheses.changes import PoseChange, PoseDrift, drift_of, fit_drift, measure_step, step_of, suspect_change
+from passerby.hypotheses.correspondences import Correspondences, instants_compared, match_people
 from passerby.interchange.storage.toml_text import key
 from passerby.people.body_centres import BodyCentres, PeopleRays, body_centres, identified_body_centres
 from passerby.scene.inputs import SceneInputs
@@ -151,7 +145,7 @@ class DetectedDrift:
 
     def _shifted(self, pixels: Floats, frame: Ints, lens: Lens) -> Floats:
         """(N, 2) pixels of frames (N,) without the drift; as they were where the lens model cannot be inverted."""
-        knots = self.drift.knots[[0, -1]].astype(np.float64)
+        knots = self.drift.knots[[0, -1]]
         shifted = self.drift.shift(lens, pixels, np.interp(frame, self.frames, knots))
         known = np.asarray(np.isfinite(shifted).all(axis=1))
         return np.asarray(np.where(known[:, None], shifted, pixels))
@@ -222,41 +216,43 @@ class MotionRepair:
 
 
 def _most_certain(inputs: SceneInputs, estimate: Estimate, repair: MotionRepair) -> Motion | None:
-    """The camera whose motion explains most of what does not fit; others may look moved because of it.
+    """The camera whose motion predicts people best; others may look moved because of it.
 
-    A drift is reported in place of a step where it explains more of the same sightings.
+    None where a camera that stays as it is does about as well, and where the motion changes what the rig measures by no more
+    than its uncertainty.
     """
     rig, association = estimate.solution.rig, estimate.association
-    middles = identified_body_centres(rig, association.instants)
-    rays, around = PeopleRays.of(rig, middles), _cameras_around(rig, association.instants)
-    best: tuple[float, int, PoseChange | PoseDrift] | None = None
+    centres = identified_body_centres(rig, association.instants)
+    rays, around = PeopleRays.of(rig, centres), _cameras_around(rig, association.instants)
+    suspects = []
     for c, camera in enumerate(rig):
         if camera.pose is None:
             continue
-        m = _matched(c, rig, middles[c], rays, around[c], inputs.observations, association, repair)
-        rate = association.instants.fps or USUAL_FPS
-        stated = camera.lens.focal_sd is None
-        moved, zoomed = detect_pose_change(m, camera.pose, rate), detect_zoom(m, camera.pose, rate, stated=stated)
-        found: list[PoseChange | PoseDrift] = [one for one in (moved, zoomed) if one is not None and one.sure]
-        if moved in found and (drift := detect_drift(m, camera.pose)) is not None:
-            found.append(drift)
-        for one in found:
-            if best is None or one.gain > best[0]:
-                best = one.gain, c, one
-    if best is None:
+        m = _matched(c, rig, centres[c], rays, around[c], inputs.observations, association, repair)
+        suspect = suspect_change(m, camera.pose, association.instants.fps or USUAL_FPS, len(rig.posed()))
+        if suspect is not None:
+            suspects.append((c, suspect, m))
+    suspects.sort(key=lambda one: -one[1].gain)
+    compared = ((c, suspect.compared(), m) for c, suspect, m in suspects)
+    found = next(((c, change, m) for c, change, m in compared if change is not None), None)
+    if found is None:
         return None
-    _, c, change = best
+    c, change, m = found
+    if change.effect(rig, c, m.people.place[:, :2], adjusted(estimate.solution.figures).measuring) <= 1:
+        return None
     name, posed = rig.names[c], rig.posed().names
     either = next(other for other in posed if other != name) if len(posed) == 2 else None
     clock = repair.stated.observations.clocks.get(name)
     fps = clock.fps if clock is not None else repair.stated.observations.fps
-    if isinstance(change, PoseDrift):
-        return DetectedDrift(name, _span(name, change, inputs.observations, association), fps, change, either)
-    own = _own_frames(name, np.array([change.first, change.last]), inputs.observations, association)
+    if change.kind == "drifts":
+        drift = drift_of(m, change.path, change.over_base.gain)
+        return DetectedDrift(name, _span(name, drift, inputs.observations, association), fps, drift, either)
+    step = step_of(m, change, stated=rig[name].lens.focal_sd is None)
+    own = _own_frames(name, np.array([step.first, step.last]), inputs.observations, association)
     frames = _all_frames(inputs.observations[name])
-    first = int(frames[0]) if change.at_start else int(np.ceil(own[0]))
-    last = int(frames[-1]) if change.at_end else int(np.floor(own[1]))
-    return DetectedMotion(name, first, last, fps, change, either)
+    first = int(frames[0]) if step.at_start else int(np.ceil(own[0]))
+    last = int(frames[-1]) if step.at_end else int(np.floor(own[1]))
+    return DetectedMotion(name, first, last, fps, step, either)
 
 
 def _span(name: str, drift: PoseDrift, observations: Observations, association: Association) -> tuple[float, float]:
@@ -319,7 +315,9 @@ def _clock(name: str, observations: Observations, association: Association) -> C
     return association.clocks.get(name) or clocks_of(observations, [name])[name]
 
 
-def _own_frames(name: str, instants: Ints, observations: Observations, association: Association) -> NDArray[np.float64]:
+def _own_frames(
+    name: str, instants: Ints | Floats, observations: Observations, association: Association
+) -> NDArray[np.float64]:
     """A camera's own frames, fractional, at common instants."""
     grid = association.instants.clocks.get(name)
     if grid is None:
@@ -355,20 +353,8 @@ def _measured_again(moved: DetectedMotion, inputs: SceneInputs, estimate: Estima
     m = _matched_again(moved.camera, inputs, estimate, repair)
     own = _own_frames(moved.camera, m.own.instant, inputs.observations, association)
     part = m.part((own >= moved.first_frame) & (own <= moved.last_frame))
-    if len(part) < 10:
-        return moved
-    start = moved.change.other
-    old = moved.change.main
-    # The old rig's frame of the world is not the new one's: the move itself carries over.
-    start = Pose.from_centre(
-        start.R_cw @ old.R_cw.T @ pose.R_cw, pose.centre + pose.R_cw.T @ old.R_cw @ (start.centre - old.centre)
-    )
-    other = resect_correspondences(part, start)
-    zoom = zoom_of(part, pose, other, association.instants.fps or USUAL_FPS, start=moved.change.zoom)
-    change = replace(moved.change, main=pose, other=other, zoom=1.0)
-    if zoom is not None:
-        change = replace(change, other=zoom.pose, zoom=zoom.factor, sigmas=zoom.sigmas)
-    return replace(moved, change=change)
+    rate = association.instants.fps or USUAL_FPS
+    return replace(moved, change=measure_step(part, pose, moved.change, rate, len(estimate.solution.rig.posed())))
 
 
 def _drift_measured_again(found: DetectedDrift, inputs: SceneInputs, estimate: Estimate, repair: MotionRepair) -> DetectedDrift:
@@ -376,9 +362,11 @@ def _drift_measured_again(found: DetectedDrift, inputs: SceneInputs, estimate: E
     pose = estimate.solution.rig[found.camera].pose
     if pose is None:
         return found
-    drift = fit_drift(_matched_again(found.camera, inputs, estimate, repair), pose, len(found.drift.knots) - 1)
-    if drift is None:
+    m = _matched_again(found.camera, inputs, estimate, repair)
+    path = fit_drift(m, CameraPath(pose), len(found.drift.knots) - 1)
+    if path is None:
         return found
+    drift = drift_of(m, path, found.drift.gain)
     return replace(found, drift=drift, frames=_span(found.camera, drift, inputs.observations, estimate.association))
 
 

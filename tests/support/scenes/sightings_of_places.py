@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from passerby.calibration.diagnostics.correspondences import Correspondences, match_people
 from passerby.common.arrays import Floats
 from passerby.core.cameras import Lens, Pose
 from passerby.geometry.rotations import exp_rotation
+from passerby.hypotheses.correspondences import Correspondences, match_people
 from passerby.people.body_centres import BodyCentres, TriangulatedPeople
 from support.scenes.people_and_rigs import looking_at
 

@@ -1,0 +1,286 @@
+"""One camera over time: a pose and a focal length that may differ in a stretch of time, or change linearly between knots.
+
+The path is fitted to the camera's observations of people whom the other cameras place. The loss is Cauchy's, constant for
+observations that show another person.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from passerby.common.arrays import Bools, Floats, Ints
+from passerby.core.cameras import Pose
+from passerby.geometry.robust import cut_cauchy_cost, cut_cauchy_weights
+from passerby.geometry.rotations import exp_rotation, log_rotation
+from passerby.hypotheses.correspondences import Correspondences
+from passerby.hypotheses.pair_residuals import PairColumns, PairResiduals, residuals_at
+from passerby.people.resection import BEYOND, CENTRE_SD_M, LOSS, STILL, TURN_SD
+
+TURN, SHIFT, FOCAL = slice(0, 3), slice(3, 6), slice(6, 7)
+"""Columns of a change: a rotation vector in the camera's frame, the centre in the world, the logarithm of the focal length."""
+MOVES, ZOOMS, TURNS = (0, 1, 2, 3, 4, 5), (6,), (0, 1, 2)
+"""Columns that are free where a camera moves, zooms or turns."""
+EVERY = (*MOVES, *ZOOMS)
+WITH_CLOCK = (*EVERY, 7, 8)
+"""Columns of a path's own unknowns: pose, focal length, and its clock's offset and rate."""
+SIZE = 7
+FOCAL_SD = 0.3
+"""One standard deviation of the logarithm of a zoom, and of the error of a stated focal length: a wrong lens is no motion."""
+OFFSET_SD, RATE_SD = 1.0, 0.02
+"""One standard deviation of a clock's offset, instants, and of its rate: a clock that drifts is no motion. 25 for 24 frames per
+second is 0.04."""
+PRIOR_SD = np.array([TURN_SD] * 3 + [CENTRE_SD_M] * 3 + [FOCAL_SD])
+OWN_SD = np.array([*PRIOR_SD, OFFSET_SD, RATE_SD])
+MOST_COST = 0.5 * float(cut_cauchy_cost(np.array(BEYOND), LOSS, BEYOND))
+"""Of an observation that shows another person, nats."""
+STEPS = 12
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """Time in which a camera differs from the rest of the recording."""
+
+    first: float
+    """Its first instant; minus infinity where it begins with the recording,"""
+    last: float
+    """and its last one; infinity where it ends with it."""
+
+    size = 1
+
+    def at(self, instants: Ints | Floats) -> Floats:
+        """(N, 1) share of the change that holds at instants (N,): 1 inside, 0 outside."""
+        return ((instants >= self.first) & (instants <= self.last)).astype(np.float64)[:, None]
+
+
+NEVER = Stretch(np.inf, -np.inf)
+
+
+@dataclass(frozen=True, eq=False)
+class Knots:
+    """Times between which a camera changes linearly; it has its mean pose where all of the basis is 0."""
+
+    instant: Floats
+    """(K + 1,) ascending."""
+    mean: Floats
+    """(K + 1,) of the hat functions, over the observations."""
+
+    @classmethod
+    def even(cls, instants: Ints, pieces: int) -> Knots:
+        """So many pieces of equal length over the instants of the observations."""
+        knots = cls(np.linspace(instants[0], instants[-1], pieces + 1), np.zeros(pieces + 1))
+        return replace(knots, mean=knots._hats(instants).mean(axis=0))
+
+    @property
+    def size(self) -> int:
+        """Functions in the basis: one of the hat functions is determined by the others, as they add up to 1."""
+        return len(self.instant) - 1
+
+    def at(self, instants: Ints | Floats) -> Floats:
+        """(N, K) the basis at instants (N,); constant before the first and after the last knot."""
+        return np.asarray((self._hats(instants) - self.mean)[:, :-1])
+
+    def _hats(self, instants: Ints | Floats) -> Floats:
+        return np.column_stack([np.interp(instants, self.instant, row) for row in np.eye(len(self.instant))])
+
+
+@dataclass(frozen=True, eq=False)
+class CameraPath:
+    """A camera whose pose and focal length are functions of time."""
+
+    pose: Pose
+    """The camera's pose where the basis is 0."""
+    log_focal: float = 0.0
+    """Logarithm of the focal length in that of the lens, where the basis is 0."""
+    late: tuple[float, float] = (0.0, 0.0)
+    """By how much the camera shows people of a later time: instants at `origin`, and instants an instant."""
+    origin: float = 0.0
+    """Instant."""
+    times: Stretch | Knots = NEVER
+    change: Floats | None = None
+    """(K, 7) coefficients of the basis: exp(turn) R_cw, centre + shift, focal length times exp(log_focal)."""
+
+    @cached_property
+    def coefficients(self) -> Floats:
+        """(K, 7)"""
+        return np.zeros((self.times.size, SIZE)) if self.change is None else self.change
+
+    def changed(self, instants: Ints | Floats) -> Floats:
+        """(N, 7) how the camera differs from its pose at instants (N,)."""
+        return self.times.at(instants) @ self.coefficients
+
+    def constant(self, change: Floats) -> CameraPath:
+        """A camera that always is as this one is with a change (7,)."""
+        pose = Pose.from_centre(exp_rotation(change[TURN]) @ self.pose.R_cw, self.pose.centre + change[SHIFT])
+        return replace(self, pose=pose, log_focal=self.log_focal + float(change[6]), times=NEVER, change=None)
+
+    def exchanged(self) -> CameraPath:
+        """The same two cameras for a stretch that is the rest of the time; `times` has to be set."""
+        c = self.coefficients[0]
+        back = -c
+        return replace(self.constant(c), times=self.times, change=back[None])
+
+
+@dataclass(frozen=True, eq=False)
+class Residuals:
+    """Residuals of K pairs along a path."""
+
+    found: PairResiduals
+    """In the frame of the path's own pose."""
+    rotation: Floats
+    """(K, 3, 3) by which the camera is turned from it."""
+    amount: Floats
+    """(K, B) basis of the path."""
+    velocity: Floats
+    """(3, K) of the people, metres an instant."""
+    instant: NDArray[np.floating[Any]]
+    """(K,) from the path's origin."""
+
+    def take(self, pairs: Ints) -> Residuals:
+        """Of some of the pairs."""
+        return Residuals(
+            self.found.take(pairs), self.rotation[pairs], self.amount[pairs], self.velocity[:, pairs], self.instant[pairs]
+        )
+
+    def by_change(self) -> tuple[Floats, Floats]:
+        """Derivatives (2, 9, K) by the path's own unknowns, and (2, 7, K) by a change at the pair's time.
+
+        A zoomed lens sees a point d of the camera's frame where the lens sees `(f d_x, f d_y, d_z)`.
+        """
+        by_pose, R = self.found.by_pose(), self.rotation
+        at = np.einsum("nij,jn->ni", R, self.found.at) * (1.0, 1.0, 0.0)
+        by_focal = np.einsum("ajn,nij,ni->an", self.found.by_at, R, at, optimize=True)[:, None]
+        by_late = np.einsum("ajn,jn->an", self.found.by_place, self.velocity)[:, None]
+        own = np.concatenate([by_pose, by_focal, by_late, by_late * self.instant], axis=1)
+        turned = np.einsum("ajn,nij->ain", by_pose[:, TURN], R)
+        return own, np.concatenate([turned, by_pose[:, SHIFT], by_focal], axis=1)
+
+
+def residuals_along(m: Correspondences, path: CameraPath) -> Residuals:
+    """The residuals of all pairs, each by the camera of its time."""
+    own, amount = m.own, path.times.at(m.own.instant)
+    changed = amount @ path.coefficients
+    R, focal = exp_rotation(changed[:, TURN]), np.exp(path.log_focal + changed[:, 6])
+    lengthened = np.column_stack([focal, focal, np.ones(len(focal))])
+    ray = own.ray / lengthened
+    length = np.linalg.norm(ray, axis=1)
+    tangent = length[:, None, None] * own.tangent * lengthened[:, None]
+    grown = np.log(np.linalg.norm(tangent, axis=(1, 2)) / np.linalg.norm(own.tangent, axis=(1, 2)))
+    ray, tangent = np.einsum("nji,nj->ni", R, ray / length[:, None]), tangent @ R
+    columns, row, late = m.columns, m.row, path.late[0] + path.late[1] * (own.instant - path.origin)
+    place = columns.place - changed[row, SHIFT].T + late[row] * m.velocity
+    seen = PairColumns(
+        ray.T[:, row], tangent.transpose(1, 2, 0)[:, :, row], place, columns.covariance,
+        columns.variance, columns.size - grown[row],
+    )  # fmt: skip
+    return Residuals(residuals_at(seen, path.pose), R[row], amount[row], m.velocity, np.asarray(own.instant[row] - path.origin))
+
+
+def best_pairs(m: Correspondences, square: Floats) -> Ints:
+    """(M,) of each observation the pair of the person who fits best; of equal ones the first."""
+    if len(m.row) == len(m):
+        return np.arange(len(m))
+    new = np.diff(m.row, prepend=-1) > 0
+    least = np.minimum.reduceat(square, np.flatnonzero(new))
+    number = np.cumsum(new) - 1
+    best = np.flatnonzero(square == least[number])
+    return np.asarray(best[np.diff(number[best], prepend=-1) > 0])
+
+
+def costs_along(m: Correspondences, path: CameraPath) -> Floats:
+    """(M,) robust cost of each observation, nats, by the person who fits best."""
+    square = residuals_along(m, path).found.square
+    return 0.5 * cut_cauchy_cost(square[best_pairs(m, square)], LOSS, BEYOND)
+
+
+@dataclass(frozen=True, eq=False)
+class Equations:
+    """What M observations ask of a path's own pose and focal length."""
+
+    gradient: Floats
+    """(M, 7) of the robust cost, uphill."""
+    information: Floats
+    """(M, 7, 7)"""
+    by_own: Floats
+    """(M, 2, 7) pixels."""
+
+    @classmethod
+    def of(cls, m: Correspondences, path: CameraPath) -> Equations:
+        """At a path."""
+        all_pairs = residuals_along(m, path)
+        best = all_pairs.take(best_pairs(m, all_pairs.found.square))
+        J = best.by_change()[0][:, :SIZE]
+        weighed = _weighed(best, J, 1.0)
+        return cls(
+            np.einsum("aun,an->nu", weighed, best.found.residual), np.einsum("aun,avn->nuv", weighed, J),
+            J.transpose(2, 0, 1),
+        )  # fmt: skip
+
+
+def fit_path(
+    m: Correspondences, start: CameraPath, parts: tuple[int, ...] = (), *, own: tuple[int, ...] = EVERY, widening: float = 1.0,
+    steps: int = STEPS,
+) -> CameraPath:  # fmt: skip
+    """The path that observations fit, near a first one: Gauss-Newton with a robust loss whose scale shrinks.
+
+    Args:
+        m: the camera's observations with the people of their instants.
+        start: first path; weak priors hold its pose to it, and its change to 0.
+        parts: columns of the change that are free; the others stay as they are.
+        own: columns of the path's own unknowns that are free.
+        widening: times its usual scale that the loss begins with; it is halved at each step, down to 1.
+        steps: at most.
+    """
+    fixed, free, K, path = np.array(own), np.array(parts, dtype=np.int64), start.times.size if parts else 0, start
+    precision = np.concatenate([OWN_SD[fixed] ** -2.0, np.tile(PRIOR_SD[free] ** -2.0, K)])
+    for step in range(steps):
+        wide = max(1.0, widening / 2.0**step)
+        every = residuals_along(m, path)
+        at = every.take(best_pairs(m, every.found.square))
+        here, there = at.by_change()
+        changing = [at.amount[:, k] * there[:, free] for k in range(K)]
+        J = np.ascontiguousarray(np.concatenate([here[:, fixed], *changing], axis=1))
+        weighed = _weighed(at, J, wide)
+        size = J.shape[1]
+        normal = weighed.transpose(1, 0, 2).reshape(size, -1) @ J.transpose(1, 0, 2).reshape(size, -1).T
+        gradient = np.einsum("aun,an->u", weighed, at.found.residual)
+        turned = log_rotation(path.pose.R_cw @ start.pose.R_cw.T)
+        away = np.concatenate([turned, path.pose.centre - start.pose.centre, [path.log_focal], path.late])[fixed]
+        away = np.concatenate([away, path.coefficients[:K, free].ravel()])
+        delta = -np.linalg.solve(normal + np.diag(precision), gradient + precision * away)
+        step_of_own = np.zeros(len(OWN_SD))
+        step_of_own[fixed] = delta[: len(fixed)]
+        path = _stepped(path, step_of_own, delta[len(fixed) :].reshape(K, len(free)), free)
+        if wide == 1.0 and np.abs(delta).max() < STILL:
+            break
+    return path
+
+
+def _stepped(path: CameraPath, own: Floats, change: Floats, free: Ints) -> CameraPath:
+    """A path after one step."""
+    pose = Pose.from_centre(exp_rotation(own[TURN]) @ path.pose.R_cw, path.pose.centre + own[SHIFT])
+    coefficients = path.coefficients.copy()
+    step = np.zeros_like(coefficients)
+    step[: len(change), free] = change
+    turn = log_rotation(exp_rotation(step[:, TURN]) @ exp_rotation(coefficients[:, TURN]))
+    coefficients += step
+    coefficients[:, TURN] = turn
+    late = path.late[0] + float(own[7]), path.late[1] + float(own[8])
+    return replace(path, pose=pose, log_focal=path.log_focal + float(own[6]), late=late, change=coefficients)
+
+
+def _weighed(at: Residuals, J: Floats, wide: float) -> Floats:
+    """(2, U, N) derivatives times information and robust weight, by a loss of so many times its usual scale."""
+    across, both, down = cut_cauchy_weights(at.found.square, LOSS * wide, BEYOND * wide**2) * at.found.information
+    return np.array([across * J[0] + both * J[1], both * J[0] + down * J[1]])
+
+
+def thinned(m: Correspondences, most: int) -> Correspondences:
+    """At most about so many pairs, by even steps of the observations."""
+    step = int(np.ceil(len(m.row) / most))
+    keep: Bools = np.arange(len(m)) % step == 0
+    return m if step < 2 else m.part(keep)

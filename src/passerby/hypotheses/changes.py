@@ -1,0 +1,381 @@
+"""What may change while a camera films: it moves, zooms, or keeps turning. Each is compared with a camera that stays as it is.
+
+All are paths of one camera (`camera_path`), fitted to what it sees of people whom the other cameras place. They are compared by
+prediction of blocks of one person and ten seconds that were held out, as all alternatives are. The dates of a move are found
+anew without the blocks held out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from passerby.common.arrays import Floats, Ints
+from passerby.core.cameras import Lens, Pose, Rig
+from passerby.core.measuring import measured_change
+from passerby.core.measuring_figures import MeasuringFigures
+from passerby.geometry.rotations import angle_between, exp_rotation
+from passerby.hypotheses.camera_path import (
+    MOVES,
+    TURN,
+    TURNS,
+    WITH_CLOCK,
+    ZOOMS,
+    CameraPath,
+    Knots,
+    Stretch,
+    best_pairs,
+    costs_along,
+    fit_path,
+    residuals_along,
+    thinned,
+)
+from passerby.hypotheses.case import STRETCH_S
+from passerby.hypotheses.comparison import FOLDS, Comparison
+from passerby.hypotheses.correspondences import Correspondences
+from passerby.hypotheses.lenses import LOG_ODDS, effect
+from passerby.hypotheses.stretches import FOCALS, WINDOW_ROWS, find_stretches, is_suspicious, refine_stretch
+
+Kind = Literal["moved", "zoomed", "zoomed_and_moved", "drifts"]
+PARTS: dict[Kind, tuple[int, ...]] = {
+    "zoomed": ZOOMS, "moved": MOVES, "zoomed_and_moved": (*MOVES, *ZOOMS), "drifts": TURNS,
+}  # fmt: skip
+"""Columns of the change that are free."""
+CHANGED_SITES: dict[Kind, float] = {"zoomed": 0.02, "moved": 0.05, "zoomed_and_moved": 0.005, "drifts": 0.02}
+"""Share of recordings in which one of the cameras does so."""
+PIECES = 1, 2, 4, 8
+"""Numbers of linear pieces of a drift that are tried."""
+MOST_PAIRS = 4000
+"""Of observations and people that are compared; of more, even steps of the observations are taken."""
+ALIKE_FOCAL = 0.02
+"""Logarithm of the factor by which two focal lengths have to differ in how far they are from the stated one: a rig that a zoom
+has bent is off by as much."""
+MOST_PLACES = 200
+"""Of people, at which an effect is computed."""
+
+
+@dataclass(frozen=True, eq=False)
+class PoseChange:
+    """A camera that stood elsewhere, or had another focal length, during a stretch of time."""
+
+    first: int
+    """Instant at which the stretch begins,"""
+    last: int
+    """and the last one in it."""
+    at_start: bool
+    """Whether it begins with the recording,"""
+    at_end: bool
+    """or ends with it."""
+    main: Pose
+    """Where the camera was for the rest of the time,"""
+    other: Pose
+    """and during the stretch."""
+    gain: float
+    """How much better people who were held out are predicted, nats;"""
+    sigmas: float
+    """the mean of it over their blocks, in its standard errors."""
+    shift: float
+    """How far the people are moved in the image, as a share of their extent (median)."""
+    zoom: float = 1.0
+    """The focal length during the stretch, in that of the rest."""
+
+    @property
+    def metres(self) -> float:
+        """How far the camera was moved."""
+        return float(np.linalg.norm(self.other.centre - self.main.centre))
+
+    @property
+    def degrees(self) -> float:
+        """How far it was turned."""
+        return float(np.degrees(angle_between(self.other.R_cw, self.main.R_cw)))
+
+
+@dataclass(frozen=True, eq=False)
+class PoseDrift:
+    """A camera that keeps turning: the rotation from its mean orientation, linear in time between knots."""
+
+    knots: Floats
+    """(K + 1,) instants."""
+    turn: Floats
+    """(K + 1, 3) rotation vectors at the knots, radians, in the camera frame: the camera's rotation is exp(turn) R_cw."""
+    gain: float
+    """How much better people who were held out are predicted, nats."""
+    pixels: float
+    """How far the drift moves people in the image, between its two farthest knots (median)."""
+
+    @property
+    def degrees(self) -> float:
+        """The largest rotation between two knots."""
+        first, second = farthest(self.turn)
+        R = exp_rotation(self.turn)
+        return float(np.degrees(angle_between(R[first], R[second])))
+
+    @property
+    def steady(self) -> bool:
+        """Whether it turns at one rate all the time."""
+        return len(self.knots) == 2
+
+    def shift(self, lens: Lens, pixels: Floats, instants: Floats) -> Floats:
+        """(N, 2) where the camera would see what it saw at pixels (N, 2), had it kept its mean orientation.
+
+        NaN where the lens model cannot be inverted.
+        """
+        turn = np.column_stack([np.interp(instants, self.knots, axis) for axis in self.turn.T])
+        return lens.project_rays(np.einsum("nji,nj->ni", exp_rotation(turn), lens.bearings(pixels)))
+
+
+@dataclass(frozen=True, eq=False)
+class FoundChange:
+    """A change that was fitted, and compared with a camera that stays as it is."""
+
+    kind: Kind
+    path: CameraPath
+    predicted: Floats
+    """(B,) cost of each block where it was held out, nats."""
+    over_base: Comparison
+    log_prior: float
+
+    @property
+    def log_odds(self) -> float:
+        """Against a camera that stays as it is."""
+        return self.over_base.log_evidence + self.log_prior
+
+    @property
+    def unknowns(self) -> int:
+        """How many the change has, with the dates of a stretch."""
+        times = self.path.times
+        dates = np.isfinite([times.first, times.last]).sum() if isinstance(times, Stretch) else 0
+        return len(PARTS[self.kind]) * times.size + int(dates)
+
+    def explains_more(self, other: FoundChange) -> bool:
+        """Whether it predicts so much better than another one that it leaves no choice."""
+        between = Comparison.of(self.predicted, other.predicted)
+        return between.log_evidence + self.log_prior - other.log_prior > LOG_ODDS
+
+    def effect(self, rig: Rig, camera: int, places: Floats, measuring: MeasuringFigures | None) -> float:
+        """How differently the rig measures at its two farthest times, in its standard deviations; infinite where unknown.
+
+        Args:
+            rig: its poses.
+            camera: index of the one that changed.
+            places: (N, 2) of people on the ground, metres.
+            measuring: how certainly the rig measures.
+        """
+        step = int(np.ceil(len(places) / MOST_PLACES))
+        ends = [self.path.constant(one) for one in self._ends()]
+        before, after = (_with_camera(rig, camera, end) for end in ends)
+        moved = measured_change(before, after, places[::step])
+        return np.inf if moved is None or measuring is None else effect(moved, measuring)
+
+    def _ends(self) -> Floats:
+        """(2, 7) the change at the two times between which it is largest."""
+        times, c = self.path.times, self.path.coefficients
+        if isinstance(times, Stretch):
+            return np.vstack([np.zeros_like(c[0]), c[0]])
+        at = self.path.changed(times.instant)
+        return np.asarray(at[list(farthest(at[:, TURN]))])
+
+
+def suspect_change(m: Correspondences, pose: Pose, per_second: float, n_cameras: int) -> SuspectedChange | None:
+    """What may have changed while a camera filmed, not compared yet; None where nothing hints at a change.
+
+    Args:
+        m: the camera's observations with the people of their instants.
+        pose: of the whole recording, as found without regard to changes.
+        per_second: instants a second.
+        n_cameras: of the rig; the prior odds that one of them changes are those of the whole rig.
+    """
+    if len(m) < 2 * WINDOW_ROWS:
+        return None
+    few = thinned(m, MOST_PAIRS)
+    base = fit_path(few, CameraPath(pose, origin=float(few.own.instant.mean())), own=WITH_CLOCK)
+    if not is_suspicious(few, base):
+        return None
+    steps = find_stretches(few, base)
+    drifts = [path for pieces in PIECES if (path := fit_drift(few, base, pieces)) is not None]
+    before = float(costs_along(few, base).sum())
+    gain = max((before - float(costs_along(few, path).sum()) for path in (*steps, *drifts)), default=0.0)
+    return SuspectedChange(_Trial(few, base, _blocks(few, per_second), n_cameras), tuple(steps), tuple(drifts), gain)
+
+
+@dataclass(frozen=True, eq=False)
+class SuspectedChange:
+    """What may have changed while a camera filmed."""
+
+    trial: _Trial
+    steps: tuple[CameraPath, ...]
+    drifts: tuple[CameraPath, ...]
+    gain: float
+    """How much better the best of them fits, nats; people who are held out gain less."""
+
+    def compared(self) -> FoundChange | None:
+        """The change that predicts people best; None where none is ten times as probable as a camera that stays as it is."""
+        kinds: tuple[Kind, ...] = ("zoomed", "moved", "zoomed_and_moved")
+        steps = [found for path in self.steps for kind in kinds if (found := self.trial.step(kind, path)) is not None]
+        drifts = [self.trial.drift(path) for path in self.drifts]
+        likely = [one for family in (steps, drifts) if (one := _simplest(family)) is not None]
+        return max(likely, key=lambda one: one.over_base.gain + one.log_prior, default=None)
+
+
+@dataclass(frozen=True, eq=False)
+class _Trial:
+    """One camera's observations, in blocks, and the camera that stays as it is."""
+
+    m: Correspondences
+    base: CameraPath
+    block: Ints
+    n_cameras: int
+
+    def step(self, kind: Kind, path: CameraPath) -> FoundChange | None:
+        """A change in a stretch of time near the first one; None where all of the time falls to one camera."""
+        parts = PARTS[kind]
+        change = np.zeros_like(path.coefficients)
+        change[:, parts] = path.coefficients[:, parts]
+        first = replace(path, change=change)
+        if kind == "zoomed":
+            first = replace(first, pose=self.base.pose)
+        full = refine_stretch(self.m, first, parts)
+        if full is None:
+            return None
+        return self._compared(kind, full, [refine_stretch(self.m, full, parts, 2, held=held) for held in self._folds()])
+
+    def elsewhere(self, kind: Kind, start: CameraPath) -> FoundChange:
+        """A camera that differs from the base all of the time, near a first one; the base is held."""
+        parts = PARTS[kind]
+        full = fit_path(self.m, start, own=parts, widening=4.0)
+        folds: list[CameraPath | None] = [fit_path(self.m.part(~held), full, own=parts) for held in self._folds()]
+        return self._compared(kind, full, folds, base_held=True)
+
+    def drift(self, path: CameraPath) -> FoundChange:
+        """A drift."""
+        folds: list[CameraPath | None] = [fit_path(self.m.part(~held), path, TURNS, own=WITH_CLOCK) for held in self._folds()]
+        return self._compared("drifts", path, folds)
+
+    def _folds(self) -> list[np.ndarray]:
+        """The observations that are held out, fold by fold."""
+        return [self.block % FOLDS == fold for fold in range(FOLDS) if (self.block % FOLDS == fold).any()]
+
+    def _compared(
+        self, kind: Kind, full: CameraPath, folds: Sequence[CameraPath | None], *, base_held: bool = False
+    ) -> FoundChange:
+        """Each fold predicted by a path that was fitted to the others; by the base where that is None."""
+        n = int(self.block.max()) + 1
+        predicted, before = np.zeros(n), np.zeros(n)
+        for held, path in zip(self._folds(), folds, strict=True):
+            part, block = self.m.part(held), self.block[held]
+            still = self.base if base_held else fit_path(self.m.part(~held), self.base, own=WITH_CLOCK)
+            before += np.bincount(block, costs_along(part, still), n)
+            predicted += np.bincount(block, costs_along(part, still if path is None else path), n)
+        log_prior = float(np.log(CHANGED_SITES[kind] / self.n_cameras))
+        return FoundChange(kind, full, predicted, Comparison.of(predicted, before), log_prior)
+
+
+def _simplest(family: Sequence[FoundChange]) -> FoundChange | None:
+    """The simplest change that none of the others explains more than; None where a camera that stays does as well."""
+    counted = [one for one in family if one.log_odds > LOG_ODDS]
+    ordered = sorted(counted, key=lambda one: one.unknowns)
+    for number, one in enumerate(ordered):
+        if not any(other.explains_more(one) for other in ordered[number + 1 :]):
+            return one
+    return None
+
+
+def _blocks(m: Correspondences, per_second: float) -> Ints:
+    """(M,) block of each observation: one person, or one tracklet, during one stretch of time."""
+    keys = np.column_stack([m.own.instant // max(1, round(STRETCH_S * per_second)), m.own.identity])
+    return np.asarray(np.unique(keys, axis=0, return_inverse=True)[1].ravel())
+
+
+def step_of(m: Correspondences, found: FoundChange, *, stated: bool) -> PoseChange:
+    """A change in a stretch of time, as it is reported.
+
+    Args:
+        m: the camera's observations with the people of their instants.
+        found: not a drift.
+        stated: whether the lens was calibrated: what it does not hold for is then the stretch, however long it is.
+    """
+    path, inside = found.path, found.path.times.at(m.own.instant)[:, 0] > 0
+    t = m.own.instant
+    at_start, at_end = bool(inside[0]), bool(inside[-1])
+    zooms = found.kind != "moved"
+    longer = inside.sum() > (~inside).sum()
+    if zooms and stated:
+        rest, stretch = abs(path.log_focal), abs(path.log_focal + float(path.coefficients[0, 6]))
+        if abs(rest - stretch) > ALIKE_FOCAL:
+            longer = stretch < rest
+    if (at_start or at_end) and longer:
+        path, inside, at_start, at_end = path.exchanged(), ~inside, at_end, at_start
+    main, there = path.constant(np.zeros_like(path.coefficients[0])), path.constant(path.coefficients[0])
+    a, b = (residuals_along(m, one).found for one in (main, there))
+    pairs = best_pairs(m, residuals_along(m, found.path).found.square)
+    apart = np.linalg.norm(a.residual[:, pairs] - b.residual[:, pairs], axis=0)
+    return PoseChange(
+        int(t[inside].min()), int(t[inside].max()), at_start, at_end, main.pose, there.pose, found.over_base.gain,
+        found.over_base.z, float(np.median(apart / m.own.extent_px)),
+        float(np.exp(there.log_focal - main.log_focal)) if zooms else 1.0,
+    )  # fmt: skip
+
+
+def measure_step(part: Correspondences, pose: Pose, change: PoseChange, per_second: float, n_cameras: int) -> PoseChange:
+    """A change as large as it is by a rig without it; as it was for fewer than `WINDOW_ROWS` observations.
+
+    Args:
+        part: what the camera saw during the stretch.
+        pose: of the rest of the time.
+        change: by a rig that the change has bent.
+        per_second: instants a second.
+        n_cameras: of the rig.
+    """
+    if len(part) < WINDOW_ROWS:
+        return change
+    # The old rig's frame of the world is not the new one's: the change itself carries over.
+    main, other = change.main, change.other
+    turned = other.R_cw @ main.R_cw.T @ pose.R_cw
+    moved = Pose.from_centre(turned, pose.centre + pose.R_cw.T @ main.R_cw @ (other.centre - main.centre))
+    held, few = CameraPath(pose), thinned(part, MOST_PAIRS)
+    zooms = [CameraPath(pose, float(focal)) for focal in (np.log(change.zoom), *FOCALS)]
+    starts: dict[Kind, CameraPath] = {
+        "zoomed": min(zooms, key=lambda one: costs_along(few, one).sum()),
+        "moved": CameraPath(moved), "zoomed_and_moved": CameraPath(moved, float(np.log(change.zoom))),
+    }  # fmt: skip
+    trial = _Trial(few, held, _blocks(few, per_second), n_cameras)
+    tried = {kind: trial.elsewhere(kind, start) for kind, start in starts.items()}
+    found = _simplest(list(tried.values())) or tried["moved" if change.zoom == 1.0 else "zoomed_and_moved"]
+    return replace(change, main=pose, other=found.path.pose, zoom=float(np.exp(found.path.log_focal)))
+
+
+def fit_drift(m: Correspondences, base: CameraPath, pieces: int) -> CameraPath | None:
+    """The drift of so many linear pieces of equal length; None for fewer than `WINDOW_ROWS` observations in half a piece."""
+    if len(m) < 2 * WINDOW_ROWS * pieces or m.own.instant[0] == m.own.instant[-1]:
+        return None
+    start = replace(base, origin=float(m.own.instant.mean()), times=Knots.even(m.own.instant, pieces), change=None)
+    return fit_path(m, start, TURNS, own=WITH_CLOCK, widening=16.0)
+
+
+def drift_of(m: Correspondences, path: CameraPath, gain: float) -> PoseDrift:
+    """A drift, as it is reported."""
+    assert isinstance(path.times, Knots)
+    turn = path.changed(path.times.instant)[:, TURN]
+    first, second = farthest(turn)
+    # A rotation by `turn` moves a ray by their cross product.
+    moved = np.einsum("nij,nj->ni", m.own.tangent, np.cross(turn[first] - turn[second], m.own.ray))
+    return PoseDrift(path.times.instant, turn, gain, float(np.median(np.linalg.norm(moved, axis=1))))
+
+
+def farthest(turn: Floats) -> tuple[int, int]:
+    """The two of (K, 3) rotation vectors that differ most."""
+    apart = np.linalg.norm(turn[:, None] - turn[None], axis=2)
+    first, second = np.unravel_index(int(apart.argmax()), apart.shape)
+    return int(first), int(second)
+
+
+def _with_camera(rig: Rig, camera: int, at: CameraPath) -> Rig:
+    """A rig with another pose and focal length of one camera."""
+    lens = rig.cameras[camera].lens
+    matrix = lens.matrix.copy()
+    matrix[:2, :2] *= np.exp(at.log_focal)
+    changed = replace(rig.cameras[camera], pose=at.pose, lens=replace(lens, matrix=matrix))
+    return replace(rig, cameras=tuple(changed if c == camera else one for c, one in enumerate(rig)))

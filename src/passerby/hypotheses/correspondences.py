@@ -1,0 +1,106 @@
+"""One camera's observations, and the people by the other cameras that each of them may show."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from passerby.common.arrays import Floats, Ints
+from passerby.geometry.groups import rows_of_equal
+from passerby.hypotheses.pair_residuals import PairColumns
+from passerby.people.body_centres import BodyCentres, TriangulatedPeople
+
+MOST_ROWS = 4000
+"""Sightings of a camera at most: of more, even steps are taken."""
+FOLLOWED = 3
+"""Velocities are those between the places so many observations of a person before and after; noise of a place is 5 cm."""
+
+
+@dataclass(frozen=True, eq=False)
+class Correspondences:
+    """One camera's sightings, and to each all the people that it may show: K pairs."""
+
+    own: BodyCentres
+    people: TriangulatedPeople
+    row: Ints
+    """(K,) row of `own`, ascending."""
+    person: Ints
+    """(K,) row of `people`."""
+    person_height_m: float
+    given: bool
+    """Whether the sightings' identities are the people's."""
+
+    def __len__(self) -> int:
+        return len(self.own)
+
+    @cached_property
+    def columns(self) -> PairColumns:
+        """What residuals of the pairs need."""
+        return PairColumns.of(self.own, self.people, self.row, self.person, self.person_height_m)
+
+    @cached_property
+    def velocity(self) -> Floats:
+        """(3, K) of the pairs' people, metres an instant; 0 where a person is not followed."""
+        return np.ascontiguousarray(_velocities(self.people)[self.person].T)
+
+    def part(self, rows: NDArray[np.bool_]) -> Correspondences:
+        """The sightings (M,) that are marked."""
+        number = np.cumsum(rows) - 1
+        kept = rows[self.row]
+        return Correspondences(
+            self.own.take(rows), self.people, number[self.row[kept]], self.person[kept], self.person_height_m, self.given
+        )
+
+
+def instants_compared(own: BodyCentres, others: Ints) -> Ints:
+    """The instants at which a camera's sightings are compared with people, ascending: of more than `MOST_ROWS`, even steps.
+
+    Args:
+        own: sightings, in the order of their instants.
+        others: instants at which other cameras saw somebody, in any order.
+    """
+    instants = np.unique(own.instant[np.isin(own.instant, others)])
+    count = np.searchsorted(own.instant, instants, side="right") - np.searchsorted(own.instant, instants)
+    if count.sum() > MOST_ROWS:
+        instants = instants[:: int(np.ceil(count.sum() / MOST_ROWS))]
+    return np.asarray(instants)
+
+
+def match_people(
+    own: BodyCentres, people: TriangulatedPeople, person_height_m: float, *, given: bool, instants: Ints | None = None
+) -> Correspondences:
+    """A camera's sightings with the people of their instants.
+
+    Args:
+        own: sightings, in the order of their instants.
+        people: by the other cameras.
+        person_height_m: typical standing height, metres.
+        given: whether the sightings' identities are the people's.
+        instants: of `instants_compared`; None: they follow from the people.
+    """
+    instants = instants_compared(own, people.instant) if instants is None else instants
+    own = own.take(np.isin(own.instant, instants))
+    row, person = rows_of_equal(own.instant, people.instant)
+    if given:
+        same = own.identity[row] == people.identity[person]
+        row, person = row[same], person[same]
+    used = np.unique(row)
+    return Correspondences(own.take(used), people, np.searchsorted(used, row), person, person_height_m, given)
+
+
+def _velocities(people: TriangulatedPeople) -> Floats:
+    """(N, 3) velocity of each person, metres an instant."""
+    order = np.lexsort((people.instant, people.identity))
+    identity, instant, place = people.identity[order], people.instant[order], people.place[order]
+    rows = np.arange(len(order))
+    first, last = np.maximum(rows - FOLLOWED, 0), np.minimum(rows + FOLLOWED, max(len(rows) - 1, 0))
+    first = np.maximum(first, np.searchsorted(identity, identity, side="left"))
+    last = np.minimum(last, np.searchsorted(identity, identity, side="right") - 1)
+    span = instant[last] - instant[first]
+    followed = (span > 0) & (span <= 4 * FOLLOWED)
+    out = np.zeros_like(place)
+    out[order] = np.where(followed[:, None], (place[last] - place[first]) / np.maximum(span, 1)[:, None], 0.0)
+    return out

@@ -1,0 +1,222 @@
+"""In which stretch of time does a camera differ from the rest of its recording? Candidates for `changes`, which compares them.
+
+Poses and focal lengths are fitted to windows of time. Of all pairs of them, and of all stretches, the one with the least robust
+cost is refined.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from passerby.common.arrays import Bools, Floats
+from passerby.core.cameras import Pose
+from passerby.geometry.groups import group_sums
+from passerby.geometry.rotations import log_rotation
+from passerby.hypotheses.camera_path import (
+    FOCAL,
+    MOST_COST,
+    PRIOR_SD,
+    SHIFT,
+    TURN,
+    WITH_CLOCK,
+    CameraPath,
+    Equations,
+    Stretch,
+    costs_along,
+    fit_path,
+)
+from passerby.hypotheses.correspondences import Correspondences
+
+WINDOWS, WINDOW_ROWS = 10, 24
+"""Windows of time at most, and observations in each at least."""
+ROUNDS = 4
+"""Times that the path and its stretch are fitted by turns."""
+FOCALS = np.linspace(-0.8, 0.8, 9)
+"""Logarithms of focal lengths from which a window's is sought."""
+POORLY = 4.0
+"""Mean cost of an observation, nats, above which the pose of a window is searched for anew: 1.5 where all is well, 6 where
+no person fits."""
+MOST_TRIED, LEAST_TOGETHER = 60, 6
+"""Pairs of a tracklet and a person that are tried in that search, and observations of each at least."""
+SCREENED_SHIFT, SCREENED_SHARE = 0.02, 0.3
+"""Nothing is sought where one linear step moves no part of the recording by more than this share of a person's extent, about
+3 cm, and where the shares of observations that no person explains differ by less than this between windows."""
+
+
+def windows_of(m: Correspondences) -> np.ndarray:
+    """(M,) window of time of each observation; windows have about equally many."""
+    n = max(1, min(WINDOWS, len(m) // WINDOW_ROWS))
+    inner = np.quantile(m.own.instant, np.arange(1, n) / n)
+    return np.asarray(np.searchsorted(inner, m.own.instant))
+
+
+def is_suspicious(m: Correspondences, whole: CameraPath) -> bool:
+    """Whether parts of the time seem to fit another pose or focal length each: one linear step for each, from common sums."""
+    window = np.unique(windows_of(m), return_inverse=True)[1]
+    n = int(window.max()) + 1
+    unexplained = costs_along(m, whole) >= MOST_COST - 1e-9
+    if np.ptp(np.bincount(window, unexplained, n) / np.bincount(window, minlength=n)) > SCREENED_SHARE:
+        return True
+    equations = Equations.of(m, whole)
+    H = group_sums(window, equations.information, n).cumsum(axis=0)
+    g = group_sums(window, equations.gradient, n).cumsum(axis=0)
+    prior = np.diag(PRIOR_SD**-2.0)
+    before = -np.linalg.solve(H[:-1] + prior, g[:-1, :, None])[:, :, 0]
+    after = -np.linalg.solve(H[-1] - H[:-1] + prior, (g[-1] - g[:-1])[:, :, None])[:, :, 0]
+    moved = np.einsum("kij,wj->wki", equations.by_own, after - before)
+    shift = np.median(np.linalg.norm(moved, axis=2) / m.own.extent_px, axis=1)
+    return bool(shift.max(initial=0.0) > SCREENED_SHIFT)
+
+
+def find_stretches(m: Correspondences, whole: CameraPath) -> list[CameraPath]:
+    """Paths with a stretch of time: the best one that begins or ends with the recording, and the best one in its middle."""
+    window = windows_of(m)
+    views = [whole]
+    for w in np.unique(window):
+        views += _views_of(m.part(window == w), views)
+    costs = np.array([costs_along(m, view) for view in views])
+    found: list[CameraPath] = []
+    for middle in (False, True):
+        best = best_stretch(costs, middle=middle)
+        if best is None:
+            continue
+        first = _between(views[best.main], views[best.other], best.stretch_of(m))
+        refined = refine_stretch(m, first, tuple(range(len(PRIOR_SD))))
+        if refined is not None and not any(_alike(m, refined, one) for one in found):
+            found.append(refined)
+    return found
+
+
+def refine_stretch(
+    m: Correspondences, path: CameraPath, parts: tuple[int, ...], rounds: int = ROUNDS, *, held: Bools | None = None
+) -> CameraPath | None:
+    """A path and its stretch, fitted by turns; None where all of the time falls to one pose.
+
+    Args:
+        m: the camera's observations with the people of their instants.
+        path: first path, with a stretch.
+        parts: columns of the change that are free.
+        rounds: at most.
+        held: (M,) observations that are not to be used.
+    """
+    assert isinstance(path.times, Stretch)
+    used = m if held is None else m.part(~held)
+    middle = np.isfinite(path.times.first) and np.isfinite(path.times.last)
+    for _ in range(rounds):
+        inside = path.times.at(used.own.instant)[:, 0] > 0
+        if min(np.count_nonzero(inside), np.count_nonzero(~inside)) < WINDOW_ROWS:
+            return None
+        path = fit_path(used, path, parts, own=WITH_CLOCK)
+        costs = np.array([costs_along(used, one) for one in (path.constant(np.zeros(7)), path.constant(path.coefficients[0]))])
+        best = best_stretch(costs, middle=bool(middle), swap=False)
+        if best is None:
+            return None
+        stretch, before = best.stretch_of(used), path.times
+        if stretch == before:
+            break
+        path = replace(path, times=stretch)
+    return path
+
+
+@dataclass(frozen=True)
+class BestStretch:
+    """Rows [first, last) that one view explains better than the view of the rest."""
+
+    main: int
+    other: int
+    first: int
+    last: int
+    count: int
+    """Of all rows."""
+
+    def stretch_of(self, m: Correspondences) -> Stretch:
+        """As times."""
+        t = m.own.instant
+        return Stretch(
+            float(t[self.first]) if self.first > 0 else -np.inf, float(t[self.last - 1]) if self.last < self.count else np.inf
+        )
+
+
+def best_stretch(costs: Floats, *, middle: bool, swap: bool = True) -> BestStretch | None:
+    """Which view explains a stretch and which the rest, with the least cost; None where one view explains all.
+
+    Args:
+        costs: (views, M) in the order of time.
+        middle: whether the stretch lies within the recording; else it begins or ends with it.
+        swap: whether any two views may be exchanged; else the first one is that of the rest.
+    """
+    n, count = costs.shape
+    best: tuple[float, BestStretch | None] = (float(costs.sum(axis=1).min()) - 1e-9, None)
+    for a in range(n):
+        for b in range(n):
+            if a == b or (not swap and (a, b) != (0, 1)):
+                continue
+            total = np.concatenate([[0.0], np.cumsum(costs[a] - costs[b])])
+            if middle:
+                low = np.minimum.accumulate(total)
+                end = int(np.argmax(total - low))
+                begin = int(np.argmin(total[: end + 1]))
+                tried = [(total[end] - total[begin], begin, end)] if 0 < begin < end < count else []
+            else:
+                suffix, prefix = int(np.argmin(total)), int(np.argmax(total))
+                tried = [(total[-1] - total[suffix], suffix, count), (total[prefix], 0, prefix)]
+            for gain, first, last in tried:
+                cost = float(total[-1] + costs[b].sum() - gain)
+                if cost < best[0] - 1e-9 and 0 < last - first < count:
+                    best = cost, BestStretch(a, b, first, last, count)
+    return best[1]
+
+
+def _views_of(part: Correspondences, views: list[CameraPath]) -> list[CameraPath]:
+    """Cameras that a window's observations fit."""
+    if len(part) < WINDOW_ROWS // 2:
+        return []
+    whole = views[0]
+    starts = [*views, *(replace(whole, log_focal=whole.log_focal + float(focal)) for focal in FOCALS)]
+    costs = np.array([costs_along(part, start).mean() for start in starts])
+    found = [fit_path(part, starts[int(costs.argmin())])]
+    if part.given:
+        found.append(fit_path(part, whole, widening=64.0))
+    elif costs.min() > POORLY:
+        found += _searched(part, whole)
+    return found
+
+
+def _searched(part: Correspondences, start: CameraPath) -> list[CameraPath]:
+    """Cameras by trying each of the camera's tracklets as each of the people: its rays are turned onto the person's places."""
+    known = part.own.identity[part.row] >= 0
+    key = np.column_stack([part.own.identity[part.row], part.people.identity[part.person]])
+    _, number, count = np.unique(key[known], axis=0, return_inverse=True, return_counts=True)
+    number, pose = number.ravel(), start.pose
+    ray = part.own.ray[part.row][known]
+    reach = part.people.place[part.person][known] - pose.centre
+    reach /= np.maximum(np.linalg.norm(reach, axis=1), 1e-9)[:, None]
+    tried = []
+    for k in np.argsort(-count, kind="stable")[:MOST_TRIED]:
+        if count[k] < LEAST_TOGETHER:
+            break
+        own = number == k
+        # The old pose breaks the tie where all rays are alike: as much as a tenth of the observations would.
+        B = ray[own].T @ reach[own] + 0.1 * count[k] * pose.R_cw
+        u, _, vt = np.linalg.svd(B)
+        turn = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
+        there = replace(start, pose=Pose.from_centre(turn, pose.centre))
+        tried.append((float(costs_along(part, there).mean()), int(k), there))
+    tried.sort(key=lambda one: one[:2])
+    return [fit_path(part, one, widening=4.0) for _, _, one in tried[:3]]
+
+
+def _between(main: CameraPath, other: CameraPath, stretch: Stretch) -> CameraPath:
+    """One camera during a stretch, another one for the rest of the time."""
+    change = np.zeros((1, len(PRIOR_SD)))
+    change[0, TURN] = log_rotation(other.pose.R_cw @ main.pose.R_cw.T)
+    change[0, SHIFT] = other.pose.centre - main.pose.centre
+    change[0, FOCAL] = other.log_focal - main.log_focal
+    return replace(main, times=stretch, change=change)
+
+
+def _alike(m: Correspondences, one: CameraPath, other: CameraPath) -> bool:
+    """Whether two stretches hold the same observations."""
+    return bool((one.times.at(m.own.instant) == other.times.at(m.own.instant)).all())

@@ -1,0 +1,112 @@
+"""A camera over time: derivatives of what it sees, the best stretch of time, and a search without identities."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from passerby.core.cameras import Pose
+from passerby.geometry.rotations import angle_between, exp_rotation
+from passerby.hypotheses.camera_path import CameraPath, Knots, Stretch, _stepped, fit_path, residuals_along
+from passerby.hypotheses.changes import PoseChange, measure_step
+from passerby.hypotheses.stretches import LEAST_TOGETHER, _searched, best_stretch
+from support.scenes.sightings_of_places import MOVED, PEOPLE, POSE, seen
+
+CHANGE = np.array([[0.02, -0.05, 0.01, 0.1, -0.2, 0.05, 0.1]])
+FREE = np.arange(7)
+
+
+def test_derivatives_along_a_path_are_those_of_the_residuals() -> None:
+    """By the path's own unknowns, and by a change in a stretch of time; a focal length to first order in the residual."""
+    m, step = seen(MOVED, count=40, noise=0.0), 1e-6
+    path = CameraPath(MOVED, -0.1, (0.3, 0.01), 5.0, Stretch(-np.inf, np.inf), CHANGE)
+    path = fit_path(m, path, tuple(FREE))
+    own, there = residuals_along(m, path).by_change()
+    for unknown in range(9):
+        ends = [
+            residuals_along(m, _stepped(path, sign * step * np.eye(9)[unknown], np.zeros((1, 7)), FREE)) for sign in (-1, 1)
+        ]
+        np.testing.assert_allclose(
+            own[:, unknown], (ends[1].found.residual - ends[0].found.residual) / (2 * step), rtol=1e-4, atol=1e-2
+        )
+    for unknown in range(7):
+        ends = [residuals_along(m, _stepped(path, np.zeros(9), sign * step * np.eye(7)[[unknown]], FREE)) for sign in (-1, 1)]
+        np.testing.assert_allclose(
+            there[:, unknown], (ends[1].found.residual - ends[0].found.residual) / (2 * step), rtol=1e-4, atol=1e-2
+        )
+
+
+def test_the_basis_of_a_drift_is_0_on_the_mean_of_the_observations() -> None:
+    instants = np.array([0, 1, 2, 7, 9, 20])
+    knots = Knots.even(instants, 4)
+    np.testing.assert_allclose(knots.at(instants).mean(axis=0), 0.0, atol=1e-12)
+
+
+def test_the_stretch_and_the_rest_can_be_exchanged() -> None:
+    path = CameraPath(POSE, 0.1, times=Stretch(3, 9), change=CHANGE)
+    back = path.exchanged().exchanged()
+    np.testing.assert_allclose(back.pose.R_cw, POSE.R_cw, atol=1e-12)
+    np.testing.assert_allclose(back.pose.centre, POSE.centre, atol=1e-12)
+    np.testing.assert_allclose(back.coefficients, CHANGE)
+
+
+def test_a_camera_that_was_turned_is_found_by_the_trajectory_of_one_tracklet_whatever_its_number() -> None:
+    far = Pose.from_centre(exp_rotation(np.array([0.1, 0.5, 0.1])) @ POSE.R_cw, POSE.centre)
+    for number in (0, 7):
+        part = seen(POSE, count=PEOPLE * 3 * LEAST_TOGETHER, noise=0.2, tracklet={2: number})
+        found = [one.pose.R_cw for one in _searched(part, CameraPath(far))]
+        assert min(np.degrees(angle_between(one, POSE.R_cw)) for one in found) < 0.5
+
+
+def brute_stretch(costs: np.ndarray, middle: bool) -> float:
+    """Least cost over all pairs of views and all stretches of a kind."""
+    n, count = costs.shape
+    best = float(costs.sum(axis=1).min())
+    for a in range(n):
+        for b in range(n):
+            for first in range(count if a != b else 0):
+                for last in range(first + 1, count + 1):
+                    if (first > 0 and last < count) == middle and last - first < count:
+                        best = min(best, costs[a].sum() + (costs[b] - costs[a])[first:last].sum())
+    return float(best)
+
+
+@pytest.mark.parametrize("middle", [False, True])
+@pytest.mark.parametrize("seed", range(8))
+def test_the_stretch_is_the_best_of_all_pairs_of_views_and_all_stretches(seed: int, middle: bool) -> None:
+    rng = np.random.default_rng(seed)
+    costs = rng.uniform(0.0, 25.0, (3, 24))
+    begin, end = sorted(rng.choice(25, 2, replace=False).tolist())
+    costs[1, begin:end] *= 0.2
+    best = best_stretch(costs, middle=middle)
+    found = costs.sum(axis=1).min()
+    if best is not None:
+        inside = np.zeros(24, dtype=bool)
+        inside[best.first : best.last] = True
+        found = np.where(inside, costs[best.other], costs[best.main]).sum()
+    assert found == pytest.approx(brute_stretch(costs, middle))
+
+
+def change(other: Pose, zoom: float = 1.0) -> PoseChange:
+    """As found by a rig that the change has bent."""
+    return PoseChange(10, 40, False, True, POSE, other, 99.0, 5.0, 0.1, zoom)
+
+
+@pytest.mark.parametrize("zoom", [0.7, 1.4])
+def test_a_zoom_is_measured_where_the_camera_stays(zoom: float) -> None:
+    found = measure_step(seen(POSE, zoom, noise=0.3), POSE, change(POSE), 0.5, 4)
+    assert found.zoom == pytest.approx(zoom, rel=0.02)
+    assert (found.metres, found.degrees) == (pytest.approx(0.0, abs=1e-9), pytest.approx(0.0, abs=1e-4))
+
+
+@pytest.mark.parametrize("zoom", [0.8, 1.3])
+def test_a_camera_that_was_moved_and_zoomed_is_measured_with_both(zoom: float) -> None:
+    found = measure_step(seen(MOVED, zoom, noise=0.2), POSE, change(MOVED, zoom), 0.5, 4)
+    assert found.zoom == pytest.approx(zoom, rel=0.03)
+    np.testing.assert_allclose(found.other.centre, MOVED.centre, atol=0.15)
+
+
+def test_a_camera_that_was_moved_does_not_zoom() -> None:
+    found = measure_step(seen(MOVED, noise=0.3), POSE, change(MOVED), 0.5, 4)
+    assert found.zoom == 1.0
+    np.testing.assert_allclose(found.other.centre, MOVED.centre, atol=0.1)
