@@ -199,7 +199,7 @@ def test_guesses_from_outside_are_counted_like_the_solvers_own() -> None:
         assert found[names].inliers > 0.9 * found[names].matches > 50
         assert found[names].support > 0.5
     assert found["C1", "C3"].inliers < 0.1 * found["C1", "C3"].matches
-    contradicted = [finding.cameras for finding in solution.findings if finding.code == "registration_contradicted"]
+    contradicted = [finding.cameras for finding in solution.findings if finding.code == "arrangement_ambiguous"]
     assert contradicted == [("C1", "C3")]
     assert errors(solution, truth.rig)[0] < 45
 

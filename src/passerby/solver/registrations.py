@@ -48,4 +48,4 @@ def contradicted(hypotheses: Sequence[PairHypothesis], R: Floats, centre: Floats
 
 def doubts_about_registrations(rig: Rig, hypotheses: Sequence[PairHypothesis], R: Floats, centre: Floats) -> list[Finding]:
     """That a rig contradicts registrations of its cameras: one finding a pair."""
-    return [doubt("registration_contradicted", rig.names[h.a], rig.names[h.b]) for h in contradicted(hypotheses, R, centre)]
+    return [doubt("arrangement_ambiguous", rig.names[h.a], rig.names[h.b]) for h in contradicted(hypotheses, R, centre)]

@@ -58,9 +58,8 @@ def _cues_disagree(v: Fields) -> str:
             f"the {cues[0]} people is {measured:.1f} m/s by the other scale constraints, but {stated:.1f} m/s is usual, "
             f"{sigmas} away"
         )
-    return (
-        f"the scale constraint '{cues[0]}' states {stated:.3f} m, but the other evidence gives {measured:.3f} m, {sigmas} away"
-    )
+    other = f"the other evidence gives {measured:.3f} m, {sigmas} away"
+    return f"the scale constraint '{cues[0]}' states {stated:.3f} m, but {other}"
 
 
 def _to_agree(v: Fields) -> str:
@@ -102,15 +101,12 @@ SOLVER: Mapping[str, Kind] = {
         "state focal lengths that are nearer to the true ones, or leave [solver] refine out", rank="symptom",
     ),
     "arrangement_ambiguous": Kind(
-        DOUBT, "Another arrangement of the cameras fits almost as well.",
-        "two arrangements of the cameras fit the people almost equally well", "record people who walk in more directions",
+        DOUBT, "Another arrangement of all cameras, or of two of them by the paths of their people, fits almost as well.",
+        lambda v: f"the paths of people fit another arrangement of {v['who']}, before identities are known"
+        if v["names"] else "two arrangements of the cameras fit the people almost equally well",
+        lambda v: "record longer, or people who walk all over the ground that both see"
+        if v["names"] else "record people who walk in more directions",
         rank="symptom",
-    ),
-    "registration_contradicted": Kind(
-        DOUBT, "The rig contradicts how two cameras stand to each other by the paths of their people.",
-        lambda v: f"{v['who']} stand to each other otherwise than the paths of their people say, before anybody is known in "
-        f"both",
-        "record longer, or people who walk all over the ground that both see", joint="; ", common=True, rank="symptom",
     ),
     "world_undetermined": Kind(
         DOUBT, "No evidence fixes the parts of the world in `lacks`: scale, up direction or height of the ground.",
