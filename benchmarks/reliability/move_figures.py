@@ -150,8 +150,8 @@ def section(outcomes: Outcomes, wanted: Mapping[str, MoveCase]) -> str:
     found = [_found(kind, scenes) for kind, scenes in by_kind.items()]
     limits = [[f"**{odds:g}**" if np.isclose(np.log(odds), LOG_ODDS) else f"{odds:g}", *_counts(by_kind, odds)]
               for odds in ODDS_TRIED]  # fmt: skip
-    return f"""A change counts where it is ten times as probable as a camera that stays as it is, by the prediction of people held
-out and its prior odds. The camera that gains most is corrected first. Scenes of {SECONDS:g} s, four cameras, six people,
+    return f"""A change counts where it is ten times as probable as a camera that stays as it is, by the prediction of people
+held out and its prior odds. The camera that gains most is corrected first. Scenes of {SECONDS:g} s, four cameras, six people,
 identities given, seeds from {FIRST_SEED}; the change is half-way. In confused scenes one camera takes three people for one
 another from half-time on. Where one camera changes, others seem to change as well, because it bends the rig.
 
