@@ -1,4 +1,4 @@
-"""What `BORNE_OUT` and `ZOOM_BORNE_OUT` are held against: cameras that move or zoom, and people who are taken for others."""
+"""What changes of a camera are found: cameras that move or zoom, and people who are taken for others."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ import numpy as np
 
 from pages.cases import Outcomes
 from pages.page import table
-from passerby.calibration.diagnostics.correspondences import Correspondences, instants_compared, match_people
-from passerby.calibration.diagnostics.pose_change import BORNE_OUT, ZOOM_BORNE_OUT, PoseChange, detect_pose_change
-from passerby.calibration.diagnostics.zoom import detect_zoom
 from passerby.common.errors import EvidenceError
 from passerby.core.cameras import Camera, Rig
 from passerby.core.observations import CameraObservations, Keypoints, Observations
 from passerby.core.scale_cues import ScaleCues
 from passerby.core.stature import PERSON_HEIGHT_M
+from passerby.hypotheses.changes import FoundChange, suspect_change
+from passerby.hypotheses.correspondences import Correspondences, instants_compared, match_people
+from passerby.hypotheses.lenses import LOG_ODDS
 from passerby.people.body_centres import BodyCentres, PeopleRays, identified_body_centres
 from passerby.simulation import PRESETS
 from passerby.solver.people import PeopleOptions, solve_people
@@ -30,22 +30,19 @@ MOVED = "C2"
 STILL, CONFUSED = "nobody moves", "people taken for others"
 TURNS_DEG, SHIFTS_M = (1.0, 2.0, 4.0, 10.0), (0.1, 0.2, 0.5)
 ZOOMS = (0.8, 0.95, 1.05, 1.25)
-LEAST_TRIED, MOST_TRIED = (0.3, 0.5, 0.6, 0.7, 0.75, 0.8, 0.9), (1.2, 1.4, 1.6, 1.8, 2.0, 3.0)
+ODDS_TRIED = (10.0, 100.0, 1000.0)
 
 
 @dataclass(frozen=True)
 class Change:
-    """A change of pose that is sure but for how far it is borne out."""
+    """A change of one camera that is more probable than a camera that stays as it is."""
 
     moved: bool
     """Whether the camera is the one that moved or zoomed."""
-    least: float
-    """The smaller share by which its two poses are borne out,"""
-    most: float
-    """and the larger one."""
+    kind: str
     gain: float
-    zoom: bool
-    """Whether it is told as a zoom."""
+    """How much better people who were held out are predicted, nats."""
+    log_odds: float
 
 
 @dataclass(frozen=True)
@@ -91,24 +88,26 @@ def measure(case: MoveCase) -> dict[str, Any]:
         rig = solve_people(blind, seen, ScaleCues(), PeopleOptions(), rng=np.random.default_rng(case.seed)).rig
     except EvidenceError:
         return {"changes": []}
-    changes = []
-    for name, found in changes_of(rig, seen).items():
-        is_moved = name == MOVED and case.kind not in (STILL, CONFUSED)
-        changes += [Change(is_moved, min(one.borne_out), max(one.borne_out), one.gain, zoom=one.zoom != 1.0) for one in found]
-    return {"changes": [asdict(one) for one in changes]}
+    return {
+        "changes": [
+            asdict(Change(name == MOVED and case.kind not in (STILL, CONFUSED), one.kind, one.over_base.gain, one.log_odds))
+            for name, one in changes_of(rig, seen).items()
+        ]
+    }
 
 
-def changes_of(rig: Rig, seen: Observations) -> dict[str, list[PoseChange]]:
-    """By camera, the change of pose and the zoom that all other limits let pass; identities are known, clocks agree."""
+def changes_of(rig: Rig, seen: Observations) -> dict[str, FoundChange]:
+    """The changes that are found, by camera; identities are known, clocks agree."""
     middles = identified_body_centres(rig, seen)
     rays = PeopleRays.of(rig, middles)
-    out: dict[str, list[PoseChange]] = {}
+    out: dict[str, FoundChange] = {}
     for c, (camera, own) in enumerate(zip(rig, middles, strict=True)):
         if camera.pose is None or own is None:
             continue
-        m = _matched(c, own, rays)
-        found = detect_pose_change(m, camera.pose, FPS), detect_zoom(m, camera.pose, FPS)
-        out[camera.name] = [one for one in found if one is not None and replace(one, borne_out=(1.0, 1.0)).sure]
+        suspect = suspect_change(_matched(c, own, rays), camera.pose, FPS, len(rig))
+        found = None if suspect is None else suspect.compared()
+        if found is not None:
+            out[camera.name] = found
     return out
 
 
@@ -144,66 +143,42 @@ def _confused(scene: HandedIn) -> HandedIn:
 
 
 def section(outcomes: Outcomes, wanted: Mapping[str, MoveCase]) -> str:
-    """Tables of how far changes are borne out, and of what other limits would do; `outcomes` of `measure`, by key."""
+    """Tables of the changes that are found; `outcomes` of `measure`, by key."""
     by_kind: dict[str, list[list[Change]]] = {}
     for key, outcome in outcomes.items():
         by_kind.setdefault(wanted[key].kind, []).append([Change(**one) for one in outcome["changes"]])
-    zooming = {case.kind for case in wanted.values() if case.zoom != 1.0}
-    moves = {kind: scenes for kind, scenes in by_kind.items() if kind not in zooming}
-    zooms = {kind: scenes for kind, scenes in by_kind.items() if kind in (STILL, CONFUSED, *zooming)}
-    head = ("still scenes with one told", "confused scenes with one told")
-    low = [[_bold(limit, BORNE_OUT[0]), *_told(moves, limit, BORNE_OUT[1], zoom=False)] for limit in LEAST_TRIED]
-    high = [[_bold(limit, BORNE_OUT[1]), *_told(moves, BORNE_OUT[0], limit, zoom=False)] for limit in MOST_TRIED]
-    least = [[_bold(limit, ZOOM_BORNE_OUT), *_told(zooms, limit, BORNE_OUT[1], zoom=True)] for limit in LEAST_TRIED]
-    return f"""### BORNE_OUT in `calibration/diagnostics/pose_change.py`: {BORNE_OUT[0]:g}, {BORNE_OUT[1]:g}
+    found = [_found(kind, scenes) for kind, scenes in by_kind.items()]
+    limits = [[f"**{odds:g}**" if np.isclose(np.log(odds), LOG_ODDS) else f"{odds:g}", *_counts(by_kind, odds)]
+              for odds in ODDS_TRIED]  # fmt: skip
+    return f"""A change counts where it is ten times as probable as a camera that stays as it is, by the prediction of people
+held out and its prior odds. The camera that gains most is corrected first. Scenes of {SECONDS:g} s, four cameras, six people,
+identities given, seeds from {FIRST_SEED}; the change is half-way. In confused scenes one camera takes three people for one
+another from half-time on. Where one camera changes, others seem to change as well, because it bends the rig.
 
-A change of pose half-way is told where both poses are that much better in their time than the other's, as a share of what the
-change would make of it. Scenes of {SECONDS:g} s, four cameras, six people, identities given, seeds from {FIRST_SEED}. The
-table has the smaller and the larger of the two shares: of the camera that moved, and in still scenes of any camera. In confused
-scenes one camera takes three people for one another from half-time on.
+{table(("scenes", "number", "the camera found", "with the largest gain", "least odds of it, log", "another one found"), found)}
 
-{_seen(moves, zoom=False)}
-
-{table(("lower limit", "moved cameras told", *head), low)}
-
-{table(("upper limit", "moved cameras told", *head), high)}
-
-### ZOOM_BORNE_OUT in `calibration/diagnostics/pose_change.py`: {ZOOM_BORNE_OUT:g}
-
-The lower limit for a change of focal length half-way, by the factor; people who are taken for others seldom resemble one.
-
-{_seen(zooms, zoom=True)}
-
-{table(("lower limit", "zooming cameras told", *head), least)}
+{table(("least odds", "changed cameras found", "still scenes with one found", "confused scenes with one found"), limits)}
 """
 
 
-def _seen(by_kind: Mapping[str, list[list[Change]]], *, zoom: bool) -> str:
-    """How far changes of one sort are borne out, by kind of scene."""
-    rows = []
-    for kind, scenes in by_kind.items():
-        moved = kind not in (STILL, CONFUSED)
-        some = [one for scene in scenes for one in scene if (one.moved, one.zoom) == (moved, zoom)]
-        spans = [
-            f"{f([getattr(one, end) for one in some]):.2f}" if some else "-" for end in ("least", "most") for f in (min, max)
-        ]
-        rows.append([kind, str(len(scenes)), str(len(some)), *spans])
-    return table(("scenes", "number", "changes", "smaller: from", "to", "larger: from", "to"), rows)
+def _found(kind: str, scenes: list[list[Change]]) -> list[str]:
+    """A row of what is found in scenes of a kind."""
+    right = [one for scene in scenes for one in scene if one.moved]
+    first = sum(max(scene, key=lambda one: one.gain).moved for scene in scenes if scene)
+    others = sum(any(not one.moved for one in scene) for scene in scenes)
+    least = f"{min(one.log_odds for one in right):.1f}" if right else "-"
+    return [kind, str(len(scenes)), str(len(right)), str(first), least, str(others)]
 
 
-def _bold(limit: float, in_force: float) -> str:
-    return f"**{limit:g}**" if limit == in_force else f"{limit:g}"
+def _counts(by_kind: Mapping[str, list[list[Change]]], odds: float) -> list[str]:
+    """Of changed cameras, still scenes and confused scenes, those in which a change is found."""
 
+    def counts(scenes: list[list[Change]], *, moved: bool) -> int:
+        return sum(any((one.moved or not moved) and one.log_odds >= np.log(odds) for one in scene) for scene in scenes)
 
-def _told(by_kind: Mapping[str, list[list[Change]]], least: float, most: float, *, zoom: bool) -> list[str]:
-    """Of moved cameras, still scenes and confused scenes, those in which a change of one sort would be told."""
-
-    def told(change: Change) -> bool:
-        return change.zoom == zoom and least < change.least <= change.most < most
-
-    moved = [scene for kind, scenes in by_kind.items() if kind not in (STILL, CONFUSED) for scene in scenes]
-    out = [f"{sum(any(one.moved and told(one) for one in scene) for scene in moved)} of {len(moved)}"]
+    changed = [scene for kind, scenes in by_kind.items() if kind not in (STILL, CONFUSED) for scene in scenes]
+    out = [f"{counts(changed, moved=True)} of {len(changed)}"]
     for kind in (STILL, CONFUSED):
         scenes = by_kind.get(kind, [])
-        out.append(f"{sum(any(told(one) for one in scene) for scene in scenes)} of {len(scenes)}")
+        out.append(f"{counts(scenes, moved=False)} of {len(scenes)}")
     return out

@@ -217,8 +217,9 @@ class MotionFigures:
     metres: float
     degrees: float
     sigmas: float
+    """How much better the change predicts people who were held out: the mean gain in its standard errors;"""
     shift: float
-    """Of people in the picture, as a share of their extent."""
+    """of people in the picture, as a share of their extent."""
     zoom: float | None = field(default=None, metadata=ABSENT)
     """The focal length during it, in that of the rest; None for a camera that moved and did not zoom."""
 

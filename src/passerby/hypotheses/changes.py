@@ -297,10 +297,11 @@ def step_of(m: Correspondences, found: FoundChange, *, stated: bool) -> PoseChan
         found: not a drift.
         stated: whether the lens was calibrated: what it does not hold for is then the stretch, however long it is.
     """
-    path, inside = found.path, found.path.times.at(m.own.instant)[:, 0] > 0
-    t = m.own.instant
+    path, zooms, t = found.path, found.kind != "moved", m.own.instant
+    if not zooms:  # as large as it is by the lens and the clock as they are
+        path = fit_path(m, replace(path, log_focal=0.0, late=(0.0, 0.0)), MOVES, own=MOVES)
+    inside = path.times.at(t)[:, 0] > 0
     at_start, at_end = bool(inside[0]), bool(inside[-1])
-    zooms = found.kind != "moved"
     longer = inside.sum() > (~inside).sum()
     if zooms and stated:
         rest, stretch = abs(path.log_focal), abs(path.log_focal + float(path.coefficients[0, 6]))
@@ -310,7 +311,7 @@ def step_of(m: Correspondences, found: FoundChange, *, stated: bool) -> PoseChan
         path, inside, at_start, at_end = path.exchanged(), ~inside, at_end, at_start
     main, there = path.constant(np.zeros_like(path.coefficients[0])), path.constant(path.coefficients[0])
     a, b = (residuals_along(m, one).found for one in (main, there))
-    pairs = best_pairs(m, residuals_along(m, found.path).found.square)
+    pairs = best_pairs(m, residuals_along(m, path).found.square)
     apart = np.linalg.norm(a.residual[:, pairs] - b.residual[:, pairs], axis=0)
     return PoseChange(
         int(t[inside].min()), int(t[inside].max()), at_start, at_end, main.pose, there.pose, found.over_base.gain,

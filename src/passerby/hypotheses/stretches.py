@@ -155,10 +155,10 @@ def best_stretch(costs: Floats, *, middle: bool, swap: bool = True) -> BestStret
                 continue
             total = np.concatenate([[0.0], np.cumsum(costs[a] - costs[b])])
             if middle:
-                low = np.minimum.accumulate(total)
-                end = int(np.argmax(total - low))
-                begin = int(np.argmin(total[: end + 1]))
-                tried = [(total[end] - total[begin], begin, end)] if 0 < begin < end < count else []
+                inner = total[1:count]
+                end = int(np.argmax(inner - np.minimum.accumulate(inner)))
+                begin = int(np.argmin(inner[: end + 1]))
+                tried = [(inner[end] - inner[begin], begin + 1, end + 1)]
             else:
                 suffix, prefix = int(np.argmin(total)), int(np.argmax(total))
                 tried = [(total[-1] - total[suffix], suffix, count), (total[prefix], 0, prefix)]
