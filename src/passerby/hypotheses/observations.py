@@ -99,8 +99,8 @@ def _better(rig: Rig, instants: Observations, known: Set[str], clocks: bool, onl
     """The most probable reading of each camera that counts, but of those that are known."""
     rays = PeopleRays.of(rig, identified_body_centres(rig, instants))
     found = []
-    for index, one in enumerate(rig):
-        if one.name in known:
+    for index, name in enumerate(rig.names):
+        if name in known:
             continue
         camera = _Camera(rig, index, instants, rays.triangulated(PERSON_HEIGHT_M, rays.camera != index))
         if len(camera.stated) < FEWEST:

@@ -75,7 +75,7 @@ class SeenPeople(Columns):
             np.linalg.norm(ends.bottom[rows] - ends.top[rows], axis=1), (fractions[0] - fractions[1]) * PERSON_HEIGHT_M,
             fractions[1] * PERSON_HEIGHT_M, people.place[at[rows]], people.covariance[at[rows]],
         )  # fmt: skip
-        return found.take(np.isfinite(top).all(axis=1) & np.isfinite(bottom).all(axis=1))
+        return found.take(np.isfinite(np.concatenate([top, bottom], axis=1)).all(axis=1))
 
     def thinned(self) -> SeenPeople:
         """`MOST_ROWS` of them at most."""
