@@ -14,7 +14,8 @@ from passerby.common.errors import EvidenceError
 from passerby.core.cameras import Camera, Rig
 from passerby.core.observations import Boxes, CameraObservations, Keypoints, Observations
 from passerby.core.scale_cues import ScaleCues
-from passerby.hypotheses.lenses import LEAST_SCREENED, LOG_ODDS, examine_lenses
+from passerby.hypotheses.comparison import LOG_ODDS
+from passerby.hypotheses.lenses import LEAST_SCREENED, examine_lenses
 from passerby.simulation import PRESETS, SimulationOptions, simulate
 from passerby.solver.people import PeopleOptions, PeopleSolution, solve_people
 from reliability.footage import footage, true_rig

@@ -19,7 +19,8 @@ from passerby.core.cameras import Camera, Lens, Rig
 from passerby.core.observations import Boxes, CameraObservations, Keypoints, Observations
 from passerby.core.scale_cues import ScaleCues
 from passerby.findings.finding import Finding
-from passerby.hypotheses.lenses import examine_lenses
+from passerby.hypotheses.lenses import LensResult, examine_lenses
+from passerby.hypotheses.observations import examine_readings
 from passerby.simulation import PRESETS, SimulatedScene, SimulationOptions, simulate
 from passerby.solver.people import PeopleOptions, PeopleSolution, solve_people
 from reliability.judging import calibrated
@@ -166,11 +167,12 @@ def _solved(stated: Rig, seen: Observations, seed: int) -> dict[str, Any]:
     except EvidenceError:
         return {"named": [], "accepted": False, "seconds": time.process_time() - began}
     assert isinstance(solution, PeopleSolution)
-    result = examine_lenses(solution)
+    misread = [one for one in examine_readings(solution, seen, clocks=False) if one.effect > 1]
+    result = LensResult("doubt") if misread else examine_lenses(solution)
     found = [one.alternative for one in result.suspects]
     return {
         "named": [[one.code, "" if one.alike else stated.names[one.cameras[0]]] for one in found],
-        "accepted": solution.verdict == "accepted" and not found, "seconds": time.process_time() - began,
+        "accepted": solution.verdict == "accepted" and not found and not misread, "seconds": time.process_time() - began,
     }  # fmt: skip
 
 

@@ -17,7 +17,7 @@ from passerby.calibration.pipeline import calibrate
 from passerby.calibration.repairs import Correction, Repaired
 from passerby.core.cameras import Pose, Rig
 from passerby.core.measuring import common_ground, measured_change
-from passerby.core.observations import Observations
+from passerby.core.observations import CameraObservations, Observations
 from passerby.hypotheses.alternatives import Alternative
 from passerby.hypotheses.lenses import FittedAlternative, FoundLenses, LensResult
 from passerby.interchange.rig_toml import write_rig
@@ -28,7 +28,7 @@ from passerby.solver.people import PeopleSolution
 from support.scenes.people_and_rigs import ring, simulated, without_poses
 
 STATED = without_poses(ring(3))
-NOBODY = Observations({})
+NOBODY = Observations({name: CameraObservations() for name in STATED.names})
 
 
 def estimated(rig: Rig, verdict: str = "accepted", posed: int = 3, corrections: Sequence[Correction] = ()) -> Repaired:

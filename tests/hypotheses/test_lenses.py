@@ -12,8 +12,9 @@ from passerby.core.measuring import Distances, MeasuringErrors, common_ground, m
 from passerby.core.measuring_figures import CameraMeasuring, MeasuringFigures, MeasuringSigma
 from passerby.core.observations import Boxes, CameraObservations, Observations
 from passerby.hypotheses.alternatives import lens_alternatives
+from passerby.hypotheses.comparison import effect
 from passerby.hypotheses.findings import lens_corrected, lens_doubtful
-from passerby.hypotheses.lenses import LensResult, effect, examine_lenses
+from passerby.hypotheses.lenses import LensResult, examine_lenses
 from passerby.simulation import SimulationOptions, simulate
 from passerby.simulation.body import pose_joints
 from passerby.simulation.observe import observe_camera

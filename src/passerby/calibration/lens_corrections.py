@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from passerby.calibration.estimation import Estimate
+from passerby.calibration.readings import findings_of_readings
 from passerby.calibration.repairs import Repaired
 from passerby.core.figures import AdjustedFigures
 from passerby.findings.finding import Finding
@@ -55,16 +56,19 @@ def correct_lenses(
         solution = repaired.estimate.solution
         if not isinstance(solution, PeopleSolution) or solution.verdict == "refused":
             return LensOutcome(repaired, (), LensResult("nothing"))
+        misread = findings_of_readings(repaired.inputs, repaired.estimate)
+        if any(one.severity != "notice" for one in misread):  # lenses would be blamed for what they did not do
+            return LensOutcome(repaired, (*misread, *_corrections(made)), LensResult("nothing"))
         result = examine_lenses(solution, corrected=adopted)
         found = result.found
         if found is None or result.decision == "nothing":
-            return LensOutcome(repaired, _corrections(made), result)
+            return LensOutcome(repaired, (*misread, *_corrections(made)), result)
         if result.decision != "correct" or len(made) == MOST_CORRECTIONS:
             one = lens_differs(found) if result.decision == "notice" else lens_doubtful(result)
-            return LensOutcome(repaired, (one, *_corrections(made)), result)
+            return LensOutcome(repaired, (one, *misread, *_corrections(made)), result)
         after = again(replace(repaired.inputs, rig=found.corrected(repaired.inputs.rig)))
-        if _is_worse(after.estimate, repaired.estimate, disagreement):
-            return LensOutcome(repaired, (lens_doubtful(result, "not_better"), *_corrections(made)), result)
+        if is_worse(after.estimate, repaired.estimate, disagreement):
+            return LensOutcome(repaired, (lens_doubtful(result, "not_better"), *misread, *_corrections(made)), result)
         repaired = replace(after, corrections=(*repaired.corrections, *after.corrections))
         made.append(found)
         adopted += [one.alternative for one in result.suspects]
@@ -90,7 +94,7 @@ def _corrections(made: Sequence[FoundLenses]) -> tuple[Finding, ...]:
     return tuple(lens_corrected(replace(one, stated=made[0].stated, change=change, sigma=made[-1].sigma)) for one in made)
 
 
-def _is_worse(after: Estimate, before: Estimate, disagreement: Callable[[Estimate], float | None]) -> bool:
+def is_worse(after: Estimate, before: Estimate, disagreement: Callable[[Estimate], float | None]) -> bool:
     """Whether an estimate lost cameras, or disagrees more with people who were held out."""
     if after.solution.verdict == "refused" or after.solution.rig.posed().names != before.solution.rig.posed().names:
         return True

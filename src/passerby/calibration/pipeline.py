@@ -27,9 +27,11 @@ from passerby.calibration.diagnostics.verdict import judged
 from passerby.calibration.estimation import Estimate, Estimator
 from passerby.calibration.held_out import HeldOut, hold_out
 from passerby.calibration.kept_tracklets import FOLDER, KeptTracklets
-from passerby.calibration.lens_corrections import LensOutcome, correct_lenses, with_focal_changes
+from passerby.calibration.lens_corrections import LensOutcome, correct_lenses, is_worse, with_focal_changes
 from passerby.calibration.lens_priors import with_lens_priors
 from passerby.calibration.prediction import findings_of_predictions, predict_people
+from passerby.calibration.readings import MOST_CORRECTIONS as CLOCK_CORRECTIONS
+from passerby.calibration.readings import correct_late_clock, corrected_clocks
 from passerby.calibration.repairs import Repair, apply_repairs
 from passerby.calibration.scene_solver import solver_options
 from passerby.calibration.separate_groups import calibrate_by_groups
@@ -123,10 +125,12 @@ def _calibrate_together(estimator: Estimator, inputs: SceneInputs) -> Calibratio
     with threadpool_limits(limits=1, user_api="blas"):
         motion = MotionRepair(inputs, scene.association.given, scene.scale.person_height_m)
         repairs = [Repair(find_clock_skew, MOST_CORRECTIONS)] if "clock_rate" in scene.solver.refine else []
+        disagreement = partial(_disagreement, scene, seed=estimator.seed)
+        worse = partial(is_worse, disagreement=disagreement)
+        repairs.append(Repair(correct_late_clock, CLOCK_CORRECTIONS, worse))
         repairs.append(Repair(motion, len(inputs.rig)))
         lens = correct_lenses(
-            apply_repairs(inputs, estimator, repairs), lambda other: apply_repairs(other, estimator, repairs),
-            lambda estimate: _disagreement(scene, estimate, estimator.seed),
+            apply_repairs(inputs, estimator, repairs), lambda other: apply_repairs(other, estimator, repairs), disagreement
         )  # fmt: skip
         repaired = lens.repaired
         motions = motion.measured_again(repaired.corrections, repaired.estimate)
@@ -140,13 +144,15 @@ def _calibrate_together(estimator: Estimator, inputs: SceneInputs) -> Calibratio
         checks = check_lengths(scene.scale.checks, placed.rig, adjusted(solution.figures).scale.relative_sigma)
         off = findings_of_checks(checks)
         predicted = _unpredicted(solution, held_out, association, inputs.gaps)
-        doubts, ground = _doubts(scene, repaired.inputs, solution, association, shape, estimator)
+        sized = any(one.code == "smaller_image_fits" for one in lens.findings)
+        doubts, ground = _doubts(scene, repaired.inputs, solution, association, shape, None if sized else estimator)
         misplaced = tuple(finding for finding in (*placed.findings, *off) if finding.severity == "doubt")
         causes = (*inputs.doubts, *findings_of_motions(motions, solution.rig), *lens.of("doubt"))
         solution = _decided(scene, solution, association, causes, (*predicted, *doubts, *misplaced))
     solved = time.perf_counter()
     rates = solution.figures.clock_rates or {}
-    refined = (*lens.of("notice"), *lens_notes(adjusted(solution.figures)), *clock_skew_findings(rates), *ground)
+    clocks = (*corrected_clocks(repaired.corrections), *clock_skew_findings(rates))
+    refined = (*lens.of("notice"), *lens_notes(adjusted(solution.figures)), *clocks, *ground)
     unused = tuple(finding for finding in association.height_findings if finding.severity == "notice")
     frame = tuple(finding for finding in (*placed.findings, *off) if finding.severity == "notice")
     for note in (
@@ -196,7 +202,7 @@ def _unpredicted(
     return findings_of_predictions(rig, predict_people(rig, association.instants, unrecorded_instants(gaps, association)))
 
 
-def _disagreement(scene: Scene, estimate: Estimate, seed: int) -> float | None:
+def _disagreement(scene: Scene, estimate: Estimate, *, seed: int) -> float | None:
     """By how much people who were held out disagree with an estimate, as a share of their size; None where too few are."""
     found = _held_out(scene, estimate, seed)
     return None if found is None or found.figures is None else found.figures.held_out.median_share
@@ -227,18 +233,19 @@ def _with_figures(
 
 def _doubts(
     scene: Scene, inputs: SceneInputs, solution: Solution, association: Association, shape: GroundShape | None,
-    estimator: Estimator,
+    estimator: Estimator | None,
 ) -> tuple[tuple[Finding, ...], tuple[Finding, ...]]:  # fmt: skip
-    """What speaks against relying on the solution, and what is only to be noted of the ground and of people."""
+    """What speaks against relying on the solution, and what is only to be noted of the ground and of people.
+
+    Where there is no `estimator`, smaller images of several cameras at once are not tried.
+    """
     tilt_known = scene.world is not None and scene.world.tilt
     uneven, ground = told_of_ground(shape, placed=scene.world is not None, tilt_known=tilt_known)
     ground = (*ground, *find_tilted_ground(solution.figures.up, up_stated=_states_up(scene)))
-    sizes = doubts_of_smaller_pictures(
-        inputs.rig,
-        inputs.observations,
-        solution,
+    sizes = [] if estimator is None else doubts_of_smaller_pictures(
+        inputs.rig, inputs.observations, solution,
         lambda rig: estimator.solver(rig)(association.instants, known=association.known_heights),
-    )
+    )  # fmt: skip
     places = doubts_of_same_place(solution.rig, inputs.observations)
     heights = [finding for finding in association.height_findings if finding.severity != "notice"]
     unusual = told_of_unusual(adjusted(solution.figures).people)

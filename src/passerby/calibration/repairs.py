@@ -31,6 +31,9 @@ class Repair:
     diagnose: Diagnose
     most: int
     """Corrections at most, and so many estimates more."""
+    is_worse: Callable[[Estimate, Estimate], bool] | None = None
+    """Whether the estimate after a correction is worse than that before: then the correction is dropped, and no other one of
+    this kind is made."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,15 +56,22 @@ def apply_repairs(inputs: SceneInputs, estimator: Callable[[SceneInputs], Estima
     corrections: list[Correction] = []
     left = [repair.most for repair in repairs]
     while (found := _next_correction(inputs, estimate, repairs, left)) is not None:
-        corrections.append(found)
-        inputs, estimate = found.inputs, estimator(found.inputs)
+        number, correction = found
+        after, is_worse = estimator(correction.inputs), repairs[number].is_worse
+        if is_worse is not None and is_worse(after, estimate):
+            left[number] = 0
+            continue
+        corrections.append(correction)
+        inputs, estimate = correction.inputs, after
     return Repaired(inputs, estimate, tuple(corrections))
 
 
-def _next_correction(inputs: SceneInputs, estimate: Estimate, repairs: Sequence[Repair], left: list[int]) -> Correction | None:
-    """What the first repair that finds a fault corrects; it is counted in `left`."""
+def _next_correction(
+    inputs: SceneInputs, estimate: Estimate, repairs: Sequence[Repair], left: list[int]
+) -> tuple[int, Correction] | None:  # fmt: skip
+    """The first repair that finds a fault, and what it corrects; it is counted in `left`."""
     for number, repair in enumerate(repairs):
         if left[number] > 0 and (found := repair.diagnose(inputs, estimate)) is not None:
             left[number] -= 1
-            return found
+            return number, found
     return None

@@ -34,9 +34,8 @@ from passerby.hypotheses.camera_path import (
     thinned,
 )
 from passerby.hypotheses.case import STRETCH_S
-from passerby.hypotheses.comparison import FOLDS, Comparison
+from passerby.hypotheses.comparison import FOLDS, LOG_ODDS, Comparison, effect
 from passerby.hypotheses.correspondences import Correspondences
-from passerby.hypotheses.lenses import LOG_ODDS, effect
 from passerby.hypotheses.stretches import FOCALS, WINDOW_ROWS, find_stretches, is_suspicious, refine_stretch
 
 Kind = Literal["moved", "zoomed", "zoomed_and_moved", "drifts"]

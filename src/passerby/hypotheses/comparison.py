@@ -11,10 +11,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from passerby.common.arrays import Floats
+from passerby.core.measuring import MeasuringErrors
+from passerby.core.measuring_figures import MeasuringFigures
 from passerby.hypotheses.alternatives import LENS, Alternative
 from passerby.hypotheses.case import Case, prior_precision
 
 FOLDS = 5
+LOG_ODDS = float(np.log(10.0))
+"""An explanation counts that is ten times as probable as the one it is compared with, its prior odds included: strong evidence
+(Jeffreys, *Theory of Probability*, 1961). A sound site then raises an alternative about once in a hundred times."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,3 +104,13 @@ def screen(base: Case, alternatives: list[Alternative]) -> list[Screened]:
         names, sigma = tuple(base.stated.names[c] for c in alternative.cameras), np.sqrt(max(weight * wider[0, 0], 0.0))
         out.append(Screened(alternative, names, float(0.5 * stated @ E @ moved), float(moved[0]), float(sigma)))
     return out
+
+
+def effect(change: MeasuringErrors, measuring: MeasuringFigures) -> float:
+    """The change of what a rig measures, in its standard deviations: of points, or of one camera's ground if that is more."""
+    ground = [
+        one.median_mm / max(own.median_mm, 1e-9)
+        for name, one in change.cameras.items()
+        if name in measuring.cameras and (own := measuring.cameras[name].ground) is not None
+    ]
+    return max(change.points.median_mm / max(measuring.points.median_mm, 1e-9), *ground, 0.0)

@@ -9,6 +9,7 @@ import numpy as np
 from passerby.findings.finding import Finding, doubt, notice
 from passerby.hypotheses.alternatives import LENS
 from passerby.hypotheses.lenses import FoundLenses, LensResult
+from passerby.hypotheses.observations import ReadCamera
 
 CROPPED = 0.03
 """A principal point that is off by this share of the width comes from an image that was cropped."""
@@ -44,6 +45,22 @@ def lens_doubtful(result: LensResult, why: Why | None = None) -> Finding:
     ]
     cameras = dict.fromkeys(name for one in suspects for name in one["cameras"])
     return doubt("lens_doubtful", *cameras, why=why, suspects=suspects, moved_mm=_moved_mm(found))
+
+
+def misread(found: ReadCamera, *, corrected: bool = False) -> Finding:
+    """A camera whose observations another reading explains better; `corrected`: in a rig that was computed with it."""
+    reading = found.reading
+    said = doubt if not corrected and found.effect > 1 else notice
+    if reading.late_s is not None:
+        return said("clock_late", found.name, late_s=reading.late_s, corrected=corrected)
+    if reading.share is not None:
+        return said(
+            "smaller_image_fits",
+            found.name,
+            seen_size=list(found.lens.size),
+            size=[round(size / reading.share) for size in found.lens.size],
+        )
+    return said("image_misread", found.name, how=reading.code.removeprefix("image_"))
 
 
 def _about(found: FoundLenses) -> tuple[str, ...]:

@@ -13,16 +13,12 @@ from passerby.core.cameras import Rig
 from passerby.core.figures import adjusted
 from passerby.core.lens import LARGEST_FOCAL_SD, Lens
 from passerby.core.measuring import MeasuringErrors, measured_change
-from passerby.core.measuring_figures import MeasuringFigures
 from passerby.hypotheses.alternatives import LENS, WRONG, Alternative, lens_alternatives, prior_scales
 from passerby.hypotheses.case import Case
-from passerby.hypotheses.comparison import Comparison, Refit, Screened, screen
+from passerby.hypotheses.comparison import LOG_ODDS, Comparison, Refit, Screened, effect, screen
 from passerby.solver.lens_unknowns import LENS_PARTS
 from passerby.solver.people import PeopleSolution
 
-LOG_ODDS = float(np.log(10.0))
-"""An explanation counts that is ten times as probable as the one it is compared with, its prior odds included: strong evidence
-(Jeffreys, *Theory of Probability*, 1961). A sound site then raises an alternative about once in a hundred times."""
 LEAST_SCREENED = 12.0
 """Nats below which nothing is fitted. Of 39 simulated scenes with right lenses 37 have 11 or less (three presets, seeds 700 to
 733; two with two cameras each have 28 and 69), and those with wrong ones 42 or more."""
@@ -163,16 +159,6 @@ def examine_lenses(solution: PeopleSolution, corrected: Sequence[Alternative] = 
     elif len(own) < len(suspects) or not found.is_plausible or not freed.correctable:
         decision = "doubt"
     return LensResult(decision, tuple(screened), suspects, found, tuple(tested))
-
-
-def effect(change: MeasuringErrors, measuring: MeasuringFigures) -> float:
-    """The change of what a rig measures, in its standard deviations: of points, or of one camera's ground if that is more."""
-    ground = [
-        one.median_mm / max(own.median_mm, 1e-9)
-        for name, one in change.cameras.items()
-        if name in measuring.cameras and (own := measuring.cameras[name].ground) is not None
-    ]
-    return max(change.points.median_mm / max(measuring.points.median_mm, 1e-9), *ground, 0.0)
 
 
 def _explains_more(best: FittedAlternative, other: FittedAlternative) -> bool:

@@ -19,10 +19,7 @@ def test_a_wrong_lens_is_named(bench: Bench, name: str) -> None:
     assert not result["accepted"]
 
 
-MIRRORED = pytest.mark.xfail(strict=True, reason="a mirrored image is taken for a wrong principal point; doubtful either way")
-
-
-@pytest.mark.parametrize(("seed", "spoilt"), [(30, ""), pytest.param(33, "mirrored", marks=MIRRORED)])
+@pytest.mark.parametrize(("seed", "spoilt"), [(30, ""), (33, "mirrored")])
 def test_right_lenses_are_not_named(bench: Bench, seed: int, spoilt: str) -> None:
     result = bench("reliability.lenses").right_lenses(seed)
     assert result["spoilt"] == spoilt

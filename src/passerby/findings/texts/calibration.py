@@ -200,12 +200,30 @@ CALIBRATION: Mapping[str, Kind] = {
         "[[scale.checks]] {number} cannot be measured: fewer than two of its cameras have a pose, or its marks do not meet",
         "mark both ends in two cameras that see them from different sides",
     ),
+    "image_misread": Kind(
+        (*DOUBT, *NOTICE), "People fit the camera far better if its images are mirrored, overturned or turned (`how`).",
+        lambda v: f"camera {v['camera']}: its observations fit people whom the other cameras see far better if its images are "
+        + {
+            "mirrored": "mirrored left to right",
+            "overturned": "flipped top to bottom",
+            "turned": "turned by 180 degrees",
+        }[v["how"]],
+        "give the images, boxes and keypoints as the camera sees the scene; for a camera that hangs upside down set rotate",
+        rank="input",
+    ),
     "smaller_image_fits": Kind(
-        DOUBT, "All cameras agree better if the camera's people were detected in smaller images than its intrinsics are for.",
+        (*DOUBT, *NOTICE), "People fit far better if they were detected in smaller images than the intrinsics are for.",
         "camera {camera}: its people seem to be detected in images of {seen_size[0]} x {seen_size[1]}, not of the stated "
-        "{size[0]} x {size[1]}: they lie within that part, and all cameras agree better with that size",
+        "{size[0]} x {size[1]}: they lie within that part, and fit people whom the other cameras see better with that size",
         "give intrinsics for images of that size, or scale its boxes and keypoints to the image size of the intrinsics",
         rank="input",
+    ),
+    "clock_late": Kind(
+        (*DOUBT, *NOTICE), "The camera shows people later or earlier than its clock says; `corrected` says whether the rig is "
+        "computed with the right offset.",
+        lambda v: f"camera {v['camera']} shows people {abs(v['late_s']):.2f} s {'later' if v['late_s'] > 0 else 'earlier'} "
+        "than the other cameras do" + ("; the rig is computed with that offset" if v["corrected"] else ""),
+        "check the offset of its clock, and whether its tracker smooths the boxes", rank="motion",
     ),
     "keypoints_unused": Kind(
         DOUBT, "A camera is missing, and keypoints were not detected.",

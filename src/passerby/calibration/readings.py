@@ -1,0 +1,58 @@
+"""Cameras that show other things than their observations are taken for: late clocks are corrected, the rest is reported.
+
+The test is that of `hypotheses.observations`. Images that are mirrored, turned or of another size are not corrected: a rig for
+them would not be one for the images that there are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from passerby.calibration.estimation import Estimate
+from passerby.calibration.repairs import Correction
+from passerby.core.synchronisation import clocks_of
+from passerby.findings.finding import Finding
+from passerby.hypotheses.findings import misread
+from passerby.hypotheses.observations import ReadCamera, examine_readings
+from passerby.scene.inputs import SceneInputs
+
+MOST_CORRECTIONS = 3
+"""Clocks that are corrected at most: where more are wrong, nothing says which are right."""
+
+
+@dataclass(frozen=True, eq=False)
+class ClockCorrection(Correction):
+    """Inputs with the clock of one camera as people fit it."""
+
+    found: ReadCamera
+
+
+def correct_late_clock(inputs: SceneInputs, estimate: Estimate) -> ClockCorrection | None:
+    """Correct the clock offset that the people of the other cameras contradict most; None where they contradict none."""
+    found = _examined(inputs, estimate, only_clocks=True)
+    one = next((one for one in found if one.decision == "correct"), None)
+    if one is None or one.reading.late_s is None:
+        return None
+    seen = inputs.observations
+    clocks = clocks_of(seen, inputs.rig.names)
+    clocks[one.name] = replace(clocks[one.name], offset_s=clocks[one.name].offset_s - one.reading.late_s)
+    return ClockCorrection(replace(inputs, observations=replace(seen, clocks=clocks)), one)
+
+
+def findings_of_readings(inputs: SceneInputs, estimate: Estimate) -> tuple[Finding, ...]:
+    """What is found of cameras whose observations another reading explains better, in an estimate that stands."""
+    return tuple(misread(one) for one in _examined(inputs, estimate))
+
+
+def corrected_clocks(corrections: Sequence[Correction]) -> tuple[Finding, ...]:
+    """What is reported of the clocks that were corrected."""
+    return tuple(misread(one.found, corrected=True) for one in corrections if isinstance(one, ClockCorrection))
+
+
+def _examined(inputs: SceneInputs, estimate: Estimate, *, only_clocks: bool = False) -> list[ReadCamera]:
+    seen = inputs.observations
+    if estimate.solution.verdict == "refused":
+        return []
+    known = bool(seen.clocks) or seen.fps is not None
+    return examine_readings(estimate.solution, estimate.association.instants, clocks=known, only_clocks=only_clocks)

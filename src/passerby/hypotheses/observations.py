@@ -1,0 +1,197 @@
+"""Does one camera see other things than its observations are taken for? Readings compared by what the others' people predict.
+
+The other cameras place the people. Under each reading (`readings`) the camera is registered to them without a fifth of the
+blocks, which it then predicts; the gains of the blocks are compared as those of all alternatives (`comparison`). Lenses are
+those of the rig: this holds whether they were stated or estimated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Set
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from passerby.common.arrays import Floats, Ints
+from passerby.core.cameras import Lens, Pose, Rig
+from passerby.core.figures import adjusted
+from passerby.core.measuring import MOST_PLACES, measured_change
+from passerby.core.observations import CameraObservations, Observations
+from passerby.core.solution import Solution
+from passerby.core.stature import PERSON_HEIGHT_M
+from passerby.core.synchronisation import USUAL_FPS
+from passerby.hypotheses.case import STRETCH_S
+from passerby.hypotheses.comparison import FOLDS, LOG_ODDS, Comparison, effect
+from passerby.hypotheses.readings import Reading, image_readings, late_clock
+from passerby.hypotheses.registration import FEWEST, SeenPeople, rows_of_keys
+from passerby.people.body_centres import PeopleRays, TriangulatedPeople, identified_body_centres
+
+MOST_LATE_S = 8.0
+"""Clocks are tried up to so much, one time step farther while that fits better."""
+WALKING_M_S = 1.0
+"""A clock that is wrong misplaces walkers by their speed times its error."""
+LEAST_S = 0.1
+"""Offsets below are those of sound recordings: half a time step of the usual 5 a second. A sound scene (seed 4712 of the
+ordinary ones, points known to 4 mm) shows 0.02 s, since boxes of walkers are off along their way."""
+
+
+@dataclass(frozen=True, eq=False)
+class ReadCamera:
+    """A reading that people fit better than the observations as stated."""
+
+    reading: Reading
+    name: str
+    """Of the camera."""
+    over_base: Comparison
+    pose: Pose
+    """Of the camera under it, in the rig's world."""
+    effect: float
+    """How differently the rig measures with it, in standard deviations of that; infinite where it is unknown."""
+    lens: Lens
+    """Under it,"""
+    seen: CameraObservations
+    """and what the camera saw, at common time steps."""
+
+    @property
+    def log_odds(self) -> float:
+        """Against the observations as stated."""
+        return self.over_base.log_evidence + self.reading.log_prior
+
+    def applied(self, rig: Rig, instants: Observations) -> tuple[Rig, Observations]:
+        """The rig and the observations with the camera read so."""
+        changed = (replace(one, lens=self.lens, pose=self.pose) if one.name == self.name else one for one in rig)
+        return replace(rig, cameras=tuple(changed)), replace(instants, cameras={**instants.cameras, self.name: self.seen})
+
+    @property
+    def decision(self) -> Literal["notice", "correct", "doubt"]:
+        """What becomes of it."""
+        if self.reading.correctable:
+            return "correct" if self.effect > 1 else "notice"
+        return "doubt" if self.effect > 1 else "notice"
+
+
+def examine_readings(
+    solution: Solution, instants: Observations, *, clocks: bool, only_clocks: bool = False
+) -> list[ReadCamera]:  # fmt: skip
+    """The readings that explain cameras' observations better, at most one of a camera, in the order in which they were found.
+
+    Args:
+        solution: world z up, the ground at z = 0.
+        instants: people at common time steps, with identities over all cameras.
+        clocks: whether clocks can be corrected.
+        only_clocks: whether images are left aside.
+    """
+    rig = solution.rig.posed()
+    found: list[ReadCamera] = []
+    if solution.method != "people" or len(rig) < 2:
+        return found
+    seen = instants
+    while better := _better(rig, seen, {one.name for one in found}, clocks, only_clocks):
+        one = min(better, key=_by_gain)
+        found.append(_with_effect(one, solution, instants))
+        # What is misread spoils where the others are taken to see people: they are examined again without it.
+        rig, seen = one.applied(rig, seen)
+    return found
+
+
+def _better(rig: Rig, instants: Observations, known: Set[str], clocks: bool, only_clocks: bool) -> list[ReadCamera]:
+    """The most probable reading of each camera that counts, but of those that are known."""
+    rays = PeopleRays.of(rig, identified_body_centres(rig, instants))
+    found = []
+    for index, name in enumerate(rig.names):
+        if name in known:
+            continue
+        camera = _Camera(rig, index, instants, rays.triangulated(PERSON_HEIGHT_M, rays.camera != index))
+        if len(camera.stated) < FEWEST:
+            continue
+        readings = [] if only_clocks else image_readings(index, len(rig), camera.lens, camera.seen)
+        if late_s := camera.late_s():
+            readings.append(late_clock(index, len(rig), late_s, camera.fps, correctable=clocks))
+        compared = [one for reading in readings if (one := camera.compared(reading)) is not None and one.log_odds > LOG_ODDS]
+        found += sorted(compared, key=_by_gain)[:1]
+    return found
+
+
+def _by_gain(found: ReadCamera) -> float:
+    """Order of those that count: their scatter says that they are real, their gains which is most probable."""
+    return -(found.over_base.gain + found.reading.log_prior)
+
+
+class _Camera:
+    """One camera against the people that the others place."""
+
+    def __init__(self, rig: Rig, index: int, instants: Observations, people: TriangulatedPeople) -> None:
+        camera = rig.cameras[index]
+        assert camera.pose is not None
+        self.index, self.n_cameras, self.name, self.lens = index, len(rig), camera.name, camera.lens
+        self.people, self.seen, self.fps = people, instants[camera.name], instants.fps or USUAL_FPS
+        self.stated = SeenPeople.of(self.seen, self.lens, people)
+        self.pose = self.stated.fitted(camera.pose) if len(self.stated) >= FEWEST else camera.pose
+
+    def late_s(self) -> float:
+        """The offset of the clock that people fit best, seconds later than stated; 0 where that is none."""
+        costs = {0: float(self.stated.thinned().costs(self.pose).mean())}
+
+        def cost(late: int) -> float:
+            if late not in costs:
+                moved = SeenPeople.of(self.seen, self.lens, self.people, -late).thinned()
+                costs[late] = float(moved.costs(moved.fitted(self.pose)).mean()) if len(moved) >= FEWEST else np.inf
+            return costs[late]
+
+        best = 0
+        for towards in (-1, 1):
+            at = towards
+            while cost(at) < costs[best] and abs(at) < MOST_LATE_S * self.fps:
+                best, at = at, at + towards
+        before, here, after = cost(best - 1), costs[best], cost(best + 1)
+        bend = before + after - 2 * here
+        between = 0.5 * (before - after) / bend if np.isfinite(bend) and bend > 0 else 0.0
+        late = best + float(np.clip(between, -0.5, 0.5))
+        return late / self.fps if abs(late) >= LEAST_S * self.fps else 0.0
+
+    def compared(self, reading: Reading) -> ReadCamera | None:
+        """A reading against the observations as stated, by the people of both; None where it fits no pose."""
+        lens, seen = reading.read(self.lens, self.seen)
+        other = SeenPeople.of(seen, lens, self.people)
+        pose = other.anew(np.random.default_rng(0)) if reading.anew else self.pose
+        if pose is None or len(other) < FEWEST:
+            return None
+        ids = int(max(other.identity.max(), self.stated.identity.max())) + 1
+        at = rows_of_keys(other.frame * ids + other.identity, self.stated.frame * ids + self.stated.identity)
+        other, stated = other.take(at >= 0), self.stated.take(at[at >= 0])
+        if len(other) < FEWEST:
+            return None
+        block, n = self._blocks(stated)
+        over = Comparison.of(_predicted(other, pose, block, n), _predicted(stated, self.pose, block, n))
+        return ReadCamera(reading, self.name, over, other.fitted(pose), np.inf, lens, seen)
+
+    def _blocks(self, seen: SeenPeople) -> tuple[Ints, int]:
+        stretch = (seen.frame // (STRETCH_S * self.fps)).astype(np.int64)
+        keys, block = np.unique(np.column_stack([stretch, seen.identity]), axis=0, return_inverse=True)
+        return block.reshape(-1), len(keys)
+
+
+def _predicted(seen: SeenPeople, start: Pose, block: Ints, n_blocks: int) -> Floats:
+    """(B,) cost of each block, nats, by the pose that fits the other folds."""
+    out = np.zeros(n_blocks)
+    for fold in range(FOLDS):
+        held = block % FOLDS == fold
+        if held.any() and not held.all():
+            part = seen.take(held)
+            out += np.bincount(block[held], part.costs(seen.take(~held).fitted(start)), n_blocks)
+    return out
+
+
+def _with_effect(found: ReadCamera, solution: Solution, instants: Observations) -> ReadCamera:
+    """With how differently the rig measures once the camera is where the reading puts it."""
+    rig = solution.rig.posed()
+    moved = Rig(tuple(replace(one, pose=found.pose) if one.name == found.name else one for one in rig))
+    places = PeopleRays.of(rig, identified_body_centres(rig, instants))
+    located = places.triangulated(PERSON_HEIGHT_M, np.ones(len(places.camera), dtype=bool)).place[:, :2]
+    step = max(1, len(located) // MOST_PLACES)
+    change, measuring = measured_change(rig, moved, located[::step]), adjusted(solution.figures).measuring
+    if change is None or measuring is None:
+        return found
+    late_mm = 1000 * WALKING_M_S * abs(found.reading.late_s or 0.0) / max(measuring.points.median_mm, 1e-9)
+    return replace(found, effect=max(effect(change, measuring), late_mm))

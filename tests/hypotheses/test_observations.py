@@ -1,0 +1,90 @@
+"""What one camera's observations are: another reading is found where it is right, and none where the stated one is."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from passerby.core.cameras import Camera, Rig
+from passerby.core.observations import CameraObservations, Observations
+from passerby.core.quarter_turns import turn_seen
+from passerby.core.solution import Solution
+from passerby.hypotheses.observations import examine_readings
+from passerby.hypotheses.readings import mirrored, possible_share, smaller
+from support.scenes.people_and_rigs import part, simulated
+
+NAME = "C2"
+
+
+def examined(change, rig=None):  # type: ignore[no-untyped-def]
+    """The readings found where one camera's observations were changed, and the rig is the true one."""
+    scene = simulated("terrace")
+    seen, lens = part(scene.observations), scene.rig[NAME].lens
+    cameras = {**seen.cameras, NAME: change(seen[NAME], lens)}
+    solution = Solution("people", rig or scene.rig, "accepted")
+    return examine_readings(solution, Observations(cameras, seen.fps), clocks=True)
+
+
+def boxes_only(seen: CameraObservations) -> CameraObservations:
+    return CameraObservations(seen.boxes)
+
+
+def halved(seen: CameraObservations) -> CameraObservations:
+    return CameraObservations(replace(seen.boxes, ltwh=0.5 * seen.boxes.ltwh))
+
+
+def later(seen: CameraObservations, steps: int) -> CameraObservations:
+    return CameraObservations(replace(seen.boxes, frame=seen.boxes.frame + steps))
+
+
+def test_right_observations_raise_nothing() -> None:
+    assert examined(lambda seen, lens: seen) == []
+
+
+@pytest.mark.parametrize(
+    ("code", "change"),
+    [
+        ("image_mirrored", lambda seen, lens: mirrored(boxes_only(seen), lens.size)),
+        ("image_turned", lambda seen, lens: turn_seen(boxes_only(seen), lens.size, 180)),
+        ("image_overturned", lambda seen, lens: turn_seen(mirrored(boxes_only(seen), lens.size), lens.size, 180)),
+        ("smaller_image", lambda seen, lens: halved(seen)),
+    ],
+)
+def test_a_misread_camera_is_found_and_put_where_it_stands(code: str, change) -> None:  # type: ignore[no-untyped-def]
+    truth = simulated("terrace").rig[NAME].pose
+    assert truth is not None
+    found = examined(change)
+    assert [(one.name, one.reading.code, one.decision) for one in found] == [(NAME, code, "doubt")]
+    assert np.linalg.norm(found[0].pose.centre - truth.centre) < 0.3
+
+
+def test_a_late_clock_is_found_with_its_offset() -> None:
+    found = examined(lambda seen, lens: later(seen, 3))
+    assert [(one.name, one.reading.code, one.decision) for one in found] == [(NAME, "clock_late", "correct")]
+    fps = simulated("terrace").observations.fps
+    assert fps is not None
+    assert found[0].reading.late_s == pytest.approx(3 / fps, abs=0.3 / fps)
+
+
+def test_a_mirrored_image_mirrored_again_is_the_image() -> None:
+    scene = simulated("terrace")
+    seen, size = scene.observations[NAME], scene.rig[NAME].lens.size
+    again = mirrored(mirrored(seen, size), size)
+    assert np.allclose(again.boxes.ltwh, seen.boxes.ltwh)
+    assert np.allclose(again.keypoints.xy, seen.keypoints.xy)
+
+
+def test_a_smaller_image_is_possible_only_where_people_keep_to_a_part_of_it() -> None:
+    scene = simulated("terrace")
+    seen, lens = scene.observations[NAME], scene.rig[NAME].lens
+    assert possible_share(seen, lens.size) is None
+    assert possible_share(halved(seen), lens.size) == 0.5
+    assert smaller(lens, 0.5).size == (lens.size[0] // 2, lens.size[1] // 2)
+
+
+def test_without_a_rig_nothing_is_examined() -> None:
+    scene = simulated("terrace")
+    unposed = Rig(tuple(Camera(camera.name, camera.lens) for camera in scene.rig))
+    assert examined(lambda seen, lens: seen, unposed) == []
