@@ -151,7 +151,7 @@ class _Camera:
         return late / self.fps if abs(late) >= LEAST_S * self.fps else 0.0
 
     def compared(self, reading: Reading) -> ReadCamera | None:
-        """A reading against the observations as stated, by the people of both; None where it fits no pose."""
+        """A reading against the observations as stated, by the people of both; None where it fits no better."""
         lens, seen = reading.read(self.lens, self.seen)
         other = SeenPeople.of(seen, lens, self.people)
         pose = other.anew(np.random.default_rng(0)) if reading.anew else self.pose
@@ -160,7 +160,7 @@ class _Camera:
         ids = int(max(other.identity.max(), self.stated.identity.max())) + 1
         at = rows_of_keys(other.frame * ids + other.identity, self.stated.frame * ids + self.stated.identity)
         other, stated = other.take(at >= 0), self.stated.take(at[at >= 0])
-        if len(other) < FEWEST:
+        if len(other) < FEWEST or other.costs(pose).sum() >= stated.costs(self.pose).sum():
             return None
         block, n = self._blocks(stated)
         over = Comparison.of(_predicted(other, pose, block, n), _predicted(stated, self.pose, block, n))
