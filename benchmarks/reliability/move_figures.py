@@ -16,8 +16,8 @@ from passerby.core.observations import CameraObservations, Keypoints, Observatio
 from passerby.core.scale_cues import ScaleCues
 from passerby.core.stature import PERSON_HEIGHT_M
 from passerby.hypotheses.changes import FoundChange, suspect_change
-from passerby.hypotheses.correspondences import Correspondences, instants_compared, match_people
 from passerby.hypotheses.comparison import LOG_ODDS
+from passerby.hypotheses.correspondences import Correspondences, instants_compared, match_people
 from passerby.people.body_centres import BodyCentres, PeopleRays, identified_body_centres
 from passerby.simulation import PRESETS
 from passerby.solver.people import PeopleOptions, solve_people
