@@ -8,11 +8,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from passerby.calibration.diagnostics.smaller_pictures import doubts_of_smaller_pictures, misfit, possible_share, smaller
+from passerby.calibration.diagnostics.smaller_pictures import doubts_of_smaller_pictures, misfit
 from passerby.core.cameras import Camera, Lens, Pose, Rig
 from passerby.core.figures import AdjustedFigures, NoiseFigures
 from passerby.core.observations import Boxes, CameraObservations, Observations
 from passerby.core.solution import Solution
+from passerby.hypotheses.readings import possible_share, smaller
 
 LENS = Lens((800, 600), np.array([[700.0, 0, 400], [0, 710, 300], [0, 0, 1]]), np.zeros(0))
 POSE = Pose(np.eye(3), np.zeros(3))

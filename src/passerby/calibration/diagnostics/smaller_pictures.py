@@ -12,16 +12,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from passerby.core.cameras import Lens, Rig
-from passerby.core.extents import extents_of
+from passerby.core.cameras import Rig
 from passerby.core.figures import adjusted
-from passerby.core.observations import CameraObservations, Observations
+from passerby.core.observations import Observations
 from passerby.core.solution import Solution
 from passerby.findings.finding import Finding, doubt
-from passerby.scene.intrinsics_checks import FILLED_ROWS, STRIP, SUB_STREAMS
+from passerby.hypotheses.readings import possible_share, smaller
 
-LARGEST = 0.7
-"""Shares of the size above which nothing is tried: people who keep to so much of a picture are quite usual."""
 BETTER = 1.4
 """The errors with the stated sizes over those with smaller ones: 1.6 to 5 where the smaller ones are right, and 0.05 to 0.5
 where people keep to a corner of the stated ones (16 simulated scenes, one camera or all)."""
@@ -59,22 +56,6 @@ def doubts_of_smaller_pictures(
         size, small = rig[name].lens.size, smaller(rig[name].lens, share).size
         out.append(doubt("smaller_image_fits", name, seen_size=list(small), size=list(size)))
     return out
-
-
-def possible_share(seen: CameraObservations, size: tuple[int, int]) -> float | None:
-    """The smallest usual share of the picture's size within which all people lie; None where that is most of it."""
-    extent = extents_of(seen.boxes if len(seen.boxes) else seen.keypoints)
-    if len(extent) < FILLED_ROWS:
-        return None
-    filled = float((np.quantile(extent[:, 2:], 0.999, axis=0) / size).max())
-    return next((share for share in SUB_STREAMS if filled <= share * (1 + STRIP) and share <= LARGEST), None)
-
-
-def smaller(lens: Lens, share: float) -> Lens:
-    """The lens for pictures of that share of the size."""
-    matrix = np.array(lens.matrix)
-    matrix[:2] *= share
-    return replace(lens, size=(round(share * lens.size[0]), round(share * lens.size[1])), matrix=matrix)
 
 
 def with_shares(rig: Rig, shares: Mapping[str, float]) -> Rig:
