@@ -63,7 +63,7 @@ def search_focals_by_tracks(
     out = list(rig)
     for c in (c for members in shared if compared & set(members) for c in members):
         if len(focals[c]) > 1:
-            out[c] = replace(out[c], lens=out[c].lens.with_focal(float(np.exp(focals[c][chosen[c]])), FOUND_SD))
+            out[c] = replace(out[c], lens=out[c].lens.started(float(np.exp(focals[c][chosen[c]])), FOUND_SD))
     return replace(rig, cameras=tuple(out))
 
 
@@ -74,7 +74,7 @@ def _tracks(
     out: list[GroundTracks | None] = []
     level, before = None, 0.0
     for focal in focals.tolist():
-        lens = camera.lens.with_focal(float(np.exp(focal)), FOUND_SD)
+        lens = camera.lens.started(float(np.exp(focal)), FOUND_SD)
         bodies = upright_rays(tracklets.seen, lens, tracklets.clock)
         some = np.sort(rng.permutation(len(bodies))[:_MOST_PEOPLE])
         u = bodies.take(some)

@@ -47,8 +47,11 @@ class Lens:
     focal_sd: float | None = None
     """One standard deviation of both focal lengths, as a share of them, where they are a guess. None: they are taken to be
     right."""
+    start_sd: float | None = None
+    """The same of a focal length that was searched for among people: how near the search came. It narrows the next search. It
+    is no knowledge beside `focal_sd`, since it rests on the same people as the adjustment. None: none was searched for."""
     principal_point_sd: float | None = None
-    """The same of the principal point, as a share of the image's width,"""
+    """One standard deviation of the principal point, as a share of the image's width,"""
     distortion_sd: float | None = None
     """and of the first distortion coefficient. None: as stated intrinsics are."""
     uncalibrated: bool = False
@@ -143,6 +146,15 @@ class Lens:
         matrix = np.array(self.matrix)
         matrix[:2, :2] *= factor
         return replace(self, matrix=matrix, focal_sd=sd)
+
+    def started(self, factor: float, sd: float) -> Lens:
+        """The lens with both focal lengths times `factor`, which a search found to `sd` (`start_sd`)."""
+        return replace(self.with_focal(factor, sd), focal_sd=self.focal_sd, start_sd=sd)
+
+    @property
+    def search_sd(self) -> float | None:
+        """Within how much of the focal length the true one is searched for, one standard deviation as a share."""
+        return self.focal_sd if self.start_sd is None else self.start_sd
 
     @property
     def focal(self) -> float:

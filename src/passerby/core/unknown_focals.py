@@ -21,7 +21,7 @@ _SWEEPS = 30
 
 def needs_focal_search(rig: Rig) -> bool:
     """Whether a focal length is known too little to begin with it."""
-    return any(camera.lens.uncalibrated and (camera.lens.focal_sd or 0.0) > SEARCHED_SD for camera in rig)
+    return any(camera.lens.uncalibrated and (camera.lens.search_sd or 0.0) > SEARCHED_SD for camera in rig)
 
 
 def shared_lenses(rig: Rig) -> list[list[int]]:
@@ -50,7 +50,7 @@ def begin_with(stated: Rig, found: Rig) -> Rig:
         for c in members:
             lens = cameras[c].lens
             if changes and lens.uncalibrated:
-                lens = lens.with_focal(math.exp(sum(changes) / len(changes)), min(lens.focal_sd or 1.0, SEARCHED_SD))
+                lens = lens.started(math.exp(sum(changes) / len(changes)), min(lens.search_sd or 1.0, SEARCHED_SD))
                 cameras[c] = replace(cameras[c], lens=lens)
     return replace(stated, cameras=tuple(cameras))
 
@@ -62,12 +62,13 @@ def focals_to_try(lens: Lens, shares: Floats) -> Floats:
         lens: the lens.
         shares: focal lengths of the grid, as shares of the longer side of the picture.
     """
-    if not lens.uncalibrated or lens.focal_sd is None or lens.focal_sd <= SEARCHED_SD:
+    sd = lens.search_sd
+    if not lens.uncalibrated or sd is None or sd <= SEARCHED_SD:
         return np.zeros(1)
     # A fisheye has half the focal length of a pinhole of a like field of view, or less.
     focals = np.log((0.5 if lens.fisheye else 1.0) * shares * max(lens.size) / lens.focal)
-    if lens.focal_sd < LARGEST_FOCAL_SD:
-        focals = focals[np.abs(focals) <= _FARTHEST_SD * lens.focal_sd]
+    if sd < LARGEST_FOCAL_SD:
+        focals = focals[np.abs(focals) <= _FARTHEST_SD * sd]
     return np.asarray(focals) if len(focals) else np.zeros(1)
 
 

@@ -82,7 +82,7 @@ def search_focals(
     for c in (c for members in shared if compared & set(members) for c in members):
         if len(grounds[c].focals) > 1:
             factor = float(np.exp(grounds[c].focals[chosen[c]]))
-            cameras[c] = replace(cameras[c], lens=cameras[c].lens.with_focal(factor, FOUND_SD))
+            cameras[c] = replace(cameras[c], lens=cameras[c].lens.started(factor, FOUND_SD))
     return replace(stated, cameras=tuple(cameras))
 
 

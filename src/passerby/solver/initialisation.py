@@ -140,15 +140,13 @@ class Initialisation:
     @classmethod
     def prepare(
         cls, stated: Rig, observations: Observations, cues: ScaleCues, options: PeopleOptions, rng: np.random.Generator,
-        guesses: Sequence[PairHypothesis] = (), lens: Floats | None = None,
+        guesses: Sequence[PairHypothesis] = (),
     ) -> Initialisation:  # fmt: skip
-        """Gather the evidence, level each camera, and guess at all pairs; `guesses` are more of the same. `lens` (C, L) is how
-        the lenses differ from the stated ones, as far as that is known; nothing when None.
-        """
+        """Gather the evidence, level each camera, and guess at all pairs; `guesses` are more of the same."""
         unknowns = LensUnknowns(options.refine_lens)
-        searched = lens is None and "distortion" in unknowns.parts and needs_focal_search(stated)
-        lens = np.zeros((len(stated), unknowns.size)) if lens is None else lens
-        rig = unknowns.rig(stated, lens)
+        searched = "distortion" in unknowns.parts and needs_focal_search(stated)
+        lens = np.zeros((len(stated), unknowns.size))
+        rig = stated
         evidence = gather_evidence(
             rig, observations, rng, max_sightings=options.max_sightings, max_joints=options.max_joints,
             moving=options.refine_time,
@@ -178,7 +176,8 @@ class Initialisation:
         """
         if "distortion" not in self.unknowns.parts:
             return self
-        return replace(self, knowledge=replace(self.knowledge, lens_core=self.unknowns.core(self.stated, free=parts)))
+        core = self.unknowns.core(self.stated, free=parts, near_start=True)
+        return replace(self, knowledge=replace(self.knowledge, lens_core=core))
 
     def with_unknowns(self, parts: Sequence[LensPart]) -> Initialisation:
         """The same with parts of the stated lenses free, none moved yet."""

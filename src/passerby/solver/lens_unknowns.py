@@ -78,10 +78,13 @@ class LensUnknowns:
         first = sum(_SIZES[other] for other in self.parts[: self.parts.index(part)])
         return slice(first, first + _SIZES[part])
 
-    def core(self, rig: Rig, free: Sequence[LensPart] = LENS_PARTS) -> Floats:
+    def core(self, rig: Rig, free: Sequence[LensPart] = LENS_PARTS, *, near_start: bool = False) -> Floats:
         """(C, L) half of the stated values are right within so much: the scales of Cauchy distributions. Beside lenses that
-        were never calibrated they are standard deviations, and parts that are not `free` are held.
+        were never calibrated they are standard deviations, and parts that are not `free` are held; `near_start`: focal lengths
+        that were searched for stay near what was found.
         """
+        if near_start:
+            rig = replace(rig, cameras=tuple(replace(one, lens=_near_start(one.lens)) for one in rig))
         out = self._scales(rig, [_stated(camera.lens, FOCAL_CORE) for camera in rig], PRINCIPAL_POINT_CORE)
         held = self._shares(rig, [HELD] * len(rig), HELD, HELD)
         for part in self.parts:
@@ -246,6 +249,11 @@ def _slope(lens: Lens, pixels: Floats) -> Floats:
     along, across = 1 / np.maximum(1 + 3 * k * squared, 0.1), 1 / np.maximum(1 + k * squared, 0.1)
     outer = x[:, :, None] * x[:, None, :]
     return np.asarray((squared * across)[:, None, None] * np.eye(2) + (3 * along - across)[:, None, None] * outer)
+
+
+def _near_start(lens: Lens) -> Lens:
+    """A lens as certain as a search for its focal length is, if there was one."""
+    return lens if lens.start_sd is None or lens.focal_sd is None else replace(lens, focal_sd=min(lens.start_sd, lens.focal_sd))
 
 
 def _stated(lens: Lens, otherwise: float) -> float:

@@ -22,6 +22,7 @@ from passerby.core.observations import Observations
 from passerby.core.scale_cues import ScaleCues
 from passerby.core.solution import Solution
 from passerby.core.synchronisation import USUAL_FPS
+from passerby.core.unknown_focals import begin_with
 from passerby.core.verdict import decide_verdict
 from passerby.findings.finding import doubt, refusal
 from passerby.findings.refusals import RefusalError
@@ -117,7 +118,8 @@ def solve_people(
         if start.near(fit.start):
             break
         # A first guess with quite wrong lenses may be another arrangement, or have left people out.
-        start = Initialisation.prepare(start.stated, observations, cues, options, rng, among, fit.result.state.lens)
+        better = begin_with(start.stated, _observed(fit))
+        start = Initialisation.prepare(better, observations, cues, options, rng, among)
         try:
             choice, zoned = _first_guess(start, options, rng, executor)
         except EvidenceError:
@@ -203,6 +205,13 @@ def _measuring(start: Initialisation, fit: Fit, covariance: RigCovariance) -> Me
     places = state.people[:, :2] if len(state.people) else state.joints[:, :2]
     height_m = float(np.median(state.heights)) if len(state.heights) else 0.0
     return measuring_uncertainty(_posed(start.rig, state), covariance.complete, places, height_m, covariance.free)
+
+
+def _observed(fit: Fit) -> Rig:
+    """The cameras with the poses and lenses of an optimum; without a pose where no observation agrees."""
+    problem, rig = fit.model.problem, _posed(fit.start.rig, fit.result.state)
+    agreeing = np.isin(np.arange(len(rig)), np.concatenate([problem.sightings.camera, problem.joints.camera]))
+    return Rig(tuple(one if seen else replace(one, pose=None) for one, seen in zip(rig, agreeing, strict=True)))
 
 
 def _posed(rig: Rig, state: AdjustmentState) -> Rig:
