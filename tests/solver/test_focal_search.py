@@ -111,5 +111,5 @@ def test_cameras_that_share_too_few_people_keep_their_guesses() -> None:
         evidence = gather_evidence(stated, Observations(seen), rng)
         assert len(evidence.sightings) == 2 * count
         found = search_focals(evidence, stated, LensUnknowns(LENS_PARTS), 1.72, rng)
-        assert [camera.lens.focal_sd == FOUND_SD for camera in found] == [searched] * 2
+        assert [camera.lens.start_sd == FOUND_SD for camera in found] == [searched] * 2
         assert [camera.lens is before.lens for camera, before in zip(found, stated, strict=True)] == [not searched] * 2

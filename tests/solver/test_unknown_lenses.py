@@ -96,6 +96,28 @@ def test_keypoints_tell_lenses_better():
         assert solution.rig[camera.name].lens.distortions[0] == pytest.approx(camera.lens.distortions[0], abs=0.05)
 
 
+@pytest.mark.slow
+def test_a_search_that_went_wrong_does_not_hold_focal_lengths():
+    """A search is a start. Joints determine focal lengths that it missed by a factor of two."""
+    made = simulate(SimulationOptions(preset="terrace", seed=43, cameras=3, people=3, seconds=15.0, joint_noise_px=1.0))
+    start = [
+        replace(c, pose=None, lens=Lens.unknown(c.lens.size).started(0.5 * c.lens.focal / c.lens.size[0], 0.1))
+        for c in made.rig
+    ]
+    options = PeopleOptions(refine_lens=LENS_PARTS)
+    solution = solve_people(Rig(tuple(start)), made.observations, ScaleCues(), options, rng=np.random.default_rng(0))
+    assert len(solution.rig.posed()) == 3
+    assert np.abs(np.log(factors(solution.rig, made.rig))).max() < 0.02
+
+
+def test_a_searched_focal_length_is_a_start_and_no_knowledge():
+    lens = Lens.unknown((1000, 800))
+    started = Rig((Camera("A", lens.started(2.0, 0.1)),))
+    assert started["A"].lens.focal == pytest.approx(2 * lens.focal)
+    assert UNKNOWN.core(started)[0, 0] == UNKNOWN.core(Rig((Camera("A", lens),)))[0, 0]
+    assert UNKNOWN.core(started, near_start=True)[0, 0] == pytest.approx(0.1)
+
+
 def test_rays_follow_the_distortion():
     """The derivative by the distortion is that of the lens itself."""
     matrix = np.array([[500.0, 0, 330], [0, 500, 250], [0, 0, 1]])
