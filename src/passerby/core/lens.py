@@ -47,13 +47,6 @@ class Lens:
     focal_sd: float | None = None
     """One standard deviation of both focal lengths, as a share of them, where they are a guess. None: they are taken to be
     right."""
-    start_sd: float | None = None
-    """The same of a focal length that was searched for among people: how near the search came. It narrows the next search. It
-    is no knowledge beside `focal_sd`, since it rests on the same people as the adjustment. None: none was searched for."""
-    principal_point_sd: float | None = None
-    """One standard deviation of the principal point, as a share of the image's width,"""
-    distortion_sd: float | None = None
-    """and of the first distortion coefficient. None: as stated intrinsics are."""
     uncalibrated: bool = False
     """Whether only the image size is known, and perhaps the focal length as `focal_sd` says: the principal point is taken to be
     the image centre and the distortion to be 0 until people tell more."""
@@ -63,6 +56,13 @@ class Lens:
     rotate: int = 0
     """Degrees clockwise, 0, 90, 180 or 270, by which the images are to be turned so that people in them stand upright: of a
     camera that is mounted on its side. The other values are of the images as filmed."""
+    start_sd: float | None = None
+    """`focal_sd` of a focal length that was searched for among people: how near the search came. It narrows the next search. It
+    is no knowledge beside `focal_sd`, since it rests on the same people as the adjustment. None: none was searched for."""
+    principal_point_sd: float | None = None
+    """One standard deviation of the principal point, as a share of the image's width,"""
+    distortion_sd: float | None = None
+    """and of the first distortion coefficient. None: as stated intrinsics are."""
 
     def __post_init__(self) -> None:
         if self.focal_sd is not None and not 0 < self.focal_sd <= LARGEST_FOCAL_SD:
