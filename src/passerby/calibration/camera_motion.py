@@ -232,13 +232,12 @@ def _most_certain(inputs: SceneInputs, estimate: Estimate, repair: MotionRepair)
         suspect = suspect_change(m, camera.pose, association.instants.fps or USUAL_FPS, len(rig.posed()))
         if suspect is not None:
             suspects.append((c, suspect, m))
-    suspects.sort(key=lambda one: -one[1].gain)
-    compared = ((c, suspect.compared(), m) for c, suspect, m in suspects)
-    found = next(((c, change, m) for c, change, m in compared if change is not None), None)
-    if found is None:
-        return None
-    c, change, m = found
-    if change.effect(rig, c, m.people.place[:, :2], adjusted(estimate.solution.figures).measuring) <= 1:
+    measuring = adjusted(estimate.solution.figures).measuring
+    for c, suspect, m in sorted(suspects, key=lambda one: -one[1].gain):
+        change = suspect.compared()
+        if change is not None and change.effect(rig, c, m.people.place[:, :2], measuring) > 1:
+            break
+    else:
         return None
     name, posed = rig.names[c], rig.posed().names
     either = next(other for other in posed if other != name) if len(posed) == 2 else None
