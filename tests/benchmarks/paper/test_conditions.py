@@ -105,11 +105,11 @@ def test_a_condition_without_enough_to_go_on_fails():
 
 
 def test_clocks_are_judged():
+    """Offsets that are not searched for are corrected by people all the same, one clock after the other."""
     found, agreed = (Condition(replace(SMALL, seconds=12.0, clock_offsets=(0.0, 0.4, -0.5)), search_s=s) for s in (2.0, 0.0))
     outcomes = run_conditions([found, agreed], None, silent, "test")
-    assert outcomes[agreed].clock_ms == pytest.approx(450.0)
+    assert outcomes[agreed].clock_ms < 60.0
     assert outcomes[found].clock_ms < 40.0
-    assert outcomes[found].similarity_mm < outcomes[agreed].similarity_mm
 
 
 def test_a_stopped_run_goes_on_where_it_was(tmp_path, monkeypatch):
