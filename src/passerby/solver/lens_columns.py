@@ -25,11 +25,6 @@ Derivative = Callable[[Lens, Floats], Floats]
 """(M, 2, u) how the pixels of rays (M, 3) move with u numbers of a lens."""
 
 
-def by_focal(lens: Lens, rays: Floats) -> Floats:
-    """(M, 2, 1) by the logarithm of both focal lengths; distortions are shares of them and grow with them."""
-    return np.asarray((lens.project_rays(rays) - lens.matrix[:2, 2])[:, :, None])
-
-
 def lens_columns(rig: Rig, problem: PeopleProblem, state: AdjustmentState, by: Derivative) -> dict[str, Floats]:
     """Whitened derivatives of the residuals by u numbers of the own camera's lens, (M, k, u) for each kind of residual.
 

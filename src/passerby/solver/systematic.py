@@ -19,7 +19,7 @@ import numpy as np
 from passerby.common.arrays import Floats
 from passerby.core.cameras import Lens, Rig
 from passerby.core.lens import INTRINSICS
-from passerby.solver.lens_columns import WidenedLayout, by_focal, lens_columns
+from passerby.solver.lens_columns import WidenedLayout, lens_columns
 from passerby.solver.lens_unknowns import LENS_PARTS, LensPart
 from passerby.solver.optimizer.least_squares import NormalEquations, Term
 from passerby.solver.people_state import AdjustmentState
@@ -134,24 +134,6 @@ def _estimated(lens: Lens, parts: Sequence[LensPart]) -> tuple[bool, ...]:
     if "distortion" not in parts or lens.uncalibrated:
         return tuple(part in parts for part in LENS_PARTS)
     return tuple(part == "focal" and lens.focal_sd is not None for part in LENS_PARTS)
-
-
-@dataclass(frozen=True, eq=False)
-class StatedFocals:
-    """Focal lengths that are guesses: what their errors do to the residuals, and how large they may be."""
-
-    columns: dict[str, Floats]
-    """Whitened derivatives by the logarithms of the focal lengths (`lens_columns`)."""
-    covariance: Floats
-    """(C, C) of these logarithms; 0 for the lenses that are taken to be right."""
-
-    @classmethod
-    def of(cls, rig: Rig, problem: PeopleProblem, state: AdjustmentState) -> StatedFocals | None:
-        """Those of a rig at an optimum; None where no lens states a `focal_sd`."""
-        sd = np.array([camera.lens.focal_sd or 0.0 for camera in rig])
-        if not sd.any():
-            return None
-        return cls(lens_columns(rig, problem, state, by_focal), covariance_of_guesses(sd))
 
 
 def covariance_of_guesses(sd: Floats) -> Floats:
