@@ -19,7 +19,7 @@ from passerby.calibration.alignment.scene_world import align_to_scene
 from passerby.calibration.calibration import Calibration
 from passerby.calibration.camera_motion import DetectedMotion, Motion, MotionRepair, findings_of_motions
 from passerby.calibration.clock_skew import MOST_CORRECTIONS, clock_rate_figures, clock_skew_findings, find_clock_skew
-from passerby.calibration.diagnostics.ground_planarity import ground_figures, shape_of, told_of_ground
+from passerby.calibration.diagnostics.ground_planarity import ground_figures, notices_of_ground, on_ground, shape_of
 from passerby.calibration.diagnostics.smaller_pictures import doubts_of_smaller_pictures
 from passerby.calibration.diagnostics.unusual_people import told_of_unusual
 from passerby.calibration.diagnostics.up_direction import find_tilted_ground, up_figures, with_up
@@ -39,11 +39,13 @@ from passerby.calibration.unrecorded import Spans, unrecorded_instants
 from passerby.common.parallel import worthwhile
 from passerby.common.progress import Progress, silent, tell_note
 from passerby.core.figures import AdjustedFigures, adjusted
+from passerby.core.measuring_figures import with_measuring_sigmas
 from passerby.core.quarter_turns import turn_observations, turn_rig, undone
 from passerby.core.solution import Solution
 from passerby.findings.finding import Finding
 from passerby.findings.texts import texts_of
 from passerby.people.ground_shape import GroundShape
+from passerby.scene.coarse_boxes import with_coarse_boxes
 from passerby.scene.inputs import SceneInputs, read_inputs
 from passerby.scene.same_content import doubts_of_same_place
 from passerby.scene.scene import Scene
@@ -145,14 +147,15 @@ def _calibrate_together(estimator: Estimator, inputs: SceneInputs) -> Calibratio
         off = findings_of_checks(checks)
         predicted = _unpredicted(solution, held_out, association, inputs.gaps)
         sized = any(one.code == "smaller_image_fits" for one in lens.findings)
-        doubts, ground = _doubts(scene, repaired.inputs, solution, association, shape, None if sized else estimator)
+        doubts, notes = _doubts(scene, repaired.inputs, solution, association, None if sized else estimator)
+        ground = notices_of_ground(shape, placed=scene.world is not None)
         misplaced = tuple(finding for finding in (*placed.findings, *off) if finding.severity == "doubt")
         causes = (*inputs.doubts, *findings_of_motions(motions, solution.rig), *lens.of("doubt"))
-        solution = _decided(scene, solution, association, causes, (*predicted, *doubts, *misplaced))
+        solution = _decided(scene, solution, association, causes, (*predicted, *doubts, *misplaced, *ground))
     solved = time.perf_counter()
     rates = solution.figures.clock_rates or {}
     clocks = (*corrected_clocks(repaired.corrections), *clock_skew_findings(rates))
-    refined = (*lens.of("notice"), *lens_notes(adjusted(solution.figures)), *clocks, *ground)
+    refined = (*lens.of("notice"), *lens_notes(adjusted(solution.figures)), *clocks, *notes)
     unused = tuple(finding for finding in association.height_findings if finding.severity == "notice")
     frame = tuple(finding for finding in (*placed.findings, *off) if finding.severity == "notice")
     for note in (
@@ -228,20 +231,21 @@ def _with_figures(
     if isinstance(figures, AdjustedFigures):
         figures = replace(figures, lenses=with_lens_priors(figures.lenses, inputs.rig))
         figures = with_focal_changes(figures, lens.result)
+        figures = with_coarse_boxes(figures, inputs.doubts)
+        if shape is not None and not (scene.world is not None and scene.world.tilt):
+            figures = on_ground(figures, solution.rig, repaired.estimate.association.instants, shape)
+        solution = replace(solution, rig=with_measuring_sigmas(solution.rig, figures.measuring))
     return replace(solution, figures=figures)
 
 
 def _doubts(
-    scene: Scene, inputs: SceneInputs, solution: Solution, association: Association, shape: GroundShape | None,
-    estimator: Estimator | None,
+    scene: Scene, inputs: SceneInputs, solution: Solution, association: Association, estimator: Estimator | None,
 ) -> tuple[tuple[Finding, ...], tuple[Finding, ...]]:  # fmt: skip
     """What speaks against relying on the solution, and what is only to be noted of the ground and of people.
 
     Where there is no `estimator`, smaller images of several cameras at once are not tried.
     """
-    tilt_known = scene.world is not None and scene.world.tilt
-    uneven, ground = told_of_ground(shape, placed=scene.world is not None, tilt_known=tilt_known)
-    ground = (*ground, *find_tilted_ground(solution.figures.up, up_stated=_states_up(scene)))
+    tilted = find_tilted_ground(solution.figures.up, up_stated=_states_up(scene))
     sizes = [] if estimator is None else doubts_of_smaller_pictures(
         inputs.rig, inputs.observations, solution,
         lambda rig: estimator.solver(rig)(association.instants, known=association.known_heights),
@@ -249,8 +253,8 @@ def _doubts(
     places = doubts_of_same_place(solution.rig, inputs.observations)
     heights = [finding for finding in association.height_findings if finding.severity != "notice"]
     unusual = told_of_unusual(adjusted(solution.figures).people)
-    doubts = (*places, *sizes, *association.doubts, *heights, *uneven)
-    return doubts, (*ground, *unusual)
+    doubts = (*places, *sizes, *association.doubts, *heights)
+    return doubts, (*tilted, *unusual)
 
 
 def _decided(

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from passerby.common.arrays import Floats
+from passerby.core.cameras import Camera, Rig
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,6 +23,12 @@ class MeasuringSigma:
     def of(cls, metres: Floats) -> MeasuringSigma:
         """Of (N,) sigmas, metres; N >= 1."""
         return cls(median_mm=float(1000 * np.median(metres)), p90_mm=float(1000 * np.quantile(metres, 0.9)))
+
+    def with_error(self, sigma_mm: float) -> MeasuringSigma:
+        """The same with an error of its own, one sigma, that is independent of it."""
+        return MeasuringSigma(
+            median_mm=float(np.hypot(self.median_mm, sigma_mm)), p90_mm=float(np.hypot(self.p90_mm, sigma_mm))
+        )
 
     def scaled(self, scale: float) -> MeasuringSigma:
         """The same in a world whose lengths are multiplied."""
@@ -60,6 +67,21 @@ class MeasuringFigures:
     cameras: Mapping[str, CameraMeasuring]
     """By camera."""
 
+    def on_uneven_ground(self, height_m: float, reach: Mapping[str, float]) -> MeasuringFigures:
+        """The same where the ground is `height_m`, one sigma, above or below z = 0.
+
+        `reach`: how far a camera's ray to a place goes along the ground for each metre that it falls, by camera.
+        """
+        cameras = {
+            name: one if one.ground is None or name not in reach
+            else replace(one, ground=one.ground.with_error(1000 * height_m * reach[name]))
+            for name, one in self.cameras.items()
+        }  # fmt: skip
+        if self.ground is None or not reach:
+            return replace(self, cameras=cameras)
+        mean = float(np.sqrt(np.mean(np.square(list(reach.values())))))
+        return replace(self, cameras=cameras, ground=self.ground.with_error(1000 * height_m * mean))
+
     def scaled(self, scale: float) -> MeasuringFigures:
         """The same in a world whose lengths are multiplied."""
         height = self.ground_height_mm
@@ -69,3 +91,16 @@ class MeasuringFigures:
             ground_height_mm=None if height is None else scale * height,
             cameras={name: one.scaled(scale) for name, one in self.cameras.items()},
         )  # fmt: skip
+
+
+def with_measuring_sigmas(rig: Rig, measuring: MeasuringFigures | None) -> Rig:
+    """The rig with these sigmas of points and of positions on the ground in its cameras."""
+
+    def known(camera: Camera) -> Camera:
+        own = None if measuring is None else measuring.cameras.get(camera.name)
+        if own is None or camera.sigma is None:
+            return camera
+        ground_m = None if own.ground is None else own.ground.median_mm / 1000
+        return replace(camera, sigma=replace(camera.sigma, points_m=own.points.median_mm / 1000, ground_m=ground_m))
+
+    return replace(rig, cameras=tuple(map(known, rig)))

@@ -20,11 +20,11 @@ class Solution:
     """World z up, ground at z = 0, metres. A camera that could not be registered has no pose."""
     verdict: Verdict
     findings: tuple[Finding, ...] = ()
-    """What speaks against trusting the rig."""
+    """What speaks against trusting the rig, and notices that explain its sigmas."""
     figures: SolverFigures = field(default_factory=SolverFigures)
     """Of every stage: counts, residuals, scale cues and their pull, sigmas."""
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """The findings in words, one sentence each, with the remedy."""
-        return texts_of(self.findings)
+        """What speaks against it in words, one sentence each, with the remedy."""
+        return texts_of(one for one in self.findings if one.severity != "notice")

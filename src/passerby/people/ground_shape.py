@@ -59,6 +59,8 @@ class GroundShape:
     """Of the ground below people's own ways, against the world's z: each person with a height of his own."""
     slope_sigma_deg: float
     """One sigma of it, along it."""
+    extent_m: float
+    """Of the places along it: their standard deviation."""
 
     @property
     def sure(self) -> bool:
@@ -149,4 +151,5 @@ def _shape(person: Ints, place: Floats, height: Floats) -> GroundShape:
         (float(place[low, 0]), float(place[low, 1])), (float(place[high, 0]), float(place[high, 1])),
         (square - n) / float(np.sqrt(2.0 * n)),
         float(np.degrees(np.arctan(steep))), float(np.degrees(np.sqrt(along / spread @ steep_covariance @ (along / spread)))),
+        float(np.std(place @ along)),
     )  # fmt: skip

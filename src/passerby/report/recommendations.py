@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from passerby.findings.finding import Finding
 from passerby.findings.ranking import reasons_of
-from passerby.findings.texts import KINDS, problem_of, remedy_of
+from passerby.findings.texts import problem_of, remedy_of, subjects_of
 from passerby.interchange.calibration_json import CalibrationDocument, DiagnosticEntry
 
 FOR_ANY = "run passerby check on the scene file, and record more people walking where the views overlap"
@@ -70,7 +70,7 @@ def _reported(row: DiagnosticEntry) -> Reported:
     """A diagnostic as its finding says it, or else as it is written."""
     try:
         finding = Finding.of_value(vars(row))
-        kind, problem, remedy = KINDS[finding.code], problem_of(finding), remedy_of(finding)
+        subjects, problem, remedy = subjects_of(finding), problem_of(finding), remedy_of(finding)
     except (AttributeError, IndexError, KeyError, TypeError, ValueError):  # another Passerby's
         return Reported(row.cameras, (), row.text, row.remedy)
-    return Reported(row.cameras, kind.subjects, problem, remedy, finding)
+    return Reported(row.cameras, subjects, problem, remedy, finding)

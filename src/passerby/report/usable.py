@@ -8,7 +8,7 @@ from passerby.common.text import listed
 from passerby.core.measuring_figures import MeasuringFigures
 from passerby.findings.finding import Finding
 from passerby.findings.ranking import reasons_of
-from passerby.findings.texts import KINDS
+from passerby.findings.texts import subjects_of
 
 
 def good_for(doubts: Sequence[Finding], posed: Sequence[str], measuring: MeasuringFigures | None) -> str:
@@ -22,12 +22,12 @@ def good_for(doubts: Sequence[Finding], posed: Sequence[str], measuring: Measuri
         measuring: how surely the rig measures; None where that is unknown.
     """
     causes = [one for reason in reasons_of(doubts) for one in reason.findings]
-    about_shape = [one for one in causes if not KINDS[one.code].subjects]
+    about_shape = [one for one in causes if not subjects_of(one)]
     named = {name for one in about_shape for name in one.cameras}
     sound = [name for name in posed if name not in named]
     if any(not one.cameras for one in about_shape) or (named and len(sound) < 2):
         return "Still good for the rough layout of the cameras and for counting people."
-    subjects = {subject for one in causes for subject in KINDS[one.code].subjects}
+    subjects = {subject for one in causes for subject in subjects_of(one)}
     lacks = [{"scale": "the scale", "vertical": "the up direction and the ground"}[one] for one in sorted(subjects)]
     who = f"what cameras {listed(sound)} see" if named else "what the cameras see"
     text = f"Still good for {who}{_figures(measuring, ground='vertical' not in subjects, metres='scale' not in subjects)}"

@@ -6,10 +6,14 @@ larger, the smaller they are seen. A rig of such boxes fits well and has a wrong
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from dataclasses import replace
+
 import numpy as np
 
+from passerby.core.figures import AdjustedFigures
 from passerby.core.observations import Boxes
-from passerby.findings.finding import Finding, doubt
+from passerby.findings.finding import Finding, notice
 
 FEWEST, MOST = 50, 2000
 """Boxes that are looked at, spread over all."""
@@ -20,8 +24,8 @@ COARSE = 0.1
 twice what a metre by people's stature is known to."""
 
 
-def doubt_of_coarse_boxes(name: str, boxes: Boxes) -> Finding | None:
-    """A doubt where a camera's boxes lie on a coarse grid; None where they do not, or where there are too few.
+def notice_of_coarse_boxes(name: str, boxes: Boxes) -> Finding | None:
+    """A notice where a camera's boxes lie on a coarse grid; None where they do not, or where there are too few.
 
     Args:
         name: of the camera.
@@ -31,7 +35,22 @@ def doubt_of_coarse_boxes(name: str, boxes: Boxes) -> Finding | None:
     if step is None:
         return None
     height = float(np.median(boxes.ltwh[:, 3]))
-    return doubt("boxes_coarse", name, step_px=step, height_px=height) if step > COARSE * height else None
+    return notice("boxes_coarse", name, step_px=step, height_px=height) if step > COARSE * height else None
+
+
+def with_coarse_boxes(figures: AdjustedFigures, findings: Iterable[Finding]) -> AdjustedFigures:
+    """The figures with what coarse boxes do to the scale, as far as it rests on how tall people are.
+
+    Args:
+        figures: of the adjustment.
+        findings: those about its input.
+    """
+    steps = [one.values["step_px"] / one.values["height_px"] for one in findings if one.code == "boxes_coarse"]
+    sigma = figures.scale.relative_sigma
+    if not steps or sigma is None:
+        return figures
+    share = sum(cue.share for cue in figures.scale.cues if cue.kind in ("population", "person"))
+    return replace(figures, scale=replace(figures.scale, relative_sigma=float(np.hypot(sigma, share * max(steps)))))
 
 
 def grid_step(boxes: Boxes) -> int | None:

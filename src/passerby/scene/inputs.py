@@ -23,7 +23,7 @@ from passerby.findings.finding import Finding, notice
 from passerby.interchange.storage.faults import FileFaults, faults_of
 from passerby.perception.sources.recording import gaps_of, recorded_s
 from passerby.scene.camera_input import CameraInput
-from passerby.scene.coarse_boxes import doubt_of_coarse_boxes
+from passerby.scene.coarse_boxes import notice_of_coarse_boxes
 from passerby.scene.exchanged_streams import faults_of_exchanged_streams, notices_of_exchanged_streams
 from passerby.scene.file_clocks import file_clock_findings, measure_by_file_clocks
 from passerby.scene.joint_layouts import correct_layouts
@@ -275,11 +275,11 @@ def scene_doubts(scene: Scene, readings: list[CameraInput], *, compare_contents:
     known = [(reading, reading.lens) for reading in readings if reading.lens is not None]
     rig = Rig(tuple(Camera(reading.name, lens) for reading, lens in known))
     boxes = [turn_boxes(reading.seen.boxes, lens.size, -reading.rotate) for reading, lens in known]
-    coarse = [doubt_of_coarse_boxes(reading.name, own) for (reading, _), own in zip(known, boxes, strict=True)]
+    coarse = [notice_of_coarse_boxes(reading.name, own) for (reading, _), own in zip(known, boxes, strict=True)]
     return [
         *(doubt for reading in readings for doubt in reading.doubts),
         *doubts_of_people(scene, readings),
-        *(doubt for doubt in coarse if doubt is not None),
+        *(one for one in coarse if one is not None),
         *(doubts_of_same_content(rig, observations_of(scene, readings)) if compare_contents else ()),
     ]
 

@@ -21,8 +21,7 @@ from passerby.core.figures import (
     SolvedCamera,
 )
 from passerby.core.lens_figures import LensFigures
-from passerby.core.measuring_figures import MeasuringFigures
-from passerby.findings.finding import Finding, doubt
+from passerby.findings.finding import Finding, doubt, notice
 from passerby.people.model import HEIGHT_PER_CENTRE
 from passerby.solver.evidence import Evidence
 from passerby.solver.gauge import Free
@@ -30,15 +29,6 @@ from passerby.solver.initialisation import Fit, Initialisation, InitialRig
 from passerby.solver.pose_graph import cycle_consistency
 from passerby.solver.uncertainty import RigCovariance
 
-# A camera whose rays pass people's places by more than this share of the rig's extent, one sigma, is no calibration.
-_MAX_POSITION_SHARE = 0.05
-MAX_ORIENTATION_DEG = 2.0
-"""Nor are zones of a rig whose headings against each other are known no better."""
-MAX_POSITION_M = 0.25
-"""Nor is a camera whose rays pass them by more than this, but in rigs so large that it is less than `LARGE_SHARE` of their
-extent. Of what is accepted, 95 % are then within half a metre. What other limits would do: docs/results/limits.md."""
-LARGE_SHARE = 0.005
-_MAX_VERTICAL_DEG = 5.0
 _MIN_SIGHTINGS = 20
 # Boxes whose heights are off by more than this share of themselves bias what is found: noise of +-50 px on boxes of 60 to 130
 # px (0.3 to 0.7 of them) costs 15 to 50 % of the scale and 1 to 5 degrees, +-20 px (0.15 to 0.27) at most 8 % and 0.35 degrees.
@@ -53,48 +43,28 @@ def apart(rig: Rig, groups: list[list[int]]) -> list[Finding]:
     return [doubt("cameras_disconnected", *names, main=main) for names in others]
 
 
-def doubts_about(
-    start: Initialisation, fit: Fit, covariance: RigCovariance, measuring: MeasuringFigures | None
-) -> list[Finding]:  # fmt: skip
-    """What speaks against the optimum: what nothing fixes, then by camera.
+def notices_about(start: Initialisation, fit: Fit) -> list[Finding]:
+    """What makes an optimum uncertain. The sigmas hold it; whether they are small enough to use is decided by `core.usability`.
 
     Args:
         start: what the optimum was computed from.
         fit: the optimum.
-        covariance: of its cameras.
-        measuring: how surely the rig measures; None where that is unknown.
     """
-    out = _undetermined_world(covariance.free)
-    state, rig = fit.result.state, start.rig
-    agreeing = _agreeing(fit, len(rig))
-    extent = float(np.max(np.linalg.norm(state.centre - state.centre.mean(axis=0), axis=1))) + 1.0
-    most_m = min(_MAX_POSITION_SHARE * extent, max(MAX_POSITION_M, LARGE_SHARE * extent))
-    for c, camera in enumerate(rig):
-        if c in covariance.free.cameras:
-            out.append(doubt("camera_undetermined", camera.name))
-        if agreeing[c] < _MIN_SIGHTINGS:
-            out.append(doubt("few_observations", camera.name, agreeing=int(agreeing[c])))
-        measured = None if measuring is None else measuring.cameras.get(camera.name)
-        across_mm = float(1000 * covariance.shape_sigma(c).position_m) if measured is None else measured.across.median_mm
-        if across_mm > 1000 * most_m and c not in covariance.free.cameras:
-            out.append(doubt("camera_uncertain", camera.name, across_mm=across_mm))
-    if covariance.vertical_deg > _MAX_VERTICAL_DEG and not covariance.free.vertical:
-        out.append(doubt("vertical_uncertain", sigma_deg=float(covariance.vertical_deg)))
+    agreeing = _agreeing(fit, len(start.rig))
+    out = [
+        notice("few_observations", camera.name, agreeing=int(count))
+        for camera, count in zip(start.rig, agreeing, strict=True)
+        if count < _MIN_SIGHTINGS
+    ]
     cues = fit.model.problem.cues
     if cues is not None and cues.world is not None and cues.world.ground_sd_m is not None:
-        out.append(doubt("ground_by_hips", sigma_m=cues.world.ground_sd_m))
+        out.append(notice("ground_by_hips", sigma_m=cues.world.ground_sd_m))
     noise = height_noise(fit, start.evidence)
     if noise > _MAX_HEIGHT_NOISE:
-        out.append(doubt("boxes_noisy", noise_percent=100 * noise))
+        out.append(notice("boxes_noisy", noise_percent=100 * noise))
     if not fit.result.converged:
-        out.append(doubt("adjustment_not_converged"))
+        out.append(notice("adjustment_not_converged"))
     return out
-
-
-def _undetermined_world(free: Free) -> list[Finding]:
-    """What of the world as a whole no evidence constrains."""
-    lacks = _lacks(free)
-    return [doubt("world_undetermined", lacks=lacks)] if lacks else []
 
 
 def _lacks(free: Free) -> list[str]:

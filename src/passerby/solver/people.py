@@ -17,12 +17,14 @@ from passerby.core.cameras import Camera, Pose, Rig
 from passerby.core.figures import CueFigures
 from passerby.core.lens import LARGEST_FOCAL_SD
 from passerby.core.lens_figures import LensFigures
-from passerby.core.measuring_figures import MeasuringFigures
+from passerby.core.measuring import common_ground
+from passerby.core.measuring_figures import MeasuringFigures, with_measuring_sigmas
 from passerby.core.observations import Observations
 from passerby.core.scale_cues import ScaleCues
 from passerby.core.solution import Solution
 from passerby.core.synchronisation import USUAL_FPS
 from passerby.core.unknown_focals import begin_with
+from passerby.core.usability import doubts_of_uncertainty
 from passerby.core.verdict import decide_verdict
 from passerby.findings.finding import doubt, refusal
 from passerby.findings.refusals import RefusalError
@@ -32,7 +34,7 @@ from passerby.solver.bodies_world import placed_by_bodies
 from passerby.solver.cue_agreement import argue, known_cues, weigh_cues
 from passerby.solver.cue_leverage import freed_measurements
 from passerby.solver.cues import scale_cue_weights, settle_cues, triangulate_marks
-from passerby.solver.findings import MAX_ORIENTATION_DEG, apart, doubts_about, figures_of, height_noise
+from passerby.solver.findings import apart, figures_of, height_noise, notices_about
 from passerby.solver.initialisation import (
     Fit,
     Initialisation,
@@ -52,7 +54,7 @@ from passerby.solver.registrations import doubts_about_registrations
 from passerby.solver.stated_lenses import refine_stated_lenses
 from passerby.solver.systematic import ConsiderParameters
 from passerby.solver.uncertainty import RigCovariance, add_learnt_stance, design_effect, joint_design_effect, rig_covariance
-from passerby.solver.zones import ZONE_CAMERAS, ZonedRig, doubts_about_seams, initial_rig_by_zones, seams_of
+from passerby.solver.zones import ZONE_CAMERAS, ZonedRig, initial_rig_by_zones, seams_of
 
 __all__ = ["PeopleOptions", "PeopleSolution", "solve_people"]
 
@@ -132,8 +134,8 @@ def solve_people(
     fit = placed_by_bodies(fit, observations, cues, options, rng)
     start = fit.start
     covariance, cues_said, lenses = _sure(start, fit, cues, observations)
-    measuring = _measuring(start, fit, covariance)
-    posed = _placed(start.rig, fit.result.state, covariance, measuring)
+    measuring, around = _measuring(start, fit, covariance)
+    posed = with_measuring_sigmas(_placed(start.rig, fit.result.state, covariance), measuring)
     cues_said, disagreements = argue(cues_said)
     posed = _with_refined_sigmas(posed, lenses)
     zones = () if zoned is None else zoned.figures(start.rig)
@@ -143,15 +145,15 @@ def solve_people(
         *start.evidence.findings,
         *findings,
         *choice.doubts,
-        *doubts_about(start, fit, covariance, measuring),
+        *notices_about(start, fit),
         *disagreements,
         *doubts_about_registrations(start.rig, start.hypotheses, fit.result.state.R, fit.result.state.centre),
-        *doubts_about_seams(seams, zones, MAX_ORIENTATION_DEG),
         *far_lenses(lenses),
     ]
-    verdict = decide_verdict(whole, findings)
     figures = figures_of(start, choice, fit, covariance, cues_said, lenses)
-    figures = replace(figures, measuring=measuring, refinement=refinement)
+    figures = replace(figures, measuring=measuring, around=around, refinement=refinement)
+    findings += doubts_of_uncertainty(whole, figures, findings)
+    verdict = decide_verdict(whole, findings)
     if zoned is not None:
         figures = replace(figures, zones=zones, seams=seams)
     return PeopleSolution(
@@ -199,12 +201,16 @@ def _sure(
     return covariance, report, lens_figures(lenses, start.stated, start.rig)
 
 
-def _measuring(start: Initialisation, fit: Fit, covariance: RigCovariance) -> MeasuringFigures | None:
-    """How surely the rig measures where people walked, or where their joints were."""
+def _measuring(start: Initialisation, fit: Fit, covariance: RigCovariance) -> tuple[MeasuringFigures | None, ...]:
+    """How surely the rig measures where people walked, or where their joints were, and over the ground that cameras share."""
     state = fit.result.state
     places = state.people[:, :2] if len(state.people) else state.joints[:, :2]
     height_m = float(np.median(state.heights)) if len(state.heights) else 0.0
-    return measuring_uncertainty(_posed(start.rig, state), covariance.complete, places, height_m, covariance.free)
+    rig = _posed(start.rig, state)
+    return tuple(
+        measuring_uncertainty(rig, covariance.complete, where, height_m, covariance.free)
+        for where in (places, common_ground(rig))
+    )
 
 
 def _observed(fit: Fit) -> Rig:
@@ -243,17 +249,12 @@ def _with_refined_sigmas(rig: Rig, lenses: Mapping[str, LensFigures]) -> Rig:
     return replace(rig, cameras=tuple(cameras))
 
 
-def _placed(rig: Rig, state: AdjustmentState, covariance: RigCovariance, measuring: MeasuringFigures | None) -> Rig:
+def _placed(rig: Rig, state: AdjustmentState, covariance: RigCovariance) -> Rig:
     """The rig with the first camera above the origin, looking along +y."""
     turn = heading_rotation(state.R[0])
     shift = -turn @ np.array([*state.centre[0, :2], 0.0])
     cameras = []
     for c, camera in enumerate(rig):
         pose = Pose.from_centre(state.R[c], state.centre[c]).moved(turn, shift)
-        sigma = covariance.sigma(c).moved(turn)
-        if measuring is not None and camera.name in measuring.cameras:
-            own = measuring.cameras[camera.name]
-            ground_m = None if own.ground is None else own.ground.median_mm / 1000
-            sigma = replace(sigma, points_m=own.points.median_mm / 1000, ground_m=ground_m)
-        cameras.append(Camera(camera.name, camera.lens, pose, sigma))
+        cameras.append(Camera(camera.name, camera.lens, pose, covariance.sigma(c).moved(turn)))
     return Rig(tuple(cameras))

@@ -204,10 +204,8 @@ def far_lenses(lenses: Mapping[str, LensFigures]) -> list[Finding]:
     """The cameras without intrinsics whose lens ended farther from the prior than lenses are; `lenses` as of `lens_figures`."""
     out = []
     for name, parts in lenses.items():
-        if parts.distortion and (focal := parts.focal) and focal.far:
-            change = 100 * (focal.refined_px / focal.stated_px - 1)
-            out.append(doubt("focal_refined_far", name, change_percent=change))
-        if parts.distortion and (point := parts.principal_point) and point.far:
-            moved = float(np.linalg.norm(np.subtract(point.refined_px, point.stated_px)))
-            out.append(doubt("principal_point_refined_far", name, moved_px=moved))
+        if parts.distortion and parts.focal and parts.principal_point and (parts.focal.far or parts.principal_point.far):
+            change = 100 * (parts.focal.refined_px / parts.focal.stated_px - 1)
+            moved = float(np.linalg.norm(np.subtract(parts.principal_point.refined_px, parts.principal_point.stated_px)))
+            out.append(doubt("lens_doubtful", name, why="unusual", change_percent=change, moved_px=moved))
     return out

@@ -18,7 +18,6 @@ from passerby.common.parallel import side_by_side
 from passerby.common.progress import silent
 from passerby.core.cameras import Rig
 from passerby.core.figures import SeamFigures, TreeFigures, ZoneFigures
-from passerby.findings.finding import Finding, doubt
 from passerby.geometry.rotations import angle_between
 from passerby.solver.evidence import Evidence
 from passerby.solver.initialisation import Initialisation, InitialRig, PeopleOptions, rescaled, select_initial_rig
@@ -186,16 +185,6 @@ def seams_of(zoned: ZonedRig, rig: Rig, covariance: RigCovariance, R: Floats) ->
             )
         )  # fmt: skip
     return tuple(out)
-
-
-def doubts_about_seams(seams: Sequence[SeamFigures], zones: Sequence[ZoneFigures], most_deg: float) -> list[Finding]:
-    """The seams whose zones may be turned against each other by more than `most_deg`, one sigma."""
-    out = []
-    for seam in seams:
-        if seam.heading_sigma_deg is not None and seam.heading_sigma_deg > most_deg:
-            own = [[name for name in zones[number - 1].cameras if name not in seam.cameras] for number in seam.zones]
-            out.append(doubt("seam_uncertain", *seam.cameras, first=own[0], second=own[1], sigma_deg=seam.heading_sigma_deg))
-    return out
 
 
 def _heading_sigma_deg(first: Sequence[int], second: Sequence[int], covariance: RigCovariance, R: Floats) -> float | None:

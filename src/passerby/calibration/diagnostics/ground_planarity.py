@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from passerby.core.figures import GroundFigures
-from passerby.core.observations import Observations
+from dataclasses import replace
+
+import numpy as np
+
+from passerby.core.cameras import Camera, Rig
+from passerby.core.figures import AdjustedFigures, GroundFigures
+from passerby.core.observations import Boxes, Observations
 from passerby.core.solution import Solution
 from passerby.core.synchronisation import USUAL_FPS
-from passerby.findings.finding import Finding, doubt, notice
+from passerby.findings.finding import Finding, notice
 from passerby.people.body_centres import identified_body_centres, triangulate_people
 from passerby.people.ground_shape import GroundShape, ground_shape
 
-HARMFUL_M = 0.22
-"""A rise that is larger speaks against the rig. PETS2009's lawn and kerbs rise by 0.20 m, which costs the vertical 0.3 deg.
-In simulated scenes (docs/results/limits.md) one right ordinary rig of 80 has 0.25 m, two wrong ones 0.33 and 0.35 m."""
 STEEP_DEG, STEEP_SIGMAS = 1.0, 5.0
 """Ground below people's own ways that slopes so much, and by so many sigmas, is not the ground that the rig stands on
 (docs/results/limits.md)."""
@@ -37,24 +39,57 @@ def ground_figures(shape: GroundShape | None) -> GroundFigures | None:
     )  # fmt: skip
 
 
-def told_of_ground(
-    shape: GroundShape | None, *, placed: bool = False, tilt_known: bool = False
-) -> tuple[tuple[Finding, ...], tuple[Finding, ...]]:
-    """What speaks against the rig, and what does not: where known points tell what is up, the ground need not.
+def height_error_m(shape: GroundShape) -> float:
+    """One sigma of how far people's ground is above or below z = 0: a rise that is as often at any height, and a slope."""
+    rise = shape.rise_m / np.sqrt(12.0) if shape.sure else 0.0
+    return float(np.hypot(rise, np.tan(np.radians(shape.slope_deg)) * shape.extent_m if _steep(shape) else 0.0))
+
+
+def on_ground(figures: AdjustedFigures, rig: Rig, observations: Observations, shape: GroundShape) -> AdjustedFigures:
+    """The figures with what the shape of the ground does to positions on it.
+
+    Args:
+        figures: of the adjustment.
+        rig: in its world.
+        observations: people whose feet are where each camera looks.
+        shape: of the ground.
+    """
+    height_m = height_error_m(shape)
+    if not height_m:
+        return figures
+    reach = {camera.name: one for camera in rig.posed() if (one := _reach(camera, observations[camera.name].boxes)) is not None}
+    measuring, around = (
+        None if one is None else one.on_uneven_ground(height_m, reach) for one in (figures.measuring, figures.around)
+    )
+    return replace(figures, measuring=measuring, around=around)
+
+
+def _reach(camera: Camera, boxes: Boxes) -> float | None:
+    """How far rays to people's feet go along the ground for each metre that they fall, median; None where none meets it."""
+    feet = boxes.ltwh[:, :2] + boxes.ltwh[:, 2:] * (0.5, 1.0)
+    feet = feet[camera.sees_ground(feet)]
+    if not len(feet):
+        return None
+    away = np.linalg.norm(camera.ground(feet).xy - camera.centre[:2], axis=1)
+    return float(np.median(away) / camera.centre[2])
+
+
+def _steep(shape: GroundShape) -> bool:
+    return shape.slope_deg > max(STEEP_DEG, STEEP_SIGMAS * shape.slope_sigma_deg)
+
+
+def notices_of_ground(shape: GroundShape | None, *, placed: bool = False) -> tuple[Finding, ...]:
+    """How people's ground differs from one plane.
 
     Args:
         shape: from `shape_of`.
         placed: whether the world is another than the solver's, in which places have other coordinates.
-        tilt_known: whether `[world]` sets the vertical.
     """
     if shape is None:
-        return (), ()
+        return ()
     found = []
     if shape.sure:
-        values = {"rise_m": shape.rise_m, "at": None if placed else [list(shape.low), list(shape.high)]}
-        found.append((notice if tilt_known or shape.rise_m < HARMFUL_M else doubt)("ground_uneven", **values))
-    if shape.slope_deg > max(STEEP_DEG, STEEP_SIGMAS * shape.slope_sigma_deg):
-        slope = {"slope_deg": shape.slope_deg, "sigma_deg": shape.slope_sigma_deg}
-        found.append((notice if tilt_known else doubt)("people_on_levels", **slope))
-    doubts, notices = (tuple(one for one in found if one.severity == severity) for severity in ("doubt", "notice"))
-    return doubts, notices
+        found.append(notice("ground_uneven", rise_m=shape.rise_m, at=None if placed else [list(shape.low), list(shape.high)]))
+    if _steep(shape):
+        found.append(notice("people_on_levels", slope_deg=shape.slope_deg, sigma_deg=shape.slope_sigma_deg))
+    return tuple(found)

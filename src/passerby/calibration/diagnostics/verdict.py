@@ -1,4 +1,4 @@
-"""What no solver's answer may hide: cameras left out, and people who walked where they fix no rig."""
+"""What no solver's answer may hide: cameras left out, and what is too uncertain to use."""
 
 from __future__ import annotations
 
@@ -9,11 +9,13 @@ import numpy as np
 
 from passerby.common.arrays import Floats
 from passerby.core.cameras import Rig
+from passerby.core.figures import AdjustedFigures
 from passerby.core.observations import UNKNOWN, Observations
 from passerby.core.overlap import count_shared_observations, missing_overlap
 from passerby.core.solution import Solution
+from passerby.core.usability import CODE, with_doubts_of_uncertainty
 from passerby.core.verdict import decide_verdict
-from passerby.findings.finding import Finding, doubt
+from passerby.findings.finding import Finding, doubt, notice
 from passerby.geometry.triangulation import triangulate
 
 LINE_WIDTH_M = 0.25
@@ -27,7 +29,7 @@ def judged(
     solution: Solution, observations: Observations, *, given: bool = True, why: Mapping[str, Finding] | None = None,
     causes: Sequence[Finding] = (), doubts: Sequence[Finding] = (),
 ) -> Solution:  # fmt: skip
-    """The solution, no longer accepted where it lacks a camera, or where all people were on one line or spot.
+    """The solution, no longer accepted where it lacks a camera, or where what it measures is too uncertain to use.
 
     Args:
         solution: of a solver.
@@ -35,7 +37,7 @@ def judged(
         given: whether their identities were given, not found.
         why: by camera, why it could not be joined to another, where more is known than that nobody is shared.
         causes: doubts about the input and about cameras that were in motion. They come first: other findings follow from them.
-        doubts: what else speaks against relying on it.
+        doubts: what else speaks against relying on it, and notices that may explain what is uncertain.
     """
     findings = [*causes, *solution.findings, *doubts]
     if solution.verdict == "refused":
@@ -54,6 +56,10 @@ def judged(
     with_joints = sum(len(observations[camera.name].keypoints) > 0 for camera in solution.rig) > 1
     degenerate = None if with_joints else _one_line_or_spot(people_positions(solution.rig, observations))
     findings += [] if degenerate is None else [degenerate]
+    if isinstance(solution.figures, AdjustedFigures):
+        findings = with_doubts_of_uncertainty(solution.rig, solution.figures, findings)
+    elif degenerate is not None:  # a method without sigmas of what it measures
+        findings[-1] = doubt(CODE, what="points", sigma=None, lacks=[], why=degenerate.as_value())
     return replace(solution, verdict=decide_verdict(solution.rig, findings), findings=tuple(findings))
 
 
@@ -110,7 +116,7 @@ def _one_line_or_spot(points: Floats) -> Finding | None:
     length = 2 * float(along.max())
     width = float(np.percentile(across, 90))
     if length < 2 * LINE_WIDTH_M:
-        return doubt("people_on_one_spot", length_m=length)
+        return notice("people_not_spread", shape="spot", length_m=length)
     if width < max(LINE_WIDTH_M, LINE_SHARE * length):
-        return doubt("people_on_one_line", length_m=length)
+        return notice("people_not_spread", shape="line", length_m=length)
     return None

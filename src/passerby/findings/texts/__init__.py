@@ -15,13 +15,13 @@ from passerby.findings.texts.association import ASSOCIATION
 from passerby.findings.texts.calibration import CALIBRATION
 from passerby.findings.texts.geopose import GEOPOSE
 from passerby.findings.texts.input_files import INPUT_FILES
-from passerby.findings.texts.kinds import Fields, Kind, Said, Template
+from passerby.findings.texts.kinds import Fields, Kind, Said, Subject, Template
 from passerby.findings.texts.lenses import LENSES
 from passerby.findings.texts.monitoring import MONITORING
 from passerby.findings.texts.solver import SOLVER
 from passerby.findings.texts.videos import VIDEOS
 
-__all__ = ["KINDS", "Kind", "diagnostic", "problem_of", "remedy_of", "text_of", "texts_of"]
+__all__ = ["KINDS", "Kind", "diagnostic", "problem_of", "remedy_of", "subjects_of", "text_of", "texts_of"]
 
 KINDS: Mapping[str, Kind] = {
     **SOLVER, **LENSES, **GEOPOSE, **ASSOCIATION, **CALIBRATION, **ALIGNMENT, **INPUT_FILES, **VIDEOS, **MONITORING,
@@ -47,6 +47,12 @@ def problem_of(finding: Finding, who: str | None = None) -> str:
 def remedy_of(finding: Finding) -> str:
     """What to do; empty where nothing is."""
     return _said(finding).remedy or KINDS[finding.code].advice
+
+
+def subjects_of(finding: Finding) -> tuple[Subject, ...]:
+    """What a finding is about besides cameras."""
+    subjects = KINDS[finding.code].subjects
+    return subjects(finding.values) if callable(subjects) else subjects
 
 
 def diagnostic(finding: Finding) -> dict[str, Any]:

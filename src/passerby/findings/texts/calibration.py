@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from passerby.findings.finding import Severity
 from passerby.findings.texts.kinds import DOUBT, NOTICE, Fields, Kind
 
 _ALL_OVER = "record people walking all over the area that the cameras share"
 _LEVEL = 'provide points with known heights: under [world] set points = "points.csv" and tilt = true'
-_MORE_OR_LESS: tuple[Severity, ...] = ("notice", "doubt")
 
 
 def _when(v: Fields, end: int) -> str:
@@ -95,12 +93,9 @@ def _uneven(v: Fields) -> str:
     if v["at"] is not None:
         low, high = (f"({x:.1f}, {y:.1f})" for x, y in v["at"])
         where = f", at {low} and {high}"
-    text = (
+    return (
         f"the ground that people walk on is not one plane: {v['rise_m']:.1f} m between its lowest and its highest part{where}"
     )
-    if v["severity"] == "notice":
-        return text
-    return f"{text}: the relative poses of the cameras are valid, but the up direction and the heights are not"
 
 
 def _unfulfilled(v: Fields) -> str:
@@ -143,13 +138,11 @@ CALIBRATION: Mapping[str, Kind] = {
         DOUBT, "The focal length changed by `factor` while the camera filmed; `left_out` says which part was not used.",
         _zoomed, _to_choose_zoom, joint="; ", rank="motion",
     ),
-    "people_on_one_spot": Kind(
-        DOUBT, "All people stay on one spot, which determines no rig.", "all people stay on one spot of {length_m:.1f} "
-        "m", _ALL_OVER,
-    ),
-    "people_on_one_line": Kind(
-        DOUBT, "All people walk on one straight line, which determines no rig.",
-        "all people walk on one straight line of {length_m:.1f} m", _ALL_OVER,
+    "people_not_spread": Kind(
+        NOTICE, "All people stay on one spot or walk on one straight line, by `shape`.",
+        lambda v: f"all people {'stay on one spot' if v['shape'] == 'spot' else 'walk on one straight line'} of "
+        f"{v['length_m']:.1f} m",
+        _ALL_OVER,
     ),
     "people_not_predicted": Kind(
         DOUBT, "People are not detected where cameras predict them in each other's images; without a camera: in the whole rig.",
@@ -167,10 +160,8 @@ CALIBRATION: Mapping[str, Kind] = {
         "check the pixels and the other corrections: two may contradict each other, or two boxes lie on one track",
     ),
     "ground_uneven": Kind(
-        _MORE_OR_LESS, "The people's ground is not one plane; a doubt where that spoils the up direction and the heights.",
-        _uneven,
-        lambda v: "" if v["severity"] == "notice" else f"{_LEVEL}; or record people on one level",
-        subjects=("vertical",), rank="symptom",
+        NOTICE, "The people's ground is not one plane.", _uneven, f"{_LEVEL}; or record people on one level",
+        subjects=("vertical",),
     ),
     "ground_tilted": Kind(
         NOTICE, "The ground is tilted against the people on it: z is the normal of the ground, not the direction of gravity.",
@@ -179,14 +170,10 @@ CALIBRATION: Mapping[str, Kind] = {
         "if z is to be the direction of gravity, mark vertical edges under [[world.lines]]", subjects=("vertical",),
     ),
     "people_on_levels": Kind(
-        _MORE_OR_LESS, "People's own ways slope against the ground of the rig: some walk on another level than others.",
-        lambda v: (
-            f"everybody's own way slopes by {v['slope_deg']:.1f} degrees against the ground of all people together (1 sigma "
-            f"{v['sigma_deg']:.1f}): some walk on another level than others"
-        )
-        + ("" if v["severity"] == "notice" else ", and the up direction and the heights are wrong"),
-        lambda v: "" if v["severity"] == "notice" else f"{_LEVEL}; or record people on one level",
-        subjects=("vertical",), rank="symptom",
+        NOTICE, "People's own ways slope against the ground of the rig: some walk on another level than others.",
+        "people's own ways slope by {slope_deg:.1f} degrees against the ground of all people together (1 sigma "
+        "{sigma_deg:.1f}): some walk on another level than others",
+        f"{_LEVEL}; or record people on one level", subjects=("vertical",),
     ),
     "check_length_off": Kind(
         DOUBT, "A length that was given as a check contradicts the rig.",

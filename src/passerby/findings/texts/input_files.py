@@ -102,7 +102,7 @@ INPUT_FILES: Mapping[str, Kind] = {
         _off_centre, "under [scene] set boxes = \"{box_format}\", or under [cameras.{camera}] for one camera", rank="input",
     ),
     "boxes_coarse": Kind(
-        DOUBT, "The edges of the camera's boxes lie on a grid that is coarse beside people.",
+        NOTICE, "The edges of the camera's boxes lie on a grid that is coarse beside people.",
         "{who}: the edges of the boxes are multiples of {step_px} px, and people are {height_px:.0f} px tall: the boxes are "
         "made of blocks, which are larger than people",
         "detect people in the images themselves", common=True, rank="input",

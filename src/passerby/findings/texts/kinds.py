@@ -38,7 +38,7 @@ class Kind:
     joint: Template = ": "
     advice: str = ""
     """What to do where the sentence has no remedy."""
-    subjects: tuple[Subject, ...] = ()
+    subjects: tuple[Subject, ...] | Callable[[Fields], tuple[Subject, ...]] = ()
     """What it is about besides cameras."""
     common: bool = False
     """Whether the same of several cameras can be said at once, with all of them as `who`."""

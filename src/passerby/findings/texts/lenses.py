@@ -66,6 +66,11 @@ def _doubtful(v: Fields) -> str:
         ]
         either = " or ".join(suspects)
         return f"people contradict the stated intrinsics: {either} may be wrong, and each of these fits about as well"
+    if v["why"] == "unusual":
+        return (
+            f"camera {v['camera']}: its focal length was estimated {v['change_percent']:+.0f} % from the first guess, and its "
+            f"principal point {v['moved_px']:.0f} px from the image centre, farther than lenses are"
+        )
     reason = {
         "implausible": "that is more than intrinsics are wrong by: the camera may stand elsewhere, or show other people",
         "not_better": "with these intrinsics the rig predicts people worse, so that it is computed with the stated ones",
@@ -107,18 +112,11 @@ LENSES: Mapping[str, Kind] = {
     ),
     "lens_doubtful": Kind(
         DOUBT, "People contradict stated intrinsics, which could not be corrected; `why` says the reason.",
-        _doubtful, "check the stated intrinsics, the image sizes they were made for, and whether images were cropped",
+        _doubtful,
+        lambda v: _STATE
+        if v["why"] == "unusual"
+        else "check the stated intrinsics, the image sizes they were made for, and whether images were cropped",
         rank="lens",
-    ),
-    "focal_refined_far": Kind(
-        DOUBT, "The focal length of a camera without intrinsics was estimated farther from the first guess than lenses are.",
-        "camera {camera}: its focal length was estimated {change_percent:+.0f} % from the first guess, farther than lenses are",
-        _STATE, rank="lens",
-    ),
-    "principal_point_refined_far": Kind(
-        DOUBT, "The principal point of a camera without intrinsics is estimated farther from the image centre than lenses are.",
-        "camera {camera}: its principal point was estimated {moved_px:.0f} px from the image centre, farther than lenses are",
-        _STATE, rank="lens",
     ),
     "principal_points_assumed": Kind(
         NOTICE, "The principal points of cameras without intrinsics are not observable: rotations stand in for them.",

@@ -6,24 +6,42 @@ from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 
 from passerby.common.text import listed
-from passerby.findings.texts.kinds import DOUBT, NOTICE, REFUSAL, Fields, Kind
+from passerby.findings.texts.kinds import DOUBT, NOTICE, REFUSAL, Fields, Kind, Subject
 
 PART_NAMES = {"vertical": "up direction"}
 """Words for the parts of the world that can be undetermined, where they are others."""
 
 
-def _undetermined(v: Fields) -> str:
-    lacks = v["lacks"]
-    named = [f"the {PART_NAMES.get(one, one)}" for one in lacks]
-    what = " and ".join(filter(None, (", ".join(named[:-1]), named[-1])))
-    return f"nothing fixes {what}"
+_SUBJECTS: Mapping[str, tuple[Subject, ...]] = MappingProxyType({"scale": ("scale",), "ground": ("vertical",)})
 
 
-def _to_determine(v: Fields) -> str:
+def _uncertain(v: Fields) -> str:
+    what, sigma, why = v["what"], v["sigma"], v["why"]
+    if v["lacks"]:
+        text = f"nothing fixes {listed([f'the {PART_NAMES.get(one, one)}' for one in v['lacks']])}"
+    elif sigma is None:
+        text = "how well the rig measures is unknown"
+        if v["cameras"]:
+            text = f"nothing fixes the pose of camera {v['camera']} relative to the others"
+    elif what == "scale":
+        text = f"all lengths are uncertain by {sigma:.0f} % (1 sigma)"
+    elif what == "ground":
+        text = f"positions on the ground by camera {v['camera']} are uncertain by {sigma / 10:.0f} cm (1 sigma)"
+    else:
+        text = f"points seen by camera {v['camera']} are uncertain by {sigma / 10:.0f} cm (1 sigma)"
+    return f"{text}, since {why.problem}" if why else text
+
+
+def _to_be_certain(v: Fields) -> str:
+    if v["why"] and v["why"].remedy:
+        return str(v["why"].remedy)
     if v["lacks"] == ["scale"]:
         return "give a measured length under [scale], or boxes, or keypoints with heads and ankles"
-    length = "; a measured length under [scale] fixes the scale, but not the up direction" if "scale" in v["lacks"] else ""
-    return f"give boxes, or keypoints with heads and ankles, of people seen whole by two cameras{length}"
+    if v["lacks"]:
+        return "give boxes, or keypoints with heads and ankles, of people seen whole by two cameras"
+    if v["what"] == "scale":
+        return "give a measured length under [scale]"
+    return "record longer, or people nearer to it, seen from head to feet, all over the area that it shares with others"
 
 
 def _unusual(v: Fields) -> str:
@@ -108,50 +126,30 @@ SOLVER: Mapping[str, Kind] = {
         if v["names"] else "record people who walk in more directions",
         rank="symptom",
     ),
-    "world_undetermined": Kind(
-        DOUBT, "No evidence fixes the parts of the world in `lacks`: scale, up direction or height of the ground.",
-        _undetermined, _to_determine, subjects=("scale", "vertical"),
+    "rig_uncertain": Kind(
+        DOUBT, "What the rig measures is too uncertain to use, or has no bound (`sigma` is null): `what` is points or ground (mm, "
+        "by a camera) or scale (%), `lacks` what nothing fixes of the world, `why` the finding that explains it.",
+        _uncertain, _to_be_certain, rank="symptom",
+        subjects=lambda v: _SUBJECTS.get(v["what"], ()),
     ),
     "ground_by_hips": Kind(
-        DOUBT, "Nobody is seen from head to feet: the height of the ground is a guess from the height of hips.",
+        NOTICE, "Nobody is seen from head to feet: the height of the ground is a guess from the height of hips.",
         "nobody is seen from head to feet: trunks and arms give the scale and the up direction, but the height of the ground "
         "is a guess from the height of hips ({sigma_m:.2f} m, 1 sigma)",
         "state the height of a camera under [[scale.camera_heights]], or turn a camera so that it sees feet",
         subjects=("vertical",),
     ),
-    "camera_undetermined": Kind(
-        DOUBT, "No evidence fixes the pose of the camera relative to the others.",
-        "nothing fixes the pose of camera {camera} relative to the others",
-        "record more people, seen from head to feet, in the area that it shares with them",
-    ),
     "few_observations": Kind(
-        DOUBT, "Few observations agree with the camera's pose.",
+        NOTICE, "Few observations agree with the camera's pose.",
         "camera {camera} has only {agreeing} supporting observations", "record more people in its view", rank="symptom",
     ),
-    "camera_uncertain": Kind(
-        DOUBT, "The camera's rays pass the places where people walked by `across_mm`, one sigma.",
-        "camera {camera} is uncertain by {across_mm:.0f} mm (1 sigma) at the places where people walked",
-        "record longer, or people nearer to it and at more positions", rank="symptom",
-    ),
-    "seam_uncertain": Kind(
-        DOUBT, "Two zones of a large rig hardly hold together: how they are turned against each other is uncertain.",
-        lambda v: f"{v['who']} hold cameras {', '.join(v['first'])} and cameras {', '.join(v['second'])} together, whose "
-        f"headings are uncertain by {v['sigma_deg']:.1f} degrees (1 sigma) against each other",
-        "record longer, or add a camera that sees the ground of both", joint="; ", common=True, rank="symptom",
-    ),
-    "vertical_uncertain": Kind(
-        DOUBT, "The up direction is uncertain.",
-        "the up direction is uncertain by {sigma_deg:.1f} degrees (1 sigma)", "record people walking about, seen from head "
-        "to feet",
-        subjects=("vertical",), rank="symptom",
-    ),
     "boxes_noisy": Kind(
-        DOUBT, "The heights of the boxes scatter so much that they bias the rig.",
+        NOTICE, "The heights of the boxes scatter so much that they bias the rig.",
         "half of the boxes have an error of more than {noise_percent:.0f} % of their own height, which biases shape and scale",
         "use a better detector, or images in which people are larger", subjects=("scale",), rank="symptom",
     ),
     "adjustment_not_converged": Kind(
-        DOUBT, "The adjustment ended before its optimum.",
+        NOTICE, "The adjustment ended before its optimum.",
         "the adjustment did not converge", "under [solver.options] set max_iterations = 200", rank="symptom",
     ),
     "scale_cues_disagree": Kind(

@@ -1,0 +1,135 @@
+"""Whether what a rig measures is known well enough to use: the one doubt about what is merely uncertain.
+
+A rig is used for points, positions on the ground and lengths. Each has one sigma, where people walked and over the ground that
+the cameras share, and one limit. Why a sigma is large (few observations, people on one line, noisy boxes) is a notice of the
+stage that finds it; here it becomes a part of the doubt, and no doubt of its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Literal
+
+import numpy as np
+
+from passerby.core.cameras import Rig
+from passerby.core.figures import AdjustedFigures
+from passerby.core.measuring_figures import CameraMeasuring, MeasuringFigures
+from passerby.findings.finding import Finding, doubt
+
+Quantity = Literal["points", "ground", "scale"]
+
+CODE = "rig_uncertain"
+USABLE_M = 0.25
+"""A camera whose rays pass points by more than this, one sigma, is no calibration. Of what is accepted, 95 % are then within
+half a metre. What other limits would do: docs/results/limits.md."""
+LARGE_SHARE, SMALL_SHARE = 0.005, 0.05
+"""In rigs so large that `USABLE_M` is less than the first share of their extent, that share counts; in rigs so small that it is
+more than the second, that one."""
+ON_GROUND = 2.0
+"""One ray meets the ground at a flat angle: positions by single cameras may be so many times as uncertain as points. On seeds
+4711 to 4722 the worst camera of ordinary scenes has 0.34 m, and of people on one line 0.62 to 1.2 m."""
+USABLE_SCALE = 0.1
+"""Relative one sigma of all lengths: boxes that are off by 0.3 of their height, or blocks of 0.1 of it, come to as much."""
+
+EXPLAINS: Mapping[str, tuple[Quantity, ...]] = MappingProxyType({
+    "adjustment_not_converged": ("points",),
+    "boxes_coarse": ("scale",),
+    "people_not_spread": ("points", "ground"),
+    "ground_by_hips": ("ground",),
+    "people_on_levels": ("ground",),
+    "ground_uneven": ("ground",),
+    "few_observations": ("points", "ground"),
+    "boxes_noisy": ("points", "ground", "scale"),
+})  # fmt: skip
+"""Codes of notices, and what each makes uncertain; the most specific comes first."""
+
+_WORLD: Mapping[str, Quantity] = MappingProxyType({"scale": "scale", "vertical": "ground", "height of the ground": "ground"})
+
+
+@dataclass(frozen=True)
+class _Sigma:
+    """What one camera, or the rig, measures too vaguely."""
+
+    quantity: Quantity
+    cameras: tuple[str, ...]
+    size: float | None
+    """Millimetres, or per cent of all lengths; None where nothing fixes it."""
+    lacks: tuple[str, ...] = ()
+    """Parts of the world that nothing fixes."""
+
+
+def doubts_of_uncertainty(rig: Rig, figures: AdjustedFigures, findings: Sequence[Finding]) -> list[Finding]:
+    """What is too uncertain to use, each with what explains it.
+
+    Args:
+        rig: in the world of the adjustment, metres.
+        figures: of the adjustment.
+        findings: notices that may explain it (`EXPLAINS`), among others.
+    """
+    causes = [one for code in EXPLAINS for one in findings if one.code == code]
+    out = []
+    for sigma in (*_unbounded(rig, figures), *_of_cameras(rig, figures), *_of_scale(figures)):
+        fitting = (one for one in causes if sigma.quantity in EXPLAINS[one.code])
+        cause = next(
+            (one for one in fitting if not one.cameras or not sigma.cameras or set(one.cameras) & set(sigma.cameras)), None
+        )
+        values = {"what": sigma.quantity, "sigma": sigma.size, "lacks": list(sigma.lacks)}
+        out.append(doubt(CODE, *sigma.cameras, **values, why=None if cause is None else cause.as_value()))
+    return out
+
+
+def with_doubts_of_uncertainty(rig: Rig, figures: AdjustedFigures, findings: Sequence[Finding]) -> list[Finding]:
+    """The findings with these doubts as the figures have them now; notices that a doubt names are not said twice."""
+    others = [one for one in findings if one.code != CODE]
+    doubts = doubts_of_uncertainty(rig, figures, others)
+    said = [one.values["why"] for one in doubts]
+    return [*(one for one in others if one.code not in EXPLAINS or one.as_value() not in said), *doubts]
+
+
+def usable_m(rig: Rig) -> float:
+    """What points have to be known to in a rig, one sigma, metres."""
+    centres = np.array([camera.pose.centre for camera in rig if camera.pose is not None])
+    extent = float(np.max(np.linalg.norm(centres - centres.mean(axis=0), axis=1))) + 1.0
+    return min(SMALL_SHARE * extent, max(USABLE_M, LARGE_SHARE * extent))
+
+
+def _unbounded(rig: Rig, figures: AdjustedFigures) -> list[_Sigma]:
+    """What no evidence fixes, and everything where the adjustment ended before its optimum."""
+    out = []
+    if figures.rounds and not figures.rounds[-1].converged:
+        out.append(_Sigma("points", (), None))
+    free = figures.undetermined or ()
+    for quantity in ("scale", "ground"):
+        if lacks := tuple(one for one in free if _WORLD.get(one) == quantity):
+            out.append(_Sigma(quantity, (), None, lacks))
+    return [*out, *(_Sigma("points", (name,), None) for name in rig.names if f"camera {name}" in free)]
+
+
+def _of_cameras(rig: Rig, figures: AdjustedFigures) -> list[_Sigma]:
+    """The cameras that measure points, or else positions on the ground, too vaguely."""
+    most_mm, free = 1000 * usable_m(rig), figures.undetermined or ()
+    grounded = not any(_WORLD.get(one) == "ground" for one in free)
+    out = []
+    for camera in figures.cameras:
+        own = [one for one in (_own(figures.measuring, camera.name), _own(figures.around, camera.name)) if one is not None]
+        across = [one.across.median_mm for one in own] or [camera.shape_position_sigma_mm or 0.0]
+        ground = [one.ground.median_mm for one in own if one.ground is not None]
+        if f"camera {camera.name}" in free:
+            continue
+        if max(across) > most_mm:
+            out.append(_Sigma("points", (camera.name,), max(across)))
+        elif grounded and max(ground, default=0.0) > ON_GROUND * most_mm:
+            out.append(_Sigma("ground", (camera.name,), max(ground)))
+    return out
+
+
+def _own(figures: MeasuringFigures | None, name: str) -> CameraMeasuring | None:
+    return None if figures is None else figures.cameras.get(name)
+
+
+def _of_scale(figures: AdjustedFigures) -> list[_Sigma]:
+    sigma = figures.scale.relative_sigma
+    return [] if sigma is None or sigma <= USABLE_SCALE else [_Sigma("scale", (), 100 * sigma)]
