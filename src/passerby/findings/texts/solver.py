@@ -127,8 +127,8 @@ SOLVER: Mapping[str, Kind] = {
         rank="symptom",
     ),
     "rig_uncertain": Kind(
-        DOUBT, "What the rig measures is too uncertain to use, or has no bound (`sigma` is null): `what` is points or ground (mm, "
-        "by a camera) or scale (%), `lacks` what nothing fixes of the world, `why` the finding that explains it.",
+        DOUBT, "What the rig measures is too uncertain to use, or has no bound (`sigma` is null): `what` is points or ground "
+        "(mm, by a camera) or scale (%), `lacks` what nothing fixes of the world, `why` the finding that explains it.",
         _uncertain, _to_be_certain, rank="symptom",
         subjects=lambda v: _SUBJECTS.get(v["what"], ()),
     ),
