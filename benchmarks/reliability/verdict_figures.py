@@ -14,12 +14,12 @@ from pages.cases import Outcomes
 from pages.page import table
 from passerby.association.ambiguity import AMBIGUOUS
 from passerby.calibration.calibration import Calibration
-from passerby.calibration.diagnostics.ground_planarity import HARMFUL_M, STEEP_DEG, STEEP_SIGMAS
+from passerby.calibration.diagnostics.ground_planarity import STEEP_DEG, STEEP_SIGMAS
 from passerby.common.errors import InputError
 from passerby.core.cameras import Rig
 from passerby.core.figures import adjusted
+from passerby.core.usability import CODE, ON_GROUND, USABLE_M, USABLE_SCALE
 from passerby.simulation import simulate
-from passerby.solver.findings import MAX_POSITION_M
 from reliability.hostile import HOSTILE
 from reliability.judging import calibrated, errors_of
 from reliability.ordinary import ordinary_scene
@@ -50,16 +50,20 @@ class Figure:
 
 
 FIGURES: Mapping[str, Figure] = MappingProxyType({
-    "unsure": Figure(
-        MAX_POSITION_M, "MAX_POSITION_M in `solver/findings.py`",
-        "one sigma of how far a camera's rays pass beside the places where people walked, metres; the worst camera",
-        "camera_uncertain", False,
-        (0.05, 0.1, 0.15, 0.2, 0.25, 0.35, 0.5, 1.0),
+    "points": Figure(
+        USABLE_M, "USABLE_M in `core/usability.py`",
+        "one sigma of how far a camera's rays pass beside places, metres; the worst camera, where people walked or on the ground "
+        "that cameras share",
+        CODE, False, (0.05, 0.1, 0.15, 0.2, 0.25, 0.35, 0.5, 1.0),
     ),
-    "rise": Figure(
-        HARMFUL_M, "HARMFUL_M in `calibration/diagnostics/ground_planarity.py`",
-        "how far people's ground rises, metres, where it is told to be uneven", "ground_uneven", False,
-        (0.12, 0.15, 0.18, 0.22, 0.25, 0.3, 0.4),
+    "ground": Figure(
+        ON_GROUND * USABLE_M, "ON_GROUND times USABLE_M in `core/usability.py`",
+        "one sigma of positions on the ground by one camera, metres; the worst camera", CODE, False,
+        (0.2, 0.3, 0.4, 0.5, 0.6, 0.8, 1.2, 2.0),
+    ),
+    "scale": Figure(
+        USABLE_SCALE, "USABLE_SCALE in `core/usability.py`", "relative one sigma of all lengths", CODE, False,
+        (0.02, 0.03, 0.05, 0.07, 0.1, 0.15, 0.2, 0.3),
     ),
     "slope": Figure(
         STEEP_DEG, "STEEP_DEG in `calibration/diagnostics/ground_planarity.py`",
@@ -130,15 +134,15 @@ def _calibrated(name: str, seed: int) -> tuple[Calibration, list[Rig]]:
 
 def _values(found: Calibration) -> dict[str, float]:
     figures = found.figures
-    measuring = adjusted(figures).measuring
-    across_mm = [] if measuring is None else [one.across.median_mm for one in measuring.cameras.values()]
-    rises = [float(one.values["rise_m"]) for one in found.diagnostics if one.code == "ground_uneven"]
+    known = adjusted(figures)
+    measured = [one for at in (known.measuring, known.around) if at is not None for one in at.cameras.values()]
     ground = figures.ground
     slope = math.nan if ground is None or ground.slope_deg is None else ground.slope_deg
     sigmas = slope / ground.slope_sigma_deg if ground is not None and ground.slope_sigma_deg else math.nan
     return {
-        "unsure": max(across_mm, default=math.nan) / 1000,
-        "rise": max(rises, default=0.0),
+        "points": max((one.across.median_mm for one in measured), default=math.nan) / 1000,
+        "ground": max((one.ground.median_mm for one in measured if one.ground is not None), default=math.nan) / 1000,
+        "scale": math.nan if known.scale.relative_sigma is None else known.scale.relative_sigma,
         "slope": slope if sigmas > STEEP_SIGMAS else min(slope, 0.0),
         "steep": sigmas if slope > STEEP_DEG else min(sigmas, 0.0),
         "alike": max(_alike(found).values(), default=math.nan),
