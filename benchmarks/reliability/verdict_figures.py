@@ -52,8 +52,7 @@ class Figure:
 FIGURES: Mapping[str, Figure] = MappingProxyType({
     "points": Figure(
         USABLE_M, "USABLE_M in `core/usability.py`",
-        "one sigma of how far a camera's rays pass beside places, metres; the worst camera, where people walked or on the ground "
-        "that cameras share",
+        "one sigma of how far a camera's rays pass beside places, metres; the worst camera, at people or on shared ground",
         CODE, False, (0.05, 0.1, 0.15, 0.2, 0.25, 0.35, 0.5, 1.0),
     ),
     "ground": Figure(

@@ -1,62 +1,92 @@
-"""What is told of people's ground that is no plane: a doubt where it makes the rig wrong, a notice where it does not."""
+"""People's ground that is no plane: what is said of it, and how uncertain it makes positions on the ground."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from passerby.calibration.diagnostics.ground_planarity import (
-    HARMFUL_M,
     STEEP_DEG,
     STEEP_SIGMAS,
     ground_figures,
+    height_error_m,
+    notices_of_ground,
+    on_ground,
     shape_of,
-    told_of_ground,
 )
 from passerby.core.cameras import Rig
+from passerby.core.figures import AdjustedFigures
+from passerby.core.measuring_figures import CameraMeasuring, MeasuringFigures, MeasuringSigma
 from passerby.core.solution import Solution
 from passerby.people.ground_shape import GroundShape
 from support.scenes.people_and_rigs import simulated
 
 
 def shape(rise_m: float, chance_sigmas: float = 30.0, slope: tuple[float, float] = (0.1, 0.1)) -> GroundShape:
-    return GroundShape(rise_m, 0.01, (1.0, 2.0), (3.0, 4.0), chance_sigmas, *slope)
+    return GroundShape(rise_m, 0.01, (1.0, 2.0), (3.0, 4.0), chance_sigmas, *slope, 10.0)
 
 
-@pytest.mark.parametrize(("tilt_known", "severity"), [(False, "doubt"), (True, "notice")])
-def test_ways_that_slope_are_told_where_they_do_beyond_chance(tilt_known: bool, severity: str) -> None:
+def test_ways_that_slope_beyond_chance_are_a_notice() -> None:
     steep = shape(0.001, slope=(1.1 * STEEP_DEG, 0.9 * STEEP_DEG / STEEP_SIGMAS))
-    ((told,),) = [found for found in told_of_ground(steep, tilt_known=tilt_known) if found]
-    assert (told.code, told.severity) == ("people_on_levels", severity)
-    assert told.values == {"slope_deg": steep.slope_deg, "sigma_deg": steep.slope_sigma_deg}
+    (found,) = notices_of_ground(steep)
+    assert (found.code, found.severity) == ("people_on_levels", "notice")
+    assert found.values == {"slope_deg": steep.slope_deg, "sigma_deg": steep.slope_sigma_deg}
 
 
 @pytest.mark.parametrize("slope", [(0.9 * STEEP_DEG, 0.01), (2.0 * STEEP_DEG, 2.1 * STEEP_DEG / STEEP_SIGMAS)])
 def test_ways_that_slope_a_little_or_by_chance_are_level(slope: tuple[float, float]) -> None:
-    assert told_of_ground(shape(0.001, slope=slope)) == ((), ())
+    assert notices_of_ground(shape(0.001, slope=slope)) == ()
+    assert height_error_m(shape(0.001, slope=slope)) == 0.0
 
 
-def test_a_rise_that_makes_the_rig_wrong_is_a_doubt_with_its_places() -> None:
-    ((doubt,), notices) = told_of_ground(shape(1.5 * HARMFUL_M))
-    assert (doubt.code, doubt.severity, notices) == ("ground_uneven", "doubt", ())
-    assert doubt.values == {"rise_m": 1.5 * HARMFUL_M, "at": [[1.0, 2.0], [3.0, 4.0]]}
+def test_a_rise_is_a_notice_with_its_places() -> None:
+    (found,) = notices_of_ground(shape(0.3))
+    assert (found.code, found.severity) == ("ground_uneven", "notice")
+    assert found.values == {"rise_m": 0.3, "at": [[1.0, 2.0], [3.0, 4.0]]}
 
 
-@pytest.mark.parametrize(("rise_m", "tilt_known"), [(0.8 * HARMFUL_M, False), (3 * HARMFUL_M, True)])
-def test_a_smaller_one_or_one_beside_a_known_vertical_is_a_notice(rise_m: float, tilt_known: bool) -> None:
-    (doubts, (notice,)) = told_of_ground(shape(rise_m), tilt_known=tilt_known)
-    assert (doubts, notice.code, notice.severity) == ((), "ground_uneven", "notice")
+def test_in_a_world_of_known_places_the_solvers_coordinates_are_not_said() -> None:
+    (found,) = notices_of_ground(shape(0.4), placed=True)
+    assert found.values["at"] is None
 
 
-def test_in_a_world_of_known_places_the_solvers_coordinates_are_not_told() -> None:
-    ((doubt,), _) = told_of_ground(shape(2 * HARMFUL_M), placed=True)
-    assert doubt.values["at"] is None
+@pytest.mark.parametrize("none", [None, shape(0.001), shape(0.4, chance_sigmas=0.5)])
+def test_nothing_is_said_of_a_plane_or_of_what_chance_makes(none: GroundShape | None) -> None:
+    assert notices_of_ground(none) == ()
 
 
-@pytest.mark.parametrize("none", [None, shape(0.001), shape(2 * HARMFUL_M, chance_sigmas=0.5)])
-def test_nothing_is_told_of_a_plane_or_of_what_chance_makes(none: GroundShape | None) -> None:
-    assert told_of_ground(none) == ((), ())
+def test_the_ground_below_people_is_off_by_the_scatter_of_its_heights() -> None:
+    """Heights spread evenly between the lowest and the highest; their scatter is that of random draws."""
+    draws = np.random.default_rng(1).uniform(0.0, 0.6, 200_000)
+    assert height_error_m(shape(0.6)) == pytest.approx(np.std(draws), rel=0.01)
+
+
+def test_uneven_ground_makes_positions_on_it_uncertain_and_more_where_rays_are_flat() -> None:
+    scene = simulated("terrace", 20.0, 0)
+    sigma = MeasuringSigma(median_mm=30.0, p90_mm=60.0)
+    names = scene.rig.names
+    own = {name: CameraMeasuring(points=sigma, across=sigma, ground=sigma) for name in names}
+    even = MeasuringFigures(places=10, points=sigma, ground=sigma, ground_height_mm=None, cameras=own)
+    figures = AdjustedFigures(measuring=even, around=None)
+    assert on_ground(figures, scene.rig, scene.observations, shape(0.001)) == figures
+    found = on_ground(figures, scene.rig, scene.observations, shape(0.6)).measuring
+    assert found is not None
+    assert found.ground is not None
+    assert found.points == sigma
+    assert found.ground.median_mm > 1000 * height_error_m(shape(0.6))
+    # A body's foot at (x, y, dz) is read at the place where the ray through it meets z = 0.
+    for camera in scene.rig:
+        feet = scene.observations[camera.name].boxes.ltwh
+        xy = camera.ground(feet[:, :2] + feet[:, 2:] * (0.5, 1.0)).xy
+        assert camera.pose is not None
+        lifted = np.column_stack([xy, np.full(len(xy), 0.01)])
+        moved = np.linalg.norm(camera.ground(camera.project(lifted)).xy - xy, axis=1) / 0.01
+        with_rise = found.cameras[camera.name].ground
+        assert with_rise is not None
+        expected = np.hypot(30.0, 1000 * height_error_m(shape(0.6)) * np.median(moved))
+        assert with_rise.median_mm == pytest.approx(expected, rel=0.02)
 
 
 def test_the_figures_of_a_report() -> None:
@@ -76,4 +106,4 @@ def test_two_cameras_tell_the_shape_of_the_ground_and_one_does_not() -> None:
     for found in (two, all_four):
         assert found is not None
         assert not found.sure
-        assert told_of_ground(found) == ((), ())
+        assert notices_of_ground(found) == ()

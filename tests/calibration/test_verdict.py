@@ -10,6 +10,8 @@ import pytest
 from passerby.calibration.diagnostics.verdict import MIN_POSITIONS, judged, people_positions
 from passerby.common.arrays import Floats
 from passerby.core.cameras import Rig
+from passerby.core.figures import AdjustedFigures, SolvedCamera
+from passerby.core.measuring_figures import CameraMeasuring, MeasuringFigures, MeasuringSigma
 from passerby.core.observations import Boxes, CameraObservations, Keypoints, Observations
 from passerby.core.solution import Solution
 from passerby.core.verdict import Verdict
@@ -48,25 +50,38 @@ def test_people_all_over_the_ground_leave_the_verdict_as_it_is() -> None:
         assert (found.verdict, found.findings) == (verdict, findings)
 
 
-@pytest.mark.parametrize(
-    ("across_m", "along_m", "code", "length_m"), [(0.1, 3.0, "people_on_one_line", 2.7), (0.1, 0.2, "people_on_one_spot", 0.2)]
-)
-def test_people_on_one_line_or_spot_let_no_rig_be_accepted(across_m: float, along_m: float, code: str, length_m: float) -> None:
+@pytest.mark.parametrize(("across_m", "along_m", "shape", "length_m"), [(0.1, 3.0, "line", 2.7), (0.1, 0.2, "spot", 0.2)])
+def test_people_on_one_line_or_spot_without_sigmas_let_no_rig_be_accepted(
+    across_m: float, along_m: float, shape: str, length_m: float
+) -> None:
+    """A method that does not say how uncertain it is, on people who determine no rig."""
     people = wandering(across_m, along_m)
     found = judged(solved(), people)
-    assert (found.verdict, codes(found)) == ("doubtful", [(code, ())])
-    assert found.findings[0].values["length_m"] == pytest.approx(length_m, rel=0.2)
+    assert (found.verdict, codes(found)) == ("doubtful", [("rig_uncertain", ())])
+    why = found.findings[0].values["why"]
+    assert (why["code"], why["values"]["shape"]) == ("people_not_spread", shape)
+    assert why["values"]["length_m"] == pytest.approx(length_m, rel=0.2)
     # Joints have extent of their own.
     joints = Keypoints([1], [1], np.full((1, 1, 2), 300.0), np.ones((1, 1)), ("head",))
     cameras = {name: CameraObservations(one.boxes, joints) for name, one in people.cameras.items()}
     assert judged(solved(), replace(people, cameras=cameras)).verdict == "accepted"
 
 
+def test_people_on_one_line_are_a_notice_where_the_sigmas_say_that_the_rig_is_good() -> None:
+    people = wandering(0.1, 3.0)
+    sigma = MeasuringSigma(median_mm=20.0, p90_mm=40.0)
+    cameras = {name: CameraMeasuring(points=sigma, across=sigma, ground=sigma) for name in RIG.names}
+    measuring = MeasuringFigures(places=9, points=sigma, ground=sigma, ground_height_mm=None, cameras=cameras)
+    figures = AdjustedFigures(measuring=measuring, cameras=tuple(SolvedCamera(name=name) for name in RIG.names))
+    found = judged(replace(solved(method="people"), figures=figures), people)
+    assert (found.verdict, codes(found)) == ("accepted", [("people_not_spread", ())])
+
+
 def test_too_few_places_tell_of_no_line() -> None:
     assert judged(solved(), seen(np.zeros((5, 2)))).findings == ()
 
 
-@pytest.mark.parametrize(("count", "told"), [(MIN_POSITIONS - 1, []), (MIN_POSITIONS, [("people_on_one_line", ())])])
+@pytest.mark.parametrize(("count", "told"), [(MIN_POSITIONS - 1, []), (MIN_POSITIONS, [("rig_uncertain", ())])])
 def test_just_enough_places_tell_of_a_line(count: int, told: list[tuple[str, tuple[str, ...]]]) -> None:
     along = np.column_stack([np.linspace(-1.5, 1.5, count), np.zeros(count)])
     assert codes(judged(solved(), seen(along))) == told

@@ -66,7 +66,9 @@ def test_people_on_one_spot_are_told(terrace):
     observations = boxes_of(terrace.rig, walks, rng)
     solution = judged(Solution("people", terrace.rig, "accepted"), observations)
     assert solution.verdict == "doubtful"
-    assert solution.findings[0].code == "people_on_one_spot"
+    assert solution.findings[0].code == "rig_uncertain"
+    assert solution.findings[0].values["why"]["code"] == "people_not_spread"
+    assert "one spot" in solution.reasons[0]
 
 
 def test_positions_of_people_are_where_they_walked(terrace):

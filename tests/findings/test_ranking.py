@@ -14,6 +14,7 @@ def small(camera: str, width: int = 640) -> dict[str, object]:
 MOVED = doubt("camera_moved", "C1", seconds=63.2, frame=317, metres=0.42, degrees=5.1, left_out="after", sigmas=20.0, shift=0.2)
 FEW = doubt("few_observations", "C1", agreeing=12)
 OTHER = doubt("few_observations", "C2", agreeing=9)
+LENGTHS = doubt("rig_uncertain", what="scale", sigma=14.0, lacks=[], why=None)
 ALL = doubt("lens_doubtful", why="implausible", focal={"change": 0.1})
 
 
@@ -44,8 +45,8 @@ def test_the_same_of_several_cameras_is_one_sentence() -> None:
 
 
 def test_a_first_screen_has_three_reasons_and_says_how_many_there_are() -> None:
-    many = [doubt("vertical_uncertain", sigma_deg=6.0), FEW, doubt("boxes_noisy", noise_percent=40.0),
-            doubt("adjustment_not_converged"), doubt("reinitialisation_failed")]  # fmt: skip
+    many = [LENGTHS, FEW, doubt("boxes_noisy", noise_percent=40.0),
+            doubt("pairs_disagree"), doubt("reinitialisation_failed")]  # fmt: skip
     text = shown_in_words(many, "the report")
     assert text.count("; ") == MOST_SHOWN
     assert text.endswith("; and 2 more: see the report")
@@ -53,4 +54,4 @@ def test_a_first_screen_has_three_reasons_and_says_how_many_there_are() -> None:
 
 def test_causes_rank_before_symptoms() -> None:
     assert {KINDS[code].rank for code in ("smaller_image_fits", "same_recording", "image_upside_down")} == {"input"}
-    assert KINDS["camera_uncertain"].rank == "symptom"
+    assert KINDS["rig_uncertain"].rank == "symptom"

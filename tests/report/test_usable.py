@@ -11,8 +11,17 @@ from passerby.report.usable import good_for
 POINTS = MeasuringSigma(median_mm=31.0, p90_mm=60.0)
 MEASURING = MeasuringFigures(places=9, points=POINTS, ground=POINTS.scaled(3.0), ground_height_mm=34.0, cameras={})
 NAMES = ("C1", "C2", "C3")
-SCALE, UP = doubt("boxes_noisy", noise_percent=40.0), doubt("vertical_uncertain", sigma_deg=6.0)
-FEW = doubt("few_observations", "C1", agreeing=12)
+
+
+def uncertain(what: str, *cameras: str, sigma: float | None = None, lacks: tuple[str, ...] = ()) -> Finding:
+    return doubt("rig_uncertain", *cameras, what=what, sigma=sigma, lacks=list(lacks), why=None)
+
+
+SCALE, UP, FEW = (
+    uncertain("scale", sigma=14.0),
+    uncertain("ground", lacks=("vertical",)),
+    uncertain("points", "C1", sigma=600.0),
+)
 
 
 LAYOUT = "Still good for the rough layout of the cameras and for counting people."
@@ -25,10 +34,10 @@ LAYOUT = "Still good for the rough layout of the cameras and for counting people
         ([SCALE], "Still good for what the cameras see, up to the scale; not for the scale."),
         ([UP], "Still good for what the cameras see: points to 3 cm (1 sigma); not for the up direction and the ground."),
         (
-            [FEW, doubt("few_observations", "C2", agreeing=3)],
+            [FEW, uncertain("points", "C2", sigma=700.0)],
             "Still good for the rough layout of the cameras and for counting people.",
         ),
-        ([doubt("adjustment_not_converged")], LAYOUT),
+        ([uncertain("points")], LAYOUT),
     ],
 )
 def test_one_line_says_it(doubts: list[Finding], text: str) -> None:

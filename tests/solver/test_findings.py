@@ -1,8 +1,7 @@
-"""What speaks against an optimum: each figure beyond its limit is a doubt that names the camera, and no other is."""
+"""What makes an optimum uncertain: each figure beyond its limit is a notice that names the camera, and no other is."""
 
 from __future__ import annotations
 
-from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -10,10 +9,8 @@ import numpy as np
 import pytest
 
 from passerby.core.cameras import Camera, Lens, Pose, Rig
-from passerby.core.measuring_figures import CameraMeasuring, MeasuringFigures, MeasuringSigma
 from passerby.findings.finding import Finding
 from passerby.solver import findings
-from passerby.solver.gauge import Free
 from passerby.solver.uncertainty import RigCovariance
 
 LENS = Lens((800, 600), np.array([[700.0, 0, 400], [0, 700, 300], [0, 0, 1]]), np.zeros(0))
@@ -30,80 +27,32 @@ AGREEING = (480, 480, 480)
 
 def told(
     monkeypatch: pytest.MonkeyPatch,
-    covariance: RigCovariance = COVARIANCE,
     agreeing: tuple[int, ...] = AGREEING,
     *,
     noise: float = 0.02,
     converged: bool = True,
     ground_sd_m: float | None = None,
-    measuring: MeasuringFigures | None = None,
 ) -> list[Finding]:
     """What is said of an optimum with these figures."""
     monkeypatch.setattr(findings, "height_noise", lambda fit, evidence: noise)
     cues = SimpleNamespace(world=SimpleNamespace(ground_sd_m=ground_sd_m))
     seen = SimpleNamespace(camera=np.repeat([0, 1, 2], agreeing)), SimpleNamespace(camera=np.zeros(0, np.int64))
     problem = SimpleNamespace(cues=cues, sightings=seen[0], joints=seen[1])
-    result = SimpleNamespace(state=SimpleNamespace(centre=CENTRES), converged=converged)
+    result = SimpleNamespace(converged=converged)
     fit: Any = SimpleNamespace(result=result, model=SimpleNamespace(problem=problem))
     start: Any = SimpleNamespace(rig=RIG, evidence=None)
-    found = findings.doubts_about(start, fit, covariance, measuring)
-    assert all(one.severity == "doubt" for one in found)
+    found = findings.notices_about(start, fit)
+    assert all(one.severity == "notice" for one in found)
     return found
-
-
-def of_camera(values: np.ndarray, camera: int, value: Any) -> np.ndarray:
-    """The same with another value of one camera."""
-    out = values.copy()
-    out[camera] = value
-    return out
 
 
 def test_nothing_speaks_against_a_sound_optimum(monkeypatch: pytest.MonkeyPatch) -> None:
     assert told(monkeypatch) == []
 
 
-def of_cameras(*across_m: float) -> MeasuringFigures:
-    """Figures of cameras whose rays pass the people so far beside them, metres, one sigma."""
-    sigmas = [MeasuringSigma(median_mm=1000 * one, p90_mm=2000 * one) for one in across_m]
-    cameras = {f"C{k}": CameraMeasuring(points=one, across=one, ground=None) for k, one in enumerate(sigmas, start=1)}
-    return MeasuringFigures(places=10, points=sigmas[0], ground=None, ground_height_mm=None, cameras=cameras)
-
-
-def test_a_camera_that_measures_too_vaguely(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What it measures counts: a position and a rotation that stand in for each other, or for its lens, do no harm."""
-    vague = replace(COVARIANCE, shape=of_camera(COVARIANCE.shape, 1, np.diag([1.0, 0, 0, 0, 0, np.radians(3.0) ** 2])))
-    assert told(monkeypatch, vague, measuring=of_cameras(0.01, 0.01, 0.01)) == []
-    (doubt,) = told(monkeypatch, measuring=of_cameras(0.01, 1.0, 0.01))
-    assert (doubt.code, doubt.cameras, doubt.values) == ("camera_uncertain", ("C2",), {"across_mm": pytest.approx(1000.0)})
-    # Where no people are seen by two cameras, its position does.
-    (doubt,) = told(monkeypatch, vague)
-    assert (doubt.code, doubt.cameras, doubt.values) == ("camera_uncertain", ("C2",), {"across_mm": pytest.approx(1000.0)})
-    # What nothing fixes at all is told as that.
-    (doubt,) = told(monkeypatch, replace(vague, free=Free(cameras=(1,))))
-    assert (doubt.code, doubt.cameras) == ("camera_undetermined", ("C2",))
-
-
-@pytest.mark.parametrize(("extent_m", "certain_m", "uncertain_m"), [(2.0, 0.14, 0.16), (20.0, 0.24, 0.26), (200.0, 0.9, 1.1)])
-def test_how_well_a_place_has_to_be_known_goes_by_the_size_of_the_rig(
-    monkeypatch: pytest.MonkeyPatch, extent_m: float, certain_m: float, uncertain_m: float
-) -> None:
-    far = np.max(np.linalg.norm(CENTRES - CENTRES.mean(axis=0), axis=1))
-    monkeypatch.setattr(f"{__name__}.CENTRES", CENTRES * extent_m / far)
-    for sigma_m, codes in ((certain_m, []), (uncertain_m, ["camera_uncertain"])):
-        assert [doubt.code for doubt in told(monkeypatch, measuring=of_cameras(0.01, sigma_m, 0.01))] == codes
-
-
-def test_a_vertical_that_is_hardly_known(monkeypatch: pytest.MonkeyPatch) -> None:
-    leaning = replace(COVARIANCE, vertical_deg=6.0)
-    (doubt,) = told(monkeypatch, leaning)
-    assert (doubt.code, doubt.cameras, doubt.values) == ("vertical_uncertain", (), {"sigma_deg": 6.0})
-    (doubt,) = told(monkeypatch, replace(leaning, free=Free(vertical=True, scale=True)))
-    assert (doubt.code, doubt.values) == ("world_undetermined", {"lacks": ["scale", "vertical"]})
-
-
 def test_few_sightings_say_nothing_of_agreement(monkeypatch: pytest.MonkeyPatch) -> None:
-    (doubt,) = told(monkeypatch, agreeing=(480, 480, 12))
-    assert (doubt.code, doubt.cameras, doubt.values) == ("few_observations", ("C3",), {"agreeing": 12})
+    (found,) = told(monkeypatch, agreeing=(480, 480, 12))
+    assert (found.code, found.cameras, found.values) == ("few_observations", ("C3",), {"agreeing": 12})
 
 
 def test_what_is_wrong_with_the_boxes_the_ground_or_the_adjustment(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from passerby.core.cameras import Camera, Rig
-from passerby.core.figures import AdjustedFigures, SeamFigures, ZoneFigures
+from passerby.core.figures import AdjustedFigures
 from passerby.core.observations import Boxes, CameraObservations, Keypoints, Observations
 from passerby.core.scale_cues import ScaleCues
 from passerby.evaluation.metrics import compare
@@ -19,7 +19,6 @@ from passerby.solver.zones import (
     IN_COMMON,
     ZONE_CAMERAS,
     cut_zones,
-    doubts_about_seams,
     initial_rig_by_zones,
     restricted,
 )
@@ -187,20 +186,6 @@ def test_a_rig_that_no_zone_solves_is_solved_as_one(monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(zones, "_solved", lambda job: None)
     solution = solve_people(without_poses(rig), seen, ScaleCues(), rng=np.random.default_rng(0))
     assert len(solution.rig.posed()) == 14
-
-
-def test_zones_that_hardly_hold_together_are_told() -> None:
-    names = tuple(f"C{k}" for k in range(1, 8))
-    sure = ZoneFigures(cameras=names[:5], agreeing=100), ZoneFigures(cameras=names[2:], agreeing=100)
-
-    def seam(sigma: float | None) -> SeamFigures:
-        return SeamFigures(zones=(1, 2), cameras=names[2:5], apart_m=0.1, turned_deg=0.5, heading_sigma_deg=sigma)
-
-    assert doubts_about_seams([seam(1.9), seam(None)], sure, 2.0) == []
-    (told,) = doubts_about_seams([seam(2.1)], sure, 2.0)
-    assert told.code == "seam_uncertain"
-    assert told.cameras == names[2:5]
-    assert (told.values["first"], told.values["second"]) == (["C1", "C2"], ["C6", "C7"])
 
 
 @pytest.mark.slow

@@ -18,7 +18,8 @@ _SUBJECTS: Mapping[str, tuple[Subject, ...]] = MappingProxyType({"scale": ("scal
 def _uncertain(v: Fields) -> str:
     what, sigma, why = v["what"], v["sigma"], v["why"]
     if v["lacks"]:
-        text = f"nothing fixes {listed([f'the {PART_NAMES.get(one, one)}' for one in v['lacks']])}"
+        named = [f"the {PART_NAMES.get(one, one)}" for one in v["lacks"]]
+        text = f"nothing fixes {' and '.join(filter(None, (', '.join(named[:-1]), named[-1])))}"
     elif sigma is None:
         text = "how well the rig measures is unknown"
         if v["cameras"]:
