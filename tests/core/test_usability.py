@@ -1,0 +1,117 @@
+"""One doubt about what a rig measures too vaguely, with what explains it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from passerby.core.cameras import Camera, Lens, Pose, Rig
+from passerby.core.figures import AdjustedFigures, AdjustmentRound, SolvedCamera
+from passerby.core.measuring_figures import CameraMeasuring, MeasuringFigures, MeasuringSigma
+from passerby.core.usability import (
+    ON_GROUND,
+    USABLE_M,
+    USABLE_SCALE,
+    doubts_of_uncertainty,
+    usable_m,
+    with_doubts_of_uncertainty,
+)
+from passerby.findings.finding import notice
+from passerby.findings.texts import text_of
+
+LENS = Lens((800, 600), np.array([[700.0, 0, 400], [0, 700, 300], [0, 0, 1]]), np.zeros(0))
+CENTRES = np.array([[0.0, 0, 3], [8.0, 0, 3], [0.0, 8, 3]])
+
+
+def rig(factor: float = 1.0) -> Rig:
+    cameras = (Pose.from_centre(np.eye(3), factor * centre) for centre in CENTRES)
+    return Rig(tuple(Camera(f"C{k}", LENS, pose) for k, pose in enumerate(cameras, start=1)))
+
+
+def measuring(*across_m: float, ground_m: float | None = None) -> MeasuringFigures:
+    """Cameras whose rays pass places so far beside them, metres, one sigma."""
+    sigmas = [MeasuringSigma(median_mm=1000 * one, p90_mm=2000 * one) for one in across_m]
+    ground = None if ground_m is None else MeasuringSigma(median_mm=1000 * ground_m, p90_mm=2000 * ground_m)
+    cameras = {f"C{k}": CameraMeasuring(points=one, across=one, ground=ground) for k, one in enumerate(sigmas, start=1)}
+    return MeasuringFigures(places=10, points=sigmas[0], ground=ground, ground_height_mm=None, cameras=cameras)
+
+
+def figures(own: MeasuringFigures | None = None, **others: object) -> AdjustedFigures:
+    cameras = tuple(SolvedCamera(name=f"C{k}", shape_position_sigma_mm=10.0) for k in (1, 2, 3))
+    return replace(AdjustedFigures(cameras=cameras, measuring=own), **others)  # type: ignore[arg-type]
+
+
+SOUND = figures(measuring(0.01, 0.01, 0.01, ground_m=0.1))
+
+
+def test_nothing_is_said_of_a_rig_that_measures_well() -> None:
+    assert doubts_of_uncertainty(rig(), SOUND, [notice("few_observations", "C1", agreeing=12)]) == []
+
+
+def test_a_camera_that_measures_points_too_vaguely_where_people_walked_or_around() -> None:
+    vague = measuring(0.01, 1.0, 0.01)
+    for found in (figures(vague), replace(SOUND, around=vague)):
+        (doubt,) = doubts_of_uncertainty(rig(), found, [])
+        assert (doubt.cameras, doubt.values["what"], doubt.values["sigma"]) == (("C2",), "points", pytest.approx(1000.0))
+
+
+def test_a_camera_that_sees_no_shared_place_counts_by_its_position() -> None:
+    cameras = tuple(SolvedCamera(name=f"C{k}", shape_position_sigma_mm=10.0 if k < 3 else 900.0) for k in (1, 2, 3))
+    (doubt,) = doubts_of_uncertainty(rig(), figures(None, cameras=cameras), [])
+    assert (doubt.cameras, doubt.values["sigma"]) == (("C3",), 900.0)
+
+
+@pytest.mark.parametrize(("factor", "usable"), [(0.5, 0.05), (4.0, USABLE_M), (40.0, 0.005)])
+def test_how_well_points_have_to_be_known_goes_by_the_size_of_the_rig(factor: float, usable: float) -> None:
+    """A share of the extent in small and in large rigs, and metres between them."""
+    limit = usable_m(rig(factor))
+    extent = float(np.max(np.linalg.norm(factor * (CENTRES - CENTRES.mean(axis=0)), axis=1))) + 1.0
+    assert limit == pytest.approx(usable if usable == USABLE_M else usable * extent)
+
+
+def test_positions_on_the_ground_may_be_more_uncertain_than_points() -> None:
+    usable = usable_m(rig())
+    for ground_m, count in ((0.9 * ON_GROUND * usable, 0), (1.1 * ON_GROUND * usable, 3)):
+        found = doubts_of_uncertainty(rig(), figures(measuring(0.01, 0.01, 0.01, ground_m=ground_m)), [])
+        assert [one.values["what"] for one in found] == count * ["ground"]
+
+
+def test_lengths() -> None:
+    for sigma, whats in ((0.9 * USABLE_SCALE, []), (1.1 * USABLE_SCALE, ["scale"])):
+        found = doubts_of_uncertainty(rig(), replace(SOUND, scale=replace(SOUND.scale, relative_sigma=sigma)), [])
+        assert [one.values["what"] for one in found] == whats
+
+
+def test_what_nothing_fixes_has_no_sigma() -> None:
+    free = replace(SOUND, undetermined=("scale", "vertical", "camera C2"))
+    found = doubts_of_uncertainty(rig(), free, [])
+    assert [(one.values["what"], one.values["sigma"], one.values["lacks"], one.cameras) for one in found] == [
+        ("scale", None, ["scale"], ()), ("ground", None, ["vertical"], ()), ("points", None, [], ("C2",)),
+    ]  # fmt: skip
+    assert [text_of(one).split(":")[0] for one in found] == [
+        "nothing fixes the scale", "nothing fixes the up direction",
+        "nothing fixes the pose of camera C2 relative to the others",
+    ]  # fmt: skip
+
+
+def test_an_adjustment_that_ended_too_early_says_nothing_of_how_well_it_measures() -> None:
+    rounds = (AdjustmentRound(sightings=9, renamed=0, joints=0, iterations=200, converged=False, cost=None),)
+    (doubt,) = doubts_of_uncertainty(rig(), replace(SOUND, rounds=rounds), [notice("adjustment_not_converged")])
+    assert (doubt.values["sigma"], doubt.values["why"]["code"]) == (None, "adjustment_not_converged")
+
+
+def test_a_doubt_says_why_and_the_notice_is_not_said_twice() -> None:
+    spread, noisy = notice("people_not_spread", shape="line", length_m=14.2), notice("boxes_noisy", noise_percent=40.0)
+    few = notice("few_observations", "C1", agreeing=12)
+    vague = figures(measuring(0.01, 1.0, 0.01))
+    found = with_doubts_of_uncertainty(rig(), vague, [few, noisy, spread])
+    assert [one.code for one in found] == ["few_observations", "boxes_noisy", "rig_uncertain"]
+    assert found[-1].values["why"]["code"] == "people_not_spread"
+    assert "one straight line" in text_of(found[-1])
+    # A notice of another camera explains nothing of this one.
+    found = with_doubts_of_uncertainty(rig(), vague, [few])
+    assert found[-1].values["why"] is None
+    # Said again with other figures, it is not said twice.
+    assert with_doubts_of_uncertainty(rig(), vague, found) == found
