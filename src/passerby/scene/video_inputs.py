@@ -19,7 +19,7 @@ from passerby.common.errors import InputError
 from passerby.common.parallel import interrupted_later
 from passerby.common.progress import Forward, Progress, tell_warning
 from passerby.common.text import listed
-from passerby.findings.finding import Finding, doubt
+from passerby.findings.finding import Finding, notice
 from passerby.interchange.storage.faults import faults_of
 from passerby.perception.joint_budget import CROPS_PER_S
 from passerby.perception.model_files import AUTO
@@ -151,7 +151,7 @@ def joints_remedy(scene: Scene) -> Finding | None:
     name = keypoints_for(scene)
     if name is None:
         return None
-    return doubt("keypoints_unused", network=name)
+    return notice("keypoints_unused", network=name)
 
 
 def picture_rate(scene: Scene, reading: CameraInput, info: VideoInfo) -> float:

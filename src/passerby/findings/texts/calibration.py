@@ -122,9 +122,10 @@ def _to_predict(v: Fields) -> str:
 
 CALIBRATION: Mapping[str, Kind] = {
     "camera_without_pose": Kind(
-        DOUBT, "The camera could not be registered, and no other finding says why.",
-        "{who} could not be registered", "record more people in the area that it shares with the others",
-        common=True, rank="symptom",
+        DOUBT, "Cameras could not be registered, and `why` is the finding that explains it, or null.",
+        lambda v: v["why"].problem if v["why"] else f"{v['who']} could not be registered",
+        lambda v: v["why"].remedy if v["why"] else "record more people in the area shared with the others",
+        joint=lambda v: v["why"].joint if v["why"] else ": ", rank="symptom",
     ),
     "camera_moved": Kind(
         DOUBT, "The camera moved while it filmed (or the second one did); `left_out` says which part was not used.",
@@ -213,7 +214,7 @@ CALIBRATION: Mapping[str, Kind] = {
         "check the offset of its clock, and whether its tracker smooths the boxes", rank="motion",
     ),
     "keypoints_unused": Kind(
-        DOUBT, "A camera is missing, and keypoints were not detected.",
+        NOTICE, "A camera is missing, and keypoints were not detected.",
         "keypoints were not detected; they constrain more than boxes do where people stand or the recording is short",
         'under [perception] set keypoints = "{network}"',
     ),

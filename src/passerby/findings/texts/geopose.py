@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from passerby.findings.finding import Severity
-from passerby.findings.texts.kinds import DOUBT, REFUSAL, Kind
+from passerby.findings.texts.kinds import NOTICE, REFUSAL, Kind
 
 _EITHER: tuple[Severity, ...] = ("doubt", "refusal")
+_NOTICE_OR_REFUSAL: tuple[Severity, ...] = ("notice", "refusal")
 _OVERLAP = "record people walking where the views of these cameras overlap"
 
 GEOPOSE: Mapping[str, Kind] = {
@@ -18,7 +19,7 @@ GEOPOSE: Mapping[str, Kind] = {
         "check the layout of the keypoint files", joint="; ", rank="input",
     ),
     "pair_failed": Kind(
-        _EITHER, "The camera could not be registered with the reference, `second`, for the `cause`.",
+        _NOTICE_OR_REFUSAL, "The camera could not be registered with the reference, `second`, for the `cause`.",
         "camera {camera} could not be registered with {second}: {cause.problem}",
         "{cause.remedy}", joint="{cause.joint}", advice=_OVERLAP, rank="symptom",
     ),
@@ -61,25 +62,20 @@ GEOPOSE: Mapping[str, Kind] = {
         advice="record people walking where they are fully in view",
     ),
     "few_inliers": Kind(
-        DOUBT, "Few of the points that the camera shares with the reference agree with its pose.",
-        "only {share:.0%} of the points that camera {camera} shares with the reference agree with its pose", advice=_OVERLAP,
+        NOTICE, "Few of the points that the camera shares with the reference agree with its pose.",
+        "only {share:.0%} of the points that camera {camera} shares with the reference agree with its pose", _OVERLAP,
         rank="symptom",
     ),
     "near_reference": Kind(
-        DOUBT, "The camera is almost at the position of the reference camera.",
+        NOTICE, "The camera is almost at the position of the reference camera.",
         "camera {camera} is almost at the position of the reference camera (rays meet at {parallax_deg:.1f} degrees): its "
         "distance is unknown",
         "choose another reference camera", joint="; ",
     ),
     "pairs_disagree": Kind(
-        DOUBT, "The pairs disagree about the positions of the same points.",
+        NOTICE, "The pairs disagree about the positions of the same points.",
         "the pairs disagree about the positions of the same {what} by {share:.0%} of their distance: at least one pair is "
         "wrong",
         "try another reference camera or {other}", joint="; ", rank="symptom",
-    ),
-    "global_adjustment_not_converged": Kind(
-        DOUBT, "The global adjustment ended before its optimum.",
-        "the global adjustment did not converge in {iterations} iterations",
-        advice="record longer, or under [solver.options] set max_iterations = 200", rank="symptom",
     ),
 }  # fmt: skip

@@ -108,7 +108,7 @@ INPUT_FILES: Mapping[str, Kind] = {
         "detect people in the images themselves", common=True, rank="input",
     ),
     "recordings_short": Kind(
-        DOUBT, "The recordings are too short to follow people, and keypoints are not used.",
+        NOTICE, "The recordings are too short to follow people, and keypoints are not used.",
         _short,
         lambda v: "record longer" if v["network"] is None else "record longer, or use keypoints: under "
         "[perception] "

@@ -22,7 +22,7 @@ def _uncertain(v: Fields) -> str:
     elif sigma is None:
         text = "how well the rig measures is unknown"
         if v["cameras"]:
-            text = f"nothing fixes the pose of camera {v['camera']} relative to the others"
+            text = f"the pose of camera {v['camera']} relative to the others is not determined"
     elif what == "scale":
         text = f"all lengths are uncertain by {sigma:.0f} % (1 sigma)"
     elif what == "ground":
@@ -108,7 +108,7 @@ SOLVER: Mapping[str, Kind] = {
         advice="write the keypoints under the names of the layout that they were detected with", rank="input",
     ),
     "cameras_disconnected": Kind(
-        DOUBT, "Too few people seen by both connect a group of cameras to the largest one, `main`.",
+        NOTICE, "Too few people seen by both connect a group of cameras to the largest one, `main`.",
         lambda v: f"{v['who']} could not be connected to {', '.join(v['main'])}: too few people were seen by both at the "
         f"same time",
         "record people who walk through both views", joint="; ", common=True, rank="symptom",
