@@ -73,8 +73,8 @@ def doubts_of_uncertainty(rig: Rig, figures: SolverFigures, findings: Sequence[F
         findings: notices that may explain it (`EXPLAINS`, `WITHOUT_SIGMAS`), among others.
     """
     if not isinstance(figures, AdjustedFigures):
-        values = {"what": "points", "sigma": None, "lacks": []}
-        return [doubt(CODE, *one.cameras, **values, why=one.as_value()) for one in findings if one.code in WITHOUT_SIGMAS]
+        given = [one for one in findings if one.code in WITHOUT_SIGMAS]
+        return [doubt(CODE, *one.cameras, what="points", sigma=None, lacks=[], why=one.as_value()) for one in given]
     causes = [one for code in EXPLAINS for one in findings if one.code == code]
     out = []
     for sigma in (*_unbounded(rig, figures), *_of_cameras(rig, figures), *_of_scale(figures)):

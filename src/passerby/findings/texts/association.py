@@ -9,7 +9,6 @@ from passerby.findings.texts.kinds import DOUBT, NOTICE, REFUSAL, Fields, Kind, 
 
 WALK = "record more people walking in the area that the cameras share"
 VIEW = f"{WALK}, and check its fps and its intrinsics"
-_FIT_CLOCK = 'or estimate it: under [solver] set refine = ["clock_rate"]'
 _ANY: tuple[Severity, ...] = ("notice", "refusal")
 _SAID_OR_NOT: tuple[Severity, ...] = ("notice", "doubt")
 
@@ -47,6 +46,15 @@ def _pair(v: Fields) -> str:
 def _clock(v: Fields) -> str:
     side = "ahead of" if v["ahead_s"] > 0 else "behind"
     return f"the clock of {v['camera']} is {abs(v['ahead_s']):.1f} s {side} the clock of {v['second']}"
+
+
+def _drifts(v: Fields) -> str:
+    if len(v["names"]) > 1:
+        return f"the clocks of {v['camera']} and {v['second']} drift apart by {v['drift_s']:.2f} s"
+    return (
+        f"the clock of {v['camera']} drifts by {v['drift_s']:.2f} s over {v['span_s']:.0f} s: its tracks fit about "
+        f"{v['fits_fps']:.4g} frames per second better than the stated {v['fps']:.4g}"
+    )
 
 
 def _minutes(seconds: float) -> str:
@@ -140,12 +148,6 @@ ASSOCIATION: Mapping[str, Kind] = {
         NOTICE, "The camera's ground tracks fit no other camera's; `fit` says how far, `fixed_by` what would make them fit.",
         _unregistered, lambda v: VIEW if (fixed := _fixed(v)) is None else fixed.remedy, rank="symptom",
     ),
-    "cameras_ambiguous": Kind(
-        DOUBT, "The people of cameras would fit the others' almost as well elsewhere or at another time, by `runner_up`.",
-        "the paths of people fit almost as well if {who} stood elsewhere or showed another time (the second-best hypotheses "
-        "score {runner_up:.0%} of the best)",
-        "record people who move less alike, or give identities or clock offsets",
-    ),
     "other_rate_fits": Kind(
         NOTICE, "With another frame rate the camera's people are where the second camera sees them.",
         "at {fits_fps:.4g} frames per second instead of {fps:.4g} {share:.0%} of the people seen by {camera} are where "
@@ -177,7 +179,7 @@ ASSOCIATION: Mapping[str, Kind] = {
         _ANY, "Recordings may begin minutes or hours apart, and the camera's people fit no other camera's at one offset alone.",
         _start_unknown,
         "record for a longer time together, or state the times: name the files by their times, or cut the recordings to the "
-        "same time and set max_offset_s = 5 under [association]", common=True,
+        "same time and set max_offset_s = 5 under [association]",
     ),
     "start_contradicted": Kind(
         NOTICE, "A clock or sound says otherwise than the tracks of people when a recording began.",
@@ -201,14 +203,8 @@ ASSOCIATION: Mapping[str, Kind] = {
         "the people stand still, so neither their identities nor the clock offsets are reliable", WALK,
     ),
     "clock_drifts": Kind(
-        _SAID_OR_NOT, "The camera's clock runs at another rate than stated.",
-        "the clock of {camera} drifts by {drift_s:.2f} s over {span_s:.0f} s: its tracks fit about {fits_fps:.4g} frames per "
-        "second better than the stated {fps:.4g}",
-        f"check its fps, {_FIT_CLOCK}", rank="motion",
-    ),
-    "clocks_drift_apart": Kind(
-        _SAID_OR_NOT, "The clocks of the only two cameras run at different rates.",
-        "the clocks of {camera} and {second} drift apart by {drift_s:.2f} s", f"check their fps, {_FIT_CLOCK}", rank="motion",
+        _SAID_OR_NOT, "The camera's clock runs at another rate than stated; of two cameras alone: one of the two clocks.",
+        _drifts, 'check fps, or estimate it: under [solver] set refine = ["clock_rate"]', rank="motion",
     ),
     "clock_fitted": Kind(
         NOTICE, "The camera's frame rate was estimated.",
@@ -219,7 +215,7 @@ ASSOCIATION: Mapping[str, Kind] = {
         NOTICE, "The tracks of the same people do not determine the camera's clock offset.",
         "the clock offset of {who} is unknown: the tracks of the same people do not determine it",
         "record more people walking in the area shared with the others, or start the cameras at the same time",
-        joint="; ", common=True,
+        joint="; ",
     ),
     "no_embeddings": Kind(
         REFUSAL, 'Mode "appearance": no two cameras have tracklets with embeddings.',

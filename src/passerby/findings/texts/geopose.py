@@ -7,19 +7,12 @@ from collections.abc import Mapping
 from passerby.findings.finding import Severity
 from passerby.findings.texts.kinds import NOTICE, REFUSAL, Kind
 
-_EITHER: tuple[Severity, ...] = ("doubt", "refusal")
-_NOTICE_OR_REFUSAL: tuple[Severity, ...] = ("notice", "refusal")
+_EITHER: tuple[Severity, ...] = ("notice", "refusal")
 _OVERLAP = "record people walking where the views of these cameras overlap"
 
 GEOPOSE: Mapping[str, Kind] = {
-    "keypoint_ends_unnamed": Kind(
-        _EITHER, "The keypoint names do not fit the images: the highest and lowest keypoints are taken as head and feet.",
-        "the keypoint names do not fit the images (correlation of {correlation:.2f} with the order from head to feet): "
-        "keypoints are matched by number, and the highest and lowest ones are taken as head and feet",
-        "check the layout of the keypoint files", joint="; ", rank="input",
-    ),
     "pair_failed": Kind(
-        _NOTICE_OR_REFUSAL, "The camera could not be registered with the reference, `second`, for the `cause`.",
+        _EITHER, "The camera could not be registered with the reference, `second`, for the `cause`.",
         "camera {camera} could not be registered with {second}: {cause.problem}",
         "{cause.remedy}", joint="{cause.joint}", advice=_OVERLAP, rank="symptom",
     ),

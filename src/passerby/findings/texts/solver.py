@@ -52,6 +52,17 @@ def _unusual(v: Fields) -> str:
     return f"{who} {are} {tall} tall by the rig (median of all people: {v['usual_m']:.2f} m), and {are} left out of the scale"
 
 
+def _ambiguous(v: Fields) -> str:
+    if "runner_up" in v:
+        return (
+            f"the paths of people fit almost as well if {v['who']} stood elsewhere or showed another time (the second-best "
+            f"hypotheses score {v['runner_up']:.0%} of the best)"
+        )
+    if v["names"]:
+        return f"the paths of people fit another arrangement of {v['who']}, before identities are known"
+    return "two arrangements of the cameras fit the people almost equally well"
+
+
 _CUE_REMEDIES: Mapping[str | None, str] = MappingProxyType({
     "walking_speed": "check the frame rate, which may be wrong",
     "body_width": "check that the boxes reach from head to feet and no further",
@@ -102,10 +113,10 @@ SOLVER: Mapping[str, Kind] = {
         "no arrangement of the cameras agrees with the people", "check their identities and the intrinsics",
     ),
     "keypoint_names_unfit": Kind(
-        DOUBT, "The keypoint names do not order the keypoints from head to feet as the images do.",
-        "the keypoint names do not fit the images (correlation of {correlation:.2f} with the order from head to feet): is "
-        "the layout another one than the file states? Keypoints are matched by their number, head and feet by position",
-        advice="write the keypoints under the names of the layout that they were detected with", rank="input",
+        (*DOUBT, *REFUSAL), "The keypoint names do not order the keypoints from head to feet as the images do.",
+        "the keypoint names do not fit the images (correlation of {correlation:.2f} with the order from head to feet): "
+        "keypoints are matched by their number, head and feet by position",
+        "write the keypoints under the names of the layout that they were detected with", joint="; ", rank="input",
     ),
     "cameras_disconnected": Kind(
         NOTICE, "Too few people seen by both connect a group of cameras to the largest one, `main`.",
@@ -119,16 +130,15 @@ SOLVER: Mapping[str, Kind] = {
         "state focal lengths that are nearer to the true ones, or leave [solver] refine out", rank="symptom",
     ),
     "arrangement_ambiguous": Kind(
-        DOUBT, "Another arrangement of all cameras, or of two of them by the paths of their people, fits almost as well.",
-        lambda v: f"the paths of people fit another arrangement of {v['who']}, before identities are known"
-        if v["names"] else "two arrangements of the cameras fit the people almost equally well",
-        lambda v: "record longer, or people who walk all over the ground that both see"
-        if v["names"] else "record people who walk in more directions",
+        DOUBT, "Another arrangement of all cameras fits almost as well, or of some by the paths of their people; `runner_up` "
+        "is the share that other places or times of these score.",
+        _ambiguous, "record longer, and people who walk in more directions, all over the ground that the cameras share; or "
+        "give identities or clock offsets",
         rank="symptom",
     ),
     "rig_uncertain": Kind(
-        DOUBT, "What the rig measures is too uncertain to use, or has no bound (`sigma` is null): `what` is points or ground (mm, "
-        "by a camera) or scale (%), `lacks` what nothing fixes of the world, `why` the finding that explains it.",
+        DOUBT, "What the rig measures is too uncertain to use, or has no bound (`sigma` is null): `what` is points or ground "
+        "(mm, by a camera) or scale (%), `lacks` what nothing fixes of the world, `why` the finding that explains it.",
         _uncertain, _to_be_certain, rank="symptom",
         subjects=lambda v: _SUBJECTS.get(v["what"], ()),
     ),
