@@ -61,7 +61,7 @@ def misread(found: ReadCamera, *, corrected: bool = False) -> Finding:
             size=[round(size / reading.share) for size in found.lens.size],
             cut=None,
         )
-    return said("image_misread", found.name, how=reading.code.removeprefix("image_"), rotate=180)
+    return said("image_misread", found.name, how=reading.code.removeprefix("image_"), rotate=None)
 
 
 def _about(found: FoundLenses) -> tuple[str, ...]:

@@ -41,10 +41,10 @@ def _moved(v: Fields) -> str:
 def _to_choose(v: Fields) -> str:
     if v["seconds"] is None:
         return f"to choose, under [scene] set fps to the frame rate, and then from_s or until_s under [{v['table']}]"
-    kept, other = _kept(v)
+    (kept, other), change = _kept(v), "move" if v["factor"] is None else "zoom"
     until, since = f"until_s = {v['until_s']}", f"from_s = {v['from_s']}"
     one, two = (until, since) if kept == "before" else (since, until)
-    return f"under [{v['table']}] set {one} to keep that pose, or {two} for the one {other} that"
+    return f"under [{v['table']}] set {one} to keep that pose, or {two} for the pose {other} the {change}"
 
 
 def _drifts(v: Fields) -> str:
@@ -186,7 +186,7 @@ CALIBRATION: Mapping[str, Kind] = {
         lambda v: f"{v['who']}: people are upside down" if v["how"] == "upside_down" else
         f"{v['who']}: people whom the other cameras see fit far better if its images are {_READINGS[v['how']]}",
         lambda v: "give the images, boxes and keypoints as the camera sees the scene; if the camera hangs upside down, "
-        + (f"set rotate = {v['rotate']}" if v["rotate"] else "delete rotate"),
+        + {None: "set rotate", 0: "delete rotate"}.get(v["rotate"], f"set rotate = {v['rotate']}"),
         common=True, rank="input",
     ),
     "smaller_image_fits": Kind(

@@ -14,28 +14,28 @@ GEOPOSE: Mapping[str, Kind] = {
     "pair_failed": Kind(
         _EITHER, "The camera could not be registered with the reference, `second`, for the `cause`.",
         "camera {camera} could not be registered with {second}: {cause.problem}",
-        "{cause.remedy}", joint="{cause.joint}", advice=_OVERLAP, rank="symptom",
+        "{cause.remedy}", joint="{cause.joint}", rank="symptom",
     ),
     "few_common_points": Kind(
         REFUSAL, "Two cameras have few points in common.",
-        "{common} common points, {needed} are needed", advice=_OVERLAP,
+        "{common} common points, {needed} are needed", _OVERLAP,
     ),
     "few_agreeing_points": Kind(
         REFUSAL, "Few of the common points of two cameras agree on a relative pose.",
-        "{agreeing} of {common} common points agree on one relative pose, {needed} are needed", advice=_OVERLAP,
+        "{agreeing} of {common} common points agree on one relative pose, {needed} are needed", _OVERLAP,
     ),
     "few_usable_points": Kind(
         REFUSAL, "Few of the common points of two cameras can be used for a relative pose.",
-        "{usable} common points do not fix a relative pose: at least {needed} are needed", advice=_OVERLAP,
+        "{usable} common points do not fix a relative pose: at least {needed} are needed", _OVERLAP,
     ),
     "no_relative_pose": Kind(
         REFUSAL, "No relative pose was found for two cameras.",
-        "no relative pose agrees with the {common} common points", advice=_OVERLAP,
+        "no relative pose agrees with the {common} common points", _OVERLAP,
     ),
     "relative_pose_weak": Kind(
         REFUSAL, "The best relative pose of two cameras agrees with few of their common points.",
         "the best relative pose agrees with {agreeing} of {common} common points: at least {needed} are needed",
-        advice=_OVERLAP,
+        _OVERLAP,
     ),
     "people_do_not_stand": Kind(
         REFUSAL, "In the pair's pose hardly anybody's head and feet agree: it is the mirror image of the true pose.",
@@ -52,7 +52,7 @@ GEOPOSE: Mapping[str, Kind] = {
     "few_upright_people": Kind(
         REFUSAL, "Too few upright people were measured to estimate the scale.",
         "{seen} upright people were measured: at least {needed} are needed for the scale",
-        advice="record people walking where they are fully in view",
+        "record people walking where they are fully in view",
     ),
     "few_inliers": Kind(
         NOTICE, "Few of the points that the camera shares with the reference agree with its pose.",
