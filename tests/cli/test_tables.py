@@ -102,14 +102,16 @@ def test_pairs_are_for_those_who_want_to_know_more(calibration, capsys):
 
 def test_reasons_are_for_those_who_want_to_know_more(calibration, capsys):
     found = calibration(SEARCHED, lost=True)
-    association = replace(found.association, lost={"B": doubt("nobody_seen_whole", "B")})
-    found = replace(found, association=association, verdict="doubtful", diagnostics=(doubt("camera_without_pose", "B"),))
+    association = replace(found.association, lost={"B": notice("nobody_seen_whole", "B")})
+    found = replace(
+        found, association=association, verdict="doubtful", diagnostics=(doubt("camera_without_pose", "B", why=None),)
+    )
     show_calibration(found, verbose=False)
     assert "head to feet" not in capsys.readouterr().out
     show_calibration(found, verbose=True)
     shown = capsys.readouterr().out.splitlines()
-    assert f"B: {text_of(doubt('nobody_seen_whole', 'B'))}" in shown
-    assert f"doubtful: {text_of(doubt('camera_without_pose', 'B'))}" in shown
+    assert f"B: {text_of(notice('nobody_seen_whole', 'B'))}" in shown
+    assert f"doubtful: {text_of(doubt('camera_without_pose', 'B', why=None))}" in shown
 
 
 def test_what_a_measured_length_would_mend(calibration, capsys):
