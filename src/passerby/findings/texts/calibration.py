@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from passerby.findings.texts.kinds import DOUBT, NOTICE, Fields, Kind
+from passerby.findings.texts.kinds import DOUBT, NOTICE, REFUSAL, Fields, Kind
 
 _ALL_OVER = "record people walking all over the area that the cameras share"
 _LEVEL = 'provide points with known heights: under [world] set points = "points.csv" and tilt = true'
@@ -204,7 +204,7 @@ CALIBRATION: Mapping[str, Kind] = {
         "check the offset of its clock, and whether its tracker smooths the boxes", rank="motion",
     ),
     "keypoints_unused": Kind(
-        NOTICE, "A camera is missing, and keypoints were not detected.",
+        (*NOTICE, *REFUSAL), "A camera is missing, and keypoints were not detected.",
         "keypoints were not detected; they constrain more than boxes do where people stand or the recording is short",
         'under [perception] set keypoints = "{network}"',
     ),
