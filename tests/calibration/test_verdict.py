@@ -103,6 +103,7 @@ def test_each_cause_is_one_doubt_about_its_cameras() -> None:
         ("camera_without_pose", ("C4",), None),
         ("people_stand_still", (), None),
     ]
+    assert with_doubts_of_missing_cameras(lost, found) == found
     # A notice about cameras that have a pose is no cause, and stays.
     assert with_doubts_of_missing_cameras(RIG, findings) == findings
 

@@ -29,8 +29,11 @@ def with_doubts_of_missing_cameras(rig: Rig, findings: Sequence[Finding]) -> lis
 
     Args:
         rig: at least one camera has a pose.
-        findings: those that explain (`EXPLAINS`), among others. Of several about a camera the most specific one is kept.
+        findings: those that explain (`EXPLAINS`) or earlier doubts of this kind, among others. Of several causes about a camera
+            the most specific one is kept.
     """
+    before = [Finding.of_value(one.values["why"]) for one in findings if one.code == CODE and one.values["why"]]
+    findings = [*before, *(one for one in findings if one.code != CODE)]
     missing = [camera.name for camera in rig if camera.pose is None]
     left, doubts = missing, list[Finding]()
     for cause in (one for code in EXPLAINS for one in findings if one.code == code):

@@ -16,6 +16,7 @@ from passerby.common.arrays import Floats, Ints
 from passerby.common.errors import EvidenceError, InputError
 from passerby.core.cameras import Camera, PoseSigma, Rig
 from passerby.core.figures import StarFigures, StarPair, StarScale
+from passerby.core.missing_cameras import with_doubts_of_missing_cameras
 from passerby.core.scale_cues import KnownLength
 from passerby.core.solution import Solution
 from passerby.core.usability import doubts_of_uncertainty
@@ -155,6 +156,7 @@ def star_solution(
         pair_disagreement=star.disagreement, rms_px=star.adjusted.rms_px, iterations=star.adjusted.iterations,
         converged=star.adjusted.converged,
     )  # fmt: skip
+    findings = with_doubts_of_missing_cameras(solved, findings)
     findings = [*findings, *doubts_of_uncertainty(solved, figures, findings)]
     verdict = decide_verdict(solved, findings)
     return Solution(method, replace(solved, verdict=verdict), verdict, tuple(findings), figures)
