@@ -18,7 +18,7 @@ from passerby.core.solution import Solution
 from passerby.geometry.similarity import Similarity
 from passerby.solver.geopose.correspondences import ImagePoints
 from passerby.solver.geopose.pairs import GeoPoseOptions, PairGeometry
-from passerby.solver.geopose.star import doubts, reference_of, scale_from_lengths, solve_star_graph, star_solution
+from passerby.solver.geopose.star import find_weaknesses, reference_of, scale_from_lengths, solve_star_graph, star_solution
 
 # Points of a picture that are the same from all sides: the adjustment's formal sigmas stand.
 SIGMA_FACTOR = 1.0
@@ -57,5 +57,5 @@ def solve_correspondences(
 
     star = solve_star_graph(rig, points, options, lambda pair: metres([pair]).factor, rng)
     here = Similarity(1.0, np.eye(3), np.zeros(3))
-    findings = [*star.findings, *doubts(rig, star, "points", "other points")]
+    findings = [*star.findings, *find_weaknesses(rig, star, "points", "other points")]
     return star_solution("geopose", rig, star, metres(star.pairs), here, SIGMA_FACTOR, findings, "given")

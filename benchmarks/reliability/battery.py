@@ -150,7 +150,7 @@ Some cases cannot be detected by any rule, because all observations fit:
 - One camera stands in another place, in which people do the same at the same times under the same names. As far as they do, its
   images are those of a camera in the first place.
 - People move exactly point-symmetrically, and one camera's given identities are those of the opponents. That camera on the
-  opposite side would see just these boxes under these names. (If identities are found, that is `cameras_ambiguous`.)
+  opposite side would see just these boxes under these names. (If identities are found, that is `arrangement_ambiguous`.)
 - All that the boxes show is larger or smaller by one factor, and nothing else is known of the scale. A world and its copy at
   another scale have the same images, so only how tall, how wide and how fast people are speaks about the metre. People with
   umbrellas or crates, or on stilts, who are not too wide and do not walk too fast for it, are people of a smaller world.

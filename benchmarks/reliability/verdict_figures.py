@@ -76,7 +76,7 @@ FIGURES: Mapping[str, Figure] = MappingProxyType({
     "alike": Figure(
         AMBIGUOUS, "AMBIGUOUS in `association/ambiguity.py`",
         "what the runners-up of a camera's registrations score, as a share of these; the worst camera, identities found",
-        "cameras_ambiguous", False, (0.4, 0.5, 0.6, 0.7, 0.75, 0.8, 0.9),
+        "arrangement_ambiguous", False, (0.4, 0.5, 0.6, 0.7, 0.75, 0.8, 0.9),
     ),
 })  # fmt: skip
 

@@ -96,7 +96,7 @@ def outcome_of(out: Path, truth: Path) -> dict[str, Any]:
     folders = [out, *(out / one["folder"] for one in main.get("groups", ()))]
     true = read_rig(truth)
     groups = [found for folder in folders if (found := _group(folder, true)) is not None]
-    moved = sum(one["code"] in ("camera_moved", "camera_zoomed") for one in _diagnostics(folders))
+    moved = sum(one["code"] == "camera_moved" for one in _diagnostics(folders))
     return {"registered": sum(len(group["position_mm"]) for group in groups), "groups": groups, "moved": moved}
 
 

@@ -31,7 +31,7 @@ def test_shares_are_weighed_by_what_registrations_score() -> None:
 def test_one_doubt_names_the_cameras_and_how_well_the_others_fit() -> None:
     found = ambiguous_cameras(graph(edge(0, 1, 0.98), edge(2, 3, 0.2)), NAMES)
     assert [(one.code, one.severity, one.cameras, one.values) for one in found] == [
-        ("cameras_ambiguous", "doubt", ("C1", "C2"), {"runner_up": 0.98})
+        ("arrangement_ambiguous", "doubt", ("C1", "C2"), {"runner_up": 0.98})
     ]
 
 

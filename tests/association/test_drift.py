@@ -146,7 +146,7 @@ def test_of_two_cameras_neither_is_to_blame() -> None:
     scene = filmed(crowd(), (FPS, 10.4))
     (doubt,), notices = drift_findings(scene.cameras, scene.drifts())
     assert notices == []
-    assert (doubt.code, doubt.severity, doubt.cameras) == ("clocks_drift_apart", "doubt", ("C1", "C2"))
+    assert (doubt.code, doubt.severity, doubt.cameras) == ("clock_drifts", "doubt", ("C1", "C2"))
     assert 2.0 <= doubt.values["drift_s"] < 3.0
     sound = filmed(crowd(), (FPS, FPS))
     assert drift_findings(sound.cameras, sound.drifts()) == ([], [])

@@ -26,7 +26,7 @@ from passerby.association.registration_failures import (
 )
 from passerby.core.cameras import Pose
 from passerby.core.observations import CameraObservations, Clock
-from passerby.findings.finding import Finding, doubt, notice
+from passerby.findings.finding import Finding, notice
 from passerby.geometry.single_view import Level
 from support.scenes.people_and_rigs import looking_at
 from support.scenes.walkers_on_plane import UP, Station, Walker, bodies_at, standing, walkers
@@ -187,7 +187,7 @@ def lost(edges: Sequence[Edge], **named: Any) -> Finding:
     cameras = [camera(name, EAST, people, level=name != "flat") for name in ("C1", "C2", "C3", "flat")]
     graph = ViewGraph(tuple(edges), ((0, 1), (2,), (3,)), np.zeros(4))
     found = unregistered_cameras(cameras, graph, 0.0, **named)
-    assert [(name, one.severity) for name, one in found.items()] == [("C3", "doubt"), ("flat", "doubt")]
+    assert [(name, one.severity) for name, one in found.items()] == [("C3", "notice"), ("flat", "notice")]
     assert (found["flat"].code, found["flat"].cameras) == ("few_walkers", ("flat",))
     return found["C3"]
 
@@ -203,7 +203,7 @@ def test_a_camera_that_is_lost_is_told_with_the_one_that_it_fits_best() -> None:
 
 
 def test_a_camera_whose_start_is_unknown_is_told_by_that() -> None:
-    why = doubt("people_stand_still")
+    why = notice("start_unknown", "C3", searched_s=600.0, lags_s=None)
     starts = Starts(600.0, np.zeros(4), np.zeros(4, dtype=np.int64), doubts={2: why})
     assert lost([], starts=starts) is why
     assert lost([], starts=replace(starts, doubts={})).code == "camera_unregistered"

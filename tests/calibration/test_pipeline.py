@@ -157,7 +157,7 @@ def test_a_rig_that_lacks_a_camera_is_not_accepted(tmp_path, solver):
     solver.lost = ("C",)
     calibration = passerby.calibrate(write_scene(tmp_path, ("A", "B", "C")))
     assert calibration.verdict == calibration.rig.verdict == "doubtful"
-    assert calibration.diagnostics == (doubt("camera_without_pose", "C"),)
+    assert calibration.diagnostics == (doubt("camera_without_pose", "C", why=None),)
 
 
 def test_a_camera_that_shares_nobody_is_named(tmp_path, solver, capsys):

@@ -12,6 +12,7 @@ from passerby.common.arrays import Floats
 from passerby.core.cameras import Rig
 from passerby.core.figures import AdjustedFigures, SolvedCamera
 from passerby.core.measuring_figures import CameraMeasuring, MeasuringFigures, MeasuringSigma
+from passerby.core.missing_cameras import with_doubts_of_missing_cameras
 from passerby.core.observations import Boxes, CameraObservations, Keypoints, Observations
 from passerby.core.solution import Solution
 from passerby.core.verdict import Verdict
@@ -94,12 +95,38 @@ def test_a_camera_that_is_left_out_is_told_once_with_what_is_known_of_it() -> No
     lost = Rig(tuple(replace(camera, pose=None) if camera.name == "C4" else camera for camera in RIG))
     found = judged(solved(lost), people)
     assert found.verdict == "doubtful"
-    assert codes(found) == [("cameras_share_nobody", ("C4",))]
-    why = doubt("few_walkers", "C4")
-    assert codes(judged(solved(lost), people, why={"C4": why})) == [("few_walkers", ("C4",))]
+    assert causes(found) == [("cameras_share_nobody", ("C4",))]
+    why = notice("few_walkers", "C4")
+    assert causes(judged(solved(lost), people, why={"C4": why})) == [("few_walkers", ("C4",))]
     # The solver's own words on it are dropped: that nobody is shared says more.
-    apart = replace(solved(lost), findings=(doubt("cameras_disconnected", "C4", main=["C1", "C2", "C3"]),))
-    assert codes(judged(apart, people)) == [("cameras_share_nobody", ("C4",))]
+    apart = replace(solved(lost), findings=(notice("cameras_disconnected", "C4", main=["C1", "C2", "C3"]),))
+    assert causes(judged(apart, people)) == [("cameras_share_nobody", ("C4",))]
+
+
+def test_each_cause_is_one_doubt_about_its_cameras() -> None:
+    """The most specific cause of a camera counts; one about several cameras names those that have no better one."""
+    lost = Rig(tuple(camera if camera.name == "C1" else replace(camera, pose=None) for camera in RIG))
+    findings = [
+        notice("cameras_share_nobody", "C2", "C3", main=["C1"], given=True),
+        doubt("people_stand_still"),
+        notice("clock_unknown", "C3"),
+    ]
+    found = with_doubts_of_missing_cameras(lost, findings)
+    assert [(one.code, one.cameras, (one.values.get("why") or {}).get("code")) for one in found] == [
+        ("camera_without_pose", ("C3",), "clock_unknown"),
+        ("camera_without_pose", ("C2",), "cameras_share_nobody"),
+        ("camera_without_pose", ("C4",), None),
+        ("people_stand_still", (), None),
+    ]
+    assert with_doubts_of_missing_cameras(lost, found) == found
+    # A notice about cameras that have a pose is no cause, and stays.
+    assert with_doubts_of_missing_cameras(RIG, findings) == findings
+
+
+def causes(solution: Solution) -> list[tuple[str, tuple[str, ...]]]:
+    """What explains the cameras without a pose, where nothing else is found."""
+    assert {one.code for one in solution.findings} == {"camera_without_pose"}
+    return [(one.values["why"]["code"], one.cameras) for one in solution.findings]
 
 
 def test_a_camera_without_a_pose_for_no_reason_that_is_known() -> None:

@@ -17,7 +17,7 @@ from passerby.core.field_of_view import field_of_view_deg
 from passerby.core.figures import AdjustedFigures, CueFigures, ScaleFigures, SolvedCamera
 from passerby.core.lens_figures import DistortionFigures, FocalFigures, LensFigures, PrincipalPointFigures
 from passerby.core.observations import Clock
-from passerby.findings.finding import doubt
+from passerby.findings.finding import doubt, notice
 from passerby.findings.texts import text_of
 from passerby.scene.inputs import read_inputs
 from passerby.scene.scene import Scene
@@ -102,14 +102,15 @@ def test_pairs_are_for_those_who_want_to_know_more(calibration, capsys):
 
 def test_reasons_are_for_those_who_want_to_know_more(calibration, capsys):
     found = calibration(SEARCHED, lost=True)
-    association = replace(found.association, lost={"B": doubt("nobody_seen_whole", "B")})
-    found = replace(found, association=association, verdict="doubtful", diagnostics=(doubt("camera_without_pose", "B"),))
+    why, lost = notice("nobody_seen_whole", "B"), doubt("camera_without_pose", "B", why=None)
+    association = replace(found.association, lost={"B": why})
+    found = replace(found, association=association, verdict="doubtful", diagnostics=(lost,))
     show_calibration(found, verbose=False)
     assert "head to feet" not in capsys.readouterr().out
     show_calibration(found, verbose=True)
     shown = capsys.readouterr().out.splitlines()
-    assert f"B: {text_of(doubt('nobody_seen_whole', 'B'))}" in shown
-    assert f"doubtful: {text_of(doubt('camera_without_pose', 'B'))}" in shown
+    assert f"B: {text_of(why)}" in shown
+    assert f"doubtful: {text_of(lost)}" in shown
 
 
 def test_what_a_measured_length_would_mend(calibration, capsys):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from passerby.core.missing_cameras import without_pose
 from passerby.findings.finding import doubt, notice
 from passerby.findings.ranking import MOST_SHOWN, explained_by, reasons_of, shown_in_words
 from passerby.findings.texts import KINDS
@@ -40,8 +41,13 @@ def test_notices_explain_nothing_and_are_no_reasons() -> None:
 def test_the_same_of_several_cameras_is_one_sentence() -> None:
     (reason,) = reasons_of([FEW, OTHER])
     assert reason.problem == "camera C1 has only 12 supporting observations (likewise camera C2)"
-    (reason,) = reasons_of([doubt("camera_without_pose", "C1"), doubt("camera_without_pose", "C3")])
+    unexplained = [doubt("camera_without_pose", name, why=None) for name in ("C1", "C3")]
+    (reason,) = reasons_of(unexplained)
     assert reason.problem == "cameras C1 and C3 could not be registered"
+    few = [without_pose(notice("few_walkers", name)) for name in ("C4", "C5")]
+    first, second = reasons_of([*unexplained, *few])
+    assert (first, len(second.findings)) == (reason, 2)
+    assert second.problem == "camera C4 saw too few people who walk for a second or longer (likewise camera C5)"
 
 
 def test_a_first_screen_has_three_reasons_and_says_how_many_there_are() -> None:
@@ -53,5 +59,5 @@ def test_a_first_screen_has_three_reasons_and_says_how_many_there_are() -> None:
 
 
 def test_causes_rank_before_symptoms() -> None:
-    assert {KINDS[code].rank for code in ("smaller_image_fits", "same_recording", "image_upside_down")} == {"input"}
+    assert {KINDS[code].rank for code in ("smaller_image_fits", "same_recording", "image_misread")} == {"input"}
     assert KINDS["rig_uncertain"].rank == "symptom"

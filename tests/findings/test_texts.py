@@ -54,7 +54,7 @@ def test_a_sentence_is_the_problem_and_the_remedy() -> None:
     assert text_of(few) == f"{problem_of(few)}: {remedy_of(few)}"
     placed = Finding(few.code, few.severity, few.cameras, {"place": "scene.toml", **few.values})
     assert texts_of([few, placed]) == (text_of(few), f"scene.toml: {text_of(few)}")
-    silent = doubt("few_inliers", "C1", share=0.2)
+    silent = refusal("pair_unregistered", "C1", "C2", fit="never_together")
     assert text_of(silent) == problem_of(silent)
     assert remedy_of(silent)
 

@@ -9,6 +9,7 @@ import pytest
 
 from passerby.calibration.calibration import contents_of
 from passerby.cli.main import run
+from passerby.core.missing_cameras import without_pose
 from passerby.findings.finding import doubt, notice, refusal
 from passerby.interchange.calibration_json import read_document
 from passerby.interchange.storage.json_text import plain
@@ -140,7 +141,9 @@ def test_a_camera_without_a_pose_is_told_with_its_reason(calibrated):
     contents = contents_from(calibrated[1])
     lost = replace(contents.rig["C3"], pose=None, sigma=None)
     rig = replace(contents.rig, cameras=tuple(lost if one.name == "C3" else one for one in contents.rig))
-    told = changed(contents, verdict="doubtful", **diagnosed(doubt("cameras_share_nobody", "C3", main=["C1"], given=True)))
+    told = changed(
+        contents, verdict="doubtful", **diagnosed(without_pose(notice("cameras_share_nobody", "C3", main=["C1"], given=True)))
+    )
     page = Page(report_page(replace(told, rig=rig)))
     assert "no pose: Camera C3 shares no people with C1." in page.sections["cameras"]
     assert "3 of 4" in page.sections["summary"]
@@ -185,7 +188,7 @@ def test_a_folder_of_an_older_passerby_gives_a_sound_page(calibrated, tmp_path):
 
 def test_names_are_text_and_nothing_else(calibrated):
     contents = named(contents_from(calibrated[1]), HOSTILE)
-    odd = doubt("camera_without_pose", HOSTILE[1]), notice("world_not_set", place="scene.toml", why=HOSTILE[2])
+    odd = doubt("camera_without_pose", HOSTILE[1], why=None), notice("world_not_set", place="scene.toml", why=HOSTILE[2])
     page = Page(report_page(changed(contents, name=HOSTILE[0], **diagnosed(*odd))))
     assert [row["Camera"] for row in page.rows("cameras-table")] == list(HOSTILE)
     runs = [attributes for attributes, _ in page.scripts if attributes.get("type") != "application/json"]

@@ -60,9 +60,9 @@ def test_a_doubt_is_a_problem_and_a_remedy():
         Point("Camera C1 has only 7 supporting observations.", "Record more people in its view."),
         Point("The adjustment did not converge.", "Under [solver.options] set max_iterations = 200."),
     ]
-    cut = doubt("smaller_image_cut", "V1", place="V1.txt", seen_size=[96, 54], size=[192, 108], cut=5)
+    cut = doubt("smaller_image_fits", "V1", place="V1.txt", seen_size=[96, 54], size=[192, 108], cut=5)
     (point,) = points(cut)
-    assert point.problem.startswith("V1.txt: camera V1: all people lie within 96 x 54")
+    assert point.problem.startswith("V1.txt: camera V1: its people seem to be detected in images of 96 x 54")
     assert point.remedy.startswith("Give intrinsics for images of that size")
 
 

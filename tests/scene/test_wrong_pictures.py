@@ -155,7 +155,7 @@ def test_where_both_ways_fit_alike_nothing_is_said(height: float) -> None:
 def test_no_rig_with_a_picture_turned_over_is_accepted(change: Change) -> None:
     found = calibrated(scene(), ("C2",), change)
     assert found.verdict != "accepted"
-    assert doubt("image_upside_down", "C2", rotate=180) in found.doubts
+    assert doubt("image_misread", "C2", how="upside_down", rotate=180) in found.doubts
 
 
 def test_joints_tell_themselves() -> None:

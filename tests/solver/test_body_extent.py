@@ -179,7 +179,7 @@ def test_joint_names_that_contradict_the_pictures_are_not_believed(workers: Simu
         cameras[name] = CameraObservations(keypoints=wrong)
     extents = joint_extents(workers.rig, Observations(cameras))
     assert extents.finding is not None
-    assert extents.finding.code == "keypoint_ends_unnamed"
+    assert extents.finding.code == "keypoint_names_unfit"
     right = workers.observations.cameras["C1"].keypoints.joints
     assert all("eye" in right[j] or "ear" in right[j] or right[j] == "nose" for j in np.flatnonzero(extents.is_top))
     assert all("ankle" in right[j] for j in np.flatnonzero(extents.is_bottom))

@@ -37,4 +37,4 @@ def ambiguous_cameras(graph: ViewGraph, names: Sequence[str], limit: float = AMB
     """A doubt about the cameras that might as well stand elsewhere or show another time; none where there is no such camera."""
     shares = dict(zip(names, ambiguity(graph, len(names)).tolist(), strict=True))
     alike = [name for name, share in shares.items() if share > limit]
-    return [doubt("cameras_ambiguous", *alike, runner_up=max(shares[name] for name in alike))] if alike else []
+    return [doubt("arrangement_ambiguous", *alike, runner_up=max(shares[name] for name in alike))] if alike else []

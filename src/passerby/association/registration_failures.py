@@ -61,7 +61,7 @@ def unregistered_cameras(
     cameras: Sequence[CameraTracklets], graph: ViewGraph, max_lag_s: float, *, timed: bool = True,
     starts: Starts | None = None, near: Candidates | None = None,
 ) -> dict[str, Finding]:  # fmt: skip
-    """A doubt for each camera that no registration joins to another, by name.
+    """Why each camera that no registration joins to another has no pose, by name.
 
     Args:
         cameras: all cameras.
@@ -97,7 +97,7 @@ def _unregistered(
     partners = sorted(possible, key=lambda p: -_samples(cameras[p]))[:PARTNERS]
     partners = partners if starts is None else []
     better = next((one for p in partners if (one := what_would_fit(cameras[p], camera, max_lag_s)) is not None), None)
-    return doubt("camera_unregistered", camera.name, to=other, timed=timed, **fit, **fixed_by(better))
+    return notice("camera_unregistered", camera.name, to=other, timed=timed, **fit, **fixed_by(better))
 
 
 def fixed_by(better: Finding | None) -> dict[str, Any]:
@@ -106,11 +106,11 @@ def fixed_by(better: Finding | None) -> dict[str, Any]:
 
 
 def sees_too_little(camera: CameraTracklets) -> Finding | None:
-    """A doubt where a camera has no tracks at all."""
+    """Why a camera has no tracks at all; None where it has some."""
     if not len(camera.bodies):
-        return doubt("nobody_seen_whole", camera.name)
+        return notice("nobody_seen_whole", camera.name)
     if not _samples(camera):
-        return doubt("few_walkers", camera.name)
+        return notice("few_walkers", camera.name)
     return None
 
 

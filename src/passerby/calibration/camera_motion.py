@@ -76,12 +76,10 @@ class DetectedMotion:
         if change.at_start or change.at_end:
             first = last = self.last_frame + 1 if change.at_start else self.first_frame
         timed = self.fps is not None
-        size: dict[str, float] = {"metres": change.metres, "degrees": change.degrees}
-        if change.zoom != 1.0:
-            size = {"factor": 1 / change.zoom if change.at_start else change.zoom}
+        factor = None if change.zoom == 1.0 else 1 / change.zoom if change.at_start else change.zoom
         return doubt(
-            "camera_moved" if change.zoom == 1.0 else "camera_zoomed", self.camera, *([self.either] if self.either else []),
-            **size, left_out=self.figures.left_out, frames=[first, last],
+            "camera_moved", self.camera, *([self.either] if self.either else []),
+            metres=change.metres, degrees=change.degrees, factor=factor, left_out=self.figures.left_out, frames=[first, last],
             seconds=[self.seconds(first), self.seconds(last)] if timed else None,
             until_s=max(0, math.floor(self.seconds(first) - MARGIN_S)) if timed else None,
             from_s=math.ceil(self.seconds(last) + MARGIN_S) if timed else None,

@@ -89,7 +89,7 @@ def calibrate(
     executor = worthwhile(executor, scene.size_bytes, len(scene.cameras))
     found = calibrate_inputs(scene, inputs, seed=seed, progress=tell, executor=executor, keep=keep)
     missing = len(found.rig.posed()) < len(found.rig)
-    joints = joints_remedy(scene) if missing else None
+    joints = joints_remedy(scene, "refusal" if found.verdict == "refused" else "notice") if missing else None
     return replace(
         found,
         diagnostics=(*found.doubts, *([joints] if joints else []), *watch.notes, *found.notices),

@@ -31,8 +31,7 @@ from passerby.core.cameras import Rig
 from passerby.core.figures import adjusted
 from passerby.core.observations import UNKNOWN, Boxes, CameraObservations, Clock, Observations
 from passerby.core.solution import Solution
-from passerby.core.verdict import decide_verdict
-from passerby.findings.finding import Finding, doubt
+from passerby.findings.finding import Finding, notice
 from passerby.findings.refusals import findings_of
 from passerby.people.upright_rays import upright_rays
 
@@ -75,7 +74,7 @@ def solve_with_unknown_offsets(
         return refused, _association(rig, observations, cameras, None, np.zeros(len(cameras)), refused)
     assert initial.graph is not None
     timed = [cameras[c].name for c in initial.graph.groups[0]]
-    lost = {name: doubt("clock_unknown", name) for name in rig.names if name not in timed}
+    lost = {name: notice("clock_unknown", name) for name in rig.names if name not in timed}
     lost |= unregistered_cameras(cameras, initial.graph, max_offset_s, timed=False, starts=initial.starts)
     return _refined(rig, observations, cameras, initial, lost, solve, tell)
 
@@ -177,13 +176,8 @@ def _without(observations: Observations, lost: Mapping[str, Finding]) -> Observa
 
 
 def _without_clocks(solution: Solution, lost: Mapping[str, Finding]) -> Solution:
-    """The solution with the finding for each camera whose clock is not known, in place of the solver's."""
-    if not lost:
-        return solution
-    said = {("cameras_disconnected", (name,)) for name in lost}
-    kept = tuple(finding for finding in solution.findings if (finding.code, finding.cameras) not in said)
-    findings = (*lost.values(), *kept)
-    return replace(solution, verdict=decide_verdict(solution.rig, findings), findings=findings)
+    """The solution with what is known of each camera whose clock is not known."""
+    return replace(solution, findings=(*lost.values(), *solution.findings))
 
 
 def _association(

@@ -9,7 +9,7 @@ import numpy as np
 
 from passerby.common.arrays import Ints
 from passerby.core.observations import UNKNOWN, CameraObservations, Observations
-from passerby.findings.finding import Finding, doubt
+from passerby.findings.finding import Finding, notice, refusal
 
 
 @dataclass(frozen=True)
@@ -68,11 +68,12 @@ def connected_groups(shared: Mapping[str, Mapping[str, Shared]]) -> list[list[st
 
 
 def missing_overlap(shared: Mapping[str, Mapping[str, Shared]], *, given: bool = True) -> list[Finding]:
-    """One doubt for every group of cameras that shares nobody with the largest group; empty where all hang together.
+    """What keeps cameras apart: a refusal where no two share anybody, else a notice for every group that shares nobody with the
+    largest one; empty where all hang together.
 
     What to do depends on whether the identities were `given` or found.
     """
     main, *others = connected_groups(shared)
     if len(main) == 1:
-        return [doubt("no_shared_people", given=given)]
-    return [doubt("cameras_share_nobody", *group, main=main, given=given) for group in others]
+        return [refusal("no_shared_people", given=given)]
+    return [notice("cameras_share_nobody", *group, main=main, given=given) for group in others]

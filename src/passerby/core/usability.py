@@ -15,7 +15,7 @@ from typing import Literal
 import numpy as np
 
 from passerby.core.cameras import Rig
-from passerby.core.figures import AdjustedFigures
+from passerby.core.figures import AdjustedFigures, SolverFigures
 from passerby.core.measuring_figures import CameraMeasuring, MeasuringFigures
 from passerby.findings.finding import Finding, doubt
 
@@ -46,6 +46,9 @@ EXPLAINS: Mapping[str, tuple[Quantity, ...]] = MappingProxyType({
 })  # fmt: skip
 """Codes of notices, and what each makes uncertain; the most specific comes first."""
 
+WITHOUT_SIGMAS = ("adjustment_not_converged", "people_not_spread", "few_inliers", "near_reference", "pairs_disagree")
+"""Codes of notices that make a rig too uncertain by a method that has no sigmas of what it measures."""
+
 _WORLD: Mapping[str, Quantity] = MappingProxyType({"scale": "scale", "vertical": "ground", "height of the ground": "ground"})
 
 
@@ -61,14 +64,17 @@ class _Sigma:
     """Parts of the world that nothing fixes."""
 
 
-def doubts_of_uncertainty(rig: Rig, figures: AdjustedFigures, findings: Sequence[Finding]) -> list[Finding]:
+def doubts_of_uncertainty(rig: Rig, figures: SolverFigures, findings: Sequence[Finding]) -> list[Finding]:
     """What is too uncertain to use, each with what explains it.
 
     Args:
         rig: in the world of the adjustment, metres.
-        figures: of the adjustment.
-        findings: notices that may explain it (`EXPLAINS`), among others.
+        figures: of the solver.
+        findings: notices that may explain it (`EXPLAINS`, `WITHOUT_SIGMAS`), among others.
     """
+    if not isinstance(figures, AdjustedFigures):
+        given = [one for one in findings if one.code in WITHOUT_SIGMAS]
+        return [doubt(CODE, *one.cameras, what="points", sigma=None, lacks=[], why=one.as_value()) for one in given]
     causes = [one for code in EXPLAINS for one in findings if one.code == code]
     out = []
     for sigma in (*_unbounded(rig, figures), *_of_cameras(rig, figures), *_of_scale(figures)):
@@ -81,12 +87,12 @@ def doubts_of_uncertainty(rig: Rig, figures: AdjustedFigures, findings: Sequence
     return out
 
 
-def with_doubts_of_uncertainty(rig: Rig, figures: AdjustedFigures, findings: Sequence[Finding]) -> list[Finding]:
+def with_doubts_of_uncertainty(rig: Rig, figures: SolverFigures, findings: Sequence[Finding]) -> list[Finding]:
     """The findings with these doubts as the figures have them now; notices that a doubt names are not said twice."""
     others = [one for one in findings if one.code != CODE]
     doubts = doubts_of_uncertainty(rig, figures, others)
     said = [one.values["why"] for one in doubts]
-    return [*(one for one in others if one.code not in EXPLAINS or one.as_value() not in said), *doubts]
+    return [*(one for one in others if one.code not in (*EXPLAINS, *WITHOUT_SIGMAS) or one.as_value() not in said), *doubts]
 
 
 def usable_m(rig: Rig) -> float:

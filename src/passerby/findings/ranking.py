@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from passerby.findings.finding import Finding
@@ -82,10 +82,16 @@ def reasons_of(findings: Sequence[Finding]) -> list[Reason]:
 def _of_another_camera(finding: Finding, group: Sequence[Finding]) -> bool:
     """Whether a finding about one camera is the same as those of a group about other cameras."""
     return (
-        group[0].code == finding.code
+        _topic(group[0]) == _topic(finding)
         and len(group[0].cameras) == len(finding.cameras) == 1
         and all(one.cameras != finding.cameras for one in group)
     )
+
+
+def _topic(finding: Finding) -> tuple[object, ...]:
+    """What a finding says, without its figures: its code, and what explains it."""
+    why = finding.values.get("why")
+    return finding.code, finding.values.get("what"), why["code"] if isinstance(why, Mapping) else why
 
 
 def shown_in_words(findings: Sequence[Finding], where: str) -> str:

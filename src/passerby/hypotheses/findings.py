@@ -59,8 +59,9 @@ def misread(found: ReadCamera, *, corrected: bool = False) -> Finding:
             found.name,
             seen_size=list(found.lens.size),
             size=[round(size / reading.share) for size in found.lens.size],
+            cut=None,
         )
-    return said("image_misread", found.name, how=reading.code.removeprefix("image_"))
+    return said("image_misread", found.name, how=reading.code.removeprefix("image_"), rotate=None)
 
 
 def _about(found: FoundLenses) -> tuple[str, ...]:

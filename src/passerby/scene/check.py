@@ -14,9 +14,10 @@ from passerby.association.sampling import STEP_S
 from passerby.common.arrays import Ints
 from passerby.common.errors import EvidenceError, InputError
 from passerby.core.cameras import Lens
+from passerby.core.missing_cameras import without_pose
 from passerby.core.observations import UNKNOWN, CameraObservations, Observations
 from passerby.core.overlap import Shared, count_shared_observations, missing_overlap
-from passerby.findings.finding import Finding, doubt
+from passerby.findings.finding import Finding, notice
 from passerby.findings.texts import diagnostic, texts_of
 from passerby.interchange.storage.faults import faults_of
 from passerby.interchange.storage.json_text import plain
@@ -195,7 +196,8 @@ def check_scene(source: Scene | str | Path, findings: Sequence[Finding] = ()) ->
     perception, faults_of_networks, notes = _foreseen(scene, readings)
     short = too_short(scene, readings, with_keypoints=perception.get("keypoints", "none") != "none")
     faults, notices = faults + faults_of_networks, notices + notes
-    doubts = () if faults else (*scene_doubts(scene, readings), *(missing_overlap(shared) if given else ()), *short)
+    apart = [without_pose(one) if one.severity == "notice" else one for one in missing_overlap(shared)] if given else []
+    doubts = () if faults else (*scene_doubts(scene, readings), *apart, *short)
     notices += [] if faults else sound_to_hear(scene, readings)
     return SceneCheck(
         name=scene.name,
@@ -226,7 +228,7 @@ def too_short(scene: Scene, readings: Sequence[CameraInput], *, with_keypoints: 
     if with_joints > 1 or not short:
         return []
     values = {"seconds": short, "shortest_s": SHORTEST_S, "network": keypoints_for(scene)}
-    return [doubt("recordings_short", *short, place=str(scene.place), **values)]
+    return [without_pose(notice("recordings_short", *short, place=str(scene.place), **values))]
 
 
 def _seconds(scene: Scene, reading: CameraInput) -> float | None:

@@ -85,9 +85,9 @@ def doubts_of_people(scene: Scene, readings: Sequence[CameraInput]) -> list[Find
             smaller = smaller_picture(extents_of(rows), lens.size)
             if smaller is not None:
                 sizes = {"seen_size": list(smaller[1]), "size": list(lens.size)}
-                found.append(doubt("smaller_image_cut", reading.name, place=str(path), cut=smaller[0], **sizes))
+                found.append(doubt("smaller_image_fits", reading.name, place=str(path), cut=smaller[0], **sizes))
     found += [
-        doubt("image_upside_down", reading.name, rotate=(reading.rotate + 180) % 360)
+        doubt("image_misread", reading.name, how="upside_down", rotate=(reading.rotate + 180) % 360)
         for reading, lens in _known(readings)
         if is_upside_down(*_upright(reading, lens), scene.scale.person_height_m)
     ]

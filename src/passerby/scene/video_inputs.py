@@ -19,7 +19,7 @@ from passerby.common.errors import InputError
 from passerby.common.parallel import interrupted_later
 from passerby.common.progress import Forward, Progress, tell_warning
 from passerby.common.text import listed
-from passerby.findings.finding import Finding, doubt
+from passerby.findings.finding import Finding, Severity
 from passerby.interchange.storage.faults import faults_of
 from passerby.perception.joint_budget import CROPS_PER_S
 from passerby.perception.model_files import AUTO
@@ -146,12 +146,10 @@ def keypoints_for(scene: Scene) -> str | None:
     return keypoints_to_be_had(None if scene.perception.models is None else scene.resolve(scene.perception.models))
 
 
-def joints_remedy(scene: Scene) -> Finding | None:
+def joints_remedy(scene: Scene, severity: Severity) -> Finding | None:
     """What joints would do for a scene whose cameras could not all be registered; None where none can be had."""
     name = keypoints_for(scene)
-    if name is None:
-        return None
-    return doubt("keypoints_unused", network=name)
+    return None if name is None else Finding("keypoints_unused", severity, values={"network": name})
 
 
 def picture_rate(scene: Scene, reading: CameraInput, info: VideoInfo) -> float:

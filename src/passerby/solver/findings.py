@@ -21,7 +21,7 @@ from passerby.core.figures import (
     SolvedCamera,
 )
 from passerby.core.lens_figures import LensFigures
-from passerby.findings.finding import Finding, doubt, notice
+from passerby.findings.finding import Finding, notice
 from passerby.people.model import HEIGHT_PER_CENTRE
 from passerby.solver.evidence import Evidence
 from passerby.solver.gauge import Free
@@ -40,7 +40,7 @@ _NORMAL_QUARTILE = 0.3186
 def apart(rig: Rig, groups: list[list[int]]) -> list[Finding]:
     """The groups of cameras that nobody joins to the largest one."""
     main, *others = ([rig.names[c] for c in group] for group in groups)
-    return [doubt("cameras_disconnected", *names, main=main) for names in others]
+    return [notice("cameras_disconnected", *names, main=main) for names in others]
 
 
 def notices_about(start: Initialisation, fit: Fit) -> list[Finding]:

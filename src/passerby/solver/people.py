@@ -19,6 +19,7 @@ from passerby.core.lens import LARGEST_FOCAL_SD
 from passerby.core.lens_figures import LensFigures
 from passerby.core.measuring import common_ground
 from passerby.core.measuring_figures import MeasuringFigures, with_measuring_sigmas
+from passerby.core.missing_cameras import with_doubts_of_missing_cameras
 from passerby.core.observations import Observations
 from passerby.core.scale_cues import ScaleCues
 from passerby.core.solution import Solution
@@ -152,6 +153,7 @@ def solve_people(
     ]
     figures = figures_of(start, choice, fit, covariance, cues_said, lenses)
     figures = replace(figures, measuring=measuring, around=around, refinement=refinement)
+    findings = with_doubts_of_missing_cameras(whole, findings)
     findings += doubts_of_uncertainty(whole, figures, findings)
     verdict = decide_verdict(whole, findings)
     if zoned is not None:

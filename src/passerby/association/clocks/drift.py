@@ -80,7 +80,7 @@ def drift_findings(cameras: Sequence[CameraTracklets], drifts: Mapping[int, Drif
         between = Drift(one.rate - other.rate, max(one.sigma, other.sigma), max(one.span_s, other.span_s))
         severity: Severity = "doubt" if between.harmful else "notice"
         both = cameras[a].name, cameras[b].name
-        apart = Finding("clocks_drift_apart", severity, both, {"drift_s": abs(between.seconds)})
+        apart = Finding("clock_drifts", severity, both, {"drift_s": abs(between.seconds)})
         found = [apart] if one.sure else []
     else:
         found = [_drifting(cameras[c], drift) for c, drift in drifts.items() if drift.sure]

@@ -19,7 +19,7 @@ from passerby.association.ground.registration import PairRegistration, Registrat
 from passerby.association.sampling import STEP_S
 from passerby.common.arrays import Floats, Ints
 from passerby.core.association_figures import StartDifference
-from passerby.findings.finding import Finding, doubt, notice
+from passerby.findings.finding import Finding, notice
 
 FULL_SEARCH_S = 60.0
 """Lags up to this are all searched by tracks; above it, candidates are sought first."""
@@ -340,5 +340,5 @@ def _doubts(
         rivals = [rest for pair, rest in unclear.items() if c in pair and len(rest) > 1]
         best = max(rivals, key=lambda rest: rest[0].score, default=())
         lags = None if not best else [abs(one.lag_s) for one in best[:2]]
-        out[c] = doubt("start_unknown", camera.name, searched_s=searched_s, lags_s=lags)
+        out[c] = notice("start_unknown", camera.name, searched_s=searched_s, lags_s=lags)
     return out

@@ -54,7 +54,7 @@ def doubts_of_smaller_pictures(
     out = []
     for name, share in shares.items():
         size, small = rig[name].lens.size, smaller(rig[name].lens, share).size
-        out.append(doubt("smaller_image_fits", name, seen_size=list(small), size=list(size)))
+        out.append(doubt("smaller_image_fits", name, seen_size=list(small), size=list(size), cut=None))
     return out
 
 

@@ -9,13 +9,13 @@ import numpy as np
 
 from passerby.common.arrays import Floats
 from passerby.core.cameras import Rig
-from passerby.core.figures import AdjustedFigures
+from passerby.core.missing_cameras import with_doubts_of_missing_cameras
 from passerby.core.observations import UNKNOWN, Observations
 from passerby.core.overlap import count_shared_observations, missing_overlap
 from passerby.core.solution import Solution
-from passerby.core.usability import CODE, with_doubts_of_uncertainty
+from passerby.core.usability import with_doubts_of_uncertainty
 from passerby.core.verdict import decide_verdict
-from passerby.findings.finding import Finding, doubt, notice
+from passerby.findings.finding import Finding, notice
 from passerby.geometry.triangulation import triangulate
 
 LINE_WIDTH_M = 0.25
@@ -35,31 +35,24 @@ def judged(
         solution: of a solver.
         observations: people at common instants.
         given: whether their identities were given, not found.
-        why: by camera, why it could not be joined to another, where more is known than that nobody is shared.
+        why: by camera, why it has no pose, where more is known than that nobody is shared.
         causes: doubts about the input and about cameras that were in motion. They come first: other findings follow from them.
         doubts: what else speaks against relying on it, and notices that may explain what is uncertain.
     """
     findings = [*causes, *solution.findings, *doubts]
+    missing = len(solution.rig.posed()) < len(solution.rig)
+    apart = _apart(observations, given, why or {}, nothing_known=not findings) if missing else []
     if solution.verdict == "refused":
         findings = [*solution.findings, *causes, *doubts]
-    lost = [camera.name for camera in solution.rig if camera.pose is None]
-    if lost:
-        apart = _apart(observations, given, why or {}, nothing_known=not findings)
-        # That nobody is shared says more than that too few are.
-        known = {finding.cameras for finding in apart}
-        findings = [one for one in findings if one.code != "cameras_disconnected" or one.cameras not in known]
-        findings += [one for one in apart if not any(one.says_same(other) for other in findings)]
-    if 0 < len(lost) < len(solution.rig):
-        about = {name for finding in findings for name in finding.cameras}
-        findings += [doubt("camera_without_pose", name) for name in lost if name not in about]
+        apart = [replace(one, severity="refusal") for one in apart]
+    findings += [one for one in apart if not any(one.says_same(other) for other in findings)]
+    if solution.verdict != "refused":
+        findings = with_doubts_of_missing_cameras(solution.rig, findings)
     # Joints have extent of their own: one person on the spot is enough.
     with_joints = sum(len(observations[camera.name].keypoints) > 0 for camera in solution.rig) > 1
     degenerate = None if with_joints else _one_line_or_spot(people_positions(solution.rig, observations))
     findings += [] if degenerate is None else [degenerate]
-    if isinstance(solution.figures, AdjustedFigures):
-        findings = with_doubts_of_uncertainty(solution.rig, solution.figures, findings)
-    elif degenerate is not None:  # a method without sigmas of what it measures
-        findings[-1] = doubt(CODE, what="points", sigma=None, lacks=[], why=degenerate.as_value())
+    findings = with_doubts_of_uncertainty(solution.rig, solution.figures, findings)
     return replace(solution, verdict=decide_verdict(solution.rig, findings), findings=tuple(findings))
 
 

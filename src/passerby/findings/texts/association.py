@@ -9,8 +9,7 @@ from passerby.findings.texts.kinds import DOUBT, NOTICE, REFUSAL, Fields, Kind, 
 
 WALK = "record more people walking in the area that the cameras share"
 VIEW = f"{WALK}, and check its fps and its intrinsics"
-_FIT_CLOCK = 'or estimate it: under [solver] set refine = ["clock_rate"]'
-_ANY: tuple[Severity, ...] = ("doubt", "refusal")
+_ANY: tuple[Severity, ...] = ("notice", "refusal")
 _SAID_OR_NOT: tuple[Severity, ...] = ("notice", "doubt")
 
 
@@ -49,6 +48,15 @@ def _clock(v: Fields) -> str:
     return f"the clock of {v['camera']} is {abs(v['ahead_s']):.1f} s {side} the clock of {v['second']}"
 
 
+def _drifts(v: Fields) -> str:
+    if len(v["names"]) > 1:
+        return f"the clocks of {v['camera']} and {v['second']} drift apart by {v['drift_s']:.2f} s"
+    return (
+        f"the clock of {v['camera']} drifts by {v['drift_s']:.2f} s over {v['span_s']:.0f} s: its tracks fit about "
+        f"{v['fits_fps']:.4g} frames per second better than the stated {v['fps']:.4g}"
+    )
+
+
 def _minutes(seconds: float) -> str:
     """A time of seconds up to hours."""
     return f"{seconds:.1f} s" if seconds < 600 else f"{seconds:.0f} s ({seconds / 60:.0f} min)"
@@ -73,7 +81,7 @@ def _start_unknown(v: Fields) -> str:
     why = "no clock offset fits its tracks to another camera's beyond doubt"
     if v["lags_s"]:
         why = f"clock offsets of {' and '.join(map(_minutes, v['lags_s']))} fit its tracks equally well"
-    return f"the start of the recording of camera {v['camera']} is unknown: {why}, of all up to {_minutes(v['searched_s'])}"
+    return f"the start of the recording of {v['who']} is unknown: {why}, of all up to {_minutes(v['searched_s'])}"
 
 
 def _start_contradicted(v: Fields) -> str:
@@ -108,7 +116,7 @@ def _to_share(v: Fields) -> str:
 
 ASSOCIATION: Mapping[str, Kind] = {
     "no_shared_people": Kind(
-        _ANY, "No two cameras saw the same person at the same time; `given` says whether identities are known.",
+        REFUSAL, "No two cameras saw the same person at the same time; `given` says whether identities are known.",
         "no two cameras see the same person at the same time", _to_share,
     ),
     "cameras_share_nobody": Kind(
@@ -130,21 +138,15 @@ ASSOCIATION: Mapping[str, Kind] = {
     "nobody_seen_whole": Kind(
         _ANY, "In all its boxes people are cut off or hidden.",
         "{who} saw nobody from head to feet and cannot be calibrated",
-        advice="turn or raise the camera so that whole people are in view", common=True,
+        "turn or raise the camera so that whole people are in view", common=True,
     ),
     "few_walkers": Kind(
         _ANY, "The camera has no ground tracks.",
         "{who} saw too few people who walk for a second or longer", WALK, common=True,
     ),
     "camera_unregistered": Kind(
-        DOUBT, "The camera's ground tracks fit no other camera's; `fit` says how far, `fixed_by` what would make them fit.",
+        NOTICE, "The camera's ground tracks fit no other camera's; `fit` says how far, `fixed_by` what would make them fit.",
         _unregistered, lambda v: VIEW if (fixed := _fixed(v)) is None else fixed.remedy, rank="symptom",
-    ),
-    "cameras_ambiguous": Kind(
-        DOUBT, "The people of cameras would fit the others' almost as well elsewhere or at another time, by `runner_up`.",
-        "the paths of people fit almost as well if {who} stood elsewhere or showed another time (the second-best hypotheses "
-        "score {runner_up:.0%} of the best)",
-        "record people who move less alike, or give identities or clock offsets",
     ),
     "other_rate_fits": Kind(
         NOTICE, "With another frame rate the camera's people are where the second camera sees them.",
@@ -177,7 +179,7 @@ ASSOCIATION: Mapping[str, Kind] = {
         _ANY, "Recordings may begin minutes or hours apart, and the camera's people fit no other camera's at one offset alone.",
         _start_unknown,
         "record for a longer time together, or state the times: name the files by their times, or cut the recordings to the "
-        "same time and set max_offset_s = 5 under [association]", rank="motion",
+        "same time and set max_offset_s = 5 under [association]",
     ),
     "start_contradicted": Kind(
         NOTICE, "A clock or sound says otherwise than the tracks of people when a recording began.",
@@ -201,14 +203,8 @@ ASSOCIATION: Mapping[str, Kind] = {
         "the people stand still, so neither their identities nor the clock offsets are reliable", WALK,
     ),
     "clock_drifts": Kind(
-        _SAID_OR_NOT, "The camera's clock runs at another rate than stated.",
-        "the clock of {camera} drifts by {drift_s:.2f} s over {span_s:.0f} s: its tracks fit about {fits_fps:.4g} frames per "
-        "second better than the stated {fps:.4g}",
-        f"check its fps, {_FIT_CLOCK}", rank="motion",
-    ),
-    "clocks_drift_apart": Kind(
-        _SAID_OR_NOT, "The clocks of the only two cameras run at different rates.",
-        "the clocks of {camera} and {second} drift apart by {drift_s:.2f} s", f"check their fps, {_FIT_CLOCK}", rank="motion",
+        _SAID_OR_NOT, "The camera's clock runs at another rate than stated; of two cameras alone: one of the two clocks.",
+        _drifts, 'check fps, or estimate it: under [solver] set refine = ["clock_rate"]', rank="motion",
     ),
     "clock_fitted": Kind(
         NOTICE, "The camera's frame rate was estimated.",
@@ -216,10 +212,10 @@ ASSOCIATION: Mapping[str, Kind] = {
         "{stated:.6g}",
     ),
     "clock_unknown": Kind(
-        DOUBT, "The tracks of the same people do not determine the camera's clock offset.",
-        "the clock offset of camera {camera} is unknown: the tracks of the same people do not determine it",
-        "record more people walking in the area that it shares with the others, or start the cameras at the same time",
-        joint="; ", rank="motion",
+        NOTICE, "The tracks of the same people do not determine the camera's clock offset.",
+        "the clock offset of {who} is unknown: the tracks of the same people do not determine it",
+        "record more people walking in the area shared with the others, or start the cameras at the same time",
+        joint="; ",
     ),
     "no_embeddings": Kind(
         REFUSAL, 'Mode "appearance": no two cameras have tracklets with embeddings.',

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from passerby.findings.texts.kinds import DOUBT, NOTICE, Fields, Kind
+from passerby.findings.texts.kinds import DOUBT, NOTICE, REFUSAL, Fields, Kind
 
 _ALL_OVER = "record people walking all over the area that the cameras share"
 _LEVEL = 'provide points with known heights: under [world] set points = "points.csv" and tilt = true'
@@ -21,27 +21,30 @@ def _kept(v: Fields) -> tuple[str, str]:
 
 
 def _moved(v: Fields) -> str:
-    far = f"by {v['metres']:.2f} m and {v['degrees']:.1f} degrees"
+    factor = v["factor"]
+    if factor is None:
+        change, far, parts = "move", f"moved by {v['metres']:.2f} m and {v['degrees']:.1f} degrees", "its pose is the one"
+    else:
+        change, parts = "zoom", "its pose and its focal length are those"
+        far = f"zoomed {'in' if factor > 1 else 'out'} by a factor of {max(factor, 1 / factor):.2f}"
     either = f" (or camera {v['second']} did: two cameras alone cannot show which)" if len(v["names"]) > 1 else ""
     if v["left_out"] == "between":
-        return (
-            f"camera {v['camera']} moved {far} {_when(v, 0)} and back {_when(v, 1)}{either}: its observations in between "
-            f"were left out"
-        )
+        there_and_back = f"{_when(v, 0)} and back {_when(v, 1)}"
+        return f"camera {v['camera']} {far} {there_and_back}{either}: its observations in between were left out"
     kept, other = _kept(v)
     return (
-        f"camera {v['camera']} moved {_when(v, 0)} {far}{either}: its pose is the one {kept} the move, and its observations "
-        f"{other} the move were left out"
+        f"camera {v['camera']} {far} {_when(v, 0)}{either}: {parts} {kept} the {change}, and its observations {other} the "
+        f"{change} were left out"
     )
 
 
 def _to_choose(v: Fields) -> str:
     if v["seconds"] is None:
         return f"to choose, under [scene] set fps to the frame rate, and then from_s or until_s under [{v['table']}]"
-    kept, other = _kept(v)
+    (kept, other), change = _kept(v), "move" if v["factor"] is None else "zoom"
     until, since = f"until_s = {v['until_s']}", f"from_s = {v['from_s']}"
     one, two = (until, since) if kept == "before" else (since, until)
-    return f"under [{v['table']}] set {one} to keep that pose, or {two} for the pose {other} the move"
+    return f"under [{v['table']}] set {one} to keep that pose, or {two} for the pose {other} the {change}"
 
 
 def _drifts(v: Fields) -> str:
@@ -68,24 +71,16 @@ def _to_hold_still(v: Fields) -> str:
     return "fasten the camera, or switch its image stabilisation off, and record again"
 
 
-def _zoomed(v: Fields) -> str:
-    far = f"zoomed {'in' if v['factor'] > 1 else 'out'} by a factor of {max(v['factor'], 1 / v['factor']):.2f}"
-    if v["left_out"] == "between":
-        return (
-            f"camera {v['camera']} {far} {_when(v, 0)} and back {_when(v, 1)}: its observations in between were left out, for "
-            "one focal length has to hold for all of a recording"
-        )
-    kept, other = _kept(v)
+def _smaller(v: Fields) -> str:
+    small, size = (f"{width} x {height}" for width, height in (v["seen_size"], v["size"]))
+    why = f"{v['cut']} are cut off at its edge" if v["cut"] else "fit people whom the other cameras see better with that size"
     return (
-        f"camera {v['camera']} {far} {_when(v, 0)}: its pose and its focal length are those {kept} the zoom, and its "
-        f"observations {other} the zoom were left out"
+        f"camera {v['camera']}: its people seem to be detected in images of {small}, not of the stated {size}: they lie within "
+        f"that part, and {why}"
     )
 
 
-def _to_choose_zoom(v: Fields) -> str:
-    if v["left_out"] == "between":
-        return "record with a fixed focal length, or cut the recording"
-    return f"{_to_choose(v).replace(' for the pose ', ' for the part ').replace(' the move', ' the zoom')}"
+_READINGS = {"mirrored": "mirrored left to right", "overturned": "flipped top to bottom", "turned": "turned by 180 degrees"}
 
 
 def _uneven(v: Fields) -> str:
@@ -122,21 +117,19 @@ def _to_predict(v: Fields) -> str:
 
 CALIBRATION: Mapping[str, Kind] = {
     "camera_without_pose": Kind(
-        DOUBT, "The camera could not be registered, and no other finding says why.",
-        "{who} could not be registered", "record more people in the area that it shares with the others",
-        common=True, rank="symptom",
+        DOUBT, "Cameras could not be registered, and `why` is the finding that explains it, or null.",
+        lambda v: v["why"].problem if v["why"] else f"{v['who']} could not be registered",
+        lambda v: v["why"].remedy if v["why"] else "record more people in the area shared with the others",
+        joint=lambda v: v["why"].joint if v["why"] else ": ", common=True, rank="symptom",
     ),
     "camera_moved": Kind(
-        DOUBT, "The camera moved while it filmed (or the second one did); `left_out` says which part was not used.",
+        DOUBT, "The camera moved, or zoomed by `factor`, while it filmed (or the second one did); `left_out` says which "
+        "part was not used.",
         _moved, _to_choose, joint="; ", rank="motion",
     ),
     "camera_drifts": Kind(
         DOUBT, "The camera kept turning while it filmed, or several cameras did `together`; the rotation was corrected.",
         _drifts, _to_hold_still, joint="; ", rank="motion",
-    ),
-    "camera_zoomed": Kind(
-        DOUBT, "The focal length changed by `factor` while the camera filmed; `left_out` says which part was not used.",
-        _zoomed, _to_choose_zoom, joint="; ", rank="motion",
     ),
     "people_not_spread": Kind(
         NOTICE, "All people stay on one spot or walk on one straight line, by `shape`.",
@@ -188,20 +181,18 @@ CALIBRATION: Mapping[str, Kind] = {
         "mark both ends in two cameras that see them from different sides",
     ),
     "image_misread": Kind(
-        (*DOUBT, *NOTICE), "People fit the camera far better if its images are mirrored, overturned or turned (`how`).",
-        lambda v: f"camera {v['camera']}: its observations fit people whom the other cameras see far better if its images are "
-        + {
-            "mirrored": "mirrored left to right",
-            "overturned": "flipped top to bottom",
-            "turned": "turned by 180 degrees",
-        }[v["how"]],
-        "give the images, boxes and keypoints as the camera sees the scene; for a camera that hangs upside down set rotate",
-        rank="input",
+        (*DOUBT, *NOTICE), "The camera's people are upside down, or fit far better if its images are mirrored, overturned or "
+        "turned (`how`).",
+        lambda v: f"{v['who']}: people are upside down" if v["how"] == "upside_down" else
+        f"{v['who']}: people whom the other cameras see fit far better if its images are {_READINGS[v['how']]}",
+        lambda v: "give the images, boxes and keypoints as the camera sees the scene; if the camera hangs upside down, "
+        + {None: "set rotate", 0: "delete rotate"}.get(v["rotate"], f"set rotate = {v['rotate']}"),
+        common=True, rank="input",
     ),
     "smaller_image_fits": Kind(
-        (*DOUBT, *NOTICE), "People fit far better if they were detected in smaller images than the intrinsics are for.",
-        "camera {camera}: its people seem to be detected in images of {seen_size[0]} x {seen_size[1]}, not of the stated "
-        "{size[0]} x {size[1]}: they lie within that part, and fit people whom the other cameras see better with that size",
+        (*DOUBT, *NOTICE), "People seem to be detected in smaller images than the intrinsics are for; `cut` of them are cut "
+        "off at the edge of that part.",
+        _smaller,
         "give intrinsics for images of that size, or scale its boxes and keypoints to the image size of the intrinsics",
         rank="input",
     ),
@@ -213,7 +204,7 @@ CALIBRATION: Mapping[str, Kind] = {
         "check the offset of its clock, and whether its tracker smooths the boxes", rank="motion",
     ),
     "keypoints_unused": Kind(
-        DOUBT, "A camera is missing, and keypoints were not detected.",
+        (*NOTICE, *REFUSAL), "A camera is missing, and keypoints were not detected.",
         "keypoints were not detected; they constrain more than boxes do where people stand or the recording is short",
         'under [perception] set keypoints = "{network}"',
     ),

@@ -5,43 +5,37 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from passerby.findings.finding import Severity
-from passerby.findings.texts.kinds import DOUBT, REFUSAL, Kind
+from passerby.findings.texts.kinds import NOTICE, REFUSAL, Kind
 
-_EITHER: tuple[Severity, ...] = ("doubt", "refusal")
+_EITHER: tuple[Severity, ...] = ("notice", "refusal")
 _OVERLAP = "record people walking where the views of these cameras overlap"
 
 GEOPOSE: Mapping[str, Kind] = {
-    "keypoint_ends_unnamed": Kind(
-        _EITHER, "The keypoint names do not fit the images: the highest and lowest keypoints are taken as head and feet.",
-        "the keypoint names do not fit the images (correlation of {correlation:.2f} with the order from head to feet): "
-        "keypoints are matched by number, and the highest and lowest ones are taken as head and feet",
-        "check the layout of the keypoint files", joint="; ", rank="input",
-    ),
     "pair_failed": Kind(
         _EITHER, "The camera could not be registered with the reference, `second`, for the `cause`.",
         "camera {camera} could not be registered with {second}: {cause.problem}",
-        "{cause.remedy}", joint="{cause.joint}", advice=_OVERLAP, rank="symptom",
+        "{cause.remedy}", joint="{cause.joint}", rank="symptom",
     ),
     "few_common_points": Kind(
         REFUSAL, "Two cameras have few points in common.",
-        "{common} common points, {needed} are needed", advice=_OVERLAP,
+        "{common} common points, {needed} are needed", _OVERLAP,
     ),
     "few_agreeing_points": Kind(
         REFUSAL, "Few of the common points of two cameras agree on a relative pose.",
-        "{agreeing} of {common} common points agree on one relative pose, {needed} are needed", advice=_OVERLAP,
+        "{agreeing} of {common} common points agree on one relative pose, {needed} are needed", _OVERLAP,
     ),
     "few_usable_points": Kind(
         REFUSAL, "Few of the common points of two cameras can be used for a relative pose.",
-        "{usable} common points do not fix a relative pose: at least {needed} are needed", advice=_OVERLAP,
+        "{usable} common points do not fix a relative pose: at least {needed} are needed", _OVERLAP,
     ),
     "no_relative_pose": Kind(
         REFUSAL, "No relative pose was found for two cameras.",
-        "no relative pose agrees with the {common} common points", advice=_OVERLAP,
+        "no relative pose agrees with the {common} common points", _OVERLAP,
     ),
     "relative_pose_weak": Kind(
         REFUSAL, "The best relative pose of two cameras agrees with few of their common points.",
         "the best relative pose agrees with {agreeing} of {common} common points: at least {needed} are needed",
-        advice=_OVERLAP,
+        _OVERLAP,
     ),
     "people_do_not_stand": Kind(
         REFUSAL, "In the pair's pose hardly anybody's head and feet agree: it is the mirror image of the true pose.",
@@ -58,28 +52,23 @@ GEOPOSE: Mapping[str, Kind] = {
     "few_upright_people": Kind(
         REFUSAL, "Too few upright people were measured to estimate the scale.",
         "{seen} upright people were measured: at least {needed} are needed for the scale",
-        advice="record people walking where they are fully in view",
+        "record people walking where they are fully in view",
     ),
     "few_inliers": Kind(
-        DOUBT, "Few of the points that the camera shares with the reference agree with its pose.",
-        "only {share:.0%} of the points that camera {camera} shares with the reference agree with its pose", advice=_OVERLAP,
+        NOTICE, "Few of the points that the camera shares with the reference agree with its pose.",
+        "only {share:.0%} of the points that camera {camera} shares with the reference agree with its pose", _OVERLAP,
         rank="symptom",
     ),
     "near_reference": Kind(
-        DOUBT, "The camera is almost at the position of the reference camera.",
+        NOTICE, "The camera is almost at the position of the reference camera.",
         "camera {camera} is almost at the position of the reference camera (rays meet at {parallax_deg:.1f} degrees): its "
         "distance is unknown",
         "choose another reference camera", joint="; ",
     ),
     "pairs_disagree": Kind(
-        DOUBT, "The pairs disagree about the positions of the same points.",
+        NOTICE, "The pairs disagree about the positions of the same points.",
         "the pairs disagree about the positions of the same {what} by {share:.0%} of their distance: at least one pair is "
         "wrong",
         "try another reference camera or {other}", joint="; ", rank="symptom",
-    ),
-    "global_adjustment_not_converged": Kind(
-        DOUBT, "The global adjustment ended before its optimum.",
-        "the global adjustment did not converge in {iterations} iterations",
-        advice="record longer, or under [solver.options] set max_iterations = 200", rank="symptom",
     ),
 }  # fmt: skip

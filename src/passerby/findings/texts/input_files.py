@@ -6,8 +6,6 @@ from collections.abc import Mapping
 
 from passerby.findings.texts.kinds import DOUBT, NOTICE, Fields, Kind
 
-_OF_THAT_SIZE = "Give intrinsics for images of that size, or scale the boxes and keypoints to the image size of the intrinsics"
-
 
 def _guessed(v: Fields) -> str:
     text = f"the focal length of {v['who']} is a guess with 1 sigma of {v['sd_percent']:g} %"
@@ -77,19 +75,6 @@ INPUT_FILES: Mapping[str, Kind] = {
         "distinguish them",
         "if they are one camera, delete [cameras.{second}]; if not, record people near them", rank="input",
     ),
-    "smaller_image_cut": Kind(
-        DOUBT, "All people lie in a part of the image and are cut off at its edge: they were detected in smaller images.",
-        "camera {camera}: all people lie within {seen_size[0]} x {seen_size[1]} of the {size[0]} x {size[1]} image, and "
-        "{cut} are cut off at the edge of that part: were they detected in images of {seen_size[0]} x {seen_size[1]}?",
-        _OF_THAT_SIZE, joint=" ", rank="input",
-    ),
-    "image_upside_down": Kind(
-        DOUBT, "The camera's people are upside down.",
-        "{who}: people are upside down: the image seems to be flipped top to bottom, or the camera hangs upside down",
-        lambda v: "turn its images the right way up, with their boxes and keypoints, or, if the camera hangs upside down, "
-        + ("set rotate = {rotate}" if v["rotate"] else "delete rotate").format(**v),
-        common=True, rank="input",
-    ),
     "keypoint_layout_corrected": Kind(
         NOTICE, "The keypoints have the names of one layout, and lie in the images as those of another: they get its names.",
         "{who}: the keypoints are named as those of {stated}, but lie in the images as those of {layout}: they are taken as "
@@ -108,7 +93,7 @@ INPUT_FILES: Mapping[str, Kind] = {
         "detect people in the images themselves", common=True, rank="input",
     ),
     "recordings_short": Kind(
-        DOUBT, "The recordings are too short to follow people, and keypoints are not used.",
+        NOTICE, "The recordings are too short to follow people, and keypoints are not used.",
         _short,
         lambda v: "record longer" if v["network"] is None else "record longer, or use keypoints: under "
         "[perception] "

@@ -23,7 +23,7 @@ def _uncertain(v: Fields) -> str:
     elif sigma is None:
         text = "how well the rig measures is unknown"
         if v["cameras"]:
-            text = f"nothing fixes the pose of camera {v['camera']} relative to the others"
+            text = f"the pose of camera {v['camera']} relative to the others is not determined"
     elif what == "scale":
         text = f"all lengths are uncertain by {sigma:.0f} % (1 sigma)"
     elif what == "ground":
@@ -51,6 +51,17 @@ def _unusual(v: Fields) -> str:
     numbers = [str(one) for one in v["identities"]]
     who, are = (f"person {numbers[0]}", "is") if len(numbers) == 1 else (f"people {listed(numbers)}", "are")
     return f"{who} {are} {tall} tall by the rig (median of all people: {v['usual_m']:.2f} m), and {are} left out of the scale"
+
+
+def _ambiguous(v: Fields) -> str:
+    if "runner_up" in v:
+        return (
+            f"the paths of people fit almost as well if {v['who']} stood elsewhere or showed another time (the second-best "
+            f"hypotheses score {v['runner_up']:.0%} of the best)"
+        )
+    if v["names"]:
+        return f"the paths of people fit another arrangement of {v['who']}, before identities are known"
+    return "two arrangements of the cameras fit the people almost equally well"
 
 
 _CUE_REMEDIES: Mapping[str | None, str] = MappingProxyType({
@@ -103,13 +114,13 @@ SOLVER: Mapping[str, Kind] = {
         "no arrangement of the cameras agrees with the people", "check their identities and the intrinsics",
     ),
     "keypoint_names_unfit": Kind(
-        DOUBT, "The keypoint names do not order the keypoints from head to feet as the images do.",
-        "the keypoint names do not fit the images (correlation of {correlation:.2f} with the order from head to feet): is "
-        "the layout another one than the file states? Keypoints are matched by their number, head and feet by position",
-        advice="write the keypoints under the names of the layout that they were detected with", rank="input",
+        (*DOUBT, *REFUSAL), "The keypoint names do not order the keypoints from head to feet as the images do.",
+        "the keypoint names do not fit the images (correlation of {correlation:.2f} with the order from head to feet): "
+        "keypoints are matched by their number, head and feet by position",
+        "write the keypoints under the names of the layout that they were detected with", joint="; ", rank="input",
     ),
     "cameras_disconnected": Kind(
-        DOUBT, "Too few people seen by both connect a group of cameras to the largest one, `main`.",
+        NOTICE, "Too few people seen by both connect a group of cameras to the largest one, `main`.",
         lambda v: f"{v['who']} could not be connected to {', '.join(v['main'])}: too few people were seen by both at the "
         f"same time",
         "record people who walk through both views", joint="; ", common=True, rank="symptom",
@@ -120,11 +131,10 @@ SOLVER: Mapping[str, Kind] = {
         "state focal lengths that are nearer to the true ones, or leave [solver] refine out", rank="symptom",
     ),
     "arrangement_ambiguous": Kind(
-        DOUBT, "Another arrangement of all cameras, or of two of them by the paths of their people, fits almost as well.",
-        lambda v: f"the paths of people fit another arrangement of {v['who']}, before identities are known"
-        if v["names"] else "two arrangements of the cameras fit the people almost equally well",
-        lambda v: "record longer, or people who walk all over the ground that both see"
-        if v["names"] else "record people who walk in more directions",
+        DOUBT, "Another arrangement of all cameras fits almost as well, or of some by the paths of their people; `runner_up` "
+        "is the share that other places or times of these score.",
+        _ambiguous, "record longer, and people who walk in more directions, all over the ground that the cameras share; or "
+        "give identities or clock offsets",
         rank="symptom",
     ),
     "rig_uncertain": Kind(

@@ -132,7 +132,7 @@ def joint_extents(rig: Rig, observations: Observations) -> BodyEndpoints:
         return BodyEndpoints(points, np.zeros(len(names), bool), np.zeros(len(names), bool), (1.0, 0.0))
     top = np.arange(len(names)) == int(np.nanargmax(height))
     bottom = np.nan_to_num(height, nan=np.inf) <= np.nanmin(height) + FEET_BAND
-    return BodyEndpoints(points, top, bottom, EXTREME_FRACTIONS, doubt("keypoint_ends_unnamed", correlation=order))
+    return BodyEndpoints(points, top, bottom, EXTREME_FRACTIONS, doubt("keypoint_names_unfit", correlation=order))
 
 
 def triangulate_segments(

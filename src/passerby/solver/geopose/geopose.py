@@ -44,7 +44,7 @@ from passerby.solver.geopose.pairs import (
 )
 from passerby.solver.geopose.star import (
     MIN_PARALLAX_DEG,
-    doubts,
+    find_weaknesses,
     global_bundle_adjustment,
     merge_points,
     posed_cameras,
@@ -112,7 +112,7 @@ def solve_geopose(
     scale = metres(people, star.pairs)
     people = people.scaled(scale.factor)
     world = place_world(people, vertical(people), np.zeros(3), extents.shares[1] * options.person_height_m)
-    findings = [*star.findings, *doubts(rig, star, "people", "the method 'people'")]
+    findings = [*star.findings, *find_weaknesses(rig, star, "people", "the method 'people'")]
     return star_solution("geopose", rig, star, scale, world, SIGMA_FACTOR[kind], findings, kind)
 
 

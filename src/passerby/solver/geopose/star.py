@@ -16,10 +16,12 @@ from passerby.common.arrays import Floats, Ints
 from passerby.common.errors import EvidenceError, InputError
 from passerby.core.cameras import Camera, PoseSigma, Rig
 from passerby.core.figures import StarFigures, StarPair, StarScale
+from passerby.core.missing_cameras import with_doubts_of_missing_cameras
 from passerby.core.scale_cues import KnownLength
 from passerby.core.solution import Solution
+from passerby.core.usability import doubts_of_uncertainty
 from passerby.core.verdict import decide_verdict
-from passerby.findings.finding import Finding, doubt
+from passerby.findings.finding import Finding, notice
 from passerby.findings.refusals import RefusalError, findings_of
 from passerby.findings.texts import texts_of
 from passerby.geometry.groups import group_sums
@@ -89,7 +91,7 @@ def solve_star_graph(
             pairs.append(pair.scaled(scale_of_pair(pair)))
         except EvidenceError as error:
             cause = findings_of(error)[0].as_value()
-            findings.append(doubt("pair_failed", rig.names[camera], options.reference, cause=cause))
+            findings.append(notice("pair_failed", rig.names[camera], options.reference, cause=cause))
     if not pairs:
         reasons = "; ".join(texts_of(findings))
         message = f"no camera could be registered with the reference {options.reference}: {reasons}"
@@ -141,13 +143,12 @@ def star_solution(
         scale: of all cameras together.
         world: from the reference camera's frame, metres, to the world's.
         sigma_factor: by how much the adjustment's formal sigmas are too small.
-        findings: what speaks against the result; it is doubtful where there are any.
+        findings: doubts, and notices of what makes the result uncertain.
         points: what they are of.
     """
     final = [pair.scaled(scale.factor) for pair in star.pairs]
     covariance = _covariances(final, star.adjusted, scale.factor, sigma_factor, scale.relative_sd)
     solved = _placed_rig(rig, star.reference, final, covariance, world)
-    verdict = decide_verdict(solved, findings)
     figures = StarFigures(
         points=points, reference=rig.names[star.reference], scale=scale,
         pairs=tuple(_pair_figures(rig, pair) for pair in final),
@@ -155,11 +156,14 @@ def star_solution(
         pair_disagreement=star.disagreement, rms_px=star.adjusted.rms_px, iterations=star.adjusted.iterations,
         converged=star.adjusted.converged,
     )  # fmt: skip
+    findings = with_doubts_of_missing_cameras(solved, findings)
+    findings = [*findings, *doubts_of_uncertainty(solved, figures, findings)]
+    verdict = decide_verdict(solved, findings)
     return Solution(method, replace(solved, verdict=verdict), verdict, tuple(findings), figures)
 
 
-def doubts(rig: Rig, star: StarReconstruction, what: str, other: str) -> list[Finding]:
-    """What speaks against the result.
+def find_weaknesses(rig: Rig, star: StarReconstruction, what: str, other: str) -> list[Finding]:
+    """Notices of what makes the result uncertain.
 
     Args:
         rig: the cameras' names.
@@ -171,13 +175,13 @@ def doubts(rig: Rig, star: StarReconstruction, what: str, other: str) -> list[Fi
     for pair in star.pairs:
         name, share = rig.names[pair.camera], len(pair.rows) / pair.correspondences
         if share < MIN_INLIER_SHARE:
-            found.append(doubt("few_inliers", name, share=share))
+            found.append(notice("few_inliers", name, share=share))
         if pair.parallax_deg < MIN_PARALLAX_DEG:
-            found.append(doubt("near_reference", name, parallax_deg=pair.parallax_deg))
+            found.append(notice("near_reference", name, parallax_deg=pair.parallax_deg))
     if star.disagreement > MAX_DISAGREEMENT:
-        found.append(doubt("pairs_disagree", what=what, share=star.disagreement, other=other))
+        found.append(notice("pairs_disagree", what=what, share=star.disagreement, other=other))
     if not star.adjusted.converged:
-        found.append(doubt("global_adjustment_not_converged", iterations=star.adjusted.iterations))
+        found.append(notice("adjustment_not_converged"))
     return found
 
 
