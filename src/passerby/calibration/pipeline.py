@@ -233,7 +233,7 @@ def _with_figures(
         figures = with_focal_changes(figures, lens.result)
         figures = with_coarse_boxes(figures, inputs.doubts)
         if shape is not None and not (scene.world is not None and scene.world.tilt):
-            figures = on_ground(figures, solution.rig, repaired.estimate.association.instants, shape)
+            figures = on_ground(figures, shape)
         solution = replace(solution, rig=with_measuring_sigmas(solution.rig, figures.measuring))
     return replace(solution, figures=figures)
 

@@ -45,11 +45,18 @@ class CameraMeasuring:
     """how far its rays to them pass beside them;"""
     ground: MeasuringSigma | None
     """positions on the ground by it alone. None where it sees none, or where the ground is unknown."""
+    reach: float | None = None
+    """How far its rays to these positions go along the ground for each metre that they fall, median."""
+
+    @property
+    def height_mm(self) -> float | None:
+        """How far above or below the ground its rays pass these positions, median: what does not depend on how flat they are."""
+        return None if self.ground is None else self.ground.median_mm / max(self.reach or 1.0, 1.0)
 
     def scaled(self, scale: float) -> CameraMeasuring:
         """The same in a world whose lengths are multiplied."""
         ground = None if self.ground is None else self.ground.scaled(scale)
-        return CameraMeasuring(points=self.points.scaled(scale), across=self.across.scaled(scale), ground=ground)
+        return replace(self, points=self.points.scaled(scale), across=self.across.scaled(scale), ground=ground)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,19 +74,17 @@ class MeasuringFigures:
     cameras: Mapping[str, CameraMeasuring]
     """By camera."""
 
-    def on_uneven_ground(self, height_m: float, reach: Mapping[str, float]) -> MeasuringFigures:
-        """The same where the ground is `height_m`, one sigma, above or below z = 0.
-
-        `reach`: how far a camera's ray to a place goes along the ground for each metre that it falls, by camera.
-        """
+    def on_uneven_ground(self, height_m: float) -> MeasuringFigures:
+        """The same where the ground is `height_m`, one sigma, above or below z = 0."""
         cameras = {
-            name: one if one.ground is None or name not in reach
-            else replace(one, ground=one.ground.with_error(1000 * height_m * reach[name]))
+            name: one if one.ground is None or one.reach is None
+            else replace(one, ground=one.ground.with_error(1000 * height_m * one.reach))
             for name, one in self.cameras.items()
         }  # fmt: skip
+        reach = [one.reach for one in cameras.values() if one.ground is not None and one.reach is not None]
         if self.ground is None or not reach:
-            return replace(self, cameras=cameras)
-        mean = float(np.sqrt(np.mean(np.square(list(reach.values())))))
+            return self
+        mean = float(np.sqrt(np.mean(np.square(reach))))
         return replace(self, cameras=cameras, ground=self.ground.with_error(1000 * height_m * mean))
 
     def scaled(self, scale: float) -> MeasuringFigures:

@@ -102,12 +102,15 @@ def measuring_uncertainty(
         both, on = view.seen & known, np.flatnonzero(view.seen[: len(places)])
         if not both.any():
             continue
-        ground = None
+        ground = reach = None
         if len(on) and sees_ground:
+            reach = float(np.median(np.linalg.norm(places[on] - camera.centre[:2], axis=1)) / abs(camera.centre[2]))
             grounds.append(_sigmas(_on_ground(view, own, on) - (basis[on] @ fit)[:, :2]))
             ground = MeasuringSigma.of(grounds[-1])
         across = MeasuringSigma.of(_sigmas(_beside(view, own, basis @ fit, both)))
-        cameras[camera.name] = CameraMeasuring(points=MeasuringSigma.of(of_points[both]), across=across, ground=ground)
+        cameras[camera.name] = CameraMeasuring(
+            points=MeasuringSigma.of(of_points[both]), across=across, ground=ground, reach=reach
+        )  # fmt: skip
     return MeasuringFigures(
         places=len(places), points=MeasuringSigma.of(of_points[known]),
         ground=MeasuringSigma.of(np.concatenate(grounds)) if grounds else None,

@@ -6,9 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from passerby.core.cameras import Camera, Rig
 from passerby.core.figures import AdjustedFigures, GroundFigures
-from passerby.core.observations import Boxes, Observations
+from passerby.core.observations import Observations
 from passerby.core.solution import Solution
 from passerby.core.synchronisation import USUAL_FPS
 from passerby.findings.finding import Finding, notice
@@ -45,33 +44,13 @@ def height_error_m(shape: GroundShape) -> float:
     return float(np.hypot(rise, np.tan(np.radians(shape.slope_deg)) * shape.extent_m if _steep(shape) else 0.0))
 
 
-def on_ground(figures: AdjustedFigures, rig: Rig, observations: Observations, shape: GroundShape) -> AdjustedFigures:
-    """The figures with what the shape of the ground does to positions on it.
-
-    Args:
-        figures: of the adjustment.
-        rig: in its world.
-        observations: people whose feet are where each camera looks.
-        shape: of the ground.
-    """
+def on_ground(figures: AdjustedFigures, shape: GroundShape) -> AdjustedFigures:
+    """The figures of an adjustment with what the shape of the ground does to positions on it."""
     height_m = height_error_m(shape)
     if not height_m:
         return figures
-    reach = {camera.name: one for camera in rig.posed() if (one := _reach(camera, observations[camera.name].boxes)) is not None}
-    measuring, around = (
-        None if one is None else one.on_uneven_ground(height_m, reach) for one in (figures.measuring, figures.around)
-    )
+    measuring, around = (None if one is None else one.on_uneven_ground(height_m) for one in (figures.measuring, figures.around))
     return replace(figures, measuring=measuring, around=around)
-
-
-def _reach(camera: Camera, boxes: Boxes) -> float | None:
-    """How far rays to people's feet go along the ground for each metre that they fall, median; None where none meets it."""
-    feet = boxes.ltwh[:, :2] + boxes.ltwh[:, 2:] * (0.5, 1.0)
-    feet = feet[camera.sees_ground(feet)]
-    if not len(feet):
-        return None
-    away = np.linalg.norm(camera.ground(feet).xy - camera.centre[:2], axis=1)
-    return float(np.median(away) / camera.centre[2])
 
 
 def _steep(shape: GroundShape) -> bool:
