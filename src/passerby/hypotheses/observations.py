@@ -21,7 +21,7 @@ from passerby.core.observations import CameraObservations, Observations
 from passerby.core.solution import Solution
 from passerby.core.stature import PERSON_HEIGHT_M
 from passerby.core.synchronisation import USUAL_FPS
-from passerby.hypotheses.case import STRETCH_S
+from passerby.hypotheses.case import blocks_of
 from passerby.hypotheses.comparison import FOLDS, LOG_ODDS, Comparison, effect
 from passerby.hypotheses.readings import Reading, image_readings, late_clock
 from passerby.hypotheses.registration import FEWEST, SeenPeople, rows_of_keys
@@ -162,14 +162,9 @@ class _Camera:
         other, stated = other.take(at >= 0), self.stated.take(at[at >= 0])
         if len(other) < FEWEST or other.costs(pose).sum() >= stated.costs(self.pose).sum():
             return None
-        block, n = self._blocks(stated)
+        block, n = blocks_of(stated.frame, stated.identity, self.fps)
         over = Comparison.of(_predicted(other, pose, block, n), _predicted(stated, self.pose, block, n))
         return ReadCamera(reading, self.name, over, other.fitted(pose), np.inf, lens, seen)
-
-    def _blocks(self, seen: SeenPeople) -> tuple[Ints, int]:
-        stretch = (seen.frame // (STRETCH_S * self.fps)).astype(np.int64)
-        keys, block = np.unique(np.column_stack([stretch, seen.identity]), axis=0, return_inverse=True)
-        return block.reshape(-1), len(keys)
 
 
 def _predicted(seen: SeenPeople, start: Pose, block: Ints, n_blocks: int) -> Floats:

@@ -94,7 +94,7 @@ def scale_by_walking(speeds: Sequence[Floats], per_block: float) -> tuple[float,
     likelihood = np.full(len(_SHIFT), -np.inf)
     for share in _SHARE.tolist():
         density = (1 - SPOILT) * ((1 - share) * walk + share * run) + noise
-        likelihood = np.maximum(likelihood, np.log(density) @ weight + RUNS_RARELY * np.log(1 - share))
+        likelihood = np.logaddexp(likelihood, np.log(density) @ weight + RUNS_RARELY * np.log(1 - share))
     inside = _SHIFT[2 * (likelihood.max() - likelihood) <= MOST_SIGMAS**2]
     low, high = float(inside.min()), float(inside.max())
     sampled = max((high - low) / (2 * MOST_SIGMAS), WALK_PERSON_SD / np.sqrt(len(speeds)))
