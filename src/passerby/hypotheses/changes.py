@@ -197,7 +197,12 @@ def suspect_change(m: Correspondences, pose: Pose, per_second: float, n_cameras:
     drifts = [path for pieces in PIECES if (path := fit_drift(few, base, pieces)) is not None]
     before = float(costs_along(few, base).sum())
     gain = max((before - float(costs_along(few, path).sum()) for path in (*steps, *drifts)), default=0.0)
-    return SuspectedChange(_Trial(few, base, blocks_of(few.own.instant, few.own.identity, per_second)[0], n_cameras), tuple(steps), tuple(drifts), gain)
+    return SuspectedChange(
+        _Trial(few, base, blocks_of(few.own.instant, few.own.identity, per_second)[0], n_cameras),
+        tuple(steps),
+        tuple(drifts),
+        gain,
+    )
 
 
 @dataclass(frozen=True, eq=False)

@@ -167,9 +167,10 @@ def _log_normal(residual: Floats, sd: Floats) -> Floats:
 def _log_wrong(residual: Floats, sd: Floats, cues: Sequence[CueFigures]) -> Floats:
     """(N, G) the same of cues that are wrong, by `WRONG_SD` either way. What is wrong with people's boxes has a direction.
 
-    Boxes of another shape than people's are narrower. Those that are wider end within the body: it is the stature that is
-    wrong, and the rig is too large. In half of the cases that is why a stature is wrong, in the other half its mean is. An error of
-    one direction makes the density a skew normal one (Azzalini 1985, *A class of distributions which includes the normal ones*).
+    Boxes of another shape than people's are narrower. Those that are wider end within the body: then the stature is wrong, and
+    the rig is too large. That is one half of the ways in which a stature is wrong; in the other half its mean is, either way.
+    An error of one direction has a skew normal density (Azzalini 1985, *A class of distributions which includes the normal
+    ones*).
     """
     share = np.array([{"body_width": 1.0, "population": 0.5}.get(cue.kind or "", 0.0) for cue in cues])[:, None]
     wide = np.hypot(sd, WRONG_SD)
