@@ -75,7 +75,7 @@ def people_cues(rig: Rig, observations: Observations) -> list[CueFigures]:
 def scale_by_walking(speeds: Sequence[Floats], per_block: float) -> tuple[float, float]:
     """Logarithm of the factor on all lengths by which people move as people do, and one sigma of it.
 
-    The logarithms of speeds are a mixture of walking and running, with a share of running that is integrated over. The likelihood of
+    The logarithms of speeds are a mixture of walking and running; its share of running is integrated over. The likelihood of
     the factor may have two peaks, such as fast walkers or slow runners. So the estimate is the middle of the interval that a
     likelihood ratio test at `MOST_SIGMAS` leaves, and sigma is half of it over `MOST_SIGMAS`, at least what the mean of so
     many people differs by, with what places differ by.
