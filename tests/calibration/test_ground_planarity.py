@@ -24,6 +24,9 @@ from passerby.people.ground_shape import GroundShape
 from support.scenes.people_and_rigs import simulated
 
 
+FIGURES = AdjustedFigures()
+
+
 def shape(rise_m: float, chance_sigmas: float = 30.0, slope: tuple[float, float] = (0.1, 0.1)) -> GroundShape:
     return GroundShape(rise_m, 0.01, (1.0, 2.0), (3.0, 4.0), chance_sigmas, *slope, 10.0)
 
@@ -64,29 +67,27 @@ def test_the_ground_below_people_is_off_by_the_scatter_of_its_heights() -> None:
 
 
 def test_uneven_ground_makes_positions_on_it_uncertain_and_more_where_rays_are_flat() -> None:
+    """Feet that are lifted are read where the rays through them meet z = 0."""
     scene = simulated("terrace", 20.0, 0)
     sigma = MeasuringSigma(median_mm=30.0, p90_mm=60.0)
-    names = scene.rig.names
-    own = {name: CameraMeasuring(points=sigma, across=sigma, ground=sigma) for name in names}
-    even = MeasuringFigures(places=10, points=sigma, ground=sigma, ground_height_mm=None, cameras=own)
-    figures = AdjustedFigures(measuring=even, around=None)
-    assert on_ground(figures, scene.rig, scene.observations, shape(0.001)) == figures
-    found = on_ground(figures, scene.rig, scene.observations, shape(0.6)).measuring
-    assert found is not None
-    assert found.ground is not None
-    assert found.points == sigma
-    assert found.ground.median_mm > 1000 * height_error_m(shape(0.6))
-    # A body's foot at (x, y, dz) is read at the place where the ray through it meets z = 0.
+    rise = shape(0.6)
     for camera in scene.rig:
         feet = scene.observations[camera.name].boxes.ltwh
         xy = camera.ground(feet[:, :2] + feet[:, 2:] * (0.5, 1.0)).xy
-        assert camera.pose is not None
-        lifted = np.column_stack([xy, np.full(len(xy), 0.01)])
-        moved = np.linalg.norm(camera.ground(camera.project(lifted)).xy - xy, axis=1) / 0.01
+        lifted = camera.ground(camera.project(np.column_stack([xy, np.full(len(xy), 0.01)]))).xy
+        moved = float(np.median(np.linalg.norm(lifted - xy, axis=1))) / 0.01
+        reach = float(np.median(np.linalg.norm(xy - camera.centre[:2], axis=1)) / camera.centre[2])
+        own = CameraMeasuring(points=sigma, across=sigma, ground=sigma, reach=reach)
+        even = MeasuringFigures(places=10, points=sigma, ground=sigma, ground_height_mm=None, cameras={camera.name: own})
+        found = on_ground(replace(FIGURES, measuring=even), rise).measuring
+        assert found is not None
+        assert found.points == sigma
         with_rise = found.cameras[camera.name].ground
         assert with_rise is not None
-        expected = np.hypot(30.0, 1000 * height_error_m(shape(0.6)) * np.median(moved))
-        assert with_rise.median_mm == pytest.approx(expected, rel=0.02)
+        assert found.ground == with_rise
+        assert with_rise.median_mm == pytest.approx(np.hypot(30.0, 1000 * height_error_m(rise) * moved), rel=0.02)
+        assert found.cameras[camera.name].height_mm == pytest.approx(with_rise.median_mm / reach)
+    assert on_ground(FIGURES, shape(0.001)) == FIGURES
 
 
 def test_the_figures_of_a_report() -> None:

@@ -10,8 +10,6 @@ import pytest
 from passerby.calibration.diagnostics.verdict import MIN_POSITIONS, judged, people_positions
 from passerby.common.arrays import Floats
 from passerby.core.cameras import Rig
-from passerby.core.figures import AdjustedFigures, SolvedCamera
-from passerby.core.measuring_figures import CameraMeasuring, MeasuringFigures, MeasuringSigma
 from passerby.core.missing_cameras import with_doubts_of_missing_cameras
 from passerby.core.observations import Boxes, CameraObservations, Keypoints, Observations
 from passerby.core.solution import Solution
@@ -66,16 +64,6 @@ def test_people_on_one_line_or_spot_without_sigmas_let_no_rig_be_accepted(
     joints = Keypoints([1], [1], np.full((1, 1, 2), 300.0), np.ones((1, 1)), ("head",))
     cameras = {name: CameraObservations(one.boxes, joints) for name, one in people.cameras.items()}
     assert judged(solved(), replace(people, cameras=cameras)).verdict == "accepted"
-
-
-def test_people_on_one_line_are_a_notice_where_the_sigmas_say_that_the_rig_is_good() -> None:
-    people = wandering(0.1, 3.0)
-    sigma = MeasuringSigma(median_mm=20.0, p90_mm=40.0)
-    cameras = {name: CameraMeasuring(points=sigma, across=sigma, ground=sigma) for name in RIG.names}
-    measuring = MeasuringFigures(places=9, points=sigma, ground=sigma, ground_height_mm=None, cameras=cameras)
-    figures = AdjustedFigures(measuring=measuring, cameras=tuple(SolvedCamera(name=name) for name in RIG.names))
-    found = judged(replace(solved(method="people"), figures=figures), people)
-    assert (found.verdict, codes(found)) == ("accepted", [("people_not_spread", ())])
 
 
 def test_too_few_places_tell_of_no_line() -> None:

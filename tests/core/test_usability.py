@@ -71,11 +71,15 @@ def test_how_well_points_have_to_be_known_goes_by_the_size_of_the_rig(factor: fl
     assert limit == pytest.approx(usable if usable == USABLE_M else usable * extent)
 
 
-def test_positions_on_the_ground_may_be_more_uncertain_than_points() -> None:
-    usable = usable_m(rig())
-    for ground_m, count in ((0.9 * ON_GROUND * usable, 0), (1.1 * ON_GROUND * usable, 3)):
-        found = doubts_of_uncertainty(rig(), figures(measuring(0.01, 0.01, 0.01, ground_m=ground_m)), [])
+@pytest.mark.parametrize("reach", [None, 0.5, 1.0, 8.0])
+def test_the_height_of_the_ground_counts_not_how_flat_a_camera_looks(reach: float | None) -> None:
+    limit = ON_GROUND * usable_m(rig()) * max(reach or 1.0, 1.0)
+    for ground_m, count in ((0.9 * limit, 0), (1.1 * limit, 3)):
+        own = measuring(0.01, 0.01, 0.01, ground_m=ground_m)
+        own = replace(own, cameras={name: replace(one, reach=reach) for name, one in own.cameras.items()})
+        found = doubts_of_uncertainty(rig(), figures(own), [])
         assert [one.values["what"] for one in found] == count * ["ground"]
+        assert all(one.values["sigma"] == pytest.approx(1000 * ground_m) for one in found)
 
 
 def test_lengths() -> None:
@@ -102,16 +106,21 @@ def test_an_adjustment_that_ended_too_early_says_nothing_of_how_well_it_measures
     assert (doubt.values["sigma"], doubt.values["why"]["code"]) == (None, "adjustment_not_converged")
 
 
+def test_of_people_who_are_not_spread_the_sigmas_say_too_little() -> None:
+    (doubt,) = doubts_of_uncertainty(rig(), SOUND, [notice("people_not_spread", shape="line", length_m=14.2)])
+    assert (doubt.cameras, doubt.values["what"], doubt.values["sigma"]) == ((), "points", None)
+    assert "one straight line" in text_of(doubt)
+
+
 def test_a_doubt_says_why_and_the_notice_is_not_said_twice() -> None:
-    spread, noisy = notice("people_not_spread", shape="line", length_m=14.2), notice("boxes_noisy", noise_percent=40.0)
-    few = notice("few_observations", "C1", agreeing=12)
+    noisy, few = notice("boxes_noisy", noise_percent=40.0), notice("few_observations", "C2", agreeing=12)
     vague = figures(measuring(0.01, 1.0, 0.01))
-    found = with_doubts_of_uncertainty(rig(), vague, [few, noisy, spread])
-    assert [one.code for one in found] == ["few_observations", "boxes_noisy", "rig_uncertain"]
-    assert found[-1].values["why"]["code"] == "people_not_spread"
-    assert "one straight line" in text_of(found[-1])
+    found = with_doubts_of_uncertainty(rig(), vague, [noisy, few])
+    assert [one.code for one in found] == ["boxes_noisy", "rig_uncertain"]
+    assert found[-1].values["why"]["code"] == "few_observations"
+    assert "12 supporting" in text_of(found[-1])
     # A notice of another camera explains nothing of this one.
-    found = with_doubts_of_uncertainty(rig(), vague, [few])
+    found = with_doubts_of_uncertainty(rig(), vague, [notice("few_observations", "C1", agreeing=12)])
     assert found[-1].values["why"] is None
     # Said again with other figures, it is not said twice.
     assert with_doubts_of_uncertainty(rig(), vague, found) == found

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 from pathlib import Path
 
@@ -60,15 +59,13 @@ def test_cmc_is_what_was_put_in(tmp_path, name, left_handed, scale, matrices) ->
 def test_from_the_published_files_to_a_calibration(tmp_path) -> None:
     """Measured: 25.6 mm and 0.52 degrees: square cylinders, seen from above at 3 to 6 m, are no people.
 
-    They are half as wide as people and half as fast, as giants are who look small: the scale alone is in doubt.
+    They are half as wide as people and half as fast, as giants would be; but boxes do not reach beyond head and feet.
     """
     write_cmc(tmp_path / "CMC1")
     made = CliRunner().invoke(app, ["dataset", "cmc", str(tmp_path / "CMC1"), "-o", str(tmp_path / "scene")])
     assert made.exit_code == 0, made.output
     done = CliRunner().invoke(app, ["calibrate", str(tmp_path / "scene" / "scene.toml"), "-o", str(tmp_path / "out")])
-    assert done.exit_code == 3, done.output
-    diagnostics = json.loads((tmp_path / "out" / "calibration.json").read_text())["diagnostics"]
-    assert [one["code"] for one in diagnostics if one["severity"] != "notice"] == ["scale_cues_disagree"]
+    assert done.exit_code == 0, done.output
     found = compare(read_rig(tmp_path / "out" / "rig.toml"), read_rig(tmp_path / "scene" / "truth.toml")).similarity
     assert found.mean_position_mm is not None
     assert found.mean_position_mm < 35

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from passerby.core.cameras import Camera, Rig
 from passerby.core.scale_cues import ScaleCues
 from passerby.hypotheses.alternatives import lens_alternatives
-from passerby.hypotheses.case import Case
+from passerby.hypotheses.case import Case, blocks_of
 from passerby.hypotheses.comparison import Comparison, Refit, screen
 from passerby.solver.lens_unknowns import LensUnknowns
 from passerby.solver.people import PeopleSolution, solve_people
@@ -90,3 +90,14 @@ def test_where_lenses_are_refined_nothing_is_compared() -> None:
     assert solution.start is not None
     assert Case.of(replace(solution, start=None)) is None
     assert Case.of(replace(solution, start=replace(solution.start, unknowns=LensUnknowns(("focal",))))) is None
+
+
+@pytest.mark.parametrize(("seconds", "stretches"), [(3, 1), (10, 1), (19, 1), (20, 2), (57, 5)])
+def test_no_block_is_shorter_than_ten_seconds(seconds: int, stretches: int) -> None:
+    instant, person = np.repeat(np.arange(7, 7 + 5 * seconds), 3), np.tile([4, 1, 9], 5 * seconds)
+    block, count = blocks_of(instant, person, 5.0)
+    assert count == 3 * stretches
+    for one in range(count):
+        own = block == one
+        assert len(set(person[own])) == 1
+        assert np.count_nonzero(own) >= 5 * min(seconds, 10)

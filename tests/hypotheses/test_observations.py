@@ -8,12 +8,18 @@ import numpy as np
 import pytest
 
 from passerby.core.cameras import Camera, Rig
-from passerby.core.observations import CameraObservations, Observations
+from passerby.core.observations import Boxes, CameraObservations, Observations
 from passerby.core.quarter_turns import turn_seen
 from passerby.core.solution import Solution
+from passerby.core.stature import PERSON_HEIGHT_M
 from passerby.hypotheses.observations import examine_readings
 from passerby.hypotheses.readings import mirrored, possible_share, smaller
+from passerby.hypotheses.registration import SeenPeople
+from passerby.people.body_centres import PeopleRays, identified_body_centres
+from passerby.simulation import SimulationOptions, simulate
+from support.datasets.cmc import write_cmc
 from support.scenes.people_and_rigs import part, simulated
+from support.scenes.walking_area import Walk
 
 NAME = "C2"
 
@@ -88,3 +94,38 @@ def test_without_a_rig_nothing_is_examined() -> None:
     scene = simulated("terrace")
     unposed = Rig(tuple(Camera(camera.name, camera.lens) for camera in scene.rig))
     assert examined(lambda seen, lens: seen, unposed) == []
+
+
+def boxed(walk: Walk, fps: float) -> Observations:
+    """The boxes of the cylinders that walk."""
+    cameras = {}
+    for camera in walk.rig:
+        rows = [
+            (frame + 1, person, box)
+            for frame, here in enumerate(walk.positions)
+            for person, xy in enumerate(here)
+            if (box := walk.cylinder_box(camera, xy, whole=True)) is not None
+        ]
+        frames, people, corners = (np.array(column) for column in zip(*rows, strict=True))
+        ltwh = np.column_stack([corners[:, :2], corners[:, 2:] - corners[:, :2]]).astype(np.float64)
+        cameras[camera.name] = CameraObservations(Boxes(frames, people, ltwh, np.ones(len(frames))))
+    return Observations(cameras, fps)
+
+
+def test_a_low_camera_is_not_taken_for_an_overturned_one_below_the_ground(tmp_path) -> None:
+    """Cylinders filmed from 2 to 3 m: cameras that are a little below the ground see nearly the same boxes upside down."""
+    walk = write_cmc(tmp_path / "CMC1")
+    seen = boxed(walk, 4.0)
+    rays = PeopleRays.of(walk.rig, identified_body_centres(walk.rig, seen))
+    for index, camera in enumerate(walk.rig):
+        people = rays.triangulated(PERSON_HEIGHT_M, rays.camera != index)
+        overturned = turn_seen(mirrored(seen[camera.name], camera.lens.size), camera.lens.size, 180)
+        assert SeenPeople.of(overturned, camera.lens, people).anew(np.random.default_rng(0)) is None
+        assert SeenPeople.of(seen[camera.name], camera.lens, people).anew(np.random.default_rng(0)) is not None
+
+
+@pytest.mark.parametrize("seed", range(4811, 4815))
+def test_nothing_is_found_in_short_recordings(seed: int) -> None:
+    """Three seconds and four people."""
+    scene = simulate(SimulationOptions(preset="construction", seed=seed, cameras=3, people=4, seconds=3.0))
+    assert examine_readings(Solution("people", scene.rig, "accepted"), scene.observations, clocks=True) == []

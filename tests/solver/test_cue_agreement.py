@@ -135,6 +135,15 @@ def test_boxes_that_are_too_wide_do_not_reach_from_head_to_feet() -> None:
     assert (found.severity, found.values["kinds"]) == ("doubt", ["population"])
 
 
+@pytest.mark.parametrize("sigma", [0.025, 0.05])
+def test_narrow_things_that_move_slowly_leave_the_scale_as_it_is(sigma: float) -> None:
+    """Cylinders of 0.32 m: giants would seem as slow and as narrow, but boxes do not reach beyond head and feet."""
+    cues = people(1.0, width=0.7, sigma=sigma)
+    assert not weigh_cues([cues[0], said("walking speed of 2", 1.9, 0.35, "walking_speed", 0.0), cues[2]]).is_doubtful
+    _, found = argue(people(1.0, width=0.35, sigma=sigma))
+    assert [(one.severity, one.values["kinds"]) for one in found] == [("notice", ["body_width"])]
+
+
 def cue(kind: str, factor: float) -> dict[str, object]:
     """A cue of each kind, `factor` times the truth."""
     rig = TRUTH.rig

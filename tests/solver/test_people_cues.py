@@ -73,6 +73,12 @@ def test_the_speeds_that_people_can_have_contradict_no_scale(speeds: list[float]
     assert abs(log_scale) < 3 * sigma
 
 
+@pytest.mark.parametrize("speeds", [[2.2, 2.6], [2.0, 2.6, 3.2], [1.8, 2.4, 3.0, 3.4]])
+def test_a_few_people_may_all_run_for_a_few_seconds(speeds: list[float]) -> None:
+    log_scale, sigma = scale_by_walking(walking_speeds(*paths(speeds, seconds=6), FPS), 10 * FPS)
+    assert abs(log_scale) < 3 * sigma
+
+
 def test_few_people_say_less() -> None:
     assert by_walking([1.0])[1] > 1.4 * by_walking(WALKERS)[1]
 

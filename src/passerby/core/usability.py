@@ -46,6 +46,9 @@ EXPLAINS: Mapping[str, tuple[Quantity, ...]] = MappingProxyType({
 })  # fmt: skip
 """Codes of notices, and what each makes uncertain; the most specific comes first."""
 
+UNKNOWN = "people_not_spread"
+"""The code of a notice beside which the sigmas say too little: of people on one line they were 2 to 7 times too small (seeds 4711
+to 4713), since bodies are seen from one side only."""
 WITHOUT_SIGMAS = ("adjustment_not_converged", "people_not_spread", "few_inliers", "near_reference", "pairs_disagree")
 """Codes of notices that make a rig too uncertain by a method that has no sigmas of what it measures."""
 
@@ -77,7 +80,8 @@ def doubts_of_uncertainty(rig: Rig, figures: SolverFigures, findings: Sequence[F
         return [doubt(CODE, *one.cameras, what="points", sigma=None, lacks=[], why=one.as_value()) for one in given]
     causes = [one for code in EXPLAINS for one in findings if one.code == code]
     out = []
-    for sigma in (*_unbounded(rig, figures), *_of_cameras(rig, figures), *_of_scale(figures)):
+    unknown = [_Sigma("points", (), None)] if any(one.code == UNKNOWN for one in causes) else []
+    for sigma in (*unknown, *_unbounded(rig, figures), *_of_cameras(rig, figures), *_of_scale(figures)):
         fitting = (one for one in causes if sigma.quantity in EXPLAINS[one.code])
         cause = next(
             (one for one in fitting if not one.cameras or not sigma.cameras or set(one.cameras) & set(sigma.cameras)), None

@@ -34,6 +34,27 @@ RAY_ROUNDS = 4
 _FITTING, _PREDICTING = Stopping(20, 1e-5), Stopping(40, 1e-6)
 
 
+def blocks_of(instant: Ints, person: Ints, per_second: float) -> tuple[Ints, int]:
+    """Block of each of N observations: one person during one stretch of time. No stretch is shorter than `STRETCH_S`.
+
+    What is left at the end belongs to the last stretch: it errs as that does.
+
+    Args:
+        instant: (N,)
+        person: (N,)
+        per_second: instants a second.
+
+    Returns:
+        (N,) the blocks, and their number.
+    """
+    steps = max(1.0, STRETCH_S * per_second)
+    since = instant - instant.min(initial=np.iinfo(np.int64).max)
+    last = max((int(since.max(initial=0)) + 1) // steps - 1, 0)
+    keys = np.column_stack([np.minimum(since // steps, last), person]).astype(np.int64)
+    blocks, block = np.unique(keys, axis=0, return_inverse=True)
+    return block.reshape(-1), len(blocks)
+
+
 @dataclass(frozen=True, eq=False)
 class Case:
     """A problem with its state, and the block that each of its observations belongs to."""
@@ -66,18 +87,10 @@ class Case:
         )  # fmt: skip
         if not len(model.rows) and not len(model.joint_rows):
             return None
-        steps = STRETCH_S * (solution.fps or USUAL_FPS)
-        keys = np.concatenate(
-            [
-                np.column_stack([frame // steps, person]).astype(np.int64)
-                for frame, person in (
-                    (evidence.frame[model.blocks], evidence.person[model.blocks]),
-                    (evidence.joint_frame[model.joints], evidence.joint_person[model.joints]),
-                )
-            ]
-        )
-        blocks, block = np.unique(keys, axis=0, return_inverse=True)
-        block = block.reshape(-1)
+        block, n_blocks = blocks_of(
+            np.concatenate([evidence.frame[model.blocks], evidence.joint_frame[model.joints]]),
+            np.concatenate([evidence.person[model.blocks], evidence.joint_person[model.joints]]), solution.fps or USUAL_FPS,
+        )  # fmt: skip
         first = np.zeros((len(start.rig), LENS.size))
         rows = len(model.rows) + len(model.joint_rows)
         every = max(len(fit.model.rows) + len(fit.model.joint_rows), rows)
@@ -87,7 +100,7 @@ class Case:
         )  # fmt: skip
         problem = _with_rays(problem, start.rig, first)
         n = len(model.blocks)
-        return cls(start.rig, problem, replace(model.state, lens=first), block[:n], block[n:], len(blocks))
+        return cls(start.rig, problem, replace(model.state, lens=first), block[:n], block[n:], n_blocks)
 
     def with_problem(self, problem: PeopleProblem) -> Case:
         """The same with another problem about the same observations."""

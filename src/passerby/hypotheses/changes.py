@@ -33,7 +33,7 @@ from passerby.hypotheses.camera_path import (
     residuals_along,
     thinned,
 )
-from passerby.hypotheses.case import STRETCH_S
+from passerby.hypotheses.case import blocks_of
 from passerby.hypotheses.comparison import FOLDS, LOG_ODDS, Comparison, effect
 from passerby.hypotheses.correspondences import Correspondences
 from passerby.hypotheses.stretches import FOCALS, WINDOW_ROWS, find_stretches, is_suspicious, refine_stretch
@@ -197,7 +197,12 @@ def suspect_change(m: Correspondences, pose: Pose, per_second: float, n_cameras:
     drifts = [path for pieces in PIECES if (path := fit_drift(few, base, pieces)) is not None]
     before = float(costs_along(few, base).sum())
     gain = max((before - float(costs_along(few, path).sum()) for path in (*steps, *drifts)), default=0.0)
-    return SuspectedChange(_Trial(few, base, _blocks(few, per_second), n_cameras), tuple(steps), tuple(drifts), gain)
+    return SuspectedChange(
+        _Trial(few, base, blocks_of(few.own.instant, few.own.identity, per_second)[0], n_cameras),
+        tuple(steps),
+        tuple(drifts),
+        gain,
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -282,12 +287,6 @@ def _simplest(family: Sequence[FoundChange]) -> FoundChange | None:
     return None
 
 
-def _blocks(m: Correspondences, per_second: float) -> Ints:
-    """(M,) block of each observation: one person, or one tracklet, during one stretch of time."""
-    keys = np.column_stack([m.own.instant // max(1, round(STRETCH_S * per_second)), m.own.identity])
-    return np.asarray(np.unique(keys, axis=0, return_inverse=True)[1].ravel())
-
-
 def step_of(m: Correspondences, found: FoundChange, *, stated: bool) -> PoseChange:
     """A change in a stretch of time, as it is reported.
 
@@ -341,7 +340,7 @@ def measure_step(part: Correspondences, pose: Pose, change: PoseChange, per_seco
         "zoomed": min(zooms, key=lambda one: costs_along(few, one).sum()),
         "moved": CameraPath(moved), "zoomed_and_moved": CameraPath(moved, float(np.log(change.zoom))),
     }  # fmt: skip
-    trial = _Trial(few, held, _blocks(few, per_second), n_cameras)
+    trial = _Trial(few, held, blocks_of(few.own.instant, few.own.identity, per_second)[0], n_cameras)
     tried = {kind: trial.elsewhere(kind, start) for kind, start in starts.items()}
     found = _simplest(list(tried.values())) or tried["moved" if change.zoom == 1.0 else "zoomed_and_moved"]
     return replace(change, main=pose, other=found.path.pose, zoom=float(np.exp(found.path.log_focal)))

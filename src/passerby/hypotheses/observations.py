@@ -1,8 +1,8 @@
 """Does one camera see other things than its observations are taken for? Readings compared by what the others' people predict.
 
 The other cameras place the people. Under each reading (`readings`) the camera is registered to them without a fifth of the
-blocks, which it then predicts; the gains of the blocks are compared as those of all alternatives (`comparison`). Lenses are
-those of the rig: this holds whether they were stated or estimated.
+blocks, which it then predicts; a clock's offset is found without them, too. The gains of the blocks are compared as those of
+all alternatives (`comparison`). Lenses are those of the rig: this holds whether they were stated or estimated.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Literal
 
 import numpy as np
 
-from passerby.common.arrays import Floats, Ints
+from passerby.common.arrays import Ints
 from passerby.core.cameras import Lens, Pose, Rig
 from passerby.core.figures import adjusted
 from passerby.core.measuring import MOST_PLACES, measured_change
@@ -21,7 +21,7 @@ from passerby.core.observations import CameraObservations, Observations
 from passerby.core.solution import Solution
 from passerby.core.stature import PERSON_HEIGHT_M
 from passerby.core.synchronisation import USUAL_FPS
-from passerby.hypotheses.case import STRETCH_S
+from passerby.hypotheses.case import blocks_of
 from passerby.hypotheses.comparison import FOLDS, LOG_ODDS, Comparison, effect
 from passerby.hypotheses.readings import Reading, image_readings, late_clock
 from passerby.hypotheses.registration import FEWEST, SeenPeople, rows_of_keys
@@ -127,24 +127,34 @@ class _Camera:
         self.index, self.n_cameras, self.name, self.lens = index, len(rig), camera.name, camera.lens
         self.people, self.seen, self.fps = people, instants[camera.name], instants.fps or USUAL_FPS
         self.stated = SeenPeople.of(self.seen, self.lens, people)
+        self.block, self.n_blocks = blocks_of(self.stated.frame, self.stated.identity, self.fps)
         self.pose = self.stated.fitted(camera.pose) if len(self.stated) >= FEWEST else camera.pose
 
-    def late_s(self) -> float:
-        """The offset of the clock that people fit best, seconds later than stated; 0 where that is none."""
-        costs = {0: float(self.stated.thinned().costs(self.pose).mean())}
+    def late_s(self, first: int = 0, fold: int | None = None) -> float:
+        """The offset of the clock that people fit best, seconds later than stated; 0 where that is none.
+
+        Args:
+            first: time steps from which it is sought.
+            fold: held out; None: none is.
+        """
+        costs: dict[int, float] = {}
 
         def cost(late: int) -> float:
             if late not in costs:
-                moved = SeenPeople.of(self.seen, self.lens, self.people, -late).thinned()
-                costs[late] = float(moved.costs(moved.fitted(self.pose)).mean()) if len(moved) >= FEWEST else np.inf
+                moved = SeenPeople.of(self.seen, self.lens, self.people, -late)
+                if fold is not None:
+                    moved = moved.take(self._block_of(moved) % FOLDS != fold)
+                part = moved.thinned()
+                pose = self.pose if late == 0 and fold is None else part.fitted(self.pose)
+                costs[late] = float(part.costs(pose).mean()) if len(part) >= FEWEST else np.inf
             return costs[late]
 
-        best = 0
+        best = first
         for towards in (-1, 1):
-            at = towards
-            while cost(at) < costs[best] and abs(at) < MOST_LATE_S * self.fps:
+            at = best + towards
+            while cost(at) < cost(best) and abs(at) < MOST_LATE_S * self.fps:
                 best, at = at, at + towards
-        before, here, after = cost(best - 1), costs[best], cost(best + 1)
+        before, here, after = cost(best - 1), cost(best), cost(best + 1)
         bend = before + after - 2 * here
         between = 0.5 * (before - after) / bend if np.isfinite(bend) and bend > 0 else 0.0
         late = best + float(np.clip(between, -0.5, 0.5))
@@ -152,35 +162,52 @@ class _Camera:
 
     def compared(self, reading: Reading) -> ReadCamera | None:
         """A reading against the observations as stated, by the people of both; None where it fits no better."""
+        read = self._read(reading)
+        pose = read.other.anew(np.random.default_rng(0)) if reading.anew else self.pose
+        if pose is None or len(read.other) < FEWEST:
+            return None
+        if read.other.costs(pose).sum() >= read.stated.costs(self.pose).sum():
+            return None
+        better, worse = np.zeros(self.n_blocks), np.zeros(self.n_blocks)
+        for fold in range(FOLDS):
+            part = read
+            if reading.late_s is not None:  # found anew: an offset that has seen all blocks predicts none
+                late_s = self.late_s(round(reading.late_s * self.fps), fold)
+                part = self._read(late_clock(self.index, self.n_cameras, late_s, self.fps, correctable=reading.correctable))
+            block = self._block_of(part.stated)
+            held = block % FOLDS == fold
+            if held.any() and not held.all():
+                for seen, start, costs in ((part.other, pose, better), (part.stated, self.pose, worse)):
+                    costs += np.bincount(block[held], seen.take(held).costs(seen.take(~held).fitted(start)), self.n_blocks)
+        return ReadCamera(
+            reading, self.name, Comparison.of(better, worse), read.other.fitted(pose), np.inf, read.lens, read.seen
+        )
+
+    def _read(self, reading: Reading) -> _Read:
         lens, seen = reading.read(self.lens, self.seen)
-        other = SeenPeople.of(seen, lens, self.people)
-        pose = other.anew(np.random.default_rng(0)) if reading.anew else self.pose
-        if pose is None or len(other) < FEWEST:
-            return None
-        ids = int(max(other.identity.max(), self.stated.identity.max())) + 1
-        at = rows_of_keys(other.frame * ids + other.identity, self.stated.frame * ids + self.stated.identity)
-        other, stated = other.take(at >= 0), self.stated.take(at[at >= 0])
-        if len(other) < FEWEST or other.costs(pose).sum() >= stated.costs(self.pose).sum():
-            return None
-        block, n = self._blocks(stated)
-        over = Comparison.of(_predicted(other, pose, block, n), _predicted(stated, self.pose, block, n))
-        return ReadCamera(reading, self.name, over, other.fitted(pose), np.inf, lens, seen)
+        every = SeenPeople.of(seen, lens, self.people)
+        at = self._rows(every)
+        return _Read(lens, seen, every.take(at >= 0), self.stated.take(at[at >= 0]))
 
-    def _blocks(self, seen: SeenPeople) -> tuple[Ints, int]:
-        stretch = (seen.frame // (STRETCH_S * self.fps)).astype(np.int64)
-        keys, block = np.unique(np.column_stack([stretch, seen.identity]), axis=0, return_inverse=True)
-        return block.reshape(-1), len(keys)
+    def _rows(self, seen: SeenPeople) -> Ints:
+        """(M,) the row of each observation among those as stated; -1 where it has none."""
+        ids = int(max(seen.identity.max(initial=0), self.stated.identity.max(initial=0))) + 1
+        return rows_of_keys(seen.frame * ids + seen.identity, self.stated.frame * ids + self.stated.identity)
+
+    def _block_of(self, seen: SeenPeople) -> Ints:
+        """(M,) the block of each observation; -1 where it has none."""
+        at = self._rows(seen)
+        return np.where(at >= 0, self.block[at], -1)
 
 
-def _predicted(seen: SeenPeople, start: Pose, block: Ints, n_blocks: int) -> Floats:
-    """(B,) cost of each block, nats, by the pose that fits the other folds."""
-    out = np.zeros(n_blocks)
-    for fold in range(FOLDS):
-        held = block % FOLDS == fold
-        if held.any() and not held.all():
-            part = seen.take(held)
-            out += np.bincount(block[held], part.costs(seen.take(~held).fitted(start)), n_blocks)
-    return out
+@dataclass(frozen=True, eq=False)
+class _Read:
+    """A camera's observations read differently, and as stated: the same people at the same times."""
+
+    lens: Lens
+    seen: CameraObservations
+    other: SeenPeople
+    stated: SeenPeople
 
 
 def _with_effect(found: ReadCamera, solution: Solution, instants: Observations) -> ReadCamera:

@@ -132,7 +132,10 @@ class SeenPeople(Columns):
         return np.einsum("mkeu,mke->u", J, rows[..., 0]), np.einsum("mkeu,mkev->uv", J, rows[..., 1:])
 
     def anew(self, rng: np.random.Generator) -> Pose | None:
-        """The pose from nothing; None where no level, or no place of it, fits."""
+        """The pose from nothing; None where no level, or no place of it, fits, or only one below the ground.
+
+        A camera that is as far below the middle of people as another one is above it sees nearly the same boxes, upside down.
+        """
         part = self.thinned()
         if len(part) < FEWEST:
             return None
@@ -147,7 +150,8 @@ class SeenPeople(Columns):
         c, s = np.real(turn) / abs(turn), np.imag(turn) / abs(turn)
         to_world = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
         centre = np.array([move.real, move.imag, abs(turn) * level.height])
-        return part.fitted(Pose.from_centre(level.R_lc.T @ to_world.T, centre))
+        found = part.fitted(Pose.from_centre(level.R_lc.T @ to_world.T, centre))
+        return found if found.centre[2] > 0 else None
 
 
 @dataclass(frozen=True, eq=False)

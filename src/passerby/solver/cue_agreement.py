@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtr
 
 from passerby.common.arrays import Floats
 from passerby.core.figures import CueFigures
@@ -38,8 +39,7 @@ STEP = 0.001
 CODE = "scale_cues_disagree"
 _STATURES = ("population", "segments")
 _OF_PEOPLE = (*_STATURES, "body_width")
-"""Cues that are off by the same factor where the people are of another population. The width is never wrong by itself: boxes
-of another shape than people's do not reach from head to feet."""
+"""Cues that are off by the same factor where the people are of another population."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,9 +78,7 @@ def weigh_cues(cues: Sequence[CueFigures]) -> Agreement:
     at, sd = log_scales(cues)
     grid = np.arange(at.min() - 1.0, at.max() + 1.0, STEP)
     residual = at[:, None] - grid
-    may_be_wrong = np.array([[cue.kind != "body_width"] for cue in cues])
-    sound = np.where(may_be_wrong, np.log(1 - WRONG), 0.0) + _log_normal(residual, sd)
-    wrong = np.where(may_be_wrong, np.log(WRONG) + _log_normal(residual, np.hypot(sd, WRONG_SD)), -np.inf)
+    sound, wrong = np.log(1 - WRONG) + _log_normal(residual, sd), np.log(WRONG) + _log_wrong(residual, sd, cues)
     either = np.logaddexp(sound, wrong)
     assumed = next((cue for cue in cues if cue.kind == "population" and (cue.own_sigma or 0.0) >= ASSUMED_SD), None)
     people = np.array([assumed is not None and cue.kind in _OF_PEOPLE for cue in cues])
@@ -164,6 +162,20 @@ def _posterior(density: Floats, people: NDArray[np.bool_], shifted: Floats) -> t
 def _log_normal(residual: Floats, sd: Floats) -> Floats:
     """(N, G) logarithm of the density of residuals (N, G) with sigmas (N,), without its constant."""
     return np.asarray(-0.5 * (residual / sd[:, None]) ** 2 - np.log(sd)[:, None])
+
+
+def _log_wrong(residual: Floats, sd: Floats, cues: Sequence[CueFigures]) -> Floats:
+    """(N, G) the same of cues that are wrong, by `WRONG_SD` either way. What is wrong with people's boxes has a direction.
+
+    Boxes of another shape than people's are narrower. Those that are wider end within the body: then the stature is wrong, and
+    the rig is too large. That is one half of the ways in which a stature is wrong; in the other half its mean is, either way.
+    An error of one direction has a skew normal density (Azzalini 1985, *A class of distributions which includes the normal
+    ones*).
+    """
+    share = np.array([{"body_width": 1.0, "population": 0.5}.get(cue.kind or "", 0.0) for cue in cues])[:, None]
+    wide = np.hypot(sd, WRONG_SD)
+    one_way = 2 * ndtr(residual * (WRONG_SD / (sd * wide))[:, None])
+    return _log_normal(residual, wide) + np.log(np.maximum(1 - share + share * one_way, np.finfo(np.float64).tiny))
 
 
 def _log_shifted(residual: Floats, sd: Floats, shift: float) -> Floats:

@@ -75,7 +75,7 @@ def people_cues(rig: Rig, observations: Observations) -> list[CueFigures]:
 def scale_by_walking(speeds: Sequence[Floats], per_block: float) -> tuple[float, float]:
     """Logarithm of the factor on all lengths by which people move as people do, and one sigma of it.
 
-    The logarithms of speeds are a mixture of walking and running, with a share of running that is not known. The likelihood of
+    The logarithms of speeds are a mixture of walking and running; its share of running is integrated over. The likelihood of
     the factor may have two peaks, such as fast walkers or slow runners. So the estimate is the middle of the interval that a
     likelihood ratio test at `MOST_SIGMAS` leaves, and sigma is half of it over `MOST_SIGMAS`, at least what the mean of so
     many people differs by, with what places differ by.
@@ -94,7 +94,7 @@ def scale_by_walking(speeds: Sequence[Floats], per_block: float) -> tuple[float,
     likelihood = np.full(len(_SHIFT), -np.inf)
     for share in _SHARE.tolist():
         density = (1 - SPOILT) * ((1 - share) * walk + share * run) + noise
-        likelihood = np.maximum(likelihood, np.log(density) @ weight + RUNS_RARELY * np.log(1 - share))
+        likelihood = np.logaddexp(likelihood, np.log(density) @ weight + RUNS_RARELY * np.log(1 - share))
     inside = _SHIFT[2 * (likelihood.max() - likelihood) <= MOST_SIGMAS**2]
     low, high = float(inside.min()), float(inside.max())
     sampled = max((high - low) / (2 * MOST_SIGMAS), WALK_PERSON_SD / np.sqrt(len(speeds)))
