@@ -1,7 +1,7 @@
 """Are the sigmas true of other inputs than boxes under known names? One simulated scene of each, errors over stated sigmas.
 
-Everything that is stated to the calibration is drawn from what the statement says: intrinsics with their usual errors, a surveyed
-position with its standard deviation. The lower edges of boxes are drawn as in `coverage`.
+Everything that is stated to the calibration is drawn from what the statement says: intrinsics with their usual errors, a
+surveyed position with its standard deviation. The lower edges of boxes are drawn as in `coverage`.
 """
 
 from __future__ import annotations
@@ -107,7 +107,8 @@ def _in_memory(scene: SimulatedScene, lenses: Rig, seed: int, mode: str = "given
     boxes = with_lower_edges(scene, LOWER_EDGE * np.random.default_rng([12, seed]).standard_normal())
     joints = {name: camera.keypoints for name, camera in seen.items()} if scene.options.joint_noise_px else None
     return calibrate_observations(
-        lenses, boxes, keypoints=joints, fps=scene.options.fps, association={"mode": mode}, scale=_scale(scene.options), **tables,
+        lenses, boxes, keypoints=joints, fps=scene.options.fps, association={"mode": mode},
+        scale=_scale(scene.options), **tables,
     )  # fmt: skip
 
 
@@ -145,7 +146,9 @@ def _longer(lens: Lens, log_factor: float) -> Lens:
 
 
 def _unknown(scene: SimulatedScene, seed: int) -> tuple[Calibration, bool]:
-    return _in_memory(scene, Rig(tuple(Camera(camera.name, Lens.unknown(camera.lens.size)) for camera in scene.rig)), seed), True
+    return _in_memory(
+        scene, Rig(tuple(Camera(camera.name, Lens.unknown(camera.lens.size)) for camera in scene.rig)), seed
+    ), True
 
 
 def _filmed(scene: SimulatedScene, seed: int) -> tuple[Calibration, bool]:

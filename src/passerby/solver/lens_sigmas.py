@@ -28,11 +28,6 @@ do mislead by, refining right focal lengths made the rig of a simulated scene (b
 less than twice. Over 30 scenes whose stated focal lengths are off as stated ones are (seeds from 113600) it costs 7 % of the
 accuracy."""
 
-UNCALIBRATED_MISLEAD = 1.25
-"""The same of lenses that were never calibrated, where several views hold each other: focal lengths were off by 1.15 of their
-random sigmas, root mean square over 24 cameras of six simulated scenes (three presets, seeds 900 and 901, boxes with 2 % noise,
-focal lengths of 0.5 to 2 widths)."""
-
 
 @dataclass(frozen=True, eq=False)
 class LensEvidence:
@@ -70,10 +65,10 @@ def lens_evidence(problem: PeopleProblem, state: AdjustmentState, inflation: flo
     seen = state.lens * (1 + problem.lens_weight / inflation * prior / told)
     random, alike = np.sqrt(1 / told), np.sqrt(1 / told + biased / share**2)
     # Where nothing of a lens is stated, its principal point turns with the vertical, and that rests on how upright people are.
-    loose = by_boxes(problem) | problem.lens_normal
-    misled, held = (np.where(loose, by, 1.0)[:, None] for by in (BOXES_MISLEAD, BOXES_COUNT_LESS))
-    sd = (UNCALIBRATED_MISLEAD if problem.lens_normal else misled) * alike
-    return LensEvidence(seen, sd, (held * alike / random) ** 2)
+    boxes = by_boxes(problem)
+    held = np.where(boxes | problem.lens_normal, BOXES_COUNT_LESS, 1.0)[:, None]
+    misled = np.where(boxes & (not problem.lens_normal), BOXES_MISLEAD, 1.0)[:, None]
+    return LensEvidence(seen, misled * alike, (held * alike / random) ** 2)
 
 
 def by_boxes(problem: PeopleProblem) -> NDArray[np.bool_]:

@@ -1,11 +1,10 @@
 """What data cannot separate from poses, and what it does to the cameras: errors of boxes and of stated lenses.
 
-Boxes are no points: how people bend, swing and hide their feet shifts the middles and the heights of their boxes, and not in
-the same way near the left of a picture as near its right, or near the camera as far from it. More of the same people do not
-average that out. Nor do they tell how a stated lens is off by little. Neither is an unknown of the adjustment, which could not
-tell it from poses; their share in the cameras' covariance is that of *consider parameters* (Schmidt 1966, *Application of
-State-Space Methods to Navigation Problems*): with the normal equations `H` and their coupling `H_cb` to parameters of the
-covariance `Q`, `H^-1 H_cb Q H_cb^T H^-1`.
+A detector puts the lower edge of each box at another height than the sole of the foot. More people do not average that out,
+and they do not show small errors of a stated lens. Neither is an unknown of the adjustment, which could not separate it from
+poses. Their share in the cameras' covariance is that of *consider parameters* (Schmidt 1966, *Application of State-Space
+Methods to Navigation Problems*): with the normal equations `H` and their coupling `H_cb` to parameters of the covariance `Q`,
+`H^-1 H_cb Q H_cb^T H^-1`.
 """
 
 from __future__ import annotations
@@ -57,7 +56,7 @@ class ConsiderParameters:
 
     @classmethod
     def of_lower_edges(cls, problem: PeopleProblem) -> ConsiderParameters:
-        """How much too low the lower edges of all boxes are: one number for all cameras, `LOWER_EDGE`."""
+        """How much too low the lower ends of people are, edges of boxes or ankles: one number for all cameras, `LOWER_EDGE`."""
         longer = (problem.sightings.extent_px / problem.scale_px)[:, None, None]
         middle = np.zeros((len(longer), 2, 1))
         middle[:, 1:] = -0.5 * longer * (problem.scale_px / problem.centre_sigma())[:, None, None]
