@@ -42,8 +42,8 @@ fit itself takes up what few stretches have in common (docs/results/limits.md)."
 
 MODEL_EXCESS = 1.4
 """Factor on the design effect for errors that last longer than a stretch. Errors of the shape over their sigmas on 110
-simulated scenes of boxes (seeds 4711 to 4741, 4901 to 4979), root mean square: 1.18 with it, 1.25 without; of one person during 12 s (26
-scenes) 1.6 and 1.9."""
+simulated scenes of boxes (seeds 4711 to 4741, 4901 to 4979), root mean square: 1.18 with it, 1.25 without; of one person
+during 12 s (26 scenes) 1.6 and 1.9."""
 
 TIME_EXCESS = 1.6
 """Factor on the sigmas of clocks: gait and lean go with the way that a person walks, as a late clock does. Errors over sigmas,
