@@ -23,8 +23,7 @@ from passerby.core.observations import Boxes
 from passerby.evaluation.metrics import compare
 from passerby.simulation import PRESETS, SimulatedScene, SimulationOptions, simulate
 from passerby.simulation.write import MEAN_SD
-from passerby.solver.measuring_uncertainty import GROUND_SHARE
-from passerby.solver.systematic import LENS_PRIORS
+from passerby.solver.systematic import LENS_PRIORS, LOWER_EDGE
 from reliability.page import Line, part_found
 from reliability.runs import Wanted, kept, seeds
 
@@ -71,7 +70,7 @@ def work(seed: int) -> dict[str, Any]:
     scene = simulate(options)
     nuisances = np.random.default_rng([8, seed])
     stated = stated_lenses(scene.rig, nuisances)
-    seen = with_lower_edges(scene, GROUND_SHARE * nuisances.standard_normal())
+    seen = with_lower_edges(scene, LOWER_EDGE * nuisances.standard_normal())
     clocked = bool(options.clock_offsets)
     found = calibrate_observations(
         stated, seen, fps=options.fps,

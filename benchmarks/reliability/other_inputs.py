@@ -1,7 +1,7 @@
 """Are the sigmas true of other inputs than boxes under known names? One simulated scene of each, errors over stated sigmas.
 
-Everything that is stated to the calibration is drawn from what the statement says: a population's mean height, a focal length
-with its usual error, a surveyed position with its standard deviation.
+Everything that is stated to the calibration is drawn from what the statement says: intrinsics with their usual errors, a
+surveyed position with its standard deviation. The lower edges of boxes are drawn as in `coverage`.
 """
 
 from __future__ import annotations
@@ -30,7 +30,8 @@ from passerby.simulation import PRESETS, SimulatedScene, SimulationOptions, simu
 from passerby.simulation.rendering import RenderOptions
 from passerby.simulation.write import MEAN_SD
 from passerby.solver.lens_unknowns import FOCAL_CORE
-from reliability.coverage import KINDS, ONE, TWO, in_sigmas, shares
+from passerby.solver.systematic import LOWER_EDGE
+from reliability.coverage import KINDS, ONE, TWO, in_sigmas, shares, stated_lenses, with_lower_edges
 from reliability.lens_figures import JOINTS_OFF, with_joints_off
 from reliability.page import Line, part_found
 from reliability.runs import Wanted, kept
@@ -101,33 +102,41 @@ def _scale(options: SimulationOptions) -> dict[str, float]:
     }  # fmt: skip
 
 
-def _in_memory(scene: SimulatedScene, lenses: Rig, mode: str = "given", **tables: Any) -> Calibration:
+def _in_memory(scene: SimulatedScene, lenses: Rig, seed: int, mode: str = "given", **tables: Any) -> Calibration:
     seen = scene.observations.cameras
+    boxes = with_lower_edges(scene, LOWER_EDGE * np.random.default_rng([12, seed]).standard_normal())
     joints = {name: camera.keypoints for name, camera in seen.items()} if scene.options.joint_noise_px else None
     return calibrate_observations(
-        lenses, {name: camera.boxes for name, camera in seen.items()}, keypoints=joints, fps=scene.options.fps,
-        association={"mode": mode}, scale=_scale(scene.options), **tables,
+        lenses, boxes, keypoints=joints, fps=scene.options.fps, association={"mode": mode},
+        scale=_scale(scene.options), **tables,
     )  # fmt: skip
 
 
+def _stated(scene: SimulatedScene, seed: int) -> Rig:
+    """The lenses as they are stated."""
+    return stated_lenses(scene.rig, np.random.default_rng([13, seed]))
+
+
 def _known(scene: SimulatedScene, seed: int) -> tuple[Calibration, bool]:
-    return _in_memory(scene, scene.rig), False
+    return _in_memory(scene, _stated(scene, seed), seed), False
 
 
 def _alike(scene: SimulatedScene, seed: int) -> tuple[Calibration, bool]:
     seen = with_joints_off(scene.observations, np.random.default_rng([11, seed]))
-    return _in_memory(replace(scene, observations=seen), scene.rig), False
+    return _in_memory(replace(scene, observations=seen), _stated(scene, seed), seed), False
 
 
 def _found(scene: SimulatedScene, seed: int) -> tuple[Calibration, bool]:
-    return _in_memory(scene, scene.rig, "combined"), False
+    return _in_memory(scene, _stated(scene, seed), seed, "combined"), False
 
 
 def _refined(scene: SimulatedScene, seed: int) -> tuple[Calibration, bool]:
     rng = np.random.default_rng([9, seed])
     off = np.clip(FOCAL_CORE * rng.standard_cauchy(len(scene.rig)), -MOST_FOCAL_ERROR, MOST_FOCAL_ERROR)
-    stated = [replace(camera, lens=_longer(camera.lens, float(e))) for camera, e in zip(scene.rig, off, strict=True)]
-    return _in_memory(scene, Rig(tuple(stated)), solver={"refine": ["focal"]}), True
+    stated = []
+    for camera, true, error in zip(_stated(scene, seed), scene.rig, off.tolist(), strict=True):
+        stated.append(replace(camera, lens=_longer(camera.lens, error - float(np.log(camera.lens.focal / true.lens.focal)))))
+    return _in_memory(scene, Rig(tuple(stated)), seed, solver={"refine": ["focal"]}), True
 
 
 def _longer(lens: Lens, log_factor: float) -> Lens:
@@ -137,7 +146,9 @@ def _longer(lens: Lens, log_factor: float) -> Lens:
 
 
 def _unknown(scene: SimulatedScene, seed: int) -> tuple[Calibration, bool]:
-    return _in_memory(scene, Rig(tuple(Camera(camera.name, Lens.unknown(camera.lens.size)) for camera in scene.rig))), True
+    return _in_memory(
+        scene, Rig(tuple(Camera(camera.name, Lens.unknown(camera.lens.size)) for camera in scene.rig)), seed
+    ), True
 
 
 def _filmed(scene: SimulatedScene, seed: int) -> tuple[Calibration, bool]:

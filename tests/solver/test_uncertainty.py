@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -16,12 +17,13 @@ from passerby.geometry.rotations import exp_rotation, log_rotation
 from passerby.geometry.similarity import fit_plane_similarity
 from passerby.solver import uncertainty
 from passerby.solver.cues import POPULATION_BIAS
-from passerby.solver.gauge import SCALE, TILT_X, TILT_Y, VAGUE, Free
+from passerby.solver.gauge import SCALE, TILT_X, TILT_Y, VAGUE, Free, held_system
 from passerby.solver.initialisation import Initialisation, refine_in_stages, select_initial_rig
-from passerby.solver.optimizer.least_squares import Term
+from passerby.solver.optimizer.least_squares import NormalEquations, Stopping, Term, minimise
 from passerby.solver.people import PeopleOptions
 from passerby.solver.people_state import AdjustmentState
 from passerby.solver.person_model import TIME, PeopleProblem
+from passerby.solver.systematic import LOWER_EDGE, ConsiderParameters
 from passerby.solver.uncertainty import (
     MODEL_EXCESS,
     TIME_EXCESS,
@@ -132,6 +134,29 @@ def test_clocks_are_as_sure_as_they_differ_from_the_first_cameras() -> None:
     covariance[np.ix_(clocks, clocks)] = 2.0**2 + np.diag(own**2)
     found = uncertainty._time_sigmas(covariance, size, 3)
     np.testing.assert_allclose(found, TIME_EXCESS * np.array([0.0, *np.hypot(own[1:], own[0])]), atol=1e-9)
+
+
+def test_lower_edges_of_boxes_move_cameras_as_their_consider_parameter_says(
+    optimum: tuple[PeopleProblem, AdjustmentState],
+) -> None:
+    """All boxes reach lower by a share of their height: camera heights change by the predicted amounts."""
+    problem, state = optimum
+    terms, share = problem.terms(state, jacobians=True), 0.005
+    weighted = partial(uncertainty.downweight, inflation=1.0)
+    H = NormalEquations(problem.layout, [weighted(term) for term in terms]).reduce().H
+    system, _ = held_system(H, state, problem.camera_size)
+    sigma = ConsiderParameters.of_lower_edges(problem).moved(system.inverse(), problem, terms, weighted)
+    predicted = sigma[np.arange(problem.n_cameras) * problem.camera_size + 5, 0] * share / LOWER_EDGE
+    s = problem.sightings
+    down = np.linalg.pinv(s.bottom_tangent)[:, :, 1] * (share * s.extent_px)[:, None]
+    bottom = (s.bottom + down) / np.linalg.norm(s.bottom + down, axis=1, keepdims=True)
+    tangent = s.bottom_tangent - (s.bottom_tangent @ bottom[:, :, None]) * bottom[:, None]
+    longer = replace(s, bottom=bottom, bottom_tangent=tangent, extent_px=(1 + share) * s.extent_px)
+    lowered = replace(problem, sightings=longer, expected_px=problem.scale_px)
+    before, after = (minimise(one, state, Stopping(50, 1e-9)).state for one in (problem, lowered))
+    found = after.centre[:, 2] - before.centre[:, 2]
+    np.testing.assert_allclose(found, predicted, atol=0.2 * np.abs(predicted).max())
+    assert np.abs(found).max() > 0.002
 
 
 def some(observations: Observations, identities: int, frames: int = 10**9) -> Observations:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,11 +28,6 @@ do mislead by, refining right focal lengths made the rig of a simulated scene (b
 less than twice. Over 30 scenes whose stated focal lengths are off as stated ones are (seeds from 113600) it costs 7 % of the
 accuracy."""
 
-UNCALIBRATED_MISLEAD = 1.25
-"""The same of lenses that were never calibrated, where several views hold each other: focal lengths were off by 1.15 of their
-random sigmas, root mean square over 24 cameras of six simulated scenes (three presets, seeds 900 and 901, boxes with 2 % noise,
-focal lengths of 0.5 to 2 widths)."""
-
 
 @dataclass(frozen=True, eq=False)
 class LensEvidence:
@@ -54,9 +50,10 @@ def lens_evidence(problem: PeopleProblem, state: AdjustmentState, inflation: flo
         inflation: how many times less the sightings tell than as many independent ones would.
     """
     assert problem.lens_core is not None
-    terms = [downweight(term, inflation) for term in replace(problem, lens_weight=np.ones(())).terms(state, jacobians=True)]
-    inverse = inverse_of(NormalEquations(problem.layout, terms).reduce().H)
-    moved = ConsiderParameters.of_boxes(problem, state).moved(inverse, problem, terms)
+    weighted = partial(downweight, inflation=inflation)
+    terms = replace(problem, lens_weight=np.ones(())).terms(state, jacobians=True)
+    inverse = inverse_of(NormalEquations(problem.layout, [weighted(term) for term in terms]).reduce().H)
+    moved = ConsiderParameters.of_lower_edges(problem).moved(inverse, problem, terms, weighted)
     at = lens_places(problem.n_cameras, problem.layout.camera_size, problem.n_lens)
     variance, biased = np.diag(inverse)[at], (moved[at] ** 2).sum(axis=2)
     prior = 1 / (problem.lens_core**2 + (0.0 if problem.lens_normal else state.lens**2))
@@ -68,10 +65,10 @@ def lens_evidence(problem: PeopleProblem, state: AdjustmentState, inflation: flo
     seen = state.lens * (1 + problem.lens_weight / inflation * prior / told)
     random, alike = np.sqrt(1 / told), np.sqrt(1 / told + biased / share**2)
     # Where nothing of a lens is stated, its principal point turns with the vertical, and that rests on how upright people are.
-    loose = by_boxes(problem) | problem.lens_normal
-    misled, held = (np.where(loose, by, 1.0)[:, None] for by in (BOXES_MISLEAD, BOXES_COUNT_LESS))
-    sd = (UNCALIBRATED_MISLEAD if problem.lens_normal else misled) * alike
-    return LensEvidence(seen, sd, (held * alike / random) ** 2)
+    boxes = by_boxes(problem)
+    held = np.where(boxes | problem.lens_normal, BOXES_COUNT_LESS, 1.0)[:, None]
+    misled = np.where(boxes & (not problem.lens_normal), BOXES_MISLEAD, 1.0)[:, None]
+    return LensEvidence(seen, misled * alike, (held * alike / random) ** 2)
 
 
 def by_boxes(problem: PeopleProblem) -> NDArray[np.bool_]:

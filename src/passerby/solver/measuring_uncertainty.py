@@ -23,13 +23,10 @@ from passerby.core.cameras import Camera, Rig
 from passerby.core.measuring import HEIGHTS_M, points_above
 from passerby.core.measuring_figures import CameraMeasuring, MeasuringFigures, MeasuringSigma
 from passerby.solver.gauge import Free
+from passerby.solver.systematic import LOWER_EDGE
 from passerby.solver.uncertainty import COMPLETE
 
 MOST_PLACES = 200
-GROUND_SHARE = 0.02
-"""One sigma of how far above or below people's feet the plane z = 0 lies, as a share of their height: it rests on what the
-lower edge of a box is. Root mean square over five rendered films, boxes from the pixels (seeds 950 to 955, without one whose
-rig was wrong): 2.0 %."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,8 +86,7 @@ def measuring_uncertainty(
     known = np.sum([view.seen for view in views], axis=0) > 1
     if np.count_nonzero(known) < len(HEIGHTS_M):
         return None
-    height_m = GROUND_SHARE * person_height_m
-    root = _root(complete, len(rig), height_m)
+    root = _root(complete, len(rig))
     moved = _triangulated(views, known, root)
     basis = _similarities(points)
     fit = np.linalg.lstsq(basis[known].reshape(-1, 7), moved[known].reshape(-1, root.shape[2]), rcond=None)[0]
@@ -114,17 +110,14 @@ def measuring_uncertainty(
     return MeasuringFigures(
         places=len(places), points=MeasuringSigma.of(of_points[known]),
         ground=MeasuringSigma.of(np.concatenate(grounds)) if grounds else None,
-        ground_height_mm=1000 * height_m if sees_ground else None, cameras=cameras,
+        ground_height_mm=1000 * LOWER_EDGE * person_height_m if sees_ground else None, cameras=cameras,
     )  # fmt: skip
 
 
-def _root(complete: Floats, n_cameras: int, height_m: float) -> Floats:
-    """(C, 10, K) a root of the cameras' covariance, with what moves all of them up and down against the ground, one sigma."""
+def _root(complete: Floats, n_cameras: int) -> Floats:
+    """(C, 10, 10 C) a root of the cameras' covariance."""
     value, vector = np.linalg.eigh(0.5 * (complete + complete.T))
-    root = (vector * np.sqrt(np.maximum(value, 0.0))).reshape(n_cameras, COMPLETE, -1)
-    up = np.zeros((n_cameras, COMPLETE, 1))
-    up[:, 2] = height_m
-    return np.concatenate([root, up], axis=2)
+    return np.asarray((vector * np.sqrt(np.maximum(value, 0.0))).reshape(n_cameras, COMPLETE, -1))
 
 
 def _triangulated(views: list[_Views], known: Bools, root: Floats) -> Floats:
