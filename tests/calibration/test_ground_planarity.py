@@ -23,7 +23,6 @@ from passerby.core.solution import Solution
 from passerby.people.ground_shape import GroundShape
 from support.scenes.people_and_rigs import simulated
 
-
 FIGURES = AdjustedFigures()
 
 

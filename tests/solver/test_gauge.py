@@ -203,9 +203,10 @@ def test_a_camera_without_evidence_leaves_the_others_as_sure_as_without_it(
     assert found.free == Free(cameras=(3,))
     assert np.isinf([found.sigma(3).position_m, found.shape_sigma(3).orientation_deg]).all()
     assert found.sigma(3).covariance is None
+    seeing = rig_covariance(problem.terms(state, jacobians=True), problem, state, 1.0, 0.02)
     for c in range(3):
         assert found.shape_sigma(c).position_m < 0.1
-        assert found.sigma(c).position_m < 0.5
+        assert found.sigma(c).position_m < 1.5 * seeing.sigma(c).position_m
     assert np.isfinite([found.scale, found.vertical_deg]).all()
 
 

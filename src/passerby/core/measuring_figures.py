@@ -50,7 +50,7 @@ class CameraMeasuring:
 
     @property
     def height_mm(self) -> float | None:
-        """How far above or below the ground its rays pass these positions, median: what does not depend on how flat they are."""
+        """How far above or below the ground its rays pass these positions, median: however flat they are."""
         return None if self.ground is None else self.ground.median_mm / max(self.reach or 1.0, 1.0)
 
     def scaled(self, scale: float) -> CameraMeasuring:

@@ -29,10 +29,12 @@ LARGE_SHARE, SMALL_SHARE = 0.005, 0.05
 """In rigs so large that `USABLE_M` is less than the first share of their extent, that share counts; in rigs so small that it is
 more than the second, that one."""
 ON_GROUND = 0.4
-"""The height of the ground at people's feet has to be known to this share of it, 0.1 m in most rigs: how far along the ground that
-is goes by how flat a camera looks. It is 0.04 m in ordinary scenes (seeds 4711 to 4718), of which half a detector's edge is."""
-USABLE_SCALE = 0.1
-"""Relative one sigma of all lengths: boxes that are off by 0.3 of their height, or blocks of 0.1 of it, come to as much."""
+"""The height of the ground at people's feet has to be known to this share of it, 0.1 m in most rigs; what that is along the
+ground goes by how flat a camera looks. In ordinary scenes (seeds 4711 to 4718) it is 0.04 m, most of it from the lower edges of
+boxes."""
+USABLE_SCALE = 0.15
+"""Relative one sigma of all lengths: what is then off by 30 %, two sigmas, is no metre. Adults alone leave 0.05, and 0.11 beside
+a cue that contradicts them."""
 
 EXPLAINS: Mapping[str, tuple[Quantity, ...]] = MappingProxyType({
     "adjustment_not_converged": ("points",),
@@ -47,8 +49,8 @@ EXPLAINS: Mapping[str, tuple[Quantity, ...]] = MappingProxyType({
 """Codes of notices, and what each makes uncertain; the most specific comes first."""
 
 UNKNOWN = "people_not_spread"
-"""The code of a notice beside which the sigmas say too little: of people on one line they were 2 to 7 times too small (seeds 4711
-to 4713), since bodies are seen from one side only."""
+"""The code of a notice beside which the sigmas say too little: with people on one line they were 2 to 7 times too small (seeds
+4711 to 4713); why is not known."""
 WITHOUT_SIGMAS = ("adjustment_not_converged", "people_not_spread", "few_inliers", "near_reference", "pairs_disagree")
 """Codes of notices that make a rig too uncertain by a method that has no sigmas of what it measures."""
 
@@ -130,9 +132,8 @@ def _of_cameras(rig: Rig, figures: AdjustedFigures) -> list[_Sigma]:
             continue
         if max(across) > most_mm:
             out.append(_Sigma("points", (camera.name,), max(across)))
-        elif grounded and (worst := max(own, key=lambda one: one.height_mm or 0.0, default=None)) is not None:
-            if worst.ground is not None and (worst.height_mm or 0.0) > ON_GROUND * most_mm:
-                out.append(_Sigma("ground", (camera.name,), worst.ground.median_mm))
+        elif high := [one.ground.median_mm for one in own if one.ground and (one.height_mm or 0.0) > ON_GROUND * most_mm]:
+            out += [_Sigma("ground", (camera.name,), max(high))] if grounded else []
     return out
 
 

@@ -53,7 +53,7 @@ def lens_evidence(problem: PeopleProblem, state: AdjustmentState, inflation: flo
     weighted = partial(downweight, inflation=inflation)
     terms = replace(problem, lens_weight=np.ones(())).terms(state, jacobians=True)
     inverse = inverse_of(NormalEquations(problem.layout, [weighted(term) for term in terms]).reduce().H)
-    moved = ConsiderParameters.of_lower_edges(problem).moved(inverse, problem, terms, weighted)
+    moved = ConsiderParameters.of_lower_edges(problem, state).moved(inverse, problem, terms, weighted)
     at = lens_places(problem.n_cameras, problem.layout.camera_size, problem.n_lens)
     variance, biased = np.diag(inverse)[at], (moved[at] ** 2).sum(axis=2)
     prior = 1 / (problem.lens_core**2 + (0.0 if problem.lens_normal else state.lens**2))

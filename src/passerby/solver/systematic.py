@@ -31,6 +31,9 @@ LOWER_EDGE = 0.02
 cameras alike: it rests on what a detector takes for feet. Root mean square over five rendered films, boxes from the pixels
 (seeds 950 to 955, without one whose rig was wrong): 2.0 %."""
 
+FAR = 2.0
+"""Sigmas of the prior from which on a camera's boxes differ from people otherwise than boxes do."""
+
 LENS_PRIORS: Mapping[LensPart, float] = MappingProxyType({"focal": 0.005, "principal_point": 0.005, "distortion": 0.01})
 """What the stated intrinsics of a camera are off by, one sigma: shares of the focal length and of the image's width, and the
 first distortion coefficient. Careful calibrations with a board repeat to a few tenths of a per cent of the focal length and to
@@ -55,13 +58,19 @@ class ConsiderParameters:
     """(C u, K) a root of the numbers' covariance."""
 
     @classmethod
-    def of_lower_edges(cls, problem: PeopleProblem) -> ConsiderParameters:
-        """How much too low the lower ends of people are, edges of boxes or ankles: one number for all cameras, `LOWER_EDGE`."""
+    def of_lower_edges(cls, problem: PeopleProblem, state: AdjustmentState) -> ConsiderParameters:
+        """How much too low the lower ends of people are, edges of boxes or ankles: one number for all cameras, `LOWER_EDGE`.
+
+        Where a camera's boxes are taller or shorter than people by far more than boxes are (`state.slack`), one end is cut off
+        or too long, and it is not known which: half of that, one sigma, is the camera's own.
+        """
         longer = (problem.sightings.extent_px / problem.scale_px)[:, None, None]
         middle = np.zeros((len(longer), 2, 1))
         middle[:, 1:] = -0.5 * longer * (problem.scale_px / problem.centre_sigma())[:, None, None]
         tall = -longer / problem.height_sigma()[:, None, None]
-        return cls({"centres": middle, "heights": tall}, np.full((problem.n_cameras, 1), LOWER_EDGE))
+        own = np.diag(np.where(np.abs(state.slack) > FAR * problem.priors.slack, 0.5 * state.slack, 0.0))
+        root = np.column_stack([np.full(problem.n_cameras, LOWER_EDGE), own[:, own.any(axis=0)]])
+        return cls({"centres": middle, "heights": tall}, root)
 
     @classmethod
     def of_lenses(
