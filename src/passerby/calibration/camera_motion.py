@@ -21,7 +21,7 @@ from passerby.core.figures import DriftFigures, MotionFigures, adjusted
 from passerby.core.observations import Boxes, CameraObservations, Clock, Keypoints, Observations, once_in_frame
 from passerby.core.overlap import count_shared_observations
 from passerby.core.synchronisation import USUAL_FPS, clocks_of, resample_to_common_steps
-from passerby.findings.finding import Finding, doubt
+from passerby.findings.finding import Finding, doubt, notice
 from passerby.hypotheses.camera_path import CameraPath
 from passerby.hypotheses.changes import PoseChange, PoseDrift, drift_of, fit_drift, measure_step, step_of, suspect_change
 from passerby.hypotheses.correspondences import Correspondences, instants_compared, match_people
@@ -70,14 +70,18 @@ class DetectedMotion:
 
     @property
     def finding(self) -> Finding:
-        """The doubt that a move or a zoom is; its frames are those of there and back, or twice that of the only one."""
+        """A move or a zoom; its frames are those of there and back, or twice that of the only one.
+
+        It is a notice where the camera came back: the rig is right before and after.
+        """
         change = self.change
         first, last = self.first_frame, self.last_frame
         if change.at_start or change.at_end:
             first = last = self.last_frame + 1 if change.at_start else self.first_frame
         timed = self.fps is not None
         factor = None if change.zoom == 1.0 else 1 / change.zoom if change.at_start else change.zoom
-        return doubt(
+        said = doubt if change.at_start or change.at_end else notice
+        return said(
             "camera_moved", self.camera, *([self.either] if self.either else []),
             metres=change.metres, degrees=change.degrees, factor=factor, left_out=self.figures.left_out, frames=[first, last],
             seconds=[self.seconds(first), self.seconds(last)] if timed else None,
@@ -153,7 +157,7 @@ Motion = DetectedMotion | DetectedDrift
 
 
 def findings_of_motions(motions: Sequence[Motion], rig: Rig) -> list[Finding]:
-    """The doubts that moves, zooms and drifts are. Moves of a camera that drifts are parts of its drift.
+    """What moves, zooms and drifts are reported as. Moves of a camera that drifts are parts of its drift.
 
     Where cameras drift and all but one are in motion, one finding is for all of them: the motion of the last one passes for
     that of the others.

@@ -91,7 +91,8 @@ def _corrections(made: Sequence[FoundLenses]) -> tuple[Finding, ...]:
     if not made:
         return ()
     change = np.sum([one.change for one in made], axis=0)
-    return tuple(lens_corrected(replace(one, stated=made[0].stated, change=change, sigma=made[-1].sigma)) for one in made)
+    total = [replace(one, stated=made[0].stated, change=change, sigma=made[-1].sigma) for one in made]
+    return tuple(lens_corrected(replace(one, alternative=freed)) for one in total for freed in (one.alternative, *one.others))
 
 
 def is_worse(after: Estimate, before: Estimate, disagreement: Callable[[Estimate], float | None]) -> bool:

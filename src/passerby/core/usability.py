@@ -1,7 +1,7 @@
 """Whether what a rig measures is known well enough to use: the one doubt about what is merely uncertain.
 
-A rig is used for points, positions on the ground and lengths. Each has one sigma, where people walked and over the ground that
-the cameras share, and one limit. Why a sigma is large (few observations, people on one line, noisy boxes) is a notice of the
+A rig is used for points, positions on the ground and lengths. Each has one sigma, where people walked, and one limit; points
+also over the ground that cameras share. Why a sigma is large (few observations, uneven ground, noisy boxes) is a notice of the
 stage that finds it; here it becomes a part of the doubt, and no doubt of its own.
 """
 
@@ -33,7 +33,7 @@ ON_GROUND = 0.4
 ground goes by how flat a camera looks. In ordinary scenes (seeds 4711 to 4718) it is 0.04 m, most of it from the lower edges of
 boxes."""
 USABLE_SCALE = 0.15
-"""Relative one sigma of all lengths: what is then off by 30 %, two sigmas, is no metre. Adults alone leave 0.05, and 0.11 beside
+"""Relative one sigma of all lengths: what is off by 30 %, two sigmas, is no metre. Adults alone leave 0.05, and 0.11 beside
 a cue that contradicts them."""
 
 EXPLAINS: Mapping[str, tuple[Quantity, ...]] = MappingProxyType({
@@ -121,19 +121,20 @@ def _unbounded(rig: Rig, figures: AdjustedFigures) -> list[_Sigma]:
 
 
 def _of_cameras(rig: Rig, figures: AdjustedFigures) -> list[_Sigma]:
-    """The cameras that measure points, or else positions on the ground, too vaguely."""
+    """The cameras that measure points, or else positions on the ground where people walked, too vaguely."""
     most_mm, free = 1000 * usable_m(rig), figures.undetermined or ()
     grounded = not any(_WORLD.get(one) == "ground" for one in free)
     out = []
     for camera in figures.cameras:
-        own = [one for one in (_own(figures.measuring, camera.name), _own(figures.around, camera.name)) if one is not None]
-        across = [one.across.median_mm for one in own] or [camera.shape_position_sigma_mm or 0.0]
+        walked, around = _own(figures.measuring, camera.name), _own(figures.around, camera.name)
+        across = [one.across.median_mm for one in (walked, around) if one is not None]
         if f"camera {camera.name}" in free:
             continue
-        if max(across) > most_mm:
-            out.append(_Sigma("points", (camera.name,), max(across)))
-        elif high := [one.ground.median_mm for one in own if one.ground and (one.height_mm or 0.0) > ON_GROUND * most_mm]:
-            out += [_Sigma("ground", (camera.name,), max(high))] if grounded else []
+        beside = max(across) if across else camera.shape_position_sigma_mm or 0.0
+        if beside > most_mm:
+            out.append(_Sigma("points", (camera.name,), beside))
+        elif grounded and walked is not None and walked.ground and (walked.height_mm or 0.0) > ON_GROUND * most_mm:
+            out.append(_Sigma("ground", (camera.name,), walked.ground.median_mm))
     return out
 
 

@@ -60,7 +60,7 @@ class Alternative:
         assert problem.lens_core is not None
         columns = self.columns
         if self.alike:
-            common = np.zeros(LENS.size)
+            common = np.zeros(LENS.size) if problem.lens_common is None else problem.lens_common.copy()
             common[columns] = wrong[0, columns]
             return replace(problem, lens_common=common)
         core = problem.lens_core.copy()

@@ -123,8 +123,8 @@ CALIBRATION: Mapping[str, Kind] = {
         joint=lambda v: v["why"].joint if v["why"] else ": ", common=True, rank="symptom",
     ),
     "camera_moved": Kind(
-        DOUBT, "The camera moved, or zoomed by `factor`, while it filmed (or the second one did); `left_out` says which "
-        "part was not used.",
+        (*DOUBT, *NOTICE), "The camera moved, or zoomed by `factor`, while it filmed (or the second one did); `left_out` says "
+        "which part was not used. A notice where it came back.",
         _moved, _to_choose, joint="; ", rank="motion",
     ),
     "camera_drifts": Kind(

@@ -56,16 +56,6 @@ def _contradicted(v: Fields) -> str:
 
 
 def _doubtful(v: Fields) -> str:
-    if v["why"] == "several":
-        names = {"focal": "focal length", "principal_point": "principal point", "distortion": "distortion"}
-        suspects = [
-            f"the {names[one['part']]} of camera {one['cameras'][0]}"
-            if one["cameras"]
-            else f"the {names[one['part']]}s of all cameras"
-            for one in v["suspects"]
-        ]
-        either = " or ".join(suspects)
-        return f"people contradict the stated intrinsics: {either} may be wrong, and each of these fits about as well"
     if v["why"] == "unusual":
         return (
             f"camera {v['camera']}: its focal length was estimated {v['change_percent']:+.0f} % from the first guess, and its "
