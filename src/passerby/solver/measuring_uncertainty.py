@@ -27,6 +27,8 @@ from passerby.solver.systematic import LOWER_EDGE
 from passerby.solver.uncertainty import COMPLETE
 
 MOST_PLACES = 200
+LEAST_CROSSING = 1e-9
+"""Share of what is known across a point's rays that has to be known along them: rays that cross at a hundredth of a degree."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +85,7 @@ def measuring_uncertainty(
     places = people[rows]
     points = points_above(places)
     views = [_Views.of(camera, points) for camera in rig]
-    known = np.sum([view.seen for view in views], axis=0) > 1
+    known = (np.sum([view.seen for view in views], axis=0) > 1) & _determined(views)
     if np.count_nonzero(known) < len(HEIGHTS_M):
         return None
     root = _root(complete, len(rig))
@@ -118,6 +120,12 @@ def _root(complete: Floats, n_cameras: int) -> Floats:
     """(C, 10, 10 C) a root of the cameras' covariance."""
     value, vector = np.linalg.eigh(0.5 * (complete + complete.T))
     return np.asarray((vector * np.sqrt(np.maximum(value, 0.0))).reshape(n_cameras, COMPLETE, -1))
+
+
+def _determined(views: list[_Views]) -> Bools:
+    """(N,) the points whose rays cross: not those that only cameras at one place see."""
+    value = np.linalg.eigvalsh(np.sum([np.swapaxes(view.by_point, 1, 2) @ view.by_point for view in views], axis=0))
+    return np.asarray(value[:, 0] > LEAST_CROSSING * value[:, 2])
 
 
 def _triangulated(views: list[_Views], known: Bools, root: Floats) -> Floats:

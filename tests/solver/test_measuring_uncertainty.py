@@ -1,0 +1,61 @@
+"""The stated sigmas of what a rig measures are those of rigs that are off by as much as their cameras' covariance says."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from passerby.common.arrays import Floats
+from passerby.core.cameras import Pose, Rig
+from passerby.core.measuring import measured_change
+from passerby.geometry.rotations import exp_rotation
+from passerby.solver.gauge import Free
+from passerby.solver.measuring_uncertainty import measuring_uncertainty
+from passerby.solver.uncertainty import COMPLETE
+from support.scenes.people_and_rigs import ring
+
+RIG = ring(4)
+PLACES = np.random.default_rng(3).uniform(-2.0, 2.0, (60, 2))
+CENTRE_M, TURN_RAD = 0.03, 0.004
+
+
+def covariance(n_cameras: int) -> Floats:
+    """Of cameras that are off each for itself, with exact lenses."""
+    one = np.zeros(COMPLETE)
+    one[:3], one[3:6] = CENTRE_M**2, TURN_RAD**2
+    return np.diag(np.tile(one, n_cameras))
+
+
+def off(rig: Rig, rng: np.random.Generator) -> Rig:
+    """A rig that is off by as much."""
+    cameras = []
+    for camera in rig:
+        assert camera.pose is not None
+        R = exp_rotation(TURN_RAD * rng.standard_normal((1, 3)))[0] @ camera.pose.R_cw
+        cameras.append(replace(camera, pose=Pose.from_centre(R, camera.centre + CENTRE_M * rng.standard_normal(3))))
+    return Rig(tuple(cameras))
+
+
+def test_sigmas_are_those_of_rigs_that_are_off_by_as_much() -> None:
+    found = measuring_uncertainty(RIG, covariance(4), PLACES, 1.75, Free())
+    assert found is not None
+    assert found.ground is not None
+    rng = np.random.default_rng(1)
+    changes = [measured_change(RIG, off(RIG, rng), PLACES) for _ in range(60)]
+    points, ground = (
+        np.sqrt(np.mean([np.square(distances.median_mm) for one in changes if one is not None and (distances := of(one))]))
+        for of in (lambda one: one.points, lambda one: one.ground)
+    )
+    assert points == pytest.approx(found.points.median_mm, rel=0.25)
+    assert ground == pytest.approx(found.ground.median_mm, rel=0.25)
+
+
+def test_points_that_only_cameras_at_one_place_see_are_not_measured() -> None:
+    """Their rays do not cross; with a third camera elsewhere they do."""
+    twice = Rig((RIG.cameras[0], replace(RIG.cameras[0], name="again")))
+    assert measuring_uncertainty(twice, covariance(2), PLACES, 1.75, Free()) is None
+    found = measuring_uncertainty(Rig((*twice.cameras, RIG.cameras[1])), covariance(3), PLACES, 1.75, Free())
+    assert found is not None
+    assert 0 < found.points.median_mm < 1000
