@@ -144,21 +144,6 @@ def test_the_findings_say_which_camera_and_where_it_seems_cropped() -> None:
     assert (doubtful.code, doubtful.severity) == ("lens_doubtful", "doubt")
 
 
-@pytest.mark.slow
-def test_lenses_that_explain_people_about_as_well_are_free_together() -> None:
-    """Two cameras' focal lengths are wrong by nearly the same: both are corrected, and the others keep theirs."""
-    _, solution = stated("basketball", (1, 2), (np.log(1.1), 0, 0, 0))
-    result = examine_lenses(solution)
-    assert result.found is not None
-    several = [one.alternative for one in result.suspects]
-    named = {camera for one in (result.found.alternative, *result.found.others) for camera in one.cameras}
-    assert named == {camera for one in several for camera in one.cameras}
-    free = np.zeros(result.found.change.shape, dtype=bool)
-    for one in (result.found.alternative, *result.found.others):
-        free[np.ix_(np.array(one.cameras), one.columns)] = True
-    assert (result.found.change[~free] == 0).all()
-
-
 def test_the_effect_is_that_of_points_or_of_the_ground_that_changes_most() -> None:
     def change(points: float, ground: float) -> MeasuringErrors:
         of = (Distances(mm, 2 * mm, 9) for mm in (points, ground, ground))

@@ -86,13 +86,24 @@ def with_focal_changes(figures: AdjustedFigures, result: LensResult) -> Adjusted
     return replace(figures, cameras=cameras)
 
 
+def with_unsettled_lenses(figures: AdjustedFigures, result: LensResult) -> AdjustedFigures:
+    """The figures with how differently the rig measures by the likeliest of explanations that fit about as well."""
+    if result.decision != "unsettled" or result.found is None or result.found.moved is None:
+        return figures
+    moved = result.found.moved
+    ground = {name: one.median_mm for name, one in moved.cameras.items()}
+    measuring, around = (
+        None if one is None else one.with_errors(moved.points.median_mm, ground) for one in (figures.measuring, figures.around)
+    )
+    return replace(figures, measuring=measuring, around=around)
+
+
 def _corrections(made: Sequence[FoundLenses]) -> tuple[Finding, ...]:
     """What is reported of corrections: each from the lens as the scene states it to what it became in the end."""
     if not made:
         return ()
     change = np.sum([one.change for one in made], axis=0)
-    total = [replace(one, stated=made[0].stated, change=change, sigma=made[-1].sigma) for one in made]
-    return tuple(lens_corrected(replace(one, alternative=freed)) for one in total for freed in (one.alternative, *one.others))
+    return tuple(lens_corrected(replace(one, stated=made[0].stated, change=change, sigma=made[-1].sigma)) for one in made)
 
 
 def is_worse(after: Estimate, before: Estimate, disagreement: Callable[[Estimate], float | None]) -> bool:

@@ -27,7 +27,13 @@ from passerby.calibration.diagnostics.verdict import judged
 from passerby.calibration.estimation import Estimate, Estimator
 from passerby.calibration.held_out import HeldOut, hold_out
 from passerby.calibration.kept_tracklets import FOLDER, KeptTracklets
-from passerby.calibration.lens_corrections import LensOutcome, correct_lenses, is_worse, with_focal_changes
+from passerby.calibration.lens_corrections import (
+    LensOutcome,
+    correct_lenses,
+    is_worse,
+    with_focal_changes,
+    with_unsettled_lenses,
+)
 from passerby.calibration.lens_priors import with_lens_priors
 from passerby.calibration.prediction import findings_of_predictions, predict_people
 from passerby.calibration.readings import MOST_CORRECTIONS as CLOCK_CORRECTIONS
@@ -150,12 +156,14 @@ def _calibrate_together(estimator: Estimator, inputs: SceneInputs) -> Calibratio
         doubts, notes = _doubts(scene, repaired.inputs, solution, association, None if sized else estimator)
         ground = notices_of_ground(shape, placed=scene.world is not None)
         misplaced = tuple(finding for finding in (*placed.findings, *off) if finding.severity == "doubt")
-        causes = (*inputs.doubts, *findings_of_motions(motions, solution.rig), *lens.of("doubt"))
+        unsettled = tuple(one for one in lens.of("notice") if one.code == "lens_doubtful")  # may explain what is uncertain
+        causes = (*inputs.doubts, *findings_of_motions(motions, solution.rig), *lens.of("doubt"), *unsettled)
         solution = _decided(scene, solution, association, causes, (*predicted, *doubts, *misplaced, *ground))
     solved = time.perf_counter()
     rates = solution.figures.clock_rates or {}
     clocks = (*corrected_clocks(repaired.corrections), *clock_skew_findings(rates))
-    refined = (*lens.of("notice"), *lens_notes(adjusted(solution.figures)), *clocks, *notes)
+    said = tuple(one for one in lens.of("notice") if one not in unsettled)
+    refined = (*said, *lens_notes(adjusted(solution.figures)), *clocks, *notes)
     unused = tuple(finding for finding in association.height_findings if finding.severity == "notice")
     frame = tuple(finding for finding in (*placed.findings, *off) if finding.severity == "notice")
     for note in (
@@ -230,7 +238,7 @@ def _with_figures(
     )  # fmt: skip
     if isinstance(figures, AdjustedFigures):
         figures = replace(figures, lenses=with_lens_priors(figures.lenses, inputs.rig))
-        figures = with_focal_changes(figures, lens.result)
+        figures = with_unsettled_lenses(with_focal_changes(figures, lens.result), lens.result)
         figures = with_coarse_boxes(figures, inputs.doubts)
         if shape is not None and not (scene.world is not None and scene.world.tilt):
             figures = on_ground(figures, shape)

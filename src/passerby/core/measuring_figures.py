@@ -74,6 +74,20 @@ class MeasuringFigures:
     cameras: Mapping[str, CameraMeasuring]
     """By camera."""
 
+    def with_errors(self, points_mm: float, ground_mm: Mapping[str, float]) -> MeasuringFigures:
+        """The same with independent errors, one sigma: of points, and of positions on the ground by camera."""
+        cameras = {
+            name: replace(
+                one, points=one.points.with_error(points_mm), across=one.across.with_error(points_mm),
+                ground=None if one.ground is None else one.ground.with_error(ground_mm.get(name, 0.0)),
+            )
+            for name, one in self.cameras.items()
+        }  # fmt: skip
+        ground = self.ground
+        if ground is not None and ground_mm:
+            ground = ground.with_error(float(np.sqrt(np.mean(np.square(list(ground_mm.values()))))))
+        return replace(self, points=self.points.with_error(points_mm), ground=ground, cameras=cameras)
+
     def on_uneven_ground(self, height_m: float) -> MeasuringFigures:
         """The same where the ground is `height_m`, one sigma, above or below z = 0."""
         cameras = {

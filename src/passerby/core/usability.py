@@ -38,6 +38,7 @@ a cue that contradicts them."""
 
 EXPLAINS: Mapping[str, tuple[Quantity, ...]] = MappingProxyType({
     "adjustment_not_converged": ("points",),
+    "lens_doubtful": ("points", "ground"),
     "boxes_coarse": ("scale",),
     "people_not_spread": ("points", "ground"),
     "ground_by_hips": ("ground",),

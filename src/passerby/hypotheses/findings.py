@@ -14,9 +14,9 @@ from passerby.hypotheses.observations import ReadCamera
 CROPPED = 0.03
 """A principal point that is off by this share of the width comes from an image that was cropped."""
 
-Why = Literal["implausible", "not_better"]
-"""Why a contradicted lens is not corrected: no lens is wrong by so much; the rig with the corrected lens predicts people worse,
-or loses cameras."""
+Why = Literal["several", "implausible", "not_better"]
+"""Why a contradicted lens is not corrected: several explanations fit alike; no lens is wrong by so much; the rig with the
+corrected lens predicts people worse, or loses cameras."""
 
 
 def lens_corrected(found: FoundLenses) -> Finding:
@@ -29,10 +29,23 @@ def lens_differs(found: FoundLenses) -> Finding:
     return notice("lens_differs", *_about(found), **_values(found))
 
 
-def lens_doubtful(result: LensResult, why: Why = "implausible") -> Finding:
-    """Lenses of which one is stated wrongly, and that are not corrected."""
-    assert result.found is not None
-    return doubt("lens_doubtful", *_about(result.found), why=why, **_values(result.found))
+def lens_doubtful(result: LensResult, why: Why | None = None) -> Finding:
+    """Lenses of which one is stated wrongly, and that are not corrected; a notice where the sigmas hold what may be wrong."""
+    found = result.found
+    assert found is not None
+    if why is None:
+        several = len({one.alternative.cameras for one in result.suspects}) > 1
+        why = "several" if several else "implausible"
+    names = found.stated.names
+    if why != "several":
+        return doubt("lens_doubtful", *_about(found), why=why, **_values(found))
+    suspects = [
+        {"part": one.alternative.code, "cameras": [] if one.alternative.alike else [names[c] for c in one.alternative.cameras]}
+        for one in result.suspects
+    ]
+    cameras = dict.fromkeys(name for one in suspects for name in one["cameras"])
+    said = notice if result.decision == "unsettled" else doubt
+    return said("lens_doubtful", *cameras, why=why, suspects=suspects, moved_mm=_moved_mm(found))
 
 
 def misread(found: ReadCamera, *, corrected: bool = False) -> Finding:
@@ -57,12 +70,16 @@ def _about(found: FoundLenses) -> tuple[str, ...]:
     return () if found.alternative.alike else tuple(found.stated.names[c] for c in found.alternative.cameras)
 
 
+def _moved_mm(found: FoundLenses) -> float | None:
+    return None if found.moved is None else found.moved.points.median_mm
+
+
 def _values(found: FoundLenses) -> dict[str, Any]:
     """What was stated and what people fit, in the parts that are free; of several cameras the shared factor."""
     c = found.alternative.cameras[0]
     stated, change, sigma = found.stated.cameras[c].lens, found.change[c], found.sigma[c]
     lens = LENS.moved(stated, change)
-    out: dict[str, Any] = {"moved_mm": None if found.moved is None else found.moved.points.median_mm}
+    out: dict[str, Any] = {"moved_mm": _moved_mm(found)}
     for part in found.alternative.parameters:
         columns = LENS.columns_of(part)
         if part == "focal":

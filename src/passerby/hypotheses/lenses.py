@@ -28,7 +28,8 @@ MOST_SIGMAS = 3.0
 """A lens that would go farther than so many of the standard deviations of wrong lenses (`WRONG`) is no explanation: the camera
 stands elsewhere, or shows other people."""
 
-Decision = Literal["nothing", "notice", "correct", "doubt"]
+Decision = Literal["nothing", "notice", "correct", "unsettled", "doubt"]
+"""`unsettled`: several explanations fit about as well. The lenses stay as stated, and the sigmas hold what may be wrong."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,21 +59,19 @@ class FoundLenses:
     """(C, L) one standard deviation of it."""
     moved: MeasuringErrors | None
     """How differently the rig measures with them."""
-    others: tuple[Alternative, ...] = ()
-    """What is free as well, since it explains the observations about as well."""
 
     @classmethod
-    def of(cls, freed: Sequence[Alternative], base: Case, case: Case, corrected: Sequence[Alternative] = ()) -> FoundLenses:
-        """From the base model and a model with alternatives `freed`, the likeliest first, both at their optima.
+    def of(cls, alternative: Alternative, base: Case, case: Case, corrected: Sequence[Alternative] = ()) -> FoundLenses:
+        """From the base model and a model with the alternative free, both at their optima.
 
         What was `corrected` before is free in both.
         """
         change = np.zeros_like(case.state.lens)
-        for one in (*corrected, *freed):
+        for one in (*corrected, alternative):
             at = np.ix_(np.array(one.cameras), one.columns)
             change[at] = case.state.lens[at].mean(axis=0) if one.alike else case.state.lens[at]
         moved = measured_change(base.rig(), case.rig(), base.state.people[:, :2])
-        return cls(freed[0], case.stated, change, case.lens_sigma(), moved, tuple(freed[1:]))
+        return cls(alternative, case.stated, change, case.lens_sigma(), moved)
 
     @property
     def is_plausible(self) -> bool:
@@ -147,29 +146,22 @@ def examine_lenses(solution: PeopleSolution, corrected: Sequence[Alternative] = 
         return LensResult("nothing", tuple(screened), tested=tuple(tested))
     best, *others = counted
     suspects = (best, *(one for one in others if not _explains_more(best, one)))
-    freed, case = _together(suspects), best.refit.case
-    if len(suspects) > 1:  # what stands in for each other is free together, and makes the rig as uncertain
-        problem = base.problem
-        for one in freed:
-            problem = one.apply(problem, base.stated)
-        case = base.with_problem(problem).fitted()
+    own = [one for one in suspects if one.alternative.cameras == best.alternative.cameras]
+    freed, case = best.alternative, best.refit.case
+    if len(own) > 1:  # parts of one lens stand in for each other: all of them are free
+        for one in own[1:]:
+            freed = freed.with_parts_of(one.alternative)
+        case = base.with_problem(freed.apply(base.problem, base.stated)).fitted()
     found = FoundLenses.of(freed, base, case, corrected)
     measuring = adjusted(solution.figures).measuring
     decision: Decision = "correct"
     if found.moved is not None and measuring is not None and effect(found.moved, measuring) <= 1:
         decision = "notice"
-    elif not found.is_plausible or not all(one.correctable for one in freed):
+    elif not found.is_plausible or not freed.correctable:
         decision = "doubt"
+    elif len(own) < len(suspects):
+        decision = "unsettled"
     return LensResult(decision, tuple(screened), suspects, found, tuple(tested))
-
-
-def _together(suspects: Sequence[FittedAlternative]) -> list[Alternative]:
-    """What suspects free, the likeliest first; the parts of one lens are one alternative."""
-    freed: dict[tuple[int, ...], Alternative] = {}
-    for one in suspects:
-        known = freed.get(one.alternative.cameras)
-        freed[one.alternative.cameras] = one.alternative if known is None else known.with_parts_of(one.alternative)
-    return list(freed.values())
 
 
 def _explains_more(best: FittedAlternative, other: FittedAlternative) -> bool:

@@ -56,6 +56,16 @@ def _contradicted(v: Fields) -> str:
 
 
 def _doubtful(v: Fields) -> str:
+    if v["why"] == "several":
+        names = {"focal": "focal length", "principal_point": "principal point", "distortion": "distortion"}
+        suspects = [
+            f"the {names[one['part']]} of camera {one['cameras'][0]}"
+            if one["cameras"]
+            else f"the {names[one['part']]}s of all cameras"
+            for one in v["suspects"]
+        ]
+        either = " or ".join(suspects)
+        return f"people contradict the stated intrinsics: {either} may be wrong, and each of these fits about as well"
     if v["why"] == "unusual":
         return (
             f"camera {v['camera']}: its focal length was estimated {v['change_percent']:+.0f} % from the first guess, and its "
@@ -101,7 +111,8 @@ LENSES: Mapping[str, Kind] = {
         lambda v: f"{_contradicted(v)}; that changes measured points by {v['moved_mm']:.0f} mm only, within their uncertainty",
     ),
     "lens_doubtful": Kind(
-        DOUBT, "People contradict stated intrinsics, which could not be corrected; `why` says the reason.",
+        (*DOUBT, *NOTICE), "People contradict stated intrinsics, which could not be corrected; `why` says the reason. A notice "
+        "where several explanations fit about as well: the sigmas hold them.",
         _doubtful,
         lambda v: _STATE
         if v["why"] == "unusual"
