@@ -1,8 +1,8 @@
 """Whether what a rig measures is known well enough to use: the one doubt about what is merely uncertain.
 
-A rig is used for points, positions on the ground and lengths. Each has one sigma, where people walked, and one limit; points
-also over the ground that cameras share. Why a sigma is large (few observations, uneven ground, noisy boxes) is a notice of the
-stage that finds it; here it becomes a part of the doubt, and no doubt of its own.
+A rig is used for points, positions on the ground and lengths. Each has one sigma, where people walked, and one limit. Why it is
+large (few observations, uneven ground, noisy boxes) is a notice of the stage that finds it; here it becomes a part of the doubt,
+and no doubt of its own.
 """
 
 from __future__ import annotations
@@ -16,7 +16,6 @@ import numpy as np
 
 from passerby.core.cameras import Rig
 from passerby.core.figures import AdjustedFigures, SolverFigures
-from passerby.core.measuring_figures import CameraMeasuring, MeasuringFigures
 from passerby.findings.finding import Finding, doubt
 
 Quantity = Literal["points", "ground", "scale"]
@@ -122,25 +121,20 @@ def _unbounded(rig: Rig, figures: AdjustedFigures) -> list[_Sigma]:
 
 
 def _of_cameras(rig: Rig, figures: AdjustedFigures) -> list[_Sigma]:
-    """The cameras that measure points, or else positions on the ground where people walked, too vaguely."""
+    """The cameras that measure points, or else positions on the ground, too vaguely."""
     most_mm, free = 1000 * usable_m(rig), figures.undetermined or ()
     grounded = not any(_WORLD.get(one) == "ground" for one in free)
     out = []
     for camera in figures.cameras:
-        walked, around = _own(figures.measuring, camera.name), _own(figures.around, camera.name)
-        across = [one.across.median_mm for one in (walked, around) if one is not None]
+        own = None if figures.measuring is None else figures.measuring.cameras.get(camera.name)
+        beside = (camera.shape_position_sigma_mm or 0.0) if own is None else own.across.median_mm
         if f"camera {camera.name}" in free:
             continue
-        beside = max(across) if across else camera.shape_position_sigma_mm or 0.0
         if beside > most_mm:
             out.append(_Sigma("points", (camera.name,), beside))
-        elif grounded and walked is not None and walked.ground and (walked.height_mm or 0.0) > ON_GROUND * most_mm:
-            out.append(_Sigma("ground", (camera.name,), walked.ground.median_mm))
+        elif grounded and own is not None and own.ground is not None and (own.height_mm or 0.0) > ON_GROUND * most_mm:
+            out.append(_Sigma("ground", (camera.name,), own.ground.median_mm))
     return out
-
-
-def _own(figures: MeasuringFigures | None, name: str) -> CameraMeasuring | None:
-    return None if figures is None else figures.cameras.get(name)
 
 
 def _of_scale(figures: AdjustedFigures) -> list[_Sigma]:
