@@ -50,6 +50,11 @@ def test_nothing_is_said_of_a_rig_that_measures_well() -> None:
     assert doubts_of_uncertainty(rig(), SOUND, [notice("few_observations", "C1", agreeing=12)]) == []
 
 
+def test_a_rig_without_poses_measures_nothing() -> None:
+    nowhere = Rig(tuple(replace(camera, pose=None) for camera in rig()))
+    assert doubts_of_uncertainty(nowhere, figures(), []) == []
+
+
 def test_a_camera_that_measures_points_too_vaguely() -> None:
     vague = measuring(0.01, 1.0, 0.01)
     (doubt,) = doubts_of_uncertainty(rig(), figures(vague), [])
@@ -72,7 +77,7 @@ def test_how_well_points_have_to_be_known_goes_by_the_size_of_the_rig(factor: fl
 
 @pytest.mark.parametrize("reach", [None, 0.5, 1.0, 8.0])
 def test_the_height_of_the_ground_counts_not_how_flat_a_camera_looks(reach: float | None) -> None:
-    limit = ON_GROUND * usable_m(rig()) * max(reach or 1.0, 1.0)
+    limit = ON_GROUND * max(usable_m(rig()), USABLE_M) * max(reach or 1.0, 1.0)
     for ground_m, count in ((0.9 * limit, 0), (1.1 * limit, 3)):
         own = measuring(0.01, 0.01, 0.01, ground_m=ground_m)
         own = replace(own, cameras={name: replace(one, reach=reach) for name, one in own.cameras.items()})

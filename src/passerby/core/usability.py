@@ -28,9 +28,9 @@ LARGE_SHARE, SMALL_SHARE = 0.005, 0.05
 """In rigs so large that `USABLE_M` is less than the first share of their extent, that share counts; in rigs so small that it is
 more than the second, that one."""
 ON_GROUND = 0.4
-"""The height of the ground at people's feet has to be known to this share of it, 0.1 m in most rigs; what that is along the
-ground goes by how flat a camera looks. In ordinary scenes (seeds 4711 to 4718) it is 0.04 m, most of it from the lower edges of
-boxes."""
+"""The height of the ground at people's feet has to be known to this share of it, 0.1 m but in large rigs; what that is along
+the ground goes by how flat a camera looks. In ordinary scenes (seeds 4711 to 4718) it is 0.04 m, most of it from the lower edges
+of boxes."""
 USABLE_SCALE = 0.15
 """Relative one sigma of all lengths: what is off by 30 %, two sigmas, is no metre. Adults alone leave 0.05, and 0.11 beside
 a cue that contradicts them."""
@@ -80,6 +80,8 @@ def doubts_of_uncertainty(rig: Rig, figures: SolverFigures, findings: Sequence[F
     if not isinstance(figures, AdjustedFigures):
         given = [one for one in findings if one.code in WITHOUT_SIGMAS]
         return [doubt(CODE, *one.cameras, what="points", sigma=None, lacks=[], why=one.as_value()) for one in given]
+    if not rig.posed():
+        return []
     causes = [one for code in EXPLAINS for one in findings if one.code == code]
     out = []
     unknown = [_Sigma("points", (), None)] if any(one.code == UNKNOWN for one in causes) else []
@@ -123,6 +125,7 @@ def _unbounded(rig: Rig, figures: AdjustedFigures) -> list[_Sigma]:
 def _of_cameras(rig: Rig, figures: AdjustedFigures) -> list[_Sigma]:
     """The cameras that measure points, or else positions on the ground, too vaguely."""
     most_mm, free = 1000 * usable_m(rig), figures.undetermined or ()
+    on_ground_mm = ON_GROUND * max(most_mm, 1000 * USABLE_M)  # bodies are no smaller where a rig is
     grounded = not any(_WORLD.get(one) == "ground" for one in free)
     out = []
     for camera in figures.cameras:
@@ -132,7 +135,7 @@ def _of_cameras(rig: Rig, figures: AdjustedFigures) -> list[_Sigma]:
             continue
         if beside > most_mm:
             out.append(_Sigma("points", (camera.name,), beside))
-        elif grounded and own is not None and own.ground is not None and (own.height_mm or 0.0) > ON_GROUND * most_mm:
+        elif grounded and own is not None and own.ground is not None and (own.height_mm or 0.0) > on_ground_mm:
             out.append(_Sigma("ground", (camera.name,), own.ground.median_mm))
     return out
 
