@@ -29,8 +29,8 @@ LARGE_SHARE, SMALL_SHARE = 0.005, 0.05
 more than the second, that one."""
 ON_GROUND = 0.4
 """The height of the ground at people's feet has to be known to this share of it, 0.1 m but in large rigs; what that is along
-the ground goes by how flat a camera looks. In ordinary scenes (seeds 4711 to 4718) it is 0.04 m, most of it from the lower edges
-of boxes."""
+the ground goes by how flat a camera looks. In ordinary scenes (seeds 4711 to 4718) it is 0.04 m, most of it from the lower
+edges of boxes."""
 USABLE_SCALE = 0.15
 """Relative one sigma of all lengths: what is off by 30 %, two sigmas, is no metre. Adults alone leave 0.05, and 0.11 beside
 a cue that contradicts them."""
