@@ -96,12 +96,18 @@ def test_what_nothing_fixes_has_no_sigma() -> None:
     free = replace(SOUND, undetermined=("scale", "vertical", "camera C2"))
     found = doubts_of_uncertainty(rig(), free, [])
     assert [(one.values["what"], one.values["sigma"], one.values["lacks"], one.cameras) for one in found] == [
-        ("scale", None, ["scale"], ()), ("ground", None, ["vertical"], ()), ("points", None, [], ("C2",)),
+        ("world", None, ["scale", "vertical"], ()), ("points", None, [], ("C2",)),
     ]  # fmt: skip
     assert [text_of(one).split(":")[0] for one in found] == [
-        "nothing fixes the scale", "nothing fixes the up direction",
+        "nothing fixes the scale and the up direction",
         "the pose of camera C2 relative to the others is not determined",
     ]  # fmt: skip
+
+
+@pytest.mark.parametrize(("lacks", "what"), [("scale", "scale"), ("vertical", "ground"), ("height of the ground", "ground")])
+def test_what_nothing_fixes_is_of_the_scale_or_of_the_ground(lacks: str, what: str) -> None:
+    (doubt,) = doubts_of_uncertainty(rig(), replace(SOUND, undetermined=(lacks,)), [])
+    assert (doubt.values["what"], doubt.values["lacks"]) == (what, [lacks])
 
 
 def test_an_adjustment_that_ended_too_early_says_nothing_of_how_well_it_measures() -> None:

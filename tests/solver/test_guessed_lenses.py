@@ -82,7 +82,7 @@ def test_a_guess_that_makes_a_camera_too_uncertain_is_a_doubt() -> None:
     assert guessed.figures.measuring.points.median_mm > 100, "what the guess costs is in the uncertainty"
     doubtful = solved("terrace", right, 0.45)
     assert doubtful.verdict == "doubtful"
-    assert all(" is uncertain by " in reason for reason in doubtful.reasons)
+    assert all(" are uncertain by " in reason for reason in doubtful.reasons)
     assert solved("terrace", right, 0.002).verdict == "accepted"
 
 

@@ -18,7 +18,8 @@ from passerby.core.cameras import Rig
 from passerby.core.figures import AdjustedFigures, SolverFigures
 from passerby.findings.finding import Finding, doubt
 
-Quantity = Literal["points", "ground", "scale"]
+Quantity = Literal["points", "ground", "scale", "world"]
+"""`world`: scale and ground."""
 
 CODE = "rig_uncertain"
 USABLE_M = 0.25
@@ -116,9 +117,10 @@ def _unbounded(rig: Rig, figures: AdjustedFigures) -> list[_Sigma]:
     if figures.rounds and not figures.rounds[-1].converged:
         out.append(_Sigma("points", (), None))
     free = figures.undetermined or ()
-    for quantity in ("scale", "ground"):
-        if lacks := tuple(one for one in free if _WORLD.get(one) == quantity):
-            out.append(_Sigma(quantity, (), None, lacks))
+    lacks = tuple(one for one in free if one in _WORLD)
+    if lacks:
+        of = {_WORLD[one] for one in lacks}
+        out.append(_Sigma("world" if len(of) > 1 else of.pop(), (), None, lacks))
     return [*out, *(_Sigma("points", (name,), None) for name in rig.names if f"camera {name}" in free)]
 
 
