@@ -18,7 +18,7 @@ from passerby.core.usability import (
     usable_m,
     with_doubts_of_uncertainty,
 )
-from passerby.findings.finding import notice
+from passerby.findings.finding import Finding, notice
 from passerby.findings.texts import text_of
 
 LENS = Lens((800, 600), np.array([[700.0, 0, 400], [0, 700, 300], [0, 0, 1]]), np.zeros(0))
@@ -116,17 +116,24 @@ def test_an_adjustment_that_ended_too_early_says_nothing_of_how_well_it_measures
     assert (doubt.values["sigma"], doubt.values["why"]["code"]) == (None, "adjustment_not_converged")
 
 
-def test_of_people_who_are_not_spread_the_sigmas_say_too_little() -> None:
-    (doubt,) = doubts_of_uncertainty(rig(), SOUND, [notice("people_not_spread", shape="line", length_m=14.2)])
+@pytest.mark.parametrize(
+    ("why", "text"),
+    [
+        (notice("people_not_spread", shape="line", length_m=14.2), "one straight line"),
+        (notice("boxes_noisy", noise_percent=40.0), "of their own height"),
+    ],
+)
+def test_beside_these_the_sigmas_say_too_little(why: Finding, text: str) -> None:
+    (doubt,) = doubts_of_uncertainty(rig(), SOUND, [why])
     assert (doubt.cameras, doubt.values["what"], doubt.values["sigma"]) == ((), "points", None)
-    assert "one straight line" in text_of(doubt)
+    assert text in text_of(doubt)
 
 
 def test_a_doubt_says_why_and_the_notice_is_not_said_twice() -> None:
-    noisy, few = notice("boxes_noisy", noise_percent=40.0), notice("few_observations", "C2", agreeing=12)
+    uneven, few = notice("ground_uneven", rise_m=0.4, at=None), notice("few_observations", "C2", agreeing=12)
     vague = figures(measuring(0.01, 1.0, 0.01))
-    found = with_doubts_of_uncertainty(rig(), vague, [noisy, few])
-    assert [one.code for one in found] == ["boxes_noisy", "rig_uncertain"]
+    found = with_doubts_of_uncertainty(rig(), vague, [uneven, few])
+    assert [one.code for one in found] == ["ground_uneven", "rig_uncertain"]
     assert found[-1].values["why"]["code"] == "few_observations"
     assert "12 supporting" in text_of(found[-1])
     # A notice of another camera explains nothing of this one.

@@ -49,9 +49,9 @@ EXPLAINS: Mapping[str, tuple[Quantity, ...]] = MappingProxyType({
 })  # fmt: skip
 """Codes of notices, and what each makes uncertain; the most specific comes first."""
 
-UNKNOWN = "people_not_spread"
-"""The code of a notice beside which the sigmas say too little: with people on one line they were 2 to 7 times too small (seeds
-4711 to 4713); why is not known."""
+UNKNOWN = "people_not_spread", "boxes_noisy"
+"""Codes of notices beside which the sigmas say too little. With people on one line they were 2 to 7 times too small (seeds 4711
+to 4713); why is not known. Boxes off by 0.3 of their height bias the scale by 15 to 50 % and turn cameras by 1 to 5 degrees."""
 WITHOUT_SIGMAS = ("adjustment_not_converged", "people_not_spread", "few_inliers", "near_reference", "pairs_disagree")
 """Codes of notices that make a rig too uncertain by a method that has no sigmas of what it measures."""
 
@@ -85,7 +85,7 @@ def doubts_of_uncertainty(rig: Rig, figures: SolverFigures, findings: Sequence[F
         return []
     causes = [one for code in EXPLAINS for one in findings if one.code == code]
     out = []
-    unknown = [_Sigma("points", (), None)] if any(one.code == UNKNOWN for one in causes) else []
+    unknown = [_Sigma("points", (), None)] if any(one.code in UNKNOWN for one in causes) else []
     for sigma in (*unknown, *_unbounded(rig, figures), *_of_cameras(rig, figures), *_of_scale(figures)):
         fitting = (one for one in causes if sigma.quantity in EXPLAINS[one.code])
         cause = next(
