@@ -37,7 +37,7 @@ _FITTING, _PREDICTING = Stopping(20, 1e-5), Stopping(40, 1e-6)
 def blocks_of(instant: Ints, person: Ints, per_second: float) -> tuple[Ints, int]:
     """Block of each of N observations: one person during one stretch of time.
 
-    Stretches are equally long, at most `STRETCH_S`: a short rest would err as its neighbour does.
+    Stretches are of `STRETCH_S`, and what is left at the end.
 
     Args:
         instant: (N,)
@@ -48,9 +48,7 @@ def blocks_of(instant: Ints, person: Ints, per_second: float) -> tuple[Ints, int
         (N,) the blocks, and their number.
     """
     since = instant - instant.min(initial=np.iinfo(np.int64).max)
-    length = int(since.max(initial=0)) + 1
-    stretches = max(1, int(np.ceil(length / max(1.0, STRETCH_S * per_second))))
-    keys = np.column_stack([since * stretches // length, person]).astype(np.int64)
+    keys = np.column_stack([since // max(1.0, STRETCH_S * per_second), person]).astype(np.int64)
     blocks, block = np.unique(keys, axis=0, return_inverse=True)
     return block.reshape(-1), len(blocks)
 
