@@ -14,7 +14,7 @@ from passerby.common.arrays import Floats
 from passerby.core.cameras import Camera, Lens, Rig
 from passerby.simulation import SimulationOptions, simulate
 from passerby.simulation.disturbances import Disturbance, Move, film_disturbed, gradual_zoom, rig_after
-from reliability.staging import HandedIn, aimed, staged, walked_places, zoomed
+from reliability.staging import HandedIn, affine, aimed, staged, walked_places, zoomed
 
 Build = Callable[[int], HandedIn]
 ChangeLens = Callable[[Lens, np.random.Generator], Lens]
@@ -96,6 +96,7 @@ def letterboxed(seed: int) -> HandedIn:
         scale = 640.0 / size.max()
         bars = (640.0 - scale * size) / 2
         scene = scene.with_boxes(name, replace(boxes, ltwh=boxes.ltwh * scale + np.array([*bars, 0.0, 0.0])))
+        scene = scene.as_shown(name, partial(affine, scale=scale, shift=bars))
     return scene
 
 
@@ -187,12 +188,20 @@ def boxes_by_centre(seed: int) -> HandedIn:
     return scene
 
 
+def shorter(lens: Lens, share: float) -> Lens:
+    """The lens of an image whose height alone is scaled."""
+    matrix = np.array(lens.matrix)
+    matrix[1] *= share
+    return replace(lens, matrix=matrix)
+
+
 def wrong_height(seed: int) -> HandedIn:
     """Normalised boxes of all cameras, multiplied by 720 x 480 where the pictures have 720 x 576."""
     scene = staged(seed, given=False, people=6, seconds=40.0)
     for name in scene.lenses.names:
         boxes = scene.boxes[name]
         scene = scene.with_boxes(name, replace(boxes, ltwh=boxes.ltwh * np.array([1.0, 480 / 576, 1.0, 480 / 576])))
+        scene = scene.as_shown(name, partial(shorter, share=480 / 576))
     return scene
 
 

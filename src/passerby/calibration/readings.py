@@ -14,9 +14,11 @@ from passerby.calibration.estimation import Estimate
 from passerby.calibration.repairs import Correction
 from passerby.core.synchronisation import clocks_of
 from passerby.findings.finding import Finding
-from passerby.hypotheses.findings import misread
+from passerby.hypotheses.box_formats import find_shifted_boxes
+from passerby.hypotheses.findings import boxes_in_other_format, misread
 from passerby.hypotheses.observations import ReadCamera, examine_readings
 from passerby.scene.inputs import SceneInputs
+from passerby.solver.people import PeopleSolution
 
 MOST_CORRECTIONS = 3
 """Clocks that are corrected at most: where more are wrong, nothing says which are right."""
@@ -43,7 +45,10 @@ def correct_late_clock(inputs: SceneInputs, estimate: Estimate) -> ClockCorrecti
 
 def findings_of_readings(inputs: SceneInputs, estimate: Estimate) -> tuple[Finding, ...]:
     """What is found of cameras whose observations another reading explains better, in an estimate that stands."""
-    return tuple(misread(one) for one in _examined(inputs, estimate))
+    found = tuple(misread(one) for one in _examined(inputs, estimate))
+    solution = estimate.solution
+    shifted = find_shifted_boxes(solution) if isinstance(solution, PeopleSolution) else None
+    return found if shifted is None else (*found, boxes_in_other_format(shifted))
 
 
 def corrected_clocks(corrections: Sequence[Correction]) -> tuple[Finding, ...]:

@@ -8,6 +8,7 @@ import numpy as np
 
 from passerby.findings.finding import Finding, doubt, notice
 from passerby.hypotheses.alternatives import LENS
+from passerby.hypotheses.box_formats import ShiftedBoxes
 from passerby.hypotheses.lenses import FoundLenses, LensResult
 from passerby.hypotheses.observations import ReadCamera
 
@@ -63,6 +64,12 @@ def misread(found: ReadCamera, *, corrected: bool = False) -> Finding:
             cut=None,
         )
     return said("image_misread", found.name, how=reading.code.removeprefix("image_"), rotate=None)
+
+
+def boxes_in_other_format(found: ShiftedBoxes) -> Finding:
+    """Boxes that lie half their height off, as if their centres were read as corners, or corners as centres."""
+    box_format, stated = ("centres", "ltwh") if found.shift > 0 else ("ltwh", "centres")
+    return doubt("boxes_by_centres", *found.cameras, beyond=None, box_format=box_format, stated=stated, shift=found.shift)
 
 
 def _about(found: FoundLenses) -> tuple[str, ...]:

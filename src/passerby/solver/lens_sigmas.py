@@ -53,7 +53,8 @@ def lens_evidence(problem: PeopleProblem, state: AdjustmentState, inflation: flo
     weighted = partial(downweight, inflation=inflation)
     terms = replace(problem, lens_weight=np.ones(())).terms(state, jacobians=True)
     inverse = inverse_of(NormalEquations(problem.layout, [weighted(term) for term in terms]).reduce().H)
-    moved = ConsiderParameters.of_lower_edges(problem, state).moved(inverse, problem, terms, weighted)
+    alike = ConsiderParameters.of_lower_edges(problem, state), ConsiderParameters.of_growing_heights(problem, state)
+    moved = np.concatenate([one.moved(inverse, problem, terms, weighted) for one in alike], axis=1)
     at = lens_places(problem.n_cameras, problem.layout.camera_size, problem.n_lens)
     variance, biased = np.diag(inverse)[at], (moved[at] ** 2).sum(axis=2)
     prior = 1 / (problem.lens_core**2 + (0.0 if problem.lens_normal else state.lens**2))
@@ -63,12 +64,12 @@ def lens_evidence(problem: PeopleProblem, state: AdjustmentState, inflation: flo
     share = np.clip(1 - prior * variance, 1e-3, 1.0)
     told = share / variance
     seen = state.lens * (1 + problem.lens_weight / inflation * prior / told)
-    random, alike = np.sqrt(1 / told), np.sqrt(1 / told + biased / share**2)
+    random, total = np.sqrt(1 / told), np.sqrt(1 / told + biased / share**2)
     # Where nothing of a lens is stated, its principal point turns with the vertical, and that rests on how upright people are.
     boxes = by_boxes(problem)
     held = np.where(boxes | problem.lens_normal, BOXES_COUNT_LESS, 1.0)[:, None]
     misled = np.where(boxes & (not problem.lens_normal), BOXES_MISLEAD, 1.0)[:, None]
-    return LensEvidence(seen, misled * alike, (held * alike / random) ** 2)
+    return LensEvidence(seen, misled * total, (held * total / random) ** 2)
 
 
 def by_boxes(problem: PeopleProblem) -> NDArray[np.bool_]:

@@ -52,6 +52,9 @@ def _off_centre(v: Fields) -> str:
     beyond, near, seem = ("right and lower", "left and upper", "be given by their centres")
     if "centres" not in v["box_format"]:
         beyond, near, seem = near, beyond, f"be {v['box_format']}, not {v['stated']}"
+    if v["beyond"] is None:
+        side = "below" if v["shift"] > 0 else "above"
+        return f"{v['who']}: taller people reach farther {side} the ground than shorter ones: the boxes seem to {seem}"
     return (
         f"{v['who']}: {v['beyond']} boxes reach beyond the {beyond} borders of the images, and few come near the {near} ones: "
         f"the boxes seem to {seem}"
@@ -82,8 +85,8 @@ INPUT_FILES: Mapping[str, Kind] = {
         "name them so in the files", common=True,
     ),
     "boxes_by_centres": Kind(
-        DOUBT, "Boxes reach beyond two borders of the images and keep away from the others: their centres were read as their "
-        "left and upper edges, or these as centres.",
+        DOUBT, "Boxes reach beyond two borders of the images and keep away from the others, or lie on bodies of different "
+        "heights as if shifted by half a box: their centres were read as their left and upper edges, or these as centres.",
         _off_centre, "under [scene] set boxes = \"{box_format}\", or under [cameras.{camera}] for one camera", rank="input",
     ),
     "boxes_coarse": Kind(
