@@ -16,7 +16,8 @@ from passerby.core.figures import AdjustedFigures, UpFigures
 from passerby.core.observations import Observations
 from passerby.core.solution import Solution
 from passerby.findings.finding import Finding, notice
-from passerby.solver.body_segments import Bodies, bodies_in_space, body_vertical
+from passerby.solver.body_segments import Bodies, bodies_in_space
+from passerby.solver.body_vertical import body_vertical
 
 GROUND_SLOPE_DEG = 1.0
 """One sigma of the slope of a ground of which nothing is known. Floors are level; paved ways slope by up to 1.2 degrees across
