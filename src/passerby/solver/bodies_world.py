@@ -21,7 +21,7 @@ from passerby.solver.body_segments import (
     ground_below,
     segments_agree,
 )
-from passerby.solver.body_vertical import BodyVertical, body_vertical
+from passerby.solver.body_vertical import BodyVertical, body_vertical, parts_agree
 from passerby.solver.cue_terms import CueRows, WorldRows
 from passerby.solver.cues import expected_heights, settle_cues
 from passerby.solver.gauge import SCALE, TILT_X, TILT_Y, Z, held_system, similarity_freedoms
@@ -59,7 +59,7 @@ def placed_by_bodies(
         return fit
     people = np.unique(bodies.identity)
     mean, sd = expected_heights(cues, people)
-    if not segments_agree(bodies, mean, people):
+    if not (segments_agree(bodies, mean, people) and parts_agree(bodies)):
         return fit
     scale, vertical = body_scale(bodies, mean, sd, people), body_vertical(bodies)
     if scale is None and vertical is None:

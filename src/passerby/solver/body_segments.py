@@ -48,8 +48,8 @@ SEGMENTS = (
     Segment("shoulders", (("left_shoulder", "right_shoulder"),), 0.21, 0.12),
     Segment("upper arms", (("left_shoulder", "left_elbow"), ("right_shoulder", "right_elbow")), 0.186, 0.07),
     Segment("forearms", (("left_elbow", "left_wrist"), ("right_elbow", "right_wrist")), 0.146, 0.08),
-    # `BODY_HEIGHTS`: the head from the joint above the neck to the crown, or the face; it also nods.
-    Segment("heads over shoulders", (("shoulders", "head"),), 0.13, 0.25),
+    # From 0.11, ears, to 0.18, the crown (`BODY_HEIGHTS`); heads also nod.
+    Segment("heads over shoulders", (("shoulders", "head"),), 0.14, 0.25),
 )
 """Those of the upper body. Hips are the least certain: detectors put them beside the joints, each in its own way."""
 COMMON_SD = 0.05
@@ -57,8 +57,8 @@ COMMON_SD = 0.05
 PROPORTION_SD = 0.04
 """How far a person's proportions are from the mean, as a share of lengths (Winter's tables: 3 to 5 %)."""
 CONTRADICTORY = 4.0
-"""Segments that differ by so many times more than their sigmas are of other joints than the names say. Rooms with the right names
-have 0.2 to 1.3, those with hips and elbows exchanged 4.6 to 5.3 (seeds 4711 to 4720)."""
+"""A segment that gives a scale by so many sigmas off that of the others is of other joints than the names say. Rooms of ten keypoints
+have up to 3.1 with the right names, from 4.3 on where elbows and wrists or hips are exchanged (seeds 4711 to 4720)."""
 OUTLIER_SIGMAS = 3.0
 """People whose segments give a scale that is farther off count less."""
 MEDIAN_VARIANCE = np.pi / 2
@@ -73,7 +73,7 @@ STANDING_HEIGHTS: Mapping[str, tuple[tuple[str, ...], float]] = MappingProxyType
 })  # fmt: skip
 """What shows the ground below a body, the lowest part first: it moves least where people lean. Joints, and the share of stature."""
 STANDING_QUANTILE = 0.8
-"""Of each person's heights, and then of all people's: standing people are higher than those who sit."""
+"""Of each person's heights, and then of all people's, by how often they were seen: standing people are higher than those who sit."""
 GROUND_SD_M = 0.25
 """Of the ground by such heights: all may sit, 0.4 m lower."""
 
@@ -203,8 +203,8 @@ def body_scale(bodies: Bodies, height_mean: Floats, height_sd: Floats, people: I
     measured = _measured_segments(bodies, height_mean, people)
     known = np.isfinite(measured.log)
     who = known.any(axis=1)
-    wider = _disagreement(measured)
-    if not who.any() or wider > CONTRADICTORY:
+    wider, farthest = _disagreement(measured)
+    if not who.any() or farthest > CONTRADICTORY:
         return None
     log, noise = np.nan_to_num(measured.log[who]), measured.noise[who]
     weight = np.where(known[who], 1 / (measured.sd**2 + noise), 0.0)
@@ -223,7 +223,7 @@ def segments_agree(bodies: Bodies, height_mean: Floats, people: Ints) -> bool:
 
     Arguments as of `body_scale`.
     """
-    return _disagreement(_measured_segments(bodies, height_mean, people)) <= CONTRADICTORY
+    return _disagreement(_measured_segments(bodies, height_mean, people))[1] <= CONTRADICTORY
 
 
 @dataclass(frozen=True, eq=False)
@@ -258,17 +258,22 @@ def _measured_segments(bodies: Bodies, height_mean: Floats, people: Ints) -> _Me
     return _Measured(log, noise, sd)
 
 
-def _disagreement(measured: _Measured) -> float:
-    """By how many times the scales of segments differ more than their sigmas say; 0 where one kind alone was measured."""
+def _disagreement(measured: _Measured) -> tuple[float, float]:
+    """By how many times the scales of segments differ more than their sigmas say, and by how many sigmas the one that is farthest
+    off differs from the others; 0 where one kind alone was measured.
+    """
     known = np.isfinite(measured.log).any(axis=0)
     if np.count_nonzero(known) < 2:
-        return 0.0
+        return 0.0, 0.0
     at = np.nanmedian(measured.log[:, known], axis=0)
     people = np.isfinite(measured.log[:, known]).sum(axis=0)
     noise = measured.noise[:, known].sum(axis=0) / people**2
-    variance = measured.sd[known] ** 2 + PROPORTION_SD**2 / people + noise
-    off = at - np.average(at, weights=1 / variance)
-    return float(np.sqrt((off**2 / variance).sum() / (len(at) - 1)))
+    weight = 1 / (measured.sd[known] ** 2 + PROPORTION_SD**2 / people + noise)
+    off = at - np.average(at, weights=weight)
+    # Without one, the mean moves away from it by its share of the weight.
+    others = 1 - weight / weight.sum()
+    farthest = np.abs(off) * np.sqrt(weight / others)
+    return float(np.sqrt((off**2 * weight).sum() / (len(at) - 1))), float(farthest.max())
 
 
 def _robust_mean(values: Floats, variance: Floats) -> float:
@@ -280,9 +285,7 @@ def _robust_mean(values: Floats, variance: Floats) -> float:
     return mean
 
 
-def ground_below(
-    bodies: Bodies, up: Floats, factor: float, people: Ints, height_mean: Floats
-) -> tuple[float, str] | None:
+def ground_below(bodies: Bodies, up: Floats, factor: float, people: Ints, height_mean: Floats) -> tuple[float, str] | None:
     """The height of the ground along `up`, metres, as if the highest people stood, and what shows it; None where nothing does.
 
     Args:
@@ -300,12 +303,10 @@ def ground_below(
     if not use.any():
         return None
     ground = under[first, np.arange(len(first))]
-    found = [
-        np.quantile(ground[use & (bodies.identity == identity)], STANDING_QUANTILE)
-        for identity in np.unique(bodies.identity[use])
-    ]
+    whose, number, count = np.unique(bodies.identity[use], return_inverse=True, return_counts=True)
+    own = [np.quantile(ground[use][number == person], STANDING_QUANTILE) for person in range(len(whose))]
     by = list(STANDING_HEIGHTS)[int(np.bincount(first[use]).argmax())]
-    return float(np.quantile(found, STANDING_QUANTILE)), by
+    return float(np.quantile(np.repeat(own, count), STANDING_QUANTILE)), by
 
 
 def _first_known(*choices: Floats) -> Floats:

@@ -9,10 +9,11 @@ from __future__ import annotations
 
 import heapq
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 
-from passerby.common.arrays import Floats, Ints
+from passerby.common.arrays import Bools, Floats, Ints
 from passerby.geometry.groups import group_numbers
 from passerby.solver.body_segments import Bodies
 
@@ -80,7 +81,7 @@ class _Parts:
     """(N,)"""
 
     @property
-    def sided(self) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+    def sided(self) -> Bools:
         """(N,) whether forwards and sideways are known."""
         return np.asarray(np.isfinite(self.left).all(axis=1))
 
@@ -92,15 +93,16 @@ class _Parts:
 
 
 def body_vertical(bodies: Bodies) -> BodyVertical | None:
-    """The up direction by upright parts; None where there are none."""
+    """The up direction by upright parts; None where there are none, or where they contradict each other."""
     parts = _upright_parts(bodies)
-    if not len(parts.body):
+    if not len(parts.body) or not parts_agree(bodies):
         return None
     person, frame = _certainly_different(bodies.identity, bodies.frame)[parts.body], bodies.frame[parts.body]
     group = group_numbers(person, parts.kind, parts.sided.astype(np.int64))
     sd = parts.sd()
     up = _unit(np.average(parts.direction, axis=0, weights=(sd**2).sum(axis=1) ** -1)[None])[0]
-    names = tuple(UPRIGHT_PARTS[kind].name for kind in np.argsort(-np.bincount(parts.kind), kind="stable")[: len(set(parts.kind))])
+    kinds, count = np.unique(parts.kind, return_counts=True)
+    names = tuple(UPRIGHT_PARTS[kind].name for kind in kinds[np.argsort(-count, kind="stable")])
     found = None
     for _ in range(10):
         basis = np.linalg.svd(up[None])[2][1:]
@@ -112,6 +114,16 @@ def body_vertical(bodies: Bodies) -> BodyVertical | None:
         if np.linalg.norm(tilt) < 1e-5:
             break
     return found
+
+
+def parts_agree(bodies: Bodies) -> bool:
+    """Whether no two parts are upside down to each other, as they are where shoulders have the names of hips."""
+    means = [
+        np.nanmean(own, axis=0)
+        for part in UPRIGHT_PARTS
+        if np.isfinite(own := _unit(bodies.at(part.ends[0][1]) - bodies.at(part.ends[0][0]))).any()
+    ]
+    return all(first @ second > 0 for first, second in combinations(means, 2))
 
 
 def _upright_parts(bodies: Bodies) -> _Parts:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from passerby.common.arrays import Floats, Ints
+from passerby.common.arrays import Bools, Floats, Ints
 from passerby.core.cameras import Camera, Lens, Rig
 from passerby.core.observations import CameraObservations, Keypoints, Observations
 from passerby.simulation.body import JOINTS, BodyState, pose_joints
@@ -49,14 +49,12 @@ def operating_room(seed: int, room: Room | None = None) -> tuple[Rig, Observatio
     for camera in rig:
         time, person = np.nonzero(present)
         points = joints[time, person]
-        depth = camera.to_camera(points.reshape(-1, 3))[:, 2].reshape(len(points), -1) if hasattr(camera, "to_camera") else None
         xy = camera.project(points.reshape(-1, 3)).reshape(len(points), -1, 2)
         xy = xy + room.noise_px * rng.standard_normal(xy.shape)
         lost = np.where(["hip" in name for name in NAMES], room.hips_missing, room.missing)
         found = rng.random(xy.shape[:2]) >= lost
         with np.errstate(invalid="ignore"):
             found &= ((xy > 2) & (xy < np.array(camera.lens.size) - 2)).all(axis=2)
-        del depth
         whole = found.sum(axis=1) >= 3
         score = np.where(found, 0.9, 0.0)
         seen[camera.name] = CameraObservations(
@@ -67,8 +65,8 @@ def operating_room(seed: int, room: Room | None = None) -> tuple[Rig, Observatio
 
 def identities_of_one_frame(observations: Observations, *, unique: bool) -> Observations:
     """The same with ids that hold across cameras in one time step only: never used again, or beginning at 0 in each."""
-    every = np.concatenate([np.column_stack([one.keypoints.frame, one.keypoints.identity]) for one in observations.cameras.values()])
-    keys = np.unique(every, axis=0)
+    seen = [one.keypoints for one in observations.cameras.values()]
+    keys = np.unique(np.concatenate([np.column_stack([one.frame, one.identity]) for one in seen]), axis=0)
     first = np.searchsorted(keys[:, 0], keys[:, 0])
     numbers = np.arange(len(keys)) if unique else np.arange(len(keys)) - first
     number_of = {(int(frame), int(identity)): int(number) for (frame, identity), number in zip(keys, numbers, strict=True)}
@@ -101,20 +99,22 @@ def _cameras(rng: np.random.Generator) -> Rig:
     return Rig(tuple(cameras))
 
 
-def _people(room: Room, heights: Floats, rng: np.random.Generator) -> tuple[Floats, np.ndarray]:
+def _people(room: Room, heights: Floats, rng: np.random.Generator) -> tuple[Floats, Bools]:
     """(T, P, 10, 3) joints as an annotator places them, and (T, P) who is in the room."""
     shape = (room.steps, room.people)
     posture = rng.choice(3, shape, p=(0.45, 0.45, 0.1))
     around = rng.uniform(-np.pi, np.pi, shape)
     away = np.where(posture == LEANING, rng.uniform(0.55, 0.8, shape), rng.uniform(0.7, 1.5, shape))
     xy = np.stack([1.4 * away * np.cos(around), away * np.sin(around)], axis=-1)
-    heading = np.where(posture == LEANING, around + np.pi + rng.normal(0, 0.2, shape), around + np.pi + rng.normal(0, 1.0, shape))
+    leans = posture == LEANING
+    heading = around + np.pi + np.where(leans, rng.normal(0, 0.2, shape), rng.normal(0, 1.0, shape))
+    lean = np.where(leans, rng.uniform(0.15, 0.6, shape), rng.normal(0.05, 0.08, shape))
     zero = np.zeros(shape)
     state = BodyState(
         xy=xy, heading=heading, speed=zero, phase=zero, jump=zero,
-        crouch=np.where(posture == SEATED, 0.5, 0.0), lean=np.where(posture == LEANING, rng.uniform(0.15, 0.6, shape), rng.normal(0.05, 0.08, shape)),
-        seat=np.where(posture == SEATED, 1.0, 0.0), raised_left=0.3 * rng.random(shape), raised_right=0.3 * rng.random(shape),
-        carry=np.where(posture == LEANING, rng.uniform(0.5, 1.0, shape), rng.uniform(0.0, 1.0, shape)),
+        crouch=np.where(posture == SEATED, 0.5, 0.0), lean=lean, seat=np.where(posture == SEATED, 1.0, 0.0),
+        raised_left=0.3 * rng.random(shape), raised_right=0.3 * rng.random(shape),
+        carry=np.where(leans, rng.uniform(0.5, 1.0, shape), rng.uniform(0.0, 1.0, shape)),
     )  # fmt: skip
     every = pose_joints(state, heights)
     joints = every[:, :, [JOINTS.index(name) for name in NAMES]].copy()
@@ -125,7 +125,8 @@ def _people(room: Room, heights: Floats, rng: np.random.Generator) -> tuple[Floa
     fixed = rng.normal(0, room.offset, (len(NAMES), 3))
     own = rng.normal(0, 0.5 * room.offset, (room.people, len(NAMES), 3))
     off = (fixed + own)[None] * heights[None, :, None, None]
-    joints += np.stack([c * off[..., 0] - s * off[..., 1], s * off[..., 0] + c * off[..., 1], off[..., 2] + 0 * c], axis=-1)
+    ahead, aside = c * off[..., 0] - s * off[..., 1], s * off[..., 0] + c * off[..., 1]
+    joints += np.stack([ahead, aside, np.broadcast_to(off[..., 2], ahead.shape)], axis=-1)
     centre = joints.mean(axis=2, keepdims=True)
     joints = centre + (joints - centre) * (1 + rng.normal(0, room.proportion_sd, room.people))[None, :, None, None]
     present = np.zeros(shape, dtype=bool)
