@@ -143,8 +143,8 @@ class CueFigures:
     """What one cue says of the scale."""
 
     cue: str
-    """`population of N`, `height of person IDENTITY`, `body segments of N people (trunks, ...)`, `walking speed of N`, `width of
-    the boxes of N`, or the name of a measured length or of known places."""
+    """`population of N`, `height of person IDENTITY`, `body segments of N people (trunks, ...)`, `walking speed of N`, `width
+    of the boxes of N`, or the name of a measured length or of known places."""
     kind: str | None = field(default=None, metadata=ABSENT)
     """population, person, length, distance, camera_height, plan, segments, walking_speed (lengths are metres in a second),
     body_width or world (known places; lengths are the size of the rig); None in files of an older Passerby."""

@@ -1,9 +1,9 @@
 """Scale and ground from trunks and arms, where no person is seen from head to feet.
 
-Joints that several cameras share fix the relative poses of the cameras, and place the joints of each body in space. What is left
-is one similarity: its scale by the lengths of body segments as shares of stature, its up direction by the upright parts of the
-body (`body_vertical`), and its ground by the height of hips, shoulders or heads. Posture does not change the lengths of segments,
-but it changes these heights, so that the ground is a guess that anything better replaces.
+Joints that several cameras share fix the relative poses of the cameras, and place the joints of each body in space. What is
+left is one similarity: its scale by the lengths of body segments as shares of stature, its up direction by the upright parts of
+the body (`body_vertical`), and its ground by the height of hips, shoulders or heads. Posture does not change the lengths of
+segments, but it changes these heights, so that the ground is a guess that anything better replaces.
 """
 
 from __future__ import annotations
@@ -57,8 +57,9 @@ COMMON_SD = 0.05
 PROPORTION_SD = 0.04
 """How far a person's proportions are from the mean, as a share of lengths (Winter's tables: 3 to 5 %)."""
 CONTRADICTORY = 4.0
-"""A segment that gives a scale by so many sigmas off that of the others is of other joints than the names say. Rooms of ten keypoints
-have up to 3.1 with the right names, from 4.3 on where elbows and wrists or hips are exchanged (seeds 4711 to 4720)."""
+"""A segment that gives a scale by so many sigmas off that of the others is of other joints than the names say. Rooms of ten
+keypoints have up to 3.1 with the right names, 4.3 to 11 where elbows are exchanged with wrists, hips or shoulders (seeds 4711
+to 4720)."""
 OUTLIER_SIGMAS = 3.0
 """People whose segments give a scale that is farther off count less."""
 MEDIAN_VARIANCE = np.pi / 2
@@ -71,9 +72,11 @@ STANDING_HEIGHTS: Mapping[str, tuple[tuple[str, ...], float]] = MappingProxyType
     "shoulders": (("shoulders", "left_shoulder", "right_shoulder"), BODY_HEIGHTS["shoulder"]),
     "heads": (("head",), BODY_HEIGHTS["head"]),
 })  # fmt: skip
-"""What shows the ground below a body, the lowest part first: it moves least where people lean. Joints, and the share of stature."""
+"""What shows the ground below a body, the lowest part first: it moves least where people lean. Joints, and their height as a
+share of stature."""
 STANDING_QUANTILE = 0.8
-"""Of each person's heights, and then of all people's, by how often they were seen: standing people are higher than those who sit."""
+"""Of each person's heights, and then of all people's, by how often they were seen: standing people are higher than seated
+ones."""
 GROUND_SD_M = 0.25
 """Of the ground by such heights: all may sit, 0.4 m lower."""
 
@@ -259,8 +262,8 @@ def _measured_segments(bodies: Bodies, height_mean: Floats, people: Ints) -> _Me
 
 
 def _disagreement(measured: _Measured) -> tuple[float, float]:
-    """By how many times the scales of segments differ more than their sigmas say, and by how many sigmas the one that is farthest
-    off differs from the others; 0 where one kind alone was measured.
+    """By how many times the scales of segments differ more than their sigmas say, and by how many sigmas the one that is
+    farthest off differs from the others; 0 where one kind alone was measured.
     """
     known = np.isfinite(measured.log).any(axis=0)
     if np.count_nonzero(known) < 2:

@@ -34,22 +34,20 @@ class UprightPart:
     name: str
     """In the plural, for reports."""
     ends: tuple[tuple[str, str], ...]
-    """Joints below and above. The first two are in the middle of the body; others are of one side, and lean sideways too."""
+    """Joints below and above. The first pair is in the middle of the body; others are of one side, and lean sideways too."""
     lean_sd: float
     sideways_sd: float
     sway_sd: float
 
 
+_TRUNKS = (("hips", "shoulders"), ("left_hip", "left_shoulder"), ("right_hip", "right_shoulder"))
+_ARMS = (("elbows", "shoulders"), ("left_elbow", "left_shoulder"), ("right_elbow", "right_shoulder"))
 UPRIGHT_PARTS = (
-    UprightPart(
-        "trunks", (("hips", "shoulders"), ("left_hip", "left_shoulder"), ("right_hip", "right_shoulder")), LEAN_SD, SIDEWAYS_SD,
-        SWAY_SD,
-    ),
+    UprightPart("trunks", _TRUNKS, LEAN_SD, SIDEWAYS_SD, SWAY_SD),
     # A nose is 0.41 radians ahead of the neck; necks bend sideways three times as far as trunks do.
     UprightPart("heads over shoulders", (("shoulders", "head"),), 0.5, 0.15, 0.3),
-    UprightPart("upper arms", (("elbows", "shoulders"), ("left_elbow", "left_shoulder"), ("right_elbow", "right_shoulder")), 0.6,
-                0.3, 0.4),
-)  # fmt: skip
+    UprightPart("upper arms", _ARMS, 0.6, 0.3, 0.4),
+)
 """The best first. Sigmas in radians, as `LEAN_SD`, `SIDEWAYS_SD` and `SWAY_SD`."""
 
 
@@ -117,12 +115,10 @@ def body_vertical(bodies: Bodies) -> BodyVertical | None:
 
 
 def parts_agree(bodies: Bodies) -> bool:
-    """Whether no two parts are upside down to each other, as they are where shoulders have the names of hips."""
-    means = [
-        np.nanmean(own, axis=0)
-        for part in UPRIGHT_PARTS
-        if np.isfinite(own := _unit(bodies.at(part.ends[0][1]) - bodies.at(part.ends[0][0]))).any()
-    ]
+    """Whether no trunks and heads are upside down to each other, as they are where shoulders have the names of hips."""
+    trunks, heads, _ = UPRIGHT_PARTS
+    own = [_unit(bodies.at(above) - bodies.at(below)) for below, above in (*trunks.ends, *heads.ends)]
+    means = [np.nanmean(one, axis=0) for one in own if np.isfinite(one).any()]
     return all(first @ second > 0 for first, second in combinations(means, 2))
 
 

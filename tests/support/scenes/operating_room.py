@@ -1,4 +1,4 @@
-"""An operating room as three cameras under its ceiling see it: people at a table, ten keypoints each, seconds apart, no feet."""
+"""An operating room as three cameras under its ceiling see it: people at a table, ten keypoints each, no feet."""
 
 from __future__ import annotations
 

@@ -152,8 +152,8 @@ SOLVER: Mapping[str, Kind] = {
         subjects=lambda v: _SUBJECTS.get(v["what"], ()),
     ),
     "ground_by_hips": Kind(
-        NOTICE, "No person is seen from head to feet: the height of the ground is a guess from the height of hips, shoulders or "
-        "heads (`by`); `scale` and `up` have the parts of the body that give the scale and the up direction.",
+        NOTICE, "No person is seen from head to feet: the height of the ground is a guess from the height of hips, shoulders "
+        "or heads (`by`); `scale` and `up` have the parts of the body that give the scale and the up direction.",
         lambda v: f"no person is seen from head to feet: {_gives(v)}the height of the ground is a guess from the height of "
         f"{v['by']} ({v['sigma_m']:.2f} m, 1 sigma)",
         "state the height of a camera under [[scale.camera_heights]], or turn a camera so that it sees feet",
