@@ -8,9 +8,7 @@ segments, but it changes these heights, so that the ground is a guess that anyth
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from types import MappingProxyType
 
 import numpy as np
 
@@ -67,13 +65,13 @@ MEDIAN_VARIANCE = np.pi / 2
 
 HIP_SHARE = BODY_HEIGHTS["hip"]
 """Height of the hips of a standing person, as a share of stature."""
-STANDING_HEIGHTS: Mapping[str, tuple[tuple[str, ...], float]] = MappingProxyType({
-    "hips": (("hips", "left_hip", "right_hip"), HIP_SHARE),
-    "shoulders": (("shoulders", "left_shoulder", "right_shoulder"), BODY_HEIGHTS["shoulder"]),
-    "heads": (("head",), BODY_HEIGHTS["head"]),
-})  # fmt: skip
-"""What shows the ground below a body, the lowest part first: it moves least where people lean. Joints, and their height as a
-share of stature."""
+STANDING_HEIGHTS = (
+    ("hips", ("hips", "left_hip", "right_hip"), HIP_SHARE),
+    ("shoulders", ("shoulders", "left_shoulder", "right_shoulder"), BODY_HEIGHTS["shoulder"]),
+    ("heads", ("head",), BODY_HEIGHTS["head"]),
+)
+"""What shows the ground below a body, the lowest part first: it moves least where people lean. Its name for reports, its
+joints, and their height as a share of stature."""
 STANDING_QUANTILE = 0.8
 """Of each person's heights, and then of all people's, by how often they were seen: standing people are higher than seated
 ones."""
@@ -100,9 +98,9 @@ class Bodies:
         if name == "hips":
             return self._middle("hip", "mid_hip")
         if name == "elbows":
-            return self._middle("elbow", "")
+            return self._middle("elbow")
         if name == "head":
-            return _first_known(self._middle("ear", ""), *(self._joint(joint) for joint in HEAD))
+            return _first_known(self._middle("ear"), *(self._joint(joint) for joint in HEAD))
         return self._joint(name)
 
     def _joint(self, name: str) -> Floats:
@@ -110,8 +108,8 @@ class Bodies:
             return np.full((len(self.points), 3), np.nan)
         return self.points[:, self.joints.index(name)]
 
-    def _middle(self, part: str, instead: str) -> Floats:
-        middle = 0.5 * (self.at(f"left_{part}") + self.at(f"right_{part}"))
+    def _middle(self, part: str, instead: str = "") -> Floats:
+        middle = 0.5 * (self._joint(f"left_{part}") + self._joint(f"right_{part}"))
         return _first_known(middle, self._joint(instead))
 
 
@@ -192,7 +190,7 @@ def _in_order(keypoints: Keypoints, joints: tuple[str, ...]) -> Keypoints:
 
 
 def body_scale(bodies: Bodies, height_mean: Floats, height_sd: Floats, people: Ints) -> BodyScale | None:
-    """The scale by the lengths of segments; None where there are none, or where they contradict each other.
+    """The scale by the lengths of segments; None where there are none.
 
     Each segment of a person counts by how well segments of its kind are known and by how often it was measured. Where segments
     differ by more than their sigmas, these are wider by as much (the scale factor of the Particle Data Group's averages).
@@ -206,9 +204,9 @@ def body_scale(bodies: Bodies, height_mean: Floats, height_sd: Floats, people: I
     measured = _measured_segments(bodies, height_mean, people)
     known = np.isfinite(measured.log)
     who = known.any(axis=1)
-    wider, farthest = _disagreement(measured)
-    if not who.any() or farthest > CONTRADICTORY:
+    if not who.any():
         return None
+    wider, _ = _disagreement(measured)
     log, noise = np.nan_to_num(measured.log[who]), measured.noise[who]
     weight = np.where(known[who], 1 / (measured.sd**2 + noise), 0.0)
     share = weight / weight.sum(axis=1, keepdims=True)
@@ -222,7 +220,7 @@ def body_scale(bodies: Bodies, height_mean: Floats, height_sd: Floats, people: I
 
 
 def segments_agree(bodies: Bodies, height_mean: Floats, people: Ints) -> bool:
-    """Whether segments do not give quite different scales, as they do where joints have the names of others.
+    """Whether segments give about the same scale; they do not where joints have the names of others.
 
     Arguments as of `body_scale`.
     """
@@ -253,10 +251,10 @@ def _measured_segments(bodies: Bodies, height_mean: Floats, people: Ints) -> _Me
             continue
         person = np.tile(place, len(segment.ends))[use]
         each = np.log(segment.share * height_mean[person] / lengths[use])
-        whose, number, count = np.unique(person, return_inverse=True, return_counts=True)
-        log[whose, k] = group_medians(number, each, len(whose))
+        measured, number, count = np.unique(person, return_inverse=True, return_counts=True)
+        log[measured, k] = group_medians(number, each, len(measured))
         scatter = NORMAL_BY_MAD * float(np.median(np.abs(each - np.median(each))))
-        noise[whose, k] = MEDIAN_VARIANCE * scatter**2 / count
+        noise[measured, k] = MEDIAN_VARIANCE * scatter**2 / count
         sd[k] = np.hypot(sd[k], scatter**2)
     return _Measured(log, noise, sd)
 
@@ -298,17 +296,19 @@ def ground_below(bodies: Bodies, up: Floats, factor: float, people: Ints, height
         people: (P,) identities.
         height_mean: (P,) expected stature, metres.
     """
-    sides = [_first_known(*(bodies.at(name) for name in names)) @ up for names, _ in STANDING_HEIGHTS.values()]
-    tall = height_mean[np.clip(np.searchsorted(people, bodies.identity), 0, len(people) - 1)]
-    under = np.array([factor * side - share * tall for side, (_, share) in zip(sides, STANDING_HEIGHTS.values(), strict=True)])
+    stature = height_mean[np.clip(np.searchsorted(people, bodies.identity), 0, len(people) - 1)]
+    under = np.array([
+        factor * (_first_known(*(bodies.at(name) for name in joints)) @ up) - share * stature
+        for _, joints, share in STANDING_HEIGHTS
+    ])  # fmt: skip
     known = np.isfinite(under) & np.isin(bodies.identity, people)
     use, first = known.any(axis=0), known.argmax(axis=0)
     if not use.any():
         return None
     ground = under[first, np.arange(len(first))]
-    whose, number, count = np.unique(bodies.identity[use], return_inverse=True, return_counts=True)
-    own = [np.quantile(ground[use][number == person], STANDING_QUANTILE) for person in range(len(whose))]
-    by = list(STANDING_HEIGHTS)[int(np.bincount(first[use]).argmax())]
+    _, number, count = np.unique(bodies.identity[use], return_inverse=True, return_counts=True)
+    own = [np.quantile(ground[use][number == person], STANDING_QUANTILE) for person in range(len(count))]
+    by = STANDING_HEIGHTS[int(np.bincount(first[use]).argmax())][0]
     return float(np.quantile(np.repeat(own, count), STANDING_QUANTILE)), by
 
 

@@ -91,9 +91,9 @@ class _Parts:
 
 
 def body_vertical(bodies: Bodies) -> BodyVertical | None:
-    """The up direction by upright parts; None where there are none, or where they contradict each other."""
+    """The up direction by upright parts; None where there are none."""
     parts = _upright_parts(bodies)
-    if not len(parts.body) or not parts_agree(bodies):
+    if not len(parts.body):
         return None
     person, frame = _certainly_different(bodies.identity, bodies.frame)[parts.body], bodies.frame[parts.body]
     group = group_numbers(person, parts.kind, parts.sided.astype(np.int64))
@@ -115,7 +115,7 @@ def body_vertical(bodies: Bodies) -> BodyVertical | None:
 
 
 def parts_agree(bodies: Bodies) -> bool:
-    """Whether no trunks and heads are upside down to each other, as they are where shoulders have the names of hips."""
+    """Whether trunks and heads have the same side up; they do not where shoulders have the names of hips."""
     trunks, heads, _ = UPRIGHT_PARTS
     own = [_unit(bodies.at(above) - bodies.at(below)) for below, above in (*trunks.ends, *heads.ends)]
     means = [np.nanmean(one, axis=0) for one in own if np.isfinite(one).any()]

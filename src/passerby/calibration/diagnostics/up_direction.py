@@ -94,7 +94,7 @@ def _mean_tilt(bodies: Bodies | None) -> tuple[Floats, Floats] | None:
         vertical = body_vertical(
             replace(bodies, identity=bodies.identity[own], frame=bodies.frame[own], points=bodies.points[own])
         )
-        if vertical is not None and vertical.up[2] > 0:
+        if vertical is not None and vertical.parts[0] == "trunks" and vertical.up[2] > 0:
             tilts.append(np.degrees(vertical.up[:2] / vertical.up[2]))
     count = len(tilts)
     if count < LEAST_PEOPLE:

@@ -36,7 +36,7 @@ def _uncertain(v: Fields) -> str:
 
 
 def _gives(v: Fields) -> str:
-    """What gives scale and up direction; nothing in files of an older Passerby."""
+    """What gives scale and up direction; empty in files of an older Passerby."""
     named = [
         f"{listed(v[key])} give {what}" for key, what in (("scale", "the scale"), ("up", "the up direction")) if v.get(key)
     ]
@@ -158,7 +158,7 @@ SOLVER: Mapping[str, Kind] = {
         NOTICE, "No person is seen from head to feet: the height of the ground is a guess from the height of hips, shoulders "
         "or heads (`by`); `scale` and `up` have the parts of the body that give the scale and the up direction.",
         lambda v: f"no person is seen from head to feet: {_gives(v)}the height of the ground is a guess from the height of "
-        f"{v['by']} ({v['sigma_m']:.2f} m, 1 sigma)",
+        f"{v.get('by', 'hips')} ({v['sigma_m']:.2f} m, 1 sigma)",
         "state the height of a camera under [[scale.camera_heights]], or turn a camera so that it sees feet",
         subjects=("vertical",),
     ),
