@@ -215,7 +215,7 @@ def body_scale(bodies: Bodies, height_mean: Floats, height_sd: Floats, people: I
     common = np.average(share, axis=0, weights=1 / variance)
     of_segments = np.hypot(COMMON_SD, max(wider, 1.0) * np.linalg.norm(common * measured.sd))
     sd = float(np.sqrt(1 / (1 / variance).sum() + of_segments**2))
-    names = tuple(segment.name for segment, seen in zip(SEGMENTS, known.any(axis=0), strict=True) if seen)
+    names = tuple(SEGMENTS[k].name for k in np.flatnonzero(known.any(axis=0)))
     return BodyScale(_robust_mean(own, variance), sd, int(np.count_nonzero(who)), names)
 
 

@@ -24,7 +24,7 @@ GROUND_SLOPE_DEG = 1.0
 """One sigma of the slope of a ground of which nothing is known. Floors are level; paved ways slope by up to 1.2 degrees across
 (1 in 48) and ramps by up to 4.8 (1 in 12): the limits of the ADA Standards for Accessible Design of 2010, 403.3 and 405.2."""
 LEAST_BODIES = 8
-"""Of one person, for its trunk to be compared with that of others."""
+"""Trunks of one person, to be compared with those of others."""
 LEAST_PEOPLE = 5
 """With trunks, for the differences between them to show how well their mean is known."""
 COMMON_LEAN_DEG = 0.5
@@ -86,15 +86,16 @@ def _mean_tilt(bodies: Bodies | None) -> tuple[Floats, Floats] | None:
     """
     if bodies is None:
         return None
+    trunks = np.isfinite(bodies.at("shoulders") - bodies.at("hips")).all(axis=1)
     tilts = []
     for identity in np.unique(bodies.identity):
-        own = bodies.identity == identity
+        own = trunks & (bodies.identity == identity)
         if np.count_nonzero(own) < LEAST_BODIES:
             continue
         vertical = body_vertical(
             replace(bodies, identity=bodies.identity[own], frame=bodies.frame[own], points=bodies.points[own])
         )
-        if vertical is not None and vertical.parts[0] == "trunks" and vertical.up[2] > 0:
+        if vertical is not None and vertical.up[2] > 0:
             tilts.append(np.degrees(vertical.up[:2] / vertical.up[2]))
     count = len(tilts)
     if count < LEAST_PEOPLE:
