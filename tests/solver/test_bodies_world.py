@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from passerby.solver.bodies_world import _placed
-from passerby.solver.body_segments import GROUND_SD_M, HIP_SHARE, MIN_BODIES, Bodies, BodyScale, BodyVertical
+from passerby.solver.body_segments import GROUND_SD_M, HIP_SHARE, Bodies, BodyScale
+from passerby.solver.body_vertical import BodyVertical
 from passerby.solver.cue_terms import CueRows, WorldRows
 from passerby.solver.people_state import AdjustmentState
 from support.scenes.people_and_rigs import ring
@@ -15,13 +16,13 @@ HALF, FLOOR_M, STATURE_M = 0.5, -0.6, 1.7
 """The rig's own unit is two metres; the floor lies a little below its origin."""
 HIPS_M = FLOOR_M + HIP_SHARE * STATURE_M
 BODIES = Bodies(
-    np.zeros(MIN_BODIES, int),
-    np.arange(MIN_BODIES),
-    np.tile([[[1.0, 0.1, HALF * HIPS_M], [1.0, -0.1, HALF * HIPS_M]]], (MIN_BODIES, 1, 1)),
+    np.zeros(8, int),
+    np.arange(8),
+    np.tile([[[1.0, 0.1, HALF * HIPS_M], [1.0, -0.1, HALF * HIPS_M]]], (8, 1, 1)),
     ("left_hip", "right_hip"),
 )
-DOUBLED = BodyScale(np.log(2.0), 0.1, 1)
-UPRIGHT = BodyVertical(np.array([0.0, 0.0, 1.0]), np.diag([1e-3, 4e-3]), np.eye(3)[:2])
+DOUBLED = BodyScale(np.log(2.0), 0.1, 1, ("trunks",))
+UPRIGHT = BodyVertical(np.array([0.0, 0.0, 1.0]), np.diag([1e-3, 4e-3]), np.eye(3)[:2], ("trunks",))
 
 
 def state() -> AdjustmentState:

@@ -35,7 +35,7 @@ def told(
 ) -> list[Finding]:
     """What is said of an optimum with these figures."""
     monkeypatch.setattr(findings, "height_noise", lambda fit, evidence: noise)
-    cues = SimpleNamespace(world=SimpleNamespace(ground_sd_m=ground_sd_m))
+    cues = SimpleNamespace(world=SimpleNamespace(ground_sd_m=ground_sd_m, ground_by="hips", upright=("trunks",), segments=()))
     seen = SimpleNamespace(camera=np.repeat([0, 1, 2], agreeing)), SimpleNamespace(camera=np.zeros(0, np.int64))
     problem = SimpleNamespace(cues=cues, sightings=seen[0], joints=seen[1])
     result = SimpleNamespace(converged=converged)
@@ -58,7 +58,7 @@ def test_few_sightings_say_nothing_of_agreement(monkeypatch: pytest.MonkeyPatch)
 def test_what_is_wrong_with_the_boxes_the_ground_or_the_adjustment(monkeypatch: pytest.MonkeyPatch) -> None:
     found = told(monkeypatch, noise=0.31, converged=False, ground_sd_m=0.05)
     assert [(one.code, one.cameras, one.values) for one in found] == [
-        ("ground_by_hips", (), {"sigma_m": 0.05}),
+        ("ground_by_hips", (), {"sigma_m": 0.05, "by": "hips", "up": ["trunks"], "scale": []}),
         ("boxes_noisy", (), {"noise_percent": pytest.approx(31.0)}),
         ("adjustment_not_converged", (), {}),
     ]

@@ -8,26 +8,17 @@ from functools import cache
 import numpy as np
 import pytest
 
+from passerby.core.cameras import Rig
 from passerby.core.observations import CameraObservations, Observations
 from passerby.core.scale_cues import CameraDistance, CameraHeight, ScaleCues
 from passerby.core.solution import Solution
 from passerby.evaluation.metrics import compare
 from passerby.simulation import SimulatedScene, SimulationOptions, simulate
-from passerby.solver.body_segments import (
-    HIP_SHARE,
-    LEAN_SD,
-    MIN_BODIES,
-    SAME_POSTURE,
-    SEGMENTS,
-    SIDEWAYS_SD,
-    SWAY_SD,
-    Bodies,
-    body_scale,
-    body_vertical,
-    ground_below_hips,
-)
+from passerby.solver.body_segments import HIP_SHARE, SEGMENTS, Bodies, bodies_in_space, body_scale, ground_below, segments_agree
+from passerby.solver.body_vertical import LEAN_SD, SAME_POSTURE, SIDEWAYS_SD, SWAY_SD, body_vertical
+from support.scenes.operating_room import NAMES, identities_of_one_frame, operating_room
 from support.scenes.people_and_rigs import solve
-from support.scenes.upper_bodies import office_joints
+from support.scenes.upper_bodies import office_joints, without_joints
 from support.tiers import thinned
 
 UPPER = (
@@ -55,10 +46,10 @@ def solved(preset: str, seed: int) -> tuple[SimulatedScene, Solution]:
     return truth, solve(truth.rig, seen)
 
 
-def tilt_deg(truth: SimulatedScene, solution: Solution) -> float:
+def tilt_deg(truth: Rig, solution: Solution) -> float:
     """The mean angle between the up direction of the cameras and the true one."""
     found, true = (
-        np.array([camera.pose.R_cw[:, 2] for camera in rig if camera.pose is not None]) for rig in (solution.rig, truth.rig)
+        np.array([camera.pose.R_cw[:, 2] for camera in rig if camera.pose is not None]) for rig in (solution.rig, truth)
     )
     return float(np.degrees(np.arccos(np.clip((found * true).sum(axis=1), -1, 1))).mean())
 
@@ -76,7 +67,7 @@ def test_scale_and_up_are_as_sure_as_stated(preset: str, seed: int) -> None:
     assert 0.06 < scale < 0.12
     assert abs(np.log(scale_of(truth, solution))) < scale
     assert 0.5 < up < 6
-    assert tilt_deg(truth, solution) < 2 * up
+    assert tilt_deg(truth.rig, solution) < 2 * up
     assert [cue.kind for cue in solution.figures.scale.cues] == ["segments"]
     similar = compare(solution.rig, truth.rig).similarity
     assert similar.mean_position_mm < 60
@@ -163,23 +154,92 @@ def test_a_side_of_the_trunk_alone_is_known_no_better_sideways_than_forwards() -
     )
 
 
-def test_nobody_counts_who_is_measured_less_often_than_it_takes() -> None:
-    """The first of three people, who is a giant, is measured once less than the others are."""
-    times = np.array([MIN_BODIES - 1, MIN_BODIES, MIN_BODIES])
-    person = np.repeat(np.arange(3), times)
+def test_a_person_who_is_measured_once_counts_and_moves_little() -> None:
+    """The first of three people, who is a giant, is measured once, the others eight times each."""
+    person = np.repeat(np.arange(3), (1, 8, 8))
     seen = np.where(person == 0, 1.5, 1.0)[:, None, None] * STANDING
     frame, mean, sd = np.arange(len(person)), np.full(3, 1.72), np.full(3, 0.1)
     shoulders = Bodies(person, frame, seen[:, :2], JOINTS[:2])
     found = body_scale(shoulders, mean, sd, np.arange(3))
     assert found is not None
-    assert found.people == 2
-    assert found.log_factor == pytest.approx(np.log(SEGMENTS[1].share * 1.72 / 0.4))
-    assert body_scale(shoulders, mean, sd, np.arange(1)) is None
+    assert (found.people, found.segments) == (3, ("shoulders",))
+    assert found.log_factor == pytest.approx(np.log(SEGMENTS[1].share * 1.72 / 0.4), abs=0.05)
+    assert body_scale(shoulders, mean[:1], sd[:1], np.arange(1)) is not None
     up = np.array([0.0, 0.0, 1.0])
-    assert ground_below_hips(bodies(seen, person), up, 1.0, np.arange(3), mean) == pytest.approx(0.95 - HIP_SHARE * 1.72)
-    assert ground_below_hips(bodies(seen, person), up, 1.0, np.arange(1), mean[:1]) is None
-    assert body_vertical(bodies(seen[:MIN_BODIES], person[:MIN_BODIES])) is not None
-    assert body_vertical(bodies(seen[: MIN_BODIES - 1], person[: MIN_BODIES - 1])) is None
+    ground = ground_below(bodies(seen, person), up, 1.0, np.arange(3), mean)
+    assert ground == (pytest.approx(0.95 - HIP_SHARE * 1.72), "hips")
+    vertical = body_vertical(bodies(seen[:1], person[:1]))
+    assert vertical is not None
+    assert np.sqrt(np.linalg.eigvalsh(vertical.covariance)) == pytest.approx(
+        np.hypot((SIDEWAYS_SD, LEAN_SD), SWAY_SD), rel=0.02
+    )
+
+
+def test_ids_of_one_time_step_are_no_more_people_than_are_there_at_once() -> None:
+    """Two people, each under a new number in each time step, lean by as much as they may."""
+    frame = np.repeat(np.arange(60), 2)
+    points = STANDING[None].repeat(len(frame), axis=0)
+    by_ids = [body_vertical(Bodies(ids, frame, points, JOINTS)) for ids in (np.arange(120) % 2, np.arange(120))]
+    known, unknown = (np.trace(one.covariance) for one in by_ids if one is not None)
+    assert unknown == pytest.approx(known)
+
+
+def test_without_hips_shoulders_and_heads_show_the_ground() -> None:
+    person, mean = np.zeros(5, dtype=np.int64), np.array([1.72])
+    up = np.array([0.0, 0.0, 1.0])
+    half = Bodies(person, np.arange(5), STANDING[None, :2].repeat(5, axis=0), JOINTS[:2])
+    assert ground_below(half, up, 1.0, np.array([0]), mean) == (pytest.approx(1.45 - 0.82 * 1.72), "shoulders")
+    head = Bodies(person, np.arange(5), np.full((5, 1, 3), [0.0, 0.0, 1.6]), ("head",))
+    assert ground_below(head, up, 1.0, np.array([0]), mean) == (pytest.approx(1.6 - 0.95 * 1.72), "heads")
+    assert ground_below(replace(head, joints=("left_wrist",)), up, 1.0, np.array([0]), mean) is None
+
+
+@pytest.mark.parametrize("lost", [(), ("hip",), ("hip", "elbow", "wrist"), ("hip", "head", "neck")])
+@pytest.mark.parametrize("ids", ["hold", "of one time step"])
+def test_ten_keypoints_under_the_ceiling_fix_the_world(lost: tuple[str, ...], ids: str) -> None:
+    """An operating room: each answer says how uncertain it is, and what it rests on."""
+    rig, seen = operating_room(4711)
+    if ids != "hold":
+        seen = identities_of_one_frame(seen)
+    solution = solve(rig, without_joints(seen, lost))
+    assert solution.figures.undetermined is None
+    ratio = compare(solution.rig, rig).scale_ratio
+    assert ratio is not None
+    scale, up = solution.figures.scale, solution.figures.vertical_sigma_deg
+    assert abs(np.log(ratio)) < 2 * scale.relative_sigma < 0.3
+    assert tilt_deg(rig, solution) < 2 * up < 16
+    (cue,) = scale.cues
+    assert cue.kind == "segments"
+    assert ("trunks" in cue.cue) == ("hip" not in lost)
+    assert "shoulders" in cue.cue
+    (world,) = [one.values["why"] for one in solution.findings if one.values.get("what") == "ground"][:1]
+    assert world["values"]["by"] == ("shoulders" if lost else "hips")
+    off = np.mean([solution.rig[name].centre[2] - rig[name].centre[2] for name in rig.names])
+    assert abs(off) < 2 * world["values"]["sigma_m"]
+
+
+def test_shoulders_named_hips_turn_no_world_upside_down() -> None:
+    rig, seen = operating_room(4711)
+    names = tuple(name.replace("hip", "?").replace("shoulder", "hip").replace("?", "shoulder") for name in NAMES)
+    renamed = {name: CameraObservations(keypoints=replace(one.keypoints, joints=names)) for name, one in seen.cameras.items()}
+    solution = solve(rig, Observations(renamed, seen.fps))
+    assert solution.figures.undetermined == ("scale", "vertical", "height of the ground")
+
+
+def test_cameras_may_list_their_keypoints_in_different_orders() -> None:
+    """Bodies in space are the same, joint by joint."""
+    rig, seen = operating_room(4711)
+    other = {
+        name: CameraObservations(keypoints=office_joints(one.keypoints, NAMES[::-1] if name == "C2" else NAMES))
+        for name, one in seen.cameras.items()
+    }
+    R, centre = (np.array([getattr(camera.pose, name) for camera in rig]) for name in ("R_cw", "centre"))
+    first, second = (
+        bodies_in_space(rig, R, centre, each, np.random.default_rng(0)) for each in (seen, Observations(other, seen.fps))
+    )
+    assert first is not None
+    assert second is not None
+    np.testing.assert_allclose(first.points, second.points)
 
 
 def test_segments_that_contradict_each_other_tell_no_scale() -> None:
@@ -191,7 +251,8 @@ def test_segments_that_contradict_each_other_tell_no_scale() -> None:
     found = body_scale(bodies(usual[None].repeat(20, axis=0), person), mean, sd, np.array([0]))
     assert found is not None
     assert abs(found.log_factor) < 0.05
-    assert body_scale(bodies(odd[None].repeat(20, axis=0), person), mean, sd, np.array([0])) is None
+    assert segments_agree(bodies(usual[None].repeat(20, axis=0), person), mean, np.array([0]))
+    assert not segments_agree(bodies(odd[None].repeat(20, axis=0), person), mean, np.array([0]))
 
 
 def test_joints_under_wrong_names_place_no_rig() -> None:

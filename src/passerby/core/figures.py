@@ -143,8 +143,8 @@ class CueFigures:
     """What one cue says of the scale."""
 
     cue: str
-    """`population of N`, `height of person IDENTITY`, `body segments of N people`, `walking speed of N`, `width of the boxes of
-    N`, or the name of a measured length or of known places."""
+    """`population of N`, `height of person IDENTITY`, `body segments of N people (trunks, ...)`, `walking speed of N`, `width
+    of the boxes of N`, or the name of a measured length or of known places."""
     kind: str | None = field(default=None, metadata=ABSENT)
     """population, person, length, distance, camera_height, plan, segments, walking_speed (lengths are metres in a second),
     body_width or world (known places; lengths are the size of the rig); None in files of an older Passerby."""
@@ -260,7 +260,8 @@ class UpFigures:
     """What the world's z is in the solver's world, and how far it may be from gravity."""
 
     direction: str
-    """`ground normal`: of the ground that people walk on; `trunks`: people's mean trunk, where nobody is seen whole."""
+    """`ground normal`: of the ground that people walk on; or the upright parts of the body, such as `trunks`, where no
+    person is seen whole."""
     gravity_sigma_deg: float
     """One sigma of the angle between z and gravity; for a ground normal with the slope that a ground may have."""
     tilt_deg: float | None = field(default=None, metadata=ABSENT)

@@ -1,4 +1,4 @@
-"""A rig of joints alone, placed in a world by the bodies it sees: the last step where nobody is seen from head to feet."""
+"""A rig of joints alone, placed in a world by the bodies it sees: the last step where no person is seen from head to feet."""
 
 from __future__ import annotations
 
@@ -16,13 +16,12 @@ from passerby.solver.body_segments import (
     SEGMENTS,
     Bodies,
     BodyScale,
-    BodyVertical,
     bodies_in_space,
     body_scale,
-    body_vertical,
-    ground_below_hips,
+    ground_below,
     segments_agree,
 )
+from passerby.solver.body_vertical import BodyVertical, body_vertical, parts_agree
 from passerby.solver.cue_terms import CueRows, WorldRows
 from passerby.solver.cues import expected_heights, settle_cues
 from passerby.solver.gauge import SCALE, TILT_X, TILT_Y, Z, held_system, similarity_freedoms
@@ -60,7 +59,7 @@ def placed_by_bodies(
         return fit
     people = np.unique(bodies.identity)
     mean, sd = expected_heights(cues, people)
-    if not segments_agree(bodies, mean, people):
+    if not (segments_agree(bodies, mean, people) and parts_agree(bodies)):
         return fit
     scale, vertical = body_scale(bodies, mean, sd, people), body_vertical(bodies)
     if scale is None and vertical is None:
@@ -87,8 +86,8 @@ def _placed(
     turn = np.eye(3) if vertical is None else rotation_between(vertical.up, up)
     ground = None
     if vertical is not None and (measured or scale is not None):
-        ground = ground_below_hips(bodies, vertical.up, factor, people, height_mean)
-    placed = _moved(state, factor, turn, 0.0 if ground is None else ground)
+        ground = ground_below(bodies, vertical.up, factor, people, height_mean)
+    placed = _moved(state, factor, turn, 0.0 if ground is None else ground[0])
     stated = rows is not None and len(rows.heights) > 0
     if rows is not None and stated:
         low = placed.centre[rows.height_of, 2] - rows.heights[:, 0]
@@ -99,8 +98,8 @@ def _placed(
         held.append(along[SCALE : SCALE + 1] / scale.sd)
     if vertical is not None:
         held.append(np.linalg.cholesky(np.linalg.inv(_tilts(vertical, turn))).T @ along[[TILT_X, TILT_Y]])
-    by_hips = ground is not None and not stated
-    if by_hips:
+    ground_by = None if ground is None or stated else ground[1]
+    if ground_by is not None:
         held.append(along[Z : Z + 1] / GROUND_SD_M)
     trunk = None
     if scale is not None:
@@ -108,7 +107,8 @@ def _placed(
         trunk = (usual, usual * scale.sd)
     world = WorldRows(
         placed.R, placed.centre, np.concatenate(held), along[SCALE], trunk, 0 if scale is None else scale.people,
-        log_factor if measured else 0.0, GROUND_SD_M if by_hips else None,
+        log_factor if measured else 0.0, None if ground_by is None else GROUND_SD_M, () if scale is None else scale.segments,
+        () if vertical is None else vertical.parts, ground_by,
     )  # fmt: skip
     return placed, world
 

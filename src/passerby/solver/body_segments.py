@@ -1,35 +1,37 @@
-"""Scale, up direction and ground from trunks and arms, where nobody is seen from head to feet.
+"""Scale and ground from trunks and arms, where no person is seen from head to feet.
 
-Joints that several cameras share fix how the cameras stand to each other, and place the joints of each body in space. What is
-left is one similarity: its scale by the lengths of body segments as shares of stature, its up direction by trunks, which are
-upright on the mean, and its ground by the height of hips. Lengths of segments do not change with posture; hips do, so that the
-ground is a guess that anything better replaces.
+Joints that several cameras share fix the relative poses of the cameras, and place the joints of each body in space. What is
+left is one similarity: its scale by the lengths of body segments as shares of stature, its up direction by the upright parts of
+the body (`body_vertical`), and its ground by the height of hips, shoulders or heads. Posture does not change the lengths of
+segments, but it changes these heights, so that the ground is a guess that anything better replaces.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from passerby.common.arrays import Floats, Ints
 from passerby.core.cameras import Rig
-from passerby.core.observations import MIN_JOINT_SCORE, Observations
-from passerby.geometry.groups import group_numbers
+from passerby.core.observations import MIN_JOINT_SCORE, Keypoints, Observations
+from passerby.geometry.groups import group_medians, group_numbers
+from passerby.geometry.robust import NORMAL_BY_MAD
 from passerby.geometry.triangulation import angular_residuals, in_camera_frames, triangulate
+from passerby.people.segments import BODY_HEIGHTS, HEAD
 
 MOST_BODIES = 4000
 """Person-instants that are measured; more are drawn at random."""
-MIN_BODIES = 8
-"""Of one person, for a length or a direction of this person to count."""
-MOST_OFF_RAD = 0.02
-"""Joints whose rays miss each other by more are left out."""
+MOST_OFF = 5.0
+"""Joints whose rays miss each other by more than so many times the median are left out: 3.4 sigmas of normal errors."""
 
 
 @dataclass(frozen=True)
 class Segment:
     """A part of the body of constant length."""
 
+    name: str
+    """In the plural, for reports."""
     ends: tuple[tuple[str, str], ...]
     """The joints at its ends; both sides of the body where there are two."""
     share: float
@@ -39,35 +41,42 @@ class Segment:
 
 
 SEGMENTS = (
-    Segment((("shoulders", "hips"), ("left_shoulder", "left_hip"), ("right_shoulder", "right_hip")), 0.288, 0.08),
+    Segment("trunks", (("shoulders", "hips"), ("left_shoulder", "left_hip"), ("right_shoulder", "right_hip")), 0.288, 0.08),
     # Between the joints; from acromion to acromion it is 0.259.
-    Segment((("left_shoulder", "right_shoulder"),), 0.21, 0.12),
-    Segment((("left_shoulder", "left_elbow"), ("right_shoulder", "right_elbow")), 0.186, 0.07),
-    Segment((("left_elbow", "left_wrist"), ("right_elbow", "right_wrist")), 0.146, 0.08),
+    Segment("shoulders", (("left_shoulder", "right_shoulder"),), 0.21, 0.12),
+    Segment("upper arms", (("left_shoulder", "left_elbow"), ("right_shoulder", "right_elbow")), 0.186, 0.07),
+    Segment("forearms", (("left_elbow", "left_wrist"), ("right_elbow", "right_wrist")), 0.146, 0.08),
+    # From 0.11, ears, to 0.18, the crown (`BODY_HEIGHTS`); heads also nod.
+    Segment("heads over shoulders", (("shoulders", "head"),), 0.14, 0.25),
 )
-"""Those of the upper body. Hips are the least sure: detectors put them beside the joints, each in its own way."""
+"""Those of the upper body. Hips are the least certain: detectors put them beside the joints, each in its own way."""
 COMMON_SD = 0.05
 """What all segments are off by alike: clothes, and joints that lie deeper in the body than where detectors see them."""
 PROPORTION_SD = 0.04
 """How far a person's proportions are from the mean, as a share of lengths (Winter's tables: 3 to 5 %)."""
-DISAGREE = 0.35
-"""Logarithms of the scale that differ by more between segments speak of other joints than the names say."""
+CONTRADICTORY = 4.0
+"""A segment that gives a scale by so many sigmas off that of the others is of other joints than the names say. Rooms of ten
+keypoints have up to 3.1 with the right names, 4.3 to 11 where elbows are exchanged with wrists, hips or shoulders (seeds 4711
+to 4720)."""
+OUTLIER_SIGMAS = 3.0
+"""People whose segments give a scale that is farther off count less."""
+MEDIAN_VARIANCE = np.pi / 2
+"""Of the median of normal deviates, over that of their mean."""
 
-LEAN_SD, SIDEWAYS_SD = 0.20, 0.05
-"""Of one person's mean trunk, radians, forwards and sideways: people at a desk lean on it."""
-SWAY_SD = 0.15
-"""Of a trunk about its person's mean, radians, as often as posture is a new one."""
-SAME_POSTURE = 20
-"""Time steps in a row that count as one posture."""
-BENT_SIGMAS = 2.0
-"""Trunks that lean farther count less."""
-
-HIP_SHARE = 0.53
-"""Height of the hips of who stands, as a share of stature."""
+HIP_SHARE = BODY_HEIGHTS["hip"]
+"""Height of the hips of a standing person, as a share of stature."""
+STANDING_HEIGHTS = (
+    ("hips", ("hips", "left_hip", "right_hip"), HIP_SHARE),
+    ("shoulders", ("shoulders", "left_shoulder", "right_shoulder"), BODY_HEIGHTS["shoulder"]),
+    ("heads", ("head",), BODY_HEIGHTS["head"]),
+)
+"""What shows the ground below a body, the lowest part first: it moves least where people lean. Its name for reports, its
+joints, and their height as a share of stature."""
 STANDING_QUANTILE = 0.8
-"""Of each person's hip heights, and then of all people's: who stands is higher than who sits."""
+"""Of each person's heights, and then of all people's, by how often they were seen: standing people are higher than seated
+ones."""
 GROUND_SD_M = 0.25
-"""Of the ground by hips: all may sit, whose hips are 0.4 m lower."""
+"""Of the ground by such heights: all may sit, 0.4 m lower."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,18 +92,25 @@ class Bodies:
     joints: tuple[str, ...]
 
     def at(self, name: str) -> Floats:
-        """(N, 3) one joint; `shoulders` and `hips` are the middles of both."""
+        """(N, 3) one joint; `shoulders`, `hips` and `elbows` are the middles of both, `head` is any joint of the head."""
         if name == "shoulders":
             return self._middle("shoulder", "neck")
         if name == "hips":
             return self._middle("hip", "mid_hip")
+        if name == "elbows":
+            return self._middle("elbow")
+        if name == "head":
+            return _first_known(self._middle("ear"), *(self._joint(joint) for joint in HEAD))
+        return self._joint(name)
+
+    def _joint(self, name: str) -> Floats:
         if name not in self.joints:
             return np.full((len(self.points), 3), np.nan)
         return self.points[:, self.joints.index(name)]
 
-    def _middle(self, part: str, instead: str) -> Floats:
-        middle = 0.5 * (self.at(f"left_{part}") + self.at(f"right_{part}"))
-        return np.where(np.isfinite(middle), middle, self.at(instead))
+    def _middle(self, part: str, instead: str = "") -> Floats:
+        middle = 0.5 * (self._joint(f"left_{part}") + self._joint(f"right_{part}"))
+        return _first_known(middle, self._joint(instead))
 
 
 @dataclass(frozen=True)
@@ -105,23 +121,12 @@ class BodyScale:
     """The logarithm of what lengths have to be multiplied by."""
     sd: float
     people: int
-
-
-@dataclass(frozen=True, eq=False)
-class BodyVertical:
-    """What trunks say of the up direction."""
-
-    up: Floats
-    """(3,) unit vector in the rig's frame."""
-    covariance: Floats
-    """(2, 2) of its tilt about two directions orthogonal to it: the rows of `basis`."""
-    basis: Floats
-    """(2, 3)"""
+    segments: tuple[str, ...]
+    """The names of those that were measured."""
 
 
 def bodies_in_space(rig: Rig, R: Floats, centre: Floats, observations: Observations, rng: np.random.Generator) -> Bodies | None:
-    """All bodies whose joints two cameras or more share; None where none
-    are, or where cameras name joints differently.
+    """All bodies whose joints two cameras or more share; None where none are.
 
     Args:
         rig: names and lenses.
@@ -131,9 +136,10 @@ def bodies_in_space(rig: Rig, R: Floats, centre: Floats, observations: Observati
         rng: draws bodies where there are more than `MOST_BODIES`.
     """
     seen = [(c, keypoints) for c, name in enumerate(rig.names) if len(keypoints := observations[name].keypoints)]
-    if not seen or any(one.joints != seen[0][1].joints for _, one in seen):
+    if not seen:
         return None
-    joints = seen[0][1].joints
+    joints = tuple(dict.fromkeys(name for _, one in seen for name in one.joints))
+    seen = [(c, _in_order(one, joints)) for c, one in seen]
     camera = np.concatenate([np.full(len(one), c) for c, one in seen])
     identity, frame = (np.concatenate([getattr(one, name) for _, one in seen]) for name in ("identity", "frame"))
     body = group_numbers(identity, frame)
@@ -168,12 +174,26 @@ def _triangulated(camera: Ints, point: Ints, bearing: Floats, R: Floats, centre:
     there = np.isfinite(points[point]).all(axis=1)
     camera, point, bearing = camera[there], point[there], bearing[there]
     off = angular_residuals(in_camera_frames(points, camera, point, R, t), bearing)
-    points[point[~(off < MOST_OFF_RAD)]] = np.nan
+    if len(off):
+        points[point[~(off <= MOST_OFF * np.nanmedian(off))]] = np.nan
     return points
 
 
+def _in_order(keypoints: Keypoints, joints: tuple[str, ...]) -> Keypoints:
+    """The keypoints as columns of these joints, those that they lack with a score of 0."""
+    if keypoints.joints == joints:
+        return keypoints
+    at = [joints.index(name) for name in keypoints.joints]
+    xy, score = np.zeros((len(keypoints), len(joints), 2)), np.zeros((len(keypoints), len(joints)))
+    xy[:, at], score[:, at] = keypoints.xy, keypoints.score
+    return replace(keypoints, xy=xy, score=score, joints=joints)
+
+
 def body_scale(bodies: Bodies, height_mean: Floats, height_sd: Floats, people: Ints) -> BodyScale | None:
-    """The scale by the lengths of segments; None where there are none, or where they contradict each other.
+    """The scale by the lengths of segments; None where there are none.
+
+    Each segment of a person counts by how well segments of its kind are known and by how often it was measured. Where segments
+    differ by more than their sigmas, these are wider by as much (the scale factor of the Particle Data Group's averages).
 
     Args:
         bodies: in space.
@@ -181,110 +201,93 @@ def body_scale(bodies: Bodies, height_mean: Floats, height_sd: Floats, people: I
         height_sd: (P,) its standard deviation, with what all people have in common (`expected_heights`).
         people: (P,) their identities.
     """
-    logs = _factors(bodies, height_mean, people)
-    who = np.isfinite(logs).any(axis=1)
-    if not who.any() or not segments_agree(bodies, height_mean, people):
+    measured = _measured_segments(bodies, height_mean, people)
+    known = np.isfinite(measured.log)
+    who = known.any(axis=1)
+    if not who.any():
         return None
-    weight = np.where(np.isfinite(logs), 1 / np.array([segment.sd for segment in SEGMENTS]) ** 2, 0.0)[who]
-    own = (weight * np.nan_to_num(logs[who])).sum(axis=1) / weight.sum(axis=1)
-    information = 1 / ((height_sd[who] / height_mean[who]) ** 2 + PROPORTION_SD**2)
-    of_segments = 1 / np.sqrt(np.average(weight.sum(axis=1), weights=information))
-    sd = float(np.sqrt(1 / information.sum() + COMMON_SD**2 + of_segments**2))
-    return BodyScale(float(np.average(own, weights=information)), sd, int(np.count_nonzero(who)))
+    wider, _ = _disagreement(measured)
+    log, noise = np.nan_to_num(measured.log[who]), measured.noise[who]
+    weight = np.where(known[who], 1 / (measured.sd**2 + noise), 0.0)
+    share = weight / weight.sum(axis=1, keepdims=True)
+    own = (share * log).sum(axis=1)
+    variance = (height_sd[who] / height_mean[who]) ** 2 + PROPORTION_SD**2 + (share**2 * noise).sum(axis=1)
+    common = np.average(share, axis=0, weights=1 / variance)
+    of_segments = np.hypot(COMMON_SD, max(wider, 1.0) * np.linalg.norm(common * measured.sd))
+    sd = float(np.sqrt(1 / (1 / variance).sum() + of_segments**2))
+    names = tuple(SEGMENTS[k].name for k in np.flatnonzero(known.any(axis=0)))
+    return BodyScale(_robust_mean(own, variance), sd, int(np.count_nonzero(who)), names)
 
 
 def segments_agree(bodies: Bodies, height_mean: Floats, people: Ints) -> bool:
-    """Whether no two segments give quite different scales, as they do where joints stand under the names of others.
+    """Whether segments give about the same scale; they do not where joints have the names of others.
 
     Arguments as of `body_scale`.
     """
-    logs = _factors(bodies, height_mean, people)
-    found = [float(np.nanmedian(column)) for column in logs.T if np.isfinite(column).any()]
-    return not found or max(found) - min(found) <= DISAGREE
+    return _disagreement(_measured_segments(bodies, height_mean, people))[1] <= CONTRADICTORY
 
 
-def _factors(bodies: Bodies, height_mean: Floats, people: Ints) -> Floats:
-    """(P, S) logarithms of the scale by each person's segments; NaN where too few were measured."""
-    logs = np.full((len(people), len(SEGMENTS)), np.nan)
+@dataclass(frozen=True, eq=False)
+class _Measured:
+    """The logarithm of the scale by each segment of each person."""
+
+    log: Floats
+    """(P, S) NaN where it was not measured."""
+    noise: Floats
+    """(P, S) its variance by how often it was measured."""
+    sd: Floats
+    """(S,) of what all people's segments of a kind are off by alike. Noise lengthens by the square of its share."""
+
+
+def _measured_segments(bodies: Bodies, height_mean: Floats, people: Ints) -> _Measured:
+    """The segments of all people; arguments as of `body_scale`."""
+    log, noise = np.full((len(people), len(SEGMENTS)), np.nan), np.zeros((len(people), len(SEGMENTS)))
+    place = np.searchsorted(people, bodies.identity)
+    sd = np.array([segment.sd for segment in SEGMENTS])
     for k, segment in enumerate(SEGMENTS):
-        lengths = [np.linalg.norm(bodies.at(a) - bodies.at(b), axis=1) for a, b in segment.ends]
-        for p, identity in enumerate(people):
-            own = np.concatenate([length[bodies.identity == identity] for length in lengths])
-            own = own[np.isfinite(own) & (own > 0)]
-            if len(own) >= MIN_BODIES:
-                logs[p, k] = np.log(segment.share * height_mean[p] / np.median(own))
-    return logs
+        lengths = np.concatenate([np.linalg.norm(bodies.at(a) - bodies.at(b), axis=1) for a, b in segment.ends])
+        use = np.isfinite(lengths) & (lengths > 0) & np.tile(np.isin(bodies.identity, people), len(segment.ends))
+        if not use.any():
+            continue
+        person = np.tile(place, len(segment.ends))[use]
+        each = np.log(segment.share * height_mean[person] / lengths[use])
+        measured, number, count = np.unique(person, return_inverse=True, return_counts=True)
+        log[measured, k] = group_medians(number, each, len(measured))
+        scatter = NORMAL_BY_MAD * float(np.median(np.abs(each - np.median(each))))
+        noise[measured, k] = MEDIAN_VARIANCE * scatter**2 / count
+        sd[k] = np.hypot(sd[k], scatter**2)
+    return _Measured(log, noise, sd)
 
 
-def body_vertical(bodies: Bodies) -> BodyVertical | None:
-    """The up direction by trunks; None where there are none.
-
-    A person's trunk leans forwards or backwards by an angle of its own, which is an unknown with a prior: somebody who turns
-    tells both, somebody at a desk only what is sideways. Where no line from left to right is known, any way is forwards.
+def _disagreement(measured: _Measured) -> tuple[float, float]:
+    """By how many times the scales of segments differ more than their sigmas say, and by how many sigmas the one that is
+    farthest off differs from the others; 0 where one kind alone was measured.
     """
-    trunk = bodies.at("shoulders") - bodies.at("hips")
-    lines = [_unit(bodies.at(f"left_{part}") - bodies.at(f"right_{part}")) for part in ("shoulder", "hip")]
-    left = np.where(np.isfinite(lines[0]), lines[0], lines[1])
-    one_sided = not np.isfinite(trunk).any()
-    if one_sided:
-        sides = [bodies.at(f"{side}_shoulder") - bodies.at(f"{side}_hip") for side in ("left", "right")]
-        trunk = np.where(np.isfinite(sides[0]), sides[0], sides[1])
-    use = np.isfinite(trunk).all(axis=1)
-    turned = use & np.isfinite(left).all(axis=1)
-    sided = np.count_nonzero(turned) >= MIN_BODIES and not one_sided
-    use = turned if sided else use
-    if np.count_nonzero(use) < MIN_BODIES:
-        return None
-    direction = _unit(trunk[use])
-    person, frame = bodies.identity[use], bodies.frame[use]
-    up = _unit(direction.mean(axis=0)[None])[0]
-    found = None
+    known = np.isfinite(measured.log).any(axis=0)
+    if np.count_nonzero(known) < 2:
+        return 0.0, 0.0
+    at = np.nanmedian(measured.log[:, known], axis=0)
+    people = np.isfinite(measured.log[:, known]).sum(axis=0)
+    noise = measured.noise[:, known].sum(axis=0) / people**2
+    weight = 1 / (measured.sd[known] ** 2 + PROPORTION_SD**2 / people + noise)
+    off = at - np.average(at, weights=weight)
+    # Without one, the mean moves away from it by its share of the weight.
+    others = 1 - weight / weight.sum()
+    farthest = np.abs(off) * np.sqrt(weight / others)
+    return float(np.sqrt((off**2 * weight).sum() / (len(at) - 1))), float(farthest.max())
+
+
+def _robust_mean(values: Floats, variance: Floats) -> float:
+    """The mean of values (N,) weighted by 1 / variance (N,), those farther off than `OUTLIER_SIGMAS` less."""
+    mean = float(np.median(values))
     for _ in range(10):
-        basis = np.linalg.svd(up[None])[2][1:]
-        flat = direction @ basis.T
-        sideways = _unit(left[use] @ basis.T) if sided else np.tile([0.0, 1.0], (len(flat), 1))
-        tilt, covariance = _common_tilt(flat, sideways, SIDEWAYS_SD if sided else LEAN_SD, person, frame)
-        up = _unit((up + tilt @ basis)[None])[0]
-        found = BodyVertical(up, covariance, basis)
-        if np.linalg.norm(tilt) < 1e-5:
-            break
-    return found
+        weight = 1 / (variance + ((values - mean) / OUTLIER_SIGMAS) ** 2)
+        mean = float(np.average(values, weights=weight))
+    return mean
 
 
-def _common_tilt(flat: Floats, sideways: Floats, sideways_sd: float, person: Ints, frame: Ints) -> tuple[Floats, Floats]:
-    """(2,) what trunks lean by in common, and its covariance (2, 2).
-
-    Args:
-        flat: (N, 2) trunks as seen along the up direction assumed, radians.
-        sideways: (N, 2) unit vectors from right to left, likewise.
-        sideways_sd: of a person's mean trunk, radians.
-        person: (N,) whose they are.
-        frame: (N,) when.
-    """
-    people, number = np.unique(person, return_inverse=True)
-    instant = np.unique(frame, return_inverse=True)[1]
-    stretch = group_numbers(number, instant // SAME_POSTURE)
-    bent = np.linalg.norm(flat, axis=1) / (BENT_SIGMAS * np.hypot(LEAN_SD, SWAY_SD))
-    weight = 1 / ((1 + bent**2) * SWAY_SD**2 * np.bincount(stretch)[stretch])
-    forwards = np.column_stack([sideways[:, 1], -sideways[:, 0]])
-    size = 2 + 2 * len(people)
-    normal, right = np.zeros((size, size)), np.zeros(size)
-    for p in range(len(people)):
-        own = number == p
-        rows = np.zeros((np.count_nonzero(own), 2, size))
-        rows[:, :, :2] = np.eye(2)
-        rows[:, :, 2 + 2 * p], rows[:, :, 3 + 2 * p] = forwards[own], sideways[own]
-        weighted = rows * weight[own, None, None]
-        normal += np.einsum("nki,nkj->ij", weighted, rows)
-        right += np.einsum("nki,nk->i", weighted, flat[own])
-        normal[2 + 2 * p, 2 + 2 * p] += 1 / LEAN_SD**2
-        normal[3 + 2 * p, 3 + 2 * p] += 1 / sideways_sd**2
-    covariance = np.linalg.inv(normal)
-    return np.asarray((covariance @ right)[:2]), np.asarray(covariance[:2, :2], dtype=np.float64)
-
-
-def ground_below_hips(bodies: Bodies, up: Floats, factor: float, people: Ints, height_mean: Floats) -> float | None:
-    """The height of the ground along `up`, metres, as if the highest hips were of people who stand; None without hips.
+def ground_below(bodies: Bodies, up: Floats, factor: float, people: Ints, height_mean: Floats) -> tuple[float, str] | None:
+    """The height of the ground along `up`, metres, as if the highest people stood, and what shows it; None where nothing does.
 
     Args:
         bodies: in space.
@@ -293,17 +296,25 @@ def ground_below_hips(bodies: Bodies, up: Floats, factor: float, people: Ints, h
         people: (P,) identities.
         height_mean: (P,) expected stature, metres.
     """
-    sides = np.stack([bodies.at(name) @ up for name in ("hips", "left_hip", "right_hip")])
-    hips = factor * np.where(np.isfinite(sides[0]), sides[0], np.where(np.isfinite(sides[1]), sides[1], sides[2]))
-    own = [hips[(bodies.identity == identity) & np.isfinite(hips)] for identity in people]
-    found = [
-        np.quantile(height, STANDING_QUANTILE) - HIP_SHARE * mean
-        for height, mean in zip(own, height_mean, strict=True)
-        if len(height) >= MIN_BODIES
-    ]
-    return float(np.quantile(found, STANDING_QUANTILE)) if found else None
+    stature = height_mean[np.clip(np.searchsorted(people, bodies.identity), 0, len(people) - 1)]
+    under = np.array([
+        factor * (_first_known(*(bodies.at(name) for name in joints)) @ up) - share * stature
+        for _, joints, share in STANDING_HEIGHTS
+    ])  # fmt: skip
+    known = np.isfinite(under) & np.isin(bodies.identity, people)
+    use, first = known.any(axis=0), known.argmax(axis=0)
+    if not use.any():
+        return None
+    ground = under[first, np.arange(len(first))]
+    _, number, count = np.unique(bodies.identity[use], return_inverse=True, return_counts=True)
+    own = [np.quantile(ground[use][number == person], STANDING_QUANTILE) for person in range(len(count))]
+    by = STANDING_HEIGHTS[int(np.bincount(first[use]).argmax())][0]
+    return float(np.quantile(np.repeat(own, count), STANDING_QUANTILE)), by
 
 
-def _unit(vectors: Floats) -> Floats:
-    """The vectors at length 1; NaN stays."""
-    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12))
+def _first_known(*choices: Floats) -> Floats:
+    """(N, 3) of each body the first of these points (N, 3) that is known."""
+    found = choices[0]
+    for choice in choices[1:]:
+        found = np.where(np.isfinite(found), found, choice)
+    return found

@@ -39,7 +39,13 @@ class WorldRows:
     scale_off: float = 0.0
     """By how much the logarithm of the scale, as placed, is below that of segments; not 0 where a measured length placed it."""
     ground_sd_m: float | None = None
-    """One sigma of the ground, where hips alone tell it, metres."""
+    """One sigma of the ground, where the heights of bodies alone give it, metres."""
+    segments: tuple[str, ...] = ()
+    """Names of the segments that give the scale."""
+    upright: tuple[str, ...] = ()
+    """Names of the parts of the body that give the up direction, the most frequent first."""
+    ground_by: str | None = None
+    """Name of the part of the body that gives the ground; None where `ground_sd_m` is."""
 
     def moved(self, state: AdjustmentState) -> Floats:
         """(6 C,) of the cameras since then."""

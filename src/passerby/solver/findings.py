@@ -58,7 +58,16 @@ def notices_about(start: Initialisation, fit: Fit) -> list[Finding]:
     ]
     cues = fit.model.problem.cues
     if cues is not None and cues.world is not None and cues.world.ground_sd_m is not None:
-        out.append(notice("ground_by_hips", sigma_m=cues.world.ground_sd_m))
+        world = cues.world
+        out.append(
+            notice(
+                "ground_by_hips",
+                sigma_m=world.ground_sd_m,
+                by=world.ground_by,
+                up=list(world.upright),
+                scale=list(world.segments),
+            )
+        )
     noise = height_noise(fit, start.evidence)
     if noise > _MAX_HEIGHT_NOISE:
         out.append(notice("boxes_noisy", noise_percent=100 * noise))

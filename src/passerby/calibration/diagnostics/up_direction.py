@@ -11,16 +11,20 @@ from dataclasses import replace
 import numpy as np
 
 from passerby.common.arrays import Floats
+from passerby.common.text import listed
 from passerby.core.cameras import Rig
 from passerby.core.figures import AdjustedFigures, UpFigures
 from passerby.core.observations import Observations
 from passerby.core.solution import Solution
 from passerby.findings.finding import Finding, notice
-from passerby.solver.body_segments import Bodies, bodies_in_space, body_vertical
+from passerby.solver.body_segments import Bodies, bodies_in_space
+from passerby.solver.body_vertical import body_vertical
 
 GROUND_SLOPE_DEG = 1.0
 """One sigma of the slope of a ground of which nothing is known. Floors are level; paved ways slope by up to 1.2 degrees across
 (1 in 48) and ramps by up to 4.8 (1 in 12): the limits of the ADA Standards for Accessible Design of 2010, 403.3 and 405.2."""
+LEAST_BODIES = 8
+"""Trunks of one person, to be compared with those of others."""
 LEAST_PEOPLE = 5
 """With trunks, for the differences between them to show how well their mean is known."""
 COMMON_LEAN_DEG = 0.5
@@ -42,10 +46,9 @@ def up_figures(solution: Solution, instants: Observations, rng: np.random.Genera
         return None
     assert figures.vertical_sigma_deg is not None
     if not any(camera.sightings for camera in figures.cameras):
-        return UpFigures(direction="trunks", gravity_sigma_deg=figures.vertical_sigma_deg)
-    rig = solution.rig.posed()
-    R, centre = (np.array([getattr(camera.pose, name) for camera in rig]) for name in ("R_cw", "centre"))
-    found = _mean_tilt(bodies_in_space(rig, R, centre, instants, rng))
+        direction = listed(_upright_parts(solution, instants, rng)) or "trunks"
+        return UpFigures(direction=direction, gravity_sigma_deg=figures.vertical_sigma_deg)
+    found = _mean_tilt(_bodies(solution, instants, rng))
     if found is None:
         sigma = float(np.hypot(figures.vertical_sigma_deg, GROUND_SLOPE_DEG))
         return UpFigures(direction="ground normal", gravity_sigma_deg=sigma)
@@ -62,6 +65,20 @@ def up_figures(solution: Solution, instants: Observations, rng: np.random.Genera
     return UpFigures(direction="ground normal", gravity_sigma_deg=sigma, tilt_deg=size, tilt_sigma_deg=along_sigma)
 
 
+def _bodies(solution: Solution, instants: Observations, rng: np.random.Generator) -> Bodies | None:
+    """Bodies in the world of a solution."""
+    rig = solution.rig.posed()
+    R, centre = (np.array([getattr(camera.pose, name) for camera in rig]) for name in ("R_cw", "centre"))
+    return bodies_in_space(rig, R, centre, instants, rng)
+
+
+def _upright_parts(solution: Solution, instants: Observations, rng: np.random.Generator) -> tuple[str, ...]:
+    """The parts of the body that show the up direction."""
+    bodies = _bodies(solution, instants, rng)
+    vertical = None if bodies is None else body_vertical(bodies)
+    return () if vertical is None else vertical.parts
+
+
 def _mean_tilt(bodies: Bodies | None) -> tuple[Floats, Floats] | None:
     """(2,) how far trunks are from z along x and y, degrees, and its covariance (2, 2); None where few people show it.
 
@@ -69,9 +86,12 @@ def _mean_tilt(bodies: Bodies | None) -> tuple[Floats, Floats] | None:
     """
     if bodies is None:
         return None
+    trunks = np.isfinite(bodies.at("shoulders") - bodies.at("hips")).all(axis=1)
     tilts = []
     for identity in np.unique(bodies.identity):
-        own = bodies.identity == identity
+        own = trunks & (bodies.identity == identity)
+        if np.count_nonzero(own) < LEAST_BODIES:
+            continue
         vertical = body_vertical(
             replace(bodies, identity=bodies.identity[own], frame=bodies.frame[own], points=bodies.points[own])
         )

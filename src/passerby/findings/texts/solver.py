@@ -35,6 +35,14 @@ def _uncertain(v: Fields) -> str:
     return f"{text}, since {why.problem}" if why else text
 
 
+def _gives(v: Fields) -> str:
+    """What gives scale and up direction; empty in files of an older Passerby."""
+    named = [
+        f"{listed(v[key])} give {what}" for key, what in (("scale", "the scale"), ("up", "the up direction")) if v.get(key)
+    ]
+    return f"{' and '.join(named)}, but " if named else ""
+
+
 def _to_be_certain(v: Fields) -> str:
     if v["why"] and v["why"].remedy:
         return str(v["why"].remedy)
@@ -147,9 +155,10 @@ SOLVER: Mapping[str, Kind] = {
         subjects=lambda v: _SUBJECTS.get(v["what"], ()),
     ),
     "ground_by_hips": Kind(
-        NOTICE, "Nobody is seen from head to feet: the height of the ground is a guess from the height of hips.",
-        "nobody is seen from head to feet: trunks and arms give the scale and the up direction, but the height of the ground "
-        "is a guess from the height of hips ({sigma_m:.2f} m, 1 sigma)",
+        NOTICE, "No person is seen from head to feet: the height of the ground is a guess from the height of hips, shoulders "
+        "or heads (`by`); `scale` and `up` have the parts of the body that give the scale and the up direction.",
+        lambda v: f"no person is seen from head to feet: {_gives(v)}the height of the ground is a guess from the height of "
+        f"{v.get('by', 'hips')} ({v['sigma_m']:.2f} m, 1 sigma)",
         "state the height of a camera under [[scale.camera_heights]], or turn a camera so that it sees feet",
         subjects=("vertical",),
     ),
