@@ -1,8 +1,8 @@
 """Do boxes lie on bodies as their format says?
 
-Centres of boxes that are taken for their corners put boxes half a body too low. The heights of cameras absorb that for people of
-one stature. Taller people then reach farther below the ground than shorter ones: by half of what their statures differ. So the
-shift of boxes along their own height is one more unknown, of each camera or of all alike. It is estimated by one
+Centres of boxes that are taken for their corners put boxes half a body too low. The heights of cameras absorb that for people
+of one stature. Taller people then reach farther below the ground than shorter ones: by half of what their statures differ. So
+the shift of boxes along their own height is one more unknown, of each camera or of all alike. It is estimated by one
 linearisation at the optimum.
 """
 
