@@ -53,7 +53,7 @@ def lens_evidence(problem: PeopleProblem, state: AdjustmentState, inflation: flo
     weighted = partial(downweight, inflation=inflation)
     terms = replace(problem, lens_weight=np.ones(())).terms(state, jacobians=True)
     inverse = inverse_of(NormalEquations(problem.layout, [weighted(term) for term in terms]).reduce().H)
-    alike = ConsiderParameters.of_lower_edges(problem, state), ConsiderParameters.of_growing_heights(problem, state)
+    alike = ConsiderParameters.of_lower_edges(problem, state), ConsiderParameters.of_each_camera(problem, state)
     moved = np.concatenate([one.moved(inverse, problem, terms, weighted) for one in alike], axis=1)
     at = lens_places(problem.n_cameras, problem.layout.camera_size, problem.n_lens)
     variance, biased = np.diag(inverse)[at], (moved[at] ** 2).sum(axis=2)
