@@ -52,7 +52,7 @@ class Figure:
 FIGURES: Mapping[str, Figure] = MappingProxyType({
     "points": Figure(
         USABLE_M, "USABLE_M in `core/usability.py`",
-        "one sigma of how far a camera's rays pass beside places, metres; the worst camera, at people or on shared ground",
+        "one sigma of how far a camera's rays pass beside places, metres; the worst camera",
         CODE, False, (0.05, 0.1, 0.15, 0.2, 0.25, 0.35, 0.5, 1.0),
     ),
     "ground": Figure(
@@ -134,7 +134,7 @@ def _calibrated(name: str, seed: int) -> tuple[Calibration, list[Rig]]:
 def _values(found: Calibration) -> dict[str, float]:
     figures = found.figures
     known = adjusted(figures)
-    measured = [one for at in (known.measuring, known.around) if at is not None for one in at.cameras.values()]
+    measured = [] if known.measuring is None else list(known.measuring.cameras.values())
     ground = figures.ground
     slope = math.nan if ground is None or ground.slope_deg is None else ground.slope_deg
     sigmas = slope / ground.slope_sigma_deg if ground is not None and ground.slope_sigma_deg else math.nan

@@ -214,7 +214,7 @@ def test_a_frame_rate_that_is_far_off_is_told_with_the_right_one(tmp_path, state
     assert calibration.exit_status == 3
     assert_near_truth(calibration, simulated.rig, ["C1", "C2", "C4"])
     (lost,) = [doubt for doubt in calibration.doubts if "C3" in doubt.cameras]
-    fixed = lost.values["fixed_by"]
+    fixed = lost.values["why"]["values"]["fixed_by"]
     assert (fixed["code"], fixed["cameras"][0]) == ("other_rate_fits", "C3")
     assert (fixed["values"]["fits_fps"], fixed["values"]["fps"]) == (pytest.approx(5.0), stated)
     one_sentence(calibration.reasons, "camera C3", f"at 5 frames per second instead of {stated:g}", "check its fps")

@@ -59,7 +59,7 @@ def test_identities_given_and_no_clock_searched_for_a_drift_is_told():
     assert calibration.verdict == "doubtful"
     (told,) = [reason for reason in calibration.reasons if "drifts" in reason]
     assert told.startswith("the clock of C3 drifts by 1.")
-    assert told.endswith('check its fps, or estimate it: under [solver] set refine = ["clock_rate"]')
+    assert told.endswith('check fps, or estimate it: under [solver] set refine = ["clock_rate"]')
 
 
 def test_clocks_in_step_stay_as_stated():

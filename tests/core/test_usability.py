@@ -18,7 +18,7 @@ from passerby.core.usability import (
     usable_m,
     with_doubts_of_uncertainty,
 )
-from passerby.findings.finding import notice
+from passerby.findings.finding import Finding, notice
 from passerby.findings.texts import text_of
 
 LENS = Lens((800, 600), np.array([[700.0, 0, 400], [0, 700, 300], [0, 0, 1]]), np.zeros(0))
@@ -50,11 +50,15 @@ def test_nothing_is_said_of_a_rig_that_measures_well() -> None:
     assert doubts_of_uncertainty(rig(), SOUND, [notice("few_observations", "C1", agreeing=12)]) == []
 
 
-def test_a_camera_that_measures_points_too_vaguely_where_people_walked_or_around() -> None:
+def test_a_rig_without_poses_measures_nothing() -> None:
+    nowhere = Rig(tuple(replace(camera, pose=None) for camera in rig()))
+    assert doubts_of_uncertainty(nowhere, figures(), []) == []
+
+
+def test_a_camera_that_measures_points_too_vaguely() -> None:
     vague = measuring(0.01, 1.0, 0.01)
-    for found in (figures(vague), replace(SOUND, around=vague)):
-        (doubt,) = doubts_of_uncertainty(rig(), found, [])
-        assert (doubt.cameras, doubt.values["what"], doubt.values["sigma"]) == (("C2",), "points", pytest.approx(1000.0))
+    (doubt,) = doubts_of_uncertainty(rig(), figures(vague), [])
+    assert (doubt.cameras, doubt.values["what"], doubt.values["sigma"]) == (("C2",), "points", pytest.approx(1000.0))
 
 
 def test_a_camera_that_sees_no_shared_place_counts_by_its_position() -> None:
@@ -73,7 +77,7 @@ def test_how_well_points_have_to_be_known_goes_by_the_size_of_the_rig(factor: fl
 
 @pytest.mark.parametrize("reach", [None, 0.5, 1.0, 8.0])
 def test_the_height_of_the_ground_counts_not_how_flat_a_camera_looks(reach: float | None) -> None:
-    limit = ON_GROUND * usable_m(rig()) * max(reach or 1.0, 1.0)
+    limit = ON_GROUND * max(usable_m(rig()), USABLE_M) * max(reach or 1.0, 1.0)
     for ground_m, count in ((0.9 * limit, 0), (1.1 * limit, 3)):
         own = measuring(0.01, 0.01, 0.01, ground_m=ground_m)
         own = replace(own, cameras={name: replace(one, reach=reach) for name, one in own.cameras.items()})
@@ -92,12 +96,18 @@ def test_what_nothing_fixes_has_no_sigma() -> None:
     free = replace(SOUND, undetermined=("scale", "vertical", "camera C2"))
     found = doubts_of_uncertainty(rig(), free, [])
     assert [(one.values["what"], one.values["sigma"], one.values["lacks"], one.cameras) for one in found] == [
-        ("scale", None, ["scale"], ()), ("ground", None, ["vertical"], ()), ("points", None, [], ("C2",)),
+        ("world", None, ["scale", "vertical"], ()), ("points", None, [], ("C2",)),
     ]  # fmt: skip
     assert [text_of(one).split(":")[0] for one in found] == [
-        "nothing fixes the scale", "nothing fixes the up direction",
+        "nothing fixes the scale and the up direction",
         "the pose of camera C2 relative to the others is not determined",
     ]  # fmt: skip
+
+
+@pytest.mark.parametrize(("lacks", "what"), [("scale", "scale"), ("vertical", "ground"), ("height of the ground", "ground")])
+def test_what_nothing_fixes_is_of_the_scale_or_of_the_ground(lacks: str, what: str) -> None:
+    (doubt,) = doubts_of_uncertainty(rig(), replace(SOUND, undetermined=(lacks,)), [])
+    assert (doubt.values["what"], doubt.values["lacks"]) == (what, [lacks])
 
 
 def test_an_adjustment_that_ended_too_early_says_nothing_of_how_well_it_measures() -> None:
@@ -106,17 +116,24 @@ def test_an_adjustment_that_ended_too_early_says_nothing_of_how_well_it_measures
     assert (doubt.values["sigma"], doubt.values["why"]["code"]) == (None, "adjustment_not_converged")
 
 
-def test_of_people_who_are_not_spread_the_sigmas_say_too_little() -> None:
-    (doubt,) = doubts_of_uncertainty(rig(), SOUND, [notice("people_not_spread", shape="line", length_m=14.2)])
+@pytest.mark.parametrize(
+    ("why", "text"),
+    [
+        (notice("people_not_spread", shape="line", length_m=14.2), "one straight line"),
+        (notice("boxes_noisy", noise_percent=40.0), "of their own height"),
+    ],
+)
+def test_beside_these_the_sigmas_say_too_little(why: Finding, text: str) -> None:
+    (doubt,) = doubts_of_uncertainty(rig(), SOUND, [why])
     assert (doubt.cameras, doubt.values["what"], doubt.values["sigma"]) == ((), "points", None)
-    assert "one straight line" in text_of(doubt)
+    assert text in text_of(doubt)
 
 
 def test_a_doubt_says_why_and_the_notice_is_not_said_twice() -> None:
-    noisy, few = notice("boxes_noisy", noise_percent=40.0), notice("few_observations", "C2", agreeing=12)
+    uneven, few = notice("ground_uneven", rise_m=0.4, at=None), notice("few_observations", "C2", agreeing=12)
     vague = figures(measuring(0.01, 1.0, 0.01))
-    found = with_doubts_of_uncertainty(rig(), vague, [noisy, few])
-    assert [one.code for one in found] == ["boxes_noisy", "rig_uncertain"]
+    found = with_doubts_of_uncertainty(rig(), vague, [uneven, few])
+    assert [one.code for one in found] == ["ground_uneven", "rig_uncertain"]
     assert found[-1].values["why"]["code"] == "few_observations"
     assert "12 supporting" in text_of(found[-1])
     # A notice of another camera explains nothing of this one.

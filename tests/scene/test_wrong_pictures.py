@@ -183,7 +183,10 @@ def test_findings_of_the_files_are_told_with_the_path(tmp_path: Path) -> None:
         {"A": lens, "B": lens}, {"A": boxes, "B": other.take(frame % 2 == 0)}, fps=5.0, association={"mode": "given"}
     )
     assert found.verdict != "accepted"
-    assert any("camera A: all people lie within 960 x 540 of the 1920 x 1080 image" in reason for reason in found.reasons)
+    assert any(
+        "camera A: its people seem to be detected in images of 960 x 540, not of the stated 1920 x 1080" in reason
+        for reason in found.reasons
+    )
 
 
 def sideways(made: SimulatedScene, name: str, turn: int) -> tuple[Lens, CameraObservations]:

@@ -10,13 +10,14 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from passerby.common.arrays import Floats
+from passerby.core.cameras import Camera, Lens, Rig
 from passerby.core.scale_cues import ScaleCues
 from passerby.geometry.relative_pose import PairHypothesis
 from passerby.solver import initialisation
 from passerby.solver.initialisation import Initialisation, InitialRig, select_initial_rig
 from passerby.solver.people import PeopleOptions
 from passerby.solver.pose_graph import spanning_trees
-from passerby.solver.registrations import contradicted
+from passerby.solver.registrations import contradicted, doubts_about_registrations
 from support.scenes.people_and_rigs import part, simulated, without_poses
 
 CENTRES = np.array([[0.0, 0.0, 3.0], [20.0, 0.0, 3.0], [20.0, 15.0, 3.0]])
@@ -57,6 +58,16 @@ def test_only_registrations_by_tracks_count() -> None:
     """What identities say is judged by how many agree."""
     moved = CENTRES + [[0, 0, 0], [0, 0, 0], [12.0, -12.0, 0]]
     assert contradicted([replace(h, route="ground") for h in ALL], TURNS, moved) == []
+
+
+def test_a_registration_by_a_first_guess_of_a_lens_contradicts_nothing() -> None:
+    """The rig's own lens may be another one, and by it the registration would be another one."""
+    moved = CENTRES + [[0, 0, 0], [0, 0, 0], [12.0, -12.0, 0]]
+    lens = Lens((800, 600), np.array([[700.0, 0, 400], [0, 700, 300], [0, 0, 1]]), np.zeros(0))
+    for guessed, pairs in (((), [("A", "C"), ("B", "C")]), (("A",), [("B", "C")]), (("C",), [])):
+        rig = Rig(tuple(Camera(name, replace(lens, uncalibrated=name in guessed)) for name in "ABC"))
+        found = doubts_about_registrations(rig, ALL, TURNS, moved)
+        assert sorted(one.cameras for one in found) == pairs
 
 
 def first_guess(monkeypatch: pytest.MonkeyPatch, *against: int) -> InitialRig:

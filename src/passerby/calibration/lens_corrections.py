@@ -88,14 +88,11 @@ def with_focal_changes(figures: AdjustedFigures, result: LensResult) -> Adjusted
 
 def with_unsettled_lenses(figures: AdjustedFigures, result: LensResult) -> AdjustedFigures:
     """The figures with how differently the rig measures by the likeliest of explanations that fit about as well."""
-    if result.decision != "unsettled" or result.found is None or result.found.moved is None:
+    found = result.found if result.decision == "unsettled" else None
+    if found is None or found.moved is None or figures.measuring is None:
         return figures
-    moved = result.found.moved
-    ground = {name: one.median_mm for name, one in moved.cameras.items()}
-    measuring, around = (
-        None if one is None else one.with_errors(moved.points.median_mm, ground) for one in (figures.measuring, figures.around)
-    )
-    return replace(figures, measuring=measuring, around=around)
+    ground_mm = {name: one.median_mm for name, one in found.moved.cameras.items()}
+    return replace(figures, measuring=figures.measuring.with_errors(found.moved.points.median_mm, ground_mm))
 
 
 def _corrections(made: Sequence[FoundLenses]) -> tuple[Finding, ...]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from passerby.calibration.diagnostics.verdict import people_not_spread
 from passerby.calibration.estimation import Estimate
 from passerby.calibration.repairs import Correction
 from passerby.core.synchronisation import clocks_of
@@ -52,7 +53,9 @@ def corrected_clocks(corrections: Sequence[Correction]) -> tuple[Finding, ...]:
 
 def _examined(inputs: SceneInputs, estimate: Estimate, *, only_clocks: bool = False) -> list[ReadCamera]:
     seen = inputs.observations
-    if estimate.solution.verdict == "refused":
+    rig, instants = estimate.solution.rig, estimate.association.instants
+    # From people on one line, an image and its mirror image are the same.
+    if estimate.solution.verdict == "refused" or people_not_spread(rig, instants) is not None:
         return []
     known = bool(seen.clocks) or seen.fps is not None
-    return examine_readings(estimate.solution, estimate.association.instants, clocks=known, only_clocks=only_clocks)
+    return examine_readings(estimate.solution, instants, clocks=known, only_clocks=only_clocks)

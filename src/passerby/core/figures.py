@@ -363,8 +363,6 @@ class AdjustedFigures(SolverFigures):
     """By camera; empty where no lens was refined."""
     measuring: MeasuringFigures | None = field(default=None, metadata=ABSENT)
     """None where no two cameras see where people walked, or cameras are free to go anywhere."""
-    around: MeasuringFigures | None = field(default=None, metadata=ABSENT)
-    """The same over the ground that the cameras share, whether people walked there or not."""
     refinement: LensRefinement | None = field(default=None, metadata=ABSENT)
     """None where stated lenses were not to be refined."""
 

@@ -35,9 +35,9 @@ _FITTING, _PREDICTING = Stopping(20, 1e-5), Stopping(40, 1e-6)
 
 
 def blocks_of(instant: Ints, person: Ints, per_second: float) -> tuple[Ints, int]:
-    """Block of each of N observations: one person during one stretch of time. No stretch is shorter than `STRETCH_S`.
+    """Block of each of N observations: one person during one stretch of time.
 
-    What is left at the end belongs to the last stretch: it errs as that does.
+    Stretches are of `STRETCH_S`, and what is left at the end.
 
     Args:
         instant: (N,)
@@ -47,10 +47,8 @@ def blocks_of(instant: Ints, person: Ints, per_second: float) -> tuple[Ints, int
     Returns:
         (N,) the blocks, and their number.
     """
-    steps = max(1.0, STRETCH_S * per_second)
     since = instant - instant.min(initial=np.iinfo(np.int64).max)
-    last = max((int(since.max(initial=0)) + 1) // steps - 1, 0)
-    keys = np.column_stack([np.minimum(since // steps, last), person]).astype(np.int64)
+    keys = np.column_stack([since // max(1.0, STRETCH_S * per_second), person]).astype(np.int64)
     blocks, block = np.unique(keys, axis=0, return_inverse=True)
     return block.reshape(-1), len(blocks)
 

@@ -17,7 +17,6 @@ from passerby.core.cameras import Camera, Pose, Rig
 from passerby.core.figures import CueFigures
 from passerby.core.lens import LARGEST_FOCAL_SD
 from passerby.core.lens_figures import LensFigures
-from passerby.core.measuring import common_ground
 from passerby.core.measuring_figures import MeasuringFigures, with_measuring_sigmas
 from passerby.core.missing_cameras import with_doubts_of_missing_cameras
 from passerby.core.observations import Observations
@@ -135,7 +134,7 @@ def solve_people(
     fit = placed_by_bodies(fit, observations, cues, options, rng)
     start = fit.start
     covariance, cues_said, lenses = _sure(start, fit, cues, observations)
-    measuring, around = _measuring(start, fit, covariance)
+    measuring = _measuring(start, fit, covariance)
     posed = with_measuring_sigmas(_placed(start.rig, fit.result.state, covariance), measuring)
     cues_said, disagreements = argue(cues_said)
     posed = _with_refined_sigmas(posed, lenses)
@@ -152,7 +151,7 @@ def solve_people(
         *far_lenses(lenses),
     ]
     figures = figures_of(start, choice, fit, covariance, cues_said, lenses)
-    figures = replace(figures, measuring=measuring, around=around, refinement=refinement)
+    figures = replace(figures, measuring=measuring, refinement=refinement)
     findings = with_doubts_of_missing_cameras(whole, findings)
     findings += doubts_of_uncertainty(whole, figures, findings)
     verdict = decide_verdict(whole, findings)
@@ -203,16 +202,12 @@ def _sure(
     return covariance, report, lens_figures(lenses, start.stated, start.rig)
 
 
-def _measuring(start: Initialisation, fit: Fit, covariance: RigCovariance) -> tuple[MeasuringFigures | None, ...]:
-    """How surely the rig measures where people walked, or where their joints were, and over the ground that cameras share."""
+def _measuring(start: Initialisation, fit: Fit, covariance: RigCovariance) -> MeasuringFigures | None:
+    """How surely the rig measures where people walked, or where their joints were."""
     state = fit.result.state
     places = state.people[:, :2] if len(state.people) else state.joints[:, :2]
     height_m = float(np.median(state.heights)) if len(state.heights) else 0.0
-    rig = _posed(start.rig, state)
-    return tuple(
-        measuring_uncertainty(rig, covariance.complete, where, height_m, covariance.free)
-        for where in (places, common_ground(rig))
-    )
+    return measuring_uncertainty(_posed(start.rig, state), covariance.complete, places, height_m, covariance.free)
 
 
 def _observed(fit: Fit) -> Rig:

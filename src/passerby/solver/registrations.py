@@ -47,5 +47,11 @@ def contradicted(hypotheses: Sequence[PairHypothesis], R: Floats, centre: Floats
 
 
 def doubts_about_registrations(rig: Rig, hypotheses: Sequence[PairHypothesis], R: Floats, centre: Floats) -> list[Finding]:
-    """That a rig contradicts registrations of its cameras: one finding a pair."""
-    return [doubt("arrangement_ambiguous", rig.names[h.a], rig.names[h.b]) for h in contradicted(hypotheses, R, centre)]
+    """That a rig contradicts registrations of its cameras by stated lenses: one finding a pair.
+
+    By a first guess of a lens, a registration may be off by more than a rig that contradicts it.
+    """
+    found = [(rig.cameras[h.a], rig.cameras[h.b]) for h in contradicted(hypotheses, R, centre)]
+    return [
+        doubt("arrangement_ambiguous", a.name, b.name) for a, b in found if not (a.lens.uncalibrated or b.lens.uncalibrated)
+    ]

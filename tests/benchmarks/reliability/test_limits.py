@@ -14,9 +14,9 @@ Bench = Callable[[str], ModuleType]
 PAGE = Path(__file__).resolve().parents[3] / "docs" / "results" / "limits.md"
 STATED = re.compile(r"`?(?P<name>[A-Z_]+)`? in `(?:passerby/)?(?P<module>[a-z_/]+)\.py`(?:: | is )(?P<values>[\d., ]*\d)")
 MEASURED = {
-    "HARMFUL_SHARE", "LEAST_ODDS", "HARMFUL_M", "POPULATION_BIAS", "AMBIGUOUS", "STEEP_DEG", "STEEP_SIGMAS",
+    "HARMFUL_SHARE", "LEAST_ODDS", "POPULATION_BIAS", "AMBIGUOUS", "STEEP_DEG", "STEEP_SIGMAS",
     "SIGMAS", "LEAST_S", "SPOILING_S", "HARMFUL_S", "HARMFUL_RATE", "BOXES_MISLEAD", "UNUSUAL_SIGMAS",
-    "DOUBT_POWER", "MAX_POSITION_M", "USUAL_EFFECT", "USUAL_COUNTS",
+    "DOUBT_POWER", "USABLE_M", "USUAL_EFFECT", "USUAL_COUNTS",
 }  # fmt: skip
 
 

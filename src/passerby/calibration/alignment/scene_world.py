@@ -122,9 +122,9 @@ def scaled_figures(figures: SolverFigures, scale: float) -> SolverFigures:
     people = figures.people
     if people is not None:
         people = replace(people, heights_m={who: scale * height for who, height in people.heights_m.items()})
-    measuring, around = (None if one is None else one.scaled(scale) for one in (figures.measuring, figures.around))
+    measuring = None if figures.measuring is None else figures.measuring.scaled(scale)
     cameras = tuple(_scaled_camera(camera, scale) for camera in figures.cameras)
-    return replace(figures, people=people, cameras=cameras, measuring=measuring, around=around)
+    return replace(figures, people=people, cameras=cameras, measuring=measuring)
 
 
 def _scaled_camera(camera: SolvedCamera, scale: float) -> SolvedCamera:

@@ -47,10 +47,9 @@ def height_error_m(shape: GroundShape) -> float:
 def on_ground(figures: AdjustedFigures, shape: GroundShape) -> AdjustedFigures:
     """The figures of an adjustment with what the shape of the ground does to positions on it."""
     height_m = height_error_m(shape)
-    if not height_m:
+    if not height_m or figures.measuring is None:
         return figures
-    measuring, around = (None if one is None else one.on_uneven_ground(height_m) for one in (figures.measuring, figures.around))
-    return replace(figures, measuring=measuring, around=around)
+    return replace(figures, measuring=figures.measuring.on_uneven_ground(height_m))
 
 
 def _steep(shape: GroundShape) -> bool:

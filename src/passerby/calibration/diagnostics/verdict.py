@@ -48,9 +48,7 @@ def judged(
     findings += [one for one in apart if not any(one.says_same(other) for other in findings)]
     if solution.verdict != "refused":
         findings = with_doubts_of_missing_cameras(solution.rig, findings)
-    # Joints have extent of their own: one person on the spot is enough.
-    with_joints = sum(len(observations[camera.name].keypoints) > 0 for camera in solution.rig) > 1
-    degenerate = None if with_joints else _one_line_or_spot(people_positions(solution.rig, observations))
+    degenerate = people_not_spread(solution.rig, observations)
     findings += [] if degenerate is None else [degenerate]
     findings = with_doubts_of_uncertainty(solution.rig, solution.figures, findings)
     return replace(solution, verdict=decide_verdict(solution.rig, findings), findings=tuple(findings))
@@ -96,6 +94,15 @@ def placed_people(rig: Rig, observations: Observations) -> tuple[Floats, Floats]
     )
     placed = np.isfinite(points).all(axis=1)
     return instants[placed], points[placed]
+
+
+def people_not_spread(rig: Rig, observations: Observations) -> Finding | None:
+    """That all people stay on one spot or walk on one line, which determines no rig; None where they do not.
+
+    Joints have extent of their own: with them one person on the spot is enough.
+    """
+    with_joints = sum(len(observations[camera.name].keypoints) > 0 for camera in rig) > 1
+    return None if with_joints else _one_line_or_spot(people_positions(rig, observations))
 
 
 def _one_line_or_spot(points: Floats) -> Finding | None:

@@ -12,7 +12,9 @@ PART_NAMES = {"vertical": "up direction"}
 """Words for the parts of the world that can be undetermined, where they are others."""
 
 
-_SUBJECTS: Mapping[str, tuple[Subject, ...]] = MappingProxyType({"scale": ("scale",), "ground": ("vertical",)})
+_SUBJECTS: Mapping[str, tuple[Subject, ...]] = MappingProxyType({
+    "scale": ("scale",), "ground": ("vertical",), "world": ("scale", "vertical")
+})  # fmt: skip
 
 
 def _uncertain(v: Fields) -> str:
@@ -39,7 +41,8 @@ def _to_be_certain(v: Fields) -> str:
     if v["lacks"] == ["scale"]:
         return "give a measured length under [scale], or boxes, or keypoints with heads and ankles"
     if v["lacks"]:
-        return "give boxes, or keypoints with heads and ankles, of people seen whole by two cameras"
+        length = "; a measured length under [scale] fixes the scale, but not the up direction" if "scale" in v["lacks"] else ""
+        return f"give boxes, or keypoints with heads and ankles, of people seen whole by two cameras{length}"
     if v["what"] == "scale":
         return "give a measured length under [scale]"
     return "record longer, or people nearer to it, seen from head to feet, all over the area that it shares with others"
@@ -139,7 +142,7 @@ SOLVER: Mapping[str, Kind] = {
     ),
     "rig_uncertain": Kind(
         DOUBT, "What the rig measures is too uncertain to use, or has no bound (`sigma` is null): `what` is points or ground "
-        "(mm, by a camera) or scale (%), `lacks` what nothing fixes of the world, `why` the finding that explains it.",
+        "(mm, by a camera), scale (%) or world, `lacks` what nothing fixes of the world, `why` the finding that explains it.",
         _uncertain, _to_be_certain, rank="symptom",
         subjects=lambda v: _SUBJECTS.get(v["what"], ()),
     ),
