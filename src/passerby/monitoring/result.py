@@ -214,6 +214,7 @@ class MonitoringResult:
             "moves": self._moves, "most_moved": self.most_moved,
             "by_joints": self.watched.by_joints, "thinning": self.thinning,
             "windows": [_window(window, self.names) for window in self.watched.windows],
+            "whole": [_window(window, self.names) for window in self.watched.whole],
             "notes": self.notes,
             "scene_file": self.sources.scene_file, "rig_file": self.sources.rig_file,
             "calibration_scene_file": self.sources.calibration_scene_file, "judged_by": self.sources.judged_by,
@@ -302,6 +303,7 @@ def _window(window: Window, names: Sequence[str]) -> dict[str, Any]:
             names[test.camera]: {
                 "score": test.score, "stretches": test.clusters, "told": test.is_clear,
                 "smallest_shift_m": test.smallest_m[0], "smallest_turn_deg": test.smallest_deg[0],
+                "worst_shift_m": test.smallest_m[1], "worst_turn_deg": test.smallest_deg[1],
             }
             for test in window.tests
         },

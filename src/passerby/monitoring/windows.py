@@ -103,7 +103,7 @@ class WindowRun(ABC):
         if found is None:
             return ()
         self.baseline = self.prior
-        self._settle_displaced(found.moved, self.since, self.end, lambda after: self._compared_since(after))
+        self._settle_displaced(found.moved, self.since, self.end, self._compared_since)
         return (Window(self.since, self.end, found.tests),)
 
     def _settle_displaced(
