@@ -1,4 +1,4 @@
-"""Estimates of a rig by all footage: their errors are as large as they state, also where windows differ by more than they state."""
+"""Estimates of a rig by all footage: their errors are as large as stated, even where windows differ by more than they state."""
 
 import numpy as np
 import pytest
