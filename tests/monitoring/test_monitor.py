@@ -47,7 +47,17 @@ def test_a_quiet_rig(tmp_path, capsys):
     assert run(["monitor", str(rig), str(scene), "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert [camera["state"] for camera in told["cameras"]] == ["steady"] * 4
-    assert all(0 < camera["smallest_turn_deg"] < 3 for camera in told["cameras"])
+    assert all(0 < camera["smallest_turn_deg"] < camera["worst_turn_deg"] < 3 for camera in told["cameras"])
+    (whole,) = told["whole"]
+    assert list(whole["cameras"]) == list(RIG.names)
+    for camera in told["cameras"]:
+        # All the footage shows smaller moves than one window.
+        assert whole["cameras"][camera["name"]]["worst_turn_deg"] < camera["worst_turn_deg"]
+    assert run(["monitor", str(rig), str(scene)]) == 0
+    rows = {row[0]: row[-2:] for row in map(str.split, capsys.readouterr().out.splitlines()) if row and row[0] in RIG.names}
+    assert rows == {
+        camera["name"]: [f"{camera['worst_shift_m']:.2f}", f"{camera['worst_turn_deg']:.1f}"] for camera in told["cameras"]
+    }  # fmt: skip
     found = passerby.monitor(rig, scene)
     assert found.exit_status == 0
     assert all(new is old for new, old in zip(found.rig, found.given, strict=True))

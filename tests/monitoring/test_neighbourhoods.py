@@ -63,6 +63,18 @@ def test_nothing_moves():
     assert len(found.windows) == 3
     assert sorted(test.camera for test in found.windows[0].tests) == list(range(16))
     assert all(window.clear(camera) for window in found.windows for camera in range(16))
+    (whole,) = found.whole
+    assert sorted(test.camera for test in whole.tests) == list(range(16))
+    assert max(test.score for test in whole.tests) < 3
+
+
+@pytest.mark.slow
+def test_a_turn_before_the_footage_that_no_window_shows_is_found_by_all_of_it():
+    pose = RIG["C6"].pose
+    found = watched({"C6": (-1.0, knocked(pose, pose.R_cw[:, 2]))}, seconds=300, people=2)
+    assert max(test.score for window in found.windows for test in window.tests) < WatchOptions().threshold
+    assert [(move.camera, move.others, move.moment) for move in found.moves] == [("C6", (), None)]
+    assert {test.camera for one in found.whole for test in one.tests} == set(range(16))
 
 
 @pytest.mark.slow

@@ -31,6 +31,36 @@ def test_nothing_moves(still):
     assert [window.clear(c) for window in still.windows for c in range(4)] == [True] * 12
     scores = [test.score for window in still.windows for test in window.tests]
     assert max(scores) < 3
+    (whole,) = still.whole
+    assert (whole.from_s, whole.until_s) == (still.from_s, still.until_s)
+    assert max(test.score for test in whole.tests) < 3
+
+
+@pytest.mark.parametrize("camera", RIG.names)
+def test_a_turn_before_the_footage_that_no_window_shows_is_found_by_all_of_it(camera):
+    """About the vertical, by a degree; two people, five minutes."""
+    before = RIG[camera].pose
+    turn = before.R_cw[:, 2]
+    seen = walkers(RIG, 300, people=2, knocks={camera: (-1.0, knocked(before, turn))})
+    found = watch(GIVEN, gather_rig_observations(GIVEN, seen))
+    assert max(test.score for window in found.windows for test in window.tests) < WatchOptions().threshold
+    (move,) = found.moves
+    assert (move.camera, move.others, move.moment) == (camera, (), None)
+    error = move.shift - np.concatenate([np.zeros(3), np.radians(turn)])
+    assert error @ np.linalg.solve(move.covariance, error) < 22.5  # 99.9 % of a chi squared of six
+    (whole,) = found.whole
+    assert max(whole.tests, key=lambda test: test.score).camera == RIG.names.index(camera)
+    assert all(test.smallest_deg[0] <= test.smallest_deg[1] < 1 for test in whole.tests)
+
+
+def test_all_footage_after_a_move_is_compared_with_the_new_pose():
+    after = knocked(RIG["C2"].pose, (0, 2, 0))
+    found = watch(GIVEN, gather_rig_observations(GIVEN, walkers(RIG, 300, knocks={"C2": (60.0, after)})))
+    (move,) = found.moves
+    (whole,) = found.whole
+    assert move.camera == "C2"
+    assert move.noticed_s <= whole.from_s < whole.until_s == found.until_s
+    assert max(test.score for test in whole.tests) < 3
 
 
 @pytest.mark.parametrize(

@@ -22,6 +22,7 @@ from passerby.common.progress import Progress
 from passerby.core.cameras import Rig
 from passerby.core.observations import Observations
 from passerby.geometry.groups import expanded_ranges
+from passerby.monitoring.evidence import MotionTest
 from passerby.monitoring.readjusting import joints_are_shared, watch_adjusted
 from passerby.monitoring.watched import Move, Watched, WatchOptions, Window
 from passerby.monitoring.watching import watch
@@ -159,8 +160,11 @@ def _watch(job: _Job) -> Watched:
     else:
         found = watch(job.rig, job.seen, job.options, ground=ground, span=job.span)
     own = found.names.index(job.camera)
-    windows = [replace(one, tests=tuple(test for test in one.tests if test.camera == own)) for one in found.windows]
-    return replace(found, windows=tuple(windows))
+
+    def of_own(windows: Sequence[Window]) -> tuple[Window, ...]:
+        return tuple(replace(one, tests=tuple(test for test in one.tests if test.camera == own)) for one in windows)
+
+    return replace(found, windows=of_own(found.windows), whole=of_own(found.whole))
 
 
 def _claims(watched: Watched, name: str) -> list[Move]:
@@ -170,21 +174,24 @@ def _claims(watched: Watched, name: str) -> list[Move]:
 
 def _joined(found: Mapping[str, Watched], names: tuple[str, ...], span: tuple[float, float]) -> Watched:
     """What each small rig says of its own camera."""
-    windows: dict[tuple[float, float], list[Window]] = {}
-    moves = []
-    for number, name in enumerate(names):
-        if name not in found:
-            continue
-        for window in found[name].windows:
-            tests = tuple(replace(test, camera=number) for test in window.tests)
-            windows.setdefault((window.until_s, window.from_s), []).append(replace(window, tests=tests))
-        moves += [_of_own(move, name) for move in _claims(found[name], name)]
+    known = [(number, name) for number, name in enumerate(names) if name in found]
+    moves = [_of_own(move, name) for _, name in known for move in _claims(found[name], name)]
     moves.sort(key=lambda move: (move.noticed_s, move.pose is None, names.index(move.camera)))
     return Watched(
-        names, tuple(_once(moves)),
-        tuple(Window(low, high, tuple(t for one in windows[high, low] for t in one.tests)) for high, low in sorted(windows)),
-        *span, by_joints=any(one.by_joints for one in found.values()),
+        names, tuple(_once(moves)), _side_by_side([(number, found[name].windows) for number, name in known]), *span,
+        by_joints=any(one.by_joints for one in found.values()),
+        whole=_side_by_side([(number, found[name].whole) for number, name in known]),
     )  # fmt: skip
+
+
+def _side_by_side(of_camera: Sequence[tuple[int, Sequence[Window]]]) -> tuple[Window, ...]:
+    """The windows of cameras with these numbers, those of the same times as one."""
+    tests: dict[tuple[float, float], list[MotionTest]] = {}
+    for number, windows in of_camera:
+        for one in windows:
+            own = tests.setdefault((one.until_s, one.from_s), [])
+            own += [replace(test, camera=number) for test in one.tests]
+    return tuple(Window(from_s, until_s, tuple(tests[until_s, from_s])) for until_s, from_s in sorted(tests))
 
 
 def _of_own(move: Move, name: str) -> Move:

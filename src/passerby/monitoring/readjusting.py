@@ -12,21 +12,13 @@ from dataclasses import replace
 import numpy as np
 
 from passerby.common.progress import Progress, silent
-from passerby.core.cameras import PoseSigma, Rig
+from passerby.core.cameras import Rig
 from passerby.core.observations import UNKNOWN, CameraObservations, Clock, Observations
-from passerby.monitoring.comparison import (
-    FEWEST_STRETCHES,
-    Comparison,
-    Displacement,
-    Estimate,
-    compare,
-    sigma_share,
-    untestable,
-)
+from passerby.monitoring.accumulated import Part, estimate_by_parts
+from passerby.monitoring.comparison import FEWEST_STRETCHES, Comparison, Estimate, compare, sigma_share, untestable
 from passerby.monitoring.evidence import Baseline, MotionTest, model_covariance
-from passerby.monitoring.moments import ChangePoint
-from passerby.monitoring.watched import Move, Watched, WatchOptions
-from passerby.monitoring.windows import FIRST_S, WindowRun
+from passerby.monitoring.watched import Watched, WatchOptions
+from passerby.monitoring.windows import WindowRun
 from passerby.people.held_cameras import GroundPlane
 from passerby.people.rig_observations import RigObservations, poses_of
 from passerby.people.scores import STRETCH_S
@@ -87,55 +79,53 @@ class _AdjustedRun(WindowRun):
         self.observations = observations
         self.clock = next(iter(observations.clocks.values()), None) or Clock(observations.fps or 1.0)
         self.comparison: Comparison | None = None
+        self.tested = self.start, self.start
+        """From when to when `comparison` is,"""
+        self.quiet: list[Part] = []
+        """and those windows in which nothing moved."""
         self.weighed = False
 
     def _tested(self, from_s: float, until_s: float) -> list[MotionTest]:
-        self.comparison = self._compared(from_s, until_s)
+        self.comparison, self.tested = self._compared(from_s, until_s), (from_s, until_s)
         if self.comparison is None:
             return [untestable(camera) for camera in range(len(self.names))]
         return list(self.comparison.tests)
 
     def _learn(self, found: Sequence[MotionTest]) -> None:
         if self.comparison is not None:
-            self.baseline = self.baseline.with_estimate(self.comparison.shift, self.comparison.information)
+            from_s, until_s = self.tested
+            # The last window may overlap with the one before.
+            fresh = max([from_s, *(one.until_s for one in self.quiet)])
+            share = (until_s - fresh) / max(until_s - from_s, 1e-9)
+            shift, information = self.comparison.shift, share * self.comparison.information
+            stretches = np.array([test.clusters for test in self.comparison.tests])
+            self.quiet.append(Part(fresh, until_s, shift, information, stretches * share))
+            self.baseline = self.baseline.with_estimate(shift, information)
 
     def _moved(self, found: Sequence[MotionTest], from_s: float, until_s: float) -> float:
         assert self.comparison is not None
-        every, moved = self.options.every_s, self.comparison.moved
-        moments = self._dated(moved, from_s, until_s)
-        known = [moment.seconds for moment in moments.values()]
-        after = max([from_s, *known])
-        high = min(max(after + every, until_s), self.end)
-        if after > from_s + FIRST_S:
-            # Some of the window shows the cameras where they were before.
-            again = self._compared(after, high)
-            if again is not None and again.moved:
-                moved, moments = again.moved, self._dated(again.moved, from_s, until_s)
-        for one in moved:
-            self._settle(one, moments.get(one.camera), until_s)
-        return high
+        end = self.end
 
-    def _dated(self, moved: Sequence[Displacement], from_s: float, until_s: float) -> dict[int, ChangePoint]:
-        """When cameras moved; nothing of those whose people no camera saw that stood still."""
-        cameras, found = [one.camera for one in moved], dict[int, ChangePoint]()
-        for camera in cameras:
-            seen = self._without(camera, cameras, from_s, until_s)
-            several = np.bincount(seen.group, minlength=seen.n_groups)[seen.group] > 1
-            if several[seen.camera == camera].any() and (moment := self._moment(camera, seen)) is not None:
-                found[camera] = moment
-        return found
+        def until(after: float) -> float:
+            """When a window ends that begins after a move."""
+            return min(max(after + self.options.every_s, until_s), end)
 
-    def _settle(self, one: Displacement, moment: ChangePoint | None, noticed: float) -> None:
-        """Note a move, and go on with the camera's new pose."""
-        name = self.names[one.camera]
-        if moment is not None and moment.seconds - self.start < FIRST_S:
-            moment = None
-        sigma = PoseSigma.from_covariance(one.pose_covariance)
-        others = tuple(self.names[c] for c in one.others)
-        self.moves.append(Move(name, noticed, moment, one.score, one.shift, one.covariance, one.pose, sigma, others))
-        self.baseline = self.baseline.replaced(one.camera, one.pose_covariance)
-        cameras = [replace(c, pose=one.pose, sigma=sigma) if c.name == name else c for c in self.rig.cameras]
-        self.rig = replace(self.rig, cameras=tuple(cameras))
+        return until(
+            self._settle_displaced(self.comparison.moved, from_s, until_s, lambda after: self._compared(after, until(after)))
+        )
+
+    def _compared_since(self, from_s: float) -> Comparison | None:
+        parts = [one for one in self.quiet if one.from_s >= from_s - 1e-9]
+        if not parts:
+            return None
+        R, centre = poses_of(self.rig, self.names)
+        estimate = estimate_by_parts(R, centre, parts)
+        if estimate is None:
+            return None
+        if self.since <= self.start:
+            share = sigma_share(centre, Baseline.of_rig(self.rig, self.names).estimate()[1], estimate)
+            self.prior = Baseline.of_rig(self.rig, self.names, share)
+        return compare(R, centre, self.prior.estimate(), estimate, self.options.threshold)
 
     def _compared(self, from_s: float, until_s: float) -> Comparison | None:
         """The rig against what a stretch of footage shows; None where that is nothing."""

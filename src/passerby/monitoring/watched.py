@@ -106,3 +106,5 @@ class Watched:
     until_s: float
     by_joints: bool = False
     """Whether each window's cameras were adjusted anew (`readjusting`), or tested as they stand."""
+    whole: tuple[Window, ...] = ()
+    """All the footage since the last move, compared with the rig at once; of many cameras, stretches of different lengths."""

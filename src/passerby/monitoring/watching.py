@@ -12,10 +12,12 @@ from passerby.common.arrays import Floats
 from passerby.common.progress import Progress, silent
 from passerby.core.cameras import PoseSigma, Rig
 from passerby.geometry.rotations import log_rotation
+from passerby.monitoring.accumulated import estimate_by_scores
+from passerby.monitoring.comparison import Comparison, compare
 from passerby.monitoring.evidence import MotionTest, rig_covariance_of, run_motion_tests
 from passerby.monitoring.moments import ChangePoint
 from passerby.monitoring.watched import Move, Watched, WatchOptions
-from passerby.monitoring.windows import FIRST_S, WindowRun
+from passerby.monitoring.windows import FIRST_S, PIECE_S, WindowRun
 from passerby.people.held_cameras import GroundPlane, fit_people
 from passerby.people.resection import Resection, resect_observations
 from passerby.people.rig_observations import RigObservations, poses_of
@@ -23,8 +25,6 @@ from passerby.people.scores import STRETCH_S, Scores, cluster_scores
 
 __all__ = ["WatchOptions", "Watched", "watch"]
 
-PIECE_S = 600.0
-"""Of footage that is worked on at once: memory stays at some 100 MB."""
 BEFORE_WINDOWS = 5
 """Windows before a move from which the pose before it is measured, at most."""
 UNLIKELY, CLEARER = 1.5, 1.2
@@ -77,6 +77,11 @@ class _ScoreRun(WindowRun):
 
     def _learn(self, found: Sequence[MotionTest]) -> None:
         self.baseline = self.baseline.with_scatter(found)
+
+    def _compared_since(self, from_s: float) -> Comparison | None:
+        R, centre = poses_of(self.rig, self.names)
+        estimate = estimate_by_scores(R, centre, self.scores.between(from_s, np.inf))
+        return None if estimate is None else compare(R, centre, self.prior.estimate(), estimate, self.options.threshold)
 
     def _scores(self, from_s: float) -> Scores:
         """The clusters from a time on, by the poses as they are now."""
