@@ -205,6 +205,24 @@ def build_problem(
     return AdjustmentProblem(problem, state, rows, renamed, used, joint_rows, joint_used, evidence.joint_kind[joint_used])
 
 
+def standing_extents(s: UprightObservations, centre: Floats, points: Floats, heights: Floats) -> Floats:
+    """(M,) pixels from the lowest to the highest point of people who stand upright.
+
+    Args:
+        s: sightings.
+        centre: (C, 3) of the cameras, metres.
+        points: (N, 3) the middles of the blocks' people, metres.
+        heights: (N,) of these people, standing, metres.
+    """
+    reach = points[s.block] - centre[s.camera]
+    distance = np.maximum(np.linalg.norm(reach, axis=1), 0.1)
+    # A vertical length is seen foreshortened by the sine of its angle with the ray; the tangent's rows are pixels a radian.
+    across = np.sqrt(np.maximum(1 - (reach[:, 2] / distance) ** 2, 0.05))
+    _, tangent = middle_rays(s)
+    pixels = np.linalg.norm(tangent[:, 1], axis=1) / distance
+    return np.asarray(pixels * across * ((s.top_fraction - s.bottom_fraction) * heights[s.block]))
+
+
 def _expected_extents(s: UprightObservations, person: Ints, rig: RigState, points: Floats, noise: Noise) -> Floats:
     """(M,) pixels that the people seen have, as far as that is known beforehand.
 
@@ -220,14 +238,7 @@ def _expected_extents(s: UprightObservations, person: Ints, rig: RigState, point
     """
     if not len(s):
         return np.zeros(0)
-    reach = points[s.block] - rig.centre[s.camera]
-    distance = np.maximum(np.linalg.norm(reach, axis=1), 0.1)
-    # A vertical length is seen foreshortened by the sine of its angle with the ray; the tangent's rows are pixels a radian.
-    across = np.sqrt(np.maximum(1 - (reach[:, 2] / distance) ** 2, 0.05))
-    _, tangent = middle_rays(s)
-    pixels = np.linalg.norm(tangent[:, 1], axis=1) / distance
-    length = (s.top_fraction - s.bottom_fraction) * rig.heights[person[s.block]]
-    standing = np.clip(pixels * across * length, 0.25 * s.extent_px, 4.0 * s.extent_px)
+    standing = np.clip(standing_extents(s, rig.centre, points, rig.heights[person]), 0.25 * s.extent_px, 4.0 * s.extent_px)
     seen_variance = (HEIGHT_PER_CENTRE * noise.box_px / standing) ** 2 + noise.height**2
     by_posture = seen_variance / (seen_variance + POSTURE_SD**2)
     return np.asarray(standing**by_posture * s.extent_px ** (1 - by_posture))
