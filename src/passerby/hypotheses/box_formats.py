@@ -14,6 +14,7 @@ from functools import partial
 import numpy as np
 
 from passerby.common.arrays import Floats, Ints
+from passerby.common.symmetric import inverse_of
 from passerby.hypotheses.comparison import LOG_ODDS
 from passerby.solver.lens_columns import WidenedLayout
 from passerby.solver.optimizer.least_squares import NormalEquations
@@ -107,9 +108,7 @@ def _shifts(problem: PeopleProblem, state: AdjustmentState, extent: Floats, infl
     weighted = partial(downweight, inflation=inflation)
     terms = [weighted(wide.widen(term, columns)) for term in problem.terms(state, jacobians=True)]
     system, own, new = NormalEquations(wide.layout, terms).reduce(), wide.own, wide.places.ravel()
-    scale = 1 / np.sqrt(np.maximum(np.diag(system.H)[own], 1e-12))
-    # Gauge freedoms of the rig have no information: the pseudo-inverse holds them.
-    inverse = np.linalg.pinv(system.H[np.ix_(own, own)] * scale[:, None] * scale, rcond=1e-10, hermitian=True)
-    back = system.H[np.ix_(new, own)] @ (inverse * scale[:, None] * scale)
+    # Gauge freedoms of the rig have no information.
+    back = system.H[np.ix_(new, own)] @ inverse_of(system.H[np.ix_(own, own)])
     information = system.H[np.ix_(new, new)] - back @ system.H[np.ix_(own, new)]
     return system.gradient[new] - back @ system.gradient[own], np.asarray(information)

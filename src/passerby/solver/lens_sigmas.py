@@ -62,9 +62,9 @@ def lens_evidence(problem: PeopleProblem, state: AdjustmentState, inflation: flo
         prior = prior + 1 / problem.lens_far**2
     # The share of what sightings say that is left beside the prior.
     share = np.clip(1 - prior * variance, 1e-3, 1.0)
-    told = share / variance
-    seen = state.lens * (1 + problem.lens_weight / inflation * prior / told)
-    random, total = np.sqrt(1 / told), np.sqrt(1 / told + biased / share**2)
+    information = share / variance
+    seen = state.lens * (1 + problem.lens_weight / inflation * prior / information)
+    random, total = np.sqrt(1 / information), np.sqrt(1 / information + biased / share**2)
     # Where nothing of a lens is stated, its principal point turns with the vertical, and that rests on how upright people are.
     boxes = by_boxes(problem)
     held = np.where(boxes | problem.lens_normal, BOXES_COUNT_LESS, 1.0)[:, None]

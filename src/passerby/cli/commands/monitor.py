@@ -106,8 +106,8 @@ def _show(found: MonitoringResult, verbose: bool, group: str) -> None:
     watched, rows = found.watched, []
     for name in found.cameras:
         one = found.camera(name)
-        told = MISSING if one.carried else f"{one.windows_told} of {one.windows}"
-        row = [name, one.state, told, number(one.worst_shift_m, 2), number(one.worst_turn_deg, 1)]
+        clear = MISSING if one.carried else f"{one.windows_told} of {one.windows}"
+        row = [name, one.state, clear, number(one.worst_shift_m, 2), number(one.worst_turn_deg, 1)]
         rows.append([*row, (one.as_of or MISSING) if one.carried else ""] if found.carried else row)
     span = f"{clock_time(watched.from_s)} to {clock_time(watched.until_s)}"
     show_table(
