@@ -1,7 +1,8 @@
 """Do the files of two cameras change places while they film? A recorder that swaps two of its channels writes such files.
 
-At that moment no person's box continues in its own file, and the boxes of each file continue in the other one. Detections
-without identities show this as well; where there are identities, a box that continues in its own file keeps its identity.
+At that moment people's boxes do not continue in their own file, and the boxes of each file continue in the other one. Only
+places in the image are compared, not identities, so that detections show this as well. The evidence is a ratio of likelihoods:
+a box continues with the usual share of its file where it is the same person, and with the share of chance where it is not.
 """
 
 from __future__ import annotations
@@ -16,28 +17,24 @@ from passerby.common.arrays import Bools, Floats, Ints
 from passerby.core.extents import extents_of
 from passerby.core.observations import CameraObservations
 from passerby.core.synchronisation import USUAL_FPS
-from passerby.findings.finding import Finding, notice
-from passerby.geometry.groups import rows_of_equal
+from passerby.findings.finding import Finding, doubt
+from passerby.geometry.groups import expanded_ranges, rows_of_equal
 from passerby.scene.camera_input import CameraInput
-from passerby.scene.scene import Scene
 
 LONGEST_STEP_S = 0.5
 """Frames farther apart are not compared: people are elsewhere by then."""
 FARTHEST_S = 5.0
 """Between the moments at which it happens in two files: recorders begin their files so much apart at most."""
 NEAR, NEAR_A_SECOND, RATIO = 0.15, 1.0, 0.2
-"""A box continues another one within so much of its height, and so much more a second (a fast walk), at a size that differs
+"""A box continues another one within this share of its height, plus this share a second (a fast walk), at a size that differs
 by less than this logarithm: the noise of a detector is within it."""
-FEWEST_SEEN, MOST_CONTINUED, LEAST_EXCHANGED = 2, 0.34, 0.5
-"""Boxes on both sides of such a moment, and the shares of them that continue in their own file at most, in the other at least;
-as many continue between most frames of a file."""
 OTHER_MOMENTS = 200
-"""Moments of a recording at which fewer boxes must continue in the other file than at the exchange."""
-CERTAIN, LIKELY = 8, 5
-"""Boxes of both files that continue in the other one: enough for an error of the input, and for a notice. In 72 right simulated
-scenes (three presets, 2.5 to 10 frames a second, seeds 400 to 423, up to 20 % of boxes missing; in a third of them two cameras
-turn at one time) there are 4 at most, in two of those with turns. Exchanged at half time, 45 have 8 or more, 55 have 5
-or more."""
+"""Moments of two recordings at which the share of chance is counted. People who stand still, or cameras side by side, have
+boxes at the same places of both images all the time."""
+LEAST_ODDS = 1000.0
+"""Evidence for one exchange, divided by the number of moments tried. In 48 right simulated scenes (those of the coverage part,
+seeds 3012 to 3039 and 3100 to 3119: up to 6 % of noise and 20 % of wrong identities) it is 10 at most. With two files
+exchanged it is above 1,000 in most of them: wherever both cameras see three people or more."""
 
 
 @dataclass(frozen=True)
@@ -47,77 +44,37 @@ class ExchangedStreams:
     cameras: tuple[str, str]
     frames: tuple[int, int]
     """First frame after the exchange, of each camera's own."""
-    seconds: tuple[float, float] | None
-    """The same in seconds of its own recording; None where no frame rate is known."""
     boxes: int
     """How many continue in the other file."""
 
-    @property
-    def certain(self) -> bool:
-        """Whether chance is excluded."""
-        return self.boxes >= CERTAIN
 
-
-def faults_of_exchanged_streams(scene: Scene, readings: Sequence[CameraInput]) -> list[str]:
-    """Pairs of cameras whose files change places, beyond chance."""
-    faults = []
-    for one in exchanged_streams(readings):
-        if one.certain:
-            (first, second), (frame, other) = one.cameras, one.frames
-            at = f"frame {frame}" if frame == other else f"frame {frame} of {first} and {other} of {second}"
-            since = "" if one.seconds is None else f" ({one.seconds[0]:.1f} s)"
-            keep = "the part before it or after it"
-            if one.seconds is not None:
-                keep = f"one part of both: until_s = {int(one.seconds[0])} keeps the part before it"
-            faults.append(
-                f"{scene.place}: cameras {first} and {second} are exchanged from {at}{since} on: {one.boxes} boxes of their "
-                f"last frames continue in the other camera's file, and they do not in their own; exchange the rest of the two "
-                f"files, or use {keep}"
-            )
-    return faults
-
-
-def notices_of_exchanged_streams(readings: Sequence[CameraInput]) -> list[Finding]:
-    """Pairs of cameras whose files seem to change places."""
+def findings_of_exchanged_streams(readings: Sequence[CameraInput]) -> list[Finding]:
+    """A doubt about each pair of cameras whose files change places."""
     return [
-        notice("streams_seem_exchanged", *one.cameras, frames=list(one.frames), boxes=one.boxes)
-        for one in exchanged_streams(readings)
-        if not one.certain
+        doubt("streams_seem_exchanged", *one.cameras, frames=list(one.frames), boxes=one.boxes)
+        for one in find_exchanged_streams(readings)
     ]
 
 
-def exchanged_streams(readings: Sequence[CameraInput]) -> list[ExchangedStreams]:
-    """The pairs of cameras whose files change places, each at the moment that most boxes indicate."""
-    shown = {reading.name: one for reading in readings if (one := _shown(reading.seen, reading.fps)) is not None}
-    cut = {name: one for name, one in shown.items() if len(one.cuts)}
+def find_exchanged_streams(readings: Sequence[CameraInput]) -> list[ExchangedStreams]:
+    """The pairs of cameras whose files change places, each at the moment with the most evidence."""
+    shown = {reading.name: one for reading in readings if (one := _Shown.of(reading.seen, reading.fps)) is not None}
+    moments = {pair: _pair_cuts(shown[pair[0]], shown[pair[1]]) for pair in combinations(shown, 2)}
+    needed = np.log(LEAST_ODDS * max(sum(len(k) for k, _ in moments.values()), 1))
     found = []
-    for first, second in combinations(cut, 2):
-        a, b = cut[first], cut[second]
-        best = (0, 0, 0)
-        for k in a.cuts.tolist():
-            for j in b.cuts[np.abs(b.seconds[b.cuts] - a.seconds[k]) <= FARTHEST_S].tolist():
-                best = max(best, (_exchanged(a, k, b, j), k, j))
-        boxes, k, j = best
-        if boxes >= LIKELY and boxes > _most_at_other_times(a, k, b, j):
-            timed = all(reading.fps is not None for reading in readings if reading.name in (first, second))
-            at = (float(a.seconds[k + 1]), float(b.seconds[j + 1]))
-            frames = (int(a.frames[k + 1]), int(b.frames[j + 1]))
-            found.append(ExchangedStreams((first, second), frames, at if timed else None, boxes))
+    for pair, (k, j) in moments.items():
+        a, b = (shown[name] for name in pair)
+        if not len(k):
+            continue
+        usual = min(a.usual, b.usual)
+        chance = min(_share(*(part.sum() for part in _count_exchanged(a, *_other_moments(a, b)))), usual)
+        boxes, count = _count_exchanged(a, k, b, j)
+        evidence = _log_ratio(boxes, count, usual, chance)
+        best = int(evidence.argmax())
+        if evidence[best] > needed:
+            frames = (int(a.frames[k[best] + 1]), int(b.frames[j[best] + 1]))
+            found.append(ExchangedStreams(pair, frames, int(boxes[best])))
     return found
-
-
-def _most_at_other_times(a: _Shown, k: int, b: _Shown, j: int) -> int:
-    """The most boxes that continue in the other file at any other moment, the files that far apart in time.
-
-    People who stand still, or cameras side by side, have boxes at the same places of both images all the time.
-    """
-    later = b.seconds[j] - a.seconds[k]
-    moments = np.unique(np.linspace(0, len(a.frames) - 2, OTHER_MOMENTS).round().astype(np.int64))
-    moments = moments[np.abs(a.seconds[moments] - a.seconds[k]) > LONGEST_STEP_S]
-    wanted = a.seconds[moments] + later
-    near = np.clip(np.searchsorted(b.seconds, wanted), 0, len(b.frames) - 2)
-    pairs = zip(moments.tolist(), near.tolist(), (np.abs(b.seconds[near] - wanted) < LONGEST_STEP_S).tolist(), strict=True)
-    return max((_exchanged(a, moment, b, other) for moment, other, found in pairs if found), default=0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,43 +89,43 @@ class _Shown:
     """(F + 1,) where the boxes of each frame begin."""
     box: Floats
     """(N, 3) centre and height, pixels, in the order of the frames."""
+    usual: float
+    """Share of boxes that continue in the next frame."""
     cuts: Ints
-    """Indices of frames after which people do not continue."""
+    """Indices of frames after which boxes continue as by chance rather than as usual."""
 
-    def of(self, k: int) -> Floats:
-        """(n, 3) the boxes of one frame, by its index."""
-        return self.box[self.begin[k] : self.begin[k + 1]]
-
-
-def _shown(seen: CameraObservations, fps: float | None) -> _Shown | None:
-    part = seen.boxes if len(seen.boxes) else seen.keypoints
-    extent = extents_of(part)
-    order = np.argsort(part.frame, kind="stable")
-    order = order[(extent[order, 2:] > extent[order, :2]).all(axis=1)]
-    frames, begin, count = np.unique(part.frame[order], return_index=True, return_counts=True)
-    if len(frames) < 2:
-        return None
-    left, top, right, bottom = extent[order].T
-    box = np.column_stack([0.5 * (left + right), 0.5 * (top + bottom), bottom - top])
-    seconds = (frames - 1) / (fps or USUAL_FPS)
-    number = np.repeat(np.arange(len(frames)), count)
-    before, after = rows_of_equal(number + 1, number)
-    step = np.diff(seconds)
-    identity = np.asarray(part.identity)[order]
-    same = (identity[before] == identity[after]) | (np.minimum(identity[before], identity[after]) < 0)
-    near = same & _continues(box[before], box[after], step[number[before]])
-    held = _held(number, before[near], after[near], len(frames))
-    fewer = np.minimum(count[:-1], count[1:])
-    if np.median(held / fewer) < LEAST_EXCHANGED:
-        return None  # boxes seldom continue in this file, so that it means nothing where they do not
-    cuts = np.flatnonzero((step <= LONGEST_STEP_S) & (fewer >= FEWEST_SEEN) & (held <= MOST_CONTINUED * fewer))
-    return _Shown(frames, seconds, np.append(begin, len(box)), box, cuts)
+    @classmethod
+    def of(cls, seen: CameraObservations, fps: float | None) -> _Shown | None:
+        """The boxes of a file, or the extents of its keypoints; None with fewer than two frames."""
+        part = seen.boxes if len(seen.boxes) else seen.keypoints
+        extent = extents_of(part)
+        order = np.argsort(part.frame, kind="stable")
+        order = order[(extent[order, 2:] > extent[order, :2]).all(axis=1)]
+        frames, begin, count = np.unique(part.frame[order], return_index=True, return_counts=True)
+        if len(frames) < 2:
+            return None
+        left, top, right, bottom = extent[order].T
+        box = np.column_stack([0.5 * (left + right), 0.5 * (top + bottom), bottom - top])
+        seconds = (frames - 1) / (fps or USUAL_FPS)
+        number = np.repeat(np.arange(len(frames)), count)
+        step = np.diff(seconds)
+        compared = step <= LONGEST_STEP_S
+        held, fewer = _count_continued(number, box, 1, np.append(step, np.inf), count)
+        other, fewest = _count_continued(number, box, max(len(frames) // 2, 1), np.full(len(frames), np.median(step)), count)
+        usual = _share(held[:-1][compared].sum(), fewer[:-1][compared].sum())
+        chance = min(_share(other.sum(), fewest.sum()), usual)
+        cut = compared & (_log_ratio(held[:-1], fewer[:-1], chance, usual) > 0)
+        return cls(frames, seconds, np.append(begin, len(box)), box, usual, np.flatnonzero(cut))
 
 
-def _held(number: Ints, before: Ints, after: Ints, frames: int) -> Ints:
-    """(F - 1,) how many boxes of each frame continue in the next one, from the pairs of boxes that agree."""
-    out = np.bincount(number[np.unique(before)], minlength=frames)[:-1]
-    return np.minimum(out, np.bincount(number[np.unique(after)], minlength=frames)[1:])
+def _count_continued(number: Ints, box: Floats, later: int, seconds: Floats, count: Ints) -> tuple[Ints, Ints]:
+    """(F,) how many boxes of each frame continue so many frames `later`, and (F,) how many could; the last meet the first."""
+    frames = len(count)
+    before, after = rows_of_equal((number + later) % frames, number)
+    near = _continues(box[before], box[after], seconds[number[before]])
+    of_before = np.bincount(number[np.unique(before[near])], minlength=frames)
+    of_after = np.bincount(number[np.unique(after[near])], minlength=frames)
+    return np.minimum(of_before, np.roll(of_after, -later)), np.minimum(count, np.roll(count, -later))
 
 
 def _continues(before: Floats, after: Floats, seconds: Floats | float) -> Bools:
@@ -179,14 +136,41 @@ def _continues(before: Floats, after: Floats, seconds: Floats | float) -> Bools:
     return np.asarray(alike & (apart < (NEAR + NEAR_A_SECOND * seconds) * height))
 
 
-def _exchanged(a: _Shown, k: int, b: _Shown, j: int) -> int:
-    """How many boxes of both files continue in the other one after the frames with these indices; 0 where too few do."""
-    total = 0
-    for before, after in ((a.of(k), b.of(j + 1)), (b.of(j), a.of(k + 1))):
-        step = max(float(a.seconds[k + 1] - a.seconds[k]), float(b.seconds[j + 1] - b.seconds[j]))
-        near = _continues(before[:, None], after[None], step)
-        both = min(int(near.any(axis=1).sum()), int(near.any(axis=0).sum()))
-        if both < LEAST_EXCHANGED * min(near.shape):
-            return 0
-        total += both
-    return total
+def _share(hits: float, count: float) -> float:
+    """A share by Laplace's rule, which is never 0 or 1."""
+    return float((hits + 1.0) / (count + 2.0))
+
+
+def _log_ratio(hits: Ints, count: Ints, share: float, other: float) -> Floats:
+    """Logarithm of how much likelier so many hits are with one share than with the other one."""
+    return np.asarray(hits * np.log(share / other) + (count - hits) * np.log((1.0 - share) / (1.0 - other)))
+
+
+def _pair_cuts(a: _Shown, b: _Shown) -> tuple[Ints, Ints]:
+    """(P,) frames of one file and (P,) of the other one after which both are cut, at moments that may be the same."""
+    at, times = a.seconds[a.cuts], b.seconds[b.cuts]
+    first = np.searchsorted(times, at - FARTHEST_S)
+    own, other = expanded_ranges(first, np.searchsorted(times, at + FARTHEST_S, side="right") - first)
+    return a.cuts[own], b.cuts[other]
+
+
+def _other_moments(a: _Shown, b: _Shown) -> tuple[Ints, _Shown, Ints]:
+    """(P,) frames of one file, all over the recording; the other file, and (P,) its frames of about the same times."""
+    k = np.unique(np.linspace(0, len(a.frames) - 2, OTHER_MOMENTS).round().astype(np.int64))
+    return k, b, np.clip(np.searchsorted(b.seconds, a.seconds[k]), 0, len(b.frames) - 2)
+
+
+def _count_exchanged(a: _Shown, k: Ints, b: _Shown, j: Ints) -> tuple[Ints, Ints]:
+    """(P,) how many boxes of both files continue in the other one after these frames (P,), and (P,) how many could."""
+    step = np.maximum(a.seconds[k + 1] - a.seconds[k], b.seconds[j + 1] - b.seconds[j])
+    hits, count = np.zeros(len(k), np.int64), np.zeros(len(k), np.int64)
+    for one, before, other, after in ((a, k, b, j + 1), (b, j, a, k + 1)):
+        n, m = (np.diff(part.begin)[rows] for part, rows in ((one, before), (other, after)))
+        pair, row = expanded_ranges(one.begin[before], n)
+        item, column = expanded_ranges(other.begin[after][pair], m[pair])
+        row, pair = row[item], pair[item]
+        near = _continues(one.box[row], other.box[column], step[pair])
+        continued = (np.unique(np.column_stack([pair, side])[near], axis=0)[:, 0] for side in (row, column))
+        hits += np.minimum(*(np.bincount(which, minlength=len(k)) for which in continued))
+        count += np.minimum(n, m)
+    return hits, count

@@ -24,7 +24,7 @@ from passerby.interchange.storage.faults import FileFaults, faults_of
 from passerby.perception.sources.recording import gaps_of, recorded_s
 from passerby.scene.camera_input import CameraInput
 from passerby.scene.coarse_boxes import notice_of_coarse_boxes
-from passerby.scene.exchanged_streams import faults_of_exchanged_streams, notices_of_exchanged_streams
+from passerby.scene.exchanged_streams import findings_of_exchanged_streams
 from passerby.scene.file_clocks import file_clock_findings, measure_by_file_clocks
 from passerby.scene.joint_layouts import correct_layouts
 from passerby.scene.lens_sources import group_faults
@@ -212,7 +212,6 @@ def scene_faults(scene: Scene, readings: list[CameraInput]) -> list[str]:
         *_embedding_faults(scene, readings),
         *faults_of_same_video(scene, readings),
         *faults_of_same_file(scene, readings),
-        *faults_of_exchanged_streams(scene, readings),
         *_short_video_faults(scene, readings),
         *_emptiness_faults(scene, readings),
         *world_faults(scene, {one.name: one.filmed_size for one in readings if one.filmed_size is not None}),
@@ -230,7 +229,7 @@ def scene_findings(scene: Scene, readings: list[CameraInput]) -> list[Finding]:
         if cue.identity is not None and cue.identity not in known
     ]
     found += [*findings_of_people(scene, readings), *overlapped_people(scene, readings)]
-    found += [*file_clock_findings(scene, readings), *notices_of_exchanged_streams(readings)]
+    found += [*file_clock_findings(scene, readings), *findings_of_exchanged_streams(readings)]
     return found + _guessed_lenses(scene, readings) + _clock_findings(scene, readings) + _embedding_findings(scene, readings)
 
 

@@ -63,10 +63,11 @@ def _off_centre(v: Fields) -> str:
 
 INPUT_FILES: Mapping[str, Kind] = {
     "streams_seem_exchanged": Kind(
-        NOTICE, "From `frames` on, the files of two cameras seem to show what the other camera sees.",
+        DOUBT, "From `frames` on, the files of two cameras seem to show what the other camera sees.",
         "cameras {camera} and {second} seem to be exchanged from frames {frames[0]} and {frames[1]} on: {boxes} boxes "
         "continue in the other camera's file and not in their own",
-        "look at both recordings around these frames, and exchange the rest of the two files if it is so",
+        "look at both recordings around these frames; if it is so, exchange the rest of the two files, or use one part of both",
+        rank="input",
     ),
     "same_recording": Kind(
         DOUBT, "Two cameras show the same images.",
