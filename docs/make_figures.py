@@ -24,7 +24,7 @@ from matplotlib.patches import Ellipse, Rectangle
 from passerby.association.camera_tracklets import CameraTracklets, build_tracklets
 from passerby.association.ground.registration import Registration, register_pair
 from passerby.calibration.calibration import Calibration
-from passerby.calibration.pipeline import calibrate
+from passerby.calibration.calibrate import calibrate
 from passerby.common.arrays import Floats
 from passerby.core.cameras import Camera, Rig
 from passerby.core.observations import Clock

@@ -16,7 +16,7 @@ from association_runs import RealCase, write_real
 from command import ONE_THREAD, passerby
 from datasets import data_set, folder_of, write_scene
 from lenses.outcomes import off_centre_deg, outcome, timed_outcome
-from passerby.calibration.pipeline import calibrate
+from passerby.calibration.calibrate import calibrate
 from passerby.interchange.rig_toml import read_rig
 
 DEMO = "demo"

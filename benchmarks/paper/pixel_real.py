@@ -21,7 +21,7 @@ from paper.annotations import marked_length
 from paper.match_picture import as_jpeg, draw_matches
 from paper.pixel_rows import MATCH_SIGMA_PX, NOT_RUN, PixelOutcome, Solved, counted, judged, solved
 from paper.pixel_stage import LENGTH_NOISE_PX
-from passerby.calibration.pipeline import calibrate
+from passerby.calibration.calibrate import calibrate
 from passerby.common.errors import InputError
 from passerby.core.cameras import Rig
 from passerby.interchange.rig_toml import read_rig
@@ -89,7 +89,7 @@ def run_matcher(name: str, views: RealViews) -> PixelOutcome:
     length = marked_length(views.truth, views.length_m, LENGTH_NOISE_PX, np.random.default_rng(0), views.heights_m)
     points = pooled_points(lenses, views.reference, found, SHRINK * MATCH_SIGMA_PX)
     total, good = counted(views.truth, found)
-    return replace(judged(solved(lenses, points, [length]), views.truth), matches=total, right=good)
+    return replace(with_verdict(solved(lenses, points, [length]), views.truth), matches=total, right=good)
 
 
 BOXES = {"geopose": "boxes of annotated people, GeoPose", "people": "boxes of annotated people, **ours**"}
@@ -112,7 +112,7 @@ def run_boxes(method: str, data: Path, truth: Rig) -> PixelOutcome:
         path = Path(folder) / "scene.toml"
         path.write_text(tomli_w.dumps(scene))
         result = calibrate(path)
-    return judged(Solved(result.rig, result.verdict, next(iter(result.reasons), "")), truth)
+    return with_verdict(Solved(result.rig, result.verdict, next(iter(result.reasons), "")), truth)
 
 
 def match_all(match: Matcher, views: RealViews) -> list[dict[str, Matches]]:

@@ -15,7 +15,7 @@ from pages.page import table
 from pages.sections import Found
 from passerby.calibration.calibration import Calibration
 from passerby.calibration.in_memory import calibrate_observations
-from passerby.calibration.pipeline import calibrate
+from passerby.calibration.calibrate import calibrate
 from passerby.core.cameras import Camera, Rig
 from passerby.core.figures import adjusted
 from passerby.core.measuring import measuring_errors

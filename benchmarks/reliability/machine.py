@@ -31,7 +31,7 @@ KEPT = (KEPT_FOLDER, FOLDER)
 """Folders of the output folder that only save time."""
 PRELOADED = [
     "passerby.cli.main",
-    "passerby.calibration.pipeline",
+    "passerby.calibration.calibrate",
     "passerby.cli.tables",
     "passerby.simulation",
     "passerby.calibration.alignment.folder",

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import tomli_w
 
-from passerby.calibration.pipeline import calibrate
+from passerby.calibration.calibrate import calibrate
 from passerby.scene.scene import Scene
 from passerby.simulation import PRESETS, SimulatedScene, SimulationOptions, simulate, write_scene
 from passerby.simulation.rendering import RenderOptions

@@ -20,7 +20,7 @@ from pages.sections import Found
 from passerby.calibration.alignment.world import align_to_positions
 from passerby.calibration.calibration import Calibration
 from passerby.calibration.in_memory import calibrate_observations
-from passerby.calibration.pipeline import calibrate
+from passerby.calibration.calibrate import calibrate
 from passerby.core.cameras import Camera, Lens, Pose, Rig
 from passerby.core.figures import adjusted
 from passerby.core.known_places import KnownPosition

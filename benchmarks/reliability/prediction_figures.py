@@ -13,7 +13,7 @@ import numpy as np
 
 from pages.cases import Outcomes
 from pages.page import table
-from passerby.calibration import pipeline
+from passerby.calibration import calibrate as pipeline
 from passerby.calibration.calibration import Calibration
 from passerby.calibration.prediction import HARMFUL_SHARE, LEAST_ODDS, worst_part
 from passerby.core.cameras import Rig

@@ -14,7 +14,7 @@ import tomli_w
 from datasets import models_folder
 from pages.cases import Outcomes
 from pages.page import table
-from passerby.calibration.pipeline import calibrate
+from passerby.calibration.calibrate import calibrate
 from passerby.common.arrays import Floats
 from passerby.core.cameras import Rig
 from passerby.scene.scene import Scene

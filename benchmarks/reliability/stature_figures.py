@@ -23,7 +23,7 @@ from datasets import models_folder
 from metrics.detections import paired
 from pages.cases import Outcomes
 from pages.page import table
-from passerby.calibration.pipeline import calibrate
+from passerby.calibration.calibrate import calibrate
 from passerby.common.arrays import Floats
 from passerby.core.cameras import Camera
 from passerby.core.observations import Boxes

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from passerby.calibration.pipeline import calibrate
+from passerby.calibration.calibrate import calibrate
 from passerby.common.errors import InputError
 from passerby.evaluation.metrics import compare
 from passerby.interchange.rig_toml import read_rig

@@ -16,7 +16,7 @@ import av
 import numpy as np
 
 from passerby.calibration.calibration import Calibration
-from passerby.calibration.pipeline import calibrate
+from passerby.calibration.calibrate import calibrate
 from passerby.evaluation.metrics import compare
 from passerby.interchange.rig_toml import read_rig
 from passerby.scene.scene import Scene

@@ -18,9 +18,9 @@ from passerby.common.display import set_drawing
 if TYPE_CHECKING:
     from passerby.api import align, compare_rigs, evaluate, export_rig, import_rig, monitor, read_calibration, trajectories
     from passerby.calibration.alignment.world import Aligned
+    from passerby.calibration.calibrate import calibrate
     from passerby.calibration.calibration import Calibration
     from passerby.calibration.in_memory import calibrate_observations
-    from passerby.calibration.pipeline import calibrate
     from passerby.common.errors import EvidenceError, InputError, PasserbyError
     from passerby.core.cameras import Camera, Lens, Pose, PoseSigma, Rig
     from passerby.core.ground_points import GroundPoints
@@ -79,7 +79,7 @@ __all__ = [
 _HOMES = {
     "Aligned": "calibration.alignment.world",
     "Boxes": "core.observations",
-    "Calibration": "calibration.pipeline",
+    "Calibration": "calibration.calibrate",
     "Camera": "core.cameras",
     "Comparison": "evaluation.metrics",
     "EvidenceError": "common.errors",
@@ -103,7 +103,7 @@ _HOMES = {
     "Trajectories": "core.trajectories",
     "Verdict": "core.solution",
     "align": "api",
-    "calibrate": "calibration.pipeline",
+    "calibrate": "calibration.calibrate",
     "calibrate_observations": "calibration.in_memory",
     "compare_rigs": "api",
     "evaluate": "api",

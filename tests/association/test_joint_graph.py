@@ -11,14 +11,15 @@ from passerby.association.associate import Tracklets
 from passerby.association.graph import ViewGraph
 from passerby.association.joints.joint_pairs import JointRegistration, SamePerson
 from passerby.association.joints.joint_tracks import joint_tracks
-from passerby.calibration.association_loop import solve_with_unknown_identities
-from passerby.calibration.association_run import AssociationOptions
+from passerby.calibration.calibrate import estimate_rig
+from passerby.calibration.run import CalibrationRun
 from passerby.common.progress import silent
 from passerby.core.cameras import Camera, Rig
 from passerby.core.observations import Clock, Keypoints, Observations
-from passerby.core.scale_cues import ScaleCues
 from passerby.evaluation.metrics import compare
-from passerby.solver.people import solve_people
+from passerby.scene.inputs import SceneInputs
+from passerby.scene.scene import Scene
+from passerby.solver.people import PeopleOptions
 from support.scenes.people_on_spot import moving_on_spot, ring, seen
 from support.tiers import thinned
 
@@ -94,11 +95,11 @@ def calibrated(rig, rng, shown, exchanged=()):
         25.0,
     )
 
-    def solve(instants, guesses, *, passing, refine_time, lenses=None, known=()):
-        return solve_people(bare, instants, ScaleCues(), rng=np.random.default_rng(0), guesses=guesses)
-
     bare = Rig(tuple(Camera(camera.name, camera.lens) for camera in rig))
-    return solve_with_unknown_identities(bare, observations, AssociationOptions(), solve, np.random.default_rng(0))
+    cameras = {camera.name: {"keypoints": f"{camera.name}.json", "intrinsics": "rig.toml"} for camera in rig}
+    scene = Scene.model_validate({"scene": {"name": "spot"}, "cameras": cameras, "association": {"mode": "combined"}})
+    found = estimate_rig(CalibrationRun(scene, PeopleOptions()), SceneInputs(bare, observations, ()))
+    return found.solution, found.association
 
 
 @pytest.mark.slow

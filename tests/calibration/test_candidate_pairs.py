@@ -7,8 +7,8 @@ from types import SimpleNamespace
 import pytest
 
 import passerby
-from passerby.calibration.association_loop import _candidates
 from passerby.calibration.association_run import AssociationOptions
+from passerby.calibration.association_start import _find_candidates
 from passerby.common.progress import silent
 from passerby.simulation import SimulationOptions, simulate
 
@@ -42,7 +42,7 @@ def cameras(count: int) -> list:
     ],
 )
 def test_when_all_pairs_are_compared(count, search_s, options, all_pairs):
-    found = _candidates(cameras(count), search_s, options, silent)
+    found = _find_candidates(cameras(count), search_s, options, silent)
     assert (found is None) == all_pairs
     if options.groups:
         assert list(found.found_by) == [(0, 2)]
@@ -50,7 +50,7 @@ def test_when_all_pairs_are_compared(count, search_s, options, all_pairs):
 
 def test_the_number_of_pairs_is_told():
     heard = Listener()
-    _candidates(cameras(4), 5.0, AssociationOptions(groups=(("C1", "C2"), ("C2", "C3"))), heard)
+    _find_candidates(cameras(4), 5.0, AssociationOptions(groups=(("C1", "C2"), ("C2", "C3"))), heard)
     assert heard.notes == ["2 of 6 pairs of cameras are tried"]
 
 

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import pytest
 
 from passerby.association.clocks.drift import Drift
-from passerby.calibration.clock_skew import clock_rate_figures, find_clock_skew
+from passerby.calibration.clock_skew import clock_rate_figures, correct_clock_rates
 from passerby.core.observations import CameraObservations, Observations
 from passerby.scene.inputs import SceneInputs
 from support.scenes.people_and_rigs import ring
@@ -29,29 +29,29 @@ def rates(correction):
 
 def test_the_rate_is_corrected_by_what_the_clock_runs_ahead():
     """A clock that counts 25 frames a second, where there are 26, shows 1.04 s each second."""
-    found = find_clock_skew(INPUTS, estimated(C2=(0.04, 1e-4)))
+    found = correct_clock_rates(INPUTS, estimated(C2=(0.04, 1e-4)))
     assert rates(found) == {"C1": FPS, "C2": pytest.approx(1.04 * FPS, rel=0.002), "C3": FPS}
-    found = find_clock_skew(INPUTS, estimated(C2=(-0.04, 1e-4)))
+    found = correct_clock_rates(INPUTS, estimated(C2=(-0.04, 1e-4)))
     assert rates(found) == {"C1": FPS, "C2": pytest.approx(0.96 * FPS, rel=0.002), "C3": FPS}
 
 
 @pytest.mark.parametrize(("rate", "sigma"), [(0.04, 0.02), (-0.04, 0.02), (2e-4, 1e-6), (-2e-4, 1e-6)])
 def test_a_drift_that_is_unsure_or_of_milliseconds_changes_no_rate(rate, sigma):
     """2e-4 is 20 ms over the recording, less than sound clocks seem to drift by."""
-    assert find_clock_skew(INPUTS, estimated(C2=(rate, sigma))) is None
-    both = find_clock_skew(INPUTS, estimated(C1=(0.01, 1e-4), C2=(rate, sigma)))
+    assert correct_clock_rates(INPUTS, estimated(C2=(rate, sigma))) is None
+    both = correct_clock_rates(INPUTS, estimated(C1=(0.01, 1e-4), C2=(rate, sigma)))
     assert rates(both)["C2"] == FPS
 
 
 def test_no_rate_is_corrected_where_none_is_known():
     unknown = SceneInputs(RIG, Observations({name: CameraObservations() for name in RIG.names}), findings=())
-    assert find_clock_skew(unknown, estimated(C2=(0.04, 1e-4))) is None
+    assert correct_clock_rates(unknown, estimated(C2=(0.04, 1e-4))) is None
     assert clock_rate_figures(unknown, unknown, estimated(C2=(0.04, 1e-4))) == {}
 
 
 def test_a_fitted_rate_is_told_beside_the_stated_one_with_a_sigma_that_grows_with_that_of_the_drift():
     estimate = estimated(C2=(0.04, 1e-4))
-    corrected = find_clock_skew(INPUTS, estimate).inputs
+    corrected = correct_clock_rates(INPUTS, estimate).inputs
     figures = clock_rate_figures(INPUTS, corrected, estimated(C2=(0.0, 1e-4)))
     assert {name: one.stated for name, one in figures.items()} == dict.fromkeys(RIG.names, FPS)
     assert figures["C2"].fps == corrected.observations.clocks["C2"].fps

@@ -8,7 +8,7 @@ import pytest
 import tomli_w
 
 import passerby
-from passerby.calibration.temporal_calibration import find_regular_boxes
+from passerby.calibration.known_identities import find_regular_boxes
 from passerby.core.observations import Boxes
 from passerby.evaluation.metrics import compare
 from passerby.interchange.motchallenge import read_boxes

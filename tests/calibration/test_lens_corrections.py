@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from passerby.association.result import Association
-from passerby.calibration import lens_corrections
-from passerby.calibration.estimation import Estimate
-from passerby.calibration.lens_corrections import MOST_CORRECTIONS, LensOutcome, correct_lenses
-from passerby.calibration.pipeline import calibrate
-from passerby.calibration.repairs import Correction, Repaired
+from passerby.calibration import held_out, lens_corrections
+from passerby.calibration.calibrate import calibrate
+from passerby.calibration.lens_corrections import MOST_CORRECTIONS, LensExamination, examine_stated_lenses
+from passerby.calibration.run import Corrections, Estimate
 from passerby.core.cameras import Pose, Rig
 from passerby.core.measuring import common_ground, measured_change
 from passerby.core.observations import CameraObservations, Observations
@@ -31,11 +31,9 @@ STATED = without_poses(ring(3))
 NOBODY = Observations({name: CameraObservations() for name in STATED.names})
 
 
-def estimated(rig: Rig, verdict: str = "accepted", posed: int = 3, corrections: Sequence[Correction] = ()) -> Repaired:
-    cameras = [replace(camera, pose=Pose(np.eye(3), np.zeros(3)) if c < posed else None) for c, camera in enumerate(rig)]
-    solution = PeopleSolution("people", Rig(tuple(cameras)), verdict)  # type: ignore[arg-type]
-    inputs = SceneInputs(rig, NOBODY, ())
-    return Repaired(inputs, Estimate(solution, Association(NOBODY, NOBODY, {})), tuple(corrections))
+def estimated(rig: Rig) -> Estimate:
+    cameras = [replace(camera, pose=Pose(np.eye(3), np.zeros(3))) for camera in rig]
+    return Estimate(PeopleSolution("people", Rig(tuple(cameras)), "accepted"), Association(NOBODY, NOBODY, {}))
 
 
 def wrong_lens(monkeypatch: pytest.MonkeyPatch, decision: str = "correct", times: float = 1) -> list[Alternative]:
@@ -56,59 +54,80 @@ def wrong_lens(monkeypatch: pytest.MonkeyPatch, decision: str = "correct", times
     return asked
 
 
-def corrected(after: float | None = 0.01, before: float | None = 0.02, **faults: int | str) -> LensOutcome:
-    """The outcome where people who are held out disagree so much with the estimates after and before."""
-
-    def disagreement(estimate: Estimate) -> float | None:
-        return before if estimate.solution.rig["C2"].lens.focal == STATED["C2"].lens.focal else after
-
-    return correct_lenses(estimated(STATED), lambda inputs: estimated(inputs.rig, **faults), disagreement)  # type: ignore[arg-type]
+def corrected(*, worse: bool = False) -> tuple[Rig, LensExamination]:
+    """The lenses and what is found of them in the end, where a correction makes the estimate `worse` or not."""
+    inputs, corrections = SceneInputs(STATED, NOBODY, ()), Corrections()
+    while True:
+        correction, found = examine_stated_lenses(inputs, estimated(inputs.rig), corrections)
+        if correction is None:
+            return inputs.rig, found
+        assert correction.tentative
+        if worse:
+            corrections = replace(corrections, dropped=(*corrections.dropped, correction))
+        else:
+            corrections = replace(corrections, made=(*corrections.made, correction))
+            inputs = correction.inputs
 
 
 def test_a_corrected_lens_is_that_of_the_rig_and_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     asked = wrong_lens(monkeypatch)
-    found = corrected()
+    rig, found = corrected()
     assert [(one.code, one.severity, one.cameras) for one in found.findings] == [("lens_corrected", "notice", ("C2",))]
     assert found.findings[0].values["focal"]["found_px"] == pytest.approx(STATED["C2"].lens.focal / 1.1)
-    lens = found.repaired.estimate.solution.rig["C2"].lens
+    lens = rig["C2"].lens
     assert lens.focal == pytest.approx(STATED["C2"].lens.focal / 1.1)
     assert lens.focal_sd == pytest.approx(0.01)
     assert [(one.code, one.cameras) for one in asked] == [("focal", (1,))]
 
 
-@pytest.mark.parametrize(
-    ("after", "before", "faults"),
-    [(0.03, 0.02, {}), (0.01, 0.02, {"verdict": "refused"}), (0.01, 0.02, {"posed": 2})],
-)
-def test_a_correction_that_makes_it_worse_is_dropped_with_a_doubt(
-    monkeypatch: pytest.MonkeyPatch, after: float, before: float, faults: dict[str, int | str]
-) -> None:
+def test_a_correction_that_makes_it_worse_is_dropped_with_a_doubt(monkeypatch: pytest.MonkeyPatch) -> None:
     wrong_lens(monkeypatch)
-    found = corrected(after, before, **faults)
+    rig, found = corrected(worse=True)
     assert [(one.code, one.severity, one.values["why"]) for one in found.findings] == [("lens_doubtful", "doubt", "not_better")]
-    assert found.repaired.estimate.solution.rig["C2"].lens.focal == STATED["C2"].lens.focal
-
-
-def test_where_nothing_can_be_held_out_a_correction_stands(monkeypatch: pytest.MonkeyPatch) -> None:
-    wrong_lens(monkeypatch)
-    assert [one.code for one in corrected(None, None).findings] == ["lens_corrected"]
+    assert rig["C2"].lens.focal == STATED["C2"].lens.focal
 
 
 @pytest.mark.parametrize(("decision", "code"), [("notice", "lens_differs"), ("doubt", "lens_doubtful")])
-def test_what_is_not_corrected_is_not_estimated_again(monkeypatch: pytest.MonkeyPatch, decision: str, code: str) -> None:
+def test_what_is_not_corrected_is_reported(monkeypatch: pytest.MonkeyPatch, decision: str, code: str) -> None:
     wrong_lens(monkeypatch, decision)
-    found = correct_lenses(estimated(STATED), lambda _: pytest.fail("estimated again"), lambda _: None)
+    correction, found = examine_stated_lenses(SceneInputs(STATED, NOBODY, ()), estimated(STATED), Corrections())
+    assert correction is None
     assert [one.code for one in found.findings] == [code]
 
 
 def test_corrections_are_bounded_and_the_last_contradiction_is_a_doubt(monkeypatch: pytest.MonkeyPatch) -> None:
     wrong_lens(monkeypatch, times=np.inf)
-    found = corrected(None, None)
+    _, found = corrected()
     assert [one.code for one in found.findings] == ["lens_doubtful"] + ["lens_corrected"] * MOST_CORRECTIONS
     focal = STATED["C2"].lens.focal
     for one in found.findings[1:]:  # each says what became of the lens in the end
         assert one.values["focal"]["stated_px"] == pytest.approx(focal)
         assert one.values["focal"]["found_px"] == pytest.approx(focal / 1.1**MOST_CORRECTIONS)
+
+
+@pytest.mark.parametrize(
+    ("after", "before", "worse"),
+    [((0.03, 3), (0.02, 3), True), ((0.01, 3), (0.02, 3), False), ((0.01, 2), (0.02, 3), True), ((None, 3), (None, 3), False)],
+    ids=["disagrees more", "disagrees less", "a camera is lost", "nothing can be held out"],
+)
+def test_an_estimate_is_worse_that_lost_a_camera_or_disagrees_more_with_people_held_out(
+    monkeypatch: pytest.MonkeyPatch, after: tuple[float | None, int], before: tuple[float | None, int], worse: bool
+) -> None:
+    estimates = []
+    for _, posed in (after, before):
+        one = estimated(STATED)
+        cameras = [replace(camera, pose=camera.pose if c < posed else None) for c, camera in enumerate(one.solution.rig)]
+        estimates.append(replace(one, solution=replace(one.solution, rig=Rig(tuple(cameras)))))
+    shares = iter([after[0], before[0]])
+
+    def hold_out(*_: object) -> object:
+        share = next(shares)
+        return None if share is None else SimpleNamespace(figures=SimpleNamespace(held_out=SimpleNamespace(median_share=share)))
+
+    monkeypatch.setattr(held_out, "hold_out", hold_out)
+    assert held_out.is_worse(*estimates, 1.72, 0) == worse
+    refused = replace(estimates[0], solution=replace(estimates[0].solution, verdict="refused"))
+    assert held_out.is_worse(refused, estimates[1], 1.72, 0)
 
 
 @pytest.mark.system

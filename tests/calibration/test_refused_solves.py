@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -10,17 +9,16 @@ from typing import Any
 
 import pytest
 
-import passerby.calibration.camera_motion as camera_motion
-import passerby.calibration.scene_solver as scene_solver
 import passerby.solver.initialisation as stages
 import passerby.solver.people as people
 from passerby.association.clocks.drift import Drift
 from passerby.association.result import Association
-from passerby.calibration.camera_motion import DetectedMotion, MotionRepair
-from passerby.calibration.clock_skew import MOST_CORRECTIONS, clock_rate_figures, find_clock_skew
-from passerby.calibration.estimation import Estimate
+from passerby.calibration import calibrate, known_identities
+from passerby.calibration.camera_motion import DetectedMotion, MotionCorrection, MotionSearch, correct_motion, measure_motions
+from passerby.calibration.clock_skew import clock_rate_figures, correct_clock_rates
+from passerby.calibration.diagnostics import smaller_pictures
 from passerby.calibration.in_memory import calibrate_observations
-from passerby.calibration.repairs import Repair, apply_repairs
+from passerby.calibration.run import Corrections, Estimate
 from passerby.core.cameras import Lens, Pose, Rig
 from passerby.core.figures import AdjustedFigures, ClockCorrection
 from passerby.core.observations import Clock
@@ -59,14 +57,13 @@ class Solver:
     def __init__(self, truth: Rig, refuse_at: int) -> None:
         self.truth, self.refuse_at, self.calls = truth, refuse_at, 0
 
-    def __call__(self, scene: Any, rig: Rig, instants: Any, options: Any, *rest: Any) -> Solution:
+    def __call__(self, run: Any, rig: Rig, *_: Any, refine_time: bool = False, **__: Any) -> Solution:
         self.calls += 1
         if self.calls == self.refuse_at + 1:
             return refused(rig)
-        timed = getattr(options, "refine_time", False)
         clocks = {
             name: ClockCorrection(correction_s=0.0, sigma_s=0.01 if name != rig.names[0] else 0.0)
-            for name in (rig.names if timed else ())
+            for name in (rig.names if refine_time else ())
         }
         figures = AdjustedFigures(clocks=clocks)
         return Solution("people", replace(self.truth, verdict="accepted"), "accepted", figures=figures)
@@ -102,7 +99,8 @@ def test_a_refused_solve_in_any_round_is_a_refusal(
     rounds = 0
     while True:
         solver = Solver(simulated.rig, rounds)
-        monkeypatch.setattr(scene_solver, "solve_scene", solver)
+        for module in (calibrate, known_identities, smaller_pictures):
+            monkeypatch.setattr(module, "solve_scene", solver)
         found = calibrate_observations(
             simulated.rig, boxes, fps=5.0, association=association, solver=table, world={"camera": "C1", "towards": "C2"}
         )
@@ -125,44 +123,32 @@ def inputs() -> SceneInputs:
     return SceneInputs(without_poses(seen.rig), replace(seen.observations, clocks=clocks), ())
 
 
-def in_turn(first: Estimate, refusals: Callable[[], Association]) -> Callable[[SceneInputs], Estimate]:
-    answers: Iterator[Estimate] = iter([first])
-
-    def estimate(given: SceneInputs) -> Estimate:
-        return next(answers, None) or Estimate(refused(given.rig), refusals())
-
-    return estimate
-
-
 @pytest.mark.unit
-def test_a_solve_that_is_refused_after_a_clock_was_corrected() -> None:
+def test_rates_of_a_solve_that_is_refused_after_a_clock_was_corrected() -> None:
     whole = inputs()
     seen = whole.observations
     drifts = {name: Drift(rate, 1e-5, 8.0) for name, rate in zip(whole.rig.names, (0.0, 0.02, 0.0), strict=True)}
     first = Estimate(Solution("people", scene(True).rig, "accepted"), Association(seen, seen, seen.clocks, drifts=drifts))
-    estimates = in_turn(first, lambda: Association(seen, seen, seen.clocks))
-    repaired = apply_repairs(whole, estimates, [Repair(find_clock_skew, MOST_CORRECTIONS)])
-    assert repaired.estimate.solution.verdict == "refused"
-    assert len(repaired.corrections) == 1
-    assert clock_rate_figures(whole, repaired.inputs, repaired.estimate) == {}
+    correction = correct_clock_rates(whole, first)
+    assert correction is not None
+    after = Estimate(refused(whole.rig), Association(seen, seen, seen.clocks))
+    assert correct_clock_rates(correction.inputs, after) is None
+    assert clock_rate_figures(whole, correction.inputs, after) == {}
 
 
 @pytest.mark.unit
 @pytest.mark.parametrize("given", [False, True])
-def test_a_solve_that_is_refused_after_a_move_was_left_out(given: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_size_of_a_move_where_the_solve_after_it_is_refused(given: bool) -> None:
     whole = inputs()
     seen, pose = whole.observations, scene(True).rig["C2"].pose
     assert pose is not None
     other = Pose.from_centre(pose.R_cw, pose.centre + 1.0)
     change = PoseChange(20, 40, False, True, pose, other, 99.0, 99.0, 0.5)
-    real, found = camera_motion._most_certain, iter([DetectedMotion("C2", 20, 40, 5.0, change)])
-    monkeypatch.setattr(camera_motion, "_most_certain", lambda *args: next(found, None) or real(*args))
-    first = Estimate(Solution("people", scene(True).rig, "accepted"), Association(seen, seen, seen.clocks))
-    motion = MotionRepair(whole, given, 1.72)
-    estimates = in_turn(first, lambda: Association(seen, seen, seen.clocks))
-    repaired = apply_repairs(whole, estimates, [Repair(motion, len(whole.rig))])
-    assert repaired.estimate.solution.verdict == "refused"
-    assert [one.camera for one in motion.measured_again(repaired.corrections, repaired.estimate)] == ["C2"]
+    corrections = Corrections((MotionCorrection(whole, DetectedMotion("C2", 20, 40, 5.0, change)),))
+    after = Estimate(refused(whole.rig), Association(seen, seen, seen.clocks))
+    search = MotionSearch(whole, given, 1.72)
+    assert correct_motion(search, whole, after) is None
+    assert [one.camera for one in measure_motions(search, corrections, after)] == ["C2"]
 
 
 @pytest.mark.slow

@@ -8,16 +8,26 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from passerby.association.result import Association
+from passerby.calibration.diagnostics import smaller_pictures
 from passerby.calibration.diagnostics.smaller_pictures import doubts_of_smaller_pictures, misfit
+from passerby.calibration.run import CalibrationRun
 from passerby.core.cameras import Camera, Lens, Pose, Rig
 from passerby.core.figures import AdjustedFigures, NoiseFigures
 from passerby.core.observations import Boxes, CameraObservations, Observations
 from passerby.core.solution import Solution
+from passerby.findings.finding import Finding
 from passerby.hypotheses.readings import possible_share, smaller
+from passerby.scene.inputs import SceneInputs
+from passerby.scene.scene import Scene
+from passerby.solver.people import PeopleOptions
 
 LENS = Lens((800, 600), np.array([[700.0, 0, 400], [0, 710, 300], [0, 0, 1]]), np.zeros(0))
 POSE = Pose(np.eye(3), np.zeros(3))
 RIG = Rig(tuple(Camera(name, LENS, POSE) for name in ("A", "B", "C")))
+SCENE = Scene.model_validate(
+    {"scene": {"name": "s"}, "cameras": {name: {"tracks": "t.txt", "intrinsics": "rig.toml"} for name in RIG.names}}
+)
 
 
 def people(share: float, count: int = 200) -> CameraObservations:
@@ -48,9 +58,20 @@ def solving(errors: Mapping[tuple[str, ...], float], lost: bool = False) -> Call
     return solve
 
 
-def told(seen: Mapping[str, float], errors: Mapping[tuple[str, ...], float], **named: bool) -> list[tuple[str, object, object]]:
+def found_by(solve: Callable[[Rig], Solution], seen: Mapping[str, float], method: str = "people") -> list[Finding]:
+    """What is found where other lenses are solved so, and people reach so far into the images of these cameras."""
     observations = Observations({name: people(seen.get(name, 1.0)) for name in RIG.names})
-    found = doubts_of_smaller_pictures(RIG, observations, solution(RIG, 0.1), solving(errors, **named))
+    association = Association(observations, observations, {})
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(smaller_pictures, "solve_scene", lambda run, rig, *_, **__: solve(rig))
+        return doubts_of_smaller_pictures(
+            CalibrationRun(SCENE, PeopleOptions()), SceneInputs(RIG, observations, ()),
+            solution(RIG, 0.1, method), association,
+        )  # fmt: skip
+
+
+def told(seen: Mapping[str, float], errors: Mapping[tuple[str, ...], float], **named: bool) -> list[tuple[str, object, object]]:
+    found = found_by(solving(errors, **named), seen)
     assert all(one.code == "smaller_image_fits" and one.severity == "doubt" for one in found)
     return [(one.cameras[0], one.values["seen_size"], one.values["size"]) for one in found]
 
@@ -77,10 +98,8 @@ def test_nothing_is_solved_again_without_need() -> None:
     def never(rig: Rig) -> Solution:
         raise AssertionError("solved again")
 
-    whole = Observations({name: people(1.0) for name in RIG.names})
-    assert doubts_of_smaller_pictures(RIG, whole, solution(RIG, 0.1), never) == []
-    half = Observations({name: people(0.5) for name in RIG.names})
-    assert doubts_of_smaller_pictures(RIG, half, solution(RIG, 0.1, "geopose"), never) == []
+    assert found_by(never, {}) == []
+    assert found_by(never, dict.fromkeys(RIG.names, 0.5), "geopose") == []
 
 
 @pytest.mark.parametrize(

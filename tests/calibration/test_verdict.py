@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from passerby.calibration.diagnostics.verdict import MIN_POSITIONS, judged, people_positions
+from passerby.calibration.diagnostics.verdict import MIN_POSITIONS, people_positions, with_verdict
 from passerby.common.arrays import Floats
 from passerby.core.cameras import Rig
 from passerby.core.missing_cameras import with_doubts_of_missing_cameras
@@ -45,7 +45,7 @@ def codes(solution: Solution) -> list[tuple[str, tuple[str, ...]]]:
 def test_people_all_over_the_ground_leave_the_verdict_as_it_is() -> None:
     for say, verdict in ((notice, "accepted"), (doubt, "doubtful"), (refusal, "refused")):
         findings = (say("few_walkers", "C1"),)
-        found = judged(replace(solved(), findings=findings), wandering(3.0))
+        found = with_verdict(replace(solved(), findings=findings), wandering(3.0))
         assert (found.verdict, found.findings) == (verdict, findings)
 
 
@@ -55,7 +55,7 @@ def test_people_on_one_line_or_spot_without_sigmas_let_no_rig_be_accepted(
 ) -> None:
     """A method that does not say how uncertain it is, on people who determine no rig."""
     people = wandering(across_m, along_m)
-    found = judged(solved(), people)
+    found = with_verdict(solved(), people)
     assert (found.verdict, codes(found)) == ("doubtful", [("rig_uncertain", ())])
     why = found.findings[0].values["why"]
     assert (why["code"], why["values"]["shape"]) == ("people_not_spread", shape)
@@ -63,17 +63,17 @@ def test_people_on_one_line_or_spot_without_sigmas_let_no_rig_be_accepted(
     # Joints have extent of their own.
     joints = Keypoints([1], [1], np.full((1, 1, 2), 300.0), np.ones((1, 1)), ("head",))
     cameras = {name: CameraObservations(one.boxes, joints) for name, one in people.cameras.items()}
-    assert judged(solved(), replace(people, cameras=cameras)).verdict == "accepted"
+    assert with_verdict(solved(), replace(people, cameras=cameras)).verdict == "accepted"
 
 
 def test_too_few_places_tell_of_no_line() -> None:
-    assert judged(solved(), seen(np.zeros((5, 2)))).findings == ()
+    assert with_verdict(solved(), seen(np.zeros((5, 2)))).findings == ()
 
 
 @pytest.mark.parametrize(("count", "told"), [(MIN_POSITIONS - 1, []), (MIN_POSITIONS, [("rig_uncertain", ())])])
 def test_just_enough_places_tell_of_a_line(count: int, told: list[tuple[str, tuple[str, ...]]]) -> None:
     along = np.column_stack([np.linspace(-1.5, 1.5, count), np.zeros(count)])
-    assert codes(judged(solved(), seen(along))) == told
+    assert codes(with_verdict(solved(), seen(along))) == told
 
 
 def test_a_camera_that_is_left_out_is_told_once_with_what_is_known_of_it() -> None:
@@ -81,14 +81,14 @@ def test_a_camera_that_is_left_out_is_told_once_with_what_is_known_of_it() -> No
     alone = CameraObservations(replace(people["C4"].boxes, identity=np.full(len(people["C4"].boxes), 99)))
     people = replace(people, cameras={**people.cameras, "C4": alone})
     lost = Rig(tuple(replace(camera, pose=None) if camera.name == "C4" else camera for camera in RIG))
-    found = judged(solved(lost), people)
+    found = with_verdict(solved(lost), people)
     assert found.verdict == "doubtful"
     assert causes(found) == [("cameras_share_nobody", ("C4",))]
     why = notice("few_walkers", "C4")
-    assert causes(judged(solved(lost), people, why={"C4": why})) == [("few_walkers", ("C4",))]
+    assert causes(with_verdict(solved(lost), people, why={"C4": why})) == [("few_walkers", ("C4",))]
     # The solver's own words on it are dropped: that nobody is shared says more.
     apart = replace(solved(lost), findings=(notice("cameras_disconnected", "C4", main=["C1", "C2", "C3"]),))
-    assert causes(judged(apart, people)) == [("cameras_share_nobody", ("C4",))]
+    assert causes(with_verdict(apart, people)) == [("cameras_share_nobody", ("C4",))]
 
 
 def test_each_cause_is_one_doubt_about_its_cameras() -> None:
@@ -119,12 +119,12 @@ def causes(solution: Solution) -> list[tuple[str, tuple[str, ...]]]:
 
 def test_a_camera_without_a_pose_for_no_reason_that_is_known() -> None:
     lost = Rig(tuple(replace(camera, pose=None) if camera.name == "C4" else camera for camera in RIG))
-    found = judged(solved(lost), wandering(3.0))
+    found = with_verdict(solved(lost), wandering(3.0))
     assert (found.verdict, codes(found)) == ("doubtful", [("camera_without_pose", ("C4",))])
 
 
 def test_what_else_speaks_against_it_makes_it_doubtful() -> None:
-    found = judged(solved(), wandering(3.0), doubts=[doubt("people_stand_still")])
+    found = with_verdict(solved(), wandering(3.0), doubts=[doubt("people_stand_still")])
     assert (found.verdict, codes(found)) == ("doubtful", [("people_stand_still", ())])
 
 
@@ -137,9 +137,9 @@ def test_identities_that_nobody_gave_and_that_were_not_found_are_told_by_what_wa
     }
     apart, lost = replace(people, cameras=cameras), Rig(tuple(replace(camera, pose=None) for camera in RIG))
     before = doubt("people_stand_still")
-    found = judged(solved(lost, "refused"), apart, given=False, doubts=[before])
+    found = with_verdict(solved(lost, "refused"), apart, given=False, doubts=[before])
     assert (found.verdict, found.findings) == ("refused", (before,))
-    assert {code for code, _ in codes(judged(solved(lost, "refused"), apart, given=False))} == {"no_shared_people"}
+    assert {code for code, _ in codes(with_verdict(solved(lost, "refused"), apart, given=False))} == {"no_shared_people"}
 
 
 def test_places_of_people_need_two_cameras_that_know_who_it_is() -> None:

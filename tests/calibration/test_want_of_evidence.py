@@ -7,7 +7,7 @@ from importlib.util import find_spec
 import numpy as np
 import pytest
 
-from passerby.calibration.diagnostics.verdict import judged, people_positions
+from passerby.calibration.diagnostics.verdict import people_positions, with_verdict
 from passerby.cli.main import run
 from passerby.core.observations import CameraObservations, Observations
 from passerby.core.solution import Solution
@@ -64,7 +64,7 @@ def test_people_on_one_spot_are_told(terrace):
     rng = np.random.default_rng(2)
     walks = {identity: (rng.normal(0.0, 0.03, (60, 2)), 1.7) for identity in (1, 2)}
     observations = boxes_of(terrace.rig, walks, rng)
-    solution = judged(Solution("people", terrace.rig, "accepted"), observations)
+    solution = with_verdict(Solution("people", terrace.rig, "accepted"), observations)
     assert solution.verdict == "doubtful"
     assert solution.findings[0].code == "rig_uncertain"
     assert solution.findings[0].values["why"]["code"] == "people_not_spread"
@@ -83,7 +83,7 @@ def test_positions_of_people_are_where_they_walked(terrace):
 
 def test_joints_need_no_walk(terrace):
     still = {name: CameraObservations(keypoints=seen.keypoints) for name, seen in terrace.observations.cameras.items()}
-    assert judged(Solution("people", terrace.rig, "accepted"), Observations(still)).verdict == "accepted"
+    assert with_verdict(Solution("people", terrace.rig, "accepted"), Observations(still)).verdict == "accepted"
 
 
 @pytest.mark.slow

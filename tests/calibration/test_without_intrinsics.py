@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pytest
 
-from passerby.calibration.pipeline import calibrate
+from passerby.calibration.calibrate import calibrate
 from passerby.cli.main import run
 from passerby.common.errors import InputError
 from passerby.core.data_sheet import sd_of_field

@@ -60,7 +60,7 @@ def read_only(tmp_path):
 
 
 def test_a_folder_that_may_not_be_written_is_told_before_anything_is_computed(read_only, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("passerby.calibration.pipeline.calibrate", None)
+    monkeypatch.setattr("passerby.calibration.calibrate.calibrate", None)
     scene = write_scene(tmp_path)
     commands = (["calibrate", str(scene), "-o", str(read_only)], ["simulate", "-o", str(read_only / "in"), "--seconds", "2"],
                 ["report", str(read_only)])  # fmt: skip

@@ -9,8 +9,8 @@ import pytest
 from metrics.tracklets import score_tracklets
 from passerby.association.tracking.stitching import stitch_tracklets
 from passerby.association.tracking.tracking import track
+from passerby.calibration.calibrate import calibrate
 from passerby.calibration.calibration import Calibration
-from passerby.calibration.pipeline import calibrate
 from passerby.common.progress import silent
 from passerby.evaluation.metrics import Comparison, compare
 from passerby.interchange.motchallenge import read_boxes

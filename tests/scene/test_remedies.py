@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from passerby.calibration.pipeline import calibrate
+from passerby.calibration.calibrate import calibrate
 from passerby.calibration.scene_solver import solver_options
 from passerby.cli.main import run
 from passerby.common.errors import InputError

@@ -115,7 +115,7 @@ def test_who_only_checks_or_monitors_decodes_no_sound(
 def test_only_a_calibration_measures_clocks_by_sound(
     command: str, listens: bool, films: tuple[Path, list[CameraInput], float], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    module = {"calibrate": "passerby.calibration.pipeline", "monitor": "passerby.monitoring.monitor"}[command]
+    module = {"calibrate": "passerby.calibration.calibrate", "monitor": "passerby.monitoring.monitor"}[command]
     asked = []
 
     def read(*arguments: object, **_: object) -> None:

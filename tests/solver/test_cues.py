@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from passerby.calibration.diagnostics.unusual_people import told_of_unusual
+from passerby.calibration.diagnostics.verdict import find_unusual_heights
 from passerby.common.errors import InputError
 from passerby.core.figures import CueFigures
 from passerby.core.observations import CameraObservations, Observations
@@ -241,7 +241,7 @@ def test_a_poster_among_people_does_not_change_the_metre():
     assert cue.count == len(TRUTH.identities) - 1
     assert before.figures.people.unusual is None
     assert after.figures.people.unusual == (TRUTH.identities[0],)
-    (told,) = told_of_unusual(after.figures.people)
+    (told,) = find_unusual_heights(after.figures.people)
     assert (told.code, told.severity, told.values["identities"]) == ("people_unusual", "notice", [TRUTH.identities[0]])
     assert told.values["low_m"] == told.values["high_m"] > 1.3 * told.values["usual_m"]
-    assert told_of_unusual(before.figures.people) == told_of_unusual(None) == ()
+    assert find_unusual_heights(before.figures.people) == find_unusual_heights(None) == ()

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from passerby.association.ambiguity import ambiguous_cameras
 from passerby.association.appearance.affinity import AppearanceAffinity
-from passerby.association.associate import Tracklets
-from passerby.association.attachment import Attached
+from passerby.association.associate import Tracklets, cluster_by_rig
+from passerby.association.attachment import Attached, attach_cameras
 from passerby.association.camera_tracklets import CameraTracklets, with_lens
 from passerby.association.cleaning import reassign_detections
 from passerby.association.clocks.drift import Drift, clock_drifts, drift_findings
@@ -31,6 +32,7 @@ from passerby.association.result import Association
 from passerby.association.shared_sightings import joined_sightings
 from passerby.calibration.pointed_heights import PointedHeights, identity_at, pointed_heights, unfulfilled
 from passerby.common.arrays import Floats, Ints
+from passerby.common.progress import Progress
 from passerby.core.association_figures import AssociationRound
 from passerby.core.cameras import Rig
 from passerby.core.observations import UNKNOWN, CameraObservations, Observations, once_in_frame
@@ -189,6 +191,45 @@ class AssociationRun:
             heights.people, heights.findings,
         )  # fmt: skip
 
+    def identify_by_rig(
+        self, person: Ints, offset_s: Floats, solution: Solution, initial: InitialAssociation, attached: dict[int, Attached],
+        *, search: bool, executor: Executor | None, tell: Progress,
+    ) -> tuple[Ints, int]:  # fmt: skip
+        """Place cameras without a pose by the people of the rig, and identify all tracklets anew by the rig.
+
+        Args:
+            person: (T,) of each tracklet so far.
+            offset_s: (C,) of the clocks, seconds; those of cameras that are placed here are changed in it.
+            solution: the rig.
+            initial: the first association.
+            attached: cameras that the rig's people placed before; those of this round are added.
+            search: whether cameras without a pose are searched that were not placed before.
+            executor: works on cameras side by side.
+            tell: told each stage as it begins.
+
+        Returns:
+            (T,) the person of each tracklet, and how many cameras have poses.
+        """
+        poses = [camera.pose for camera in solution.rig]
+        if initial.graph is not None:
+            height_m = self.options.person_height_m
+            lost = self.lost(solution, initial.graph, attached, search=search)
+            first = self.tracklets.first
+            own = [person[first[c] : first[c + 1]] for c in range(len(poses))]
+            found = attach_cameras(
+                self.cameras, poses, own, offset_s, height_m, lost, initial.candidates,
+                executor if initial.candidates is not None else None, tell,
+            )  # fmt: skip
+            attached |= found
+            for c, one in found.items():
+                poses[c], offset_s[c] = one.pose, one.offset_s
+            affinity = self.appearance.affinity() if self.appearance else None
+            person = cluster_by_rig(
+                self.tracklets, self.cameras, initial.graph, poses, offset_s, height_m, affinity, initial.known,
+                initial.candidates,
+            )  # fmt: skip
+        return person, sum(pose is not None for pose in poses)
+
     def _drifts(self, person: Ints, offset_s: Floats, solution: Solution) -> dict[int, Drift]:
         """How the clocks drift, by the rig."""
         first, poses = self.tracklets.first, [camera.pose for camera in solution.rig]
@@ -221,6 +262,18 @@ class AssociationRun:
             contradicted = contradicted_starts(initial.starts, self.rig.names, offset_s, registered)
             notices = [*initial.starts.notices, *contradicted, *notices]
         return (*(nobody_walks(self.cameras, poses) if walked else ()), *doubts), (*joined, *notices)
+
+
+def share_of_same_pairs(before: Ints, after: Ints) -> float:
+    """How alike two groupings of tracklets (T,) are: pairs together in both, as a share of those in either."""
+
+    def pairs(label: Ints) -> float:
+        count = np.bincount(label).astype(np.float64)
+        return float((count * (count - 1)).sum() / 2)
+
+    _, both = np.unique(np.column_stack([before, after]), axis=0, return_inverse=True)
+    common = pairs(both.ravel())
+    return common / max(pairs(before) + pairs(after) - common, 1.0)
 
 
 def _at(column: Ints, row: Ints) -> Ints:

@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from passerby.association.result import Association
-from passerby.calibration.estimation import Estimate
-from passerby.calibration.repairs import Correction
+from passerby.calibration.run import Correction, Corrections, Estimate
 from passerby.common.arrays import Bools, Floats, Ints
 from passerby.core.cameras import Lens, Rig
 from passerby.core.figures import DriftFigures, MotionFigures, adjusted
@@ -183,8 +182,8 @@ class MotionCorrection(Correction):
 
 
 @dataclass(frozen=True)
-class MotionRepair:
-    """Leaves out what a camera saw while it stood elsewhere, and takes slow rotations out of what it saw."""
+class MotionSearch:
+    """What the search for cameras in motion knows of the scene."""
 
     stated: SceneInputs
     """As they were read, with the frame rates that a scene file's seconds count in."""
@@ -192,32 +191,35 @@ class MotionRepair:
     person_height_m: float
     """Mean standing height."""
 
-    def __call__(self, inputs: SceneInputs, estimate: Estimate) -> MotionCorrection | None:
-        """Find the camera whose motion explains most of what does not fit; None where none moved."""
-        motion = _most_certain(inputs, estimate, self)
-        if motion is None:
-            return None
-        if isinstance(motion, DetectedDrift):
-            lens = estimate.solution.rig[motion.camera].lens
-            return MotionCorrection(replace(inputs, observations=motion.corrected(inputs.observations, lens)), motion)
-        return MotionCorrection(replace(inputs, observations=_without(inputs.observations, motion)), motion)
 
-    def measured_again(self, corrections: Sequence[Correction], repaired: Estimate) -> tuple[Motion, ...]:
-        """The motions that were found, each as large as it is by the final rig; of a camera that drifts, one drift."""
-        found: dict[str | int, Motion] = {}
-        for number, one in enumerate(corrections):
-            if isinstance(one, MotionCorrection):
-                drifts = isinstance(one.motion, DetectedDrift)
-                found[one.motion.camera if drifts else number] = one.motion
-        return tuple(
-            _drift_measured_again(one, self.stated, repaired, self)
-            if isinstance(one, DetectedDrift)
-            else _measured_again(one, self.stated, repaired, self)
-            for one in found.values()
-        )
+def correct_motion(search: MotionSearch, inputs: SceneInputs, estimate: Estimate) -> MotionCorrection | None:
+    """Find the camera whose motion explains most of what does not fit, and correct the inputs; None where none moved.
+
+    What a camera saw while it stood elsewhere is left out. A slow rotation is taken out of what it saw.
+    """
+    motion = _most_certain(inputs, estimate, search)
+    if motion is None:
+        return None
+    if isinstance(motion, DetectedDrift):
+        lens = estimate.solution.rig[motion.camera].lens
+        return MotionCorrection(replace(inputs, observations=motion.corrected(inputs.observations, lens)), motion)
+    return MotionCorrection(replace(inputs, observations=_without(inputs.observations, motion)), motion)
 
 
-def _most_certain(inputs: SceneInputs, estimate: Estimate, repair: MotionRepair) -> Motion | None:
+def measure_motions(search: MotionSearch, corrections: Corrections, estimate: Estimate) -> tuple[Motion, ...]:
+    """The motions that were found, each as large as it is by the final rig; of a camera that drifts, one drift."""
+    found: dict[str | int, Motion] = {}
+    for number, one in enumerate(corrections.of(MotionCorrection)):
+        found[one.motion.camera if isinstance(one.motion, DetectedDrift) else number] = one.motion
+    return tuple(
+        _drift_measured_again(one, search.stated, estimate, search)
+        if isinstance(one, DetectedDrift)
+        else _measured_again(one, search.stated, estimate, search)
+        for one in found.values()
+    )
+
+
+def _most_certain(inputs: SceneInputs, estimate: Estimate, search: MotionSearch) -> Motion | None:
     """The camera whose motion predicts people best; others may look moved because of it.
 
     None where a camera that stays as it is does about as well, and where the motion changes what the rig measures by no more
@@ -230,7 +232,7 @@ def _most_certain(inputs: SceneInputs, estimate: Estimate, repair: MotionRepair)
     for c, camera in enumerate(rig):
         if camera.pose is None:
             continue
-        m = _matched(c, rig, centres[c], rays, around[c], inputs.observations, association, repair)
+        m = _matched(c, rig, centres[c], rays, around[c], inputs.observations, association, search)
         suspect = suspect_change(m, camera.pose, association.instants.fps or USUAL_FPS, len(rig.posed()))
         if suspect is not None:
             suspects.append((c, suspect, m))
@@ -243,8 +245,8 @@ def _most_certain(inputs: SceneInputs, estimate: Estimate, repair: MotionRepair)
         return None
     name, posed = rig.names[c], rig.posed().names
     either = next(other for other in posed if other != name) if len(posed) == 2 else None
-    clock = repair.stated.observations.clocks.get(name)
-    fps = clock.fps if clock is not None else repair.stated.observations.fps
+    clock = search.stated.observations.clocks.get(name)
+    fps = clock.fps if clock is not None else search.stated.observations.fps
     if change.kind == "drifts":
         drift = drift_of(m, change.path, change.over_base.gain)
         return DetectedDrift(name, _span(name, drift, inputs.observations, association), fps, drift, either)
@@ -278,14 +280,14 @@ def _cameras_around(rig: Rig, instants: Observations) -> list[set[int]]:
 
 def _matched(
     c: int, rig: Rig, own: BodyCentres | None, rays: PeopleRays, around: Collection[int], observations: Observations,
-    association: Association, repair: MotionRepair,
+    association: Association, search: MotionSearch,
 ) -> Correspondences:  # fmt: skip
     """All that a camera saw, with where the others `around` it see the people, by all cameras' `rays`.
 
     Where identities were found, sightings from elsewhere lost theirs, or never had one: each may show anybody.
     """
     camera = rig.cameras[c]
-    known, height_m = repair.identities_known, repair.person_height_m
+    known, height_m = search.identities_known, search.person_height_m
     if not known or own is None:
         own = body_centres(_at_instants(camera.name, observations, association, rig), camera)
     others = np.isin(np.arange(len(rig)), [k for k in around if k != c])[rays.camera]
@@ -346,24 +348,24 @@ def _without(observations: Observations, moved: DetectedMotion) -> Observations:
     return replace(observations, cameras={**observations.cameras, moved.camera: rest})
 
 
-def _measured_again(moved: DetectedMotion, inputs: SceneInputs, estimate: Estimate, repair: MotionRepair) -> DetectedMotion:
+def _measured_again(moved: DetectedMotion, inputs: SceneInputs, estimate: Estimate, search: MotionSearch) -> DetectedMotion:
     """The size of a motion by the rig that is right, in place of the one that the motion has bent."""
     association, pose = estimate.association, estimate.solution.rig[moved.camera].pose
     if pose is None:
         return moved
-    m = _matched_again(moved.camera, inputs, estimate, repair)
+    m = _matched_again(moved.camera, inputs, estimate, search)
     own = _own_frames(moved.camera, m.own.instant, inputs.observations, association)
     part = m.part((own >= moved.first_frame) & (own <= moved.last_frame))
     rate = association.instants.fps or USUAL_FPS
     return replace(moved, change=measure_step(part, pose, moved.change, rate, len(estimate.solution.rig.posed())))
 
 
-def _drift_measured_again(found: DetectedDrift, inputs: SceneInputs, estimate: Estimate, repair: MotionRepair) -> DetectedDrift:
+def _drift_measured_again(found: DetectedDrift, inputs: SceneInputs, estimate: Estimate, search: MotionSearch) -> DetectedDrift:
     """The size of a drift by the final rig, from the observations as they were read."""
     pose = estimate.solution.rig[found.camera].pose
     if pose is None:
         return found
-    m = _matched_again(found.camera, inputs, estimate, repair)
+    m = _matched_again(found.camera, inputs, estimate, search)
     path = fit_drift(m, CameraPath(pose), len(found.drift.knots) - 1)
     if path is None:
         return found
@@ -371,12 +373,12 @@ def _drift_measured_again(found: DetectedDrift, inputs: SceneInputs, estimate: E
     return replace(found, drift=drift, frames=_span(found.camera, drift, inputs.observations, estimate.association))
 
 
-def _matched_again(name: str, inputs: SceneInputs, estimate: Estimate, repair: MotionRepair) -> Correspondences:
+def _matched_again(name: str, inputs: SceneInputs, estimate: Estimate, search: MotionSearch) -> Correspondences:
     """All that a camera saw, as it was read, with where the others see the people by the final rig."""
     rig, association = estimate.solution.rig, estimate.association
     c = rig.names.index(name)
     everything = association.instants
-    if repair.identities_known:
+    if search.identities_known:
         # The instants at hand lack what was left out.
         seen = inputs.observations
         clocks = {name: _clock(name, seen, association) for name in seen.cameras}
@@ -384,4 +386,4 @@ def _matched_again(name: str, inputs: SceneInputs, estimate: Estimate, repair: M
         everything = resample_to_common_steps(seen, clocks, grid=grid) if grid else seen
     middles = identified_body_centres(rig, everything)
     rays, everyone = PeopleRays.of(rig, middles), range(len(middles))
-    return _matched(c, rig, middles[c], rays, everyone, inputs.observations, association, repair)
+    return _matched(c, rig, middles[c], rays, everyone, inputs.observations, association, search)

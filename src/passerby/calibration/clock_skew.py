@@ -7,8 +7,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from passerby.association.clocks.drift import Drift
-from passerby.calibration.estimation import Estimate
-from passerby.calibration.repairs import Correction
+from passerby.calibration.run import Correction, Estimate
 from passerby.core.figures import FittedRate
 from passerby.core.observations import Clock
 from passerby.findings.finding import Finding, notice
@@ -31,14 +30,18 @@ def clock_skew_findings(rates: Mapping[str, FittedRate]) -> tuple[Finding, ...]:
     )
 
 
-def find_clock_skew(inputs: SceneInputs, estimate: Estimate) -> Correction | None:
+class ClockRateCorrection(Correction):
+    """Inputs with frame rates by which people's times drift less."""
+
+
+def correct_clock_rates(inputs: SceneInputs, estimate: Estimate) -> ClockRateCorrection | None:
     """Correct the frame rates by the drifts that an estimate shows; None where no rate is known, or none drifts any more."""
     clocks = _clocks(inputs)
     rest = {name: drift for name, drift in relative_to_first(estimate.association.drifts).items() if not _settled(drift)}
     if not clocks or not rest:
         return None
     clocks |= {name: replace(clocks[name], fps=clocks[name].fps / (1 - drift.rate)) for name, drift in rest.items()}
-    return Correction(replace(inputs, observations=replace(inputs.observations, clocks=clocks)))
+    return ClockRateCorrection(replace(inputs, observations=replace(inputs.observations, clocks=clocks)))
 
 
 def clock_rate_figures(stated: SceneInputs, corrected: SceneInputs, estimate: Estimate) -> dict[str, FittedRate]:

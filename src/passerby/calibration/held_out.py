@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from passerby.calibration.run import Estimate
 from passerby.common.arrays import Floats, Ints
 from passerby.core.cameras import Pose, Rig
 from passerby.core.figures import HeldOutFigures, ResidualFigures
@@ -95,6 +96,22 @@ def hold_out(rig: Rig, instants: Observations, person_height_m: float, seed: int
         least_share=min(shares, default=held.median_share),
     )
     return HeldOut(anew, figures)
+
+
+def is_worse(after: Estimate, before: Estimate, person_height_m: float, seed: int) -> bool:
+    """Whether an estimate lost cameras, or people who were held out disagree more with it; `hold_out` has the arguments."""
+    if after.solution.verdict == "refused" or after.solution.rig.posed().names != before.solution.rig.posed().names:
+        return True
+    new, old = (_disagreement(one, person_height_m, seed) for one in (after, before))
+    return new is not None and old is not None and new > old
+
+
+def _disagreement(estimate: Estimate, person_height_m: float, seed: int) -> float | None:
+    """By how much people who were held out disagree with an estimate, as a share of their size; None where too few are."""
+    if estimate.solution.method != "people":
+        return None
+    found = hold_out(estimate.solution.rig, estimate.association.instants, person_height_m, seed)
+    return None if found is None or found.figures is None else found.figures.held_out.median_share
 
 
 def is_held_out(step: Ints, rig: Rig, instants: Observations, stretch_s: float) -> NDArray[np.bool_]:

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import ValidationError
 
+from passerby.calibration.calibrate import calibrate_inputs
 from passerby.calibration.calibration import Calibration
-from passerby.calibration.pipeline import calibrate_inputs
 from passerby.common.errors import InputError
 from passerby.common.progress import Progress
 from passerby.core.box_format import BoxFormat

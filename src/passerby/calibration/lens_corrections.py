@@ -6,14 +6,14 @@ cameras and predicts held-out people no worse.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import ClassVar
 
 import numpy as np
 
-from passerby.calibration.estimation import Estimate
 from passerby.calibration.readings import findings_of_readings
-from passerby.calibration.repairs import Repaired
+from passerby.calibration.run import Correction, Corrections, Estimate
 from passerby.core.figures import AdjustedFigures
 from passerby.findings.finding import Finding
 from passerby.hypotheses.alternatives import Alternative
@@ -27,51 +27,57 @@ MOST_CORRECTIONS = 3
 
 
 @dataclass(frozen=True, eq=False)
-class LensOutcome:
-    """The estimate that stands, and what is reported of its lenses."""
+class LensCorrection(Correction):
+    """Inputs with a corrected lens."""
 
-    repaired: Repaired
-    findings: tuple[Finding, ...]
-    result: LensResult
-    """Of the estimate that stands."""
+    found: FoundLenses
+    suspects: tuple[Alternative, ...]
+    """What was corrected with it."""
+    tentative: ClassVar[bool] = True
+
+
+@dataclass(frozen=True, eq=False)
+class LensExamination:
+    """What is reported of the lenses of an estimate."""
+
+    findings: tuple[Finding, ...] = ()
+    result: LensResult = field(default_factory=lambda: LensResult("nothing"))
 
     def of(self, severity: str) -> tuple[Finding, ...]:
         """The findings of one severity."""
         return tuple(finding for finding in self.findings if finding.severity == severity)
 
 
-def correct_lenses(
-    repaired: Repaired, again: Callable[[SceneInputs], Repaired], disagreement: Callable[[Estimate], float | None]
-) -> LensOutcome:
-    """Examine the lenses of an estimate; while one is clearly wrong, correct it and estimate again.
+def examine_stated_lenses(
+    inputs: SceneInputs, estimate: Estimate, corrections: Corrections
+) -> tuple[LensCorrection | None, LensExamination]:
+    """Do people contradict a lens? The correction where that is clear; and what is reported if the estimate stands.
 
     Args:
-        repaired: an estimate by the lenses as stated.
-        again: estimates from other inputs.
-        disagreement: by how much people who were held out disagree with an estimate; None where that is unknown.
+        inputs: of the estimate.
+        estimate: in which no other fault of the input is found.
+        corrections: so far.
     """
-    made: list[FoundLenses] = []
-    adopted: list[Alternative] = []
-    while True:
-        solution = repaired.estimate.solution
-        if not isinstance(solution, PeopleSolution) or solution.verdict == "refused":
-            return LensOutcome(repaired, (), LensResult("nothing"))
-        misread = findings_of_readings(repaired.inputs, repaired.estimate)
-        if any(one.severity != "notice" for one in misread):  # lenses would be blamed for what they did not do
-            return LensOutcome(repaired, (*misread, *_corrections(made)), LensResult("nothing"))
-        result = examine_lenses(solution, corrected=adopted)
-        found = result.found
-        if found is None or result.decision == "nothing":
-            return LensOutcome(repaired, (*misread, *_corrections(made)), result)
-        if result.decision != "correct" or len(made) == MOST_CORRECTIONS:
-            one = lens_differs(found) if result.decision == "notice" else lens_doubtful(result)
-            return LensOutcome(repaired, (one, *misread, *_corrections(made)), result)
-        after = again(replace(repaired.inputs, rig=found.corrected(repaired.inputs.rig)))
-        if is_worse(after.estimate, repaired.estimate, disagreement):
-            return LensOutcome(repaired, (lens_doubtful(result, "not_better"), *misread, *_corrections(made)), result)
-        repaired = replace(after, corrections=(*repaired.corrections, *after.corrections))
-        made.append(found)
-        adopted += [one.alternative for one in result.suspects]
+    solution = estimate.solution
+    if not isinstance(solution, PeopleSolution) or solution.verdict == "refused":
+        return None, LensExamination()
+    made = corrections.of(LensCorrection)
+    misread = findings_of_readings(inputs, estimate)
+    known = (*misread, *_findings_of_corrections([one.found for one in made]))
+    if any(one.severity != "notice" for one in misread):  # lenses would be blamed for what they did not do
+        return None, LensExamination(known)
+    result = examine_lenses(solution, corrected=[one for correction in made for one in correction.suspects])
+    found = result.found
+    if found is None or result.decision == "nothing":
+        return None, LensExamination(known, result)
+    if result.decision != "correct" or len(made) == MOST_CORRECTIONS:
+        one = lens_differs(found) if result.decision == "notice" else lens_doubtful(result)
+        return None, LensExamination((one, *known), result)
+    if not corrections.allows(LensCorrection, MOST_CORRECTIONS):  # tried, and the estimate was worse
+        return None, LensExamination((lens_doubtful(result, "not_better"), *known), result)
+    corrected = replace(inputs, rig=found.corrected(inputs.rig))
+    suspects = tuple(one.alternative for one in result.suspects)
+    return LensCorrection(corrected, found, suspects), LensExamination(known, result)
 
 
 def with_focal_changes(figures: AdjustedFigures, result: LensResult) -> AdjustedFigures:
@@ -95,17 +101,9 @@ def with_unsettled_lenses(figures: AdjustedFigures, result: LensResult) -> Adjus
     return replace(figures, measuring=figures.measuring.with_errors(found.moved.points.median_mm, ground_mm))
 
 
-def _corrections(made: Sequence[FoundLenses]) -> tuple[Finding, ...]:
+def _findings_of_corrections(made: Sequence[FoundLenses]) -> tuple[Finding, ...]:
     """What is reported of corrections: each from the lens as the scene states it to what it became in the end."""
     if not made:
         return ()
     change = np.sum([one.change for one in made], axis=0)
     return tuple(lens_corrected(replace(one, stated=made[0].stated, change=change, sigma=made[-1].sigma)) for one in made)
-
-
-def is_worse(after: Estimate, before: Estimate, disagreement: Callable[[Estimate], float | None]) -> bool:
-    """Whether an estimate lost cameras, or disagrees more with people who were held out."""
-    if after.solution.verdict == "refused" or after.solution.rig.posed().names != before.solution.rig.posed().names:
-        return True
-    new, old = disagreement(after), disagreement(before)
-    return new is not None and old is not None and new > old

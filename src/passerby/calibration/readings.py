@@ -6,12 +6,11 @@ them would not be one for the images that there are.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 from passerby.calibration.diagnostics.verdict import people_not_spread
-from passerby.calibration.estimation import Estimate
-from passerby.calibration.repairs import Correction
+from passerby.calibration.run import Correction, Corrections, Estimate
 from passerby.core.synchronisation import clocks_of
 from passerby.findings.finding import Finding
 from passerby.hypotheses.box_formats import find_shifted_boxes
@@ -29,6 +28,7 @@ class ClockCorrection(Correction):
     """Inputs with the clock of one camera as people fit it."""
 
     found: ReadCamera
+    tentative: ClassVar[bool] = True
 
 
 def correct_late_clock(inputs: SceneInputs, estimate: Estimate) -> ClockCorrection | None:
@@ -51,9 +51,9 @@ def findings_of_readings(inputs: SceneInputs, estimate: Estimate) -> tuple[Findi
     return found if shifted is None else (*found, boxes_in_other_format(shifted))
 
 
-def corrected_clocks(corrections: Sequence[Correction]) -> tuple[Finding, ...]:
-    """What is reported of the clocks that were corrected."""
-    return tuple(misread(one.found, corrected=True) for one in corrections if isinstance(one, ClockCorrection))
+def findings_of_corrected_clocks(corrections: Corrections) -> tuple[Finding, ...]:
+    """A notice about each clock that was corrected."""
+    return tuple(misread(one.found, corrected=True) for one in corrections.of(ClockCorrection))
 
 
 def _examined(inputs: SceneInputs, estimate: Estimate, *, only_clocks: bool = False) -> list[ReadCamera]:

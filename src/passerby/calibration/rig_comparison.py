@@ -5,7 +5,7 @@ from __future__ import annotations
 from concurrent.futures import Executor
 from pathlib import Path
 
-from passerby.calibration.pipeline import calibrate
+from passerby.calibration.calibrate import calibrate
 from passerby.common.errors import EvidenceError
 from passerby.common.progress import Progress
 from passerby.core.cameras import Rig

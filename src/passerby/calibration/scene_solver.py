@@ -1,15 +1,15 @@
-"""The solver that a scene asks for, with its options: from people at common time steps to a rig."""
+"""From people at common time steps to a rig, by the solver of the scene."""
 
 from __future__ import annotations
 
 import difflib
 from collections.abc import Sequence
-from concurrent.futures import Executor
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
+from passerby.calibration.run import CalibrationRun, SolverOptions
 from passerby.common.errors import EvidenceError, InputError
 from passerby.core.cameras import Rig
 from passerby.core.observations import Observations
@@ -24,60 +24,33 @@ from passerby.solver.geopose.geopose import GeoPoseOptions, solve_geopose
 from passerby.solver.lens_unknowns import LENS_PARTS
 from passerby.solver.people import PeopleOptions, solve_people
 
-SolverOptions = PeopleOptions | GeoPoseOptions
-
 PASSING_SIGHTINGS = 8000
 """Observations in the solutions between two rounds of association: enough to place people to a fraction of their width."""
 PASSING_TOLERANCE = 1e-5
-"""Relative gain at which such a solution ends: the digits beyond are the last solution's business."""
-
-
-@dataclass(frozen=True, eq=False)
-class SceneSolver:
-    """One scene's solver: its random numbers go on from solve to solve."""
-
-    scene: Scene
-    rig: Rig
-    """Names and lenses."""
-    options: SolverOptions
-    rng: np.random.Generator
-    known: tuple[PersonHeight, ...] = ()
-    """Heights of people by identity, beside those that the scene states."""
-    executor: Executor | None = None
-    """Solves zones of large rigs side by side."""
-
-    def __call__(
-        self, synchronised: Observations, guesses: Sequence[PairHypothesis] = (), *, passing: bool = False,
-        refine_time: bool = False, lenses: Rig | None = None, known: Sequence[PersonHeight] = (),
-    ) -> Solution:  # fmt: skip
-        """The rig from people at common time steps, refused where the evidence does not do.
-
-        Args:
-            synchronised: people with identities that hold over the cameras.
-            guesses: relative poses of pairs, found before.
-            passing: a part of the evidence is enough, since another solve follows.
-            refine_time: the clocks' errors are unknowns.
-            lenses: names and lenses to begin with, where they are known better than those of the scene.
-            known: heights of people by these identities, beside those that the scene states and `known` of the solver.
-        """
-        options = self.options
-        if isinstance(options, PeopleOptions) and any(camera.lens.uncalibrated for camera in self.rig):
-            options = replace(options, refine_lens=LENS_PARTS)
-        if isinstance(options, PeopleOptions) and refine_time:
-            options = replace(options, refine_time=True)
-        if isinstance(options, PeopleOptions) and passing:
-            sightings = min(options.max_sightings, PASSING_SIGHTINGS)
-            options = replace(options, max_sightings=sightings, tolerance=max(options.tolerance, PASSING_TOLERANCE))
-        known = (*self.known, *known)
-        return solve_scene(self.scene, lenses or self.rig, synchronised, options, self.rng, guesses, known, self.executor)
+"""Relative gain at which such a solution ends: the last one is more exact."""
 
 
 def solve_scene(
-    scene: Scene, rig: Rig, synchronised: Observations, options: SolverOptions, rng: np.random.Generator,
-    guesses: Sequence[PairHypothesis] = (), known: Sequence[PersonHeight] = (), executor: Executor | None = None,
+    run: CalibrationRun, rig: Rig, synchronised: Observations, rng: np.random.Generator,
+    *, guesses: Sequence[PairHypothesis] = (), known: Sequence[PersonHeight] = (), passing: bool = False,
+    refine_time: bool = False, lenses: Rig | None = None,
 ) -> Solution:  # fmt: skip
-    """Run the scene's solver; a want of evidence is a refused solution without poses. `known` adds to the scene's cues."""
-    cues = turn_cues(scene.scale_cues(), rig, scene.turns)
+    """Solve a rig by the method of the scene; insufficient evidence gives the verdict `refused`, without poses.
+
+    Args:
+        run: the scene and its options.
+        rig: names and lenses as stated; poses in it are not read.
+        synchronised: people at common time steps, with identities that hold over all cameras.
+        rng: of the estimate; its numbers continue from solve to solve.
+        guesses: relative poses of pairs of cameras, found before.
+        known: heights of people by identity, metres, beside those that the scene states.
+        passing: another solve follows, so that a part of the evidence is enough.
+        refine_time: whether the errors of the clocks are unknowns.
+        lenses: names and lenses to begin with, where they are known better than as stated.
+    """
+    scene, options = run.scene, _options_of_solve(run.options, rig, passing=passing, refine_time=refine_time)
+    begin = lenses or rig
+    cues = turn_cues(scene.scale_cues(), begin, scene.turns)
     lengths = (*cues.lengths, *lengths_of_wands(cues.wands, synchronised))
     cues = replace(cues, people=combine_heights((*cues.people, *known)), lengths=lengths)
     shared = count_shared_observations(synchronised)
@@ -85,10 +58,24 @@ def solve_scene(
         if len(connected_groups(shared)[0]) == 1:
             raise RefusalError(missing_overlap(shared, given=scene.association.given))
         if isinstance(options, GeoPoseOptions):
-            return solve_geopose(rig, synchronised, cues, options, rng=rng)
-        return solve_people(rig, synchronised, cues, options, rng=rng, guesses=guesses, executor=executor)
+            return solve_geopose(begin, synchronised, cues, options, rng=rng)
+        return solve_people(begin, synchronised, cues, options, rng=rng, guesses=guesses, executor=run.executor)
     except EvidenceError as error:
-        return Solution(scene.solver.method, rig, "refused", findings_of(error))
+        return Solution(scene.solver.method, begin, "refused", findings_of(error))
+
+
+def _options_of_solve(options: SolverOptions, rig: Rig, *, passing: bool, refine_time: bool) -> SolverOptions:
+    """The options of one solve: unknown lenses and clocks are estimated, and a passing solve uses less."""
+    if isinstance(options, GeoPoseOptions):
+        return options
+    if any(camera.lens.uncalibrated for camera in rig):
+        options = replace(options, refine_lens=LENS_PARTS)
+    if refine_time:
+        options = replace(options, refine_time=True)
+    if passing:
+        sightings = min(options.max_sightings, PASSING_SIGHTINGS)
+        options = replace(options, max_sightings=sightings, tolerance=max(options.tolerance, PASSING_TOLERANCE))
+    return options
 
 
 def solver_options(scene: Scene) -> SolverOptions:

@@ -185,7 +185,7 @@ def calibrate(
 
     Exit status 3: the verdict is doubtful (unreliable) or refused (failed); the results are written with the reasons.
     """
-    from passerby.calibration.pipeline import calibrate as run_calibration
+    from passerby.calibration.calibrate import calibrate as run_calibration
     from passerby.calibration.writing import WORK, write_results
     from passerby.cli.streams import recorded
     from passerby.cli.tables import show_calibration, tell_reasons

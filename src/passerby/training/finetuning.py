@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from passerby.calibration.calibrate import calibrate
 from passerby.calibration.calibration import Calibration
-from passerby.calibration.pipeline import calibrate
 from passerby.common.errors import InputError
 from passerby.common.parallel import local_processes
 from passerby.common.progress import Progress, silent

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from passerby.calibration.pipeline import calibrate
+from passerby.calibration.calibrate import calibrate
 from passerby.cli.main import run
 from passerby.common.errors import InputError
 from passerby.interchange.rig_toml import read_rig, write_rig

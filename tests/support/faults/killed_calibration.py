@@ -120,7 +120,7 @@ def calibrate(
     """Calibrate in a process of its own until the moment comes, or to the end; with a gate to the end, but through the gate."""
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(
-        ["passerby.calibration.pipeline", "passerby.cli.main", "passerby.perception.background", "passerby.cli.tables"]
+        ["passerby.calibration.calibrate", "passerby.cli.main", "passerby.perception.background", "passerby.cli.tables"]
     )
     here, there = context.Pipe(duplex=False)
     process = context.Process(target=_run, args=(scene, out, Fate(moment, sign, gate), there))

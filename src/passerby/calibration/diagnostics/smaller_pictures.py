@@ -1,23 +1,26 @@
 """Were people found in pictures of another size than the lens is for? Then they fill only the upper left part of it.
 
-A second stream of half the width shows everybody at half the pixels, so that all lie in a quarter of the picture. That alone is
+A second stream of half the width shows people at half the pixels, so that they lie in a quarter of the picture. That alone is
 no proof: people may keep to a corner. But only one of the two sizes lets all cameras agree on bodies of one shape, so the rig
 is solved with both, and the errors of the boxes' heights are compared. What else is wrong may still be so with the right size.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
+from passerby.association.result import Association
+from passerby.calibration.run import CalibrationRun
+from passerby.calibration.scene_solver import solve_scene
 from passerby.core.cameras import Rig
 from passerby.core.figures import adjusted
-from passerby.core.observations import Observations
 from passerby.core.solution import Solution
 from passerby.findings.finding import Finding, doubt
 from passerby.hypotheses.readings import possible_share, smaller
+from passerby.scene.inputs import SceneInputs
 
 BETTER = 1.4
 """The errors with the stated sizes over those with smaller ones: 1.6 to 5 where the smaller ones are right, and 0.05 to 0.5
@@ -27,16 +30,17 @@ AS_GOOD = 1.1
 
 
 def doubts_of_smaller_pictures(
-    rig: Rig, observations: Observations, solution: Solution, solve: Callable[[Rig], Solution]
+    run: CalibrationRun, inputs: SceneInputs, solution: Solution, association: Association
 ) -> list[Finding]:
     """A doubt about each of the cameras whose people were found in smaller pictures than the lens is for.
 
     Args:
-        rig: the lenses as stated.
-        observations: people in the cameras' own pixels.
+        run: the scene and its options.
+        inputs: the lenses as stated, and people in the cameras' own pixels.
         solution: the rig by the stated lenses.
-        solve: solves the same people with other lenses.
+        association: of that rig; its people are solved with other lenses.
     """
+    rig, observations = inputs.rig, inputs.observations
     shares = {
         camera.name: share
         for camera in rig
@@ -44,18 +48,23 @@ def doubts_of_smaller_pictures(
     }
     if not shares or solution.method != "people":
         return []
-    error, without = misfit(solution), solve(with_shares(rig, shares))
+    error, without = misfit(solution), _solve_smaller(run, with_shares(rig, shares), association)
     if not np.isfinite(misfit(without)) or error < BETTER * misfit(without):
         return []
     for name in [name for name in shares if len(shares) > 1]:
         fewer = {other: share for other, share in shares.items() if other != name}
-        if fewer and misfit(tried := solve(with_shares(rig, fewer))) < AS_GOOD * misfit(without):
+        if fewer and misfit(tried := _solve_smaller(run, with_shares(rig, fewer), association)) < AS_GOOD * misfit(without):
             shares, without = fewer, tried
     out = []
     for name, share in shares.items():
         size, small = rig[name].lens.size, smaller(rig[name].lens, share).size
         out.append(doubt("smaller_image_fits", name, seen_size=list(small), size=list(size), cut=None))
     return out
+
+
+def _solve_smaller(run: CalibrationRun, rig: Rig, association: Association) -> Solution:
+    """The same people solved with other lenses."""
+    return solve_scene(run, rig, association.instants, run.rng(), known=association.known_heights)
 
 
 def with_shares(rig: Rig, shares: Mapping[str, float]) -> Rig:

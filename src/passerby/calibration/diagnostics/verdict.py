@@ -1,4 +1,4 @@
-"""What no solver's answer may hide: cameras left out, and what is too uncertain to use."""
+"""The verdict on a solution, with the checks that do not depend on the solver; people who are far from the usual height."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 
 from passerby.common.arrays import Floats
 from passerby.core.cameras import Rig
+from passerby.core.figures import PeopleFigures
 from passerby.core.missing_cameras import with_doubts_of_missing_cameras
 from passerby.core.observations import UNKNOWN, Observations
 from passerby.core.overlap import count_shared_observations, missing_overlap
@@ -25,7 +26,7 @@ LINE_SHARE = 0.02
 MIN_POSITIONS = 10
 
 
-def judged(
+def with_verdict(
     solution: Solution, observations: Observations, *, given: bool = True, why: Mapping[str, Finding] | None = None,
     causes: Sequence[Finding] = (), doubts: Sequence[Finding] = (),
 ) -> Solution:  # fmt: skip
@@ -35,17 +36,17 @@ def judged(
         solution: of a solver.
         observations: people at common instants.
         given: whether their identities were given, not found.
-        why: by camera, why it has no pose, where more is known than that nobody is shared.
+        why: by camera, why it has no pose, where more is known than that no people are shared.
         causes: doubts about the input and about cameras that were in motion. They come first: other findings follow from them.
         doubts: what else speaks against relying on it, and notices that may explain what is uncertain.
     """
     findings = [*causes, *solution.findings, *doubts]
     missing = len(solution.rig.posed()) < len(solution.rig)
-    apart = _apart(observations, given, why or {}, nothing_known=not findings) if missing else []
+    separate = _find_separate_cameras(observations, given, why or {}, nothing_known=not findings) if missing else []
     if solution.verdict == "refused":
         findings = [*solution.findings, *causes, *doubts]
-        apart = [replace(one, severity="refusal") for one in apart]
-    findings += [one for one in apart if not any(one.says_same(other) for other in findings)]
+        separate = [replace(one, severity="refusal") for one in separate]
+    findings += [one for one in separate if not any(one.says_same(other) for other in findings)]
     if solution.verdict != "refused":
         findings = with_doubts_of_missing_cameras(solution.rig, findings)
     degenerate = people_not_spread(solution.rig, observations)
@@ -54,8 +55,10 @@ def judged(
     return replace(solution, verdict=decide_verdict(solution.rig, findings), findings=tuple(findings))
 
 
-def _apart(observations: Observations, given: bool, why: Mapping[str, Finding], *, nothing_known: bool) -> list[Finding]:
-    """What keeps cameras apart, one finding for each group of them."""
+def _find_separate_cameras(
+    observations: Observations, given: bool, why: Mapping[str, Finding], *, nothing_known: bool
+) -> list[Finding]:
+    """Why cameras are separate, one finding for each group of them."""
     found = missing_overlap(count_shared_observations(observations), given=given)
     if not given and any(one.code == "no_shared_people" for one in found) and not nothing_known:
         return []  # that identities were not found has been said, and why
@@ -120,3 +123,13 @@ def _one_line_or_spot(points: Floats) -> Finding | None:
     if width < max(LINE_WIDTH_M, LINE_SHARE * length):
         return notice("people_not_spread", shape="line", length_m=length)
     return None
+
+
+def find_unusual_heights(people: PeopleFigures | None) -> tuple[Finding, ...]:
+    """A notice where the solver left people out of the scale: who they are, and how tall they and the others are by the rig."""
+    if people is None or not people.unusual:
+        return ()
+    low, high = (float(one) for one in np.percentile([people.heights_m[str(who)] for who in people.unusual], (0, 100)))
+    usual = float(np.median(list(people.heights_m.values())))
+    identities = list(people.unusual)
+    return (notice("people_unusual", identities=identities, low_m=low, high_m=high, usual_m=usual),)

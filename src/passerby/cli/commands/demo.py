@@ -34,7 +34,7 @@ def demo(
     """
     import tempfile
 
-    from passerby.calibration.pipeline import calibrate
+    from passerby.calibration.calibrate import calibrate
     from passerby.calibration.writing import write_results
     from passerby.cli.tables import show_calibration, show_comparison, tell_reasons
     from passerby.cli.terminal import stages

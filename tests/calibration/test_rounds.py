@@ -8,16 +8,21 @@ import numpy as np
 import pytest
 
 from passerby.association.initial_association import InitialAssociation
-from passerby.calibration import association_loop, association_run, temporal_calibration
-from passerby.calibration.association_loop import _alike, _alternate, _starts, solve_with_unknown_identities
-from passerby.calibration.association_run import AssociationOptions, AssociationRun
+from passerby.association.result import Association
+from passerby.calibration import association_run, association_start, calibrate, known_identities
+from passerby.calibration.association_run import AssociationOptions, AssociationRun, share_of_same_pairs
+from passerby.calibration.association_start import AssociationStart, _find_starts
+from passerby.calibration.run import CalibrationRun
 from passerby.common.progress import silent
 from passerby.core.cameras import Lens, Rig
 from passerby.core.figures import AdjustedFigures, ClockCorrection
 from passerby.core.observations import Boxes, CameraObservations, Clock, Observations
 from passerby.core.pointing import PointedPerson
 from passerby.core.solution import Solution
-from support.scenes.people_and_rigs import ring, simulated, without_poses
+from passerby.scene.inputs import SceneInputs
+from passerby.scene.scene import Scene
+from passerby.solver.people import PeopleOptions
+from support.scenes.people_and_rigs import ring, without_poses
 
 RIG = ring(3)
 FPS = 10.0
@@ -34,7 +39,7 @@ class Solver:
         self.truth, self.sigma_s, self.refused = np.array(truth), sigma_s, refused
         self.calls = []
 
-    def __call__(self, instants, guesses, *, passing, refine_time, lenses=None, known=()):
+    def __call__(self, run, rig, instants, rng, *, guesses=(), known=(), passing=False, refine_time=False, lenses=None):
         self.calls.append((passing, refine_time, instants.tolist()))
         verdict = "refused" if len(self.calls) in self.refused else "accepted"
         lacks = (self.truth - instants) * (0.5 if passing else 1.0)
@@ -45,8 +50,8 @@ class Solver:
         return Solution("people", RIG, verdict, figures=AdjustedFigures(clocks=clocks if refine_time else {}))
 
 
-class Run(SimpleNamespace):
-    """What the turns ask of a run, for people of known identity; the result of the association is what it is told."""
+class State(SimpleNamespace):
+    """The association of three cameras, for people of known identity."""
 
     rig, cameras = RIG, [SimpleNamespace(clock=Clock(FPS))] * 3
 
@@ -62,43 +67,58 @@ class Run(SimpleNamespace):
     def instants(self, identified, offset_s):
         return np.array(offset_s)
 
+    def identify_by_rig(self, person, offset_s, solution, initial, attached, **rest):
+        return person, len(RIG)
+
     def association(self, person, offset_s, solution, initial, rounds, sigma_s=None, attached=()):
         return SimpleNamespace(offset_s=offset_s, solution=solution, sigma_s=sigma_s)
 
 
-def by_identities_found(solver, refine=True):
-    initial = InitialAssociation(PERSON, BEGUN.copy(), None)
-    return _alternate(Run(), initial, solver, refine=refine, tell=silent)
+def scene_of(mode, max_offset_s):
+    """A scene of three cameras, of which files are never read."""
+    cameras = {name: {"tracks": f"{name}.txt", "intrinsics": "rig.toml"} for name in RIG.names}
+    association = {"mode": mode, "max_offset_s": max_offset_s}
+    return Scene.model_validate({"scene": {"name": "s", "fps": FPS}, "cameras": cameras, "association": association})
 
 
-@pytest.fixture
-def by_identities_given(monkeypatch):
-    """The same with offsets alone unknown."""
-    monkeypatch.setattr(temporal_calibration, "synchronise", lambda rig, cameras, seen, offset_s: np.array(offset_s))
-    monkeypatch.setattr(temporal_calibration, "_without", lambda observations, lost: observations)
-
-    def association(rig, observations, cameras, initial, offset_s, solution):
-        return SimpleNamespace(offset_s=offset_s, solution=solution)
-
-    monkeypatch.setattr(temporal_calibration, "_association", association)
-
-    def solved(solver):
-        initial = InitialAssociation(PERSON, BEGUN.copy(), None)
-        return temporal_calibration._refined(RIG, Observations({}), Run.cameras, initial, {}, solver, silent)
-
-    return solved
+def begun(*_):
+    return AssociationStart(State(), InitialAssociation(PERSON, BEGUN.copy(), None))
 
 
-@pytest.fixture(params=["found", "given"])
-def solved(request, by_identities_given):
-    return by_identities_found if request.param == "found" else by_identities_given
+def estimated(monkeypatch, mode, solver, search_s=1.0):
+    """The estimate with this solver, the first association being `BEGUN`."""
+    graph = SimpleNamespace(groups=[[0, 1, 2]], edges=[])
+    monkeypatch.setattr(calibrate, "start_association", begun)
+    monkeypatch.setattr(calibrate, "solve_scene", solver)
+    monkeypatch.setattr(known_identities, "solve_scene", solver)
+    monkeypatch.setattr(known_identities, "build_tracklets", lambda rig, *_, **__: [
+        SimpleNamespace(name=name, clock=Clock(FPS)) for name in rig.names
+    ])  # fmt: skip
+    monkeypatch.setattr(known_identities, "_begin", lambda *_: InitialAssociation(PERSON, BEGUN.copy(), graph))
+    monkeypatch.setattr(known_identities, "unregistered_cameras", lambda *_, **__: {})
+    monkeypatch.setattr(known_identities, "synchronise", lambda rig, cameras, seen, offset_s: np.array(offset_s))
+    monkeypatch.setattr(
+        known_identities, "_association",
+        lambda rig, seen, cameras, initial, offset_s, solution: Association(seen, seen, {}, dict(enumerate(offset_s))),
+    )  # fmt: skip
+    seen = Observations({name: CameraObservations() for name in RIG.names}, clocks=dict.fromkeys(RIG.names, Clock(FPS)))
+    inputs = SceneInputs(without_poses(RIG), seen, ())
+    found = calibrate.estimate_rig(CalibrationRun(scene_of(mode, search_s), PeopleOptions()), inputs)
+    association = found.association
+    offset_s = list(association.sigma_s.values()) if mode == "given" else association.offset_s
+    return found.solution, np.array(offset_s)
+
+
+@pytest.fixture(params=["trajectory", "given"])
+def solved(request, monkeypatch):
+    return lambda solver: estimated(monkeypatch, request.param, solver)
 
 
 def test_the_offsets_are_those_that_the_last_solution_has_corrected(solved):
     solver = Solver([0.0, 0.337, -0.114], sigma_s=0.2)
-    solution, association = solved(solver)
+    solution, offset_s = solved(solver)
     assert solution.verdict == "accepted"
-    np.testing.assert_allclose(association.offset_s, solver.truth)
+    np.testing.assert_allclose(offset_s, solver.truth)
     assert [(passing, refined) for passing, refined, _ in solver.calls] == [(True, True), (False, True)]
     np.testing.assert_allclose(solver.calls[1][2], BEGUN + 0.5 * (solver.truth - BEGUN))
 
@@ -106,8 +126,8 @@ def test_the_offsets_are_those_that_the_last_solution_has_corrected(solved):
 def test_offsets_of_whole_frames_are_taken_so_and_the_rig_is_solved_with_them(solved):
     """A common trigger: 0.3 and -0.1 s at ten frames a second, to 2 ms."""
     solver = Solver([0.0, 0.301, -0.101], sigma_s=0.002)
-    solution, association = solved(solver)
-    np.testing.assert_allclose(association.offset_s, [0.0, 0.3, -0.1], atol=1e-12)
+    solution, offset_s = solved(solver)
+    np.testing.assert_allclose(offset_s, [0.0, 0.3, -0.1], atol=1e-12)
     passing, refined, given = solver.calls[-1]
     assert (len(solver.calls), passing, refined) == (3, False, False)
     np.testing.assert_allclose(given, [0.0, 0.3, -0.1], atol=1e-12)
@@ -117,39 +137,26 @@ def test_offsets_of_whole_frames_are_taken_so_and_the_rig_is_solved_with_them(so
 @pytest.mark.parametrize("refused", [1, 2])
 def test_a_refused_solution_corrects_no_clock(solved, refused):
     solver = Solver([0.0, 0.337, -0.114], sigma_s=0.2, refused=(refused,))
-    solution, association = solved(solver)
+    solution, offset_s = solved(solver)
     assert solution.verdict == "refused"
     assert len(solver.calls) == refused
-    np.testing.assert_allclose(association.offset_s, BEGUN + (0.5 * (solver.truth - BEGUN) if refused == 2 else 0.0))
+    np.testing.assert_allclose(offset_s, BEGUN + (0.5 * (solver.truth - BEGUN) if refused == 2 else 0.0))
 
 
-def test_clocks_that_are_in_step_are_not_refined():
+def test_clocks_that_agree_are_not_refined(monkeypatch):
     solver = Solver([0.0, 0.337, -0.114], sigma_s=0.2)
-    _, association = by_identities_found(solver, refine=False)
-    assert association.offset_s.tolist() == BEGUN.tolist()
+    _, offset_s = estimated(monkeypatch, "trajectory", solver, search_s=0.0)
+    assert offset_s.tolist() == BEGUN.tolist()
     assert {refined for _, refined, _ in solver.calls} == {False}
 
 
-@pytest.mark.parametrize(("search_s", "refined"), [(0.0, False), (1.0, True)])
-def test_clocks_are_refined_where_they_are_searched(search_s, refined):
-    scene, asked = simulated("terrace", 6.0, 5, people=4), []
-
-    def refuses(instants, guesses, *, passing, refine_time, lenses=None, known=()):
-        asked.append(refine_time)
-        return Solution("people", without_poses(scene.rig), "refused")
-
-    seen = Observations(scene.observations.cameras, clocks={name: Clock(5.0) for name in scene.rig.names})
-    options = AssociationOptions("trajectory", search_s)
-    solution, _ = solve_with_unknown_identities(scene.rig, seen, options, refuses, np.random.default_rng(0))
-    assert solution.verdict == "refused"
-    assert asked == [refined]
-
-
 def test_starts_of_recordings_are_sought_where_offsets_are_not_searched_in_full(monkeypatch):
-    monkeypatch.setattr(association_loop, "find_starts", lambda *_: "sought")
+    monkeypatch.setattr(association_start, "find_starts", lambda *_: "sought")
     measured = AssociationOptions(measured=("a clap",))
     found = [
-        _starts([], search_s, one, {}, silent) for search_s in (0.0, 5.0, 600.0) for one in (AssociationOptions(), measured)
+        _find_starts([], search_s, one, {}, silent)
+        for search_s in (0.0, 5.0, 600.0)
+        for one in (AssociationOptions(), measured)
     ]
     assert found == [None, None, None, "sought", "sought", "sought"]
 
@@ -164,7 +171,7 @@ def test_starts_of_recordings_are_sought_where_offsets_are_not_searched_in_full(
     ],
 )
 def test_groupings_are_as_alike_as_the_pairs_that_both_have_of_those_that_either_has(before, after, share):
-    one, other = _alike(np.array(before), np.array(after)), _alike(np.array(after), np.array(before))
+    one, other = share_of_same_pairs(np.array(before), np.array(after)), share_of_same_pairs(np.array(after), np.array(before))
     assert one == other == pytest.approx(share)
 
 

@@ -1,4 +1,4 @@
-"""Identities are known, the clocks are not: offsets by the tracks of the same people, refined by the solver."""
+"""Identities are known: one solve, or, where the clocks are unknown, offsets by the tracks of the same people first."""
 
 from __future__ import annotations
 
@@ -21,86 +21,103 @@ from passerby.association.clocks.offsets import (
 from passerby.association.clocks.starts import FULL_SEARCH_S, MeasuredStart, contradicted_starts, find_starts
 from passerby.association.figures import association_figures
 from passerby.association.initial_association import InitialAssociation, associate_by_ground_tracks
+from passerby.association.not_people import without_people
 from passerby.association.registration_failures import unregistered_cameras
 from passerby.association.result import Association
-from passerby.calibration.rig_solver import RigSolver
+from passerby.calibration.pointed_heights import identity_in, pointed_heights
+from passerby.calibration.run import CalibrationRun, Estimate
+from passerby.calibration.scene_solver import solve_scene
 from passerby.common.arrays import Bools, Floats, Ints
 from passerby.common.errors import EvidenceError
-from passerby.common.progress import Progress, silent
+from passerby.common.progress import Progress
 from passerby.core.cameras import Rig
 from passerby.core.figures import adjusted
 from passerby.core.observations import UNKNOWN, Boxes, CameraObservations, Clock, Observations
+from passerby.core.pointing import StatedIdentities
+from passerby.core.scale_cues import PersonHeight
 from passerby.core.solution import Solution
+from passerby.core.synchronisation import clocks_of, resample_to_common_steps
 from passerby.findings.finding import Finding, notice
 from passerby.findings.refusals import findings_of
 from passerby.people.upright_rays import upright_rays
+from passerby.scene.inputs import SceneInputs
 
-SOMEBODY_ELSE = -1e9
+ANOTHER_PERSON = -1e9
 """Log-likelihood ratio of two known people being one: they neither vote nor match."""
-NEIGHBOURS, ASTRAY = 2, 0.5
-"""Boxes on either side, and body heights from their median beyond which a box shows somebody else: in two boxes' time nobody
-strays so far from an even walk."""
+NEIGHBOURS, FARTHEST = 2, 0.5
+"""Boxes on either side, and body heights from their median beyond which a box shows another person: an even walk does not leave
+it so far within two boxes."""
 
 
-def solve_with_unknown_offsets(
-    rig: Rig, observations: Observations, max_offset_s: float, person_height_m: float, solve: RigSolver,
-    rng: np.random.Generator,
-    *, measured: Sequence[MeasuredStart] = (), tell: Progress = silent, executor: Executor | None = None,
-) -> tuple[Solution, Association]:  # fmt: skip
-    """Find the cameras' clocks by people whose identities are known, and solve the rig.
+def estimate_with_known_identities(
+    run: CalibrationRun, inputs: SceneInputs, search_s: float, measured: Sequence[MeasuredStart]
+) -> Estimate:
+    """The rig of cameras whose people have the same identities in all of them.
 
     Args:
-        rig: names and lenses.
-        observations: identities hold over all cameras; every camera has a clock.
-        max_offset_s: largest difference of two cameras' clocks that is searched for.
-        person_height_m: mean standing height, metres.
-        solve: the solver; where its figures hold `clocks`, their corrections are taken.
-        rng: drives sampling.
-        measured: differences of two cameras' clocks that something else than people tells.
-        tell: told each stage as it begins.
-        executor: works on cameras and on pairs of them side by side.
+        run: the scene and its options.
+        inputs: of the cameras.
+        search_s: largest difference of two cameras' clocks that is searched for; 0: the clocks are right.
+        measured: differences of two cameras' clocks that were measured without people.
 
     Returns:
-        The solution, refused where the evidence does not do, and the association, its identities those given. A camera whose
-        clock is not found has no pose, and a finding says so.
+        The solution, refused where the evidence is insufficient, and the association with the identities as given. A camera
+        whose clock is not found has no pose, and a finding says so.
     """
+    rng = run.rng()
+    seen = _without_not_people(inputs.observations, inputs.stated)
+    heights = pointed_heights(inputs.pointed, identity_in(seen))
+    if search_s > 0:
+        found = _estimate_with_clocks(run, inputs.rig, seen, search_s, measured, heights.people, rng)
+    else:
+        synchronised = _synchronised(inputs.rig, seen)
+        run.progress("solving")
+        solution = solve_scene(run, inputs.rig, synchronised, rng, known=heights.people)
+        found = Estimate(solution, associate_synchronised(inputs.rig, seen, synchronised, solution))
+    return replace(
+        found, association=replace(found.association, known_heights=heights.people, height_findings=heights.findings)
+    )
+
+
+def _estimate_with_clocks(
+    run: CalibrationRun, rig: Rig, observations: Observations, search_s: float, measured: Sequence[MeasuredStart],
+    known: Sequence[PersonHeight], rng: np.random.Generator,
+) -> Estimate:  # fmt: skip
+    """Offsets by the tracks of the same people; then solve, set the clocks, and solve again."""
     numbers = _numbers(observations)
-    seen = Observations({name: _renumbered(camera, numbers) for name, camera in observations.cameras.items()})
-    cameras = build_tracklets(rig, seen, observations.clocks, person_height_m, rng, executor, given=True, tell=tell)
+    named = Observations({name: _renumbered(camera, numbers) for name, camera in observations.cameras.items()})
+    cameras = build_tracklets(
+        rig, named, observations.clocks, run.scene.scale.person_height_m, rng, run.executor, given=True, tell=run.progress
+    )
     try:
-        initial = _begin(cameras, max_offset_s, measured, executor, tell)
+        initial = _begin(cameras, search_s, measured, run.executor, run.progress)
     except EvidenceError as error:
         refused = Solution("association", rig, "refused", findings_of(error))
-        return refused, _association(rig, observations, cameras, None, np.zeros(len(cameras)), refused)
+        return Estimate(refused, _association(rig, observations, cameras, None, np.zeros(len(cameras)), refused))
     assert initial.graph is not None
     timed = [cameras[c].name for c in initial.graph.groups[0]]
     lost = {name: notice("clock_unknown", name) for name in rig.names if name not in timed}
-    lost |= unregistered_cameras(cameras, initial.graph, max_offset_s, timed=False, starts=initial.starts)
-    return _refined(rig, observations, cameras, initial, lost, solve, tell)
-
-
-def _refined(
-    rig: Rig, observations: Observations, cameras: Sequence[CameraTracklets], initial: InitialAssociation,
-    lost: Mapping[str, Finding],
-    solve: RigSolver, tell: Progress,
-) -> tuple[Solution, Association]:  # fmt: skip
-    """Solve, set the clocks, and solve again: by the cameras whose clocks are known."""
+    lost |= unregistered_cameras(cameras, initial.graph, search_s, timed=False, starts=initial.starts)
     offset_s, seen = initial.offset_s, _without(observations, lost)
     for passing in (True, False):
-        tell("solving")
-        solution = solve(synchronise(rig, cameras, seen, offset_s), initial.guesses, passing=passing, refine_time=True)
+        run.progress("solving")
+        solution = solve_scene(
+            run, rig, synchronise(rig, cameras, seen, offset_s), rng, guesses=initial.guesses, known=known, passing=passing,
+            refine_time=True,
+        )  # fmt: skip
         if solution.verdict == "refused":
             break
         correction_s, sigma_s = clock_corrections(solution)
         offset_s = offset_s + correction_s
     else:
-        in_step = snap_to_whole_frames(offset_s, sigma_s, np.array([camera.clock.fps for camera in cameras]))
-        if in_step is not None:
-            clocks, offset_s = adjusted(solution.figures).clocks, in_step
-            solution = solve(synchronise(rig, cameras, seen, offset_s), initial.guesses, passing=False, refine_time=False)
+        whole = snap_to_whole_frames(offset_s, sigma_s, np.array([camera.clock.fps for camera in cameras]))
+        if whole is not None:
+            clocks, offset_s = adjusted(solution.figures).clocks, whole
+            instants = synchronise(rig, cameras, seen, offset_s)
+            solution = solve_scene(run, rig, instants, rng, guesses=initial.guesses, known=known)
             solution = replace(solution, figures=replace(adjusted(solution.figures), clocks=clocks))
-    solution = _without_clocks(solution, lost)
-    return solution, _association(rig, observations, cameras, initial, offset_s, solution)
+    solution = replace(solution, findings=(*lost.values(), *solution.findings))
+    return Estimate(solution, _association(rig, observations, cameras, initial, offset_s, solution))
 
 
 def _begin(
@@ -109,7 +126,7 @@ def _begin(
 ) -> InitialAssociation:  # fmt: skip
     """Register the pairs by people who are the same."""
     people = np.arange(max((camera.n_tracklets for camera in cameras), default=0))
-    same = np.where(people[:, None] == people, 0.0, SOMEBODY_ELSE)
+    same = np.where(people[:, None] == people, 0.0, ANOTHER_PERSON)
     affinity = {
         (a, b): same[: first.n_tracklets, : second.n_tracklets]
         for a, first in enumerate(cameras)
@@ -155,7 +172,7 @@ def find_regular_boxes(boxes: Boxes) -> Bools:
     inside = np.clip(around, 0, len(order) - 1)
     own = (around == inside) & (boxes.identity[order][inside] == boxes.identity[order][:, None])
     expected = np.nanmedian(np.where(own[..., None], middle[inside], np.nan), axis=1)
-    near = np.linalg.norm(middle - expected, axis=1) < ASTRAY * boxes.ltwh[order, 3]
+    near = np.linalg.norm(middle - expected, axis=1) < FARTHEST * boxes.ltwh[order, 3]
     out = np.zeros(len(order), dtype=bool)
     out[order] = near
     return out
@@ -173,11 +190,6 @@ def _without(observations: Observations, lost: Mapping[str, Finding]) -> Observa
         for name, camera in observations.cameras.items()
     }
     return replace(observations, cameras=seen)
-
-
-def _without_clocks(solution: Solution, lost: Mapping[str, Finding]) -> Solution:
-    """The solution with what is known of each camera whose clock is not known."""
-    return replace(solution, findings=(*lost.values(), *solution.findings))
 
 
 def _association(
@@ -231,3 +243,21 @@ def associate_synchronised(rig: Rig, observations: Observations, instants: Obser
         observations, instants, observations.clocks, doubts=tuple(doubts), notices=tuple(notices),
         drifts={cameras[c].name: drift for c, drift in drifts.items()},
     )  # fmt: skip
+
+
+def _without_not_people(seen: Observations, stated: StatedIdentities) -> Observations:
+    """The people without the ids, in their cameras, of what the user says is no person."""
+    if not stated.not_people:
+        return seen
+    cameras = {
+        name: without_people(camera, [one for one in stated.not_people if one.camera == name])
+        for name, camera in seen.cameras.items()
+    }
+    return replace(seen, cameras=cameras)
+
+
+def _synchronised(rig: Rig, seen: Observations) -> Observations:
+    """The people at common time steps, by the clocks as they are stated."""
+    sizes = {camera.name: camera.lens.size for camera in rig}
+    found = resample_to_common_steps(seen, clocks_of(seen, rig.names), sizes=sizes)
+    return found if seen.clocks or seen.fps else replace(found, fps=None)

@@ -1,0 +1,408 @@
+"""The whole calibration: from a scene to the cameras' poses, in the order in which it happens.
+
+`calibrate` reads the scene and calibrates each group of cameras that shares people. `calibrate_together` is one group in five
+stages. `estimate_rig` is one estimate: rounds of association and solver. CONTRIBUTING.md, "How a box becomes a rig", continues
+from there to the normal equations.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import asdict, replace
+from pathlib import Path
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from passerby.association.attachment import Attached
+from passerby.association.clocks.offsets import clock_corrections, snap_to_whole_frames
+from passerby.association.clocks.starts import FULL_SEARCH_S, WALL_CLOCK
+from passerby.association.result import Association
+from passerby.calibration.alignment.known_scale import check_known_scale
+from passerby.calibration.alignment.lengths import check_lengths, findings_of_checks
+from passerby.calibration.alignment.scene_world import align_to_scene
+from passerby.calibration.association_run import AssociationOptions, share_of_same_pairs
+from passerby.calibration.association_start import start_association
+from passerby.calibration.calibration import Calibration
+from passerby.calibration.camera_motion import (
+    DetectedMotion,
+    Motion,
+    MotionCorrection,
+    MotionSearch,
+    correct_motion,
+    findings_of_motions,
+    measure_motions,
+)
+from passerby.calibration.clock_skew import MOST_CORRECTIONS as MOST_RATE_CORRECTIONS
+from passerby.calibration.clock_skew import ClockRateCorrection, clock_rate_figures, clock_skew_findings, correct_clock_rates
+from passerby.calibration.diagnostics.ground_planarity import ground_figures, notices_of_ground, on_ground, shape_of
+from passerby.calibration.diagnostics.smaller_pictures import doubts_of_smaller_pictures
+from passerby.calibration.diagnostics.up_direction import find_tilted_ground, up_figures, with_up
+from passerby.calibration.diagnostics.verdict import find_unusual_heights, with_verdict
+from passerby.calibration.held_out import HeldOut, hold_out, is_worse
+from passerby.calibration.kept_tracklets import FOLDER, KeptTracklets
+from passerby.calibration.known_identities import estimate_with_known_identities
+from passerby.calibration.lens_corrections import (
+    LensExamination,
+    examine_stated_lenses,
+    with_focal_changes,
+    with_unsettled_lenses,
+)
+from passerby.calibration.lens_priors import with_lens_priors
+from passerby.calibration.prediction import findings_of_predictions, predict_people
+from passerby.calibration.readings import MOST_CORRECTIONS as MOST_CLOCK_CORRECTIONS
+from passerby.calibration.readings import ClockCorrection, correct_late_clock, findings_of_corrected_clocks
+from passerby.calibration.run import CalibrationRun, Correction, Corrections, Estimate
+from passerby.calibration.scene_solver import solve_scene, solver_options
+from passerby.calibration.separate_groups import FEWEST, join_groups, stated_parts, unplaced_groups
+from passerby.calibration.unrecorded import Spans, unrecorded_instants
+from passerby.common.parallel import worthwhile
+from passerby.common.progress import Progress, silent, tell_note
+from passerby.core.association_figures import AssociationRound
+from passerby.core.figures import AdjustedFigures, adjusted
+from passerby.core.measuring_figures import with_measuring_sigmas
+from passerby.core.quarter_turns import turn_observations, turn_rig, undone
+from passerby.core.solution import Solution
+from passerby.core.unknown_focals import begin_with
+from passerby.findings.finding import Finding
+from passerby.findings.texts import texts_of
+from passerby.people.ground_shape import GroundShape
+from passerby.scene.coarse_boxes import with_coarse_boxes
+from passerby.scene.inputs import SceneInputs, read_inputs
+from passerby.scene.part import part_of
+from passerby.scene.same_content import doubts_of_same_place
+from passerby.scene.scene import Scene
+from passerby.scene.sound import measure_by_sound
+from passerby.scene.video_inputs import SceneVideoProcessor, joints_remedy
+from passerby.solver.refined_lenses import lens_notes
+
+MAX_ROUNDS = 4
+"""Rounds of association and solver in one estimate."""
+SEARCHED_ROUNDS = 2
+"""Rounds in which cameras without a pose are searched by the rig's people."""
+SETTLED = 0.98
+"""Identities have settled when this share of the pairs of tracklets that are one person stays the same in a round."""
+
+
+def calibrate(
+    scene: Scene | str | Path, *, seed: int = 0, progress: Progress | None = None, executor: Executor | None = None,
+    keep: str | Path | None = None,
+) -> Calibration:  # fmt: skip
+    """Calibrate the cameras of a scene from the people in it.
+
+    Too little evidence does not raise: it is a calibration with the verdict "refused" or "doubtful" and its reasons.
+
+    Args:
+        scene: a scene, or the path of a scene file.
+        seed: of the random numbers (RANSAC); the same scene and seed give the same result, bit for bit.
+        progress: called with the name of each stage as it begins and, where its parts can be counted, with the number of parts
+            that are done and their total.
+        executor: works on cameras, and on pairs of them, side by side, such as a `concurrent.futures.ProcessPoolExecutor`;
+            None: one after the other. The result does not depend on it.
+        keep: folder for the detections of the videos and each camera's tracklets, usually the output folder: a run that was
+            stopped, or is repeated with other options, goes on from there. None: nothing is kept.
+
+    Raises:
+        InputError: the scene file or a file that it names is missing, broken, or contradicts another.
+    """
+    tell = progress or silent
+    began = time.perf_counter()
+    tell("reading")
+    scene = scene if isinstance(scene, Scene) else Scene.load(scene)
+    solver_options(scene)  # wrong options are reported before hours are spent on videos
+    watch = SceneVideoProcessor(None if keep is None else Path(keep), executor, tell)
+    inputs = read_inputs(scene, watch, measure_by_sound)
+    for note in (_amount(inputs), *texts_of(inputs.findings)):  # the notes of `watch` were shown when they were found
+        tell_note(tell, note)
+    read = time.perf_counter()
+    executor = worthwhile(executor, scene.size_bytes, len(scene.cameras))
+    found = calibrate_inputs(scene, inputs, seed=seed, progress=tell, executor=executor, keep=keep)
+    missing = len(found.rig.posed()) < len(found.rig)
+    joints = joints_remedy(scene, "refusal" if found.verdict == "refused" else "notice") if missing else None
+    return replace(
+        found,
+        diagnostics=(*found.doubts, *([joints] if joints else []), *watch.notes, *found.notices),
+        perception=watch.figures,
+        seconds={"reading": read - began, **watch.seconds, **found.seconds},
+        groups=tuple(replace(one, perception=watch.figures) for one in found.groups),
+    )
+
+
+def calibrate_inputs(
+    scene: Scene, inputs: SceneInputs, *, seed: int = 0, progress: Progress | None = None, executor: Executor | None = None,
+    keep: str | Path | None = None,
+) -> Calibration:  # fmt: skip
+    """Calibrate from inputs that were read; arguments and errors as of `calibrate`.
+
+    Cameras that share no people with the largest group are calibrated by themselves (`Calibration.groups`).
+    """
+    kept = None if keep is None else KeptTracklets(Path(keep) / FOLDER, len(inputs.rig))
+    run = CalibrationRun(scene, solver_options(scene), seed, progress or silent, executor, kept)
+    stated = scene.sites.groups if scene.solver.method == "people" else ()
+    parts = stated_parts(inputs.rig.names, stated)
+    waiting = [(inputs, True)] if len(parts) == 1 else [(part_of(inputs, part), True) for part in parts]
+    found = list[Calibration]()
+    while waiting:
+        part, is_main = waiting.pop(0)
+        one = calibrate_together(run, part)
+        left = unplaced_groups(one)
+        for names in left:
+            tell_note(run.progress, f"{', '.join(names)} share no people with the other cameras: calibrated separately")
+        waiting = [*((part_of(part, names), False) for names in left), *waiting]
+        if is_main or len(one.rig.posed()) >= FEWEST:
+            found.append(one)
+    return join_groups(found if len(parts) == 1 else sorted(found, key=lambda one: -len(one.rig.posed())), run.progress)
+
+
+def calibrate_together(run: CalibrationRun, inputs: SceneInputs) -> Calibration:
+    """Calibrate cameras as one rig; those that share no people with its largest group have no pose.
+
+    An estimate is six solves at most. There is one estimate, and one more for each correction: as many as there are cameras
+    (motion), three of late clocks, three of lenses, and six of clock rates where these are refined. The check of image sizes
+    adds one solve for each camera whose people stay in a part of the image, and one.
+    """
+    scene, tell, stated = run.scene, run.progress, inputs
+    height_m = scene.scale.person_height_m
+    motions = MotionSearch(stated, scene.association.given, height_m)
+    began = time.perf_counter()
+    # The systems are small: more BLAS threads only wait for each other, and the number of them would change the last bits.
+    with threadpool_limits(limits=1, user_api="blas"):
+        # 1. Estimate the rig. While the estimate shows a fault of the input, correct the fault and estimate again.
+        estimate, corrections = estimate_rig(run, inputs), Corrections()
+        while True:
+            correction, lenses = find_correction(run, motions, inputs, estimate, corrections)
+            if correction is None:
+                break
+            after = estimate_rig(run, correction.inputs)
+            if correction.tentative and is_worse(after, estimate, height_m, run.seed):
+                corrections = replace(corrections, dropped=(*corrections.dropped, correction))
+                continue
+            corrections = replace(corrections, made=(*corrections.made, correction))
+            inputs, estimate = correction.inputs, after
+
+        # 2. Figures: how certain the rig is, and how well it predicts people who were held out.
+        association = estimate.association
+        moved = measure_motions(motions, corrections, estimate)
+        shape = shape_of(estimate.solution, association.instants, height_m)
+        held_out = _hold_out(run, estimate)
+        solution = add_figures(run, stated, inputs, estimate, lenses, moved, shape, held_out)
+
+        # 3. The world frame. Pixels that the scene states, and all results, are of the images as filmed.
+        filmed = replace(solution, rig=turn_rig(solution.rig, undone(scene.turns)))
+        solution, placed = check_known_scale(solution, align_to_scene(scene, filmed, stated.elsewhere))
+        checks = check_lengths(scene.scale.checks, placed.rig, adjusted(solution.figures).scale.relative_sigma)
+        of_world = (*placed.findings, *findings_of_checks(checks))
+
+        # 4. Findings, and the verdict by them.
+        unsettled = tuple(one for one in lenses.of("notice") if one.code == "lens_doubtful")  # may explain an uncertainty
+        causes = (*stated.doubts, *findings_of_motions(moved, solution.rig), *lenses.of("doubt"), *unsettled)
+        doubts = (
+            *_findings_of_predictions(solution, held_out, association, stated.gaps),
+            *doubts_of_same_place(solution.rig, inputs.observations),
+            *_doubts_of_smaller_images(run, inputs, solution, association, lenses),
+            *association.doubts,
+            *(one for one in association.height_findings if one.severity != "notice"),
+            *(one for one in of_world if one.severity == "doubt"),
+            *notices_of_ground(shape, placed=scene.world is not None),  # may explain an uncertainty
+        )
+        solution = with_verdict(
+            solution, association.instants, given=scene.association.given, why=association.lost, causes=causes, doubts=doubts
+        )
+    solved = time.perf_counter()
+    rates = solution.figures.clock_rates or {}
+    refined = (
+        *(one for one in lenses.of("notice") if one not in unsettled),
+        *lens_notes(adjusted(solution.figures)),
+        *findings_of_corrected_clocks(corrections),
+        *clock_skew_findings(rates),
+        *find_tilted_ground(solution.figures.up, up_stated=_states_up(scene)),
+        *find_unusual_heights(adjusted(solution.figures).people),
+    )
+    unused = tuple(one for one in association.height_findings if one.severity == "notice")
+    frame = tuple(one for one in of_world if one.severity == "notice")
+    for note in (
+        *texts_of((*refined, *association.notices, *unused, *frame)),
+        f"{solution.verdict}{''.join(f': {reason}' for reason in solution.reasons[:1])}",
+    ):
+        tell_note(tell, note)
+
+    # 5. The result.
+    upright, back = solution.rig, undone(scene.turns)
+    seen = turn_observations(association.observations, upright, back)
+    instants = turn_observations(association.instants, upright, back)
+    return Calibration(
+        scene=scene,
+        rig=with_up(replace(placed.rig, verdict=solution.verdict), None if _states_up(scene) else solution.figures.up),
+        verdict=solution.verdict,
+        diagnostics=(*solution.findings, *stated.findings, *association.notices, *unused, *refined, *frame),
+        observations=seen,
+        seed=run.seed,
+        options=asdict(run.options),
+        figures=replace(placed.figures, checks=checks or None),
+        association=replace(association, observations=seen, instants=instants),
+        clocked=bool(stated.observations.clocks),
+        wall_clock=stated.wall_clock,
+        world=placed.world,
+        seconds={"solving": solved - began},
+    )
+
+
+def estimate_rig(run: CalibrationRun, inputs: SceneInputs) -> Estimate:
+    """One estimate: identities and clocks where they are unknown, and the rig; six solves at most.
+
+    Identities make a rig, and the rig improves the identities, until both settle.
+    """
+    scene, rig = run.scene, inputs.rig
+    search_s = scene.association.search_s if inputs.observations.clocks else 0.0
+    # The recorders' clocks are within the offsets that are searched in full.
+    measured = tuple(one for one in inputs.measured if one.found_by != WALL_CLOCK or search_s > FULL_SEARCH_S)
+    if scene.association.given:
+        return estimate_with_known_identities(run, inputs, search_s, measured)
+    wanted = AssociationOptions(
+        scene.association.mode, search_s, scene.scale.person_height_m, inputs.pointed, measured, inputs.stated,
+        scene.sites.groups,
+    )  # fmt: skip
+    rng, refine_time = run.rng(), search_s > 0  # one stream of random numbers for association and solver
+
+    # 1. Tracklets of each camera, pairs of cameras that their people register, first identities and clocks.
+    start = start_association(run, rig, inputs.observations, wanted, rng)
+    state, initial = start.run, start.initial
+    if initial is None:
+        singles = np.arange(len(state.tracklets.start_s))
+        association = state.association(singles, np.zeros(len(state.cameras)), None, None, [])
+        return Estimate(Solution("association", state.rig, "refused", start.refusal), association)
+    person, offset_s = initial.person, initial.offset_s
+    lenses = state.rig if any(camera.lens.uncalibrated for camera in state.rig) else None
+    rounds, attached, solution = list[AssociationRound](), dict[int, Attached](), None
+
+    # 2. Rounds: solve with these identities and clocks, then identify people by the rig.
+    for number in range(MAX_ROUNDS):
+        run.progress(f"round {number + 1}")
+        rows = state.rows(person, offset_s, solution)
+        instants, known = state.instants(state.identified(rows), offset_s), state.known(rows).people
+        solution = solve_scene(
+            run, rig, instants, rng, guesses=initial.guesses, known=known, passing=True, refine_time=refine_time, lenses=lenses
+        )
+        if solution.verdict == "refused":
+            return Estimate(solution, state.association(person, offset_s, None, initial, rounds))
+        offset_s = offset_s + clock_corrections(solution)[0]
+        if lenses is not None:
+            state, lenses = state.with_lenses(solution.rig), begin_with(lenses, solution.rig)
+        before = person
+        person, registered = state.identify_by_rig(
+            person, offset_s, solution, initial, attached, search=number < SEARCHED_ROUNDS, executor=run.executor,
+            tell=run.progress,
+        )  # fmt: skip
+        rounds.append(AssociationRound(registered=registered, unchanged=share_of_same_pairs(before, person)))
+        tell_note(run.progress, f"{registered} of {len(rig)} cameras have poses")
+        if rounds[-1].unchanged > SETTLED:
+            break
+
+    # 3. The last solve, with all of the evidence; once more where all clocks turn out to differ by whole frames.
+    run.progress("solving")
+    rows = state.rows(person, offset_s, solution)
+    identified, known = state.identified(rows), state.known(rows).people
+    instants = state.instants(identified, offset_s)
+    solution = solve_scene(
+        run, rig, instants, rng, guesses=initial.guesses, known=known, refine_time=refine_time, lenses=lenses
+    )
+    sigma_s = None
+    if refine_time and solution.verdict != "refused":
+        correction_s, sigma_s = clock_corrections(solution)
+        offset_s = offset_s + correction_s
+        whole = snap_to_whole_frames(offset_s, sigma_s, np.array([camera.clock.fps for camera in state.cameras]))
+        if whole is not None:
+            offset_s, instants = whole, state.instants(identified, whole)
+            solution = solve_scene(run, rig, instants, rng, guesses=initial.guesses, known=known, lenses=lenses)
+    return Estimate(solution, state.association(person, offset_s, solution, initial, rounds, sigma_s, attached))
+
+
+def find_correction(
+    run: CalibrationRun, motions: MotionSearch, inputs: SceneInputs, estimate: Estimate, corrections: Corrections
+) -> tuple[Correction | None, LensExamination]:
+    """The first fault of the input that an estimate shows, corrected; and what is found of the lenses where there is none.
+
+    Faults are looked for in this order, so that a lens is not blamed for a clock or a motion.
+    """
+    if "clock_rate" in run.scene.solver.refine and corrections.allows(ClockRateCorrection, MOST_RATE_CORRECTIONS):
+        rates = correct_clock_rates(inputs, estimate)
+        if rates is not None:
+            return rates, LensExamination()
+    if corrections.allows(ClockCorrection, MOST_CLOCK_CORRECTIONS):
+        clock = correct_late_clock(inputs, estimate)
+        if clock is not None:
+            return clock, LensExamination()
+    if corrections.allows(MotionCorrection, len(inputs.rig)):
+        motion = correct_motion(motions, inputs, estimate)
+        if motion is not None:
+            return motion, LensExamination()
+    return examine_stated_lenses(inputs, estimate, corrections)
+
+
+def add_figures(
+    run: CalibrationRun, stated: SceneInputs, inputs: SceneInputs, estimate: Estimate, lenses: LensExamination,
+    motions: Sequence[Motion], shape: GroundShape | None, held_out: HeldOut | None,
+) -> Solution:  # fmt: skip
+    """The solution, its figures with those of corrections, lenses, the ground, the up direction and people held out."""
+    scene, solution = run.scene, estimate.solution
+    rates = None
+    if "clock_rate" in scene.solver.refine and (stated.observations.clocks or stated.observations.fps is not None):
+        rates = clock_rate_figures(stated, inputs, estimate)
+    figures = replace(
+        solution.figures,
+        moved=tuple(one.figures for one in motions if isinstance(one, DetectedMotion)),
+        drifts=tuple(one.figures for one in motions if not isinstance(one, DetectedMotion)) or None,
+        ground=ground_figures(shape),
+        up=up_figures(solution, estimate.association.instants, run.rng()),
+        clock_rates=rates,
+        held_out=None if held_out is None else held_out.figures,
+    )
+    if isinstance(figures, AdjustedFigures):
+        figures = replace(figures, lenses=with_lens_priors(figures.lenses, stated.rig))
+        figures = with_unsettled_lenses(with_focal_changes(figures, lenses.result), lenses.result)
+        figures = with_coarse_boxes(figures, stated.doubts)
+        if shape is not None and not (scene.world is not None and scene.world.tilt):
+            figures = on_ground(figures, shape)
+        solution = replace(solution, rig=with_measuring_sigmas(solution.rig, figures.measuring))
+    return replace(solution, figures=figures)
+
+
+def _states_up(scene: Scene) -> bool:
+    """Whether `[world]` sets the up direction, by points, positions or lines."""
+    return scene.world is not None and (scene.world.tilt or bool(scene.world.lines))
+
+
+def _hold_out(run: CalibrationRun, estimate: Estimate) -> HeldOut | None:
+    """Hold out people of a rig of the person model; the published method has no other adjustment."""
+    if estimate.solution.method != "people":
+        return None
+    return hold_out(estimate.solution.rig, estimate.association.instants, run.scene.scale.person_height_m, run.seed)
+
+
+def _findings_of_predictions(
+    solution: Solution, held_out: HeldOut | None, association: Association, gaps: Mapping[str, Spans]
+) -> list[Finding]:
+    """The cameras that predict people poorly, by the rig that was adjusted without some of them."""
+    if solution.method != "people":
+        return []
+    rig = solution.rig if held_out is None else held_out.rig
+    return findings_of_predictions(rig, predict_people(rig, association.instants, unrecorded_instants(gaps, association)))
+
+
+def _doubts_of_smaller_images(
+    run: CalibrationRun, inputs: SceneInputs, solution: Solution, association: Association, lenses: LensExamination
+) -> list[Finding]:
+    """Images that are smaller than the lens is for; not tried for several cameras at once where one was found by itself."""
+    if any(one.code == "smaller_image_fits" for one in lenses.findings):
+        return []
+    return doubts_of_smaller_pictures(run, inputs, solution, association)
+
+
+def _amount(inputs: SceneInputs) -> str:
+    """How much there is to calibrate from, in words."""
+    seen = inputs.observations
+    boxes = sum(len(seen[name].boxes) for name in inputs.rig.names)
+    joints = sum(len(seen[name].keypoints) for name in inputs.rig.names)
+    return f"{len(inputs.rig)} cameras, {boxes} boxes" + (f", {joints} skeletons" if joints else "")

@@ -1,0 +1,85 @@
+"""What one calibration works with: the scene and its options, an estimate, and corrections of the input."""
+
+from __future__ import annotations
+
+from concurrent.futures import Executor
+from dataclasses import dataclass, field
+from typing import ClassVar, TypeVar
+
+import numpy as np
+
+from passerby.association.camera_tracklets import EarlierTracklets, earlier_tracklets
+from passerby.association.initial_association import EarlierPairs, earlier_pairs
+from passerby.association.result import Association
+from passerby.calibration.kept_tracklets import KeptTracklets
+from passerby.common.progress import Progress, silent
+from passerby.core.solution import Solution
+from passerby.scene.inputs import SceneInputs
+from passerby.scene.scene import Scene
+from passerby.solver.geopose.geopose import GeoPoseOptions
+from passerby.solver.people import PeopleOptions
+
+SolverOptions = PeopleOptions | GeoPoseOptions
+
+
+@dataclass(frozen=True, eq=False)
+class EarlierAssociation:
+    """What other estimates of a scene have found of single cameras and of pairs, used again where their input is the same."""
+
+    tracklets: EarlierTracklets = field(default_factory=earlier_tracklets)
+    pairs: EarlierPairs = field(default_factory=earlier_pairs)
+
+
+@dataclass(frozen=True, eq=False)
+class CalibrationRun:
+    """What is the same for all estimates of one scene."""
+
+    scene: Scene
+    options: SolverOptions
+    seed: int = 0
+    progress: Progress = silent
+    executor: Executor | None = None
+    """Works on cameras, on pairs of them and on zones of large rigs side by side."""
+    kept: KeptTracklets | None = None
+    """Tracklets of earlier runs, and of this one for the next."""
+    earlier: EarlierAssociation = field(default_factory=EarlierAssociation)
+
+    def rng(self) -> np.random.Generator:
+        """Random numbers of one estimate, from their beginning: no estimate depends on another one."""
+        return np.random.default_rng(self.seed)
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """A rig, and the association that it was solved with."""
+
+    solution: Solution
+    association: Association
+
+
+@dataclass(frozen=True, eq=False)
+class Correction:
+    """Inputs without a fault that an estimate showed in them. Each kind of fault adds what it was."""
+
+    inputs: SceneInputs
+    tentative: ClassVar[bool] = False
+    """Whether it is dropped where the estimate after it is worse than that before."""
+
+
+Kind = TypeVar("Kind", bound=Correction)
+
+
+@dataclass(frozen=True, eq=False)
+class Corrections:
+    """The corrections of the input, in the order in which they were made, and those that made the estimate worse."""
+
+    made: tuple[Correction, ...] = ()
+    dropped: tuple[Correction, ...] = ()
+
+    def of(self, kind: type[Kind]) -> tuple[Kind, ...]:
+        """Those of one kind that were made."""
+        return tuple(one for one in self.made if isinstance(one, kind))
+
+    def allows(self, kind: type[Correction], most: int) -> bool:
+        """Whether one more of a kind may be made: fewer than `most` were, and none was dropped."""
+        return len(self.of(kind)) < most and not any(isinstance(one, kind) for one in self.dropped)
