@@ -10,8 +10,8 @@ import pytest
 from passerby.core.cameras import Lens, Pose, Rig
 from passerby.geometry.reprojection import PointObservations, pose_jacobian, project_near, retract_poses
 from passerby.geometry.rotations import angle_between, exp_rotation, log_rotation, skew
-from passerby.solver.optimizer import bundle
-from passerby.solver.optimizer.bundle import adjust_points
+from passerby.solver.geopose import bundle
+from passerby.solver.geopose.bundle import adjust_points
 from support.scenes.people_and_rigs import LENS, ring
 
 FISHEYE = Lens((1280, 720), np.array([[350.0, 0, 640], [0, 350.0, 360], [0, 0, 1]]), np.array([-0.02, 0.003, 0, 0]), True)

@@ -13,7 +13,7 @@ from passerby.core.floor_plan import FloorPlan, PlannedCamera
 from passerby.core.scale_cues import CameraDistance, CameraHeight, KnownLength, PersonHeight, ScaleCues
 from passerby.core.solution import Solution
 from passerby.evaluation.metrics import compare
-from passerby.solver.cue_agreement import RIG_SD, argue, weigh_cues
+from passerby.solver.cue_agreement import RIG_SD, check_cue_consistency, weigh_cues
 from passerby.solver.people import PeopleOptions
 from support.scenes.people_and_rigs import part, simulated, solve
 
@@ -37,7 +37,7 @@ def said(name: str, scale: float | None, sigma: float | None, kind: str | None =
 def named_by(log_scale: np.ndarray, sd: np.ndarray) -> list[str]:
     """The cues `0`, `1` ... that are named, by scales of their own."""
     cues = [said(str(n), float(np.exp(one)), float(sigma)) for n, (one, sigma) in enumerate(zip(log_scale, sd, strict=True))]
-    return [cue for finding in argue(cues)[1] for cue in finding.values["cues"]]
+    return [cue for finding in check_cue_consistency(cues)[1] for cue in finding.values["cues"]]
 
 
 def test_sound_cues_contradict_nothing() -> None:
@@ -55,7 +55,7 @@ def test_a_tenth_is_a_contradiction_beside_a_cue_of_two_per_cent(sd: float) -> N
 
 def test_a_third_cue_decides() -> None:
     cues = [said("a", 1.0, 0.01), said("b", 1.1, 0.01), said("c", 1.0, 0.01), said("d", 1.02, 0.045)]
-    (found,) = argue(cues)[1]
+    (found,) = check_cue_consistency(cues)[1]
     assert found.values["cues"] == ["b"]
     assert found.values["measured_m"] == pytest.approx(1.72 / 1.1, rel=0.002)
 
@@ -75,7 +75,7 @@ def test_people_of_five_per_cent_do_not_contradict_a_tenth() -> None:
 
 def test_the_cue_that_all_others_contradict_is_told_with_what_it_measures() -> None:
     cues = [said("gate", 1.0, 0.01), said("pole", 1.1, 0.01), said("kerb", 1.0, 0.01), said("wall", None, None)]
-    judged, (told,) = argue(cues)
+    judged, (told,) = check_cue_consistency(cues)
     assert (told.code, told.severity, told.values["cues"]) == ("scale_cues_disagree", "doubt", ["pole"])
     assert told.values["stated_m"] == 1.72
     assert told.values["measured_m"] == pytest.approx(1.72 / 1.1, rel=1e-3)
@@ -84,7 +84,7 @@ def test_the_cue_that_all_others_contradict_is_told_with_what_it_measures() -> N
 
 
 def test_of_two_cues_that_contradict_each_other_both_are_told_the_more_certain_first() -> None:
-    judged, (told,) = argue([said("gate", 1.0, 0.02), said("pole", 1.25, 0.01)])
+    judged, (told,) = check_cue_consistency([said("gate", 1.0, 0.02), said("pole", 1.25, 0.01)])
     assert (told.code, told.severity) == ("scale_cues_disagree", "doubt")
     assert told.values["cues"] == ["pole", "gate"]
     assert told.values["percent"] == pytest.approx(25.0)
@@ -94,8 +94,8 @@ def test_of_two_cues_that_contradict_each_other_both_are_told_the_more_certain_f
 
 def test_cues_that_agree_or_say_nothing_are_left_as_they_are() -> None:
     cues = [said("gate", 1.0, 0.02), said("pole", 1.02, 0.02), said("wall", None, None)]
-    assert argue(cues) == (cues, [])
-    assert argue(cues[2:]) == (cues[2:], [])
+    assert check_cue_consistency(cues) == (cues, [])
+    assert check_cue_consistency(cues[2:]) == (cues[2:], [])
 
 
 def people(speed: float, *more: CueFigures, width: float = 1.0, sigma: float = 0.05) -> list[CueFigures]:
@@ -109,15 +109,15 @@ def people(speed: float, *more: CueFigures, width: float = 1.0, sigma: float = 0
 
 def test_children_whose_speed_is_that_of_adults_are_a_doubt_and_adults_are_not() -> None:
     """Children of 1.2 m, taken for adults, would walk 1.43 times as fast as usual; boxes keep their proportions."""
-    _, (found,) = argue(people(1.45))
+    _, (found,) = check_cue_consistency(people(1.45))
     assert (found.severity, found.values["kinds"]) == ("doubt", ["population", "walking_speed"])
     for speed in (0.75, 0.9, 1.0, 1.1, 1.25):
-        assert argue(people(speed))[1] == []
+        assert check_cue_consistency(people(speed))[1] == []
 
 
 def test_people_who_walk_slowly_are_no_doubt() -> None:
     """No population is half as tall again as adults: the speed is wrong, and the scale does not rest on it."""
-    _, (found,) = argue(people(0.4))
+    _, (found,) = check_cue_consistency(people(0.4))
     assert (found.severity, found.values["cues"]) == ("notice", ["walking speed of 6"])
     assert not weigh_cues(people(0.6)).is_doubtful
 
@@ -131,7 +131,7 @@ def test_another_population_is_in_the_variance_as_far_as_nothing_else_excludes_i
 
 
 def test_boxes_that_are_too_wide_do_not_reach_from_head_to_feet() -> None:
-    _, (found,) = argue(people(1.1, width=2.0))
+    _, (found,) = check_cue_consistency(people(1.1, width=2.0))
     assert (found.severity, found.values["kinds"]) == ("doubt", ["population"])
 
 
@@ -140,7 +140,7 @@ def test_narrow_things_that_move_slowly_leave_the_scale_as_it_is(sigma: float) -
     """Cylinders of 0.32 m: giants would seem as slow and as narrow, but boxes do not reach beyond head and feet."""
     cues = people(1.0, width=0.7, sigma=sigma)
     assert not weigh_cues([cues[0], said("walking speed of 2", 1.9, 0.35, "walking_speed", 0.0), cues[2]]).is_doubtful
-    _, found = argue(people(1.0, width=0.35, sigma=sigma))
+    _, found = check_cue_consistency(people(1.0, width=0.35, sigma=sigma))
     assert [(one.severity, one.values["kinds"]) for one in found] == [("notice", ["body_width"])]
 
 

@@ -14,7 +14,7 @@ from passerby.findings.finding import Finding
 from passerby.findings.texts import remedy_of, texts_of
 from passerby.simulation import SimulationOptions, simulate
 from passerby.simulation.placement import looking_at
-from passerby.solver.cue_agreement import argue
+from passerby.solver.cue_agreement import check_cue_consistency
 from passerby.solver.people_cues import body_widths, people_cues, scale_by_walking, walking_speeds
 
 FPS = 5.0
@@ -161,7 +161,7 @@ def contradictions(scale: float = 1.0, fps: float = 1.0, *more: CueFigures) -> l
     """With heights that agree with a rig, everything `scale` times as large as it is, at `fps` times the frame rate."""
     larger = TRUTH.rig.moved(np.eye(3), np.zeros(3), scale)
     seen = replace(TRUTH.observations, fps=fps * TRUTH.options.fps)
-    return argue([HEIGHTS, *more, *people_cues(larger, seen)])[1]
+    return check_cue_consistency([HEIGHTS, *more, *people_cues(larger, seen)])[1]
 
 
 def length(factor: float) -> CueFigures:

@@ -13,7 +13,7 @@ from passerby.core.observations import UNKNOWN, CameraObservations, Observations
 from passerby.core.pointing import PointedPerson, Sighting, StatedIdentities, find_pointed
 from passerby.core.scale_cues import PersonHeight
 from passerby.findings.finding import Finding, notice
-from passerby.solver.cue_agreement import argue
+from passerby.solver.cue_agreement import check_cue_consistency
 
 Identify = Callable[[PointedPerson], int | None]
 
@@ -41,7 +41,7 @@ def pointed_heights(pointed: Sequence[PointedPerson], identify: Identify) -> Poi
         place = f"[[scale.people]] {one.number}"
         people.append(PersonHeight(identity, one.metres, one.sd_m, place))
         cues.setdefault(identity, []).append(_as_cue(people[-1]))
-    findings += [finding for own in cues.values() for finding in argue(own)[1]]
+    findings += [finding for own in cues.values() for finding in check_cue_consistency(own)[1]]
     return PointedHeights(tuple(people), tuple(findings))
 
 

@@ -96,7 +96,7 @@ def weigh_cues(cues: Sequence[CueFigures]) -> Agreement:
     return Agreement(p_wrong, off, max(_variance(grid, by_usual + by_others) - _variance(grid, by_usual), 0.0))
 
 
-def argue(cues: Sequence[CueFigures]) -> tuple[list[CueFigures], list[Finding]]:
+def check_cue_consistency(cues: Sequence[CueFigures]) -> tuple[list[CueFigures], list[Finding]]:
     """The cues, each with those that it contradicts; and what is reported, a doubt where the scale is in doubt."""
     known = known_cues(cues)
     agreement = weigh_cues(known)

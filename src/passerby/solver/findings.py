@@ -37,7 +37,7 @@ _MAX_HEIGHT_NOISE = 0.3
 _NORMAL_QUARTILE = 0.3186
 
 
-def apart(rig: Rig, groups: list[list[int]]) -> list[Finding]:
+def find_separate_groups(rig: Rig, groups: list[list[int]]) -> list[Finding]:
     """The groups of cameras that nobody joins to the largest one."""
     main, *others = ([rig.names[c] for c in group] for group in groups)
     return [notice("cameras_disconnected", *names, main=main) for names in others]

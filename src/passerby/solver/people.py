@@ -31,10 +31,10 @@ from passerby.findings.refusals import RefusalError
 from passerby.geometry.relative_pose import PairHypothesis
 from passerby.people.box_heights import heights_by_boxes
 from passerby.solver.bodies_world import placed_by_bodies
-from passerby.solver.cue_agreement import argue, known_cues, weigh_cues
+from passerby.solver.cue_agreement import check_cue_consistency, known_cues, weigh_cues
 from passerby.solver.cue_leverage import freed_measurements
 from passerby.solver.cues import scale_cue_weights, settle_cues, triangulate_marks
-from passerby.solver.findings import apart, figures_of, height_noise, notices_about
+from passerby.solver.findings import figures_of, find_separate_groups, height_noise, notices_about
 from passerby.solver.initialisation import (
     Fit,
     Initialisation,
@@ -89,7 +89,7 @@ def solve_people(
         cues: what is known about the scale.
         options: see `PeopleOptions`.
         rng: drives RANSAC and the choice among too many observations.
-        guesses: more guesses at how two cameras of `rig` stand to each other, from outside; they count by what agrees.
+        guesses: relative poses of pairs of cameras, found before; they count by the observations that agree.
         executor: solves zones of a large rig side by side; one after the other where it is None.
 
     Returns:
@@ -103,44 +103,52 @@ def solve_people(
     stated = () if "distortion" in options.refine_lens else options.refine_lens
     if stated:
         options = replace(options, refine_lens=())
-    first = Initialisation.prepare(rig, observations, cues, options, rng, guesses)
-    groups = connected_components(len(rig), first.hypotheses, MIN_MATCHES)
+
+    # 1. Evidence, the vertical of each camera, and hypotheses of pairs; the largest group of cameras that they connect.
+    start = Initialisation.prepare(rig, observations, cues, options, rng, guesses)
+    groups = connected_components(len(rig), start.hypotheses, MIN_MATCHES)
     if len(groups[0]) < 2:
         raise RefusalError(refusal("no_pair_fits", least=MIN_MATCHES))
-    findings = apart(rig, groups)
-    start, among = first, list(guesses)
+    findings, among = find_separate_groups(rig, groups), list(guesses)
     if len(groups[0]) < len(rig):
         inside = Rig(tuple(rig.cameras[c] for c in groups[0]))
         among = [h for guess in guesses if (h := guess.among(groups[0])) is not None]
         start = Initialisation.prepare(inside, observations, cues, options, rng, among)
     check_units(start)
-    choice, zoned = _first_guess(start, options, rng, executor)
+
+    # 2. The initial rig, refined to the optimum; again where the lenses turn out to be quite different.
+    choice, zoned = _initial_rig(start, options, rng, executor)
     fit = refine_in_stages(start, choice.state, options, rng)
     for _ in range(_RESTARTS):
         if start.near(fit.start):
             break
-        # A first guess with quite wrong lenses may be another arrangement, or have left people out.
+        # An initial rig with quite wrong lenses may be another arrangement, or have left people out.
         better = begin_with(start.stated, _observed(fit))
         start = Initialisation.prepare(better, observations, cues, options, rng, among)
         try:
-            choice, zoned = _first_guess(start, options, rng, executor)
+            choice, zoned = _initial_rig(start, options, rng, executor)
         except EvidenceError:
             findings.append(doubt("reinitialisation_failed"))
             break
         fit = refine_in_stages(start, choice.state, options, rng)
+
+    # 3. What the rig leaves open: stated lenses that the user wants refined, and the vertical of bodies without feet.
     refinement = None
     if stated:  # with random numbers of its own: a refinement that is dropped changes nothing
         fit, refinement = refine_stated_lenses(fit, stated, options, rng.spawn(1)[0], observations.fps or USUAL_FPS)
     fit = placed_by_bodies(fit, observations, cues, options, rng)
     start = fit.start
-    covariance, cues_said, lenses = _sure(start, fit, cues, observations)
+
+    # 4. The covariance of the cameras, the scale's cues, and the uncertainty of what the rig measures.
+    covariance, weighed, lenses = _estimate_uncertainty(start, fit, cues, observations)
     measuring = _measuring(start, fit, covariance)
+    weighed, disagreements = check_cue_consistency(weighed)
     posed = with_measuring_sigmas(_placed(start.rig, fit.result.state, covariance), measuring)
-    cues_said, disagreements = argue(cues_said)
     posed = _with_refined_sigmas(posed, lenses)
-    zones = () if zoned is None else zoned.figures(start.rig)
-    seams = () if zoned is None else seams_of(zoned, start.rig, covariance, fit.result.state.R)
     whole = Rig(tuple(posed[c.name] if c.name in posed.names else Camera(c.name, c.lens) for c in rig))
+    figures = replace(figures_of(start, choice, fit, covariance, weighed, lenses), measuring=measuring, refinement=refinement)
+
+    # 5. Findings and the verdict.
     findings = [
         *start.evidence.findings,
         *findings,
@@ -150,19 +158,18 @@ def solve_people(
         *doubts_about_registrations(start.rig, start.hypotheses, fit.result.state.R, fit.result.state.centre),
         *far_lenses(lenses),
     ]
-    figures = figures_of(start, choice, fit, covariance, cues_said, lenses)
-    figures = replace(figures, measuring=measuring, refinement=refinement)
     findings = with_doubts_of_missing_cameras(whole, findings)
     findings += doubts_of_uncertainty(whole, figures, findings)
     verdict = decide_verdict(whole, findings)
     if zoned is not None:
-        figures = replace(figures, zones=zones, seams=seams)
+        seams = seams_of(zoned, start.rig, covariance, fit.result.state.R)
+        figures = replace(figures, zones=zoned.figures(start.rig), seams=seams)
     return PeopleSolution(
         "people", replace(whole, verdict=verdict), verdict, tuple(findings), figures, start, fit, covariance, observations.fps
     )  # fmt: skip
 
 
-def _first_guess(
+def _initial_rig(
     start: Initialisation, options: PeopleOptions, rng: np.random.Generator, executor: Executor | None
 ) -> tuple[InitialRig, ZonedRig | None]:
     """The rough rig, and the zones that it was put together from where there are many cameras."""
@@ -170,7 +177,7 @@ def _first_guess(
     return (select_initial_rig(start, options, rng), None) if zoned is None else (zoned.rig, zoned)
 
 
-def _sure(
+def _estimate_uncertainty(
     start: Initialisation, fit: Fit, cues: ScaleCues, observations: Observations
 ) -> tuple[RigCovariance, list[CueFigures], dict[str, LensFigures]]:
     """The covariance of the cameras, what the scale rests on, and what became of the lenses."""
@@ -203,7 +210,7 @@ def _sure(
 
 
 def _measuring(start: Initialisation, fit: Fit, covariance: RigCovariance) -> MeasuringFigures | None:
-    """How surely the rig measures where people walked, or where their joints were."""
+    """The uncertainty of points and of the ground where people walked, or where their joints were."""
     state = fit.result.state
     places = state.people[:, :2] if len(state.people) else state.joints[:, :2]
     height_m = float(np.median(state.heights)) if len(state.heights) else 0.0

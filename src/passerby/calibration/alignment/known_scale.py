@@ -11,7 +11,7 @@ from passerby.core.cameras import Rig
 from passerby.core.figures import AdjustedFigures, CueFigures
 from passerby.core.solution import Solution
 from passerby.core.verdict import decide_verdict
-from passerby.solver.cue_agreement import CODE, argue
+from passerby.solver.cue_agreement import CODE, check_cue_consistency
 
 
 def check_known_scale(solution: Solution, aligned: AlignedSolution) -> tuple[Solution, AlignedSolution]:
@@ -25,7 +25,7 @@ def check_known_scale(solution: Solution, aligned: AlignedSolution) -> tuple[Sol
     known = _known_places(solution.rig, aligned)
     if known is None or any(cue.kind == "plan" for cue in figures.scale.cues):
         return solution, aligned
-    cues, contradictions = argue((*figures.scale.cues, known))
+    cues, contradictions = check_cue_consistency((*figures.scale.cues, known))
     scale = replace(figures.scale, cues=tuple(cues))
     findings = (*(one for one in solution.findings if one.code != CODE), *contradictions)
     verdict = decide_verdict(solution.rig, findings)

@@ -19,7 +19,7 @@ from passerby.findings.refusals import RefusalError
 from passerby.geometry.triangulation import parallax_angles, triangulate_two_views
 from passerby.geometry.two_view import MIN_POINTS, NoRelativePoseError, choose_by_cheirality, decompose_essential, relative_pose
 from passerby.solver.geopose.correspondences import ImagePoints, match_pair, point_observations
-from passerby.solver.optimizer.bundle import adjust_points
+from passerby.solver.geopose.bundle import adjust_points
 
 IDENTITY = Pose(np.eye(3), np.zeros(3))
 

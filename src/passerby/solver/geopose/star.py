@@ -29,7 +29,7 @@ from passerby.geometry.similarity import Similarity
 from passerby.solver.geopose.correspondences import ImagePoints, point_observations
 from passerby.solver.geopose.known_lengths import measured_lengths
 from passerby.solver.geopose.pairs import IDENTITY, GeoPoseOptions, PairGeometry, solve_pair
-from passerby.solver.optimizer.bundle import PointAdjustment, adjust_points
+from passerby.solver.geopose.bundle import PointAdjustment, adjust_points
 
 # Pairs that see the same point at places that differ by more than this share of its distance contradict each other.
 MAX_DISAGREEMENT = 0.15
