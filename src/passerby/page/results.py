@@ -10,7 +10,7 @@ from passerby.common.errors import InputError
 from passerby.core.figures import adjusted
 from passerby.core.lens_figures import LensFigures
 from passerby.interchange.calibration_json import CALIBRATION_FILE, CalibrationDocument, parse_document, read_document
-from passerby.report.first_reasons import first_reasons
+from passerby.report.recommendations import first_reasons
 
 
 def outcome(folder: Path, kept: dict[str, Any] | None = None) -> dict[str, Any] | None:

@@ -13,15 +13,15 @@ from passerby.common.errors import InputError
 from passerby.core.colours import person_colour
 from passerby.interchange.calibration_json import PlanEntry, ResidualEntry
 from passerby.interchange.plan_picture import read_plan_picture
-from passerby.report.backdrop import data_uri
 from passerby.report.contents import Contents
 from passerby.report.fitted import Fitted
 from passerby.report.html import Html, element, join, plot, plot_text
 from passerby.report.parts import Parts
 from passerby.report.rig_geometry import Stage, joined, stage_of
-from passerby.report.rig_plan import Figure, Trace, draw_cameras_from_above, draw_crowd, draw_ground_seen
+from passerby.report.rig_plots import Figure, Trace, draw_cameras_from_above, draw_crowd, draw_ground_seen
+from passerby.report.sheet import data_uri
 from passerby.report.site_map import CELLS, draw_site
-from passerby.report.values import count, figure
+from passerby.report.tables import count, figure
 
 MOST_PLACES = 8000
 """Of people that are drawn; of more every n-th."""

@@ -12,8 +12,7 @@ from passerby.core.figures import CueFigures, StarFigures, StarScale, heights_of
 from passerby.report.contents import Contents
 from passerby.report.html import Html, Section, element, join, nothing, plot
 from passerby.report.parts import Parts
-from passerby.report.tables import Column, data_table, number, text
-from passerby.report.values import count
+from passerby.report.tables import Column, count, data_table, number, text
 from passerby.solver.cues import cue_in_words
 
 

@@ -12,10 +12,22 @@ from passerby.common.arrays import Floats
 from passerby.core.cameras import Camera
 from passerby.report.contents import Contents
 from passerby.report.fitted import Fitted
-from passerby.report.rig_geometry import WEDGE_SHARE, Stage, frustum, joined, sigma_ellipses, stage_of, wedge
-from passerby.report.rig_labels import faint, hover_words, posed_cameras, told, unregistered
-from passerby.report.rig_plan import Figure, Trace, draw_crowd, draw_ellipses, seen_from_above
-from passerby.report.site import zone_colour
+from passerby.report.rig_geometry import (
+    WEDGE_SHARE,
+    Stage,
+    faint,
+    frustum,
+    hover_words,
+    joined,
+    posed_cameras,
+    sigma_ellipses,
+    stage_of,
+    told,
+    unregistered,
+    wedge,
+)
+from passerby.report.rig_plots import Figure, Trace, draw_crowd, draw_ellipses, seen_from_above
+from passerby.report.seen import zone_colour
 from passerby.report.view_graph import Link
 
 REACH_M = 12.0

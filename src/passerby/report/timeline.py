@@ -13,9 +13,8 @@ from passerby.core.colours import person_colour
 from passerby.report.contents import Contents
 from passerby.report.html import Html, Section, element, join, nothing, plot, plot_text
 from passerby.report.parts import Parts
-from passerby.report.seen import Spells, lanes_of, merge_spells
-from passerby.report.site import EMBEDDED_CAMERAS
-from passerby.report.values import count
+from passerby.report.seen import EMBEDDED_CAMERAS, Spells, lanes_of, merge_spells
+from passerby.report.tables import count
 
 MOST_BARS = 1500
 """Told apart at a laptop's width; of more, the number of people at once is drawn, and the bars of one person who is chosen."""

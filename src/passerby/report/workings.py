@@ -12,8 +12,7 @@ from passerby.interchange.storage.json_text import plain
 from passerby.report.contents import Contents
 from passerby.report.html import Html, Section, element, join, nothing
 from passerby.report.seen import Seen
-from passerby.report.tables import Column, data_table, text
-from passerby.report.values import count, figure, listed
+from passerby.report.tables import Column, count, data_table, figure, listed, text
 
 MODES = {
     "given": "identities are known",
