@@ -23,7 +23,7 @@ from passerby.calibration.in_memory import calibrate_observations
 from passerby.calibration.pipeline import calibrate
 from passerby.core.cameras import Camera, Lens, Pose, Rig
 from passerby.core.figures import adjusted
-from passerby.core.known_places import KnownPosition
+from passerby.core.scale_cues import KnownPosition
 from passerby.geometry.rotations import angle_between
 from passerby.scene.scene import Scene
 from passerby.simulation import PRESETS, SimulatedScene, SimulationOptions, simulate, write_scene

@@ -14,8 +14,7 @@ from passerby.calibration.alignment.sigmas import fit_moves, own_covariances
 from passerby.calibration.alignment.world import align_to_points, align_to_positions
 from passerby.common.arrays import Floats
 from passerby.core.cameras import Camera, Lens, Pose, PoseSigma, Rig
-from passerby.core.floor_plan import FloorPlan, PlannedCamera
-from passerby.core.known_places import KnownPoint, KnownPosition
+from passerby.core.scale_cues import FloorPlan, KnownPoint, KnownPosition, PlannedCamera
 from passerby.geometry.rotations import angle_between, exp_rotation
 from passerby.simulation.placement import looking_at
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import pytest
 
-from passerby.core.missing_cameras import without_pose
+from passerby.core.usability import without_pose
 from passerby.findings.finding import notice, refusal
 from passerby.interchange.storage.json_text import plain
 from passerby.report.contents import contents_from

@@ -9,7 +9,7 @@ import pytest
 
 from passerby.calibration.calibration import contents_of
 from passerby.cli.main import run
-from passerby.core.missing_cameras import without_pose
+from passerby.core.usability import without_pose
 from passerby.findings.finding import doubt, notice, refusal
 from passerby.interchange.calibration_json import read_document
 from passerby.interchange.storage.json_text import plain

@@ -8,8 +8,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from passerby.core.cameras import Camera, Lens, Pose, PoseSigma, Rig
+from passerby.core.lens_parameters import border_rays
 from passerby.core.observations import CameraObservations, Observations
-from passerby.core.picture_border import border_rays
 from passerby.report.fitted import fit_people
 from passerby.report.rig_geometry import (
     density,

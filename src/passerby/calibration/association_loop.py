@@ -43,7 +43,7 @@ from passerby.core.cameras import Rig
 from passerby.core.observations import Clock, Observations
 from passerby.core.solution import Solution
 from passerby.core.unknown_focals import begin_with, needs_focal_search
-from passerby.findings.refusals import findings_of
+from passerby.findings.ranking import findings_of
 
 MAX_ROUNDS = 4
 SEARCHED_ROUNDS = 2

@@ -9,7 +9,7 @@ from passerby.core.cameras import Rig
 from passerby.core.observations import Observations
 from passerby.core.scale_cues import PersonHeight
 from passerby.core.solution import Solution
-from passerby.geometry.relative_pose import PairHypothesis
+from passerby.geometry.two_view import PairHypothesis
 
 
 class RigSolver(Protocol):

@@ -32,7 +32,7 @@ from passerby.core.figures import adjusted
 from passerby.core.observations import UNKNOWN, Boxes, CameraObservations, Clock, Observations
 from passerby.core.solution import Solution
 from passerby.findings.finding import Finding, notice
-from passerby.findings.refusals import findings_of
+from passerby.findings.ranking import findings_of
 from passerby.people.upright_rays import upright_rays
 
 SOMEBODY_ELSE = -1e9

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
-from passerby.common.absence import ABSENT
+from passerby.common.arrays import ABSENT
 from passerby.core.lens_figures import LensFigures, LensRefinement
 from passerby.core.measuring_figures import MeasuringFigures
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Literal
 
-from passerby.common.absence import ABSENT
+from passerby.common.arrays import ABSENT
 
 RefinedPart = Literal["focal", "principal_point", "distortion"]
 LensPrior = Literal["stated", "search", "assumed"]

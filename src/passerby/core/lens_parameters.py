@@ -1,14 +1,28 @@
-"""The numbers of a lens that was estimated, one by one: each with its sigma, its prior, and what determined it."""
+"""The numbers of a lens that was estimated, one by one: each with its sigma, its prior, and what determined it.
+
+How much of the world a lens shows, as data sheets state it.
+
+The border of a camera's picture as rays: what drawings of a rig show of what a camera sees.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+import numpy as np
+
+from passerby.common.arrays import Floats
+from passerby.core.cameras import Lens
 from passerby.core.lens_figures import FocalFigures, LensFigures, LensPrior
 
 MOSTLY, WHOLLY = 0.5, 0.9
 """Shares of people in what is known of a number, from which it counts as determined by them mostly, and wholly."""
+SIDE_SAMPLES = 8
+"""Of each side of a picture: lenses bend its border."""
+FLATTEST = 0.5
+"""Cosine from the axis up to which a frustum ends in a plane, and beyond which (60 degrees) at one distance: the plane of a
+fisheye lens lies at infinity."""
 
 
 @dataclass(frozen=True)
@@ -90,3 +104,51 @@ def _focal(focal: FocalFigures) -> LensParameter:
     return LensParameter(
         "focal length", "px", focal.refined_px, focal.sigma_px, focal.prior, value, sd, alone, focal.people_share
     )
+
+
+def field_of_view_deg(lens: Lens) -> tuple[float | None, float | None]:
+    """Horizontal and vertical field of view, degrees: between the rays through the middles of opposite borders of the image.
+
+    None where the lens model has no ray there: its distortion turns over before the border.
+    """
+    (width, height), middle = lens.size, (np.array(lens.size) - 1) / 2
+    ends = np.array([(-0.5, middle[1]), (width - 0.5, middle[1]), (middle[0], -0.5), (middle[0], height - 0.5)])
+    left, right, top, bottom = lens.bearings(ends)
+    return _between(left[[0, 2]], right[[0, 2]]), _between(top[1:], bottom[1:])
+
+
+def _between(one: Floats, other: Floats) -> float | None:
+    """The angle between rays (2,) across and along the optical axis, over that axis, degrees; None where a ray is missing."""
+    angles = np.degrees(np.arctan2([one[0], other[0]], [one[1], other[1]]))
+    return float(angles[1] - angles[0]) if np.isfinite(angles).all() else None
+
+
+def border_rays(lens: Lens, samples: int = SIDE_SAMPLES) -> Floats:
+    """(4 K, 3) unit rays of the picture's border, camera frame, clockwise from the first pixel's corner, K to a side.
+
+    Where the lens model cannot be inverted, as in the black corners of a fisheye's picture, the ray of the point nearest to the
+    border that can; NaN where there is none.
+    """
+    width, height = lens.size
+    share = np.arange(samples) / samples
+    corners = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+    on_border = np.concatenate(
+        [a + share[:, None] * (b - a) for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True)]
+    )
+    middle = np.clip((lens.matrix[:2, 2] + 0.5) / (width, height), 0.05, 0.95)
+    rays = np.full((len(on_border), 3), np.nan)
+    for inward in np.linspace(1.0, 0.05, 39):
+        rows = np.flatnonzero(np.isnan(rays[:, 0]))
+        if not len(rows):
+            break
+        # The picture reaches half a pixel beyond the centres of its outermost pixels.
+        rays[rows] = lens.bearings((middle + inward * (on_border[rows] - middle)) * (width, height) - 0.5)
+    return rays
+
+
+def frustum_rim(lens: Lens, depth: float, samples: int = SIDE_SAMPLES) -> Floats:
+    """(4 K, 3) the border of the picture held before the camera, camera frame, metres: flat, `depth` in front; wider lenses'
+    bent back. Rows as of `border_rays`.
+    """
+    rays = border_rays(lens, samples)
+    return np.asarray(depth * rays / np.maximum(rays[:, 2:], FLATTEST))

@@ -2,6 +2,8 @@
 
 Frames are whole numbers. Without clocks they are counted alike in all cameras: the same number is the same instant. An identity
 is a whole number; -1 means unknown. The arrays are checked once, on entry, and read-only from then on.
+
+Where people are in a picture: the rectangles of boxes, and those around joints.
 """
 
 from __future__ import annotations
@@ -18,22 +20,18 @@ from passerby.common.errors import InputError
 from passerby.geometry.groups import group_numbers, least_of_groups
 
 Vectors = NDArray[np.float32]
-
 UNKNOWN = -1
-
 BORDER_PX = 2.0
 """A box this near to the picture's border is cut off there: neither its centre nor its edges mean the body's."""
 MIN_JOINT_SCORE = 0.3
 """Joints of less confidence are left out, as Pose2Sim and Anipose do by default."""
 MIN_JOINTS = 4
 """Joints of a person that are found, below which they do not count as one."""
-
 BODY_17 = (
     "nose", "left_eye", "right_eye", "left_ear", "right_ear", "left_shoulder", "right_shoulder", "left_elbow", "right_elbow",
     "left_wrist", "right_wrist", "left_hip", "right_hip", "left_knee", "right_knee", "left_ankle", "right_ankle",
 )  # fmt: skip
 """COCO's 17 joints, in COCO's order."""
-
 WAND_ENDS = ("first end", "second end")
 """The two keypoints of a wand."""
 
@@ -257,3 +255,14 @@ class Observations:
 
     def __getitem__(self, name: str) -> CameraObservations:
         return self.cameras[name]
+
+
+def extents_of(part: Boxes | Keypoints) -> NDArray[np.float64]:
+    """(N, 4) left, top, right, bottom of each person, pixels; of joints around those that were found, zeros where none was."""
+    if isinstance(part, Boxes):
+        return np.column_stack([part.ltwh[:, :2], part.ltwh[:, :2] + part.ltwh[:, 2:]])
+    found = part.score[..., None] > 0
+    some = found.any(axis=1)
+    low = np.where(some, np.where(found, part.xy, np.inf).min(axis=1, initial=np.inf), 0.0)
+    high = np.where(some, np.where(found, part.xy, -np.inf).max(axis=1, initial=-np.inf), 0.0)
+    return np.column_stack([low, high])

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from passerby.common.display import html_of
 from passerby.common.errors import EvidenceError, InputError
+from passerby.common.text import html_of
 from passerby.core.cameras import Rig
 from passerby.core.observations import Boxes, Clock
 from passerby.interchange.calibration_json import (

@@ -14,7 +14,7 @@ from passerby.interchange.calibration_json import CALIBRATION_FILE, read_documen
 from passerby.interchange.monitor_json import MONITOR_FILE, MonitorDocument, MonitoredCamera, MoveEntry, read_monitor
 from passerby.interchange.storage.json_text import plain
 from passerby.page.pictures import PictureStore
-from passerby.page.public import without_folders
+from passerby.page.requests import without_folders
 from passerby.page.scene_edits import version_of
 from passerby.scene.scene import Scene
 

@@ -16,7 +16,7 @@ from tomlkit.exceptions import TOMLKitError
 from tomlkit.items import AoT, Array, InlineTable, Table
 
 from passerby.common.errors import InputError
-from passerby.core.known_places import POINT_SD_M
+from passerby.core.scale_cues import POINT_SD_M
 from passerby.interchange.storage.atomic import write_text
 from passerby.interchange.storage.faults import read_text
 from passerby.interchange.storage.safe_parsing import NotParsed, parse_toml

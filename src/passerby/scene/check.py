@@ -14,9 +14,9 @@ from passerby.association.sampling import STEP_S
 from passerby.common.arrays import Ints
 from passerby.common.errors import EvidenceError, InputError
 from passerby.core.cameras import Lens
-from passerby.core.missing_cameras import without_pose
 from passerby.core.observations import UNKNOWN, CameraObservations, Observations
 from passerby.core.overlap import Shared, count_shared_observations, missing_overlap
+from passerby.core.usability import without_pose
 from passerby.findings.finding import Finding, notice
 from passerby.findings.texts import diagnostic, texts_of
 from passerby.interchange.storage.faults import faults_of

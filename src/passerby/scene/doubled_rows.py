@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from passerby.common.arrays import Floats, Ints
-from passerby.core.extents import extents_of
-from passerby.core.observations import UNKNOWN, Boxes, Keypoints
+from passerby.core.observations import UNKNOWN, Boxes, Keypoints, extents_of
 from passerby.findings.finding import Finding, notice
 
 Part = TypeVar("Part", Boxes, Keypoints)

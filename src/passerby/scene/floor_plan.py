@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from passerby.common.errors import InputError
-from passerby.core.floor_plan import FloorPlan, PlannedCamera, PlannedPoint
+from passerby.core.scale_cues import FloorPlan, PlannedCamera, PlannedPoint
 from passerby.interchange.plan_picture import read_plan_picture
 from passerby.interchange.storage.faults import FileFaults, read_toml
 from passerby.interchange.storage.versions import check_version

@@ -15,8 +15,7 @@ import numpy as np
 
 from passerby.common.arrays import Floats, Ints
 from passerby.core.cameras import Rig
-from passerby.core.extents import extents_of
-from passerby.core.observations import CameraObservations, Observations
+from passerby.core.observations import CameraObservations, Observations, extents_of
 from passerby.findings.finding import Finding, doubt
 from passerby.geometry.robust import NORMAL_BY_MAD
 from passerby.scene.content_matching import MIN_FRAMES, BinnedBoxes, Overlap, PictureMap, SharedBoxes, likely_lags

@@ -8,7 +8,7 @@ from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
-from passerby.core.floor_plan import CLICK_SD_PX, UNIT_SD
+from passerby.core.scale_cues import CLICK_SD_PX, UNIT_SD
 from passerby.scene.table import Metres, Pixel, Table
 
 PlanPixel = tuple[Pixel, Pixel]

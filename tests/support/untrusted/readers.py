@@ -13,8 +13,7 @@ from typing import Any
 from passerby.common.errors import EvidenceError, InputError
 from passerby.datasets.annotations import read_cvml, read_mot_truth, read_vatic
 from passerby.datasets.epfl import read_grid
-from passerby.datasets.matlab import mat_matrix
-from passerby.datasets.parsing import text_matrix, xml_numbers
+from passerby.datasets.parsing import mat_matrix, text_matrix, xml_numbers
 from passerby.interchange.coco import read_keypoints
 from passerby.interchange.embeddings import read_embeddings
 from passerby.interchange.formats import Given, all_formats, read_people_as, read_rig_as, recognise_format
@@ -32,8 +31,8 @@ from passerby.scene.scene import Scene
 from passerby.scene.start.folders import FoundCamera
 from passerby.scene.start.lenses import find_lenses
 from passerby.training.curves import TrainingLog
-from passerby.training.data.pictures import read_picture
-from passerby.training.data.published import msmt17
+from passerby.training.data.folders import msmt17
+from passerby.training.data.listing import read_picture
 from passerby.training.data.tracks import camera_of_sequence
 from support.untrusted import example_files as example
 

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from passerby.core.cameras import Camera, Lens, Pose, Rig
-from passerby.core.known_places import KnownPoint, KnownPosition
 from passerby.core.observations import UNKNOWN, Boxes, Clock, Keypoints
+from passerby.core.scale_cues import KnownPoint, KnownPosition
 from passerby.core.trajectories import Trajectories
 from passerby.datasets.published import GroundTruth, Published
 from passerby.interchange.embeddings import Embeddings

@@ -154,7 +154,7 @@ def finetune(
     _need_torch("finetune")
     from passerby.cli.tables import show_calibration, tell_reasons
     from passerby.cli.terminal import stages
-    from passerby.training.finetuning import finetune_scene
+    from passerby.training.runs import finetune_scene
 
     _check_device(device)
     with stages(verbose) as tell:

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from passerby.common.absence import ABSENT
+from passerby.common.arrays import ABSENT
 
 
 def to_json(value: Any) -> str:

@@ -11,9 +11,8 @@ from passerby.common.errors import InputError
 from passerby.common.progress import Progress, silent
 from passerby.scene.start.folders import visible_folders
 from passerby.training.crops import DataSet
-from passerby.training.data.folders import folder_per_identity, has_identities
+from passerby.training.data.folders import folder_per_identity, has_identities, is_market, is_msmt17, market, msmt17
 from passerby.training.data.listing import data_set
-from passerby.training.data.published import is_market, is_msmt17, market, msmt17
 from passerby.training.data.tracks import (
     camera_of_sequence,
     cameras_of_folder,

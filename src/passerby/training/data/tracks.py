@@ -28,10 +28,8 @@ from passerby.scene.scene import Scene
 from passerby.scene.start.folders import visible_files, visible_folders
 from passerby.scene.start.recordings_found import VIDEO_FOLDERS
 from passerby.training.crops import DataSet
-from passerby.training.data.choosing import PER_PERSON, clear_boxes, spread
-from passerby.training.data.cutting import WantedCrops, cut_crops, source_size
-from passerby.training.data.one_file import one_file
-from passerby.training.data.pictures import describe_faults
+from passerby.training.data.cutting import PER_PERSON, WantedCrops, clear_boxes, cut_crops, one_file, source_size, spread
+from passerby.training.data.listing import describe_faults
 
 TEXT_FOLDERS = ("truth", "identities", "tracks")
 """Where the text of videos is looked for, unless it lies beside them."""
