@@ -18,7 +18,7 @@ from passerby.calibration.diagnostics.ground_planarity import STEEP_DEG, STEEP_S
 from passerby.common.errors import InputError
 from passerby.core.cameras import Rig
 from passerby.core.figures import adjusted
-from passerby.core.usability import MISSING, ON_GROUND, USABLE_M, USABLE_SCALE
+from passerby.core.usability import CODE, ON_GROUND, USABLE_M, USABLE_SCALE
 from passerby.simulation import simulate
 from reliability.hostile import HOSTILE
 from reliability.judging import calibrated, errors_of
@@ -53,15 +53,15 @@ FIGURES: Mapping[str, Figure] = MappingProxyType({
     "points": Figure(
         USABLE_M, "USABLE_M in `core/usability.py`",
         "one sigma of how far a camera's rays pass beside places, metres; the worst camera",
-        MISSING, False, (0.05, 0.1, 0.15, 0.2, 0.25, 0.35, 0.5, 1.0),
+        CODE, False, (0.05, 0.1, 0.15, 0.2, 0.25, 0.35, 0.5, 1.0),
     ),
     "ground": Figure(
         ON_GROUND * USABLE_M, "ON_GROUND times USABLE_M in `core/usability.py`",
-        "one sigma of positions on the ground by one camera, metres; the worst camera", MISSING, False,
+        "one sigma of positions on the ground by one camera, metres; the worst camera", CODE, False,
         (0.2, 0.3, 0.4, 0.5, 0.6, 0.8, 1.2, 2.0),
     ),
     "scale": Figure(
-        USABLE_SCALE, "USABLE_SCALE in `core/usability.py`", "relative one sigma of all lengths", MISSING, False,
+        USABLE_SCALE, "USABLE_SCALE in `core/usability.py`", "relative one sigma of all lengths", CODE, False,
         (0.02, 0.03, 0.05, 0.07, 0.1, 0.15, 0.2, 0.3),
     ),
     "slope": Figure(

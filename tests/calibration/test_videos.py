@@ -367,7 +367,7 @@ def test_joints_by_default(place, tmp_path, monkeypatch):
         assert len(without.observations[name].boxes) > 100
         assert 10 <= len(seen.observations[name].keypoints) <= 12
 
-    monkeypatch.setattr("passerby.perception.joint_budget.CROPS_AT_LEAST", 0.5)
+    monkeypatch.setattr("passerby.perception.plan.CROPS_AT_LEAST", 0.5)
     thrifty = scene_file(place, cameras, perception=f"{perception}keypoints_per_s = 1")
     times = [inputs(thrifty)[0].observations[name].keypoints.frame.tolist() for name in cameras]
     assert 0 < len(times[0]) < 10

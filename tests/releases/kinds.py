@@ -21,8 +21,8 @@ from passerby.interchange.storage.json_text import plain
 from passerby.interchange.trajectories_csv import read_trajectories
 from passerby.perception.kept import StageCache
 from passerby.recording.scene_streams import _recorded_cameras
-from passerby.scene.floor_plan import read_plan
 from passerby.scene.scene import Scene
+from passerby.scene.world_tables import read_plan
 
 DIGITS = 9
 """Of the numbers behind a digest: libraries may differ in the last ones."""

@@ -10,7 +10,7 @@ import torch
 
 from passerby.common.errors import InputError
 from passerby.perception.model_files import find_model
-from passerby.perception.own_networks import IMAGENET
+from passerby.perception.networks import IMAGENET
 from passerby.perception.reid import ReidEmbedder
 from passerby.training import export
 from passerby.training.export import compare_outputs, export_network, torch_vectors

@@ -51,7 +51,7 @@ from passerby.core.solution import Solution
 from passerby.findings.finding import Finding
 from passerby.findings.texts import texts_of
 from passerby.people.ground_shape import GroundShape
-from passerby.scene.coarse_boxes import with_coarse_boxes
+from passerby.scene.box_interpretations import with_coarse_boxes
 from passerby.scene.inputs import SceneInputs, read_inputs
 from passerby.scene.same_content import doubts_of_same_place
 from passerby.scene.scene import Scene

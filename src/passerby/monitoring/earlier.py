@@ -22,8 +22,8 @@ from passerby.interchange.rig_toml import read_rig
 from passerby.interchange.storage.versions import LaterVersionError
 from passerby.monitoring.given_rig import GivenRig
 from passerby.monitoring.watched import WatchOptions
+from passerby.perception.pictures import VideoError
 from passerby.perception.sources.files import VideoSource, list_files
-from passerby.perception.video_error import VideoError
 from passerby.scene.scene import Scene
 from passerby.scene.tables import CameraTable
 

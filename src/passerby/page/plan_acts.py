@@ -30,8 +30,7 @@ from passerby.page.requests import Act, Name, Pixel, read_as
 from passerby.page.scene_edits import keep_lines
 from passerby.page.session import Session
 from passerby.report.rig_geometry import WEDGE_SHARE, stage_of, wedge
-from passerby.scene.floor_plan import floor_plan, plan_faults
-from passerby.scene.world_tables import PlanTable
+from passerby.scene.world_tables import PlanTable, floor_plan, plan_faults
 
 Metres = Annotated[float, Field(gt=0, le=1e5)]
 PIXEL_DIGITS = 2

@@ -18,10 +18,9 @@ from passerby.common.arrays import Floats, Ints
 from passerby.common.errors import InputError
 from passerby.core.cameras import Camera
 from passerby.core.observations import UNKNOWN
-from passerby.perception.pictures import Picture
+from passerby.perception.pictures import Picture, VideoError
 from passerby.perception.sources.recording import open_source
 from passerby.perception.video import fit_of_size
-from passerby.perception.video_error import VideoError
 from passerby.perception.video_still import still
 from passerby.report.contents import Contents
 from passerby.report.html import Attribute, Html, element, join

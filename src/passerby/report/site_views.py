@@ -11,7 +11,7 @@ from passerby.common.progress import Progress
 from passerby.common.text import shortened_text
 from passerby.interchange.calibration_json import GroupEntry
 from passerby.interchange.output_folder import REPORT_FILE
-from passerby.report.camera_table import LENS_LEAD, NO_POSE, camera_rows, swatch, weak_cameras
+from passerby.report.camera_table import LEAD, NO_POSE, camera_rows, swatch, weak_cameras
 from passerby.report.contents import Contents
 from passerby.report.distances import distances_from, distances_table, solved_distances
 from passerby.report.fitted import Fitted
@@ -133,7 +133,7 @@ def site_camera_section(contents: Contents, seen: Seen, zones: Mapping[str, int]
     ranked.sort(key=lambda one: one[:2])
     heads = [columns[0], ZONE, STATE, PROBLEM, *(columns[one] for one in order)]
     table = data_table("cameras-table", "Cameras", heads, [cells for *_, cells in ranked])
-    lead = f"{LENS_LEAD} A camera's name leads to its picture. Zones are parts of the map, for finding cameras on it."
+    lead = f"{LEAD} A camera's name leads to its picture. Zones are parts of the map, for finding cameras on it."
     return Section("cameras", "Cameras", lead, table)
 
 

@@ -26,7 +26,7 @@ from passerby.scene.box_interpretations import (
     rotation_of_sideways,
 )
 from passerby.scene.camera_input import CameraInput
-from passerby.scene.intrinsics_checks import FILLED_ROWS, smaller_picture, source_of_size
+from passerby.scene.lens_sources import FILLED_ROWS, smaller_picture, source_of_size
 from passerby.scene.scene import Scene
 
 OUTSIDE_SHARE = 0.01

@@ -26,7 +26,7 @@ from torch.utils.data import Sampler
 from passerby.common.arrays import Ints
 from passerby.core.observations import Vectors
 from passerby.perception.crops import stretch_crop
-from passerby.perception.own_networks import IMAGENET, IMAGENET_MEAN
+from passerby.perception.networks import IMAGENET, IMAGENET_MEAN
 from passerby.perception.pictures import Picture
 from passerby.training.crops import CropSet
 from passerby.training.data.listing import read_picture

@@ -24,7 +24,7 @@ from passerby.interchange.rig_toml import read_lens, read_rig
 from passerby.interchange.trajectories_csv import read_ground_positions, read_trajectories
 from passerby.interchange.world_files import read_known_points, read_known_positions
 from passerby.perception.kept import StageCache
-from passerby.perception.own_networks import own_network
+from passerby.perception.networks import own_network
 from passerby.perception.video import VideoReader, probe
 from passerby.scene.inputs import read_inputs
 from passerby.scene.scene import Scene

@@ -95,8 +95,7 @@ def _wanted(
     tilt: bool,
 ) -> WorldTable:
     """What the options ask for. Raises `InputError` where they contradict each other."""
-    from passerby.scene.floor_plan import read_plan
-    from passerby.scene.world_tables import WorldTable
+    from passerby.scene.world_tables import WorldTable, read_plan
 
     options = {"--camera": camera, "--points": points, "--positions": positions, "--plan": plan}
     given = [name for name, value in options.items() if value is not None]

@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Literal
 
 from passerby.common.text import natural_key
+from passerby.perception.pictures import VideoError
 from passerby.perception.pieces import PICTURE_ENDINGS, VIDEO_ENDINGS, walk_below
-from passerby.perception.sources.chapter_names import order_of
-from passerby.perception.video_error import VideoError
+from passerby.perception.sources.name_times import order_of
 
 Kind = Literal["videos", "pictures"]
 

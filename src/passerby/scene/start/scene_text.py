@@ -11,7 +11,7 @@ from pathlib import Path
 
 from passerby.interchange.storage import toml_text
 from passerby.interchange.storage.toml_text import comment, key, value
-from passerby.perception.joint_budget import CROPS_PER_S
+from passerby.perception.plan import CROPS_PER_S
 from passerby.scene.scale_tables import ScaleTable
 from passerby.scene.start.folders import SOURCES, FoundCamera
 from passerby.scene.start.recordings_found import ProposedSpan

@@ -23,10 +23,10 @@ from passerby.findings.texts import text_of
 from passerby.interchange.motchallenge import LARGEST_WHOLE, read_boxes
 from passerby.interchange.storage.faults import read_text
 from passerby.perception.pieces import VIDEO_ENDINGS
-from passerby.scene.doubled_rows import remove_duplicates
 from passerby.scene.scene import Scene
 from passerby.scene.start.folders import visible_files, visible_folders
 from passerby.scene.start.recordings_found import VIDEO_FOLDERS
+from passerby.scene.used_rows import remove_duplicates
 from passerby.training.crops import DataSet
 from passerby.training.data.cutting import PER_PERSON, WantedCrops, clear_boxes, cut_crops, one_file, source_size, spread
 from passerby.training.data.listing import describe_faults
