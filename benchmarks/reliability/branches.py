@@ -36,7 +36,7 @@ GROUPS: Mapping[str, Sequence[str]] = MappingProxyType({
         "page/scene_edits.py",
         "perception/fetching.py", "perception/kept.py", "perception/model_files.py", "recording/pieces.py",
         "recording/scene_streams.py", "report/page.py", "report/parts.py",
-        "scene/start/*.py", "simulation/sites/write.py", "simulation/write.py",
+        "scene/start/*.py", "simulation/sites/site.py", "simulation/write.py",
     ),
 })  # fmt: skip
 """Group -> its files, as patterns below the package."""

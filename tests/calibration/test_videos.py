@@ -24,7 +24,7 @@ from passerby.common.progress import Forward, silent
 from passerby.evaluation.metrics import compare
 from passerby.interchange.motchallenge import write_boxes
 from passerby.interchange.rig_toml import read_rig
-from passerby.interchange.storage.json_text import to_json
+from passerby.interchange.storage.text_formats import to_json
 from passerby.perception.video import probe
 from passerby.scene.check import check_scene
 from passerby.scene.inputs import read_inputs

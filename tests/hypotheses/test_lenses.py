@@ -17,8 +17,8 @@ from passerby.hypotheses.findings import lens_corrected, lens_doubtful
 from passerby.hypotheses.lenses import LensResult, examine_lenses
 from passerby.simulation import SimulationOptions, simulate
 from passerby.simulation.body import pose_joints
+from passerby.simulation.lenses import looking_at
 from passerby.simulation.observe import observe_camera
-from passerby.simulation.placement import looking_at
 from passerby.simulation.scene import film
 from passerby.solver.lens_unknowns import LENS_PARTS, LensUnknowns
 from passerby.solver.people import PeopleOptions, PeopleSolution

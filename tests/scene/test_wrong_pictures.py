@@ -22,8 +22,8 @@ from passerby.scene.reading import input_from_memory
 from passerby.scene.scene import Scene
 from passerby.simulation import SimulatedScene, SimulationOptions, simulate
 from passerby.simulation.body import pose_joints
+from passerby.simulation.lenses import looking_at
 from passerby.simulation.observe import observe_camera
-from passerby.simulation.placement import looking_at
 from passerby.simulation.scene import film
 from support.tiers import thinned
 

@@ -39,7 +39,7 @@ from passerby.interchange.output_folder import (
     group_folder,
     scene_file,
 )
-from passerby.interchange.storage.json_text import plain, to_json
+from passerby.interchange.storage.text_formats import plain, to_json
 from passerby.perception.video_probe import WallTime
 from passerby.report.contents import Contents, declared_videos, upright_contents
 from passerby.scene.scene import Scene

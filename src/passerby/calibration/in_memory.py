@@ -17,7 +17,7 @@ from passerby.common.progress import Progress
 from passerby.core.box_format import BoxFormat
 from passerby.core.cameras import Lens, Rig
 from passerby.core.observations import Boxes, Keypoints
-from passerby.interchange.storage.faults import FileFaults
+from passerby.interchange.storage.safe_parsing import FileFaults
 from passerby.scene.inputs import IN_MEMORY, assemble_inputs
 from passerby.scene.joint_layouts import correct_layouts
 from passerby.scene.reading import input_from_memory

@@ -265,7 +265,7 @@ def check(scene: SceneFile, json: AsJson = False) -> None:
 
 
 def _print_json(value: object) -> None:
-    from passerby.interchange.storage.json_text import to_json
+    from passerby.interchange.storage.text_formats import to_json
 
     print(to_json(value), end="")
 

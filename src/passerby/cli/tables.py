@@ -20,7 +20,7 @@ from passerby.evaluation.metrics import Comparison, Stated
 from passerby.evaluation.on_people import PeopleComparison
 from passerby.findings.ranking import shown_in_words
 from passerby.findings.texts import text_of
-from passerby.interchange.storage.json_text import to_json
+from passerby.interchange.storage.text_formats import to_json
 from passerby.report.recommendations import good_for
 from passerby.scene.check import CameraCheck, SceneCheck
 from passerby.solver.cues import cue_in_words

@@ -21,8 +21,7 @@ from passerby.common.text import shortened
 from passerby.core.cameras import Camera, Rig
 from passerby.core.observations import UNKNOWN, Boxes
 from passerby.datasets.published import GroundTruth
-from passerby.interchange.storage.faults import read_text
-from passerby.interchange.storage.safe_parsing import NotParsed, parse_xml
+from passerby.interchange.storage.safe_parsing import NotParsed, parse_xml, read_text
 
 LARGEST = 2.0**53
 """Above it a float64 no longer tells whole numbers apart."""

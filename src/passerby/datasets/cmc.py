@@ -35,7 +35,7 @@ from passerby.datasets.published import (
     right_handed,
     skew_note,
 )
-from passerby.interchange.storage.faults import read_text
+from passerby.interchange.storage.safe_parsing import read_text
 
 CAMERAS = (1, 2, 3, 4)
 SIZE = (1920, 1024)

@@ -21,8 +21,7 @@ from passerby.common.arrays import Floats
 from passerby.common.errors import InputError
 from passerby.common.text import shortened, shortened_text
 from passerby.interchange.numbers import NotNumbers, finite_numbers
-from passerby.interchange.storage.faults import read_text
-from passerby.interchange.storage.safe_parsing import NotParsed, check_is_file, parse_json, parse_xml
+from passerby.interchange.storage.safe_parsing import NotParsed, check_is_file, parse_json, parse_xml, read_text
 
 PICTURES = (".png", ".jpg", ".jpeg", ".bmp")
 

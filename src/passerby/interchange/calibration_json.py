@@ -26,9 +26,8 @@ from passerby.core.figures import AdjustedFigures, SolverFigures, StarFigures
 from passerby.core.solution import Verdict
 from passerby.interchange.declared_scene import OPEN_TABLE, DeclaredScene
 from passerby.interchange.storage.atomic import write_text
-from passerby.interchange.storage.faults import read_text
-from passerby.interchange.storage.json_text import to_json
-from passerby.interchange.storage.safe_parsing import NotParsed, parse_json
+from passerby.interchange.storage.safe_parsing import NotParsed, parse_json, read_text
+from passerby.interchange.storage.text_formats import to_json
 from passerby.interchange.storage.versions import check_version
 
 CALIBRATION_FILE = "calibration.json"

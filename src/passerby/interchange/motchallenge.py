@@ -22,7 +22,7 @@ from passerby.common.text import shortened
 from passerby.core.box_format import LTWH, BoxFormat
 from passerby.core.observations import UNKNOWN, Boxes
 from passerby.interchange.storage.atomic import write_text
-from passerby.interchange.storage.faults import FileFaults, read_text
+from passerby.interchange.storage.safe_parsing import FileFaults, read_text
 
 MIN_COLUMNS, MAX_COLUMNS = 7, 10
 LARGEST_WHOLE = 2**53

@@ -23,9 +23,8 @@ from passerby.interchange.calibration_json import (
 )
 from passerby.interchange.motchallenge import read_boxes
 from passerby.interchange.rig_toml import read_rig
-from passerby.interchange.storage.faults import read_text
-from passerby.interchange.storage.json_text import plain
-from passerby.interchange.storage.safe_parsing import NotParsed, parse_toml
+from passerby.interchange.storage.safe_parsing import NotParsed, parse_toml, read_text
+from passerby.interchange.storage.text_formats import plain
 from passerby.interchange.storage.transaction import recover
 
 RIG_FILE, TRACKS_FOLDER, REPORT_FILE = "rig.toml", "tracks", "report.html"

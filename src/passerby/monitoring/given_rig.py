@@ -18,7 +18,7 @@ from passerby.interchange.calibration_json import CALIBRATION_FILE
 from passerby.interchange.monitor_json import MONITOR_FILE, read_monitor
 from passerby.interchange.output_folder import RIG_FILE, read_report
 from passerby.interchange.rig_toml import METADATA, METRES_PER_UNIT, RIG, RIG_FORMAT, SIGMA_KEYS, read_rig, table_of
-from passerby.interchange.storage.faults import read_toml
+from passerby.interchange.storage.safe_parsing import read_toml
 from passerby.interchange.storage.transaction import recover
 
 

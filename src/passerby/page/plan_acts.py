@@ -23,8 +23,7 @@ from passerby.common.arrays import Floats
 from passerby.common.errors import InputError
 from passerby.core.colours import camera_colour
 from passerby.core.scale_cues import FloorPlan
-from passerby.interchange.storage.faults import FileFaults
-from passerby.interchange.storage.safe_parsing import NotParsed, parse_toml
+from passerby.interchange.storage.safe_parsing import FileFaults, NotParsed, parse_toml
 from passerby.page.plan_pictures import PlanPictures, plan_path
 from passerby.page.requests import Act, Name, Pixel, read_as
 from passerby.page.scene_edits import keep_lines

@@ -19,7 +19,7 @@ from passerby.core.lens_figures import LensFigures
 from passerby.interchange.calibration_json import CALIBRATION_FILE, CalibrationDocument, parse_document, read_document
 from passerby.interchange.output_folder import REPORT_FILE, read_folder_rig
 from passerby.interchange.storage.atomic import make_folder, write_text
-from passerby.interchange.storage.faults import faults_of
+from passerby.interchange.storage.safe_parsing import faults_of
 from passerby.page.pictures import PictureStore
 from passerby.page.requests import without_folders
 from passerby.page.scene_edits import save_scene, text_of, version_of

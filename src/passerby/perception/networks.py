@@ -18,8 +18,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from passerby.common.errors import InputError
 from passerby.common.text import shortened
-from passerby.interchange.storage.faults import read_text
-from passerby.interchange.storage.safe_parsing import NotParsed, parse_toml
+from passerby.interchange.storage.safe_parsing import NotParsed, parse_toml, read_text
 
 Role = Literal["detector", "embedder", "keypoints"]
 Colour = Literal["bgr", "rgb"]

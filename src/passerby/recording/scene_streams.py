@@ -20,10 +20,8 @@ from passerby.common.errors import InputError
 from passerby.common.progress import Progress, silent
 from passerby.findings.finding import Finding, notice
 from passerby.interchange.storage.atomic import write_text
-from passerby.interchange.storage.faults import read_text
-from passerby.interchange.storage.json_text import to_json
-from passerby.interchange.storage.safe_parsing import NotParsed, parse_toml
-from passerby.interchange.storage.toml_text import relative, to_toml
+from passerby.interchange.storage.safe_parsing import NotParsed, parse_toml, read_text
+from passerby.interchange.storage.text_formats import relative, to_json, to_toml
 from passerby.interchange.storage.versions import check_version
 from passerby.recording.capture import SCHEMA_VERSION, CaptureOptions, Ended, Recording, record
 from passerby.recording.settings import DEVICE, SCHEMES, RecordingPlan, Stream, check_streams_differ, read_secrets, stream_of

@@ -8,7 +8,7 @@ from typing import Any
 from passerby.core.figures import AdjustedFigures, CheckedLength, HeldOutFigures, StarFigures
 from passerby.findings.texts.solver import PART_NAMES
 from passerby.interchange.calibration_json import NetworkEntry, VideoEntry
-from passerby.interchange.storage.json_text import plain
+from passerby.interchange.storage.text_formats import plain
 from passerby.report.contents import Contents
 from passerby.report.html import Html, Section, element, join, nothing
 from passerby.report.seen import Seen

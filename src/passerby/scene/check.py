@@ -19,8 +19,8 @@ from passerby.core.overlap import Shared, count_shared_observations, missing_ove
 from passerby.core.usability import without_pose
 from passerby.findings.finding import Finding, notice
 from passerby.findings.texts import diagnostic, texts_of
-from passerby.interchange.storage.faults import faults_of
-from passerby.interchange.storage.json_text import plain
+from passerby.interchange.storage.safe_parsing import faults_of
+from passerby.interchange.storage.text_formats import plain
 from passerby.perception.plan import foresee
 from passerby.perception.video import VideoInfo
 from passerby.perception.video_probe import WallTime

@@ -20,7 +20,7 @@ from passerby.core.observations import Clock, Observations
 from passerby.core.pointing import PointedPerson, StatedIdentities
 from passerby.core.quarter_turns import turn_boxes
 from passerby.findings.finding import Finding, notice
-from passerby.interchange.storage.faults import FileFaults, faults_of
+from passerby.interchange.storage.safe_parsing import FileFaults, faults_of
 from passerby.perception.sources.recording import gaps_of, recorded_s
 from passerby.scene.box_interpretations import notice_of_coarse_boxes
 from passerby.scene.camera_input import CameraInput

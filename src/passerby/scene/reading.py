@@ -26,7 +26,7 @@ from passerby.interchange.formats import read_people_as
 from passerby.interchange.formats.skeletons import standard_names
 from passerby.interchange.motchallenge import read_boxes
 from passerby.interchange.rig_toml import read_lens
-from passerby.interchange.storage.faults import faults_of
+from passerby.interchange.storage.safe_parsing import faults_of
 from passerby.perception.pictures import VideoError
 from passerby.perception.sources.files import WallSpan
 from passerby.perception.sources.frame_times import TYPICAL_STEP_S, read_frame_times, timed_by

@@ -27,8 +27,7 @@ from passerby.core.scale_cues import (
     ScaleCues,
     Wand,
 )
-from passerby.interchange.storage.faults import FileFaults, read_text
-from passerby.interchange.storage.safe_parsing import NotParsed, parse_toml, path_problem
+from passerby.interchange.storage.safe_parsing import FileFaults, NotParsed, parse_toml, path_problem, read_text
 from passerby.interchange.storage.versions import check_version
 from passerby.perception.video_probe import VARIABLE_CLOCK_FPS
 from passerby.scene.lens_keys import check_models, models_of, named_camera

@@ -20,7 +20,7 @@ from passerby.common.parallel import interrupted_later
 from passerby.common.progress import Forward, Progress, tell_warning
 from passerby.common.text import listed
 from passerby.findings.finding import Finding, Severity
-from passerby.interchange.storage.faults import faults_of
+from passerby.interchange.storage.safe_parsing import faults_of
 from passerby.perception.model_files import AUTO
 from passerby.perception.pictures import VideoError
 from passerby.perception.plan import CROPS_PER_S, Plan, keypoints_to_be_had, make_plan

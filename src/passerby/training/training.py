@@ -24,7 +24,7 @@ from torch.utils.data import DataLoader, Dataset
 from passerby.common.errors import InputError
 from passerby.common.progress import Progress, silent
 from passerby.interchange.storage.atomic import write_text
-from passerby.interchange.storage.toml_text import to_toml
+from passerby.interchange.storage.text_formats import to_toml
 from passerby.training.checkpoints import CHECKPOINT, Checkpoint, load_checkpoint, save_checkpoint
 from passerby.training.crops import CropSet
 from passerby.training.curves import EpochRecord

@@ -55,7 +55,7 @@ def align(
     from passerby.interchange.calibration_json import CALIBRATION_FILE
     from passerby.interchange.output_folder import RIG_FILE, read_folder_rig
     from passerby.interchange.rig_toml import read_rig, write_rig
-    from passerby.interchange.storage.json_text import to_json
+    from passerby.interchange.storage.text_formats import to_json
     from passerby.interchange.storage.transaction import folder_lock
 
     wanted = _wanted(camera, towards, points, positions, plan, scale, tilt)
@@ -196,7 +196,7 @@ def compare(
     from passerby.common.parallel import local_processes
     from passerby.interchange.calibration_json import CALIBRATION_FILE
     from passerby.interchange.output_folder import read_rig_at
-    from passerby.interchange.storage.json_text import to_json
+    from passerby.interchange.storage.text_formats import to_json
     from passerby.scene.scene import Scene
 
     rigs = read_rig_at(first), read_rig_at(second)

@@ -34,7 +34,7 @@ def formats(
 ) -> None:
     """List the formats of other tools that `passerby export` writes and `passerby import` reads."""
     from passerby.interchange.formats import all_formats, find_format
-    from passerby.interchange.storage.json_text import to_json
+    from passerby.interchange.storage.text_formats import to_json
 
     found = [find_format(name)] if name is not None else list(all_formats())
     if json:

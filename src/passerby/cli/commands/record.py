@@ -54,7 +54,7 @@ def record(
     `passerby calibrate OUT/scene.toml` calibrates what was recorded.
     """
     from passerby.cli.terminal import stages
-    from passerby.interchange.storage.json_text import to_json
+    from passerby.interchange.storage.text_formats import to_json
     from passerby.interchange.storage.transaction import folder_lock
     from passerby.recording.capture import CaptureOptions
     from passerby.recording.capture import record as capture
@@ -141,7 +141,7 @@ def recorded(streamed: StreamedScene, out: Path, verbose: bool, form: ProgressFo
 def checked(path: Path) -> SceneCheck:
     """What a scene holds; of one whose streams are not recorded yet, everything else, and what would be recorded."""
     from passerby.common.errors import InputError
-    from passerby.interchange.storage.faults import faults_of
+    from passerby.interchange.storage.safe_parsing import faults_of
     from passerby.recording.scene_streams import is_recorded, read_streamed, recorded_scene
     from passerby.scene.check import SceneCheck, check_scene
 

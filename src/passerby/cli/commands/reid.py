@@ -279,6 +279,6 @@ def _need_torch(command: str) -> None:
 
 def _print_json(value: object) -> None:
     """One JSON object on standard output."""
-    from passerby.interchange.storage.json_text import to_json
+    from passerby.interchange.storage.text_formats import to_json
 
     print(to_json(value), end="")

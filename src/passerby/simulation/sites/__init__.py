@@ -5,7 +5,6 @@
 """
 
 from passerby.simulation.sites.options import SITES, SiteOptions
-from passerby.simulation.sites.site import Site, simulate_site
-from passerby.simulation.sites.write import write_site
+from passerby.simulation.sites.site import Site, simulate_site, write_site
 
 __all__ = ["SITES", "Site", "SiteOptions", "simulate_site", "write_site"]

@@ -23,7 +23,7 @@ from collections import defaultdict
 from pathlib import Path
 
 from passerby.common.errors import InputError
-from passerby.interchange.storage.faults import read_text
+from passerby.interchange.storage.safe_parsing import read_text
 from passerby.training.crops import DISTRACTOR, JUNK
 from passerby.training.data.listing import UNKNOWN_CAMERA, Listed, Listing, describe_faults, picture_files
 

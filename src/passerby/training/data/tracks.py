@@ -21,7 +21,7 @@ from passerby.core.box_format import LTWH
 from passerby.core.observations import UNKNOWN, Boxes
 from passerby.findings.texts import text_of
 from passerby.interchange.motchallenge import LARGEST_WHOLE, read_boxes
-from passerby.interchange.storage.faults import read_text
+from passerby.interchange.storage.safe_parsing import read_text
 from passerby.perception.pieces import VIDEO_ENDINGS
 from passerby.scene.scene import Scene
 from passerby.scene.start.folders import visible_files, visible_folders
