@@ -8,8 +8,15 @@ import numpy as np
 import pytest
 
 from passerby.core.cameras import Camera, Lens, Pose, Rig
-from passerby.core.measuring import Distances, MeasuringErrors, common_ground, measured_change
-from passerby.core.measuring_figures import CameraMeasuring, MeasuringFigures, MeasuringSigma
+from passerby.core.measuring import (
+    CameraMeasuring,
+    Distances,
+    MeasuringErrors,
+    MeasuringFigures,
+    MeasuringSigma,
+    common_ground,
+    measured_change,
+)
 from passerby.core.observations import Boxes, CameraObservations, Observations
 from passerby.hypotheses.alternatives import lens_alternatives
 from passerby.hypotheses.comparison import effect

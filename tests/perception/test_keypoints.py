@@ -9,7 +9,7 @@ from onnx import TensorProto
 
 from passerby.common.errors import InputError
 from passerby.core.observations import BODY_17
-from passerby.perception.crops import enlarge_box, sample_crop
+from passerby.perception.crop_network import enlarge_box, sample_crop
 from passerby.perception.keypoints import (
     MIN_JOINTS,
     MIN_SCORE,

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from passerby.core.cameras import Lens, Rig
-from passerby.core.lens_figures import DistortionFigures, FocalFigures, LensFigures, PrincipalPointFigures
-from passerby.core.lens_parameters import field_of_view_deg
+from passerby.core.lens_figures import DistortionFigures, FocalFigures, LensFigures, PrincipalPointFigures, field_of_view_deg
 from passerby.interchange.storage.text_formats import plain
 from passerby.report.page import report_page
 from support.report.drawings import contents, simulated

@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from passerby.core.cameras import Camera, Lens, Pose, PoseSigma, Rig
-from passerby.core.lens_parameters import border_rays
+from passerby.core.lens_figures import border_rays
 from passerby.core.observations import CameraObservations, Observations
 from passerby.report.fitted import fit_people
 from passerby.report.rig_geometry import (

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from passerby.core.measuring_figures import MeasuringFigures, MeasuringSigma
+from passerby.core.measuring import MeasuringFigures, MeasuringSigma
 from passerby.findings.finding import Finding, doubt
 from passerby.report.recommendations import good_for
 

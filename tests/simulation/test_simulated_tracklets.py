@@ -9,7 +9,7 @@ from metrics.identities import identity_agreement
 from passerby.common.errors import InputError
 from passerby.core.observations import UNKNOWN
 from passerby.simulation import SimulatedScene, SimulationOptions, simulate
-from passerby.simulation.detect import renumber
+from passerby.simulation.observe import renumber
 from passerby.simulation.scene import AREA_DISTANCE_M, share_out
 from support.scenes.simulated import scene
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from passerby.common.errors import InputError
-from passerby.perception.crops import stretch_crop
+from passerby.perception.crop_network import stretch_crop
 from passerby.perception.networks import InputConvention, Network
 from passerby.perception.reid import ReidEmbedder, StripesEmbedder
 from passerby.training.crops import JUNK, CropSet

@@ -14,9 +14,8 @@ from passerby.calibration.calibration import Calibration
 from passerby.calibration.pipeline import calibrate_inputs
 from passerby.common.errors import InputError
 from passerby.common.progress import Progress
-from passerby.core.box_format import BoxFormat
 from passerby.core.cameras import Lens, Rig
-from passerby.core.observations import Boxes, Keypoints
+from passerby.core.observations import Boxes, BoxFormat, Keypoints
 from passerby.interchange.storage.safe_parsing import FileFaults
 from passerby.scene.inputs import IN_MEMORY, assemble_inputs
 from passerby.scene.joint_layouts import correct_layouts

@@ -45,7 +45,7 @@ from passerby.calibration.unrecorded import Spans, unrecorded_instants
 from passerby.common.parallel import worthwhile
 from passerby.common.progress import Progress, silent, tell_note
 from passerby.core.figures import AdjustedFigures, adjusted
-from passerby.core.measuring_figures import with_measuring_sigmas
+from passerby.core.measuring import with_measuring_sigmas
 from passerby.core.quarter_turns import turn_observations, turn_rig, undone
 from passerby.core.solution import Solution
 from passerby.findings.finding import Finding

@@ -13,9 +13,8 @@ from passerby.cli.terminal import MISSING, is_interactive, number, show_table
 from passerby.core.association_figures import TiedPair, route_in_words
 from passerby.core.cameras import Camera, Rig
 from passerby.core.figures import AdjustedFigures, CheckedLength, HeldOutFigures, adjusted
-from passerby.core.lens_parameters import field_of_view_deg, lens_parameters, names_in_words
-from passerby.core.measuring import Distances, MeasuringErrors
-from passerby.core.measuring_figures import MeasuringFigures
+from passerby.core.lens_figures import field_of_view_deg, lens_parameters, names_in_words
+from passerby.core.measuring import Distances, MeasuringErrors, MeasuringFigures
 from passerby.evaluation.metrics import Comparison, Stated
 from passerby.evaluation.on_people import PeopleComparison
 from passerby.findings.ranking import shown_in_words

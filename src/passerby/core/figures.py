@@ -12,7 +12,7 @@ from typing import Literal
 
 from passerby.common.arrays import ABSENT
 from passerby.core.lens_figures import LensFigures, LensRefinement
-from passerby.core.measuring_figures import MeasuringFigures
+from passerby.core.measuring import MeasuringFigures
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -27,8 +27,7 @@ from passerby.core.solution import Verdict
 from passerby.interchange.declared_scene import OPEN_TABLE, DeclaredScene
 from passerby.interchange.storage.atomic import write_text
 from passerby.interchange.storage.safe_parsing import NotParsed, parse_json, read_text
-from passerby.interchange.storage.text_formats import to_json
-from passerby.interchange.storage.versions import check_version
+from passerby.interchange.storage.text_formats import check_version, to_json
 
 CALIBRATION_FILE = "calibration.json"
 SCHEMA_VERSION = 1

@@ -18,8 +18,8 @@ from passerby.interchange.monitor_json import MONITOR_FILE, SCHEMA_VERSION, Moni
 from passerby.interchange.storage.atomic import write_text
 from passerby.interchange.storage.text_formats import plain, to_json
 from passerby.monitoring.budget import Thinning
-from passerby.monitoring.earlier import Carried, News
 from passerby.monitoring.evidence import MotionTest
+from passerby.monitoring.given_rig import Carried, News
 from passerby.monitoring.watched import Move, Watched, WatchOptions, Window
 from passerby.people.held_cameras import GroundPlane
 

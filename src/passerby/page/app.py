@@ -32,12 +32,11 @@ from passerby.core.observations import Boxes
 from passerby.interchange.motchallenge import read_boxes
 from passerby.interchange.output_folder import REPORT_FILE, REPORT_STAMP, TRACKS_FOLDER, report_folder
 from passerby.page.acts import perform
-from passerby.page.answers import answering, asked_frame, bug, camera_of, frame_of, picture_answer, static_routes
 from passerby.page.geometry import IdentifiedPeople, epipolar_lines, ground_point, measure_axis
 from passerby.page.monitored import MonitoredSession, Source
 from passerby.page.plan_pictures import MOST_BYTES, PlanPictures, keep_plan, plan_path
 from passerby.page.requests import Frame, Name, Pixel, read_as
-from passerby.page.security import Guard
+from passerby.page.security import Guard, answering, asked_frame, bug, camera_of, frame_of, picture_answer, static_routes
 from passerby.page.session import Session, StaleError
 
 if TYPE_CHECKING:

@@ -27,8 +27,7 @@ from numpy.typing import NDArray
 from passerby.common.arrays import Floats
 from passerby.common.errors import InputError
 from passerby.core.observations import BODY_17, MIN_JOINTS
-from passerby.perception.crop_network import CropNetwork, crop_rows
-from passerby.perception.crops import enlarge_box, is_recognisable, sample_crop
+from passerby.perception.crop_network import CropNetwork, crop_rows, enlarge_box, is_recognisable, sample_crop
 from passerby.perception.networks import Network
 from passerby.perception.pictures import Identity, KeypointEstimator, Picture
 

@@ -25,8 +25,7 @@ from numpy.typing import NDArray
 from passerby.common.arrays import Floats
 from passerby.common.errors import InputError
 from passerby.core.observations import Vectors
-from passerby.perception.crop_network import CropNetwork, crop_rows
-from passerby.perception.crops import is_recognisable, stretch_crop
+from passerby.perception.crop_network import CropNetwork, crop_rows, is_recognisable, stretch_crop
 from passerby.perception.networks import Network
 from passerby.perception.pictures import Identity, Picture
 

@@ -21,8 +21,7 @@ from passerby.common.progress import Progress, silent
 from passerby.findings.finding import Finding, notice
 from passerby.interchange.storage.atomic import write_text
 from passerby.interchange.storage.safe_parsing import NotParsed, parse_toml, read_text
-from passerby.interchange.storage.text_formats import relative, to_json, to_toml
-from passerby.interchange.storage.versions import check_version
+from passerby.interchange.storage.text_formats import check_version, relative, to_json, to_toml
 from passerby.recording.capture import SCHEMA_VERSION, CaptureOptions, Ended, Recording, record
 from passerby.recording.settings import DEVICE, SCHEMES, RecordingPlan, Stream, check_streams_differ, read_secrets, stream_of
 from passerby.scene.inputs import check_files

@@ -9,8 +9,7 @@ from collections.abc import Mapping, Sequence
 
 from passerby.core.cameras import Camera
 from passerby.core.colours import camera_colour
-from passerby.core.lens_figures import LensFigures
-from passerby.core.lens_parameters import LensParameter, field_of_view_deg, lens_parameters, names_in_words
+from passerby.core.lens_figures import LensFigures, LensParameter, field_of_view_deg, lens_parameters, names_in_words
 from passerby.interchange.calibration_json import CameraEntry
 from passerby.report.contents import Contents
 from passerby.report.distances import RESIDUAL_PX, outstanding, own_sigmas_mm, residuals_px

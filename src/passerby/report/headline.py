@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from passerby.common.text import shortened_text
 from passerby.core.figures import HeldOutFigures
-from passerby.core.measuring_figures import MeasuringFigures
+from passerby.core.measuring import MeasuringFigures
 from passerby.findings.ranking import MOST_SHOWN
 from passerby.interchange.calibration_json import GroupEntry
 from passerby.interchange.output_folder import REPORT_FILE

@@ -22,17 +22,15 @@ from passerby.report.camera_table import camera_section, lens_section, weak_came
 from passerby.report.contents import Contents
 from passerby.report.distances import distances_section, site_distances_section
 from passerby.report.fitted import Fitted, fit_people
-from passerby.report.floor_plan import plan_drawing
 from passerby.report.headline import headline_section, scene_name, verdict_pill
 from passerby.report.html import Html, Section, element, nothing, plot
 from passerby.report.parts import Parts, parts_beside
-from passerby.report.people import heights_section, scale_section
+from passerby.report.people import heights_section, scale_section, timeline_section
 from passerby.report.pictures import RIG_LEAD, pictures_section, rig_section
 from passerby.report.seen import is_site, seen_in, zones_of
-from passerby.report.site_map import site_in_space, site_map
+from passerby.report.site_map import plan_drawing, site_in_space, site_map
 from passerby.report.site_views import problems_by_camera, site_camera_section, site_views_section
 from passerby.report.tables import count
-from passerby.report.timeline import timeline_section
 from passerby.report.view_graph import Link, links_of, site_graph_section, view_graph_section
 from passerby.report.workings import files_section, settings_section, stages_section
 

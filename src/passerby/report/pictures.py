@@ -21,7 +21,6 @@ from passerby.report.camera_table import swatch
 from passerby.report.contents import Contents
 from passerby.report.distances import residual_px
 from passerby.report.fitted import Fitted, fit_sample
-from passerby.report.floor_plan import plan_drawing
 from passerby.report.html import Html, Section, element, join, nothing, plot
 from passerby.report.layers import (
     boxes_layer,
@@ -38,6 +37,7 @@ from passerby.report.rig_plots import rig_from_above, rig_in_space
 from passerby.report.sampling import clocks_of, sample_at
 from passerby.report.seen import Seen
 from passerby.report.sheet import Backdrop, Sheet, backdrop, clip_text, short
+from passerby.report.site_map import plan_drawing
 from passerby.report.tables import count, figure
 
 LAYERS = (

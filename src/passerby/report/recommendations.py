@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 from passerby.common.text import listed
 from passerby.core.figures import adjusted
-from passerby.core.measuring_figures import MeasuringFigures
+from passerby.core.measuring import MeasuringFigures
 from passerby.findings.finding import Finding
 from passerby.findings.ranking import MOST_SHOWN, reasons_of
 from passerby.findings.texts import problem_of, remedy_of, subjects_of

@@ -14,7 +14,7 @@ import numpy as np
 
 from passerby.common.arrays import Floats, Ints
 from passerby.core.cameras import Camera, Rig
-from passerby.core.lens_parameters import border_rays, frustum_rim
+from passerby.core.lens_figures import border_rays, frustum_rim
 from passerby.report.fitted import FittedTrajectories
 from passerby.report.sheet import clip_text
 from passerby.report.through_lens import spacing_of

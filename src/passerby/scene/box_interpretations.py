@@ -25,10 +25,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from passerby.common.arrays import Floats, Ints
-from passerby.core.box_format import FORMATS, BoxFormat
 from passerby.core.cameras import Lens
 from passerby.core.figures import AdjustedFigures
-from passerby.core.observations import MIN_JOINT_SCORE, Boxes, CameraObservations, Keypoints
+from passerby.core.observations import FORMATS, MIN_JOINT_SCORE, Boxes, BoxFormat, CameraObservations, Keypoints
 from passerby.findings.finding import Finding, notice
 from passerby.geometry.single_view import Level, level_camera
 from passerby.people.segments import FEET, HEAD, MIN_EXTENT_PX

@@ -12,9 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from passerby.common.arrays import Floats
-from passerby.core.box_format import BoxFormat
 from passerby.core.cameras import Lens
-from passerby.core.observations import Boxes, CameraObservations, Keypoints, extents_of
+from passerby.core.observations import Boxes, BoxFormat, CameraObservations, Keypoints, extents_of
 from passerby.core.quarter_turns import turn_lens
 from passerby.findings.finding import Finding, doubt, notice
 from passerby.findings.texts import text_of

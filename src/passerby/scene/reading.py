@@ -21,10 +21,9 @@ from passerby.core.quarter_turns import turn_boxes, turn_keypoints, turn_lens, t
 from passerby.findings.finding import notice
 from passerby.findings.texts import text_of
 from passerby.interchange.coco import read_keypoints
-from passerby.interchange.embeddings import read_embeddings
 from passerby.interchange.formats import read_people_as
 from passerby.interchange.formats.skeletons import standard_names
-from passerby.interchange.motchallenge import read_boxes
+from passerby.interchange.motchallenge import read_boxes, read_embeddings
 from passerby.interchange.rig_toml import read_lens
 from passerby.interchange.storage.safe_parsing import faults_of
 from passerby.perception.pictures import VideoError

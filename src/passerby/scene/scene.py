@@ -17,7 +17,7 @@ from pydantic import Field, PrivateAttr, ValidationError, model_validator
 
 from passerby.common.errors import InputError
 from passerby.common.text import nearest, shortened
-from passerby.core.box_format import BoxFormat
+from passerby.core.observations import BoxFormat
 from passerby.core.scale_cues import (
     CameraDistance,
     CameraHeight,
@@ -28,7 +28,7 @@ from passerby.core.scale_cues import (
     Wand,
 )
 from passerby.interchange.storage.safe_parsing import FileFaults, NotParsed, parse_toml, path_problem, read_text
-from passerby.interchange.storage.versions import check_version
+from passerby.interchange.storage.text_formats import check_version
 from passerby.perception.video_probe import VARIABLE_CLOCK_FPS
 from passerby.scene.lens_keys import check_models, models_of, named_camera
 from passerby.scene.scale_tables import (

@@ -17,7 +17,7 @@ from passerby.common.errors import InputError
 from passerby.core.scale_cues import CLICK_SD_PX, UNIT_SD, FloorPlan, PlannedCamera, PlannedPoint
 from passerby.interchange.plan_picture import read_plan_picture
 from passerby.interchange.storage.safe_parsing import FileFaults, read_toml
-from passerby.interchange.storage.versions import check_version
+from passerby.interchange.storage.text_formats import check_version
 from passerby.scene.table import Metres, Pixel, Table, Tables, explain_fault
 
 PlanPixel = tuple[Pixel, Pixel]

@@ -19,10 +19,9 @@ from passerby.common.errors import InputError
 from passerby.core.cameras import Camera, Pose, Rig
 from passerby.core.observations import BODY_17, UNKNOWN, Boxes, Clock, Observations
 from passerby.simulation.body import BodyState, pose_joints
-from passerby.simulation.detect import Detected, box_embeddings, detect, people_looks, renumber
 from passerby.simulation.lenses import place_cameras
 from passerby.simulation.motion import Motion, simulate_motion
-from passerby.simulation.observe import View, observe_camera
+from passerby.simulation.observe import Detected, View, box_embeddings, detect, observe_camera, people_looks, renumber
 from passerby.simulation.options import MIN_PEOPLE, PRESETS, SimulationOptions
 
 BODIES_AT_ONCE = 4000

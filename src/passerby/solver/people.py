@@ -17,7 +17,7 @@ from passerby.core.cameras import Camera, Pose, Rig
 from passerby.core.figures import CueFigures
 from passerby.core.lens import LARGEST_FOCAL_SD
 from passerby.core.lens_figures import LensFigures
-from passerby.core.measuring_figures import MeasuringFigures, with_measuring_sigmas
+from passerby.core.measuring import MeasuringFigures, with_measuring_sigmas
 from passerby.core.observations import Observations
 from passerby.core.scale_cues import ScaleCues
 from passerby.core.solution import Solution, decide_verdict

@@ -25,11 +25,10 @@ from torch.utils.data import Sampler
 
 from passerby.common.arrays import Ints
 from passerby.core.observations import Vectors
-from passerby.perception.crops import stretch_crop
+from passerby.perception.crop_network import stretch_crop
 from passerby.perception.networks import IMAGENET, IMAGENET_MEAN
 from passerby.perception.pictures import Picture
-from passerby.training.crops import CropSet
-from passerby.training.data.listing import read_picture
+from passerby.training.crops import CropSet, read_picture
 from passerby.training.network import ReidNetwork
 from passerby.training.options import TrainOptions
 

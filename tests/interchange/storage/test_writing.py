@@ -72,7 +72,7 @@ def test_files_of_a_folder_that_change_together(tmp_path, fault):
 def test_a_reader_that_may_not_write_is_told(tmp_path, monkeypatch):
     (tmp_path / WRITTEN).mkdir()
     (tmp_path / WRITTEN / "a").write_text("new")
-    monkeypatch.setattr("passerby.interchange.storage.locks.Path.open", refuse)
+    monkeypatch.setattr("passerby.interchange.storage.transaction.Path.open", refuse)
     with pytest.raises(InputError, match=f"{tmp_path}: cannot be written .Read-only"):
         recover(tmp_path, "reads")
 

@@ -14,11 +14,10 @@ import pytest
 import passerby
 from passerby.common.errors import InputError
 from passerby.core.cameras import Rig
-from passerby.interchange.embeddings import read_embeddings
 from passerby.interchange.formats import Export, all_formats, read_rig_as
 from passerby.interchange.formats.format import Losses
 from passerby.interchange.formats.tsai import read_tsai
-from passerby.interchange.motchallenge import read_boxes
+from passerby.interchange.motchallenge import read_boxes, read_embeddings
 from passerby.interchange.rig_toml import read_rig, write_rig
 from passerby.perception.networks import own_network
 from passerby.perception.video import probe

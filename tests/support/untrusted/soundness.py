@@ -13,9 +13,9 @@ from passerby.core.observations import UNKNOWN, Boxes, Clock, Keypoints
 from passerby.core.scale_cues import KnownPoint, KnownPosition
 from passerby.core.trajectories import Trajectories
 from passerby.datasets.published import GroundTruth, Published
-from passerby.interchange.embeddings import Embeddings
 from passerby.interchange.formats import People
 from passerby.interchange.formats.tsai import TsaiCamera
+from passerby.interchange.motchallenge import Embeddings
 from passerby.interchange.opencv_lens import StoredLens
 from passerby.interchange.output_folder import OutputFolder
 from passerby.interchange.trajectories_csv import GroundPositions

@@ -3,6 +3,8 @@
 JSON that every reader accepts: numpy values as plain ones, null where a figure is undefined.
 
 TOML as text, for files that people read and edit.
+
+Versions of files that Passerby writes and reads again: a file of a later Passerby is an error, never half understood.
 """
 
 from __future__ import annotations
@@ -23,6 +25,7 @@ import tomli_w
 
 from passerby.common.arrays import ABSENT
 from passerby.common.errors import InputError
+from passerby.common.text import shortened
 
 SIGNIFICANT_DIGITS = 12
 """Of a number in such a file: a product as 0.0125 * 1.72 ends in 0.021500000000000002 for the binary digits of its factors."""
@@ -112,3 +115,27 @@ def relative(path: Path, scene: Path) -> str:
         return Path(os.path.relpath(absolute, scene.parent.resolve())).as_posix()
     except ValueError:  # another drive
         return absolute.as_posix()
+
+
+class LaterVersionError(InputError):
+    """A file that a later Passerby wrote."""
+
+
+def check_version(path: str | Path, content: Mapping[str, Any], key: str, known: int, table: str = "") -> None:
+    """Raise `LaterVersionError` for a file of a later version than the one known.
+
+    Files without a version, of other tools or of an older Passerby, are read as of the first one.
+
+    Args:
+        path: the file.
+        content: its table that states the version.
+        key: the table's key that states it.
+        known: the latest version that this Passerby reads.
+        table: what errors call the table, with a space behind it.
+    """
+    version = content.get(key, known)
+    if isinstance(version, int) and version > known:
+        raise LaterVersionError(
+            f"{path}: {table}{key} is {shortened(version)}, of a later Passerby; this one reads up to {known}: install a later "
+            "one"
+        )

@@ -17,13 +17,14 @@ from passerby.common.text import natural_key
 from passerby.perception.pieces import PICTURE_ENDINGS, VIDEO_ENDINGS, files_below
 from passerby.perception.sources.frame_times import find_frame_times, read_frame_times, timed_by
 from passerby.perception.video_probe import VideoInfo, WallTime
-from passerby.scene.start.names import camera_names, match_names
 from passerby.scene.start.recordings import (
     COMPANIONS,
     Look,
+    camera_names,
     companions_note,
     find_chapters,
     is_numbered_series,
+    match_names,
     named_alike,
     pieces_among,
     without_small_copies,

@@ -23,7 +23,7 @@ from passerby.interchange.storage.safe_parsing import read_toml
 from passerby.perception.pieces import PICTURE_ENDINGS, VIDEO_ENDINGS
 from passerby.scene.scene import CAMERA_NAME
 from passerby.scene.start.folders import FoundCamera, visible_files, visible_folders
-from passerby.scene.start.names import camera_names, match_names
+from passerby.scene.start.recordings import camera_names, match_names
 
 FOLDERS = ("calib", "intrinsic")
 FIRST_NAMES = ("intrinsic", "calib", "rig")

@@ -247,7 +247,7 @@ class ShadowCaster:
         cv2.fillConvexPoly(brightness, cv2.convexHull(pixels), (round(255 * level),), cv2.LINE_8, SHADOW_SHIFT)
 
     def _project(self, points: Floats) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:
-        """(..., 2) pixels of the small picture with `SHADOW_SHIFT` fractional bits; (...) whether a point is far enough ahead."""
+        """(..., 2) pixels of the small picture with `SHADOW_SHIFT` fractional bits; (...) which points are ahead."""
         pose = self._camera.pose
         assert pose is not None
         ahead = np.einsum("...k,k->...", points, pose.R_cw[2]) + pose.t_cw[2] > NEAREST_M

@@ -4,7 +4,7 @@
 `site` (all of it together, camera by camera) and `write`. Time and memory grow linearly with the number of cameras.
 """
 
-from passerby.simulation.sites.options import SITES, SiteOptions
 from passerby.simulation.sites.site import Site, simulate_site, write_site
+from passerby.simulation.sites.walkers import SITES, SiteOptions
 
 __all__ = ["SITES", "Site", "SiteOptions", "simulate_site", "write_site"]

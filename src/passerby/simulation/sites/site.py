@@ -19,19 +19,16 @@ from passerby.common.arrays import Floats, Ints
 from passerby.common.progress import Progress, silent
 from passerby.core.cameras import Camera, Lens, Pose, Rig
 from passerby.core.observations import UNKNOWN, Boxes, CameraObservations
-from passerby.interchange.embeddings import write_embeddings
-from passerby.interchange.motchallenge import write_boxes
+from passerby.interchange.motchallenge import write_boxes, write_embeddings
 from passerby.interchange.rig_toml import write_rig
 from passerby.interchange.storage.atomic import write_text
 from passerby.interchange.storage.text_formats import to_csv, to_toml
 from passerby.interchange.storage.transaction import whole_folder
 from passerby.simulation.body import BodyState, pose_joints
-from passerby.simulation.detect import Detected, box_embeddings, detect, number_tracklets, people_looks
 from passerby.simulation.lenses import AIM_HEIGHT_M, draw_lenses, looking_at
-from passerby.simulation.observe import observe_camera
-from passerby.simulation.sites.options import SiteOptions
+from passerby.simulation.observe import Detected, box_embeddings, detect, number_tracklets, observe_camera, people_looks
 from passerby.simulation.sites.plan import RANGE_M, Sight, SitePlan, airport, shared_ground, sight_of
-from passerby.simulation.sites.walkers import NOWHERE, Walkers, walk
+from passerby.simulation.sites.walkers import NOWHERE, SiteOptions, Walkers, walk
 from passerby.simulation.write import MEAN_SD, OPTIONS_FILE, SCENE_FILE
 
 PICTURE = (1280, 720)

@@ -32,13 +32,12 @@ from passerby.common.errors import InputError
 from passerby.common.parallel import side_by_side
 from passerby.common.progress import Progress, silent
 from passerby.interchange.storage.atomic import PART, cannot_write, write_text
-from passerby.perception.crops import is_recognisable
+from passerby.perception.crop_network import is_recognisable
 from passerby.perception.kept import cache_lock, fingerprint, hash_of_arrays, key_of
 from passerby.perception.pictures import Frame, Picture
 from passerby.perception.sources.files import is_pattern
 from passerby.perception.video import VideoReader, probe
-from passerby.training.crops import CropSet
-from passerby.training.data.listing import decode_pictures, picture_files
+from passerby.training.crops import CropSet, decode_pictures, picture_files
 
 REVISION = 1
 """Counted up whenever other crops are cut than before, so that an older version's are not taken for them."""
