@@ -42,7 +42,7 @@ def _found(run: Calibrated) -> str:
     return errors(*(similarity.get(key) for key in KEYS))
 
 
-def with_verdict(run: Calibrated, acceptable: Bounds, aim: Bounds) -> str:
+def judged(run: Calibrated, acceptable: Bounds, aim: Bounds) -> str:
     """Whether one run, all cameras in it, reaches a goal."""
     return reached(of([run])[0].tolist(), acceptable, aim)
 
@@ -51,7 +51,7 @@ def goal_row(label: str, run: Calibrated, acceptable: Bounds | None, aim: Bounds
     """One run against its goal; without one, for comparison."""
     goals = ["", "", ""]
     if acceptable is not None and aim is not None:
-        goals = [errors(*acceptable), errors(*aim), with_verdict(run, acceptable, aim)]
+        goals = [errors(*acceptable), errors(*aim), judged(run, acceptable, aim)]
     return [label, run.verdict, in_rig(run), _found(run), *goals, size(run), f"{number(run.seconds, 0)} s"]
 
 
@@ -117,7 +117,7 @@ JOINT_HEAD = (
 def room_rows(runs: Mapping[str, Calibrated]) -> list[list[str]]:
     """Seed by seed, and how many reach the goal."""
     rows = [goal_row(label, run, *ROOM_GOAL) for label, run in runs.items()]
-    least = [sum(with_verdict(run, *ROOM_GOAL) in wanted for run in runs.values()) for wanted in (("acceptable", "aim"), ("aim",))]
+    least = [sum(judged(run, *ROOM_GOAL) in wanted for run in runs.values()) for wanted in (("acceptable", "aim"), ("aim",))]
     verdict = "aim" if least[1] == len(runs) else "acceptable" if least[0] >= ROOM_SHARE * len(runs) else "**missed**"
     return [*rows, ["all", "", f"{least[0]} of {len(runs)} acceptable", "", "", "", verdict, "", ""]]
 

@@ -23,8 +23,8 @@ from matplotlib.patches import Ellipse, Rectangle
 
 from passerby.association.camera_tracklets import CameraTracklets, build_tracklets
 from passerby.association.ground.registration import Registration, register_pair
-from passerby.calibration.calibration import Calibration
 from passerby.calibration.calibrate import calibrate
+from passerby.calibration.calibration import Calibration
 from passerby.common.arrays import Floats
 from passerby.core.cameras import Camera, Rig
 from passerby.core.observations import Clock

@@ -27,7 +27,7 @@ def load(kind: str, source: str, folder_name: str, weights: Path | None) -> Any:
     try:
         import transformers
 
-        from passerby.training.backbones import UNAVAILABLE, had
+        from passerby.training.network import UNAVAILABLE, had
     except ImportError as error:
         raise Unavailable(f"the package {error.name} is not installed: pip install 'passerby[baselines]'") from None
     named = weights or (Path(os.environ[WEIGHTS]) if os.environ.get(WEIGHTS) else None)

@@ -20,8 +20,8 @@ import tomli_w
 from pages.kept import Kept
 from paper.sampling import sampled
 from paper.thinning import thinned
-from passerby.calibration.calibration import Calibration
 from passerby.calibration.calibrate import calibrate
+from passerby.calibration.calibration import Calibration
 from passerby.common.parallel import side_by_side
 from passerby.common.progress import Progress
 from passerby.evaluation.metrics import Comparison, compare

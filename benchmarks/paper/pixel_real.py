@@ -89,7 +89,7 @@ def run_matcher(name: str, views: RealViews) -> PixelOutcome:
     length = marked_length(views.truth, views.length_m, LENGTH_NOISE_PX, np.random.default_rng(0), views.heights_m)
     points = pooled_points(lenses, views.reference, found, SHRINK * MATCH_SIGMA_PX)
     total, good = counted(views.truth, found)
-    return replace(with_verdict(solved(lenses, points, [length]), views.truth), matches=total, right=good)
+    return replace(judged(solved(lenses, points, [length]), views.truth), matches=total, right=good)
 
 
 BOXES = {"geopose": "boxes of annotated people, GeoPose", "people": "boxes of annotated people, **ours**"}
@@ -112,7 +112,7 @@ def run_boxes(method: str, data: Path, truth: Rig) -> PixelOutcome:
         path = Path(folder) / "scene.toml"
         path.write_text(tomli_w.dumps(scene))
         result = calibrate(path)
-    return with_verdict(Solved(result.rig, result.verdict, next(iter(result.reasons), "")), truth)
+    return judged(Solved(result.rig, result.verdict, next(iter(result.reasons), "")), truth)
 
 
 def match_all(match: Matcher, views: RealViews) -> list[dict[str, Matches]]:

@@ -88,7 +88,7 @@ def _matcher(name: str) -> Callable[[Stage], PixelOutcome]:
         found = [{name: match(views[stage.reference], views[name]) for name in others} for views in stage.pictures]
         stage.found_matches[name] = found
         points = pooled_points(stage.rig, stage.reference, found, MATCH_SIGMA_PX)
-        outcome = with_verdict(solved(stage.rig, points, [stage.length]), stage.truth.rig, stage.judged)
+        outcome = judged(solved(stage.rig, points, [stage.length]), stage.truth.rig, stage.judged)
         total, good = counted(stage.truth.rig, found)
         return replace(outcome, matches=total, right=good)
 
@@ -107,7 +107,7 @@ def _oracle(stage: Stage) -> PixelOutcome:
     there = {name: np.isfinite(pixels).all(axis=1) for name, pixels in marks.items()}
     sightings = {name: (np.flatnonzero(there[name]), pixels[there[name]]) for name, pixels in marks.items()}
     points = numbered_points(stage.rig, sightings, ORACLE_NOISE_PX)
-    return with_verdict(solved(stage.rig, points, [stage.length], MIN_ANNOTATED), stage.truth.rig, stage.judged)
+    return judged(solved(stage.rig, points, [stage.length], MIN_ANNOTATED), stage.truth.rig, stage.judged)
 
 
 def _boxes_by_hand(method: str) -> Callable[[Stage], PixelOutcome]:
@@ -203,11 +203,11 @@ def _calibrated(stage: Stage, scene: Path, name: str | None = None) -> PixelOutc
     if name is not None:
         stage.found_matches[name] = [people_matches(stage.rig, result.observations)]
     appearance = result.perception.get("embedder", "")
-    outcome = with_verdict(Solved(result.rig, result.verdict, next(iter(result.reasons), "")), stage.truth.rig, stage.judged)
+    outcome = judged(Solved(result.rig, result.verdict, next(iter(result.reasons), "")), stage.truth.rig, stage.judged)
     return replace(outcome, appearance=appearance["network"] if isinstance(appearance, dict) else appearance)
 
 
-def with_verdict(result: Solved, truth: Rig, marks: Mapping[str, Floats] | None = None) -> PixelOutcome:
+def judged(result: Solved, truth: Rig, marks: Mapping[str, Floats] | None = None) -> PixelOutcome:
     """The figures of a rig against the truth, the first camera as the reference."""
     registered = sum(camera.pose is not None for camera in result.rig)
     outcome = PixelOutcome(result.verdict, result.reason, registered, len(truth))

@@ -106,7 +106,7 @@ class Stage:
         return known
 
     @cached_property
-    def with_verdict(self) -> dict[str, Floats]:
+    def judged(self) -> dict[str, Floats]:
         """The correspondences of RPE."""
         return marked_points(self.truth, JUDGED, JUDGE_NOISE_PX, self.generator(1))
 

@@ -12,8 +12,8 @@ import numpy as np
 import tomli_w
 
 from pages.kept import Kept
-from passerby.calibration.calibration import Calibration
 from passerby.calibration.calibrate import calibrate
+from passerby.calibration.calibration import Calibration
 from passerby.common.errors import PasserbyError
 from passerby.core.cameras import Rig
 from passerby.core.observations import CameraObservations, Clock, Observations

@@ -27,15 +27,16 @@ GROUPS: Mapping[str, Sequence[str]] = MappingProxyType({
     "verdict": (
         "association/registration_failures.py", "calibration/calibration.py", "calibration/diagnostics/*.py",
         "calibration/held_out.py", "calibration/prediction.py", "calibration/rig_comparison.py",
-        "hypotheses/*.py", "solver/cue_agreement.py", "solver/findings.py", "core/verdict.py",
+        "hypotheses/*.py", "solver/cue_agreement.py", "solver/findings.py", "core/solution.py",
     ),
     "findings": ("findings/**/*.py",),
     "writers": (
         "calibration/alignment/folder.py", "calibration/kept_tracklets.py", "calibration/writing.py",
-        "datasets/scene_folder.py", "interchange/**/*.py", "monitoring/result.py", "page/plan_upload.py", "page/scene_edits.py",
+        "datasets/scene_folder.py", "interchange/**/*.py", "monitoring/result.py", "page/plan_pictures.py",
+        "page/scene_edits.py",
         "perception/fetching.py", "perception/kept.py", "perception/model_files.py", "recording/pieces.py",
-        "recording/scene_file.py", "recording/scene_streams.py", "report/page.py", "report/parts.py", "report/site*.py",
-        "scene/start/*.py", "simulation/sites/write.py", "simulation/write.py",
+        "recording/scene_streams.py", "report/page.py", "report/parts.py",
+        "scene/start/*.py", "simulation/sites/site.py", "simulation/write.py",
     ),
 })  # fmt: skip
 """Group -> its files, as patterns below the package."""

@@ -13,9 +13,9 @@ import numpy as np
 from datasets import DATA_SETS, write_scene
 from pages.page import table
 from pages.sections import Found
+from passerby.calibration.calibrate import calibrate
 from passerby.calibration.calibration import Calibration
 from passerby.calibration.in_memory import calibrate_observations
-from passerby.calibration.calibrate import calibrate
 from passerby.core.cameras import Camera, Rig
 from passerby.core.figures import adjusted
 from passerby.core.measuring import measuring_errors

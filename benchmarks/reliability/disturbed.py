@@ -17,7 +17,7 @@ from pathlib import Path
 
 from passerby.common.errors import PasserbyError
 from passerby.interchange.output_folder import read_report
-from passerby.interchange.storage.locks import FOLDER_LOCK
+from passerby.interchange.storage.transaction import FOLDER_LOCK
 from reliability.machine import tree
 
 JUMPING = """

@@ -17,8 +17,8 @@ from passerby.common.arrays import Floats, Ints
 from passerby.core.cameras import Camera, Pose, PoseSigma, Rig
 from passerby.core.observations import Boxes, CameraObservations, Observations
 from passerby.geometry.rotations import exp_rotation
-from passerby.simulation.placement import place_cameras
-from passerby.simulation.presets import PRESETS
+from passerby.simulation.lenses import place_cameras
+from passerby.simulation.options import PRESETS
 
 VISIT_S = (40.0, 240.0)
 """How long somebody stays."""

@@ -18,12 +18,12 @@ import numpy as np
 from pages.page import table
 from pages.sections import Found
 from passerby.calibration.alignment.world import align_to_positions
+from passerby.calibration.calibrate import calibrate
 from passerby.calibration.calibration import Calibration
 from passerby.calibration.in_memory import calibrate_observations
-from passerby.calibration.calibrate import calibrate
 from passerby.core.cameras import Camera, Lens, Pose, Rig
 from passerby.core.figures import adjusted
-from passerby.core.known_places import KnownPosition
+from passerby.core.scale_cues import KnownPosition
 from passerby.geometry.rotations import angle_between
 from passerby.scene.scene import Scene
 from passerby.simulation import PRESETS, SimulatedScene, SimulationOptions, simulate, write_scene

@@ -13,12 +13,10 @@ from passerby.core.cameras import Pose, Rig
 from passerby.core.observations import CameraObservations, Observations
 from passerby.core.stature import PERSON_HEIGHT_M, PERSON_HEIGHT_SD_M
 from passerby.simulation.body import BodyState, pose_joints
-from passerby.simulation.detect import detect
+from passerby.simulation.lenses import place_cameras
 from passerby.simulation.motion import Motion, simulate_motion
-from passerby.simulation.observe import observe_camera
-from passerby.simulation.options import SimulationOptions
-from passerby.simulation.placement import place_cameras
-from passerby.simulation.presets import Activity, Preset
+from passerby.simulation.observe import detect, observe_camera
+from passerby.simulation.options import Activity, Preset, SimulationOptions
 
 ROOM_M, HEIGHT_M = (6.0, 8.0), 2.9
 """Extent of the room, and height of the cameras in its corners."""

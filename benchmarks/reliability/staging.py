@@ -15,9 +15,9 @@ from passerby.core.measuring import places_of_people
 from passerby.core.observations import Boxes
 from passerby.simulation import SimulationOptions, simulate
 from passerby.simulation.body import BodyState, pose_joints, stride_length
+from passerby.simulation.lenses import looking_at, place_cameras
 from passerby.simulation.motion import STEP_S, Motion, simulate_motion
 from passerby.simulation.observe import View, observe_camera
-from passerby.simulation.placement import looking_at, place_cameras
 from passerby.simulation.scene import Filmed, SimulatedScene, without_faults
 
 Mask = NDArray[np.bool_]

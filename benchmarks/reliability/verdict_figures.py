@@ -105,11 +105,11 @@ def cases(seeds: int) -> dict[str, tuple[str, int]]:
 
 def measure(case: tuple[str, int]) -> dict[str, Any]:
     """A case calibrated, as plain values; nothing where its files are refused or fewer than two cameras have a pose."""
-    found = with_verdict(case)
+    found = judged(case)
     return {} if found is None else asdict(found)
 
 
-def with_verdict(case: tuple[str, int]) -> Judged | None:
+def judged(case: tuple[str, int]) -> Judged | None:
     """The same with its types."""
     try:
         found, truths = _calibrated(*case)

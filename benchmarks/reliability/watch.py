@@ -14,7 +14,7 @@ from passerby.common.arrays import Floats
 from passerby.core.cameras import Pose, Rig
 from passerby.core.observations import CameraObservations, Clock, Observations
 from passerby.geometry.rotations import log_rotation
-from passerby.monitoring.identities import identify_by_rig
+from passerby.monitoring.site import identify_by_rig
 from passerby.monitoring.watching import Watched, WatchOptions, watch
 from passerby.people.rig_observations import gather_rig_observations
 from reliability.footage import Move, calibrated, footage, true_rig, unit

@@ -13,7 +13,7 @@ from passerby.association.sampling import STEP_S
 from passerby.common.arrays import Floats
 from passerby.geometry.single_view import Level
 from passerby.simulation.sites import Site
-from passerby.simulation.sites.sight import CELL_M
+from passerby.simulation.sites.plan import CELL_M
 
 ALONG, ACROSS_M = 0.04, 0.15
 """Standard deviation of a place along the ray, as a share of its distance, and across it: boxes with 2 % noise from 3.5 m."""

@@ -15,8 +15,8 @@ from typing import Any
 import av
 import numpy as np
 
-from passerby.calibration.calibration import Calibration
 from passerby.calibration.calibrate import calibrate
+from passerby.calibration.calibration import Calibration
 from passerby.evaluation.metrics import compare
 from passerby.interchange.rig_toml import read_rig
 from passerby.scene.scene import Scene

@@ -13,7 +13,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from passerby._version import __version__ as __version__
-from passerby.common.display import set_drawing
+from passerby.common.text import set_drawing
 
 if TYPE_CHECKING:
     from passerby.api import align, compare_rigs, evaluate, export_rig, import_rig, monitor, read_calibration, trajectories
@@ -24,10 +24,10 @@ if TYPE_CHECKING:
     from passerby.common.errors import EvidenceError, InputError, PasserbyError
     from passerby.core.cameras import Camera, Lens, Pose, PoseSigma, Rig
     from passerby.core.ground_points import GroundPoints
-    from passerby.core.known_places import KnownPoint, KnownPosition
     from passerby.core.observations import Boxes, Keypoints, Observations
+    from passerby.core.scale_cues import KnownPoint, KnownPosition
+    from passerby.core.solution import Verdict
     from passerby.core.trajectories import Trajectories
-    from passerby.core.verdict import Verdict
     from passerby.evaluation.metrics import Comparison
     from passerby.evaluation.on_people import PeopleComparison
     from passerby.findings.finding import Finding
@@ -87,8 +87,8 @@ _HOMES = {
     "GroundPoints": "core.ground_points",
     "InputError": "common.errors",
     "Keypoints": "core.observations",
-    "KnownPoint": "core.known_places",
-    "KnownPosition": "core.known_places",
+    "KnownPoint": "core.scale_cues",
+    "KnownPosition": "core.scale_cues",
     "Lens": "core.cameras",
     "Monitored": "monitoring.result",
     "MonitoringResult": "monitoring.result",

@@ -13,8 +13,8 @@ from passerby.calibration.rig_comparison import compare_rigs as on_people
 from passerby.common.errors import EvidenceError, InputError, PasserbyError
 from passerby.common.progress import Progress
 from passerby.core.cameras import Rig
-from passerby.core.known_places import KnownPoint, KnownPosition
 from passerby.core.observations import Clock
+from passerby.core.scale_cues import KnownPoint, KnownPosition
 from passerby.core.trajectories import Trajectories
 from passerby.evaluation.metrics import Comparison, compare_measuring
 from passerby.evaluation.on_people import PeopleComparison

@@ -19,7 +19,7 @@ from passerby.association.ground.registration import PairRegistration, register_
 from passerby.association.initial_association import associate_by_ground_tracks
 from passerby.core.cameras import Pose
 from passerby.core.observations import UNKNOWN, Boxes, CameraObservations, Clock
-from passerby.findings.refusals import RefusalError
+from passerby.findings.ranking import RefusalError
 from passerby.simulation import SimulationOptions, simulate
 from passerby.simulation.scene import SimulatedScene
 from support.scenes.walkers_on_plane import bodies_at

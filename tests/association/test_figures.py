@@ -18,7 +18,7 @@ from passerby.core.association_figures import AssociationFigures
 from passerby.core.figures import LevelFigures
 from passerby.core.observations import UNKNOWN, Boxes, CameraObservations, Clock
 from passerby.geometry.single_view import Level
-from passerby.interchange.storage.json_text import plain, to_json
+from passerby.interchange.storage.text_formats import plain, to_json
 from support.scenes.walkers_on_plane import UP, Station, bodies_at, walkers
 
 LEVEL = Level(UP, 4.0, 0.125)

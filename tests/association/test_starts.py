@@ -25,7 +25,7 @@ from passerby.association.initial_association import associate_by_ground_tracks
 from passerby.association.registration_failures import unregistered_cameras
 from passerby.association.sampling import STEP_S
 from passerby.core.stature import PERSON_HEIGHT_M
-from passerby.findings.refusals import RefusalError, findings_of
+from passerby.findings.ranking import RefusalError, findings_of
 from passerby.simulation.passing_crowd import CrowdOptions, simulate_crowd
 
 STARTS_S, SECONDS = (0.0, 200.0, 100.0), 500.0

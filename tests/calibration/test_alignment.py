@@ -11,9 +11,8 @@ from hypothesis import strategies as st
 from passerby.calibration.alignment.world import align_to_camera, align_to_points, align_to_positions
 from passerby.common.errors import EvidenceError, InputError
 from passerby.core.cameras import Camera, Lens, Pose, PoseSigma, Rig
-from passerby.core.known_places import KnownPoint, KnownPosition
-from passerby.geometry.alignment import fit_world
-from passerby.geometry.anchors import KnownPositions
+from passerby.core.scale_cues import KnownPoint, KnownPosition
+from passerby.geometry.alignment import KnownPositions, fit_world
 from passerby.geometry.geodesy import east_north_up, mean_place
 from passerby.geometry.rotations import exp_rotation
 

@@ -14,10 +14,9 @@ from passerby.calibration.alignment.sigmas import fit_moves, own_covariances
 from passerby.calibration.alignment.world import align_to_points, align_to_positions
 from passerby.common.arrays import Floats
 from passerby.core.cameras import Camera, Lens, Pose, PoseSigma, Rig
-from passerby.core.floor_plan import FloorPlan, PlannedCamera
-from passerby.core.known_places import KnownPoint, KnownPosition
+from passerby.core.scale_cues import FloorPlan, KnownPoint, KnownPosition, PlannedCamera
 from passerby.geometry.rotations import angle_between, exp_rotation
-from passerby.simulation.placement import looking_at
+from passerby.simulation.lenses import looking_at
 
 LENS = Lens((1280, 720), np.array([[900.0, 0, 640], [0, 900, 360], [0, 0, 1]]), np.zeros(4))
 SPOTS = ((-9.0, -8.0, 3.1), (9.0, -7.0, 2.7), (8.0, 9.0, 4.2), (-8.0, 8.0, 3.6), (0.5, -11.0, 3.0))

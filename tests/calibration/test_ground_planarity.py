@@ -18,7 +18,7 @@ from passerby.calibration.diagnostics.ground_planarity import (
 )
 from passerby.core.cameras import Rig
 from passerby.core.figures import AdjustedFigures
-from passerby.core.measuring_figures import CameraMeasuring, MeasuringFigures, MeasuringSigma
+from passerby.core.measuring import CameraMeasuring, MeasuringFigures, MeasuringSigma
 from passerby.core.solution import Solution
 from passerby.people.ground_shape import GroundShape
 from support.scenes.people_and_rigs import simulated

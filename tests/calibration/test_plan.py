@@ -16,7 +16,7 @@ from passerby.calibration.in_memory import calibrate_observations
 from passerby.cli.main import run
 from passerby.common.errors import EvidenceError, InputError
 from passerby.core.figures import adjusted
-from passerby.core.floor_plan import FloorPlan, PlannedCamera, PlannedPoint
+from passerby.core.scale_cues import FloorPlan, PlannedCamera, PlannedPoint
 from passerby.evaluation.metrics import compare
 from passerby.simulation import SimulatedScene, SimulationOptions, simulate
 from support.tiers import thinned

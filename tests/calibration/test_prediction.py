@@ -12,7 +12,7 @@ from passerby.core.cameras import Camera, Lens, Pose, Rig
 from passerby.core.observations import Boxes, CameraObservations, Observations
 from passerby.findings.finding import Finding
 from passerby.simulation import SimulationOptions, simulate
-from passerby.simulation.placement import looking_at
+from passerby.simulation.lenses import looking_at
 
 LENS = Lens((1280, 720), np.array([[900.0, 0.0, 640.0], [0.0, 900.0, 360.0], [0.0, 0.0, 1.0]]), np.zeros(0))
 CLOSE = 0.08

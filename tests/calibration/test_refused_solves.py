@@ -24,7 +24,7 @@ from passerby.core.figures import AdjustedFigures, ClockCorrection
 from passerby.core.observations import Clock
 from passerby.core.solution import Solution
 from passerby.findings.finding import refusal
-from passerby.findings.refusals import RefusalError
+from passerby.findings.ranking import RefusalError
 from passerby.hypotheses.changes import PoseChange
 from passerby.scene.inputs import SceneInputs
 from passerby.simulation import SimulatedScene, SimulationOptions, simulate

@@ -18,7 +18,7 @@ from passerby.calibration.calibration import Calibration, contents_of
 from passerby.cli.main import run
 from passerby.cli.terminal import number
 from passerby.core.cameras import PoseSigma, Rig
-from passerby.evaluation.stated import stated_errors
+from passerby.evaluation.metrics import stated_errors
 from passerby.interchange.rig_toml import read_rig, write_rig
 from passerby.monitoring.evidence import rig_covariance_of
 from passerby.report.contents import contents_from

@@ -10,10 +10,9 @@ import pytest
 from passerby.calibration.diagnostics.verdict import MIN_POSITIONS, people_positions, with_verdict
 from passerby.common.arrays import Floats
 from passerby.core.cameras import Rig
-from passerby.core.missing_cameras import with_doubts_of_missing_cameras
 from passerby.core.observations import Boxes, CameraObservations, Keypoints, Observations
-from passerby.core.solution import Solution
-from passerby.core.verdict import Verdict
+from passerby.core.solution import Solution, Verdict
+from passerby.core.usability import with_doubts_of_missing_cameras
 from passerby.findings.finding import doubt, notice, refusal
 from support.scenes.people_and_rigs import observe, ring
 

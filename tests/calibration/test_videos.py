@@ -24,7 +24,7 @@ from passerby.common.progress import Forward, silent
 from passerby.evaluation.metrics import compare
 from passerby.interchange.motchallenge import write_boxes
 from passerby.interchange.rig_toml import read_rig
-from passerby.interchange.storage.json_text import to_json
+from passerby.interchange.storage.text_formats import to_json
 from passerby.perception.video import probe
 from passerby.scene.check import check_scene
 from passerby.scene.inputs import read_inputs
@@ -367,7 +367,7 @@ def test_joints_by_default(place, tmp_path, monkeypatch):
         assert len(without.observations[name].boxes) > 100
         assert 10 <= len(seen.observations[name].keypoints) <= 12
 
-    monkeypatch.setattr("passerby.perception.joint_budget.CROPS_AT_LEAST", 0.5)
+    monkeypatch.setattr("passerby.perception.plan.CROPS_AT_LEAST", 0.5)
     thrifty = scene_file(place, cameras, perception=f"{perception}keypoints_per_s = 1")
     times = [inputs(thrifty)[0].observations[name].keypoints.frame.tolist() for name in cameras]
     assert 0 < len(times[0]) < 10

@@ -13,9 +13,8 @@ from passerby.cli.terminal import _Events, _Log, stages
 from passerby.common.progress import ProgressForm, tell_failure, tell_note, tell_warning
 from passerby.core.association_figures import AssociationFigures, TiedPair
 from passerby.core.cameras import Lens, Pose, PoseSigma, Rig
-from passerby.core.field_of_view import field_of_view_deg
 from passerby.core.figures import AdjustedFigures, CueFigures, ScaleFigures, SolvedCamera
-from passerby.core.lens_figures import DistortionFigures, FocalFigures, LensFigures, PrincipalPointFigures
+from passerby.core.lens_figures import DistortionFigures, FocalFigures, LensFigures, PrincipalPointFigures, field_of_view_deg
 from passerby.core.observations import Clock
 from passerby.findings.finding import doubt, notice
 from passerby.findings.texts import text_of

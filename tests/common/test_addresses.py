@@ -10,7 +10,7 @@ from pydantic import ValidationError
 from passerby.cli.main import run
 from passerby.common.addresses import not_a_file, without_credentials
 from passerby.common.errors import EvidenceError, InputError
-from passerby.interchange.storage.faults import FileFaults
+from passerby.interchange.storage.safe_parsing import FileFaults
 from passerby.scene.scene import Scene
 from passerby.scene.tables import CameraTable, SceneTable
 

@@ -4,8 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from passerby.common.arrays import Floats, Ints
-from passerby.common.columns import Columns
+from passerby.common.arrays import Columns, Floats, Ints
 
 
 @dataclass(frozen=True, eq=False)

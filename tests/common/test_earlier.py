@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from passerby.common.earlier import EarlierResults
+from passerby.common.parallel import EarlierResults
 from passerby.common.progress import silent
 
 

@@ -1,7 +1,7 @@
 from pathlib import Path
 
 from passerby.common.errors import LONGEST, InputError
-from passerby.interchange.storage.faults import FileFaults
+from passerby.interchange.storage.safe_parsing import FileFaults
 
 LONG = "[" * 5000
 

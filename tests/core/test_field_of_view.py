@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from passerby.core.cameras import Lens
-from passerby.core.field_of_view import field_of_view_deg
+from passerby.core.lens_figures import field_of_view_deg
 
 
 def lens(focal, distortions=(), centre=(639.5, 359.5), fisheye=False):

@@ -13,7 +13,7 @@ from passerby.core.cameras import Camera, Lens, Pose, PoseSigma, Rig
 from passerby.geometry.rotations import exp_rotation
 from passerby.geometry.similarity import fit_plane_similarity
 from passerby.simulation import SimulationOptions, simulate
-from passerby.simulation.placement import looking_at
+from passerby.simulation.lenses import looking_at
 from support.tiers import thinned
 
 MATRIX = np.array([[900.0, 0, 650], [0, 880, 340], [0, 0, 1]])

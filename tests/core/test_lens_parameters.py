@@ -4,8 +4,14 @@ from dataclasses import replace
 
 import pytest
 
-from passerby.core.lens_figures import DistortionFigures, FocalFigures, LensFigures, PrincipalPointFigures
-from passerby.core.lens_parameters import lens_parameters, names_in_words
+from passerby.core.lens_figures import (
+    DistortionFigures,
+    FocalFigures,
+    LensFigures,
+    PrincipalPointFigures,
+    lens_parameters,
+    names_in_words,
+)
 
 FOCAL = FocalFigures(
     stated_px=480.0, refined_px=500.0, sigma_px=10.0, people_sigma_px=12.0, far=False, told=True, prior_sigma_px=48.0,

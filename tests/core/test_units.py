@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from passerby.core.units import METRES, find_wrong_unit
+from passerby.core.scale_cues import METRES, find_wrong_unit
 
 
 @pytest.mark.parametrize(("unit", "times"), [("millimetres", 983.0), ("centimetres", 106.0), ("inches", 37.5), ("feet", 3.4)])

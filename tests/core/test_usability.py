@@ -9,7 +9,7 @@ import pytest
 
 from passerby.core.cameras import Camera, Lens, Pose, Rig
 from passerby.core.figures import AdjustedFigures, AdjustmentRound, SolvedCamera
-from passerby.core.measuring_figures import CameraMeasuring, MeasuringFigures, MeasuringSigma
+from passerby.core.measuring import CameraMeasuring, MeasuringFigures, MeasuringSigma
 from passerby.core.usability import (
     ON_GROUND,
     USABLE_M,

@@ -3,8 +3,8 @@
 import numpy as np
 
 from passerby.core.cameras import Camera, Rig
+from passerby.datasets.annotations import with_identities_of
 from passerby.datasets.published import GroundTruth
-from passerby.datasets.same_people import with_identities_of
 from support.datasets import tsai as tsai_sets
 
 

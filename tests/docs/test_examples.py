@@ -18,7 +18,7 @@ import pytest
 from passerby.cli.main import run
 from passerby.common.errors import EvidenceError
 from passerby.interchange.rig_toml import read_rig
-from passerby.perception.own_networks import Description
+from passerby.perception.networks import Description
 from passerby.scene.scene import Scene
 from support.documentation import ROOT, Block, blocks_of, pages
 

@@ -8,8 +8,7 @@ import pytest
 
 from passerby.cli.tables import show_comparison
 from passerby.core.cameras import Camera, Lens, Rig
-from passerby.evaluation.lens_errors import lens_error
-from passerby.evaluation.metrics import compare
+from passerby.evaluation.metrics import compare, lens_error
 from support.scenes.people_and_rigs import ring
 
 TRUE = Lens((640, 480), np.array([[500.0, 0, 320], [0, 500, 240], [0, 0, 1]]), np.array([-0.1, 0.01, 0, 0]))

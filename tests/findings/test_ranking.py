@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from passerby.core.missing_cameras import without_pose
+from passerby.core.usability import without_pose
 from passerby.findings.finding import doubt, notice
 from passerby.findings.ranking import MOST_SHOWN, explained_by, reasons_of, shown_in_words
 from passerby.findings.texts import KINDS

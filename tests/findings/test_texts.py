@@ -12,7 +12,7 @@ import pytest
 from passerby.common.errors import EvidenceError
 from passerby.core.solution import Solution
 from passerby.findings.finding import Finding, doubt, notice, refusal
-from passerby.findings.refusals import RefusalError, findings_of
+from passerby.findings.ranking import RefusalError, findings_of
 from passerby.findings.texts import KINDS, diagnostic, problem_of, remedy_of, text_of, texts_of
 from support.scenes.people_and_rigs import ring
 

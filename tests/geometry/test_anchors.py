@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from passerby.geometry.anchors import SeenPoints
+from passerby.geometry.alignment import SeenPoints
 from passerby.geometry.similarity import Similarity
 
 

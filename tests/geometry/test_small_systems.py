@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from passerby.geometry.small_systems import solve_symmetric
+from passerby.common.symmetric import solve_symmetric
 
 
 @given(st.integers(0, 2**32 - 1), st.floats(-4.0, 4.0))

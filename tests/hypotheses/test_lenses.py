@@ -8,8 +8,15 @@ import numpy as np
 import pytest
 
 from passerby.core.cameras import Camera, Lens, Pose, Rig
-from passerby.core.measuring import Distances, MeasuringErrors, common_ground, measured_change
-from passerby.core.measuring_figures import CameraMeasuring, MeasuringFigures, MeasuringSigma
+from passerby.core.measuring import (
+    CameraMeasuring,
+    Distances,
+    MeasuringErrors,
+    MeasuringFigures,
+    MeasuringSigma,
+    common_ground,
+    measured_change,
+)
 from passerby.core.observations import Boxes, CameraObservations, Observations
 from passerby.hypotheses.alternatives import lens_alternatives
 from passerby.hypotheses.comparison import effect
@@ -17,8 +24,8 @@ from passerby.hypotheses.findings import lens_corrected, lens_doubtful
 from passerby.hypotheses.lenses import LensResult, examine_lenses
 from passerby.simulation import SimulationOptions, simulate
 from passerby.simulation.body import pose_joints
+from passerby.simulation.lenses import looking_at
 from passerby.simulation.observe import observe_camera
-from passerby.simulation.placement import looking_at
 from passerby.simulation.scene import film
 from passerby.solver.lens_unknowns import LENS_PARTS, LensUnknowns
 from passerby.solver.people import PeopleOptions, PeopleSolution

@@ -36,7 +36,7 @@ from passerby.interchange.calibration_json import (
     write_document,
 )
 from passerby.interchange.declared_scene import DeclaredScene
-from passerby.interchange.storage.json_text import plain, to_json
+from passerby.interchange.storage.text_formats import plain, to_json
 
 CUE = CueFigures(cue="population of 3", stated_m=1.72, measured_m=1.7, sd_m=0.05, residual_sigmas=-0.4, share=1.0)
 FOCAL = FocalFigures(stated_px=1000.0, refined_px=1043.0, sigma_px=4.2, people_sigma_px=None, far=False, told=True)

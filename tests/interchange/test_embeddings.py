@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from passerby.common.errors import InputError
-from passerby.interchange.embeddings import read_embeddings, write_embeddings
+from passerby.interchange.motchallenge import read_embeddings, write_embeddings
 from passerby.interchange.storage import archives
 
 VECTORS = np.array([[3.0, 4.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 7.0]])

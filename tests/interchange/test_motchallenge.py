@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from passerby.common.errors import InputError
 from passerby.core.observations import Boxes
 from passerby.interchange.motchallenge import read_boxes, write_boxes
-from passerby.interchange.storage.faults import faults_of
+from passerby.interchange.storage.safe_parsing import faults_of
 
 GOOD = "1,4,10,20,30,60,0.9,-1,-1,-1\n2,4,11,20,30,60,0.9,-1,-1,-1\n"
 

@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from passerby.common.errors import InputError
 from passerby.core.cameras import Pose
-from passerby.interchange.tsai import WORST_PX, fitted_distortions, is_tsai, read_tsai
+from passerby.interchange.formats.tsai import WORST_PX, fitted_distortions, is_tsai, read_tsai
 from support.datasets.tsai import Tsai
 
 

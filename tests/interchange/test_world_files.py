@@ -3,8 +3,8 @@
 import pytest
 
 from passerby.common.errors import InputError
-from passerby.core.known_places import GPS_SD_M, POINT_SD_M, POSITION_SD_M
-from passerby.interchange.storage.faults import FileFaults
+from passerby.core.scale_cues import GPS_SD_M, POINT_SD_M, POSITION_SD_M
+from passerby.interchange.storage.safe_parsing import FileFaults
 from passerby.interchange.world_files import read_known_points, read_known_positions
 
 POINTS = "camera,u,v,x,y,z,point,sd_m\n"

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from passerby.monitoring.accumulated import Part, estimate_by_parts, estimate_by_scores
 from passerby.monitoring.comparison import compare
 from passerby.monitoring.evidence import MODEL_DEG, MODEL_M
+from passerby.monitoring.windows import Part, estimate_by_parts, estimate_by_scores
 from passerby.people.rig_observations import poses_of
 from passerby.people.scores import Scores
 from passerby.solver.gauge import similarity_moves

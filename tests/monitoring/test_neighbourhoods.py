@@ -12,8 +12,7 @@ from passerby.core.cameras import Pose, Rig
 from passerby.core.observations import Clock
 from passerby.monitoring.given_rig import read_given
 from passerby.monitoring.monitor import monitor, watch_footage
-from passerby.monitoring.neighbours import connected, neighbours_by_rig
-from passerby.monitoring.site import CamerasOfSite, watch_site
+from passerby.monitoring.site import CamerasOfSite, connected, neighbours_by_rig, watch_site
 from passerby.monitoring.watched import WatchOptions
 from support.scenes.rooms_for_monitor import rooms, walkers_in_rooms
 from support.scenes.walkers_for_monitor import FPS, calibrated, knocked, true_rig, walkers, write_watched

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from passerby.interchange.monitor_json import MoveEntry
-from passerby.monitoring.evidence import CLEAR_M, MotionTest
-from passerby.monitoring.moments import ChangePoint
+from passerby.monitoring.evidence import CLEAR_M, ChangePoint, MotionTest
 from passerby.monitoring.result import MonitoringResult, along, move_in_words
 from passerby.monitoring.watched import Move, Watched, WatchOptions, Window
 from support.scenes.people_and_rigs import ring

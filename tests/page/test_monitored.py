@@ -14,7 +14,7 @@ from passerby.core.figures import AdjustedFigures, MotionFigures
 from passerby.interchange.calibration_json import read_document, write_document
 from passerby.interchange.monitor_json import read_monitor
 from passerby.monitoring.given_rig import read_given
-from passerby.page.monitor_app import make_monitor_app
+from passerby.page.app import make_monitor_app
 from passerby.page.monitored import MonitoredSession
 from passerby.page.server import Opened, OpenedMonitoring, find_opened
 from support.browser import CHROMIUM

@@ -7,7 +7,7 @@ import pytest
 import tomlkit
 
 from passerby.common.errors import InputError
-from passerby.page.plan_edits import with_plan, without_plan
+from passerby.page.plan_acts import with_plan, without_plan
 from passerby.page.scene_edits import with_line
 
 KERB = {"name": "kerb", "at": [9.0, 9.0], "pixels": {"C1": [1.0, 1.0]}}

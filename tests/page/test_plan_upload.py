@@ -10,9 +10,18 @@ import pytest
 
 from passerby.common.errors import InputError
 from passerby.interchange.plan_picture import read_plan_picture
-from passerby.page import plan_upload
-from passerby.page.plan_pictures import LARGEST_PX, PlanPictures
-from passerby.page.plan_upload import MOST_BYTES, MOST_PIXELS, MOST_SCANS, UPLOADED, check_plan, keep_plan, picture_header
+from passerby.page import plan_pictures
+from passerby.page.plan_pictures import (
+    LARGEST_PX,
+    MOST_BYTES,
+    MOST_PIXELS,
+    MOST_SCANS,
+    UPLOADED,
+    PlanPictures,
+    check_plan,
+    keep_plan,
+    picture_header,
+)
 
 from .conftest import HOST
 
@@ -31,7 +40,7 @@ def chunk(kind, data):
 def bomb(width, height):
     """A PNG of a few kilobytes at most whose header states so many pixels."""
     header = chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 1, 0, 0, 0, 0))
-    return plan_upload.PNG + header + chunk(b"IDAT", zlib.compress(b"\0" * 100_000, 9)) + chunk(b"IEND", b"")
+    return plan_pictures.PNG + header + chunk(b"IDAT", zlib.compress(b"\0" * 100_000, 9)) + chunk(b"IEND", b"")
 
 
 @pytest.mark.parametrize(("end", "kind"), [(".png", "png"), (".jpg", "jpg")])
@@ -83,7 +92,7 @@ def test_what_is_no_plan_is_refused_in_one_line(client, session, content, why):
 
 
 def test_a_bomb_is_small_and_never_decoded(monkeypatch):
-    monkeypatch.setattr(plan_upload, "decode_plan_picture", lambda *_: pytest.fail("decoded"))
+    monkeypatch.setattr(plan_pictures, "decode_plan_picture", lambda *_: pytest.fail("decoded"))
     content = bomb(30_000, 30_000)
     assert len(content) < 4096
     with pytest.raises(InputError, match="900 million"):
@@ -92,7 +101,7 @@ def test_a_bomb_is_small_and_never_decoded(monkeypatch):
 
 def test_a_picture_of_just_so_many_pixels_is_let_through(monkeypatch):
     decoded = []
-    monkeypatch.setattr(plan_upload, "decode_plan_picture", lambda *one: decoded.append(one))
+    monkeypatch.setattr(plan_pictures, "decode_plan_picture", lambda *one: decoded.append(one))
     assert check_plan(bomb(MOST_PIXELS // 1000, 1000)) == "png"
     assert len(decoded) == 1
     with pytest.raises(InputError, match="million"):
@@ -101,9 +110,9 @@ def test_a_picture_of_just_so_many_pixels_is_let_through(monkeypatch):
 
 def test_a_progressive_jpeg_is_a_plan_and_one_of_endless_scans_is_not(tmp_path):
     content = picture(".jpg", options=[cv2.IMWRITE_JPEG_PROGRESSIVE, 1])
-    assert 1 < content.count(plan_upload.JPEG_SCAN) <= MOST_SCANS
+    assert 1 < content.count(plan_pictures.JPEG_SCAN) <= MOST_SCANS
     assert keep_plan(tmp_path, content).endswith(".jpg")
-    scan = content[content.index(plan_upload.JPEG_SCAN) : -2]
+    scan = content[content.index(plan_pictures.JPEG_SCAN) : -2]
     with pytest.raises(InputError, match="scans"):
         picture_header(content[:-2] + scan * MOST_SCANS + content[-2:])
 

@@ -11,13 +11,12 @@ import pytest
 
 from passerby.calibration.alignment.world import align_to_positions
 from passerby.core.cameras import Camera, PoseSigma, Rig
-from passerby.core.known_places import KnownPosition
+from passerby.core.scale_cues import KnownPosition
 from passerby.geometry.geodesy import east_north_up, geodetic
 from passerby.interchange.calibration_json import PlanEntry
 from passerby.interchange.rig_toml import read_rig, write_rig
-from passerby.page.plan_geojson import geojson_text
 from passerby.page.plan_pictures import PlanPictures
-from passerby.page.plan_shapes import caption, drawing, shapes, svg_text
+from passerby.page.plan_shapes import caption, drawing, geojson_text, shapes, svg_text
 from passerby.page.plan_view import Backdrop, view_of
 from passerby.report.fitted import FittedTrajectories
 

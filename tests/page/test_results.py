@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from passerby.interchange.calibration_json import CalibrationDocument, CameraEntry, DiagnosticEntry, write_document
-from passerby.page.results import outcome
+from passerby.page.session import outcome
 
 
 def test_a_finding_stands_beside_every_camera_that_it_names_and_one_of_all_cameras_at_the_top(tmp_path: Path) -> None:

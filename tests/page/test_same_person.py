@@ -5,7 +5,7 @@ import json
 import pytest
 
 from passerby.interchange.calibration_json import CalibrationDocument, CameraEntry, write_document
-from passerby.page import same_person
+from passerby.page import geometry
 
 CLOCKS = {"C1": (10.0, 0.0), "C2": (5.0, 2.0), "C3": (10.0, -1.0), "C4": (10.0, 0.0)}
 """Frames per second, and the rig's time at frame 1."""
@@ -73,7 +73,7 @@ def test_the_nearer_of_two_who_overlap_is_taken(client, session):
 
 
 def test_only_so_many_pictures_are_asked_for(client, session, monkeypatch):
-    monkeypatch.setattr(same_person, "MOST_SHOWN", 1)
+    monkeypatch.setattr(geometry, "MOST_SHOWN", 1)
     write_calibration(session, TRACKS)
     told = ask(client).json()
     assert ([one["camera"] for one in told["seen"]], told["further"]) == (["C1", "C3"], ["C2"])

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from passerby.perception.joint_budget import (
+from passerby.perception.plan import (
     CROPS_AT_LEAST,
     CROPS_PER_S,
     MIN_HEIGHT_PX,

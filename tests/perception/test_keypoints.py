@@ -9,9 +9,17 @@ from onnx import TensorProto
 
 from passerby.common.errors import InputError
 from passerby.core.observations import BODY_17
-from passerby.perception.crops import enlarge_box, sample_crop
-from passerby.perception.joint_checks import MIN_JOINTS, MIN_SCORE, OUTSIDE, plausible_joints
-from passerby.perception.keypoints import HeatmapKeypoints, MovenetKeypoints, SimccKeypoints, open_keypoints
+from passerby.perception.crop_network import enlarge_box, sample_crop
+from passerby.perception.keypoints import (
+    MIN_JOINTS,
+    MIN_SCORE,
+    OUTSIDE,
+    HeatmapKeypoints,
+    MovenetKeypoints,
+    SimccKeypoints,
+    open_keypoints,
+    plausible_joints,
+)
 from support.networks.crop_networks import brightest, fixed, network, stripe_means
 from support.paths import MODELS
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from passerby.perception.background import BackgroundDetector, learn_background, plan_sampling
-from passerby.perception.lying_people import turn_that_shows_people
+from passerby.perception.opening import turn_that_shows_people
 from passerby.perception.pictures import Detections
 from passerby.perception.video import TURNS, VideoReader, probe
 from support.scenes.puppet_videos import pictures as pictures_of

@@ -10,10 +10,9 @@ from zipfile import ZipFile
 import pytest
 
 from passerby.common.errors import InputError
-from passerby.perception.catalogue import catalogue, default_of
 from passerby.perception.fetching import sha256_of
 from passerby.perception.model_files import cache_folder, find_model, model_folders
-from passerby.perception.networks import InputConvention
+from passerby.perception.networks import InputConvention, catalogue, default_of
 from support.networks.model_server import BODY, SHA256, entry, keep_to, know_only, serving
 from support.paths import MODELS
 

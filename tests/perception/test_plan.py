@@ -78,7 +78,7 @@ def joints(nowhere, monkeypatch):
         entry("served", "keypoints", url="http://127.0.0.1:9/served.onnx"),
         entry("tiny", url="http://127.0.0.1:9/tiny.onnx"),
     ]
-    for module in ("plan", "model_files", "catalogue"):
+    for module in ("plan", "model_files", "networks"):
         monkeypatch.setattr(f"passerby.perception.{module}.catalogue", lambda: tuple(known))
     default = {"keypoints": known[2], "detector": known[3]}
     for module in ("plan", "model_files"):

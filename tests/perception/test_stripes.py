@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 from passerby.common.errors import InputError
-from passerby.perception.stripes import StripesEmbedder
+from passerby.perception.reid import StripesEmbedder
 
 BACKGROUND = ((90, 120, 90), (150, 150, 160))
 

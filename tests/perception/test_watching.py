@@ -12,7 +12,8 @@ from passerby.common.errors import InputError
 from passerby.core.observations import UNKNOWN, Boxes
 from passerby.findings.texts import text_of
 from passerby.interchange.video_writer import VideoWriter
-from passerby.perception import joint_budget, watching
+from passerby.perception import plan as joint_budget
+from passerby.perception import watching
 from passerby.perception.networks import Network
 from passerby.perception.pictures import Detections
 from passerby.perception.plan import Plan

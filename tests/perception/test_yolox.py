@@ -12,9 +12,9 @@ from onnx import TensorProto
 from passerby.association.tracking.tracking import overlaps
 from passerby.common.errors import InputError
 from passerby.interchange.motchallenge import read_boxes
-from passerby.perception.letterbox import fit_window
 from passerby.perception.networks import InputConvention, Network
 from passerby.perception.pictures import Frame
+from passerby.perception.tiles import fit_window
 from passerby.perception.yolox import YoloxDetector, YoloxOptions
 from support.networks.yolox import bright_file, constant_file, decoded, network, raw_rows, row_of
 from support.paths import MODELS

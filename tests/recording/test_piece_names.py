@@ -10,8 +10,7 @@ import pytest
 from passerby.interchange.video_writer import VideoWriter
 from passerby.perception.sources.files import VideoSource
 from passerby.perception.sources.recording import open_source
-from passerby.recording.pieces import PieceWriter
-from passerby.recording.wall_clock import WallTime
+from passerby.recording.pieces import PieceWriter, WallTime
 from passerby.scene.inputs import read_cameras
 from passerby.scene.scene import Scene
 from passerby.scene.wall_clock import wall_clock_of

@@ -15,8 +15,7 @@ import pytest
 from passerby.common.errors import InputError
 from passerby.interchange.video_writer import VideoWriter
 from passerby.recording import pieces as module
-from passerby.recording.pieces import LONGEST, Piece, PieceWriter, make_folder
-from passerby.recording.wall_clock import WallTime
+from passerby.recording.pieces import LONGEST, Piece, PieceWriter, WallTime, make_folder
 
 BEGIN = datetime(2026, 3, 4, 5, 6, 7, 250_000, tzinfo=UTC).timestamp()
 WALL = WallTime(BEGIN, "sender")

@@ -8,8 +8,8 @@ from functools import partial
 import pytest
 
 import passerby
+from passerby.cli.commands.record import recorded as make_recording
 from passerby.cli.main import run
-from passerby.cli.streams import recorded as make_recording
 from passerby.common.errors import InputError
 from passerby.common.progress import ProgressForm
 from passerby.core.cameras import Rig

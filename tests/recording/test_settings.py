@@ -2,9 +2,9 @@ import pytest
 
 from passerby.common.errors import InputError
 from passerby.recording.capture import CaptureOptions
-from passerby.recording.scene_file import write_scene_file
+from passerby.recording.pieces import MOST_APART_S, WallClock
+from passerby.recording.scene_streams import write_scene_file
 from passerby.recording.settings import Stream, read_plan
-from passerby.recording.wall_clock import MOST_APART_S, WallClock
 from passerby.scene.scene import Scene
 
 SECRET = "s3cr&t@pw"

@@ -17,12 +17,12 @@ from passerby.interchange.monitor_json import read_monitor
 from passerby.interchange.motchallenge import read_boxes
 from passerby.interchange.rig_toml import read_rig
 from passerby.interchange.storage.archives import open_archive
-from passerby.interchange.storage.json_text import plain
+from passerby.interchange.storage.text_formats import plain
 from passerby.interchange.trajectories_csv import read_trajectories
 from passerby.perception.kept import StageCache
 from passerby.recording.scene_streams import _recorded_cameras
-from passerby.scene.floor_plan import read_plan
 from passerby.scene.scene import Scene
+from passerby.scene.world_tables import read_plan
 
 DIGITS = 9
 """Of the numbers behind a digest: libraries may differ in the last ones."""

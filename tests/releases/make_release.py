@@ -22,7 +22,7 @@ from passerby.cli.main import run  # noqa: E402
 from passerby.core.cameras import Camera, Lens, Pose, PoseSigma, Rig  # noqa: E402
 from passerby.interchange.motchallenge import write_boxes  # noqa: E402
 from passerby.interchange.rig_toml import write_rig  # noqa: E402
-from passerby.interchange.storage.json_text import to_json  # noqa: E402
+from passerby.interchange.storage.text_formats import to_json  # noqa: E402
 from passerby.interchange.video_writer import VideoWriter  # noqa: E402
 from passerby.recording.capture import CameraRecording, Recording  # noqa: E402
 from passerby.recording.scene_streams import RECORDING_FILE, write_recording  # noqa: E402

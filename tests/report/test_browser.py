@@ -8,9 +8,9 @@ from dataclasses import replace
 
 import pytest
 
-from passerby.core.missing_cameras import without_pose
+from passerby.core.usability import without_pose
 from passerby.findings.finding import notice, refusal
-from passerby.interchange.storage.json_text import plain
+from passerby.interchange.storage.text_formats import plain
 from passerby.report.contents import contents_from
 from passerby.report.page import report_page
 from support.accessibility import access_faults

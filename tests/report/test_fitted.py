@@ -8,11 +8,10 @@ import pytest
 from passerby.core.cameras import Rig
 from passerby.core.figures import AdjustedFigures, NoiseFigures, PeopleFigures, SolvedCamera
 from passerby.core.observations import Boxes, CameraObservations, Clock, Observations
-from passerby.interchange.storage.json_text import plain
+from passerby.interchange.storage.text_formats import plain
 from passerby.people.upright_bodies import UprightBodies, predict_boxes
-from passerby.report.fitted import fit_people
+from passerby.report.fitted import body_model, fit_people
 from passerby.report.sampling import STEP_S, STRETCHES, sample_observations
-from passerby.report.upright import body_model
 from support.report.drawings import contents, only_boxes, only_joints, simulated
 
 

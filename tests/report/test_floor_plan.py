@@ -12,7 +12,7 @@ import pytest
 
 from passerby.interchange.calibration_json import PlanEntry, ResidualEntry, WorldEntry
 from passerby.report.fitted import fit_people
-from passerby.report.floor_plan import plan_drawing
+from passerby.report.site_map import plan_drawing
 from support.report.drawings import contents, only_boxes, simulated
 
 UNIT, WIDTH, HEIGHT, ORIGIN = 0.02, 600, 800, (120.0, 700.0)

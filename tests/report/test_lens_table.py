@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from passerby.core.cameras import Lens, Rig
-from passerby.core.field_of_view import field_of_view_deg
-from passerby.core.lens_figures import DistortionFigures, FocalFigures, LensFigures, PrincipalPointFigures
-from passerby.interchange.storage.json_text import plain
+from passerby.core.lens_figures import DistortionFigures, FocalFigures, LensFigures, PrincipalPointFigures, field_of_view_deg
+from passerby.interchange.storage.text_formats import plain
 from passerby.report.page import report_page
 from support.report.drawings import contents, simulated
 from support.report.pages import Page, with_figures

@@ -9,10 +9,10 @@ import pytest
 
 from passerby.calibration.calibration import contents_of
 from passerby.cli.main import run
-from passerby.core.missing_cameras import without_pose
+from passerby.core.usability import without_pose
 from passerby.findings.finding import doubt, notice, refusal
 from passerby.interchange.calibration_json import read_document
-from passerby.interchange.storage.json_text import plain
+from passerby.interchange.storage.text_formats import plain
 from passerby.report.contents import contents_from
 from passerby.report.page import report_page
 from support.report.pages import Page, busy_place, changed, diagnosed, named, solved, without, without_poses

@@ -13,13 +13,12 @@ from passerby.common.errors import InputError
 from passerby.core.observations import Boxes, CameraObservations, Clock, Observations
 from passerby.findings.finding import doubt, notice
 from passerby.report.contents import contents_from
-from passerby.report.distances import best_to_measure, distances_of
+from passerby.report.distances import best_to_measure, distances_of, outstanding, weak_points
 from passerby.report.headline import _people_label
 from passerby.report.html import Html, data_script, element, join
 from passerby.report.recommendations import FOR_ANY, Point, points_of, reported_doubts, sentence
 from passerby.report.seen import lanes_of, merge_spells, seen_in
 from passerby.report.view_graph import links_of
-from passerby.report.weak_points import outstanding, weak_points
 from support.report.pages import busy_place, changed, diagnosed, document_of, with_figures
 
 

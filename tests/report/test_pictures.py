@@ -11,11 +11,11 @@ from passerby.core.cameras import Rig
 from passerby.core.observations import BODY_17, Boxes, CameraObservations, Observations
 from passerby.interchange.calibration_json import CalibrationDocument
 from passerby.perception.sources.files import VideoSource
-from passerby.report.backdrop import MOST_CHARACTERS, WIDEST_PX, data_uri
 from passerby.report.contents import Contents
 from passerby.report.fitted import fit_people
-from passerby.report.ground_layer import grid_lines, grid_region, grid_spacing
+from passerby.report.layers import grid_lines, grid_region, grid_spacing
 from passerby.report.pictures import camera_picture
+from passerby.report.sheet import MOST_CHARACTERS, WIDEST_PX, data_uri
 from support.report.drawings import (
     SVG,
     contents,

@@ -8,8 +8,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from passerby.core.cameras import Camera, Lens, Pose, PoseSigma, Rig
+from passerby.core.lens_figures import border_rays
 from passerby.core.observations import CameraObservations, Observations
-from passerby.core.picture_border import border_rays
 from passerby.report.fitted import fit_people
 from passerby.report.rig_geometry import (
     density,
@@ -21,7 +21,7 @@ from passerby.report.rig_geometry import (
     stage_of,
     wedge,
 )  # fmt: skip
-from passerby.report.rig_labels import told as told_name
+from passerby.report.rig_geometry import told as told_name
 from passerby.report.rig_plots import rig_from_above, rig_in_space
 from support.report.drawings import contents, only_boxes, simulated
 

@@ -17,8 +17,7 @@ from passerby.report import page as page_module
 from passerby.report.distances import MOST_TO_MEASURE, TAPE_M, distances_of, distances_to_measure
 from passerby.report.page import write_report
 from passerby.report.parts import Parts
-from passerby.report.seen import seen_in
-from passerby.report.site import EMBEDDED_CAMERAS, MOST_NEIGHBOURS, ZONE_CAMERAS, neighbours_of, zones_of
+from passerby.report.seen import EMBEDDED_CAMERAS, MOST_NEIGHBOURS, ZONE_CAMERAS, neighbours_of, seen_in, zones_of
 from passerby.report.view_graph import links_of, weakest_links
 from support.report.pages import Page, named, with_figures
 from support.report.sites import site

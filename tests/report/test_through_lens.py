@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from passerby.core.cameras import Camera, Lens, Pose
-from passerby.report.reference_layer import MOST_LINES, plumb_lines
+from passerby.report.layers import MOST_VERTICALS, plumb_lines
 from passerby.report.through_lens import View, simplify_polyline, spacing_of
 from support.report.drawings import distance_to
 from support.tiers import thinned
@@ -142,9 +142,9 @@ def test_nothing_is_drawn_where_the_lens_turned_over():
 @pytest.mark.parametrize("kind", ALL)
 def test_plumb_lines_are_few(kind, pitch):
     lens = ALL[kind]
-    assert 4 <= len(plumb_lines(View(looking(lens, pitch=pitch)))) <= MOST_LINES
+    assert 4 <= len(plumb_lines(View(looking(lens, pitch=pitch)))) <= MOST_VERTICALS
     far = replace(lens, matrix=lens.matrix * [[8, 1, 1], [1, 8, 1], [1, 1, 1]], distortions=np.zeros(0))
-    assert 3 <= len(plumb_lines(View(looking(far, pitch=pitch)))) <= MOST_LINES
+    assert 3 <= len(plumb_lines(View(looking(far, pitch=pitch)))) <= MOST_VERTICALS
 
 
 def test_straight_lines_lose_their_corners():

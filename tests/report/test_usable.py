@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from passerby.core.measuring_figures import MeasuringFigures, MeasuringSigma
+from passerby.core.measuring import MeasuringFigures, MeasuringSigma
 from passerby.findings.finding import Finding, doubt
-from passerby.report.usable import good_for
+from passerby.report.recommendations import good_for
 
 POINTS = MeasuringSigma(median_mm=31.0, p90_mm=60.0)
 MEASURING = MeasuringFigures(places=9, points=POINTS, ground=POINTS.scaled(3.0), ground_height_mm=34.0, cameras={})

@@ -13,9 +13,8 @@ from hypothesis import strategies as st
 
 import passerby
 from passerby.cli.main import run
-from passerby.core.box_format import FORMATS, LTWH, BoxFormat
 from passerby.core.cameras import Rig
-from passerby.core.observations import Boxes, Keypoints
+from passerby.core.observations import FORMATS, LTWH, Boxes, BoxFormat, Keypoints
 from passerby.findings.finding import Finding
 from passerby.scene.box_interpretations import BoxesAsStated, find_other_formats
 from passerby.scene.camera_input import CameraInput

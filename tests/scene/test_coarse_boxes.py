@@ -8,7 +8,7 @@ import pytest
 from passerby.core.figures import AdjustedFigures, CueFigures
 from passerby.core.observations import Boxes
 from passerby.findings.finding import notice
-from passerby.scene.coarse_boxes import FEWEST, grid_step, notice_of_coarse_boxes, with_coarse_boxes
+from passerby.scene.box_interpretations import FEWEST_FOR_GRID, grid_step, notice_of_coarse_boxes, with_coarse_boxes
 
 N = 300
 
@@ -49,7 +49,7 @@ def test_a_few_boxes_that_the_border_clips_do_not_hide_the_blocks(boxes):
 
 def test_boxes_between_pixels_and_few_boxes_have_no_grid(boxes):
     assert grid_step(boxes) is None
-    assert grid_step(rounded(boxes, 32).take(np.arange(FEWEST - 1))) is None
+    assert grid_step(rounded(boxes, 32).take(np.arange(FEWEST_FOR_GRID - 1))) is None
 
 
 @pytest.mark.parametrize(("share", "sigma"), [(1.0, 0.25), (0.5, 0.18), (0.0, 0.15)])

@@ -13,9 +13,9 @@ import passerby
 from passerby.cli.main import run
 from passerby.common.errors import InputError
 from passerby.core.observations import Boxes, Keypoints
-from passerby.scene.doubled_rows import MOST_DOUBLED, remove_duplicates
 from passerby.scene.reading import read_camera
 from passerby.scene.scene import Scene
+from passerby.scene.used_rows import MOST_DOUBLED, remove_duplicates
 from passerby.simulation import SimulationOptions, simulate
 from support.scenes.handmade_files import rows, write_scene
 

@@ -11,13 +11,12 @@ import tomli_w
 from passerby.common.errors import InputError
 from passerby.core.cameras import Camera, Lens, Rig
 from passerby.core.observations import Boxes, Keypoints
-from passerby.geometry.polygons import inside_any
 from passerby.interchange.coco import write_keypoints
 from passerby.interchange.motchallenge import write_boxes
 from passerby.interchange.rig_toml import write_rig
 from passerby.scene.inputs import SceneInputs, read_inputs
 from passerby.scene.scene import Scene
-from passerby.scene.used_rows import feet_of_keypoints
+from passerby.scene.used_rows import feet_of_keypoints, inside_any
 
 LEFT = [[0.0, 0.0], [500.0, 0.0], [500.0, 719.0], [0.0, 719.0]]
 

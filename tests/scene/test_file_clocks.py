@@ -11,12 +11,12 @@ import pytest
 
 from passerby.findings.texts import texts_of
 from passerby.perception.video import probe
-from passerby.perception.video_clock import FileClock
+from passerby.perception.video_camera import FileClock
 from passerby.perception.video_probe import VideoInfo, WallTime
 from passerby.scene.camera_input import CameraInput
 from passerby.scene.check import check_scene
-from passerby.scene.file_clocks import file_clock_findings, measure_by_file_clocks
 from passerby.scene.scene import Scene
+from passerby.scene.wall_clock import file_clock_findings, measure_by_file_clocks
 
 BEGIN, LONG_S = 1_790_000_000.0, 900.0
 SEARCH_S = 5.0

@@ -9,7 +9,7 @@ from passerby.cli.main import run
 from passerby.common.errors import InputError
 from passerby.core.observations import Clock
 from passerby.findings.texts import texts_of
-from passerby.interchange.embeddings import write_embeddings
+from passerby.interchange.motchallenge import write_embeddings
 from passerby.scene.inputs import read_inputs
 from passerby.scene.scene import Scene
 from support.scenes.handmade_files import lens, rows, write_scene

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from passerby.common.errors import InputError
-from passerby.interchange.storage.faults import faults_of
+from passerby.interchange.storage.safe_parsing import faults_of
 from passerby.scene.scene import TABLES, Scene
 from passerby.scene.tables import AssociationTable, CameraTable
 from support.paths import DOCS

@@ -16,14 +16,14 @@ from passerby.core.observations import Boxes, CameraObservations, Keypoints
 from passerby.findings.finding import doubt
 from passerby.perception.video import VideoInfo
 from passerby.scene.box_interpretations import is_upside_down, level_of_rotation, rotation_of_sideways
-from passerby.scene.intrinsics_checks import smaller_picture
+from passerby.scene.lens_sources import smaller_picture
 from passerby.scene.people_in_images import faults_of_people, findings_of_people
 from passerby.scene.reading import input_from_memory
 from passerby.scene.scene import Scene
 from passerby.simulation import SimulatedScene, SimulationOptions, simulate
 from passerby.simulation.body import pose_joints
+from passerby.simulation.lenses import looking_at
 from passerby.simulation.observe import observe_camera
-from passerby.simulation.placement import looking_at
 from passerby.simulation.scene import film
 from support.tiers import thinned
 

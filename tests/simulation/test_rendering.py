@@ -18,10 +18,9 @@ from passerby.simulation.observe import observe_camera
 from passerby.simulation.rendering import RenderOptions, render_camera, write_videos
 from passerby.simulation.rendering.background import World, background
 from passerby.simulation.rendering.clothes import draw_outfits
-from passerby.simulation.rendering.drawing import PeoplePainter
-from passerby.simulation.rendering.light import SHADOW, Light
+from passerby.simulation.rendering.drawing import PeoplePainter, ShadowCaster
 from passerby.simulation.rendering.mesh import template
-from passerby.simulation.rendering.shadows import ShadowCaster
+from passerby.simulation.rendering.surroundings import SHADOW, Light
 from support.scenes.simulated import scene
 
 STILL = RenderOptions(noise=0.0, light_drift=0.0, blur_px=0.0)

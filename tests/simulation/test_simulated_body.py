@@ -7,8 +7,8 @@ import pytest
 
 from passerby.core.cameras import Camera, Lens, Pose
 from passerby.simulation.body import JOINTS, SHANK, THIGH, BodyState, body_spheres, pose_joints, stride_length
+from passerby.simulation.lenses import looking_at
 from passerby.simulation.observe import observe_camera
-from passerby.simulation.placement import looking_at
 
 HEIGHTS = np.array([1.55, 1.72, 1.90])
 

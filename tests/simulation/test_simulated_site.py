@@ -14,9 +14,8 @@ from passerby.core.observations import UNKNOWN
 from passerby.simulation import SimulationOptions
 from passerby.simulation.lenses import draw_lenses
 from passerby.simulation.sites import SiteOptions, simulate_site, write_site
-from passerby.simulation.sites.lens import QuickLens
 from passerby.simulation.sites.plan import airport
-from passerby.simulation.sites.site import PICTURE
+from passerby.simulation.sites.site import PICTURE, QuickLens
 from passerby.simulation.sites.walkers import NOWHERE, walk
 
 SMALL = SiteOptions(cameras=16, seed=801, seconds=10.0)

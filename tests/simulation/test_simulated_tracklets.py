@@ -9,8 +9,8 @@ from metrics.identities import identity_agreement
 from passerby.common.errors import InputError
 from passerby.core.observations import UNKNOWN
 from passerby.simulation import SimulatedScene, SimulationOptions, simulate
-from passerby.simulation.areas import AREA_DISTANCE_M, share_out
-from passerby.simulation.tracklets import renumber
+from passerby.simulation.observe import renumber
+from passerby.simulation.scene import AREA_DISTANCE_M, share_out
 from support.scenes.simulated import scene
 
 FAULTS = {"box_noise": 0.02, "missing": 0.1, "false_boxes": 0.1, "identity_swaps": 0.2}

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from passerby.core.cameras import Pose
-from passerby.geometry.relative_pose import PairHypothesis
 from passerby.geometry.rotations import angle_between, direction_angle, exp_rotation
 from passerby.geometry.single_view import Level
+from passerby.geometry.two_view import PairHypothesis
 from passerby.solver.pose_graph import (
     connected_components,
     cycle_consistency,

@@ -9,8 +9,15 @@ import numpy as np
 import pytest
 
 from passerby.core.figures import CueFigures
-from passerby.core.floor_plan import FloorPlan, PlannedCamera
-from passerby.core.scale_cues import CameraDistance, CameraHeight, KnownLength, PersonHeight, ScaleCues
+from passerby.core.scale_cues import (
+    CameraDistance,
+    CameraHeight,
+    FloorPlan,
+    KnownLength,
+    PersonHeight,
+    PlannedCamera,
+    ScaleCues,
+)
 from passerby.core.solution import Solution
 from passerby.evaluation.metrics import compare
 from passerby.solver.cue_agreement import RIG_SD, check_cue_consistency, weigh_cues

@@ -9,9 +9,9 @@ import pytest
 
 from passerby.core.cameras import Rig
 from passerby.core.observations import Observations
-from passerby.geometry.relative_pose import PairHypothesis
 from passerby.geometry.rotations import angle_between, direction_angle
 from passerby.geometry.single_view import Level
+from passerby.geometry.two_view import PairHypothesis
 from passerby.solver import pairs
 from passerby.solver.evidence import Evidence, gather_evidence
 from passerby.solver.initialisation import level_of

@@ -14,7 +14,7 @@ from passerby.core.observations import CameraObservations, Observations
 from passerby.core.scale_cues import PopulationHeight, ScaleCues
 from passerby.core.solution import Solution
 from passerby.evaluation.metrics import Comparison, compare
-from passerby.geometry.relative_pose import PairHypothesis
+from passerby.geometry.two_view import PairHypothesis
 from passerby.solver.geopose.geopose import GeoPoseOptions, solve_geopose
 from passerby.solver.people import PeopleOptions, solve_people
 from support.scenes.people_and_rigs import part, simulated, solve, without_poses

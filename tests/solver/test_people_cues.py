@@ -13,7 +13,7 @@ from passerby.core.observations import Boxes, CameraObservations, Keypoints, Obs
 from passerby.findings.finding import Finding
 from passerby.findings.texts import remedy_of, texts_of
 from passerby.simulation import SimulationOptions, simulate
-from passerby.simulation.placement import looking_at
+from passerby.simulation.lenses import looking_at
 from passerby.solver.cue_agreement import check_cue_consistency
 from passerby.solver.people_cues import body_widths, people_cues, scale_by_walking, walking_speeds
 

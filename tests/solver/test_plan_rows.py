@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from passerby.core.floor_plan import FloorPlan, PlannedCamera, PlannedPoint
+from passerby.core.scale_cues import FloorPlan, PlannedCamera, PlannedPoint
 from passerby.geometry.plan_fit import ScalePrior
 from passerby.geometry.reprojection import retract_poses
 from passerby.geometry.rotations import exp_rotation

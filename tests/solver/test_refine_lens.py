@@ -12,7 +12,7 @@ import pytest
 from passerby.core.cameras import Camera, Lens, Rig
 from passerby.core.figures import AdjustedFigures, SolvedCamera
 from passerby.core.lens_figures import DistortionFigures, FocalFigures, LensFigures, LensRefinement
-from passerby.core.measuring_figures import MeasuringFigures, MeasuringSigma
+from passerby.core.measuring import MeasuringFigures, MeasuringSigma
 from passerby.core.solution import Solution
 from passerby.evaluation.metrics import compare
 from passerby.findings.texts import texts_of

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from passerby.common.arrays import Floats
 from passerby.core.cameras import Camera, Lens, Rig
 from passerby.core.scale_cues import ScaleCues
-from passerby.geometry.relative_pose import PairHypothesis
+from passerby.geometry.two_view import PairHypothesis
 from passerby.solver import initialisation
 from passerby.solver.initialisation import Initialisation, InitialRig, select_initial_rig
 from passerby.solver.people import PeopleOptions

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from passerby.training.augmentation import ERASED_AREA, ERASED_ASPECT, ERASED_COLOUR, augment
 from passerby.training.options import TrainOptions
+from passerby.training.pictures import ERASED_AREA, ERASED_ASPECT, ERASED_COLOUR, augment
 
 NONE = {"flip": 0.0, "shift": 0.0, "erasing": 0.0, "colour": 0.0}
 SIZE = (64, 32)

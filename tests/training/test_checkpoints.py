@@ -8,9 +8,8 @@ import torch
 
 from passerby.cli.main import run
 from passerby.common.errors import InputError
-from passerby.training.backbones import RESNETS, open_backbone
 from passerby.training.checkpoints import FORMAT, load_checkpoint, save_checkpoint
-from passerby.training.network import ReidNetwork
+from passerby.training.network import RESNETS, ReidNetwork, open_backbone
 from passerby.training.options import RECIPES, TrainOptions, train_options
 
 OPTIONS = train_options("small", height=32, width=16, weights="random", pooling="gem")

@@ -11,11 +11,10 @@ import pytest
 
 from passerby.common.errors import InputError
 from passerby.interchange.motchallenge import read_boxes
-from passerby.perception.crops import stretch_crop
+from passerby.perception.crop_network import stretch_crop
 from passerby.perception.video import VideoReader
 from passerby.training.data import cutting, read_data
-from passerby.training.data.choosing import PER_PERSON, clear_boxes, spread
-from passerby.training.data.cutting import WantedCrops, cut_crops
+from passerby.training.data.cutting import PER_PERSON, WantedCrops, clear_boxes, cut_crops, spread
 from support.datasets.pictures_of_people import SIZE, film, picture, scene, tracks, two_walkers
 
 

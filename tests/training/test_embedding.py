@@ -12,10 +12,9 @@ import numpy as np
 import pytest
 
 from passerby.common.errors import InputError
-from passerby.perception.crops import stretch_crop
+from passerby.perception.crop_network import stretch_crop
 from passerby.perception.networks import InputConvention, Network
-from passerby.perception.reid import ReidEmbedder
-from passerby.perception.stripes import StripesEmbedder
+from passerby.perception.reid import ReidEmbedder, StripesEmbedder
 from passerby.training.crops import JUNK, CropSet
 from passerby.training.data import read_data
 from passerby.training.embedding import embed_crops, leave_one_out, score_crops, score_data, whole_box

@@ -10,12 +10,11 @@ import torch
 
 from passerby.common.errors import InputError
 from passerby.perception.model_files import find_model
-from passerby.perception.own_networks import IMAGENET
+from passerby.perception.networks import IMAGENET
 from passerby.perception.reid import ReidEmbedder
 from passerby.training import export
-from passerby.training.backbones import Backbone, open_backbone
 from passerby.training.export import compare_outputs, export_network, torch_vectors
-from passerby.training.network import ReidNetwork
+from passerby.training.network import Backbone, ReidNetwork, open_backbone
 from passerby.training.options import train_options
 
 SIZE = {"height": 64, "width": 32}

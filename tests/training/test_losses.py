@@ -7,8 +7,7 @@ import pytest
 import torch
 from torch.nn import functional
 
-from passerby.training.losses import ReidLoss, identity_loss
-from passerby.training.network import Answers
+from passerby.training.network import Answers, ReidLoss, identity_loss
 from passerby.training.options import TrainOptions
 
 OPTIONS = TrainOptions(identity_weight=0, triplet_weight=1, margin=0.3)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from passerby.training.crops import CropSet
-from passerby.training.sampling import BatchSampler
+from passerby.training.pictures import BatchSampler
 
 
 def crops_of(person, camera=None, apart=None):

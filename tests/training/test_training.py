@@ -14,12 +14,11 @@ import torch
 
 from passerby.common.errors import InputError
 from passerby.training import training
-from passerby.training.backbones import open_backbone
 from passerby.training.checkpoints import load_checkpoint
 from passerby.training.crops import CropSet
 from passerby.training.curves import TrainingLog
 from passerby.training.data import read_all
-from passerby.training.losses import ReidLoss
+from passerby.training.network import ReidLoss, open_backbone
 from passerby.training.options import TrainOptions, train_options
 from passerby.training.runs import course, fine_tuning, run_embedder, train_run
 from passerby.training.training import learning_rate, train

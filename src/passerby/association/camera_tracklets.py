@@ -16,7 +16,7 @@ from passerby.association.tracking.splitting import find_continuations, split_tr
 from passerby.association.tracking.stitching import StitchingOptions, find_stitches
 from passerby.association.tracking.tracking import overlaps, track
 from passerby.common.arrays import Floats, Ints
-from passerby.common.earlier import EarlierResults
+from passerby.common.parallel import EarlierResults
 from passerby.common.progress import Progress, silent
 from passerby.core.cameras import Camera, Lens, Rig
 from passerby.core.observations import MIN_JOINT_SCORE, UNKNOWN, Boxes, CameraObservations, Clock, Keypoints, Observations

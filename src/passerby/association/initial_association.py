@@ -33,13 +33,13 @@ from passerby.association.joints.joint_pairs import JointRegistration
 from passerby.association.joints.joint_tracks import joint_tracks
 from passerby.association.registration_failures import fit_of, fixed_by, sees_too_little, what_would_fit
 from passerby.common.arrays import Bools, Floats, Ints
-from passerby.common.earlier import EarlierResults
+from passerby.common.parallel import EarlierResults
 from passerby.common.progress import Progress, silent
 from passerby.core.cameras import Lens
 from passerby.findings.finding import Finding, refusal
-from passerby.findings.refusals import RefusalError
-from passerby.geometry.relative_pose import PairHypothesis
+from passerby.findings.ranking import RefusalError
 from passerby.geometry.single_view import Level
+from passerby.geometry.two_view import PairHypothesis
 
 TRIED = 3
 """Where no pair can be registered, so many are tried at other frame rates and larger lags."""

@@ -1,5 +1,4 @@
-"""A calibration from its inputs to its folder: `pipeline` is the order of the stages.
+"""A calibration from its inputs to its folder: `calibrate` is the whole of it in stages.
 
-The one room that knows association and solver both. `diagnostics/` finds what speaks against a result, `alignment/` sets the
-world. Imports all rooms below but `simulation`.
+The only room that imports both association and solver. `diagnostics/` checks a result, `alignment/` sets the world. Imports all rooms below but `simulation`.
 """

@@ -32,7 +32,7 @@ from passerby.core.cameras import Rig
 from passerby.core.observations import Clock, Observations
 from passerby.core.unknown_focals import needs_focal_search
 from passerby.findings.finding import Finding
-from passerby.findings.refusals import findings_of
+from passerby.findings.ranking import findings_of
 
 
 @dataclass(frozen=True, eq=False)

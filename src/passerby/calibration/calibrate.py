@@ -62,14 +62,14 @@ from passerby.common.parallel import worthwhile
 from passerby.common.progress import Progress, silent, tell_note
 from passerby.core.association_figures import AssociationRound
 from passerby.core.figures import AdjustedFigures, adjusted
-from passerby.core.measuring_figures import with_measuring_sigmas
+from passerby.core.measuring import with_measuring_sigmas
 from passerby.core.quarter_turns import turn_observations, turn_rig, undone
 from passerby.core.solution import Solution
 from passerby.core.unknown_focals import begin_with
 from passerby.findings.finding import Finding
 from passerby.findings.texts import texts_of
 from passerby.people.ground_shape import GroundShape
-from passerby.scene.coarse_boxes import with_coarse_boxes
+from passerby.scene.box_interpretations import with_coarse_boxes
 from passerby.scene.inputs import SceneInputs, read_inputs
 from passerby.scene.part import part_of
 from passerby.scene.same_content import doubts_of_same_place

@@ -19,7 +19,7 @@ from passerby.core.association_figures import AssociationFigures
 from passerby.core.cameras import Camera, Rig
 from passerby.core.figures import SolverFigures, adjusted
 from passerby.core.observations import UNKNOWN, Boxes, Observations
-from passerby.core.verdict import Verdict
+from passerby.core.solution import Verdict
 from passerby.evaluation.reprojection import median_residuals
 from passerby.findings.finding import Finding
 from passerby.findings.ranking import explained_by
@@ -39,7 +39,7 @@ from passerby.interchange.output_folder import (
     group_folder,
     scene_file,
 )
-from passerby.interchange.storage.json_text import plain, to_json
+from passerby.interchange.storage.text_formats import plain, to_json
 from passerby.perception.video_probe import WallTime
 from passerby.report.contents import Contents, declared_videos, upright_contents
 from passerby.scene.scene import Scene

@@ -24,7 +24,7 @@ from passerby.findings.finding import Finding, doubt, notice
 from passerby.hypotheses.camera_path import CameraPath
 from passerby.hypotheses.changes import PoseChange, PoseDrift, drift_of, fit_drift, measure_step, step_of, suspect_change
 from passerby.hypotheses.correspondences import Correspondences, instants_compared, match_people
-from passerby.interchange.storage.toml_text import key
+from passerby.interchange.storage.text_formats import key
 from passerby.people.body_centres import BodyCentres, PeopleRays, body_centres, identified_body_centres
 from passerby.scene.inputs import SceneInputs
 

@@ -14,15 +14,14 @@ from passerby.calibration.calibrate import calibrate_inputs
 from passerby.calibration.calibration import Calibration
 from passerby.common.errors import InputError
 from passerby.common.progress import Progress
-from passerby.core.box_format import BoxFormat
 from passerby.core.cameras import Lens, Rig
-from passerby.core.observations import Boxes, Keypoints
-from passerby.interchange.storage.faults import FileFaults
-from passerby.scene.errors import explain_fault
+from passerby.core.observations import Boxes, BoxFormat, Keypoints
+from passerby.interchange.storage.safe_parsing import FileFaults
 from passerby.scene.inputs import IN_MEMORY, assemble_inputs
 from passerby.scene.joint_layouts import correct_layouts
 from passerby.scene.reading import input_from_memory
 from passerby.scene.scene import TABLES, Scene
+from passerby.scene.table import explain_fault
 
 Lenses = Rig | Mapping[str, Lens]
 SeenBoxes = Mapping[str, Boxes | ArrayLike]

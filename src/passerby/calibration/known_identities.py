@@ -38,7 +38,7 @@ from passerby.core.scale_cues import PersonHeight
 from passerby.core.solution import Solution
 from passerby.core.synchronisation import clocks_of, resample_to_common_steps
 from passerby.findings.finding import Finding, notice
-from passerby.findings.refusals import findings_of
+from passerby.findings.ranking import findings_of
 from passerby.people.upright_rays import upright_rays
 from passerby.scene.inputs import SceneInputs
 

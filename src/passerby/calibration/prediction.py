@@ -16,8 +16,7 @@ from itertools import combinations_with_replacement
 import numpy as np
 from scipy.special import stdtr
 
-from passerby.common.arrays import Bools, Floats, Ints
-from passerby.common.columns import Columns
+from passerby.common.arrays import Bools, Columns, Floats, Ints
 from passerby.core.cameras import Camera, Rig
 from passerby.core.observations import UNKNOWN, Boxes, CameraObservations, Observations
 from passerby.core.synchronisation import USUAL_FPS, sampling_distance

@@ -17,8 +17,8 @@ from passerby.core.overlap import connected_groups, count_shared_observations, m
 from passerby.core.quarter_turns import turn_cues
 from passerby.core.scale_cues import PersonHeight, combine_heights, lengths_of_wands
 from passerby.core.solution import Solution
-from passerby.findings.refusals import RefusalError, findings_of
-from passerby.geometry.relative_pose import PairHypothesis
+from passerby.findings.ranking import RefusalError, findings_of
+from passerby.geometry.two_view import PairHypothesis
 from passerby.scene.scene import Scene
 from passerby.solver.geopose.geopose import GeoPoseOptions, solve_geopose
 from passerby.solver.lens_unknowns import LENS_PARTS

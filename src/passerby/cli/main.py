@@ -19,21 +19,15 @@ from typing import Annotated
 import typer
 
 from passerby._version import __version__
-from passerby.cli.commands.align import align
-from passerby.cli.commands.compare import compare
-from passerby.cli.commands.dataset import dataset
-from passerby.cli.commands.demo import demo
-from passerby.cli.commands.export import export
-from passerby.cli.commands.formats import formats
-from passerby.cli.commands.import_ import import_
+from passerby.cli.commands.align import align, compare
+from passerby.cli.commands.formats import export, formats, import_
 from passerby.cli.commands.init import init
 from passerby.cli.commands.models import models_app
 from passerby.cli.commands.monitor import monitor
-from passerby.cli.commands.open_ import open_
 from passerby.cli.commands.record import record
 from passerby.cli.commands.reid import reid_app
-from passerby.cli.commands.report import report
-from passerby.cli.commands.simulate import simulate
+from passerby.cli.commands.report import open_, report
+from passerby.cli.commands.simulate import dataset, demo, simulate
 from passerby.cli.commands.track import track
 from passerby.common.addresses import without_credentials
 from passerby.common.errors import InputError, PasserbyError
@@ -187,7 +181,7 @@ def calibrate(
     """
     from passerby.calibration.calibrate import calibrate as run_calibration
     from passerby.calibration.writing import WORK, write_results
-    from passerby.cli.streams import recorded
+    from passerby.cli.commands.record import recorded
     from passerby.cli.tables import show_calibration, tell_reasons
     from passerby.cli.terminal import stages
     from passerby.common.cluster import cluster_workers
@@ -257,7 +251,7 @@ def check(scene: SceneFile, json: AsJson = False) -> None:
 
     Exit status 2: something cannot be used; 3: everything can be used, but it does not connect all cameras.
     """
-    from passerby.cli.streams import checked
+    from passerby.cli.commands.record import checked
     from passerby.cli.tables import show_check
 
     report = checked(scene)
@@ -271,7 +265,7 @@ def check(scene: SceneFile, json: AsJson = False) -> None:
 
 
 def _print_json(value: object) -> None:
-    from passerby.interchange.storage.json_text import to_json
+    from passerby.interchange.storage.text_formats import to_json
 
     print(to_json(value), end="")
 

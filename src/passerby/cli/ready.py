@@ -13,13 +13,14 @@ import sys
 
 def wait_for_command() -> None:
     """Import, wait, run; ends the process with the exit status of the command."""
-    from passerby.calibration import calibration, pipeline
-    from passerby.cli import streams, tables, terminal
+    from passerby.calibration import calibrate, calibration
+    from passerby.cli import tables, terminal
+    from passerby.cli.commands import record
     from passerby.cli.main import main
     from passerby.recording import scene_streams
     from passerby.report import page
 
-    del calibration, pipeline, streams, tables, terminal, scene_streams, page
+    del calibrate, calibration, record, tables, terminal, scene_streams, page
     line = sys.stdin.buffer.readline()
     if not line.endswith(b"\n"):
         return

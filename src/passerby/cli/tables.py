@@ -12,18 +12,15 @@ from passerby.calibration.calibration import Calibration
 from passerby.cli.terminal import MISSING, is_interactive, number, show_table
 from passerby.core.association_figures import TiedPair, route_in_words
 from passerby.core.cameras import Camera, Rig
-from passerby.core.field_of_view import field_of_view_deg
 from passerby.core.figures import AdjustedFigures, CheckedLength, HeldOutFigures, adjusted
-from passerby.core.lens_parameters import lens_parameters, names_in_words
-from passerby.core.measuring import Distances, MeasuringErrors
-from passerby.core.measuring_figures import MeasuringFigures
-from passerby.evaluation.metrics import Comparison
+from passerby.core.lens_figures import field_of_view_deg, lens_parameters, names_in_words
+from passerby.core.measuring import Distances, MeasuringErrors, MeasuringFigures
+from passerby.evaluation.metrics import Comparison, Stated
 from passerby.evaluation.on_people import PeopleComparison
-from passerby.evaluation.stated import Stated
 from passerby.findings.ranking import shown_in_words
 from passerby.findings.texts import text_of
-from passerby.interchange.storage.json_text import to_json
-from passerby.report.usable import good_for
+from passerby.interchange.storage.text_formats import to_json
+from passerby.report.recommendations import good_for
 from passerby.scene.check import CameraCheck, SceneCheck
 from passerby.solver.cues import cue_in_words
 

@@ -1,13 +1,29 @@
-"""Names for the types of arrays; the docstring of what uses them gives the shape and the unit."""
+"""Names for the types of arrays; the docstring of what uses them gives the shape and the unit.
+
+Tables: dataclasses whose fields are columns, arrays of one length.
+
+Fields of values that a file leaves out while they are None.
+"""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import fields
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+else:
+    DataclassInstance = object
+
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
+ABSENT = {"absent": True}
+"""Metadata of a field that is left out of a file while it is None."""
 
 
 def frozen(values: Floats) -> Floats:
@@ -15,3 +31,23 @@ def frozen(values: Floats) -> Floats:
     array = np.array(values, dtype=np.float64)
     array.setflags(write=False)
     return array
+
+
+class Columns(DataclassInstance):
+    """A table of N rows: every field is a column (N, ...), or None where nothing is known of it."""
+
+    def take(self, rows: NDArray[np.generic] | slice) -> Self:
+        """The given rows (indices, a mask, or a slice)."""
+        return type(self)(**{name: None if column is None else column[rows] for name, column in self._columns().items()})
+
+    @classmethod
+    def joined(cls, parts: Sequence[Self]) -> Self:
+        """The rows of several tables, one after the other; a column that one of them lacks is None."""
+        tables = [part._columns() for part in parts]
+        columns: dict[str, Any] = {item.name: [table[item.name] for table in tables] for item in fields(cls)}
+        return cls(**{
+            name: None if any(one is None for one in each) else np.concatenate(each) for name, each in columns.items()
+        })  # fmt: skip
+
+    def _columns(self) -> dict[str, NDArray[Any] | None]:
+        return {item.name: getattr(self, item.name) for item in fields(self)}

@@ -1,4 +1,7 @@
-"""Work that is done side by side."""
+"""Work that is done side by side.
+
+Results of jobs that were done before: several estimates of one scene share most of their work.
+"""
 
 from __future__ import annotations
 
@@ -7,11 +10,12 @@ import os
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
 from functools import partial
-from typing import Any, TypeVar
+from typing import Any, Generic, TypeVar
 
 from threadpoolctl import threadpool_limits
 
@@ -20,7 +24,6 @@ from passerby.common.progress import Progress
 
 Job = TypeVar("Job")
 Result = TypeVar("Result")
-
 MAX_PROCESSES = 8
 STARTING_S = 1.0
 """What processes take to start: most of it is the import of numpy and scipy, side by side."""
@@ -210,3 +213,34 @@ def local_processes(n_bytes: int, n_cameras: int, n_videos: int = 0) -> Iterator
             raise InputError(BROKEN) from error
         raise
     pool.shutdown()
+
+
+@dataclass(frozen=True, eq=False)
+class EarlierResults(Generic[Job, Result]):
+    """The last result of each key, used again for as long as its job is the same."""
+
+    same: Callable[[Job, Job], bool]
+    """Whether two jobs of one key have the same result."""
+    _done: dict[Hashable, tuple[Job, Result]] = field(default_factory=dict)
+
+    def side_by_side(
+        self, function: Callable[[Job], Result], jobs: Sequence[Job], keys: Sequence[Hashable], executor: Executor | None,
+        tell: Progress, stage: str, *, job_s: float | None = None,
+    ) -> list[Result]:  # fmt: skip
+        """The results of all jobs, in their order: those that were not done before as of `parallel.side_by_side`.
+
+        Args:
+            function: of one job, as of `parallel.side_by_side`.
+            jobs: what is to be done.
+            keys: of each job; all different.
+            executor: as of `parallel.side_by_side`.
+            tell: told the stage, and each job that is done anew.
+            stage: its name.
+            job_s: as of `parallel.side_by_side`.
+        """
+        new = [k for k, key in enumerate(keys) if key not in self._done or not self.same(self._done[key][0], jobs[k])]
+        for k, result in zip(
+            new, side_by_side(function, [jobs[k] for k in new], executor, tell, stage, job_s=job_s), strict=True
+        ):
+            self._done[keys[k]] = jobs[k], result
+        return [self._done[key][1] for key in keys]

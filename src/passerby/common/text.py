@@ -1,15 +1,20 @@
-"""Words and names in messages."""
+"""Words and names in messages.
+
+How values look in a notebook. The drawing stands far above the values, so the package's head hands it down.
+"""
 
 from __future__ import annotations
 
 import difflib
 import re
 import reprlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 LISTED = 50
 """So many names are listed in a message: a site has hundreds of cameras."""
+Drawing = Callable[[object], str]
+_drawing: list[Drawing] = []
 
 
 def nearest(key: str, known: list[str]) -> str:
@@ -46,3 +51,13 @@ def natural_key(text: str) -> tuple[str | int, ...]:
     """A key that sorts cam2 before cam10, and capitals with small letters."""
     parts = re.split(r"([0-9]+)", text.casefold())
     return tuple(int(part) if index % 2 else part for index, part in enumerate(parts))
+
+
+def set_drawing(drawing: Drawing) -> None:
+    """Say what draws values as HTML."""
+    _drawing[:] = [drawing]
+
+
+def html_of(value: object) -> str | None:
+    """A value as HTML; None, at which a notebook prints its text, where nothing draws."""
+    return _drawing[0](value) if _drawing else None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from passerby.common.absence import ABSENT
+from passerby.common.arrays import ABSENT
 from passerby.core.figures import LevelFigures
 
 

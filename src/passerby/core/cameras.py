@@ -13,8 +13,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from passerby.common.arrays import Bools, Floats, frozen
-from passerby.common.display import html_of
 from passerby.common.errors import InputError
+from passerby.common.text import html_of
 from passerby.core.ground_points import GroundPoints, ground_points, sees_ground
 from passerby.core.lens import FISHEYE_DISTORTION_LENGTHS, PINHOLE_DISTORTION_LENGTHS, Lens
 from passerby.core.pose import Pose, PoseSigma, pose_in_words

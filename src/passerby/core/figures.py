@@ -10,9 +10,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
-from passerby.common.absence import ABSENT
+from passerby.common.arrays import ABSENT
 from passerby.core.lens_figures import LensFigures, LensRefinement
-from passerby.core.measuring_figures import MeasuringFigures
+from passerby.core.measuring import MeasuringFigures
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -2,40 +2,53 @@
 
 Frames are whole numbers. Without clocks they are counted alike in all cameras: the same number is the same instant. An identity
 is a whole number; -1 means unknown. The arrays are checked once, on entry, and read-only from then on.
+
+Where people are in a picture: the rectangles of boxes, and those around joints.
+
+The conventions in which tools write boxes: which four numbers a box is, and in which unit.
+
+Four numbers are left, top, width, height (MOTChallenge, COCO); left, top, right, bottom (most detectors in memory); or
+centre x, centre y, width, height. Each is in pixels or, normalised, in shares of the image's width and height (YOLO text:
+centres).
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from passerby.common.arrays import Floats, Ints
 from passerby.common.errors import InputError
+from passerby.common.text import shortened
 from passerby.geometry.groups import group_numbers, least_of_groups
 
 Vectors = NDArray[np.float32]
-
 UNKNOWN = -1
-
 BORDER_PX = 2.0
 """A box this near to the picture's border is cut off there: neither its centre nor its edges mean the body's."""
 MIN_JOINT_SCORE = 0.3
 """Joints of less confidence are left out, as Pose2Sim and Anipose do by default."""
 MIN_JOINTS = 4
 """Joints of a person that are found, below which they do not count as one."""
-
 BODY_17 = (
     "nose", "left_eye", "right_eye", "left_ear", "right_ear", "left_shoulder", "right_shoulder", "left_elbow", "right_elbow",
     "left_wrist", "right_wrist", "left_hip", "right_hip", "left_knee", "right_knee", "left_ankle", "right_ankle",
 )  # fmt: skip
 """COCO's 17 joints, in COCO's order."""
-
 WAND_ENDS = ("first end", "second end")
 """The two keypoints of a wand."""
+Convention = Literal["ltwh", "corners", "centres"]
+CONVENTIONS: tuple[Convention, ...] = get_args(Convention)
+_COLUMNS: dict[Convention, tuple[str, str, str, str]] = {
+    "ltwh": ("left", "top", "width", "height"),
+    "corners": ("left", "top", "right", "bottom"),
+    "centres": ("centre x", "centre y", "width", "height"),
+}
 
 
 def _column(values: object, dtype: type, shape_tail: tuple[int, ...], name: str) -> NDArray[Any]:
@@ -257,3 +270,80 @@ class Observations:
 
     def __getitem__(self, name: str) -> CameraObservations:
         return self.cameras[name]
+
+
+def extents_of(part: Boxes | Keypoints) -> NDArray[np.float64]:
+    """(N, 4) left, top, right, bottom of each person, pixels; of joints around those that were found, zeros where none was."""
+    if isinstance(part, Boxes):
+        return np.column_stack([part.ltwh[:, :2], part.ltwh[:, :2] + part.ltwh[:, 2:]])
+    found = part.score[..., None] > 0
+    some = found.any(axis=1)
+    low = np.where(some, np.where(found, part.xy, np.inf).min(axis=1, initial=np.inf), 0.0)
+    high = np.where(some, np.where(found, part.xy, -np.inf).max(axis=1, initial=-np.inf), 0.0)
+    return np.column_stack([low, high])
+
+
+@dataclass(frozen=True)
+class BoxFormat:
+    """How four numbers are a box."""
+
+    convention: Convention = "ltwh"
+    normalised: bool = False
+    """Whether the numbers are shares of the image's width and height, and not pixels."""
+
+    @classmethod
+    def of_text(cls, text: str) -> BoxFormat:
+        """The format that a word names, as "corners" or "normalised centres"; "normalized" and "centers" are accepted.
+
+        Raises `ValueError` with the words that exist.
+        """
+        words = re.findall(r"[a-z]+", text.lower().replace("centers", "centres").replace("normalized", "normalised"))
+        found = [format for format in FORMATS if sorted(words) == sorted(str(format).split())]
+        if not found:
+            raise ValueError(f"{shortened(text)} is no box format: write one of {', '.join(map(str, FORMATS))}")
+        return found[0]
+
+    def __str__(self) -> str:
+        return f"normalised {self.convention}" if self.normalised else self.convention
+
+    @property
+    def columns(self) -> tuple[str, str, str, str]:
+        """Names of the four numbers."""
+        return _COLUMNS[self.convention]
+
+    def to_ltwh(self, numbers: Floats, size: tuple[int, int] | None = None) -> Floats:
+        """(N, 4) left, top, width, height; widths and heights are negative where corners are exchanged.
+
+        Args:
+            numbers: (N, 4) in this format.
+            size: width and height of the image, pixels: shares become pixels. None: the unit stays.
+        """
+        first, last = numbers[:, :2], numbers[:, 2:]
+        if self.convention == "corners":
+            last = last - first
+        elif self.convention == "centres":
+            first = first - last / 2
+        return np.asarray(np.concatenate([first, last], axis=1) * self._scale(size))
+
+    def of_ltwh(self, ltwh: Floats, size: tuple[int, int] | None = None) -> Floats:
+        """(N, 4) numbers in this format; the inverse of `to_ltwh`.
+
+        Args:
+            ltwh: (N, 4) left, top, width, height, pixels.
+            size: width and height of the image, pixels: pixels become shares where the format has them.
+        """
+        ltwh = ltwh / self._scale(size)
+        first, last = ltwh[:, :2], ltwh[:, 2:]
+        if self.convention == "corners":
+            last = first + last
+        elif self.convention == "centres":
+            first = first + last / 2
+        return np.asarray(np.concatenate([first, last], axis=1))
+
+    def _scale(self, size: tuple[int, int] | None) -> Floats:
+        return np.tile(np.array(size if self.normalised and size is not None else (1, 1), dtype=np.float64), 2)
+
+
+FORMATS = tuple(BoxFormat(convention, normalised) for normalised in (False, True) for convention in CONVENTIONS)
+LTWH = BoxFormat()
+"""Left, top, width, height in pixels: what Passerby computes with and writes."""

@@ -1,6 +1,12 @@
 """Scale cues: what a user knows about lengths in the scene, each with its standard deviation.
 
 All cues enter one adjustment as priors, so that they combine by their weights and the pull of each can be told.
+
+A floor plan or satellite picture with its scale, and what a user placed on it: cameras, and points of the ground.
+
+Points and camera positions that a survey, a plan or a receiver knows.
+
+The unit of stated lengths, as far as people's heights show that it is not the metre.
 """
 
 from __future__ import annotations
@@ -11,12 +17,28 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from passerby.core.floor_plan import FloorPlan
+from passerby.common.arrays import Floats
 from passerby.core.observations import Observations
 from passerby.core.stature import PERSON_HEIGHT_M, PERSON_HEIGHT_SD_M
 
 MOST_STEPS = 200
 """Time steps at which a wand is measured: a spread of 5 % between them leaves 0.4 % of their median."""
+Pixel = tuple[float, float]
+CLICK_SD_PX = 2.0
+"""How well a person clicks on a mark, in a plan or in a camera's image."""
+UNIT_SD = 0.002
+"""Relative standard deviation of metres per pixel where nobody states it: a drawing's scale bar measured over 500 pixels to one
+pixel."""
+POINT_SD_M, POSITION_SD_M, GPS_SD_M = 0.05, 0.1, 3.0
+"""Where a file tells no sd_m: a marked point on a plan, a camera by tape or total station, a camera by a phone's receiver."""
+METRES = {"millimetres": 1e-3, "centimetres": 1e-2, "inches": 0.0254, "feet": 0.3048, "yards": 0.9144, "kilometres": 1e3}
+"""By unit, its length in metres."""
+GROSS, GROSS_SIGMAS = 2.5, 3.0
+"""No people are so many times as tall, or as small, as expected: so many sigmas beyond, the unit is wrong, whichever it is."""
+LEAST_SIGMAS, MATCH_SIGMAS = 6.0, 2.0
+"""A smaller factor is a wrong unit where it is so many sigmas from 1, and so few from the factor of a unit."""
+LEAST_MATCH = 0.25
+"""A gross factor is that of a unit where their logarithms differ by less, whatever the sigma. Units differ by 0.9 and more."""
 
 
 @dataclass(frozen=True)
@@ -81,6 +103,51 @@ class CameraHeight:
 
 
 @dataclass(frozen=True, eq=False)
+class PlannedCamera:
+    """A camera placed on the plan."""
+
+    camera: str
+    at: Pixel
+    """Of the plan."""
+    sd_m: float
+    """Of each coordinate, metres."""
+
+
+@dataclass(frozen=True, eq=False)
+class PlannedPoint:
+    """A point of the ground placed on the plan, and where cameras see it."""
+
+    name: str
+    at: Pixel
+    """Of the plan."""
+    pixels: Mapping[str, Pixel]
+    """camera -> pixel of its image."""
+    sd_m: float
+    """Of each coordinate on the plan, metres."""
+
+
+@dataclass(frozen=True, eq=False)
+class FloorPlan:
+    """A plan seen from above, in pixels: u to the right, v downwards, (0, 0) the centre of the first pixel."""
+
+    name: str
+    """What reports call it."""
+    metres_per_pixel: float
+    unit_sd: float
+    """Relative standard deviation of `metres_per_pixel`."""
+    cameras: tuple[PlannedCamera, ...] = ()
+    points: tuple[PlannedPoint, ...] = ()
+    origin: Pixel = (0.0, 0.0)
+    """Where the world's origin lies."""
+    click_sd_px: float = CLICK_SD_PX
+    """Of a click in a camera's image."""
+
+    def metres(self, pixels: Floats) -> Floats:
+        """(N, 2) pixels of the plan as metres of the world: x right, y up, from the origin."""
+        return np.asarray((np.asarray(pixels, dtype=np.float64) - self.origin) * (1.0, -1.0) * self.metres_per_pixel)
+
+
+@dataclass(frozen=True, eq=False)
 class ScaleCues:
     """All that is known about the scale."""
 
@@ -132,3 +199,63 @@ def _combined(own: Sequence[PersonHeight]) -> PersonHeight:
     mean = float(np.average(metres, weights=sd_m**-2.0))
     spread = float(np.hypot(sd_m.min(), np.ptp(metres) / 2))
     return PersonHeight(own[0].identity, mean, spread, " and ".join(dict.fromkeys(one.place for one in own if one.place)))
+
+
+@dataclass(frozen=True, eq=False)
+class KnownPoint:
+    """A point with known coordinates, marked in one camera or more."""
+
+    name: str
+    xyz: Floats
+    """(3,) metres, the wanted world."""
+    pixels: Mapping[str, tuple[float, float]]
+    """camera -> (u, v)."""
+    sd_m: float = POINT_SD_M
+
+
+@dataclass(frozen=True, eq=False)
+class KnownPosition:
+    """A camera with a known position."""
+
+    camera: str
+    place: Floats
+    """(3,) x, y, z in metres; or latitude, longitude (degrees) and altitude (metres). z or altitude NaN where unknown."""
+    sd_m: float = POSITION_SD_M
+
+
+@dataclass(frozen=True)
+class WrongUnit:
+    """Stated lengths that are not in metres."""
+
+    times: float
+    """Stated lengths over those by people's heights."""
+    unit: str | None
+    """The unit that they seem to be in; None where no usual unit is so long."""
+
+    @property
+    def in_words(self) -> str:
+        """What is wrong and what to write, as the end of a sentence about lengths."""
+        size = f"{self.times:.3g} times as long" if self.times > 1 else f"{1 / self.times:.3g} times as short"
+        if self.unit is None:
+            return f"{size} as people's heights make them: give metres"
+        if METRES[self.unit] < 1:
+            change = f"multiply them by {METRES[self.unit]:g}"
+        else:
+            change = f"multiply them by {METRES[self.unit]:.0f}"
+        return f"{size} as people's heights make them, so they seem to be in {self.unit}: give metres ({change})"
+
+
+def find_wrong_unit(log_times: float, sd: float) -> WrongUnit | None:
+    """The unit that stated lengths are in, if people's heights show that it is not the metre.
+
+    Args:
+        log_times: logarithm of stated lengths over those by people's heights.
+        sd: one sigma of it.
+    """
+    away = {unit: abs(log_times + float(np.log(metres))) for unit, metres in METRES.items()}
+    unit = min(away, key=lambda one: away[one])
+    if abs(log_times) > np.log(GROSS) + GROSS_SIGMAS * sd:
+        return WrongUnit(float(np.exp(log_times)), unit if away[unit] < max(LEAST_MATCH, MATCH_SIGMAS * sd) else None)
+    if abs(log_times) > LEAST_SIGMAS * sd and away[unit] < MATCH_SIGMAS * sd:
+        return WrongUnit(float(np.exp(log_times)), unit)
+    return None

@@ -1,14 +1,20 @@
-"""What a solver hands back."""
+"""What a solver hands back.
+
+The verdict on a rig, by its findings: nothing else sets it.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
+from typing import Literal
 
 from passerby.core.cameras import Rig
 from passerby.core.figures import SolverFigures
-from passerby.core.verdict import Verdict
 from passerby.findings.finding import Finding
 from passerby.findings.texts import texts_of
+
+Verdict = Literal["accepted", "doubtful", "refused"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,3 +34,17 @@ class Solution:
     def reasons(self) -> tuple[str, ...]:
         """What speaks against it in words, one sentence each, with the remedy."""
         return texts_of(one for one in self.findings if one.severity != "notice")
+
+
+def decide_verdict(rig: Rig, findings: Iterable[Finding]) -> Verdict:
+    """`refused` where there is no rig, `doubtful` where a camera has no pose or a finding is a doubt, else `accepted`.
+
+    Args:
+        rig: as solved; a camera that could not be registered has no pose.
+        findings: what speaks against it; notices do not count.
+    """
+    severities = {finding.severity for finding in findings}
+    posed = len(rig.posed())
+    if "refusal" in severities or posed == 0:
+        return "refused"
+    return "doubtful" if "doubt" in severities or posed < len(rig) else "accepted"

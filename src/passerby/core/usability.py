@@ -3,6 +3,10 @@
 A rig is used for points, positions on the ground and lengths. Each has one sigma, where people walked, and one limit. Why it
 is large (few observations, uneven ground, noisy boxes) is a notice of the stage that finds it; here it becomes a part of the
 doubt, and no doubt of its own.
+
+Cameras that have no pose: one doubt, with the finding that explains it.
+
+Why a camera could not be registered is a notice of the stage that finds it. Here it becomes a part of the doubt.
 """
 
 from __future__ import annotations
@@ -20,7 +24,6 @@ from passerby.findings.finding import Finding, doubt
 
 Quantity = Literal["points", "ground", "scale", "world"]
 """`world`: scale and ground."""
-
 CODE = "rig_uncertain"
 USABLE_M = 0.25
 """A camera whose rays pass points by more than this, one sigma, is no calibration. Of what is accepted, 95 % are then within
@@ -35,7 +38,6 @@ edges of boxes."""
 USABLE_SCALE = 0.15
 """Relative one sigma of all lengths: what is off by 30 %, two sigmas, is no metre. Adults alone leave 0.05, and 0.11 beside
 a cue that contradicts them."""
-
 EXPLAINS: Mapping[str, tuple[Quantity, ...]] = MappingProxyType({
     "adjustment_not_converged": ("points",),
     "lens_doubtful": ("points", "ground"),
@@ -48,14 +50,18 @@ EXPLAINS: Mapping[str, tuple[Quantity, ...]] = MappingProxyType({
     "boxes_noisy": ("points", "ground", "scale"),
 })  # fmt: skip
 """Codes of notices, and what each makes uncertain; the most specific comes first."""
-
 UNKNOWN = "people_not_spread", "boxes_noisy"
 """Codes of notices beside which the sigmas say too little. With people on one line they were 2 to 7 times too small (seeds 4711
 to 4713); why is not known. Boxes off by 0.3 of their height bias the scale by 15 to 50 % and turn cameras by 1 to 5 degrees."""
 WITHOUT_SIGMAS = ("adjustment_not_converged", "people_not_spread", "few_inliers", "near_reference", "pairs_disagree")
 """Codes of notices that make a rig too uncertain by a method that has no sigmas of what it measures."""
-
 _WORLD: Mapping[str, Quantity] = MappingProxyType({"scale": "scale", "vertical": "ground", "height of the ground": "ground"})
+MISSING = "camera_without_pose"
+EXPLAINS_MISSING = (
+    "start_unknown", "clock_unknown", "nobody_seen_whole", "few_walkers", "camera_unregistered", "cameras_share_nobody",
+    "pair_failed", "cameras_disconnected",
+)  # fmt: skip
+"""Codes of notices that explain a missing camera; the most specific comes first."""
 
 
 @dataclass(frozen=True)
@@ -145,3 +151,29 @@ def _of_cameras(rig: Rig, figures: AdjustedFigures) -> list[_Sigma]:
 def _of_scale(figures: AdjustedFigures) -> list[_Sigma]:
     sigma = figures.scale.relative_sigma
     return [] if sigma is None or sigma <= USABLE_SCALE else [_Sigma("scale", (), 100 * sigma)]
+
+
+def without_pose(cause: Finding, names: Sequence[str] | None = None) -> Finding:
+    """The doubt about cameras that a cause leaves without a pose: these, or all that it is about."""
+    return doubt(MISSING, *(cause.cameras if names is None else names), why=cause.as_value())
+
+
+def with_doubts_of_missing_cameras(rig: Rig, findings: Sequence[Finding]) -> list[Finding]:
+    """The findings, first a doubt for each cause that leaves cameras without a pose, in place of what explains these cameras.
+
+    Args:
+        rig: at least one camera has a pose.
+        findings: those that explain (`EXPLAINS_MISSING`) or earlier doubts of this kind, among others. Of several causes
+            about a camera the most specific one is kept.
+    """
+    before = [Finding.of_value(one.values["why"]) for one in findings if one.code == MISSING and one.values["why"]]
+    findings = [*before, *(one for one in findings if one.code != MISSING)]
+    missing = [camera.name for camera in rig if camera.pose is None]
+    left, doubts = missing, list[Finding]()
+    for cause in (one for code in EXPLAINS_MISSING for one in findings if one.code == code):
+        if names := [name for name in left if name in cause.cameras]:
+            doubts.append(without_pose(cause, names))
+            left = [name for name in left if name not in names]
+    doubts += [doubt(MISSING, name, why=None) for name in left]
+    others = [one for one in findings if one.code not in EXPLAINS_MISSING or not set(missing) & set(one.cameras)]
+    return [*doubts, *others]

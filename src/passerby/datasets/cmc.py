@@ -25,11 +25,17 @@ from passerby.common.arrays import Floats, Ints
 from passerby.common.errors import InputError
 from passerby.core.cameras import Camera
 from passerby.core.observations import UNKNOWN, Boxes
-from passerby.datasets.matlab import mat_matrix
-from passerby.datasets.parsing import check_size, numbered, numbers, text_matrix
-from passerby.datasets.published import GroundTruth, Published
-from passerby.datasets.worlds import LEFT_HANDED, PublishedCamera, from_projection, right_handed, skew_note
-from passerby.interchange.storage.faults import read_text
+from passerby.datasets.parsing import check_size, mat_matrix, numbered, numbers, text_matrix
+from passerby.datasets.published import (
+    LEFT_HANDED,
+    GroundTruth,
+    Published,
+    PublishedCamera,
+    from_projection,
+    right_handed,
+    skew_note,
+)
+from passerby.interchange.storage.safe_parsing import read_text
 
 CAMERAS = (1, 2, 3, 4)
 SIZE = (1920, 1024)

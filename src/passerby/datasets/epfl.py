@@ -25,12 +25,11 @@ from passerby.common.errors import InputError
 from passerby.common.text import shortened
 from passerby.core.cameras import Camera, Rig
 from passerby.core.observations import Boxes
-from passerby.datasets.annotations import read_vatic
+from passerby.datasets.annotations import read_vatic, with_identities_of
 from passerby.datasets.published import GroundTruth, Published
-from passerby.datasets.same_people import with_identities_of
+from passerby.interchange.formats.tsai import is_tsai, read_tsai
 from passerby.interchange.rig_toml import read_lens
-from passerby.interchange.storage.faults import read_text
-from passerby.interchange.tsai import is_tsai, read_tsai
+from passerby.interchange.storage.safe_parsing import read_text
 from passerby.perception.video_probe import VideoInfo, probe
 
 VIDEO_ENDINGS = (".avi", ".mp4", ".mkv", ".mov", ".mpg")

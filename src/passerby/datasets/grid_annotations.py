@@ -18,8 +18,7 @@ from passerby.common.errors import InputError
 from passerby.common.text import shortened
 from passerby.core.observations import UNKNOWN, Boxes
 from passerby.datasets.parsing import check_size, entry, numbered, read_json, real, whole
-from passerby.datasets.published import GroundTruth, Published
-from passerby.datasets.worlds import LEFT_HANDED, PublishedCamera, right_handed
+from passerby.datasets.published import LEFT_HANDED, GroundTruth, Published, PublishedCamera, right_handed
 
 Corners = tuple[float, float, float, float]
 

@@ -17,8 +17,7 @@ from passerby.common.errors import InputError
 from passerby.core.cameras import Lens
 from passerby.datasets.grid_annotations import GridLayout, read_grid
 from passerby.datasets.parsing import xml_numbers
-from passerby.datasets.published import Published
-from passerby.datasets.worlds import PublishedCamera
+from passerby.datasets.published import Published, PublishedCamera
 from passerby.geometry.rotations import exp_rotation
 
 LAYOUT = GridLayout(

@@ -20,10 +20,9 @@ import cv2
 from passerby.common.errors import InputError
 from passerby.core.cameras import Rig
 from passerby.core.observations import Boxes
-from passerby.datasets.annotations import read_cvml, read_mot_truth, read_vatic
+from passerby.datasets.annotations import read_cvml, read_mot_truth, read_vatic, with_identities_of
 from passerby.datasets.published import GroundTruth, Published
-from passerby.datasets.same_people import with_identities_of
-from passerby.interchange.tsai import TsaiCamera, is_tsai, read_tsai
+from passerby.interchange.formats.tsai import TsaiCamera, is_tsai, read_tsai
 from passerby.perception.video_probe import probe
 
 FPS = 7.0

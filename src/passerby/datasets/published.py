@@ -1,16 +1,34 @@
-"""What a published data set holds, in Passerby's terms: metres, z up, people's feet at z = 0, OpenCV's lenses and pixels."""
+"""What a published data set holds, in Passerby's terms: metres, z up, people's feet at z = 0, OpenCV's lenses and pixels.
+
+From the poses that sets publish to a right-handed world, z up, with all people in front of the cameras.
+
+A projection does not tell `x_c = A X + t` from `x_c = -(A X + t)`. A calibration that was fitted to points of a left-handed
+world, but was bound to a proper rotation, hence has everything behind its cameras; the true `A` is then a rotation with a
+mirror. Who was seen by a camera tells the sign, and the sign with the determinant of `A` tells which hand the world has.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from scipy.linalg import rq
 
 from passerby.common.arrays import Floats, Ints
-from passerby.core.cameras import Rig
+from passerby.common.errors import InputError
+from passerby.common.text import shortened
+from passerby.core.cameras import Camera, Lens, Pose, Rig
 from passerby.core.observations import UNKNOWN, Boxes, Keypoints
+
+AGREEMENT = 0.95
+"""Annotations have single errors; a camera with more than the rest of its people on the other side is described wrongly."""
+ROTATION_TOLERANCE = 1e-3
+"""Published rotations are rounded to four digits or more."""
+SKEW_TOLERANCE_PX = 0.05
+"""OpenCV's lenses have no skew. One that moves no pixel of the picture by more than this is left out without a word."""
+LEFT_HANDED = "The published world is left-handed: x was negated, for the cameras and the people alike."
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,3 +110,121 @@ class Published:
         columns += [self.ground.identity] if self.ground is not None else []
         known = np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *columns]))
         return int((known > UNKNOWN).sum())
+
+
+@dataclass(frozen=True, eq=False)
+class PublishedCamera:
+    """A camera as published: `x_c = A X + t`, or minus that, metres."""
+
+    name: str
+    lens: Lens
+    A: Floats
+    """(3, 3) orthonormal, determinant 1 or -1."""
+    t: Floats
+    """(3,) metres."""
+
+
+def right_handed(place: str, cameras: Sequence[PublishedCamera], seen: Mapping[str, Floats]) -> tuple[Rig, Floats]:
+    """The rig in a right-handed world.
+
+    Args:
+        place: the file or folder of the calibration, for messages.
+        cameras: as published.
+        seen: camera -> (N, 3) points of people it sees, published world, metres. A camera that sees nobody follows the others.
+
+    Returns:
+        The rig, and (3,) factors that bring published points into its world: ones, or (-1, 1, 1) where that was left-handed.
+
+    Raises:
+        InputError: where some people a camera sees lie in front of it and some behind, or cameras disagree about the hand.
+    """
+    signs = {camera.name: _sign(place, camera, seen[camera.name]) for camera in cameras if len(seen.get(camera.name, ()))}
+    hands = {camera.name: signs[camera.name] * _hand(camera.A) for camera in cameras if camera.name in signs}
+    if len(set(hands.values())) > 1:
+        left, right = (next(name for name, hand in hands.items() if hand == which) for which in (-1, 1))
+        raise InputError(
+            f"{place}: people seen by camera {left} are in front of it only in a left-handed world, those of camera {right} "
+            "only in a right-handed one: the calibration files do not belong together; take them from the set again"
+        )
+    hand = next(iter(hands.values()), 1)
+    mirror = np.array([float(hand), 1.0, 1.0])
+    posed = []
+    for camera in cameras:
+        sign = signs.get(camera.name, hand * _hand(camera.A))
+        posed.append(Camera(camera.name, camera.lens, Pose(sign * camera.A * mirror, sign * camera.t)))
+    return Rig(tuple(posed)), mirror
+
+
+def rotation(matrix: Floats, place: str) -> Floats:
+    """The rotation nearest to a published, rounded one. Raises `InputError` where it is none."""
+    with np.errstate(over="ignore", invalid="ignore"):  # NaN is no rotation either
+        is_rotation = bool(np.abs(matrix @ matrix.T - np.eye(3)).max() <= ROTATION_TOLERANCE)
+    if not is_rotation or np.linalg.det(matrix) < 0:
+        raise InputError(
+            f"{place} is {shortened(matrix.tolist())}: this is not a rotation matrix; take the file from the set again"
+        )
+    u, _, vt = np.linalg.svd(matrix)
+    return np.asarray(u @ vt)
+
+
+def from_projection(name: str, matrix: Floats, size: tuple[int, int], place: str) -> tuple[PublishedCamera, float]:
+    """A camera from its projection matrix, by RQ decomposition (Hartley and Zisserman 2004, section 6.2.4).
+
+    Args:
+        name: of the camera.
+        matrix: (3, 4), homogeneous pixels from metres, any scale and sign.
+        size: (width, height) of the pictures.
+        place: the file, for messages.
+
+    Returns:
+        The camera, its lens without skew, and by how many pixels at most leaving out the skew moves a pixel of the picture.
+
+    Raises:
+        InputError: where the matrix is that of no camera.
+    """
+    with np.errstate(all="ignore"):
+        scaled = matrix / np.linalg.norm(matrix[2, :3])
+        left = scaled[:, :3]
+    if not np.isfinite(scaled).all() or abs(np.linalg.det(left)) < 1e-9 * np.linalg.norm(left) ** 2:
+        raise InputError(f"{place} is {shortened(matrix.tolist())}: this is not a projection matrix of a camera")
+    upper, orthonormal = rq(left)
+    signs = np.where(np.diag(upper) < 0, -1.0, 1.0)
+    upper, orthonormal = upper * signs, signs[:, None] * orthonormal
+    t = np.linalg.solve(upper, scaled[:, 3])
+    upper = upper / upper[2, 2]
+    skew = float(upper[0, 1])
+    lens_matrix = upper.copy()
+    lens_matrix[0, 1] = 0.0
+    reach = max(abs(upper[1, 2]), abs(size[1] - upper[1, 2])) / upper[1, 1]
+    try:
+        lens = Lens(size, lens_matrix, np.zeros(0))
+    except InputError as error:
+        raise InputError(f"{place}: {error}") from None
+    camera = PublishedCamera(name, lens, np.asarray(orthonormal, dtype=np.float64), np.asarray(t, dtype=np.float64))
+    return camera, abs(skew) * float(reach)
+
+
+def skew_note(name: str, moved_px: float) -> tuple[str, ...]:
+    """What to tell of a skew that was left out."""
+    if moved_px <= SKEW_TOLERANCE_PX:
+        return ()
+    return (
+        f"The published matrix of camera {name} has a skew, which OpenCV's lenses lack: left out, up to {moved_px:.2f} px.",
+    )
+
+
+def _sign(place: str, camera: PublishedCamera, points: Floats) -> int:
+    """1 where the people seen lie in front of the camera as published, -1 where they lie behind it."""
+    in_front = int(np.count_nonzero((points @ camera.A.T + camera.t)[:, 2] > 0))
+    if in_front >= AGREEMENT * len(points):
+        return 1
+    if in_front <= (1 - AGREEMENT) * len(points):
+        return -1
+    raise InputError(
+        f"{place}: of {len(points)} people that camera {camera.name} sees, {in_front} lie in front of it, the others behind: "
+        "calibration and annotation do not belong together; take both from the set again"
+    )
+
+
+def _hand(A: Floats) -> int:
+    return 1 if np.linalg.det(A) > 0 else -1

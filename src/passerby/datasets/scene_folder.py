@@ -19,9 +19,8 @@ from passerby.interchange.coco import write_keypoints
 from passerby.interchange.motchallenge import write_boxes
 from passerby.interchange.rig_toml import write_rig
 from passerby.interchange.storage.atomic import write_text
-from passerby.interchange.storage.csv_text import to_csv
-from passerby.interchange.storage.toml_text import to_toml
-from passerby.interchange.storage.whole_folder import whole_folder
+from passerby.interchange.storage.text_formats import to_csv, to_toml
+from passerby.interchange.storage.transaction import whole_folder
 from passerby.interchange.video_writer import VideoWriter
 
 SCENE_FILE = "scene.toml"

@@ -24,11 +24,17 @@ import numpy as np
 from passerby.common.arrays import Floats
 from passerby.common.errors import InputError
 from passerby.core.cameras import Lens
-from passerby.datasets.matlab import mat_variable
-from passerby.datasets.parsing import check_size, entry, numbered, numbers, picture_size, read_json, text_matrix
-from passerby.datasets.published import Published
+from passerby.datasets.parsing import check_size, entry, mat_variable, numbered, numbers, picture_size, read_json, text_matrix
+from passerby.datasets.published import (
+    LEFT_HANDED,
+    Published,
+    PublishedCamera,
+    from_projection,
+    right_handed,
+    rotation,
+    skew_note,
+)
 from passerby.datasets.skeletons import BETWEEN_ANKLES, PROJECTED, Skeletons, check_upright, ground_under, projected
-from passerby.datasets.worlds import LEFT_HANDED, PublishedCamera, from_projection, right_handed, rotation, skew_note
 
 JOINTS = (
     "right_ankle", "right_knee", "right_hip", "left_hip", "left_knee", "left_ankle", "right_wrist", "right_elbow",

@@ -9,25 +9,36 @@ A wrong scale and a wrong shape are different faults, so the estimate is placed 
   the camera centres; means over all cameras.
 
 A position error is `|C_est - C_true|`, an orientation error the angle of `R_est R_true^T` (R is world to camera).
+
+How far estimated intrinsics lie from the true ones.
+
+Are the stated sigmas as large as the errors?
+
+A rig's world is free to be turned about the vertical and moved along the ground: no measurement tells of it. So the estimate
+is placed upon the truth by the best such motion, least squares over the camera centres, which is the placement that the
+sigmas of a rig file are stated for. What remains, and what the sigmas are of, holds the errors of scale, vertical and ground.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from passerby.common.arrays import Floats
 from passerby.common.errors import InputError
-from passerby.core.cameras import Camera, Pose, Rig
+from passerby.core.cameras import Camera, Lens, Pose, Rig
 from passerby.core.measuring import MeasuringErrors, measuring_errors
 from passerby.core.observations import Boxes
-from passerby.evaluation.lens_errors import LensError, lens_error
-from passerby.evaluation.stated import Stated, stated_errors
-from passerby.geometry.rotations import angle_between, direction_angle
-from passerby.geometry.similarity import Similarity, chordal_mean_rotation
+from passerby.geometry.rotations import angle_between, direction_angle, exp_rotation
+from passerby.geometry.similarity import Similarity, chordal_mean_rotation, fit_plane_similarity
+
+GRID = (17, 13)
+"""Points across and down the picture at which rays are compared."""
+SAME_PX = 1e-3
+"""Lenses whose rays differ by less are the same."""
 
 
 @dataclass(frozen=True)
@@ -42,6 +53,75 @@ class Placement:
     mean_orientation_deg: float | None
     median_position_mm: float | None
     median_orientation_deg: float | None
+
+
+@dataclass(frozen=True)
+class LensError:
+    """One camera's intrinsics against the true ones, which are for the same image size."""
+
+    focal_percent: float
+    """Estimated over true focal length, less 1, per cent; the geometric mean of both."""
+    principal_point_px: float
+    """Distance of the principal points."""
+    ray_px: float | None
+    """Mean over the picture of how far the estimated lens shows a true ray from its pixel; None where it shows none. A camera
+    that is turned a little makes up for much of it.
+    """
+
+    @property
+    def differs(self) -> bool:
+        """Whether the two are different lenses."""
+        return self.ray_px is None or self.ray_px > SAME_PX
+
+    def to_dict(self) -> dict[str, float | None]:
+        """As plain values for JSON."""
+        return asdict(self)
+
+
+@dataclass(frozen=True)
+class Stated:
+    """Errors after the best placement along the ground, beside the sigmas that were stated, by camera."""
+
+    position_mm: dict[str, float]
+    orientation_deg: dict[str, float]
+    position_sigma_mm: dict[str, float]
+    """Of the cameras that state one."""
+    orientation_sigma_deg: dict[str, float]
+
+    def __repr__(self) -> str:
+        return f"Stated({len(self.position_mm)} cameras, {len(self.position_sigma_mm)} with sigmas)"
+
+    @property
+    def position_sigmas(self) -> dict[str, float]:
+        """Errors of position as multiples of their sigmas."""
+        return {name: self.position_mm[name] / sigma for name, sigma in self.position_sigma_mm.items() if sigma > 0}
+
+    @property
+    def orientation_sigmas(self) -> dict[str, float]:
+        """Errors of orientation as multiples of their sigmas."""
+        return {name: self.orientation_deg[name] / sigma for name, sigma in self.orientation_sigma_deg.items() if sigma > 0}
+
+    def to_dict(self) -> dict[str, Any]:
+        """As plain values for JSON."""
+        position, orientation = self.position_sigmas, self.orientation_sigmas
+        return {
+            "cameras": [
+                {
+                    "name": name,
+                    "position_error_mm": error,
+                    "position_sigma_mm": self.position_sigma_mm.get(name),
+                    "position_error_sigmas": position.get(name),
+                    "orientation_error_deg": self.orientation_deg[name],
+                    "orientation_sigma_deg": self.orientation_sigma_deg.get(name),
+                    "orientation_error_sigmas": orientation.get(name),
+                }
+                for name, error in self.position_mm.items()
+            ],
+            "position_within_1_sigma": _within(position, 1),
+            "position_within_2_sigmas": _within(position, 2),
+            "orientation_within_1_sigma": _within(orientation, 1),
+            "orientation_within_2_sigmas": _within(orientation, 2),
+        }
 
 
 @dataclass(frozen=True)
@@ -231,3 +311,48 @@ def _ground_error_mm(up: Floats, origin: Floats, centroid: Floats) -> float | No
         return None
     height = origin[2] - (up[0] * (centroid[0] - origin[0]) + up[1] * (centroid[1] - origin[1])) / up[2]
     return float(1000 * abs(height))
+
+
+def lens_error(estimate: Lens, truth: Lens) -> LensError | None:
+    """The error of a lens; None where the two are for different image sizes."""
+    if estimate.size != truth.size:
+        return None
+    width, height = truth.size
+    across, down = np.meshgrid(*(np.linspace(0, size - 1, count) for size, count in zip((width, height), GRID, strict=True)))
+    pixels = np.column_stack([across.ravel(), down.ravel()])
+    rays = truth.bearings(pixels)
+    seen = np.isfinite(rays).all(axis=1)
+    miss = np.linalg.norm(estimate.project_rays(rays[seen]) - pixels[seen], axis=1)
+    miss = miss[np.isfinite(miss)]
+    return LensError(
+        float(100 * (estimate.focal / truth.focal - 1)),
+        float(np.linalg.norm(estimate.matrix[:2, 2] - truth.matrix[:2, 2])),
+        float(miss.mean()) if len(miss) else None,
+    )
+
+
+def _within(errors: dict[str, float], sigmas: float) -> float | None:
+    """The share of the errors within so many sigmas; None where no sigma is stated."""
+    return float(np.mean([error <= sigmas for error in errors.values()])) if errors else None
+
+
+def stated_errors(estimate: Sequence[Camera], truth: Sequence[Pose]) -> Stated | None:
+    """Errors and sigmas of cameras with poses, the true poses in the same order, z up in both worlds.
+
+    None where the placement is not defined: fewer than two cameras, or all above one place.
+    """
+    poses = [camera.pose for camera in estimate if camera.pose is not None]
+    ours, true = (np.array([pose.centre for pose in of]).reshape(-1, 3) for of in (poses, truth))
+    if len(ours) < 2 or float(np.ptp(ours[:, :2], axis=0).max()) < 1e-9:
+        return None
+    fit = fit_plane_similarity(ours[:, :2], true[:, :2], with_scale=False)
+    turn, shift = exp_rotation(np.array([0.0, 0.0, fit.yaw])), np.array([*fit.translation, 0.0])
+    placed = [pose.moved(turn, shift) for pose in poses]
+    names = [camera.name for camera in estimate]
+    sigmas = {camera.name: camera.sigma for camera in estimate if camera.sigma is not None}
+    return Stated(
+        {n: float(1000 * np.linalg.norm(p.centre - t.centre)) for n, p, t in zip(names, placed, truth, strict=True)},
+        {n: float(np.degrees(angle_between(p.R_cw, t.R_cw))) for n, p, t in zip(names, placed, truth, strict=True)},
+        {name: 1000 * sigma.position_m for name, sigma in sigmas.items() if np.isfinite(sigma.position_m)},
+        {name: sigma.orientation_deg for name, sigma in sigmas.items() if np.isfinite(sigma.orientation_deg)},
+    )

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from passerby.common.arrays import Floats, Ints
-from passerby.common.columns import Columns
+from passerby.common.arrays import Columns, Floats, Ints
 from passerby.geometry.rotations import skew
 
 POSE_SIZE = 6

@@ -2,11 +2,14 @@
 
 Frames: `x_b = R_ba x_a + t_ba`; the essential matrix fulfils `ray_b^T E ray_a = 0` with `E = [t_ba]x R_ba`. The length of the
 baseline cannot be seen, so `t_ba` is a unit vector.
+
+The relative pose of two cameras as a hypothesis.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import poselib
@@ -19,10 +22,8 @@ from passerby.geometry.triangulation import depths, triangulate_two_views
 # PoseLib takes points of the picture plane z = 1, where a ray near 90 degrees runs off to infinity and takes its noise along.
 # Rays of a fisheye beyond this angle from the axis are left out of the search, but judged by angle like all others afterwards.
 MAX_OFF_AXIS = np.deg2rad(80.0)
-
 # PoseLib measures in pixels: normalised coordinates are handed over as those of a camera with this focal length.
 FOCAL_PX = 1000.0
-
 # Essential matrices take five points; PoseLib's local optimisation and any judgement of the fit need some more.
 MIN_POINTS = 8
 
@@ -183,3 +184,28 @@ def epipolar_errors(essential: Floats, rays_a: Floats, rays_b: Floats) -> Floats
 def _near_axis(rays: Floats) -> Bools:
     with np.errstate(invalid="ignore"):
         return np.asarray(rays[:, 2] > np.cos(MAX_OFF_AXIS) * np.linalg.norm(rays, axis=1))
+
+
+@dataclass(frozen=True, eq=False)
+class PairHypothesis:
+    """One guess at the motion between cameras a and b: `x_b = R_ba x_a + t_ba`, metres."""
+
+    a: int
+    b: int
+    R_ba: Floats
+    t_ba: Floats
+    route: str
+    """ground | epipolar | joints; tracks for a guess from outside, found before anybody was known in both cameras"""
+    inliers: int
+    matches: int
+
+    def among(self, cameras: Sequence[int]) -> PairHypothesis | None:
+        """The same guess in a rig of these cameras alone; None where one of its two is not among them."""
+        if self.a not in cameras or self.b not in cameras:
+            return None
+        return replace(self, a=list(cameras).index(self.a), b=list(cameras).index(self.b))
+
+    @property
+    def inverse(self) -> PairHypothesis:
+        """The same guess from b to a."""
+        return PairHypothesis(self.b, self.a, self.R_ba.T, -self.R_ba.T @ self.t_ba, self.route, self.inliers, self.matches)

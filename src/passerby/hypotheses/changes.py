@@ -15,8 +15,7 @@ import numpy as np
 
 from passerby.common.arrays import Floats, Ints
 from passerby.core.cameras import Lens, Pose, Rig
-from passerby.core.measuring import measured_change
-from passerby.core.measuring_figures import MeasuringFigures
+from passerby.core.measuring import MeasuringFigures, measured_change
 from passerby.geometry.rotations import angle_between, exp_rotation
 from passerby.hypotheses.camera_path import (
     MOVES,

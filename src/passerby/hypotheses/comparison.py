@@ -11,8 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from passerby.common.arrays import Floats
-from passerby.core.measuring import MeasuringErrors
-from passerby.core.measuring_figures import MeasuringFigures
+from passerby.core.measuring import MeasuringErrors, MeasuringFigures
 from passerby.hypotheses.alternatives import LENS, Alternative
 from passerby.hypotheses.case import Case, prior_precision
 

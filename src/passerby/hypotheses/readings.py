@@ -13,8 +13,7 @@ from types import MappingProxyType
 import numpy as np
 
 from passerby.core.cameras import Lens
-from passerby.core.extents import extents_of
-from passerby.core.observations import Boxes, CameraObservations, Clock, Keypoints, Observations
+from passerby.core.observations import Boxes, CameraObservations, Clock, Keypoints, Observations, extents_of
 from passerby.core.quarter_turns import turn_seen
 from passerby.core.synchronisation import resample_to_common_steps
 

@@ -10,8 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from passerby.common.arrays import Floats, Ints
-from passerby.common.columns import Columns
+from passerby.common.arrays import Columns, Floats, Ints
 from passerby.core.cameras import Lens, Pose
 from passerby.core.observations import CameraObservations
 from passerby.core.stature import PERSON_HEIGHT_M

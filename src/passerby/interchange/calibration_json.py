@@ -17,19 +17,17 @@ import numpy as np
 from pydantic import ConfigDict, Discriminator, Field, Tag, TypeAdapter, ValidationError
 from pydantic_core import ErrorDetails
 
-from passerby.common.absence import ABSENT
+from passerby.common.arrays import ABSENT
 from passerby.common.errors import InputError
 from passerby.common.text import shortened, shortened_text
 from passerby.core.association_figures import AssociationFigures
 from passerby.core.cameras import Camera
 from passerby.core.figures import AdjustedFigures, SolverFigures, StarFigures
-from passerby.core.verdict import Verdict
+from passerby.core.solution import Verdict
 from passerby.interchange.declared_scene import OPEN_TABLE, DeclaredScene
 from passerby.interchange.storage.atomic import write_text
-from passerby.interchange.storage.faults import read_text
-from passerby.interchange.storage.json_text import to_json
-from passerby.interchange.storage.safe_parsing import NotParsed, parse_json
-from passerby.interchange.storage.versions import check_version
+from passerby.interchange.storage.safe_parsing import NotParsed, parse_json, read_text
+from passerby.interchange.storage.text_formats import check_version, to_json
 
 CALIBRATION_FILE = "calibration.json"
 SCHEMA_VERSION = 1

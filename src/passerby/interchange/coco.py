@@ -21,8 +21,7 @@ from passerby.common.errors import InputError
 from passerby.common.text import shortened
 from passerby.core.observations import UNKNOWN, Keypoints
 from passerby.interchange.storage.atomic import write_text
-from passerby.interchange.storage.faults import FileFaults, read_text
-from passerby.interchange.storage.safe_parsing import NotParsed, parse_json
+from passerby.interchange.storage.safe_parsing import FileFaults, NotParsed, parse_json, read_text
 
 LARGEST_WHOLE = 2**53
 """Above it JSON of most programs no longer tells whole numbers apart."""

@@ -8,7 +8,7 @@ from typing import Annotated, Any, ClassVar
 
 from pydantic import ConfigDict, Field
 
-from passerby.common.absence import ABSENT
+from passerby.common.arrays import ABSENT
 
 OPEN_TABLE = ConfigDict(strict=True, allow_inf_nan=False, extra="allow")
 """Of tables of which only some keys are read again; the others are kept as they are."""

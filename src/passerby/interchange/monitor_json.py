@@ -15,10 +15,9 @@ from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 
 from passerby.common.errors import InputError
 from passerby.common.text import shortened
-from passerby.interchange.storage.faults import read_text
-from passerby.interchange.storage.safe_parsing import NotParsed, parse_json
+from passerby.interchange.storage.safe_parsing import NotParsed, parse_json, read_text
+from passerby.interchange.storage.text_formats import check_version
 from passerby.interchange.storage.transaction import recover
-from passerby.interchange.storage.versions import check_version
 
 MONITOR_FILE = "monitor.json"
 SCHEMA_VERSION = 1

@@ -15,8 +15,7 @@ from passerby.common.arrays import Floats
 from passerby.common.errors import InputError
 from passerby.common.text import shortened
 from passerby.core.cameras import Lens
-from passerby.interchange.storage.faults import read_text
-from passerby.interchange.storage.safe_parsing import NotParsed, leaves, parse_json, parse_safe_yaml, parse_xml
+from passerby.interchange.storage.safe_parsing import NotParsed, leaves, parse_json, parse_safe_yaml, parse_xml, read_text
 
 ENDINGS = (".yml", ".yaml", ".xml", ".json")
 

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from passerby.common.display import html_of
 from passerby.common.errors import EvidenceError, InputError
+from passerby.common.text import html_of
 from passerby.core.cameras import Rig
 from passerby.core.observations import Boxes, Clock
 from passerby.interchange.calibration_json import (
@@ -23,9 +23,8 @@ from passerby.interchange.calibration_json import (
 )
 from passerby.interchange.motchallenge import read_boxes
 from passerby.interchange.rig_toml import read_rig
-from passerby.interchange.storage.faults import read_text
-from passerby.interchange.storage.json_text import plain
-from passerby.interchange.storage.safe_parsing import NotParsed, parse_toml
+from passerby.interchange.storage.safe_parsing import NotParsed, parse_toml, read_text
+from passerby.interchange.storage.text_formats import plain
 from passerby.interchange.storage.transaction import recover
 
 RIG_FILE, TRACKS_FOLDER, REPORT_FILE = "rig.toml", "tracks", "report.html"

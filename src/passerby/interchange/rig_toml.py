@@ -27,13 +27,10 @@ from passerby.common.text import listed, shortened
 from passerby.core.cameras import Camera, Lens, Pose, PoseSigma, Rig
 from passerby.core.lens import INTRINSICS, LARGEST_FOCAL_SD, QUARTER_TURNS
 from passerby.geometry.rotations import log_rotation
-from passerby.interchange.gathering import gathered_rig
-from passerby.interchange.numbers import NotNumbers, finite_numbers
-from passerby.interchange.rotation_vectors import rotation_of
+from passerby.interchange.numbers import NotNumbers, finite_numbers, gathered_rig, rotation_of
 from passerby.interchange.storage.atomic import write_text
-from passerby.interchange.storage.faults import read_toml
-from passerby.interchange.storage.safe_parsing import leaves
-from passerby.interchange.storage.versions import check_version
+from passerby.interchange.storage.safe_parsing import leaves, read_toml
+from passerby.interchange.storage.text_formats import check_version
 
 METRES_PER_UNIT = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 METADATA = "metadata"

@@ -15,8 +15,8 @@ from passerby.common.text import shortened, shortened_text
 from passerby.core.observations import Clock
 from passerby.core.trajectories import Trajectories
 from passerby.interchange.storage.atomic import write_text
-from passerby.interchange.storage.csv_text import csv_rows
-from passerby.interchange.storage.faults import FileFaults, read_text
+from passerby.interchange.storage.safe_parsing import FileFaults, read_text
+from passerby.interchange.storage.text_formats import csv_rows
 
 HEADER = ("time_s", "frame", "id", "x_m", "y_m", "z_m", "sigma_m", "cameras")
 LARGEST = 1e12

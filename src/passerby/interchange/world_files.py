@@ -18,9 +18,9 @@ import numpy as np
 
 from passerby.common.errors import InputError
 from passerby.common.text import nearest, shortened, shortened_text
-from passerby.core.known_places import GPS_SD_M, POINT_SD_M, POSITION_SD_M, KnownPoint, KnownPosition
-from passerby.interchange.storage.csv_text import csv_rows
-from passerby.interchange.storage.faults import FileFaults, read_text, read_toml
+from passerby.core.scale_cues import GPS_SD_M, POINT_SD_M, POSITION_SD_M, KnownPoint, KnownPosition
+from passerby.interchange.storage.safe_parsing import FileFaults, read_text, read_toml
+from passerby.interchange.storage.text_formats import csv_rows
 
 Row = tuple[str, Mapping[str, Any]]
 """Where a row stands ("line 3"), and its fields."""

@@ -1,9 +1,13 @@
-"""A rig in use and new footage: which cameras have moved since they were calibrated."""
+"""A rig in use and new footage: which cameras have moved since they were calibrated.
+
+A calibration in groups that share nobody: each is a rig of its own, and is monitored as one.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from concurrent.futures import Executor
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -17,15 +21,13 @@ from passerby.core.quarter_turns import turn_rig
 from passerby.core.synchronisation import resample_to_common_steps
 from passerby.findings.finding import notice
 from passerby.findings.texts import text_of, texts_of
-from passerby.interchange.output_folder import scene_file
+from passerby.interchange.monitor_json import MONITOR_FILE
+from passerby.interchange.output_folder import GROUPS_FOLDER, RIG_FILE, group_folder, scene_file
 from passerby.monitoring.budget import SITE_BUDGET_S, Thinning, plan_thinning, thin
-from passerby.monitoring.earlier import read_earlier
-from passerby.monitoring.given_rig import GivenRig
-from passerby.monitoring.identities import SEED, identify_by_rig
-from passerby.monitoring.news import judged_by, news_of
+from passerby.monitoring.given_rig import GivenRig, judged_by, news_of, read_earlier, read_given, rig_text
 from passerby.monitoring.readjusting import joints_are_shared, watch_adjusted
 from passerby.monitoring.result import MonitoringResult, Sources
-from passerby.monitoring.site import MANY, CamerasOfSite, watch_site
+from passerby.monitoring.site import MANY, SEED, CamerasOfSite, identify_by_rig, watch_site
 from passerby.monitoring.watched import Watched, WatchOptions
 from passerby.monitoring.watching import watch
 from passerby.people.ground import fit_ground, rough_height
@@ -35,6 +37,8 @@ from passerby.scene.inputs import SceneInputs, read_inputs
 from passerby.scene.same_content import doubts_of_same_content
 from passerby.scene.scene import Scene
 from passerby.scene.video_inputs import SceneVideoProcessor
+
+MAIN = 1
 
 
 def monitor(
@@ -268,3 +272,90 @@ def _have(names: list[str]) -> str:
 
 def _are(names: list[str]) -> str:
     return "are" if len(names) > 1 else "is"
+
+
+@dataclass(frozen=True, eq=False)
+class MonitoredGroup:
+    """What was found of one group."""
+
+    number: int
+    """1 for the main rig, then as the folders are numbered."""
+    given: GivenRig
+    found: MonitoringResult
+
+    @property
+    def folder(self) -> str:
+        """Within the folder that is written; empty for the main rig."""
+        return "" if self.number == MAIN else group_folder(self.number)
+
+    def write(self, out: Path) -> None:
+        """Write `rig.toml` and `monitor.json` of this group. Raises `InputError` where the folder is not writable."""
+        self.found.write(out / self.folder, rig_text(self.given, self.found.rig, self.found.changed))
+
+
+def read_groups(path: Path) -> dict[int, GivenRig]:
+    """The rigs of a rig file, or of a folder with those of its further groups, by number.
+
+    Raises `InputError` where one cannot be read.
+    """
+    found = {MAIN: read_given(path)}
+    if path.is_dir() and (path / GROUPS_FOLDER).is_dir():
+        numbers = [int(one.name) for one in (path / GROUPS_FOLDER).iterdir() if one.name.isdecimal()]
+        for number in sorted(numbers):
+            folder = path / group_folder(number)
+            if number > MAIN and (folder / RIG_FILE).is_file():
+                found[number] = read_given(folder)
+    return found
+
+
+def monitor_groups(
+    groups: Mapping[int, GivenRig], scene: Scene, options: WatchOptions, *, in_step: bool = False, keep: Path | None = None,
+    tell: Progress = silent, executor: Executor | None = None,
+) -> list[MonitoredGroup]:  # fmt: skip
+    """Whether cameras of any group have moved; groups of which fewer than two cameras have footage are left out.
+
+    Args:
+        groups: of `read_groups`.
+        scene: new footage, of one or more groups.
+        options: see `WatchOptions`.
+        in_step: as of `monitor`.
+        keep: as of `monitor`; each further group has its own folder in it.
+        tell: told of each stage.
+        executor: works on cameras side by side.
+
+    Raises:
+        InputError: the scene cannot be read, a camera is in no group, or no group has two cameras with footage.
+    """
+    if len(groups) == 1:
+        ((number, given),) = groups.items()
+        found = monitor(given, scene, options, in_step=in_step, keep=keep, progress=tell, executor=executor)
+        return [MonitoredGroup(number, given, found)]
+    named = {name: _group_of(groups, name, scene.place) for name in scene.cameras}
+    done = []
+    for number, given in groups.items():
+        folder = None if keep is None else keep if number == MAIN else keep / group_folder(number)
+        own = [name for name in named if named[name] == number]
+        enough = sum(given.rig[name].pose is not None for name in own) > 1
+        known = folder is not None and (folder / MONITOR_FILE).is_file()
+        if own and (enough or known):
+            part = scene.part(own, given.path)
+            found = monitor(given, part, options, in_step=in_step, keep=folder, progress=tell, executor=executor)
+            done.append(MonitoredGroup(number, given, found))
+    if not done:
+        raise InputError(
+            f"{scene.place}: of no group of the calibration two cameras with a pose have footage: two or more that see the "
+            "same people are needed, and three to determine which of them has moved"
+        )
+    return done
+
+
+def _group_of(groups: Mapping[int, GivenRig], name: str, place: str) -> int:
+    """The group in which a camera has a pose, or else is named. Raises `InputError` where it is in none."""
+    inside = [number for number, given in groups.items() if name in given.rig.names]
+    if not inside:
+        every = dict.fromkeys(one for given in groups.values() for one in given.rig.names)
+        raise InputError(
+            f"{place}: camera {name} is not in the rig, which has {', '.join(every)}: use the camera names of the rig"
+        )
+    posed = [number for number in inside if groups[number].rig[name].pose is not None]
+    return (posed or inside)[0]

@@ -14,11 +14,10 @@ import numpy as np
 from passerby.common.progress import Progress, silent
 from passerby.core.cameras import Rig
 from passerby.core.observations import UNKNOWN, CameraObservations, Clock, Observations
-from passerby.monitoring.accumulated import Part, estimate_by_parts
 from passerby.monitoring.comparison import FEWEST_STRETCHES, Comparison, Estimate, compare, sigma_share, untestable
 from passerby.monitoring.evidence import Baseline, MotionTest, model_covariance
 from passerby.monitoring.watched import Watched, WatchOptions
-from passerby.monitoring.windows import WindowRun
+from passerby.monitoring.windows import Part, WindowRun, estimate_by_parts
 from passerby.people.held_cameras import GroundPlane
 from passerby.people.rig_observations import RigObservations, poses_of
 from passerby.people.scores import STRETCH_S

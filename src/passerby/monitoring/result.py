@@ -16,11 +16,10 @@ from passerby.core.cameras import Rig
 from passerby.core.observations import Clock
 from passerby.interchange.monitor_json import MONITOR_FILE, SCHEMA_VERSION, MonitoredCamera, MoveEntry, State
 from passerby.interchange.storage.atomic import write_text
-from passerby.interchange.storage.json_text import plain, to_json
+from passerby.interchange.storage.text_formats import plain, to_json
 from passerby.monitoring.budget import Thinning
-from passerby.monitoring.earlier import Carried
 from passerby.monitoring.evidence import MotionTest
-from passerby.monitoring.news import News
+from passerby.monitoring.given_rig import Carried, News
 from passerby.monitoring.watched import Move, Watched, WatchOptions, Window
 from passerby.people.held_cameras import GroundPlane
 

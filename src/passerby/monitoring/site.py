@@ -1,28 +1,56 @@
-"""The cameras of a site: which of them are neighbours, who is who among these, and what each small rig says of its camera."""
+"""The cameras of a site: which of them are neighbours, who is who among these, and what each small rig says of its camera.
+
+Which cameras of a rig may share people: those that see ground in common, by their poses.
+
+Walls are not known, so that a neighbour may turn out to share nobody. The work grows with the cameras, not with their pairs.
+
+Who is who over the cameras of a rig that is in use, where nobody says so: tracklets that meet in space, camera by camera.
+
+As in a calibration (`association.associate`), but from poses that are known from the first. A camera that has moved by a few
+degrees still sees people nearer to where the others see them than to anybody else.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from passerby.common.arrays import Floats
+from passerby.association.associate import Tracklets, cluster_by_rig
+from passerby.association.camera_tracklets import CameraTracklets, build_tracklets
+from passerby.association.graph import ViewGraph
+from passerby.common.arrays import Floats, Ints
 from passerby.common.progress import Progress, silent
-from passerby.core.cameras import Rig
-from passerby.core.observations import CameraObservations, Observations
+from passerby.core.cameras import Camera, Rig
+from passerby.core.observations import UNKNOWN, Boxes, CameraObservations, Clock, Keypoints, Observations, once_in_frame
+from passerby.core.stature import PERSON_HEIGHT_M
 from passerby.core.synchronisation import resample_to_common_steps
-from passerby.monitoring.identities import SEED, identify_by_rig
 from passerby.monitoring.neighbourhoods import Site, watch_neighbourhoods
-from passerby.monitoring.neighbours import Pairs, connected, neighbours_by_rig
 from passerby.monitoring.watched import Watched, WatchOptions
 from passerby.people.ground import rough_height
 from passerby.people.rig_observations import gather_rig_observations
 
 MANY = 12
 """Up to so many cameras all are tested together, by all that all of them saw."""
+CELL_M = 1.0
+RANGE_M = 40.0
+LEAST_PX = 25.0
+"""Height in the image below which nobody is detected."""
+SAME_RAY = 1e-3
+"""Beyond its border a distorted lens folds over: a pixel whose ray is another one than the point's shows something else."""
+LEAST_SHARED = 5
+"""Cells that neighbours have in common: on less ground hardly anybody walks."""
+SAME_FLOOR_M = 1.5
+"""Two cameras whose ground differs by more in height stand on different floors."""
+MOST_NEIGHBOURS = 12
+"""Of each camera, those with most ground in common; as many as a calibration registers a camera with."""
+Pairs = frozenset[tuple[int, int]]
+"""Places of two cameras in a rig, a < b."""
+SEED = 0
+"""Of the draw of the people that tell each camera's vertical where nobody says who is who."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,3 +131,128 @@ def _span(observations: Observations) -> tuple[float, float]:
     if not ends:
         return 0.0, 0.0
     return float(np.min(ends)), float(np.max(ends)) + 1e-6
+
+
+def neighbours_by_rig(rig: Rig, ground_m: Mapping[str, float]) -> Pairs:
+    """Pairs of cameras that share ground.
+
+    Args:
+        rig: cameras with poses.
+        ground_m: height of the ground at each camera, metres; a camera that is not in it has no neighbours.
+    """
+    owners: dict[tuple[int, int], list[int]] = {}
+    for number, camera in enumerate(rig):
+        if camera.name in ground_m:
+            for x, y in _cells_seen(camera, ground_m[camera.name]).tolist():
+                owners.setdefault((x, y), []).append(number)
+    height = [ground_m.get(name, np.nan) for name in rig.names]
+    shared: list[dict[int, int]] = [{} for _ in height]
+    for cameras in owners.values():
+        for a in cameras:
+            for b in cameras:
+                if a != b and abs(height[a] - height[b]) <= SAME_FLOOR_M:
+                    shared[a][b] = shared[a].get(b, 0) + 1
+    found = set()
+    for a, counts in enumerate(shared):
+        enough = [b for b, count in counts.items() if count >= LEAST_SHARED]
+        for b in sorted(enough, key=lambda b: (-counts[b], b))[:MOST_NEIGHBOURS]:
+            found.add((min(a, b), max(a, b)))
+    return frozenset(found)
+
+
+def connected(pairs: Pairs, n: int) -> list[list[int]]:
+    """The cameras 0 to n - 1 in sets that pairs tie together, each ascending; cameras without a neighbour are in none."""
+    beside: list[list[int]] = [[] for _ in range(n)]
+    for a, b in sorted(pairs):
+        beside[a].append(b)
+        beside[b].append(a)
+    found, seen = [], set[int]()
+    for start in range(n):
+        if start in seen or not beside[start]:
+            continue
+        seen.add(start)
+        part = [start]
+        for camera in part:
+            part += [new for new in beside[camera] if new not in seen]
+            seen.update(beside[camera])
+        found.append(sorted(part))
+    return found
+
+
+def _cells_seen(camera: Camera, ground_m: float) -> Ints:
+    """(N, 2) numbers of the cells of ground on which a standing person is whole in the image, and tall enough."""
+    assert camera.pose is not None
+    middle = np.floor(camera.pose.centre[:2] / CELL_M)
+    reach = np.arange(-RANGE_M // CELL_M, RANGE_M // CELL_M + 1)
+    cells = middle + np.stack(np.meshgrid(reach, reach, indexing="ij"), axis=-1).reshape(-1, 2)
+    place = (cells + 0.5) * CELL_M
+    away = np.linalg.norm(place - camera.pose.centre[:2], axis=1)
+    cells, place = cells[away <= RANGE_M], place[away <= RANGE_M]
+    ends = [_shown(camera, np.column_stack([place, np.full(len(place), ground_m + up)])) for up in (0.0, PERSON_HEIGHT_M)]
+    # NaN where an end is not in the image, which is not tall enough either.
+    tall = np.linalg.norm(ends[0] - ends[1], axis=1) >= LEAST_PX
+    return np.asarray(cells[tall], dtype=np.int64)
+
+
+def _shown(camera: Camera, points: Floats) -> Floats:
+    """(N, 2) pixels of points (N, 3) of the world; NaN where they are not in the image."""
+    assert camera.pose is not None
+    own = points @ camera.pose.R_cw.T + camera.pose.t_cw
+    pixel = camera.lens.project_rays(own)
+    inside = ((pixel >= 0) & (pixel <= np.array(camera.lens.size))).all(axis=1)
+    ray = np.full_like(own, np.nan)
+    ray[inside] = camera.lens.bearings(pixel[inside])
+    with np.errstate(invalid="ignore"):
+        same = np.linalg.norm(ray - own / np.linalg.norm(own, axis=1, keepdims=True), axis=1) < SAME_RAY
+    return np.where((inside & same)[:, None], pixel, np.nan)
+
+
+def identify_by_rig(
+    rig: Rig, observations: Observations, clocks: Mapping[str, Clock], rng: np.random.Generator, *, ground_m: float = 0.0,
+    executor: Executor | None = None, tell: Progress = silent, candidates: Container[tuple[int, int]] | None = None,
+) -> Observations:  # fmt: skip
+    """The people whom tracklets belong to, in each camera's own frames.
+
+    Args:
+        rig: cameras with poses.
+        observations: identities are each camera's own tracklets, or -1 for detections.
+        clocks: of every camera.
+        rng: draws the people that each camera's vertical is fitted to.
+        ground_m: height of the ground.
+        executor: works on cameras side by side.
+        tell: told of every camera that is done.
+        candidates: the pairs of cameras, a < b by their places in the rig, that are compared; None: all.
+    """
+    level = rig.moved(np.eye(3), np.array([0.0, 0.0, -ground_m]))
+    cameras = build_tracklets(level, observations, clocks, PERSON_HEIGHT_M, rng, executor, tell=tell)
+    tracklets = Tracklets.of(cameras)
+    offsets = np.array([clocks[camera.name].offset_s for camera in level])
+    # The cameras' own times are told with their offsets: none is left to add.
+    nothing = ViewGraph((), (), np.zeros_like(offsets))
+    person = cluster_by_rig(
+        tracklets, cameras, nothing, [camera.pose for camera in level], np.zeros_like(offsets), PERSON_HEIGHT_M,
+        candidates=candidates,
+    )  # fmt: skip
+    return Observations({
+        camera.name: _named(camera, person[low:high])
+        for camera, low, high in zip(cameras, tracklets.first[:-1], tracklets.first[1:], strict=True)
+    }, observations.fps, dict(clocks))  # fmt: skip
+
+
+def _named(camera: CameraTracklets, person: Ints) -> CameraObservations:
+    """What a camera saw, under the people's numbers (one for each of its tracklets) from 1 on."""
+    boxes, joints = (_renamed(part, person) for part in (camera.seen.boxes, camera.seen.keypoints))
+    assert isinstance(boxes, Boxes)
+    assert isinstance(joints, Keypoints)
+    return CameraObservations(boxes, joints)
+
+
+def _renamed(part: Boxes | Keypoints, person: Ints) -> Boxes | Keypoints:
+    """Rows of somebody, once in a frame: of two the one of the longer tracklet."""
+    rows = np.flatnonzero(part.identity > UNKNOWN)
+    tracklet = part.identity[rows]
+    who = person[tracklet] + 1
+    length = np.bincount(tracklet, minlength=1)[tracklet]
+    kept = once_in_frame(part.frame[rows], who, -length)
+    found = part.take(rows[kept])
+    return replace(found, identity=who[kept])

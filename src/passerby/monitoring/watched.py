@@ -10,8 +10,7 @@ from passerby.common.arrays import Floats
 from passerby.common.errors import InputError
 from passerby.core.cameras import Pose, PoseSigma
 from passerby.core.quarter_turns import axes_turn, turn_pose, turn_sigma
-from passerby.monitoring.evidence import MotionTest
-from passerby.monitoring.moments import ChangePoint
+from passerby.monitoring.evidence import ChangePoint, MotionTest
 
 STEPS = 5
 """Tests in each window: windows overlap, so that a move is seen well before a whole window lies behind it."""

@@ -12,12 +12,10 @@ from passerby.common.arrays import Floats
 from passerby.common.progress import Progress, silent
 from passerby.core.cameras import PoseSigma, Rig
 from passerby.geometry.rotations import log_rotation
-from passerby.monitoring.accumulated import estimate_by_scores
 from passerby.monitoring.comparison import Comparison, compare
-from passerby.monitoring.evidence import MotionTest, rig_covariance_of, run_motion_tests
-from passerby.monitoring.moments import ChangePoint
+from passerby.monitoring.evidence import ChangePoint, MotionTest, rig_covariance_of, run_motion_tests
 from passerby.monitoring.watched import Move, Watched, WatchOptions
-from passerby.monitoring.windows import FIRST_S, PIECE_S, WindowRun
+from passerby.monitoring.windows import FIRST_S, PIECE_S, WindowRun, estimate_by_scores
 from passerby.people.held_cameras import GroundPlane, fit_people
 from passerby.people.resection import Resection, resect_observations
 from passerby.people.rig_observations import RigObservations, poses_of

@@ -1,4 +1,11 @@
-"""The addresses of the page. Nothing that a client sends is ever a path: cameras are names of the scene."""
+"""The addresses of the page. Nothing that a client sends is ever a path: cameras are names of the scene.
+
+The addresses of the plan: its picture in and out, drafts tried on the rig, and the view from above with its files.
+
+What draws the rig and lays it upon a plan is imported when it is asked for: the first page does not wait for it.
+
+The addresses of the page of a monitored rig. The browser names cameras, frames, and one of two recordings.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +14,7 @@ import re
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import asdict
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field
@@ -25,13 +32,15 @@ from passerby.core.observations import Boxes
 from passerby.interchange.motchallenge import read_boxes
 from passerby.interchange.output_folder import REPORT_FILE, REPORT_STAMP, TRACKS_FOLDER, report_folder
 from passerby.page.acts import perform
-from passerby.page.answers import answering, asked_frame, bug, camera_of, frame_of, picture_answer, static_routes
-from passerby.page.geometry import epipolar_lines, ground_point, measure_axis
-from passerby.page.plan_routes import LIMITS, plan_routes
+from passerby.page.geometry import IdentifiedPeople, epipolar_lines, ground_point, measure_axis
+from passerby.page.monitored import MonitoredSession, Source
+from passerby.page.plan_pictures import MOST_BYTES, PlanPictures, keep_plan, plan_path
 from passerby.page.requests import Frame, Name, Pixel, read_as
-from passerby.page.same_person import IdentifiedPeople
-from passerby.page.security import Guard
+from passerby.page.security import Guard, answering, asked_frame, bug, camera_of, frame_of, picture_answer, static_routes
 from passerby.page.session import Session, StaleError
+
+if TYPE_CHECKING:
+    from passerby.page.plan_view import PlanView, PlanViews
 
 REPORT_POLICY = "sandbox allow-scripts; frame-ancestors 'self'"
 """The report has its own policy; here it runs apart from the page, without its cookie."""
@@ -40,6 +49,12 @@ PARTS_PATH = "/report_files/"
 PART_NAME = re.compile(r"[a-z0-9-]+\.js")
 PREPARED = 24
 """Cameras whose first picture is decoded before a browser asks for it."""
+UPLOAD = "/api/plan/upload"
+LIMITS = {UPLOAD: MOST_BYTES}
+"""Of the bodies that a path takes, bytes."""
+SVG_POLICY = "default-src 'none'; img-src data:; sandbox"
+"""The saved drawing holds its plan, and nothing in it runs."""
+SOURCES: dict[str, Source] = {"calibration": "calibration", "footage": "footage"}
 
 
 def make_app(session: Session, token: str, port: int) -> ASGIApp:
@@ -188,3 +203,123 @@ def _person(people: IdentifiedPeople, content: Any) -> dict[str, Any]:
 
 def _axis(session: Session, content: Any) -> dict[str, Any]:
     return asdict(measure_axis(session.rig(), read_as(tuple[tuple[Name, Pixel], tuple[Name, Pixel]], content)))
+
+
+def plan_routes(session: Session) -> list[Route]:
+    """All of them."""
+    plan = _Plan(session)
+    return [
+        Route(UPLOAD, plan.upload, methods=["POST"]),
+        Route("/api/plan/fit", plan.fit, methods=["POST"]),
+        Route("/api/plan/picture", plan.told),
+        Route("/api/plan/view", plan.drawn),
+        Route("/plan", plan.picture),
+        Route("/plan/backdrop", plan.backdrop),
+        Route("/plan/view.svg", plan.svg),
+        Route("/plan/view.geojson", plan.geojson),
+    ]
+
+
+class _Plan:
+    """The answers; those that are no coroutines are made in threads."""
+
+    def __init__(self, session: Session) -> None:
+        self._session, self._pictures = session, PlanPictures()
+        self._views: list[PlanViews] = []
+
+    async def upload(self, request: Request) -> Response:
+        """A picture that becomes a file beside the scene file."""
+        content = await request.body()
+        name = await run_in_threadpool(keep_plan, self._session.scene_file.parent, content)
+        return JSONResponse(await run_in_threadpool(self._described, name))
+
+    async def fit(self, request: Request) -> Response:
+        """A draft tried on the rig."""
+        from passerby.page.plan_acts import try_plan
+
+        try:
+            content = json.loads(await request.body() or b"{}")
+        except (ValueError, RecursionError):
+            raise InputError("the request is not JSON") from None
+        return JSONResponse(await run_in_threadpool(try_plan, self._session, self._pictures, content))
+
+    def told(self, request: Request) -> Response:
+        """What a browser needs to know of a plan before it shows it."""
+        return JSONResponse(self._described(_image(request)))
+
+    def picture(self, request: Request) -> Response:
+        """The plan that is placed."""
+        shown = self._pictures.shown(plan_path(self._session, _image(request)))
+        return Response(shown.data, media_type=shown.media_type)
+
+    def backdrop(self, _: Request) -> Response:
+        """The plan that set the frame of the rig."""
+        found = self._view().backdrop
+        if found is None:
+            raise InputError("no plan set the frame of the rig")
+        return Response(found.shown.data, media_type=found.shown.media_type)
+
+    def drawn(self, _: Request) -> Response:
+        """The view from above, as shapes."""
+        from passerby.page.plan_shapes import drawing
+
+        return JSONResponse(drawing(self._view()))
+
+    def svg(self, _: Request) -> Response:
+        """The same as a file."""
+        from passerby.page.plan_shapes import svg_text
+
+        return _file(svg_text(self._view()), "image/svg+xml", "svg", SVG_POLICY)
+
+    def geojson(self, _: Request) -> Response:
+        """What is drawn, in coordinates."""
+        from passerby.page.plan_shapes import geojson_text
+
+        return _file(geojson_text(self._view()), "application/geo+json", "geojson")
+
+    def _described(self, image: str | None) -> dict[str, Any]:
+        shown = self._pictures.shown(plan_path(self._session, image))
+        return {"image": image, "size": list(shown.size)}
+
+    def _view(self) -> PlanView:
+        from passerby.page.plan_view import PlanViews
+
+        if not self._views:
+            self._views.append(PlanViews(self._session, self._pictures))
+        return self._views[0].view()
+
+
+def _file(text: str, media_type: str, end: str, policy: str = "") -> Response:
+    """A file to be saved."""
+    headers = {"content-disposition": f'attachment; filename="rig-from-above.{end}"'}
+    return Response(text, media_type=media_type, headers=headers | ({"content-security-policy": policy} if policy else {}))
+
+
+def _image(request: Request) -> str | None:
+    """The uploaded plan that is asked for; None for the scene file's."""
+    return request.query_params.get("image")
+
+
+def make_monitor_app(session: MonitoredSession, token: str, port: int) -> ASGIApp:
+    """The page of a monitored rig, guarded."""
+    routes = [
+        *static_routes("monitor.html"),
+        Route("/api/monitor", answering(lambda _: session.state())),
+        Route("/api/views", answering(lambda request: session.views(camera_of(request)))),
+        Route("/picture", lambda request: _picture_monitor_app(session, request)),
+    ]
+
+    def refused(_: Request, error: Exception) -> Response:
+        return JSONResponse({"error": session.public(str(error))}, 422)
+
+    handlers: dict[Any, Any] = {PasserbyError: refused, Exception: bug}
+    return Guard(Starlette(routes=routes, exception_handlers=handlers), token, port)
+
+
+def _picture_monitor_app(session: MonitoredSession, request: Request) -> Response:
+    source = SOURCES.get(request.query_params.get("of", ""))
+    if source is None:
+        raise InputError("of is neither calibration nor footage")
+    name, footage = session.checked_name(camera_of(request)), session.footage(source)
+    scene, version = footage.scene(name)
+    return picture_answer(footage.pictures, scene, version, name, frame_of(request))

@@ -12,9 +12,9 @@ from passerby.core.figures import adjusted
 from passerby.core.observations import Clock
 from passerby.interchange.calibration_json import CALIBRATION_FILE, read_document
 from passerby.interchange.monitor_json import MONITOR_FILE, MonitorDocument, MonitoredCamera, MoveEntry, read_monitor
-from passerby.interchange.storage.json_text import plain
+from passerby.interchange.storage.text_formats import plain
 from passerby.page.pictures import PictureStore
-from passerby.page.public import without_folders
+from passerby.page.requests import without_folders
 from passerby.page.scene_edits import version_of
 from passerby.scene.scene import Scene
 

@@ -1,23 +1,41 @@
-"""What a browser says of a plan, checked: a draft to be tried on the rig, and the acts that write and delete it."""
+"""What a browser says of a plan, checked: a draft to be tried on the rig, and the acts that write and delete it.
+
+`[world.plan]` as lines of the scene file: what stays the same keeps its lines and comments.
+
+A draft of a plan tried on the rig as it is: where all cameras would be on it, and how far off each placement is.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from contextlib import suppress
 from typing import Annotated, Any, Literal
 
+import numpy as np
+import tomlkit
 from pydantic import BaseModel, ConfigDict, Field, model_validator
+from tomlkit.exceptions import TOMLKitError
+from tomlkit.items import AoT, Table
 
+from passerby.calibration.alignment.plan import align_to_plan
+from passerby.calibration.alignment.world import Aligned
+from passerby.common.arrays import Floats
 from passerby.common.errors import InputError
-from passerby.interchange.storage.faults import FileFaults
-from passerby.page.plan_edits import STATED, with_plan, without_plan
-from passerby.page.plan_pictures import plan_path
+from passerby.core.colours import camera_colour
+from passerby.core.scale_cues import FloorPlan
+from passerby.interchange.storage.safe_parsing import FileFaults, NotParsed, parse_toml
+from passerby.page.plan_pictures import PlanPictures, plan_path
 from passerby.page.requests import Act, Name, Pixel, read_as
+from passerby.page.scene_edits import keep_lines
 from passerby.page.session import Session
-from passerby.scene.floor_plan import plan_faults
-from passerby.scene.world_tables import PlanTable
+from passerby.report.rig_geometry import WEDGE_SHARE, stage_of, wedge
+from passerby.scene.world_tables import PlanTable, floor_plan, plan_faults
 
 Metres = Annotated[float, Field(gt=0, le=1e5)]
 PIXEL_DIGITS = 2
+STATED = ("image", "metres_per_pixel", "distance", "cameras", "points")
+"""The keys that the page sets; others stay as an editor wrote them."""
+IN_EDITOR = "correct [world.plan] in an editor"
 
 
 class PlanDistance(BaseModel):
@@ -124,3 +142,208 @@ def _point(point: PlanPoint) -> dict[str, Any]:
 
 def _pixel(at: Pixel) -> list[float]:
     return [round(float(value), PIXEL_DIGITS) for value in at]
+
+
+def with_plan(text: str, wanted: Mapping[str, Any]) -> str:
+    """With `[world.plan]` as wanted, whatever set the world before; lines stay, but for those that set the heading.
+
+    Args:
+        text: of the scene file.
+        wanted: values of `STATED`, plain; what is missing there is taken out. Points that are there already keep their place.
+
+    Raises `InputError` where the file is not TOML, or has the plan in a form that cannot be changed here.
+    """
+    document = _parsed(text)
+    world: Any = document.get("world")
+    plan: Any = world.get("plan") if isinstance(world, Mapping) else None
+    if isinstance(plan, Table):
+        _update(plan, wanted)
+    else:
+        fresh = tomlkit.table(is_super_table=True)
+        fresh["plan"] = _fresh_plan(wanted, plan)
+        keep_lines(world, fresh)
+        if world is None and text.strip():
+            document.add(tomlkit.nl())
+        document["world"] = fresh
+    return _checked(document, wanted)
+
+
+def without_plan(text: str) -> str:
+    """Without `[world.plan]`, and so without a stated world frame; lines stay. Raises `InputError` where there is none."""
+    document = _parsed(text)
+    world: Any = document.get("world")
+    if not isinstance(world, Mapping) or "plan" not in world:
+        raise InputError("[world.plan] is not there")
+    fresh = tomlkit.table(is_super_table=True)
+    keep_lines(world, fresh)
+    if len(fresh):
+        document["world"] = fresh
+    else:
+        del document["world"]
+    return _checked(document, None)
+
+
+def _parsed(text: str) -> tomlkit.TOMLDocument:
+    try:
+        return tomlkit.parse(text)
+    except TOMLKitError as error:
+        raise InputError(f"the scene file is not TOML: {error}: correct it in an editor first") from None
+
+
+def _fresh_plan(wanted: Mapping[str, Any], before: Any) -> Table:
+    """A new table, with the further keys of a plan that was written on one line."""
+    kept = {} if not isinstance(before, Mapping) else {key: before[key] for key in before if key not in STATED}
+    if kept and plain(before.get("image")) != wanted["image"]:
+        kept.pop("origin", None)
+    table = tomlkit.table()
+    for key in STATED[:-1]:
+        if key in wanted:
+            table[key] = _item(wanted[key])
+    for key, value in kept.items():
+        table[key] = value
+    if wanted.get("points"):
+        table["points"] = _tables(wanted["points"])
+    return table
+
+
+def _update(plan: Table, wanted: Mapping[str, Any]) -> None:
+    """Change what differs. An origin is a pixel of one picture, and goes with it."""
+    if plain(plan.get("image")) != wanted["image"]:
+        plan.pop("origin", None)
+    for key in STATED[:-1]:
+        if key not in wanted:
+            plan.pop(key, None)
+        elif key == "cameras" and isinstance(plan.get(key), Mapping):
+            _update_cameras(plan[key], wanted[key])
+        elif plain(plan.get(key)) != wanted[key]:
+            plan[key] = _item(wanted[key])
+    points = plan.get("points")
+    if not isinstance(points, AoT):
+        plan.pop("points", None)
+        if wanted.get("points"):
+            plan["points"] = _tables(wanted["points"])
+        return
+    left = [dict(one) for one in wanted.get("points", [])]
+    for number in reversed(range(len(points))):
+        one = plain(points[number])
+        if one in left:
+            left.remove(one)
+        else:
+            del points[number]
+    for one in left:
+        points.append(_point_plan_edits(one))
+    if not len(points):
+        plan.pop("points")
+
+
+def _update_cameras(cameras: Any, wanted: Mapping[str, Any]) -> None:
+    for name in [name for name in cameras if name not in wanted]:
+        del cameras[name]
+    for name, at in wanted.items():
+        if plain(cameras.get(name)) != at:
+            cameras[name] = at
+
+
+def _item(value: Any) -> Any:
+    """A value; tables on one line."""
+    if not isinstance(value, Mapping):
+        return value
+    table = tomlkit.inline_table()
+    for key, one in value.items():
+        table[key] = one
+    return table
+
+
+def _tables(points: Any) -> AoT:
+    tables = tomlkit.aot()
+    for one in points:
+        tables.append(_point_plan_edits(one))
+    return tables
+
+
+def _point_plan_edits(point: Mapping[str, Any]) -> Table:
+    table = tomlkit.table()
+    table.trivia.indent = "\n"  # an empty line before its header
+    for key, value in point.items():
+        table[key] = _item(value)
+    return table
+
+
+def plain(item: Any) -> Any:
+    """A value without its lines."""
+    return item.unwrap() if hasattr(item, "unwrap") else item
+
+
+def _checked(document: tomlkit.TOMLDocument, wanted: Mapping[str, Any] | None) -> str:
+    """The new text, once it says what was wanted: tables may stand anywhere in a file, in any form."""
+    text = tomlkit.dumps(document)
+    try:
+        found = parse_toml(text.replace("\r\n", "\n")).get("world", {})
+    except NotParsed:
+        raise InputError(f"the plan cannot be changed here: {IN_EDITOR}") from None
+    plan = found.get("plan") if isinstance(found, dict) else None
+    if wanted is None and plan is None:
+        return text
+    if wanted is None or not isinstance(plan, dict) or _stated(plan) != _stated(wanted):
+        raise InputError(f"the plan cannot be changed here: {IN_EDITOR}")
+    return text
+
+
+def _stated(plan: Mapping[str, Any]) -> dict[str, Any]:
+    """What the page sets, points in any order."""
+    points = sorted(plan.get("points", []), key=repr)
+    return {**{key: plan[key] for key in STATED[:-1] if key in plan}, "points": points}
+
+
+def try_plan(session: Session, pictures: PlanPictures, content: Any) -> dict[str, Any]:
+    """Lay the rig upon a draft, with the plan's scale, and tell the outcome in pixels of the plan, JSON-ready.
+
+    Nothing is written, and people are not fitted again: after the next calibration the rig differs by what they say.
+
+    Raises `InputError` for what is no plan, or a pixel that a camera cannot see; `EvidenceError` where the placements fix
+    nothing, or there is no rig.
+    """
+    draft = read_as(PlanDraft, content)
+    rig, table = session.rig(), plan_table(session, draft)
+    plan = floor_plan(table, pictures.shown(table.image).size)
+    aligned = align_to_plan(rig, plan, table.image, with_scale=True)
+    return {
+        "cameras": _cameras(aligned, plan),
+        "placements": _placements(aligned, plan),
+        "notes": [session.public(one) for one in aligned.notes],
+        "scale_percent": 100 * (aligned.motion.scale - 1),
+        "scale_sigma_percent": 100 * aligned.figures["scale_sigma"],
+        "turn_sigma_deg": aligned.figures["turn_sigma_deg"],
+        "place_sigma_m": aligned.figures["place_sigma_mm"] / 1000,
+    }
+
+
+def to_plan(plan: FloorPlan, xy: Floats) -> Floats:
+    """(N, 2) pixels of a plan of places (N, 2) in its world, metres."""
+    return np.asarray(np.asarray(xy, dtype=np.float64) / plan.metres_per_pixel * (1.0, -1.0) + plan.origin)
+
+
+def _cameras(aligned: Aligned, plan: FloorPlan) -> list[dict[str, Any]]:
+    """Each camera that has a pose: its pixel of the plan, and what it sees of the ground nearby."""
+    reach = WEDGE_SHARE * stage_of(aligned.rig, np.zeros((0, 2))).reach
+    return [
+        {
+            "name": camera.name,
+            "colour": camera_colour(place),
+            "at": to_plan(plan, camera.centre[None, :2])[0].round(1).tolist(),
+            "seen": to_plan(plan, wedge(camera, reach)).round(1).tolist(),
+        }
+        for place, camera in enumerate(aligned.rig)
+        if camera.pose is not None
+    ]
+
+
+def _placements(aligned: Aligned, plan: FloorPlan) -> list[dict[str, Any]]:
+    """Each camera on the plan and each observation of a point: how far off it is, and where the rig has it."""
+    return [
+        {
+            "point": row.get("point"), "camera": row["camera"], "off_m": row["off_m"], "used": row["used"],
+            "found": None if row["found_m"] is None else to_plan(plan, np.array([row["found_m"]]))[0].round(1).tolist(),
+        }
+        for row in aligned.residuals
+    ]  # fmt: skip

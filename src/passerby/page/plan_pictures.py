@@ -1,7 +1,13 @@
-"""The plan's picture as a browser is shown it: decoded as a calibration decodes it, so that both count the same pixels."""
+"""The plan's picture as a browser is shown it: decoded as a calibration decodes it, so that both count the same pixels.
+
+A plan's picture that a browser sends: PNG or JPEG by its first bytes, measured before it is decoded, named by content.
+"""
 
 from __future__ import annotations
 
+import hashlib
+import re
+import struct
 import threading
 from collections import OrderedDict
 from dataclasses import dataclass, field
@@ -12,14 +18,26 @@ import numpy as np
 
 from passerby.common.errors import InputError
 from passerby.interchange.plan_picture import decode_plan_picture
+from passerby.interchange.storage.atomic import write_bytes
 from passerby.interchange.storage.safe_parsing import file_bytes
-from passerby.page.plan_upload import MOST_PIXELS, UPLOADED, picture_header
 from passerby.page.session import Session
 
 LARGEST_PX = 4096
 """Of the longer side of what is shown: every browser draws so much."""
 QUALITY = 90
 KEPT = 3
+MOST_BYTES = 25_000_000
+"""Of a plan's file: a scanned sheet has some megabytes."""
+MOST_PIXELS = 60_000_000
+"""Of a plan: 180 MB once it is decoded. A sheet of A0 at 200 dots per inch has 62 million."""
+MOST_SCANS = 64
+"""Of a progressive JPEG, each of which costs as much time as a whole picture; usual ones have ten."""
+UPLOADED = re.compile(r"plan-[0-9a-f]{20}\.(png|jpg)")
+PNG, PNG_END = b"\x89PNG\r\n\x1a\n", b"IEND\xaeB`\x82"
+JPEG, JPEG_SCAN, JPEG_END = b"\xff\xd8\xff", b"\xff\xda", b"\xff\xd9"
+REMEDY = "choose a PNG or JPEG"
+_DECODING = threading.Lock()
+"""One picture is decoded at a time: many at once would need much memory."""
 
 
 @dataclass(frozen=True)
@@ -87,3 +105,64 @@ def _shown(path: Path) -> ShownPlan:
     if not done:
         raise InputError(f"{path.name}: the picture of the plan cannot be shown")
     return ShownPlan(data.tobytes(), "image/jpeg" if is_jpeg else "image/png", (width, height))
+
+
+def keep_plan(folder: Path, content: bytes) -> str:
+    """Write a plan's picture into a folder as it came, and return its file name: the same picture, the same name.
+
+    Raises `InputError` for what is no PNG or JPEG, is too large or broken; nothing is written then.
+    """
+    kind = check_plan(content)
+    name = f"plan-{hashlib.blake2b(content, digest_size=10).hexdigest()}.{kind}"
+    if not (folder / name).is_file():
+        write_bytes(folder / name, content)
+    return name
+
+
+def check_plan(content: bytes) -> str:
+    """Decode a picture once, if its header allows that; returns how its file name ends. Raises `InputError`."""
+    kind, (width, height) = picture_header(content)
+    if width * height > MOST_PIXELS:
+        raise InputError(
+            f"the plan has {width} x {height} pixels, {width * height / 1e6:.0f} million: make it smaller, up to "
+            f"{MOST_PIXELS / 1e6:.0f} million"
+        )
+    with _DECODING:
+        decode_plan_picture(content, "the plan")
+    return kind
+
+
+def picture_header(content: bytes) -> tuple[str, tuple[int, int]]:
+    """Kind (png, jpg) and (width, height) of a picture by its header. Raises `InputError` for another kind, or a part."""
+    if content.startswith(PNG):
+        if len(content) < 24 or content[12:16] != b"IHDR" or PNG_END not in content:
+            raise InputError(f"the plan is a PNG that is cut off or broken: {REMEDY} that is whole")
+        width, height = struct.unpack(">II", content[16:24])
+        return "png", (width, height)
+    if content.startswith(JPEG):
+        return "jpg", _jpeg_size(content)
+    raise InputError(f"the plan is neither a PNG nor a JPEG by its content: {REMEDY}")
+
+
+def _jpeg_size(content: bytes) -> tuple[int, int]:
+    """(width, height) of the first frame header of a JPEG."""
+    broken = InputError(f"the plan is a JPEG that is cut off or broken: {REMEDY} that is whole")
+    if content.rfind(JPEG_END) < content.rfind(JPEG_SCAN) or JPEG_SCAN not in content:
+        raise broken
+    if content.count(JPEG_SCAN) > MOST_SCANS:
+        raise InputError(f"the plan is a JPEG of more than {MOST_SCANS} scans: save it again in a picture editor")
+    at = 2
+    while at + 9 <= len(content) and content[at] == 0xFF:
+        marker = content[at + 1]
+        if marker == 0xFF or marker == 0x01 or 0xD0 <= marker <= 0xD7:  # fill bytes, and markers without a length
+            at += 1 if marker == 0xFF else 2
+        elif 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):
+            height, width = struct.unpack(">HH", content[at + 5 : at + 9])
+            if not width or not height:
+                raise broken
+            return width, height
+        elif marker in (0xD9, 0xDA):
+            break
+        else:
+            at += 2 + int.from_bytes(content[at + 2 : at + 4], "big")
+    raise broken

@@ -1,7 +1,12 @@
-"""What every request of a browser is made of, and how it is checked."""
+"""What every request of a browser is made of, and how it is checked.
+
+Messages for a browser: without the folders of this machine.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from pathlib import Path
 from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
@@ -29,3 +34,12 @@ def read_as(kind: Any, content: Any) -> Any:
         fault = error.errors()[0]
         why = fault["msg"].removeprefix("Value error, ")
         raise InputError(f"{'.'.join(map(str, fault['loc'])) or 'the request'}: {why}") from None
+
+
+def without_folders(text: str, folders: Iterable[Path]) -> str:
+    """A message in which paths begin below these folders."""
+    for folder in folders:
+        for form in (str(folder.absolute()), str(folder)):
+            if form not in ("", ".", "/"):
+                text = text.replace(form.rstrip("/") + "/", "")
+    return text

@@ -16,10 +16,9 @@ from tomlkit.exceptions import TOMLKitError
 from tomlkit.items import AoT, Array, InlineTable, Table
 
 from passerby.common.errors import InputError
-from passerby.core.known_places import POINT_SD_M
+from passerby.core.scale_cues import POINT_SD_M
 from passerby.interchange.storage.atomic import write_text
-from passerby.interchange.storage.faults import read_text
-from passerby.interchange.storage.safe_parsing import NotParsed, parse_toml
+from passerby.interchange.storage.safe_parsing import NotParsed, parse_toml, read_text
 from passerby.scene.scene import Scene
 
 POINTS_FILE = "world-points-{}.csv"

@@ -134,7 +134,7 @@ def _app(opened: Opened, token: str, port: int) -> ASGIApp:
 
 
 def _monitor_app(opened: OpenedMonitoring, token: str, port: int) -> ASGIApp:
-    from passerby.page.monitor_app import make_monitor_app
+    from passerby.page.app import make_monitor_app
     from passerby.page.monitored import MonitoredSession
 
     return make_monitor_app(MonitoredSession(opened.folder), token, port)

@@ -1,4 +1,7 @@
-"""One opened scene: what there is to show, and the acts that change its file."""
+"""One opened scene: what there is to show, and the acts that change its file.
+
+What a calibration found, as the page shows it: verdict, reasons, and a row for each camera.
+"""
 
 from __future__ import annotations
 
@@ -11,15 +14,17 @@ from typing import Any
 
 from passerby.common.errors import InputError, PasserbyError
 from passerby.core.cameras import Rig
-from passerby.interchange.calibration_json import CALIBRATION_FILE
+from passerby.core.figures import adjusted
+from passerby.core.lens_figures import LensFigures
+from passerby.interchange.calibration_json import CALIBRATION_FILE, CalibrationDocument, parse_document, read_document
 from passerby.interchange.output_folder import REPORT_FILE, read_folder_rig
 from passerby.interchange.storage.atomic import make_folder, write_text
-from passerby.interchange.storage.faults import faults_of
+from passerby.interchange.storage.safe_parsing import faults_of
 from passerby.page.pictures import PictureStore
-from passerby.page.public import without_folders
-from passerby.page.results import outcome
+from passerby.page.requests import without_folders
 from passerby.page.scene_edits import save_scene, text_of, version_of
 from passerby.page.work import Work
+from passerby.report.recommendations import first_reasons
 from passerby.scene.scene import Scene
 from passerby.scene.world_tables import PlanTable
 
@@ -217,3 +222,67 @@ def _told_plan(plan: PlanTable) -> dict[str, Any]:
     """What the scene file says of its plan; of its picture the file name alone."""
     told = plan.model_dump(mode="json", exclude_unset=True, include={"metres_per_pixel", "distance", "cameras", "points"})
     return {**told, "name": plan.image.name}
+
+
+def outcome(folder: Path, kept: dict[str, Any] | None = None) -> dict[str, Any] | None:
+    """The outcome of the calibration in a folder, or of one whose document was kept; None where there is none to be read."""
+    try:
+        if kept is not None:
+            document = parse_document(json.dumps(kept))
+        elif (folder / CALIBRATION_FILE).is_file():
+            document = read_document(folder)
+        else:
+            return None
+    except InputError:
+        return None
+    return _told(document)
+
+
+def _told(document: CalibrationDocument) -> dict[str, Any]:
+    lenses = adjusted(document.figures).lenses
+    return {
+        "verdict": document.verdict,
+        "reasons": first_reasons(document),
+        "findings": list(document.findings),
+        "cameras": [
+            {
+                "name": one.name,
+                "centre_m": None if one.centre_m is None else list(one.centre_m),
+                "heading_deg": one.heading_deg,
+                "tilt_deg": one.tilt_deg,
+                "points_sigma_mm": one.points_sigma_mm,
+                "ground_sigma_mm": one.ground_sigma_mm,
+                "position_sigma_mm": one.position_sigma_mm,
+                "orientation_sigma_deg": one.orientation_sigma_deg,
+                "time_offset_s": one.time_offset_s,
+                "time_offset_sigma_s": one.time_offset_sigma_s,
+                "fps": one.fps,
+                "registered": one.registered is not False,
+                **_focal(lenses.get(one.name)),
+                **_about(document, one.name),
+            }
+            for one in document.cameras
+        ],
+    }
+
+
+def _focal(lens: LensFigures | None) -> dict[str, float | None]:
+    """A focal length that was estimated, pixels; None where it was taken as stated."""
+    focal = None if lens is None else lens.focal
+    return {
+        "focal_px": None if focal is None else focal.refined_px,
+        "focal_sigma_px": None if focal is None else focal.sigma_px,
+    }
+
+
+def _about(document: CalibrationDocument, name: str) -> dict[str, list[str]]:
+    """What the calibration says of one camera: problems, and warnings that change no verdict.
+
+    It stands beside every camera that it names; what names all cameras stands at the top alone, with `reasons` and `findings`.
+    """
+    everywhere = {one.name for one in document.cameras}
+    own = [one for one in document.diagnostics or () if name in one.cameras and not everywhere <= set(one.cameras)]
+    return {
+        "problems": [one.text for one in own if one.severity != "notice"],
+        "warnings": [one.text for one in own if one.severity == "notice"],
+    }

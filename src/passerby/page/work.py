@@ -18,7 +18,7 @@ from typing import IO, Any
 from passerby.common.errors import InputError
 from passerby.interchange.calibration_json import CALIBRATION_FILE
 from passerby.interchange.storage.atomic import cannot_write, make_folder, write_text
-from passerby.interchange.storage.locks import try_lock
+from passerby.interchange.storage.transaction import try_lock
 
 FOLDER = ".page"
 """In the output folder: what the page keeps."""

@@ -7,11 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from passerby.common.arrays import Bools, Floats, Ints
-from passerby.common.columns import Columns
+from passerby.common.arrays import Bools, Columns, Floats, Ints
+from passerby.common.symmetric import solve_symmetric
 from passerby.core.cameras import Camera, Pose, Rig
 from passerby.core.observations import CameraObservations, Observations
-from passerby.geometry.small_systems import solve_symmetric
 from passerby.geometry.triangulation import triangulate
 from passerby.people.segments import upright_segments
 

@@ -11,8 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from passerby.common.arrays import Floats, Ints
-from passerby.common.columns import Columns
+from passerby.common.arrays import Columns, Floats, Ints
 from passerby.core.cameras import Camera, Rig
 from passerby.core.observations import Observations
 from passerby.people.body_centres import BodyCentres, PeopleRays, TriangulatedPeople, identified_body_centres

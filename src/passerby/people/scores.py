@@ -11,8 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from passerby.common.arrays import Floats, Ints
-from passerby.common.columns import Columns
+from passerby.common.arrays import Columns, Floats, Ints
 from passerby.geometry.groups import group_sums
 from passerby.people.held_cameras import FittedPeople
 from passerby.people.rig_observations import RigObservations

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from passerby.common.arrays import Bools, Floats, Ints
-from passerby.common.columns import Columns
+from passerby.common.arrays import Bools, Columns, Floats, Ints
 from passerby.core.cameras import Camera, Lens
 from passerby.core.observations import MIN_JOINT_SCORE, Boxes, CameraObservations, Keypoints
 from passerby.people.image_motion import image_velocity

@@ -12,8 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from passerby.common.arrays import Bools, Floats
-from passerby.common.columns import Columns
+from passerby.common.arrays import Bools, Columns, Floats
 from passerby.core.cameras import Camera
 from passerby.core.observations import inside_picture
 from passerby.people.model import Noise

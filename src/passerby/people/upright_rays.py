@@ -9,8 +9,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from passerby.common.arrays import Bools, Floats, Ints
-from passerby.common.columns import Columns
+from passerby.common.arrays import Bools, Columns, Floats, Ints
 from passerby.core.cameras import Lens
 from passerby.core.observations import CameraObservations, Clock
 from passerby.geometry.single_view import Level, level_camera

@@ -18,13 +18,17 @@ from numpy.typing import NDArray
 
 from passerby.common.arrays import Floats
 from passerby.common.errors import EvidenceError, InputError
-from passerby.perception.background_statistics import Levels, usual_colours
-from passerby.perception.foreground import Reference, foreground, prepare_reference
-from passerby.perception.people_shapes import found_people
+from passerby.perception.foreground import (
+    Levels,
+    Reference,
+    ShadowOptions,
+    foreground,
+    prepare_reference,
+    shadow_tone,
+    usual_colours,
+)
+from passerby.perception.people_shapes import Stature, found_people, learn_stature, least_height, silhouettes, upright
 from passerby.perception.pictures import Detections, Frame, Identity, Picture
-from passerby.perception.shadows import ShadowOptions, shadow_tone
-from passerby.perception.silhouettes import least_height, silhouettes, upright
-from passerby.perception.stature import Stature, learn_stature
 
 VERSION = 1
 """Of what the detector finds: raised when the same options give other boxes."""

@@ -18,7 +18,7 @@ from typing import Any
 from passerby._version import __version__
 from passerby.common.errors import InputError
 from passerby.common.progress import Progress, silent, tell_failure
-from passerby.interchange.storage.locks import try_lock
+from passerby.interchange.storage.transaction import try_lock
 
 OFFLINE = "PASSERBY_OFFLINE"
 """Environment variable that forbids all downloads where it is set to anything but 0."""

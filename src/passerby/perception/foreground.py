@@ -1,17 +1,22 @@
-"""Which pixels of a picture are not background."""
+"""Which pixels of a picture are not background.
+
+What a static camera sees when nobody is there: the usual colour of every pixel, and how much it varies.
+
+Cast shadows: the background seen through less light.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, cast
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from passerby.common.arrays import Floats
-from passerby.perception.background_statistics import Levels, local_contrast
 from passerby.perception.pictures import Picture
-from passerby.perception.shadows import ShadowOptions, Shadows, find_shadows, recover_foreground, without_slivers
 
 LEAST = 5.0
 """Grey levels: compression changes flat areas by as much in the wake of people."""
@@ -24,6 +29,12 @@ CERTAIN = 2.0
 """A region must somewhere differ by so many times the tolerance."""
 SUBSAMPLING = 4
 """The light is measured on every fourth pixel both ways."""
+Levels = NDArray[np.uint8]
+ROUNDS = 2
+"""How often the samples are halved: what is seen for more than half of the time wins, and where nothing is, what is seen for a
+quarter of it and agrees the best."""
+ROWS = 32
+"""Rows worked on at once: the memory stays small."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +69,18 @@ def light_gain(picture: Picture, colour: Picture) -> Floats:
         if fit.sum() >= 100:
             gain[channel] = np.median(now[fit] / before[fit])
     return np.clip(gain, 0.25, 4.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Shadows:
+    """What is shadow in a picture."""
+
+    mask: Levels
+    """(H, W) 255 for shadow."""
+    core: Levels
+    """(H, W) the same without the rims."""
+    ratio: Levels
+    """(H, W, 3) ratio of the picture to its background, 128 for 1."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,3 +127,166 @@ def _with_seed(mask: Levels, seed: Levels) -> Levels:
     keep[label[seed > 0]] = 255
     keep[0] = 0
     return cast(Levels, keep[label])
+
+
+def usual_colours(pictures: Sequence[Picture]) -> tuple[Picture, Levels]:
+    """The most frequent colour of every pixel, and its noise.
+
+    The colour is the half-sample mode of a channel: the shortest interval that holds half of the samples, then half of those
+    (Robertson and Cryer, *An Iterative Procedure for Estimating the Mode*, JASA 1974), and of these the middle one. The noise
+    is the deviation that half of the samples keep to, as the standard deviation of a normal distribution: foliage in the wind
+    has much, passers-by add little.
+
+    Args:
+        pictures: n pictures (H, W, 3) of one size.
+
+    Returns:
+        (H, W, 3) BGR, and (H, W, 3) standard deviations, grey levels times 8, at most 255.
+    """
+    height, width = pictures[0].shape[:2]
+    colour = np.empty((height, width, 3), np.uint8)
+    noise = np.empty((height, width, 3), np.uint8)
+    for row in range(0, height, ROWS):
+        rows = slice(row, min(row + ROWS, height))
+        colour[rows], noise[rows] = _usual(np.stack([picture[rows] for picture in pictures]))
+    return colour, noise
+
+
+def _usual(samples: Picture) -> tuple[Levels, Levels]:
+    """`usual_colours` of samples (n, ...), n first."""
+    ordered, count = np.sort(samples, axis=0), len(samples)
+    middle = ordered[count // 2].astype(np.int32)
+    for _ in range(ROUNDS):
+        ordered = _shortest_half(ordered, middle)
+    usual = ordered[(len(ordered) - 1) // 2]
+    deviation = np.sort(np.abs(samples.astype(np.int16) - usual.astype(np.int16)), axis=0)
+    half = 0.5 * (deviation[(count - 1) // 2] + deviation[count // 2]).astype(np.float32)
+    # Values are rounded to whole grey levels: the mean deviation of the nearer half tells finer than its limit alone.
+    nearer = deviation[: max(count // 2, 1)].mean(axis=0, dtype=np.float32)
+    sigma = np.maximum(half / 0.6745, nearer / 0.3247)
+    return usual, np.minimum(np.rint(sigma * 8.0), 255).astype(np.uint8)
+
+
+def _shortest_half(ordered: Levels, middle: NDArray[np.int32]) -> Levels:
+    """The half of samples (n, ...), ascending along n, that lies closest together; among equals the one nearest to `middle`."""
+    held = max((len(ordered) + 1) // 2, 1)
+    starts = len(ordered) - held + 1
+    spread = (ordered[held - 1 :] - ordered[:starts]).astype(np.int32)
+    away = np.abs(ordered[(held - 1) // 2 : (held - 1) // 2 + starts].astype(np.int32) - middle)
+    best = np.argmin(spread * 256 + away, axis=0)
+    rows = best[None] + np.arange(held).reshape(-1, *(1,) * best.ndim)
+    return np.take_along_axis(ordered, rows, axis=0)
+
+
+def local_contrast(picture: Picture) -> Levels:
+    """(H, W, 3) half the range among a pixel's neighbours: by how many grey levels a shake of one pixel changes it."""
+    kernel = np.ones((3, 3), np.uint8)
+    return cast(Levels, cv2.morphologyEx(picture, cv2.MORPH_GRADIENT, kernel) // 2)
+
+
+@dataclass(frozen=True)
+class ShadowOptions:
+    """What counts as a shadow."""
+
+    darkest: float = 0.4
+    """Least ratio of a picture to its background: direct sun is seldom more than 60 % of the light."""
+    lightest: float = 0.97
+    chroma: float = 0.10
+    """Greatest difference of the ratio between channels."""
+    texture: float = 0.06
+    """Greatest standard deviation of the ratio among neighbours: the ground's texture is seen through a shadow."""
+    deepest: float = 0.75
+    """Least ratio as a fraction of that of the recording's shadows, where it is known: at the feet the sky is hidden too."""
+    faintest: float = 0.35
+    """Greatest ratio, where that of the recording's shadows is known: so far towards no shadow. Thin ones are blurred."""
+
+
+UNIT = 128
+"""Ratio 1 in the 8-bit pictures of ratios."""
+RIM = 7
+"""Pixels: a shadow is grown by half of it, over its penumbra, where the ratio is not smooth."""
+FAINT = 0.8
+"""Shadows that take less of the light have no one tone: they are contact shadows, or come and go with the clouds."""
+LEAST_PIXELS = 2000
+"""So many pixels of shadow tell its tone."""
+LEAST_SHARE = 0.5
+"""Of those pixels that agree on the tone: under an overcast sky there is none, shadows fade out."""
+
+
+def find_shadows(
+    picture: Picture, usual: Picture, mask: Levels, certain: Levels, options: ShadowOptions, tone: Floats | None
+) -> Shadows:
+    """Which pixels of `mask` look like their background `usual` in less light.
+
+    Where the difference is not `certain`, a darker grey suffices: at the rim of a shadow the ratio is not smooth.
+
+    Args:
+        picture: (H, W, 3).
+        usual: (H, W, 3) the background in the same light.
+        mask: (H, W) 255 for foreground.
+        certain: (H, W) 255 where the difference is large.
+        options: what counts as a shadow.
+        tone: (3,) the ratio in this recording's shadows, by channel, where it is known: clothes that are grey like the ground
+            have another.
+    """
+    ratio = cast(Levels, cv2.divide(picture, np.maximum(usual, 1), scale=UNIT))
+    blue, green, red = cv2.split(ratio)
+    least, most = cv2.min(cv2.min(blue, green), red), cv2.max(cv2.max(blue, green), red)
+    darker = cast(Levels, cv2.inRange(most, options.darkest * UNIT, options.lightest * UNIT))
+    grey = cast(Levels, cv2.threshold(cv2.subtract(most, least), options.chroma * UNIT, 255, cv2.THRESH_BINARY_INV)[1])
+    plausible = darker & grey & mask
+    if not plausible.any():
+        return Shadows(plausible, plausible, ratio)
+    if tone is None:
+        plain = green.astype(np.float32)
+        mean = cv2.blur(plain, (5, 5))
+        variance = cv2.blur(plain * plain, (5, 5)) - mean * mean
+        core = plausible & np.where(variance < (options.texture * UNIT) ** 2, np.uint8(255), np.uint8(0))
+    else:
+        low, high = options.deepest * tone * UNIT, (tone + options.faintest * (1.0 - tone)) * UNIT
+        core = plausible & cast(Levels, cv2.inRange(ratio, low, high))
+    # Seen at a grazing angle a shadow is a few rows high.
+    core = cast(Levels, cv2.morphologyEx(core, cv2.MORPH_OPEN, np.ones((2, 4), np.uint8)))
+    grown = cast(Levels, cv2.dilate(core, np.ones((RIM, RIM), np.uint8))) & plausible
+    return Shadows(grown | (plausible & ~certain), core, ratio)
+
+
+def shadow_tone(ratios: Sequence[Levels]) -> Floats | None:
+    """(3,) the ratio, by channel, that most of the shadows' pixels (n, 3) have, 128 for 1; None without agreement."""
+    pixels = np.concatenate([np.zeros((0, 3), np.uint8), *ratios]).astype(np.float64) / UNIT
+    pixels = pixels[pixels[:, 1] < 0.9]
+    if len(pixels) < LEAST_PIXELS:
+        return None
+    count, edges = np.histogram(pixels[:, 1], bins=50, range=(0.0, 1.0))
+    peak = edges[np.argmax(np.convolve(count, np.ones(5), mode="same"))] + 0.01
+    near = np.abs(pixels[:, 1] - peak) < 0.07
+    if near.mean() < LEAST_SHARE or peak > FAINT:
+        return None
+    return np.asarray(np.median(pixels[near], axis=0))
+
+
+def recover_foreground(body: Levels, shadow: Levels) -> Levels:
+    """The body (H, W; 255) with what lies between two parts of it in a column of foreground: legs as grey as a shadow.
+
+    A shadow has a part of a body above it, if any, or beside it; legs have one above and shoes below.
+    """
+    foreground = body | shadow
+    rows = np.flatnonzero(shadow.any(axis=1))
+    if len(rows) == 0:
+        return body
+    start, end = max(int(rows[0]) - 1, 0), min(int(rows[-1]) + 2, len(body))
+    below_one, above_one = body[start:end].copy(), body[start:end].copy()
+    allowed = foreground[start:end]
+    for row in range(1, end - start):
+        below_one[row] |= below_one[row - 1] & allowed[row]
+        above_one[-1 - row] |= above_one[-row] & allowed[-1 - row]
+    filled = body.copy()
+    filled[start:end] |= below_one & above_one
+    return filled
+
+
+def without_slivers(body: Levels, shadow: Levels) -> Levels:
+    """The body (H, W; 255) without what is left of shadows' rims: less than three pixels thick, and beside a shadow."""
+    square = np.ones((3, 3), np.uint8)
+    thin = body & ~cast(Levels, cv2.morphologyEx(body, cv2.MORPH_OPEN, square))
+    return body & ~(thin & cast(Levels, cv2.dilate(shadow, np.ones((RIM, RIM), np.uint8))))

@@ -15,9 +15,8 @@ import platformdirs
 from passerby.common.errors import InputError
 from passerby.common.progress import Progress, silent
 from passerby.interchange.storage.atomic import write_bytes
-from passerby.perception.catalogue import ArchiveTable, ModelEntry, catalogue, default_of
 from passerby.perception.fetching import UnreachableError, fetch, sha256_of
-from passerby.perception.networks import InputConvention, Network, Role
+from passerby.perception.networks import ArchiveTable, InputConvention, ModelEntry, Network, Role, catalogue, default_of
 
 AUTO = "auto"
 MODELS = "PASSERBY_MODELS"
@@ -180,7 +179,7 @@ def _is_path(name_or_path: str | Path) -> bool:
 
 def _by_path(path: Path, role: Role) -> Network:
     """A user's file: by its checksum one of the manifest's, whatever it is called, or else their own."""
-    from passerby.perception.own_networks import own_network
+    from passerby.perception.networks import own_network
 
     if not path.is_file():
         raise InputError(f"{path}: no such file: the path of an .onnx file is needed for the {role}; check its spelling")

@@ -1,15 +1,36 @@
-"""An ONNX file, and how it wants to be spoken to."""
+"""An ONNX file, and how it wants to be spoken to.
+
+The networks that Passerby knows: names, addresses, checksums, licences and input conventions, from manifest.toml.
+
+What a network wants that the manifest does not know: told by the file itself, by a note beside it, or else by its role.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import tomllib
+from dataclasses import dataclass, field, replace
+from functools import cache
+from importlib.resources import files
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from passerby.common.errors import InputError
+from passerby.common.text import shortened
+from passerby.interchange.storage.safe_parsing import NotParsed, parse_toml, read_text
 
 Role = Literal["detector", "embedder", "keypoints"]
 Colour = Literal["bgr", "rgb"]
 Fit = Literal["letterbox", "stretch"]
 Output = Literal["yolox", "embedding", "movenet", "simcc", "heatmaps"]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
+PREFIX = "passerby."
+INPUT_KEYS = ("colour", "scale", "mean", "std", "fit", "padding")
+# Of ImageNet's pictures, with pixels from 0 to 1; what nearly every network that was trained in PyTorch expects.
+IMAGENET_MEAN = (0.485, 0.456, 0.406)
+IMAGENET_STD = (0.229, 0.224, 0.225)
 
 
 @dataclass(frozen=True)
@@ -27,6 +48,14 @@ class InputConvention:
     """letterbox: the aspect ratio is kept, the rest is padding; stretch: width and height are scaled each on its own."""
     padding: float = 114.0
     """Value of the padding, 0 to 255."""
+
+
+YOLOX = InputConvention()
+IMAGENET = InputConvention("rgb", 1.0 / 255.0, IMAGENET_MEAN, IMAGENET_STD, "stretch")
+TOP_DOWN = replace(IMAGENET, fit="letterbox", padding=0.0)
+"""RTMPose and its like: the crop has the input's aspect ratio, nothing is stretched."""
+MOVENET = InputConvention("rgb", fit="letterbox", padding=0.0)
+COCO_JOINTS = 17
 
 
 @dataclass(frozen=True)
@@ -58,3 +87,210 @@ class Network:
             "fit": convention.fit,
             "padding": convention.padding,
         }
+
+
+class Table(BaseModel):
+    """A table of a manifest: frozen, unknown keys rejected."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class InputTable(Table):
+    """How pixels enter a network; what is not set is taken from the convention that it is laid over."""
+
+    colour: Colour | None = None
+    scale: Positive | None = None
+    mean: tuple[Finite, Finite, Finite] | None = None
+    std: tuple[Positive, Positive, Positive] | None = None
+    fit: Fit | None = None
+    padding: Annotated[float, Field(ge=0.0, le=255.0)] | None = None
+
+    def over(self, base: InputConvention) -> InputConvention:
+        """`base` with what is set here in place of its own values."""
+        return InputConvention(
+            base.colour if self.colour is None else self.colour,
+            base.scale if self.scale is None else self.scale,
+            base.mean if self.mean is None else self.mean,
+            base.std if self.std is None else self.std,
+            base.fit if self.fit is None else self.fit,
+            base.padding if self.padding is None else self.padding,
+        )
+
+
+class ArchiveTable(Table):
+    """A zip archive in which a network is published."""
+
+    member: str
+    """The name of the network's file ends so in the archive."""
+    sha256: Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
+    bytes: Annotated[int, Field(gt=0)]
+
+
+class ModelEntry(Table):
+    """What the manifest says of one network."""
+
+    name: str
+    role: Role
+    file: str
+    """Its name on a user's disk; a file is known by it in the folders where models are looked for."""
+    url: str | None = None
+    """Where its publisher keeps exactly these bytes; None where nobody does."""
+    archive: ArchiveTable | None = None
+    """What the address serves where it is not the network's file itself."""
+    sha256: Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
+    bytes: Annotated[int, Field(gt=0)]
+    licence: str
+    publisher: str
+    output: Output
+    note: str
+    input: InputTable = InputTable()
+    default: bool = False
+    """Whether "auto" means this one for its role."""
+
+
+class Manifest(Table):
+    """The file as a whole."""
+
+    models: tuple[ModelEntry, ...]
+
+
+@cache
+def catalogue() -> tuple[ModelEntry, ...]:
+    """All networks of the manifest, in its order."""
+    text = files("passerby.perception").joinpath("manifest.toml").read_text(encoding="utf-8")
+    return Manifest.model_validate(tomllib.loads(text)).models
+
+
+def default_of(role: Role) -> ModelEntry | None:
+    """What "auto" means for a role where no choice is on this computer; None where the manifest names none."""
+    return next((entry for entry in catalogue() if entry.role == role and entry.default), None)
+
+
+class Description(Table):
+    """What a user says of a network, in the keys of the manifest; all of them may be left out."""
+
+    role: Role | None = None
+    output: Output | None = None
+    input: InputTable = InputTable()
+    licence: str | None = None
+    sha256: Annotated[str, Field(pattern="^[0-9a-f]{64}$")] | None = None
+    name: str | None = None
+    file: str | None = None
+    url: str | None = None
+    bytes: int | None = None
+    publisher: str | None = None
+    note: str | None = None
+
+
+def own_network(path: Path, role: Role, sha256: str) -> Network:
+    """The network in a file that the manifest does not know.
+
+    Its convention is told by the ONNX file's own `passerby.*` metadata, else by a file NAME.toml beside it; what neither says
+    is as usual for the role: a detector is a YOLOX (BGR 0 to 255, letterbox, padding 114), an embedder takes RGB crops
+    stretched to its input and normalised as ImageNet's pictures, and what keypoints are like is seen from the outputs.
+
+    Args:
+        path: the ONNX file.
+        role: what it shall be used for.
+        sha256: of the file, in hex.
+
+    Raises `InputError` where it is no ONNX file, or says something that cannot be, or that it is for another role.
+    """
+    from passerby.perception.sessions import open_session, outputs_of
+
+    session = open_session(path, allow_cuda=False)
+    metadata = _metadata(path, session)
+    told = {key.removeprefix(PREFIX): value for key, value in metadata.items() if key.startswith(PREFIX)}
+    beside = path.with_suffix(".toml")
+    if told:
+        description = _described(f"{path}: metadata {PREFIX}*", _nested(told))
+    elif beside.is_file():
+        description = _from_toml(beside)
+    else:
+        description = Description()
+    if description.sha256 not in (None, sha256):
+        raise InputError(f"{beside}: sha256 {description.sha256} is not that of {path.name} ({sha256}): is it another version?")
+    if description.role not in (None, role):
+        raise InputError(f"{path}: is a network of role {description.role}, not {role}: name one of that role")
+    output = description.output or _usual_output(path, role, [port.shape for port in outputs_of(session)])
+    _check_output(path, role, output)
+    convention = description.input.over(_usual_input(output))
+    return Network(description.name or path.name, role, path, sha256, output, convention, description.licence or "unknown")
+
+
+def _metadata(path: Path, session: Any) -> dict[str, str]:
+    """What an ONNX file says of itself. Raises `InputError` where that is no text."""
+    try:
+        found: dict[str, str] = session.get_modelmeta().custom_metadata_map
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: its metadata are not text: the file is damaged; fetch it again or give another") from None
+    return found
+
+
+def _nested(told: dict[str, str]) -> dict[str, Any]:
+    """Metadata, which are all texts, as the tables of a manifest: lists are numbers parted by commas or spaces."""
+    pixels: dict[str, Any] = {key: told[key] for key in INPUT_KEYS if key in told}
+    for key in ("mean", "std"):
+        if key in pixels:
+            pixels[key] = pixels[key].strip("[]() ").replace(",", " ").split()
+    return {**{key: value for key, value in told.items() if key not in INPUT_KEYS}, "input": pixels}
+
+
+def _from_toml(path: Path) -> Description:
+    """The description in a file of its own."""
+    try:
+        return _described(str(path), parse_toml(read_text(path, "the description of a network")))
+    except NotParsed as error:
+        raise InputError(f"{path}: is not TOML: {error}: fix it there") from None
+
+
+def _described(place: str, tables: dict[str, Any]) -> Description:
+    """Checked key by key; the first fault is the error."""
+    try:
+        return Description.model_validate(tables)
+    except ValidationError as error:
+        fault = error.errors()[0]
+        key = ".".join(map(str, fault["loc"]))
+        if fault["type"] == "extra_forbidden":
+            known = ", ".join((*Description.model_fields, *(f"input.{key}" for key in INPUT_KEYS)))
+            raise InputError(f"{place}: unknown key {key}: there are {known}") from None
+        raise InputError(
+            f"{place}: {key} is {shortened(fault['input'])}: {fault['msg'][0].lower()}{fault['msg'][1:]}"
+        ) from None
+
+
+def _usual_output(path: Path, role: Role, shapes: list[tuple[int | None, ...]]) -> Output:
+    """What a network of a role gives where nobody says it; for keypoints from the shapes of its outputs.
+
+    MoveNet: one output [1, 1, 17, 3]. SimCC (RTMPose): two, [N, joints, x bins] and [N, joints, y bins]. Heat maps: one,
+    [N, joints, height, width].
+    """
+    if role == "detector":
+        return "yolox"
+    if role == "embedder":
+        return "embedding"
+    ranks = [len(shape) for shape in shapes]
+    if ranks == [4]:
+        return "movenet" if shapes[0][2:] == (COCO_JOINTS, 3) else "heatmaps"
+    if ranks == [3, 3]:
+        return "simcc"
+    raise InputError(
+        f"{path}: outputs of shapes {shapes} are none of movenet, simcc or heatmaps: say which in "
+        f"{path.with_suffix('.toml').name} (output = ...), or name another network"
+    )
+
+
+def _check_output(path: Path, role: Role, output: Output) -> None:
+    """Raises `InputError` where an output is not one that this role has."""
+    known: dict[Role, tuple[Output, ...]] = {
+        "detector": ("yolox",),
+        "embedder": ("embedding",),
+        "keypoints": ("movenet", "simcc", "heatmaps"),
+    }
+    if output not in known[role]:
+        raise InputError(f"{path}: output {output} is not one of {role}: there are {', '.join(known[role])}")
+
+
+def _usual_input(output: Output) -> InputConvention:
+    """What the networks of a kind were published with."""
+    return {"yolox": YOLOX, "movenet": MOVENET, "simcc": TOP_DOWN, "heatmaps": TOP_DOWN}.get(output, IMAGENET)

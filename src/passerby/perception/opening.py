@@ -1,12 +1,23 @@
-"""The stages that a plan names, ready to work. Networks are opened in the process that uses them."""
+"""The stages that a plan names, ready to work. Networks are opened in the process that uses them.
+
+People whose boxes a file states, in place of a detector.
+
+Videos of cameras on their side: people in them are found once the images are turned.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import asdict
+from dataclasses import asdict, replace
+from itertools import islice
 from typing import Any, Literal
 
+import cv2
+import numpy as np
+
+from passerby.common.arrays import Ints
 from passerby.common.errors import EvidenceError
+from passerby.core.observations import Boxes, Keypoints, Vectors
 from passerby.perception.background import (
     VERSION,
     BackgroundDetector,
@@ -15,16 +26,23 @@ from passerby.perception.background import (
     learn_background,
     plan_sampling,
 )
-from passerby.perception.kept import StageCache
+from passerby.perception.kept import StageCache, hash_of_arrays
 from passerby.perception.networks import Network
-from passerby.perception.pictures import Detector, Embedder, Frame, KeypointEstimator
+from passerby.perception.pictures import Detections, Detector, Embedder, Frame, KeypointEstimator, VideoError
 from passerby.perception.plan import Plan
-from passerby.perception.video import VideoInfo, VideoReader, expected_count
-from passerby.perception.video_error import VideoError
+from passerby.perception.video import TURNS, VideoInfo, VideoReader, expected_count
 from passerby.perception.yolox import YoloxDetector, YoloxOptions
 
 UNKNOWN_LENGTH_S = 3600.0
 """Taken for the length of a video that does not tell it: a background for every five minutes of an hour."""
+PICTURES, EVERY_S = 12, 2.0
+"""Pictures that are looked at, and the time between two of them where the video is long enough."""
+FEW = 0.5
+"""People found in a picture on average, below which the video is looked at again."""
+CERTAIN = 0.5
+"""Score of a person who counts: turned images have more weak false detections."""
+LEAST, TIMES = 6, 3
+"""So many people in the turned pictures, and so many times those in the pictures as they are."""
 
 
 def open_detector(network: Network, plan: Plan) -> Detector:
@@ -38,7 +56,7 @@ def open_embedder(choice: Network | Literal["stripes"]) -> Embedder:
         from passerby.perception.reid import ReidEmbedder
 
         return ReidEmbedder(choice)
-    from passerby.perception.stripes import StripesEmbedder
+    from passerby.perception.reid import StripesEmbedder
 
     return StripesEmbedder()
 
@@ -86,3 +104,68 @@ def _counted(frames: Iterable[Frame], tell: Callable[[int], None]) -> Iterator[F
     for number, frame in enumerate(frames, start=1):
         yield frame
         tell(number)
+
+
+class GivenBoxes:
+    """The boxes that a file states, in place of a detector."""
+
+    def __init__(self, boxes: Boxes) -> None:
+        self._boxes = boxes
+        self._order = np.argsort(boxes.frame, kind="stable")
+        self._frames = boxes.frame[self._order]
+
+    @property
+    def identity(self) -> dict[str, Any]:
+        """The boxes' content."""
+        return {"detector": "given", "boxes": hash_of_arrays(self._boxes.frame, self._boxes.ltwh)}
+
+    def __call__(self, frame: Frame) -> Detections:
+        """The boxes of a frame, in the order of the file."""
+        rows = self._rows(frame.number)
+        return Detections(self._boxes.ltwh[rows], self._boxes.score[rows])
+
+    def named(self, frame: Ints, appearance: Vectors | None, keypoints: Keypoints) -> tuple[Boxes, Keypoints]:
+        """All boxes in the order of the file, with the embeddings of those that were looked at, and the joints by their names.
+
+        `frame` are the frame numbers of the rows that were looked at, as the pictures came.
+        """
+        rows = np.concatenate([self._rows(number) for number in np.unique(frame).tolist()] or [np.zeros(0, np.int64)])
+        boxes = self._boxes
+        if appearance is not None:
+            vectors = no_embeddings(len(boxes), appearance.shape[1])
+            vectors[rows] = appearance
+            boxes = replace(boxes, embedding=vectors)
+        return boxes, replace(keypoints, identity=boxes.identity[rows]) if len(keypoints) else keypoints
+
+    def _rows(self, number: int) -> Ints:
+        low, high = np.searchsorted(self._frames, (number, number + 1))
+        return np.asarray(self._order[low:high])
+
+
+def no_embeddings(rows: int, dimensions: int) -> Vectors:
+    """(rows, dimensions): embeddings of boxes that were not looked at."""
+    return np.zeros((rows, dimensions), dtype=np.float32)
+
+
+def turn_that_shows_people(info: VideoInfo, detector: Detector) -> int:
+    """Degrees clockwise by which a video has to be turned so that people in it are found; 0 where no turn helps.
+
+    Args:
+        info: the video.
+        detector: of the video as it is.
+
+    Raises:
+        InputError: as `VideoReader`.
+    """
+    every_s = EVERY_S if info.seconds is None else min(EVERY_S, info.seconds / PICTURES)
+    detectors = {
+        turn: detector.turned(turn) if isinstance(detector, BackgroundDetector) else detector for turn in (0, 90, 180, 270)
+    }
+    counts = dict.fromkeys(detectors, 0)
+    for frame in islice(VideoReader(info, rate=1.0 / max(every_s, 1.0 / info.clock_fps)), PICTURES):
+        for turn in counts:
+            picture = frame.picture if turn == 0 else cv2.rotate(frame.picture, TURNS[360 - turn])
+            people = detectors[turn](Frame(frame.number, frame.seconds, np.asarray(picture, dtype=np.uint8)))
+            counts[turn] += int((people.score >= CERTAIN).sum())
+    best = max((90, 270, 180), key=lambda turn: counts[turn])
+    return best if counts[best] >= max(LEAST, TIMES * counts[0]) else 0

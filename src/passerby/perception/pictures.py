@@ -2,22 +2,25 @@
 
 Pictures are (H, W, 3) of uint8, BGR as OpenCV has them. Boxes are left, top, width, height in pixels of the whole picture, with
 the origin where OpenCV has it, in the middle of the first pixel; only `Detections` count from that pixel's outer corner.
+
+What is wrong with a video file.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from passerby.common.arrays import Floats
+from passerby.common.errors import InputError
 from passerby.core.observations import Vectors
 
 Picture = NDArray[np.uint8]
-
 Identity = Mapping[str, Any]
 """All that decides a stage's results, as plain values for JSON: its name, its options, the checksum of its network. Two stages
 with the same identity give the same results for the same pictures."""
@@ -96,3 +99,16 @@ class KeypointEstimator(Protocol):
 
     def __call__(self, picture: Picture, ltwh: Floats) -> tuple[Floats, Floats]:
         """(N, J, 2) pixels of the whole picture and (N, J) confidence, 0 to 1, 0 for a joint that was not found."""
+
+
+class VideoError(InputError):
+    """A video cannot be read, or not as it should be (exit status 2)."""
+
+    def __init__(self, path: Path, what: str) -> None:
+        """The message names the file and then says `what` is wrong with it, and what to do."""
+        super().__init__(f"{path}: {what}")
+        self.path, self.what = path, what
+
+    def __reduce__(self) -> tuple[type[VideoError], tuple[Path, str]]:
+        # Between processes an exception is made anew from its arguments.
+        return type(self), (self.path, self.what)

@@ -1,14 +1,31 @@
-"""Appearance by a re-identification network: any ONNX file that turns a person's crop into a vector."""
+"""Appearance by a re-identification network: any ONNX file that turns a person's crop into a vector.
+
+Appearance without any weights: histograms of colour in stripes from head to foot.
+
+Hair, jacket, trousers and shoes lie one under the other, whichever way a person turns. So each of six stripes is described by
+its own histogram, once of the colours as they are (best within a camera) and once of the colours after each channel was
+equalised over the crop, as cameras differ in exposure and white balance but seldom in what is brighter or redder than what.
+Measured as rank-1 (the most similar is the same person): PETS 2009 V1, 4 to 9 seconds apart among those seen at one instant,
+and people of one camera looked for in another (62 people, 16 crops each; chance 0.016), similarity by the dot product:
+
+- as they are alone: 0.83 and 0.19; equalised alone: 0.74 and 0.29; both, as here: 0.81 and 0.31;
+- as they are, without weighting the middle columns: 0.76 and 0.13;
+- a small re-identification network (256 values, OpenVINO's retail-0248): 0.94 and 0.81.
+
+The histograms are square-rooted, so the dot product of two is their Bhattacharyya coefficient (Hellinger's distance;
+Arandjelović and Zisserman, "Three things everyone should know to improve object retrieval", CVPR 2012).
+"""
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from passerby.common.arrays import Floats
 from passerby.common.errors import InputError
 from passerby.core.observations import Vectors
-from passerby.perception.crop_network import CropNetwork, crop_rows
-from passerby.perception.crops import is_recognisable, stretch_crop
+from passerby.perception.crop_network import CropNetwork, crop_rows, is_recognisable, stretch_crop
 from passerby.perception.networks import Network
 from passerby.perception.pictures import Identity, Picture
 
@@ -16,6 +33,25 @@ from passerby.perception.pictures import Identity, Picture
 USUAL_SIZE = (128, 256)
 # A crop of 128x256 in float32 takes 0.4 MB, its activations some 50 times that. On one core larger batches bring nothing.
 BATCH = 16
+STRIPES = 6
+# People far away are 30 to 100 px tall: more pixels would say nothing more, and cost as much more.
+SIZE = (32, 96)
+# Width of the weight of the middle columns, as a share of the box's: rank-1 within a camera is 0.82 at 0.18 and at 0.09, 0.76
+# with all columns alike, for the background beside a person counts as much as the person then.
+MIDDLE = 0.12
+# Bins of hue, saturation and value; 8, 4 and 4 win 0.004 and cost 444 numbers more a box.
+PLAIN_BINS = (6, 3, 3)
+# Bins of hue, and of value; one more for pixels without colour, whose hue is noise.
+EQUAL_BINS = (8, 4)
+# From this chroma (saturation times value) on a pixel's hue counts in full.
+COLOURFUL = 0.2
+# Of the similarity, what the equalised colours decide.
+EQUAL_SHARE = 2.0 / 3.0
+# So many crops at once bound the memory (25 MB).
+STRIPES_BATCH = 32
+Values = NDArray[np.float32]
+Soft = list[tuple[NDArray[np.int64], Values]]
+"""A value shared between neighbouring bins: their numbers and weights, one pair of arrays each."""
 
 
 class ReidEmbedder:
@@ -63,3 +99,108 @@ class ReidEmbedder:
         sound = np.isfinite(length) & (length > 0)
         vectors[rows] = np.where(sound, raw / np.where(sound, length, 1.0), 0.0)
         return vectors
+
+
+class StripesEmbedder:
+    """Stripes of colour histograms as an embedder; see the module."""
+
+    @property
+    def identity(self) -> Identity:
+        """What decides its results; the version changes with any of the constants."""
+        return {"embedder": "stripes", "version": 1}
+
+    @property
+    def dimensions(self) -> int:
+        """Length of a vector: 540."""
+        return STRIPES * (int(np.prod(PLAIN_BINS)) + (EQUAL_BINS[0] + 1) * EQUAL_BINS[1])
+
+    def __call__(self, picture: Picture, ltwh: Floats) -> Vectors:
+        """(N, D) unit vectors of the boxes (N, 4); a row of zeros for a box too small or mostly outside of the picture.
+
+        Raises `InputError` for boxes of another shape.
+        """
+        boxes = crop_rows(ltwh)
+        vectors = np.zeros((len(boxes), self.dimensions), dtype=np.float32)
+        rows = np.flatnonzero(is_recognisable(picture, boxes))
+        for start in range(0, len(rows), STRIPES_BATCH):
+            part = rows[start : start + STRIPES_BATCH]
+            vectors[part] = _described(np.stack([stretch_crop(picture, boxes[row], SIZE) for row in part]))
+        return vectors
+
+
+def _described(crops: NDArray[np.uint8]) -> Vectors:
+    """(N, D) unit vectors of crops (N, H, W, 3), BGR."""
+    equal = np.stack([np.stack([cv2.equalizeHist(crop[..., k]) for k in range(3)], axis=-1) for crop in crops])
+    plain_root = np.sqrt((1.0 - EQUAL_SHARE) * _plain(crops))
+    equal_root = np.sqrt(EQUAL_SHARE * _equalised(equal))
+    return np.hstack([plain_root, equal_root]).astype(np.float32)
+
+
+def _plain(crops: NDArray[np.uint8]) -> Floats:
+    """(N, stripes * bins) joint histograms of hue, saturation and value; they sum to one a crop."""
+    hue, saturation, value = _hsv(crops)
+    hues, saturations, values = PLAIN_BINS
+    shares = [_around(hue, hues), _along(saturation, saturations), _along(value, values)]
+    return _histograms(shares, PLAIN_BINS, len(crops))
+
+
+def _equalised(crops: NDArray[np.uint8]) -> Floats:
+    """(N, stripes * bins) joint histograms of hue, where there is any, and value; they sum to one a crop."""
+    hue, saturation, value = _hsv(crops)
+    colour = np.minimum(saturation * value / np.float32(COLOURFUL), np.float32(1.0))
+    hues, values = EQUAL_BINS
+    grey = np.full(hue.shape, hues, dtype=np.int64)
+    coloured = [(number, weight * colour) for number, weight in _around(hue, hues)]
+    return _histograms([[*coloured, (grey, 1.0 - colour)], _along(value, values)], (hues + 1, values), len(crops))
+
+
+def _hsv(crops: NDArray[np.uint8]) -> tuple[Values, Values, Values]:
+    """Hue, saturation and value, 0 to 1, each (N, H, W)."""
+    n, height, width, _ = crops.shape
+    wide = np.asarray(crops.reshape(n * height, width, 3), dtype=np.float32) / np.float32(255.0)
+    hsv = cv2.cvtColor(wide, cv2.COLOR_BGR2HSV).reshape(n, height, width, 3)
+    return (
+        np.asarray(hsv[..., 0] / np.float32(360.0), dtype=np.float32),
+        np.asarray(hsv[..., 1], dtype=np.float32),
+        np.asarray(hsv[..., 2], dtype=np.float32),
+    )
+
+
+def _around(share: Values, bins: int) -> Soft:
+    """A circle's share 0 to 1 between the two bins whose middles, at 0, 1 / bins and so on, are next to it."""
+    place = share * np.float32(bins)
+    low = np.floor(place)
+    weight = place - low
+    number = low.astype(np.int64)
+    return [(number % bins, 1.0 - weight), ((number + 1) % bins, weight)]
+
+
+def _along(share: Values, bins: int) -> Soft:
+    """A share 0 to 1 between the two bins whose middles are next to it; all in the last bin beyond its middle."""
+    place = np.clip(share * np.float32(bins) - np.float32(0.5), 0.0, bins - 1.0).astype(np.float32)
+    low = np.minimum(np.floor(place), np.float32(bins - 2))
+    weight = place - low
+    number = low.astype(np.int64)
+    return [(number, 1.0 - weight), (number + 1, weight)]
+
+
+def _histograms(shares: list[Soft], bins: tuple[int, ...], n: int) -> Floats:
+    """(N, stripes * bins) joint histograms of pixels (N, H, W), the middle columns weighted; they sum to one a crop."""
+    width, height = SIZE
+    per_stripe = int(np.prod(bins))
+    length = STRIPES * per_stripe
+    columns = (np.arange(width) + 0.5) / width - 0.5
+    weight = np.exp(-0.5 * (columns / MIDDLE) ** 2).astype(np.float32)
+    weight /= weight.sum() * np.float32(height)
+    stripe = np.arange(height) * STRIPES // height
+    corners: Soft = [
+        ((np.arange(n)[:, None, None] * length + stripe[None, :, None] * per_stripe), np.broadcast_to(weight, (1, 1, width)))
+    ]
+    stride = per_stripe
+    for share, count in zip(shares, bins, strict=True):
+        stride //= count
+        corners = [(place + number * stride, held * part) for place, held in corners for number, part in share]
+    place = np.stack([place for place, _ in corners])
+    held = np.stack([held for _, held in corners])
+    counted: Floats = np.bincount(place.ravel(), held.ravel(), minlength=n * length).astype(np.float64)
+    return counted.reshape(n, length)

@@ -19,8 +19,7 @@ from av.video.reformatter import VideoReformatter
 
 from passerby.common.errors import InputError
 from passerby.perception.file_reading import SHORTFALL_S, Decoded, FileReading, IsWanted
-from passerby.perception.pictures import Frame, Picture
-from passerby.perception.video_error import VideoError
+from passerby.perception.pictures import Frame, Picture, VideoError
 from passerby.perception.video_probe import GRID_TOLERANCE_S, Piece, VideoInfo, fit_of_size, open_video, probe
 
 __all__ = ["Decoded", "VideoInfo", "VideoReader", "expected_count", "fit_of_size", "frames", "probe"]

@@ -3,14 +3,22 @@
 FFmpeg reads the metadata of the whole file. Phones write the focal length into the metadata of the video's track (QuickTime:
 `moov`, `trak`, `meta`, `keys` and `ilst`), which FFmpeg passes over; they are read here. Metadata may say anything: what is no
 focal length is taken as none.
+
+When a video file says that it was recorded: its creation time, and its timecode.
+
+Both are metadata. FFmpeg hands `creation_time` on from MP4 and MOV (`mvhd`, ISO 14496-12), Matroska (`DateUTC`) and others, and
+the timecode from a track of its own (QuickTime's `tmcd`) or from the video stream.
 """
 
 from __future__ import annotations
 
 import math
+import re
 import struct
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from datetime import UTC, datetime
+from fractions import Fraction
 from pathlib import Path
 from typing import BinaryIO
 
@@ -20,10 +28,8 @@ FOCAL_KEYS = ("camera.focal_length.35mm_equivalent", "focallengthin35mmfilm", "f
 """The endings of the names of a 35 mm equivalent focal length, in small letters: of QuickTime, and of Exif as tools copy it."""
 MAKE_KEYS, MODEL_KEYS = ("make", "manufacturer"), ("model",)
 _PREFIXES = ("com.apple.quicktime.", "com.android.", "")
-
 SHORTEST_MM, LONGEST_MM = 4.0, 2000.0
 """Of 35 mm equivalents: fisheye lenses have 6 to 15, surveillance cameras with a zoom up to 1200."""
-
 QUICKTIME = ("mov", "mp4", "m4a", "3gp", "3g2", "mj2")
 _CONTAINERS = (b"moov", b"trak")
 _DEEPEST = 2
@@ -31,6 +37,10 @@ _MOST_BOXES, _MOST_BYTES = 10_000, 1 << 16
 """Boxes that are looked at, and bytes of metadata that are read of one track: a head of a few bytes may promise any number."""
 _TEXT, _FLOAT, _DOUBLE, _SIGNED, _UNSIGNED = 1, 23, 24, 21, 22
 _LONGEST_NAME = 80
+EARLIEST = datetime(2000, 1, 1, tzinfo=UTC).timestamp()
+"""Clocks that were never set count from 1904, 1970 or 1980."""
+DAY_S = 86400.0
+_TIMECODE = re.compile(r"(\d\d):(\d\d):(\d\d)[:;.](\d+)")
 
 
 @dataclass(frozen=True)
@@ -173,3 +183,49 @@ def _text(data: bytes) -> str | None:
     if kind == _DOUBLE and len(value) == 8:
         return repr(struct.unpack(">d", value)[0])
     return None
+
+
+@dataclass(frozen=True)
+class FileClock:
+    """What a video file says of the time of its recording."""
+
+    created_s: float | None = None
+    """Its creation time, seconds since 1970: when the recording began or, by some makers, ended. Often whole seconds."""
+    timecode_s: float | None = None
+    """Its first frame by the timecode, seconds of a day; exact to a frame. The clock may be that of the day, or count recorded
+    frames."""
+
+
+def read_file_clock(container: InputContainer, fps: float | None) -> FileClock:
+    """The clock of an open video of so many frames per second; what cannot be a time is passed over."""
+    stated: dict[str, str] = {}
+    for metadata in (container.metadata, *(stream.metadata for stream in container.streams)):
+        stated = {key.lower(): value for key, value in metadata.items()} | stated
+    return FileClock(_created(stated), _timecode(stated.get("timecode", ""), fps))
+
+
+def _created(stated: Mapping[str, str]) -> float | None:
+    try:
+        time = datetime.fromisoformat(stated.get("creation_time", "").strip())
+    except ValueError:
+        return None
+    seconds = (time if time.tzinfo is not None else time.replace(tzinfo=UTC)).timestamp()
+    return seconds if seconds >= EARLIEST else None
+
+
+def _timecode(text: str, fps: float | None) -> float | None:
+    """Seconds of a timecode; frames are counted by the next whole rate (SMPTE ST 12), and dropped numbers are none."""
+    found = _TIMECODE.fullmatch(text.strip())
+    if found is None or fps is None or fps <= 0:
+        return None
+    hours, minutes, seconds, frames = map(int, found.groups())
+    rate = max(1, round(fps))
+    if minutes > 59 or seconds > 59 or frames >= rate:
+        return None
+    count = ((hours * 60 + minutes) * 60 + seconds) * rate + frames
+    if ";" in text:
+        # Two frame numbers, at 59.94 four, are left out each minute but every tenth.
+        dropped, passed = 2 * round(rate / 30), hours * 60 + minutes
+        count -= dropped * (passed - passed // 10)
+    exact = Fraction(rate * 1000, 1001) if abs(fps - rate * 1000 / 1001) < 1e-3 * rate and abs(fps - rate) > 1e-4 else rate
+    return float(count / Fraction(exact)) % DAY_S

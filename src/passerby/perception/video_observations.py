@@ -9,7 +9,7 @@ from typing import Any
 
 from passerby.core.observations import Boxes, Keypoints
 from passerby.findings.finding import Finding, notice
-from passerby.interchange.storage.toml_text import key
+from passerby.interchange.storage.text_formats import key
 from passerby.perception.video_probe import VideoInfo
 
 

@@ -26,10 +26,9 @@ from av.video.stream import VideoStream
 from passerby.common.arrays import Floats
 from passerby.common.errors import InputError
 from passerby.common.text import shortened_text
+from passerby.perception.pictures import VideoError
 from passerby.perception.pieces import JOIN_PICTURES, why_a_pattern_is_no_video, why_no_video_is_there
-from passerby.perception.video_camera import RecordingCamera, read_recording_camera
-from passerby.perception.video_clock import FileClock, read_file_clock
-from passerby.perception.video_error import VideoError
+from passerby.perception.video_camera import FileClock, RecordingCamera, read_file_clock, read_recording_camera
 
 VARIABLE_CLOCK_FPS = 100.0
 

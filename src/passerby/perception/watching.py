@@ -22,24 +22,23 @@ import onnxruntime
 from passerby.common.arrays import Floats, Ints
 from passerby.common.errors import InputError
 from passerby.core.observations import UNKNOWN, Boxes, Keypoints
-from passerby.perception.given_boxes import GivenBoxes, no_embeddings
-from passerby.perception.joint_budget import JointBudget
-from passerby.perception.kept import SUMMARY, Arrays, StageCache, cache_lock, forget_others
-from passerby.perception.lying_people import FEW, turn_that_shows_people
+from passerby.perception.kept import SUMMARY, Arrays, StageCache, VideoFilesState, cache_lock, forget_others, video_identity
 from passerby.perception.opening import (
+    FEW,
+    GivenBoxes,
     background_count,
     background_identity,
+    no_embeddings,
     open_background,
     open_detector,
     open_embedder,
     open_estimator,
+    turn_that_shows_people,
 )
-from passerby.perception.pictures import Detector, Embedder, Frame, KeypointEstimator, Picture
-from passerby.perception.plan import Plan
-from passerby.perception.source_state import VideoFilesState, video_identity
+from passerby.perception.pictures import Detector, Embedder, Frame, KeypointEstimator, Picture, VideoError
+from passerby.perception.plan import JointBudget, Plan
 from passerby.perception.steadiness import SteadinessWatcher
 from passerby.perception.video import VideoInfo, VideoReader, expected_count
-from passerby.perception.video_error import VideoError
 from passerby.perception.video_observations import VideoObservations
 
 REVISION = 1

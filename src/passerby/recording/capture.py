@@ -19,9 +19,8 @@ from av.video.stream import VideoStream
 
 from passerby.common.errors import InputError
 from passerby.common.progress import Progress, silent, tell_warning
-from passerby.recording.pieces import Piece, PieceWriter, make_folder
+from passerby.recording.pieces import Piece, PieceWriter, Source, WallClock, make_folder
 from passerby.recording.settings import DEVICE, Stream
-from passerby.recording.wall_clock import Source, WallClock
 
 STAGE = "recording"
 SCHEMA_VERSION = 1

@@ -1,6 +1,8 @@
 """Packets of one connection written into pieces, each of which begins with a key frame and appears as a whole or not at all.
 
 Pieces are Matroska files, which hold every codec of network cameras as it comes. Their names are their wall times, in UTC.
+
+Wall time of a stream's packets: by the sender where it tells it, by their arrival otherwise.
 """
 
 from __future__ import annotations
@@ -11,7 +13,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import av
 from av.audio.stream import AudioStream
@@ -20,11 +22,15 @@ from av.packet import Packet
 from av.video.stream import VideoStream
 
 from passerby.interchange.storage.atomic import PART, cannot_write, sync_folder
-from passerby.recording.wall_clock import WallTime
 
 ENDING = ".mkv"
 LONGEST = 3.0
 """Lengths of a piece, after which it ends without a key frame: some cameras send none for minutes."""
+Source = Literal["sender", "arrival"]
+SIGMA_S: dict[Source, float] = {"sender": 0.05, "arrival": 0.5}
+"""Standard deviations: network cameras set their clocks by NTP; encoders and networks hold pictures back for up to a second."""
+MOST_APART_S = 60.0
+"""A sender whose clock differs by more from that of this computer has not been set."""
 
 
 @dataclass(frozen=True)
@@ -173,3 +179,52 @@ def make_folder(path: Path) -> None:
             left.unlink(missing_ok=True)
     except OSError as error:
         raise cannot_write(path, error) from error
+
+
+@dataclass(frozen=True)
+class WallTime:
+    """Maps seconds of a stream to seconds since 1970."""
+
+    zero_s: float
+    """The wall time of the stream's second 0."""
+    source: Source
+
+    @property
+    def sigma_s(self) -> float:
+        """One sigma."""
+        return SIGMA_S[self.source]
+
+    def at(self, stream_s: float) -> float:
+        """Seconds since 1970."""
+        return self.zero_s + stream_s
+
+
+class WallClock:
+    """Learns the wall time of one connection as packets arrive. A time once given stays, so that pieces fit each other."""
+
+    def __init__(self) -> None:
+        self._earliest: float | None = None
+        self._given: WallTime | None = None
+        self.unset_s: float | None = None
+        """How far the sender's clock is from this computer's, where it is too far to be used."""
+
+    def arrived(self, stream_s: float, arrival_s: float, sender_zero_s: float | None) -> None:
+        """A packet of a second of the stream has arrived; the sender says when its second 0 was, or nothing.
+
+        The packet that was held back the least tells the most, so the earliest of all zeros counts.
+        """
+        zero = arrival_s - stream_s
+        self._earliest = zero if self._earliest is None else min(self._earliest, zero)
+        if sender_zero_s is None or (self._given is not None and self._given.source == "sender"):
+            return
+        apart = sender_zero_s - self._earliest
+        if abs(apart) <= MOST_APART_S:
+            self._given = WallTime(sender_zero_s, "sender")
+        else:
+            self.unset_s = apart
+
+    def settled(self) -> WallTime | None:
+        """The mapping from now on; None before the first packet. A later word of the sender still replaces that by arrival."""
+        if self._given is None and self._earliest is not None:
+            self._given = WallTime(self._earliest, "arrival")
+        return self._given

@@ -1,6 +1,8 @@
 """Streams as the videos of a scene: which cameras have one, where it is recorded, and the scene of what was recorded.
 
 The scene that is calibrated names folders of the recording, never an address.
+
+The scene file of a recording: what `passerby calibrate` reads afterwards.
 """
 
 from __future__ import annotations
@@ -13,18 +15,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from passerby.common.addresses import ADDRESS
+from passerby.common.addresses import ADDRESS, plain_without_credentials
 from passerby.common.errors import InputError
 from passerby.common.progress import Progress, silent
 from passerby.findings.finding import Finding, notice
 from passerby.interchange.storage.atomic import write_text
-from passerby.interchange.storage.faults import read_text
-from passerby.interchange.storage.json_text import to_json
-from passerby.interchange.storage.safe_parsing import NotParsed, parse_toml
-from passerby.interchange.storage.toml_text import relative
-from passerby.interchange.storage.versions import check_version
+from passerby.interchange.storage.safe_parsing import NotParsed, parse_toml, read_text
+from passerby.interchange.storage.text_formats import check_version, relative, to_json, to_toml
 from passerby.recording.capture import SCHEMA_VERSION, CaptureOptions, Ended, Recording, record
-from passerby.recording.settings import DEVICE, SCHEMES, Stream, check_streams_differ, read_secrets, stream_of
+from passerby.recording.settings import DEVICE, SCHEMES, RecordingPlan, Stream, check_streams_differ, read_secrets, stream_of
 from passerby.scene.inputs import check_files
 from passerby.scene.scene import Scene
 
@@ -32,6 +31,9 @@ RECORDING_FOLDER = "recording"
 """In the output folder of a calibration."""
 RECORDING_FILE = "recording.json"
 """Written when a recording has ended: a folder with it is used again."""
+SCENE_FILE = "scene.toml"
+TABLES = ("scene", "association", "sites", "scale", "solver")
+"""Of a file of cameras, that are copied: they name no files."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -168,3 +170,30 @@ def _recorded_cameras(folder: Path) -> dict[str, bool]:
         return {str(camera["name"]): bool(camera["pieces"]) for camera in content["cameras"]}
     except (ValueError, KeyError, TypeError, AttributeError):
         raise InputError(f"{path}: is not the list of a recording: remove {folder} to record anew") from None
+
+
+def write_scene_file(plan: RecordingPlan, folder: Path) -> Path:
+    """Write the scene file of a recording into its folder, before anything is recorded; one that is there stays.
+
+    Raises `InputError` (`FileFaults`) for keys that no scene has, or that contradict each other: found now, not after the
+    recording.
+    """
+    path = folder / SCENE_FILE
+    if path.exists():
+        known = set(Scene.load(path).cameras)
+        missing = [stream.camera for stream in plan.streams if stream.camera not in known]
+        if missing:
+            raise InputError(f"{path}: is there already, without camera {missing[0]}: record into another folder")
+        return path
+    for table in plan.tables:
+        if table not in TABLES:
+            raise InputError(f"{plan.place}: [{table}] has no place here: add it to {path} when that is written")
+    cameras: dict[str, dict[str, Any]] = {}
+    for name, given in plan.cameras.items():
+        cameras[name] = {"video": name, **given}
+        if isinstance(given.get("intrinsics"), str):
+            cameras[name]["intrinsics"] = str((plan.place.parent / given["intrinsics"]).resolve())
+    content = plain_without_credentials({**plan.tables, "cameras": cameras})
+    Scene.of_content(content, plan.place)
+    write_text(path, f"# Recorded by passerby record.\n\n{to_toml(content)}")
+    return path

@@ -15,7 +15,7 @@ from typing import Any, Literal
 from passerby.common.addresses import ADDRESS, without_credentials
 from passerby.common.errors import InputError
 from passerby.common.text import nearest, shortened
-from passerby.interchange.storage.faults import read_text, read_toml
+from passerby.interchange.storage.safe_parsing import read_text, read_toml
 from passerby.scene.scene import CAMERA_NAME
 
 Transport = Literal["tcp", "udp"]

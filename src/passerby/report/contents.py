@@ -12,7 +12,7 @@ from passerby.core.cameras import Rig
 from passerby.core.figures import AdjustedFigures, adjusted
 from passerby.core.observations import Boxes, CameraObservations, Clock, Keypoints, Observations
 from passerby.core.quarter_turns import turn_observations, turn_rig, turns_of
-from passerby.core.verdict import Verdict
+from passerby.core.solution import Verdict
 from passerby.interchange.calibration_json import CalibrationDocument, CameraEntry
 from passerby.interchange.coco import read_keypoints
 from passerby.interchange.declared_scene import DeclaredCamera

@@ -2,6 +2,10 @@
 
 The sample is bounded, evenly spread and the same for the same calibration. People are fitted anew at each instant, with the
 cameras held: as upright bodies where there are boxes, by their joints where there are only those.
+
+Joints that two cameras or more saw, in space and as they project again.
+
+The model of people and boxes as `calibration.json` tells of it.
 """
 
 from __future__ import annotations
@@ -12,14 +16,16 @@ import numpy as np
 
 from passerby.common.arrays import Bools, Floats, Ints
 from passerby.core.cameras import Rig
-from passerby.core.observations import inside_picture
+from passerby.core.figures import AdjustedFigures, heights_of
+from passerby.core.observations import MIN_JOINT_SCORE, MIN_JOINTS, Observations, inside_picture
+from passerby.core.stature import PERSON_HEIGHT_M
 from passerby.geometry.groups import group_numbers, group_sums
+from passerby.geometry.ray_consensus import vote_points
+from passerby.people.model import Noise, Priors
 from passerby.people.trajectories.smoothing import smooth
 from passerby.people.upright_bodies import BodyModel, IdentifiedBoxes, UprightBodies, fit_bodies, predict_boxes
 from passerby.report.contents import Contents
 from passerby.report.sampling import MOST_SIGHTINGS, Sample, sample_observations
-from passerby.report.skeletons import Joints, joints_of
-from passerby.report.upright import body_model
 
 SURE_M = 0.7
 """Whose place is less sure than this is left out of the ways: seen far away, or cut off, by one camera."""
@@ -29,6 +35,11 @@ LEAST_SD_M = 0.05
 """A body is not better placed than this: arms, stride and load move its middle."""
 FEWEST_JOINTS = 4
 """In space, for a person's place to be taken from them."""
+TOLERANCE_PX, TOLERANCE_SHARE = 2.0, 0.05
+"""Joints that agree lie within so many pixels, and this share of the person's height in the picture, of where they project:
+five times what joints are usually off by."""
+SLACK_RANGE = 0.7
+"""Boxes are believed to be at most twice as tall as people, or half as tall."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,6 +99,33 @@ class FittedTrajectories:
 
     def __len__(self) -> int:
         return len(self.identity)
+
+
+@dataclass(frozen=True, eq=False)
+class Joints:
+    """K joints as cameras saw them, and J in space."""
+
+    camera: Ints
+    """(K,) in the sample's rig."""
+    frame: Ints
+    """(K,) of the sample's clock."""
+    identity: Ints
+    """(K,)"""
+    kind: Ints
+    """(K,) which joint of the body, by its number in the files."""
+    seen: Floats
+    """(K, 2) pixels."""
+    model: Floats
+    """(K, 2) where the joint in space projects, pixels; NaN where two cameras do not agree on one."""
+    agrees: Bools
+    """(K,) whether the joint in space rests on it."""
+    point: Ints
+    """(K,) rows of `xyz`."""
+    xyz: Floats
+    """(J, 3) metres, world; NaN where two cameras do not agree."""
+
+    def __len__(self) -> int:
+        return len(self.camera)
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,3 +238,84 @@ def _in(rows: Ints, others: Ints) -> Bools:
     """(N,) whether rows (N, 2) stand among others (M, 2)."""
     number = group_numbers(*np.concatenate([others, rows]).T)
     return np.asarray(np.isin(number[len(others) :], number[: len(others)]))
+
+
+def joints_of(rig: Rig, observations: Observations) -> Joints:
+    """The joints of all people with identities, triangulated instant by instant.
+
+    Args:
+        rig: cameras with poses.
+        observations: at instants that the cameras share.
+    """
+    parts = [_rows(index, observations, camera.name) for index, camera in enumerate(rig)]
+    index = np.concatenate([rows for rows, _ in parts])
+    values = np.concatenate([found for _, found in parts])
+    camera, frame, identity, kind = index.T
+    xy, size = values[:, :2], values[:, 2]
+    point = group_numbers(identity, frame, kind)
+    n_points = int(point.max(initial=-1)) + 1
+    xyz, agrees = np.full((n_points, 3), np.nan), np.zeros(len(camera), bool)
+    bearing, tangent = np.full((len(camera), 3), np.nan), np.zeros((len(camera), 2, 3))
+    for number, one in enumerate(rig):
+        rows = np.flatnonzero(camera == number)
+        bearing[rows] = one.lens.bearings(xy[rows])
+        tangent[rows] = one.lens.tangents(bearing[rows])
+    known = np.flatnonzero(np.isfinite(bearing).all(axis=1))
+    if len(known):
+        R = np.array([one.pose.R_cw for one in rig if one.pose is not None])
+        centre = np.array([one.centre for one in rig])
+        found = vote_points(
+            camera[known], point[known], bearing[known], tangent[known], TOLERANCE_PX + TOLERANCE_SHARE * size[known], n_points,
+            R, centre,
+        )  # fmt: skip
+        xyz, agrees[known] = found.points, found.inlier
+    model = np.full((len(camera), 2), np.nan)
+    for number, one in enumerate(rig):
+        rows = np.flatnonzero((camera == number) & np.isfinite(xyz[point, 0]))
+        model[rows] = one.project(xyz[point[rows]])
+    return Joints(camera, frame, identity, kind, xy, model, agrees, point, xyz)
+
+
+def _rows(camera: int, observations: Observations, name: str) -> tuple[Ints, Floats]:
+    """Of one camera's joints: (K, 4) camera, frame, identity, kind; (K, 3) x, y, the person's height in the picture, pixels."""
+    keypoints = observations[name].keypoints
+    found = keypoints.score > MIN_JOINT_SCORE
+    found &= (found.sum(axis=1) >= MIN_JOINTS)[:, None]
+    row, kind = np.nonzero(found)
+    y = keypoints.xy[:, :, 1]
+    low, high = np.where(found, y, np.inf).min(axis=1, initial=np.inf), np.where(found, y, -np.inf).max(axis=1, initial=-np.inf)
+    index = np.column_stack([np.full(len(row), camera), keypoints.frame[row], keypoints.identity[row], kind])
+    return index.astype(np.int64), np.column_stack([keypoints.xy[row, kind], (high - low)[row]])
+
+
+def body_model(figures: AdjustedFigures, person_height_m: float | None) -> BodyModel:
+    """The model as the solver's figures have it, as far as it can be believed; the solver's own defaults for the rest.
+
+    Args:
+        figures: of the solver.
+        person_height_m: how tall people were taken to be; None where that was not written.
+    """
+    usually = Noise()
+    noise = figures.noise
+    slack = {one.name: _believed(one.slack, 0.0, -SLACK_RANGE, SLACK_RANGE) for one in figures.cameras}
+    heights = {int(who): height for who, height in heights_of(figures).items() if who.isdecimal() and 0.3 <= height <= 3.0}
+    assumed = _believed(person_height_m, PERSON_HEIGHT_M, 0.5, 2.5)
+    usual = float(np.mean(list(heights.values()))) if heights else assumed
+    return BodyModel(
+        Noise(
+            floor_px=_believed(noise.box_px, usually.box_px, 0.01, 100.0),
+            centre=_believed(noise.centre, usually.centre, 1e-3, 1.0),
+            height=_believed(noise.height, usually.height, 1e-3, 1.0),
+        )
+        if noise is not None
+        else Noise(floor_px=usually.box_px),
+        _believed(figures.foot_shift, Priors().foot_shift, -0.5, 0.5),
+        slack,
+        heights,
+        usual,
+    )
+
+
+def _believed(value: float | None, otherwise: float, low: float, high: float) -> float:
+    """A number within a range, or else the usual one."""
+    return otherwise if value is None or not low <= value <= high else value

@@ -6,17 +6,16 @@ from collections.abc import Sequence
 
 from passerby.common.text import shortened_text
 from passerby.core.figures import HeldOutFigures
-from passerby.core.measuring_figures import MeasuringFigures
+from passerby.core.measuring import MeasuringFigures
 from passerby.findings.ranking import MOST_SHOWN
 from passerby.interchange.calibration_json import GroupEntry
 from passerby.interchange.output_folder import REPORT_FILE
 from passerby.report.contents import Contents
+from passerby.report.distances import weak_points
 from passerby.report.html import Html, Section, element
-from passerby.report.recommendations import Point, points_of, reported_doubts, sentence
+from passerby.report.recommendations import Point, good_for, points_of, reported_doubts, sentence
 from passerby.report.seen import Seen, Spells
-from passerby.report.usable import good_for
-from passerby.report.values import MISSING, UNKNOWN, count
-from passerby.report.weak_points import weak_points
+from passerby.report.tables import MISSING, UNKNOWN, count
 
 WORDS = {"accepted": "Accepted", "doubtful": "Doubtful", "refused": "Refused"}
 MEANINGS = {

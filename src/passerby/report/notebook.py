@@ -16,8 +16,7 @@ from passerby.core.colours import camera_colour
 from passerby.interchange.calibration_json import CameraEntry
 from passerby.interchange.output_folder import OutputFolder
 from passerby.report.html import Child, Html, element
-from passerby.report.rig_geometry import sigma_ellipses, wedge
-from passerby.report.rig_labels import posed_cameras
+from passerby.report.rig_geometry import posed_cameras, sigma_ellipses, wedge
 
 WIDTH, TALLEST = 380, 360
 """Of the picture, pixels."""

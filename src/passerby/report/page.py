@@ -1,32 +1,37 @@
 """The report as HTML that opens anywhere: no network, no dates, the same bytes for the same calibration.
 
 It is one file, and beyond `site.EMBEDDED_CAMERAS` a page with files beside it.
+
+The report of a site: a page that opens at once, and files with what one camera or one plot needs.
+
+The HTML document around the sections of a report: head, bar, scripts, and the policy of what may run.
 """
 
 from __future__ import annotations
 
+import base64
+import hashlib
 from collections.abc import Callable
+from importlib import resources
 from pathlib import Path
 
 from passerby.common.progress import Progress, silent
 from passerby.interchange.output_folder import remove_report_parts
 from passerby.interchange.storage.atomic import write_text
-from passerby.report.camera_table import camera_section
+from passerby.report.camera_table import camera_section, lens_section, weak_cameras
 from passerby.report.contents import Contents
-from passerby.report.distances import distances_section
-from passerby.report.document import html_document
-from passerby.report.fitted import fit_people
-from passerby.report.headline import headline_section
-from passerby.report.html import Section
-from passerby.report.lens_table import lens_section
-from passerby.report.parts import parts_beside
-from passerby.report.people import heights_section, scale_section
-from passerby.report.places import pictures_section, rig_section
-from passerby.report.seen import seen_in
-from passerby.report.site import is_site
-from passerby.report.site_page import site_page
-from passerby.report.timeline import timeline_section
-from passerby.report.view_graph import view_graph_section
+from passerby.report.distances import distances_section, site_distances_section
+from passerby.report.fitted import Fitted, fit_people
+from passerby.report.headline import headline_section, scene_name, verdict_pill
+from passerby.report.html import Html, Section, element, nothing, plot
+from passerby.report.parts import Parts, parts_beside
+from passerby.report.people import heights_section, scale_section, timeline_section
+from passerby.report.pictures import RIG_LEAD, pictures_section, rig_section
+from passerby.report.seen import is_site, seen_in, zones_of
+from passerby.report.site_map import plan_drawing, site_in_space, site_map
+from passerby.report.site_views import problems_by_camera, site_camera_section, site_views_section
+from passerby.report.tables import count
+from passerby.report.view_graph import Link, links_of, site_graph_section, view_graph_section
 from passerby.report.workings import files_section, settings_section, stages_section
 
 
@@ -66,3 +71,139 @@ def write_report(contents: Contents, path: Path, progress: Progress | None = Non
     else:
         write_text(path, report_page(contents, progress))
         remove_report_parts(path)
+
+
+def site_page(contents: Contents, parts: Parts, tell: Progress) -> str:
+    """The page as HTML; what it loads later goes into files. Both are the same for the same contents.
+
+    Args:
+        contents: of a calibration, or of an output folder.
+        parts: gets the files, and their place.
+        tell: told of "report", camera by camera, as their pictures are drawn.
+
+    Raises:
+        OSError: a file cannot be written.
+    """
+    seen, fit, zones = seen_in(contents), fit_people(contents), zones_of(contents)
+    links, told = links_of(contents, seen), problems_by_camera(contents)
+    sections: list[Section | None] = [
+        headline_section(contents, seen),
+        site_camera_section(contents, seen, zones),
+        site_rig_section(contents, fit, zones, links, parts),
+        site_views_section(contents, fit, seen, links, told, parts, tell),
+        site_graph_section(contents, links),
+        timeline_section(contents, seen.spells, parts),
+        lens_section(contents),
+        heights_section(contents, parts),
+        scale_section(contents),
+        site_distances_section(contents),
+        stages_section(contents, seen),
+        settings_section(contents),
+        files_section(contents, several=True),
+    ]
+    return html_document(contents, [section for section in sections if section is not None], parts)
+
+
+def site_rig_section(contents: Contents, fit: Fitted, zones: dict[str, int], links: list[Link], parts: Parts) -> Section:
+    """The site as a map and in space."""
+    posed = contents.rig.posed()
+    if not len(posed):
+        return Section("rig", "The site", RIG_LEAD, nothing("No camera has a pose: there is nothing to draw."), "Map")
+    lead = (
+        f"{RIG_LEAD} Names appear where there is room: zoom in by drawing a frame or with the buttons, and double-click to see "
+        "all. Click on a camera to see its picture."
+    )
+    marked = dict.fromkeys(problems_by_camera(contents), "problem")
+    for names in weak_cameras(contents).values():
+        marked |= dict.fromkeys(names, "stands out")
+    who = f"{count(len(posed), 'camera')} in {count(len(set(zones.values())), 'zone')}"
+    above = plot("rig-above", site_map(contents, fit, zones, links, marked), f"Map of {who}", kind="map", parts=parts)
+    space = plot("rig-space", site_in_space(contents, fit, zones), f"{who} in space", kind="space", parts=parts)
+    plan = plan_drawing(contents, fit, zones, parts)
+    return Section("rig", "The site", lead, element("div", plan, above, space, class_="stack"), "Map")
+
+
+def html_document(contents: Contents, sections: list[Section], parts: Parts | None = None) -> str:
+    """Head, bar, sections, scripts.
+
+    Args:
+        contents: of the report.
+        sections: in their order.
+        parts: files that the page loads when it needs them, as it does plotly's code then: a third of a second of work before
+            anything is seen. They get their place. None: the page is all in one.
+
+    Raises:
+        OSError: the files cannot get their place.
+    """
+    from plotly.offline import get_plotlyjs
+
+    scripts = [get_plotlyjs(), _asset("page.js")]
+    if parts is not None:
+        parts.add_script("plotly", scripts[0])
+        scripts = [_asset("page.js"), _asset("site.js")]
+    name = scene_name(contents)
+    head = element(
+        "head",
+        element("meta", charset="utf-8"),
+        # Before anything that could run: only these scripts may, and nothing else may be fetched from anywhere.
+        element("meta", http_equiv="Content-Security-Policy", content=_policy(scripts, parts is not None)),
+        element("meta", name="viewport", content="width=device-width, initial-scale=1"),
+        element("meta", name="color-scheme", content="light dark"),
+        element("meta", name="referrer", content="no-referrer"),
+        element("title", f"{name}: {contents.verdict} – Passerby"),
+        element("style", Html(_asset("page.css"))),
+    )
+    body = element(
+        "body",
+        element("a", "Skip to the verdict", href="#main", class_="skip"),
+        _bar(contents, sections),
+        element("main", [section.render() for section in sections], id="main", tabindex="-1"),
+        _footer(contents),
+        element(
+            "noscript", element("p", "Plots and sorting need JavaScript; all figures are in the tables.", class_="nothing")
+        ),
+        [element("script", Html(script)) for script in scripts],
+    )
+    return (
+        "<!DOCTYPE html>\n" + element("html", head, body, lang="en", data_parts=None if parts is None else parts.place()) + "\n"
+    )
+
+
+def _policy(scripts: list[str], load: bool) -> str:
+    """The content security policy: these scripts by their hashes, styles in the page, pictures in the page, nothing else.
+
+    Args:
+        scripts: of the page.
+        load: whether they may load others; no address would do, as the page may lie anywhere.
+    """
+    hashes = [base64.b64encode(hashlib.sha256(script.encode()).digest()).decode() for script in scripts]
+    allowed = " ".join(f"'sha256-{one}'" for one in hashes) + (" 'strict-dynamic'" if load else "")
+    return (
+        f"default-src 'none'; script-src {allowed}; style-src 'unsafe-inline'; img-src data: blob:; font-src data:; "
+        "connect-src 'none'; form-action 'none'; base-uri 'none'"
+    )
+
+
+def _bar(contents: Contents, sections: list[Section]) -> Html:
+    """The scene, the verdict, the way to each section, and the switch between light and dark."""
+    links = [element("li", element("a", section.short or section.title, href=f"#{section.anchor}")) for section in sections[1:]]
+    return element(
+        "header",
+        element("div", element("span", scene_name(contents), class_="scene"), verdict_pill(contents), class_="who"),
+        element("nav", element("ul", links), aria_label="Sections"),
+        element("button", "Theme", type="button", id="theme", class_="quiet", aria_label="Theme: as the system"),
+        class_="bar",
+    )
+
+
+def _footer(contents: Contents) -> Html:
+    """By what the page was made."""
+    return element(
+        "footer",
+        element("p", f"Made by Passerby {contents.document.passerby or ''} from calibration.json, rig.toml and tracks/."),
+    )
+
+
+def _asset(name: str) -> str:
+    """A file of this package as text."""
+    return resources.files("passerby.report").joinpath(name).read_text(encoding="utf-8")

@@ -20,7 +20,7 @@ from typing import Any
 
 from passerby.interchange.output_folder import report_folder
 from passerby.interchange.storage.atomic import PART, cannot_write, sync_folder
-from passerby.interchange.storage.json_text import plain
+from passerby.interchange.storage.text_formats import plain
 
 NAME = re.compile("[a-z0-9-]+")
 

@@ -1,7 +1,11 @@
-"""What the drawings of a rig are made of: what cameras look at, how sure their places are, where people were."""
+"""What the drawings of a rig are made of: what cameras look at, how sure their places are, where people were.
+
+What the drawings of a rig say of its cameras.
+"""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -10,8 +14,9 @@ import numpy as np
 
 from passerby.common.arrays import Floats, Ints
 from passerby.core.cameras import Camera, Rig
-from passerby.core.picture_border import border_rays, frustum_rim
+from passerby.core.lens_figures import border_rays, frustum_rim
 from passerby.report.fitted import FittedTrajectories
+from passerby.report.sheet import clip_text
 from passerby.report.through_lens import spacing_of
 
 MOST_LINES = 24
@@ -25,6 +30,7 @@ LARGEST_ELLIPSE = 0.06
 """Half an axis of the largest ellipse, as a share of what is drawn: they are magnified until then."""
 CELLS, SMALLEST_CELL_M = 60, 0.3
 """Of a map of where people were, in one direction."""
+ENTITY = re.compile(r"&(?=#?\w+;)")
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,3 +187,33 @@ def joined(parts: Sequence[Floats], digits: int = 2) -> list[list[float | None]]
             # Adding zero turns -0.0 into 0.0.
             column += [round(value, digits) + 0.0 for value in values]
     return columns
+
+
+def told(name: str) -> str:
+    """A name as plotly may show it anywhere: it reads tags and entities in some of its texts, and not in others."""
+    return ENTITY.sub("& ", clip_text(name).replace("<", "‹").replace(">", "›"))
+
+
+def unregistered(rig: Rig) -> list[str]:
+    """Names of the cameras without a pose."""
+    return [told(camera.name) for camera in rig if camera.pose is None]
+
+
+def posed_cameras(rig: Rig) -> list[tuple[int, Camera]]:
+    """The cameras with poses and their places in the rig."""
+    return [(place, camera) for place, camera in enumerate(rig) if camera.pose is not None]
+
+
+def hover_words(camera: Camera) -> str:
+    """What hovering over a camera tells."""
+    x, y, z = (round(float(value), 2) + 0.0 for value in camera.centre)
+    lines = [f"camera {told(camera.name)}", f"x {x:.2f}, y {y:.2f} m", f"height {z:.2f} m"]
+    if camera.sigma is not None and np.isfinite(camera.sigma.position_m):
+        lines.append(f"± {1000 * camera.sigma.position_m:.0f} mm, ± {camera.sigma.orientation_deg:.2f}°")
+    return "<br>".join(lines)
+
+
+def faint(colour: str, opacity: float) -> str:
+    """`#rrggbb` with an opacity."""
+    red, green, blue = (int(colour[k : k + 2], 16) for k in (1, 3, 5))
+    return f"rgba({red},{green},{blue},{opacity})"

@@ -1,9 +1,309 @@
 """The rig in space and from above, as plotly figures in plain values: {"data": [...], "layout": {...}}.
 
 They name no colours of text, grid and background: the page sets these for light and dark.
+
+The rig from above, as a plotly figure in plain values.
+
+The rig in space, as a plotly figure in plain values.
 """
 
-from passerby.report.rig_plan import rig_from_above
-from passerby.report.rig_space import rig_in_space
+from __future__ import annotations
 
-__all__ = ["rig_from_above", "rig_in_space"]
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from passerby.common.arrays import Floats
+from passerby.core.cameras import Rig
+from passerby.core.colours import camera_colour, person_colour
+from passerby.report.contents import Contents
+from passerby.report.fitted import Fitted
+from passerby.report.layers import AXIS_COLOURS, grid_lines
+from passerby.report.rig_geometry import (
+    CELLS,
+    FRUSTUM_SHARE,
+    WEDGE_SHARE,
+    SigmaEllipses,
+    Stage,
+    density,
+    faint,
+    frustum,
+    hover_words,
+    joined,
+    posed_cameras,
+    sigma_ellipses,
+    stage_of,
+    thinned_parts,
+    told,
+    unregistered,
+    wedge,
+)
+
+Figure = dict[str, Any]
+Trace = dict[str, Any]
+CROWD = "76,141,246"
+"""Red, green, blue of where people were."""
+FEW_PLACES = 40
+"""Fewer are drawn as points."""
+CROWDED = 0.06
+"""Names of cameras nearer to each other than this share of what is drawn stand on different sides."""
+SIDES = ("middle right", "middle left", "top right", "bottom left")
+MOST_PLACES = 6000
+"""Of ways."""
+FAINT = "rgba(128,128,128,0.6)"
+"""Lines of the ground: seen on white and on near-black."""
+UP_COLOUR = "#3e7bfa"
+SCENE_SIZE = 1.6
+"""Of the longest side of what is drawn, in plotly's own units, in which it also tells where the eye is."""
+
+
+def rig_from_above(contents: Contents, fit: Fitted) -> Figure:
+    """The plan: cameras, what ground they see, how sure their places are, and where people were.
+
+    `layout.meta.magnification` tells how many times as large the ellipses are drawn.
+    """
+    rig, stage = contents.rig, stage_of(contents.rig, fit.ways.xy)
+    ellipses = sigma_ellipses(rig, stage.extent)
+    cameras = draw_cameras_from_above(rig, stage)
+    data = [*draw_crowd(fit, stage), *draw_ground_seen(rig, stage), *draw_ellipses(ellipses), *cameras]
+    missing = unregistered(rig)
+    layout: dict[str, Any] = {
+        **seen_from_above(stage), "height": 620,
+        "meta": {"magnification": ellipses.factor, "unregistered": missing},
+    }  # fmt: skip
+    if missing:
+        layout["annotations"] = [{
+            "text": "not registered: " + ", ".join(missing), "xref": "paper", "yref": "paper", "x": 0, "y": 1,
+            "xanchor": "left", "yanchor": "top", "showarrow": False,
+        }]  # fmt: skip
+    return {"data": data, "layout": layout}
+
+
+def seen_from_above(stage: Stage) -> Figure:
+    """What layouts of plots from above have in common: both axes in metres, of one scale, margins and the legend."""
+    return {
+        "xaxis": {"title": {"text": "x, m"}, "range": _range(stage, 0), "zeroline": False, "constrain": "domain"},
+        "yaxis": {
+            "title": {"text": "y, m"}, "range": _range(stage, 1), "zeroline": False, "scaleanchor": "x", "scaleratio": 1,
+            "constrain": "domain",
+        },
+        "margin": {"l": 56, "r": 16, "t": 16, "b": 52}, "hovermode": "closest",
+        "legend": {"itemsizing": "constant", "orientation": "h", "y": -0.1, "yanchor": "top"},
+    }  # fmt: skip
+
+
+def _range(stage: Stage, axis: int) -> list[float]:
+    return [round(float(stage.low[axis]), 3), round(float(stage.high[axis]), 3)]
+
+
+def draw_crowd(fit: Fitted, stage: Stage, cells: int = CELLS) -> list[Trace]:
+    """Where people were: a map of so many cells in a direction, or points where there are few."""
+    places = fit.ways.xy
+    if len(places) < FEW_PLACES:
+        xs, ys = joined([places]) if len(places) else ([], [])
+        marker = {"color": f"rgba({CROWD},0.7)", "size": 5}
+        few = {"type": "scatter", "mode": "markers", "x": xs, "y": ys, "marker": marker, "name": "people", "hoverinfo": "skip"}
+        return [few] if len(places) else []
+    x, y, share = density(places, stage.low[:2], stage.high[:2], cells)
+    columns, rows = np.flatnonzero(share.any(axis=0)), np.flatnonzero(share.any(axis=1))
+    part = (slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1))
+    # The root, so that one who stood still for long does not outshine everybody's ways.
+    values = np.sqrt(share[part] / share.max())
+    return [{
+        "type": "heatmap", "x": np.round(x[part[1]], 3).tolist(), "y": np.round(y[part[0]], 3).tolist(),
+        "z": [[round(value, 2) if value > 0 else None for value in row] for row in values.tolist()], "zmin": 0, "zmax": 1,
+        "colorscale": [[0, f"rgba({CROWD},0.12)"], [1, f"rgba({CROWD},0.85)"]], "showscale": False, "hoverinfo": "skip",
+        "name": "where people were", "showlegend": True,
+    }]  # fmt: skip
+
+
+def draw_ground_seen(rig: Rig, stage: Stage) -> list[Trace]:
+    """The ground that each camera sees nearby."""
+    out = []
+    for place, camera in posed_cameras(rig):
+        x, y = joined([wedge(camera, WEDGE_SHARE * stage.reach)])
+        colour = camera_colour(place)
+        out.append({
+            "type": "scatter", "mode": "lines", "x": x, "y": y, "fill": "toself", "fillcolor": faint(colour, 0.13),
+            "line": {"color": faint(colour, 0.7), "width": 1}, "hoverinfo": "skip", "showlegend": False,
+            "legendgroup": f"camera {place}", "name": told(camera.name),
+        })  # fmt: skip
+    return out
+
+
+def draw_ellipses(ellipses: SigmaEllipses) -> list[Trace]:
+    """One trace with the ellipses of all cameras that have sigmas."""
+    if not ellipses.outlines:
+        return []
+    x, y = joined(ellipses.outlines, 4)
+    name = f"1 sigma{ellipses.times}" + ("" if ellipses.directed else " (circles: directions unknown)")
+    return [{
+        "type": "scatter", "mode": "lines", "x": x, "y": y, "fill": "toself", "fillcolor": "rgba(229,72,77,0.18)",
+        "line": {"color": "#e5484d", "width": 1.5}, "hoverinfo": "skip", "name": name,
+    }]  # fmt: skip
+
+
+def draw_cameras_from_above(rig: Rig, stage: Stage) -> list[Trace]:
+    """Of each camera a mark with its name, and a stroke where it looks."""
+    out = []
+    near, taken = CROWDED * stage.extent, list[tuple[Floats, str]]()
+    for place, camera in posed_cameras(rig):
+        assert camera.pose is not None
+        ahead = camera.pose.R_cw[2, :2]
+        level = float(np.hypot(*ahead))
+        tip = camera.centre[:2] + 0.07 * stage.reach * ahead / max(level, 1e-9)
+        x, y = joined([np.stack([camera.centre[:2], tip])], 3)
+        used = {side for where, side in taken if np.hypot(*(where - camera.centre[:2])) < near}
+        sides = ("top", "bottom") if ahead[1] <= 0 else ("bottom", "top")
+        side = next((one for one in (f"{sides[0]} center", f"{sides[1]} center", *SIDES) if one not in used), SIDES[0])
+        taken.append((camera.centre[:2], side))
+        out.append({
+            "type": "scatter", "mode": "lines+markers+text", "x": x, "y": y, "text": [told(camera.name), ""],
+            "textposition": side, "marker": {"color": camera_colour(place), "size": [10, 0], "symbol": "square"},
+            "line": {"color": camera_colour(place), "width": 3}, "hoverinfo": "text", "hovertext": [hover_words(camera), ""],
+            "name": told(camera.name), "legendgroup": f"camera {place}", "showlegend": False, "cliponaxis": False,
+        })  # fmt: skip
+    return out
+
+
+def rig_in_space(contents: Contents, fit: Fitted) -> Figure:
+    """Cameras with what they see, the ground, the trajectories of people and which way is up.
+
+    `layout.meta.views` lists views: {label, camera: {eye, center, up}}, for `scene.camera`.
+    """
+    stage = stage_of(contents.rig, fit.ways.xy)
+    data = [_ground(stage), *_axes(stage), *_ways(fit), *draw_cameras_in_space(contents.rig, stage)]
+    size = stage.high - stage.low
+    unit = SCENE_SIZE / float(size.max())
+    views = _views(contents, stage, unit)
+    axes = {
+        f"{name}axis": {
+            "range": [round(float(stage.low[k]), 3), round(float(stage.high[k]), 3)],
+            "title": {"text": f"{name}, m"},
+            "showspikes": False,
+            "showgrid": False,
+            "zeroline": False,
+            "nticks": 4 if name == "z" else 8,
+        }
+        for k, name in enumerate("xyz")
+    }
+    ratio = {name: round(float(size[k]) * unit, 4) for k, name in enumerate("xyz")}
+    scene = {**axes, "aspectmode": "manual", "aspectratio": ratio, "camera": views[0]["camera"], "dragmode": "orbit"}
+    legend = {"itemsizing": "constant", "orientation": "h", "y": 0, "yanchor": "bottom"}
+    meta = {"views": views, "unregistered": unregistered(contents.rig)}
+    layout = {"scene": scene, "margin": {"l": 0, "r": 0, "t": 0, "b": 0}, "legend": legend, "meta": meta}
+    return {"data": data, "layout": layout}
+
+
+def _lines(points: list[list[float | None]], **more: Any) -> Trace:
+    """A trace in space of lines with gaps; hovering over it tells nothing, unless `more` says what."""
+    x, y, z = points if points else ([], [], [])
+    return {"type": "scatter3d", "mode": "lines", "x": x, "y": y, "z": z, "hoverinfo": "skip", "showlegend": False, **more}
+
+
+def _ground(stage: Stage) -> Trace:
+    begin, end = grid_lines(stage.low[:2], stage.high[:2], stage.spacing)
+    low, high = np.append(stage.low[:2], 0.0), np.append(stage.high[:2], 0.0)
+    lines = [np.clip(np.stack([a, b]), low, high) for a, b in zip(begin, end, strict=True)]
+    # A line that lies outside what is drawn would be moved onto its border.
+    inside = [line for line, a, b in zip(lines, begin, end, strict=True) if _on_itself(line, a, b)]
+    return _lines(joined(inside), name=f"ground, {stage.spacing:g} m", line={"color": FAINT, "width": 1.5})
+
+
+def _on_itself(line: Floats, begin: Floats, end: Floats) -> bool:
+    """Whether a cut-off line (2, 3) lies on the line that it was cut from."""
+    constant = begin == end
+    return bool(np.array_equal(line[0][constant], begin[constant]))
+
+
+def _axes(stage: Stage) -> list[Trace]:
+    """x, y and up, from the world's origin."""
+    length = min(stage.spacing, 0.25 * stage.reach)
+    out = []
+    for k, (label, colour) in enumerate({**AXIS_COLOURS, "z, up": UP_COLOUR}.items()):
+        end = np.zeros((2, 3))
+        end[1, k] = length
+        out.append(
+            _lines(
+                joined([end]), mode="lines+text", text=["", label], textposition="top center", textfont={"color": colour},
+                line={"color": colour, "width": 5}, name=f"axis {label}",
+            )
+        )  # fmt: skip
+    return out
+
+
+def _ways(fit: Fitted) -> list[Trace]:
+    """The ways over the ground, one trace a colour."""
+    ways, by_colour = fit.ways, dict[str, list[NDArray[np.int64]]]()
+    for rows in thinned_parts(ways, MOST_PLACES):
+        by_colour.setdefault(person_colour(int(ways.identity[rows[0]])), []).append(rows)
+    out = []
+    for number, colour in enumerate(sorted(by_colour)):
+        parts = by_colour[colour]
+        points = [np.column_stack([ways.xy[rows], np.full(len(rows), 0.02)]) for rows in parts]
+        who = [np.column_stack([ways.identity[rows], ways.seconds[rows]]) for rows in parts]
+        identity, seconds = joined(who, 1)
+        shown = {
+            "name": "trajectories of people", "legendgroup": "ways", "showlegend": number == 0, "opacity": 0.75,
+            "line": {"color": colour, "width": 2.5}, "hoverinfo": "text",
+            "hovertext": [
+                "" if one is None else f"person {one:.0f}<br>{when:.1f} s" for one, when in zip(identity, seconds, strict=True)
+            ],
+        }  # fmt: skip
+        out.append(_lines(joined(points), **shown))
+    return out
+
+
+def draw_cameras_in_space(rig: Rig, stage: Stage) -> list[Trace]:
+    """Of each camera its frustum, with its name at the centre."""
+    out = []
+    for place, camera in posed_cameras(rig):
+        border = frustum(camera, FRUSTUM_SHARE * stage.reach)
+        corners = border[:: max(1, len(border) // 4)][:4]
+        strokes = [camera.centre[None], np.concatenate([border, border[:1]]), *(np.stack([camera.centre, p]) for p in corners)]
+        points = joined(strokes, 3)
+        colour, words = camera_colour(place), hover_words(camera)
+        name, group = told(camera.name), f"camera {place}"
+        foot = np.stack([camera.centre, camera.centre * (1, 1, 0)])
+        shown = {"line": {"color": colour, "width": 3}, "hoverinfo": "text", "hovertext": words, "name": name}
+        out.append(_lines(points, legendgroup=group, showlegend=True, **shown))
+        out.append(_lines(joined([foot], 3), line={"color": colour, "width": 1.5, "dash": "dot"}, legendgroup=group, name=name))
+        x, y, z = joined([camera.centre[None]], 3)
+        out.append({
+            "type": "scatter3d", "mode": "markers+text", "x": x, "y": y, "z": z, "text": [name], "textposition": "top center",
+            "textfont": {"color": colour}, "marker": {"color": colour, "size": 4}, "hoverinfo": "text", "hovertext": [words],
+            "legendgroup": group, "showlegend": False, "name": name,
+        })  # fmt: skip
+    return out
+
+
+def _views(contents: Contents, stage: Stage, unit: float) -> list[dict[str, Any]]:
+    """Where the eye may be, in plotly's units: the middle of what is drawn is 0."""
+    around = 0.5 * (stage.low + stage.high)
+    middle = (stage.middle + (0, 0, 1.0) - around) * unit
+    far = np.clip(2.9 * stage.reach * unit, 0.5, 2.2)
+    up = np.array([0.0, 0.0, 1.0])
+    whole = np.zeros(3)
+    # What is near looks large: the middle of the picture lies on this side of the rig's.
+    oblique = np.array([0.55, -0.75, 0.0])
+    nearer = middle + 0.15 * far * oblique
+    found = [
+        ("Oblique", nearer + far * (0.8 * oblique + (0, 0, 0.55)), nearer),
+        # Straight down a turning view does not know which way is up.
+        ("From above", whole + (0, -0.01, 1.35 * SCENE_SIZE), whole),
+        ("Along x", middle + far * np.array([-1.0, 0.0, 0.12]), middle),
+        ("Along y", middle + far * np.array([0.0, -1.0, 0.12]), middle),
+    ]
+    for _, camera in posed_cameras(contents.rig):
+        assert camera.pose is not None
+        eye = (camera.centre - around) * unit
+        found.append((f"From {told(camera.name)}", eye, eye + 0.5 * camera.pose.R_cw[2]))
+    return [
+        {"label": label, "camera": {"eye": _point(eye), "center": _point(centre), "up": _point(up)}}
+        for label, eye, centre in found
+    ]
+
+
+def _point(values: Floats) -> dict[str, float]:
+    return {name: round(float(values[k]), 4) + 0.0 for k, name in enumerate("xyz")}

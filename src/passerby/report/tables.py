@@ -1,4 +1,7 @@
-"""Tables that scroll in their own box, can be sorted, and can be copied as CSV."""
+"""Tables that scroll in their own box, can be sorted, and can be copied as CSV.
+
+Figures as text.
+"""
 
 from __future__ import annotations
 
@@ -6,10 +9,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from passerby.report.html import Html, element, join
-from passerby.report.values import figure
 
 LONG = 24
 """Rows beyond which a table scrolls up and down in its box too, and can be searched."""
+MISSING = "–"
+"""Stands where a figure is undefined."""
+UNKNOWN = "unknown"
+"""Stands where a figure has an infinite sigma: no evidence constrains it."""
 
 
 @dataclass(frozen=True)
@@ -125,3 +131,19 @@ def _cells(row: Sequence[Cell], columns: Sequence[Column]) -> list[Html]:
 def _exact(value: str | float) -> str:
     """A number with all its digits, as `calibration.json` has it."""
     return value if isinstance(value, str) else repr(value)
+
+
+def figure(value: float | None, digits: int = 1, unit: str = "") -> str:
+    """A figure as text; a dash where it is undefined."""
+    # Adding zero turns -0.0 into 0.0.
+    return MISSING if value is None else f"{round(value, digits) + 0.0:.{digits}f}{unit}"
+
+
+def count(number: int, what: str, several: str | None = None) -> str:
+    """`1 camera`, `2 cameras`."""
+    return f"{number} {what if number == 1 else several or what + 's'}"
+
+
+def listed(names: Sequence[str]) -> str:
+    """`A, B and C`."""
+    return names[0] if len(names) == 1 else ", ".join(names[:-1]) + " and " + names[-1] if names else ""

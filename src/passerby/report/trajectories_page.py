@@ -11,8 +11,7 @@ from passerby.core.colours import person_colour
 from passerby.core.trajectories import Trajectories
 from passerby.interchange.formats.drawing import Way, ways_of
 from passerby.report.rig_geometry import joined, stage_of
-from passerby.report.rig_plan import Trace, draw_cameras_from_above, draw_ground_seen
-from passerby.report.rig_space import draw_cameras_in_space
+from passerby.report.rig_plots import Trace, draw_cameras_from_above, draw_cameras_in_space, draw_ground_seen
 
 MOST_PLACES = 24_000
 """Drawn of all people together; of more every n-th. In each of two views a place takes 70 bytes, plotly's own code 4.7 MB."""

@@ -16,8 +16,7 @@ from passerby.report.camera_table import swatch
 from passerby.report.contents import Contents
 from passerby.report.html import Html, Section, element, join, nothing
 from passerby.report.seen import Seen
-from passerby.report.tables import Column, data_table, number, text
-from passerby.report.values import MISSING, count
+from passerby.report.tables import MISSING, Column, count, data_table, number, text
 
 STRONG, FAIR = 0.7, 0.4
 """Confidence above which a pair is strong, or fair."""

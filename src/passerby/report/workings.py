@@ -8,12 +8,11 @@ from typing import Any
 from passerby.core.figures import AdjustedFigures, CheckedLength, HeldOutFigures, StarFigures
 from passerby.findings.texts.solver import PART_NAMES
 from passerby.interchange.calibration_json import NetworkEntry, VideoEntry
-from passerby.interchange.storage.json_text import plain
+from passerby.interchange.storage.text_formats import plain
 from passerby.report.contents import Contents
 from passerby.report.html import Html, Section, element, join, nothing
 from passerby.report.seen import Seen
-from passerby.report.tables import Column, data_table, text
-from passerby.report.values import count, figure, listed
+from passerby.report.tables import Column, count, data_table, figure, listed, text
 
 MODES = {
     "given": "identities are known",

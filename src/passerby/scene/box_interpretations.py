@@ -10,19 +10,25 @@ Boxes of people who are cut off by a border, drawn as if they were not, reach be
 The level fit of the people (`single_view`) shows the rotation: in a camera that looks over heads, those who are lower in the
 image are larger. A camera about as high as body centres fits both ways up, and so does one that looks straight down; then
 nothing is reported. Keypoints have names, and show head and feet themselves.
+
+Do a camera's boxes lie on a grid that is coarse beside people? Then their sizes are those of blocks, not of bodies.
+
+Recorders that find motion in blocks of a compressed video, and detectors that tell cells, round boxes outwards: people seem
+larger, the smaller they are seen. A rig of such boxes fits well and has a wrong scale.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from passerby.common.arrays import Floats, Ints
-from passerby.core.box_format import FORMATS, BoxFormat
 from passerby.core.cameras import Lens
-from passerby.core.observations import MIN_JOINT_SCORE, Boxes, CameraObservations, Keypoints
+from passerby.core.figures import AdjustedFigures
+from passerby.core.observations import FORMATS, MIN_JOINT_SCORE, Boxes, BoxFormat, CameraObservations, Keypoints
+from passerby.findings.finding import Finding, notice
 from passerby.geometry.single_view import Level, level_camera
 from passerby.people.segments import FEET, HEAD, MIN_EXTENT_PX
 
@@ -41,7 +47,6 @@ and such a share of the boxes is beyond the image in the stated format. Of left,
 second row or fewer would be so."""
 LARGEST_SHARE = 2.0
 """Numbers of normalised boxes: a body that is drawn whole may reach beyond 1. No people are boxes of two pixels."""
-
 MIN_BODIES = 50
 FITS_BETTER, FITS_WELL = 1.6, 0.35
 """A rotated image is better where 90 % of its people fit one ground within `FITS_WELL` of their extent, and so many times
@@ -57,6 +62,13 @@ HEADS_ELSEWHERE = 0.8
 handstands, but few for long."""
 TURNS = {0: (0, -1), 90: (-1, 0), 180: (0, 1), 270: (1, 0)}
 """Where the heads are in an image, as a direction in pixels, by the degrees clockwise that put it upright."""
+FEWEST_FOR_GRID, MOST_FOR_GRID = 50, 2000
+"""Boxes that are looked at, spread over all."""
+ON_GRID = 0.98
+"""Share of the edges on multiples of the step: boxes that are clipped at the border of the image need not be."""
+COARSE = 0.1
+"""Step of a grid as a share of the boxes' median height: rounding outwards adds one step to a height on average, and that is
+twice what a metre by people's stature is known to."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -278,3 +290,46 @@ def level_of_rotation(lens: Lens, boxes: Boxes, person_height_m: float, turn: in
         rays[0][known] @ R.T, rays[1][known] @ R.T, tangent, extent[known],
         np.full(known.sum(), person_height_m), np.zeros(known.sum()), np.random.default_rng(0),
     )  # fmt: skip
+
+
+def notice_of_coarse_boxes(name: str, boxes: Boxes) -> Finding | None:
+    """A notice where a camera's boxes lie on a coarse grid; None where they do not, or where there are too few.
+
+    Args:
+        name: of the camera.
+        boxes: all of its boxes.
+    """
+    step = grid_step(boxes)
+    if step is None:
+        return None
+    height = float(np.median(boxes.ltwh[:, 3]))
+    return notice("boxes_coarse", name, step_px=step, height_px=height) if step > COARSE * height else None
+
+
+def with_coarse_boxes(figures: AdjustedFigures, findings: Iterable[Finding]) -> AdjustedFigures:
+    """The figures with what coarse boxes do to the scale, as far as it rests on how tall people are.
+
+    Args:
+        figures: of the adjustment.
+        findings: those about its input.
+    """
+    steps = [one.values["step_px"] / one.values["height_px"] for one in findings if one.code == "boxes_coarse"]
+    sigma = figures.scale.relative_sigma
+    if not steps or sigma is None:
+        return figures
+    share = sum(cue.share for cue in figures.scale.cues if cue.kind in ("population", "person"))
+    return replace(figures, scale=replace(figures.scale, relative_sigma=float(np.hypot(sigma, share * max(steps)))))
+
+
+def grid_step(boxes: Boxes) -> int | None:
+    """The largest integer above 1, pixels, of which nearly all edges are multiples; None if there is none."""
+    if len(boxes) < FEWEST_FOR_GRID:
+        return None
+    boxes = boxes.take(np.linspace(0, len(boxes) - 1, min(len(boxes), MOST_FOR_GRID)).astype(np.int64))
+    edges = np.concatenate([boxes.ltwh[:, :2], boxes.ltwh[:, :2] + boxes.ltwh[:, 2:]]).ravel()
+    whole = np.rint(edges).astype(np.int64)
+    if np.mean(np.abs(edges - whole) < 1e-6) < ON_GRID:
+        return None
+    most = int(np.median(boxes.ltwh[:, 3]))
+    steps = (step for step in range(most, 1, -1) if np.mean(whole % step == 0) >= ON_GRID)
+    return next(steps, None)

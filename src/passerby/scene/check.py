@@ -14,13 +14,13 @@ from passerby.association.sampling import STEP_S
 from passerby.common.arrays import Ints
 from passerby.common.errors import EvidenceError, InputError
 from passerby.core.cameras import Lens
-from passerby.core.missing_cameras import without_pose
 from passerby.core.observations import UNKNOWN, CameraObservations, Observations
 from passerby.core.overlap import Shared, count_shared_observations, missing_overlap
+from passerby.core.usability import without_pose
 from passerby.findings.finding import Finding, notice
 from passerby.findings.texts import diagnostic, texts_of
-from passerby.interchange.storage.faults import faults_of
-from passerby.interchange.storage.json_text import plain
+from passerby.interchange.storage.safe_parsing import faults_of
+from passerby.interchange.storage.text_formats import plain
 from passerby.perception.plan import foresee
 from passerby.perception.video import VideoInfo
 from passerby.perception.video_probe import WallTime

@@ -14,8 +14,7 @@ from itertools import combinations
 import numpy as np
 
 from passerby.common.arrays import Bools, Floats, Ints
-from passerby.core.extents import extents_of
-from passerby.core.observations import CameraObservations
+from passerby.core.observations import CameraObservations, extents_of
 from passerby.core.synchronisation import USUAL_FPS
 from passerby.findings.finding import Finding, doubt
 from passerby.geometry.groups import expanded_ranges, rows_of_equal

@@ -20,23 +20,26 @@ from passerby.core.observations import Clock, Observations
 from passerby.core.pointing import PointedPerson, StatedIdentities
 from passerby.core.quarter_turns import turn_boxes
 from passerby.findings.finding import Finding, notice
-from passerby.interchange.storage.faults import FileFaults, faults_of
+from passerby.interchange.storage.safe_parsing import FileFaults, faults_of
 from passerby.perception.sources.recording import gaps_of, recorded_s
+from passerby.scene.box_interpretations import notice_of_coarse_boxes
 from passerby.scene.camera_input import CameraInput
-from passerby.scene.coarse_boxes import notice_of_coarse_boxes
 from passerby.scene.exchanged_streams import findings_of_exchanged_streams
-from passerby.scene.file_clocks import file_clock_findings, measure_by_file_clocks
-from passerby.scene.joint_layouts import correct_layouts
-from passerby.scene.lens_sources import group_faults
+from passerby.scene.joint_layouts import correct_layouts, wand_faults
+from passerby.scene.lens_sources import add_seen_lenses, group_faults
 from passerby.scene.people_in_images import doubts_of_people, faults_of_people, findings_of_people
 from passerby.scene.pointing import overlapped_people, pointed_people, pointing_faults, stated_identities
 from passerby.scene.reading import needs_video, read_camera
-from passerby.scene.same_content import doubts_of_same_content
-from passerby.scene.same_files import faults_of_same_file, faults_of_same_video
+from passerby.scene.same_content import doubts_of_same_content, faults_of_same_file, faults_of_same_video
 from passerby.scene.scene import Scene
-from passerby.scene.seen_lenses import add_seen_lenses
-from passerby.scene.wall_clock import WallClock, align_wall_clocks, chosen_span, wall_clock_of
-from passerby.scene.wands import wand_faults
+from passerby.scene.wall_clock import (
+    WallClock,
+    align_wall_clocks,
+    chosen_span,
+    file_clock_findings,
+    measure_by_file_clocks,
+    wall_clock_of,
+)
 from passerby.scene.world_files import world_faults
 
 IN_MEMORY = Path("(in memory)")

@@ -2,21 +2,29 @@
 
 A file of intrinsics; what the scene file states of a lens that nobody calibrated; the metadata of its video; the lens of
 another camera of the same model; or nothing but the image size.
+
+Fields of view that a network of the user's sees in the videos of cameras without intrinsics.
+
+Whether a camera's picture size and its matrix are of one picture, and whether people were found in a smaller one.
 """
 
 from __future__ import annotations
 
+import math
+import statistics
 from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from passerby.common.arrays import Floats
 from passerby.common.errors import InputError
 from passerby.common.text import shortened
 from passerby.core.cameras import Lens
 from passerby.core.lens import LARGEST_FOCAL_SD
 from passerby.core.quarter_turns import turn_lens, turned_size
 from passerby.findings.finding import notice
+from passerby.findings.texts import text_of
 from passerby.perception.video_probe import fit_of_size
 from passerby.scene.camera_input import CameraInput, KnownLens
 from passerby.scene.lens_keys import STATEMENTS, stating_camera
@@ -27,6 +35,22 @@ FULL_FRAME_MM = float(np.hypot(36.0, 24.0))
 UNIT_SPREAD = 0.01
 """Focal lengths of cameras of one model differ by about so much from unit to unit, one standard deviation as a share: by the
 tolerance of the lens and by its focus."""
+FILLED_ROWS = 100
+"""Fewer people say nothing of the size of the picture."""
+STRAY_SHARE = 0.001
+"""Boxes that a tracker predicts past the border."""
+SUB_STREAMS = (1 / 4, 1 / 3, 3 / 8, 1 / 2, 2 / 3, 3 / 4)
+"""Width and height of usual second streams over those of the main one."""
+STRIP = 0.0125
+"""Boxes that a picture's border cuts end within this share of its size of it, give or take."""
+CUT_ROWS, CUT_SHARE = 10, 0.003
+"""So many boxes, and such a share of all, end at the border of a smaller picture,"""
+CUT_SPREAD = 0.1
+"""over this share of that border, and differ as much in height: not one person who stands there."""
+REACHED = 0.7
+"""Along the other border people come at least so near to the corner, as a share."""
+PRINCIPAL_SHARE = 0.25
+"""A cropped picture can have its principal point outside; further out than this share of the size, matrix and size disagree."""
 
 
 def find_lens(scene: Scene, reading: CameraInput, model: CameraInput | None) -> None:
@@ -160,3 +184,98 @@ def _size_of(reading: CameraInput, lens: Lens) -> str:
     """Of the images as filmed: a camera on its side has the lens of one that is not."""
     width, height = turned_size(lens.size, reading.rotate)
     return f"{width} x {height}"
+
+
+def add_seen_lenses(scene: Scene, readings: Sequence[CameraInput]) -> None:
+    """Give uncalibrated lenses the focal lengths that `[perception] lens_network` sees; what is stated of them stays.
+
+    Cameras of one model have the median of what is seen in their videos.
+
+    Raises `InputError` where the network cannot be used.
+    """
+    path = scene.perception.lens_network
+    wanting = [one for one in readings if _wants(one)]
+    if path is None or not wanting:
+        return
+    from passerby.perception.lens_network import FOCAL_SD, LensNetwork, lens_from_video
+
+    models: dict[str, list[CameraInput]] = {}
+    for reading in wanting:
+        group = None if reading.lens is None else reading.lens.group
+        models.setdefault(f"group {group}" if group is not None else f"camera {reading.name}", []).append(reading)
+    try:
+        network = LensNetwork(scene.resolve(path))
+        for of_model in models.values():
+            seen = [
+                lens_from_video(network, one.video, one.lens).focal
+                for one in of_model if one.video is not None and one.lens is not None
+            ]  # fmt: skip
+            for reading in of_model if seen else ():
+                assert reading.lens is not None
+                reading.lens = reading.lens.with_focal(statistics.median(seen) / reading.lens.focal, FOCAL_SD)
+                reading.lens_source = KnownLens("lens_network", str(path))
+                hfov = 2 * math.degrees(math.atan(0.5 * reading.lens.size[0] / reading.lens.focal))
+                reading.findings.append(
+                    notice("field_of_view_seen", reading.name, network=path.name, hfov_deg=hfov, sd_percent=100 * FOCAL_SD)
+                )
+    except InputError as error:
+        raise InputError(f"{scene.place}: [perception] lens_network: {error}") from None
+
+
+def _wants(reading: CameraInput) -> bool:
+    """Whether nothing is known of a camera's focal length, which one image can show."""
+    lens, source = reading.lens, reading.lens_source
+    unknown = source is not None and source.source == "people"
+    return lens is not None and lens.uncalibrated and not lens.fisheye and unknown
+
+
+def source_of_size(scene: Scene, camera: str) -> str:
+    """The file that states a camera's image size: its intrinsics, or else its video or the scene file."""
+    table = scene.cameras[camera]
+    if table.intrinsics is not None:
+        return str(scene.resolve(table.intrinsics))
+    return str(scene.place if table.image_size is not None or not table.videos else scene.resolve(table.videos[0]))
+
+
+def check_principal_point(scene: Scene, reading: CameraInput, lens: Lens) -> None:
+    """Matrix against picture size."""
+    beyond = float((np.abs(lens.matrix[:2, 2] / lens.size - 0.5) - 0.5).max())
+    if beyond > 0:
+        place, point = source_of_size(scene, reading.name), lens.matrix[:2, 2].round(1).tolist()
+        finding = notice("principal_point_outside_image", reading.name, place=place, point=point, size=list(lens.size))
+        if beyond > PRINCIPAL_SHARE:
+            reading.faults.append(text_of(finding))
+        else:
+            reading.findings.append(finding)
+
+
+def smaller_picture(extent: Floats, size: tuple[int, int]) -> tuple[int, tuple[int, int]] | None:
+    """The size of the smaller picture that people were found in, and how many its right and lower borders cut off.
+
+    Nobody reaches beyond it, and people of different heights at different places end just at its border. Where people keep to a
+    corner of a right picture nothing cuts them off there.
+
+    Args:
+        extent: (N, 4) left, top, right, bottom of people, pixels.
+        size: width and height of the picture that they are said to be in.
+    """
+    if len(extent) < FILLED_ROWS:
+        return None
+    ends = extent[:, 2:] / size
+    most = np.quantile(ends, 1 - STRAY_SHARE, axis=0)
+    for share in SUB_STREAMS:
+        reach = most / share
+        if reach.max() > 1 + STRIP or reach.min() < REACHED:
+            continue
+        count = 0
+        for axis in range(2):
+            cut = np.abs(ends[:, axis] / share - 1) <= STRIP
+            along = 0.5 * (extent[cut, 1 - axis] + extent[cut, 3 - axis]) / (share * size[1 - axis])
+            tall = extent[cut, 3] - extent[cut, 1]
+            if cut.sum() < max(CUT_ROWS, CUT_SHARE * len(extent)):
+                continue
+            if np.std(along) >= CUT_SPREAD and np.std(tall) >= CUT_SPREAD * np.mean(tall):
+                count += int(cut.sum())
+        if count:
+            return count, (round(share * size[0]), round(share * size[1]))
+    return None

@@ -12,10 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from passerby.common.arrays import Floats
-from passerby.core.box_format import BoxFormat
 from passerby.core.cameras import Lens
-from passerby.core.extents import extents_of
-from passerby.core.observations import Boxes, CameraObservations, Keypoints
+from passerby.core.observations import Boxes, BoxFormat, CameraObservations, Keypoints, extents_of
 from passerby.core.quarter_turns import turn_lens
 from passerby.findings.finding import Finding, doubt, notice
 from passerby.findings.texts import text_of
@@ -27,7 +25,7 @@ from passerby.scene.box_interpretations import (
     rotation_of_sideways,
 )
 from passerby.scene.camera_input import CameraInput
-from passerby.scene.intrinsics_checks import FILLED_ROWS, smaller_picture, source_of_size
+from passerby.scene.lens_sources import FILLED_ROWS, smaller_picture, source_of_size
 from passerby.scene.scene import Scene
 
 OUTSIDE_SHARE = 0.01

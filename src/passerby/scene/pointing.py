@@ -9,9 +9,9 @@ import numpy as np
 from passerby.core.pointing import PeopleInFrame, PointedPerson, Sighting, StatedIdentities, nearest_frame, people_in_frame
 from passerby.findings.finding import Finding, notice
 from passerby.scene.camera_input import CameraInput
-from passerby.scene.identity_tables import PersonAtTable, TogetherTable
 from passerby.scene.scale_tables import PersonTable
 from passerby.scene.scene import Scene
+from passerby.scene.table import PersonAtTable, TogetherTable
 
 PersonAt = PersonTable | PersonAtTable
 

@@ -21,25 +21,22 @@ from passerby.core.quarter_turns import turn_boxes, turn_keypoints, turn_lens, t
 from passerby.findings.finding import notice
 from passerby.findings.texts import text_of
 from passerby.interchange.coco import read_keypoints
-from passerby.interchange.embeddings import read_embeddings
 from passerby.interchange.formats import read_people_as
 from passerby.interchange.formats.skeletons import standard_names
-from passerby.interchange.motchallenge import read_boxes
+from passerby.interchange.motchallenge import read_boxes, read_embeddings
 from passerby.interchange.rig_toml import read_lens
-from passerby.interchange.storage.faults import faults_of
+from passerby.interchange.storage.safe_parsing import faults_of
+from passerby.perception.pictures import VideoError
 from passerby.perception.sources.files import WallSpan
 from passerby.perception.sources.frame_times import TYPICAL_STEP_S, read_frame_times, timed_by
 from passerby.perception.sources.recording import open_source
 from passerby.perception.video import VideoInfo, fit_of_size
-from passerby.perception.video_error import VideoError
 from passerby.scene.camera_input import CameraInput, KnownLens
-from passerby.scene.doubled_rows import remove_duplicates
-from passerby.scene.intrinsics_checks import check_principal_point, source_of_size
-from passerby.scene.lens_sources import find_lens
+from passerby.scene.joint_layouts import take_wands
+from passerby.scene.lens_sources import check_principal_point, find_lens, source_of_size
 from passerby.scene.scene import Scene
-from passerby.scene.used_rows import keep_used
+from passerby.scene.used_rows import keep_used, remove_duplicates
 from passerby.scene.wall_clock import source_of
-from passerby.scene.wands import take_wands
 
 T = TypeVar("T")
 

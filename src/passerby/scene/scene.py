@@ -17,7 +17,7 @@ from pydantic import Field, PrivateAttr, ValidationError, model_validator
 
 from passerby.common.errors import InputError
 from passerby.common.text import nearest, shortened
-from passerby.core.box_format import BoxFormat
+from passerby.core.observations import BoxFormat
 from passerby.core.scale_cues import (
     CameraDistance,
     CameraHeight,
@@ -27,13 +27,9 @@ from passerby.core.scale_cues import (
     ScaleCues,
     Wand,
 )
-from passerby.interchange.storage.faults import FileFaults, read_text
-from passerby.interchange.storage.safe_parsing import NotParsed, parse_toml, path_problem
-from passerby.interchange.storage.versions import check_version
+from passerby.interchange.storage.safe_parsing import FileFaults, NotParsed, parse_toml, path_problem, read_text
+from passerby.interchange.storage.text_formats import check_version
 from passerby.perception.video_probe import VARIABLE_CLOCK_FPS
-from passerby.scene.errors import explain_fault, find_repeated_key
-from passerby.scene.floor_plan import floor_plan
-from passerby.scene.identity_tables import PersonAtTable, TogetherTable
 from passerby.scene.lens_keys import check_models, models_of, named_camera
 from passerby.scene.scale_tables import (
     CameraHeightTable,
@@ -44,7 +40,7 @@ from passerby.scene.scale_tables import (
     ScaleTable,
     WandTable,
 )
-from passerby.scene.table import Table
+from passerby.scene.table import PersonAtTable, Table, TogetherTable, explain_fault, find_repeated_key
 from passerby.scene.tables import (
     RECORDS,
     SCENE_FORMAT,
@@ -56,7 +52,7 @@ from passerby.scene.tables import (
     SitesTable,
     SolverTable,
 )
-from passerby.scene.world_tables import LineTable, PlanDistanceTable, PlanPointTable, PlanTable, WorldTable
+from passerby.scene.world_tables import LineTable, PlanDistanceTable, PlanPointTable, PlanTable, WorldTable, floor_plan
 
 CAMERA_NAME = re.compile(r"[\w+@-][\w .+@-]*")
 """Names become TOML tables and file names."""

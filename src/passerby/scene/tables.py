@@ -18,12 +18,11 @@ from pydantic import (
 
 from passerby.common.addresses import not_a_file
 from passerby.common.text import shortened
-from passerby.core.box_format import BoxFormat
 from passerby.core.data_sheet import NARROWEST_FIELD_DEG, WIDEST_FISHEYE_DEG
+from passerby.core.observations import BoxFormat
 from passerby.perception.sources.name_times import NamePattern
-from passerby.scene.identity_tables import PersonAtTable, TogetherTable
 from passerby.scene.lens_keys import check_lens_keys, named_camera
-from passerby.scene.table import FramesPerSecond, Pixel, Positive, Seconds, Table
+from passerby.scene.table import FramesPerSecond, PersonAtTable, Pixel, Positive, Seconds, Table, TogetherTable
 
 
 def _moment(value: Any) -> Any:

@@ -20,12 +20,11 @@ from passerby.common.parallel import interrupted_later
 from passerby.common.progress import Forward, Progress, tell_warning
 from passerby.common.text import listed
 from passerby.findings.finding import Finding, Severity
-from passerby.interchange.storage.faults import faults_of
-from passerby.perception.joint_budget import CROPS_PER_S
+from passerby.interchange.storage.safe_parsing import faults_of
 from passerby.perception.model_files import AUTO
-from passerby.perception.plan import Plan, keypoints_to_be_had, make_plan
+from passerby.perception.pictures import VideoError
+from passerby.perception.plan import CROPS_PER_S, Plan, keypoints_to_be_had, make_plan
 from passerby.perception.video import VideoInfo
-from passerby.perception.video_error import VideoError
 from passerby.perception.video_observations import VideoObservations
 from passerby.perception.watching import CameraJob, Tell, kept_results, watch_camera, work_of
 from passerby.scene.camera_input import CameraInput

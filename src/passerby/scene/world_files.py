@@ -7,10 +7,10 @@ from pathlib import Path
 
 from passerby.common.errors import InputError
 from passerby.common.text import nearest
-from passerby.interchange.storage.faults import faults_of
+from passerby.interchange.storage.safe_parsing import faults_of
 from passerby.interchange.world_files import read_known_points, read_known_positions
-from passerby.scene.floor_plan import plan_faults
 from passerby.scene.scene import Scene
+from passerby.scene.world_tables import plan_faults
 
 
 def world_faults(scene: Scene, sizes: Mapping[str, tuple[int, int]]) -> list[str]:

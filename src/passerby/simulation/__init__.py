@@ -3,8 +3,7 @@
 Imports `interchange`, `perception` and below.
 """
 
-from passerby.simulation.options import SimulationOptions
-from passerby.simulation.presets import PRESETS
+from passerby.simulation.options import PRESETS, SimulationOptions
 from passerby.simulation.scene import SimulatedScene, simulate
 from passerby.simulation.write import write_scene
 

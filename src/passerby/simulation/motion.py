@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from passerby.common.arrays import Floats
 from passerby.simulation.body import BodyState, stride_length
-from passerby.simulation.options import MAX_CLOCK_OFFSET_S
-from passerby.simulation.presets import Activity, Preset
+from passerby.simulation.options import MAX_CLOCK_OFFSET_S, Activity, Preset
 
 STEP_S = 0.04
 PAD_S = MAX_CLOCK_OFFSET_S + 1.0

@@ -16,7 +16,7 @@ from passerby.common.errors import InputError
 from passerby.core.cameras import Camera, Lens, Pose, Rig
 from passerby.core.observations import Boxes, CameraObservations, Clock, Observations
 from passerby.core.stature import PERSON_HEIGHT_M, PERSON_HEIGHT_SD_M
-from passerby.simulation.placement import looking_at
+from passerby.simulation.lenses import looking_at
 
 PICTURE = (1280, 720)
 PLACE_M = 36.0

@@ -14,8 +14,7 @@ from passerby.common.errors import InputError
 from passerby.common.text import listed
 from passerby.core.cameras import Rig
 from passerby.core.figures import CueFigures
-from passerby.core.scale_cues import KnownLength, ScaleCues
-from passerby.core.units import WrongUnit, find_wrong_unit
+from passerby.core.scale_cues import KnownLength, ScaleCues, WrongUnit, find_wrong_unit
 from passerby.geometry.plan_fit import UNKNOWN_SD, ScalePrior
 from passerby.geometry.ray_consensus import vote_points
 from passerby.geometry.reprojection import PointObservations

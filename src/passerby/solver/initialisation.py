@@ -15,11 +15,11 @@ from passerby.core.observations import Observations
 from passerby.core.scale_cues import ScaleCues
 from passerby.core.unknown_focals import needs_focal_search, shared_lenses
 from passerby.findings.finding import Finding, doubt, refusal
-from passerby.findings.refusals import RefusalError
-from passerby.geometry.relative_pose import PairHypothesis
+from passerby.findings.ranking import RefusalError
 from passerby.geometry.rotations import angle_between
 from passerby.geometry.similarity import chordal_mean_rotation
 from passerby.geometry.single_view import Level, level_camera
+from passerby.geometry.two_view import PairHypothesis
 from passerby.people.model import JOINED_FOOT_SHIFT_SD, Noise, Priors
 from passerby.people.standing import standing_instants
 from passerby.solver.cues import (

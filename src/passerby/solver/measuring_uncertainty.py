@@ -20,8 +20,7 @@ import numpy as np
 
 from passerby.common.arrays import Bools, Floats, Ints
 from passerby.core.cameras import Camera, Rig
-from passerby.core.measuring import HEIGHTS_M, points_above
-from passerby.core.measuring_figures import CameraMeasuring, MeasuringFigures, MeasuringSigma
+from passerby.core.measuring import HEIGHTS_M, CameraMeasuring, MeasuringFigures, MeasuringSigma, points_above
 from passerby.solver.gauge import Free
 from passerby.solver.systematic import LOWER_EDGE
 from passerby.solver.uncertainty import COMPLETE

@@ -17,18 +17,16 @@ from passerby.core.cameras import Camera, Pose, Rig
 from passerby.core.figures import CueFigures
 from passerby.core.lens import LARGEST_FOCAL_SD
 from passerby.core.lens_figures import LensFigures
-from passerby.core.measuring_figures import MeasuringFigures, with_measuring_sigmas
-from passerby.core.missing_cameras import with_doubts_of_missing_cameras
+from passerby.core.measuring import MeasuringFigures, with_measuring_sigmas
 from passerby.core.observations import Observations
 from passerby.core.scale_cues import ScaleCues
-from passerby.core.solution import Solution
+from passerby.core.solution import Solution, decide_verdict
 from passerby.core.synchronisation import USUAL_FPS
 from passerby.core.unknown_focals import begin_with
-from passerby.core.usability import doubts_of_uncertainty
-from passerby.core.verdict import decide_verdict
+from passerby.core.usability import doubts_of_uncertainty, with_doubts_of_missing_cameras
 from passerby.findings.finding import doubt, refusal
-from passerby.findings.refusals import RefusalError
-from passerby.geometry.relative_pose import PairHypothesis
+from passerby.findings.ranking import RefusalError
+from passerby.geometry.two_view import PairHypothesis
 from passerby.people.box_heights import heights_by_boxes
 from passerby.solver.bodies_world import placed_by_bodies
 from passerby.solver.cue_agreement import check_cue_consistency, known_cues, weigh_cues

@@ -6,8 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from passerby.common.arrays import Floats, Ints
-from passerby.common.columns import Columns
+from passerby.common.arrays import Columns, Floats, Ints
 
 
 @dataclass(frozen=True, eq=False)

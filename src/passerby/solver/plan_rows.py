@@ -9,8 +9,7 @@ import numpy as np
 from passerby.common.arrays import Bools, Floats, Ints
 from passerby.common.errors import InputError
 from passerby.core.cameras import Rig
-from passerby.core.floor_plan import FloorPlan
-from passerby.core.units import WrongUnit, find_wrong_unit
+from passerby.core.scale_cues import FloorPlan, WrongUnit, find_wrong_unit
 from passerby.geometry.plan_fit import Choice, Placements, PlanFit, ScalePrior, choose_placements, fit_plan, fits_mirrored
 from passerby.geometry.reprojection import PointObservations
 from passerby.geometry.rotations import skew

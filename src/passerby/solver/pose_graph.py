@@ -12,9 +12,9 @@ from scipy.spatial.transform import Rotation
 
 from passerby.common.arrays import Floats
 from passerby.core.cameras import Pose
-from passerby.geometry.relative_pose import PairHypothesis
 from passerby.geometry.rotations import angle_between, rotation_between
 from passerby.geometry.single_view import Level
+from passerby.geometry.two_view import PairHypothesis
 
 # Two ways to the same camera agree when they differ by about this much: a few times the error of a good guess.
 _CYCLE_ANGLE = np.deg2rad(6.0)

@@ -14,8 +14,8 @@ import numpy as np
 from passerby.common.arrays import Floats
 from passerby.core.cameras import Rig
 from passerby.findings.finding import Finding, doubt
-from passerby.geometry.relative_pose import PairHypothesis
 from passerby.geometry.rotations import angle_between
+from passerby.geometry.two_view import PairHypothesis
 
 MOST_TURNED = np.deg2rad(25.0)
 MOST_SHIFTED_M, MOST_SHIFTED = 2.0, 0.3

@@ -16,9 +16,8 @@ from torch.optim import Optimizer
 
 from passerby.common.errors import InputError
 from passerby.interchange.storage.atomic import write_bytes
-from passerby.interchange.storage.versions import check_version
-from passerby.training.backbones import kept_backbone
-from passerby.training.network import ReidNetwork
+from passerby.interchange.storage.text_formats import check_version
+from passerby.training.network import ReidNetwork, kept_backbone
 from passerby.training.options import TrainOptions
 
 CHECKPOINT = "checkpoint.pt"

@@ -1,21 +1,40 @@
-"""Pictures of people, one person each, and what is known of who they are."""
+"""Pictures of people, one person each, and what is known of who they are.
+
+What a folder says of its pictures, before any is looked at; and from there to a data set whose pictures can all be read.
+
+Picture files: listed, read, and all of them tried before anybody relies on them.
+"""
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from passerby.common.arrays import Ints
 from passerby.common.errors import InputError
+from passerby.common.progress import Progress, silent
+from passerby.perception.crop_network import MIN_HEIGHT_PX, MIN_WIDTH_PX
+from passerby.perception.pictures import Picture
 
 JUNK = -1
 """A picture that counts neither as right nor as wrong where it is found (Market-1501's identity -1)."""
 DISTRACTOR = -2
 """A picture of nobody who is searched for; wrong wherever it is found (Market-1501's identity 0000)."""
+UNKNOWN_CAMERA = "unknown-camera"
+"""What the camera of a set is called whose file names tell none; no two of its pictures are known to be by the same one."""
+PICTURE_ENDINGS = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
+NAMED = 5
+"""So many faulty files are named one by one."""
+THREADS = 8
+AT_ONCE = 1000
+"""Pictures between two reports of progress."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,3 +122,192 @@ def mix_sets(sets: Sequence[CropSet]) -> CropSet:
             apart[np.ix_(rows[:-2], rows[:-2])] = crops.apart
     paths = tuple(path for crops in sets for path in crops.paths)
     return CropSet(paths, np.concatenate(persons), np.concatenate(seen_by), tuple(people), tuple(cameras), apart)
+
+
+@dataclass(frozen=True)
+class Listed:
+    """A picture file, and what its place or name says."""
+
+    path: Path
+    person: str | int
+    """A name; or `JUNK`, or `DISTRACTOR`."""
+    camera: str
+
+
+@dataclass(eq=False)
+class Listing:
+    """The picture files of a data set."""
+
+    train: list[Listed] = field(default_factory=list)
+    query: list[Listed] = field(default_factory=list)
+    gallery: list[Listed] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+
+
+def data_set(name: str, path: Path, listing: Listing, tell: Progress) -> DataSet:
+    """The data set of a listing: pictures that cannot be read and people with one picture to learn from are left out and told.
+
+    Args:
+        name: of the data set; names of people and cameras begin with it.
+        path: what a message calls the set.
+        listing: its files.
+        tell: told how many pictures were tried.
+
+    Raises `InputError` where nothing to learn from and nobody to search for is left, or no query has an answer.
+    """
+    notes = list(listing.notes)
+    parts = _readable([listing.train, listing.query, listing.gallery], notes, tell)
+    parts[0] = without_single(parts[0], notes)
+    _note_overlap(parts, notes)
+    train, query, gallery = (_crops(name, part) for part in _numbered(parts))
+    if not len(train) and not len(query):
+        raise InputError(f"{path}: {'; '.join(notes) or 'holds no images of people'}: nothing is left to learn from")
+    if len(query):
+        _check_answers(path, query, gallery)
+    return DataSet(name, train, query, gallery, tuple(notes))
+
+
+def _readable(parts: list[list[Listed]], notes: list[str], tell: Progress) -> list[list[Listed]]:
+    """The pictures that can be used."""
+    rows = [row for part in parts for row in part]
+    faults = faults_of_pictures([row.path for row in rows], tell)
+    for fault in sorted(set(faults.values())):
+        bad = [rows[number].path for number in sorted(faults) if faults[number] == fault]
+        notes += describe_faults(
+            bad, f"{len(bad)} image{'s' * (len(bad) > 1)} that {_PLURAL[fault] if len(bad) > 1 else fault}"
+        )
+    kept, start = [], 0
+    for part in parts:
+        kept.append([row for number, row in enumerate(part, start) if number not in faults])
+        start += len(part)
+    return kept
+
+
+_PLURAL = {"cannot be read": "cannot be read", "is too small": "are too small"}
+
+
+def without_single(rows: list[Listed], notes: list[str]) -> list[Listed]:
+    """Without people of whom there is one picture: nothing about a person can be learnt from one."""
+    count = Counter(row.person for row in rows)
+    single = sorted(str(person) for person, n in count.items() if n < 2)
+    if not single:
+        return rows
+    notes += describe_faults(single, f"{len(single)} people with one image each, kept out of the training")
+    return [row for row in rows if count[row.person] > 1]
+
+
+def _note_overlap(parts: list[list[Listed]], notes: list[str]) -> None:
+    """Tell of people to be searched for who are also learnt from."""
+    train, query = ({row.person for row in part} for part in parts[:2])
+    both = sorted(str(person) for person in train & query)
+    notes += describe_faults(both, f"{len(both)} people are in both train and query, so the scores are too good")
+
+
+def _numbered(parts: list[list[Listed]]) -> list[tuple[list[Listed], list[str], list[str]]]:
+    """Each part with the names of its people and cameras; query and gallery have them in common."""
+    named = []
+    for group in (parts[:1], parts[1:]):
+        people = sorted({row.person for part in group for row in part if isinstance(row.person, str)})
+        cameras = sorted({row.camera for part in group for row in part})
+        named += [(part, people, cameras) for part in group]
+    return named
+
+
+def _crops(name: str, numbered: tuple[list[Listed], list[str], list[str]]) -> CropSet:
+    rows, people, cameras = numbered
+    if not rows:
+        return CropSet()
+    number = {person: row for row, person in enumerate(people)}
+    camera = {one: row for row, one in enumerate(cameras)}
+    return CropSet(
+        tuple(row.path for row in rows),
+        _ints([number[row.person] if isinstance(row.person, str) else row.person for row in rows]),
+        _ints([camera[row.camera] for row in rows]),
+        tuple(f"{name}/{person}" for person in people),
+        tuple(f"{name}/{one}" for one in cameras),
+    )
+
+
+def _check_answers(path: Path, query: CropSet, gallery: CropSet) -> None:
+    """Raise `InputError` unless some query has a right picture in the gallery."""
+    unknown = any(name.endswith(f"/{UNKNOWN_CAMERA}") for name in query.cameras)
+    found = {(person, camera) for person, camera in zip(gallery.person.tolist(), gallery.camera.tolist(), strict=True)}
+    cameras = set(range(len(query.cameras)))
+    for person, camera in set(zip(query.person.tolist(), query.camera.tolist(), strict=True)):
+        if any((person, other) in found for other in (cameras if unknown else cameras - {camera})):
+            return
+    raise InputError(
+        f"{path}: nobody of the query is in the gallery, seen by another camera: the same names of people are needed in both"
+    )
+
+
+def _ints(values: Sequence[int]) -> Ints:
+    return np.array(values, dtype=np.int64)
+
+
+def picture_files(folder: Path) -> list[Path]:
+    """The picture files in a folder, by name; hidden ones are not looked at. Raises `InputError` where it cannot be listed."""
+    try:
+        found = [path for path in folder.iterdir() if path.suffix.lower() in PICTURE_ENDINGS and not path.name.startswith(".")]
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be read ({error.strerror or error}): give a folder that you may read") from None
+    return sorted(found, key=lambda path: path.name)
+
+
+def read_picture(path: Path) -> Picture:
+    """(H, W, 3) BGR. Raises `InputError` for a file that is no whole picture."""
+    picture = decode_pictures(path)
+    if picture is None:
+        raise InputError(f"{path}: is not an image that can be read: copy it again, or delete it")
+    return picture
+
+
+def decode_pictures(path: Path) -> Picture | None:
+    """(H, W, 3) BGR; None for a file that cannot be read, is empty, cut off, or no picture."""
+    try:
+        content = path.read_bytes()
+    except OSError:
+        return None
+    if not content or _is_cut_off(content):
+        return None
+    try:
+        picture = cv2.imdecode(np.frombuffer(content, dtype=np.uint8), cv2.IMREAD_COLOR)
+    except cv2.error:  # a size beyond OpenCV's bounds, among others
+        return None
+    return None if picture is None or picture.size == 0 else np.asarray(picture, dtype=np.uint8)
+
+
+def faults_of_pictures(paths: Sequence[Path], tell: Progress = silent) -> dict[int, str]:
+    """Row -> what is wrong with the picture, of those that cannot be used; all are decoded, in threads."""
+    faults: dict[int, str] = {}
+    with ThreadPoolExecutor(THREADS) as pool:
+        for start in range(0, len(paths), AT_ONCE):
+            tell("checking images", start, len(paths))
+            found = pool.map(_fault, paths[start : start + AT_ONCE])
+            faults |= {start + row: fault for row, fault in enumerate(found) if fault is not None}
+    tell("checking images", len(paths), len(paths))
+    return faults
+
+
+def describe_faults(files: Sequence[Path | str], what: str) -> list[str]:
+    """A note about faulty files: the first `NAMED` by name, then how many more; nothing where there are none."""
+    if not files:
+        return []
+    more = f" and {len(files) - NAMED} more" if len(files) > NAMED else ""
+    return [f"{what}: {', '.join(str(file) for file in files[:NAMED])}{more}"]
+
+
+def _fault(path: Path) -> str | None:
+    """What is wrong with a picture."""
+    picture = decode_pictures(path)
+    if picture is None:
+        return "cannot be read"
+    # What is smaller tells nothing of anybody (`perception.crops.tellable`).
+    return "is too small" if picture.shape[1] < MIN_WIDTH_PX or picture.shape[0] < MIN_HEIGHT_PX else None
+
+
+def _is_cut_off(content: bytes) -> bool:
+    """Whether a JPEG or PNG lacks its end, behind which some cameras write more; decoders make grey of the rest and go on."""
+    if content.startswith(b"\xff\xd8"):
+        return b"\xff\xd9" not in content[-65536:]
+    return content.startswith(b"\x89PNG") and b"IEND" not in content[-65536:]

@@ -12,8 +12,8 @@ from typing import Any
 from passerby.common.errors import InputError
 from passerby.common.text import shortened
 from passerby.interchange.storage.atomic import write_text
-from passerby.interchange.storage.csv_text import csv_rows
-from passerby.interchange.storage.faults import read_text
+from passerby.interchange.storage.safe_parsing import read_text
+from passerby.interchange.storage.text_formats import csv_rows
 
 LOG_FILE = "log.csv"
 CURVES_FILE = "curves.html"

@@ -16,9 +16,7 @@ from passerby.common.progress import Progress, silent
 from passerby.core.observations import Vectors
 from passerby.evaluation.retrieval import RANKS, RetrievalScore, retrieval_score
 from passerby.perception.pictures import Embedder, Picture
-from passerby.training.crops import CropSet, DataSet
-from passerby.training.data.listing import UNKNOWN_CAMERA
-from passerby.training.data.pictures import read_picture
+from passerby.training.crops import UNKNOWN_CAMERA, CropSet, DataSet, read_picture
 
 Embed = Callable[[CropSet], Vectors]
 """(N, D) vectors of a set's pictures."""

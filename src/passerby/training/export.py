@@ -24,8 +24,8 @@ from passerby.common.arrays import Floats
 from passerby.common.errors import InputError
 from passerby.core.observations import Vectors
 from passerby.interchange.storage.atomic import write_bytes
-from passerby.perception.crops import is_recognisable, stretch_crop
-from passerby.perception.own_networks import IMAGENET, PREFIX, own_network
+from passerby.perception.crop_network import is_recognisable, stretch_crop
+from passerby.perception.networks import IMAGENET, PREFIX, own_network
 from passerby.perception.pictures import Picture
 from passerby.perception.reid import BATCH, ReidEmbedder
 from passerby.training.network import ReidNetwork

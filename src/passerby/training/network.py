@@ -1,14 +1,52 @@
-"""The re-identification network: backbone, pooling, the neck between its losses, and a classifier of those it learns from."""
+"""The re-identification network: backbone, pooling, the neck between its losses, and a classifier of those it learns from.
+
+What the network learns by: who it is among the training people, and that a person is nearer to himself than to others.
+
+Identity loss: cross entropy over the training people, with label smoothing (Szegedy et al., CVPR 2016). Triplet loss:
+max(0, margin + |f - f_positive| - |f - f_negative|), mean over the pictures of a batch, with the hardest positive and the
+hardest negative of each (Hermans, Beyer, Leibe, *In Defense of the Triplet Loss for Person Re-Identification*, 2017).
+Together they are those of Xu et al., CVPR 2021, section 3.1.
+
+The networks that turn a picture into a map of features, by name, from the library `transformers`.
+"""
 
 from __future__ import annotations
 
+import contextlib
+import logging
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, cast
 
 import torch
+from huggingface_hub import get_hf_file_metadata, hf_hub_url
+from pytorch_metric_learning.distances import LpDistance
+from pytorch_metric_learning.losses import TripletMarginLoss
+from pytorch_metric_learning.miners import BatchHardMiner
+from pytorch_metric_learning.reducers import MeanReducer
 from torch import Tensor, nn
+from torch.nn import functional
+from transformers import AutoConfig, AutoModel, PretrainedConfig, ResNetConfig
 
-from passerby.training.backbones import Backbone, feature_map
+from passerby.common.errors import InputError
+from passerby.perception.fetching import offline
 from passerby.training.options import TrainOptions
+
+BASIC, BOTTLENECK = "basic", "bottleneck"
+RESNETS: dict[str, tuple[str, tuple[int, ...], int, int]] = {
+    "small": (BASIC, (1, 1, 1, 1), 32, 32),
+    "resnet-18": (BASIC, (2, 2, 2, 2), 64, 64),
+    "resnet-26": (BOTTLENECK, (2, 2, 2, 2), 64, 256),
+    "resnet-34": (BASIC, (3, 4, 6, 3), 64, 64),
+    "resnet-50": (BOTTLENECK, (3, 4, 6, 3), 64, 256),
+    "resnet-101": (BOTTLENECK, (3, 4, 23, 3), 64, 256),
+    "resnet-152": (BOTTLENECK, (3, 8, 36, 3), 64, 256),
+}
+"""Layers, their numbers in the four stages, channels of the stem and of the first stage, which each further stage doubles."""
+UNPUBLISHED = ("small",)
+PUBLISHER = "microsoft"
+HUB_TIMEOUT_S = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,3 +93,213 @@ class ReidNetwork(nn.Module):
         """(N, C) embeddings alone, of any length."""
         found: Tensor = self.neck(self.pooled(pictures))
         return found
+
+
+@dataclass(frozen=True, eq=False)
+class Loss:
+    """The loss of one batch, and its parts before they are weighted."""
+
+    total: Tensor
+    identity: Tensor
+    triplet: Tensor
+
+
+class ReidLoss(nn.Module):
+    """The weighted sum of identity and triplet loss."""
+
+    unknown: Tensor | None
+
+    def __init__(self, options: TrainOptions, apart: Tensor | None = None) -> None:
+        """`apart`: (P, P) who are surely two; None: all are. Who may be the same person is no wrong answer to the other."""
+        super().__init__()
+        self._weights = options.identity_weight, options.triplet_weight
+        self._smoothing = options.label_smoothing
+        distance = LpDistance(normalize_embeddings=False, p=2)
+        self._miner = BatchHardMiner(distance=distance)
+        self._triplet = TripletMarginLoss(margin=options.margin, distance=distance, reducer=MeanReducer())
+        unknown = None if apart is None else ~(apart | torch.eye(len(apart), dtype=torch.bool))
+        self.register_buffer("unknown", unknown, persistent=False)
+
+    def forward(self, answers: Answers, person: Tensor) -> Loss:
+        """The loss of N answers to pictures of the people (N,)."""
+        identity = identity_loss(answers.logits, person, self._smoothing, self.unknown)
+        pooled = answers.pooled.float()
+        triplet: Tensor = self._triplet(pooled, person, self._miner(pooled, person))
+        by_identity, by_triplet = self._weights
+        return Loss(by_identity * identity + by_triplet * triplet, identity, triplet)
+
+
+def identity_loss(logits: Tensor, person: Tensor, smoothing: float, unknown: Tensor | None = None) -> Tensor:
+    """Cross entropy with label smoothing, over those who are surely not the person, and the person.
+
+    Args:
+        logits: (N, P).
+        person: (N,) rows of the P people.
+        smoothing: share of the target that is spread evenly over all who count.
+        unknown: (P, P) who may be the same person under another name: such a class is left out of the sum.
+    """
+    if unknown is None:
+        return functional.cross_entropy(logits.float(), person, label_smoothing=smoothing)
+    out = unknown[person]
+    log_share = logits.float().masked_fill(out, -torch.inf).log_softmax(dim=1)
+    own = log_share.gather(1, person[:, None]).squeeze(1)
+    counted = (~out).sum(dim=1)
+    spread = log_share.masked_fill(out, 0.0).sum(dim=1) / counted
+    return -((1.0 - smoothing) * own + smoothing * spread).mean()
+
+
+@dataclass(frozen=True, eq=False)
+class Backbone:
+    """A network (N, 3, H, W) -> a map of features, and where its weights came from."""
+
+    network: nn.Module
+    channels: int
+    published: bool
+    """Whether it carries published weights, not random ones."""
+    note: str
+    """What to tell of the weights."""
+
+
+def open_backbone(name: str, size: tuple[int, int], weights: str = "auto", last_stride: int = 1) -> Backbone:
+    """A backbone by its name.
+
+    Args:
+        name: one of `RESNETS`; or a model of `transformers`: its type (convnextv2), its name on the hub (owner/name) or a
+            folder that holds one.
+        size: height and width of the pictures, pixels.
+        weights: auto, published or random. `auto` takes the published ones where they lie on this computer or can be fetched.
+        last_stride: of a ResNet's last stage; 1 instead of 2 doubles the resolution.
+
+    Raises `InputError` for a name that does not exist, published weights that cannot be had but are demanded, and a network
+    that makes no map of features from such pictures.
+    """
+    network, published, note = _made(name, weights)
+    if last_stride == 1:
+        _keep_resolution(network, name)
+    return Backbone(network, _channels(network, name, size), published, note)
+
+
+def kept_backbone(name: str, configuration: dict[str, Any], size: tuple[int, int], last_stride: int) -> Backbone:
+    """The backbone of a checkpoint, which knows its architecture: its weights are yet to be loaded."""
+    known = dict(configuration)
+    with _quiet():
+        config = AutoConfig.for_model(known.pop("model_type"), **known)
+        network: nn.Module = AutoModel.from_config(config)  # type: ignore[no-untyped-call]
+    if last_stride == 1:
+        _keep_resolution(network, name)
+    return Backbone(network, _channels(network, name, size), False, f"{name}: as in the checkpoint")
+
+
+def _made(name: str, weights: str) -> tuple[nn.Module, bool, str]:
+    """The network, whether its weights are published ones, and what to tell of them."""
+    source = _source(name)
+    title = Path(name).name if source == name and Path(name).is_dir() else name
+    if weights != "random" and source is not None:
+        try:
+            network = cast(nn.Module, had(AutoModel.from_pretrained, source))
+            return network, True, f"{title}: starts with the weights of {title if source == name else source}"
+        except UNAVAILABLE as error:
+            if weights == "published":
+                reason = " ".join(str(error).split())[:200]
+                raise InputError(f"backbone {name}: the weights of {source} are not available: {reason}") from None
+    if weights == "published" and source is None:
+        raise InputError(f"backbone {name}: no published weights are known by this name: give weights = random, or another one")
+    why = "" if weights == "random" else ": none are published" if source is None else f": those of {source} are not available"
+    with _quiet():
+        made: nn.Module = AutoModel.from_config(_configuration(name))  # type: ignore[no-untyped-call]
+    return made, False, f"{title}: starts with random weights{why}"
+
+
+UNAVAILABLE = (OSError, ValueError, ImportError)
+"""What the library raises where something is not there, is not known, or needs a package that is not installed."""
+
+
+def had(load: Callable[..., Any], source: str) -> Any:
+    """What lies on this computer, else what the hub has. Raises one of `UNAVAILABLE`.
+
+    The library tries five times in 23 s where there is no network; one question beforehand is answered at once.
+    """
+    with _quiet():
+        try:
+            return load(source, local_files_only=True)
+        except UNAVAILABLE:
+            if Path(source).is_dir() or offline():
+                raise
+        try:
+            get_hf_file_metadata(hf_hub_url(source, "config.json"), timeout=HUB_TIMEOUT_S)
+        except Exception as error:  # an HTTP library's own, which differs between its versions
+            raise OSError(f"the hub cannot be queried for {source}: {error}") from error
+        return load(source)
+
+
+def _source(name: str) -> str | None:
+    """Where published weights of a backbone lie: a folder, or a name on the hub; None: nowhere that is known."""
+    if name in RESNETS:  # also where a folder, such as that of a run, is called so
+        return None if name in UNPUBLISHED else f"{PUBLISHER}/{name}"
+    if Path(name).is_dir():
+        return name
+    return name if name.count("/") == 1 else None
+
+
+def _configuration(name: str) -> PretrainedConfig:
+    """The architecture of a backbone. Raises `InputError` for one that does not exist or cannot be had."""
+    if name in RESNETS:
+        layer, depths, stem, first = RESNETS[name]
+        return ResNetConfig(embedding_size=stem, hidden_sizes=[first * 2**k for k in range(4)], depths=list(depths),
+                            layer_type=layer)  # fmt: skip
+    try:
+        if _source(name):
+            return cast(PretrainedConfig, had(AutoConfig.from_pretrained, name))
+        return AutoConfig.for_model(name)
+    except UNAVAILABLE as error:
+        raise InputError(
+            f"backbone {name}: is not one of {', '.join(RESNETS)}, and transformers knows or finds no model of this name "
+            f"({' '.join(str(error).split())[:120]})"
+        ) from None
+
+
+def _keep_resolution(network: nn.Module, name: str) -> None:
+    """Set the stride of a ResNet's last stage to 1. Raises `InputError` for another network."""
+    stages = getattr(getattr(network, "encoder", None), "stages", None)
+    if getattr(getattr(network, "config", None), "model_type", None) != "resnet" or stages is None:
+        raise InputError(f"backbone {name}: only a resnet has a last stride to set: give last_stride = 2")
+    for layer in stages[-1].modules():
+        if isinstance(layer, nn.Conv2d) and layer.stride == (2, 2):
+            layer.stride = (1, 1)
+
+
+def _channels(network: nn.Module, name: str, size: tuple[int, int]) -> int:
+    """The number of features; raises `InputError` where the network does not take pictures of this size."""
+    was = network.training
+    network.eval()
+    try:
+        with torch.no_grad():
+            features = feature_map(network(torch.zeros(1, 3, *size)))
+    except Exception as error:  # whatever a network says to pictures that it does not take
+        raise InputError(
+            f"backbone {name}: does not turn an image of {size[1]}x{size[0]} pixels into features "
+            f"({' '.join(str(error).split())[:160]}): give another backbone, or the size that it takes"
+        ) from None
+    finally:
+        network.train(was)
+    return int(features.shape[1])
+
+
+def feature_map(answer: Any) -> Tensor:
+    """(N, C, h, w) from what a model of `transformers` answers: a map as it is, tokens (N, T, C) as a map of width 1."""
+    hidden: Tensor = answer.last_hidden_state
+    return hidden if hidden.ndim == 4 else hidden.transpose(1, 2).unsqueeze(-1)
+
+
+@contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    """Without the libraries' warnings: what matters is told in words of our own."""
+    loggers = [logging.getLogger(name) for name in ("huggingface_hub", "transformers")]
+    levels = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.setLevel(logging.CRITICAL)
+    try:
+        yield
+    finally:
+        for logger, level in zip(loggers, levels, strict=True):
+            logger.setLevel(level)

@@ -9,7 +9,7 @@ from typing import Any, Literal
 from pydantic import TypeAdapter, ValidationError
 
 from passerby.common.errors import InputError
-from passerby.interchange.storage.faults import read_toml
+from passerby.interchange.storage.safe_parsing import read_toml
 
 Precision = Literal["no", "fp16", "bf16"]
 

@@ -24,17 +24,13 @@ from torch.utils.data import DataLoader, Dataset
 from passerby.common.errors import InputError
 from passerby.common.progress import Progress, silent
 from passerby.interchange.storage.atomic import write_text
-from passerby.interchange.storage.toml_text import to_toml
-from passerby.training.augmentation import augment
-from passerby.training.backbones import open_backbone
+from passerby.interchange.storage.text_formats import to_toml
 from passerby.training.checkpoints import CHECKPOINT, Checkpoint, load_checkpoint, save_checkpoint
 from passerby.training.crops import CropSet
 from passerby.training.curves import EpochRecord
-from passerby.training.losses import Loss, ReidLoss
-from passerby.training.network import ReidNetwork
+from passerby.training.network import Loss, ReidLoss, ReidNetwork, open_backbone
 from passerby.training.options import TrainOptions
-from passerby.training.pictures import load_picture, normalise_pictures
-from passerby.training.sampling import BatchSampler, Draw
+from passerby.training.pictures import BatchSampler, Draw, augment, load_picture, normalise_pictures
 
 RUN_FILE = "run.toml"
 DECAY_EXEMPT = ("bias", "power")

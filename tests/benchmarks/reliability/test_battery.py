@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from passerby.core.cameras import Camera, Pose, PoseSigma, Rig
-from passerby.simulation.placement import place_cameras
+from passerby.simulation.lenses import place_cameras
 
 Bench = Callable[[str], ModuleType]
 SEED = 31

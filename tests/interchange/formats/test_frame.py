@@ -7,7 +7,7 @@ from passerby.core.observations import Clock
 from passerby.core.trajectories import Trajectories
 from passerby.interchange import formats
 from passerby.interchange.formats import Export, Format
-from passerby.interchange.formats.names import tame_names
+from passerby.interchange.formats.values import tame_names
 from passerby.interchange.trajectories_csv import read_trajectories, write_trajectories
 
 LENS = Lens((640, 480), np.array([[500.0, 0, 320], [0, 500, 240], [0, 0, 1]]), np.zeros(5))

@@ -9,13 +9,13 @@ from passerby.interchange.formats.frigate import (
     GOOD,
     SHORTEST_M,
     SpeedZone,
+    ground_points,
     metres_per_pixel,
     propose_zone,
     side_lengths,
     speed_errors,
     zone_at,
 )
-from passerby.interchange.formats.ground_points import ground_points
 from support.scenes.handmade_rigs import SIZE, facing, written
 
 

@@ -9,8 +9,8 @@ import pytest
 from passerby.common.errors import InputError
 from passerby.core.cameras import Camera, Lens
 from passerby.interchange.formats import lens_models as lm
-from passerby.interchange.formats import lens_rays as lr
-from passerby.interchange.formats.losses import Losses
+from passerby.interchange.formats import lens_models as lr
+from passerby.interchange.formats.format import Losses
 from support.tiers import thinned
 
 SIZE = (1280, 720)

@@ -8,7 +8,7 @@ import pytest
 from passerby.common.errors import InputError
 from passerby.core.cameras import Rig
 from passerby.interchange.formats import Given, read_people_as, read_rig_as
-from passerby.interchange.formats.losses import Unread
+from passerby.interchange.formats.format import Unread
 from passerby.interchange.formats.values import dump_yaml, load_yaml
 from support.scenes.handmade_rigs import SIZE, facing, written
 

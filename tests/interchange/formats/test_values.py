@@ -8,8 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from passerby.common.errors import InputError
-from passerby.interchange.formats.names import LETTER, tame_names
-from passerby.interchange.formats.values import dump_yaml, numbers, parse_yaml, rigid, rotation
+from passerby.interchange.formats.values import LETTER, dump_yaml, numbers, parse_yaml, rigid, rotation, tame_names
 
 ROS = re.compile(r"[^A-Za-z0-9_]")
 

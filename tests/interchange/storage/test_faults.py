@@ -4,7 +4,7 @@ import pickle
 
 import pytest
 
-from passerby.interchange.storage.faults import LISTED_FAULTS, FileFaults
+from passerby.interchange.storage.safe_parsing import LISTED_FAULTS, FileFaults
 
 
 @pytest.mark.parametrize("count", [1, 2, LISTED_FAULTS + 5])

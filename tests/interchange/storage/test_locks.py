@@ -16,15 +16,15 @@ import pytest
 
 from passerby.cli.main import run
 from passerby.common.errors import InputError
-from passerby.interchange.storage import locks
-from passerby.interchange.storage.locks import FOLDER_LOCK, lock_folder
+from passerby.interchange.storage import transaction
+from passerby.interchange.storage.transaction import FOLDER_LOCK, lock_folder
 
 pytest.importorskip("fcntl", reason="the system has no such locks")
 
 HOLD = """
 import sys
 from pathlib import Path
-from passerby.interchange.storage.locks import lock_folder
+from passerby.interchange.storage.transaction import lock_folder
 with lock_folder(Path(sys.argv[1]), "passerby calibrate"):
     print("held", flush=True)
     sys.stdin.read()
@@ -97,17 +97,17 @@ def test_one_who_may_wait_gets_the_lock_when_it_is_free(tmp_path, monkeypatch):
         if len(waits) == 3:
             holding.close()
 
-    monkeypatch.setattr(locks.time, "sleep", until_the_third_time)
+    monkeypatch.setattr(transaction.time, "sleep", until_the_third_time)
     with lock_folder(tmp_path, "a test", wait_s=3600.0):
         assert (tmp_path / FOLDER_LOCK).read_text().endswith("(a test)")
-    assert waits == [locks.POLL_S] * 3
+    assert waits == [transaction.POLL_S] * 3
 
 
 def test_a_file_system_without_locks_keeps_nobody_out(tmp_path, monkeypatch):
     def unsupported(file):
         raise OSError(errno.ENOLCK, "No locks available")
 
-    monkeypatch.setattr(locks, "try_lock", unsupported)
+    monkeypatch.setattr(transaction, "try_lock", unsupported)
     with lock_folder(tmp_path, "a test"), lock_folder(tmp_path, "another"):
         (tmp_path / "result").write_text("done")
     assert [path.name for path in tmp_path.iterdir()] == ["result"]
@@ -115,7 +115,7 @@ def test_a_file_system_without_locks_keeps_nobody_out(tmp_path, monkeypatch):
 
 def test_a_lock_whose_file_its_holder_has_just_deleted_is_taken_anew(tmp_path, monkeypatch):
     """Else two would each hold a lock: one on the file that has gone, one on the file that has its name."""
-    real, tries = locks.try_lock, []
+    real, tries = transaction.try_lock, []
 
     def deleted_at_first(file):
         tries.append(file)
@@ -123,7 +123,7 @@ def test_a_lock_whose_file_its_holder_has_just_deleted_is_taken_anew(tmp_path, m
             (tmp_path / FOLDER_LOCK).unlink()
         return real(file)
 
-    monkeypatch.setattr(locks, "try_lock", deleted_at_first)
+    monkeypatch.setattr(transaction, "try_lock", deleted_at_first)
     with lock_folder(tmp_path, "a test"):
         assert len(tries) == 2
         assert tries[0].closed
@@ -186,13 +186,13 @@ def test_a_process_that_the_machine_let_wait_tries_again(tmp_path, monkeypatch):
         return real(self, *arguments, **named)
 
     monkeypatch.setattr(Path, "open", gone_once)
-    monkeypatch.setattr(locks.time, "monotonic", lambda: float(next(hours)))
+    monkeypatch.setattr(transaction.time, "monotonic", lambda: float(next(hours)))
     with lock_folder(tmp_path, "a test"):
         assert tries == [tmp_path / FOLDER_LOCK] * 2
 
 
 def test_a_lock_that_can_never_be_made_is_a_fault(tmp_path, monkeypatch):
-    monkeypatch.setattr(locks, "GONE_FOR_S", 0.01)
+    monkeypatch.setattr(transaction, "GONE_FOR_S", 0.01)
     (tmp_path / FOLDER_LOCK).symlink_to(tmp_path / "nowhere" / "lock")
     with pytest.raises(InputError, match="cannot be written"), lock_folder(tmp_path, "a test"):
         raise AssertionError

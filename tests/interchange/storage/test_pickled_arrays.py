@@ -6,7 +6,7 @@ import pickle
 import numpy as np
 import pytest
 
-from passerby.interchange.storage.pickled_arrays import parse_pickled_arrays
+from passerby.interchange.storage.archives import parse_pickled_arrays
 from passerby.interchange.storage.safe_parsing import NotParsed
 
 VALUE = {

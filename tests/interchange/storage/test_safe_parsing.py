@@ -6,8 +6,6 @@ from pathlib import Path
 import pytest
 
 from passerby.common.errors import InputError
-from passerby.interchange.storage.csv_text import csv_rows
-from passerby.interchange.storage.faults import read_text
 from passerby.interchange.storage.safe_parsing import (
     LARGEST_BYTES,
     LARGEST_YAML,
@@ -17,7 +15,9 @@ from passerby.interchange.storage.safe_parsing import (
     parse_json,
     parse_safe_yaml,
     parse_toml,
+    read_text,
 )
+from passerby.interchange.storage.text_formats import csv_rows
 
 
 @pytest.mark.parametrize(

@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from passerby.common.errors import InputError
-from passerby.interchange.storage import whole_folder as module
-from passerby.interchange.storage.whole_folder import whole_folder
+from passerby.interchange.storage import transaction as module
+from passerby.interchange.storage.transaction import whole_folder
 
 
 def write(target, text, marker="mark"):

@@ -7,8 +7,7 @@ import pytest
 
 from passerby.common.errors import InputError
 from passerby.interchange.storage.atomic import forget_halves, make_folder, remove, write_text
-from passerby.interchange.storage.transaction import GONE, WRITING, WRITTEN, folder_lock, recover, transaction
-from passerby.interchange.storage.whole_folder import whole_folder
+from passerby.interchange.storage.transaction import GONE, WRITING, WRITTEN, folder_lock, recover, transaction, whole_folder
 from support.faults.dying_process import BUG, TOLD, every_moment, hidden, visible
 
 FAULTS = pytest.mark.parametrize("fault", ["kill", "full"])
@@ -73,7 +72,7 @@ def test_files_of_a_folder_that_change_together(tmp_path, fault):
 def test_a_reader_that_may_not_write_is_told(tmp_path, monkeypatch):
     (tmp_path / WRITTEN).mkdir()
     (tmp_path / WRITTEN / "a").write_text("new")
-    monkeypatch.setattr("passerby.interchange.storage.locks.Path.open", refuse)
+    monkeypatch.setattr("passerby.interchange.storage.transaction.Path.open", refuse)
     with pytest.raises(InputError, match=f"{tmp_path}: cannot be written .Read-only"):
         recover(tmp_path, "reads")
 
@@ -216,7 +215,7 @@ def test_a_whole_folder(tmp_path, monkeypatch, fault, at_once):
     """Also where folders cannot change places at once: what was moved away comes back with the next run."""
     target = tmp_path / "made"
     if not at_once:
-        monkeypatch.setattr("passerby.interchange.storage.whole_folder.exchange_folders", lambda one, other: False)
+        monkeypatch.setattr("passerby.interchange.storage.transaction.exchange_folders", lambda one, other: False)
     make(target, "old")
     old, new = visible(target), dict.fromkeys(("a", "b", "mark"), b"new")
     for ended in every_moment(lambda: make(target), tmp_path, fault, 1 if fault == "kill" else 3):

@@ -14,13 +14,12 @@ import pytest
 import passerby
 from passerby.common.errors import InputError
 from passerby.core.cameras import Rig
-from passerby.interchange.embeddings import read_embeddings
 from passerby.interchange.formats import Export, all_formats, read_rig_as
-from passerby.interchange.formats.losses import Losses
-from passerby.interchange.motchallenge import read_boxes
+from passerby.interchange.formats.format import Losses
+from passerby.interchange.formats.tsai import read_tsai
+from passerby.interchange.motchallenge import read_boxes, read_embeddings
 from passerby.interchange.rig_toml import read_rig, write_rig
-from passerby.interchange.tsai import read_tsai
-from passerby.perception.own_networks import own_network
+from passerby.perception.networks import own_network
 from passerby.perception.video import probe
 from passerby.scene.inputs import read_inputs
 from passerby.scene.scene import Scene
@@ -84,7 +83,7 @@ def test_nothing_in_the_source_runs_what_a_file_says(module):
         if name == "torch.load":
             assert given.get("weights_only") == "True"
         if name in ("yaml.load_all", "ElementTree.fromstring", "ElementTree.parse", "tomllib.loads", "cv2.FileStorage"):
-            own = ("interchange/storage/safe_parsing.py", "perception/catalogue.py", "interchange/formats/opencv_yaml.py")
+            own = ("interchange/storage/safe_parsing.py", "perception/networks.py", "interchange/formats/opencv_yaml.py")
             assert module.relative_to(PACKAGE).as_posix().startswith(own), f"{name}: use interchange.storage.safe_parsing"
 
 

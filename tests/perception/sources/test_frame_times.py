@@ -10,7 +10,7 @@ import pytest
 from passerby.common.arrays import Floats
 from passerby.common.errors import InputError
 from passerby.interchange.video_writer import VideoWriter
-from passerby.perception.source_state import video_identity
+from passerby.perception.kept import video_identity
 from passerby.perception.sources.frame_times import find_frame_times, read_frame_times, timed_by
 from passerby.perception.video import VideoReader, probe
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from passerby.perception.sources.placing import begins_by_names, follow_at_once, gaps_between
+from passerby.perception.sources.files import begins_by_names, follow_at_once, gaps_between
 
 
 @pytest.mark.parametrize("length", [10.0, 10.03, 9.7])

@@ -14,7 +14,7 @@ from passerby.findings.finding import Finding
 from passerby.findings.texts import text_of
 from passerby.interchange.video_writer import VideoWriter
 from passerby.perception.file_reading import FileReading
-from passerby.perception.source_state import VideoFilesState, video_identity
+from passerby.perception.kept import VideoFilesState, video_identity
 from passerby.perception.sources import recording as recordings
 from passerby.perception.sources.files import VideoSource, WallSpan
 from passerby.perception.sources.recording import open_source, rebased, wall_extent

@@ -9,10 +9,10 @@ import pytest
 
 from passerby.common.errors import InputError
 from passerby.perception.sources.files import VideoSource, list_files
-from passerby.perception.video_clock import FileClock
+from passerby.perception.video_camera import FileClock
 from passerby.perception.video_probe import VideoInfo
-from passerby.scene.start.chapters import find_chapters
 from passerby.scene.start.folders import survey
+from passerby.scene.start.recordings import find_chapters
 
 LONG_S, BEGIN = 60.0, 1_790_000_000.0
 

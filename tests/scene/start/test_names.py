@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from passerby.common.text import natural_key
 from passerby.scene.scene import CAMERA_NAME
-from passerby.scene.start.names import camera_names, match_names
+from passerby.scene.start.recordings import camera_names, match_names
 
 
 @pytest.mark.parametrize(

@@ -65,7 +65,7 @@ def _watch_over(fate: Fate) -> None:
     from passerby.interchange.storage import atomic
     from passerby.perception import opening, watching
     from passerby.perception.background import BackgroundDetector
-    from passerby.perception.stripes import StripesEmbedder
+    from passerby.perception.reid import StripesEmbedder
     from passerby.perception.video import VideoReader
 
     parallel.pays = lambda *measures: False

@@ -34,7 +34,7 @@ def _run(data: Path, out: Path, chosen: dict[str, Any], moment: Moment) -> None:
     from passerby.interchange.storage import atomic
     from passerby.training import training
     from passerby.training.data import read_all
-    from passerby.training.losses import ReidLoss
+    from passerby.training.network import ReidLoss
     from passerby.training.options import train_options
     from passerby.training.runs import train_run
 

@@ -8,9 +8,9 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 import numpy as np
 
-from passerby.perception import catalogue as catalogue_module
 from passerby.perception import fetching, model_files
-from passerby.perception.catalogue import ModelEntry, catalogue
+from passerby.perception import networks as catalogue_module
+from passerby.perception.networks import ModelEntry, catalogue
 
 BODY = np.random.default_rng(5).bytes(300_000)
 SHA256 = hashlib.sha256(BODY).hexdigest()

@@ -10,7 +10,7 @@ from passerby.core.cameras import PoseSigma, Rig
 from passerby.core.observations import Boxes, CameraObservations, Clock, Observations
 from passerby.findings.texts import diagnostic, text_of
 from passerby.interchange.calibration_json import parse_document
-from passerby.interchange.storage.json_text import plain
+from passerby.interchange.storage.text_formats import plain
 from passerby.report.contents import Contents
 from support.scenes.people_and_rigs import ring
 

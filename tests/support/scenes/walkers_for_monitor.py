@@ -9,7 +9,7 @@ from passerby.core.observations import Boxes, CameraObservations, Observations
 from passerby.geometry.rotations import exp_rotation
 from passerby.interchange.motchallenge import write_boxes
 from passerby.interchange.rig_toml import write_rig
-from passerby.simulation.placement import place_cameras
+from passerby.simulation.lenses import place_cameras
 
 FPS = 2.0
 POSITION_SD, TURN_SD_DEG = 0.01, 0.05

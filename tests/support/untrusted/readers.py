@@ -13,27 +13,25 @@ from typing import Any
 from passerby.common.errors import EvidenceError, InputError
 from passerby.datasets.annotations import read_cvml, read_mot_truth, read_vatic
 from passerby.datasets.epfl import read_grid
-from passerby.datasets.matlab import mat_matrix
-from passerby.datasets.parsing import text_matrix, xml_numbers
+from passerby.datasets.parsing import mat_matrix, text_matrix, xml_numbers
 from passerby.interchange.coco import read_keypoints
-from passerby.interchange.embeddings import read_embeddings
 from passerby.interchange.formats import Given, all_formats, read_people_as, read_rig_as, recognise_format
-from passerby.interchange.motchallenge import read_boxes
+from passerby.interchange.motchallenge import read_boxes, read_embeddings
 from passerby.interchange.opencv_lens import read_opencv_lens
 from passerby.interchange.output_folder import read_output
 from passerby.interchange.rig_toml import read_lens, read_rig
 from passerby.interchange.trajectories_csv import read_ground_positions, read_trajectories
 from passerby.interchange.world_files import read_known_points, read_known_positions
 from passerby.perception.kept import StageCache
-from passerby.perception.own_networks import own_network
+from passerby.perception.networks import own_network
 from passerby.perception.video import VideoReader, probe
 from passerby.scene.inputs import read_inputs
 from passerby.scene.scene import Scene
 from passerby.scene.start.folders import FoundCamera
 from passerby.scene.start.lenses import find_lenses
+from passerby.training.crops import read_picture
 from passerby.training.curves import TrainingLog
-from passerby.training.data.pictures import read_picture
-from passerby.training.data.published import msmt17
+from passerby.training.data.reading import msmt17
 from passerby.training.data.tracks import camera_of_sequence
 from support.untrusted import example_files as example
 

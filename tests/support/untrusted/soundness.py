@@ -9,16 +9,16 @@ from typing import Any
 import numpy as np
 
 from passerby.core.cameras import Camera, Lens, Pose, Rig
-from passerby.core.known_places import KnownPoint, KnownPosition
 from passerby.core.observations import UNKNOWN, Boxes, Clock, Keypoints
+from passerby.core.scale_cues import KnownPoint, KnownPosition
 from passerby.core.trajectories import Trajectories
 from passerby.datasets.published import GroundTruth, Published
-from passerby.interchange.embeddings import Embeddings
 from passerby.interchange.formats import People
+from passerby.interchange.formats.tsai import TsaiCamera
+from passerby.interchange.motchallenge import Embeddings
 from passerby.interchange.opencv_lens import StoredLens
 from passerby.interchange.output_folder import OutputFolder
 from passerby.interchange.trajectories_csv import GroundPositions
-from passerby.interchange.tsai import TsaiCamera
 from passerby.perception.video_probe import VideoInfo
 from passerby.scene.scene import Scene
 

@@ -18,9 +18,9 @@ from passerby.common.arrays import Bools, Floats
 from passerby.common.parallel import side_by_side
 from passerby.common.progress import Progress
 from passerby.findings.finding import Finding, notice
-from passerby.geometry.relative_pose import PairHypothesis
 from passerby.geometry.rotations import angle_between
 from passerby.geometry.triangulation import triangulate_two_views
+from passerby.geometry.two_view import PairHypothesis
 
 Way = tuple[int, Floats, tuple[int, ...]]
 """From a tree's root to a camera: the root, the rotation, and the numbers of the registrations on the way."""

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from passerby.association.tracking.embedding_model import EmbeddingSimilarity
-from passerby.common.arrays import Floats, Ints
-from passerby.common.columns import Columns
+from passerby.common.arrays import Columns, Floats, Ints
 from passerby.core.observations import Boxes, Vectors
 
 Mask = NDArray[np.bool_]

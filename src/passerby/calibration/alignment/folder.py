@@ -28,8 +28,7 @@ from passerby.interchange.output_folder import (
 )
 from passerby.interchange.rig_toml import write_rig
 from passerby.interchange.storage.atomic import forget_halves, write_bytes
-from passerby.interchange.storage.transaction import transaction
-from passerby.interchange.storage.whole_folder import whole_folder
+from passerby.interchange.storage.transaction import transaction, whole_folder
 
 OLD_FRAME = {"trajectories": "passerby track"}
 """What other commands leave in an output folder that holds places in the world, and the command that makes it again."""

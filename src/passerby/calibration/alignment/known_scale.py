@@ -9,8 +9,7 @@ import numpy as np
 from passerby.calibration.alignment.scene_world import AlignedSolution
 from passerby.core.cameras import Rig
 from passerby.core.figures import AdjustedFigures, CueFigures
-from passerby.core.solution import Solution
-from passerby.core.verdict import decide_verdict
+from passerby.core.solution import Solution, decide_verdict
 from passerby.solver.cue_agreement import CODE, check_cue_consistency
 
 

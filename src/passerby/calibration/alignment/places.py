@@ -10,7 +10,7 @@ from passerby.calibration.alignment.sigmas import own_covariances
 from passerby.common.arrays import Floats
 from passerby.common.errors import InputError
 from passerby.core.cameras import Camera, Rig
-from passerby.core.known_places import KnownPoint
+from passerby.core.scale_cues import KnownPoint
 from passerby.findings.finding import Finding, notice
 from passerby.geometry.geodesy import east_north_up, mean_place
 

@@ -15,7 +15,7 @@ from passerby.calibration.alignment.world import RIG_SCALE_SD, WEAK_TURN_DEG, Al
 from passerby.common.arrays import Floats
 from passerby.common.errors import EvidenceError
 from passerby.core.cameras import Rig
-from passerby.core.floor_plan import FloorPlan
+from passerby.core.scale_cues import FloorPlan
 from passerby.findings.finding import Finding, doubt, notice
 from passerby.findings.texts import text_of
 from passerby.geometry.plan_fit import Placements, ScalePrior, fit_plan

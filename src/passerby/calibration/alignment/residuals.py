@@ -10,10 +10,9 @@ import numpy as np
 from passerby.common.arrays import Floats
 from passerby.common.errors import EvidenceError
 from passerby.core.cameras import Camera, Rig
-from passerby.core.known_places import KnownPoint, KnownPosition
+from passerby.core.scale_cues import KnownPoint, KnownPosition
 from passerby.findings.finding import Finding, notice
-from passerby.geometry.alignment import WorldFit, fit_world
-from passerby.geometry.anchors import Places, SeenPoints
+from passerby.geometry.alignment import Places, SeenPoints, WorldFit, fit_world
 from passerby.geometry.rotations import direction_angle
 from passerby.geometry.similarity import Similarity
 

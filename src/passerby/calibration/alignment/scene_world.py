@@ -17,10 +17,9 @@ from passerby.core.solution import Solution
 from passerby.findings.finding import Finding, notice
 from passerby.interchange.plan_picture import read_plan_picture
 from passerby.interchange.world_files import read_known_points, read_known_positions
-from passerby.scene.floor_plan import floor_plan
 from passerby.scene.scene import Scene
 from passerby.scene.world_files import world_file_paths
-from passerby.scene.world_tables import WorldTable
+from passerby.scene.world_tables import WorldTable, floor_plan
 
 LINE_FIGURES = ("lines", "tilt_deg", "vertical_sigma_deg", "heading_sigma_deg")
 

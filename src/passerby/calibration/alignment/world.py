@@ -21,12 +21,10 @@ from passerby.calibration.alignment.sigmas import in_known_world
 from passerby.common.arrays import Floats
 from passerby.common.errors import EvidenceError, InputError
 from passerby.core.cameras import Pose, Rig
-from passerby.core.known_places import KnownPoint, KnownPosition
-from passerby.core.units import find_wrong_unit
+from passerby.core.scale_cues import KnownPoint, KnownPosition, find_wrong_unit
 from passerby.findings.finding import Finding, notice
 from passerby.findings.texts import texts_of
-from passerby.geometry.alignment import WorldFit, fit_world, fits_mirrored
-from passerby.geometry.anchors import KnownPositions, Places, SeenPoints
+from passerby.geometry.alignment import KnownPositions, Places, SeenPoints, WorldFit, fit_world, fits_mirrored
 from passerby.geometry.rotations import exp_rotation, log_rotation
 from passerby.geometry.similarity import Similarity
 

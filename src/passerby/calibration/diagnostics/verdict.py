@@ -10,12 +10,10 @@ import numpy as np
 from passerby.common.arrays import Floats
 from passerby.core.cameras import Rig
 from passerby.core.figures import PeopleFigures
-from passerby.core.missing_cameras import with_doubts_of_missing_cameras
 from passerby.core.observations import UNKNOWN, Observations
 from passerby.core.overlap import count_shared_observations, missing_overlap
-from passerby.core.solution import Solution
-from passerby.core.usability import with_doubts_of_uncertainty
-from passerby.core.verdict import decide_verdict
+from passerby.core.solution import Solution, decide_verdict
+from passerby.core.usability import with_doubts_of_missing_cameras, with_doubts_of_uncertainty
 from passerby.findings.finding import Finding, notice
 from passerby.geometry.triangulation import triangulate
 

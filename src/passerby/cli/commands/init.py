@@ -40,7 +40,7 @@ def _show(started: Started) -> None:
     import shlex
 
     from passerby.cli.terminal import MISSING, number, show_table
-    from passerby.interchange.storage.toml_text import relative
+    from passerby.interchange.storage.text_formats import relative
 
     rows = []
     for camera in started.cameras:

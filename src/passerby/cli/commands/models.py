@@ -10,7 +10,7 @@ import typer
 from passerby.common.errors import InputError
 
 if TYPE_CHECKING:
-    from passerby.perception.catalogue import ModelEntry
+    from passerby.perception.networks import ModelEntry
 
 models_app = typer.Typer(
     name="models",
@@ -38,8 +38,8 @@ def models_command(context: typer.Context) -> None:
 def list_models(models: Folder = None, json: AsJson = False) -> None:
     """List the known models, and where they are on this computer."""
     from passerby.cli.terminal import show_table
-    from passerby.perception.catalogue import catalogue
     from passerby.perception.model_files import model_folders
+    from passerby.perception.networks import catalogue
 
     folders = model_folders(models)
     places = [
@@ -69,9 +69,9 @@ def fetch_models(
 ) -> None:
     """Fetch models into the cache; models that are already on this computer are only verified."""
     from passerby.cli.terminal import stages
-    from passerby.perception.catalogue import catalogue
     from passerby.perception.fetching import UnreachableError
     from passerby.perception.model_files import copies_of, entry_of, fetch_model
+    from passerby.perception.networks import catalogue
 
     if names and all_models:
         raise InputError("names and --all contradict each other: give one of them")
@@ -101,8 +101,8 @@ def fetch_models(
 def verify_models(models: Folder = None, json: AsJson = False) -> None:
     """Check the SHA-256 of every model on this computer. Exit status 2 if one is wrong; absent models are ignored."""
     from passerby.cli.terminal import show_table
-    from passerby.perception.catalogue import catalogue
     from passerby.perception.model_files import copies_of
+    from passerby.perception.networks import catalogue
 
     copies = {entry.name: list(copies_of(entry, models)) for entry in catalogue()}
     absent = [name for name, found in copies.items() if not found]
@@ -131,6 +131,6 @@ def _megabytes(entry: ModelEntry) -> str:
 
 def _print_json(value: object) -> None:
     """One JSON object on standard output."""
-    from passerby.interchange.storage.json_text import to_json
+    from passerby.interchange.storage.text_formats import to_json
 
     print(to_json(value), end="")

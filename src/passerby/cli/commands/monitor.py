@@ -14,7 +14,7 @@ from passerby.common.progress import ProgressForm
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from passerby.monitoring.groups import MonitoredGroup
+    from passerby.monitoring.monitor import MonitoredGroup
     from passerby.monitoring.result import MonitoringResult
 
 
@@ -55,8 +55,8 @@ def monitor(
     from passerby.cli.terminal import stages
     from passerby.common.parallel import local_processes
     from passerby.interchange.calibration_json import CALIBRATION_FILE
-    from passerby.interchange.storage.json_text import to_json
-    from passerby.monitoring.groups import monitor_groups, read_groups
+    from passerby.interchange.storage.text_formats import to_json
+    from passerby.monitoring.monitor import monitor_groups, read_groups
     from passerby.monitoring.watched import LEAST_BUDGET_S, MOST_BUDGET_S, WatchOptions
     from passerby.scene.scene import Scene
 

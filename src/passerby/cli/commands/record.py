@@ -1,8 +1,12 @@
-"""`passerby record`: streams of cameras into files, all at once."""
+"""`passerby record`: streams of cameras into files, all at once.
+
+Scenes whose videos are streams, for the commands that calibrate and check them.
+"""
 
 from __future__ import annotations
 
 import signal
+import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -15,6 +19,9 @@ from passerby.common.progress import ProgressForm
 
 if TYPE_CHECKING:
     from passerby.recording.capture import Recording
+    from passerby.recording.scene_streams import StreamedScene
+    from passerby.scene.check import SceneCheck
+    from passerby.scene.scene import Scene
 
 INTERRUPTED = 130
 _ENDED = {
@@ -47,12 +54,11 @@ def record(
     `passerby calibrate OUT/scene.toml` calibrates what was recorded.
     """
     from passerby.cli.terminal import stages
-    from passerby.interchange.storage.json_text import to_json
+    from passerby.interchange.storage.text_formats import to_json
     from passerby.interchange.storage.transaction import folder_lock
     from passerby.recording.capture import CaptureOptions
     from passerby.recording.capture import record as capture
-    from passerby.recording.scene_file import write_scene_file
-    from passerby.recording.scene_streams import write_recording
+    from passerby.recording.scene_streams import write_recording, write_scene_file
     from passerby.recording.settings import read_plan
 
     plan = read_plan(cameras)
@@ -106,3 +112,45 @@ def stopping(stop: threading.Event) -> Iterator[None]:
     finally:
         for number, handler in usual.items():
             signal.signal(number, handler)
+
+
+def recorded(streamed: StreamedScene, out: Path, verbose: bool, form: ProgressForm) -> Scene:
+    """The scene of a recording that is made now, or that is there already.
+
+    Raises `InputError` as `record_scene` and `recorded_scene` do, and `typer.Exit` where the recording was stopped.
+    """
+    from passerby.cli.terminal import stages
+    from passerby.common.progress import tell_warning
+    from passerby.interchange.storage.transaction import folder_lock
+    from passerby.recording.scene_streams import is_recorded, record_scene, recorded_scene
+
+    folder, stop = streamed.folder_for(out), threading.Event()
+    with stages(verbose, form) as tell, folder_lock(folder, "passerby calibrate"):
+        if is_recorded(folder):
+            scene = recorded_scene(streamed, folder)
+            tell_warning(tell, f"{folder}: the recording that is there is used; to record anew, remove that folder")
+            return scene
+        with stopping(stop):
+            ended = record_scene(streamed, folder, tell, stop)
+    if ended == "stopped":
+        print(f"error: the recording was stopped before its time; what was recorded is kept in {folder}", file=sys.stderr)
+        raise typer.Exit(INTERRUPTED)
+    return recorded_scene(streamed, folder)
+
+
+def checked(path: Path) -> SceneCheck:
+    """What a scene holds; of one whose streams are not recorded yet, everything else, and what would be recorded."""
+    from passerby.common.errors import InputError
+    from passerby.interchange.storage.safe_parsing import faults_of
+    from passerby.recording.scene_streams import is_recorded, read_streamed, recorded_scene
+    from passerby.scene.check import SceneCheck, check_scene
+
+    try:
+        streamed = read_streamed(path)
+        if streamed is None:
+            return check_scene(path)
+        if streamed.folder is not None and is_recorded(streamed.folder):
+            return check_scene(recorded_scene(streamed, streamed.folder))
+    except InputError as error:
+        return SceneCheck(path.stem, None, (), faults_of(error), ())
+    return check_scene(streamed.plain, streamed.findings(streamed.folder))

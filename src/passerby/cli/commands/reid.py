@@ -154,7 +154,7 @@ def finetune(
     _need_torch("finetune")
     from passerby.cli.tables import show_calibration, tell_reasons
     from passerby.cli.terminal import stages
-    from passerby.training.finetuning import finetune_scene
+    from passerby.training.runs import finetune_scene
 
     _check_device(device)
     with stages(verbose) as tell:
@@ -279,6 +279,6 @@ def _need_torch(command: str) -> None:
 
 def _print_json(value: object) -> None:
     """One JSON object on standard output."""
-    from passerby.interchange.storage.json_text import to_json
+    from passerby.interchange.storage.text_formats import to_json
 
     print(to_json(value), end="")

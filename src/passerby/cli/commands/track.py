@@ -66,7 +66,7 @@ def track(
     from passerby.interchange.output_folder import read_output
     from passerby.interchange.rig_toml import read_rig
     from passerby.interchange.storage.atomic import write_text
-    from passerby.interchange.storage.json_text import to_json
+    from passerby.interchange.storage.text_formats import to_json
     from passerby.interchange.storage.transaction import folder_lock, transaction
     from passerby.interchange.trajectories_csv import read_ground_positions, write_trajectories
     from passerby.report.trajectories_page import trajectories_page

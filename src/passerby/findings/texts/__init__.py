@@ -10,16 +10,12 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from passerby.findings.finding import Finding
-from passerby.findings.texts.alignment import ALIGNMENT
 from passerby.findings.texts.association import ASSOCIATION
-from passerby.findings.texts.calibration import CALIBRATION
-from passerby.findings.texts.geopose import GEOPOSE
-from passerby.findings.texts.input_files import INPUT_FILES
+from passerby.findings.texts.calibration import ALIGNMENT, CALIBRATION, MONITORING
+from passerby.findings.texts.input_files import INPUT_FILES, VIDEOS
 from passerby.findings.texts.kinds import Fields, Kind, Said, Subject, Template
 from passerby.findings.texts.lenses import LENSES
-from passerby.findings.texts.monitoring import MONITORING
-from passerby.findings.texts.solver import SOLVER
-from passerby.findings.texts.videos import VIDEOS
+from passerby.findings.texts.solver import GEOPOSE, SOLVER
 
 __all__ = ["KINDS", "Kind", "diagnostic", "problem_of", "remedy_of", "subjects_of", "text_of", "texts_of"]
 

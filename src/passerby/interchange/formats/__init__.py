@@ -11,9 +11,7 @@ import numpy as np
 from passerby.common.errors import InputError
 from passerby.common.text import nearest, shortened, shortened_text
 from passerby.core.cameras import Rig
-from passerby.interchange.formats.format import Export, Format, Given, People
-from passerby.interchange.formats.losses import Losses
-from passerby.interchange.formats.recognition import sample_file
+from passerby.interchange.formats.format import Export, Format, Given, Losses, People, sample_file
 from passerby.interchange.storage.atomic import write_bytes
 from passerby.interchange.storage.transaction import folder_lock, transaction
 

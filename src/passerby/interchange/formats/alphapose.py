@@ -21,8 +21,7 @@ from typing import Any
 from passerby.common.errors import InputError
 from passerby.common.text import shortened
 from passerby.interchange.formats.format import Format, Given, People
-from passerby.interchange.formats.found_people import Found, frame_in, identity_in, numbers_in, people_of
-from passerby.interchange.formats.frame_numbers import frames_of_names
+from passerby.interchange.formats.found_people import Found, frame_in, frames_of_names, identity_in, numbers_in, people_of
 from passerby.interchange.formats.values import load_json
 
 READ = ("image_id", "category_id", "keypoints", "score", "box", "bbox", "idx")

@@ -18,11 +18,10 @@ from passerby.common.arrays import Floats
 from passerby.common.errors import InputError
 from passerby.common.text import natural_key, shortened
 from passerby.core.cameras import PINHOLE_DISTORTION_LENGTHS, Camera, Lens, Rig
-from passerby.interchange.formats.format import Format, Given
-from passerby.interchange.formats.recognition import FileSample
+from passerby.interchange.formats.format import FileSample, Format, Given
 from passerby.interchange.formats.values import rigid
-from passerby.interchange.gathering import gathered_rig
-from passerby.interchange.storage.faults import read_text
+from passerby.interchange.numbers import gathered_rig
+from passerby.interchange.storage.safe_parsing import read_text
 
 METRES = 1e-3
 SUFFIX = ".calib"

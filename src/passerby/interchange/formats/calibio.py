@@ -25,12 +25,10 @@ import numpy as np
 from passerby.common.errors import InputError
 from passerby.common.text import shortened
 from passerby.core.cameras import Camera, Lens, Pose, Rig
-from passerby.interchange.formats.format import Format, Given
+from passerby.interchange.formats.format import FileSample, Format, Given
 from passerby.interchange.formats.lens_models import trim_coefficients
-from passerby.interchange.formats.recognition import FileSample
 from passerby.interchange.formats.values import load_json, numbers, table, whole
-from passerby.interchange.gathering import gathered_rig
-from passerby.interchange.rotation_vectors import rotation_of
+from passerby.interchange.numbers import gathered_rig, rotation_of
 
 MODEL = "libCalib::CameraModelOpenCV"
 NEW_KIND = 0x80000000

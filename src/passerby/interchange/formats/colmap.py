@@ -25,11 +25,9 @@ from passerby.common.text import shortened, shortened_text
 from passerby.core.cameras import Camera, Lens, Pose, Rig
 from passerby.interchange.formats.colmap_files import ColmapCamera, ColmapImage, as_binary, as_text, read_model
 from passerby.interchange.formats.colmap_models import MODELS, WRITTEN, lens_of, nearest_to, parameters_of
-from passerby.interchange.formats.format import Export, Format, Given
+from passerby.interchange.formats.format import Export, FileSample, Format, Given, Losses
 from passerby.interchange.formats.lens_models import express_lens
-from passerby.interchange.formats.losses import Losses
-from passerby.interchange.formats.names import tame_names
-from passerby.interchange.formats.recognition import FileSample
+from passerby.interchange.formats.values import tame_names
 
 LEAST_QUATERNION, MOST_QUATERNION = 0.25, 1e6
 """Of the largest part of a quaternion, whose length should be one: others are no rotation, or another number's bytes."""

@@ -16,8 +16,7 @@ from passerby.common.arrays import Floats
 from passerby.common.errors import InputError
 from passerby.common.text import shortened, shortened_text
 from passerby.interchange.formats.colmap_models import MODELS
-from passerby.interchange.storage.faults import read_text
-from passerby.interchange.storage.safe_parsing import file_bytes
+from passerby.interchange.storage.safe_parsing import file_bytes, read_text
 
 LENGTHS = {model.number: model.length for model in MODELS.values()} | {17: 2}
 """Number of parameters by the model's number, EQUIRECTANGULAR's too."""

@@ -21,10 +21,10 @@ from passerby.interchange.formats.lens_models import (
     RADTAN_4,
     RATIONAL_8,
     LensModel,
+    Rays,
     how_far,
     nearest_lens,
 )
-from passerby.interchange.formats.lens_rays import Rays
 
 HALF_PIXEL = 0.5
 

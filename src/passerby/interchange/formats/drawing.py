@@ -14,7 +14,7 @@ import numpy as np
 from passerby.common.arrays import Floats, Ints
 from passerby.core.cameras import Camera, Pose, Rig
 from passerby.core.colours import camera_colour, person_colour
-from passerby.core.picture_border import SIDE_SAMPLES, frustum_rim
+from passerby.core.lens_figures import SIDE_SAMPLES, frustum_rim
 from passerby.core.trajectories import Trajectories
 
 Colour = tuple[int, int, int]

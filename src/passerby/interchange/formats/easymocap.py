@@ -27,11 +27,8 @@ from passerby.common.errors import InputError
 from passerby.common.text import natural_key, shortened_text
 from passerby.core.cameras import Camera, Lens, Pose, Rig
 from passerby.geometry.rotations import log_rotation
-from passerby.interchange.formats.format import Export, Format, Given
+from passerby.interchange.formats.format import Export, FileSample, Format, Given, Losses
 from passerby.interchange.formats.lens_models import RADTAN_5, express_lens
-from passerby.interchange.formats.losses import Losses
-from passerby.interchange.formats.names import tame_names
-from passerby.interchange.formats.recognition import FileSample
 from passerby.interchange.formats.values import (
     load_yaml,
     matrix_data,
@@ -39,8 +36,9 @@ from passerby.interchange.formats.values import (
     padded,
     rotation,
     table,
+    tame_names,
 )
-from passerby.interchange.rotation_vectors import rotation_of
+from passerby.interchange.numbers import rotation_of
 from passerby.interchange.storage.safe_parsing import NotParsed, parse_json
 
 INTRINSICS, EXTRINSICS = "intri.yml", "extri.yml"

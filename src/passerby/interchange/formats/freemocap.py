@@ -29,14 +29,12 @@ import tomli_w
 from passerby.common.errors import InputError
 from passerby.common.text import shortened
 from passerby.core.cameras import Camera, Lens, Rig
-from passerby.interchange.formats.format import Export, Format, Given
+from passerby.interchange.formats.format import Export, FileSample, Format, Given, Losses
 from passerby.interchange.formats.lens_models import FISHEYE, RATIONAL_8, TILTED_14, express_lens
-from passerby.interchange.formats.losses import Losses
-from passerby.interchange.formats.recognition import FileSample
 from passerby.interchange.formats.values import padded
-from passerby.interchange.gathering import gathered_rig
+from passerby.interchange.numbers import gathered_rig
 from passerby.interchange.rig_toml import CAMERA_KEYS, METADATA, METRES_PER_UNIT, camera_of, table_of
-from passerby.interchange.storage.faults import read_toml
+from passerby.interchange.storage.safe_parsing import read_toml
 
 MILLIMETRES = 1000.0
 SAME_AGAIN = ("world_orientation", "world_position")

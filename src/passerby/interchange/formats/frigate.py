@@ -13,6 +13,8 @@ smallest error; a comment states the error.
 
 Sources: frigate/util/velocity.py and frigate/config/camera/zone.py of github.com/blakeblackshear/frigate; "Speed Estimation" in
 docs.frigate.video/configuration/zones.
+
+Pixels and the points of the ground z = 0 that they show, through a camera's own lens.
 """
 
 from __future__ import annotations
@@ -27,10 +29,8 @@ import yaml
 from passerby.common.arrays import Floats
 from passerby.common.errors import InputError
 from passerby.core.cameras import Camera
-from passerby.interchange.formats.format import Export, Format
-from passerby.interchange.formats.ground_points import ground_points
-from passerby.interchange.formats.losses import Losses
-from passerby.interchange.formats.names import tame_names
+from passerby.interchange.formats.format import Export, Format, Losses
+from passerby.interchange.formats.values import tame_names
 
 FORBIDDEN, FIRST = re.compile(r"[^A-Za-z0-9_-]"), re.compile(r"[A-Za-z0-9]")
 ZONE = "ground_"
@@ -185,6 +185,24 @@ def _area(camera: Camera, corners: Floats) -> float:
     """Square metres of ground in a zone (the shoelace formula)."""
     x, y = ground_points(camera, corners).T
     return float(abs(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1))) / 2)
+
+
+def ground_points(camera: Camera, pixels: Floats) -> Floats:
+    """Where the rays of pixels meet the ground.
+
+    Args:
+        camera: with a pose; world z up, ground at z = 0, metres.
+        pixels: (N, 2), as the picture has them, distortion and all.
+
+    Returns:
+        (N, 2) world x and y, metres; NaN for a ray that does not meet the ground ahead of the camera.
+    """
+    assert camera.pose is not None
+    rays = camera.lens.bearings(pixels) @ camera.pose.R_cw
+    with np.errstate(divide="ignore", invalid="ignore"):
+        far = -camera.centre[2] / rays[:, 2]
+        points = camera.centre[:2] + far[:, None] * rays[:, :2]
+    return np.asarray(np.where((far > 0)[:, None] & np.isfinite(points), points, np.nan), dtype=np.float64)
 
 
 FORMAT = Format(

@@ -29,9 +29,8 @@ from passerby._version import __version__
 from passerby.common.arrays import Floats
 from passerby.core.cameras import Lens
 from passerby.interchange.formats.drawing import GROUND_COLOUR, Colour, Drawing, Frustum, Way, draw
-from passerby.interchange.formats.format import Export, Format
+from passerby.interchange.formats.format import Export, Format, Losses
 from passerby.interchange.formats.lens_models import PINHOLE, express_lens
-from passerby.interchange.formats.losses import Losses
 
 PERSPECTIVE = replace(PINHOLE, name="a perspective camera with its axis in the middle", centred=True)
 CV_TO_GLTF = np.diag([1.0, -1.0, -1.0])

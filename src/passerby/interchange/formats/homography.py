@@ -27,10 +27,9 @@ from typing import Any
 import numpy as np
 
 from passerby.core.cameras import Camera, Lens
-from passerby.interchange.formats.format import Export, Format
+from passerby.interchange.formats.format import Export, Format, Losses
 from passerby.interchange.formats.lens_models import OPENCV, PINHOLE_SKEWED, express_lens
-from passerby.interchange.formats.losses import Losses
-from passerby.interchange.storage.json_text import to_json
+from passerby.interchange.storage.text_formats import to_json
 
 LOWEST_M = 1e-6
 """A camera in the ground plane sees the ground as a line."""

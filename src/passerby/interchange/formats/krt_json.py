@@ -31,12 +31,10 @@ from passerby.common.arrays import Floats
 from passerby.common.errors import InputError
 from passerby.common.text import shortened, shortened_text
 from passerby.core.cameras import Camera, Lens, Pose, Rig
-from passerby.interchange.formats.format import Export, Format, Given
+from passerby.interchange.formats.format import Export, FileSample, Format, Given, Losses
 from passerby.interchange.formats.lens_models import RADTAN_5, express_lens
-from passerby.interchange.formats.losses import Losses
-from passerby.interchange.formats.recognition import FileSample
 from passerby.interchange.formats.values import load_json, padded, rotation
-from passerby.interchange.gathering import gathered_rig
+from passerby.interchange.numbers import gathered_rig, rotation_of
 from passerby.interchange.opencv_lens import (
     DISTORTION_NAMES,
     LENS_NAMES,
@@ -47,7 +45,6 @@ from passerby.interchange.opencv_lens import (
     with_plain_keys,
 )
 from passerby.interchange.rig_toml import METRES_PER_UNIT
-from passerby.interchange.rotation_vectors import rotation_of
 
 Y_DOWN_TO_Z_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 CENTIMETRES, MILLIMETRES = 0.01, 0.001

@@ -30,10 +30,9 @@ import numpy as np
 from passerby.common.errors import InputError
 from passerby.common.text import shortened_text
 from passerby.core.cameras import Camera, Lens, Pose, Rig
-from passerby.interchange.formats.format import Format, Given
-from passerby.interchange.formats.recognition import FileSample
+from passerby.interchange.formats.format import FileSample, Format, Given
 from passerby.interchange.formats.values import attribute_numbers, load_xml, rotation
-from passerby.interchange.gathering import gathered_rig
+from passerby.interchange.numbers import gathered_rig
 from passerby.interchange.storage.safe_parsing import file_bytes
 
 SUFFIX, BINARY_SUFFIX = ".mcal", ".cal"

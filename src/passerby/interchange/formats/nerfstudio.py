@@ -28,20 +28,18 @@ from passerby.common.arrays import Floats
 from passerby.common.errors import InputError
 from passerby.common.text import shortened
 from passerby.core.cameras import Camera, Lens, Pose, Rig
-from passerby.interchange.formats.format import Export, Format, Given
+from passerby.interchange.formats.format import Export, FileSample, Format, Given, Losses
 from passerby.interchange.formats.lens_models import FISHEYE, RADTAN_5, LensModel, express_lens
-from passerby.interchange.formats.losses import Losses
-from passerby.interchange.formats.names import tame_names
-from passerby.interchange.formats.recognition import FileSample
 from passerby.interchange.formats.values import (
     load_json,
     numbers,
     padded,
     rotation,
     table,
+    tame_names,
     whole,
 )
-from passerby.interchange.storage.json_text import to_json
+from passerby.interchange.storage.text_formats import to_json
 
 HALF = 0.5
 """What nerfstudio's pixels are larger than OpenCV's."""

@@ -49,24 +49,20 @@ from passerby.common.text import shortened
 from passerby.core.cameras import Camera, Lens, Pose, Rig
 from passerby.core.stature import PERSON_HEIGHT_M
 from passerby.interchange.formats.drawing import draw
-from passerby.interchange.formats.format import Export, Format, Given
+from passerby.interchange.formats.format import Export, FileSample, Format, Given, Losses
 from passerby.interchange.formats.lens_models import PINHOLE, PINHOLE_SKEWED, RADTAN_5, LensModel, express_lens
-from passerby.interchange.formats.losses import Losses
-from passerby.interchange.formats.mv3dt_map import MAP, TRANSFORMS, map_files
-from passerby.interchange.formats.names import tame_names
-from passerby.interchange.formats.nvidia_dewarper import dewarper_config, read_dewarper
-from passerby.interchange.formats.recognition import FileSample
+from passerby.interchange.formats.nvidia_folder import MAP, TRANSFORMS, dewarper_config, map_files, read_dewarper
 from passerby.interchange.formats.values import (
     load_json,
     numbers,
     parse_yaml,
     rotation,
     table,
+    tame_names,
     whole,
 )
-from passerby.interchange.storage.faults import read_text
-from passerby.interchange.storage.json_text import to_json
-from passerby.interchange.storage.safe_parsing import NotParsed, parse_json
+from passerby.interchange.storage.safe_parsing import NotParsed, parse_json, read_text
+from passerby.interchange.storage.text_formats import to_json
 
 CAMERAS, DEWARPERS, CALIBRATION = "camInfo", "dewarper", "calibration.json"
 FORBIDDEN, FIRST = re.compile(r"[^A-Za-z0-9_.-]"), re.compile(r"[A-Za-z0-9]")

@@ -23,11 +23,10 @@ from passerby.common.arrays import Floats
 from passerby.common.errors import InputError
 from passerby.common.text import natural_key, shortened
 from passerby.core.cameras import Camera, Lens, Pose, Rig
-from passerby.interchange.formats.format import Format, Given
-from passerby.interchange.formats.recognition import FileSample
+from passerby.interchange.formats.format import FileSample, Format, Given
 from passerby.interchange.formats.values import rotation
-from passerby.interchange.gathering import gathered_rig
-from passerby.interchange.storage.pickled_arrays import parse_pickled_arrays
+from passerby.interchange.numbers import gathered_rig
+from passerby.interchange.storage.archives import parse_pickled_arrays
 from passerby.interchange.storage.safe_parsing import NotParsed, file_bytes
 
 METRES = 1e-3

@@ -28,11 +28,10 @@ from passerby.common.arrays import Floats
 from passerby.common.errors import InputError
 from passerby.common.text import natural_key
 from passerby.core.cameras import Camera, Lens, Pose, Rig
-from passerby.interchange.formats.format import Export, Format, Given
+from passerby.interchange.formats.format import Export, FileSample, Format, Given, Losses
 from passerby.interchange.formats.lens_models import FISHEYE_SKEWED, OPENCV, express_lens, trim_coefficients
-from passerby.interchange.formats.losses import Losses
-from passerby.interchange.formats.names import tame_names
-from passerby.interchange.formats.recognition import FileSample
+from passerby.interchange.formats.values import tame_names
+from passerby.interchange.numbers import rotation_of
 from passerby.interchange.opencv_lens import (
     DEEPEST,
     ENDINGS,
@@ -45,8 +44,7 @@ from passerby.interchange.opencv_lens import (
     with_plain_keys,
 )
 from passerby.interchange.rig_toml import METRES_PER_UNIT
-from passerby.interchange.rotation_vectors import rotation_of
-from passerby.interchange.storage.faults import FileFaults, faults_of
+from passerby.interchange.storage.safe_parsing import FileFaults, faults_of
 
 ENDING = ".yml"
 

@@ -21,10 +21,8 @@ import numpy as np
 
 from passerby.common.errors import InputError
 from passerby.core.observations import Keypoints
-from passerby.interchange.formats.format import Format, Given, People
-from passerby.interchange.formats.found_people import Found, identity_in, numbers_in, people_of
-from passerby.interchange.formats.frame_numbers import frames_of_names
-from passerby.interchange.formats.losses import Unread
+from passerby.interchange.formats.format import Format, Given, People, Unread
+from passerby.interchange.formats.found_people import Found, frames_of_names, identity_in, numbers_in, people_of
 from passerby.interchange.formats.values import load_json
 
 ENDING = "_keypoints"

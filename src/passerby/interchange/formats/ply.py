@@ -20,8 +20,7 @@ from numpy.typing import NDArray
 
 from passerby.common.arrays import Floats
 from passerby.interchange.formats.drawing import GROUND_COLOUR, Colour, Drawing, Frustum, Way, draw
-from passerby.interchange.formats.format import Export, Format
-from passerby.interchange.formats.losses import Losses
+from passerby.interchange.formats.format import Export, Format, Losses
 
 NOBODY = -1
 LINE_SHARE = 0.02

@@ -31,11 +31,9 @@ from passerby.common.arrays import Floats
 from passerby.common.errors import InputError
 from passerby.common.text import shortened, shortened_text
 from passerby.core.cameras import Camera, Lens, Pose, Rig
-from passerby.interchange.formats.format import Format, Given
-from passerby.interchange.formats.recognition import FileSample
-from passerby.interchange.gathering import gathered_rig
-from passerby.interchange.storage.faults import read_text
-from passerby.interchange.storage.safe_parsing import NotParsed, parse_xml
+from passerby.interchange.formats.format import FileSample, Format, Given
+from passerby.interchange.numbers import gathered_rig
+from passerby.interchange.storage.safe_parsing import NotParsed, parse_xml, read_text
 
 METRES = 1e-3
 SUBPIXELS = 64.0

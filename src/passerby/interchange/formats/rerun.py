@@ -32,9 +32,8 @@ from passerby.common.errors import InputError
 from passerby.core.cameras import Camera, PoseSigma
 from passerby.core.trajectories import Trajectories
 from passerby.interchange.formats.drawing import GROUND_COLOUR, Drawing, Frustum, Way, draw
-from passerby.interchange.formats.format import Export, Format
+from passerby.interchange.formats.format import Export, Format, Losses
 from passerby.interchange.formats.lens_models import PINHOLE, express_lens
-from passerby.interchange.formats.losses import Losses
 
 APPLICATION = "passerby"
 HALF_A_PIXEL = 0.5

@@ -35,18 +35,17 @@ from passerby.common.arrays import Floats
 from passerby.common.errors import InputError
 from passerby.common.text import shortened
 from passerby.core.cameras import Camera, Lens, Pose, Rig
-from passerby.interchange.formats.format import Export, Format, Given
+from passerby.interchange.formats.format import Export, FileSample, Format, Given, Losses
 from passerby.interchange.formats.lens_models import FISHEYE, RADTAN_5, RATIONAL_8, express_lens
-from passerby.interchange.formats.losses import Losses
-from passerby.interchange.formats.names import LETTER, tame_names
-from passerby.interchange.formats.recognition import FileSample
 from passerby.interchange.formats.values import (
+    LETTER,
     dump_yaml,
     load_yaml,
     matrix_data,
     numbers,
     padded,
     table,
+    tame_names,
     whole,
 )
 

@@ -31,7 +31,7 @@ import tomli_w
 
 from passerby.common.errors import InputError
 from passerby.core.cameras import Camera, Lens, Rig
-from passerby.interchange.formats.format import Export, Format, Given
+from passerby.interchange.formats.format import Export, FileSample, Format, Given, Losses
 from passerby.interchange.formats.lens_models import (
     FISHEYE,
     RATIONAL_8,
@@ -40,12 +40,10 @@ from passerby.interchange.formats.lens_models import (
     express_lens,
     trim_coefficients,
 )
-from passerby.interchange.formats.losses import Losses
-from passerby.interchange.formats.names import tame_names
-from passerby.interchange.formats.recognition import FileSample
-from passerby.interchange.gathering import gathered_rig
+from passerby.interchange.formats.values import tame_names
+from passerby.interchange.numbers import gathered_rig
 from passerby.interchange.rig_toml import CAMERA_KEYS, METADATA, METRES_PER_UNIT, camera_of, table_of
-from passerby.interchange.storage.faults import read_toml
+from passerby.interchange.storage.safe_parsing import read_toml
 
 OTHER_TABLES = (METADATA, "capture_volume", "charuco", "checkerboard", "cameras")
 """Tables that Pose2Sim takes for no camera, and Caliscope's table of all cameras."""

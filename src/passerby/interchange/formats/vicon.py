@@ -28,13 +28,11 @@ from passerby.common.arrays import Floats
 from passerby.common.errors import InputError
 from passerby.common.text import shortened, shortened_text
 from passerby.core.cameras import Camera, Lens, Pose, Rig
-from passerby.interchange.formats.format import Format, Given
-from passerby.interchange.formats.lens_models import RADTAN_5, RATIONAL_8, how_far, nearest_lens
-from passerby.interchange.formats.lens_rays import Rays
-from passerby.interchange.formats.recognition import FileSample
+from passerby.interchange.formats.format import FileSample, Format, Given
+from passerby.interchange.formats.lens_models import RADTAN_5, RATIONAL_8, Rays, how_far, nearest_lens
+from passerby.interchange.formats.tsai import WORST_PX
 from passerby.interchange.formats.values import attribute_numbers, load_xml
-from passerby.interchange.gathering import gathered_rig
-from passerby.interchange.tsai import WORST_PX
+from passerby.interchange.numbers import gathered_rig
 
 METRES = 1e-3
 SUFFIX = ".xcp"

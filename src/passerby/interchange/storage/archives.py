@@ -1,13 +1,27 @@
-"""Arrays out of numpy's archives (npz) from anybody: no Python objects, and no more memory than the file can account for."""
+"""Arrays out of numpy's archives (npz) from anybody: no Python objects, and no more memory than the file can account for.
+
+Pickles that hold numpy arrays, read without running anything in them.
+
+A pickle is a program for a stack machine, and Python's own reader calls whatever function the program names. This reader
+has its own machine: it knows the instructions that make numbers, texts, bytes, lists, tables and arrays, and the few names
+that numpy writes for an array. Every other name is an error, and no name is ever imported.
+
+The instructions are those of `pickletools` (protocols 0 to 5); numpy's names are those of `ndarray.__reduce__` and
+`dtype.__reduce__` in numpy 1 and 2.
+"""
 
 from __future__ import annotations
 
 import lzma
+import math
+import pickletools
+import re
 import struct
 import zipfile
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from tokenize import TokenError
 from typing import IO, Any
@@ -20,12 +34,35 @@ from passerby.common.errors import InputError
 from passerby.interchange.storage.safe_parsing import LARGEST_BYTES, NotParsed, check_is_file
 
 ENDING = ".npy"
-
 _BROKEN = (
     ValueError, TypeError, SyntaxError, RecursionError, MemoryError, OverflowError, EOFError, OSError, KeyError, IndexError,
     AttributeError, NotImplementedError, RuntimeError, zipfile.BadZipFile, zlib.error, lzma.LZMAError, struct.error, TokenError,
 )  # fmt: skip
 """What zipfile and numpy raise for bytes that mean something else."""
+LARGEST_PICKLE = 1_000_000
+"""Of a pickle. A camera's calibration has a few hundred."""
+MOST_AXES = 8
+MOST_VALUES = 10_000
+"""In lists and tables: a few bytes of a pickle may stand for endless ones."""
+NUMBERS = re.compile(r"[<>=|]?[fiub][1248]")
+"""Names of numpy's types that are numbers; objects, texts and records are not read."""
+_MODULES = ("numpy.core.multiarray", "numpy._core.multiarray", "numpy.core.numeric", "numpy._core.numeric")
+_NAMES = {
+    **{(module, name): name for module in _MODULES for name in ("_reconstruct", "scalar", "_frombuffer")},
+    ("numpy", "ndarray"): "ndarray",
+    ("numpy", "dtype"): "dtype",
+    ("_codecs", "encode"): "encode",
+    ("__builtin__", "bytes"): "bytes",
+    ("builtins", "bytes"): "bytes",
+}
+"""Names that may occur in a pickle, by module and name -> what this reader does for them."""
+_MARK = object()
+_CONSTANTS = {"NONE": None, "NEWTRUE": True, "NEWFALSE": False}
+_VALUES = frozenset({
+    "INT", "BININT", "BININT1", "BININT2", "LONG", "LONG1", "LONG4", "FLOAT", "BINFLOAT", "UNICODE", "BINUNICODE",
+    "SHORT_BINUNICODE", "BINUNICODE8", "BINBYTES", "SHORT_BINBYTES", "BINBYTES8", "BYTEARRAY8",
+})  # fmt: skip
+_IDLE = frozenset({"PROTO", "FRAME"})
 
 
 class Archive:
@@ -106,3 +143,214 @@ def as_not_parsed() -> Iterator[None]:
         if isinstance(error, MemoryError):
             text = "it does not fit into memory"
         raise NotParsed((text or type(error).__name__)[:200]) from None
+
+
+@dataclass(frozen=True)
+class _Name:
+    """A name in the pickle that stands for one of numpy's functions."""
+
+    kind: str
+
+
+@dataclass
+class _Type:
+    """A numpy type as it is built."""
+
+    text: str
+
+
+@dataclass
+class _Array:
+    """An array as it is built; `value` is there once it has its numbers."""
+
+    value: Any = None
+
+
+def parse_pickled_arrays(content: bytes) -> Any:
+    """The value of a pickle: arrays, numbers, texts, bytes and None, in lists, tuples and dicts.
+
+    Raises `NotParsed` for what is no pickle, is cut off, or asks for anything else.
+    """
+    if len(content) > LARGEST_PICKLE:
+        raise NotParsed(f"it has more than {LARGEST_PICKLE} bytes, which no calibration has")
+    try:
+        return _finished(_Machine().run(content), [MOST_VALUES])
+    except NotParsed:
+        raise
+    except (ValueError, TypeError, IndexError, KeyError, OverflowError, RecursionError, UnicodeError):
+        raise NotParsed("it is not a whole pickle of numbers and arrays") from None
+
+
+class _Machine:
+    """The stack and the memory of a pickle."""
+
+    def __init__(self) -> None:
+        self.stack: list[Any] = []
+        self.memory: dict[int, Any] = {}
+
+    def run(self, content: bytes) -> Any:
+        """What is left when the program stops."""
+        for instruction, argument, _ in pickletools.genops(content):
+            if instruction.name == "STOP":
+                return self.stack.pop()
+            self._step(instruction.name, argument)
+        raise NotParsed("it is cut off")
+
+    def _step(self, name: str, argument: Any) -> None:
+        stack = self.stack
+        if name in _IDLE:
+            return
+        if name in _VALUES:
+            stack.append(argument)
+        elif name in _CONSTANTS:
+            stack.append(_CONSTANTS[name])
+        elif name in _STEPS:
+            _STEPS[name](self, argument)
+        else:
+            raise NotParsed(f"it asks for {name}, which no table of arrays needs")
+
+    def since_mark(self) -> list[Any]:
+        """What lies on the stack above the last mark, which is taken away too."""
+        index = max(position for position, value in enumerate(self.stack) if value is _MARK)
+        values = self.stack[index + 1 :]
+        del self.stack[index:]
+        return values
+
+    def last(self, count: int) -> list[Any]:
+        """The last values on the stack, taken away."""
+        if count > len(self.stack):
+            raise IndexError
+        values = self.stack[len(self.stack) - count :]
+        del self.stack[len(self.stack) - count :]
+        return values
+
+    def named(self, module: str, name: str) -> None:
+        """Put one of numpy's names on the stack."""
+        if (module, name) not in _NAMES:
+            raise NotParsed(f"it asks for {str(module)[:40]}.{str(name)[:40]}, which no table of arrays needs")
+        self.stack.append(_Name(_NAMES[module, name]))
+
+
+def _set_items(machine: _Machine, values: list[Any]) -> None:
+    table = machine.stack[-1]
+    if not isinstance(table, dict) or not all(isinstance(key, (str, int)) for key in values[::2]):
+        raise TypeError
+    table.update(zip(values[::2], values[1::2], strict=True))
+
+
+def _append(machine: _Machine, values: list[Any]) -> None:
+    listed = machine.stack[-1]
+    if not isinstance(listed, list):
+        raise TypeError
+    listed.extend(values)
+
+
+def _call(machine: _Machine) -> None:
+    """REDUCE: one of the names with its arguments."""
+    function, arguments = machine.last(2)
+    if not isinstance(function, _Name) or not isinstance(arguments, tuple):
+        raise NotParsed("it calls something that is no array")
+    machine.stack.append(_made(function.kind, arguments))
+
+
+def _made(kind: str, arguments: tuple[Any, ...]) -> Any:
+    """What one of numpy's functions would make."""
+    if kind == "_reconstruct":
+        return _Array()
+    if kind == "dtype":
+        return _Type(str(arguments[0]))
+    if kind == "encode" and isinstance(arguments[0], str):
+        return arguments[0].encode("latin-1")
+    if kind == "bytes" and not arguments:
+        return b""
+    if kind == "scalar":
+        return _numbers((), arguments[0], arguments[1], False).item()
+    if kind == "_frombuffer":
+        content, form, shape, order = arguments
+        return _Array(_numbers(shape, form, content, order == "F"))
+    raise NotParsed("it calls something that is no array")
+
+
+def _build(machine: _Machine) -> None:
+    """BUILD: the state of a type, which is its byte order, or of an array."""
+    built, state = machine.last(2)
+    if isinstance(built, _Type):
+        order = state[1]
+        built.text = order + built.text.lstrip("<>=|") if order in ("<", ">") else built.text
+    elif isinstance(built, _Array):
+        _, shape, form, fortran, content = state
+        built.value = _numbers(shape, form, content, bool(fortran))
+    else:
+        raise NotParsed("it builds something that is no array")
+    machine.stack.append(built)
+
+
+def _numbers(shape: Any, form: Any, content: Any, fortran: bool) -> Any:
+    """An array of numbers from its bytes."""
+    if not isinstance(form, _Type) or not isinstance(content, (bytes, bytearray)):
+        raise TypeError
+    axes = tuple(int(length) for length in shape)
+    if not NUMBERS.fullmatch(form.text) or len(axes) > MOST_AXES or min(axes, default=0) < 0:
+        raise NotParsed("it holds an array of something else than numbers")
+    dtype = np.dtype(form.text)
+    if math.prod(axes) * dtype.itemsize != len(content):
+        raise NotParsed("it holds an array that is cut off")
+    return np.frombuffer(bytes(content), dtype).reshape(axes, order="F" if fortran else "C")
+
+
+def _finished(value: Any, left: list[int]) -> Any:
+    """The value with the arrays themselves in the place of what they were built from; `left` counts the values down."""
+    left[0] -= 1
+    if left[0] < 0:
+        raise NotParsed(f"it holds more than {MOST_VALUES} values")
+    if isinstance(value, _Array):
+        if value.value is None:
+            raise NotParsed("it holds an array without numbers")
+        return value.value
+    if isinstance(value, (list, tuple)):
+        return type(value)(_finished(item, left) for item in value)
+    if isinstance(value, dict):
+        return {key: _finished(item, left) for key, item in value.items()}
+    if isinstance(value, (_Name, _Type)) or value is _MARK:
+        raise NotParsed("it is no table of arrays")
+    return value
+
+
+def _memorise(machine: _Machine, place: int | None) -> None:
+    machine.memory[len(machine.memory) if place is None else place] = machine.stack[-1]
+
+
+def _new_dict(machine: _Machine) -> None:
+    values = machine.since_mark()
+    machine.stack.append({})
+    _set_items(machine, values)
+
+
+_STEPS: dict[str, Callable[[_Machine, Any], None]] = {
+    "MARK": lambda machine, _: machine.stack.append(_MARK),
+    "POP": lambda machine, _: machine.stack.pop() and None,
+    "EMPTY_DICT": lambda machine, _: machine.stack.append({}),
+    "EMPTY_LIST": lambda machine, _: machine.stack.append([]),
+    "EMPTY_TUPLE": lambda machine, _: machine.stack.append(()),
+    "DICT": lambda machine, _: _new_dict(machine),
+    "LIST": lambda machine, _: machine.stack.append(machine.since_mark()),
+    "TUPLE": lambda machine, _: machine.stack.append(tuple(machine.since_mark())),
+    "TUPLE1": lambda machine, _: machine.stack.append(tuple(machine.last(1))),
+    "TUPLE2": lambda machine, _: machine.stack.append(tuple(machine.last(2))),
+    "TUPLE3": lambda machine, _: machine.stack.append(tuple(machine.last(3))),
+    "SETITEM": lambda machine, _: _set_items(machine, machine.last(2)),
+    "SETITEMS": lambda machine, _: _set_items(machine, machine.since_mark()),
+    "APPEND": lambda machine, _: _append(machine, machine.last(1)),
+    "APPENDS": lambda machine, _: _append(machine, machine.since_mark()),
+    "PUT": lambda machine, place: _memorise(machine, int(place)),
+    "BINPUT": _memorise,
+    "LONG_BINPUT": _memorise,
+    "MEMOIZE": lambda machine, _: _memorise(machine, None),
+    "GET": lambda machine, place: machine.stack.append(machine.memory[int(place)]),
+    "BINGET": lambda machine, place: machine.stack.append(machine.memory[place]),
+    "LONG_BINGET": lambda machine, place: machine.stack.append(machine.memory[place]),
+    "GLOBAL": lambda machine, names: machine.named(*names.split(" ", 1)),
+    "STACK_GLOBAL": lambda machine, _: machine.named(*machine.last(2)),
+    "REDUCE": lambda machine, _: _call(machine),
+    "BUILD": lambda machine, _: _build(machine),
+}

@@ -3,6 +3,8 @@
 No parser here runs anything, opens another file, or takes memory or time out of all proportion to the text: XML has no
 entities, YAML no objects and no merging, and what is nested too deep, or a number of thousands of digits, is an error as any
 other. OpenCV's own parser is not used: version 5 reads beyond its text (a JSON file that ends too early kills the process).
+
+What is wrong with a file, all of it, and reading text with errors a person can act on.
 """
 
 from __future__ import annotations
@@ -12,35 +14,32 @@ import json
 import re
 import stat
 import tomllib
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
 import yaml
 
-from passerby.common.errors import InputError
+from passerby.common.errors import InputError, cut
 from passerby.common.text import shortened, shortened_text
 
 LARGEST_BYTES = 2 << 30
 """Of a file that is read as a whole: the boxes of fifty people for a day at 25 frames per second take about as much."""
-
 TOLD = 200
 """Characters of a parser's complaint that are told."""
-
 LARGEST_YAML = 1_000_000
 """Characters of a YAML file. The parser takes some 20 seconds for so many."""
-
 NESTED = re.compile(r"(?:[\[{]\s*){64}")
 """Lists in lists before any value: the parser takes seconds to find out that they are too deep for it."""
-
 LONG_NUMBER = re.compile(r"[0-9_]{1000}")
 """Floats end at 308 digits. YAML's own parser takes minutes for a number of 100,000 digits."""
-
 MOST_DOTS = 5000
 """In one line of TOML. The parser keeps every beginning of a dotted key: one of 50,000 parts takes ten gigabytes."""
-
 MOST_LEAVES = 1000
 """Values in one list that are looked at, where a few bytes of YAML may stand for endless ones."""
+LISTED_FAULTS = 20
+"""So many faults of one file are told one by one; a broken exporter breaks every row alike."""
 
 
 class NotParsed(ValueError):
@@ -162,7 +161,11 @@ def _opencv_matrix(loader: Loader, _: str, node: yaml.Node) -> Any:
 
 
 Loader.add_multi_constructor("tag:yaml.org,2002:opencv-", _opencv_matrix)
+
+
 FLOAT = re.compile(r"^[-+]?(?:\d+\.?\d*|\.\d+)[eE][-+]?\d+$")
+
+
 Loader.add_implicit_resolver("tag:yaml.org,2002:float", FLOAT, list("-+.0123456789"))
 
 
@@ -191,3 +194,49 @@ def _told(error: Exception | str) -> str:
     if isinstance(error, RecursionError):
         return "it is nested too deep"
     return shortened_text(" ".join(str(error).split()), TOLD)
+
+
+class FileFaults(InputError):
+    """A file, or a scene, that cannot be used. The message tells the first fault, `faults` all (up to `LISTED_FAULTS`)."""
+
+    def __init__(self, faults: Sequence[str]) -> None:
+        more = len(faults) - 1
+        super().__init__(faults[0] + (f" (and {more} more fault{'s' if more > 1 else ''})" if more else ""))
+        listed = tuple(map(cut, faults[:LISTED_FAULTS]))
+        if len(faults) > LISTED_FAULTS:
+            listed += (f"... and {len(faults) - LISTED_FAULTS} more faults",)
+        self.faults = listed
+        self._all = tuple(faults)
+
+    def __reduce__(self) -> tuple[type[FileFaults], tuple[tuple[str, ...]]]:
+        """Made again from its faults: an exception is otherwise made from its message, on its way from another process."""
+        return type(self), (self._all,)
+
+
+def faults_of(error: InputError) -> tuple[str, ...]:
+    """All faults that an error tells of, one line each."""
+    return error.faults if isinstance(error, FileFaults) else (str(error),)
+
+
+def read_text(path: str | Path, kind: str) -> str:
+    """The text of a file. `kind` names in a message what was expected ("the scene file").
+
+    Raises `InputError` when the file is missing, a folder, a pipe or a device, unreadable or not UTF-8 text. All ends of
+    lines become line feeds.
+    """
+    path = Path(path)
+    content = file_bytes(path, kind)
+    try:
+        return content.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
+    except UnicodeDecodeError as error:
+        raise InputError(
+            f"{path}: byte {error.start} is not UTF-8 text, but {kind} is needed: is it another kind of file?"
+        ) from None
+
+
+def read_toml(path: str | Path, kind: str = "a configuration (TOML)") -> dict[str, Any]:
+    """The tables of a TOML file. Raises `InputError` as `read_text` does, and for text that is not TOML."""
+    try:
+        return parse_toml(read_text(path, kind))
+    except NotParsed as error:
+        raise InputError(f"{path}: is not TOML: {error}") from None

@@ -1,24 +1,42 @@
-"""The files that a camera's `video` names: one file, a folder, a pattern, or a list of these."""
+"""The files that a camera's `video` names: one file, a folder, a pattern, or a list of these.
+
+Where the pieces of a recording lie in its time, by the times in their names and their lengths, and what is missing.
+
+What is odd about the files of a recording, and does not stop a calibration.
+"""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from glob import glob
 from itertools import islice
 from pathlib import Path
 from typing import Literal
 
+import numpy as np
+
+from passerby.common.arrays import Floats
 from passerby.common.text import natural_key
+from passerby.findings.finding import Finding, notice
+from passerby.perception.pictures import VideoError
 from passerby.perception.pieces import PICTURE_ENDINGS, VIDEO_ENDINGS, walk_below
-from passerby.perception.sources.chapter_names import order_of
-from passerby.perception.video_error import VideoError
+from passerby.perception.sources.name_times import order_of
+from passerby.perception.video_probe import VideoInfo, WallTime
 
 Kind = Literal["videos", "pictures"]
-
 MOST_FILES = 500_000
 """A camera's recording in pieces of ten seconds has as many in eight weeks."""
 _PATTERN, _NUMBERED = re.compile(r"[*?\[]"), re.compile(r"%0?\d*d")
+SLACK_S = 0.1
+"""Lengths that containers state, and the times that recorders write, may be off by so much from piece to piece."""
+GAP_S = 1.0
+"""Shorter gaps are within what whole seconds in names tell."""
+OVERLAP_S = 1.0
+"""Likewise: recorders begin a piece at a key frame before the last piece has ended."""
+LONG_S = 3600.0
+"""Longer recordings are told: half an hour with people determines a rig, and watching takes about as long as filming."""
 
 
 @dataclass(frozen=True)
@@ -124,3 +142,156 @@ def _named_by(path: Path) -> list[Path]:
     if not matched:
         raise VideoError(path, "no video and no image matches this pattern: check it (* any text in one name, ** any folders)")
     return matched
+
+
+@dataclass(frozen=True)
+class Gaps:
+    """What is missing between pieces, and what there is twice."""
+
+    count: int
+    seconds: float
+    """Missing in all."""
+    longest_s: float
+    longest_at_s: float
+    """Where the longest gap begins."""
+    overlaps: int
+    overlap_s: float
+    longest_overlap_at_s: float
+    """Where the longest overlap begins."""
+    irregular: bool
+    """Whether most pieces do not overlap: recorders that begin a piece early always do."""
+    inside: int
+    """Pieces all of whose time others show too: they are of another camera, copies, or of a clock that was set back."""
+
+
+def follow_at_once(seconds: Floats) -> Floats:
+    """(N,) where pieces of so many seconds begin that follow one another."""
+    return np.concatenate([[0.0], np.cumsum(seconds)[:-1]])
+
+
+def begins_by_names(named: Floats, seconds: Floats, resolution_s: float) -> Floats:
+    """(N,) where pieces begin whose names tell it with fractions left off.
+
+    Pieces that were recorded without a break share one phase: each begins where the one before it ends, and all of them within
+    the second that its name tells. What is left open is halved. Pieces that are missing are taken to be as long as the
+    others, as far as the names allow it; where they do not, the phase begins anew.
+
+    Args:
+        named: (N,) the times in the names, seconds, ascending.
+        seconds: (N,) lengths of the pieces.
+        resolution_s: the true beginnings are up to so much later.
+
+    Returns:
+        (N,) on the clock of `named`.
+    """
+    seconds = _by_clock_of_names(named, seconds, resolution_s)
+    usual = float(np.median(seconds))
+    begins = np.empty(len(named))
+    first = 0
+    relative = np.zeros(len(named))
+    low, high = named[0] - SLACK_S, named[0] + resolution_s + SLACK_S
+    for k in range(1, len(named) + 1):
+        if k < len(named):
+            ahead = relative[k - 1] + seconds[k - 1]
+            # Missing pieces of the usual length; with none it follows at once.
+            late = named[k] + 0.5 * resolution_s - 0.5 * (low + high) - ahead
+            missing = round(late / usual) if usual > 0 and late > resolution_s + SLACK_S else 0
+            ahead += missing * usual
+            below, above = named[k] - ahead - SLACK_S, named[k] + resolution_s - ahead + SLACK_S
+            if max(low, below) <= min(high, above):
+                low, high, relative[k] = max(low, below), min(high, above), ahead
+                continue
+        begins[first:k] = 0.5 * (low + high) + relative[first:k]
+        if k < len(named):
+            # A phase that has drifted away goes on from the nearest time that the name allows, others begin in the middle.
+            predicted = begins[k - 1] + seconds[k - 1]
+            first, relative[k] = k, 0.0
+            low, high = named[k] - SLACK_S, named[k] + resolution_s + SLACK_S
+            if low - GAP_S < predicted < high + GAP_S:
+                low = high = float(np.clip(predicted, named[k], named[k] + resolution_s))
+                low, high = low - SLACK_S, high + SLACK_S
+    return begins
+
+
+def _by_clock_of_names(named: Floats, seconds: Floats, resolution_s: float) -> Floats:
+    """(N,) lengths by the clock that wrote the names, where many pieces show that it does not run as the videos' own."""
+    if len(named) < 2:
+        return seconds
+    steps = np.diff(named)
+    adjacent = np.abs(steps - seconds[:-1]) <= resolution_s + SLACK_S
+    more, own = float((steps - seconds[:-1])[adjacent].sum()), float(seconds[:-1][adjacent].sum())
+    # Names may be wrong by their resolution at either end.
+    return seconds if abs(more) <= 2 * resolution_s or own <= 0 else seconds * (1 + more / own)
+
+
+def gaps_between(begins: Floats, seconds: Floats, least_s: float = GAP_S) -> Gaps:
+    """Gaps of `least_s` and more, and overlaps, of pieces in order of their beginnings."""
+    ends = np.maximum.accumulate(begins + seconds)
+    gap = begins[1:] - ends[:-1]
+    missing = gap[gap >= least_s]
+    overlapping = gap <= -OVERLAP_S
+    twice = -gap[overlapping]
+    inside = overlapping & (begins[1:] + seconds[1:] <= ends[:-1] + SLACK_S)
+    # Two recordings in turn: each piece is over only after the next one but one has begun.
+    inside[:-1] |= overlapping[:-1] & overlapping[1:] & (begins[2:] <= ends[:-2] + least_s)
+    longest = int(np.argmax(gap)) if len(missing) else 0
+    return Gaps(
+        len(missing), float(missing.sum()), float(missing.max(initial=0.0)), float(ends[longest]) if len(ends) else 0.0,
+        len(twice), float(twice.sum()), float(begins[1 + int(np.argmin(gap))]) if len(twice) else 0.0,
+        len(twice) <= 0.5 * len(gap), int(inside.sum()),
+    )  # fmt: skip
+
+
+def unreadable_pieces(
+    name: str, place: Path, paths: Sequence[Path], failed: Sequence[tuple[int, str]], listed: int
+) -> list[Finding]:
+    """Files that could not be read; `failed` are their numbers among `paths`, with the reason."""
+    if not failed:
+        return []
+    number, why = failed[0]
+    return [
+        notice("pieces_unreadable", name, place=str(place), count=len(failed), files=listed, first=paths[number].name, why=why)
+    ]
+
+
+def differing_pieces(
+    name: str, place: Path, paths: Sequence[Path], other: Sequence[int], opened: dict[int, VideoInfo], size: tuple[int, int],
+    rate: float, listed: int,
+) -> list[Finding]:  # fmt: skip
+    """Files of another size or rate than most; `other` are their numbers among `paths`."""
+    if not other:
+        return []
+    first = opened[other[0]]
+    by_size = first.size != size
+    what = f"{first.size[0]} x {first.size[1]}" if by_size else f"{first.clock_fps:.4g} frames per second"
+    usual = f"{size[0]} x {size[1]}" if by_size else f"{rate:.4g}"
+    values = {"count": len(other), "files": listed, "first": paths[other[0]].name, "what": what, "usual": usual}
+    return [notice("pieces_differ", name, place=str(place), **values)]
+
+
+def gap_findings(name: str, place: Path, gaps: Gaps, wall: WallTime | None, what: str) -> list[Finding]:
+    """Gaps between the pieces or images of a recording (`what`), and pieces that overlap."""
+    found = []
+    if gaps.count:
+        longest_at = None if wall is None else WallTime(round(wall.seconds + gaps.longest_at_s), wall.utc).text
+        values = {"count": gaps.count, "seconds": gaps.seconds, "longest_s": gaps.longest_s, "between": what}
+        found.append(
+            notice("recording_gaps", name, place=str(place), **values, longest_at_s=gaps.longest_at_s, longest_at=longest_at)
+        )
+    if gaps.overlaps:
+        at = None if wall is None else WallTime(round(wall.seconds + gaps.longest_overlap_at_s), wall.utc).text
+        values = {"count": gaps.overlaps, "seconds": gaps.overlap_s, "irregular": gaps.irregular, "longest_at": at}
+        found.append(notice("pieces_overlap", name, place=str(place), **values))
+    return found
+
+
+def long_recording(name: str, source: VideoSource, info: VideoInfo) -> list[Finding]:
+    """Recordings of hours, of which no span is chosen."""
+    if source.span is not None or info.seconds is None or info.seconds <= LONG_S:
+        return []
+    first = last = None
+    if info.wall is not None and info.end_s is not None:
+        first = WallTime(round(info.wall.seconds + info.begin_s), info.wall.utc).text
+        last = WallTime(round(info.wall.seconds + info.end_s), info.wall.utc).text
+    values = {"hours": info.seconds / 3600.0, "files": len(info.files), "first": first, "last": last}
+    return [notice("recording_long", name, place=str(info.path), **values)]

@@ -17,9 +17,9 @@ import numpy as np
 from passerby.common.arrays import Floats, Ints
 from passerby.common.errors import InputError
 from passerby.common.text import shortened
+from passerby.perception.pictures import VideoError
 from passerby.perception.sources.file_times import parse_time
-from passerby.perception.video_clock import EARLIEST, FileClock
-from passerby.perception.video_error import VideoError
+from passerby.perception.video_camera import EARLIEST, FileClock
 from passerby.perception.video_probe import VARIABLE_CLOCK_FPS, VideoInfo
 
 UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}

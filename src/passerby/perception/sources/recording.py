@@ -13,14 +13,24 @@ import numpy as np
 from passerby.common.arrays import Floats
 from passerby.common.errors import InputError
 from passerby.findings.finding import Finding, notice
-from passerby.perception.sources.chapter_names import are_all_chapters
-from passerby.perception.sources.file_times import FileTimes, times_of
-from passerby.perception.sources.files import VideoSource, WallSpan, list_files
-from passerby.perception.sources.picture_heads import PictureHead, read_picture_head
-from passerby.perception.sources.placing import GAP_S, SLACK_S, begins_by_names, follow_at_once, gaps_between
-from passerby.perception.sources.recording_findings import differing_pieces, gap_findings, long_recording, unreadable_pieces
+from passerby.perception.pictures import VideoError
+from passerby.perception.sources.file_times import FileTimes, PictureHead, read_picture_head, times_of
+from passerby.perception.sources.files import (
+    GAP_S,
+    SLACK_S,
+    VideoSource,
+    WallSpan,
+    begins_by_names,
+    differing_pieces,
+    follow_at_once,
+    gap_findings,
+    gaps_between,
+    list_files,
+    long_recording,
+    unreadable_pieces,
+)
+from passerby.perception.sources.name_times import are_all_chapters
 from passerby.perception.video_camera import RecordingCamera
-from passerby.perception.video_error import VideoError
 from passerby.perception.video_probe import VARIABLE_CLOCK_FPS, Piece, VideoInfo, WallTime, probe
 
 MIXED = 0.5

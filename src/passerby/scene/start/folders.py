@@ -17,9 +17,18 @@ from passerby.common.text import natural_key
 from passerby.perception.pieces import PICTURE_ENDINGS, VIDEO_ENDINGS, files_below
 from passerby.perception.sources.frame_times import find_frame_times, read_frame_times, timed_by
 from passerby.perception.video_probe import VideoInfo, WallTime
-from passerby.scene.start.chapters import COMPANIONS, Look, companions_note, find_chapters, named_alike, without_small_copies
-from passerby.scene.start.names import camera_names, match_names
-from passerby.scene.start.recordings import is_numbered_series, pieces_among
+from passerby.scene.start.recordings import (
+    COMPANIONS,
+    Look,
+    camera_names,
+    companions_note,
+    find_chapters,
+    is_numbered_series,
+    match_names,
+    named_alike,
+    pieces_among,
+    without_small_copies,
+)
 from passerby.scene.start.recordings_found import (
     VIDEO_FOLDERS,
     FoundRecording,

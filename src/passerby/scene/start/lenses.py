@@ -19,11 +19,11 @@ from passerby.core.cameras import Lens
 from passerby.interchange.formats import Given, read_rig_as, recognise_format
 from passerby.interchange.opencv_lens import ENDINGS, LARGEST_BYTES, StoredLens, read_opencv_lens
 from passerby.interchange.rig_toml import METADATA, names_of_table, read_lens, tables_of_cameras
-from passerby.interchange.storage.faults import read_toml
+from passerby.interchange.storage.safe_parsing import read_toml
 from passerby.perception.pieces import PICTURE_ENDINGS, VIDEO_ENDINGS
 from passerby.scene.scene import CAMERA_NAME
 from passerby.scene.start.folders import FoundCamera, visible_files, visible_folders
-from passerby.scene.start.names import camera_names, match_names
+from passerby.scene.start.recordings import camera_names, match_names
 
 FOLDERS = ("calib", "intrinsic")
 FIRST_NAMES = ("intrinsic", "calib", "rig")

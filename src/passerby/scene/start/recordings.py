@@ -1,18 +1,32 @@
-"""Recordings that a network video recorder has cut into pieces, known by the times in their names."""
+"""Recordings that a network video recorder has cut into pieces, known by the times in their names.
+
+Chapters that a camera cut one recording into, among the videos of a folder: by their names, their formats and their times.
+
+Names that differ by a counter alone may as well be those of several cameras. So chapters have one format, and where the files
+state when they were recorded, each begins when the one before it ends. Without such times a maker's scheme of names decides;
+or, in a folder that is one camera's, a counter that begins at 0 or 1 and leaves nothing out.
+
+Cameras' names: made from the names of files, and matched with the names in a calibration.
+
+The rules are few and dull, so that a name can be foretold: see `camera_names` and `match_names`.
+"""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from datetime import datetime
 from itertools import pairwise
 from pathlib import Path
 
-from passerby.perception.sources.chapter_names import without_chapter
+from passerby.common.text import _NUMBER
+from passerby.interchange.rig_toml import METADATA
+from passerby.perception.sources.name_times import ChapterName, chapter_name, without_chapter
+from passerby.perception.video_probe import VideoInfo
 
 Length = Callable[[Path], float | None]
 """Seconds that a video lasts; None where it does not tell."""
-
 _DATE_AND_TIME = re.compile(
     r"(?<!\d)((?:19|20)\d\d)[-_.]?(\d\d)[-_.]?(\d\d)[ T_.\-]{0,3}(\d\d)[-_.:hH]?(\d\d)(?:[-_.:mM]?(\d\d))?(?!\d)"
 )
@@ -21,7 +35,6 @@ _EPOCH = re.compile(r"(?<!\d)(1[4-9]\d{8})(\d{3})?(?!\d)")
 _CLOCK = re.compile(r"(?:([01]\d|2[0-3])[-_.])?([0-5]\d)[-_.]([0-5]\d)")
 """The whole name: minutes and seconds as Frigate has them, or hours before these."""
 _NUMBERS = re.compile(r"[\d\s._\-]*\d[\d\s._\-]*")
-
 SLACK_S = 5.0
 """Pieces may overlap so much: recorders cut at key frames, and some begin a piece before the last has ended."""
 LOOKED_INTO = 8
@@ -30,6 +43,12 @@ BREAK_S = 60.0
 """Between two videos that are two pieces. Of more than two, breaks may be longer, as where only movement is recorded."""
 NUMBERED = 3
 """So many videos in a camera's folder with nothing but numbers for names are pieces."""
+Look = Callable[[Path], VideoInfo | None]
+"""What a video is; None where it cannot be read."""
+COMPANIONS = (".lrv", ".thm")
+"""What action cameras write beside a video: a small copy of it, and an image."""
+SAME_RATE = 1e-3
+_WORD = re.compile(r"[^\s_.\-]+")
 
 
 def start_of(stem: str) -> tuple[str, float] | None:
@@ -89,3 +108,211 @@ def _one_after_another(group: Sequence[tuple[float, Path]], length: Length) -> b
     breaks = [after - (start + seconds) for (start, seconds), (after, _) in pairwise(known)]
     apart = all(gap >= -min(SLACK_S, seconds / 2) for gap, (_, seconds) in zip(breaks, known, strict=False))
     return apart and (len(known) > 2 or breaks[0] <= max(BREAK_S, known[0][1]))
+
+
+@dataclass(frozen=True)
+class Chapters:
+    """One recording of two chapters or more."""
+
+    name: str
+    paths: tuple[Path, ...]
+    """In order."""
+    pattern: str
+    """Matches their names alone."""
+
+
+def find_chapters(videos: Sequence[Path], look: Look, one_camera: bool) -> list[Chapters]:
+    """The recordings in chapters among some videos of one folder, in the order of the videos.
+
+    Args:
+        videos: in one folder.
+        look: asked of the first `LOOKED_INTO` chapters of each recording.
+        one_camera: whether all videos are known to be of one camera.
+    """
+    groups = named_alike(videos)
+    return [
+        Chapters(names[0].recording, tuple(paths), f"{names[0].pattern}{paths[0].suffix}")
+        for names, paths in groups
+        if _is_one_recording(names, paths, look, one_camera)
+    ]
+
+
+def named_alike(videos: Sequence[Path]) -> list[tuple[list[ChapterName], list[Path]]]:
+    """Two videos or more whose names differ by a counter alone, by that counter."""
+    groups: dict[tuple[str, str], list[tuple[int, Path, ChapterName]]] = {}
+    for path in videos:
+        if (name := chapter_name(path.stem)) is not None:
+            groups.setdefault((name.pattern, path.suffix), []).append((name.chapter, path, name))
+    ordered = [sorted(group, key=lambda one: one[:2]) for group in groups.values() if len(group) > 1]
+    return [([name for *_, name in group], [path for _, path, _ in group]) for group in ordered]
+
+
+def _is_one_recording(names: Sequence[ChapterName], paths: Sequence[Path], look: Look, one_camera: bool) -> bool:
+    infos = [info for path in paths[:LOOKED_INTO] if (info := look(path)) is not None]
+    if any(not _have_one_format(infos[0], info) for info in infos[1:]):
+        return False
+    if names[0].scheme:
+        return True
+    if (follow := _follow_by_clock(infos)) is not None:
+        return follow
+    numbers = [name.chapter for name in names]
+    return one_camera and not names[0].numbers_cameras and numbers[0] <= 1 and numbers[-1] - numbers[0] == len(numbers) - 1
+
+
+def _have_one_format(first: VideoInfo, second: VideoInfo) -> bool:
+    same_rate = abs(first.average_fps / second.average_fps - 1) <= SAME_RATE or (first.variable and second.variable)
+    return (first.size, first.codec) == (second.size, second.codec) and same_rate
+
+
+def _follow_by_clock(infos: Sequence[VideoInfo]) -> bool | None:
+    """Whether each video begins when the one before it ends, by the times that they state; None where these do not tell it.
+
+    A creation time is that of the beginning or that of the end, by the camera.
+    """
+    stated = [(info.clock.created_s, info.seconds) for info in infos]
+    known = [(created, seconds) for created, seconds in stated if created is not None and seconds is not None]
+    if len(known) < max(2, len(infos)) or len({created for created, _ in known}) == 1:
+        return None
+    steps = [(after[0] - before[0], before[1], after[1]) for before, after in pairwise(known)]
+    return any(all(abs(step - lengths[which]) <= SLACK_S for step, *lengths in steps) for which in (0, 1))
+
+
+def without_small_copies(videos: Sequence[Path]) -> tuple[list[Path], list[Path]]:
+    """The videos, and those set aside because they are small copies of others beside them."""
+    held = set(videos)
+    copies = [
+        path
+        for path in videos
+        if (name := chapter_name(path.stem)) is not None
+        and name.copy
+        and any(path.with_name(f"G{kind}{path.name[2:]}") in held for kind in "HXS")
+    ]
+    return [path for path in videos if path not in copies], copies
+
+
+def companions_note(files: Sequence[Path], copies: Sequence[Path]) -> list[str]:
+    """One line about the files that a camera wrote beside its videos, if there are any."""
+    found = [*copies, *(path for path in files if path.suffix.lower() in COMPANIONS)]
+    if not found:
+        return []
+    more = ", ..." if len(found) > 3 else ""
+    return [
+        f"not used: {len(found)} small {'copies' if len(found) > 1 else 'copy'} or preview images beside the videos: "
+        f"{', '.join(path.name for path in found[:3])}{more}"
+    ]
+
+
+def valid_name(text: str) -> str:
+    """The text with what cannot stand in a camera's name (see `passerby.scene.scene.CAMERA_NAME`) replaced by a space."""
+    name = re.sub(r"\s+", " ", re.sub(r"[^\w .+@-]", " ", text))
+    name = name.lstrip(" .+").rstrip(" .") or "camera"
+    return f"{name} camera" if name == METADATA else name
+
+
+def camera_names(texts: Sequence[str]) -> list[str]:
+    """One valid name for each text, all different.
+
+    Words (parted by spaces, `_`, `-` and full stops) that all texts begin with, or end with, are dropped, as long as what is
+    left of each holds a letter: "walk_cam1_1080p" and "walk_cam2_1080p" are cam1 and cam2, "cam_1" and "cam_2" stay.
+    A name that comes up again gets "-2", "-3", ...
+    """
+    whole = [valid_name(text) for text in texts]
+    words = [list(_WORD.finditer(text)) for text in whole]
+    first, last = _common(words)
+
+    def without(first: int, last: int) -> list[str]:
+        return [
+            text[found[first].start() : found[len(found) - 1 - last].end()] if found else text
+            for text, found in zip(whole, words, strict=True)
+        ]
+
+    names = without(first, last)
+    while not _all_have_letters(names) and (first or last):
+        first, last = (first - 1, last) if first else (0, last - 1)
+        names = without(first, last)
+    if not _all_have_letters(names) or (first, last) == (0, 0):
+        names = whole
+    return _different([valid_name(name) for name in names])
+
+
+def match_names(cameras: Sequence[str], others: Sequence[Sequence[str]], *, by_number: bool = True) -> dict[int, int]:
+    """Which of the other things belongs to which camera: index of the camera to index of the other, each at most once.
+
+    Args:
+        cameras: The cameras' names.
+        others: The names that each of the other things goes by.
+        by_number: Whether numbers in the names may match them.
+
+    By name; then by name with capitals, spaces and `_ - .` set aside; then by the last number in the name, if by it every
+    camera that is left finds a thing of its own: cameras 1 to 4 are not matched with tables 0 to 3.
+    """
+    found: dict[int, int] = {}
+    for same in (str, _plain):
+        found |= _by(same, cameras, others, found)
+    numbered = _by(_last_number, cameras, others, found) if by_number else {}
+    if len(found) + len(numbered) == len(cameras):
+        found |= numbered
+    return found
+
+
+def _by(
+    same: Callable[[str], object], cameras: Sequence[str], others: Sequence[Sequence[str]], known: dict[int, int]
+) -> dict[int, int]:
+    """What is matched where `same` of two names is equal, not None, and stands once on either side."""
+    ours: dict[object, list[int]] = {}
+    theirs: dict[object, list[int]] = {}
+    for index, name in enumerate(cameras):
+        if index not in known:
+            ours.setdefault(same(name), []).append(index)
+    for index, names in enumerate(others):
+        if index not in known.values():
+            for key in {same(name) for name in names}:
+                theirs.setdefault(key, []).append(index)
+    pairs = {
+        ours[key][0]: theirs[key][0]
+        for key in ours
+        if key is not None and len(ours[key]) == 1 and len(theirs.get(key, ())) == 1
+    }
+    return pairs if len(set(pairs.values())) == len(pairs) else {}
+
+
+def _plain(name: str) -> str:
+    return re.sub(r"[\s_.\-]", "", name.casefold())
+
+
+def _last_number(name: str) -> str | None:
+    """Its digits without zeros before them: a name may have more than a number can."""
+    numbers = _NUMBER.findall(name)
+    return numbers[-1].lstrip("0") if numbers else None
+
+
+def _common(words: list[list[re.Match[str]]]) -> tuple[int, int]:
+    """How many words all texts share at the beginning and at the end, so that at least one of each is left."""
+    texts = [[word.group() for word in found] for found in words]
+    if len(texts) < 2:
+        return 0, 0
+    spare = max(min(map(len, texts)) - 1, 0)
+    first = last = 0
+    while first < spare and len({text[first] for text in texts}) == 1:
+        first += 1
+    while last < spare - first and len({text[-1 - last] for text in texts}) == 1:
+        last += 1
+    return first, last
+
+
+def _all_have_letters(names: Sequence[str]) -> bool:
+    return all(any(character.isalpha() for character in name) for name in names)
+
+
+def _different(names: Sequence[str]) -> list[str]:
+    """The names, those that stood before (capitals aside: they become file names) with a number."""
+    found: list[str] = []
+    taken: set[str] = set()
+    for name in names:
+        number, chosen = 1, name
+        while chosen.casefold() in taken or (number > 1 and chosen in names):
+            number += 1
+            chosen = f"{name}-{number}"
+        taken.add(chosen.casefold())
+        found.append(chosen)
+    return found

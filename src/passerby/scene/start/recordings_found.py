@@ -23,9 +23,17 @@ from passerby.perception.sources.files import MOST_FILES, VideoSource, list_file
 from passerby.perception.sources.name_times import usual_time
 from passerby.perception.sources.recording import open_source
 from passerby.perception.video_probe import VideoInfo, WallTime
-from passerby.scene.start.chapters import Look, companions_note, find_chapters, without_small_copies
 from passerby.scene.start.quick_look import look_at
-from passerby.scene.start.recordings import Length, is_numbered_series, pieces_among, time_in
+from passerby.scene.start.recordings import (
+    Length,
+    Look,
+    companions_note,
+    find_chapters,
+    is_numbered_series,
+    pieces_among,
+    time_in,
+    without_small_copies,
+)
 
 VIDEO_FOLDERS = ("video", "videos")
 """Names of folders that hold the videos of all cameras."""

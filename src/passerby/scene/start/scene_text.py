@@ -9,9 +9,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from passerby.interchange.storage import toml_text
-from passerby.interchange.storage.toml_text import comment, key, value
-from passerby.perception.joint_budget import CROPS_PER_S
+from passerby.interchange.storage import text_formats
+from passerby.interchange.storage.text_formats import comment, key, value
+from passerby.perception.plan import CROPS_PER_S
 from passerby.scene.scale_tables import ScaleTable
 from passerby.scene.start.folders import SOURCES, FoundCamera
 from passerby.scene.start.recordings_found import ProposedSpan
@@ -72,22 +72,22 @@ def _camera(camera: SceneCamera, path: Path) -> str:
     """One camera's table."""
     lines = [f"[cameras.{key(camera.name)}]\n", *(comment(remark) for remark in camera.remarks)]
     if camera.intrinsics is not None:
-        source = value(toml_text.relative(camera.intrinsics, path))
+        source = value(text_formats.relative(camera.intrinsics, path))
         lines.append(f"intrinsics = {source}   # its table [{key(camera.name)}]\n")
     else:
         lines += _without_intrinsics(camera)
     if camera.found.video is not None:
         info = camera.found.info
         told = f"   # {_video(camera.found)}" if info else ""
-        lines.append(f"video = {value(toml_text.relative(camera.found.video, path))}{told}\n")
+        lines.append(f"video = {value(text_formats.relative(camera.found.video, path))}{told}\n")
     if camera.found.times is not None:
-        times = value(toml_text.relative(camera.found.times, path))
+        times = value(text_formats.relative(camera.found.times, path))
         lines.append(f"times = {times}   # of the frames, one row each\n")
     switched = "#" if camera.found.video is not None else ""
     files = [(source, camera.found.files[source]) for source in SOURCES if source in camera.found.files]
     if switched and files:
         lines.append(comment("Found beside the video. Delete the # to use it instead of detecting people in the video:"))
-    lines += [f"{switched}{source} = {value(toml_text.relative(file, path))}\n" for source, file in files]
+    lines += [f"{switched}{source} = {value(text_formats.relative(file, path))}\n" for source, file in files]
     if camera.found.recording is not None and camera.found.recording.unknown_rate:
         lines.append('fps = "IMAGES PER SECOND"   # TO DO: that the numbers of the images count\n')
     elif camera.fps is not None:

@@ -11,7 +11,7 @@ from passerby.common.errors import InputError
 from passerby.core.cameras import Camera, Lens, Rig
 from passerby.interchange.rig_toml import write_rig
 from passerby.interchange.storage.atomic import write_text
-from passerby.interchange.storage.toml_text import key, relative
+from passerby.interchange.storage.text_formats import key, relative
 from passerby.perception.video_probe import fit_of_size, probe
 from passerby.scene.start.folders import FoundCamera, Probe, survey
 from passerby.scene.start.lenses import CameraLens, find_lenses

@@ -12,11 +12,20 @@ from numpy.typing import NDArray
 from passerby.common.arrays import Floats
 from passerby.core.cameras import Camera
 from passerby.perception.pictures import Picture
-from passerby.simulation.presets import PRESETS, Preset
-from passerby.simulation.rendering.ground import ground
-from passerby.simulation.rendering.light import SHADOW, Light
-from passerby.simulation.rendering.surroundings import BEHIND_M, Block, draw_blocks, meet, sky, wall
-from passerby.simulation.rendering.textures import Field, Noise
+from passerby.simulation.options import PRESETS, Preset
+from passerby.simulation.rendering.surroundings import (
+    BEHIND_M,
+    SHADOW,
+    Block,
+    Field,
+    Light,
+    Noise,
+    draw_blocks,
+    ground,
+    meet,
+    sky,
+    wall,
+)
 
 SUPERSAMPLING = 2
 RAY_PITCH_PX = 8

@@ -1,33 +1,72 @@
-"""The pictures of one camera of a simulated scene, frame by frame."""
+"""The pictures of one camera of a simulated scene, frame by frame.
+
+What a camera's sensor does to its pictures: white balance, blur, drifting light, noise.
+
+What a user may choose about the pictures of a simulated scene.
+
+The videos of a simulated scene, one for each camera.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from concurrent.futures import Executor
 from dataclasses import dataclass
+from pathlib import Path
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from passerby.common.arrays import Floats
+from passerby.common.errors import InputError
+from passerby.common.parallel import side_by_side
+from passerby.common.progress import Progress, silent
 from passerby.core.cameras import Camera
+from passerby.interchange.video_writer import VideoWriter
 from passerby.perception.pictures import Picture
-from passerby.simulation.areas import Areas
 from passerby.simulation.body import pose_joints
 from passerby.simulation.motion import Motion
-from passerby.simulation.presets import PRESETS
+from passerby.simulation.options import PRESETS
 from passerby.simulation.rendering.background import World, background
 from passerby.simulation.rendering.clothes import draw_outfits
-from passerby.simulation.rendering.drawing import PeoplePainter
-from passerby.simulation.rendering.light import Light
-from passerby.simulation.rendering.options import RenderOptions
-from passerby.simulation.rendering.sensor import Sensor
-from passerby.simulation.rendering.shadows import ShadowCaster
-from passerby.simulation.scene import SimulatedScene
+from passerby.simulation.rendering.drawing import PeoplePainter, ShadowCaster
+from passerby.simulation.rendering.surroundings import Light
+from passerby.simulation.scene import Areas, SimulatedScene
 
 BODIES_AT_ONCE = 1000
 SALT = 7119
 """Keeps the seeds of the pictures apart from those of the scene."""
+BANK = 4
+"""Fields of noise that are made once; every frame shows one of them, moved at random."""
+MARGIN_PX = 64
+DRIFT_S = (20.0, 60.0)
+"""Period of the light's drift."""
+CLOTHES = ("individual", "alike")
+
+
+@dataclass(frozen=True)
+class RenderOptions:
+    """Options of the pictures. Raises `InputError` for a value out of range."""
+
+    clothes: str = "individual"
+    """individual (everybody's own) | alike (the same vest and trousers for all: only height, hair, skin and shoes differ)."""
+    shadows: bool = True
+    """The sun casts shadows; without, the sky is overcast and there are contact shadows only."""
+    noise: float = 2.5
+    """Standard deviation of the sensor's noise, grey levels of 0 to 255."""
+    light_drift: float = 0.015
+    """Amplitude of the slow change of the light, as a fraction."""
+    blur_px: float = 0.5
+    """Standard deviation of the optics' blur, pixels; 0 for none."""
+
+    def __post_init__(self) -> None:
+        if self.clothes not in CLOTHES:
+            raise InputError(f"clothes {self.clothes!r} do not exist: choose one of {', '.join(CLOTHES)}")
+        for name, high in (("noise", 50.0), ("light_drift", 0.3), ("blur_px", 5.0)):
+            value = getattr(self, name)
+            if not np.isfinite(value) or not 0 <= value <= high:
+                raise InputError(f"{name} = {value} is out of range: give a value from 0 to {high:g}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,3 +152,73 @@ def _grain(rng: np.random.Generator) -> NDArray[np.float32]:
     field = np.tile(rng.standard_normal((128, 128)).astype(np.float32), (3, 3))
     smooth = (cv2.GaussianBlur(field, (0, 0), 1.2) + 2 * cv2.GaussianBlur(field, (0, 0), 3.0))[128:256, 128:256]
     return np.asarray(smooth / smooth.std(), dtype=np.float32)
+
+
+class Sensor:
+    """One camera's sensor."""
+
+    def __init__(self, size: tuple[int, int], options: RenderOptions, rng: np.random.Generator) -> None:
+        """Draw the sensor of a camera whose pictures have `size` (width, height)."""
+        self._rng, self._options, self._size = rng, options, size
+        gain, balance = rng.uniform(0.94, 1.05), rng.uniform(0.97, 1.03, 3)
+        self._gain = tuple((gain * balance).tolist())
+        self._period, self._start = rng.uniform(*DRIFT_S), rng.uniform(0, 2 * np.pi)
+        self._bank = [self._field() for _ in range(BANK)] if options.noise > 0 else []
+
+    def _field(self) -> NDArray[np.int16]:
+        """Noise of the asked strength in all channels, a third of its variance in common, slightly correlated in space."""
+        width, height = self._size[0] + MARGIN_PX, self._size[1] + MARGIN_PX
+        common = self._rng.standard_normal((height, width, 1), dtype=np.float32)
+        own = self._rng.standard_normal((height, width, 3), dtype=np.float32)
+        field = cv2.GaussianBlur(np.sqrt(1 / 3) * common + np.sqrt(2 / 3) * own, (3, 3), 0.5)
+        return np.asarray(np.round(field * (self._options.noise / field.std())), dtype=np.int16)
+
+    def __call__(self, picture: Picture, seconds: float) -> Picture:
+        """The picture as the sensor delivers it at a time of the scene; frames must come in their order."""
+        if self._options.blur_px > 0:
+            picture = np.asarray(cv2.GaussianBlur(picture, (0, 0), self._options.blur_px), dtype=np.uint8)
+        drift = 1 + self._options.light_drift * np.sin(2 * np.pi * seconds / self._period + self._start)
+        scales = tuple(float(gain * drift) for gain in self._gain)
+        picture = np.asarray(cv2.multiply(picture, np.array((*scales, 1.0))), dtype=np.uint8)
+        if self._bank:
+            field = self._bank[int(self._rng.integers(BANK))]
+            x, y = (int(move) for move in self._rng.integers(0, MARGIN_PX, 2))
+            moved = field[y : y + self._size[1], x : x + self._size[0]]
+            picture = np.asarray(cv2.add(picture, moved, dtype=cv2.CV_8U), dtype=np.uint8)
+        return picture
+
+
+def write_videos(
+    simulated: SimulatedScene,
+    folder: str | Path,
+    options: RenderOptions,
+    executor: Executor | None = None,
+    tell: Progress = silent,
+) -> dict[str, Path]:
+    """Write `CAMERA.mp4` (H.264) for every camera, with the frame rates of the scene.
+
+    Args:
+        simulated: the scene.
+        folder: made where it is missing.
+        options: of the pictures.
+        executor: renders the cameras side by side; one after the other where it is None.
+        tell: told of each camera that is done.
+
+    Returns:
+        Camera -> the path of its video.
+
+    Raises:
+        InputError: the pictures have an odd width or height, or a file cannot be written.
+    """
+    paths = {name: Path(folder) / f"{name}.mp4" for name in simulated.rig.names}
+    jobs = [(camera_job(simulated, name, options), path) for name, path in paths.items()]
+    side_by_side(_write, jobs, executor, tell, "videos")
+    return paths
+
+
+def _write(job: tuple[CameraJob, Path]) -> None:
+    """Render and encode one camera; memory does not grow with its length."""
+    camera, path = job
+    with VideoWriter(path, camera.camera.lens.size, camera.fps) as video:
+        for picture in pictures(camera):
+            video.write(picture)

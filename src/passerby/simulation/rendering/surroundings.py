@@ -1,22 +1,45 @@
-"""What stands around the area: buildings, hedges and trees on the four sides, the sky above, boxes and posts before them."""
+"""What stands around the area: buildings, hedges and trees on the four sides, the sky above, boxes and posts before them.
+
+Textures as functions of place: the same point of the world has the same colour in every camera.
+
+The ground of each preset: paving, a court, a building site. Colours are blue, green, red.
+
+The light of a scene: a sun and the sky, or the sky alone.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from passerby.common.arrays import Floats
-from passerby.simulation.presets import Preset
-from passerby.simulation.rendering.light import Light
-from passerby.simulation.rendering.textures import Field, Noise, grid, mixed
+from passerby.simulation.options import Preset
 
 BEHIND_M = {"terrace": 7.0, "basketball": 9.0, "construction": 12.0}
 """From the cameras' rectangle to the buildings."""
 PLASTERS = ((150, 165, 180), (120, 135, 165), (165, 170, 170), (105, 115, 130), (140, 170, 190), (90, 105, 150))
 CRATES = ((70, 95, 125), (110, 105, 60), (60, 60, 140), (95, 100, 100), (70, 120, 80), (50, 130, 170))
 WINDOW_M, STOREY_M, HOUSE_M = 2.4, 3.1, 9.0
+Field = NDArray[np.float32]
+TILE = 256
+"""Cells after which a texture repeats."""
+STONE_M = 0.6
+COARSE = (5.0, 1.7, 0.6)
+FINE = (0.25, 0.09, 0.03)
+WHITE = (225.0, 228.0, 228.0)
+COURT_SHARE = 0.42
+"""Half of the court's extent as a share of the area: its lines lie inside the area where people run."""
+ELEVATION_DEG = (38.0, 60.0)
+"""How high the sun may stand: shadows are then 0.6 to 1.3 times as long as people are tall."""
+AMBIENT = 0.52
+SUN = 0.62
+OVERCAST = 0.92
+SHADOW = 0.55
+"""Ground in the shadow is this bright, of its brightness in the sun: sky light alone reaches it."""
 
 
 @dataclass(frozen=True)
@@ -130,3 +153,141 @@ def wall(along: Field, up: Field, side: Field, footprint: Field, noise: Noise) -
     level = 78 + 34 * leaves
     foliage = np.stack([0.55 * level, level, 0.75 * level], axis=-1)
     return mixed(colour, foliage, green.astype(np.float32)), solid | green
+
+
+class Noise:
+    """Smooth noise over the plane."""
+
+    def __init__(self, rng: np.random.Generator) -> None:
+        self._tile = rng.uniform(-1, 1, (TILE, TILE)).astype(np.float32)
+
+    def smooth(self, x: Field, y: Field, cell: float) -> Field:
+        """About -1 to 1, interpolated between values at every `cell` metres of the places `x`, `y` (any shape)."""
+        u, v = (axis * np.float32(1 / cell) for axis in (x, y))
+        return np.asarray(cv2.remap(self._tile, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP), dtype=np.float32)
+
+    def of_cells(self, column: Field, row: Field) -> Field:
+        """-1 to 1, one value for each cell by its whole numbers."""
+        return self._tile[np.mod(row, TILE).astype(np.int64), np.mod(column, TILE).astype(np.int64)]
+
+    def octaves(self, x: Field, y: Field, cells: Sequence[float], footprint: Field) -> Field:
+        """A sum over several sizes of cells; cells smaller than the pixel's `footprint` (metres) fade away."""
+        total = np.zeros_like(x)
+        for cell in cells:
+            total += np.clip(cell / (2 * footprint) - 0.25, 0, 1) * self.smooth(x, y, cell)
+        return total / np.float32(np.sqrt(len(cells)))
+
+
+def line(distance: Field, width: float, footprint: Field) -> Field:
+    """How much of a pixel a line covers, 0 to 1.
+
+    Args:
+        distance: metres from the line's middle.
+        width: of the line, metres.
+        footprint: width of the pixel on the surface, metres.
+    """
+    cover = np.clip(((width + footprint) / 2 - np.abs(distance)) / footprint, 0, 1)
+    return np.asarray(cover * np.minimum(1.0, width / footprint), dtype=np.float32)
+
+
+def grid(place: Field, pitch: float) -> Field:
+    """Distance from the nearest multiple of `pitch`, metres."""
+    return np.asarray(np.abs(np.mod(place + pitch / 2, np.float32(pitch)) - np.float32(pitch / 2)), dtype=np.float32)
+
+
+def mixed(colour: Field, other: Sequence[float] | Field, weight: Field) -> Field:
+    """`colour` (..., 3) with the share `weight` (...) of another one."""
+    return np.asarray(colour + weight[..., None] * (np.asarray(other, dtype=np.float32) - colour), dtype=np.float32)
+
+
+def ground(name: str, preset: Preset, x: Field, y: Field, footprint: Field, noise: Noise) -> Field:
+    """(..., 3) colours of the ground in full light.
+
+    Args:
+        name: of the preset.
+        preset: its area.
+        x: place on the ground from the area's middle, metres.
+        y: the same, the other axis.
+        footprint: size of a pixel there, metres.
+        noise: of the scene.
+    """
+    surface = {"terrace": _paving, "basketball": _court, "construction": _site}[name]
+    return surface(preset, x, y, footprint, noise)
+
+
+def _paving(preset: Preset, x: Field, y: Field, footprint: Field, noise: Noise) -> Field:
+    """Stones of slightly different greys, dark joints, stains."""
+    own = noise.of_cells(np.floor(x / STONE_M + 0.5), np.floor(y / STONE_M + 0.5)) * np.clip(STONE_M / (2 * footprint), 0, 1)
+    level = 150 + 9 * own + 13 * noise.octaves(x, y, COARSE, footprint) + 11 * noise.octaves(y, x, FINE, footprint)
+    tint = 4 * noise.smooth(x + 50, y, 1.1)
+    colour = np.stack([level - 10 - tint, level - 2, level + 4 + tint], axis=-1)
+    joints = np.maximum(
+        line(grid(x - STONE_M / 2, STONE_M), 0.012, footprint), line(grid(y - STONE_M / 2, STONE_M), 0.012, footprint)
+    )
+    return mixed(colour, (80, 85, 88), np.float32(0.8) * joints)
+
+
+def _court(preset: Preset, x: Field, y: Field, footprint: Field, noise: Noise) -> Field:
+    """A painted court with white lines, asphalt around it."""
+    half_x, half_y = (np.float32(COURT_SHARE * extent) for extent in preset.area_m)
+    inside = ((np.abs(x) < half_x) & (np.abs(y) < half_y)).astype(np.float32)
+    rough = 9 * noise.octaves(x, y, COARSE, footprint) + 12 * noise.octaves(y, x, FINE, footprint)
+    asphalt = np.stack([108 + rough, 110 + rough, 112 + rough], axis=-1)
+    paint = np.stack([118 + 0.7 * rough, 128 + 0.7 * rough, 88 + 0.7 * rough], axis=-1)
+    colour = mixed(asphalt, paint, inside)
+    radius = np.asarray(np.hypot(x, y), dtype=np.float32)
+    along = np.abs(y)
+    within_x, within_y = (np.abs(x) < half_x + 0.025), (along < half_y + 0.025)
+    lines = line(np.abs(x) - half_x, 0.05, footprint) * within_y
+    lines = np.maximum(lines, line(along - half_y, 0.05, footprint) * within_x)
+    lines = np.maximum(lines, line(y, 0.05, footprint) * within_x)
+    lines = np.maximum(lines, line(radius - 1.8, 0.05, footprint))
+    key = np.float32(0.32 * half_x)
+    reach = np.float32(half_y * (1 - 5.8 / 14))
+    lines = np.maximum(lines, line(np.abs(x) - key, 0.05, footprint) * ((along > reach) & within_y))
+    lines = np.maximum(lines, line(along - reach, 0.05, footprint) * (np.abs(x) < key))
+    arc = np.hypot(x, along - half_y + 1.6)
+    lines = np.maximum(lines, line(arc - 0.82 * half_x, 0.05, footprint) * (along < half_y))
+    worn = 0.85 + 0.12 * noise.smooth(x, y, 0.4)
+    return mixed(colour, WHITE, np.asarray(lines * worn, dtype=np.float32))
+
+
+def _site(preset: Preset, x: Field, y: Field, footprint: Field, noise: Noise) -> Field:
+    """Earth with gravel and tyre tracks, and a slab of concrete."""
+    coarse, fine = noise.octaves(x, y, COARSE, footprint), noise.octaves(y, x, FINE, footprint)
+    level = 128 + 20 * coarse + 20 * fine
+    earth = np.stack([0.72 * level, 0.88 * level, level], axis=-1)
+    concrete = np.stack([158 + 8 * coarse + 6 * fine] * 3, axis=-1) + np.array((-2.0, 0.0, 3.0), dtype=np.float32)
+    edge_x, edge_y = 0.27 * preset.area_m[0], 0.30 * preset.area_m[1]
+    slab = ((np.abs(x + 0.1 * preset.area_m[0]) < edge_x) & (np.abs(y - 2) < edge_y)).astype(np.float32)
+    seams = np.maximum(line(grid(x, 3.0), 0.02, footprint), line(grid(y, 3.0), 0.02, footprint))
+    wander: Field = x + 0.12 * y + 1.2 * noise.smooth(y, np.zeros_like(y) + 7, 6.0)
+    track = np.maximum(line(wander - 6.5, 0.35, footprint), line(wander - 8.3, 0.35, footprint)) * (
+        0.7 + 0.3 * noise.smooth(x, y, 0.15)
+    )
+    colour = mixed(earth, (62, 76, 88), np.asarray(0.55 * track, dtype=np.float32))
+    return mixed(colour, mixed(concrete, (105, 105, 105), np.float32(0.8) * seams), slab)
+
+
+@dataclass(frozen=True, eq=False)
+class Light:
+    """Where the light comes from."""
+
+    towards_sun: Floats
+    """(3,) unit vector, world."""
+    sunny: bool
+
+    @classmethod
+    def drawn(cls, sunny: bool, rng: np.random.Generator) -> Light:
+        """A sun anywhere in the sky, at a moderate height."""
+        azimuth, elevation = rng.uniform(0, 2 * np.pi), np.radians(rng.uniform(*ELEVATION_DEG))
+        flat = np.cos(elevation)
+        return cls(np.array([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)]), sunny)
+
+    def on(self, normals: Floats) -> Floats:
+        """(..., 1) brightness of surfaces with unit normals (..., 3): Lambert's law, less sky where they look down."""
+        sky = 0.80 + 0.20 * normals[..., 2:]
+        if not self.sunny:
+            return np.asarray(OVERCAST * sky)
+        facing = np.einsum("...k,k->...", normals, self.towards_sun)
+        return np.asarray(AMBIENT * sky + SUN * np.maximum(facing, 0.0)[..., None])

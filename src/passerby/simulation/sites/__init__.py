@@ -4,8 +4,7 @@
 `site` (all of it together, camera by camera) and `write`. Time and memory grow linearly with the number of cameras.
 """
 
-from passerby.simulation.sites.options import SITES, SiteOptions
-from passerby.simulation.sites.site import Site, simulate_site
-from passerby.simulation.sites.write import write_site
+from passerby.simulation.sites.site import Site, simulate_site, write_site
+from passerby.simulation.sites.walkers import SITES, SiteOptions
 
 __all__ = ["SITES", "Site", "SiteOptions", "simulate_site", "write_site"]

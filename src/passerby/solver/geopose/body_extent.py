@@ -12,12 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from passerby.common.arrays import Floats, Ints
-from passerby.common.columns import Columns
+from passerby.common.arrays import Columns, Floats, Ints
 from passerby.core.cameras import Rig
 from passerby.core.observations import MIN_JOINT_SCORE, Observations
 from passerby.findings.finding import Finding, doubt, refusal
-from passerby.findings.refusals import RefusalError
+from passerby.findings.ranking import RefusalError
 from passerby.geometry.groups import group_sums, least_of_groups
 from passerby.geometry.robust import cauchy_weights, residual_scale
 from passerby.geometry.rotations import direction_angle, rotation_between

@@ -13,8 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from passerby.common.arrays import Floats, Ints
-from passerby.common.columns import Columns
+from passerby.common.arrays import Columns, Floats, Ints
 from passerby.common.errors import InputError
 from passerby.core.cameras import Lens, Rig
 from passerby.core.observations import MIN_JOINT_SCORE, UNKNOWN, Boxes, Keypoints, Observations

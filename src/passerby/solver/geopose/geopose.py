@@ -21,7 +21,7 @@ from passerby.core.observations import Observations
 from passerby.core.scale_cues import ScaleCues
 from passerby.core.solution import Solution
 from passerby.findings.finding import refusal
-from passerby.findings.refusals import RefusalError
+from passerby.findings.ranking import RefusalError
 from passerby.solver.geopose.body_extent import (
     BodyEndpoints,
     BodySegments3D,

@@ -15,11 +15,11 @@ from passerby.common.arrays import Bools, Floats, Ints
 from passerby.common.errors import InputError
 from passerby.core.cameras import Lens, Pose, Rig
 from passerby.findings.finding import Finding, refusal
-from passerby.findings.refusals import RefusalError
+from passerby.findings.ranking import RefusalError
 from passerby.geometry.triangulation import parallax_angles, triangulate_two_views
 from passerby.geometry.two_view import MIN_POINTS, NoRelativePoseError, choose_by_cheirality, decompose_essential, relative_pose
-from passerby.solver.geopose.correspondences import ImagePoints, match_pair, point_observations
 from passerby.solver.geopose.bundle import adjust_points
+from passerby.solver.geopose.correspondences import ImagePoints, match_pair, point_observations
 
 IDENTITY = Pose(np.eye(3), np.zeros(3))
 

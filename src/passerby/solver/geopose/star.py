@@ -16,20 +16,18 @@ from passerby.common.arrays import Floats, Ints
 from passerby.common.errors import EvidenceError, InputError
 from passerby.core.cameras import Camera, PoseSigma, Rig
 from passerby.core.figures import StarFigures, StarPair, StarScale
-from passerby.core.missing_cameras import with_doubts_of_missing_cameras
 from passerby.core.scale_cues import KnownLength
-from passerby.core.solution import Solution
-from passerby.core.usability import doubts_of_uncertainty
-from passerby.core.verdict import decide_verdict
+from passerby.core.solution import Solution, decide_verdict
+from passerby.core.usability import doubts_of_uncertainty, with_doubts_of_missing_cameras
 from passerby.findings.finding import Finding, notice
-from passerby.findings.refusals import RefusalError, findings_of
+from passerby.findings.ranking import RefusalError, findings_of
 from passerby.findings.texts import texts_of
 from passerby.geometry.groups import group_sums
 from passerby.geometry.similarity import Similarity
+from passerby.solver.geopose.bundle import PointAdjustment, adjust_points
 from passerby.solver.geopose.correspondences import ImagePoints, point_observations
 from passerby.solver.geopose.known_lengths import measured_lengths
 from passerby.solver.geopose.pairs import IDENTITY, GeoPoseOptions, PairGeometry, solve_pair
-from passerby.solver.geopose.bundle import PointAdjustment, adjust_points
 
 # Pairs that see the same point at places that differ by more than this share of its distance contradict each other.
 MAX_DISAGREEMENT = 0.15

@@ -17,21 +17,17 @@ from passerby.common.arrays import Ints
 from passerby.common.errors import InputError
 from passerby.common.progress import Progress, silent
 from passerby.common.text import shortened_text
-from passerby.core.box_format import LTWH
-from passerby.core.observations import UNKNOWN, Boxes
+from passerby.core.observations import LTWH, UNKNOWN, Boxes
 from passerby.findings.texts import text_of
 from passerby.interchange.motchallenge import LARGEST_WHOLE, read_boxes
-from passerby.interchange.storage.faults import read_text
+from passerby.interchange.storage.safe_parsing import read_text
 from passerby.perception.pieces import VIDEO_ENDINGS
-from passerby.scene.doubled_rows import remove_duplicates
 from passerby.scene.scene import Scene
 from passerby.scene.start.folders import visible_files, visible_folders
 from passerby.scene.start.recordings_found import VIDEO_FOLDERS
-from passerby.training.crops import DataSet
-from passerby.training.data.choosing import PER_PERSON, clear_boxes, spread
-from passerby.training.data.cutting import WantedCrops, cut_crops, source_size
-from passerby.training.data.one_file import one_file
-from passerby.training.data.pictures import describe_faults
+from passerby.scene.used_rows import remove_duplicates
+from passerby.training.crops import DataSet, describe_faults
+from passerby.training.data.cutting import PER_PERSON, WantedCrops, clear_boxes, cut_crops, one_file, source_size, spread
 
 TEXT_FOLDERS = ("truth", "identities", "tracks")
 """Where the text of videos is looked for, unless it lies beside them."""
