@@ -61,7 +61,7 @@ def _list(found: list[Format]) -> None:
 
 
 def as_markdown(found: Sequence[Format]) -> str:
-    """Formats as a table and a section each: what `docs/formats.md` holds."""
+    """Formats as a table and a section each, in Markdown."""
     lines = ["| format | what it is | target | export | import |", "|---|---|---|---|---|"]
     for form in found:
         reads = [what for what, reader in (("cameras", form.read), ("people", form.read_people)) if reader is not None]
