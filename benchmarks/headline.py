@@ -39,7 +39,8 @@ PEERS = (
     ),
     Headline(
         "peers", "The peers in one line each.",
-        "Compared with current engines on the same observations, with known identities (*mm ratio*: Passerby's error divided by theirs):",
+        "Compared with current engines on the same observations, with known identities (*mm ratio*: Passerby's error divided "
+        "by theirs):",
         columns=("peer", "cases", "fails", "Passerby fails", "Passerby lower, mm", "mm ratio"),
     ),
 )  # fmt: skip

@@ -1,4 +1,4 @@
-"""Association and solver in turns: who is who makes a rig, the rig tells better who is who, until both settle."""
+"""Association and solver in turns: identities give a rig, the rig gives better identities, until both settle."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def solve_with_unknown_identities(
     *, tell: Progress = silent, executor: Executor | None = None, earlier: EarlierAssociation | None = None,
     kept: KeptTracklets | None = None,
 ) -> tuple[Solution, Association]:  # fmt: skip
-    """Calibrate cameras from people whom nobody has identified.
+    """Calibrate cameras from people without identities.
 
     Args:
         rig: names and lenses.
@@ -74,13 +74,13 @@ def solve_with_unknown_identities(
         options: see `AssociationOptions`.
         solve: the solver.
         rng: drives sampling.
-        tell: told each stage as it begins.
+        tell: called with each stage as it begins.
         executor: prepares cameras and registers pairs of them in parallel.
         earlier: what other estimates of the scene have found of single cameras and pairs; this one's is added.
         kept: tracklets of earlier runs, and of this one for the next.
 
     Returns:
-        The solution, refused where the evidence does not do, and the association that it rests on.
+        The solution, refused where the evidence does not do, and the association that it uses.
     """
     earlier = earlier or EarlierAssociation()
     search_s = options.search_s if observations.clocks else 0.0
@@ -174,7 +174,7 @@ def _by_file_clocks(options: AssociationOptions) -> list[float]:
 def _from_their_starts(
     cameras: Sequence[CameraTracklets], search_s: float, options: AssociationOptions
 ) -> tuple[Sequence[CameraTracklets], float]:
-    """The cameras with clocks set by what is beyond doubt of their starts, and what is left to search, seconds."""
+    """The cameras with clocks set by what is significant of their starts, and what is left to search, seconds."""
     by_clocks = _by_file_clocks(options)
     if search_s <= 0 or (search_s <= FULL_SEARCH_S and not by_clocks):
         return cameras, search_s

@@ -28,7 +28,7 @@ from passerby.scene.scene import Scene
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """A rig, and the association that it rests on."""
+    """A rig, and the association that it uses."""
 
     solution: Solution
     association: Association
@@ -102,7 +102,7 @@ class Estimator:
 
 
 def _without_not_people(seen: Observations, stated: StatedIdentities) -> Observations:
-    """The people without the ids, in their cameras, of what the user says is nobody."""
+    """The people without the ids, in their cameras, of what the user says is no person."""
     if not stated.not_people:
         return seen
     cameras = {

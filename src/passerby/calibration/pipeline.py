@@ -76,7 +76,7 @@ def calibrate(
         executor: works on cameras, and on pairs of them, side by side, such as a `concurrent.futures.ProcessPoolExecutor`;
             None: one after the other. The result does not depend on it.
         keep: folder in which are kept what was seen in the videos and each camera's tracklets, so that a run that was stopped,
-            or is repeated with other options, goes on from there: mostly that which the calibration is written into.
+            or is repeated with other options, goes on from there: usually that which the calibration is written into.
             None: nothing is kept.
 
     Raises:
@@ -86,10 +86,10 @@ def calibrate(
     began = time.perf_counter()
     tell("reading")
     scene = scene if isinstance(scene, Scene) else Scene.load(scene)
-    solver_options(scene)  # what is wrong with them is told before hours are spent on videos
+    solver_options(scene)  # what is wrong with them is reported before hours are spent on videos
     watch = SceneVideoProcessor(None if keep is None else Path(keep), executor, tell)
     inputs = read_inputs(scene, watch, measure_by_sound)
-    for note in (_amount(inputs), *texts_of(inputs.findings)):  # what `watch` has to note was told when it was found
+    for note in (_amount(inputs), *texts_of(inputs.findings)):  # what `watch` has to note was reported when it was found
         tell_note(tell, note)
     read = time.perf_counter()
     executor = worthwhile(executor, scene.size_bytes, len(scene.cameras))
@@ -111,7 +111,7 @@ def calibrate_inputs(
 ) -> Calibration:  # fmt: skip
     """Calibrate from inputs that were read; arguments and errors as of `calibrate`.
 
-    Cameras that share nobody with the largest group are calibrated by themselves (`Calibration.groups`).
+    Cameras that share no people with the largest group are calibrated by themselves (`Calibration.groups`).
     """
     tell = progress or silent
     kept = None if keep is None else KeptTracklets(Path(keep) / FOLDER, len(inputs.rig))
@@ -121,7 +121,7 @@ def calibrate_inputs(
 
 
 def _calibrate_together(estimator: Estimator, inputs: SceneInputs) -> Calibration:
-    """The calibration of cameras as one rig; those that share nobody with its largest group have no pose.
+    """The calibration of cameras as one rig; those that share no people with its largest group have no pose.
 
     An estimate is six solves at most (`Estimator`). There is one, and one more for each correction: as many as there are
     cameras (`MotionRepair`), three of lenses, and six of clock rates where these are refined. The check of picture sizes adds
@@ -249,7 +249,7 @@ def _with_figures(
 def _doubts(
     scene: Scene, inputs: SceneInputs, solution: Solution, association: Association, estimator: Estimator | None,
 ) -> tuple[tuple[Finding, ...], tuple[Finding, ...]]:  # fmt: skip
-    """What speaks against relying on the solution, and what is only to be noted of the ground and of people.
+    """Evidence against relying on the solution, and what is only to be noted of the ground and of people.
 
     Where there is no `estimator`, smaller images of several cameras at once are not tried.
     """

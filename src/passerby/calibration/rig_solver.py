@@ -27,6 +27,6 @@ class RigSolver(Protocol):
     ) -> Solution:
         """The rig from people at common time steps, refused where the evidence does not do.
 
-        A passing one may rest on a part of the evidence; the clocks' errors are unknowns of it where they are refined. `lenses`
+        A passing one may use a part of the evidence; the clocks' errors are unknowns of it where they are refined. `lenses`
         are those to begin with, where they are known better than at first. `known` are heights of these identities.
         """

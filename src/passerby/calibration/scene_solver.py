@@ -76,7 +76,7 @@ def solve_scene(
     scene: Scene, rig: Rig, synchronised: Observations, options: SolverOptions, rng: np.random.Generator,
     guesses: Sequence[PairHypothesis] = (), known: Sequence[PersonHeight] = (), executor: Executor | None = None,
 ) -> Solution:  # fmt: skip
-    """Run the scene's solver; a want of evidence is a refused solution without poses. `known` adds to the scene's cues."""
+    """Run the scene's solver; insufficient evidence is a refused solution without poses. `known` adds to the scene's cues."""
     cues = turn_cues(scene.scale_cues(), rig, scene.turns)
     lengths = (*cues.lengths, *lengths_of_wands(cues.wands, synchronised))
     cues = replace(cues, people=combine_heights((*cues.people, *known)), lengths=lengths)

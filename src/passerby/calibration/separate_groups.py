@@ -1,4 +1,4 @@
-"""Groups of cameras that share nobody: each becomes a rig of its own, with its own frame, metre, clock and verdict.
+"""Groups of cameras that share no people: each becomes a rig of its own, with its own frame, metre, clock and verdict.
 
 The largest group is the main rig. Another group never changes it, and nothing that is wrong with one group costs another.
 """
@@ -31,9 +31,9 @@ def calibrate_by_groups(
         inputs: of all cameras.
         stated: names of cameras that may share ground, by the user (`[sites] groups`); empty where nothing is stated. Cameras
             that no chain of them connects are calibrated by themselves from the start.
-        calibrate: calibrates the cameras of some inputs together; cameras that share nobody with its largest group have no
+        calibrate: calibrates the cameras of some inputs together; cameras that share no people with its largest group have no
             pose then.
-        tell: told of each group.
+        tell: called for each group.
     """
     parts = stated_parts(inputs.rig.names, stated)
     if len(parts) == 1:
@@ -65,7 +65,7 @@ def _with_others(inputs: SceneInputs, calibrate: Calibrate, tell: Progress) -> l
     main = calibrate(inputs)
     found = [main]
     for names in unplaced_groups(main):
-        tell_note(tell, f"{', '.join(names)} share nobody with the other cameras: they are calibrated by themselves")
+        tell_note(tell, f"{', '.join(names)} share no people with the other cameras: they are calibrated by themselves")
         found += [one for one in _with_others(part_of(inputs, names), calibrate, tell) if len(one.rig.posed()) >= FEWEST]
     return found
 

@@ -35,11 +35,11 @@ from passerby.findings.finding import Finding, notice
 from passerby.findings.refusals import findings_of
 from passerby.people.upright_rays import upright_rays
 
-SOMEBODY_ELSE = -1e9
+ANOTHER_PERSON = -1e9
 """Log-likelihood ratio of two known people being one: they neither vote nor match."""
-NEIGHBOURS, ASTRAY = 2, 0.5
-"""Boxes on either side, and body heights from their median beyond which a box shows somebody else: in two boxes' time nobody
-strays so far from an even walk."""
+NEIGHBOURS, OFF_TRACK = 2, 0.5
+"""Boxes on either side, and body heights from their median beyond which a box shows another person: in two boxes' time
+no person strays so far from an even walk."""
 
 
 def solve_with_unknown_offsets(
@@ -57,7 +57,7 @@ def solve_with_unknown_offsets(
         solve: the solver; where its figures hold `clocks`, their corrections are taken.
         rng: drives sampling.
         measured: differences of two cameras' clocks that something else than people tells.
-        tell: told each stage as it begins.
+        tell: called with each stage as it begins.
         executor: works on cameras and on pairs of them side by side.
 
     Returns:
@@ -109,7 +109,7 @@ def _begin(
 ) -> InitialAssociation:  # fmt: skip
     """Register the pairs by people who are the same."""
     people = np.arange(max((camera.n_tracklets for camera in cameras), default=0))
-    same = np.where(people[:, None] == people, 0.0, SOMEBODY_ELSE)
+    same = np.where(people[:, None] == people, 0.0, ANOTHER_PERSON)
     affinity = {
         (a, b): same[: first.n_tracklets, : second.n_tracklets]
         for a, first in enumerate(cameras)
@@ -147,7 +147,7 @@ def _renumbered(seen: CameraObservations, numbers: Ints) -> CameraObservations:
 def find_regular_boxes(boxes: Boxes) -> Bools:
     """(N,) which boxes lie where the neighbouring ones of their identity lead one to expect.
 
-    One that shows somebody else for a moment would bend the track of its person over a second.
+    One that shows another person for a moment would bend the track of its person over a second.
     """
     order = np.lexsort((boxes.frame, boxes.identity))
     middle = boxes.ltwh[order, :2] + 0.5 * boxes.ltwh[order, 2:]
@@ -155,16 +155,16 @@ def find_regular_boxes(boxes: Boxes) -> Bools:
     inside = np.clip(around, 0, len(order) - 1)
     own = (around == inside) & (boxes.identity[order][inside] == boxes.identity[order][:, None])
     expected = np.nanmedian(np.where(own[..., None], middle[inside], np.nan), axis=1)
-    near = np.linalg.norm(middle - expected, axis=1) < ASTRAY * boxes.ltwh[order, 3]
+    near = np.linalg.norm(middle - expected, axis=1) < OFF_TRACK * boxes.ltwh[order, 3]
     out = np.zeros(len(order), dtype=bool)
     out[order] = near
     return out
 
 
 def _without(observations: Observations, lost: Mapping[str, Finding]) -> Observations:
-    """Boxes in line and joints, the lost cameras seeing nobody.
+    """Boxes in line and joints, the lost cameras seeing no person.
 
-    Who is interpolated between a box of his own and one of somebody else is nowhere near either.
+    Who is interpolated between a box of his own and one of another person is near neither.
     """
     seen = {
         name: replace(camera, boxes=camera.boxes.take(find_regular_boxes(camera.boxes)))

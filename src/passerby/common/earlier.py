@@ -33,7 +33,7 @@ class EarlierResults(Generic[Job, Result]):
             jobs: what is to be done.
             keys: of each job; all different.
             executor: as of `parallel.side_by_side`.
-            tell: told the stage, and each job that is done anew.
+            tell: called with the stage, and each job that is done again.
             stage: its name.
             job_s: as of `parallel.side_by_side`.
         """

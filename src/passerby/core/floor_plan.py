@@ -14,7 +14,7 @@ Pixel = tuple[float, float]
 CLICK_SD_PX = 2.0
 """How well a person clicks on a mark, in a plan or in a camera's image."""
 UNIT_SD = 0.002
-"""Relative standard deviation of metres per pixel where nobody states it: a drawing's scale bar measured over 500 pixels to one
+"""Relative standard deviation of metres per pixel where it is not stated: a drawing's scale bar measured over 500 pixels to one
 pixel."""
 
 

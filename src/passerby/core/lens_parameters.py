@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from passerby.core.lens_figures import FocalFigures, LensFigures, LensPrior
 
 MOSTLY, WHOLLY = 0.5, 0.9
-"""Shares of people in what is known of a number, from which it counts as determined by them mostly, and wholly."""
+"""Shares of people in what is known of a number, from which it counts as determined by them for the most part, and wholly."""
 
 
 @dataclass(frozen=True)
@@ -41,12 +41,12 @@ class LensParameter:
         if share is None or self.prior is None:
             return None
         if share >= MOSTLY:
-            return "people" if share >= WHOLLY else "mostly people"
-        return f"mostly {otherwise}" if share >= 1 - WHOLLY else otherwise
+            return "people" if share >= WHOLLY else "largely people"
+        return f"largely {otherwise}" if share >= 1 - WHOLLY else otherwise
 
     @property
     def by_prior(self) -> bool:
-        """Whether it rests on its prior more than on people."""
+        """Whether it depends on its prior more than on people."""
         return self.people_share is not None and self.people_share < MOSTLY
 
 

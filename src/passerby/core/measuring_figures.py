@@ -1,4 +1,4 @@
-"""Figures of how surely a rig measures: what `calibration.json` has as `figures.measuring`, under the same names."""
+"""Figures of how well a rig measures: what `calibration.json` has as `figures.measuring`, under the same names."""
 
 from __future__ import annotations
 

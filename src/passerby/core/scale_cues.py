@@ -1,6 +1,6 @@
 """Scale cues: what a user knows about lengths in the scene, each with its standard deviation.
 
-All cues enter one adjustment as priors, so that they combine by their weights and the pull of each can be told.
+All cues enter one adjustment as priors, so that they combine by their weights and the weight of each can be stated.
 """
 
 from __future__ import annotations

@@ -16,7 +16,7 @@ def decide_verdict(rig: Rig, findings: Iterable[Finding]) -> Verdict:
 
     Args:
         rig: as solved; a camera that could not be registered has no pose.
-        findings: what speaks against it; notices do not count.
+        findings: the evidence against it; notices do not count.
     """
     severities = {finding.severity for finding in findings}
     posed = len(rig.posed())

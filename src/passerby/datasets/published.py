@@ -49,9 +49,10 @@ class Published:
     """All cameras: lenses, and true poses where the set knows them (`pose` None where it does not). Metres, z up; the ground is
     z = 0 where the set knows it."""
     fps: float | None
-    """Frames per second of the frame numbers; None where nobody tells."""
+    """Frames per second of the frame numbers; None if unknown."""
     boxes: Mapping[str, Boxes] = field(default_factory=dict)
-    """By camera; the identity is the true person id, or -1 where unknown. A camera that saw nobody has none, or is left out."""
+    """By camera; the identity is the true person id, or -1 where unknown. A camera that saw no person has none, or is
+    left out."""
     keypoints: Mapping[str, Keypoints] = field(default_factory=dict)
     """By camera; identities as in the boxes."""
     videos: Mapping[str, Path] = field(default_factory=dict)
@@ -79,14 +80,14 @@ class Published:
 
     @property
     def identities_known(self) -> bool:
-        """Whether the boxes and joints tell who is who, in at least two cameras."""
+        """Whether the boxes and joints have identities, in at least two cameras."""
         known = {camera for camera, boxes in self.boxes.items() if (boxes.identity > UNKNOWN).any()}
         known |= {camera for camera, joints in self.keypoints.items() if (joints.identity > UNKNOWN).any()}
         return len(known) >= 2
 
     @property
     def people(self) -> int:
-        """How many people are told apart."""
+        """How many people are distinguished."""
         columns = [boxes.identity for boxes in self.boxes.values()]
         columns += [joints.identity for joints in self.keypoints.values()]
         columns += [self.ground.identity] if self.ground is not None else []

@@ -46,7 +46,8 @@ def right_handed(place: str, cameras: Sequence[PublishedCamera], seen: Mapping[s
     Args:
         place: the file or folder of the calibration, for messages.
         cameras: as published.
-        seen: camera -> (N, 3) points of people it sees, published world, metres. A camera that sees nobody follows the others.
+        seen: camera -> (N, 3) points of people it sees, published world, metres. A camera that sees no person follows
+        the others.
 
     Returns:
         The rig, and (3,) factors that bring published points into its world: ones, or (-1, 1, 1) where that was left-handed.

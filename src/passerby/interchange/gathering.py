@@ -1,4 +1,4 @@
-"""A rig from the cameras of a file, with all their faults told at once."""
+"""A rig from the cameras of a file, with all their faults reported at once."""
 
 from __future__ import annotations
 

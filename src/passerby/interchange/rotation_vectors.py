@@ -9,7 +9,7 @@ from passerby.common.errors import InputError
 from passerby.geometry.rotations import exp_rotation
 
 MOST_RADIANS = 1e3
-"""A rotation vector is told to within a turn or a few; a longer one is another number's bytes, and OpenCV makes NaN of it."""
+"""A rotation vector is known to within a turn or a few; a longer one is another number's bytes, and OpenCV makes NaN of it."""
 
 
 def rotation_of(vector: Floats, place: str = "") -> Floats:

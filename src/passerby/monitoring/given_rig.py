@@ -1,4 +1,4 @@
-"""The rig that is watched, with what its calibration knew beside: clocks, and how sure its shape is."""
+"""The rig that is watched, with what its calibration knew beside: clocks, and the uncertainty of its shape."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def read_given(path: Path) -> GivenRig:
 def _monitored_from(file: Path) -> str | None:
     """The scene that a rig which `passerby monitor` wrote was calibrated from.
 
-    Only for showing: a broken file of an earlier run keeps nobody from monitoring again.
+    Only for showing: a broken file of an earlier run does not prevent monitoring.
     """
     if file.name != RIG_FILE or not (file.parent / MONITOR_FILE).is_file():
         return None

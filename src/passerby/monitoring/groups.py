@@ -1,4 +1,4 @@
-"""A calibration in groups that share nobody: each is a rig of its own, and is monitored as one."""
+"""A calibration in groups that share no people: each is a rig of its own, and is monitored as one."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def monitor_groups(
         options: see `WatchOptions`.
         in_step: as of `monitor`.
         keep: as of `monitor`; each further group has its own folder in it.
-        tell: told of each stage.
+        tell: called with each stage.
         executor: works on cameras side by side.
 
     Raises:

@@ -1,4 +1,4 @@
-"""Who is who over the cameras of a rig that is in use, where nobody says so: tracklets that meet in space, camera by camera.
+"""Identities over the cameras of a rig that is in use, if they are not known: tracklets that meet in space, camera by camera.
 
 As in a calibration (`association.associate`), but from poses that are known from the first. A camera that has moved by a few
 degrees still sees people nearer to where the others see them than to anybody else.
@@ -22,7 +22,7 @@ from passerby.core.observations import UNKNOWN, Boxes, CameraObservations, Clock
 from passerby.core.stature import PERSON_HEIGHT_M
 
 SEED = 0
-"""Of the draw of the people that tell each camera's vertical where nobody says who is who."""
+"""Of the draw of the people that determine each camera's vertical without known identities."""
 
 
 def identify_by_rig(
@@ -38,14 +38,14 @@ def identify_by_rig(
         rng: draws the people that each camera's vertical is fitted to.
         ground_m: height of the ground.
         executor: works on cameras side by side.
-        tell: told of every camera that is done.
+        tell: called for every camera that is done.
         candidates: the pairs of cameras, a < b by their places in the rig, that are compared; None: all.
     """
     level = rig.moved(np.eye(3), np.array([0.0, 0.0, -ground_m]))
     cameras = build_tracklets(level, observations, clocks, PERSON_HEIGHT_M, rng, executor, tell=tell)
     tracklets = Tracklets.of(cameras)
     offsets = np.array([clocks[camera.name].offset_s for camera in level])
-    # The cameras' own times are told with their offsets: none is left to add.
+    # The cameras' own times include their offsets: none is left to add.
     nothing = ViewGraph((), (), np.zeros_like(offsets))
     person = cluster_by_rig(
         tracklets, cameras, nothing, [camera.pose for camera in level], np.zeros_like(offsets), PERSON_HEIGHT_M,
@@ -66,7 +66,7 @@ def _named(camera: CameraTracklets, person: Ints) -> CameraObservations:
 
 
 def _renamed(part: Boxes | Keypoints, person: Ints) -> Boxes | Keypoints:
-    """Rows of somebody, once in a frame: of two the one of the longer tracklet."""
+    """Rows of a person, once in a frame: of two the one of the longer tracklet."""
     rows = np.flatnonzero(part.identity > UNKNOWN)
     tracklet = part.identity[rows]
     who = person[tracklet] + 1

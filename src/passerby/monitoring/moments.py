@@ -33,7 +33,7 @@ class ChangePoint:
 def estimate_change_point(
     rig: Rig, seen: RigObservations, camera: str, baseline: Baseline, ground: GroundPlane
 ) -> ChangePoint | None:
-    """When a camera moved that moved once in the footage; None where nobody was seen by two cameras, so that nothing tells.
+    """When a camera moved that moved once in the footage; None if no person was seen by two cameras.
 
     Of each moment: how much better one new pose from then on explains what was seen than the old one (a likelihood ratio, the
     other cameras held where the baseline has them).

@@ -50,7 +50,7 @@ def monitor(
         in_step: whether the footage's clocks agree, whatever the calibration's did.
         keep: folder in which is kept what was seen in videos; where an earlier run was written into it, its states are taken
             over of the cameras that have no news since.
-        progress: told of each stage.
+        progress: called with each stage.
         executor: works on cameras side by side.
 
     Raises:
@@ -161,7 +161,7 @@ def watch_footage(
         observations: of these cameras, with a clock for each.
         options: see `WatchOptions`.
         known: whether identities hold over all cameras; they are each camera's own tracklets else, or -1 for detections.
-        tell: told of each stage.
+        tell: called with each stage.
         executor: works on cameras side by side.
     """
     clocks, sizes = observations.clocks, {camera.name: camera.lens.size for camera in rig}

@@ -1,6 +1,6 @@
 """Which cameras of a rig may share people: those that see ground in common, by their poses.
 
-Walls are not known, so that a neighbour may turn out to share nobody. The work grows with the cameras, not with their pairs.
+Walls are not known, so that a neighbour may turn out to share no people. The work grows with the cameras, not with their pairs.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from passerby.core.stature import PERSON_HEIGHT_M
 CELL_M = 1.0
 RANGE_M = 40.0
 LEAST_PX = 25.0
-"""Height in the image below which nobody is detected."""
+"""Height in the image below which no person is detected."""
 SAME_RAY = 1e-3
 """Beyond its border a distorted lens folds over: a pixel whose ray is another one than the point's shows something else."""
 LEAST_SHARED = 5
-"""Cells that neighbours have in common: on less ground hardly anybody walks."""
+"""Cells that neighbours have in common: on less ground almost no person walks."""
 SAME_FLOOR_M = 1.5
 """Two cameras whose ground differs by more in height stand on different floors."""
 MOST_NEIGHBOURS = 12

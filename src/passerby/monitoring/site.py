@@ -1,4 +1,6 @@
-"""The cameras of a site: which of them are neighbours, who is who among these, and what each small rig says of its camera."""
+"""The cameras of a site: which of them are neighbours, the identities among these, and what each small rig says of its
+camera.
+"""
 
 from __future__ import annotations
 
@@ -67,7 +69,7 @@ def watch_site(
         cameras: that are watched.
         options: see `WatchOptions`.
         known: whether identities hold over all cameras; they are each camera's own tracklets else, or -1 for detections.
-        tell: told of each stage.
+        tell: called with each stage.
         executor: works on cameras side by side.
     """
     # The systems are small, and the number of BLAS threads would change the last bits.
@@ -94,7 +96,7 @@ def _site(cameras: CamerasOfSite, numbers: list[int], known: bool, tell: Progres
 
 
 def _span(observations: Observations) -> tuple[float, float]:
-    """From the first time at which anybody was seen to just after the last, seconds; zeros where nobody was."""
+    """From the first time at which a person was seen to just after the last, seconds; zeros if there was none."""
     ends: list[Floats] = []
     for name, seen in observations.cameras.items():
         frames = np.concatenate([seen.boxes.frame, seen.keypoints.frame])

@@ -56,7 +56,7 @@ def picture_answer(store: PictureStore, scene: Scene, version: str, name: str, f
 
 
 async def bug(_: Request, error: Exception) -> Response:
-    """The answer to what nobody foresaw."""
+    """The answer to an unexpected error."""
     return PlainTextResponse("A bug in Passerby; the terminal shows it.\n", 500)
 
 

@@ -1,7 +1,7 @@
 """How the background of a picture lies against what the camera saw before.
 
 Small textured patches are followed from a reference to a picture, after local contrast is normalised so that lights do not
-matter. As long as enough patches are found where they were, the camera stands, however many others are hidden by people.
+matter. As long as enough patches are found where they were, the camera stands, even if many others are hidden by people.
 Only where they are not, a similarity that most patches agree on (RANSAC) is a motion of the camera.
 """
 
@@ -73,7 +73,7 @@ class Motion:
     def zoom_from(self, rest: Floats, centre: Floats) -> float:
         """How many times larger the background is than by another motion, where that is a zoom; else 1.
 
-        A zoom scales it about the picture's centre (2,), thumbnail pixels; a turn scales it hardly at all.
+        A zoom scales it about the picture's centre (2,), thumbnail pixels; a turn barely scales it.
         """
         scale = float(np.sqrt(np.linalg.det(self.motion[:, :2]) / np.linalg.det(rest[:, :2])))
         zoomed = centre + scale * (_apply(rest, self.points) - centre)
@@ -182,7 +182,7 @@ def _follow(
 def _agreed(
     reference: NDArray[np.uint8], view: NDArray[np.uint8], points: Floats, guess: Floats
 ) -> tuple[Floats | None, NDArray[np.bool_]]:
-    """The similarity that most patches agree on, and (N,) which do; None and nobody where they are too few for a motion.
+    """The similarity that most patches agree on, and (N,) which do; None and none where they are too few for a motion.
 
     OpenCV's RANSAC draws from a seed of its own, always the same.
     """

@@ -1,4 +1,4 @@
-"""What a static camera sees when nobody is there: the usual colour of every pixel, and how much it varies."""
+"""What a static camera sees when no person is there: the usual colour of every pixel, and how much it varies."""
 
 from __future__ import annotations
 

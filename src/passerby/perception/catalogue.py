@@ -60,7 +60,7 @@ class ModelEntry(Table):
     file: str
     """Its name on a user's disk; a file is known by it in the folders where models are looked for."""
     url: str | None = None
-    """Where its publisher keeps exactly these bytes; None where nobody does."""
+    """Where its publisher keeps exactly these bytes; None if there is none."""
     archive: ArchiveTable | None = None
     """What the address serves where it is not the network's file itself."""
     sha256: Annotated[str, Field(pattern="^[0-9a-f]{64}$")]

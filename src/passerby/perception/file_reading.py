@@ -17,7 +17,7 @@ from passerby.perception.video_error import VideoError
 from passerby.perception.video_probe import VideoInfo
 
 # A file that ends this much before the length it tells, and this part of it, was cut off. Sound that lasts longer than the
-# pictures, where only a common length is told, and lengths rounded to a second stay below.
+# pictures, where only a common length is stated, and lengths rounded to a second stay below.
 SHORTFALL_S = 0.5
 SHORTFALL_OF_FILE_S = 2.0
 

@@ -24,7 +24,7 @@ CROPS_PER_S = 3.0
 takes about 120 ms for the five images of a second with five people in them."""
 CROPS_AT_LEAST = 250.0
 """Crops beyond that, whatever a video's length: a recording of ten seconds with five people in view, looked at five times a
-second, gives keypoints at all its times; cameras are registered by these where people hardly walk."""
+second, gives keypoints at all its times; cameras are registered by these where people barely walk."""
 SLOT_S, SLOT_SHIFT_S = 0.4, 0.05
 """Time is cut into slots, of which all images are taken or none. So long, cameras whose clocks differ by a part of a step have
 two samples next to each other to interpolate between. The shift keeps a slot's ends away from the times of usual frame
@@ -87,7 +87,7 @@ class JointBudget:
 def worth_keypoints(ltwh: Floats, score: Floats, size: tuple[int, int]) -> Bools:
     """(N,) the people of an image that are large, found with confidence, not hidden behind another, and whole.
 
-    Those whom the image's border cuts off count where nobody is whole.
+    Those whom the image's border cuts off count where no person is whole.
 
     Args:
         ltwh: (N, 4) boxes, pixels.

@@ -15,7 +15,7 @@ from passerby.core.observations import MIN_JOINTS
 MIN_SCORE = 0.3
 # A detector cuts feet, hands and hair by a few percent of the box; a joint farther outside of it is a neighbour's.
 OUTSIDE = 0.1
-# From eyes to ankles a standing person fills 0.9 of the box; one of whom only head and torso can be seen, 0.45.
+# From eyes to ankles a standing person fills 0.9 of the box; one with only head and torso visible, 0.45.
 MIN_EXTENT = 0.3
 
 

@@ -16,7 +16,7 @@ from passerby.perception.top_down import JOINT_COUNTS, Answers, TopDownKeypoints
 
 
 class SimccKeypoints(TopDownKeypoints):
-    """RTMPose and its like: outputs [N, J, k W] and [N, J, k H] for an input W x H, with k (mostly 2) bins a pixel."""
+    """RTMPose and its like: outputs [N, J, k W] and [N, J, k H] for an input W x H, with k (usually 2) bins a pixel."""
 
     kind: ClassVar[str] = "simcc"
     # As these networks are trained and published.

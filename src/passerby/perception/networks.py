@@ -1,4 +1,4 @@
-"""An ONNX file, and how it wants to be spoken to."""
+"""An ONNX file, and its input and output conventions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a network wants that the manifest does not know: told by the file itself, by a note beside it, or else by its role."""
+"""What a network needs that the manifest does not know: stated by the file itself, by a note beside it, or else by its role."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class Description(Table):
 def own_network(path: Path, role: Role, sha256: str) -> Network:
     """The network in a file that the manifest does not know.
 
-    Its convention is told by the ONNX file's own `passerby.*` metadata, else by a file NAME.toml beside it; what neither says
+    Its convention is stated by the ONNX file's own `passerby.*` metadata, else by a file NAME.toml beside it; what neither says
     is as usual for the role: a detector is a YOLOX (BGR 0 to 255, letterbox, padding 114), an embedder takes RGB crops
     stretched to its input and normalised as ImageNet's pictures, and what keypoints are like is seen from the outputs.
 
@@ -93,7 +93,7 @@ def _metadata(path: Path, session: Any) -> dict[str, str]:
 
 
 def _nested(told: dict[str, str]) -> dict[str, Any]:
-    """Metadata, which are all texts, as the tables of a manifest: lists are numbers parted by commas or spaces."""
+    """Metadata, which are all texts, as the tables of a manifest: lists are numbers separated by commas or spaces."""
     pixels: dict[str, Any] = {key: told[key] for key in INPUT_KEYS if key in told}
     for key in ("mean", "std"):
         if key in pixels:
@@ -125,7 +125,7 @@ def _described(place: str, tables: dict[str, Any]) -> Description:
 
 
 def _usual_output(path: Path, role: Role, shapes: list[tuple[int | None, ...]]) -> Output:
-    """What a network of a role gives where nobody says it; for keypoints from the shapes of its outputs.
+    """What a network of a role gives if it is not stated; for keypoints from the shapes of its outputs.
 
     MoveNet: one output [1, 1, 17, 3]. SimCC (RTMPose): two, [N, joints, x bins] and [N, joints, y bins]. Heat maps: one,
     [N, joints, height, width].

@@ -67,7 +67,7 @@ def make_plan(
         keypoints: "auto", "none", a name or a path.
         models: a folder of models to look in first.
         base: the folder that relative paths start from.
-        tell: told how far a download is and, at once, what is used in place of a network that cannot be had.
+        tell: called with the progress of a download and, at once, what is used in place of a network that cannot be had.
 
     Raises:
         InputError: a network that was asked for by name or path is not there, or a file is not what it should be.
@@ -76,7 +76,7 @@ def make_plan(
     boxes = joints = None
 
     def lack(role: Role, why: str) -> None:
-        # Told at once: what comes next may take an hour.
+        # Reported at once: what comes next may take an hour.
         notes.append(notice("network_missing", role=role, why=why))
         tell_warning(tell, text_of(notes[-1]))
 

@@ -63,7 +63,7 @@ def sparse(
     Args:
         packets: of a file, in order; None at the end of one that breaks off.
         is_wanted: of the time of a picture, asked once for each in the order in which they are shown; None while that cannot be
-            told yet: what was asked so far is decoded, and asked again.
+            stated yet: what was asked so far is decoded, and asked again.
     """
     held: _Group | None = None
     filling: _Group | None = None
@@ -91,7 +91,7 @@ def sparse(
         leading = asked(after.times(leading=True)) if after is not None else []
         early = leading or []
         if wanted is None or leading is None or leading:
-            # Whole, so that what follows can rest on it.
+            # Whole, so that what follows can use it.
             yield from group.decodable(continuous=continuous)
             continuous = True
         elif own or wanted:

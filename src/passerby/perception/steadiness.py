@@ -33,7 +33,7 @@ class Move:
     seconds: float
     """Timestamp of the first picture that shows it."""
     until: float | None
-    """Of the first picture that shows the camera in its place again, after a knock; None: it stayed in the new place."""
+    """Of the first picture that shows the camera in its place again, after a bump; None: it stayed in the new place."""
     pixels: float | None
     """Median shift of the background, in pixels of the whole picture; None: it shows nothing now that it showed before."""
     zoom: float = 1.0
@@ -119,7 +119,7 @@ class SteadinessWatcher:
         return Steadiness(tuple(moves), self._largest_shake, self._pictures, self._recognised)
 
     def _judge(self, seconds: float, motion: Floats, shift: float, zoom: float) -> None:
-        """One more shift against the camera's place: a shake, a knock that is over, or a new place."""
+        """One more shift against the camera's place: a shake, a bump that is over, or a new place."""
         if shift <= self._moved_px:
             self._lost = self._lost_view = None
             if self._departure is not None:

@@ -62,7 +62,8 @@ class StripesEmbedder:
         return STRIPES * (int(np.prod(PLAIN_BINS)) + (EQUAL_BINS[0] + 1) * EQUAL_BINS[1])
 
     def __call__(self, picture: Picture, ltwh: Floats) -> Vectors:
-        """(N, D) unit vectors of the boxes (N, 4); a row of zeros for a box too small or mostly outside of the picture.
+        """(N, D) unit vectors of the boxes (N, 4); a row of zeros for a box too small or for the most part outside of
+        the picture.
 
         Raises `InputError` for boxes of another shape.
         """

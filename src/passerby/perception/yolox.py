@@ -32,13 +32,13 @@ class YoloxOptions:
     """Least score of a box. Most boxes below are false; tracking joins the weak ones to tracklets of the strong."""
     most_overlap: float = 0.55
     """Intersection over union above which two boxes are one person found twice. On PETS 2009, 0.45 to 0.65 find the same people
-    within 2 in 1000; of two who overlap more, hardly ever both are found, and each duplicate is a false box."""
+    within 2 in 1000; of two who overlap more, both are rarely found, and each duplicate is a false box."""
     tiles: Tiling = "auto"
     """Parts of large pictures that are looked at besides the whole: see `passerby.perception.tiles`."""
     size: int = 640
     """Side of the input of a network that takes any: a multiple of 32."""
     decoded: bool | None = None
-    """Whether the network's boxes are in pixels already; None: told by what it gives for a grey picture."""
+    """Whether the network's boxes are in pixels already; None: determined by what it gives for a grey picture."""
 
     def __post_init__(self) -> None:
         for name in ("score", "most_overlap"):

@@ -54,7 +54,7 @@ def matching_cells(size: tuple[int, int], rows: int) -> Cells | None:
 
 
 def is_decoded(rows: Values, cells: Cells) -> bool:
-    """Whether the boxes of rows (N, 5 + C) are in pixels of the input, told by where their centres lie.
+    """Whether the boxes of rows (N, 5 + C) are in pixels of the input, determined by where their centres lie.
 
     A cell's box is near the cell. So either the centres less the cells' corners are small, or the centres themselves are,
     counted in cells; across the input, the two differ by tens.

@@ -1,4 +1,4 @@
-"""The table of cameras: where each stands and looks, how sure that is, and what it saw."""
+"""The table of cameras: where each stands and looks, how certain that is, and what it saw."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Distances between the cameras, for checking with a tape, and how sure they are."""
+"""Distances between the cameras, for checking with a tape, and their uncertainty."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ def heights_section(contents: Contents, parts: Parts | None = None) -> Section:
     """The people's heights beside what was assumed of them; `parts` of a page of many cameras gets the figure."""
     lead = (
         "Each dot is a person, shortest first. The band is the assumed height of people: the mean and one standard deviation. "
-        "Heights far outside the band mostly come from false detections, or from tracks of more than one person."
+        "Heights far outside the band usually come from false detections, or from tracks of more than one person."
     )
     heights = heights_of(contents.figures)
     if not heights:

@@ -1,4 +1,4 @@
-"""What speaks against a calibration, and what to do about it, as the report shows both."""
+"""The problems of a calibration, and what to do about them, as the report shows both."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class Reported:
 
 
 def reported_doubts(document: CalibrationDocument) -> list[Reported]:
-    """What speaks against the rig, by a `calibration.json`; an older Passerby wrote sentences only."""
+    """The problems of the rig, by a `calibration.json`; an older Passerby wrote sentences only."""
     if document.diagnostics is None:
         return [Reported((), (), reason, "") for reason in document.reasons]
     return [_reported(row) for row in document.diagnostics if row.severity != "notice"]

@@ -37,7 +37,7 @@ SIDES = ("middle right", "middle left", "top right", "bottom left")
 
 
 def rig_from_above(contents: Contents, fit: Fitted) -> Figure:
-    """The plan: cameras, what ground they see, how sure their places are, and where people were.
+    """The plan: cameras, what ground they see, how certain their places are, and where people were.
 
     `layout.meta.magnification` tells how many times as large the ellipses are drawn.
     """

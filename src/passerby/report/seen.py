@@ -51,7 +51,7 @@ class Seen:
     """By camera, how many known people it saw."""
     shared: Mapping[tuple[str, str], Shared]
     """For two cameras that saw a person in common, by their order in the rig, the people that both saw at the same time. Pairs
-    that are not in it share nobody."""
+    that are not in it share no people."""
 
 
 BREAK_STEPS = 3.5
@@ -71,7 +71,7 @@ def seen_in(contents: Contents) -> Seen:
 
 
 def merge_spells(spells: Spells, most: int) -> Spells:
-    """At most about `most` stretches: the shortest breaks are closed first; nobody and no camera is lost."""
+    """At most about `most` stretches: the shortest breaks are closed first; no person and no camera is lost."""
     if len(spells) <= most:
         return spells
     order = np.lexsort((spells.begin, spells.identity, spells.camera))

@@ -25,7 +25,7 @@ class Sheet:
     camera: Camera
     backdrop: Backdrop
     ink: str
-    """Of lines that belong to nobody."""
+    """Of lines that belong to no person."""
 
     @property
     def letters(self) -> float:

@@ -15,7 +15,7 @@ from passerby.report.seen import Seen
 EMBEDDED_CAMERAS = 50
 """Most cameras of a report in one file: fifty pictures of 100 kB each beside plotly's code are 10 MB."""
 ZONE_CAMERAS = 16
-"""Most cameras of a zone that nobody stated: so many names can be read in a part of the map."""
+"""Most cameras of a zone that is not stated: so many names can be read in a part of the map."""
 MOST_NEIGHBOURS = 16
 """Cameras whose people are drawn into a camera's picture, beside its own: an overlap of more is rare on a site."""
 

@@ -1,4 +1,4 @@
-"""The map of a site, and the site in space: few traces, however many cameras there are."""
+"""The map of a site, and the site in space: few traces for any number of cameras."""
 
 from __future__ import annotations
 

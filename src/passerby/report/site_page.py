@@ -32,7 +32,7 @@ def site_page(contents: Contents, parts: Parts, tell: Progress) -> str:
     Args:
         contents: of a calibration, or of an output folder.
         parts: gets the files, and their place.
-        tell: told of "report", camera by camera, as their pictures are drawn.
+        tell: called with "report", camera by camera, as their pictures are drawn.
 
     Raises:
         OSError: a file cannot be written.

@@ -18,7 +18,7 @@ from passerby.report.values import MISSING
 STATES = ("no pose", "problem", "stands out", "good", "other group")
 """What a camera may be, in the order of the list."""
 ZONE = Column("Zone", numeric=False, hint="part of the map")
-STATE = Column("State", numeric=False, hint="whether anything speaks against the camera, or its figures stand out")
+STATE = Column("State", numeric=False, hint="whether the camera has problems, or its figures stand out")
 PROBLEM = Column("What is wrong", numeric=False)
 FIRST = ("Position std", "Rotation std")
 """Figures that stand before the others."""
@@ -54,7 +54,7 @@ def site_camera_section(contents: Contents, seen: Seen, zones: Mapping[str, int]
 
 
 def problems_by_camera(contents: Contents) -> dict[str, list[Reported]]:
-    """What speaks against the rig, by the cameras that it is about."""
+    """The problems of the rig, by the cameras that they are about."""
     found: dict[str, list[Reported]] = {}
     for doubt in reported_doubts(contents.document):
         for name in doubt.cameras:
@@ -82,7 +82,7 @@ def _state(state: str) -> Cell:
 
 
 def _problem(words: str) -> Cell:
-    """What speaks against a camera, shortened."""
+    """The problems of a camera, shortened."""
     return text(element("small", shortened_text(words, LONGEST), class_="why") if words else "", words)
 
 

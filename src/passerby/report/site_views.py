@@ -21,8 +21,8 @@ MOST_PARTNERS = 24
 
 
 def site_views_section(
-    contents: Contents, fit: Fitted, seen: Seen, links: Sequence[Link], told: Mapping[str, Sequence[Reported]], parts: Parts,
-    tell: Progress,
+    contents: Contents, fit: Fitted, seen: Seen, links: Sequence[Link],
+    problems: Mapping[str, Sequence[Reported]], parts: Parts, tell: Progress,
 ) -> Section:  # fmt: skip
     """A field for a camera's name, and the place of its panel; the panels are files.
 
@@ -31,9 +31,9 @@ def site_views_section(
         fit: of the whole sample.
         seen: of all cameras.
         links: all pairs.
-        told: by camera, what speaks against it.
+        problems: by camera, what is reported about it.
         parts: gets the panels.
-        tell: told of each camera.
+        tell: called for each camera.
     """
     near = neighbours_of(contents.rig, seen)
     by_camera: dict[str, list[Link]] = {name: [] for name in contents.rig.names}
@@ -43,7 +43,7 @@ def site_views_section(
     posed, solved = list(contents.rig.posed()), solved_distances(contents)
     for place, (name, behind) in enumerate(decoded_backdrops(contents, tell)):
         camera = contents.rig[name]
-        more = [_problems(told.get(name, ())), _pairs(contents, by_camera[name])]
+        more = [_problems(problems.get(name, ())), _pairs(contents, by_camera[name])]
         if camera.pose is not None and len(posed) > 1:
             nearest = distances_table("camera-distances", distances_from(camera, posed, solved), copy=False)
             more.append(_folded("Distances to the nearest cameras", nearest))
@@ -74,7 +74,7 @@ def _chooser(contents: Contents) -> Html:
 
 
 def _problems(doubts: Sequence[Reported]) -> Html | None:
-    """What speaks against the camera."""
+    """The problems of the camera."""
     if not doubts:
         return None
     rows = [element("li", element("b", doubt.point.problem), " ", doubt.point.remedy) for doubt in doubts]

@@ -34,7 +34,7 @@ class Joints:
     model: Floats
     """(K, 2) where the joint in space projects, pixels; NaN where two cameras do not agree on one."""
     agrees: Bools
-    """(K,) whether the joint in space rests on it."""
+    """(K,) whether the joint in space uses it."""
     point: Ints
     """(K,) rows of `xyz`."""
     xyz: Floats

@@ -18,9 +18,10 @@ from passerby.report.site import EMBEDDED_CAMERAS
 from passerby.report.values import count
 
 MOST_BARS = 1500
-"""Told apart at a laptop's width; of more, the number of people at once is drawn, and the bars of one person who is chosen."""
+"""Distinguishable at a laptop's width; of more, the number of people at once is drawn, and the bars of one person who is
+chosen."""
 MOST_LANES = 14
-"""People at once in one camera whose bars can be told apart."""
+"""People at once in one camera whose bars can be distinguished."""
 MOST_KEPT = 20_000
 """Stretches in the page at most, 60 bytes each."""
 BINS = 400
@@ -34,7 +35,7 @@ TITLE = "Timeline of observations"
 
 
 def timeline_section(contents: Contents, spells: Spells, parts: Parts | None = None) -> Section:
-    """A row for each camera, a bar for each stretch in which it saw somebody.
+    """A row for each camera, a bar for each stretch in which it saw a person.
 
     Args:
         contents: of the report.

@@ -17,9 +17,9 @@ def good_for(doubts: Sequence[Finding], posed: Sequence[str], measuring: Measuri
     Doubts about the scale or the up direction alone leave the shape of the rig; doubts about some cameras leave the others.
 
     Args:
-        doubts: what speaks against the rig.
+        doubts: the evidence against the rig.
         posed: names of the cameras with a pose.
-        measuring: how surely the rig measures; None where that is unknown.
+        measuring: how well the rig measures; None where that is unknown.
     """
     causes = [one for reason in reasons_of(doubts) for one in reason.findings]
     about_shape = [one for one in causes if not subjects_of(one)]

@@ -11,7 +11,7 @@ from pydantic import BaseModel
 from passerby.common.text import nearest, shortened
 
 LONGEST_KEY = 80
-"""Characters of a key, or of a camera's name, that are told."""
+"""Characters of a key, or of a camera's name, that are shown."""
 
 HEADER = re.compile(r"\[\s*([^\[\]]+?)\s*\]\s*(?:#.*)?")
 LIST_HEADER = re.compile(r"\[\[.*\]\]\s*(?:#.*)?")

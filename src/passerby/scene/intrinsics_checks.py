@@ -52,8 +52,8 @@ def check_principal_point(scene: Scene, reading: CameraInput, lens: Lens) -> Non
 def smaller_picture(extent: Floats, size: tuple[int, int]) -> tuple[int, tuple[int, int]] | None:
     """The size of the smaller picture that people were found in, and how many its right and lower borders cut off.
 
-    Nobody reaches beyond it, and people of different heights at different places end just at its border. Where people keep to a
-    corner of a right picture nothing cuts them off there.
+    No person reaches beyond it, and people of different heights at different places end just at its border. Where people
+    keep to a corner of a right picture nothing cuts them off there.
 
     Args:
         extent: (N, 4) left, top, right, bottom of people, pixels.

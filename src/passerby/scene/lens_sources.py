@@ -1,7 +1,7 @@
 """The lens that a camera begins with: what is known of it, and from where.
 
-A file of intrinsics; what the scene file states of a lens that nobody calibrated; the metadata of its video; the lens of
-another camera of the same model; or nothing but the image size.
+A file of intrinsics; what the scene file states of a lens that was not calibrated; the metadata of its video; the lens of
+another camera of the same model; or only the image size.
 """
 
 from __future__ import annotations
@@ -107,7 +107,7 @@ def equivalent_px(focal_35mm: float, size: tuple[int, int]) -> float:
 
 
 def _take_lens(scene: Scene, reading: CameraInput, model: CameraInput, lens: Lens) -> None:
-    """The lens of another camera of the same model: shared where nobody calibrated it, else with a unit's own deviation.
+    """The lens of another camera of the same model: shared where it was not calibrated, else with a unit's own deviation.
 
     `lens` is of the images as filmed.
     """

@@ -121,9 +121,9 @@ def doubts_of_same_content(
 
 
 def doubts_of_same_place(rig: Rig, observations: Observations) -> list[Finding]:
-    """A doubt for each pair of cameras that stand at one place, look one way, and whose people do not tell them apart.
+    """A doubt for each pair of cameras that stand at one place, look one way, and that people do not distinguish.
 
-    Two cameras side by side are meant to be there: what they see differs. Pairs that surely show the same are left out.
+    Two cameras side by side are meant to be there: what they see differs. Pairs known to show the same are left out.
 
     Args:
         rig: with poses, metres.
@@ -174,7 +174,9 @@ class _Pair:
 
 @dataclass(frozen=True, eq=False)
 class _Binned:
-    """The boxes of each camera by steps of a common time, as they were binned last: mostly the next pair's time is the same."""
+    """The boxes of each camera by steps of a common time, as they were binned last: usually the next pair's time is the
+    same.
+    """
 
     last: dict[int, tuple[float, float, BinnedBoxes]] = field(default_factory=dict)
 

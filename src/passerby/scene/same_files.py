@@ -18,7 +18,7 @@ from passerby.scene.camera_input import CameraInput
 from passerby.scene.scene import Scene
 
 FEWEST_ROWS = 10
-"""Fewer may be equal in two cameras: a detector that sees somebody in the first, empty images, the same in each."""
+"""Fewer may be equal in two cameras: a detector that sees a person in the first, empty images, the same in each."""
 
 
 def faults_of_same_video(scene: Scene, readings: Sequence[CameraInput]) -> list[str]:
@@ -66,7 +66,7 @@ def faults_of_same_file(scene: Scene, readings: Sequence[CameraInput]) -> list[s
     first: dict[Path, _Named] = {}
     faults = []
     for one in _named(scene, readings):
-        # Unlike `Path.resolve` it bears links that lead in a circle, which reading has told of.
+        # Unlike `Path.resolve` it bears links that lead in a circle, which reading has reported.
         other = first.setdefault(Path(os.path.realpath(one.path)), one)
         if other.camera != one.camera:
             faults.append(

@@ -94,7 +94,7 @@ def _swapped(identities: Ints, found: NDArray[np.bool_], share: float, rng: np.r
         people = people[found[frame, people]]
         wanted = share * len(people)
         count = int(wanted) + int(chance < wanted - int(wanted))
-        if wanted < 2:  # nobody can be exchanged alone: two at once, half as often as one
+        if wanted < 2:  # one person cannot be exchanged alone: two at once, half as often as one
             count = 2 if chance < wanted / 2 else 0
         chosen = people[: min(count, len(people))]
         if len(chosen) > 1:

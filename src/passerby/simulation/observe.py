@@ -28,7 +28,7 @@ class View:
     box: Floats
     """(T, P, 4) left, top, right, bottom of the whole body, clipped at the picture's border, pixels."""
     visible_box: Floats
-    """(T, P, 4) the same of the parts that nobody hides; meaningless where everything is hidden."""
+    """(T, P, 4) the same of the parts that no person hides; meaningless where everything is hidden."""
     clipped: Mask
     """(T, P, 4) edges that the picture's border cut."""
     inside: Floats
@@ -127,7 +127,7 @@ def _hull(extents: Floats, use: Mask) -> Floats:
 
 
 def _covered(points: Floats, discs: Floats, disc_radii: Floats, boxes: Floats, depth: Floats) -> Mask:
-    """(T, P, S) which of the points (T, P, S, 2) lie behind a disc (T, P, D) of somebody nearer to the camera."""
+    """(T, P, S) which of the points (T, P, S, 2) lie behind a disc (T, P, D) of a person nearer to the camera."""
     overlap = (boxes[:, :, None, :2] < boxes[:, None, :, 2:]).all(axis=-1) & (
         boxes[:, :, None, 2:] > boxes[:, None, :, :2]
     ).all(axis=-1)

@@ -89,7 +89,7 @@ def solve_people(
         cues: what is known about the scale.
         options: see `PeopleOptions`.
         rng: drives RANSAC and the choice among too many observations.
-        guesses: more guesses at how two cameras of `rig` stand to each other, from outside; they count by what agrees.
+        guesses: more guesses of relative poses of two cameras of `rig`, from outside; they count by what agrees.
         executor: solves zones of a large rig side by side; one after the other where it is None.
 
     Returns:
@@ -173,7 +173,7 @@ def _first_guess(
 def _sure(
     start: Initialisation, fit: Fit, cues: ScaleCues, observations: Observations
 ) -> tuple[RigCovariance, list[CueFigures], dict[str, LensFigures]]:
-    """The covariance of the cameras, what the scale rests on, and what became of the lenses."""
+    """The covariance of the cameras, what the scale depends on, and what became of the lenses."""
     state, knowledge = fit.result.state, start.knowledge
     seen = np.unique(fit.model.problem.person)
     terms = replace(fit.model.problem, lens_weight=np.ones(())).terms(state, jacobians=True)
@@ -203,7 +203,7 @@ def _sure(
 
 
 def _measuring(start: Initialisation, fit: Fit, covariance: RigCovariance) -> MeasuringFigures | None:
-    """How surely the rig measures where people walked, or where their joints were."""
+    """How well the rig measures where people walked, or where their joints were."""
     state = fit.result.state
     places = state.people[:, :2] if len(state.people) else state.joints[:, :2]
     height_m = float(np.median(state.heights)) if len(state.heights) else 0.0
@@ -234,7 +234,7 @@ def _heights_by_boxes(start: Initialisation, state: AdjustmentState, observation
 
 
 def _with_refined_sigmas(rig: Rig, lenses: Mapping[str, LensFigures]) -> Rig:
-    """The rig whose guessed focal lengths are as sure as they were refined; `lenses` as of `lens_figures`."""
+    """The rig whose guessed focal lengths have the sigmas of their refinement; `lenses` as of `lens_figures`."""
     cameras = []
     for camera in rig:
         parts = lenses.get(camera.name)

@@ -178,7 +178,7 @@ def feature_map(answer: Any) -> Tensor:
 
 @contextlib.contextmanager
 def _quiet() -> Iterator[None]:
-    """Without the libraries' warnings: what matters is told in words of our own."""
+    """Without the libraries' warnings: what matters is reported in words of our own."""
     loggers = [logging.getLogger(name) for name in ("huggingface_hub", "transformers")]
     levels = [logger.level for logger in loggers]
     for logger in loggers:

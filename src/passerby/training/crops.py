@@ -15,7 +15,7 @@ from passerby.common.errors import InputError
 JUNK = -1
 """A picture that counts neither as right nor as wrong where it is found (Market-1501's identity -1)."""
 DISTRACTOR = -2
-"""A picture of nobody who is searched for; wrong wherever it is found (Market-1501's identity 0000)."""
+"""A picture of no person who is searched for; wrong wherever it is found (Market-1501's identity 0000)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +33,7 @@ class CropSet:
     cameras: tuple[str, ...] = ()
     """Names, as `market1501/c1`."""
     apart: NDArray[np.bool_] | None = None
-    """(P, P) who are surely two; None: all of them are. Known of tracks, of which two may be one person at two times."""
+    """(P, P) who are known to be two; None: all of them are. Known of tracks, of which two may be one person at two times."""
 
     def __post_init__(self) -> None:
         if not len(self.paths) == len(self.person) == len(self.camera):
@@ -85,7 +85,7 @@ class DataSet:
 def mix_sets(sets: Sequence[CropSet]) -> CropSet:
     """All pictures as one set. People and cameras of the same name are the same; names begin with the data set's.
 
-    People of two sets are surely apart.
+    People of two sets are different.
     """
     people = list(dict.fromkeys(name for crops in sets for name in crops.people))
     cameras = list(dict.fromkeys(name for crops in sets for name in crops.cameras))

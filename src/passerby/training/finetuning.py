@@ -1,4 +1,4 @@
-"""A network adapted to one scene without labels: whom the calibration is sure of teaches it, then all is solved again.
+"""A network adapted to one scene without labels: people whom the calibration confirms teach it, then all is solved again.
 
 Xu et al., CVPR 2021, section 3.1, fine-tune on a scene's own people where clothes are alike, with labels made by hand. Here the
 rig that was found without them makes the labels.
@@ -88,12 +88,12 @@ def finetune_scene(
         epochs: of the training; None: as the options say.
         seed: of the training and the calibration.
         device: auto or cpu.
-        tell: told of the stages.
-        record: told of every epoch.
+        tell: called with the stages.
+        record: called for every epoch.
 
     Raises:
         InputError: files that are missing or damaged, a run of another architecture.
-        EvidenceError: the calibration was refused, or is sure of too few people.
+        EvidenceError: the calibration was refused, or confirms too few people.
     """
     if target.resolve() == out.resolve():
         raise InputError(f"{target}: is the calibration to learn from, and would be overwritten: give another folder")
@@ -110,7 +110,7 @@ def finetune_scene(
 
 
 def _options(weights: Path | None, config: Path | None, epochs: int | None, seed: int) -> TrainOptions:
-    """Those of the network that it begins with, gentler; or the small recipe's. Nobody is held out: people are few."""
+    """Those of the network that it begins with, gentler; or the small recipe's. No person is held out: people are few."""
     chosen: dict[str, Any] = {"epochs": epochs, "seed": seed, "hold_out": 0.0}
     if weights is None:
         return train_options("small", config, **chosen)

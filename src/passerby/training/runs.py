@@ -26,7 +26,7 @@ from passerby.training.training import Trained, train
 
 CURVES = "curves.html"
 FEW_PEOPLE = 20
-"""With fewer nobody is held out: every one is needed to learn from."""
+"""With fewer no person is held out: every one is needed to learn from."""
 COMPARED_PICTURES = 1000
 """Real pictures on which an exported network is compared with PyTorch."""
 
@@ -50,13 +50,13 @@ def course(sets: Sequence[DataSet], options: TrainOptions) -> Course:
     """
     learnt = mix_sets([one.train for one in sets])
     if not len(learnt):
-        raise InputError(f"{', '.join(one.name for one in sets)}: nobody to learn from: give data with a training part")
+        raise InputError(f"{', '.join(one.name for one in sets)}: no person to learn from: give data with a training part")
     query, gallery = mix_sets([one.query for one in sets]), mix_sets([one.gallery for one in sets])
     if len(query):
         return Course(learnt, query, gallery, f"{len(query)} images searched among {len(gallery)}")
     held = round(options.hold_out * len(learnt.people))
     if len(learnt.people) < FEW_PEOPLE or held < 2:
-        return Course(learnt, CropSet(), CropSet(), "nobody: there are too few people to hold some out")
+        return Course(learnt, CropSet(), CropSet(), "no person: there are too few people to hold some out")
     chosen = np.zeros(len(learnt.people), dtype=np.bool_)
     chosen[np.random.default_rng((options.seed, len(learnt.people))).permutation(len(learnt.people))[:held]] = True
     return Course(learnt.of_people(~chosen), learnt.of_people(chosen), CropSet(), f"{held} people who are held out")

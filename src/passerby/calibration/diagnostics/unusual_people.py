@@ -1,4 +1,4 @@
-"""People who are far taller or shorter than most: the scale does not rest on them, and the user is told."""
+"""People who are far taller or shorter than most: the scale does not use them, and a notice says so."""
 
 from __future__ import annotations
 

@@ -38,7 +38,7 @@ GEOPOSE: Mapping[str, Kind] = {
         _OVERLAP,
     ),
     "people_do_not_stand": Kind(
-        REFUSAL, "In the pair's pose hardly anybody's head and feet agree: it is the mirror image of the true pose.",
+        REFUSAL, "In the pair's pose the head and feet of almost no person agree: it is the mirror image of the true pose.",
         "the heads and feet of only {standing} of {shared} people seen by both agree with its pose, so the pose is wrong "
         "(points on one level cannot distinguish two poses of cameras that face each other)",
         "choose another reference camera",

@@ -181,7 +181,7 @@ SOLVER: Mapping[str, Kind] = {
         _cues_disagree, _to_agree, subjects=("scale",),
     ),
     "people_unusual": Kind(
-        NOTICE, "People of these `identities` are far taller or shorter than most: the scale does not rest on them.",
+        NOTICE, "People of these `identities` are far taller or shorter than most: the scale does not use them.",
         _unusual,
         "check that these are people, not posters, prams or reflections",
         subjects=("scale",),

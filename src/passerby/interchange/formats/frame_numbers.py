@@ -1,7 +1,7 @@
 """Frame numbers from the names of pictures and files.
 
 A name ends with its number, before its ending: `cam1_000012.jpg` is frame 12. What stands before the number is the same in all
-names of one recording; where it is not, nobody can tell which of several numbers counts, or whether the names are of several
+names of one recording; where it is not, it is unknown which of several numbers counts, or whether the names are of several
 recordings, and that is an error.
 """
 

@@ -20,7 +20,7 @@ LISTED = 20
 
 
 class Losses:
-    """Gathers losses, so that all are told at once."""
+    """Gathers losses, so that all are reported at once."""
 
     def __init__(self) -> None:
         self._told: list[str] = []

@@ -10,7 +10,7 @@ from passerby.common.errors import InputError, cut
 from passerby.interchange.storage.safe_parsing import NotParsed, file_bytes, parse_toml
 
 LISTED_FAULTS = 20
-"""So many faults of one file are told one by one; a broken exporter breaks every row alike."""
+"""So many faults of one file are reported one by one; a broken exporter breaks every row alike."""
 
 
 class FileFaults(InputError):

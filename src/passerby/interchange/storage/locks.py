@@ -16,7 +16,7 @@ from passerby.interchange.storage.atomic import cannot_write
 
 FOLDER_LOCK = ".passerby.lock"
 """In a folder while a process works in it. It is the system's lock on this file that counts, not that the file is there: one
-that a killed process left behind holds nobody up."""
+that a killed process left behind blocks no other."""
 POLL_S = 0.05
 GONE_FOR_S, GONE_TIMES = 2.0, 20
 """So long, seconds, and so many times at the least it is tried to make a folder and to open the lock in it. A try fails where
@@ -37,7 +37,7 @@ def lock_folder(folder: Path, work: str, wait_s: float = 0.0) -> Iterator[None]:
         wait_s: so long another process is waited for, seconds.
 
     Raises:
-        InputError: another process has the folder (its number is told), or the folder cannot be written.
+        InputError: another process has the folder (its number is stated), or the folder cannot be written.
     """
     made = [path for path in (folder, *folder.parents) if not path.exists()]
     try:
@@ -57,7 +57,7 @@ def lock_file(path: Path, place: Path, work: str, wait_s: float = 0.0) -> Iterat
         _sign(file, work)
         yield
     finally:
-        # Deleted while it is held: whoever opened it meanwhile sees that the file with this name is another one.
+        # Deleted while it is held: a process that opened it meanwhile sees that the file with this name is another one.
         with suppress(OSError):
             path.unlink()
         file.close()

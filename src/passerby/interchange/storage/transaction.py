@@ -1,8 +1,8 @@
 """Files of a folder that change together: all of them or none, even where the process is killed in between.
 
 The new files are written into a folder of their own, `.writing`. Its renaming to `.written` decides: before, the old files are
-what counts, after, the new ones. Then each takes its place; whoever comes to a folder that a killed process left in between
-ends that first (`recover`).
+what counts, after, the new ones. Then each takes its place; a process that comes to a folder that a killed process left
+in between ends that first (`recover`).
 """
 
 from __future__ import annotations

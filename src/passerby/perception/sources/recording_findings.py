@@ -11,7 +11,7 @@ from passerby.perception.sources.placing import Gaps
 from passerby.perception.video_probe import VideoInfo, WallTime
 
 LONG_S = 3600.0
-"""Longer recordings are told: half an hour with people determines a rig, and watching takes about as long as filming."""
+"""Longer recordings are reported: half an hour with people determines a rig, and watching takes about as long as filming."""
 
 
 def unreadable_pieces(

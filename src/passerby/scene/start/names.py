@@ -1,6 +1,6 @@
 """Cameras' names: made from the names of files, and matched with the names in a calibration.
 
-The rules are few and dull, so that a name can be foretold: see `camera_names` and `match_names`.
+The rules are few and simple, so that a name can be predicted: see `camera_names` and `match_names`.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ def valid_name(text: str) -> str:
 def camera_names(texts: Sequence[str]) -> list[str]:
     """One valid name for each text, all different.
 
-    Words (parted by spaces, `_`, `-` and full stops) that all texts begin with, or end with, are dropped, as long as what is
+    Words (separated by spaces, `_`, `-` and full stops) that all texts begin with, or end with, are dropped, as long as what is
     left of each holds a letter: "walk_cam1_1080p" and "walk_cam2_1080p" are cam1 and cam2, "cam_1" and "cam_2" stay.
     A name that comes up again gets "-2", "-3", ...
     """

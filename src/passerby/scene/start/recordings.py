@@ -29,7 +29,7 @@ LOOKED_INTO = 8
 BREAK_S = 60.0
 """Between two videos that are two pieces. Of more than two, breaks may be longer, as where only movement is recorded."""
 NUMBERED = 3
-"""So many videos in a camera's folder with nothing but numbers for names are pieces."""
+"""So many videos in a camera's folder with only numbers for names are pieces."""
 
 
 def start_of(stem: str) -> tuple[str, float] | None:
@@ -77,7 +77,7 @@ def pieces_among(videos: Sequence[Path], length: Length) -> list[Path]:
 
 
 def is_numbered_series(videos: Sequence[Path]) -> bool:
-    """Whether the videos in one camera's folder are called by nothing but numbers: 000, 001, 002."""
+    """Whether the videos in one camera's folder are called by numbers only: 000, 001, 002."""
     return sum(_NUMBERS.fullmatch(path.stem) is not None for path in videos) >= NUMBERED
 
 

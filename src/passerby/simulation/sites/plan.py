@@ -1,7 +1,7 @@
 """The plan of an airport: floors with a corridor each, halls along it behind doors, stairs at its ends, and cameras.
 
-A floor is a plane of its own: cameras of different floors share no ground. All zones are rectangles, so that whoever is in one
-walks straight from any of its points to any other.
+A floor is a plane of its own: cameras of different floors share no ground. All zones are rectangles, so that a person
+who is in one walks straight from any of its points to any other.
 """
 
 from __future__ import annotations

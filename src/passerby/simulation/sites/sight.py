@@ -39,7 +39,7 @@ class Sight:
     """(X, Y) those of them on which a standing person is whole in the image."""
 
     def lets_see(self, xy: Floats) -> Bools:
-        """(...) whether a part of somebody at places (..., 2) of this floor may be in the image."""
+        """(...) whether a part of a person at places (..., 2) of this floor may be in the image."""
         cell = np.floor(np.asarray(xy) / CELL_M).astype(np.int64) - self.corner
         inside = np.asarray(((cell >= 0) & (cell < self.in_view.shape)).all(axis=-1))
         cell = np.where(inside[..., None], cell, 0)

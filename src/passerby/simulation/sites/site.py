@@ -104,7 +104,7 @@ class Site:
         return out
 
     def _chunk(self, index: int, start: int, times: Floats, rng: np.random.Generator) -> Detected | None:
-        """A stretch of one camera's recording; None where nobody is near."""
+        """A stretch of one camera's recording; None where no person is near."""
         people = self._near(index, float(times[0]), float(times[-1]))
         if not len(people):
             return None

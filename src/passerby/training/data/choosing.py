@@ -12,11 +12,11 @@ from passerby.perception.pictures import Picture
 PER_PERSON = 24
 """Crops of one person by one camera: two dozen moments show front, side and back; more are nearly the same picture again."""
 COVERED_IOU = 0.3
-"""Overlap with somebody nearer from which on a crop shows two people."""
+"""Overlap with a nearer person from which on a crop shows two people."""
 
 
 def clear_boxes(frame: Ints, ltwh: Floats, size: tuple[int, int]) -> NDArray[np.bool_]:
-    """(N,) which of one camera's boxes show a person well: large enough, mostly in the picture, and nobody before them.
+    """(N,) which of one camera's boxes show a person well: large enough, for the most part in the picture, and not hidden.
 
     Args:
         frame: (N,).

@@ -87,7 +87,7 @@ def cut_crops(
         cache: the crops are kept in a folder `name` in it.
         name: of the data set.
         executor: cuts the cameras side by side; one after the other where it is None. The result does not depend on it.
-        tell: told of each camera and, without executor, of the pictures.
+        tell: called for each camera and, without executor, of the pictures.
 
     Raises `InputError` for a video that cannot be read, a person twice in one frame, and a cache that cannot be written.
     """

@@ -39,7 +39,8 @@ def has_identities(path: Path) -> bool:
 
 
 def folder_per_identity(path: Path) -> Listing:
-    """The pictures of a folder per identity; see the module. Raises `InputError` for a query without gallery, and for nobody.
+    """The pictures of a folder per identity; see the module. Raises `InputError` for a query without gallery, and for no
+    person.
 
     A name is a person: the same one in two splits is the same person.
     """
@@ -74,7 +75,7 @@ def _splits(path: Path) -> tuple[Path | None, Path | None]:
 
 
 def _people(path: Path, notes: list[str]) -> list[Listed]:
-    """The pictures of the people in a folder. Raises `InputError` where there is nobody."""
+    """The pictures of the people in a folder. Raises `InputError` if there is none."""
     rows, empty = [], []
     for folder in _folders(path):
         files = picture_files(folder)

@@ -40,15 +40,16 @@ class Listing:
 
 
 def data_set(name: str, path: Path, listing: Listing, tell: Progress) -> DataSet:
-    """The data set of a listing: pictures that cannot be read and people with one picture to learn from are left out and told.
+    """The data set of a listing: pictures that cannot be read and people with one picture to learn from are left out and
+    reported.
 
     Args:
         name: of the data set; names of people and cameras begin with it.
         path: what a message calls the set.
         listing: its files.
-        tell: told how many pictures were tried.
+        tell: called with the number of pictures that were tried.
 
-    Raises `InputError` where nothing to learn from and nobody to search for is left, or no query has an answer.
+    Raises `InputError` where nothing to learn from and no person to search for is left, or no query has an answer.
     """
     notes = list(listing.notes)
     parts = _readable([listing.train, listing.query, listing.gallery], notes, tell)
@@ -82,7 +83,7 @@ _PLURAL = {"cannot be read": "cannot be read", "is too small": "are too small"}
 
 
 def without_single(rows: list[Listed], notes: list[str]) -> list[Listed]:
-    """Without people of whom there is one picture: nothing about a person can be learnt from one."""
+    """Without people with one picture: nothing about a person can be learnt from one."""
     count = Counter(row.person for row in rows)
     single = sorted(str(person) for person, n in count.items() if n < 2)
     if not single:
@@ -132,7 +133,7 @@ def _check_answers(path: Path, query: CropSet, gallery: CropSet) -> None:
         if any((person, other) in found for other in (cameras if unknown else cameras - {camera})):
             return
     raise InputError(
-        f"{path}: nobody of the query is in the gallery, seen by another camera: the same names of people are needed in both"
+        f"{path}: no person of the query is in the gallery, seen by another camera: the same names of people are needed in both"
     )
 
 

@@ -41,7 +41,7 @@ def read_data(
     Args:
         path: a folder, or a scene file.
         cache: crops cut out of videos are kept in a folder of the data set's name there; else it is not touched.
-        tell: told of the pictures as they are tried, and of the cutting.
+        tell: called with the pictures as they are tried, and with the cutting.
         name: of the data set; None: the folder's, or the scene's.
         executor: cuts the cameras' crops side by side.
 
@@ -74,7 +74,7 @@ def read_data(
 
 
 def read_all(paths: Sequence[Path], cache: Path, tell: Progress = silent, *, executor: Executor | None = None) -> list[DataSet]:
-    """Several data sets, whose people do not collide: those of the same name are told apart by the folders that they lie in.
+    """Several data sets, whose people do not collide: those of the same name are distinguished by the folders that they lie in.
 
     Raises `InputError` as `read_data`, and where one set is, or lies in, another.
     """
