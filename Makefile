@@ -45,11 +45,12 @@ test: $(INSTALLED)
 test-slow: $(TRAINING_INSTALLED)
 	$(ONE_THREAD) PASSERBY_EXAMPLES=thorough $(PYTEST) -m "slow or hypothesis or fuzz"
 
-## lint: style, format, and who may import whom
+## lint: style, format, imports between rooms, and words that are not used
 lint: $(INSTALLED)
 	$(VENV)/bin/ruff check .
 	$(VENV)/bin/ruff format --check .
 	$(VENV)/bin/lint-imports
+	$(VENV)/bin/python docs/check_words.py
 
 ## format: put style and format right
 format: $(INSTALLED)

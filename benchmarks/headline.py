@@ -38,22 +38,26 @@ PEERS = (
         "height are known, and nothing else unless a column says so; errors are given with the estimated scale:",
     ),
     Headline(
-        "paper", "## Do matchers collapse where people do not?",
-        "Matchers of image points on the same videos, compared with the worst of all methods that use people:",
-    ),
-    Headline(
         "peers", "The peers in one line each.",
-        "Compared with current engines on the same observations, with known identities (Passerby's figure divided by theirs):",
+        "Compared with current engines on the same observations, with known identities (*mm ratio*: Passerby's error divided "
+        "by theirs):",
+        columns=("peer", "cases", "fails", "Passerby fails", "Passerby lower, mm", "mm ratio"),
     ),
 )  # fmt: skip
-SPREAD = ("similarity, median", "worst seed", "scale error", "verdicts")
+SPREAD = ("similarity, median", "worst seed", "verdicts")
 """Columns of a sweep."""
 SHOWN: Mapping[Path, Mapping[str, tuple[Headline, ...]]] = {
     README: {"headline": PEERS},
     FILMING: {
         "seconds": (Headline("seconds", "### terrace", columns=("seconds", *SPREAD)),),
         "people": (Headline("people", "### terrace", columns=("people", *SPREAD), rows={"method": "people"}),),
-        "pattern": (Headline("lenses", "## What estimated intrinsics cost"),),
+        "pattern": (
+            Headline(
+                "lenses", "## What estimated intrinsics cost",
+                columns=("case", "focal, median", "rig, true intrinsics", "rig, estimated"),
+                rows={"case": "(boxes, .*unknown|boxes and keypoints, .*unknown|the demonstration)"},
+            ),
+        ),
         "scale": (
             Headline(
                 "scale", "## Goals", columns=("case", "measured"),

@@ -1,9 +1,10 @@
-"""Writes `docs/reference/*.md` from the code: keys of the scene file, options of the commands and codes of findings.
+"""The pages of reference, made from the code: keys of the scene file, options of the commands, formats and codes of findings.
 
     python docs/make_reference.py
 
-A key's reason is the docstring below its field, an option's the help that `passerby COMMAND --help` prints; so they are
-written once, where they are decided. `tests/docs` fails where the committed pages are not those that this writes.
+writes `docs/reference/scene-file.md`; `tests/docs` fails if the committed page differs. The other pages repeat what commands
+print, so they are made only when the site is built (`docs/site_pages.py`). A key's reason is the docstring below its field, an
+option's reason is the help that `passerby COMMAND --help` prints.
 """
 
 from __future__ import annotations
@@ -31,9 +32,11 @@ from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 from typer.models import ArgumentInfo, OptionInfo
 
+from passerby.cli.commands.formats import as_markdown
 from passerby.cli.main import app
 from passerby.findings.finding import Finding
 from passerby.findings.texts import KINDS, text_of
+from passerby.interchange.formats import all_formats
 from passerby.interchange.storage.atomic import write_text
 from passerby.scene import scene
 from passerby.scene import tables as scene_tables
@@ -166,12 +169,14 @@ def scene_page() -> str:
         "# Every key of the scene file",
         WRITTEN,
         "The scene file is TOML. An unknown key, a wrong value or a camera that does not exist is an error that names the "
-        "place and the mend. Paths are relative to the scene file, or absolute. [The scene file](../scene-file.md) shows by "
+        "place and the remedy. Paths are relative to the scene file, or absolute. [The scene file](../scene-file.md) shows by "
         "example what to write; `passerby init` writes one with comments.",
     ]
+    places: dict[type[BaseModel], list[tuple[str, ...]]] = {}
     for place, kind in scene.TABLES.items():
         if place:
-            parts.append(_table_of_scene(place, kind, constants))
+            places.setdefault(kind, []).append(place)
+    parts += [_table_of_scene(same, kind, constants) for kind, same in places.items()]
     parts += [
         "## `[solver.options]`",
         "For experiments: nothing needs to be set. Which keys there are depends on `[solver] method`.",
@@ -181,10 +186,14 @@ def scene_page() -> str:
     return "\n\n".join(parts).rstrip() + "\n"
 
 
-def _table_of_scene(place: tuple[str, ...], kind: type[BaseModel], constants: dict[str, tuple[Any, str]]) -> str:
-    head = "`[cameras.NAME]`" if place == ("cameras", "*") else (
-        f"`[[{'.'.join(place[:-1])}]]`" if place[-1] == "*" else f"`[{'.'.join(place)}]`"
-    )  # fmt: skip
+def _heading(place: tuple[str, ...]) -> str:
+    if place == ("cameras", "*"):
+        return "`[cameras.NAME]`"
+    return f"`[[{'.'.join(place[:-1])}]]`" if place[-1] == "*" else f"`[{'.'.join(place)}]`"
+
+
+def _table_of_scene(places: Sequence[tuple[str, ...]], kind: type[BaseModel], constants: dict[str, tuple[Any, str]]) -> str:
+    head = ", ".join(map(_heading, places))
     texts = attribute_docstrings(kind)
     about = re.sub(r"^`[^`]*`: ", "", " ".join((kind.__doc__ or "").split()))
     rows = [
@@ -242,7 +251,7 @@ def commands_page() -> str:
 EXIT_STATUSES = (
     ("0", "done; a calibration is accepted"),
     ("1", "a bug in Passerby"),
-    ("2", "bad input: one line on standard error names the file, the place, the value and the mend"),
+    ("2", "bad input: one line on standard error names the file, the place, the value and the remedy"),
     ("3", "too little evidence: doubtful or refused. What was found is written all the same"),
     ("130", "interrupted"),
 )
@@ -411,12 +420,29 @@ def _quoted(sentences: Sequence[str]) -> str:
     return "<br><br>".join(re.sub(r"([*<\\])", r"\\\1", " ".join(one.split())) for one in sentences)
 
 
+# --- formats --------------------------------------------------------------------------------------------------------------
+
+
+def formats_page() -> str:
+    """Every format of other tools, as `passerby formats --markdown` prints them."""
+    about = "`passerby formats` prints the same. [Formats of other tools](../formats.md) explains conventions and losses."
+    return "\n\n".join(["# Every format", WRITTEN, about, as_markdown(list(all_formats()))])
+
+
+COMMITTED = "scene-file.md"
+"""The page that is read without the site, too. The others are printed by commands."""
+
+
 def pages() -> dict[str, str]:
     """The text of each page, by its file's name."""
-    return {"scene-file.md": scene_page(), "commands.md": commands_page(), "findings.md": findings_page()}
+    return {
+        COMMITTED: scene_page(),
+        "commands.md": commands_page(),
+        "formats.md": formats_page(),
+        "findings.md": findings_page(),
+    }
 
 
 if __name__ == "__main__":
-    for file_name, content in pages().items():
-        write_text(FOLDER / file_name, content)
-        print(f"written: docs/reference/{file_name}")
+    write_text(FOLDER / COMMITTED, scene_page())
+    print(f"written: docs/reference/{COMMITTED}")

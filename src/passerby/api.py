@@ -155,7 +155,7 @@ def trajectories(
 
     Raises:
         InputError: no frame rate is known, or an option is out of range.
-        EvidenceError: no camera has a pose, or nobody has an identity.
+        EvidenceError: no camera has a pose, or no box has an identity.
     """
     if method not in METHODS:
         raise InputError(f"method {method!r} does not exist: choose one of {', '.join(METHODS)}")
@@ -164,7 +164,7 @@ def trajectories(
         return trajectories_by_rig(folder, folder.rig, folder_clocks(folder, fps), track_options(folder, method, max_gap_s))
     names = calibration.rig.posed().names
     if not names:
-        raise EvidenceError("no camera has a pose: nobody can be tracked")
+        raise EvidenceError("no camera has a pose: no person can be tracked")
     told = calibration.association.clocks if calibration.association else {}
     rate = fps or calibration.scene.scene.fps
     if not told and rate is None:
@@ -192,7 +192,7 @@ def monitor(
         in_step: whether the clocks of the footage are synchronised, whatever they were in the calibration.
         keep: folder that caches what was detected in videos; with the `monitor.json` and `rig.toml` of an earlier run, cameras
             without new footage are not read again.
-        progress: told of each stage.
+        progress: called with each stage.
 
     Raises:
         InputError: the scene cannot be read, its cameras are not the rig's, or `every_s` or `budget_s` is out of range.

@@ -181,7 +181,7 @@ def test_a_camera_that_saw_nobody_is_named(tmp_path, capsys):
     _, path = scene(tmp_path)
     (path.parent / "tracks" / "C3.txt").write_text("")
     assert run(["calibrate", str(path), "-o", str(tmp_path / "out")]) == 3
-    assert "camera C3 saw nobody" in capsys.readouterr().err
+    assert "camera C3 saw no person" in capsys.readouterr().err
     report = json.loads((tmp_path / "out" / "calibration.json").read_text())
     assert [camera["registered"] for camera in report["cameras"]] == [True, True, False, True]
 

@@ -111,7 +111,7 @@ def test_heights_by_boxes_are_those_of_the_people(small):
     [
         (
             {"at": [5.0, 5.0]},
-            r"1 at: nobody is at \[5, 5\] in camera C1 at frame \d+ .*; the nearest box, \d+ px away",
+            r"1 at: no person at \[5, 5\] in camera C1 at frame \d+ .*; the nearest box, \d+ px away",
         ),
         ({"at": [5000.0, 5.0]}, r"at: \[5000, 5\] lies outside the \d+ x \d+ image of camera C1: give a pixel"),
         ({"frame": 4000}, r"frame: camera C1 sees people in frames 1 to \d+ \(0.0 to .* s\), not at frame 4000"),

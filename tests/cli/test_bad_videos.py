@@ -218,7 +218,7 @@ def test_nobody_anywhere(scene, tmp_path, capsys):
     for seed, name in enumerate(("C1", "C2"), start=1):
         write_video(tmp_path / f"empty{name}.mp4", still(seed=seed), 5.0)
     path = scene({"C1": "emptyC1.mp4", "C2": "emptyC2.mp4"})
-    refused(capsys, path, "calibrate", f"{path}: no camera saw anybody: nobody was detected in their videos")
+    refused(capsys, path, "calibrate", f"{path}: no camera saw anybody: no person was detected in their videos")
     run(["check", str(path)])
     assert not capsys.readouterr().err, "check does not watch videos"
 
@@ -244,7 +244,7 @@ max_offset_s = 0""")  # fmt: skip
     told = json.loads(capsys.readouterr().out)
     assert [camera["registered"] for camera in told["cameras"]] == [True, True, False]
     assert any(
-        "camera C3 saw nobody: nobody was detected in its video, so it cannot be calibrated" in note
+        "camera C3 saw no person: no person was detected in its video, so it cannot be calibrated" in note
         for note in told["findings"]
     )
 

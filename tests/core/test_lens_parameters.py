@@ -29,7 +29,7 @@ BENT = DistortionFigures(
 def test_each_number_with_its_prior():
     numbers = lens_parameters(LensFigures(focal=FOCAL, principal_point=POINT, distortion=BENT))
     assert [(one.name, one.determined_by, one.by_prior) for one in numbers] == [
-        ("focal length", "mostly people", False), ("principal point x", "assumed", True),
+        ("focal length", "largely people", False), ("principal point x", "assumed", True),
         ("principal point y", "mostly assumed", True), ("distortion k1", "people", False),
     ]  # fmt: skip
     assert [(one.prior_value, one.prior_sigma, one.people_sigma) for one in numbers] == [
@@ -38,7 +38,7 @@ def test_each_number_with_its_prior():
 
 
 @pytest.mark.parametrize(
-    ("share", "words"), [(0.9, "people"), (0.5, "mostly people"), (0.49, "mostly stated"), (0.09, "stated")]
+    ("share", "words"), [(0.9, "people"), (0.5, "largely people"), (0.49, "largely stated"), (0.09, "stated")]
 )
 def test_what_was_stated_is_not_called_assumed(share, words):
     (one,) = lens_parameters(LensFigures(focal=replace(FOCAL, people_share=share)))

@@ -234,7 +234,7 @@ BREAKS = {
     "a camera too many": (lambda f: view(annotation(f), viewNum=9), "viewNum is 9, but there are"),
     "a camera twice": (lambda f: view(annotation(f), viewNum=1), "viewNum 1: occurs twice"),
     "a box without a number": (lambda f: view(annotation(f), xmin=float("nan")), "viewNum 0: xmin is nan"),
-    "nobody": (lambda f: [p.write_text("[]") for p in (f / "annotations_positions").iterdir()], "nobody is annotated"),
+    "nobody": (lambda f: [p.write_text("[]") for p in (f / "annotations_positions").iterdir()], "no person is annotated"),
     "an image of another size": (
         lambda f: cv2.imwrite(str(next(iter(sorted((f / "Image_subsets" / "C2").iterdir())))), np.zeros((540, 960), np.uint8)),
         "C2.*is an image of 960 x 540, but the set's calibration is of 1920 x 1080",

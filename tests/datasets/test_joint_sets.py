@@ -305,7 +305,7 @@ TUM_BREAKS = {
     "another shape": (lambda f: actors(f, set_cell(lambda c: c[:13])), r"actor3D\{1\}\{30\} has the shape \(13, 3\): 14 x 3"),
     "not finite": (lambda f: actors(f, set_cell(lambda c: c * np.nan)), r"actor3D\{1\}\{30\}: keypoint 1 is \[nan, nan, nan\]"),
     "other lengths": (lambda f: actors(f, shorter), "have 28 and 30 frames"),
-    "nobody": (lambda f: actors(f, emptied), "actor3D has nobody"),
+    "nobody": (lambda f: actors(f, emptied), "actor3D has no person"),
     "upside down": (lambda f: actors(f, lambda c: [set_axes(a) for a in c[0]]), "heads of the people lie"),
     "no calibration": (lambda f: shutil.rmtree(f / "Calibration"), "Calibration: no projection matrices"),
     "an empty matrix": (lambda f: (f / "Calibration" / "P1.txt").write_text(""), "P1.txt: the matrix is .*3 rows of 4 numbers"),

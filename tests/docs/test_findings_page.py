@@ -12,7 +12,6 @@ from passerby.findings.texts import KINDS
 from support.documentation import DOCS
 
 PAGE = (DOCS / "troubleshooting.md").read_text(encoding="utf-8")
-MESSAGES = (DOCS / "reference" / "findings.md").read_text(encoding="utf-8")
 MOST_WORDS = 4000
 """A page that is longer is not read."""
 WITHOUT_CODES = {"verdict", "bad-input", "more"}
@@ -51,7 +50,7 @@ def test_the_page_is_short() -> None:
 @pytest.mark.parametrize("code", KINDS)
 def test_the_page_of_messages_has_the_sentences_of_a_code_below_its_cause(reference: ModuleType, code: str) -> None:
     (cause,) = [one for one in reference.causes() if code in one.codes]
-    below = MESSAGES.split(f"(../troubleshooting.md#{cause.anchor})")[1].split("\n## ")[0]
+    below = reference.findings_page().split(f"(../troubleshooting.md#{cause.anchor})")[1].split("\n## ")[0]
     (row,) = [line for line in below.splitlines() if line.startswith(f"| `{code}`<br>")]
     assert reference.examples()[code]
     for sentence in reference.examples()[code]:

@@ -69,6 +69,11 @@ def test_site_needs_no_network(site: Path) -> None:
         assert 'class="mermaid"' not in text
 
 
-def test_nobody_is_told_of_scripts_and_comments_of_tests(site: Path) -> None:
+def test_the_site_has_the_pages_that_are_made_when_it_is_built(site: Path) -> None:
+    for name, heading in (("commands", "passerby-models-fetch"), ("formats", "colmap"), ("findings", "All messages")):
+        assert heading in (site / "reference" / f"{name}.html").read_text(encoding="utf-8")
+
+
+def test_the_site_has_no_scripts(site: Path) -> None:
     assert not list(site.rglob("*.py"))
     assert "Film" in (site / "tutorial.html").read_text(encoding="utf-8")

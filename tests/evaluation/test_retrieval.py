@@ -156,7 +156,7 @@ def brute_force(distance, who, where, whom, by):
     [
         ({"distance": np.full((1, 2), np.nan)}, "not a finite number"),
         ({"distance": np.zeros((2, 2))}, r"shape \(2, 2\)"),
-        ({"query_person": np.array([-1])}, "is of nobody"),
+        ({"query_person": np.array([-1])}, "has no person"),
         ({"ranks": (0, 5)}, "rank 0 does not exist"),
         ({"gallery_camera": np.zeros(3, np.int64)}, "are needed"),
         ({"gallery_person": np.array([1, 1])}, "none of 1 queries"),

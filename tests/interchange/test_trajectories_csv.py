@@ -51,7 +51,7 @@ def test_stretches_are_told_apart_by_missing_frames(tmp_path):
     ("text", "told"),
     [
         ("time_s,frame\n", r"line 1: has no column id: give the trajectories\.csv that `passerby track` wrote"),
-        (HEAD, "has no row: nobody was followed"),
+        (HEAD, "has no row: no person was followed"),
         (HEAD + ROW.replace("1.000", "far"), "line 2: x_m is 'far': a finite number is needed"),
         (HEAD + ROW.replace("0.2000,3", "0.2000,3.5"), "line 2: frame is 3.5: a whole number is needed"),
         (HEAD + ROW.replace("-2.000", "1e15"), r"line 2: y_m is 1e\+15: no trajectory has such a number"),

@@ -69,7 +69,7 @@ def test_what_rests_on_little_is_named(page):
     section = page.sections["lenses"]
     assert "the focal length of C3 is uncertain by more than 4 %" in section
     assert "± 8.0 %" in section
-    assert "Grey: people hardly determine" in section
+    assert "Grey: people barely determine" in section
     assert "C2 and C3 have one lens" in section
 
 

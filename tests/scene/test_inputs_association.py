@@ -193,7 +193,7 @@ def test_check_tells_tracklets_and_detections(tmp_path, capsys):
     assert [table[name]["tracklets"] for name in "ABCD"] == ["2", "detections", "3", "0"]
     assert [table[name]["embeddings"] for name in "ABCD"] == ["-", "4", "-", "-"]
     assert {table[name]["fps"] for name in "ABCD"} == {"2.5"}
-    assert "camera D saw nobody" in out
+    assert "camera D saw no person" in out
 
     assert run(["check", str(scene), "--json"]) == 0
     report = json.loads(capsys.readouterr().out)

@@ -185,7 +185,7 @@ def test_a_scene_cannot_be_changed(tmp_path):
         ),
         (
             CAMERAS + "[cameras.C]\nintrinsics = 'x'\ntracks = 'x'\n[sites]\ngroups = [['A', 'B']]",
-            r"\[sites\] groups: camera C is in no group and would be compared with nobody: add it",
+            r"\[sites\] groups: camera C is in no group and would be compared with none: add it",
         ),
         (
             CAMERAS + "[sites]\ngroups = [['A', 'B']]\n[association]\nmode = 'given'",

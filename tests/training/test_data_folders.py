@@ -210,7 +210,7 @@ def broken(tmp_path: Path, what: str) -> Path:
         ("bounding_box_train", "set/bounding_box_train: no such folder"),
         ("empty part", "set/query: holds no image named as"),
         ("gallery", "set/val/gallery: no such folder, but there is query"),
-        ("nobody in gallery", "set: nobody of the query is in the gallery, seen by another camera"),
+        ("nobody in gallery", "set: no person of the query is in the gallery, seen by another camera"),
         ("list", "list_gallery.txt: no such file"),
         ("line", "list_val.txt: line 1: '0000/0000_000_01_0303morning_0015_0.jpg' is not an image and a person"),
         ("number", "list_val.txt: line 1: '0000/0000_000_01_0303morning_0015_0.jpg 999"),

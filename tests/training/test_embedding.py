@@ -156,7 +156,7 @@ def test_what_cannot_be_scored():
         score_crops(crops, crops, appearance([0, 1]), appearance([0]))
     with pytest.raises(InputError, match="none of 2 queries"):
         leave_one_out(crops, appearance([0, 1]))
-    with pytest.raises(InputError, match="is of nobody"):
+    with pytest.raises(InputError, match="has no person"):
         score_crops(replace(crops, person=np.array([JUNK, 0])), crops, appearance([0, 1]), appearance([0, 1]))
 
 

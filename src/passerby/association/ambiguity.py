@@ -1,8 +1,8 @@
 """Would a camera's people fit the others' as well elsewhere, or at another time?
 
 People who all move alike look the same after a turn, a shift or a wait: guards who pace around a square together, a
-crowd on a moving walkway, teams that mirror each other. Then every pair of cameras has a second registration that is as
-good as the first, third cameras confirm the one as well as the other, and the rig that comes out fits all observations,
+crowd on a moving walkway, teams that mirror each other. Then every pair of cameras has a second registration that fits about as
+well as the first, third cameras confirm the one as well as the other, and the rig that comes out fits all observations,
 right or wrong.
 """
 

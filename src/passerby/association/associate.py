@@ -1,4 +1,4 @@
-"""Who is who, from what is known at the time: first from pairs of cameras, then from a calibrated rig."""
+"""Identities, from what is known at the time: first from pairs of cameras, then from a calibrated rig."""
 
 from __future__ import annotations
 
@@ -20,15 +20,16 @@ from passerby.common.arrays import Floats, Ints
 from passerby.core.cameras import Pose
 
 Pairs = tuple[Ints, Ints, Floats]
-"""(E,) tracklets, numbered through, (E,) tracklets, and (E,) what speaks for their being one person."""
+"""(E,) tracklets, numbered through, (E,) tracklets, and (E,) the evidence for their being one person."""
 
 OVERLAP_S = 0.3
 """Tracklets of one camera that overlap by more are two people; less may be a tracker's late end."""
 TWO_PEOPLE = 2.0
-"""What speaks for two people while one camera sees two tracklets, per grid time. Not infinite: a box found twice, or a tracklet
-that ends on somebody else, must not keep everything else of two groups apart."""
+"""The evidence for two people while one camera sees two tracklets, per grid time. Not infinite: a box found twice, or a
+tracklet that ends on another person, must not keep everything else of two groups apart."""
 GOES_ON = 3.0
-"""What speaks for one person where a tracklet goes on as another: links are 20 times likelier than the next best (3 nats)."""
+"""The evidence for one person where a tracklet continues as another: links are 20 times more likely than the next best
+(3 nats)."""
 SAMPLE_WORTH = 0.5
 """Of the agreement of one sample: neighbours, half a second apart, tell partly the same."""
 
@@ -89,7 +90,7 @@ class _Edges:
     weight: list[Floats]
 
     def add(self, first: Ints, second: Ints, weight: Floats) -> None:
-        """Add E edges: tracklets, tracklets, and what speaks for one person."""
+        """Add E edges: tracklets, tracklets, and the evidence for one person."""
         self.first.append(first)
         self.second.append(second)
         self.weight.append(weight)
@@ -136,7 +137,7 @@ def cluster_by_rig(
         offset_s: (C,) what to add to each camera's clock.
         person_height_m: typical standing height, metres.
         affinity: appearance, as for `register_pair`.
-        known: what else speaks for one person.
+        known: other evidence for one person.
         candidates: the pairs of cameras, a < b, of which some are compared (see `compared_pairs`); None: all are.
     """
     tracks = [None if pose is None else ray_tracks(own.bodies, pose) for own, pose in zip(cameras, poses, strict=True)]
@@ -172,11 +173,11 @@ def cluster_by_rig(
 def compared_pairs(
     graph: ViewGraph, n_cameras: int, candidates: Container[tuple[int, int]] | None
 ) -> dict[tuple[int, int], None]:
-    """The pairs of cameras whose tracklets are held against each other: all, or of many cameras those that are registered, and
+    """The pairs of cameras whose tracklets are compared with each other: all, or of many cameras those that are registered, and
     the candidates of cameras that no pair registers.
 
     Others share little, as through a door: whom they do not have in common stands, by a rig that is a little off, where
-    somebody of the other side of a wall does. (Simulated halls and a corridor, 21 cameras, seed 801: of 3,800 and 4,300
+    a person on the other side of a wall does. (Simulated halls and a corridor, 21 cameras, seed 801: of 3,800 and 4,300
     box pairs on both sides of two doors 30 and 22 % were wrong, and 6 and 17 % are without these.)
     """
     pairs = [(a, b) for a in range(n_cameras) for b in range(a + 1, n_cameras)]
@@ -205,7 +206,7 @@ def _seeing_one(
 
 
 def _weight(value: Floats, i: Ints, j: Ints, affinity: Mapping[tuple[int, int], Floats] | None, key: tuple[int, int]) -> Floats:
-    """What speaks for one person: where tracklets are and, where it is known, how they look."""
+    """The evidence for one person: where tracklets are and, where it is known, how they look."""
     weight = SAMPLE_WORTH * value
     return weight + affinity[key][i, j] if affinity is not None and key in affinity else weight
 
@@ -214,7 +215,7 @@ def cluster_by_appearance_votes(tracklets: Tracklets, appearance: AppearanceAffi
     """(T,) person of each tracklet, joined by looks.
 
     For one person speaks every instant at which the two tracklets were matched, against it every other that both were seen at;
-    `known` is what else speaks for one person.
+    `known` is other evidence for one person.
     """
     edges = _Edges([], [], [])
     if known is not None:

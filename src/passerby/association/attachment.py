@@ -33,9 +33,9 @@ FEWEST = 6
 """Samples (half a second each) of a tracklet and a person at one time, from which a pose is computed. With 8, three rendered
 rooms (seeds 0 to 2), whose tracklets are short, lost a camera each: this figure was chosen on them."""
 LEAST_WAY_M = 1.0
-"""Whoever moves less says little of where the camera is."""
+"""A person who moves less says little about where the camera is."""
 LEAST_SHARE, LEAST_EXPLAINED = 0.5, 16
-"""Of the samples of the camera's walkers while somebody is known, and in number: those that a believed pose explains.
+"""Of the samples of the camera's walkers while a person is known, and in number: those that a believed pose explains.
 Rendered rooms, seeds 901 to 904, and a simulated terrace, seed 3, each camera left out in turn: 0.84 to 1.00 of them, 20 of 20
 cameras within 0.34 m. Cameras among the people of another of these scenes: 0.14 to 0.37, 10 of 10."""
 LEAST_WAYS = 2
@@ -46,7 +46,7 @@ among other people, whom the share above keeps out."""
 APART_M, APART_RAD, APART_S = 1.0, np.deg2rad(15.0), 0.75
 """Poses, and offsets, that are farther apart are others."""
 OFFSET_STEP_S, MOST_OFFSET_S = 0.25, 5.0
-"""Steps of the offsets that are tried: somebody who walks comes 0.35 m far. And how far they go."""
+"""Steps of the offsets that are tried: a person walks 0.35 m in one. And how far they go."""
 MOST_TRACKLETS, MOST_PEOPLE = 8, 12
 """The longest tracklets, and of each the people with most common samples, of which poses are made."""
 MOST_COMPARED = 8000
@@ -67,13 +67,13 @@ class Attached:
     explained: int
     """Samples that the pose explains,"""
     share: float
-    """of all while somebody is known, as a share."""
+    """of all while a person is known, as a share."""
     runner_up: float
     """What the best other pose explains, as a share of that."""
 
     @property
     def believed(self) -> bool:
-        """Whether it is beyond doubt."""
+        """Whether it is significant."""
         return self.share >= LEAST_SHARE and self.explained >= LEAST_EXPLAINED and self.runner_up < RUNNER_UP
 
 
@@ -149,7 +149,7 @@ def attach_cameras(
     person_height_m: float, lost: Mapping[int, tuple[float, float]], near: Candidates | None = None,
     executor: Executor | None = None, tell: Progress = silent,
 ) -> dict[int, Attached]:  # fmt: skip
-    """The cameras that the people of the posed ones place beyond doubt, by number.
+    """The cameras that the people of the posed ones place significantly, by number.
 
     Args:
         cameras: their people.
@@ -160,7 +160,7 @@ def attach_cameras(
         lost: the cameras that are tried: how far their clock offset is searched, and around which.
         near: the pairs of cameras that may share ground: a camera is tried by the people of these; None: by all.
         executor: tries them side by side; one after the other where it is None.
-        tell: told of each camera that was tried.
+        tell: called for each camera that was tried.
     """
     if not lost:
         return {}

@@ -27,7 +27,7 @@ from passerby.people.upright_rays import UprightRays, levelled_people
 SAME_PERSON_OVERLAP = 0.5
 """Joints belong to the box that their extent overlaps by this much (intersection over union)."""
 BEYOND_DOUBT = StitchingOptions(margin=6.0)
-"""As sure as the tracker is of its links, 20 to 1. On pets2009 precision and recall of the pairs of boxes that are tied are
+"""Odds of the tracker's links, 20 to 1. On pets2009 precision and recall of the pairs of boxes that are tied are
 0.947 and 0.803 with them, 0.942 and 0.785 without, and 0.945 and 0.800 with all links of odds above 2.7 to 1."""
 
 
@@ -59,7 +59,7 @@ class CameraTracklets:
     """The camera above its own ground; None where too few people tell."""
     tracks: GroundTracks | None
     continued: tuple[Ints, Ints]
-    """(K,) tracklets and (K,) those that go on where they end, beyond doubt."""
+    """(K,) tracklets and (K,) those that significantly continue where they end."""
 
     @property
     def n_tracklets(self) -> int:
@@ -88,7 +88,7 @@ def build_camera_tracklets(
         rng: draws the people that the level is fitted to.
         given: whether the identities are known people, which are neither tracked nor split nor renumbered.
         kept: tracklets of earlier runs, and of this one for later ones.
-        not_people: boxes of this camera that the user says are nobody.
+        not_people: boxes of this camera that the user says are no person.
     """
     none = np.zeros(0, np.int64)
     tracked, continued = (seen, (none, none)) if given else _tracked_or_kept(seen, clock.fps, kept)
@@ -120,9 +120,10 @@ def build_tracklets(
 ) -> list[CameraTracklets]:  # fmt: skip
     """All cameras of a rig, side by side where there is an executor; the result does not depend on it.
 
-    `tell` is told of every camera that is done. `earlier` are those of other estimates of the scene: a camera that saw the same
+    `tell` is called for every camera that is done. `earlier` are those of other estimates of the scene: a camera that
+    saw the same
     by the same lens and clock is taken from there, and the draws of its level with it. `kept` are the tracklets of earlier
-    runs; the result does not depend on them. `not_people` are boxes that the user says are nobody.
+    runs; the result does not depend on them. `not_people` are boxes that the user says are no person.
     """
     nobody = {camera.name: tuple(one for one in not_people if one.camera == camera.name) for camera in rig}
     jobs = [
@@ -198,7 +199,7 @@ def _tracked(seen: CameraObservations, fps: float) -> Tracked:
 def _tracklets(boxes: Boxes, fps: float) -> tuple[Boxes, tuple[Ints, Ints]]:
     """Tracklets numbered from 0 on: those that were given, split where they change person, and those of the detections.
 
-    Our own tracker splits by itself. What goes on as what is told by frames for given tracklets, which somebody else's tracker
+    Our own tracker splits by itself. What continues as what follows from frames for given tracklets, which another tracker
     may have ended anywhere, and by whole tracklets for our own.
     """
     known = boxes.identity > UNKNOWN

@@ -2,7 +2,8 @@
 
 Pairs grow with the square of the cameras, true overlaps with their number. Each camera's ground is cut into regions, and how
 many people are in each over time is a signal (`clocks.activity`). People whom two cameras share make signals of both rise and
-fall together, at the one lag of their clocks; a camera that sees nobody there while the other does is as telling. For all pairs
+fall together, at the one lag of their clocks; a camera that sees no person there while the other does is as significant.
+For all pairs
 and all lags at once that is a product of matrices, done in blocks of cameras: memory grows with the number of cameras, but for
 one value a pair.
 """
@@ -39,7 +40,7 @@ near. Without it 97.2 % are found instead of 98.6 %; 0.25 finds the same."""
 SURE_PARTNERS = 8
 """Of each camera, the best that count as partners there."""
 LEAST_LAGS_S = 10.0
-"""What is usual for a pair is learned from lags up to this one at least, however few are possible."""
+"""What is usual for a pair is learned from lags up to this one at least, even if few are possible."""
 CORRELATED_S = 30.0
 """Over which a signal may resemble itself, for the variance of the correlations (Bartlett's formula)."""
 CAMERAS_AT_ONCE = 32

@@ -1,8 +1,8 @@
-"""Box by box: who is who where a calibrated rig can tell.
+"""Box by box: identities where a calibrated rig determines them.
 
-Tracklets are joined as wholes, but a box of a tracklet may show somebody else for a moment, and single detections belong to no
+Tracklets are joined as wholes, but a box of a tracklet may show another person for a moment, and single detections belong to no
 tracklet. At each instant the sightings of one person must meet in one place; those that do not are given to the person whom
-they show, or to nobody.
+they show, or to none.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ Mask = NDArray[np.bool_]
 MEETING_SHARE, MEETING_FLOOR_PX = 0.15, 3.0
 """A sighting agrees when the middle of its person projects within so much of its extent: half a box's breadth."""
 RIVAL, RIVAL_OF_TRACKED = 3.0, 1.0
-"""A detection goes to somebody only where everybody else is so many times farther off; one of a tracklet stays with its person
-unless somebody else is nearer."""
+"""A detection is assigned to a person only where all others are so many times farther away; one of a tracklet stays with
+its person unless another person is nearer."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +72,7 @@ class _Sightings:
 
 @dataclass(frozen=True, eq=False)
 class _Blocks:
-    """Person-instants; a sighting of nobody is one of its own."""
+    """Person-instants; a sighting without an identity is one of its own."""
 
     of_row: Ints
     """(M,)"""
@@ -148,7 +148,7 @@ def _settled(s: _Sightings, person_height_m: float) -> Ints:
         rows = np.flatnonzero((found >= 0) & taken)
         found[rows[_has_rival(s, blocks, consensus, found, rows, times)]] = -1
     person = np.where(found >= 0, blocks.person[found], UNKNOWN)
-    # Nobody contradicts a person whom one camera alone sees.
+    # No other camera contradicts a person whom one camera alone sees.
     met = ~np.isnan(consensus.points[:, 0])
     alone = (found < 0) & ~met[blocks.of_row] & (np.bincount(blocks.of_row, minlength=n_blocks)[blocks.of_row] == 1)
     return np.where(alone, s.person, person)

@@ -1,6 +1,6 @@
 """Tracklets of all cameras joined to people: correlation clustering.
 
-Every two tracklets have a weight: how much speaks for one person less what speaks for two. The clustering that gains most is
+Every two tracklets have a weight: the evidence for one person less that for two. The clustering that gains most is
 approximated by joining, again and again, the two groups with the largest summed weight, as long as it is above zero (greedy
 additive edge contraction: Keuper et al., *Efficient Decomposition of Image and Mesh Graphs by Lifted Multicuts*, ICCV 2015).
 What must hold, such as two tracklets of one camera at one time being two people, is the business of the weights.

@@ -1,4 +1,4 @@
-"""First focal lengths of lenses that nobody knows, from people whom nobody has identified.
+"""First focal lengths of unknown lenses, from people without identities.
 
 As among identified people (`solver.focal_search`), the grounds below two cameras fit at the right focal lengths only: there the
 registration by ground tracks finds most people who walk together. Every pair of cameras is registered at every two focal
@@ -37,7 +37,7 @@ def search_focals_by_tracks(
     rig: Rig, cameras: Sequence[CameraTracklets], max_lag_s: float, person_height_m: float, rng: np.random.Generator,
     tell: Progress, executor: Executor | None = None,
 ) -> Rig:  # fmt: skip
-    """The rig with first focal lengths of the lenses that nobody knows; the others, and those of whom no pair tells, stay.
+    """The rig with first focal lengths of the unknown lenses; the others, and those that no pair determines, stay.
 
     Args:
         rig: names and lenses.

@@ -18,13 +18,13 @@ from passerby.common.arrays import Floats
 
 # Two ways to the same camera agree within about this: a few times the error of one registration.
 _TURN_SD, _LAG_SD_S, _SHIFT_FLOOR_M, _SHIFT_SHARE = np.deg2rad(8.0), 0.4, 1.0, 0.12
-# A guess that no third camera speaks for is believed if the runner-up has less than this share of its score,
+# A guess that no third camera supports is believed if the runner-up has less than this share of its score,
 ALONE_RUNNER_UP = 0.5
 MANY_SAMPLES, MANY_SHARE, MANY_RUNNER_UP = 500.0, 0.55, 0.65
 """or, of a score above the first and a share above the second, less than the third. In a corridor people go to and fro on one
 line: turned about, it fits half as well, and no third camera sees the place. Of 598 pairs of a simulated site of 100 cameras
-(seed 800) 23 are so, all right; the shares of wrong guesses are 0.35 at most, and their runners-up mostly above 0.65."""
-# And one that others speak for if they agree so much (0 to 1).
+(seed 800) 23 are so, all right; the shares of wrong guesses are 0.35 at most, and their runners-up usually above 0.65."""
+# And one that others support if they agree so much (0 to 1).
 _MIN_SUPPORT = 0.15
 # How far a guess may be from the tree's way, in the units above, per edge of the way.
 _MAX_MISS = 3.0
@@ -94,7 +94,7 @@ def view_graph(pairs: Sequence[PairRegistration], n_cameras: int) -> ViewGraph:
 
 
 def _belief(pair: PairRegistration, guess: Registration, support: float) -> float:
-    """The weight of a guess in the spanning tree; 0 where nothing speaks for it."""
+    """The weight of a guess in the spanning tree; 0 without support."""
     rest = max([other.score for other in pair.candidates if other is not guess], default=0.0)
     if guess.share < BELIEVED_SHARE and not _clear(pair, guess):
         return 0.0

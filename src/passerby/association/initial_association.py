@@ -46,12 +46,12 @@ TRIED = 3
 PAIR_S = 0.25
 """What the registration of a pair takes, roughly, seconds: ten minutes of people."""
 MIN_LOOKS = 0.02
-"""Weight of the looks of the clearest pair of cameras below which looks tell nobody apart."""
+"""Weight of the looks of the clearest pair of cameras below which appearance distinguishes no people."""
 
 
 @dataclass(frozen=True, eq=False)
 class InitialAssociation:
-    """Who is who and when, as the first guess has it."""
+    """Identities and clocks, as the first guess has them."""
 
     person: Ints
     """(T,) person of each tracklet."""
@@ -60,7 +60,7 @@ class InitialAssociation:
     graph: ViewGraph | None
     """None where only looks were used."""
     guesses: tuple[PairHypothesis, ...] = ()
-    """How the registered pairs stand to each other, for the solver."""
+    """The relative poses of the registered pairs, for the solver."""
     by_joints: tuple[JointRegistration, ...] = ()
     """The pairs that tracks left apart, as their joints have it."""
     known: Pairs | None = None
@@ -101,7 +101,7 @@ def associate_by_ground_tracks(
         max_lag_s: largest difference of two clocks that is searched for.
         affinity: from looks, by pair of cameras; empty where there are none.
         executor: runs the pairs in parallel; one after the other where it is None.
-        tell: told of every pair that is done.
+        tell: called for every pair that is done.
         joints: what it takes to use joints; None: they are not used.
         starts: when the recordings began, where that has been found before: each pair is searched about it.
         candidates: the pairs that are tried; None: all.
@@ -245,7 +245,7 @@ def associate_by_appearance(
     """Join tracklets by looks alone, as the paper does: those that were matched at most of the instants when both were seen.
 
     Raises:
-        RefusalError: the looks tell nobody apart.
+        RefusalError: appearance distinguishes no people.
     """
     if appearance is None:
         raise RefusalError(refusal("no_embeddings"))

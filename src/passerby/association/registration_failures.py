@@ -119,7 +119,7 @@ def _samples(camera: CameraTracklets) -> int:
 
 
 def nobody_walks(cameras: Sequence[CameraTracklets], poses: Sequence[Pose | None]) -> list[Finding]:
-    """A doubt where fewer than two registered cameras saw anybody walk: then neither clocks nor identities are sure."""
+    """A doubt where fewer than two registered cameras saw people walk: then neither clocks nor identities are certain."""
     if sum(_someone_walks(camera) for camera, pose in zip(cameras, poses, strict=True) if pose is not None) > 1:
         return []
     return [doubt("people_stand_still")]
@@ -155,7 +155,7 @@ def _walked(place: NDArray[np.complex128], off: Floats) -> bool:
 def what_would_fit(a: CameraTracklets, b: CameraTracklets, max_lag_s: float) -> Finding | None:
     """What is wrong with camera b's frame rate, or with both clocks, if that is all that keeps the two apart.
 
-    Nothing is tried where the clocks are taken as in step.
+    Nothing is tried where the clocks are taken as synchronised.
     """
     if a.tracks is None or b.tracks is None or not len(a.tracks) or not len(b.tracks) or max_lag_s <= 0:
         return None
@@ -200,7 +200,7 @@ def _at_rate(a: CameraTracklets, b: CameraTracklets, ratio: float, max_lag_s: fl
 
 
 def _clear(a: CameraTracklets, b: CameraTracklets, tracks_b: GroundTracks, max_lag_s: float) -> Registration | None:
-    """The registration of two cameras where it is beyond doubt: several tries find something by chance as well."""
+    """The registration of two cameras where it is significant: several tries find something by chance as well."""
     assert a.tracks is not None
     found = register_pair(0, 1, a.tracks, tracks_b, max_lag_s)
     best = found.candidates[0] if found.candidates else None

@@ -14,10 +14,10 @@ from passerby.findings.finding import Finding
 
 @dataclass(frozen=True, eq=False)
 class Association:
-    """Who is who, and when."""
+    """Identities, and clocks."""
 
     observations: Observations
-    """Boxes and joints as they were read, with identities that hold over the rig; those of nobody are left out."""
+    """Boxes and joints as they were read, with identities that hold over the rig; those without one are left out."""
     instants: Observations
     """The same at instants that all cameras share."""
     clocks: Mapping[str, Clock]
@@ -29,7 +29,7 @@ class Association:
     lost: Mapping[str, Finding] = field(default_factory=dict)
     """By camera that no registration joins to another: why."""
     doubts: tuple[Finding, ...] = ()
-    """What speaks against relying on it."""
+    """Evidence against relying on it."""
     notices: tuple[Finding, ...] = ()
     """What is odd."""
     drifts: Mapping[str, Drift] = field(default_factory=dict)

@@ -36,7 +36,7 @@ class InterpolatedSamples(Generic[Values]):
 def interpolate_samples(
     tracklet: Ints, seconds: Floats, values: Values, *, shortest_s: float = 0.0, two_suffice: bool = False
 ) -> InterpolatedSamples[Values]:
-    """Sample columns on the grid; a sample rests on three rows or more.
+    """Sample columns on the grid; a sample uses three rows or more.
 
     Args:
         tracklet: (N,) sorted.

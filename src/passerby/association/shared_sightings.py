@@ -1,7 +1,7 @@
 """Who is seen by several cameras at once: sightings that no registered pair of cameras joins are left out.
 
 Identities hold over time, so that one wrong join makes two people one. Of many cameras, of which each shares ground with a few,
-such a person is mostly in two places at one time, seen by cameras that nothing else joins.
+such a person is usually in two places at one time, seen by cameras that nothing else joins.
 """
 
 from __future__ import annotations

@@ -13,7 +13,7 @@ from passerby.core.observations import UNKNOWN, CameraObservations
 from passerby.core.pointing import Sighting, StatedIdentities, find_pointed
 
 STATED = 1e6
-"""What speaks for a statement of the user: more than all else that can be known of two tracklets, hours of them."""
+"""The evidence of a statement of the user: more than all else that can be known of two tracklets, hours of them."""
 
 
 def tracklet_at(one: Sighting, seen: CameraObservations) -> int:

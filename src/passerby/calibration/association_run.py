@@ -53,7 +53,7 @@ class AssociationOptions:
     mode: str = "combined"
     """combined | trajectory | appearance"""
     search_s: float = 5.0
-    """Largest difference of two cameras' clocks that is searched for, seconds; 0 takes them as in step."""
+    """Largest difference of two cameras' clocks that is searched for, seconds; 0 takes them as synchronised."""
     person_height_m: float = PERSON_HEIGHT_M
     """Mean standing height, metres."""
     pointed: tuple[PointedPerson, ...] = ()
@@ -96,7 +96,7 @@ class AssociationRun:
         return replace(self, rig=rig, cameras=with_lenses_of(self.cameras, rig, self.options.person_height_m))
 
     def rows(self, person: Ints, offset_s: Floats, solution: Solution | None) -> list[tuple[Ints, Ints]]:
-        """The person of every box and of every set of joints, camera by camera; -1 for nobody."""
+        """The person of every box and of every set of joints, camera by camera; -1 for no person."""
         out = []
         for c, camera in enumerate(self.cameras):
             own = person[self.tracklets.first[c] : self.tracklets.first[c + 1]]
@@ -153,7 +153,7 @@ class AssociationRun:
         return None if person is None else person + 1
 
     def identified(self, rows: Sequence[tuple[Ints, Ints]]) -> Observations:
-        """The people who are somebody, in each camera's own frames."""
+        """The people with an identity, in each camera's own frames."""
         cameras = {}
         for camera, (boxes, joints) in zip(self.cameras, rows, strict=True):
             named = replace(camera.seen.boxes, identity=boxes + 1), replace(camera.seen.keypoints, identity=joints + 1)
@@ -205,7 +205,7 @@ class AssociationRun:
             attached: cameras that the rig's people placed before; those of this round are added.
             search: whether cameras without a pose are searched that were not placed before.
             executor: works on cameras side by side.
-            tell: told each stage as it begins.
+            tell: called with each stage as it begins.
 
         Returns:
             (T,) the person of each tracklet, and how many cameras have poses.
@@ -245,7 +245,7 @@ class AssociationRun:
         attached: Collection[int],
         rows: Sequence[tuple[Ints, Ints]],
     ) -> tuple[tuple[Finding, ...], tuple[Finding, ...]]:
-        """What speaks against relying on the association, and what is odd about it."""
+        """Evidence against relying on the association, and what is odd about it."""
         if solution is None:
             return (), ()
         poses = [camera.pose for camera in solution.rig]

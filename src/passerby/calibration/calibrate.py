@@ -160,7 +160,7 @@ def calibrate_together(run: CalibrationRun, inputs: SceneInputs) -> Calibration:
     """Calibrate cameras as one rig; those that share no people with its largest group have no pose.
 
     An estimate is six solves at most. There is one estimate, and one more for each correction: as many as there are cameras
-    (motion), three of late clocks, three of lenses, and six of clock rates where these are refined. The check of image sizes
+    (motion), three of clock offsets, three of lenses, and six of clock rates where these are refined. The check of image sizes
     adds one solve for each camera whose people stay in a part of the image, and one.
     """
     scene, tell, stated = run.scene, run.progress, inputs
@@ -300,7 +300,7 @@ def estimate_rig(run: CalibrationRun, inputs: SceneInputs) -> Estimate:
         if rounds[-1].unchanged > SETTLED:
             break
 
-    # 3. The last solve, with all of the evidence; once more where all clocks turn out to differ by whole frames.
+    # 3. The last solve, with all of the evidence; a second one where all clocks turn out to differ by whole frames.
     run.progress("solving")
     rows = state.rows(person, offset_s, solution)
     identified, known = state.identified(rows), state.known(rows).people

@@ -58,7 +58,7 @@ class Calibration:
     """World z up, ground at z = 0, metres; a camera that could not be registered has no pose."""
     verdict: Verdict
     diagnostics: tuple[Finding, ...]
-    """What speaks against trusting the rig, then what is odd about the input."""
+    """Evidence against the rig, then what is odd about the input."""
     observations: Observations
     """The people that it was computed from, with their identities."""
     seed: int
@@ -67,7 +67,7 @@ class Calibration:
     figures: SolverFigures
     """Of the solver's stages."""
     association: Association | None = None
-    """Who is who, and the cameras' clocks."""
+    """Identities, and the cameras' clocks."""
     clocked: bool = False
     """Whether the cameras' frame rates are known."""
     perception: dict[str, Any] = field(default_factory=dict)
@@ -81,7 +81,7 @@ class Calibration:
     group: int = 1
     """Number among the groups of cameras of the scene; 1 is the largest, the main rig."""
     groups: tuple[Calibration, ...] = ()
-    """Groups of cameras that share nobody with this one: calibrations of their own, in frames of their own."""
+    """Groups of cameras that share no people with this one: calibrations of their own, in frames of their own."""
 
     def __repr__(self) -> str:
         return f"Calibration({self.name!r}: {self.verdict}, {len(self.rig.posed())} of {len(self.rig)} cameras registered)"
@@ -96,7 +96,7 @@ class Calibration:
 
     @property
     def doubts(self) -> tuple[Finding, ...]:
-        """The diagnostics that speak against trusting the rig: doubts and refusals."""
+        """The diagnostics that count against the rig: doubts and refusals."""
         return tuple(finding for finding in self.diagnostics if finding.severity != "notice")
 
     @property
@@ -106,7 +106,7 @@ class Calibration:
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """What speaks against trusting the rig, one sentence each."""
+        """Evidence against the rig, one sentence each."""
         return texts_of(self.doubts)
 
     @property
@@ -170,7 +170,7 @@ class Calibration:
         Args:
             folder: made where it does not exist.
             report: write `report.html` too.
-            progress: told of the report's parts.
+            progress: called with the report's parts.
         """
         write_calibration(self, Path(folder), report=report, progress=progress)
 
@@ -183,7 +183,7 @@ class Calibration:
         write_report(contents_of(self), Path(path))
 
     def plot(self, view: Literal["space", "above"] = "space") -> Figure:
-        """The rig with people's ways as a plotly figure, in space or from above; a notebook shows it."""
+        """The rig with people's trajectories as a plotly figure, in space or from above; a notebook shows it."""
         from plotly.graph_objects import Figure
 
         from passerby.report.fitted import fit_people

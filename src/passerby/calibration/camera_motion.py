@@ -331,7 +331,7 @@ def _own_frames(
 
 
 def _all_frames(seen: CameraObservations) -> Ints:
-    """The frames with somebody in them, in order."""
+    """The frames with people in them, in order."""
     return np.unique(np.concatenate([seen.boxes.frame, seen.keypoints.frame]))
 
 

@@ -18,7 +18,7 @@ MOST_CORRECTIONS = 6
 SETTLED_SIGMAS, SETTLED_S = 8.0, 0.04
 """A drift below so many of its sigmas, or of so little over the recording, is none: sound clocks seem to drift by as much."""
 SYSTEMATIC, SYSTEMATIC_S = 2.0, 0.02
-"""What a fitted rate is off by: so many times the scatter of the people's ways, and so much over the recording."""
+"""What a fitted rate is off by: so many times the scatter of the people's trajectories, and so much over the recording."""
 
 
 def clock_skew_findings(rates: Mapping[str, FittedRate]) -> tuple[Finding, ...]:

@@ -1,4 +1,4 @@
-"""People's ways over the ground, from the output folder of a calibration."""
+"""People's trajectories over the ground, from the output folder of a calibration."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def people_of_folder(folder: OutputFolder | Path, tell: Progress = silent) -> tu
     """Everybody's trajectory in an output folder, for those who can do without.
 
     Returns:
-        The trajectories, and why there are none: the frame rate is not known, there are no boxes, or nobody has an identity.
+        The trajectories, and why there are none: the frame rate is not known, there are no boxes, or no box has an identity.
         Neither for a folder that is no output folder: it only holds a rig file.
     """
     if isinstance(folder, Path) and not ((folder / CALIBRATION_FILE).is_file() and (folder / TRACKS_FOLDER).is_dir()):
@@ -52,7 +52,7 @@ def track_options(folder: OutputFolder, method: str = "smoothed", max_gap: float
 
 
 def folder_clocks(folder: OutputFolder, fps: float | None = None) -> dict[str, Clock]:
-    """Each camera's clock; `fps` counts where the calibration knows none. Raises `InputError` where nobody knows one."""
+    """Each camera's clock; `fps` counts where the calibration knows none. Raises `InputError` where it is unknown."""
     if fps is not None and not 0 < fps <= 1000:
         raise InputError(f"--fps {fps:g}: give frames per second, above 0 and at most 1000")
     if folder.clocks:

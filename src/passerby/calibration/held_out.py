@@ -1,7 +1,8 @@
 """Evidence held out: what a rig says of people who had no part in it.
 
-What a rig was adjusted to cannot show how good it is. So it is adjusted once more without the people of every fifth stretch
-of time, and these are then held against it: how far each camera sees them from where the other cameras put them. Who is who,
+What a rig was adjusted to cannot show how good it is. So it is adjusted again without the people of every fifth stretch
+of time, and these are then compared with it: how far each camera sees them from where the other cameras locate them.
+Identities,
 the clocks and the lenses stay as the whole recording gave them; only poses, people and the noise are estimated anew. The rig
 that is written is the one from all the evidence.
 """
@@ -115,7 +116,7 @@ def _disagreement(estimate: Estimate, person_height_m: float, seed: int) -> floa
 
 
 def is_held_out(step: Ints, rig: Rig, instants: Observations, stretch_s: float) -> NDArray[np.bool_]:
-    """Which time steps lie in a stretch that is held out; the first stretch begins where somebody is seen first."""
+    """Which time steps lie in a stretch that is held out; the first stretch begins where a person is seen first."""
     first = int(_time_steps(rig.posed(), instants)[0])
     return np.asarray((step - first) // (stretch_s * (instants.fps or USUAL_FPS)) % EVERY == FIRST)
 
@@ -142,7 +143,7 @@ def _within(values: Floats, percent: float) -> float | None:
 
 
 def _time_steps(rig: Rig, instants: Observations) -> Ints:
-    """All time steps at which somebody was seen."""
+    """All time steps at which a person was seen."""
     frames = [part.frame for name in rig.names for part in (instants[name].boxes, instants[name].keypoints)]
     return np.unique(np.concatenate(frames)) if frames else np.zeros(0, np.int64)
 

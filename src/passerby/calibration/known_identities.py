@@ -164,7 +164,7 @@ def _renumbered(seen: CameraObservations, numbers: Ints) -> CameraObservations:
 def find_regular_boxes(boxes: Boxes) -> Bools:
     """(N,) which boxes lie where the neighbouring ones of their identity lead one to expect.
 
-    One that shows somebody else for a moment would bend the track of its person over a second.
+    One that shows another person for a moment would bend the track of its person over a second.
     """
     order = np.lexsort((boxes.frame, boxes.identity))
     middle = boxes.ltwh[order, :2] + 0.5 * boxes.ltwh[order, 2:]
@@ -179,9 +179,9 @@ def find_regular_boxes(boxes: Boxes) -> Bools:
 
 
 def _without(observations: Observations, lost: Mapping[str, Finding]) -> Observations:
-    """Boxes in line and joints, the lost cameras seeing nobody.
+    """Boxes in line and joints, the lost cameras seeing no person.
 
-    Who is interpolated between a box of his own and one of somebody else is nowhere near either.
+    Who is interpolated between a box of his own and one of another person is near neither.
     """
     seen = {
         name: replace(camera, boxes=camera.boxes.take(find_regular_boxes(camera.boxes)))

@@ -93,7 +93,7 @@ def with_focal_changes(figures: AdjustedFigures, result: LensResult) -> Adjusted
 
 
 def with_unsettled_lenses(figures: AdjustedFigures, result: LensResult) -> AdjustedFigures:
-    """The figures with how differently the rig measures by the likeliest of explanations that fit about as well."""
+    """The figures with how differently the rig measures by the most likely of explanations that fit about as well."""
     found = result.found if result.decision == "unsettled" else None
     if found is None or found.moved is None or figures.measuring is None:
         return figures

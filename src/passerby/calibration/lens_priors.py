@@ -1,7 +1,7 @@
 """Where the priors of estimated lenses came from: the scene, a search among people, or what lenses usually are.
 
-The solver begins a lens that nobody knows with the focal length of a search. That value rests on the very people whom the
-adjustment rests on, so it counts as theirs: beside it stands what the scene stated before anybody was seen.
+The solver begins an unknown lens with the focal length of a search. That value depends on the very people that the
+adjustment uses, so it counts as theirs: beside it is what the scene stated before.
 """
 
 from __future__ import annotations

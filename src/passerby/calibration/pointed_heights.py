@@ -82,7 +82,7 @@ def identity_at(one: PointedPerson | Sighting, seen: CameraObservations, boxes: 
     Args:
         one: whom.
         seen: what the camera saw, with tracklet numbers.
-        boxes: (N,) identities of its boxes, -1 for nobody.
+        boxes: (N,) identities of its boxes, -1 for no person.
         keypoints: (M,) those of its keypoints.
     """
     found = find_pointed(seen, one.frame, one.at)

@@ -29,7 +29,7 @@ def compare_rigs(
     Args:
         first: metres, z up, the ground at z = 0.
         second: likewise, of the same cameras by name.
-        people: a scene, or its file, which is calibrated to learn who is who and how the clocks differ (its own poses are not
+        people: a scene, or its file, which is calibrated to learn identities and clock offsets (its own poses are not
             used); or the output folder of a calibration, whose tracks are taken.
         shape: move the second rig onto the first by the best similarity before.
         seed: of the calibration.

@@ -1,4 +1,4 @@
-"""When a camera did not record: nobody can be missed in a gap between the pieces of a recording."""
+"""When a camera did not record: no person can be missed in a gap between the pieces of a recording."""
 
 from __future__ import annotations
 

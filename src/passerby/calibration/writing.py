@@ -145,7 +145,7 @@ def _earlier_groups(folder: Path) -> Iterator[str]:
     """The files of further groups that an earlier run wrote, from the folder."""
     for group in (folder / GROUPS_FOLDER).glob("[0-9]*"):
         if not (group / CALIBRATION_FILE).is_file():
-            continue  # nobody's but the user's
+            continue  # the user's own
         yield from _earlier_report(group, folder)
         for name in (RIG_FILE, CALIBRATION_FILE, *_earlier_tracks(group, ())):
             if (group / name).is_file():

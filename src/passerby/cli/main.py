@@ -36,7 +36,7 @@ from passerby.common.progress import ProgressForm
 INTERRUPTED = 130
 BUG = 1
 UNREAD = 141
-"""Nobody reads standard output any more; as of a program that SIGPIPE ends."""
+"""Standard output is not read any more; as of a program that SIGPIPE ends."""
 FAILING = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG, errno.EIO, errno.EMFILE, errno.ENFILE, errno.EPIPE)
 
 app = typer.Typer(

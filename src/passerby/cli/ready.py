@@ -1,7 +1,7 @@
 """`python -m passerby.cli.ready`: a process that has imported what a calibration needs, and waits for its command line.
 
 It takes one line of JSON on standard input, `{"arguments": [...], "output": FILE, "errors": FILE}`, and becomes the program
-with these arguments, its standard output and error in the files. At the end of its input it ends: nobody wants it any more.
+with these arguments, its standard output and error in the files. At the end of its input it ends: it is not needed any more.
 """
 
 from __future__ import annotations

@@ -26,7 +26,7 @@ from passerby.solver.cues import cue_in_words
 
 
 def show_calibration(calibration: Calibration, verbose: bool) -> None:
-    """Where the cameras stand and how sure that is; with `verbose` the pairs, wall times and figures too."""
+    """Where the cameras are and how certain that is; with `verbose` the pairs, wall times and figures too."""
     rows, timed = [], calibration.clocks_searched
     for camera in calibration.rig:
         seen, sigma = calibration.observations[camera.name], camera.sigma
@@ -66,7 +66,7 @@ def show_calibration(calibration: Calibration, verbose: bool) -> None:
 
 
 def show_measuring(measuring: MeasuringFigures | None) -> None:
-    """How surely the rig measures where people walked."""
+    """How well the rig measures where people walked."""
     if measuring is None:
         return
     points, ground = measuring.points, measuring.ground
@@ -123,13 +123,13 @@ def show_pairs(pairs: Sequence[TiedPair]) -> None:
 
 
 LENGTH_PAYS = 0.01
-"""Relative sigma of the scale, below which a measured length makes it hardly surer."""
+"""Relative sigma of the scale, below which a measured length barely reduces it."""
 MOSTLY_SCALE = 0.5
 """Where the sigma within the rig is below this share of the whole, a measured length pays."""
 
 
 def show_scale(figures: AdjustedFigures, rig: Rig) -> None:
-    """How sure the scale is, how much each cue pulls, and what a measured length would do; nothing where nobody knows."""
+    """The uncertainty of the scale, the weight of each cue, and what a measured length would do; nothing if it is unknown."""
     scale = figures.scale
     if not figures.cameras:
         return
@@ -149,7 +149,7 @@ def show_scale(figures: AdjustedFigures, rig: Rig) -> None:
 
 
 def show_held_out(figures: HeldOutFigures | None) -> None:
-    """How well people fit who were held out of the adjustment; nothing where nobody could be."""
+    """How well people fit who were held out of the adjustment; nothing if there were none."""
     if figures is None:
         return
     held, fit = figures.held_out, figures.fit
@@ -196,7 +196,7 @@ def show_cues(figures: AdjustedFigures) -> None:
 
 
 def show_lenses(figures: AdjustedFigures, rig: Rig) -> None:
-    """The lenses that were estimated and what rests on what was known before; nothing where none was estimated."""
+    """The lenses that were estimated and what depends on what was known before; nothing where none was estimated."""
     rows = []
     for name, parts in figures.lenses.items():
         lens, found = rig[name].lens, {one.name: one for one in lens_parameters(parts)}
@@ -217,7 +217,7 @@ def show_lenses(figures: AdjustedFigures, rig: Rig) -> None:
         )
     if rows:
         point = ("principal point px", "std px")
-        columns = ("camera", "focal px", "std %", "field of view deg", *point, "k1", "std", "hardly known from people")
+        columns = ("camera", "focal px", "std %", "field of view deg", *point, "k1", "std", "weakly known from people")
         show_table("intrinsics estimated from people", columns, rows)
 
 
@@ -390,9 +390,9 @@ def _chosen(found: str, choice: Mapping[str, Any] | str) -> str:
 
 
 def _check_row(camera: CameraCheck, given: bool, filmed: bool) -> list[str]:
-    """One line of `show_check`; ids that are a camera's own are shared with nobody."""
+    """One line of `show_check`; ids that are a camera's own are not shared."""
     tracklets = str(camera.identities) if camera.identities or not camera.frames else "detections"
-    # Nobody has looked into the video yet: that is not the same as nobody in it.
+    # The video has not been processed yet: that does not mean that no person is in it.
     span, *counts = [MISSING] * 4 if camera.awaiting else _seen(camera)
     if given:
         last = [str(camera.identities), " ".join(f"{name}:{shared.people}" for name, shared in camera.shared.items())]

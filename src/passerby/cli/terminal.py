@@ -85,7 +85,7 @@ def stages(verbose: bool = False, form: ProgressForm = ProgressForm.auto) -> Ite
 
 
 def is_interactive() -> bool:
-    """Whether somebody sees standard output and standard error on one terminal, and so all that was told on the way."""
+    """Whether standard output and standard error are on one terminal, so that its reader has seen all messages."""
     return sys.stdout.isatty() and sys.stderr.isatty()
 
 

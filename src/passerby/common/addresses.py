@@ -30,7 +30,7 @@ def without_credentials(text: str) -> str:
 
 
 def plain_without_credentials(value: Any) -> Any:
-    """Tables, lists and texts, keys too, as `without_credentials`; of the address of a video nothing but its scheme is kept."""
+    """Tables, lists and texts, keys too, as `without_credentials`; of the address of a video only its scheme is kept."""
     if isinstance(value, Mapping):
         return {
             plain_without_credentials(key): _scheme_only(part) if key == "video" else plain_without_credentials(part)

@@ -91,7 +91,7 @@ def cluster_workers(address: str, shared: Path, files: Sequence[Path] = ()) -> I
             yield executor
         except KilledWorker as error:
             raise InputError(
-                f"{address}: workers died again and again at one job ({error.last_worker.address} the last): mostly memory "
+                f"{address}: workers died again and again at one job ({error.last_worker.address} the last): usually memory "
                 "ran out: give each worker more memory, and run the same command again; what is finished is kept"
             ) from error
         except (CancelledError, CommClosedError) as error:

@@ -10,7 +10,7 @@ import re
 from passerby.common.addresses import without_credentials
 
 LONGEST = 2000
-"""Characters of a message: a file may hold a name of a million characters, and nobody's file is shown at length."""
+"""Characters of a message: a file may hold a name of a million characters, and no file is shown at length."""
 LONG_WORD = re.compile(r"([^\s/]{80})[^\s/]{176,}([^\s/]{20})")
 """A word of more characters than a file's name may have, 255 bytes: it comes out of a file."""
 LONG_RUN = re.compile(r"([^\n,;:()/]{180})[^\n,;:()/]{300,}([^\n,;:()/]{100})")

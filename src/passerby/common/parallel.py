@@ -31,7 +31,7 @@ BYTE_S, PAIR_S = 3e-6, 0.07
 """What a byte of boxes takes to be made into tracklets, and a pair of cameras to be registered: measured on scenes of 4 to 8
 cameras, a minute long. Rough figures do: near the threshold nothing is gained or lost."""
 VIDEO_S = 5.0
-"""What a video takes at the least; mostly it is far more."""
+"""What a video takes at the least; usually it is far more."""
 ORPHANED_EVERY_S = 1.0
 BROKEN = (
     "a process that worked on a camera was killed by the system, usually because memory ran out: close other programs and run "
@@ -49,11 +49,11 @@ def side_by_side(
         function: of one job; a function of a module, and picklable with its jobs and results.
         jobs: what to do.
         executor: does them side by side; one after the other where it is None.
-        tell: told the stage, and each job that is done.
+        tell: called with the stage, and each job that is done.
         stage: its name.
         job_s: what a job takes, roughly, seconds: an executor that has `least_s` is given so many at once that they take that.
 
-    Where jobs end with one of the exceptions that an executor names as `died`, they are given to it once more, one by one.
+    Where jobs end with one of the exceptions that an executor names as `died`, they are given to it again, one by one.
     """
     tell(stage, 0, len(jobs))
     results: list[Result] = []
@@ -151,7 +151,7 @@ def _begin_process(parent: int) -> None:
 
 
 def _end_with(parent: int) -> None:
-    """End this process when its parent is no more: a pool's processes would wait for work for ever."""
+    """End this process when its parent is no more: a pool's processes would wait for work without end."""
     while os.getppid() == parent:
         time.sleep(ORPHANED_EVERY_S)
     os._exit(1)
@@ -205,7 +205,7 @@ def local_processes(n_bytes: int, n_cameras: int, n_videos: int = 0) -> Iterator
     try:
         yield pool
     except BaseException as error:
-        # Interrupted: nobody waits for what is not wanted any more.
+        # Interrupted: the rest is not needed any more.
         for process in set(multiprocessing.active_children()) - before:
             process.kill()
         pool.shutdown(wait=False)
@@ -234,7 +234,7 @@ class EarlierResults(Generic[Job, Result]):
             jobs: what is to be done.
             keys: of each job; all different.
             executor: as of `parallel.side_by_side`.
-            tell: told the stage, and each job that is done anew.
+            tell: called with the stage, and each job that is done again.
             stage: its name.
             job_s: as of `parallel.side_by_side`.
         """

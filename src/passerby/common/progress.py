@@ -8,7 +8,7 @@ from typing import Protocol
 
 
 class Progress(Protocol):
-    """Told of each stage as it begins and, where a stage has parts that can be counted, of each part that is done."""
+    """Called with each stage as it begins and, where a stage has parts that can be counted, of each part that is done."""
 
     def __call__(self, stage: str, done: int = 0, total: int = 0, *, part: str = "") -> None:
         """A stage by its name; so many of its parts are done, of `total`, which is 0 where there is nothing to count.
@@ -27,7 +27,7 @@ class ProgressForm(StrEnum):
 
 
 def silent(stage: str, done: int = 0, total: int = 0, *, part: str = "") -> None:
-    """Tells nobody."""
+    """Reports to none."""
 
 
 def tell_note(tell: Progress, note: str) -> None:
@@ -58,7 +58,7 @@ def tell_failure(tell: Progress, stage: str) -> None:
 
 @dataclass(eq=False)
 class Forward:
-    """Passes on how far each part of one stage is, and never less than was told before.
+    """Passes on how far each part of one stage is, and never less than was reported before.
 
     Counts may come late, twice or out of order, as from other processes: of each part the largest is kept, and its first known
     total, which grows only where more is done than it says. So neither the parts nor their sum ever run backwards.

@@ -87,7 +87,7 @@ class AssociationRound:
 
 @dataclass(frozen=True, kw_only=True)
 class AssociationFigures:
-    """Who is who, and how that was found; all but the mode None where identities were given and the clocks agree."""
+    """Identities, and how they were found; all but the mode None where identities were given and the clocks agree."""
 
     mode: str | None = field(default=None, metadata=ABSENT)
     """As the scene file has it; association itself leaves it out."""

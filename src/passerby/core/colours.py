@@ -3,7 +3,7 @@
 Every colour has a contrast of 3 or more against white and against #111111 (WCAG 2.2, 1.4.11). That leaves little room for
 light and dark, so they are spread by hue: any two of the cameras' are 18 or more apart in CIE Lab as protanopes, deuteranopes
 and tritanopes see them (Machado, Oliveira, Fernandes 2009), any two of the people's 15; the first ones much farther. Names
-are told beside every colour, since a long list repeats them.
+are written beside every colour, since a long list repeats them.
 """
 
 from __future__ import annotations

@@ -12,7 +12,7 @@ too small, and a field of view that is stated for the diagonal of 16:9 makes it 
 NARROWEST_FIELD_DEG = 2.0
 """The longest zoom lenses of surveillance cameras have about this field of view."""
 WIDEST_PINHOLE_DEG, WIDEST_FISHEYE_DEG = 150.0, 240.0
-"""Beyond 150 degrees a pinhole shows almost nothing but its border; hardly any fisheye lens has more than 240."""
+"""Beyond 150 degrees a pinhole shows little more than its border; almost no fisheye lens has more than 240."""
 _VAGUEST_SD = 0.45
 """The widest fields of view of a pinhole are stated this well: what is vaguer counts as unknown."""
 _ROUNDING_DEG = 1e-6

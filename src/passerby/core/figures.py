@@ -51,7 +51,7 @@ class SolvedCamera:
 
 @dataclass(frozen=True, kw_only=True)
 class PairFigures:
-    """A guess at how two cameras stand to each other."""
+    """A guess of the relative pose of two cameras."""
 
     cameras: tuple[str, str]
     route: str
@@ -126,7 +126,7 @@ class NoiseFigures:
 
 @dataclass(frozen=True, kw_only=True)
 class PeopleFigures:
-    """The people that the rig rests on."""
+    """The people that the rig is computed from."""
 
     identities: int
     instants: int | None = None
@@ -135,7 +135,7 @@ class PeopleFigures:
     heights_m: Mapping[str, float] = field(default_factory=dict)
     """By identity."""
     unusual: tuple[int, ...] | None = field(default=None, metadata=ABSENT)
-    """Identities of those so much taller or shorter than most that the scale does not rest on them; None where nobody is."""
+    """Identities of those so much taller or shorter than most that the scale does not use them; None if there are none."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -168,7 +168,7 @@ class CueFigures:
 
 @dataclass(frozen=True, kw_only=True)
 class ScaleFigures:
-    """How sure all lengths are, and what they rest on."""
+    """The uncertainty of all lengths, and what they depend on."""
 
     relative_sigma: float | None = None
     """None where nothing fixes the scale."""
@@ -287,7 +287,7 @@ class ResidualFigures:
 
 @dataclass(frozen=True, kw_only=True)
 class HeldOutFigures:
-    """A rig that was adjusted without some of the people, held against these."""
+    """A rig that was adjusted without some of the people, compared with these."""
 
     stretches: int
     """Those with people enough, where there is one."""
@@ -370,7 +370,7 @@ class AdjustedFigures(SolverFigures):
 
 @dataclass(frozen=True, kw_only=True)
 class StarScale:
-    """What the scale of the method `geopose` rests on."""
+    """What the scale of the method `geopose` depends on."""
 
     from_: str
     """`person height`, or `known lengths`."""

@@ -55,7 +55,7 @@ class Lens:
     camera that is mounted on its side. The other values are of the images as filmed."""
     start_sd: float | None = None
     """`focal_sd` of a focal length that was searched for among people: how near the search came. It narrows the next search. It
-    is no knowledge beside `focal_sd`, since it rests on the same people as the adjustment. None: none was searched for."""
+    is no knowledge beside `focal_sd`, since it uses the same people as the adjustment. None: none was searched for."""
     principal_point_sd: float | None = None
     """One standard deviation of the principal point, as a share of the image's width,"""
     distortion_sd: float | None = None

@@ -23,7 +23,7 @@ LensPrior = Literal["stated", "search", "assumed"]
 """What was known of a part of a lens before the adjustment: a value of the scene or of the intrinsics; a first estimate, from
 how the same people fit together in several cameras; or what lenses usually are."""
 MOSTLY, WHOLLY = 0.5, 0.9
-"""Shares of people in what is known of a number, from which it counts as determined by them mostly, and wholly."""
+"""Shares of people in what is known of a number, from which it counts as determined by them for the most part, and wholly."""
 SIDE_SAMPLES = 8
 """Of each side of a picture: lenses bend its border."""
 FLATTEST = 0.5
@@ -141,12 +141,12 @@ class LensParameter:
         if share is None or self.prior is None:
             return None
         if share >= MOSTLY:
-            return "people" if share >= WHOLLY else "mostly people"
-        return f"mostly {otherwise}" if share >= 1 - WHOLLY else otherwise
+            return "people" if share >= WHOLLY else "largely people"
+        return f"largely {otherwise}" if share >= 1 - WHOLLY else otherwise
 
     @property
     def by_prior(self) -> bool:
-        """Whether it rests on its prior more than on people."""
+        """Whether it depends on its prior more than on people."""
         return self.people_share is not None and self.people_share < MOSTLY
 
 

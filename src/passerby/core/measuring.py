@@ -9,7 +9,7 @@ are projected by the true cameras, and measured from these pixels by the estimat
 
 Both are compared with the truth after one similarity of the whole rig, the least-squares one of the points.
 
-Figures of how surely a rig measures: what `calibration.json` has as `figures.measuring`, under the same names.
+Figures of how well a rig measures: what `calibration.json` has as `figures.measuring`, under the same names.
 """
 
 from __future__ import annotations

@@ -100,7 +100,7 @@ def sampling_step(frame: Ints) -> int:
     The tenth percentile of the steps, so that a camera that seldom sees anybody does not seem to be slow.
 
     Args:
-        frame: (N,) frames with somebody in them, in any order, as often as you like.
+        frame: (N,) frames with people in them, in any order, as often as you like.
     """
     steps = np.diff(np.unique(frame))
     return int(np.percentile(steps, 10.0, method="lower")) if len(steps) else 1

@@ -68,8 +68,8 @@ def connected_groups(shared: Mapping[str, Mapping[str, Shared]]) -> list[list[st
 
 
 def missing_overlap(shared: Mapping[str, Mapping[str, Shared]], *, given: bool = True) -> list[Finding]:
-    """What keeps cameras apart: a refusal where no two share anybody, else a notice for every group that shares nobody with the
-    largest one; empty where all hang together.
+    """What keeps cameras apart: a refusal where no two share people, else a notice for every group that shares no people
+    with the largest one; empty where all hang together.
 
     What to do depends on whether the identities were `given` or found.
     """

@@ -24,7 +24,7 @@ class Sighting:
 
     camera: str
     frame: int
-    """A frame in which the camera saw somebody, by its own count."""
+    """A frame in which the camera saw a person, by its own count."""
     at: tuple[float, float]
     """Pixel."""
     place: str
@@ -39,7 +39,7 @@ class PointedPerson:
     """Of the table in the scene file, from 1."""
     camera: str
     frame: int
-    """A frame in which the camera saw somebody, by its own count."""
+    """A frame in which the camera saw a person, by its own count."""
     at: tuple[float, float]
     """Pixel."""
     metres: float
@@ -117,7 +117,7 @@ def people_in_frame(seen: CameraObservations, frame: int) -> PeopleInFrame:
 def find_pointed(
     seen: CameraObservations, frame: int, at: tuple[float, float]
 ) -> tuple[Literal["boxes", "keypoints"], int] | None:
-    """The row of the boxes, or of the keypoints, of the person who holds a pixel in a frame; None for nobody."""
+    """The row of the boxes, or of the keypoints, of the person who holds a pixel in a frame; None if there is none."""
     people = people_in_frame(seen, frame)
     holding = people.holding(at)
     return (people.kind, int(people.row[holding[0]])) if len(holding) else None

@@ -1,6 +1,6 @@
 """Scale cues: what a user knows about lengths in the scene, each with its standard deviation.
 
-All cues enter one adjustment as priors, so that they combine by their weights and the pull of each can be told.
+All cues enter one adjustment as priors, so that they combine by their weights and the weight of each can be stated.
 
 A floor plan or satellite picture with its scale, and what a user placed on it: cameras, and points of the ground.
 
@@ -27,7 +27,7 @@ Pixel = tuple[float, float]
 CLICK_SD_PX = 2.0
 """How well a person clicks on a mark, in a plan or in a camera's image."""
 UNIT_SD = 0.002
-"""Relative standard deviation of metres per pixel where nobody states it: a drawing's scale bar measured over 500 pixels to one
+"""Relative standard deviation of metres per pixel where it is not stated: a drawing's scale bar measured over 500 pixels to one
 pixel."""
 POINT_SD_M, POSITION_SD_M, GPS_SD_M = 0.05, 0.1, 3.0
 """Where a file tells no sd_m: a marked point on a plan, a camera by tape or total station, a camera by a phone's receiver."""

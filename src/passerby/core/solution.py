@@ -19,20 +19,20 @@ Verdict = Literal["accepted", "doubtful", "refused"]
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """A solved rig with the figures that speak for and against it."""
+    """A solved rig with the figures that show its quality."""
 
     method: str
     rig: Rig
     """World z up, ground at z = 0, metres. A camera that could not be registered has no pose."""
     verdict: Verdict
     findings: tuple[Finding, ...] = ()
-    """What speaks against trusting the rig, and notices that explain its sigmas."""
+    """Evidence against the rig, and notices that explain its sigmas."""
     figures: SolverFigures = field(default_factory=SolverFigures)
     """Of every stage: counts, residuals, scale cues and their pull, sigmas."""
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """What speaks against it in words, one sentence each, with the remedy."""
+        """The evidence against it in words, one sentence each, with the remedy."""
         return texts_of(one for one in self.findings if one.severity != "notice")
 
 
@@ -41,7 +41,7 @@ def decide_verdict(rig: Rig, findings: Iterable[Finding]) -> Verdict:
 
     Args:
         rig: as solved; a camera that could not be registered has no pose.
-        findings: what speaks against it; notices do not count.
+        findings: the evidence against it; notices do not count.
     """
     severities = {finding.severity for finding in findings}
     posed = len(rig.posed())

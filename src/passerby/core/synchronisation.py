@@ -21,7 +21,7 @@ from passerby.core.observations import (
 USUAL_FPS = 5.0
 """Time steps a second where no frame rate is stated."""
 MAX_GAP_SAMPLES, MAX_GAP_S = 2, 0.4
-"""Nobody is interpolated over more than this, whichever is longer: in 0.4 s a walker strays some centimetres from a straight
+"""No person is interpolated over more than this, whichever is longer: in 0.4 s a walker strays some centimetres from a straight
 line (half of 1 m/s^2 times 0.2 s squared is 2 cm), and a slow camera has nothing better than one missed sample."""
 ALIKE = 0.02
 """Sampling rates that differ by less than this share are alike: 30 and 29.97 frames per second, or every sixth picture of 30
@@ -79,7 +79,7 @@ def sampling_distance(frame: Ints) -> int:
     """Frames between neighbouring samples where nothing is missing; of uneven samples the longer steps.
 
     Args:
-        frame: (N,) frames with somebody in them, in any order, as often as you like.
+        frame: (N,) frames with people in them, in any order, as often as you like.
     """
     least = sampling_step(frame)
     steps = np.diff(np.unique(frame))
@@ -97,8 +97,10 @@ def clocks_of(observations: Observations, names: Sequence[str]) -> dict[str, Clo
 def common_time_steps(observations: Observations, clocks: Mapping[str, Clock]) -> TimeSteps:
     """The samples of the camera with most people among those of the usual sampling rate.
 
-    Cameras are sampled at every frame, or at every n-th: between samples nobody is seen, and other cameras' samples there would
-    meet nobody. The usual rate of sampling is the one most cameras have (the slower one among equals): the slowest of all would
+    Cameras are sampled at every frame, or at every n-th: between samples no person is seen, and other cameras' samples
+    there would
+    meet no person. The usual rate of sampling is the one most cameras have (the slower one among equals): the slowest of
+    all would
     throw away what the others share, and the fastest would turn each sample of the rest into several that say nothing new. That
     camera's own samples, and all that are whole samples apart from it, need no interpolation. Samples at the same times in all
     cameras need none, however uneven they are: then every frame is a time step.
@@ -141,7 +143,8 @@ def common_time_steps(observations: Observations, clocks: Mapping[str, Clock]) -
 def _sampled_together(at: Mapping[str, Floats], reference: str, every: int) -> bool:
     """Whether the cameras' samples, frames of the reference camera's clock, are at the same times as its own.
 
-    Only samples within half a step of one of the reference camera's count: where that camera saw nobody, nothing can be said.
+    Only samples within half a step of one of the reference camera's count: where that camera saw no person, nothing can
+    be said.
     """
     own = at[reference]
     together = apart = 0

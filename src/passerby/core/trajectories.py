@@ -27,7 +27,7 @@ class Trajectories:
     """(N,) root of the trace of the covariance of (x, y), in the rig's world: the errors that the whole world shares (its
     place, its turn, its scale) are not in it. NaN where unknown (pairwise with one pair)."""
     cameras: Ints
-    """(N,) cameras that agree; 0: nobody saw the person, the place lies between others."""
+    """(N,) cameras that agree; 0: no camera saw the person, the place lies between others."""
     part: Ints
     """(N,) number of the stretch without long gaps, from 1 for each identity."""
     clock: Clock

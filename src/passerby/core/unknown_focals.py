@@ -1,4 +1,4 @@
-"""Focal lengths that nobody knows: which are tried, and which of them pairs of cameras together like best."""
+"""Unknown focal lengths: which are tried, and which of them fit best for pairs of cameras together."""
 
 from __future__ import annotations
 

@@ -160,7 +160,7 @@ def with_identities_of(boxes: Mapping[str, Boxes], rig: Rig, ground: GroundTruth
     """The positions with the identities of the boxes; and what to note.
 
     Box and position are compared through the true poses: the middle of a box's lower edge is taken for a point of the ground.
-    Whoever has no boxes gets a number above all of theirs.
+    A person without boxes gets a number above all of theirs.
 
     Args:
         boxes: by camera, true identities.

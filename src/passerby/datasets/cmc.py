@@ -93,7 +93,7 @@ def _box_file(folder: Path, sequence: str, number: int) -> Path:
 
 
 def _table(path: Path, columns: tuple[int, int], meaning: str) -> Floats:
-    """(N, at least `columns[0]`) numbers of a text file, parted by spaces or commas, sorted by frame and identity."""
+    """(N, at least `columns[0]`) numbers of a text file, separated by spaces or commas, sorted by frame and identity."""
     rows: list[Floats] = []
     width = 0
     for number, line in enumerate(read_text(path, f"a text file of rows ({meaning})").splitlines(), start=1):
@@ -123,7 +123,7 @@ def _table(path: Path, columns: tuple[int, int], meaning: str) -> Floats:
 
 
 def _check_once(table: Floats, path: Path) -> None:
-    """That nobody stands twice in a frame. Raises `InputError` where somebody does."""
+    """That no person is twice in a frame. Raises `InputError` otherwise."""
     keys, counts = np.unique(table[:, :2], axis=0, return_counts=True)
     if (counts > 1).any():
         frame, who = keys[counts > 1][0].astype(int)

@@ -7,8 +7,8 @@ One sequence a folder, its files as published, in it or in folders below:
   and of head height alone (calibration-*.txt). These tell neither a lens nor a pose: such a sequence needs the lenses from
   elsewhere, as `intrinsics.toml` in the folder, and has no true poses.
 - `gt_SEQUENCE.txt`: "1"; then `frames people columns rows step first last`; then one row a frame, a number for each person:
-  the cell of a grid on the ground, counted row by row; -1 where nobody looked; -2 where the person is outside. Every `step`th
-  frame was annotated.
+  the cell of a grid on the ground, counted row by row; -1 where it was not annotated; -2 where the person is outside.
+  Every `step`th frame was annotated.
 - `SEQUENCE-cN.txt`: boxes in each view as VATIC writes them, with the same identities in all views, as Xu et al. annotated
   them ("Multi-view People Tracking via Hierarchical Trajectory Composition", CVPR 2016).
 """
@@ -54,7 +54,7 @@ class Area:
 
 
 AREAS = {"terrace": Area(-0.5, -1.5, 7.5, 11.0)}
-"""By the beginning of the sequence's name; for the others nobody tells the grid's size in metres."""
+"""By the beginning of the sequence's name; for the others the grid's size in metres is not published."""
 
 
 @dataclass(frozen=True)

@@ -174,7 +174,7 @@ def _read_annotations(files: Mapping[int, Path], layout: GridLayout, first: int)
             rows.people.append(who)
             rows.cells.append(cell)
     if not rows.people:
-        raise InputError(f"{next(iter(files.values())).parent}: nobody is annotated: take the files from the set again")
+        raise InputError(f"{next(iter(files.values())).parent}: no person is annotated: take the files from the set again")
     return rows
 
 

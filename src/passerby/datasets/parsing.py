@@ -89,7 +89,7 @@ def xml_numbers(path: Path, key: str, shape: tuple[int, ...], needed: bool = Tru
 
 
 def text_matrix(path: Path) -> Floats:
-    """The (3, 4) projection matrix of a text file, its numbers parted by commas or spaces.
+    """The (3, 4) projection matrix of a text file, its numbers separated by commas or spaces.
 
     Raises `InputError` where the file is missing or holds anything else.
     """

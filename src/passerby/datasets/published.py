@@ -67,9 +67,10 @@ class Published:
     """All cameras: lenses, and true poses where the set knows them (`pose` None where it does not). Metres, z up; the ground is
     z = 0 where the set knows it."""
     fps: float | None
-    """Frames per second of the frame numbers; None where nobody tells."""
+    """Frames per second of the frame numbers; None if unknown."""
     boxes: Mapping[str, Boxes] = field(default_factory=dict)
-    """By camera; the identity is the true person id, or -1 where unknown. A camera that saw nobody has none, or is left out."""
+    """By camera; the identity is the true person id, or -1 where unknown. A camera that saw no person has none, or is
+    left out."""
     keypoints: Mapping[str, Keypoints] = field(default_factory=dict)
     """By camera; identities as in the boxes."""
     videos: Mapping[str, Path] = field(default_factory=dict)
@@ -97,14 +98,14 @@ class Published:
 
     @property
     def identities_known(self) -> bool:
-        """Whether the boxes and joints tell who is who, in at least two cameras."""
+        """Whether the boxes and joints have identities, in at least two cameras."""
         known = {camera for camera, boxes in self.boxes.items() if (boxes.identity > UNKNOWN).any()}
         known |= {camera for camera, joints in self.keypoints.items() if (joints.identity > UNKNOWN).any()}
         return len(known) >= 2
 
     @property
     def people(self) -> int:
-        """How many people are told apart."""
+        """How many people are distinguished."""
         columns = [boxes.identity for boxes in self.boxes.values()]
         columns += [joints.identity for joints in self.keypoints.values()]
         columns += [self.ground.identity] if self.ground is not None else []
@@ -130,7 +131,8 @@ def right_handed(place: str, cameras: Sequence[PublishedCamera], seen: Mapping[s
     Args:
         place: the file or folder of the calibration, for messages.
         cameras: as published.
-        seen: camera -> (N, 3) points of people it sees, published world, metres. A camera that sees nobody follows the others.
+        seen: camera -> (N, 3) points of people it sees, published world, metres. A camera that sees no person follows
+        the others.
 
     Returns:
         The rig, and (3,) factors that bring published points into its world: ones, or (-1, 1, 1) where that was left-handed.

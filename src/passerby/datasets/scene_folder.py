@@ -61,7 +61,7 @@ def write_scene_folder(
     `ground_positions.csv` (where people truly stood), `pictures.csv` (frame and path of every picture), `dataset.toml` (where
     it came from), and
 
-    - where at least two cameras tell who is who: `tracks/CAMERA.txt` (MOTChallenge) and `keypoints/CAMERA.json` (COCO) with
+    - where at least two cameras have identities: `tracks/CAMERA.txt` (MOTChallenge) and `keypoints/CAMERA.json` (COCO) with
       true identities, and `scene.toml` in mode "given". Where there are videos too, `videos.toml` names them alone.
     - else, where there are videos: `scene.toml` names them, identities are to be found. Boxes with identities, of one camera
       at most, are in `truth/CAMERA.txt`.
@@ -76,7 +76,7 @@ def write_scene_folder(
         source: the folder that the set was read from, where `directory` must not lie.
         film: make videos of the pictures in any case.
         executor: makes videos side by side; one after the other where it is None.
-        tell: told of each video that is made.
+        tell: called for each video that is made.
 
     Raises:
         InputError: the set tells of people in fewer than two cameras; `directory` holds something else, lies in `source`, or
@@ -183,7 +183,7 @@ def _scene(published: Published, tables: dict[str, dict[str, str]], mode: str) -
 
 
 def _write_people(published: Published, folder: Path, tables: dict[str, dict[str, str]]) -> None:
-    """Boxes and joints: where the tables name them, and as truth where they tell who is who, but are not named."""
+    """Boxes and joints: where the tables name them, and as truth where they have identities, but are not named."""
     for camera, boxes in published.boxes.items():
         table = tables.get(camera, {})
         if "tracks" in table:

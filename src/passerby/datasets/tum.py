@@ -1,7 +1,8 @@
 """TUM Shelf and Campus: people before five and three cameras, with 3D joints (Belagiannis et al., CVPR 2014).
 
 Layout as published (http://campar.in.tum.de/Chair/MultiHumanPose): `Camera0/img_000000.png` (Shelf) or
-`Camera0/campus4-c0-00000.png` (Campus), `Calibration/P0.txt` (3 x 4 projection matrix, metres, rows of numbers parted by commas
+`Camera0/campus4-c0-00000.png` (Campus), `Calibration/P0.txt` (3 x 4 projection matrix, metres, rows of numbers separated
+by commas
 in Shelf and by spaces in Campus), `actorsGT.mat` with `actor3D`: a cell per actor of a cell per frame of 14 x 3 metres, empty
 where the actor is not seen. Picture n, from 0 on, is frame n + 1 here; actors are numbered from 1 on. Lenses come from the
 projection matrices by RQ decomposition (the set's own `producePmat.m` builds them from such lenses, without distortion).
@@ -10,7 +11,7 @@ Where there is no `Calibration`, `calibration_shelf.json` or `calibration_campus
 https://github.com/microsoft/voxelpose-pytorch has it: by camera number `R`, `T` (the camera's centre, millimetres), `fx`, `fy`,
 `cx`, `cy`, `k` (k1, k2, k3) and `p` (p1, p2), with `x_c = R (X - T)`. Other derived layouts are not read.
 
-z is up and z = 0 the floor. Nobody states the frame rate.
+z is up and z = 0 the floor. The frame rate is not published.
 """
 
 from __future__ import annotations
@@ -48,7 +49,7 @@ NO_FRAME_RATE = "The set does not state its frame rate: give fps where time matt
 
 
 def read(folder: Path) -> Published:
-    """Read Shelf or Campus, told apart by the number of cameras. Raises `InputError` for what is missing or broken."""
+    """Read Shelf or Campus, distinguished by the number of cameras. Raises `InputError` for what is missing or broken."""
     skeletons = _skeletons(folder / TRUTH)
     cameras, notes, place = _cameras(folder)
     rig, mirror = right_handed(place, cameras, {camera.name: _in_picture(camera, skeletons) for camera in cameras})
@@ -162,7 +163,7 @@ def _skeletons(path: Path) -> Skeletons:
             "take the file from the set again"
         )
     if not tables:
-        raise InputError(f"{path}: actor3D has nobody in any frame: take the file from the set again")
+        raise InputError(f"{path}: actor3D has no person in any frame: take the file from the set again")
     xyz = np.stack(tables)
     return Skeletons(np.array(frames), np.array(people), xyz, np.ones(xyz.shape[:2]), JOINTS)
 
@@ -175,7 +176,7 @@ def _joints(cell: Any, place: str) -> Floats | None:
     if value.size == 0:
         return None
     if value.dtype.kind not in "fiu" or value.shape != (len(JOINTS), 3):
-        raise InputError(f"{place} has the shape {value.shape}: 14 x 3 metres are needed, or nothing where nobody is seen")
+        raise InputError(f"{place} has the shape {value.shape}: 14 x 3 metres are needed, or nothing where no person is seen")
     if not np.isfinite(value).all():
         row = int(np.flatnonzero(~np.isfinite(value).all(axis=1))[0])
         raise InputError(f"{place}: keypoint {row + 1} is {value[row].tolist()}: finite metres are needed, or an empty cell")

@@ -1,4 +1,4 @@
-"""Two rigs of the same cameras held against people: which of them places people more consistently, and by how much.
+"""Two rigs of the same cameras compared with people: which of them places people more consistently, and by how much.
 
 For each rig every camera's people are compared with where the other cameras put them (`one_against_others`). Residuals of one
 person are alike from one time step to the next, so the recording is divided into stretches: the difference of the two rigs is

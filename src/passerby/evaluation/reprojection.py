@@ -1,6 +1,6 @@
 """Reprojection errors on annotated correspondences: RPE and ERR of Xu et al., CVPR 2021, section 5 (their Table 2).
 
-A correspondence is one point of the world, marked in two or more pictures by somebody who sees it there; its place in the
+A correspondence is one point of the world, marked in two or more pictures by a person who sees it there; its place in the
 world is not known, so the measure needs no true cameras. Each is triangulated from its marks with the estimated cameras (least
 squares over the angles of all its rays), projected into every picture in which it is marked, and compared with the mark there.
 RPE is the mean distance in pixels over all marks, ERR is RPE / min(height, width) of the pictures. A rig that is wrong in the

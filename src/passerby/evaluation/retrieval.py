@@ -82,10 +82,11 @@ def retrieval_score(
         gallery_camera: (G,) numbers as in `query_camera`.
         ranks: the k of rank-k; 1 is added.
         across: all pictures of the query's camera are passed over, not only the same person's.
-        apart: (P, P) by people's numbers who are surely two; others than the query's person who may be that very person are
+        apart: (P, P) by people's numbers who are known to be two; others than the query's person who may be that very
+        person are
             passed over. None: all are.
 
-    Raises `InputError` for columns that do not fit together, a query of nobody, a rank below 1, a distance that is not a
+    Raises `InputError` for columns that do not fit together, a query of no person, a rank below 1, a distance that is not a
     number, and queries of which none has a right picture.
     """
     columns = [np.asarray(column, dtype=np.int64) for column in (query_person, query_camera, gallery_person, gallery_camera)]
@@ -152,6 +153,6 @@ def _check(distance: Distances | DistanceRows, columns: Sequence[Ints], ranks: S
     if not callable(distance) and np.shape(distance) != (len(who), len(whom)):
         raise InputError(f"the distances have the shape {np.shape(distance)}: {(len(who), len(whom))} is needed")
     if len(who) and who.min() < 0:
-        raise InputError(f"query {int(who.argmin())} is of nobody (person {who.min()}): leave junk and distractors out of them")
+        raise InputError(f"query {int(who.argmin())} has no person ({who.min()}): leave junk and distractors out of them")
     if ranks[0] < 1:
         raise InputError(f"rank {ranks[0]} does not exist: the first rank is 1")

@@ -1,4 +1,4 @@
-"""How far people's ways over the ground lie from the true ones.
+"""How far people's trajectories over the ground lie from the true ones.
 
 The estimated world is placed upon the true one as cameras are when they are judged (`passerby.evaluation.metrics`): *metric*,
 the reference camera coincides, and *similarity*, which forgives the scale. Distances are measured on the ground plane.
@@ -77,7 +77,7 @@ class Judgement:
     matched: dict[int, int]
     """Identity -> true identity."""
     unmatched: tuple[int, ...]
-    """Identities that nobody's way fits: a second identity of somebody, or nobody."""
+    """Identities that no trajectory fits: a second identity of a person, or none."""
     missing: tuple[int, ...]
     """True identities that no identity fits."""
     covered: float | None

@@ -1,4 +1,4 @@
-"""What speaks against a calibration, or is odd about its input, as a value: a code, a severity, cameras and figures.
+"""What contradicts a calibration, or is odd about its input, as a value: a code, a severity, cameras and figures.
 
 Stages make findings, and later stages decide by code, severity, cameras and values. The sentences that people read are made at
 the end, by `passerby.findings.texts`, which has the register of all codes.

@@ -63,7 +63,7 @@ def _order(finding: Finding) -> int:
 
 
 def reasons_of(findings: Sequence[Finding]) -> list[Reason]:
-    """What speaks against a rig, as a person should read it.
+    """The problems of a rig, as a person should read them.
 
     Causes come first, each group in the order of the findings; what follows from a cause is left out.
     """

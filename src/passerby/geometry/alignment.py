@@ -1,7 +1,7 @@
 """The motion of the world that brings a rig onto known places: rays to points with coordinates, or positions of cameras.
 
 Both are weighted least squares over `X -> scale R X + t`. By default R turns about the vertical alone and t lies in the ground
-plane, so that the ground and the vertical stay what the people told. Robust: the motions that minimal subsets ask for are
+plane, so that the ground and the vertical stay those of the people. Robust: the motions that minimal subsets ask for are
 compared by their least trimmed squares (Rousseeuw, "Least median of squares regression", JASA 1984), and a place is left out
 where those that agree make its residual impossible (an F test).
 
@@ -48,7 +48,7 @@ MEETS_GROUND = 0.02
 
 @dataclass(frozen=True, eq=False)
 class WorldFit:
-    """A fitted motion of the world, and how sure it is."""
+    """A fitted motion of the world, and its uncertainty."""
 
     motion: Similarity
     used: Bools

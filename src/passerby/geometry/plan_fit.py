@@ -205,7 +205,7 @@ def choose_placements(placements: Placements, prior: ScalePrior) -> Choice:
 
 
 def fits_mirrored(placements: Placements, choice: Choice, prior: ScalePrior) -> bool:
-    """Whether all placements agree on the plan's mirror image, where nobody can tell which are wrong on the plan itself.
+    """Whether all placements agree on the plan's mirror image, where the plan itself does not show which are wrong.
 
     Of three, one that is wrong by chance can make the triangle's mirror image.
     """

@@ -1,6 +1,6 @@
 """Which sightings of one thing agree: every pair of rays proposes a point, the others vote.
 
-Identities are sometimes wrong, so that two of the sightings of a person-instant may show somebody else. All pairs of all
+Identities are sometimes wrong, so that two of the sightings of a person-instant may show another person. All pairs of all
 blocks are tried at once; there are few cameras, so that no random sampling is needed.
 """
 
@@ -205,7 +205,7 @@ def ray_reprojection_errors(point: Floats, camera: Ints, bearing: Floats, tangen
 
 @dataclass(frozen=True, eq=False)
 class _Lines:
-    """M sightings as lines of the world, by component: points are held against them without a turn for each."""
+    """M sightings as lines of the world, by component: points are compared with them without a rotation for each."""
 
     ray: Floats
     """(3, M) unit rays."""
@@ -223,7 +223,7 @@ class _Lines:
         return cls(ray, np.array([across, down]), centre.T[:, camera])
 
     def squares(self, point: Floats, of_point: Ints | slice, rows: Ints | slice) -> Floats:
-        """(K,) squared pixels between points (3, N), of which those at `of_point` (K,) are held against `rows` (K,)."""
+        """(K,) squared pixels between points (3, N), of which those at `of_point` (K,) are compared with `rows` (K,)."""
         d = [point[k][of_point] - self.centre[k][rows] for k in range(3)]
         ray = [self.ray[k][rows] for k in range(3)]
         across, down = ([axis[k][rows] for k in range(3)] for axis in self.tangent)

@@ -21,7 +21,7 @@ def huber_weights(lengths: Floats, scale: float) -> Floats:
 
 
 def cut_cauchy_cost(squares: Floats, scale: float, beyond: float) -> Floats:
-    """(N,) Cauchy's cost of squares in sigmas, constant beyond `beyond`: what is farther off is somebody else."""
+    """(N,) Cauchy's cost of squares in sigmas, constant beyond `beyond`: what is farther off is another person."""
     return np.asarray(scale**2 * np.log1p(np.minimum(squares, beyond) / scale**2))
 
 

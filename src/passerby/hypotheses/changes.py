@@ -292,7 +292,7 @@ def step_of(m: Correspondences, found: FoundChange, *, stated: bool) -> PoseChan
     Args:
         m: the camera's observations with the people of their instants.
         found: not a drift.
-        stated: whether the lens was calibrated: what it does not hold for is then the stretch, however long it is.
+        stated: whether the lens was calibrated: what it does not hold for is then the stretch, of any length.
     """
     path, zooms, t = found.path, found.kind != "moved", m.own.instant
     if not zooms:  # as large as it is by the lens and the clock as they are

@@ -60,7 +60,7 @@ def instants_compared(own: BodyCentres, others: Ints) -> Ints:
 
     Args:
         own: sightings, in the order of their instants.
-        others: instants at which other cameras saw somebody, in any order.
+        others: instants at which other cameras saw a person, in any order.
     """
     instants = np.unique(own.instant[np.isin(own.instant, others)])
     count = np.searchsorted(own.instant, instants, side="right") - np.searchsorted(own.instant, instants)

@@ -107,9 +107,9 @@ class LensResult:
     screened: tuple[Screened, ...] = ()
     """All alternatives; empty where nothing could be compared."""
     suspects: tuple[FittedAlternative, ...] = ()
-    """Those that count: one, or those that explain the observations about equally well; the likeliest first."""
+    """Those that count: one, or those that explain the observations about equally well; the most likely first."""
     found: FoundLenses | None = None
-    """Where the likeliest one puts lenses."""
+    """The lenses of the most likely one."""
     tested: tuple[FittedAlternative, ...] = ()
     """All that were fitted."""
 

@@ -18,7 +18,7 @@ from passerby.people.body_centres import BodyCentres, TriangulatedPeople
 SIZE_SD = 0.25
 """By how much (as a logarithm) the size of a box may differ from that of a person of middling height where it is."""
 NEAREST_M = 0.3
-"""Nobody is taken to be nearer to a camera."""
+"""No person is taken to be nearer to a camera."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +102,7 @@ def residuals_at(pairs: PairColumns, pose: Pose) -> PairResiduals:
     information = _information(by_place, pairs)
     across, both, down = information
     miss = across * residual[0] ** 2 + 2 * both * residual[0] * residual[1] + down * residual[1] ** 2
-    # Whoever is of the wrong size is another person.
+    # A person of the wrong size is another person.
     distance = np.maximum(np.sqrt(square), NEAREST_M)
     size = (pairs.size + np.log(distance)) / SIZE_SD
     miss = np.where(along < NEAREST_M * distance, 1e6, miss + np.maximum(size**2 - 4.0, 0.0))

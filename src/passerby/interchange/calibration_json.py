@@ -214,7 +214,7 @@ class WorldEntry:
 
 @dataclass(frozen=True, kw_only=True)
 class GroupEntry:
-    """A further group of cameras: a calibration of its own, which shares nobody with this one."""
+    """A further group of cameras: a calibration of its own, which shares no people with this one."""
 
     group: int
     """2, 3, ...; the main rig is group 1."""
@@ -283,7 +283,7 @@ class CalibrationDocument:
         return {one.name: one for one in self.cameras}
 
     def entry(self, name: str) -> CameraEntry:
-        """Of a camera; an empty one where it is not told of."""
+        """Of a camera; an empty one if unknown."""
         return self.entries.get(name) or CameraEntry(name=name)
 
 

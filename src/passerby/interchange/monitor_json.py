@@ -1,6 +1,6 @@
 """`monitor.json`: what `passerby monitor` found, as values, for those who read it again.
 
-`passerby.monitoring.result` writes it. Keys that nobody reads again are not declared here. Times are seconds, the rig's clock.
+`passerby.monitoring.result` writes it. Keys that are not read again are not declared here. Times are seconds, the rig's clock.
 """
 
 from __future__ import annotations

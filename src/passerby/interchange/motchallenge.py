@@ -41,7 +41,7 @@ KIND = 'a numpy archive (npz) with an array "embeddings"'
 
 
 def read_boxes(path: str | Path, *, doubles: bool = False, box_format: BoxFormat = LTWH) -> Boxes:
-    """Read the boxes of one camera; a file without rows is a camera that saw nobody.
+    """Read the boxes of one camera; a file without rows is a camera that saw no person.
 
     The boxes of another `box_format` become left, top, width, height; normalised ones stay in shares of the image.
 

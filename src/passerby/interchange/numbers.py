@@ -2,7 +2,7 @@
 
 Rotation vectors (Rodrigues) out of files.
 
-A rig from the cameras of a file, with all their faults told at once.
+A rig from the cameras of a file, with all their faults reported together.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from passerby.geometry.rotations import exp_rotation
 from passerby.interchange.storage.safe_parsing import FileFaults, leaves
 
 MOST_RADIANS = 1e3
-"""A rotation vector is told to within a turn or a few; a longer one is another number's bytes, and OpenCV makes NaN of it."""
+"""A rotation vector is known to within a turn or a few; a longer one is another number's bytes, and OpenCV makes NaN of it."""
 
 
 class NotNumbers(ValueError):

@@ -77,7 +77,7 @@ class OutputFolder:
 
     @property
     def identities_given(self) -> bool:
-        """Whether somebody said who is who, so that the identities are those of the input."""
+        """Whether identities were stated, so that they are those of the input."""
         return self.document.association.mode == "given"
 
     @property
@@ -143,7 +143,7 @@ def read_folder_rig(out: Path) -> Rig:
 
 
 def read_report(out: Path, *, tracks: bool = True) -> CalibrationDocument:
-    """What `calibration.json` holds, once it is sure that rig and tracks beside it are those that it tells of.
+    """What `calibration.json` holds, once it is verified that rig and tracks beside it are those that it describes.
 
     What a process that was killed has decided to write is put into its place before. Files that are missing are the business of
     those who need them; an older Passerby wrote no checksums. Without `tracks` only the rig is checked, no track file is read.
@@ -180,7 +180,7 @@ def _checksum(path: Path) -> str:
 
 
 def _boxes(out: Path, camera: CameraEntry) -> Boxes:
-    """A camera's tracks; without any, a camera that saw nobody has no file."""
+    """A camera's tracks; without any, a camera that saw no person has no file."""
     path = out / TRACKS_FOLDER / f"{camera.name}.txt"
     if not path.is_file() and camera.boxes == 0:
         return Boxes.empty()
@@ -190,7 +190,7 @@ def _boxes(out: Path, camera: CameraEntry) -> Boxes:
 
 
 def _clocks(out: Path, cameras: Mapping[str, CameraEntry], rig: Rig) -> dict[str, Clock]:
-    """Each camera's clock; none where none was told."""
+    """Each camera's clock; none if none was stated."""
     found = {
         name: Clock(fps, cameras[name].time_offset_s or 0.0) for name in rig.names if (fps := cameras[name].fps) is not None
     }

@@ -7,7 +7,7 @@ Passerby's own extra keys are `position_sigma_mm`, `orientation_sigma_deg` and `
 then rotation vector in radians, camera frame), `complete_covariance` (10 x 10: the same six, the logarithm of the focal length,
 the principal point in pixels and the first distortion coefficient), `points_sigma_mm` and `ground_sigma_mm` (of what the rig
 measures where people walked), `focal_sd_percent` (one standard deviation of a focal length that is a
-guess), `uncalibrated` (nobody knows the lens: its matrix is a stand-in, to be estimated), and `rotate` (degrees clockwise by
+guess), `uncalibrated` (the lens is unknown: its matrix is a placeholder, to be estimated), and `rotate` (degrees clockwise by
 which the camera's images are to be turned so that people stand upright; all numbers are of the images as filmed). A sigma
 that is infinite, since nothing fixes the pose, is left out.
 """

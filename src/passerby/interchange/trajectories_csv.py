@@ -1,4 +1,4 @@
-"""People's ways over the ground as CSV, and true ground positions as data sets and `passerby simulate` write them."""
+"""People's trajectories over the ground as CSV, and true ground positions as data sets and `passerby simulate` write them."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def write_trajectories(path: str | Path, found: Trajectories) -> None:
     """Write one row a person and instant, sorted by time, then by identity; lengths to the millimetre.
 
     x_m and y_m are the place on the ground, z_m is the height of the body's middle; sigma_m is empty where unknown; cameras is
-    0 where nobody saw the person. Raises `InputError` where `path` is not writable.
+    0 where no camera saw the person. Raises `InputError` where `path` is not writable.
     """
     order = np.lexsort((found.identity, found.frame))
     columns = zip(
@@ -61,7 +61,7 @@ def _length(metres: float) -> str:
 
 
 def read_trajectories(path: str | Path) -> Trajectories:
-    """Read what `write_trajectories` wrote. Stretches are told apart by the frames that are missing between them.
+    """Read what `write_trajectories` wrote. Stretches are distinguished by the frames that are missing between them.
 
     Raises `FileFaults` (an `InputError`) that names file, line, value and fix.
     """
@@ -78,7 +78,7 @@ def read_trajectories(path: str | Path) -> Trajectories:
     if faults:
         raise FileFaults(faults)
     if not rows:
-        raise InputError(f"{path}: has no row: nobody was followed")
+        raise InputError(f"{path}: has no row: no person was followed")
     table = np.array(rows)
     table = table[np.lexsort((table[:, 1], table[:, 2]))]
     identity, frame = table[:, 2].astype(np.int64), table[:, 1].astype(np.int64)
@@ -110,7 +110,7 @@ def _place(line: dict[str, str]) -> tuple[float, ...]:
 
 
 def _parts(identity: Ints, frame: Ints) -> Ints:
-    """(N,) stretches of each identity, from 1, told apart by gaps; both columns sorted by identity, then frame."""
+    """(N,) stretches of each identity, from 1, separated by gaps; both columns sorted by identity, then frame."""
     same = np.diff(identity) == 0
     usual = int(np.median(np.diff(frame)[same])) if same.any() else 1
     begins = np.concatenate([[True], ~same])
@@ -135,7 +135,7 @@ def read_ground_positions(path: str | Path) -> GroundPositions:
     """Read true ground positions: a header with frame, id (or person), x_m and y_m; other columns are left alone.
 
     Raises `FileFaults` (an `InputError`) that names file, line, value and fix for a missing column, a field that is no finite
-    number, a frame or an id that is not whole, and somebody who is twice in a frame.
+    number, a frame or an id that is not whole, and a person who is twice in a frame.
     """
     text = read_text(path, "a table of true ground positions (CSV)")
     header, rows = csv_rows(path, text)

@@ -26,7 +26,7 @@ CONTAINERS = {".mp4": "mp4", ".mov": "mov", ".mkv": "matroska"}
 # Ticks a second of the timestamps where the caller gives them: MPEG's own clock, which holds milliseconds and all usual rates.
 TICKS_PER_SECOND = 90_000
 
-# A player that is told nothing guesses how the colours were made from the size of the picture. The file tells: by
+# A player without information guesses how the colours were made from the size of the picture. The file tells: by
 # ITU-R BT.601 in its limited range (matrix coefficients 6 in ITU-T H.273).
 BT601_IN_FILE = 6
 

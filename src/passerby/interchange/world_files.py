@@ -1,7 +1,7 @@
 """Points and camera positions with known coordinates, as CSV with a header or as TOML with the same keys.
 
 `points.csv`: `camera,u,v,x,y[,z][,point][,sd_m]`, one row a sighting; rows of one `point` (or, without that column, of the same
-coordinates) tell of one point. z is 0, the ground, where it is not told. `points.toml` holds `[[points]]` tables.
+coordinates) tell of one point. z is 0, the ground, if not stated. `points.toml` holds `[[points]]` tables.
 
 `positions.csv`: `camera,x,y[,z][,sd_m]` in metres, or `camera,lat,lon[,alt][,sd_m]` in degrees and metres (WGS 84).
 `positions.toml` holds `[[positions]]` tables. Other columns of a CSV are left alone; an unknown key of a TOML is an error.

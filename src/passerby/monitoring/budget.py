@@ -1,6 +1,6 @@
 """How much of the footage is used, so that the work stays within a budget of processor time.
 
-The time is foretold from how many boxes there are, never measured while it runs: the same footage is thinned alike on every
+The time is predicted from how many boxes there are, never measured while it runs: the same footage is thinned alike on every
 computer. What detecting people in videos takes is not in it.
 """
 
@@ -41,7 +41,7 @@ class Thinning:
     one_window_in: int = 1
     """Of so many windows one is used."""
     predicted_s: float = 0.0
-    """Processor time that this takes for each camera and minute of recording, seconds, as foretold."""
+    """Processor time that this takes for each camera and minute of recording, seconds, as predicted."""
 
     @property
     def is_thinned(self) -> bool:

@@ -1,4 +1,4 @@
-"""A rig held against another estimate of it: which cameras stand to the others otherwise than before.
+"""A rig compared with another estimate of it: which cameras have another pose relative to the others than before.
 
 Two estimates of a rig compare up to a similarity. It is sought together with the cameras that have moved: those are the ones
 without which all the rest fits, at the least cost. A camera that was turned stays in its place as a rule, so that turning costs
@@ -23,7 +23,7 @@ from passerby.solver.gauge import SCALE, TILT_X, similarity_moves
 FEWEST_STRETCHES = 2
 """Of a camera, below which it is left out."""
 MARGIN = 9.2
-"""Twice the logarithm of how many times likelier an explanation is than one without the camera that it names: 100 times."""
+"""Twice the logarithm of how many times more likely an explanation is than one without the camera that it names: 100 times."""
 EXHAUSTIVE = 729
 """Explanations that are all tried: six cameras. Of larger rigs the most likely ones are built on."""
 BEAM = 40
@@ -59,7 +59,7 @@ class Estimate:
     covariance: Floats
     """(6 C, 6 C) after the best similarity: centre, then rotation vector in the camera's frame."""
     stretches: Ints
-    """(C,) people over some seconds that each camera rests on."""
+    """(C,) people over some seconds that each camera uses."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -29,7 +29,7 @@ POWER = 1.645
 """Of a move that is seen in 95 % of the cases: so many sigmas above the threshold."""
 LOUD, LESS = 0.1, 2.0
 """Of a window's stretches, without which the score must still come within so much of the threshold. In 24 quiet hours the
-largest score of all but one was 3.7; it was 7.1 in one where somebody was half hidden for some seconds."""
+largest score of all but one was 3.7; it was 7.1 in one where a person was half hidden for some seconds."""
 TAILS = 3.0
 """Degrees of freedom of the statistic for each stretch in the window, at most."""
 POOLED = 150.0
@@ -47,13 +47,13 @@ class MotionTest:
 
     camera: int
     score: float
-    """Minus the decimal logarithm of how likely so much is where nothing moved; 0 where nothing can be told."""
+    """Minus the decimal logarithm of how likely so much is where nothing moved; 0 if unknown."""
     clusters: int
     shift: Floats
     """(6,) the move that fits best, to first order."""
     smallest_m: tuple[float, float]
     """The shift that is seen in 95 % of the cases, in the middle one of three directions at right angles and in the worst one;
-    infinite where nothing can be told."""
+    infinite if unknown."""
     smallest_deg: tuple[float, float]
     """The turn that is, about the middle one of three axes and about the worst one."""
     scatter: Floats = field(default_factory=lambda: np.zeros((6, 6)))
@@ -205,7 +205,7 @@ def _test(
     freedom = min(freedom, TAILS * len(rows))
     noise = noise + sensitivity @ covariance @ sensitivity.T
     whole = score_of(_length(pull, noise), freedom)
-    # Somebody half hidden for a while must not speak for all: the few stretches that ask loudest are left out by turns.
+    # A person half hidden for a while must not decide for all: the few stretches with most weight are left out in turn.
     loudest = np.argsort(score @ np.linalg.solve(noise, pull))[-max(1, round(LOUD * len(rows))) :]
     rest = score_of(_length(pull - score[loudest].sum(axis=0), noise), freedom)
     limit = limit_of(threshold, freedom)
@@ -253,7 +253,7 @@ class ChangePoint:
 def estimate_change_point(
     rig: Rig, seen: RigObservations, camera: str, baseline: Baseline, ground: GroundPlane
 ) -> ChangePoint | None:
-    """When a camera moved that moved once in the footage; None where nobody was seen by two cameras, so that nothing tells.
+    """When a camera moved that moved once in the footage; None if no person was seen by two cameras.
 
     Of each moment: how much better one new pose from then on explains what was seen than the old one (a likelihood ratio, the
     other cameras held where the baseline has them).

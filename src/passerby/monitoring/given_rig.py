@@ -1,4 +1,4 @@
-"""The rig that is watched, with what its calibration knew beside: clocks, and how sure its shape is.
+"""The rig that is monitored, with its clocks and the uncertainty of its shape.
 
 What an earlier run found, for cameras that have no news since.
 
@@ -74,7 +74,7 @@ def read_given(path: Path) -> GivenRig:
 def _monitored_from(file: Path) -> str | None:
     """The scene that a rig which `passerby monitor` wrote was calibrated from.
 
-    Only for showing: a broken file of an earlier run keeps nobody from monitoring again.
+    Only for showing: a broken file of an earlier run does not prevent monitoring.
     """
     if file.name != RIG_FILE or not (file.parent / MONITOR_FILE).is_file():
         return None

@@ -1,6 +1,6 @@
 """A rig in use and new footage: which cameras have moved since they were calibrated.
 
-A calibration in groups that share nobody: each is a rig of its own, and is monitored as one.
+A calibration in groups that share no people: each is a rig of its own, and is monitored as one.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ def monitor(
         in_step: whether the footage's clocks agree, whatever the calibration's did.
         keep: folder in which is kept what was seen in videos; where an earlier run was written into it, its states are taken
             over of the cameras that have no news since.
-        progress: told of each stage.
+        progress: called with each stage.
         executor: works on cameras side by side.
 
     Raises:
@@ -165,7 +165,7 @@ def watch_footage(
         observations: of these cameras, with a clock for each.
         options: see `WatchOptions`.
         known: whether identities hold over all cameras; they are each camera's own tracklets else, or -1 for detections.
-        tell: told of each stage.
+        tell: called with each stage.
         executor: works on cameras side by side.
     """
     clocks, sizes = observations.clocks, {camera.name: camera.lens.size for camera in rig}
@@ -320,7 +320,7 @@ def monitor_groups(
         options: see `WatchOptions`.
         in_step: as of `monitor`.
         keep: as of `monitor`; each further group has its own folder in it.
-        tell: told of each stage.
+        tell: called with each stage.
         executor: works on cameras side by side.
 
     Raises:

@@ -5,7 +5,7 @@ together with the other cameras that saw them. So each camera is watched in a sm
 all bodies that it saw; what that says of the partners is left to their own small rigs.
 
 Where a partner has moved, a small rig may not know which of the two it was: the partner's other partners do. Cameras about
-which anything was said are therefore watched again without those partners that have surely moved, until nothing changes.
+which anything was said are therefore watched again without those partners that have significantly moved, until nothing changes.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ class _Job:
     rig: Rig
     seen: RigObservations
     observations: Observations
-    """Empty where nobody has joints."""
+    """Empty without joints."""
     height_m: float
     options: WatchOptions
     span: tuple[float, float]
@@ -74,7 +74,7 @@ def watch_neighbourhoods(
         names: all cameras, those included that have no neighbour; of them nothing is said.
         options: see `WatchOptions`.
         span: times from which and until which windows lie, seconds.
-        tell: told how many cameras are done.
+        tell: called with the number of cameras that are done.
         executor: works on cameras side by side; the result does not depend on it.
     """
     of_camera = {name: bodies for site in sites for name, bodies in _bodies_by_camera(site).items()}

@@ -1,4 +1,4 @@
-"""From boxes and joints to moves: each window's cameras are adjusted anew, all of them, and held against the rig.
+"""From boxes and joints to moves: each window's cameras are adjusted again, all of them, and compared with the rig.
 
 The test of `watching` holds all cameras but one. That is quick and works for hours of boxes; but it is blind where the others
 have moved as well, and knows no joints, of which half a minute is enough to calibrate by.
@@ -43,7 +43,7 @@ def joints_are_shared(observations: Observations) -> bool:
 
 
 def joints_are_frequent(observations: Observations) -> bool:
-    """Whether `joints_are_shared` may hold once it is known who is who: there are joints, and not just now and then."""
+    """Whether `joints_are_shared` may hold once identities are known: there are joints, and not just now and then."""
     boxes, joints = (sum(len(getattr(seen, part)) for seen in observations.cameras.values()) for part in ("boxes", "keypoints"))
     return joints > 0 and joints >= ENOUGH * boxes
 
@@ -60,7 +60,7 @@ def watch_adjusted(
         seen: the same people as rays (`gather_rig_observations`): they date a move.
         options: see `WatchOptions`.
         ground: where feet are; z = 0 where None.
-        tell: told how many windows are done.
+        tell: called with the number of windows that are done.
         span: as of `watching.watch`.
     """
     run = _AdjustedRun(rig, observations, seen, options or WatchOptions(), ground or GroundPlane(), tell, span)

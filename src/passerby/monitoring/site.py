@@ -1,10 +1,10 @@
-"""The cameras of a site: which of them are neighbours, who is who among these, and what each small rig says of its camera.
+"""The cameras of a site: which of them are neighbours, their identities, and what each small rig says of its camera.
 
 Which cameras of a rig may share people: those that see ground in common, by their poses.
 
-Walls are not known, so that a neighbour may turn out to share nobody. The work grows with the cameras, not with their pairs.
+Walls are not known, so that a neighbour may turn out to share no people. The work grows with the cameras, not with their pairs.
 
-Who is who over the cameras of a rig that is in use, where nobody says so: tracklets that meet in space, camera by camera.
+Identities over the cameras of a rig that is in use, where none are stated: tracklets that meet in space, camera by camera.
 
 As in a calibration (`association.associate`), but from poses that are known from the first. A camera that has moved by a few
 degrees still sees people nearer to where the others see them than to anybody else.
@@ -38,11 +38,11 @@ MANY = 12
 CELL_M = 1.0
 RANGE_M = 40.0
 LEAST_PX = 25.0
-"""Height in the image below which nobody is detected."""
+"""Height in the image below which no person is detected."""
 SAME_RAY = 1e-3
 """Beyond its border a distorted lens folds over: a pixel whose ray is another one than the point's shows something else."""
 LEAST_SHARED = 5
-"""Cells that neighbours have in common: on less ground hardly anybody walks."""
+"""Cells that neighbours have in common: on less ground almost no person walks."""
 SAME_FLOOR_M = 1.5
 """Two cameras whose ground differs by more in height stand on different floors."""
 MOST_NEIGHBOURS = 12
@@ -50,7 +50,7 @@ MOST_NEIGHBOURS = 12
 Pairs = frozenset[tuple[int, int]]
 """Places of two cameras in a rig, a < b."""
 SEED = 0
-"""Of the draw of the people that tell each camera's vertical where nobody says who is who."""
+"""Of the draw of the people that determine each camera's vertical without known identities."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +95,7 @@ def watch_site(
         cameras: that are watched.
         options: see `WatchOptions`.
         known: whether identities hold over all cameras; they are each camera's own tracklets else, or -1 for detections.
-        tell: told of each stage.
+        tell: called with each stage.
         executor: works on cameras side by side.
     """
     # The systems are small, and the number of BLAS threads would change the last bits.
@@ -122,7 +122,7 @@ def _site(cameras: CamerasOfSite, numbers: list[int], known: bool, tell: Progres
 
 
 def _span(observations: Observations) -> tuple[float, float]:
-    """From the first time at which anybody was seen to just after the last, seconds; zeros where nobody was."""
+    """From the first time at which a person was seen to just after the last, seconds; zeros if there was none."""
     ends: list[Floats] = []
     for name, seen in observations.cameras.items():
         frames = np.concatenate([seen.boxes.frame, seen.keypoints.frame])
@@ -220,14 +220,14 @@ def identify_by_rig(
         rng: draws the people that each camera's vertical is fitted to.
         ground_m: height of the ground.
         executor: works on cameras side by side.
-        tell: told of every camera that is done.
+        tell: called for every camera that is done.
         candidates: the pairs of cameras, a < b by their places in the rig, that are compared; None: all.
     """
     level = rig.moved(np.eye(3), np.array([0.0, 0.0, -ground_m]))
     cameras = build_tracklets(level, observations, clocks, PERSON_HEIGHT_M, rng, executor, tell=tell)
     tracklets = Tracklets.of(cameras)
     offsets = np.array([clocks[camera.name].offset_s for camera in level])
-    # The cameras' own times are told with their offsets: none is left to add.
+    # The cameras' own times include their offsets: none is left to add.
     nothing = ViewGraph((), (), np.zeros_like(offsets))
     person = cluster_by_rig(
         tracklets, cameras, nothing, [camera.pose for camera in level], np.zeros_like(offsets), PERSON_HEIGHT_M,
@@ -248,7 +248,7 @@ def _named(camera: CameraTracklets, person: Ints) -> CameraObservations:
 
 
 def _renamed(part: Boxes | Keypoints, person: Ints) -> Boxes | Keypoints:
-    """Rows of somebody, once in a frame: of two the one of the longer tracklet."""
+    """Rows of a person, once in a frame: of two the one of the longer tracklet."""
     rows = np.flatnonzero(part.identity > UNKNOWN)
     tracklet = part.identity[rows]
     who = person[tracklet] + 1

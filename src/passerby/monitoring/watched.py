@@ -25,7 +25,7 @@ class WatchOptions:
     """Length of a window."""
     threshold: float = 4.7
     """Score from which a camera has moved: see `evidence.MotionTest.score`. In 120 quiet hours tried out the largest were 4.4,
-    4.1, 3.5 and 3.3; of 120 knocks of a degree or 10 cm 117 went beyond 4.5 within a minute."""
+    4.1, 3.5 and 3.3; of 120 bumps of a degree or 10 cm 117 went beyond 4.5 within a minute."""
 
     budget_s: float | None = None
     """Processor seconds for each camera and minute of recording: see `budget`. None: `budget.SITE_BUDGET_S` of a rig of many
@@ -82,7 +82,7 @@ class Move:
 
 @dataclass(frozen=True, eq=False)
 class Window:
-    """What one window told."""
+    """The result of one window."""
 
     from_s: float
     until_s: float
@@ -95,7 +95,7 @@ class Window:
 
 @dataclass(frozen=True, eq=False)
 class Watched:
-    """What all the footage told."""
+    """The result of all the footage."""
 
     names: tuple[str, ...]
     moves: tuple[Move, ...]

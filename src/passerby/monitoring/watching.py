@@ -48,7 +48,7 @@ def watch(
         seen: people with identities over all cameras.
         options: see `WatchOptions`.
         ground: where feet are; z = 0 where None.
-        tell: told how many windows are done.
+        tell: called with the number of windows that are done.
         span: times from which and until which windows lie, seconds; those at which anybody was seen where None.
     """
     run = _ScoreRun(rig, seen, options or WatchOptions(), ground or GroundPlane(), tell, span)

@@ -34,13 +34,13 @@ STAGE = "monitoring"
 PIECE_S = 600.0
 """Of footage that is worked on at once: memory stays at some 100 MB."""
 FIRST_S = 15.0
-"""A move that seems to lie so near to the beginning of the footage cannot be told from one before it."""
+"""A move that seems to lie so near to the beginning of the footage cannot be distinguished from one before it."""
 RIDGE = 1e-6
 """Share of the diagonal that is added to it: position, heading and scale of the whole rig are free."""
 
 
 def span_of(seen: RigObservations) -> tuple[float, float]:
-    """The first time at which somebody was seen, and just after the last: seconds; zeros where nobody was."""
+    """The first time at which a person was seen, and just after the last: seconds; zeros if there was none."""
     if not seen.n_groups:
         return 0.0, 0.0
     return float(seen.seconds.min()), float(seen.seconds.max()) + 1e-6

@@ -93,7 +93,7 @@ class CorrectIdentities(Act):
 
 
 class NotAPerson(Act):
-    """A box that is nobody: a poster, a mannequin."""
+    """A box that is no person: a poster, a mannequin."""
 
     act: Literal["not_people"]
     box: PersonAt

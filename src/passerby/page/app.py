@@ -157,7 +157,7 @@ def _report(session: Session, request: Request) -> Response:
 
 def _report_part(session: Session, request: Request) -> Response:
     """A file of the report of many cameras. The report runs apart from the page, so it sends no cookie: its stamp says that it
-    has been read by whoever asks.
+    has been read by the client.
     """
     stamp, name = request.path_params["stamp"], request.path_params["name"]
     path = report_folder(session.out / REPORT_FILE) / stamp / name

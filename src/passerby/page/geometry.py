@@ -213,7 +213,7 @@ class SamePerson:
     """One identity of the last calibration."""
 
     identity: int | None
-    """None where nobody who was identified is at the pixel."""
+    """None if no identified person is at the pixel."""
     seen: tuple[SeenPerson, ...] = ()
     """The camera of the click first, then others, those of the nearest moments first; at most `MOST_SHOWN` others."""
     further: tuple[str, ...] = ()
@@ -241,7 +241,9 @@ class IdentifiedPeople:
         """
         folder = self._folder()
         if camera not in folder.boxes:
-            raise InputError(f"camera {camera} has no pose in the last calibration, so nobody is identified in it: solve again")
+            raise InputError(
+                f"camera {camera} has no pose in the last calibration, so it has no identified people: solve again"
+            )
         return find_same_person(folder, camera, frame, at)
 
     def _folder(self) -> OutputFolder:
@@ -250,7 +252,7 @@ class IdentifiedPeople:
             try:
                 stat = (self.out / CALIBRATION_FILE).stat()
             except OSError:
-                raise InputError("nobody is identified yet: calibrate first") from None
+                raise InputError("no person is identified yet: calibrate first") from None
             stamp = stat.st_mtime_ns, stat.st_size
             if self._read is None or self._read[0] != stamp:
                 self._read = stamp, read_output(self.out)

@@ -50,7 +50,7 @@ class Guard:
     def __init__(
         self, app: ASGIApp, token: str, port: int, limits: Mapping[str, int] | None = None, open_below: str | None = None
     ) -> None:
-        """Guard an app; below `open_below` nobody needs the token: its addresses cannot be guessed."""
+        """Guard an app; below `open_below` no token is needed: its addresses cannot be guessed."""
         self._app, self._token, self._limits, self._open_below = app, token, dict(limits or {}), open_below
         self._hosts = {f"127.0.0.1:{port}", f"localhost:{port}"}
         self._cookie = f"passerby-{port}"  # browsers keep cookies by host, whatever the port
@@ -191,7 +191,7 @@ def picture_answer(store: PictureStore, scene: Scene, version: str, name: str, f
 
 
 async def bug(_: Request, error: Exception) -> Response:
-    """The answer to what nobody foresaw."""
+    """The answer to an unexpected error."""
     return PlainTextResponse("A bug in Passerby; the terminal shows it.\n", 500)
 
 

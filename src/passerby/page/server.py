@@ -88,7 +88,7 @@ def serve(opened: Opened | OpenedMonitoring, port: int, tell: Callable[[str], No
     Args:
         opened: what to show.
         port: 0 for any free one.
-        tell: is told the page's address, once it can be opened.
+        tell: is called with the page's address, once it can be opened.
         browser: open it in the user's browser.
 
     Raises:

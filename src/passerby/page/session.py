@@ -43,7 +43,7 @@ class Session:
     scene_file: Path
     out: Path
     serves: bool = False
-    """Whether for a server that lasts: then a process is ready for the next calibration as soon as somebody marks something."""
+    """Whether for a server that lasts: then a process is ready for the next calibration as soon as a user marks something."""
     pictures: PictureStore = field(default_factory=PictureStore)
     _lock: threading.Lock = field(default_factory=threading.Lock)
     _checking: threading.Lock = field(default_factory=threading.Lock)

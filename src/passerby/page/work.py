@@ -75,7 +75,7 @@ class Work:
                 self._ended = None
                 try:
                     write_text(self.folder / RUN_FILE, json.dumps({"pid": self._process.pid, "version": version}))
-                except InputError:  # nobody could stop it
+                except InputError:  # it cannot be stopped
                     self._process.terminate()
                     self._process.wait()
                     self._process = None
@@ -135,7 +135,7 @@ class Work:
         return told
 
     def before(self) -> dict[str, Any] | None:
-        """The calibration before the last one, as it was told; None where there was none."""
+        """The calibration before the last one, as it was reported; None where there was none."""
         try:
             found: dict[str, Any] = json.loads((self.folder / BEFORE).read_text(encoding="utf-8"))
         except (OSError, ValueError):
@@ -154,7 +154,7 @@ class Work:
             return ""
 
     def _finished(self) -> bool:
-        """Whether the process has told its verdict."""
+        """Whether the process has reported its verdict."""
         try:
             return "verdict" in json.loads((self.folder / RESULT).read_text(encoding="utf-8"))
         except (OSError, ValueError):

@@ -15,7 +15,7 @@ from passerby.people.model import Priors
 from passerby.people.upright_body import Rays, body_ends, linearise_ends, reach_by_size
 
 ROUNDS = 4
-"""Of a box's distance, from its size to the place where the body stands; the fourth moves nobody by a millimetre."""
+"""Of a box's distance, from its size to the place where the body stands; the fourth moves no person by a millimetre."""
 SHORTEST_SHARE, LONGEST_SHARE = 0.3, 1.3
 """Of the usual height: what a body's highest point is taken to be while its distance is sought."""
 STANCE_SD = Priors().high

@@ -1,4 +1,4 @@
-"""Where people are by all cameras but one: what that one's own sightings can be held against, with no part in it."""
+"""Where people are by all cameras but one: what that one's own sightings can be compared with, with no part in it."""
 
 from __future__ import annotations
 

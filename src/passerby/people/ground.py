@@ -23,7 +23,7 @@ MAX_SD = 0.4
 
 
 def rough_height(rig: Rig, observations: Observations) -> float:
-    """Metres: where feet are by the size that people have in the pictures, whoever they are."""
+    """Metres: where feet are by the size that people have in the pictures, without identities."""
     heights = []
     for camera in rig.posed():
         if camera.pose is None or camera.name not in observations.cameras:

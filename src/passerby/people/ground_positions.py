@@ -1,4 +1,4 @@
-"""Where on the ground each box of a rig's cameras shows somebody, and how well that is known.
+"""Where on the ground each box of a rig's cameras shows a person, and how well that is known.
 
 A box is a ray to a body's middle. Across the ray the place is known to a fraction of a body's width; along it by the middle's
 height above the ground and by the body's size in the picture, whichever tells more. Boxes of all cameras at one instant become

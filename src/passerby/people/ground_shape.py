@@ -1,8 +1,8 @@
 """Is the people's ground one plane? How high their middles are, over the places where they walk.
 
-The world's z is the normal of the people's ground, and its zero lies on it. A slope that is even changes nothing but what is
+The world's z is the normal of the people's ground, and its zero lies on it. A slope that is even changes only what is
 called up. A ground that is not one plane, with stairs, a ramp or a stage, tilts the whole of it: people on either level pull.
-Where nobody changes the level, each one's own way still lies level, and slopes against a plane that was laid through both.
+Where no person changes the level, each one's own way still lies level, and slopes against a plane that was laid through both.
 """
 
 from __future__ import annotations
@@ -28,13 +28,14 @@ UNSURE_M = 0.3
 """Places whose height is less sure than this tell nothing."""
 ROUNDS, LOSS = 10, 2.0
 LEAST_M, LEAST_SIGMAS, LEAST_CHANCE = 0.12, 1.8, 8.0
-"""A ground is told to be no plane where its rise is so large and so many sigmas, and its bending so far from chance. On flat
-ground the last is 5 at most, mostly below 1; a step of half a metre across a terrace or a building site makes it 10 to 17 in
+"""A ground is reported to be no plane where its rise is so large and so many sigmas, and its bending so far from chance.
+On flat
+ground the last is 5 at most, usually below 1; a step of half a metre across a terrace or a building site makes it 10 to 17 in
 half a minute."""
 LARGE_M, LARGE_CHANCE = 0.3, 4.5
 """The same of a rise so large that it must not be missed: the largest of 21 scenes of flat ground is 0.17."""
 EXTENT = 0.05
-"""The lowest and the highest part are those below and above which so much of the people's ways lies."""
+"""The lowest and the highest part are those below and above which so much of the people's trajectories lies."""
 MOST_PLACES = 6000
 """Places at most: of more, even steps of instants are taken."""
 EXCESS = 4.0
@@ -64,7 +65,7 @@ class GroundShape:
 
     @property
     def sure(self) -> bool:
-        """Whether the ground is beyond doubt no plane, by so much that it matters."""
+        """Whether the ground is significantly no plane, by so much that it matters."""
         least = LARGE_CHANCE if self.rise_m > LARGE_M else LEAST_CHANCE
         return self.rise_m > max(LEAST_M, LEAST_SIGMAS * self.sigma_m) and self.chance_sigmas > least
 
@@ -95,7 +96,7 @@ def ground_shape(people: TriangulatedPeople, per_second: float) -> GroundShape |
 
 
 def _walking(people: TriangulatedPeople, per_second: float) -> NDArray[np.bool_]:
-    """(N,) who walks: he is upright. Whoever works near the ground does so in one place, and would make a hole of it."""
+    """(N,) who walks: upright people. A person who works near the ground does so in one place, and would make a hole of it."""
     step = max(1, round(WALK_S * per_second))
     order = np.lexsort((people.instant, people.identity))
     who, when, where = people.identity[order], people.instant[order], people.place[order, :2]

@@ -63,7 +63,7 @@ class BodyEquations:
 
 @dataclass(frozen=True, eq=False)
 class FittedPeople:
-    """G bodies and what they rest on."""
+    """G bodies and the observations that they use."""
 
     body: Floats
     """(G, 4) x, y, g, h: metres."""
@@ -72,7 +72,7 @@ class FittedPeople:
     pull: Floats
     """(G, 4) and its gradient at `body`."""
     information: Floats
-    """(G, 4, 4) of the bodies, all told."""
+    """(G, 4, 4) total information of the bodies."""
     weight: Floats
     """(N,) of the sightings, by the robust loss."""
     equations: BodyEquations

@@ -12,7 +12,7 @@ class Noise:
     """What the residuals are weighed by; shares are of the extent in pixels that the person is expected to have."""
 
     floor_px: float = 0.5
-    """What head, ankles and joints are off by, however large the person is seen."""
+    """Noise of head, ankles and joints in pixels, independent of the person's size."""
     box_px: float = 0.5
     """The same of the centre of a box; its height is off by twice as much, as where both edges err on their own."""
     centre: float = 0.02

@@ -2,7 +2,7 @@
 
 Each person is located by all cameras but one (`PeopleRays`). In the picture of the one that was left out, the distance
 of the person's middle from the projection of that place is a residual with no part of its own in it. On the ground, the ray of
-the middle meets the height of that place somewhere: the horizontal distance is how far off the camera by itself puts somebody.
+the middle meets the height of that place somewhere: the horizontal distance is the error of the camera by itself.
 """
 
 from __future__ import annotations

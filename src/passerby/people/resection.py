@@ -25,7 +25,7 @@ CENTRE_SD_M, TURN_SD = 2.0, np.deg2rad(30.0)
 STEPS, STILL = 8, 1e-5
 """Steps at most, and metres and radians below which no more are made."""
 LOSS, BEYOND = 3.0, 25.0
-"""Scale of the Cauchy loss in sigmas, and the square of the sigmas beyond which a sighting shows somebody else."""
+"""Scale of the Cauchy loss in sigmas, and the square of the sigmas beyond which a sighting shows another person."""
 WIDENING, ROUNDS = 64.0, 16
 """Times that scale, from which a pose is sought where bodies are solved anew with it, and steps at most: a camera that was
 turned by ten degrees sees people some 80 sigmas off."""
@@ -115,7 +115,7 @@ class Resection:
     statistic: float
     """`shift` in its own covariance: squared length; 6 where nothing moved."""
     clusters: int
-    """Stretches of people that it rests on."""
+    """Stretches of people that it uses."""
     sightings: int
     cost: float
     """Half the weighted squared residuals that are left, bodies eliminated."""
@@ -227,8 +227,8 @@ def cluster_robust_covariance(
     """The covariance of a sum of cluster scores, from how they scatter.
 
     In the frame in which the formal covariance, `normal`, is the unit matrix, the scatter is averaged with that of
-    `USUAL_WORTH` usual clusters: a few people walking the same way must not look surer than they are. (The sandwich estimator
-    of White, *Econometrica* 1980, by clusters: Liang and Zeger, *Biometrika* 1986.)
+    `USUAL_WORTH` usual clusters: a few people walking the same way must not look better determined than they are. (The
+    sandwich estimator of White, *Econometrica* 1980, by clusters: Liang and Zeger, *Biometrika* 1986.)
 
     Args:
         residual: (K, 6) scores, the fit taken away.

@@ -1,7 +1,7 @@
 """Who is standing: the instants at which a person's highest point tells the standing height.
 
-People crouch, bend and sit; they hardly ever grow. So the standing height is not the mean of what is seen but its highest
-frequent value, even for somebody who crouches most of the time.
+People crouch, bend and sit; they do not grow. So the standing height is not the mean of what is seen but its highest
+frequent value, even for a person who crouches most of the time.
 """
 
 from __future__ import annotations

@@ -22,7 +22,7 @@ X, Y, LOW, HIGH = range(4)
 HORIZON = 0.02
 """Rays that fall less steeply, by this sine, meet no ground."""
 NEAREST_M = 0.3
-"""Nobody is nearer to a camera: it keeps the equations of a guess that is far off finite."""
+"""No person is nearer to a camera: it keeps the equations of a guess that is far off finite."""
 CUT_TIMES = 10.0
 """So much less is believed of a box that the picture's border cuts off: a part of the body is missing from it."""
 

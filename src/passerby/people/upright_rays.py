@@ -28,8 +28,8 @@ the boxes) it is 0.031 to 0.073 without roll, 0.073 to 0.190 at 10 degrees and 0
 TRIED_BOXES = 150
 """Boxes that leans are compared by; the best one is then compared with upright boxes by all."""
 MOVING_SHARE = 0.25
-"""Of a person's extent, between the tenth and the ninetieth percentile of a tracklet's feet: whoever stands shifts by less than
-a tenth, whoever walks passes it within half a second."""
+"""Of a person's extent, between the tenth and the ninetieth percentile of a tracklet's feet: a person who stands shifts
+by less than a tenth, a person who walks passes it within half a second."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,7 +139,7 @@ def levelled_people(
 def of_moving_tracklets(bodies: UprightRays) -> Bools:
     """(N,) those of a tracklet whose lowest point moves by `MOVING_SHARE` of its extent or more, as the camera sees it.
 
-    Whoever sits, and whatever is taken for a person where the background has changed, does not.
+    A person who sits, and what is taken for a person where the background has changed, does not.
     """
     moving = np.zeros(len(bodies), dtype=np.bool_)
     if not len(bodies):

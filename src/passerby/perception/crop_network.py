@@ -152,7 +152,7 @@ def _crop_input(network: Network, ports: tuple[Port, ...], open_size: tuple[int,
 
 
 def is_recognisable(picture: Picture, ltwh: Floats) -> NDArray[np.bool_]:
-    """(N,) the boxes (N, 4) that are large enough and far enough inside of the picture to show how somebody looks."""
+    """(N,) the boxes (N, 4) that are large enough and far enough inside of the picture to show how a person looks."""
     height, width = picture.shape[:2]
     low = np.maximum(ltwh[:, :2], 0.0)
     visible = np.maximum(np.minimum(ltwh[:, :2] + ltwh[:, 2:], (width, height)) - low, 0.0)

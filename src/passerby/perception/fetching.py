@@ -25,7 +25,7 @@ OFFLINE = "PASSERBY_OFFLINE"
 
 ANSWER_S = 6.0
 """So long a server may take for names, connection and header together: who is offline behind a firewall that drops packets
-learns it after this time, however many addresses the server has."""
+learns it after this time, whatever the number of the server's addresses."""
 
 STALL_S = 20.0
 """A transfer in which nothing arrives for so long is broken."""
@@ -35,7 +35,7 @@ IDLE_TRIES = 3
 
 CHUNK = 1 << 16
 KILOBYTE = 1000
-_MEND = "try `passerby models fetch` later, or get the file elsewhere and set PASSERBY_MODELS to its folder"
+_REMEDY = "try `passerby models fetch` later, or get the file elsewhere and set PASSERBY_MODELS to its folder"
 LOCAL = {"localhost", "127.0.0.1", "::1"}
 
 
@@ -73,7 +73,7 @@ def fetch(url: str, target: Path, sha256: str, size: int, tell: Progress = silen
         target: where the file shall lie; missing folders are made.
         sha256: of the whole file, in hex.
         size: of the whole file, in bytes.
-        tell: told how many kilobytes have arrived.
+        tell: called with the number of kilobytes that have arrived.
 
     Raises `UnreachableError` where the file cannot be had (what has arrived is kept), `InputError` where the server sends
     another file (which is not kept).
@@ -113,7 +113,7 @@ def _accept(url: str, part: Path, target: Path, sha256: str, size: int) -> None:
         part.unlink()
         raise InputError(
             f"{url}: sends another file: SHA-256 {found} ({length} bytes) instead of {sha256} ({size} bytes); "
-            f"it was deleted: {_MEND}"
+            f"it was deleted: {_REMEDY}"
         )
     os.replace(part, target)
 
@@ -168,7 +168,7 @@ def _answer(url: str, start: int, size: int) -> tuple[Any, int]:
     announced = response.headers.get("Content-Length", str(size))
     if announced != str(size):
         response.close()
-        raise InputError(f"{url}: sends another file ({announced} bytes instead of {size}): {_MEND}")
+        raise InputError(f"{url}: sends another file ({announced} bytes instead of {size}): {_REMEDY}")
     return response, 0
 
 
@@ -241,7 +241,9 @@ def _length(part: Path) -> int:
 
 @contextmanager
 def _turn(lock: Path, name: str, tell: Progress) -> Iterator[None]:
-    """Hold the file `lock` for this process alone; whoever dies lets go of it. The empty file stays: to delete it is a race."""
+    """Hold the file `lock` for this process alone; a process that dies releases it. The empty file stays: to delete it
+    is a race.
+    """
     with lock.open("ab") as file:
         while not try_lock(file):
             tell(f"waiting for another process that is fetching {name}")

@@ -22,7 +22,7 @@ from passerby.perception.pictures import VideoError
 from passerby.perception.video_probe import VideoInfo
 
 # A file that ends this much before the length it tells, and this part of it, was cut off. Sound that lasts longer than the
-# pictures, where only a common length is told, and lengths rounded to a second stay below.
+# pictures, where only a common length is stated, and lengths rounded to a second stay below.
 SHORTFALL_S = 0.5
 SHORTFALL_OF_FILE_S = 2.0
 # So many reads in a row may fail before the rest of the file is given up.
@@ -250,7 +250,7 @@ def sparse(
     Args:
         packets: of a file, in order; None at the end of one that breaks off.
         is_wanted: of the time of a picture, asked once for each in the order in which they are shown; None while that cannot be
-            told yet: what was asked so far is decoded, and asked again.
+            stated yet: what was asked so far is decoded, and asked again.
     """
     held: _Group | None = None
     filling: _Group | None = None
@@ -278,7 +278,7 @@ def sparse(
         leading = asked(after.times(leading=True)) if after is not None else []
         early = leading or []
         if wanted is None or leading is None or leading:
-            # Whole, so that what follows can rest on it.
+            # Whole, so that what follows can use it.
             yield from group.decodable(continuous=continuous)
             continuous = True
         elif own or wanted:

@@ -1,6 +1,6 @@
 """Which pixels of a picture are not background.
 
-What a static camera sees when nobody is there: the usual colour of every pixel, and how much it varies.
+What a static camera sees without people: the usual colour of every pixel, and how much it varies.
 
 Cast shadows: the background seen through less light.
 """

@@ -155,7 +155,7 @@ class MovenetKeypoints(TopDownKeypoints):
 
 
 class SimccKeypoints(TopDownKeypoints):
-    """RTMPose and its like: outputs [N, J, k W] and [N, J, k H] for an input W x H, with k (mostly 2) bins a pixel."""
+    """RTMPose and its like: outputs [N, J, k W] and [N, J, k H] for an input W x H, with k (usually 2) bins a pixel."""
 
     kind: ClassVar[str] = "simcc"
     # As these networks are trained and published.
@@ -197,7 +197,7 @@ Answers = list[NDArray[Any]]
 MIN_SCORE = 0.3
 # A detector cuts feet, hands and hair by a few percent of the box; a joint farther outside of it is a neighbour's.
 OUTSIDE = 0.1
-# From eyes to ankles a standing person fills 0.9 of the box; one of whom only head and torso can be seen, 0.45.
+# From eyes to ankles a standing person fills 0.9 of the box; one with only head and torso visible, 0.45.
 MIN_EXTENT = 0.3
 
 

@@ -20,7 +20,7 @@ from passerby.perception.networks import ArchiveTable, InputConvention, ModelEnt
 
 AUTO = "auto"
 MODELS = "PASSERBY_MODELS"
-"""Environment variable: folders in which models lie, parted as in PATH."""
+"""Environment variable: folders in which models lie, separated as in PATH."""
 
 
 class Found(NamedTuple):
@@ -89,12 +89,12 @@ def find_model(
         folder: a folder of models to look in first.
         base: the folder that a relative path starts from; the current one.
         download: False to look only.
-        tell: told how far a download is.
+        tell: called with the progress of a download.
 
     Returns:
         The network, its checksum and convention known; or None and the reason, where it lies nowhere and cannot be fetched now.
 
-    Raises `InputError` for a file that is missing, is no network or one of another role, a name that nobody knows, a file of a
+    Raises `InputError` for a file that is missing, is no network or one of another role, an unknown name, a file of a
     known name with a wrong checksum, and a model that lies nowhere and that no address serves.
     """
     text = str(name_or_path)

@@ -1,8 +1,8 @@
-"""An ONNX file, and how it wants to be spoken to.
+"""An ONNX file, its input and output conventions.
 
 The networks that Passerby knows: names, addresses, checksums, licences and input conventions, from manifest.toml.
 
-What a network wants that the manifest does not know: told by the file itself, by a note beside it, or else by its role.
+The conventions of a network that the manifest does not know: by the file itself, by a note beside it, or else by its role.
 """
 
 from __future__ import annotations
@@ -134,7 +134,7 @@ class ModelEntry(Table):
     file: str
     """Its name on a user's disk; a file is known by it in the folders where models are looked for."""
     url: str | None = None
-    """Where its publisher keeps exactly these bytes; None where nobody does."""
+    """Where its publisher keeps exactly these bytes; None if there is none."""
     archive: ArchiveTable | None = None
     """What the address serves where it is not the network's file itself."""
     sha256: Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
@@ -185,7 +185,7 @@ class Description(Table):
 def own_network(path: Path, role: Role, sha256: str) -> Network:
     """The network in a file that the manifest does not know.
 
-    Its convention is told by the ONNX file's own `passerby.*` metadata, else by a file NAME.toml beside it; what neither says
+    Its convention is stated by the ONNX file's own `passerby.*` metadata, else by a file NAME.toml beside it; what neither says
     is as usual for the role: a detector is a YOLOX (BGR 0 to 255, letterbox, padding 114), an embedder takes RGB crops
     stretched to its input and normalised as ImageNet's pictures, and what keypoints are like is seen from the outputs.
 
@@ -228,7 +228,7 @@ def _metadata(path: Path, session: Any) -> dict[str, str]:
 
 
 def _nested(told: dict[str, str]) -> dict[str, Any]:
-    """Metadata, which are all texts, as the tables of a manifest: lists are numbers parted by commas or spaces."""
+    """Metadata, which are all texts, as the tables of a manifest: lists are numbers separated by commas or spaces."""
     pixels: dict[str, Any] = {key: told[key] for key in INPUT_KEYS if key in told}
     for key in ("mean", "std"):
         if key in pixels:
@@ -260,7 +260,7 @@ def _described(place: str, tables: dict[str, Any]) -> Description:
 
 
 def _usual_output(path: Path, role: Role, shapes: list[tuple[int | None, ...]]) -> Output:
-    """What a network of a role gives where nobody says it; for keypoints from the shapes of its outputs.
+    """What a network of a role gives if it is not stated; for keypoints from the shapes of its outputs.
 
     MoveNet: one output [1, 1, 17, 3]. SimCC (RTMPose): two, [N, joints, x bins] and [N, joints, y bins]. Heat maps: one,
     [N, joints, height, width].

@@ -81,7 +81,7 @@ def background_count(info: VideoInfo) -> int | None:
 def open_background(kept: StageCache, info: VideoInfo, tell: Callable[[int], None]) -> Detector:
     """Background subtraction, with the empty scene that is kept, or that is learnt now and kept.
 
-    `tell` is told how many pictures were taken to learn from, after each.
+    `tell` is called with how many pictures were taken to learn from, after each.
 
     Raises `InputError` for a video that is too short to tell the scene from the people, or that cannot be decoded.
     """
@@ -100,7 +100,7 @@ def open_background(kept: StageCache, info: VideoInfo, tell: Callable[[int], Non
 
 
 def _counted(frames: Iterable[Frame], tell: Callable[[int], None]) -> Iterator[Frame]:
-    """The frames; `tell` is told how many have been taken."""
+    """The frames; `tell` is called with how many have been taken."""
     for number, frame in enumerate(frames, start=1):
         yield frame
         tell(number)

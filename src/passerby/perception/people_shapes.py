@@ -291,10 +291,10 @@ def heads(top: Floats, low: float, height: float) -> np.ndarray:
 
 
 def divide_crowds(region: Levels, corner: tuple[int, int], stature: Stature) -> Floats:
-    """The people in a region who can be told apart, each with head and feet.
+    """The people in a region who can be distinguished, each with head and feet.
 
     The region is cut at the lowest point of the upper contour between two heads. A part that is not as tall as a person, where
-    it stands, is left out: its feet are hidden, or its head belongs to somebody farther away.
+    it stands, is left out: its feet are hidden, or its head belongs to a person farther away.
 
     Args:
         region: (H, W) above 0 inside.

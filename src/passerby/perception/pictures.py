@@ -83,7 +83,7 @@ class Embedder(Protocol):
         """Length of a vector."""
 
     def __call__(self, picture: Picture, ltwh: Floats) -> Vectors:
-        """(N, D) unit vectors of the boxes (N, 4); a row of zeros where nothing can be told."""
+        """(N, D) unit vectors of the boxes (N, 4); a row of zeros if unknown."""
 
 
 class KeypointEstimator(Protocol):

@@ -40,7 +40,7 @@ CROPS_PER_S = 3.0
 takes about 120 ms for the five images of a second with five people in them."""
 CROPS_AT_LEAST = 250.0
 """Crops beyond that, whatever a video's length: a recording of ten seconds with five people in view, looked at five times a
-second, gives keypoints at all its times; cameras are registered by these where people hardly walk."""
+second, gives keypoints at all its times; cameras are registered by these where people barely walk."""
 SLOT_S, SLOT_SHIFT_S = 0.4, 0.05
 """Time is cut into slots, of which all images are taken or none. So long, cameras whose clocks differ by a part of a step have
 two samples next to each other to interpolate between. The shift keeps a slot's ends away from the times of usual frame
@@ -97,7 +97,7 @@ def make_plan(
         keypoints: "auto", "none", a name or a path.
         models: a folder of models to look in first.
         base: the folder that relative paths start from.
-        tell: told how far a download is and, at once, what is used in place of a network that cannot be had.
+        tell: called with the progress of a download and, at once, what is used in place of a network that cannot be had.
 
     Raises:
         InputError: a network that was asked for by name or path is not there, or a file is not what it should be.
@@ -106,7 +106,7 @@ def make_plan(
     boxes = joints = None
 
     def lack(role: Role, why: str) -> None:
-        # Told at once: what comes next may take an hour.
+        # Reported at once: what comes next may take an hour.
         notes.append(notice("network_missing", role=role, why=why))
         tell_warning(tell, text_of(notes[-1]))
 
@@ -244,7 +244,7 @@ class JointBudget:
 def worth_keypoints(ltwh: Floats, score: Floats, size: tuple[int, int]) -> Bools:
     """(N,) the people of an image that are large, found with confidence, not hidden behind another, and whole.
 
-    Those whom the image's border cuts off count where nobody is whole.
+    Those whom the image's border cuts off count where no person is whole.
 
     Args:
         ltwh: (N, 4) boxes, pixels.

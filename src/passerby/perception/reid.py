@@ -86,7 +86,9 @@ class ReidEmbedder:
         return self._dimensions
 
     def __call__(self, picture: Picture, ltwh: Floats) -> Vectors:
-        """(N, D) unit vectors of the boxes (N, 4); a row of zeros for a box too small or mostly outside of the picture."""
+        """(N, D) unit vectors of the boxes (N, 4); a row of zeros for a box too small or for the most part outside of
+        the picture.
+        """
         boxes = crop_rows(ltwh)
         vectors = np.zeros((len(boxes), self._dimensions), dtype=np.float32)
         rows = np.flatnonzero(is_recognisable(picture, boxes))
@@ -95,7 +97,7 @@ class ReidEmbedder:
         answers = self._crops([stretch_crop(picture, boxes[row], self._crops.size) for row in rows])[0]
         raw = answers.reshape(len(rows), -1).astype(np.float64)
         length = np.linalg.norm(raw, axis=1, keepdims=True)
-        # Black within float16, infinite or not a number: nothing can be told from it.
+        # Black within float16, infinite or not a number: it says nothing.
         sound = np.isfinite(length) & (length > 0)
         vectors[rows] = np.where(sound, raw / np.where(sound, length, 1.0), 0.0)
         return vectors
@@ -115,7 +117,8 @@ class StripesEmbedder:
         return STRIPES * (int(np.prod(PLAIN_BINS)) + (EQUAL_BINS[0] + 1) * EQUAL_BINS[1])
 
     def __call__(self, picture: Picture, ltwh: Floats) -> Vectors:
-        """(N, D) unit vectors of the boxes (N, 4); a row of zeros for a box too small or mostly outside of the picture.
+        """(N, D) unit vectors of the boxes (N, 4); a row of zeros for a box too small or for the most part outside of
+        the picture.
 
         Raises `InputError` for boxes of another shape.
         """

@@ -26,7 +26,7 @@ Singles = NDArray[np.float32]
 RATE = 8000
 """Samples a second that are listened to: voices and steps are below 4 kHz."""
 HOP_S, WINDOW = 0.008, 256
-"""Time between two onset values, and samples that each rests on (32 ms)."""
+"""Time between two onset values, and samples that each uses (32 ms)."""
 BANDS_HZ = (150.0, 350.0, 600.0, 950.0, 1450.0, 2200.0, 3600.0)
 """Edges of the bands. Hum and wind are below, what codecs cut is above."""
 LONGEST_S = 7200.0
@@ -42,7 +42,7 @@ LARGEST_ONSET = 3.0
 LEAST_OVERLAP_S = 20.0
 """Recordings that overlap by less are not compared."""
 CLEAR_SIGNIFICANCE, CLEAR_SECOND = 10.0, 0.6
-"""A peak is beyond doubt if it stands out by so many standard deviations of the values at other lags, and the next peak has no
+"""A peak is significant if it stands out by so many standard deviations of the values at other lags, and the next peak has no
 more than this share of it: sounds that repeat, as machines' do, have many alike. Of 25 simulated pairs without common sound the
 best peak had 5.6, of 25 with common sound the least 27 (`benchmarks/sources/sound.py`, seeds 0 to 49)."""
 SAME_PEAK_S = 0.25
@@ -208,7 +208,7 @@ def _onsets(energy: Singles) -> Singles:
 
 
 def offset_by_sound(a: Onsets, b: Onsets) -> SoundOffset | None:
-    """The offset of two recordings' clocks; None where no peak is beyond doubt."""
+    """The offset of two recordings' clocks; None where no peak is significant."""
     n_a, n_b = len(a.values), len(b.values)
     shift = np.arange(-(n_a - 1), n_b)
     overlap = np.minimum(n_a, n_b - shift) - np.maximum(0, -shift)

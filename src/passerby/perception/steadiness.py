@@ -5,7 +5,7 @@ Each picture is compared with a reference: the first one, in which what was hidd
 How the background of a picture lies against what the camera saw before.
 
 Small textured patches are followed from a reference to a picture, after local contrast is normalised so that lights do not
-matter. As long as enough patches are found where they were, the camera stands, however many others are hidden by people.
+matter. As long as enough patches are found where they were, the camera stands, even if many others are hidden by people.
 Only where they are not, a similarity that most patches agree on (RANSAC) is a motion of the camera.
 """
 
@@ -65,7 +65,7 @@ class Move:
     seconds: float
     """Timestamp of the first picture that shows it."""
     until: float | None
-    """Of the first picture that shows the camera in its place again, after a knock; None: it stayed in the new place."""
+    """Of the first picture that shows the camera in its place again, after a bump; None: it stayed in the new place."""
     pixels: float | None
     """Median shift of the background, in pixels of the whole picture; None: it shows nothing now that it showed before."""
     zoom: float = 1.0
@@ -151,7 +151,7 @@ class SteadinessWatcher:
         return Steadiness(tuple(moves), self._largest_shake, self._pictures, self._recognised)
 
     def _judge(self, seconds: float, motion: Floats, shift: float, zoom: float) -> None:
-        """One more shift against the camera's place: a shake, a knock that is over, or a new place."""
+        """One more shift against the camera's place: a shake, a bump that is over, or a new place."""
         if shift <= self._moved_px:
             self._lost = self._lost_view = None
             if self._departure is not None:
@@ -203,7 +203,7 @@ class Motion:
     def zoom_from(self, rest: Floats, centre: Floats) -> float:
         """How many times larger the background is than by another motion, where that is a zoom; else 1.
 
-        A zoom scales it about the picture's centre (2,), thumbnail pixels; a turn scales it hardly at all.
+        A zoom scales it about the picture's centre (2,), thumbnail pixels; a turn barely scales it.
         """
         scale = float(np.sqrt(np.linalg.det(self.motion[:, :2]) / np.linalg.det(rest[:, :2])))
         zoomed = centre + scale * (_apply(rest, self.points) - centre)
@@ -312,7 +312,7 @@ def _follow(
 def _agreed(
     reference: NDArray[np.uint8], view: NDArray[np.uint8], points: Floats, guess: Floats
 ) -> tuple[Floats | None, NDArray[np.bool_]]:
-    """The similarity that most patches agree on, and (N,) which do; None and nobody where they are too few for a motion.
+    """The similarity that most patches agree on, and (N,) which do; None and none where they are too few for a motion.
 
     OpenCV's RANSAC draws from a seed of its own, always the same.
     """

@@ -74,7 +74,7 @@ def tile_windows(picture: tuple[int, int], network: tuple[int, int], tiling: Til
         across, down = network[1] / scale, network[0] / scale
     else:
         across, down = width / tiling[0], height / tiling[1]
-    # Half a tile at most: with an input hardly larger than people, tiles would not advance.
+    # Half a tile at most: with an input barely larger than people, tiles would not advance.
     overlap = round(min(SEEN_HEIGHT / whole, down / 2))
     sideways = round(min(WIDTH_OF_PEOPLE * SEEN_HEIGHT / whole, across / 2))
     columns, rows = tiling if tiling != "auto" else (_count(width, across, sideways), _count(height, down, overlap))
@@ -107,7 +107,7 @@ def _spread(length: int, count: int, overlap: int) -> tuple[list[int], int]:
 def is_untruncated(ltrb: Floats, window: Window, picture: tuple[int, int], scale: tuple[float, float]) -> NDArray[np.bool_]:
     """(N,) which boxes (N, 4) that were found in a tile do not end at its inner borders.
 
-    Whoever is cut by a tile is whole in the next one or tall enough for the whole picture, and half a person's lower edge
+    A person who is cut by a tile is whole in the next one or tall enough for the whole picture, and half a person's lower edge
     is not where the person stands.
     """
     left, top, width, height = window

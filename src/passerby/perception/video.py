@@ -1,4 +1,4 @@
-"""Videos as sequences of pictures: decoded one after the other, sampled to a rate, however long the file is.
+"""Videos as sequences of pictures: decoded one after the other, sampled to a rate, for a file of any length.
 
 Which pictures are chosen depends on their timestamps alone, never on where the reading began. Only chosen pictures are
 converted from the colours of the codec.
@@ -38,7 +38,7 @@ class VideoReader:
     """The pictures of a video file, sampled: iterate over it, then look at `decoded`.
 
     Args:
-        video: the file, or what `probe` told of it.
+        video: the file, or what `probe` found of it.
         rate: pictures wanted a second: the first one at or after each k / rate seconds is chosen. None, or the video's own rate
             or more: all of them.
         after: only pictures with a number above this one; they are those that would follow it in a full reading.

@@ -1,4 +1,4 @@
-"""What a video file holds, told before all of it is decoded.
+"""What a video file holds, known before all of it is decoded.
 
 Frame numbers count from 1 at the first picture. A video of constant rate counts its own pictures (a picture that was left out
 leaves its number out); one of variable rate counts hundredths of a second, so that its timestamps are honoured within 5 ms.
@@ -73,7 +73,7 @@ OPTIONS = {
     "max_pixels": str(MOST_PIXELS),
 }
 
-MEND = "convert it, for example with `ffmpeg -i {name} -c:v libx264 converted.mp4`, or remove it from the scene"
+REMEDY = "convert it, for example with `ffmpeg -i {name} -c:v libx264 converted.mp4`, or remove it from the scene"
 
 
 @dataclass(frozen=True)
@@ -291,7 +291,7 @@ def _video_stream(path: Path, container: InputContainer) -> VideoStream:
 
 def _remedy(path: Path) -> str:
     """What to do about a file that cannot be decoded."""
-    return MEND.format(name=path.name)
+    return REMEDY.format(name=path.name)
 
 
 def _first_picture(path: Path, container: InputContainer, stream: VideoStream) -> VideoFrame:

@@ -55,7 +55,7 @@ LEARNT_WORTH = 3
 videos of 768 x 576 and 360 x 288): it counts as so many, so that the pace of the one tells that of the other."""
 
 Tell = Callable[[int, int], None]
-"""Told how much is done, in pictures that are looked at, and of how much; 0 where that is unknown."""
+"""Called with how much is done, in pictures that are looked at, and of how much; 0 where that is unknown."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -51,13 +51,13 @@ class YoloxOptions:
     """Least score of a box. Most boxes below are false; tracking joins the weak ones to tracklets of the strong."""
     most_overlap: float = 0.55
     """Intersection over union above which two boxes are one person found twice. On PETS 2009, 0.45 to 0.65 find the same people
-    within 2 in 1000; of two who overlap more, hardly ever both are found, and each duplicate is a false box."""
+    within 2 in 1000; of two who overlap more, both are rarely found, and each duplicate is a false box."""
     tiles: Tiling = "auto"
     """Parts of large pictures that are looked at besides the whole: see `passerby.perception.tiles`."""
     size: int = 640
     """Side of the input of a network that takes any: a multiple of 32."""
     decoded: bool | None = None
-    """Whether the network's boxes are in pixels already; None: told by what it gives for a grey picture."""
+    """Whether the network's boxes are in pixels already; None: determined by what it gives for a grey picture."""
 
     def __post_init__(self) -> None:
         for name in ("score", "most_overlap"):
@@ -213,7 +213,7 @@ def matching_cells(size: tuple[int, int], rows: int) -> Cells | None:
 
 
 def is_decoded(rows: Values, cells: Cells) -> bool:
-    """Whether the boxes of rows (N, 5 + C) are in pixels of the input, told by where their centres lie.
+    """Whether the boxes of rows (N, 5 + C) are in pixels of the input, determined by where their centres lie.
 
     A cell's box is near the cell. So either the centres less the cells' corners are small, or the centres themselves are,
     counted in cells; across the input, the two differ by tens.

@@ -24,7 +24,7 @@ from passerby.recording.settings import DEVICE, Stream
 
 STAGE = "recording"
 SCHEMA_VERSION = 1
-"""Of what is told of a recording; new keys need no new version."""
+"""Of what is written about a recording; new keys need no new version."""
 LOOK_EVERY_S = 0.25
 FIRST_WAIT_S, LONGEST_WAIT_S = 0.5, 8.0
 """Before a connection is tried anew; twice as long each time, until pictures come again."""
@@ -119,7 +119,7 @@ class Recording:
 
     cameras: tuple[CameraRecording, ...]
     ended: Ended
-    """Why it ended: the time was over, somebody stopped it, it was as large as allowed, or the disk was nearly full."""
+    """Why it ended: the time was over, it was stopped, it was as large as allowed, or the disk was nearly full."""
 
     def to_dict(self) -> dict[str, Any]:
         """As plain values for JSON."""
@@ -139,7 +139,7 @@ def record(
         streams: at least one.
         folder: where the cameras' folders are made; what is in them stays.
         options: how long, and how.
-        tell: told how many seconds each camera has.
+        tell: called with how many seconds each camera has.
         stop: ends the recording as soon as it is set; pieces that are being written are finished.
 
     Raises:

@@ -55,7 +55,7 @@ class PieceWriter:
         streams: of the connection: pictures, and sound where there is any.
         length_s: of a piece.
         wall: the wall time of the connection, asked for when a piece ends.
-        ended: told of each piece.
+        ended: called for each piece.
     """
 
     def __init__(
@@ -101,7 +101,7 @@ class PieceWriter:
     def _size_known(self, packet: Packet[Any]) -> bool:
         """Whether the size of the pictures is known, if need be from this one.
 
-        A file cannot be begun without it, and a camera that sends nothing for long after it was connected to has not told it.
+        A file cannot be begun without it, and a camera that sends nothing for long after it was connected to has not stated it.
         """
         pictures = self._streams[0]
         assert isinstance(pictures, VideoStream)

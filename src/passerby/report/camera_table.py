@@ -1,4 +1,4 @@
-"""The table of cameras: where each stands and looks, how sure that is, and what it saw.
+"""The table of cameras: pose, uncertainty, and what each camera saw.
 
 The lenses that were estimated together with the rig: each number with its sigma, its prior, and what determined it.
 """
@@ -56,8 +56,8 @@ LENS_COLUMNS = (
     Column("Principal point", "x, px"),
     Column("Principal point", "y, px"),
     Column("Distortion", "k1"),
-    Column("From people", numeric=False, hint="numbers that rest on the people more than on what was known before"),
-    Column("From the prior", numeric=False, hint="numbers that rest on what was known before more than on the people"),
+    Column("From people", numeric=False, hint="numbers that depend on the people more than on what was known before"),
+    Column("From the prior", numeric=False, hint="numbers that depend on what was known before more than on the people"),
 )
 TERMS = (
     (
@@ -78,7 +78,7 @@ TERMS = (
     (
         "Prior",
         "what was known before anybody was seen: what the scene file states, or what lenses usually are. The fewer people a "
-        "camera sees, the more the result rests on it.",
+        "camera sees, the more the result depends on it.",
     ),
 )
 DETAILS = (
@@ -240,7 +240,7 @@ def _focal(one: LensParameter | None, otherwise: float) -> Cell:
 
 
 def _estimate(one: LensParameter | None, otherwise: float, digits: int) -> Cell:
-    """A number with its sigma; faint where it rests on its prior, or was not estimated."""
+    """A number with its sigma; faint where it depends on its prior, or was not estimated."""
     if one is None:
         return number(otherwise, digits, kind="faint")
     near = element("small", f" ± {figure(one.sigma, digits)}")
@@ -272,7 +272,7 @@ def _share(percent: float | None) -> Cell:
 
 
 def _in_words(lenses: dict[str, LensFigures]) -> list[str]:
-    """What rests on little, and which cameras have one lens."""
+    """What is weakly determined, and which cameras have one lens."""
     out, numbers = [], {name: lens_parameters(parts) for name, parts in lenses.items()}
     poor = [name for name, all_of in numbers.items() if any(_poor(one) for one in all_of)]
     if poor:
@@ -281,7 +281,7 @@ def _in_words(lenses: dict[str, LensFigures]) -> list[str]:
             "of view (hfov_deg), or record more people, near and far."
         )
     if any(one.by_prior for all_of in numbers.values() for one in all_of):
-        out.append("Grey: people hardly determine this number; it is close to what was known before.")
+        out.append("Grey: people barely determine this number; it is close to what was known before.")
     groups: dict[str, list[str]] = {}
     for name, parts in lenses.items():
         if parts.group is not None:

@@ -1,6 +1,6 @@
-"""Distances between the cameras, for checking with a tape, and how sure they are.
+"""Distances between the cameras, for checking with a tape, and their uncertainty.
 
-Where a calibration is weakest, and what would make it better: also where nothing speaks against it.
+Where a calibration is weakest, and what would make it better: also where it has no problem.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ MOST_TO_MEASURE, MOST_NEAREST = 100, 8
 SURE_SCALE = 0.01
 """Above a percent, measuring one distance with a tape is the cheapest gain there is."""
 STANDS_OUT = 1.5
-"""A camera whose figure is so many times the median is told; cameras of one rig differ by a third without any fault."""
+"""A camera whose figure is so many times the median is reported; cameras of one rig differ by a third without any fault."""
 RESIDUAL_PX = 2.0
 """Residuals below are those of good boxes."""
 VERTICAL_DEG = 1.0
@@ -253,7 +253,7 @@ def _scale(contents: Contents) -> list[_Weak]:
 
 
 def _by_people_alone(contents: Contents) -> bool:
-    """Whether nothing but people's heights told the scale."""
+    """Whether people's heights alone determined the scale."""
     return all(cue.kind in ("population", "segments") for cue in contents.figures.scale.cues if cue.share > 0)
 
 

@@ -30,7 +30,7 @@ from passerby.report.sampling import MOST_SIGHTINGS, Sample, sample_observations
 SURE_M = 0.7
 """Whose place is less sure than this is left out of the ways: seen far away, or cut off, by one camera."""
 GAP_S, GAP_STEPS = 2.0, 1.5
-"""A way is broken where somebody was not seen for longer than both; steps are those of the sample."""
+"""A trajectory is broken where a person was not seen for longer than both; steps are those of the sample."""
 LEAST_SD_M = 0.05
 """A body is not better placed than this: arms, stride and load move its middle."""
 FEWEST_JOINTS = 4
@@ -118,7 +118,7 @@ class Joints:
     model: Floats
     """(K, 2) where the joint in space projects, pixels; NaN where two cameras do not agree on one."""
     agrees: Bools
-    """(K,) whether the joint in space rests on it."""
+    """(K,) whether the joint in space uses it."""
     point: Ints
     """(K,) rows of `xyz`."""
     xyz: Floats
@@ -143,12 +143,12 @@ class Fitted:
     ways: FittedTrajectories
 
     def place(self, name: str) -> int | None:
-        """The row of a camera; None for one that has no pose or saw nobody."""
+        """The row of a camera; None for one that has no pose or saw no person."""
         return self.rig.names.index(name) if name in self.rig.names else None
 
 
 def fit_people(contents: Contents, most: int = MOST_SIGHTINGS) -> Fitted:
-    """People at a bounded sample of instants; nobody where no camera has a pose, as after a refused calibration.
+    """People at a bounded sample of instants; none where no camera has a pose, as after a refused calibration.
 
     Args:
         contents: of the report.

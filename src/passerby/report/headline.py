@@ -104,7 +104,7 @@ def _figures(contents: Contents, spells: Spells) -> Html:
 
 
 def _measuring(measuring: MeasuringFigures | None) -> list[tuple[str, str]]:
-    """How surely the rig measures where people walked."""
+    """How well the rig measures where people walked."""
     if measuring is None:
         return []
     ground = MISSING if measuring.ground is None else f"± {_length(measuring.ground.median_mm)}"

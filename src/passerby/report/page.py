@@ -36,11 +36,11 @@ from passerby.report.workings import files_section, settings_section, stages_sec
 
 
 def report_page(contents: Contents, progress: Progress | None = None) -> str:
-    """The page as HTML in one file, the same for the same contents, however many cameras it has.
+    """The page as HTML in one file, the same for the same contents, for any number of cameras.
 
     Args:
         contents: of a calibration, or of an output folder.
-        progress: told of "report", camera by camera, as their pictures are drawn.
+        progress: called with "report", camera by camera, as their pictures are drawn.
     """
     tell = progress or silent
     seen, fit = seen_in(contents), fit_people(contents)
@@ -79,7 +79,7 @@ def site_page(contents: Contents, parts: Parts, tell: Progress) -> str:
     Args:
         contents: of a calibration, or of an output folder.
         parts: gets the files, and their place.
-        tell: told of "report", camera by camera, as their pictures are drawn.
+        tell: called with "report", camera by camera, as their pictures are drawn.
 
     Raises:
         OSError: a file cannot be written.

@@ -22,9 +22,10 @@ from passerby.report.tables import Column, count, data_table, number, text
 from passerby.solver.cues import cue_in_words
 
 MOST_BARS = 1500
-"""Told apart at a laptop's width; of more, the number of people at once is drawn, and the bars of one person who is chosen."""
+"""Distinguishable at a laptop's width; of more, the number of people at once is drawn, and the bars of one person who is
+chosen."""
 MOST_LANES = 14
-"""People at once in one camera whose bars can be told apart."""
+"""People at once in one camera whose bars can be distinguished."""
 MOST_KEPT = 20_000
 """Stretches in the page at most, 60 bytes each."""
 BINS = 400
@@ -41,7 +42,7 @@ def heights_section(contents: Contents, parts: Parts | None = None) -> Section:
     """The people's heights beside what was assumed of them; `parts` of a page of many cameras gets the figure."""
     lead = (
         "Each dot is a person, shortest first. The band is the assumed height of people: the mean and one standard deviation. "
-        "Heights far outside the band mostly come from false detections, or from tracks of more than one person."
+        "Heights far outside the band usually come from false detections, or from tracks of more than one person."
     )
     heights = heights_of(contents.figures)
     if not heights:
@@ -203,7 +204,7 @@ def _cue_table(cues: Sequence[CueFigures]) -> Html:
 
 
 def timeline_section(contents: Contents, spells: Spells, parts: Parts | None = None) -> Section:
-    """A row for each camera, a bar for each stretch in which it saw somebody.
+    """A row for each camera, a bar for each stretch in which it saw a person.
 
     Args:
         contents: of the report.

@@ -1,4 +1,4 @@
-"""What speaks against a calibration, and what to do about it, as the report shows both.
+"""Problems of a calibration and their remedies, as the report shows them.
 
 What a person should read first of a calibration, as sentences.
 
@@ -51,7 +51,7 @@ class Reported:
 
 
 def reported_doubts(document: CalibrationDocument) -> list[Reported]:
-    """What speaks against the rig, by a `calibration.json`; an older Passerby wrote sentences only."""
+    """The problems of the rig, by a `calibration.json`; an older Passerby wrote sentences only."""
     if document.diagnostics is None:
         return [Reported((), (), reason, "") for reason in document.reasons]
     return [_reported(row) for row in document.diagnostics if row.severity != "notice"]
@@ -103,9 +103,9 @@ def good_for(doubts: Sequence[Finding], posed: Sequence[str], measuring: Measuri
     Doubts about the scale or the up direction alone leave the shape of the rig; doubts about some cameras leave the others.
 
     Args:
-        doubts: what speaks against the rig.
+        doubts: the evidence against the rig.
         posed: names of the cameras with a pose.
-        measuring: how surely the rig measures; None where that is unknown.
+        measuring: how well the rig measures; None where that is unknown.
     """
     causes = [one for reason in reasons_of(doubts) for one in reason.findings]
     about_shape = [one for one in causes if not subjects_of(one)]

@@ -1,4 +1,4 @@
-"""What the drawings of a rig are made of: what cameras look at, how sure their places are, where people were.
+"""What the drawings of a rig are made of: views of cameras, uncertainty of their positions, places of people.
 
 What the drawings of a rig say of its cameras.
 """
@@ -129,7 +129,7 @@ def ellipse(centre: Floats, covariance: Floats, factor: float, points: int = 48)
 
 @dataclass(frozen=True, eq=False)
 class SigmaEllipses:
-    """How sure the cameras' places on the ground are, as it is drawn."""
+    """The uncertainty of the cameras' places on the ground, as it is drawn."""
 
     outlines: tuple[Floats, ...]
     """(K, 2) closed, metres, of each camera whose sigma is known."""

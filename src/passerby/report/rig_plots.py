@@ -59,7 +59,7 @@ SCENE_SIZE = 1.6
 
 
 def rig_from_above(contents: Contents, fit: Fitted) -> Figure:
-    """The plan: cameras, what ground they see, how sure their places are, and where people were.
+    """The plan: cameras, what ground they see, how certain their places are, and where people were.
 
     `layout.meta.magnification` tells how many times as large the ellipses are drawn.
     """

@@ -21,7 +21,7 @@ from passerby.report.contents import Contents
 EMBEDDED_CAMERAS = 50
 """Most cameras of a report in one file: fifty pictures of 100 kB each beside plotly's code are 10 MB."""
 ZONE_CAMERAS = 16
-"""Most cameras of a zone that nobody stated: so many names can be read in a part of the map."""
+"""Most cameras of a zone that is not stated: so many names can be read in a part of the map."""
 MOST_NEIGHBOURS = 16
 """Cameras whose people are drawn into a camera's picture, beside its own: an overlap of more is rare on a site."""
 
@@ -63,7 +63,7 @@ class Seen:
     """By camera, how many known people it saw."""
     shared: Mapping[tuple[str, str], Shared]
     """For two cameras that saw a person in common, by their order in the rig, the people that both saw at the same time. Pairs
-    that are not in it share nobody."""
+    that are not in it share no people."""
 
 
 BREAK_STEPS = 3.5
@@ -83,7 +83,7 @@ def seen_in(contents: Contents) -> Seen:
 
 
 def merge_spells(spells: Spells, most: int) -> Spells:
-    """At most about `most` stretches: the shortest breaks are closed first; nobody and no camera is lost."""
+    """At most about `most` stretches: the shortest breaks are closed first; no person and no camera is lost."""
     if len(spells) <= most:
         return spells
     order = np.lexsort((spells.begin, spells.identity, spells.camera))

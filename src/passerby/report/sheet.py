@@ -56,7 +56,7 @@ class Sheet:
     camera: Camera
     backdrop: Backdrop
     ink: str
-    """Of lines that belong to nobody."""
+    """Of lines that belong to no person."""
 
     @property
     def letters(self) -> float:
@@ -130,7 +130,7 @@ def offset_words(offset: Floats) -> str:
 
 
 def backdrop(contents: Contents, name: str) -> Backdrop:
-    """The picture that a camera's people are drawn on. A video that is missing or broken is told of, not raised."""
+    """The picture that a camera's people are drawn on. A video that is missing or broken is reported, not raised."""
     camera = contents.rig[name]
     frames, worth = _worth(contents, camera)
     best = int(frames[np.argmax(worth)])
@@ -168,7 +168,7 @@ def data_uri(picture: Picture) -> str:
 
 
 def _worth(contents: Contents, camera: Camera) -> tuple[Ints, Floats]:
-    """Frames in which the camera saw somebody, and how many whole people it did; the first frame where there is nobody.
+    """Frames in which the camera saw a person, and how many whole people it did; the first frame if there is none.
 
     A person whose box the border cuts off counts a tenth.
     """

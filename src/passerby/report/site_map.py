@@ -1,4 +1,4 @@
-"""The map of a site, and the site in space: few traces, however many cameras there are.
+"""The map of a site, and the site in space: few traces for any number of cameras.
 
 The floor plan with the rig drawn on it: cameras, what they see, people's trajectories, and how far off each placement is.
 """

@@ -28,7 +28,7 @@ MOST_PARTNERS = 24
 STATES = ("no pose", "problem", "stands out", "good", "other group")
 """What a camera may be, in the order of the list."""
 ZONE = Column("Zone", numeric=False, hint="part of the map")
-STATE = Column("State", numeric=False, hint="whether anything speaks against the camera, or its figures stand out")
+STATE = Column("State", numeric=False, hint="whether the camera has problems, or its figures stand out")
 PROBLEM = Column("What is wrong", numeric=False)
 FIRST = ("Position std", "Rotation std")
 """Figures that stand before the others."""
@@ -37,8 +37,8 @@ LONGEST = 160
 
 
 def site_views_section(
-    contents: Contents, fit: Fitted, seen: Seen, links: Sequence[Link], told: Mapping[str, Sequence[Reported]], parts: Parts,
-    tell: Progress,
+    contents: Contents, fit: Fitted, seen: Seen, links: Sequence[Link],
+    problems: Mapping[str, Sequence[Reported]], parts: Parts, tell: Progress,
 ) -> Section:  # fmt: skip
     """A field for a camera's name, and the place of its panel; the panels are files.
 
@@ -47,9 +47,9 @@ def site_views_section(
         fit: of the whole sample.
         seen: of all cameras.
         links: all pairs.
-        told: by camera, what speaks against it.
+        problems: by camera, what is reported about it.
         parts: gets the panels.
-        tell: told of each camera.
+        tell: called for each camera.
     """
     near = neighbours_of(contents.rig, seen)
     by_camera: dict[str, list[Link]] = {name: [] for name in contents.rig.names}
@@ -59,7 +59,7 @@ def site_views_section(
     posed, solved = list(contents.rig.posed()), solved_distances(contents)
     for place, (name, behind) in enumerate(decoded_backdrops(contents, tell)):
         camera = contents.rig[name]
-        more = [_problems(told.get(name, ())), _pairs(contents, by_camera[name])]
+        more = [_problems(problems.get(name, ())), _pairs(contents, by_camera[name])]
         if camera.pose is not None and len(posed) > 1:
             nearest = distances_table("camera-distances", distances_from(camera, posed, solved), copy=False)
             more.append(_folded("Distances to the nearest cameras", nearest))
@@ -90,7 +90,7 @@ def _chooser(contents: Contents) -> Html:
 
 
 def _problems(doubts: Sequence[Reported]) -> Html | None:
-    """What speaks against the camera."""
+    """The problems of the camera."""
     if not doubts:
         return None
     rows = [element("li", element("b", doubt.point.problem), " ", doubt.point.remedy) for doubt in doubts]
@@ -138,7 +138,7 @@ def site_camera_section(contents: Contents, seen: Seen, zones: Mapping[str, int]
 
 
 def problems_by_camera(contents: Contents) -> dict[str, list[Reported]]:
-    """What speaks against the rig, by the cameras that it is about."""
+    """The problems of the rig, by the cameras that they are about."""
     found: dict[str, list[Reported]] = {}
     for doubt in reported_doubts(contents.document):
         for name in doubt.cameras:
@@ -166,7 +166,7 @@ def _state(state: str) -> Cell:
 
 
 def _problem(words: str) -> Cell:
-    """What speaks against a camera, shortened."""
+    """The problems of a camera, shortened."""
     return text(element("small", shortened_text(words, LONGEST), class_="why") if words else "", words)
 
 

@@ -1,4 +1,6 @@
-"""The ways of people as a page that opens without a network: from above, and in space, with the cameras. Drawn by plotly."""
+"""Trajectories of people as a page that opens without a network: from above, and in space, with the cameras. Drawn by
+plotly.
+"""
 
 from __future__ import annotations
 

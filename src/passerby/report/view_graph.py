@@ -60,7 +60,7 @@ class Link:
 
 
 def links_of(contents: Contents, seen: Seen) -> list[Link]:
-    """All pairs that share somebody or that a stage tells of, in the rig's order."""
+    """All pairs that share people or that a stage has figures of, in the rig's order."""
     found = {pair: Link(*pair, shared) for pair, shared in seen.shared.items()}
     several, place = len(contents.rig) > 2, {name: index for index, name in enumerate(contents.rig.names)}
     for tied in contents.document.association.pairs or ():

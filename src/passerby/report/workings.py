@@ -109,7 +109,7 @@ def _observed(contents: Contents, seen: Seen) -> Step:
 
 
 def _associated(contents: Contents) -> Step:
-    """How people were told apart."""
+    """How people were distinguished."""
     found = contents.document.association
     mode = found.mode or contents.document.scene.association.mode or "given"
     facts = [f"Mode “{mode}”: {MODES.get(mode, 'see the documentation')}."]
@@ -182,7 +182,7 @@ def _ended(converged: bool) -> str:
 
 
 def _noise(figures: AdjustedFigures) -> list[str]:
-    """What the residuals told of the boxes, and what that means for the sigmas."""
+    """What the residuals showed of the boxes, and what that means for the sigmas."""
     noise, people, inflation = figures.noise, figures.people, figures.covariance_inflation
     facts = []
     if noise is not None:

@@ -307,7 +307,7 @@ def notice_of_coarse_boxes(name: str, boxes: Boxes) -> Finding | None:
 
 
 def with_coarse_boxes(figures: AdjustedFigures, findings: Iterable[Finding]) -> AdjustedFigures:
-    """The figures with what coarse boxes do to the scale, as far as it rests on how tall people are.
+    """The figures with what coarse boxes do to the scale, as far as it depends on how tall people are.
 
     Args:
         figures: of the adjustment.

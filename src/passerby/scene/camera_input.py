@@ -63,7 +63,7 @@ class CameraInput:
     findings: list[Finding] = field(default_factory=list)
     """What is odd about these files, but stops nothing."""
     doubts: list[Finding] = field(default_factory=list)
-    """What speaks against any rig from these files."""
+    """Evidence against any rig from these files."""
 
     @property
     def filmed_size(self) -> tuple[int, int] | None:
@@ -107,7 +107,7 @@ class CameraInput:
 
     @property
     def frames(self) -> Ints:
-        """(N,) the distinct frames with somebody in them, in order."""
+        """(N,) the distinct frames with people in them, in order."""
         return np.asarray(np.unique(np.concatenate([self.boxes.frame, self.keypoints.frame])))
 
     @property

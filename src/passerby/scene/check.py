@@ -93,7 +93,7 @@ class CameraCheck:
         }
 
     def _intrinsics(self, lens: Lens, source: KnownLens) -> dict[str, Any]:
-        """What is known of the lens, and from where; no focal length where nobody states one."""
+        """What is known of the lens, and from where; no focal length if none is stated."""
         unknown = source.source == "people"
         return {
             "source": source.source,
@@ -232,7 +232,7 @@ def too_short(scene: Scene, readings: Sequence[CameraInput], *, with_keypoints: 
 
 
 def _seconds(scene: Scene, reading: CameraInput) -> float | None:
-    """How long the used part of a camera's recording is; None where that is not known, or it saw nobody."""
+    """How long the used part of a camera's recording is; None where that is not known, or it saw no person."""
     if reading.fps is None:
         return None
     if reading.awaiting:

@@ -105,7 +105,7 @@ class BinnedBoxes:
         if length not in self._spectra:
             table, some = self._signals(length)
             size = next_fast_len(2 * length)
-            self._spectra.clear()  # mostly the next pair's length is the same
+            self._spectra.clear()  # usually the next pair's length is the same
             self._spectra[length] = rfft(table, size), rfft(some, size), float(some.sum())
         return self._spectra[length]
 
@@ -128,7 +128,7 @@ class BinnedBoxes:
 
 
 def likely_lags(a: BinnedBoxes, b: BinnedBoxes) -> list[int]:
-    """Steps by which the second may show the same later, the likeliest first; none at all where the two do not overlap."""
+    """Steps by which the second may show the same later, the most likely first; none at all where the two do not overlap."""
     length = _rounded_up(max(len(a.there), len(b.there)))
     size = next_fast_len(2 * length)
     (one, seen_one, count_one), (other, seen_other, count_other) = a.spectra(length), b.spectra(length)

@@ -141,7 +141,7 @@ def _share(hits: float, count: float) -> float:
 
 
 def _log_ratio(hits: Ints, count: Ints, share: float, other: float) -> Floats:
-    """Logarithm of how much likelier so many hits are with one share than with the other one."""
+    """Log-likelihood ratio of so many hits: of one share to another one."""
     return np.asarray(hits * np.log(share / other) + (count - hits) * np.log((1.0 - share) / (1.0 - other)))
 
 

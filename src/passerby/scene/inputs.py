@@ -45,14 +45,15 @@ from passerby.scene.world_files import world_faults
 IN_MEMORY = Path("(in memory)")
 """What stands for the name of a file where people come from arrays."""
 SPAN_RATIO = 1.5
-"""Recordings whose lengths in seconds differ by more are told: a frame rate is mostly mistaken for half or twice itself (25 and
+"""Recordings whose lengths in seconds differ by more are reported: a frame rate is usually mistaken for half or twice
+itself (25 and
 50, 30 and 60). People who are there for a part of the time only make a recording look short too, so that it is no fault."""
 
 WALL_SIGMA_S = 1.7
 """One standard deviation of the difference of two recorders' clocks; three of them are the 5 s that are searched by default."""
 SHORT_VIDEO = 0.2
-"""A video of less than this share of the longest one's time is cut short, mostly by a copy that broke off or a full disk. Where
-the difference is smaller it is told, and what was seen together is used."""
+"""A video of less than this share of the longest one's time is cut short, usually by a copy that broke off or a full
+disk. Where the difference is smaller it is reported, and what was seen together is used."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +67,7 @@ class SceneInputs:
     findings: tuple[Finding, ...]
     """What is odd: notices."""
     doubts: tuple[Finding, ...] = ()
-    """What speaks against any rig from this input."""
+    """Evidence against any rig from this input."""
     pointed: tuple[PointedPerson, ...] = ()
     """People of known height at whom the scene file points."""
     wall_clock: WallClock | None = None
@@ -103,13 +104,13 @@ def read_inputs(
 ) -> SceneInputs:  # fmt: skip
     """Read what a scene names, and watch the videos of the cameras that need it; without `watch` no video is watched.
 
-    `measure_clocks` is for who searches for clock offsets: without it, only wall times tell of them. Without `compare_contents`
-    nobody looks whether two of the cameras show the same, which takes time for each pair.
+    `measure_clocks` is needed when offsets are estimated: without it, only wall times are known. Without `compare_contents`
+    it is not tested whether two of the cameras show the same, which takes time for each pair.
 
     Raises `FileFaults` (an `InputError`) with everything that is wrong, each with its file, place, value and fix.
     """
     readings = read_cameras(scene)
-    # What is wrong with a file is told before hours are spent on videos.
+    # What is wrong with a file is reported before hours are spent on videos.
     _raise_faults(scene, readings)
     add_seen_lenses(scene, readings)
     if watch is not None and any(needs_video(scene, reading) for reading in readings):
@@ -355,12 +356,12 @@ def _short_video_faults(scene: Scene, readings: list[CameraInput]) -> list[str]:
 
 
 def _emptiness_faults(scene: Scene, readings: list[CameraInput]) -> list[str]:
-    """Where identities are not given, a camera that saw nobody is left out; two others must be left."""
+    """Where identities are not given, a camera that saw no person is left out; two others must be left."""
     awake = [reading.name for reading in readings if reading.people]
     if scene.association.given or len(awake) > 1 or any(reading.faults or reading.awaiting for reading in readings):
         return []
     none = "no camera saw anybody: " + (
-        "nobody was detected in their videos"
+        "no person was detected in their videos"
         if any(table.watched for table in scene.cameras.values())
         else "their files have no rows"
     )

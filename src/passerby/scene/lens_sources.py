@@ -1,7 +1,7 @@
 """The lens that a camera begins with: what is known of it, and from where.
 
-A file of intrinsics; what the scene file states of a lens that nobody calibrated; the metadata of its video; the lens of
-another camera of the same model; or nothing but the image size.
+A file of intrinsics; what the scene file states of a lens that was not calibrated; the metadata of its video; the lens of
+another camera of the same model; or only the image size.
 
 Fields of view that a network of the user's sees in the videos of cameras without intrinsics.
 
@@ -131,7 +131,7 @@ def equivalent_px(focal_35mm: float, size: tuple[int, int]) -> float:
 
 
 def _take_lens(scene: Scene, reading: CameraInput, model: CameraInput, lens: Lens) -> None:
-    """The lens of another camera of the same model: shared where nobody calibrated it, else with a unit's own deviation.
+    """The lens of another camera of the same model: shared where it was not calibrated, else with a unit's own deviation.
 
     `lens` is of the images as filmed.
     """
@@ -252,8 +252,8 @@ def check_principal_point(scene: Scene, reading: CameraInput, lens: Lens) -> Non
 def smaller_picture(extent: Floats, size: tuple[int, int]) -> tuple[int, tuple[int, int]] | None:
     """The size of the smaller picture that people were found in, and how many its right and lower borders cut off.
 
-    Nobody reaches beyond it, and people of different heights at different places end just at its border. Where people keep to a
-    corner of a right picture nothing cuts them off there.
+    No person reaches beyond it, and people of different heights at different places end just at its border. Where people
+    keep to a corner of a right picture nothing cuts them off there.
 
     Args:
         extent: (N, 4) left, top, right, bottom of people, pixels.

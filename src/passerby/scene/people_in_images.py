@@ -42,7 +42,7 @@ FILLED_SHARE = 0.6
 
 
 def faults_of_people(scene: Scene, readings: Sequence[CameraInput]) -> list[str]:
-    """Boxes in another format, images on their side, and people of whom many are beyond the image."""
+    """Boxes in another format, images on their side, and people who are beyond the image."""
     found = [one for one in _other_formats(scene, readings) if one.certain]
     misread = {name for one in found for name in one.cameras}
     faults = [_format_fault(scene, readings, one) for one in found]
@@ -100,7 +100,7 @@ def doubts_of_people(scene: Scene, readings: Sequence[CameraInput]) -> list[Find
 
 
 def _known(readings: Sequence[CameraInput]) -> Iterator[tuple[CameraInput, Lens]]:
-    """The cameras whose people can be tested, with the lenses of their images as filmed."""
+    """The cameras with people that can be tested, with the lenses of their images as filmed."""
     for reading in readings:
         if reading.filmed_lens is not None and not reading.faults and not reading.awaiting:
             yield reading, reading.filmed_lens

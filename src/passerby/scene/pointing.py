@@ -51,7 +51,7 @@ def stated_identities(scene: Scene, readings: Sequence[CameraInput]) -> StatedId
 
 
 def pointing_faults(scene: Scene, readings: Sequence[CameraInput]) -> list[str]:
-    """Pixels outside the image, times outside the recording, and pixels where nobody is."""
+    """Pixels outside the image, times outside the recording, and pixels without a person."""
     faults = [
         (place, _place_fault(cue, reading) or (None if reading.awaiting else _person_fault(cue, reading)))
         for place, cue, reading in _pointings(scene, readings)
@@ -61,7 +61,7 @@ def pointing_faults(scene: Scene, readings: Sequence[CameraInput]) -> list[str]:
 
 
 def overlapped_people(scene: Scene, readings: Sequence[CameraInput]) -> list[Finding]:
-    """A notice wherever somebody points at several people at once."""
+    """A notice for each pixel that is on several people at once."""
     findings = []
     for place, cue, reading in _pointings(scene, readings):
         frame = None if reading.awaiting or cue.at is None else _nearest(cue, reading)
@@ -95,7 +95,7 @@ def _pointings(scene: Scene, readings: Sequence[CameraInput]) -> Iterator[tuple[
 
 
 def _nearest(cue: PersonAt, reading: CameraInput | None) -> int | None:
-    """The frame in which a person is looked for; None where the camera saw nobody near the time."""
+    """The frame in which a person is looked for; None where the camera saw no person near the time."""
     return None if reading is None else nearest_frame(reading.seen, _frame(cue, reading), reading.fps)
 
 
@@ -109,7 +109,7 @@ def _frame(cue: PersonAt, reading: CameraInput) -> float:
 
 
 def _place_fault(cue: PersonAt, reading: CameraInput) -> str | None:
-    """What is wrong with the pixel or the time, whoever is there."""
+    """What is wrong with the pixel or the time, whatever is there."""
     if cue.at is None:
         return None
     (u, v), size = cue.at, reading.filmed_size
@@ -133,7 +133,7 @@ def _place_fault(cue: PersonAt, reading: CameraInput) -> str | None:
 
 
 def _person_fault(cue: PersonAt, reading: CameraInput) -> str | None:
-    """That the recording is over then, or that nobody is at the pixel."""
+    """That the recording is over then, or that no person is at the pixel."""
     frames = reading.frames
     if cue.at is None or not len(frames):
         return None
@@ -146,7 +146,7 @@ def _person_fault(cue: PersonAt, reading: CameraInput) -> str | None:
         if frames[0] <= frame <= frames[-1]:
             near = int(frames[np.argmin(np.abs(frames - frame))])
             return (
-                f"{_key(cue)}: camera {reading.name} sees nobody at {_when(cue)}; the nearest frame with people is {near}: "
+                f"{_key(cue)}: camera {reading.name} sees no person at {_when(cue)}; the nearest frame with people is {near}: "
                 "give a time at which it sees the person"
             )
         return f"{_key(cue)}: camera {reading.name} sees people in {span}, not at {_when(cue)}: give a time within it"
@@ -162,7 +162,7 @@ def _person_fault(cue: PersonAt, reading: CameraInput) -> str | None:
             )
         u, v = cue.at
         return (
-            f"at: nobody is at [{u:g}, {v:g}] in camera {reading.name} at {_when(cue)} (frame {found}){nearest}: give a pixel "
+            f"at: no person at [{u:g}, {v:g}] in camera {reading.name} at {_when(cue)} (frame {found}){nearest}: give a pixel "
             "inside the person's box"
         )
     return None

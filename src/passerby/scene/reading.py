@@ -1,4 +1,4 @@
-"""One camera's files: read, checked against each other, and told about.
+"""One camera's files: read, checked against each other, and reported.
 
 *Faults* make an input unusable; *findings* are odd, but do not stop a calibration; *doubts* let no rig be accepted.
 """
@@ -43,7 +43,7 @@ T = TypeVar("T")
 SAME_RATE = 0.005
 """30 and 29.97 frames per second differ by a thousandth: half a second in eight minutes."""
 SHORTEST, FRAMES_TO_TRACK = 3, 6
-"""Tracklets of fewer rows tell nobody's way. Where most ids are such, and there are so many frames, they were no tracklets."""
+"""Tracklets of fewer rows show no trajectory. Where most ids are such, and there are so many frames, they were no tracklets."""
 
 
 def read_camera(scene: Scene, name: str, model: CameraInput | None = None, span: WallSpan | None = None) -> CameraInput:
@@ -143,7 +143,7 @@ def _turn_people(reading: CameraInput) -> None:
 
 
 def input_from_memory(scene: Scene, name: str, lens: Lens, boxes: Boxes, keypoints: Keypoints) -> CameraInput:
-    """What is told of a camera without any file, checked as files are; faults are gathered, not raised."""
+    """What is reported of a camera without any file, checked as files are; faults are gathered, not raised."""
     try:
         upright = turn_lens(lens, lens.rotate)
     except InputError as error:
@@ -186,7 +186,7 @@ def needs_keypoints(scene: Scene, reading: CameraInput) -> bool:
     wanted = scene.perception.keypoints
     if wanted == "none" or reading.keypoints_path is not None:
         return False
-    # Nobody who gave boxes has a video read for keypoints that were not asked for.
+    # A user who gave boxes has no video read for keypoints that were not asked for.
     return wanted != "auto" or reading.awaiting or needs_embeddings(scene, reading)
 
 
@@ -215,7 +215,7 @@ def _settle_doubles(reading: CameraInput) -> None:
 
 
 def _check_people(scene: Scene, reading: CameraInput) -> None:
-    """What can be told of a camera whose people are known."""
+    """What can be said of a camera with known people."""
     (_check_identities if reading.given else _check_sources)(scene, reading)
 
 
@@ -321,7 +321,7 @@ def _check_sources(scene: Scene, reading: CameraInput) -> None:
 
 
 def _rows_of_short_tracklets(part: Boxes | Keypoints) -> int:
-    """How many rows have an id that hardly any other row has."""
+    """How many rows have an id that almost no other row has."""
     known = part.identity[part.identity > UNKNOWN]
     _, count = np.unique(known, return_counts=True)
     return int(count[count < SHORTEST].sum())

@@ -58,7 +58,7 @@ well."""
 NEARER, NEARER_SIGMA = 0.03, 0.01
 """Change of the boxes' ratio from people far off to people twice as near: 0.3 m towards people who are 10 m away."""
 FEWEST_ROWS = 10
-"""Fewer may be equal in two cameras: a detector that sees somebody in the first, empty images, the same in each."""
+"""Fewer may be equal in two cameras: a detector that sees a person in the first, empty images, the same in each."""
 
 
 @dataclass(frozen=True)
@@ -134,9 +134,9 @@ def doubts_of_same_content(
 
 
 def doubts_of_same_place(rig: Rig, observations: Observations) -> list[Finding]:
-    """A doubt for each pair of cameras that stand at one place, look one way, and whose people do not tell them apart.
+    """A doubt for each pair of cameras that stand at one place, look one way, and that people do not distinguish.
 
-    Two cameras side by side are meant to be there: what they see differs. Pairs that surely show the same are left out.
+    Two cameras side by side are meant to be there: what they see differs. Pairs known to show the same are left out.
 
     Args:
         rig: with poses, metres.
@@ -187,7 +187,9 @@ class _Pair:
 
 @dataclass(frozen=True, eq=False)
 class _Binned:
-    """The boxes of each camera by steps of a common time, as they were binned last: mostly the next pair's time is the same."""
+    """The boxes of each camera by steps of a common time, as they were binned last: usually the next pair's time is the
+    same.
+    """
 
     last: dict[int, tuple[float, float, BinnedBoxes]] = field(default_factory=dict)
 
@@ -342,7 +344,7 @@ def faults_of_same_file(scene: Scene, readings: Sequence[CameraInput]) -> list[s
     first: dict[Path, _Named] = {}
     faults = []
     for one in _named(scene, readings):
-        # Unlike `Path.resolve` it bears links that lead in a circle, which reading has told of.
+        # Unlike `Path.resolve` it bears links that lead in a circle, which reading has reported.
         other = first.setdefault(Path(os.path.realpath(one.path)), one)
         if other.camera != one.camera:
             faults.append(

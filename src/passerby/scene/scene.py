@@ -99,7 +99,7 @@ class Scene(Table):
             table = content.get("recording")
             scene = cls.model_validate(content, context={RECORDS: isinstance(table, dict) and "seconds" in table})
         except ValidationError as error:
-            # A misspelt key is told before the key that is missing for it.
+            # A misspelt key is reported before the key that is missing for it.
             faults = sorted(error.errors(), key=lambda fault: fault["type"] != "extra_forbidden")
             raise FileFaults([f"{path}: {explain_fault(dict(fault), TABLES)}" for fault in faults]) from None
         scene._path, scene._unrecorded = path, frozenset(unrecorded)
@@ -107,7 +107,7 @@ class Scene(Table):
         return scene
 
     def _check_paths(self) -> None:
-        """Raises `FileFaults` for paths that no system can open, so that nobody has to think of them later."""
+        """Raises `FileFaults` for paths that no system can open, so that they need no check later."""
         faults = []
         for name, table in self.cameras.items():
             for key, value in table:
@@ -324,7 +324,7 @@ class Scene(Table):
         for name in self.cameras:
             if name not in grouped:
                 raise ValueError(
-                    f"[sites] groups: camera {name} is in no group and would be compared with nobody: add it to the groups of "
+                    f"[sites] groups: camera {name} is in no group and would be compared with none: add it to the groups of "
                     "the cameras that it may share ground with"
                 )
         return self

@@ -18,7 +18,7 @@ from passerby.common.addresses import plain_without_credentials
 from passerby.common.text import nearest, shortened
 
 LONGEST_KEY = 80
-"""Characters of a key, or of a camera's name, that are told."""
+"""Characters of a key, or of a camera's name, that are shown."""
 HEADER = re.compile(r"\[\s*([^\[\]]+?)\s*\]\s*(?:#.*)?")
 LIST_HEADER = re.compile(r"\[\[.*\]\]\s*(?:#.*)?")
 KEY = re.compile(r"([\w-]+)\s*=")

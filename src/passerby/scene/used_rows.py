@@ -122,7 +122,7 @@ class DuplicateRows:
     second: int
     """Rows left out since the same identity has a better one in that frame,"""
     repeated: int
-    """and rows of nobody known that are the same as another row, number for number."""
+    """and rows without an identity that are the same as another row, number for number."""
     first: tuple[int, int]
     """Frame and identity of the first of them."""
 
@@ -144,8 +144,8 @@ def remove_duplicates(part: Part) -> tuple[Part, DuplicateRows | None]:
     """The rows with each identity once in a frame, in their order; and what was left out, None where nothing was.
 
     Of several rows of one identity in one frame that of the highest score is kept; among equals the one nearest to where the
-    identity is in the frames before and after; among equals the first. Rows of nobody known (-1) are all kept, but for those
-    that repeat another one number for number.
+    identity is in the frames before and after; among equals the first. Rows without an identity (-1) are all kept, but
+    for those that repeat another one number for number.
     """
     score, extent = _scores(part), extents_of(part)
     known: NDArray[np.bool_] = part.identity > UNKNOWN

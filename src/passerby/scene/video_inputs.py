@@ -45,7 +45,7 @@ Found = TypeVar("Found")
 
 @dataclass(eq=False)
 class SceneVideoProcessor:
-    """Watches the videos of a scene, and remembers what is to be told of it."""
+    """Watches the videos of a scene, and remembers what is to be reported of it."""
 
     keep: Path | None
     """Folder in which results are kept; None: nothing is kept."""
@@ -226,7 +226,7 @@ class _Counts:
             return
         self.last = now
         written = self.path.with_suffix(".new")
-        # A full disk is told of by those who keep results on it.
+        # A full disk is reported by the code that keeps results on it.
         with suppress(OSError):
             written.write_text(f"{done} {total}", encoding="ascii")
             # In one step: half a number is never read.

@@ -81,7 +81,7 @@ def chosen_span(scene: Scene) -> WallSpan | None:
 
 
 def _extents(scene: Scene) -> dict[str, WallExtent]:
-    """By camera with known wall times; what is wrong with the others' files is told when they are read."""
+    """By camera with known wall times; what is wrong with the others' files is reported when they are read."""
     out = {}
     for name in scene.cameras:
         source = source_of(scene, name)

@@ -22,7 +22,7 @@ Ground = Callable[[Floats], Floats]
 
 @dataclass(frozen=True)
 class Move:
-    """A camera that is knocked or turned while it films."""
+    """A camera that is bumped or turned while it films."""
 
     camera: str
     from_s: float
@@ -71,7 +71,7 @@ def gradual_zoom(camera: str, from_s: float, to_s: float, factor: float, step_s:
 
 
 def level(places: Floats) -> Floats:
-    """The ground that scenes have unless told otherwise."""
+    """The ground that scenes have by default."""
     return np.zeros(places.shape[:-1])
 
 

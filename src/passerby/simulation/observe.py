@@ -61,7 +61,7 @@ class View:
     box: Floats
     """(T, P, 4) left, top, right, bottom of the whole body, clipped at the picture's border, pixels."""
     visible_box: Floats
-    """(T, P, 4) the same of the parts that nobody hides; meaningless where everything is hidden."""
+    """(T, P, 4) the same of the parts that no person hides; meaningless where everything is hidden."""
     clipped: Mask
     """(T, P, 4) edges that the picture's border cut."""
     inside: Floats
@@ -160,7 +160,7 @@ def _hull(extents: Floats, use: Mask) -> Floats:
 
 
 def _covered(points: Floats, discs: Floats, disc_radii: Floats, boxes: Floats, depth: Floats) -> Mask:
-    """(T, P, S) which of the points (T, P, S, 2) lie behind a disc (T, P, D) of somebody nearer to the camera."""
+    """(T, P, S) which of the points (T, P, S, 2) lie behind a disc (T, P, D) of a person nearer to the camera."""
     overlap = (boxes[:, :, None, :2] < boxes[:, None, :, 2:]).all(axis=-1) & (
         boxes[:, :, None, 2:] > boxes[:, None, :, :2]
     ).all(axis=-1)
@@ -242,7 +242,7 @@ def _swapped(identities: Ints, found: NDArray[np.bool_], share: float, rng: np.r
         people = people[found[frame, people]]
         wanted = share * len(people)
         count = int(wanted) + int(chance < wanted - int(wanted))
-        if wanted < 2:  # nobody can be exchanged alone: two at once, half as often as one
+        if wanted < 2:  # one person cannot be exchanged alone: two at once, half as often as one
             count = 2 if chance < wanted / 2 else 0
         chosen = people[: min(count, len(people))]
         if len(chosen) > 1:

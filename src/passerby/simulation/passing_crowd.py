@@ -29,7 +29,7 @@ SPEED_MS, STOP_S, STOPS = (0.8, 1.7), (3.0, 40.0), (0, 3)
 BOX_NOISE = 0.015
 """Standard deviation of a box's four edges, as a share of its height."""
 RETURN_S = 2.0
-"""Somebody who is not seen for longer is another tracklet of the camera."""
+"""A person who is not seen for longer is another tracklet of the camera."""
 STEP_S = 0.1
 
 

@@ -200,7 +200,7 @@ def _observations(
 def _view(camera: Camera, motion: Motion, times: Floats, heights: Floats, here: NDArray[np.bool_], occlusion: bool) -> View:
     """The view at all times of the people (P,) who are here.
 
-    It is computed in stretches: memory stays at a few hundred MB however long the scene is.
+    It is computed in stretches: memory stays at a few hundred MB for a scene of any length.
     """
     stretch = max(1, BODIES_AT_ONCE // len(heights))
     parts = []

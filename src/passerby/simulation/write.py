@@ -47,7 +47,7 @@ def write_scene(
 
     With `video`, `videos/CAMERA.mp4` show the scene and `scene.toml` names them alone: no boxes, no identities, no frame rate.
     `boxes.toml` is then the scene file of the boxes, and `truth/CAMERA.txt` is there in any case. The videos are rendered side
-    by side by `executor`, or one after the other where it is None; `tell` is told of each that is done.
+    by side by `executor`, or one after the other where it is None; `tell` is called for each that is done.
 
     A folder written by an earlier simulation is replaced as a whole. Raises `InputError` for one that holds anything else, or
     that cannot be written.
@@ -112,7 +112,7 @@ def _scene(simulated: SimulatedScene, name: str, keypoints: bool) -> dict[str, A
         "solver": {"method": "people"},
         "scale": {
             "person_height_m": options.person_height_mean_m,
-            # A spread of zero would claim a height that is known exactly; a centimetre is as good as anybody knows it.
+            # A spread of zero would claim a height that is known exactly; it is not known to better than a centimetre.
             "person_height_sd_m": max(options.person_height_sd_m, 0.01),
             # The mean is the one that heights were drawn from.
             "person_height_mean_sd_m": MEAN_SD * options.person_height_mean_m,

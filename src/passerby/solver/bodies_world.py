@@ -37,7 +37,7 @@ def placed_by_bodies(
     """The fit in a world whose scale, up direction and ground are those of bodies, as far as nothing else tells them.
 
     Joints leave a similarity free, so that it is found after the shape, and enters the problem as rows on all cameras. The fit
-    stays as it is where somebody is seen whole, where no trunk or arm is seen, and where segments contradict each other.
+    stays as it is where a person is seen whole, where no trunk or arm is seen, and where segments contradict each other.
 
     Args:
         fit: the optimum.
@@ -77,7 +77,7 @@ def _placed(
     state: AdjustmentState, tied: Ints, rows: CueRows | None, bodies: Bodies, scale: BodyScale | None,
     vertical: BodyVertical | None, people: Ints, height_mean: Floats,
 ) -> tuple[AdjustmentState, WorldRows]:  # fmt: skip
-    """The state in the world of the bodies, and rows that hold the cameras `tied` there as surely as bodies do."""
+    """The state in the world of the bodies, and rows that hold the cameras `tied` there as well as bodies do."""
     planned = rows is not None and rows.plan is not None and len(rows.plan.camera) > 1
     measured = rows is not None and (len(rows.lengths) + len(rows.distances) > 0 or planned)
     log_factor = 0.0 if scale is None else scale.log_factor

@@ -2,7 +2,7 @@
 
 A stated length pulls its own cameras towards it: 10 % too much for the height of one camera moves this camera up, and of the
 10 % only 3 are left to be seen. Without the row the residual is 1 / (1 - leverage) times as large (Cook and Weisberg 1982,
-*Residuals and Influence in Regression*). The scale is held meanwhile: what it rests on is what the cues argue about.
+*Residuals and Influence in Regression*). The scale is held meanwhile: what it depends on is what the cues disagree about.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from passerby.solver.optimizer.normal_equations import NormalEquations
 from passerby.solver.people_state import AdjustmentState
 
 MOST_LEVERAGE = 0.99
-"""Beyond, nothing but the row itself tells what it states."""
+"""Beyond, only the row itself determines what it states."""
 
 
 def freed_measurements(

@@ -88,7 +88,7 @@ class CueRows:
     plan: PlanRows | None = None
     """A floor plan on which cameras or points were placed."""
     world: WorldRows | None = None
-    """What bodies tell of the world that nobody is seen whole in."""
+    """What bodies show of the world if no person is seen whole."""
     longer_m: Floats | None = None
     """(K,) by how much the noise of the marks lengthens each length under a rig, on the mean; 0 when None."""
 

@@ -38,14 +38,14 @@ MOST_LONGER = 0.1
 """Largest share of a length by which noise is taken to make it longer: what half its variance over the length holds for."""
 
 POPULATION_BIAS = 0.045
-"""Relative standard deviation, common to all people, of height cues where nobody states it: a crowd is not the population, and
+"""Relative standard deviation, common to all people, of height cues if it is not stated: a crowd is not the population, and
 boxes are not bodies. By published statures and rendered films (`docs/results/limits.md`)."""
 
 UNUSUAL_SIGMAS, MEASURED_SD = 3.0, 0.04
 """Who is so far from the median height counts for nothing: in sigmas of what people of the population differ by (5 % for
 adults) and of what the height of one of them is measured by. What other limits make of the scale: docs/results/limits.md."""
 FEWEST_COMPARED, MOST_UNUSUAL = 5, 1 / 3
-"""People that make a majority, and the share of them that may be unusual: beyond it nobody is."""
+"""People that make a majority, and the share of them that may be unusual: beyond it none is."""
 
 LEAST_PEOPLE_SD = 0.02
 """Relative, of the scale by people as far as it decides which of a plan's placements is wrong: the best that boxes allow."""
@@ -405,7 +405,7 @@ def scale_cue_weights(
     stated_m = np.array([stated for _, _, stated, _ in found])
     sds = [spread for _, _, _, spread in found], [spread for _, spread in own]
     pull, known = ((stated_m / np.array(sd_m)) ** 2 for sd_m in sds)
-    if not len(seen):  # the ground may lie anywhere below a camera if nobody stands on it
+    if not len(seen):  # the ground may lie anywhere below a camera if no person stands on it
         pull[[kind["kind"] == "camera_height" for kind in kinds]] = 0.0
     known = np.where(pull > 0, known, 0.0)
     return [

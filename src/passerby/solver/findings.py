@@ -1,4 +1,4 @@
-"""What speaks for and against a solved rig: findings, and the figures of every stage."""
+"""The quality of a solved rig: findings, and the figures of every stage."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ _NORMAL_QUARTILE = 0.3186
 
 
 def find_separate_groups(rig: Rig, groups: list[list[int]]) -> list[Finding]:
-    """The groups of cameras that nobody joins to the largest one."""
+    """The groups of cameras that no person joins to the largest one."""
     main, *others = ([rig.names[c] for c in group] for group in groups)
     return [notice("cameras_disconnected", *names, main=main) for names in others]
 

@@ -1,6 +1,7 @@
-"""First focal lengths of lenses that nobody knows, from how the ground below two cameras must fit together.
+"""First focal lengths of unknown lenses, from how the ground below two cameras must fit together.
 
-One view hardly tells a focal length: that of a level camera stretches its ground along the view, and people look as tall as
+One view barely determines a focal length: that of a level camera stretches its ground along the view, and people look as
+tall as
 before. Two views do. Where both see the same people, the two grounds are one plane, turned and shifted; at wrong focal lengths
 each is stretched in a direction of its own, and no turn makes them fit, but for two cameras that face each other. So every
 camera is levelled at each focal length of a grid, every pair is fitted at every two, and those are taken that the pairs

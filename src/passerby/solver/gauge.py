@@ -1,7 +1,7 @@
 """Which directions of the cameras' unknowns no evidence constrains: the rank of the gauge.
 
 The world may be turned about the vertical and moved along the ground: that is a choice, not a lack. All else has to be fixed
-by something that was seen or stated. Joints alone fix how the cameras stand to each other, but neither the scale, nor the
+by something that was seen or stated. Joints alone determine the relative poses of the cameras, but neither the scale, nor the
 vertical, nor the height of the ground; a camera that shares nothing with the others is free to go anywhere.
 
 A direction that nothing constrains is a null vector of the reduced normal matrix once the placement is held. The null vectors

@@ -55,7 +55,7 @@ from passerby.solver.registrations import contradicted
 from passerby.solver.uncertainty import design_effect
 
 # Descents from different trees that end with at least this share of the best one's agreeing sightings are rivals of it, and
-# rivals are the same rig when no two cameras stand to each other by more than this angle differently.
+# rivals are the same rig when no relative rotation of two cameras differs by more than this angle.
 _RIVAL_SHARE = 0.97
 _RIVAL_ANGLE = np.deg2rad(4.0)
 # A rig that fewer agree with than this share of what most agree with is not taken for the registrations that it keeps.
@@ -172,7 +172,7 @@ class Initialisation:
 
     def with_free(self, *parts: LensPart) -> Initialisation:
         """The same with lenses of which only these parts are free, where lenses were never calibrated: from a rough rig all
-        that is free goes astray together.
+        that is free diverges.
         """
         if "distortion" not in self.unknowns.parts:
             return self

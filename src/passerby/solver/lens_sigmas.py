@@ -1,4 +1,4 @@
-"""What the sightings say of refined lenses, and how sure these are with what is stated of them."""
+"""What the sightings say of refined lenses, and their uncertainty with what is stated of them."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class LensEvidence:
     seen: Floats
     """Where they would put them."""
     sd: Floats
-    """How surely, with what boxes are off by alike."""
+    """How well, with the common error of boxes."""
     excess: Floats
     """How many times more the priors must count against residuals that do not know what boxes are off by alike."""
 
@@ -65,7 +65,8 @@ def lens_evidence(problem: PeopleProblem, state: AdjustmentState, inflation: flo
     information = share / variance
     seen = state.lens * (1 + problem.lens_weight / inflation * prior / information)
     random, total = np.sqrt(1 / information), np.sqrt(1 / information + biased / share**2)
-    # Where nothing of a lens is stated, its principal point turns with the vertical, and that rests on how upright people are.
+    # Where nothing of a lens is stated, its principal point turns with the vertical, and that depends on how upright
+    # people are.
     boxes = by_boxes(problem)
     held = np.where(boxes | problem.lens_normal, BOXES_COUNT_LESS, 1.0)[:, None]
     misled = np.where(boxes & (not problem.lens_normal), BOXES_MISLEAD, 1.0)[:, None]

@@ -1,4 +1,4 @@
-"""How surely a rig measures: points that several cameras see, and places on the ground that one camera sees.
+"""How well a rig measures: points that several cameras see, and places on the ground that one camera sees.
 
 A principal point that is off and a camera that is turned the other way are nearly the same camera for every point that it
 measures. So the sigmas of poses and of intrinsics, each alone, say little of what a rig is used for. Here the covariance of the

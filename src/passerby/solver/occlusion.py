@@ -1,8 +1,10 @@
 """Which boxes show a whole person, judged by how their edges fit the people that all cameras agree on.
 
-A detector's box often ends early: feet hidden behind somebody nearer, a dark head before a dark wall; or it holds two people.
-Its centre is then off by half of what is missing, which the centre's own residual hardly tells from noise while the box's
-height, trusted little, hardly objects. Both edges together tell: each is either an edge of the person, with the noise of all
+A detector's box often ends early: feet hidden behind a nearer person, a dark head before a dark wall; or it holds two people.
+Its centre is then off by half of what is missing, which the centre's own residual barely distinguishes from noise while
+the box's
+height, of little weight, barely contradicts. Both edges together tell: each is either an edge of the person, with the
+noise of all
 such edges, or broken and anywhere near. How many are broken, and how noisy the others are, the boxes say themselves
 (expectation and maximisation on a mixture of a normal and an even distribution).
 """
@@ -22,7 +24,7 @@ background's: orientation off by 0.608 and 0.733 degrees; within a quarter 0.630
 1.028."""
 NARROWEST = 6.0
 """A broken edge is anywhere within at least so many sigmas of sound ones: where these are as noisy as a sixth of a person,
-nothing could be told from them, and all boxes would pass for broken."""
+they would show nothing, and all boxes would pass for broken."""
 CLEAN = 0.01
 """Of the true edges of people who bend and reach up to this share looks broken (simulated: 0.000 to 0.010). It is taken off, so
 that boxes without fault are weighed alike."""

@@ -1,4 +1,4 @@
-"""Hypotheses of how two cameras stand to each other, by two routes.
+"""Hypotheses of the relative pose of two cameras, by two routes.
 
 *Ground*: both cameras are levelled by their own people (`geometry.single_view`), so that they differ by a motion of the plane
 only; two matched people fix it. *Epipolar*: the essential matrix of highest and lowest points (or of joints), its baseline
@@ -35,8 +35,8 @@ _GROUND_TRIALS = 400
 # A ground position is known to about this share of its distance: box noise, stance, and what is left of the level's tilt.
 _GROUND_SHARE, _GROUND_FLOOR_M = 0.06, 0.15
 SHOWN_SHARE = 0.4
-"""Of a body's height, about what joints show of people of whom nobody is seen whole: from the hips to the head. All pairs have
-to agree on one length; which one it is hardly matters."""
+"""Of a body's height, about what joints show of people who are not seen whole: from the hips to the head. All pairs have
+to agree on one length; which one it is barely matters."""
 
 
 def pair_hypotheses(
@@ -223,7 +223,7 @@ def _by_epipolar(
 def _by_extents(
     found: tuple[Floats, Floats], at_a: PointObservations, at_b: PointObservations, focal: Floats, person_height_m: float
 ) -> tuple[Floats, Floats]:
-    """The relative pose, its baseline scaled by how large joints show people where nobody is seen whole.
+    """The relative pose, its baseline scaled by how large joints show people where no person is seen whole.
 
     Without it each pair's baseline would have the length 1, and a third camera would go where no descent finds it again: in a
     room of joints of heads, trunks, arms or legs alone (terrace, seed 3, three cameras) one of the three was lost.

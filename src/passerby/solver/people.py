@@ -178,7 +178,7 @@ def _initial_rig(
 def _estimate_uncertainty(
     start: Initialisation, fit: Fit, cues: ScaleCues, observations: Observations
 ) -> tuple[RigCovariance, list[CueFigures], dict[str, LensFigures]]:
-    """The covariance of the cameras, what the scale rests on, and what became of the lenses."""
+    """The covariance of the cameras, what the scale depends on, and what became of the lenses."""
     state, knowledge = fit.result.state, start.knowledge
     seen = np.unique(fit.model.problem.person)
     terms = replace(fit.model.problem, lens_weight=np.ones(())).terms(state, jacobians=True)
@@ -239,7 +239,7 @@ def _heights_by_boxes(start: Initialisation, state: AdjustmentState, observation
 
 
 def _with_refined_sigmas(rig: Rig, lenses: Mapping[str, LensFigures]) -> Rig:
-    """The rig whose guessed focal lengths are as sure as they were refined; `lenses` as of `lens_figures`."""
+    """The rig whose guessed focal lengths have the sigmas of their refinement; `lenses` as of `lens_figures`."""
     cameras = []
     for camera in rig:
         parts = lenses.get(camera.name)

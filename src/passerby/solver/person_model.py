@@ -78,7 +78,7 @@ class PeopleProblem:
     """(C, L), or one for all: how many times more those priors count. Sightings that follow one another, and are off alike,
     tell less than as many independent ones, and would drive lenses far off against priors that are right."""
     lens_normal: bool = False
-    """Whether those priors are normal distributions: what nobody has stated is never quite another."""
+    """Whether those priors are normal distributions: what is not stated is never quite another."""
     lens_groups: tuple[tuple[int, ...], ...] = ()
     """Cameras of one model: their focal lengths and distortions differ by `UNIT_FOCAL` and `UNIT_DISTORTION` only. Where priors
     are normal."""

@@ -19,7 +19,7 @@ from passerby.geometry.two_view import PairHypothesis
 # Two ways to the same camera agree when they differ by about this much: a few times the error of a good guess.
 _CYCLE_ANGLE = np.deg2rad(6.0)
 _CYCLE_SHARE = 0.25
-# What a guess is worth that no third camera speaks for.
+# The weight of a guess that no third camera supports.
 _ALONE = 0.02
 
 

@@ -1,4 +1,4 @@
-"""A rig that is known, adjusted anew to other footage: where the cameras stand to each other by what people show there.
+"""A rig that is known, adjusted again to other footage: the relative poses of the cameras by what people show there.
 
 The same rounds as a calibration's last stage, boxes and joints alike, from the rig's poses instead of a first guess.
 """

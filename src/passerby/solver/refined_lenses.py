@@ -25,7 +25,7 @@ _UNTOLD_SHARE = 0.8
 
 @dataclass(frozen=True, eq=False)
 class RefinedLenses:
-    """How sure the refined lenses are, (C, L) each."""
+    """The uncertainty of the refined lenses, (C, L) each."""
 
     unknowns: LensUnknowns
     sigma: Floats
@@ -37,7 +37,7 @@ class RefinedLenses:
 def decide_refined_lenses(
     unknowns: LensUnknowns, stated: Rig, problem: PeopleProblem, state: AdjustmentState, inflation: float
 ) -> RefinedLenses | None:
-    """How sure the lenses are; None where none is refined.
+    """The uncertainty of the lenses; None where none is refined.
 
     Args:
         unknowns: what is refined.
@@ -60,7 +60,7 @@ def lens_figures(lenses: RefinedLenses | None, stated: Rig, refined: Rig) -> dic
     Empty where nothing is refined.
 
     Args:
-        lenses: how sure they are.
+        lenses: their uncertainty.
         stated: lenses as stated.
         refined: as refined, in the same order.
     """

@@ -105,7 +105,7 @@ class PriorKnowledge:
     lens_far: Floats | None = None
     """(C, L) how the tails of the scales' distributions fall (`PeopleProblem`)."""
     height_spread: Floats | None = None
-    """(P,) how much people differ of whom nothing but their population is known, as a share; NaN for all others."""
+    """(P,) how much people differ if only their population is known, as a share; NaN for all others."""
     unusual: NDArray[np.bool_] | None = None
     """(P,) people of the population who are far taller or shorter than most: their stature says nothing of the scale."""
 
@@ -226,7 +226,7 @@ def standing_extents(s: UprightObservations, centre: Floats, points: Floats, hei
 def _expected_extents(s: UprightObservations, person: Ints, rig: RigState, points: Floats, noise: Noise) -> Floats:
     """(M,) pixels that the people seen have, as far as that is known beforehand.
 
-    What was seen is noisy; somebody who stands where the rays of all cameras meet has a known extent, but may be bent. The mean
+    What was seen is noisy; a person who stands where the rays of all cameras meet has a known extent, but may be bent. The mean
     of both logarithms, weighed by their variances.
 
     Args:

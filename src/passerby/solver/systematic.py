@@ -28,7 +28,7 @@ Weighted = Callable[[Term], Term]
 
 LOWER_EDGE = 0.02
 """One sigma of how far above or below people's feet the lower edges of their boxes lie, as a share of their height, in all
-cameras alike: it rests on what a detector takes for feet. Root mean square over five rendered films, boxes from the pixels
+cameras alike: it depends on what a detector takes for feet. Root mean square over five rendered films, boxes from the pixels
 (seeds 950 to 955, without one whose rig was wrong): 2.0 %."""
 
 OWN_SHIFT, OWN_GROWTH = 0.0045, 0.004
@@ -40,7 +40,7 @@ Maximum likelihood over the errors of 61 simulated scenes of all presets. Middle
 304722) were less exact by 8 %, and 31 of them instead of 36 within two sigmas."""
 
 FAR = 2.0
-"""Sigmas of the prior from which on a camera's boxes differ from people otherwise than boxes do."""
+"""Sigmas of the prior from which on a camera's boxes differ from people in another way than boxes do."""
 
 LENS_PRIORS: Mapping[LensPart, float] = MappingProxyType({"focal": 0.005, "principal_point": 0.005, "distortion": 0.01})
 """What the stated intrinsics of a camera are off by, one sigma: shares of the focal length and of the image's width, and the

@@ -1,4 +1,4 @@
-"""How sure the adjusted cameras are: their covariance from the reduced system.
+"""The uncertainty of the adjusted cameras: their covariance from the reduced system.
 
 The world may be turned about the vertical and moved along the ground without any residual noticing. The covariance is that of
 the rig after the best such placement on the camera centres (inner constraints: Teunissen 1985, *Generalized Inverses,
@@ -58,7 +58,7 @@ class RigCovariance:
     metric: Floats
     """After the best placement along the ground: with what scale, vertical and ground are off by."""
     shape: Floats
-    """After the best similarity: how the cameras stand to each other."""
+    """After the best similarity: relative poses of the cameras."""
     vertical_deg: float
     """One sigma of the angle between the rig's vertical and the true one."""
     scale: float
@@ -188,7 +188,7 @@ def _complete(
 
 
 def _with_unfixed(free: Free, problem: PeopleProblem, scale_sigma: float) -> Free:
-    """What is free, with what nothing at all can fix: where rays hardly meet, the rounding of an elimination can hide a null
+    """What is free, with what nothing at all can fix: where rays barely meet, the rounding of an elimination can hide a null
     vector, and an infinite sigma of the scale times a variance of 0 is no number.
     """
     nothing = problem.cues is None and not len(problem.sightings)
@@ -229,7 +229,9 @@ def _distance_sigmas(metric: Floats, centre: Floats) -> Floats:
 
 
 def _with_lens_sigmas(covariance: Floats, sigma: Floats, size: int) -> Floats:
-    """The covariance with lenses no surer than `sigma` (C, L); all other unknowns follow by their regression on them."""
+    """The covariance with lenses no less uncertain than `sigma` (C, L); all other unknowns follow by their regression on
+    them.
+    """
     added = np.zeros_like(covariance)
     places = np.arange(1, len(sigma) + 1)[:, None] * size - sigma.shape[1] + np.arange(sigma.shape[1])
     for at, sd in zip(places.ravel(), sigma.ravel(), strict=True):

@@ -1,4 +1,4 @@
-"""Which boxes of one identity the geometry confirms: instant by instant, in two cameras or more, and nobody else's as well.
+"""Which boxes of one identity the geometry confirms: instant by instant, in two cameras or more, and no other person's as well.
 
 At one instant the boxes of an identity must show one place on the ground, each camera's compared with where the others see it.
 And that must tell: in each camera every other person's box must fit clearly worse, and none of the boxes may fit a place where
@@ -32,22 +32,22 @@ USUAL_MEDIAN = 1.386
 NEAR_M = 1.0
 """People nearer to each other on the ground may exchange their labels."""
 CROWDED = 6.0
-"""Squared sigmas within which somebody may be at the very place where another is."""
+"""Squared sigmas within which a person may be at the very place where another is."""
 BLOCK_ROWS = 50_000
 """Boxes that are compared at once, so that memory stays flat."""
 
 HALF_WIDTH_M = 0.3
 """Of a body with its arms, and of what a place on the ground is off by."""
 BEHIND_M = 0.5
-"""Somebody who is farther away by more than that covers nobody."""
+"""A person who is farther away by more than that covers no other."""
 FAR_BEHIND = 2.0
 """Who is so many times farther away is too small to matter."""
 COVERED = 0.2
-"""Share of a body, from the feet up, that somebody nearer may cover."""
+"""Share of a body, from the feet up, that a nearer person may cover."""
 
 SURE, CUT, ALONE, MISFIT, AMBIGUOUS, BEHIND, NEAR, DISPUTED, UNIDENTIFIED = range(9)
 REASONS = ("sure", "cut off by the border", "in one camera only", "does not meet", "another fits as well",
-           "behind somebody", "near somebody", "cameras disagree", "without identity")  # fmt: skip
+           "behind another person", "near another person", "cameras disagree", "without identity")  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,9 +65,9 @@ class GeometricAgreement:
     place: Floats
     """(G, 2) metres; NaN where only one camera sees the person."""
     sure: NDArray[np.bool_]
-    """(G,) whether two cameras or more are sure."""
+    """(G,) whether two cameras or more confirm it."""
     near: NDArray[np.bool_]
-    """(G,) whether somebody else is within `NEAR_M`."""
+    """(G,) whether another person is within `NEAR_M`."""
     spread: float
     """By how much the usual sigmas were multiplied."""
 
@@ -167,7 +167,7 @@ def _judged(places: Places) -> GeometricAgreement:
     reason = np.where(groups.group < 0, UNIDENTIFIED, np.where(places.whole, SURE, CUT))
     mine, theirs = _rivals(places)
     _leave_out(groups, step, reason, mine, theirs)
-    # Whether somebody is hidden is known once it is known where everybody is.
+    # Whether a person is hidden is known once all positions are known.
     hidden = _hidden(groups, step, reason)
     reason[(reason == SURE) & hidden] = BEHIND
     _leave_out(groups, step, reason, mine, theirs)
@@ -199,9 +199,9 @@ def _leave_out(groups: _Groups, step: Ints, reason: Ints, mine: Ints, theirs: In
 
 
 def _hidden(groups: _Groups, step: Ints, reason: Ints) -> NDArray[np.bool_]:
-    """(N,) rows of people before whom somebody else stands, seen from the row's camera.
+    """(N,) rows of people before whom another person stands, seen from the row's camera.
 
-    The one in front need not have a box there: a detector finds one person of two, and it is not told which.
+    The one in front need not have a box there: a detector finds one person of two, and it is unknown which.
     """
     places = groups.places
     where, _ = _positions(groups, step, reason, 1)
@@ -250,15 +250,15 @@ def _failures(groups: _Groups, step: Ints, active: Ints, mine: Ints, theirs: Int
     # Of two in one camera
     nearest = np.full(len(active), np.inf)
     np.minimum.at(nearest, row, _squared(places.place[rival] - place[row], covariance[row] + places.covariance[rival]))
-    # and of a place where two others see somebody else.
-    row, squared = _elsewhere_somebody(groups, step, active)
+    # and of a place where two others see another person.
+    row, squared = _elsewhere_another(groups, step, active)
     np.minimum.at(nearest, row, squared)
     lack = limit - nearest
     why = np.where(own > FITS, MISFIT, np.where(lack > 0, AMBIGUOUS, SURE))
     return why, np.where(own > FITS, 1e3 + own, lack)
 
 
-def _elsewhere_somebody(groups: _Groups, step: Ints, active: Ints) -> tuple[Ints, Floats]:
+def _elsewhere_another(groups: _Groups, step: Ints, active: Ints) -> tuple[Ints, Floats]:
     """Rows of `active` and the squared sigmas from each to another person whom two further cameras see at that instant."""
     places = groups.places
     number, information, pull = groups.sums(active)
@@ -289,13 +289,13 @@ def _mark_disputed(groups: _Groups, reason: Ints) -> None:
 
 
 def _overrule(groups: _Groups, reason: Ints, doubtful: NDArray[np.bool_], why: int) -> None:
-    """Boxes (N,) that are sure of people (G,) who are doubtful get a reason."""
+    """Confirmed boxes (N,) of people (G,) who are doubtful get a reason."""
     sure = np.flatnonzero(reason == SURE)
     reason[sure[doubtful[groups.group[sure]]]] = why
 
 
 def _positions(groups: _Groups, step: Ints, reason: Ints, fewest: int) -> tuple[Floats, NDArray[np.bool_]]:
-    """(G, 2) where everybody is whom so many cameras see, sure or not; (G,) whether somebody else is near."""
+    """(G, 2) where all people are whom so many cameras see, confirmed or not; (G,) whether another person is near."""
     place = np.full((groups.count, 2), np.nan)
     for rows in (np.flatnonzero((groups.group >= 0) & groups.places.whole), np.flatnonzero(reason == SURE)):
         number, information, pull = groups.sums(rows)
@@ -315,7 +315,7 @@ def _crowded(groups: _Groups, reason: Ints, mine: Ints, theirs: Ints) -> NDArray
     """
     places = groups.places
     number, information, pull = groups.sums(np.flatnonzero(reason == SURE))
-    # Where a camera's label went to somebody else, the other's box is the person's own.
+    # Where a camera's label went to another person, the other's box is the person's own.
     told = (number[groups.group[mine]] > 1) & (reason[mine] != MISFIT)
     mine, theirs = mine[told], theirs[told]
     group = groups.group[mine]

@@ -26,7 +26,7 @@ from passerby.perception.pictures import Picture
 JUNK = -1
 """A picture that counts neither as right nor as wrong where it is found (Market-1501's identity -1)."""
 DISTRACTOR = -2
-"""A picture of nobody who is searched for; wrong wherever it is found (Market-1501's identity 0000)."""
+"""A picture of no person who is searched for; wrong wherever it is found (Market-1501's identity 0000)."""
 UNKNOWN_CAMERA = "unknown-camera"
 """What the camera of a set is called whose file names tell none; no two of its pictures are known to be by the same one."""
 PICTURE_ENDINGS = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
@@ -52,7 +52,7 @@ class CropSet:
     cameras: tuple[str, ...] = ()
     """Names, as `market1501/c1`."""
     apart: NDArray[np.bool_] | None = None
-    """(P, P) who are surely two; None: all of them are. Known of tracks, of which two may be one person at two times."""
+    """(P, P) who are known to be two; None: all of them are. Known of tracks, of which two may be one person at two times."""
 
     def __post_init__(self) -> None:
         if not len(self.paths) == len(self.person) == len(self.camera):
@@ -104,7 +104,7 @@ class DataSet:
 def mix_sets(sets: Sequence[CropSet]) -> CropSet:
     """All pictures as one set. People and cameras of the same name are the same; names begin with the data set's.
 
-    People of two sets are surely apart.
+    People of two sets are different.
     """
     people = list(dict.fromkeys(name for crops in sets for name in crops.people))
     cameras = list(dict.fromkeys(name for crops in sets for name in crops.cameras))
@@ -145,15 +145,16 @@ class Listing:
 
 
 def data_set(name: str, path: Path, listing: Listing, tell: Progress) -> DataSet:
-    """The data set of a listing: pictures that cannot be read and people with one picture to learn from are left out and told.
+    """The data set of a listing: pictures that cannot be read and people with one picture to learn from are left out and
+    reported.
 
     Args:
         name: of the data set; names of people and cameras begin with it.
         path: what a message calls the set.
         listing: its files.
-        tell: told how many pictures were tried.
+        tell: called with the number of pictures that were tried.
 
-    Raises `InputError` where nothing to learn from and nobody to search for is left, or no query has an answer.
+    Raises `InputError` where nothing to learn from and no person to search for is left, or no query has an answer.
     """
     notes = list(listing.notes)
     parts = _readable([listing.train, listing.query, listing.gallery], notes, tell)
@@ -187,7 +188,7 @@ _PLURAL = {"cannot be read": "cannot be read", "is too small": "are too small"}
 
 
 def without_single(rows: list[Listed], notes: list[str]) -> list[Listed]:
-    """Without people of whom there is one picture: nothing about a person can be learnt from one."""
+    """Without people with one picture: nothing about a person can be learnt from one."""
     count = Counter(row.person for row in rows)
     single = sorted(str(person) for person, n in count.items() if n < 2)
     if not single:
@@ -237,7 +238,7 @@ def _check_answers(path: Path, query: CropSet, gallery: CropSet) -> None:
         if any((person, other) in found for other in (cameras if unknown else cameras - {camera})):
             return
     raise InputError(
-        f"{path}: nobody of the query is in the gallery, seen by another camera: the same names of people are needed in both"
+        f"{path}: no person of the query is in the gallery, seen by another camera: the same names of people are needed in both"
     )
 
 

@@ -138,7 +138,8 @@ class _Curve:
     dash: str
 
 
-# Told apart by people who see no red or no green (after Okabe and Ito 2008), and by dashes; 3 : 1 against white and black.
+# Distinguishable for people who see no red or no green (after Okabe and Ito 2008), and by dashes; 3 : 1 against white
+# and black.
 _BLUE, _RED, _GREEN = "#3B82C4", "#D55E00", "#009E73"
 PANELS: tuple[tuple[str, str, tuple[_Curve, ...]], ...] = (
     (

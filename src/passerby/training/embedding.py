@@ -39,7 +39,7 @@ def whole_box(picture: Picture) -> Floats:
 
 
 def embed_crops(crops: CropSet, embedder: Embedder, tell: Progress = silent) -> Vectors:
-    """(N, D) unit vectors of a set's pictures, each taken whole; zeros where nothing can be told of one.
+    """(N, D) unit vectors of a set's pictures, each taken whole; zeros if nothing is known of one.
 
     Raises `InputError` for a picture that cannot be read.
     """
@@ -95,7 +95,7 @@ def leave_one_out(crops: CropSet, vectors: Vectors, centred: bool = False, ranks
     With one camera, or where the cameras are unknown, it searches all pictures but itself.
 
     Args:
-        crops: N pictures; whoever may be the same person (`CropSet.apart`) counts neither as right nor as wrong.
+        crops: N pictures; people who may be the same person (`CropSet.apart`) counts neither as right nor as wrong.
         vectors: (N, D).
         centred: as in `score_crops`.
         ranks: the k of rank-k.
@@ -137,7 +137,7 @@ def _common(query: CropSet, gallery: CropSet) -> tuple[Ints, Ints, NDArray[np.bo
 
 
 def _apart(query: CropSet, gallery: CropSet) -> NDArray[np.bool_] | None:
-    """(P, P) who are surely two, numbered as by `_common`; None where all are."""
+    """(P, P) who are known to be two, numbered as by `_common`; None where all are."""
     if query.apart is None and gallery.apart is None:
         return None
     people = {name: row for row, name in enumerate(dict.fromkeys((*query.people, *gallery.people)))}

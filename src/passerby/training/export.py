@@ -278,7 +278,7 @@ def _forget_machine(graph: GraphProto) -> None:
 
 
 def _describe(model: ModelProto, origin: Mapping[str, str]) -> None:
-    """Write into the file how it wants to be fed, and where it comes from; `repr` of a float is read back as the same float."""
+    """Write into the file its input conventions, and where it comes from; `repr` of a float is read back as the same float."""
     told = {
         "role": "embedder",
         "output": "embedding",

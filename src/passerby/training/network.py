@@ -110,7 +110,9 @@ class ReidLoss(nn.Module):
     unknown: Tensor | None
 
     def __init__(self, options: TrainOptions, apart: Tensor | None = None) -> None:
-        """`apart`: (P, P) who are surely two; None: all are. Who may be the same person is no wrong answer to the other."""
+        """`apart`: (P, P) who are known to be two; None: all are. Who may be the same person is no wrong answer to the
+        other.
+        """
         super().__init__()
         self._weights = options.identity_weight, options.triplet_weight
         self._smoothing = options.label_smoothing
@@ -130,7 +132,7 @@ class ReidLoss(nn.Module):
 
 
 def identity_loss(logits: Tensor, person: Tensor, smoothing: float, unknown: Tensor | None = None) -> Tensor:
-    """Cross entropy with label smoothing, over those who are surely not the person, and the person.
+    """Cross entropy with label smoothing, over those who are known not to be the person, and the person.
 
     Args:
         logits: (N, P).
@@ -293,7 +295,7 @@ def feature_map(answer: Any) -> Tensor:
 
 @contextlib.contextmanager
 def _quiet() -> Iterator[None]:
-    """Without the libraries' warnings: what matters is told in words of our own."""
+    """Without the libraries' warnings: what matters is reported in words of our own."""
     loggers = [logging.getLogger(name) for name in ("huggingface_hub", "transformers")]
     levels = [logger.level for logger in loggers]
     for logger in loggers:

@@ -159,7 +159,7 @@ class BatchSampler(Sampler[list[Draw]]):
             place += len(batch)
 
     def _any(self, rng: np.random.Generator) -> Iterator[list[int]]:
-        """All people are surely different."""
+        """All people are known to be different."""
         with _drawing_from(rng):
             sampler = MPerClassSampler(self._crops.person, self._pictures, self.size, len(self) * self.size)
             rows = [int(row) for row in sampler]
@@ -167,7 +167,8 @@ class BatchSampler(Sampler[list[Draw]]):
             yield rows[start : start + self.size]
 
     def _apart(self, rng: np.random.Generator, apart: np.ndarray) -> Iterator[list[int]]:
-        """Batches of people of whom every two are surely different: any one, then others who are apart from all before.
+        """Batches of people in which every two are known to be different: any one, then others who are different from
+        all before.
 
         Pictures are drawn evenly over the cameras, since what has to be learnt is that two cameras show one person.
         """

@@ -1,6 +1,6 @@
 """Trainings as a user starts them: data sets in, a folder with the network and its record out.
 
-A network adapted to one scene without labels: whom the calibration is sure of teaches it, then all is solved again.
+A network adapted to one scene without labels: it learns from people with significant identities, then the rig is solved again.
 
 Xu et al., CVPR 2021, section 3.1, fine-tune on a scene's own people where clothes are alike, with labels made by hand. Here the
 rig that was found without them makes the labels.
@@ -41,7 +41,7 @@ from passerby.training.training import Trained, train
 
 CURVES = "curves.html"
 FEW_PEOPLE = 20
-"""With fewer nobody is held out: every one is needed to learn from."""
+"""With fewer no person is held out: every one is needed to learn from."""
 COMPARED_PICTURES = 1000
 """Real pictures on which an exported network is compared with PyTorch."""
 RUN, NETWORK, CROPS, PERCEPTION = "run", "net.onnx", "crops", "perception"
@@ -66,13 +66,13 @@ def course(sets: Sequence[DataSet], options: TrainOptions) -> Course:
     """
     learnt = mix_sets([one.train for one in sets])
     if not len(learnt):
-        raise InputError(f"{', '.join(one.name for one in sets)}: nobody to learn from: give data with a training part")
+        raise InputError(f"{', '.join(one.name for one in sets)}: no person to learn from: give data with a training part")
     query, gallery = mix_sets([one.query for one in sets]), mix_sets([one.gallery for one in sets])
     if len(query):
         return Course(learnt, query, gallery, f"{len(query)} images searched among {len(gallery)}")
     held = round(options.hold_out * len(learnt.people))
     if len(learnt.people) < FEW_PEOPLE or held < 2:
-        return Course(learnt, CropSet(), CropSet(), "nobody: there are too few people to hold some out")
+        return Course(learnt, CropSet(), CropSet(), "no person: there are too few people to hold some out")
     chosen = np.zeros(len(learnt.people), dtype=np.bool_)
     chosen[np.random.default_rng((options.seed, len(learnt.people))).permutation(len(learnt.people))[:held]] = True
     return Course(learnt.of_people(~chosen), learnt.of_people(chosen), CropSet(), f"{held} people who are held out")
@@ -202,12 +202,12 @@ def finetune_scene(
         epochs: of the training; None: as the options say.
         seed: of the training and the calibration.
         device: auto or cpu.
-        tell: told of the stages.
-        record: told of every epoch.
+        tell: called with the stages.
+        record: called for every epoch.
 
     Raises:
         InputError: files that are missing or damaged, a run of another architecture.
-        EvidenceError: the calibration was refused, or is sure of too few people.
+        EvidenceError: the calibration was refused, or confirms too few people.
     """
     if target.resolve() == out.resolve():
         raise InputError(f"{target}: is the calibration to learn from, and would be overwritten: give another folder")
@@ -224,7 +224,7 @@ def finetune_scene(
 
 
 def _options(weights: Path | None, config: Path | None, epochs: int | None, seed: int) -> TrainOptions:
-    """Those of the network that it begins with, gentler; or the small recipe's. Nobody is held out: people are few."""
+    """Those of the network that it begins with, gentler; or the small recipe's. No person is held out: people are few."""
     chosen: dict[str, Any] = {"epochs": epochs, "seed": seed, "hold_out": 0.0}
     if weights is None:
         return train_options("small", config, **chosen)

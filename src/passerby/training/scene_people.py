@@ -1,6 +1,6 @@
-"""People of a calibrated scene, cut out of its videos, of whom the geometry is sure: labels that nobody had to give.
+"""People of a calibrated scene, cut out of its videos, that geometry confirms: labels without any manual work.
 
-A calibration finds out who is who. What it found is checked here once more, by the rig itself and without looks: see
+A calibration estimates identities. They are checked here again, by the rig itself and without appearance: see
 `verify_boxes` and `pseudo_labels`. What remains is right nearly always, which matters more than how much it is: training with
 the hardest pairs makes most of every wrong label.
 
@@ -45,28 +45,28 @@ REMEDIES = {
 
 @dataclass(frozen=True, eq=False)
 class ScenePeople:
-    """Pictures of people whose labels are sure."""
+    """Pictures of people with confirmed labels."""
 
     scene: Scene
     """That was calibrated."""
     crops: CropSet
-    """People are spans of identities, named SCENE/IDENTITY@SPAN; `apart` tells which of them are surely two."""
+    """People are spans of identities, named SCENE/IDENTITY@SPAN; `apart` says which of them are known to be two."""
     figures: dict[str, Any] = field(default_factory=dict)
     """JSON-ready."""
     notes: tuple[str, ...] = ()
-    """What is to be told, one sentence each."""
+    """What is to be reported, one sentence each."""
 
 
 def scene_people(
     out: Path, cache: Path, scene: Path | None = None, tell: Progress = silent, executor: Executor | None = None
 ) -> ScenePeople:
-    """Cut the people of a calibrated scene out of its videos, as far as the geometry is sure of them.
+    """Cut the people of a calibrated scene out of its videos, as far as geometry confirms them.
 
     Args:
         out: the output folder of `passerby calibrate`.
         cache: folder in which crops are kept.
         scene: the scene file; None: where the output folder says that it lies.
-        tell: told of the stages.
+        tell: called with the stages.
         executor: cuts the cameras side by side.
 
     Raises:
@@ -131,7 +131,7 @@ def _cameras_of_people(crops: CropSet) -> Ints:
 
 
 def _share_apart(crops: CropSet) -> float:
-    """Share of the pairs of people who are surely two."""
+    """Share of the pairs of people who are known to be two."""
     n = len(crops.people)
     return float(crops.apart.sum() / (n * (n - 1))) if crops.apart is not None and n > 1 else 0.0
 
@@ -161,7 +161,7 @@ def _figures(calibrated: CalibratedScene, places: Places, agreed: GeometricAgree
 
 
 def _check_enough(out: Path, figures: dict[str, Any], people: int, crops: int) -> None:
-    """Raise `EvidenceError` where too little is sure, with what most was left out for."""
+    """Raise `EvidenceError` where too little is confirmed, with what most was left out for."""
     if people >= FEWEST_PEOPLE and crops >= FEWEST_CROPS:
         return
     left_out: dict[str, int] = figures["left_out"]

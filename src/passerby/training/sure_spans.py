@@ -1,7 +1,7 @@
-"""Spans of time in which one identity is surely one person, and which of these people are surely two.
+"""Spans of time in which one identity is one person, and which of these people are known to be two.
 
-Wherever labels may have changed hands, an identity's time is cut: where somebody else is near, where it jumps, and where for
-too long no two cameras are sure of it. Each span becomes a person of its own. A doubt in one camera cuts nothing while two
+Wherever labels may have changed hands, an identity's time is cut: where another person is near, where it jumps, and where for
+too long no two cameras confirm it. Each span becomes a person of its own. A doubt in one camera cuts nothing while two
 others carry the person through.
 """
 
@@ -29,7 +29,7 @@ from passerby.training.agreement import (
 )
 
 LONGEST_GAP_S = 0.6
-"""For longer nobody is taken to have kept a label unseen, unless pictures are farther apart. With a second, 24 of 1394 boxes
+"""For longer no person is taken to have kept a label unseen, unless pictures are farther apart. With a second, 24 of 1394 boxes
 were another's on a terrace where all wear one vest and are found by background subtraction; so, 10 of 1243."""
 JUMP_M, JUMP_M_S = 0.4, 2.0
 """Between two instants a person moves less than that: a position's own error, and a slow run."""
@@ -52,7 +52,7 @@ class PseudoLabels:
     """S people, each a span of one identity; N boxes."""
 
     span: Ints
-    """(N,) rows of the spans for boxes that are sure, -1 for all others."""
+    """(N,) rows of the spans for confirmed boxes, -1 for all others."""
     identity: Ints
     """(S,)"""
     number: Ints
@@ -60,13 +60,13 @@ class PseudoLabels:
     seconds: Floats
     """(S, 2) first and last, since the first instant."""
     apart: NDArray[np.bool_]
-    """(S, S) who were seen at one time in two places: surely two people."""
+    """(S, S) who were seen at one time in two places: known to be two people."""
     n_cameras: Ints
     """(S,)"""
 
 
 def pseudo_labels(places: Places, agreed: GeometricAgreement) -> PseudoLabels:
-    """Cut the boxes that are sure into spans of one identity each.
+    """Cut the confirmed boxes into spans of one identity each.
 
     Args:
         places: of all boxes.
@@ -116,7 +116,9 @@ def _spans(step_s: float, agreed: GeometricAgreement) -> Ints:
 
 
 def _met_unseen(agreed: GeometricAgreement, first: Ints, second: Ints) -> NDArray[np.bool_]:
-    """(K,) whether somebody else is near the straight way of a person from one sure instant to the next, unsure in between."""
+    """(K,) whether another person is near the straight path of a person from one confirmed instant to the next,
+    unconfirmed in between.
+    """
     missing = agreed.step[second] - agreed.step[first] - 1
     gap, nth = expanded_ranges(np.ones_like(missing), missing)
     met = np.zeros(len(first), dtype=np.bool_)

@@ -92,9 +92,9 @@ def train(
         origin: what the network comes from, for the checkpoint.
         validate: scores the network every `options.validate_every` epochs, and after the last one.
         device: auto (a graphics card where there is one) or cpu.
-        tell: told of the batches.
-        record: told of every epoch.
-        resumed: told, before the first epoch, how many an earlier run has done.
+        tell: called with the batches.
+        record: called for every epoch.
+        resumed: called, before the first epoch, with how many an earlier run has done.
 
     Raises:
         InputError: too few people; a checkpoint in the folder of another training; weights of another backbone; a loss that is
@@ -124,7 +124,7 @@ def _check(crops: CropSet, options: TrainOptions) -> None:
     """Raises `InputError` where there is nothing to learn from."""
     counts = np.bincount(crops.person[crops.person >= 0], minlength=len(crops.people)) if len(crops) else np.zeros(0, int)
     if (crops.person < 0).any() or (counts == 1).any():
-        raise InputError("training: an image of nobody, or a person with one image only: leave them out")
+        raise InputError("training: an image of no person, or a person with one image only: leave them out")
     if (counts > 1).sum() < 2:
         raise InputError(
             f"training: {int((counts > 1).sum())} people with two images or more: at least two are needed, and hundreds for a "

@@ -193,7 +193,7 @@ def test_boxes_of_nobody_and_cameras_without_a_pose_are_left_out():
     nobody = Observations({
         name: CameraObservations(replace(one.boxes, identity=np.full(len(one.boxes), -1))) for name, one in seen.cameras.items()
     })  # fmt: skip
-    with pytest.raises(EvidenceError, match="nobody can be tracked"):
+    with pytest.raises(EvidenceError, match="no person can be tracked"):
         trajectories(rig, nobody, clocks_of(rig))
     with pytest.raises(EvidenceError, match="no camera with a pose"):
         trajectories(Rig(tuple(replace(camera, pose=None) for camera in rig)), seen, clocks_of(rig))

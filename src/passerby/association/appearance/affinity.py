@@ -32,7 +32,7 @@ class CameraAffinity(CameraAppearance):
     """One camera's tracklets, thinned to one box a tracklet and grid time by the camera's own clock."""
 
     different: Floats
-    """Similarities of people who are surely two."""
+    """Similarities of people who are known to be two."""
     usefulness: Discriminability | None
     n_tracklets: int
 

@@ -4,8 +4,8 @@ A re-identification network gives numbers for any picture, also where everybody 
 two halves of one tracklet are the same person, and two tracklets that one camera sees at one instant are two. *Within a camera*
 (`within_camera_discriminability`) that settles whether the embeddings tell people apart at all. It says nothing of whether a
 second camera finds the same differences (a background, a seat in the light can be as personal as a face), so *between two
-cameras* (`between_camera_discriminability`) a second question is asked: has somebody in one camera a counterpart in the other
-that stands out more than among people who are surely not the same?
+cameras* (`between_camera_discriminability`) a second question is asked: has a person in one camera a counterpart in the other
+that stands out more than among people who are known not to be the same?
 """
 
 from __future__ import annotations
@@ -34,11 +34,11 @@ from passerby.geometry.robust import residual_scale
 
 Mask = NDArray[np.bool_]
 
-# Below this number of comparisons the probability's sigma is above 0.1, and nothing can be told from chance.
+# Below this number of comparisons the probability's sigma is above 0.1, and nothing can be distinguished from chance.
 _MIN_COMPARISONS = 8
 # More comparisons than this sharpen little (sigma 0.025).
 _MAX_COMPARISONS = 400
-# One look in 20 misleads, whatever the network: a jacket put on, somebody else in the box. Bounds the log-likelihood ratio.
+# One image in 20 misleads, whatever the network: a jacket put on, another person in the box. Bounds the log-likelihood ratio.
 _MISLEADING = 0.05
 # The usefulness of a pair counts people whom only one camera sees as failures; from this on the looks count in full. A small
 # re-identification network on real crops has about 0.7 where both cameras see all, 0.3 where each sees 70 %, 0.1 at 50 %.
@@ -110,7 +110,7 @@ def _seen_together(boxes: Boxes, features: TrackletFeatures) -> tuple[Ints, Ints
 
 
 def similarities_of_different_people(boxes: Boxes, features: TrackletFeatures, centre: bool = True) -> Floats:
-    """(P,) cosines between tracklets that are surely two people: one camera saw them at one instant.
+    """(P,) cosines between tracklets that are known to be two people: one camera saw them at one instant.
 
     Args:
         boxes: one camera's.
@@ -129,9 +129,9 @@ def between_camera_discriminability(
     """Whether two cameras see the same looks.
 
     One instant of every tracklet is drawn. There, the tracklet's best match in the other camera stands out from the second
-    best by a margin. Nobody is seen twice at one instant, so if looks carry over, that margin is that of a person against a
+    best by a margin. No person is seen twice at one instant, so if looks carry over, that margin is that of a person against a
     stranger. It is compared with the margin of the tracklet's two best matches among the *others in its own camera*, all of
-    them strangers, and with that of somebody in the other camera among those around him. The probability of the cross-camera
+    them strangers, and with that of a person in the other camera among the neighbours. The probability of the cross-camera
     margin being the larger one is 0.5 where looks do not carry over; the lesser of the two comparisons counts. The numbers of
     candidates are made alike, since the margin shrinks with them. A margin rather than a similarity: a camera's light, or the
     dusk, moves all similarities alike.
@@ -215,7 +215,7 @@ def appearance_log_likelihood_ratios(
     """(T_a, T_b) log-likelihood ratio, nats, of two tracklets being one person against two.
 
     The similarities between the cameras are a mixture of two normal distributions, fitted by expectation maximisation; the
-    similarities that are surely of different people hold one of them in place. The other shows how alike one
+    similarities known to be of different people hold one of them in place. The other shows how alike one
     person is to *two* cameras, which no single camera can tell. One look in 20 is taken to mislead, so
     that the ratio stays within log(0.95 / 0.05) = 2.94 either way, and it never falls where the similarity rises.
 
@@ -283,7 +283,7 @@ def _fit(mixed: Floats, different: Floats) -> _TwoKinds | None:
     for _ in range(_FIT_ROUNDS):
         odds = np.log(share / (1 - share)) + _log_normal(mixed, mean_1, sigma_1) - _log_normal(mixed, mean_0, sigma_0)
         same = np.where(mixed > mean_0, 1 / (1 + np.exp(-np.clip(odds, -50, 50))), 0.0)
-        # Nobody has more than one counterpart among two or more: half is the most.
+        # No person has more than one counterpart among two or more: half is the most.
         share = float(np.clip(same.mean(), 1e-4, 0.5))
         if same.sum() < 1:
             return None

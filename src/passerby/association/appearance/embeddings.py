@@ -1,4 +1,4 @@
-"""Who is who by looks, as the paper does it: a feature per tracklet, and the Hungarian algorithm at every instant.
+"""Identities by appearance, as the paper does it: a feature per tracklet, and the Hungarian algorithm at every instant.
 
 Source: Xu, Li, Weng, Kitani, "Wide-Baseline Multi-Camera Calibration using Person Re-Identification", CVPR 2021, section 3.1.
 How far the looks can be trusted is the subject of `appearance_evidence`.
@@ -117,7 +117,8 @@ def without_camera_bias(features: TrackletFeatures) -> TrackletFeatures:
 
     The same person looks different to two cameras (light, white balance, height of the camera), and much of that difference is
     common to all whom the camera sees. It drowns the differences between people: with it, everybody in camera a is most like
-    whoever in camera b happens to lean towards a's mean. In simulation with a bias 0.5 to 3 times as long as what tells people
+    the people in camera b who happen to lean towards a's mean. In simulation with a bias 0.5 to 3 times as long as what
+    tells people
     apart, the most similar tracklet of the other camera is the right person for 0.98 of the tracklets, and for 0.65 without
     this step. The Hungarian algorithm gains little (a shift of all distances of a tracklet cancels); likelihood ratios, which
     look at one pair alone, need it. The paper does without.

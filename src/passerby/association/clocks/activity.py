@@ -108,7 +108,7 @@ def lag_of_visits(a: GroundTracks, b: GroundTracks) -> tuple[int, int] | None:
 
 
 def _visits(tracks: GroundTracks) -> dict[int, Floats]:
-    """By person the middles of the times at which somebody is there, in grid steps."""
+    """By person the middles of the times at which the person is there, in grid steps."""
     order = np.lexsort((tracks.step, tracks.tracklet))
     who, step = tracks.tracklet[order], tracks.step[order]
     new = (np.diff(who) != 0) | (np.diff(step) > ABSENT_S / STEP_S)
@@ -161,7 +161,7 @@ def find_lag_peaks(a: Activity, b: Activity, low: int, high: int, most: int) -> 
     if not (long & (lag >= low) & (lag <= high)).any():
         return ()
     shift, lag, overlap = shift[long], lag[long], overlap[long]
-    # What is usual is learned from all lags, however few are asked for.
+    # What is usual is learned from all lags, even if few are asked for.
     value = _standardised(_agreement(a, b)[shift] / overlap)
     inside = np.flatnonzero((lag >= low) & (lag <= high))
     peaks: list[LagPeak] = []

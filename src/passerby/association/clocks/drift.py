@@ -24,7 +24,8 @@ from passerby.geometry.robust import cauchy_weights
 from passerby.geometry.single_view import Level
 
 TOLERANCE = Tolerance(floor_m=0.08, along=0.04, across=0.008, foot_m=0.25)
-"""Of ground positions by a calibrated rig: whoever is half hidden, crouches or stands on a kerb is misplaced along the ray."""
+"""Of ground positions by a calibrated rig: a person who is half hidden, crouches or stands on a kerb is misplaced along
+the ray."""
 WALKING = 0.4
 """Metres per second: slower people do not tell the time."""
 WINDOW_S = 4.0
@@ -33,8 +34,8 @@ MIN_SAMPLES = 60
 MOST_SAMPLES = 3_000
 """Of more, so many are taken at even steps."""
 SIGMAS, LEAST_S = 8.0, 0.2
-"""A drift is told where it is so many times its sigma, and so much over the recording: 0.3 m of a walker's way. Over simulated
-scenes with sound clocks it is at most 0.04 s, and scatters by two of its sigmas (docs/results/limits.md)."""
+"""A drift is reported where it is so many times its sigma, and so much over the recording: 0.3 m of a walker's way. Over
+simulated scenes with sound clocks it is at most 0.04 s, and scatters by two of its sigmas (docs/results/limits.md)."""
 HARMFUL_S, HARMFUL_RATE, SPOILING_S = 0.5, 0.01, 1.0
 """It is a doubt where it is larger and, over the recording, quicker than a clock that is merely poor: then the frame rate is
 mistaken (25 for 24 is 4 %); or where it is so large that it spoils the rig whatever its cause. What drifts cost, and
@@ -64,7 +65,7 @@ class Drift:
 
     @property
     def sure(self) -> bool:
-        """Whether it is beyond doubt, and large enough to move people."""
+        """Whether it is significant, and large enough to move people."""
         return abs(self.rate) > SIGMAS * self.sigma and abs(self.seconds) > LEAST_S
 
 

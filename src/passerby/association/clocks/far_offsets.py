@@ -18,7 +18,7 @@ from passerby.association.ground.registration import Registration, register_pair
 from passerby.association.sampling import STEP_S
 
 LEAST_OVERLAP_S = 20.0
-"""Recordings that overlap by less than this are not joined by a hint: a hint needs 30 samples, 15 s of somebody who walks."""
+"""Recordings that overlap by less than this are not joined by a hint: a hint needs 30 samples, 15 s of a walker."""
 MOST_LAGS = 4000
 """Looked at, a second apart, at some 5 ms each: 20 s for differences of up to half an hour. Larger ones are not found."""
 _STRIDE = 2

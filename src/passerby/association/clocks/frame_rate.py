@@ -1,6 +1,6 @@
 """The frame rate of recordings that state none, by how far people walk from frame to frame.
 
-Only the tracking and the sampling of tracks rest on it, and these need it to half or twice itself; nothing metric does.
+Only the tracking and the sampling of tracks depend on it, and these need it to half or twice itself; nothing metric does.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ TRIALS = 2.0, 10.0
 """Frames per second at which detections are tracked for a first estimate."""
 _MIN_PAIRS = 30
 UNKNOWN_RATE = 10.0
-"""Where nobody walks."""
+"""Where people do not walk."""
 
 
 def estimate_frame_rate(rig: Rig, observations: Observations, person_height_m: float, rng: np.random.Generator) -> float:

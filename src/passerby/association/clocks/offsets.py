@@ -50,7 +50,7 @@ def clock_corrections(solution: Solution) -> tuple[Floats, Floats]:
 
 
 def snap_to_whole_frames(offset_s: Floats, sigma_s: Floats, fps: Floats) -> Floats | None:
-    """The offsets in whole frames, where nothing speaks against it; else None.
+    """The offsets in whole frames, if no evidence contradicts it; else None.
 
     Cameras with a common trigger, and recordings cut from one, are whole frames apart. Taking them so then spares the solver
     an unknown a camera. Each offset may stray by its sigma, which must be small beside a frame: else anything looks whole.

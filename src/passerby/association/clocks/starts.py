@@ -68,13 +68,13 @@ class Starts:
     group: Ints
     """(C,) cameras of one group have clocks that are known against each other."""
     differences: tuple[StartDifference, ...] = ()
-    """What they rest on, pair by pair."""
+    """What they depend on, pair by pair."""
     doubts: Mapping[int, Finding] = field(default_factory=dict)
     """By camera outside the largest group: why its start is unknown."""
     notices: tuple[Finding, ...] = ()
     """What is odd."""
     measured: tuple[MeasuredStart, ...] = ()
-    """What something else than people told."""
+    """What is known from other sources than people."""
 
     @property
     def far(self) -> bool:
@@ -131,7 +131,7 @@ def find_starts(
         measured: differences that something else tells; tracks must agree with them.
         affinity: by pair of cameras, of tracklets being one person.
         known: whether tracklet numbers are identities that hold in all cameras.
-        by_tracks: whether tracks decide. Else only what is beyond doubt without them is taken: where focal lengths are unknown
+        by_tracks: whether tracks decide. Else only what is significant without them is taken: where focal lengths are unknown
             tracks fit nothing yet.
     """
     pairs = sorted(
@@ -201,7 +201,7 @@ def _try(
     pair: _Pair, cameras: Sequence[CameraTracklets], affinity: Floats | None, by_tracks: bool,
     max_lag_s: float,
 ) -> tuple[_Edge | None, tuple[Registration, ...]]:  # fmt: skip
-    """The lag at which two cameras agree beyond doubt; without one, what fits at several lags as well."""
+    """The lag at which two cameras agree significantly; without one, what fits at several lags as well."""
     first, second = cameras[pair.a].tracks, cameras[pair.b].tracks
     if first is None or second is None or not len(first) or not len(second):
         return None, ()
@@ -220,7 +220,7 @@ def _try(
         best = pair.peaks[0] if clear else None
         return (None if best is None else _Edge(pair.a, pair.b, best.lag, best.lag * STEP_S, ACTIVITY, best)), ()
     edge, rest = _by_activity(pair, first, second, clear, affinity)
-    # Sound is beyond doubt by itself: where nothing else can find the offset, what follows is to check it.
+    # Sound is significant by itself: where nothing else can find the offset, what follows is to check it.
     beyond = [
         one for one in pair.measured if one.found_by == SOUND and (max_lag_s > FULL_SEARCH_S or abs(one.offset_s) > max_lag_s)
     ]
@@ -232,7 +232,7 @@ def _try(
 def _by_activity(
     pair: _Pair, first: GroundTracks, second: GroundTracks, clear: bool, affinity: Floats | None
 ) -> tuple[_Edge | None, tuple[Registration, ...]]:
-    """The lag among the peaks of activity at which tracks agree beyond doubt; else what they fit at, the best first."""
+    """The lag among the peaks of activity at which tracks agree significantly; else what they fit at, the best first."""
     tried: list[tuple[Registration, LagPeak, bool]] = []
     for peak in pair.peaks[:1] if clear else pair.peaks:
         found = _at(pair, first, second, peak.lag, NEAR_S, affinity)
@@ -249,7 +249,7 @@ def _by_activity(
 
 
 def _stands_alone(peaks: Sequence[LagPeak]) -> bool:
-    """Whether the first peak is beyond doubt."""
+    """Whether the first peak is significant."""
     after = peaks[1].significance if len(peaks) > 1 else 0.0
     return peaks[0].significance >= max(CLEAR_SIGNIFICANCE, MUCH_CLEARER * after)
 
@@ -270,7 +270,7 @@ def with_lag(found: PairRegistration, lag: int) -> PairRegistration:
 
 
 def _is_clear(found: PairRegistration) -> bool:
-    """Whether the best registration is beyond doubt, though several lags are tried."""
+    """Whether the best registration is significant, though several lags are tried."""
     if not found.candidates or found.runner_up >= ALONE_RUNNER_UP or found.candidates[0].score < CLEAR_SCORE:
         return False
     return found.candidates[0].share >= CLEAR_SHARE or found.clear_of_chance

@@ -23,7 +23,7 @@ CELL_M = 1.0
 MIN_TRACK_S = 1.0
 """Shorter tracklets have no direction."""
 FASTEST = 12.0
-"""Metres per second: nobody runs faster, so that it is a place near the horizon, or a tracklet that changes person."""
+"""Metres per second: no person runs faster, so that it is a place near the horizon, or a tracklet that changes person."""
 MAX_REACH_HEIGHTS = 25.0
 """Feet farther off than so many camera heights lie within 2.3 degrees of the horizon, where a tilt of one degree halves or
 doubles the distance."""

@@ -1,4 +1,4 @@
-"""Where two cameras may stand to each other: a Hough transform over turn, lag and shift.
+"""Possible relative poses of two cameras: a Hough transform over turn, lag and shift.
 
 Every two people seen at one moment propose a shift for every turn and lag; where the turn and the lag are right, the proposals
 of all pairs that really are one person fall on one spot. Velocities must agree too, which removes most pairs.
@@ -23,7 +23,7 @@ Complexes = NDArray[np.complex128]
 SAME_TURN, SAME_LAG_S, SAME_SHIFT_M = np.deg2rad(25.0), 1.6, 6.0
 """Spots this near to a better one are the same: their refinements would meet."""
 # The grid: a turn is found to 5 degrees, a shift to a cell. Shifts are counted on a torus, so that cost and memory do not
-# depend on how far apart the cameras are; what falls onto one spot from several rounds is told apart after.
+# depend on how far apart the cameras are; what falls onto one spot from several rounds is separated after.
 _TURNS, _CELLS, _CELL_M = 36, 64, 1.5
 _BLUR_CELLS = 1.0
 # Instants that vote, and about how many voters they may bring for each lag; more would only say the same again.

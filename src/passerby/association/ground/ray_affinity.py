@@ -114,7 +114,7 @@ def pairwise_ray_affinity(a: RayTracks, b: RayTracks, lag_s: float, person_heigh
 
 
 def _cost(residuals: Floats) -> Floats:
-    """(K,) what residuals (K, 5) speak against one person.
+    """(K,) what residuals (K, 5) count against one person.
 
     Rays must meet; but people crouch, climb and are half hidden, so that height and sizes have long tails.
     """
@@ -142,7 +142,7 @@ def _learnt(residuals: Floats, i: Ints, j: Ints, spread: Spread) -> Spread:
 
 
 def _residuals(a: RayTracks, b: RayTracks, i: Ints, j: Ints, ray_b: Floats, person_height_m: float, spread: Spread) -> Floats:
-    """(K, 5) what speaks against one person at the best of the three places, in sigmas.
+    """(K, 5) the evidence against one person at the best of the three places, in sigmas.
 
     The two rays' misses, the height of the place, and the two sizes.
     """

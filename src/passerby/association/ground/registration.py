@@ -1,4 +1,4 @@
-"""Two cameras registered by the people who walk on their common ground, without knowing who is who.
+"""Two cameras registered by the people who walk on their common ground, without known identities.
 
 Two levelled cameras differ by a turn about the vertical, a shift along the ground and a lag of their clocks. The likely ones
 (`hough`) are refined by matching tracklets and least squares in turns (`pair_matching`), and compared: a runner-up that scores
@@ -30,7 +30,7 @@ from passerby.geometry.groups import least_of_groups
 
 _CANDIDATES = 6
 # Instants and encounters that the refinement looks at; more would only say the same again. They come in stretches of ten
-# seconds: of an hour at even steps, a tracklet of four seconds would be left with one or two samples and match nobody.
+# seconds: of an hour at even steps, a tracklet of four seconds would be left with one or two samples and match no other.
 _INSTANTS, _ENCOUNTERS, _STRETCH = 1500, 300_000, 20
 # Tolerances of the matching, from round to round: the likely motions are known to a cell and five degrees.
 _TOLERANCES = (2.5, 2.0, 1.5, 1.2, 1.0, 1.0)
@@ -115,7 +115,7 @@ def register_pair(
         b: number of the second camera.
         tracks_a: tracks of the first camera, in its own levelled frame and clock.
         tracks_b: tracks of the second camera.
-        max_lag_s: largest difference of the two clocks that is searched for; 0 takes them as in step.
+        max_lag_s: largest difference of the two clocks that is searched for; 0 takes them as synchronised.
         affinity: (T_a, T_b) log-likelihood ratio of tracklets (by their numbers) showing one person rather than two, from their
             appearance; None where nothing is known.
     """
@@ -141,7 +141,7 @@ def _guesses(tracks: TrackPair, max_lag_s: float, tracks_a: GroundTracks) -> tup
     """The guesses for a pair, the best first."""
     most_instants = min(_INSTANTS, tracks.instants_of(_ENCOUNTERS))
 
-    # Guesses mostly share a few lags; what is kept for one may be large.
+    # Guesses usually share a few lags; what is kept for one may be large.
     @lru_cache(maxsize=3)
     def met_at(lag: int) -> SynchronousPairs:
         return find_synchronous_pairs(tracks, lag, most_instants, _STRETCH)

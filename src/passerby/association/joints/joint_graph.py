@@ -1,4 +1,6 @@
-"""Cameras that the tracks of walkers leave apart, joined by the joints of people: which registrations agree, and who is who."""
+"""Cameras that the tracks of walkers leave apart, joined by the joints of people: which registrations agree, and the
+identities.
+"""
 
 from __future__ import annotations
 
@@ -57,11 +59,11 @@ def register_by_joints(
         graph: what tracks tell; cameras of one group are left to it.
         rng: every pair uses a child of it.
         executor: runs the pairs in parallel.
-        tell: told of every pair that is done.
+        tell: called for every pair that is done.
         candidates: the pairs, a < b, that are tried; None: all.
 
     Returns:
-        Of each pair whose people are seen together the best registration; those that contradict better ones are not `used`.
+        Of each pair that sees people together the best registration; those that contradict better ones are not `used`.
     """
     group = {c: number for number, members in enumerate(graph.groups) for c in members}
     wanted = [
@@ -155,7 +157,7 @@ def joined_by_joints(cameras: Sequence[CameraTracklets], registrations: Sequence
 
 
 def known_pairs(tracklets: Tracklets, registrations: Sequence[JointRegistration]) -> Pairs:
-    """What the used registrations say of who is who."""
+    """The identities by the used registrations."""
     people = [(one, person) for one in registrations if one.used for person in one.people]
     i = [tracklets.first[one.a] + person.i for one, person in people]
     j = [tracklets.first[one.b] + person.j for one, person in people]

@@ -1,4 +1,4 @@
-"""How two cameras stand to each other, from the joints of people who move but do not walk.
+"""The relative pose of two cameras, from the joints of people who move but do not walk.
 
 Every joint is a correspondence, if one person is seen. So every two tracklets seen at one time are a hypothesis: the essential
 matrix of their simultaneous joints. That it fits well proves nothing: two people who stand still alike are the same shape, and
@@ -227,7 +227,7 @@ def _tried(in_a: JointTracks, in_b: JointTracks, fit: _Fit, rng: np.random.Gener
 
 
 def _people(in_a: JointTracks, in_b: JointTracks, fit: _Fit, lag_steps: int) -> list[SamePerson]:
-    """Tracklets that a pose shows to be one person, the surest first."""
+    """Tracklets that a pose shows to be one person, the most significant first."""
     found = []
     for i, j in _together(in_a, in_b, lag_steps):
         own = (i, j) == (fit.i, fit.j)
@@ -258,7 +258,7 @@ def _score(fit: _Fit, common: _Common) -> float:
     rays_a, rays_b = common.rays_a[common.both], common.rays_b[common.both]
     if not len(rays_a):
         return 0.0
-    # Strangers are told by far, and cheaply, by the errors alone.
+    # Most strangers are recognised, and cheaply, by the errors alone.
     error = epipolar_errors(essential_matrix(fit.R_ba, fit.t_ba), rays_a, rays_b) / (TOLERANCE * common.size)
     if np.maximum(1.0 - error**2, 0.0).mean() < ALSO_SCORE:
         return 0.0
@@ -268,7 +268,7 @@ def _score(fit: _Fit, common: _Common) -> float:
 def _pooled(
     in_a: JointTracks, in_b: JointTracks, best: _Fit, people: Sequence[SamePerson], rng: np.random.Generator, lag_steps: int
 ) -> _Fit:
-    """The pose of the joints of all people together, as far as it agrees with that of the surest."""
+    """The pose of the joints of all people together, as far as it agrees with that of the most significant."""
     parts = [_common(in_a, in_b, one.i, one.j, one.mirrored, FULL_SAMPLES, lag_steps) for one in people]
     commons = [part[0] for part in parts if part is not None]
     joined = _Common(

@@ -1,4 +1,4 @@
-"""What the embeddings of a recording tell about who is who, measured in the recording itself.
+"""How well embeddings distinguish the people of a recording, measured in the recording itself.
 
 Networks, crops and clothes differ: a cosine of 0.8 is the same person in one recording and anybody in another. Tracklets made
 by motion alone show both how alike the boxes of one person are and, in any one frame, how alike different people are.

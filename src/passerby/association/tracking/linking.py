@@ -1,4 +1,4 @@
-"""From frame to frame: which box continues which tracklet, and whether that is beyond doubt.
+"""From frame to frame: which box continues which tracklet, and whether that is significant.
 
 All lengths are in body heights (the height of the tracked box), so one set of constants serves people near and far and any
 lens. Costs are -2 log likelihood, so a difference of costs is a likelihood ratio whatever they are made of.
@@ -23,7 +23,7 @@ POSITION_SD = 0.05
 TURN_DENSITY = 0.3
 """(Body heights / s)^2 / s, white acceleration: within a second the velocity changes by 0.55 body heights / s, 0.9 m/s."""
 START_SPEED_SD = 0.6
-"""Body heights / s on either axis, of somebody first seen: a walker does 1.4 m/s in an unknown direction."""
+"""Body heights / s on either axis, of a person first seen: a walker does 1.4 m/s in an unknown direction."""
 SHAPE_SD = (0.15, 0.3)
 """Of the logarithms of height and width from box to box: the width swings with arms and stride."""
 SHAPE_GAIN = 0.4
@@ -90,7 +90,7 @@ def agreed_links(
 
 
 def link(boxes: Boxes, seconds: Floats, weak: Mask, costs: LinkCosts, similarity: EmbeddingSimilarity | None) -> Ints:
-    """(N,) for every box the row of the box that continues it, -1 where there is none or none beyond doubt.
+    """(N,) for every box the row of the box that continues it, -1 where there is none or none that is significant.
 
     Args:
         boxes: N boxes in any order.
@@ -156,7 +156,7 @@ def predict(tracks: Tracks, now: float | Floats) -> Tracks:
 def _gains(
     tracks: Tracks, predicted: Tracks, seen: Tracks, weak: Mask, costs: LinkCosts, similarity: EmbeddingSimilarity | None
 ) -> Floats:
-    """(T, D) how much likelier each link is than leaving both unlinked, as -2 log likelihood: negative, or 0 for no link."""
+    """(T, D) how much more likely each link is than leaving both unlinked, as -2 log likelihood: negative, or 0 for no link."""
     height = np.exp(tracks.shape[:, 0])[:, None]
     variance = predicted.covariance[:, :1] + POSITION_SD**2
     apart = np.sum((seen.centre - predicted.centre[:, None]) ** 2, axis=-1) / height**2 / variance
@@ -171,9 +171,9 @@ def _gains(
 
 
 def _decide(gain: Floats, margin: float) -> tuple[Ints, Ints, Mask]:
-    """Tracks (L,) and boxes (L,) of the best assignment (Hungarian algorithm), and which of these links are beyond doubt (L,).
+    """Tracks (L,) and boxes (L,) of the best assignment (Hungarian algorithm), and which of these links are significant (L,).
 
-    A link is beyond doubt if the best assignment without it is worse by the margin.
+    A link is significant if the best assignment without it is worse by the margin.
     """
     track, box = (index.astype(np.int64) for index in linear_sum_assignment(gain))
     taken = gain[track, box] < 0

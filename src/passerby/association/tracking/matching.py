@@ -1,4 +1,4 @@
-"""Which links of the best one-to-one assignment are beyond doubt, where few of all links are possible."""
+"""Which links of the best one-to-one assignment are significant, where few of all links are possible."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from passerby.core.observations import UNKNOWN
 def clear_matches(n: int, first: Ints, second: Ints, cost: Floats, margin: float) -> tuple[Ints, Ints]:
     """The links of the assignment of least cost without which the next best assignment is worse by a margin.
 
-    The next best one is looked for among those who could take part in an exchange with the link: whoever competes for one of
-    its two ends, and whoever competes with these. Everybody else keeps his partner, so that time and memory grow with the
+    The next best one is looked for among those who could take part in an exchange with the link: those that compete for one of
+    its two ends, and those that compete with these. All others keep their partners, so that time and memory grow with the
     number of links, not with the square of their ends.
 
     Args:

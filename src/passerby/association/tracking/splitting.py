@@ -18,7 +18,7 @@ from passerby.core.observations import UNKNOWN, Boxes, Vectors, sampling_step
 Mask = NDArray[np.bool_]
 
 GROWTH_PER_S = 1.0
-"""Of the logarithm of a box's size: somebody running at a camera 3 m away."""
+"""Of the logarithm of a box's size: a person who runs towards a camera 3 m away."""
 WINDOWS = (8, 32, 128)
 """Boxes on either side whose mean embeddings are compared: short windows find short stretches, long ones weak changes."""
 FEWEST = 4
@@ -46,7 +46,7 @@ class SplittingOptions:
     size_ratio: float = 1.6
     """Change of the box's size (root of the area) at once; a person who crouches changes by less."""
     cross_check: bool = True
-    """Cut also where tracking of our own, beyond doubt, goes from a box of one tracklet to a box of another."""
+    """Cut also where tracking of our own significantly goes from a box of one tracklet to a box of another."""
 
     def __post_init__(self) -> None:
         for name, least in (("max_gap_s", 0.0), ("max_speed", 0.0), ("position_slack", 0.0), ("size_ratio", 1.0)):
@@ -99,7 +99,7 @@ def split_tracklets(boxes: Boxes, fps: float, options: SplittingOptions | None =
 
 
 def find_continuations(boxes: Boxes, fps: float, options: SplittingOptions | None = None) -> tuple[Ints, Ints]:
-    """Tracklets of one camera that go on as another one, beyond doubt: a user's tracker lost the person for a moment.
+    """Tracklets of one camera that significantly continue as another one: a user's tracker lost the person for a moment.
 
     Args:
         boxes: boxes with tracklet numbers; -1 belongs to none.
@@ -150,7 +150,7 @@ def _motion_cuts(rows: Boxes, fps: float, max_gap_s: float, options: SplittingOp
 def _contradicted(rows: Boxes, fps: float, costs: LinkCosts) -> Mask:
     """(N,) before which rows (sorted by tracklet and frame) the person came from, or went on to, another tracklet's box.
 
-    By motion alone: what appearance tells is told by `_appearance_cuts`. A single box that is numbered wrongly, between two
+    By motion alone: what appearance shows is found by `_appearance_cuts`. A single box that is numbered wrongly, between two
     that agree, does not cut a tracklet.
     """
     here, there = agreed_links(rows, rows.frame / fps, np.zeros(len(rows), dtype=np.bool_), costs, None)
@@ -228,7 +228,7 @@ def _noise_of_means(mean: Floats, count: Floats) -> Floats:
 
 
 def _change_points(embedding: Vectors, least: float) -> list[int]:
-    """Rows of a tracklet's embeddings (n, D) at which somebody else begins: the clearest one, then those of either part."""
+    """Rows of a tracklet's embeddings (n, D) at which another person begins: the clearest one, then those of either part."""
     sums = np.concatenate([np.zeros((1, embedding.shape[1])), np.cumsum(embedding, axis=0, dtype=np.float64)])
     found: list[int] = []
     parts = [(0, len(embedding))]
@@ -242,7 +242,7 @@ def _change_points(embedding: Vectors, least: float) -> list[int]:
 
 
 def _clearest_change(sums: Floats, least: float) -> int | None:
-    """The place at which the mean of the embeddings changes most surely; None if it changes nowhere.
+    """The place at which the mean of the embeddings changes most significantly; None if it changes nowhere.
 
     Args:
         sums: (n + 1, D) of the first 0 to n embeddings, but for a constant.

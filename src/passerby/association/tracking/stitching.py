@@ -1,10 +1,11 @@
-"""Tracklets of one camera that go on as others: those fixed that broke where somebody was hidden or crossed another's way.
+"""Tracklets of one camera that go on as others: those fixed that broke where a person was hidden or crossed another's
+trajectory.
 
-The tracker decides frame by frame, and ends a tracklet where it is in doubt. Whole tracklets tell more: how somebody walked
+The tracker decides frame by frame, and ends a tracklet where it is in doubt. Whole tracklets show more: how a person walked
 before and after the gap, and how he looked in all his boxes. For every two tracklets of which one begins soon after the other
-has ended, the odds are taken of one person against two, and the set of links that is likeliest as a whole is found (as in
+has ended, the odds are taken of one person against two, and the set of links that is most likely as a whole is found (as in
 Huang, Wu, Nevatia, *Robust Object Tracking by Hierarchical Association of Detection Responses*, ECCV 2008); of these stand the
-links without which the whole would be clearly less likely. Mended tracklets tell more again, so this is done in rounds.
+links without which the whole would be clearly less likely. Stitched tracklets show more again, so this is done in rounds.
 
 Costs are -2 log likelihood and lengths are in body heights, as in `linking`.
 """
@@ -30,7 +31,7 @@ from passerby.geometry.groups import expanded_ranges
 MEMORY_S = 2.0
 """How much of a tracklet tells place and velocity at its end: the filter forgets what is older."""
 HIDDEN_S = 2.0
-"""Mean time for which somebody is out of sight who comes back; half of it changes little."""
+"""Mean time for which a person is out of sight who comes back; half of it changes little."""
 GROWTH_SD_PER_S = 0.1
 """Of the logarithms of height and width over a gap: a walker 14 m from the camera who comes straight towards it."""
 TAIL_OF_MOTION = 6.0
@@ -155,7 +156,7 @@ def _last_states(boxes: Boxes, seconds: Floats) -> Tracks:
 
 
 def _motion_cost(ends: _Ends, before: Ints, after: Ints) -> Floats:
-    """(L,) of place, velocity, size and time of tracklets that go on as others, less those of somebody new.
+    """(L,) of place, velocity, size and time of tracklets that go on as others, less those of a new person.
 
     A new person appears anywhere, once in a body height squared and second, with any velocity. The place and velocity at which
     a tracklet begins, as its own boxes tell them, are compared with those expected of the one before it.
@@ -181,7 +182,7 @@ def _motion_cost(ends: _Ends, before: Ints, after: Ints) -> Floats:
 def _newcomers(boxes: Boxes, ends: _Ends) -> float:
     """Tracklets that begin in a body height squared and second: as many people are new at most.
 
-    People may appear a body height beyond where somebody was seen.
+    People may appear a body height beyond where a person was seen.
     """
     height = boxes.ltwh[:, 3]
     centre = boxes.ltwh[:, :2] + boxes.ltwh[:, 2:] / 2

@@ -2,7 +2,7 @@
 
 A tracklet that changes person poisons every later step, a short one harms little: later steps join tracklets. So a link
 between two boxes must be better than the next best way to explain the picture by a margin, and must be found both forwards and
-backwards in time; where people cross and it is unclear who is who, the tracklets end.
+backwards in time; where people cross and identities are unclear, the tracklets end.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class TrackingOptions:
     """Of leaving a tracklet and a box unlinked: one box in ten is missed, and one newcomer or false box is expected in each
     picture of some hundred square body heights."""
     min_boxes: int = 3
-    """Fewer boxes are no tracklet: two false boxes lie near each other by chance, three in a row hardly ever."""
+    """Fewer boxes are no tracklet: two false boxes lie near each other by chance, three in a row rarely."""
 
     def __post_init__(self) -> None:
         for name in ("max_gap_s", "max_speed", "margin", "unlinked_cost", "min_boxes"):

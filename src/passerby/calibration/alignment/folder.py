@@ -43,7 +43,7 @@ def write_aligned(out: Path, target: Path, aligned: Aligned, tell: Progress = si
         out: output folder of `passerby calibrate`; locked for this process where it is the target (`together.working_in`).
         target: the same folder, a new one or an empty one.
         aligned: its rig in the new frame.
-        tell: told of the report, camera by camera.
+        tell: called for the report, camera by camera.
 
     Returns:
         What in the target still shows the old frame, or is not there, one sentence each.

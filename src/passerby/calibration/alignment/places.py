@@ -17,7 +17,7 @@ from passerby.geometry.geodesy import east_north_up, mean_place
 CLICK_SD_PX = 2.0
 """How well a person clicks on a mark."""
 OWN_SHARE = 0.1
-"""Of a camera's sigma at least so much is its own: 2 to 50 per cent by the adjustment, mostly about 10 (PETS, WILDTRACK)."""
+"""Of a camera's sigma at least so much is its own: 2 to 50 per cent by the adjustment, usually about 10 (PETS, WILDTRACK)."""
 UNKNOWN_ORIENTATION_DEG = 0.2
 """Of a rig without sigmas."""
 

@@ -17,11 +17,11 @@ from passerby.geometry.rotations import direction_angle
 from passerby.geometry.similarity import Similarity
 
 POOR_FIT = 3.0
-"""Residuals of three times their stated standard deviations are told."""
+"""Residuals of three times their stated standard deviations are reported."""
 LEAN_DEG, HEIGHT_M = 0.05, 0.02
 """A ground that is nearer to z = 0 is at z = 0: a step of 20 m climbs by less than 2 cm."""
 TELLING_SCALE = 0.01
-"""A scale that is off by less is not told of: people's heights never tell it better."""
+"""A scale that is off by less is not reported: people's heights never determine it better."""
 WEAK_SCALE = 0.3
 """A scale that is known no better than this is not known."""
 
@@ -77,7 +77,7 @@ def gross_points(residuals: Sequence[Mapping[str, Any]]) -> list[Finding]:
 
 
 def doubts(places: Places, fit: WorldFit, with_scale: bool, tilt: bool, what: str, count: int) -> list[Finding]:
-    """What speaks against the fit as a whole, and whether another scale would fit better."""
+    """Evidence against the fit as a whole, and whether another scale would fit better."""
     notes = []
     if fit.noise > POOR_FIT:
         size = float(np.sqrt(np.mean((places.residuals(fit.motion)[fit.used] ** 2).sum(axis=1))))
@@ -97,7 +97,7 @@ def doubts(places: Places, fit: WorldFit, with_scale: bool, tilt: bool, what: st
 
 
 def ground_note(rig: Rig, motion: Similarity) -> list[Finding]:
-    """Where the ground that the people told lies now, unless it lies at z = 0."""
+    """Where the ground of the people lies now, unless it lies at z = 0."""
     below = np.mean([camera.centre for camera in rig.posed()], axis=0) * (1.0, 1.0, 0.0)
     lean = float(np.degrees(direction_angle(motion.rotation[:, 2], np.array([0.0, 0.0, 1.0]))))
     height = round(float(motion.apply(below)[2]), 3) + 0.0  # no -0.00

@@ -1,4 +1,4 @@
-"""How sure a rig is in a world that known places set: the cameras' own errors, and those of the motion into that world.
+"""The uncertainty of a rig in a world that known places set: the cameras' own errors, and those of the motion into that world.
 
 The sigmas of a calibrated rig hold for its best placement along the ground, with what all cameras share: the scale by people's
 heights, the vertical. Where places fit the scale or the vertical, the shared part is theirs from then on.

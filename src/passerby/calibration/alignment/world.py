@@ -97,7 +97,7 @@ def align_to_points(
     """The rig laid upon points with known coordinates.
 
     The ground stays at z = 0 and the vertical vertical, unless `tilt`; lengths are kept, unless `with_scale`. A point's z tells
-    where the ray to it ends. Sightings by cameras without a pose are left out and told.
+    where the ray to it ends. Sightings by cameras without a pose are left out and reported.
 
     Raises:
         InputError: a camera that the rig does not have, a pixel outside its picture, left-handed coordinates.

@@ -1,4 +1,4 @@
-"""The people's ground, as far as it is no plane: what is told of it."""
+"""The people's ground, as far as it is no plane: the findings about it."""
 
 from __future__ import annotations
 

@@ -36,7 +36,7 @@ def with_verdict(
         given: whether their identities were given, not found.
         why: by camera, why it has no pose, where more is known than that no people are shared.
         causes: doubts about the input and about cameras that were in motion. They come first: other findings follow from them.
-        doubts: what else speaks against relying on it, and notices that may explain what is uncertain.
+        doubts: other evidence against relying on it, and notices that may explain what is uncertain.
     """
     findings = [*causes, *solution.findings, *doubts]
     missing = len(solution.rig.posed()) < len(solution.rig)

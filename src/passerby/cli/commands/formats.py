@@ -74,7 +74,7 @@ def _list(found: list[Format]) -> None:
 
 
 def as_markdown(found: Sequence[Format]) -> str:
-    """Formats as a table and a section each: what `docs/formats.md` holds."""
+    """Formats as a table and a section each, in Markdown."""
     lines = ["| format | what it is | target | export | import |", "|---|---|---|---|---|"]
     for form in found:
         reads = [what for what, reader in (("cameras", form.read), ("people", form.read_people)) if reader is not None]
@@ -147,7 +147,7 @@ def export(
 
 
 def _own_people(folder: Path) -> Trajectories | None:
-    """The people of the output folder that the rig is from; None, and told, where it has none to follow."""
+    """The people of the output folder that the rig is from; None, with a message, if it has none to follow."""
     from passerby.calibration.following import people_of_folder
     from passerby.cli.terminal import stages
 
@@ -159,7 +159,7 @@ def _own_people(folder: Path) -> Trajectories | None:
 
 
 def _ways(tracks: Path) -> Trajectories:
-    """People's ways from a CSV file or an output folder."""
+    """People's trajectories from a CSV file or an output folder."""
     from passerby.calibration.following import trajectories_of_result
     from passerby.cli.terminal import stages
     from passerby.interchange.output_folder import read_output

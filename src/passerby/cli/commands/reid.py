@@ -109,7 +109,7 @@ def evaluate(
     from passerby.training.embedding import score_data
 
     with tempfile.TemporaryDirectory(prefix="passerby-reid-") as temporary, stages() as tell:
-        embed = _embed_by(network, tell)  # first: a network that cannot be had is told of before videos are cut into crops
+        embed = _embed_by(network, tell)  # first: a network that cannot be had is reported before videos are cut into crops
         sets = _read(data, cache or Path(temporary), tell)
         found = {
             one.name: {kind: score_data(one, embed, centred=kind == "centred") for kind in ("plain", "centred")} for one in sets

@@ -117,7 +117,7 @@ def simulate(
     chosen = SimulationOptions(
         preset=preset,
         joint_noise_px=joint_noise_px,
-        # A video tells nobody's identity, so neither do the boxes that it is compared with.
+        # A video has no identities, so neither do the boxes that it is compared with.
         unrelated_ids=unrelated_ids or video,
         clock_offsets=_clock_offsets(clock_offsets),
         camera_fps=_numbers(camera_fps, float, "--camera-fps", "frames per second of each camera"),
@@ -170,7 +170,7 @@ def _clock_offsets(text: str) -> float | tuple[float, ...]:
 
 
 def _numbers(text: str, kind: type[Number], option: str, wanted: str) -> tuple[Number, ...]:
-    """Numbers parted by commas; none where the text is empty."""
+    """Numbers separated by commas; none where the text is empty."""
     try:
         return tuple(kind(part) for part in text.split(",")) if text else ()
     except ValueError:

@@ -16,8 +16,8 @@ _SAID_OR_NOT: tuple[Severity, ...] = ("notice", "doubt")
 def _fit(v: Fields) -> str:
     """How far the tracks of two cameras fit."""
     clauses = {
-        "never_together": "nobody walks in both at the same time",
-        "nobody": "nobody walks in it and in another camera at the same time",
+        "never_together": "no person walks in both at the same time",
+        "nobody": "no person walks in it and in another camera at the same time",
         "few_in_both": "the best fit of their tracks finds {share:.0%} of the people that both should see in both",
         "contradicted": "loops through other cameras contradict the best fit of their tracks",
         "ambiguous": "the fit of their tracks is ambiguous (the second-best hypothesis scores {runner_up:.0%} of the best)",
@@ -78,7 +78,7 @@ def _by_files(v: Fields) -> str:
 
 
 def _start_unknown(v: Fields) -> str:
-    why = "no clock offset fits its tracks to another camera's beyond doubt"
+    why = "no clock offset fits its tracks to another camera's significantly"
     if v["lags_s"]:
         why = f"clock offsets of {' and '.join(map(_minutes, v['lags_s']))} fit its tracks equally well"
     return f"the start of the recording of {v['who']} is unknown: {why}, of all up to {_minutes(v['searched_s'])}"
@@ -124,7 +124,7 @@ ASSOCIATION: Mapping[str, Kind] = {
         _nobody_shared, lambda v: f"record people where their views overlap, or {_to_share(v)}",
     ),
     "separate_group": Kind(
-        NOTICE, "A group of cameras that shares nobody with the main rig has a rig of its own, in `folder`.",
+        NOTICE, "A group of cameras that shares no people with the main rig has a rig of its own, in `folder`.",
         _separate, "its frame, scale and clock are its own; to join it, " + _JOIN, joint="; ",
     ),
     "no_pair_registered": Kind(
@@ -137,7 +137,7 @@ ASSOCIATION: Mapping[str, Kind] = {
     ),
     "nobody_seen_whole": Kind(
         _ANY, "In all its boxes people are cut off or hidden.",
-        "{who} saw nobody from head to feet and cannot be calibrated",
+        "{who} saw no person from head to feet and cannot be calibrated",
         "turn or raise the camera so that whole people are in view", common=True,
     ),
     "few_walkers": Kind(
@@ -182,7 +182,7 @@ ASSOCIATION: Mapping[str, Kind] = {
         "same time and set max_offset_s = 5 under [association]",
     ),
     "start_contradicted": Kind(
-        NOTICE, "A clock or sound says otherwise than the tracks of people when a recording began.",
+        NOTICE, "A clock or sound contradicts the tracks of people about when a recording began.",
         _start_contradicted, "check the clocks of the recorders",
     ),
     "offset_by_sound": Kind(
@@ -231,7 +231,7 @@ ASSOCIATION: Mapping[str, Kind] = {
     "registered_by_keypoints": Kind(
         NOTICE, "The cameras were registered by the keypoints of moving people; their clock offsets were not estimated.",
         lambda v: f"cameras {', '.join(v['names'][:-1])} and {v['names'][-1]} were registered by the keypoints of moving "
-        f"people, because nobody walks through their views; their clock offsets were not estimated",
+        f"people, because no person walks through their views; their clock offsets were not estimated",
     ),
     "registered_by_rig": Kind(
         NOTICE, "The camera was registered by the people whom the other cameras locate, not by any pair of cameras.",

@@ -120,7 +120,7 @@ INPUT_FILES: Mapping[str, Kind] = {
         NOTICE, "The scene file points at a pixel where several people overlap.",
         "{count} people overlap at [{at[0]:g}, {at[1]:g}] in camera {camera} in frame {frame}: the nearest one "
         "is meant, whose box is {box[2]:.0f} x {box[3]:.0f} px at left {box[0]:.0f}, top {box[1]:.0f}",
-        "if that is somebody else, point at a time at which the person stands alone",
+        "if that is another person, point at a time at which the person stands alone",
     ),
     "focal_guessed": Kind(
         NOTICE, "The scene file says that the cameras' focal length is a guess.",
@@ -186,12 +186,12 @@ INPUT_FILES: Mapping[str, Kind] = {
         '[cameras.{camera}] {key} are not used in mode "given"',
     ),
     "camera_saw_nobody": Kind(
-        NOTICE, "The camera saw nobody; it cannot be calibrated.",
-        lambda v: f"[cameras.{v['camera']}] camera {v['camera']} saw nobody: "
-        f"{'nobody was detected in its video' if v['watched'] else 'its files have no rows'}, so it cannot be calibrated",
+        NOTICE, "The camera saw no person; it cannot be calibrated.",
+        lambda v: f"[cameras.{v['camera']}] camera {v['camera']} saw no person: "
+        f"{'no person was detected in its video' if v['watched'] else 'its files have no rows'}, so it cannot be calibrated",
     ),
     "file_empty": Kind(
-        NOTICE, "A file of the camera has no rows.", "camera {camera} saw nobody: the file has no rows",
+        NOTICE, "A file of the camera has no rows.", "camera {camera} saw no person: the file has no rows",
     ),
     "ids_no_tracklets": Kind(
         NOTICE, "Most ids occur in few rows: the rows are treated as detections.",

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 from passerby.findings.texts.kinds import DOUBT, NOTICE, Fields, Kind, longer
 
-_HARDLY_KNOWN = '"{part}" can be left out of refine under [solver]'
+_WEAKLY_KNOWN = '"{part}" can be left out of refine under [solver]'
 
 
 def _focal(v: Fields) -> str:
@@ -14,7 +14,7 @@ def _focal(v: Fields) -> str:
         f"camera {v['camera']}: focal length {v['refined_px']:.0f} px instead of {v['stated_px']:.0f} "
         f"({v['change_percent']:+.1f} %, sigma {v['sigma_percent']:.1f} %)"
     )
-    return text if v["constrained"] else f"{text}; the people hardly constrain it"
+    return text if v["constrained"] else f"{text}; the people barely constrain it"
 
 
 def _point(v: Fields) -> str:
@@ -23,7 +23,7 @@ def _point(v: Fields) -> str:
         f"camera {v['camera']}: principal point ({u:.0f}, {w:.0f}) px instead of ({x:.0f}, {y:.0f}), sigma "
         f"{v['sigma_px']:.0f} px"
     )
-    return text if v["constrained"] else f"{text}; the people hardly constrain it"
+    return text if v["constrained"] else f"{text}; the people barely constrain it"
 
 
 def _estimated(v: Fields) -> str:
@@ -135,10 +135,10 @@ LENSES: Mapping[str, Kind] = {
     ),
     "focal_refined": Kind(
         NOTICE, "The focal length was refined; `constrained` says whether the people constrain it.",
-        _focal, lambda v: "" if v["constrained"] else _HARDLY_KNOWN.format(part="focal"),
+        _focal, lambda v: "" if v["constrained"] else _WEAKLY_KNOWN.format(part="focal"),
     ),
     "principal_point_refined": Kind(
         NOTICE, "The principal point was refined; `constrained` says whether the people constrain it.",
-        _point, lambda v: "" if v["constrained"] else _HARDLY_KNOWN.format(part="principal_point"),
+        _point, lambda v: "" if v["constrained"] else _WEAKLY_KNOWN.format(part="principal_point"),
     ),
 }  # fmt: skip

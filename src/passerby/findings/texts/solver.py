@@ -47,7 +47,7 @@ GEOPOSE: Mapping[str, Kind] = {
         _OVERLAP,
     ),
     "people_do_not_stand": Kind(
-        REFUSAL, "In the pair's pose hardly anybody's head and feet agree: it is the mirror image of the true pose.",
+        REFUSAL, "In the pair's pose the head and feet of almost no person agree: it is the mirror image of the true pose.",
         "the heads and feet of only {standing} of {shared} people seen by both agree with its pose, so the pose is wrong "
         "(points on one level cannot distinguish two poses of cameras that face each other)",
         "choose another reference camera",
@@ -247,7 +247,7 @@ SOLVER: Mapping[str, Kind] = {
         _cues_disagree, _to_agree, subjects=("scale",),
     ),
     "people_unusual": Kind(
-        NOTICE, "People of these `identities` are far taller or shorter than most: the scale does not rest on them.",
+        NOTICE, "People of these `identities` are far taller or shorter than most: the scale does not use them.",
         _unusual,
         "check that these are people, not posters, prams or reflections",
         subjects=("scale",),

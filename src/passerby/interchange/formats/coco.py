@@ -9,7 +9,7 @@ The third number of a joint is a confidence, or in a file where one is 2 and all
 labelled, hidden, visible: 0, 0.5, 1). The identity is `track_id`, also below `attributes`, where CVAT puts it; an annotation's
 `id` is none. An image's frame is its `frame`, or else `frame_id`, or else the number at the end of `file_name`, or else its
 `id`; of results it is `image_id`, a number or a name. Numbers stay as they are: COCO does not say how it counts. Where there
-are several categories, the one called person counts, or 1 in results; crowds (`iscrowd`) are nobody.
+are several categories, the one called person counts, or 1 in results; crowds (`iscrowd`) are not people.
 
 https://cocodataset.org/#format-data and #format-results; pixels have (0, 0) at the corner of the first pixel by COCO's own
 account and at its centre by that of most tools: they are taken as they are.

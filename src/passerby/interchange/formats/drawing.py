@@ -1,4 +1,4 @@
-"""A rig as lines and faces, for formats that show it: frusta of the cameras, a grid on the ground, people's ways.
+"""A rig as lines and faces, for formats that show it: frusta of the cameras, a grid on the ground, people's trajectories.
 
 Frusta are drawn through each camera's own lens at the picture's border, so a distorted picture has a bent border. Nothing here
 is a calibration: it is a picture of one.
@@ -100,7 +100,7 @@ class Drawing:
 
 
 def draw(rig: Rig, trajectories: Trajectories | None = None) -> Drawing:
-    """The drawing of a rig whose cameras all have poses, and of people's ways. Cameras keep their place's colour."""
+    """The drawing of a rig whose cameras all have poses, and of people's trajectories. Cameras keep their place's colour."""
     depth = _depth(rig)
     frusta = tuple(
         _frustum(camera, camera.pose, hex_colour(camera_colour(index)), depth)

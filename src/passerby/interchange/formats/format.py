@@ -51,7 +51,7 @@ class Export:
     name: str = "rig"
     """Of the scene, for formats that have a place for it. Untrusted text, like the cameras' names."""
     trajectories: Trajectories | None = None
-    """People's ways, for formats that draw them."""
+    """People's trajectories, for formats that draw them."""
 
     def posed(self, losses: Losses) -> Rig:
         """The cameras with poses; the others are losses. Raises `InputError` where there is none."""
@@ -66,7 +66,7 @@ class Export:
     def with_lenses(self, losses: Losses) -> Rig:
         """All cameras, for formats that need no poses. One that has neither a pose nor a lens that anybody knows is a loss.
 
-        Without a pose nobody's lens was estimated: another tool would take the guess for intrinsics.
+        Without a pose no lens was estimated: another tool would take the guess for intrinsics.
         Raises `InputError` where there is none.
         """
         known = [camera for camera in self.rig if camera.pose is not None or not _is_guess(camera.lens)]
@@ -84,7 +84,7 @@ def _is_guess(lens: Lens) -> bool:
 
 
 class Losses:
-    """Gathers losses, so that all are told at once."""
+    """Gathers losses, so that all are reported at once."""
 
     def __init__(self) -> None:
         self._told: list[str] = []

@@ -3,7 +3,7 @@
 Frame numbers from the names of pictures and files.
 
 A name ends with its number, before its ending: `cam1_000012.jpg` is frame 12. What stands before the number is the same in all
-names of one recording; where it is not, nobody can tell which of several numbers counts, or whether the names are of several
+names of one recording; where it is not, it is unknown which of several numbers counts, or whether the names are of several
 recordings, and that is an error.
 """
 
@@ -75,14 +75,14 @@ def people_of(
         found: everybody, in the file's order. All have the same joints.
         place: what a message begins with.
         names: the joints' names; None: as their number tells.
-        raised: whether frame numbers were raised by one, which is told.
+        raised: whether frame numbers were raised by one, which is reported.
         visibilities: third numbers that are 0, 1 and 2, one of them 2, are COCO's: not labelled, hidden, visible.
 
     Raises:
         InputError: an unknown number of joints, people with different numbers, or a value that is not finite.
 
     Confidences above 1 become 1. People without a joint, flat boxes, and what stands twice are left out; where an identity
-    stands twice in a frame, the surer one keeps it. All that is told in the notes.
+    is twice in a frame, the one of higher score keeps it. All that is in the notes.
     """
     notes = _Notes([RAISED] if raised and found else [])
     found = _with_single_identities(found, notes)
@@ -132,7 +132,9 @@ def frame_in(value: Any, place: str) -> int:
 
 
 def _with_single_identities(found: Sequence[Found], notes: _Notes) -> list[Found]:
-    """Nobody twice in a frame: the surest keeps the identity. One that everybody has was never given by a tracker."""
+    """No person twice in a frame: the one of highest score keeps the identity. One that all have was never given by a
+    tracker.
+    """
     best: dict[tuple[int, int], int] = {}
     doubled: set[int] = set()
     for row, one in enumerate(found):
@@ -143,9 +145,9 @@ def _with_single_identities(found: Sequence[Found], notes: _Notes) -> list[Found
         if other is None:
             best[key] = row
             continue
-        surer = row if one.score > found[other].score else other
-        best[key] = surer
-        doubled.add(row + other - surer)
+        better = row if one.score > found[other].score else other
+        best[key] = better
+        doubled.add(row + other - better)
     if doubled and len({one.identity for one in found}) == 1:
         notes.told.append(f"everybody has the identity {found[0].identity}: the people were not tracked, and have none")
         return [_without_identity(one) for one in found]

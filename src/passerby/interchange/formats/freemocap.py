@@ -38,7 +38,7 @@ from passerby.interchange.storage.safe_parsing import read_toml
 
 MILLIMETRES = 1000.0
 SAME_AGAIN = ("world_orientation", "world_position")
-"""Of a camera: its pose once more, from camera to world."""
+"""Of a camera: its pose again, from camera to world."""
 READ_METADATA = ("units", "charuco_square_size", "groundplane_calibration")
 LEAST_COEFFICIENTS = 5
 """FreeMoCap's own pinholes have five."""

@@ -7,7 +7,7 @@ corners as shares of width and height, and `distances`, the sides in metres betw
 Frigate knows the ground by those four lengths alone. It takes metres a pixel along the upper and lower side, and along the
 left and right one, interpolates each pair over the zone and takes the mean of the two. But a step towards the camera covers
 fewer pixels than the same step across, and by how many depends on how steeply the camera looks down: from 55 degrees below the
-horizon on, all speeds can be right within 10 %, from 30 degrees hardly within 30 %. `speed_errors` computes by how much
+horizon on, all speeds can be right within 10 %, from 30 degrees barely within 30 %. `speed_errors` computes by how much
 Frigate's speeds are off inside a zone, and the zone that is written is the largest one within 10 %, or else the one with the
 smallest error; a comment states the error.
 

@@ -1,4 +1,4 @@
-"""glTF 2.0: the rig, the ground and people's ways as a scene; `.gltf` (JSON with the data inside) or `.glb` (binary).
+"""glTF 2.0: the rig, the ground and people's trajectories as a scene; `.gltf` (JSON with the data inside) or `.glb` (binary).
 
 glTF's world is right-handed with y up; a camera looks along its -z with y up in the picture. A root node turns the rig's world
 (z up) by -90 degrees about x; below it everything has the rig's own coordinates, metres. Each camera is a node with its name

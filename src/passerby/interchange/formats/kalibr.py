@@ -120,7 +120,7 @@ def read(path: Path, given: Given) -> Rig:
 
 
 def _pose(place: str, values: dict[Any, Any], previous: Pose | None, metres: float) -> Pose | None:
-    """World to camera: as told, else after the previous camera; None where the file tells neither."""
+    """World to camera: as stated, else after the previous camera; None where the file states neither."""
     if values.get("T_cam_world") is not None:
         return rigid(f"{place}: T_cam_world", numbers(place, values, "T_cam_world", (4, 4)), metres)
     if values.get("T_cn_cnm1") is None:

@@ -57,7 +57,7 @@ UNITS = ("unit", "units")
 FOCAL = ("fx", "fy", "cx", "cy")
 VOXELPOSE = ("fx", "fy", "cx", "cy", "k", "p", "r", "t")
 PANOPTIC_ONLY = ("panel", "node")
-"""Keys that CMU Panoptic's tables have, and that nobody else's do. They repeat the name (`00_03`)."""
+"""Keys that CMU Panoptic's tables have, and that no other tables have. They repeat the name (`00_03`)."""
 READ = frozenset({
     *NAMES, *ROTATION, *TRANSLATION, *UNITS, *FOCAL, *LENS_NAMES, "rt", "p", "rectifyalpha",
 })  # fmt: skip
@@ -162,7 +162,7 @@ def plain_tables(content: Any) -> list[tuple[str, Any]]:
 
 
 def _tables(path: Path, given: Given) -> tuple[Any, list[tuple[str, dict[str, Any]]]]:
-    """The content of a file, and its cameras; everything else in it is told as not read. Raises `InputError`."""
+    """The content of a file, and its cameras; everything else in it is reported as not read. Raises `InputError`."""
     content = load_json(path, "cameras' K, R and t")
     found = plain_tables(content)
     tables = []
@@ -210,7 +210,7 @@ def _panoptic_camera(path: Path, given: Given, name: str, table: dict[str, Any])
 
 
 def _lens(path: Path, name: str, table: dict[str, Any], given: Given) -> Lens:
-    """The lens. A file that says nothing of distortion has none, which is told."""
+    """The lens. A file without distortion has none, which is reported."""
     values = dict(table)
     if first_value(values, MATRIX_NAMES) is None or all(key in values for key in FOCAL):
         fx, fy, cx, cy = (float(_numbers(path, key, values.get(key), 1)[0]) for key in FOCAL)

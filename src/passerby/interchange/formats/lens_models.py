@@ -73,7 +73,7 @@ def express_lens(camera: Camera, models: Sequence[LensModel], losses: Losses, pl
     Args:
         camera: whose lens.
         models: simplest first.
-        losses: is told by how many pixels the nearest is off.
+        losses: gets by how many pixels the nearest is off.
         place: what a message says of where the model ends up, as in " (FULL_OPENCV)".
 
     Returns:

@@ -107,7 +107,7 @@ def read(path: Path, given: Given) -> Rig:
 
 
 def _names(frames: list[dict[Any, Any]]) -> list[str]:
-    """The cameras' names: as told, else the pictures' names; their whole paths where those are not all different."""
+    """The cameras' names: as stated, else the pictures' names; their whole paths where those are not all different."""
     paths = [PurePosixPath(str(frame.get("file_path") or f"frame_{index:05d}")) for index, frame in enumerate(frames)]
     told = [name if isinstance(name := frame.get("camera_name"), str) and name else None for frame in frames]
     names: list[str] = []

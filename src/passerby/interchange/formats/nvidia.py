@@ -18,7 +18,7 @@ missing.
 Both are pinholes without distortion. Where `mv3dt` has a camera whose lens has distortion, `dewarper/NAME.txt` beside
 `camInfo` is the configuration of DeepStream's Gst-nvdewarper that removes it: the matrices are those of its pictures. `amc` has
 no place for it: there it is a loss, unless the videos are rectified first. Where the
-middle of a pixel lies is not told anywhere; OpenCV's pixels are written. A NAME, or id, has ASCII letters, digits and `_ . -`
+middle of a pixel lies is not documented; OpenCV's pixels are written. A NAME, or id, has ASCII letters, digits and `_ . -`
 and begins with a letter or digit. A true name that had to change is kept in a comment (`mv3dt`, with the picture's size) or
 in the attribute `trueName` (`amc`).
 

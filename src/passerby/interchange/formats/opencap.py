@@ -5,7 +5,7 @@ A pickled dict of numpy arrays: `intrinsicMat` (3 x 3, pixels), `distortion` (1 
 `x_c = R X + t`, OpenCV's axes; `rotation_EulerAngles` is the same rotation as a vector. A file of intrinsics alone has neither.
 The file is not unpickled: `pickled_arrays` reads the arrays and runs nothing.
 
-The world is that of the calibration board, which mostly stands upright; which way is up is in the session's metadata, and not
+The world is that of the calibration board, which usually stands upright; which way is up is in the session's metadata, and not
 in these files. OpenCap keeps them as `Videos/Cam0/cameraIntrinsicsExtrinsics.pickle`: the folder is the camera's name.
 
 Source: `saveCameraParameters` and `calcExtrinsics` in utilsChecker.py of github.com/stanfordnmbl/opencap-core.

@@ -215,7 +215,7 @@ def _pose(path: Path, content: Mapping[str, Any], given: Given) -> Pose | None:
 
 
 def _told(path: Path, metres_per_unit: float | None) -> float:
-    """The unit. Raises `InputError` where nobody told it."""
+    """The unit. Raises `InputError` if it is unknown."""
     if metres_per_unit is None:
         raise InputError(f"{path}: does not state the unit of its translation: give it, as in --units mm")
     return metres_per_unit

@@ -4,7 +4,7 @@
 
 Joints: BODY_25 or BODY_25B (25), BODY_135 or COCO (18), and what other tools put there: COCO's own 17, Halpe's 26 (Pose2Sim,
 RTMLib) or 136, BlazePose's 33, COCO-WholeBody's 133. The 25 are taken as BODY_25; a calibration finds out by the images when
-they are BODY_25B. Confidence 0 is a joint that was not found. `person_id` is -1 where nobody tracked. The frame is the
+they are BODY_25B. Confidence 0 is a joint that was not found. `person_id` is -1 without tracking. The frame is the
 number at the end of a file's name, before `_keypoints`. OpenPose counts the frames of a video from 0, in twelve digits, and
 Passerby from 1: such numbers are raised by one. The numbers of pictures (their own names, whatever they are) stay.
 

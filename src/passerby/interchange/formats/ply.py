@@ -1,4 +1,4 @@
-"""PLY: the rig, the ground and people's ways as coloured points, lines and faces, to be looked at.
+"""PLY: the rig, the ground and people's trajectories as coloured points, lines and faces, to be looked at.
 
 World as in the rig: right-handed, z up, ground at z = 0, metres. Cameras are pyramids from their centre to the border of their
 picture, drawn through their own lens, distortion and all. The ground is a grid, as faces, since some viewers draw no lines.

@@ -136,7 +136,7 @@ def _log_person(rr: Any, recording: Any, way: Way, found: Trajectories) -> None:
     strips = [way.xyz[part] for part in way.parts if part.stop - part.start > 1]
     if strips:
         _log(recording, ["world", "ways", name], rr.LineStrips3D(strips, colors=way.colour, radii=LINE_RADIUS_M))
-    # One instant after each stretch there is nobody: otherwise the last place would stay for ever.
+    # One instant after each stretch there is no person: otherwise the last place would stay.
     rows = [row for part in way.parts for row in (*range(part.start, part.stop), None)]
     ends = iter([part.stop - 1 for part in way.parts])
     seconds = np.array([way.time_s[next(ends)] + 1 / found.clock.fps if row is None else way.time_s[row] for row in rows])

@@ -198,7 +198,7 @@ def _lens(place: str, values: dict[Any, Any]) -> Lens:
 
 
 def _poses(path: Path, metres: float) -> dict[str, tuple[str, Pose]]:
-    """Of each frame: its root (a frame that is nobody's child), and the transform from there to the frame."""
+    """Of each frame: its root (a frame without a parent), and the transform from there to the frame."""
     content = table(str(path), load_yaml(path, "static transforms of ROS"), "list `transforms`")
     listed = content.get("transforms")
     if not isinstance(listed, list):

@@ -50,7 +50,7 @@ WANTED_PX = 0.01
 BEYOND = 1.05
 """The lens is fitted out to so many times the radius of the picture's farthest corner."""
 FAR = 6.0
-"""Where the choice is free, the drawn radius grows out to so many focal lengths (80 degrees off the axis), so that nobody
+"""Where the choice is free, the drawn radius grows out to so many focal lengths (80 degrees off the axis), so that no person
 outside the view is drawn inside the picture. Polynomials of three coefficients fitted to EPFL's lenses turn back at 48 degrees.
 """
 MOST_KAPPA, MOST_RADIUS = 1e6, 1e3

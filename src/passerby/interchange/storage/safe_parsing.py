@@ -27,7 +27,7 @@ from passerby.common.text import shortened, shortened_text
 LARGEST_BYTES = 2 << 30
 """Of a file that is read as a whole: the boxes of fifty people for a day at 25 frames per second take about as much."""
 TOLD = 200
-"""Characters of a parser's complaint that are told."""
+"""Characters of a parser's complaint that are shown."""
 LARGEST_YAML = 1_000_000
 """Characters of a YAML file. The parser takes some 20 seconds for so many."""
 NESTED = re.compile(r"(?:[\[{]\s*){64}")
@@ -39,7 +39,7 @@ MOST_DOTS = 5000
 MOST_LEAVES = 1000
 """Values in one list that are looked at, where a few bytes of YAML may stand for endless ones."""
 LISTED_FAULTS = 20
-"""So many faults of one file are told one by one; a broken exporter breaks every row alike."""
+"""So many faults of one file are reported one by one; a broken exporter breaks every row alike."""
 
 
 class NotParsed(ValueError):
@@ -85,7 +85,7 @@ def check_is_file(path: Path, kind: str) -> None:
 
 
 def path_problem(path: Path) -> str | None:
-    """Why no file can be called so, or None; one that is only missing, or that may not be read, is told when it is read."""
+    """Why no file can be called so, or None; one that is only missing, or that may not be read, is reported when it is read."""
     try:
         path.stat()
     except ValueError:

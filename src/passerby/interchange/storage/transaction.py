@@ -1,8 +1,8 @@
 """Files of a folder that change together: all of them or none, even where the process is killed in between.
 
 The new files are written into a folder of their own, `.writing`. Its renaming to `.written` decides: before, the old files are
-what counts, after, the new ones. Then each takes its place; whoever comes to a folder that a killed process left in between
-ends that first (`recover`).
+what counts, after, the new ones. Then each takes its place; a process that comes to a folder that a killed process left
+in between ends that first (`recover`).
 
 Folders that appear whole or not at all.
 
@@ -39,7 +39,7 @@ AT_FDCWD, RENAME_EXCHANGE = -100, 2
 """Of Linux: renameat2(2), <linux/fcntl.h> and <linux/fs.h>."""
 FOLDER_LOCK = ".passerby.lock"
 """In a folder while a process works in it. It is the system's lock on this file that counts, not that the file is there: one
-that a killed process left behind holds nobody up."""
+that a killed process left behind blocks no other."""
 POLL_S = 0.05
 GONE_FOR_S, GONE_TIMES = 2.0, 20
 """So long, seconds, and so many times at the least it is tried to make a folder and to open the lock in it. A try fails where
@@ -256,7 +256,7 @@ def lock_folder(folder: Path, work: str, wait_s: float = 0.0) -> Iterator[None]:
         wait_s: so long another process is waited for, seconds.
 
     Raises:
-        InputError: another process has the folder (its number is told), or the folder cannot be written.
+        InputError: another process has the folder (its number is stated), or the folder cannot be written.
     """
     made = [path for path in (folder, *folder.parents) if not path.exists()]
     try:
@@ -276,7 +276,7 @@ def lock_file(path: Path, place: Path, work: str, wait_s: float = 0.0) -> Iterat
         _sign(file, work)
         yield
     finally:
-        # Deleted while it is held: whoever opened it meanwhile sees that the file with this name is another one.
+        # Deleted while it is held: a process that opened it meanwhile sees that the file with this name is another one.
         with suppress(OSError):
             path.unlink()
         file.close()

@@ -56,7 +56,7 @@ class IdentityObservations:
 
 @dataclass(frozen=True, eq=False)
 class IdentityTrajectory:
-    """Where somebody was at W instants."""
+    """Where a person was at W instants."""
 
     xy: Floats
     """(W, 2) metres."""
@@ -71,7 +71,7 @@ class IdentityTrajectory:
     row: Ints
     """(W,) rows of the instants asked for."""
     accepted: Bools
-    """(M,) boxes that it rests on."""
+    """(M,) boxes that it uses."""
     miss_m: Floats
     """(M,) distance of each box's ray from the body's middle, metres; NaN for one that is not accepted."""
 

@@ -24,7 +24,7 @@ BLOCK, MARGIN_S = 400, 6.0
 """Instants of a block, and what is added before and after it: what is 6 s away moves a place by micrometres."""
 
 CELLS = 60_000
-"""Instants of blocks that are smoothed side by side, about: memory stays at 40 MB however long a recording is."""
+"""Instants of blocks that are smoothed side by side, about: memory stays at 40 MB for a recording of any length."""
 
 
 def smooth(

@@ -75,10 +75,10 @@ def trajectories(
 
     Args:
         rig: cameras without a pose are left out.
-        observations: boxes with identities that hold across cameras; those of nobody (-1) are left out.
+        observations: boxes with identities that hold across cameras; those without one (-1) are left out.
         clocks: of every camera of the rig that has a pose.
         options: see `TrackOptions`.
-        tell: told of each person that is done.
+        tell: called for each person that is done.
 
     Raises:
         EvidenceError: no camera has a pose, or no box in a posed camera has an identity.
@@ -97,7 +97,7 @@ def trajectories(
     boxes = [_identified(common[name].boxes) for name in names]
     frames = np.unique(np.concatenate([seen.frame for seen in boxes]))
     if not len(frames):
-        raise EvidenceError("no box in a camera with a pose has an identity: nobody can be tracked")
+        raise EvidenceError("no box in a camera with a pose has an identity: no person can be tracked")
     cameras = [posed[name] for name in names]
     people = np.unique(np.concatenate([seen.identity for seen in boxes]))
     order = [np.lexsort((seen.frame, seen.identity)) for seen in boxes]
@@ -135,11 +135,11 @@ class _Person:
     boxes: Ints
     """(C,) its boxes in each camera,"""
     used: Ints
-    """(C,) and those that it rests on."""
+    """(C,) and those that it uses."""
     misses: list[Floats]
     """Of each camera: distances of the rays of used boxes from the body's middle, metres, where two cameras or more agree."""
     fleeting: int
-    """Parts left out for want of instants."""
+    """Parts left out because they have too few instants."""
 
 
 def _groups(people: Ints, boxes: Sequence[Boxes]) -> list[Ints]:

@@ -18,7 +18,7 @@ one that is wrong for a moment."""
 MOVES_M_S = 1.0
 """One sigma of how far a person goes meanwhile."""
 CELLS_AT_ONCE = 200_000
-"""Pairs of boxes that are compared at once: memory stays flat however long a recording is."""
+"""Pairs of boxes that are compared at once: memory stays flat for a recording of any length."""
 
 
 def vote(instant: Ints, camera: Ints, seconds: Floats, place: Floats, covariance: Floats) -> Bools:

@@ -278,7 +278,7 @@ def _segments(head: bytes) -> Iterator[tuple[int, bytes]]:
 
 
 def _taken(exif: dict[int, str | int]) -> NamedTime | None:
-    """When it was taken; None where that is not told."""
+    """When it was taken; None if unknown."""
     try:
         time = datetime.strptime(str(exif.get(0x9003, "")), "%Y:%m:%d %H:%M:%S").replace(tzinfo=UTC)
     except ValueError:

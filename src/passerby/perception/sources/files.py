@@ -36,7 +36,7 @@ GAP_S = 1.0
 OVERLAP_S = 1.0
 """Likewise: recorders begin a piece at a key frame before the last piece has ended."""
 LONG_S = 3600.0
-"""Longer recordings are told: half an hour with people determines a rig, and watching takes about as long as filming."""
+"""Longer recordings are reported: half an hour with people determines a rig, and watching takes about as long as filming."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,6 @@
-"""One recording from the files of a camera: which of them are used, where each lies in time, and what is told about that."""
+"""One recording from the files of a camera: which of them are used, where each lies in time, and what is reported about
+that.
+"""
 
 from __future__ import annotations
 

@@ -74,7 +74,7 @@ class FoundCamera:
 
 @dataclass(eq=False)
 class Survey:
-    """What was found, and what is to be told about it, one line each."""
+    """What was found, and what is to be reported about it, one line each."""
 
     cameras: list[FoundCamera]
     notes: list[str]
@@ -276,7 +276,7 @@ def _may_be_chapters(videos: list[Path]) -> list[str]:
 
 
 def _videos(folder: Path, notes: list[str]) -> list[Path]:
-    """The videos in a folder; those whose name cannot be written into a scene file are told and left out."""
+    """The videos in a folder; those whose name cannot be written into a scene file are reported and left out."""
     try:
         found = [path for path in folder.iterdir() if path.suffix.lower() in VIDEO_ENDINGS and path.is_file()]
     except OSError as error:

@@ -74,7 +74,7 @@ def find_lenses(folder: Path, cameras: Sequence[FoundCamera], notes: list[str], 
     Args:
         folder: Where to look.
         cameras: The cameras.
-        notes: What is to be told is added.
+        notes: What is to be reported is added.
         besides: The scene file, which is no rig file.
     """
     rig_files = _rig_files(folder, notes, besides)
@@ -136,7 +136,7 @@ def _worth(group: list[_Table], cameras: Sequence[FoundCamera]) -> tuple[int, bo
 
 
 def _camera_lens(table: _Table, camera: FoundCamera, notes: list[str]) -> CameraLens | None:
-    """A table as the lens of a camera; None, and told, where it cannot be one."""
+    """A table as the lens of a camera; None, with a note, where it cannot be one."""
     if isinstance(table.lens, StoredLens):
         size = table.lens.size or (camera.info.size if camera.info else None)
         if size is None:
@@ -194,8 +194,8 @@ def _tables(path: Path, notes: list[str]) -> list[_Table]:
 def _opencv_files(folder: Path, cameras: Sequence[FoundCamera], notes: list[str]) -> tuple[list[_Table], set[Path]]:
     """The files of OpenCV, each with the name of its camera; and all files that are used or named in a note.
 
-    Files that lie together are told apart by their names without words such as "intrinsics"; a file that is alone in its folder
-    is called as the folder, except in the user's folder and in a calibration folder.
+    Files that lie together are distinguished by their names without words such as "intrinsics"; a file that is alone in
+    its folder is called as the folder, except in the user's folder and in a calibration folder.
     """
     calibrations = _places(folder)
     inner = [place for calibration in calibrations[1:] for place in visible_folders(calibration)]

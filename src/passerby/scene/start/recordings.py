@@ -8,7 +8,7 @@ or, in a folder that is one camera's, a counter that begins at 0 or 1 and leaves
 
 Cameras' names: made from the names of files, and matched with the names in a calibration.
 
-The rules are few and dull, so that a name can be foretold: see `camera_names` and `match_names`.
+The rules are few and simple, so that a name can be predicted: see `camera_names` and `match_names`.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ LOOKED_INTO = 8
 BREAK_S = 60.0
 """Between two videos that are two pieces. Of more than two, breaks may be longer, as where only movement is recorded."""
 NUMBERED = 3
-"""So many videos in a camera's folder with nothing but numbers for names are pieces."""
+"""So many videos in a camera's folder with only numbers for names are pieces."""
 Look = Callable[[Path], VideoInfo | None]
 """What a video is; None where it cannot be read."""
 COMPANIONS = (".lrv", ".thm")
@@ -96,7 +96,7 @@ def pieces_among(videos: Sequence[Path], length: Length) -> list[Path]:
 
 
 def is_numbered_series(videos: Sequence[Path]) -> bool:
-    """Whether the videos in one camera's folder are called by nothing but numbers: 000, 001, 002."""
+    """Whether the videos in one camera's folder are called by numbers only: 000, 001, 002."""
     return sum(_NUMBERS.fullmatch(path.stem) is not None for path in videos) >= NUMBERED
 
 
@@ -212,7 +212,7 @@ def valid_name(text: str) -> str:
 def camera_names(texts: Sequence[str]) -> list[str]:
     """One valid name for each text, all different.
 
-    Words (parted by spaces, `_`, `-` and full stops) that all texts begin with, or end with, are dropped, as long as what is
+    Words (separated by spaces, `_`, `-` and full stops) that all texts begin with, or end with, are dropped, as long as what is
     left of each holds a letter: "walk_cam1_1080p" and "walk_cam2_1080p" are cam1 and cam2, "cam_1" and "cam_2" stay.
     A name that comes up again gets "-2", "-3", ...
     """

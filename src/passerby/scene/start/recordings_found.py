@@ -1,6 +1,6 @@
-"""Cameras whose videos are in pieces, or are images: of Frigate's layout, with a folder each, or told apart by their names.
+"""Cameras whose videos are in pieces, or are images: of Frigate's layout, with a folder each, or distinguished by their names.
 
-Only one file of each is opened; the rest is told by names, but for a quick look at when people are seen.
+Only one file of each is opened; the rest follows from names, except for a quick look at when people are seen.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ class FoundRecording:
 
 @dataclass(frozen=True, eq=False)
 class RecordingSurvey:
-    """What is told of a recording without opening all of it."""
+    """What is known of a recording without opening all of it."""
 
     info: VideoInfo
     """Of one file, with the length of all."""
@@ -254,7 +254,7 @@ class ProposedSpan:
 
 
 def propose_span(surveys: Sequence[RecordingSurvey]) -> ProposedSpan | None:
-    """The quarter of an hour with most people that all cameras have, by a quick look; the last one where nobody is seen.
+    """The quarter of an hour with most people that all cameras have, by a quick look; the last one where no person is seen.
 
     None where recordings are about as short, or no times are known.
     """
@@ -291,7 +291,9 @@ def propose_span(surveys: Sequence[RecordingSurvey]) -> ProposedSpan | None:
         )
     else:
         seen = (
-            f"a quick look at {len(look.people)} images saw nobody" if len(look.people) else "too few images can be looked at"
+            f"a quick look at {len(look.people)} images saw no person"
+            if len(look.people)
+            else "too few images can be looked at"
         )
         why = (
             f"{long}: the last {PROPOSED_S / 60:.0f} minutes that all cameras have are proposed; {seen}: choose a time with "

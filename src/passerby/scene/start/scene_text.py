@@ -185,7 +185,7 @@ def _perception(cameras: Sequence[SceneCamera]) -> str:
 
 
 def _association() -> str:
-    """Who is who."""
+    """How identities are found."""
     return (
         comment("How identities are associated across cameras, and how clock offsets are estimated.")
         + "[association]\n"

@@ -33,7 +33,7 @@ class StartedCamera:
 
 @dataclass(frozen=True, eq=False)
 class Started:
-    """What was written, and what is to be told."""
+    """What was written, and what is to be reported."""
 
     scene: Path
     cameras: tuple[StartedCamera, ...]

@@ -202,7 +202,7 @@ def write_videos(
         folder: made where it is missing.
         options: of the pictures.
         executor: renders the cameras side by side; one after the other where it is None.
-        tell: told of each camera that is done.
+        tell: called for each camera that is done.
 
     Returns:
         Camera -> the path of its video.

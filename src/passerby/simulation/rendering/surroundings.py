@@ -62,7 +62,9 @@ class Block:
 
 
 def draw_blocks(name: str, preset: Preset, rng: np.random.Generator) -> tuple[Block, ...]:
-    """Boxes and posts in the ring between the cameras and the buildings, where nobody walks and no camera looks past them."""
+    """Boxes and posts in the ring between the cameras and the buildings, where no person walks and no camera looks past
+    them.
+    """
     inner = np.asarray(preset.area_m) / 2 + preset.standoff_m + 1.2
     room = BEHIND_M[name] - 2.4
     blocks = []

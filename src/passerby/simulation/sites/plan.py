@@ -1,7 +1,7 @@
 """The plan of an airport: floors with a corridor each, halls along it behind doors, stairs at its ends, and cameras.
 
-A floor is a plane of its own: cameras of different floors share no ground. All zones are rectangles, so that whoever is in one
-walks straight from any of its points to any other.
+A floor is a plane of its own: cameras of different floors share no ground. All zones are rectangles, so that a person
+who is in one walks straight from any of its points to any other.
 
 Which ground each camera of a site sees: within a range, inside the image, and not through walls.
 
@@ -198,7 +198,7 @@ class Sight:
     """(X, Y) those of them on which a standing person is whole in the image."""
 
     def lets_see(self, xy: Floats) -> Bools:
-        """(...) whether a part of somebody at places (..., 2) of this floor may be in the image."""
+        """(...) whether a part of a person at places (..., 2) of this floor may be in the image."""
         cell = np.floor(np.asarray(xy) / CELL_M).astype(np.int64) - self.corner
         inside = np.asarray(((cell >= 0) & (cell < self.in_view.shape)).all(axis=-1))
         cell = np.where(inside[..., None], cell, 0)

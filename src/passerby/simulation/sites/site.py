@@ -112,7 +112,7 @@ class Site:
         return out
 
     def _chunk(self, index: int, start: int, times: Floats, rng: np.random.Generator) -> Detected | None:
-        """A stretch of one camera's recording; None where nobody is near."""
+        """A stretch of one camera's recording; None where no person is near."""
         people = self._near(index, float(times[0]), float(times[-1]))
         if not len(people):
             return None
@@ -242,7 +242,7 @@ def write_site(site: Site, directory: str | Path, tell: Progress = silent) -> Pa
     site's own are `cameras.csv` (floor, its height, and clock offset of each camera), `overlaps.csv` (pairs of cameras that see
     ground in common, and how much) and `ground_positions.csv` (where people are each second, with their floor).
 
-    `tell` is told of each camera that is done. A folder written by an earlier simulation is replaced as a whole. Raises
+    `tell` is called for each camera that is done. A folder written by an earlier simulation is replaced as a whole. Raises
     `InputError` for one that holds anything else, or that cannot be written.
     """
     directory = Path(directory)
@@ -316,7 +316,7 @@ def _scene(site: Site, name: str) -> dict[str, Any]:
         "solver": {"method": "people"},
         "scale": {
             "person_height_m": options.person_height_mean_m,
-            # As in `write_scene`: nobody knows a spread to better than a centimetre.
+            # As in `write_scene`: a spread is not known to better than a centimetre.
             "person_height_sd_m": max(options.person_height_sd_m, 0.01),
             "person_height_mean_sd_m": MEAN_SD * options.person_height_mean_m,
         },

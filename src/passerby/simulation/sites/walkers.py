@@ -23,7 +23,7 @@ from passerby.simulation.options import MAX_CLOCK_OFFSET_S, SimulationOptions
 from passerby.simulation.sites.plan import Link, SitePlan
 
 SETTLING_S = 60.0
-"""People walk so long before the recording, so that nobody starts where it was put."""
+"""People walk so long before the recording, so that no person starts at the initial place."""
 PAD_S = MAX_CLOCK_OFFSET_S + 2.0
 SPEED_MS, SPEED_SD_MS, LEG_SPREAD = (0.8, 1.8), 0.2, 0.1
 """Of a person on average (mean 1.3), and how much it varies from leg to leg, as a share."""
@@ -37,9 +37,9 @@ OTHER_FLOOR = 0.3
 CORRIDOR_SHARE = 0.3
 """Share of the destinations in a corridor: shops, seats, people who wait."""
 CORNER_S = (-0.4, -0.2, 0.0, 0.2, 0.4)
-"""A place is the mean of those on the polyline at so many seconds from a time: nobody turns on the spot."""
+"""A place is the mean of those on the polyline at so many seconds from a time: no person turns on the spot."""
 NOWHERE = -1
-"""The floor of somebody on stairs."""
+"""The floor of a person on stairs."""
 SPAN_S = 1e5
 """Times of one person are so far from the next one's in the list of all knots; longer than any recording."""
 SITES = ("airport",)

@@ -35,7 +35,7 @@ DIRECTION_SIGMA = np.deg2rad(2.0)
 INSTANTS_PER_STEP = 10
 # Width of the kernel on a person's lengths: box noise of 2 to 3 % in two views.
 KERNEL = 0.02
-# Adults differ less than this from the median; who does more was mistaken for somebody else or never stood.
+# Adults differ less than this from the median; a person who does more was mistaken for another or never stood.
 MAX_HEIGHT_DEVIATION = 0.15
 # A person must have been measured so often that a most frequent length means something.
 MIN_SEGMENTS = 8

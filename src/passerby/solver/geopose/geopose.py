@@ -125,10 +125,10 @@ def scale_from_prior(
     rig: Rig, people: BodySegments3D, span: float, cues: ScaleCues, options: GeoPoseOptions, reference: int,
     pairs: list[PairGeometry],
 ) -> StarScale:  # fmt: skip
-    """What to multiply all lengths by to get metres, and what it rests on.
+    """What to multiply all lengths by to get metres, and what it depends on.
 
     Known lengths that the cameras see come first, each weighted by its standard deviation; else the length of a standing person
-    is set to the prior's, times the `span` of it that was measured. Used for each pair, and once more for all cameras together
+    is set to the prior's, times the `span` of it that was measured. Used for each pair, and again for all cameras together
     after the global adjustment, which cannot see the scale.
     """
     known = scale_from_lengths(rig, cues.lengths, reference, pairs)
@@ -144,7 +144,7 @@ def scale_from_prior(
 
 
 def check_people_stand(extents: BodyEndpoints, reference: int, camera: int, n_segments: int) -> None:
-    """Refuse a pair whose pose lets hardly anybody have head and feet.
+    """Refuse a pair whose pose lets almost no person have head and feet.
 
     Box centres lie in a thin level slab, and with cameras that face each other its mirror image fits as well. Nothing in the
     centres shows that pose to be wrong, but the tops and the bottoms of the boxes do not meet in it.

@@ -48,7 +48,7 @@ TOLD_EVERY = 50
 PER_PERSON = 24
 """Crops of one person by one camera: two dozen moments show front, side and back; more are nearly the same picture again."""
 COVERED_IOU = 0.3
-"""Overlap with somebody nearer from which on a crop shows two people."""
+"""Overlap with a nearer person from which on a crop shows two people."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +96,7 @@ def cut_crops(
         cache: the crops are kept in a folder `name` in it.
         name: of the data set.
         executor: cuts the cameras side by side; one after the other where it is None. The result does not depend on it.
-        tell: told of each camera and, without executor, of the pictures.
+        tell: called for each camera and, without executor, of the pictures.
 
     Raises `InputError` for a video that cannot be read, a person twice in one frame, and a cache that cannot be written.
     """
@@ -297,7 +297,7 @@ def _joined(parts: Sequence[NDArray[np.int64]]) -> Ints:
 
 
 def clear_boxes(frame: Ints, ltwh: Floats, size: tuple[int, int]) -> NDArray[np.bool_]:
-    """(N,) which of one camera's boxes show a person well: large enough, mostly in the picture, and nobody before them.
+    """(N,) which of one camera's boxes show a person well: large enough, for the most part in the picture, and not hidden.
 
     Args:
         frame: (N,).

@@ -82,7 +82,7 @@ def read_data(
     Args:
         path: a folder, or a scene file.
         cache: crops cut out of videos are kept in a folder of the data set's name there; else it is not touched.
-        tell: told of the pictures as they are tried, and of the cutting.
+        tell: called with the pictures as they are tried, and with the cutting.
         name: of the data set; None: the folder's, or the scene's.
         executor: cuts the cameras' crops side by side.
 
@@ -115,7 +115,7 @@ def read_data(
 
 
 def read_all(paths: Sequence[Path], cache: Path, tell: Progress = silent, *, executor: Executor | None = None) -> list[DataSet]:
-    """Several data sets, whose people do not collide: those of the same name are told apart by the folders that they lie in.
+    """Several data sets, whose people do not collide: those of the same name are distinguished by the folders that they lie in.
 
     Raises `InputError` as `read_data`, and where one set is, or lies in, another.
     """
@@ -174,7 +174,8 @@ def has_identities(path: Path) -> bool:
 
 
 def folder_per_identity(path: Path) -> Listing:
-    """The pictures of a folder per identity; see the module. Raises `InputError` for a query without gallery, and for nobody.
+    """The pictures of a folder per identity; see the module. Raises `InputError` for a query without gallery, and for no
+    person.
 
     A name is a person: the same one in two splits is the same person.
     """
@@ -209,7 +210,7 @@ def _splits(path: Path) -> tuple[Path | None, Path | None]:
 
 
 def _people(path: Path, notes: list[str]) -> list[Listed]:
-    """The pictures of the people in a folder. Raises `InputError` where there is nobody."""
+    """The pictures of the people in a folder. Raises `InputError` if there is none."""
     rows, empty = [], []
     for folder in _folders(path):
         files = picture_files(folder)

@@ -67,16 +67,16 @@ def tracked_people(
 
     Args:
         name: of the data set.
-        cameras: with their boxes; identity -1 is nobody known.
+        cameras: with their boxes; identity -1 is unknown.
         cache: where crops are kept; see `cut_crops`.
         given: the identities are the same in all cameras, and two of them are two people. Else they are each camera's own, and
-            only those seen in one frame are surely two: see `CropSet.apart`.
-        notes: what is to be told already.
+            only those seen in one frame are known to be two: see `CropSet.apart`.
+        notes: what is to be reported already.
         per_person: at most so many crops of a person by a camera.
         executor: cuts the cameras side by side.
-        tell: told of the cutting.
+        tell: called with the cutting.
 
-    Raises `InputError` where a video cannot be read, or nobody is shown twice.
+    Raises `InputError` where a video cannot be read, or no person is shown twice.
     """
     own = [np.unique(camera.boxes.identity[camera.boxes.identity > UNKNOWN]) for camera in cameras]
     if given:
@@ -102,14 +102,14 @@ def tracked_people(
     if not (count >= 2).any():
         places = ", ".join(str(camera.source) for camera in cameras)
         raise InputError(
-            f"{places}: {'; '.join(told_of) or 'their tracks hold no people'}: nobody is left to learn from: give tracks whose "
+            f"{places}: {'; '.join(told_of) or 'their tracks hold no people'}: none is left to learn from: give tracks whose "
             "frame numbers and pixels are the video's"
         )
     return DataSet(name, train=crops.of_people(count >= 2), notes=tuple(told_of))
 
 
 def _rows(identity: Ints, table: Ints, first: int) -> Ints:
-    """(N,) rows of the people by their identity; -1 for nobody known."""
+    """(N,) rows of the people by their identity; -1 if unknown."""
     if not len(table):
         return np.full(len(identity), -1)
     return np.where(identity > UNKNOWN, first + np.searchsorted(table, identity), -1)
@@ -241,7 +241,7 @@ def camera_of_sequence(folder: Path) -> TrackedCamera:
 
 
 def _read_truth(path: Path) -> tuple[Boxes, NDArray[np.bool_]]:
-    """The pedestrians of a gt.txt, whose rows may be in any order, and which of the boxes are mostly hidden."""
+    """The pedestrians of a gt.txt, whose rows may be in any order, and which of the boxes are hidden for the most part."""
     text = read_text(path, "the true tracks (gt.txt) of a MOTChallenge sequence")
     try:
         rows = np.loadtxt(io.StringIO(text), delimiter=",", comments=None, ndmin=2) if text.strip() else np.zeros((0, 9))
