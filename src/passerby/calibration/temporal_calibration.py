@@ -33,7 +33,7 @@ from passerby.core.observations import UNKNOWN, Boxes, CameraObservations, Clock
 from passerby.core.solution import Solution
 from passerby.findings.finding import Finding, notice
 from passerby.findings.refusals import findings_of
-from passerby.people.upright_rays import upright_rays
+from passerby.people.sightings import upright_sightings
 
 SOMEBODY_ELSE = -1e9
 """Log-likelihood ratio of two known people being one: they neither vote nor match."""
@@ -220,7 +220,7 @@ def associate_synchronised(rig: Rig, observations: Observations, instants: Obser
     numbers, none = _numbers(observations), np.zeros(0, np.int64)
     seen = [_renumbered(observations[name], numbers) for name in rig.names]
     cameras = [
-        CameraTracklets(camera.name, own, clock, upright_rays(own, camera.lens, clock), None, None, (none, none))
+        CameraTracklets(camera.name, own, clock, upright_sightings(own, camera.lens, clock), None, None, (none, none))
         for camera, own in zip(rig, seen, strict=True)
         for clock in (clocks[camera.name],)
     ]

@@ -11,8 +11,8 @@ from passerby.core.cameras import Rig
 from passerby.monitoring.evidence import Baseline
 from passerby.people.held_cameras import GroundPlane, fit_people
 from passerby.people.resection import centre_first, weak_prior
-from passerby.people.rig_observations import RigObservations, poses_of
 from passerby.people.scores import cluster_scores
+from passerby.people.sightings import Sightings, poses_of
 
 GRID_S = 1.0
 INFLATION = 6.0
@@ -31,7 +31,7 @@ class ChangePoint:
 
 
 def estimate_change_point(
-    rig: Rig, seen: RigObservations, camera: str, baseline: Baseline, ground: GroundPlane
+    rig: Rig, seen: Sightings, camera: str, baseline: Baseline, ground: GroundPlane
 ) -> ChangePoint | None:
     """When a camera moved that moved once in the footage; None where nobody was seen by two cameras, so that nothing tells.
 
@@ -41,7 +41,7 @@ def estimate_change_point(
     index = seen.names.index(camera)
     own = slice(6 * index, 6 * index + 6)
     rotation, centre = poses_of(rig, seen.names)
-    if not (np.bincount(seen.group, minlength=seen.n_groups) > 1).any():
+    if not (np.bincount(seen.block, minlength=seen.n_blocks) > 1).any():
         return None
     scores = cluster_scores(seen, fit_people(seen, rotation, centre, ground=ground), GRID_S)
     pull, information = scores.at(baseline.estimate()[0])[:, own], scores.information[:, own, own]
