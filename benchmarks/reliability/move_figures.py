@@ -18,7 +18,8 @@ from passerby.core.stature import PERSON_HEIGHT_M
 from passerby.hypotheses.changes import FoundChange, suspect_change
 from passerby.hypotheses.comparison import LOG_ODDS
 from passerby.hypotheses.correspondences import Correspondences, instants_compared, match_people
-from passerby.people.body_centres import BodyCentres, PeopleRays, identified_body_centres
+from passerby.people.body_centres import PeopleRays, identified_body_centres
+from passerby.people.sightings import Sightings
 from passerby.simulation import PRESETS
 from passerby.solver.people import PeopleOptions, solve_people
 from reliability.staging import HandedIn, staged, turned, zoomed
@@ -111,7 +112,7 @@ def changes_of(rig: Rig, seen: Observations) -> dict[str, FoundChange]:
     return out
 
 
-def _matched(c: int, own: BodyCentres, rays: PeopleRays) -> Correspondences:
+def _matched(c: int, own: Sightings, rays: PeopleRays) -> Correspondences:
     """A camera's sightings with the people whom the others place."""
     others = rays.camera != c
     placed = np.bincount(rays.person[others], minlength=len(rays.instant)) > 0

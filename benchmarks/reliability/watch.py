@@ -16,7 +16,7 @@ from passerby.core.observations import CameraObservations, Clock, Observations
 from passerby.geometry.rotations import log_rotation
 from passerby.monitoring.site import identify_by_rig
 from passerby.monitoring.watching import Watched, WatchOptions, watch
-from passerby.people.rig_observations import gather_rig_observations
+from passerby.people.sightings import gather_sightings
 from reliability.footage import Move, calibrated, footage, true_rig, unit
 from reliability.page import Line, part_found
 from reliability.runs import Wanted, kept, percent, seeds
@@ -69,7 +69,7 @@ def _quiet(number: int, seed: int) -> dict[str, Any]:
     """An hour in which nothing moves."""
     rng = np.random.default_rng(seed)
     preset, rig, given = _setting(number, rng)
-    found = watch(given, gather_rig_observations(given, footage(preset, rig, HOUR_S, rng.uniform(*QUIET_PEOPLE), rng, fps=FPS)))
+    found = watch(given, gather_sightings(given, footage(preset, rig, HOUR_S, rng.uniform(*QUIET_PEOPLE), rng, fps=FPS)))
     told = [sum(window.clear(c) for c in range(len(rig))) for window in found.windows]
     return {
         "preset": preset, "cameras": len(rig), "alarms": len(found.moves), "minutes": len(found.windows),
@@ -96,7 +96,7 @@ def _knock(number: int, seed: int) -> dict[str, Any]:
     last = [seen[name].boxes.frame >= (move.seconds * FPS) for name in rig.names]
     boxes = sum(int(np.count_nonzero(rows)) for rows in last)
     people = boxes / (len(rig) * MINUTE_S * FPS)
-    found = watch(given, gather_rig_observations(given, seen))
+    found = watch(given, gather_sightings(given, seen))
     return {"preset": preset, "cameras": len(rig), "people": people, **_judged(found, move, rig)}
 
 
@@ -122,7 +122,7 @@ def _simulated(number: int, seed: int) -> dict[str, Any]:
     if not given_ids:
         clocks = {name: Clock(2.0) for name in given.names}
         seen = identify_by_rig(given, replace(seen, clocks=clocks), clocks, np.random.default_rng(0))
-    found = watch(given, gather_rig_observations(given, seen))
+    found = watch(given, gather_sightings(given, seen))
     return {"preset": preset, "cameras": cameras, "given": given_ids, **_judged(found, placed[0], scene.truth)}
 
 

@@ -13,7 +13,7 @@ from passerby.association.camera_tracklets import CameraTracklets, build_camera_
 from passerby.association.candidates import Candidates
 from passerby.core.observations import Clock
 from passerby.core.stature import PERSON_HEIGHT_M
-from passerby.people.upright_rays import of_moving_tracklets
+from passerby.people.level import of_moving_tracklets
 from passerby.simulation import SimulatedScene, SimulationOptions, simulate
 
 FPS = 5.0
@@ -82,11 +82,11 @@ def test_known_people_walk_where_they_truly_are():
 
 def test_whoever_sits_does_not_move():
     camera = cameras(4)[0]
-    own = camera.bodies.take(camera.bodies.tracklet == camera.bodies.tracklet.max())
+    own = camera.bodies.take(camera.bodies.identity == camera.bodies.identity.max())
     assert of_moving_tracklets(own).all()
     still = replace(own, top=np.repeat(own.top[:1], len(own), axis=0), bottom=np.repeat(own.bottom[:1], len(own), axis=0))
     assert not of_moving_tracklets(still).any()
-    assert not of_moving_tracklets(replace(own, tracklet=np.full(len(own), -1))).any()
+    assert not of_moving_tracklets(replace(own, identity=np.full(len(own), -1))).any()
 
 
 def test_on_a_site_a_camera_is_tried_by_the_people_of_those_that_may_be_near():

@@ -10,7 +10,7 @@ import numpy as np
 from passerby.association.cleaning import reassign_detections
 from passerby.core.cameras import Rig
 from passerby.core.observations import UNKNOWN, Clock
-from passerby.people.upright_rays import UprightRays, upright_rays
+from passerby.people.sightings import Sightings, upright_sightings
 from support.scenes.people_and_rigs import observe, ring
 
 FPS = 5.0
@@ -24,7 +24,7 @@ class Scene:
     """People whom the cameras see, and who they are."""
 
     rig: Rig
-    bodies: list[UprightRays]
+    bodies: list[Sightings]
     person: list[np.ndarray]
     clocks: Mapping[str, Clock]
 
@@ -38,9 +38,9 @@ class Scene:
             ground = np.array([places[p] for p in person.tolist()], dtype=np.float64)
             ground[:, 0] += 0.8 * clocks[camera.name].seconds(frame)
             seen = observe(Rig((camera,)), ground, np.full(len(frame), 1.72), frame, person)[camera.name]
-            bodies.append(upright_rays(seen, camera.lens, clocks[camera.name]))
+            bodies.append(upright_sightings(seen, camera.lens, clocks[camera.name]))
             assert len(bodies[-1]) == len(frame), "everybody is wholly in every picture"
-        return cls(RIG, bodies, [own.tracklet.copy() for own in bodies], clocks)
+        return cls(RIG, bodies, [own.identity.copy() for own in bodies], clocks)
 
     def cleaned(self, person: list[np.ndarray], rig: Rig | None = None) -> list[np.ndarray]:
         before = [column.copy() for column in person]
@@ -51,7 +51,7 @@ class Scene:
 
     def rows(self, c: int, who: int, *frames: int) -> np.ndarray:
         """Rows of a person in a camera, at some frames."""
-        return np.flatnonzero((self.person[c] == who) & np.isin(self.bodies[c].frame, frames or FRAMES))
+        return np.flatnonzero((self.person[c] == who) & np.isin(self.bodies[c].step, frames or FRAMES))
 
     def assert_is(self, found: list[np.ndarray], expected: list[np.ndarray]) -> None:
         for c, (name, column, truth) in enumerate(zip(self.rig.names, found, expected, strict=True)):
@@ -104,7 +104,7 @@ def test_a_person_has_one_box_a_camera() -> None:
     doubled = replace(scene, bodies=[bodies, *scene.bodies[1:]], person=[names, *scene.person[1:]])
     found = doubled.cleaned(doubled.person)
     for frame in FRAMES.tolist():
-        at = found[C1][bodies.frame == frame]
+        at = found[C1][bodies.step == frame]
         assert sorted(at.tolist()) == [-1, 0, 1, 2, 7]
     assert (found[C1][scene.rows(C1, 1)] == 1).all()
 

@@ -11,7 +11,7 @@ from passerby.association.camera_tracklets import CameraTracklets
 from passerby.association.clocks.drift import Drift, clock_drifts, drift_findings
 from passerby.core.cameras import Pose, Rig
 from passerby.core.observations import Clock
-from passerby.people.upright_rays import upright_rays
+from passerby.people.sightings import upright_sightings
 from support.scenes.people_and_rigs import observe, ring
 from support.scenes.walkers_on_plane import Walker, standing, walkers
 
@@ -45,7 +45,7 @@ def filmed(
         ground = np.column_stack([places.real, places.imag])
         number = np.repeat(np.arange(len(people)), len(frame))
         seen = observe(Rig((camera,)), ground, np.full(len(number), 1.72), np.tile(frame, len(people)), number)[camera.name]
-        bodies = upright_rays(seen, camera.lens, Clock(FPS))
+        bodies = upright_sightings(seen, camera.lens, Clock(FPS))
         shaken = bodies.bottom + noise * 0.1 * rng.standard_normal((len(bodies), 3))
         object.__setattr__(bodies, "bottom", shaken / np.linalg.norm(shaken, axis=1, keepdims=True))
         none = np.zeros(0, np.int64)
@@ -100,7 +100,7 @@ def test_a_camera_that_shares_one_moment_only_is_left_out() -> None:
     scene = filmed(crowd(), (FPS, FPS, 10.2, FPS))
     bodies = scene.cameras[0].bodies
     scene.cameras[0] = replace(
-        scene.cameras[0], bodies=bodies.take((bodies.tracklet == 0) & np.isin(bodies.frame, [3, 4, 5, 15]))
+        scene.cameras[0], bodies=bodies.take((bodies.identity == 0) & np.isin(bodies.step, [3, 4, 5, 15]))
     )
     found = scene.drifts()
     assert list(found) == [1, 2, 3]

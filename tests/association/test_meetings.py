@@ -10,7 +10,7 @@ import pytest
 from passerby.association.ground.ray_affinity import RayTracks, pairwise_ray_affinity, ray_tracks
 from passerby.association.sampling import STEP_S
 from passerby.core.cameras import Pose
-from passerby.people.upright_rays import UprightRays
+from passerby.people.sightings import Sightings
 from support.scenes.people_and_rigs import looking_at
 
 BODY_M = 1.72
@@ -53,9 +53,9 @@ class People:
         jitter = noise * BODY_M * rng.standard_normal((2, len(time), 3))
         top, bottom = (_rays(pose, points) for points in (feet + height + jitter[0], feet + jitter[1]))
         none = np.zeros(len(time))
-        bodies = UprightRays(
-            np.arange(len(time)), time + late_s, np.where(person == unknown, -1, person), top, bottom,
-            np.zeros((len(time), 2, 3)), none + 100, none + 1, none, np.arange(len(time)), none > 0,
+        bodies = Sightings(
+            np.zeros(len(time), np.int64), np.arange(len(time)), np.where(person == unknown, -1, person),
+            seconds=time + late_s, top=top, bottom=bottom, top_fraction=none + 1, bottom_fraction=none,
         )  # fmt: skip
         return ray_tracks(bodies.take(rng.permutation(len(time))), pose)
 

@@ -27,7 +27,7 @@ def walked(fps: float, *, stand: bool = False, seed: int = 0, noise_m: float = 0
     place = np.concatenate([Station(place=-offset_m).ground(walker.at(frame / fps)) for walker in people])
     place = place + noise_m * (rng.standard_normal(len(place)) + 1j * rng.standard_normal(len(place)))
     bodies = replace(
-        bodies_at(np.repeat(np.arange(8), len(frame)), np.zeros(len(place)), place, HEIGHT_M), frame=np.tile(frame, 8)
+        bodies_at(np.repeat(np.arange(8), len(frame)), np.zeros(len(place)), place, HEIGHT_M), step=np.tile(frame, 8)
     )
     bodies = bodies.take(rng.permutation(len(bodies)))
     none = np.zeros(0, np.int64)

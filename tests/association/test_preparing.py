@@ -73,7 +73,7 @@ def test_the_camera_is_levelled_and_its_people_have_tracks(scene: SimulatedScene
     np.testing.assert_allclose(found.level.height, pose.centre[2], rtol=0.2)
     assert len(found.tracks) > 100
     assert set(found.tracks.tracklet.tolist()) <= set(range(found.n_tracklets))
-    np.testing.assert_array_equal(found.bodies.seconds, Clock(FPS).seconds(found.bodies.frame))
+    np.testing.assert_array_equal(found.bodies.seconds, Clock(FPS).seconds(found.bodies.step))
 
 
 def test_known_people_are_left_as_they_are(scene: SimulatedScene) -> None:

@@ -96,7 +96,7 @@ def test_pixels_across_and_pixels_down_count_alike():
     people = triangulate_people(scene.rig, identified_body_centres(scene.rig, scene.observations), BODY_M, excluding=1)
     own = identified_body_centres(scene.rig, scene.observations)[1]
     assert own is not None
-    exchanged = replace(own, tangent=own.tangent[:, ::-1])
+    exchanged = replace(own, middle_tangent=own.middle_tangent[:, ::-1])
     start = scene.rig["C2"].pose
     assert start is not None
     here, there = (fit_path(match_people(one, people, BODY_M, given=True), CameraPath(start)).pose for one in (own, exchanged))

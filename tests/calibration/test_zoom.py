@@ -100,11 +100,11 @@ def test_a_zoomed_path_sees_what_the_zoomed_lens_sees():
     lens = replace(scene.rig["C2"].lens, distortions=np.zeros(0))
     matrix = np.array(lens.matrix)
     matrix[:2, :2] *= 1.3
-    there, pixels = replace(lens, matrix=matrix), lens.project_rays(m.own.ray)
+    there, pixels = replace(lens, matrix=matrix), lens.project_rays(m.own.middle)
     ray = there.bearings(pixels)
     by_path, by_lens = (
-        residuals_along(replace(m, own=replace(m.own, ray=rays, tangent=one.tangents(rays))), path).found.residual
-        for rays, one, path in ((m.own.ray, lens, CameraPath(pose, float(np.log(1.3)))), (ray, there, CameraPath(pose)))
+        residuals_along(replace(m, own=replace(m.own, middle=rays, middle_tangent=one.tangents(rays))), path).found.residual
+        for rays, one, path in ((m.own.middle, lens, CameraPath(pose, float(np.log(1.3)))), (ray, there, CameraPath(pose)))
     )
     near = np.abs(by_lens).max(axis=0) < 20.0
     assert near.sum() > 20

@@ -6,8 +6,8 @@ import pytest
 from passerby.monitoring.comparison import compare
 from passerby.monitoring.evidence import MODEL_DEG, MODEL_M
 from passerby.monitoring.windows import Part, estimate_by_parts, estimate_by_scores
-from passerby.people.rig_observations import poses_of
 from passerby.people.scores import Scores
+from passerby.people.sightings import poses_of
 from passerby.solver.gauge import similarity_moves
 from reliability.room import room_rig
 

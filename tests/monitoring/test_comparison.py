@@ -8,7 +8,7 @@ import pytest
 from passerby.core.cameras import Pose
 from passerby.geometry.rotations import exp_rotation, log_rotation
 from passerby.monitoring.comparison import LEAST_SHARE, Estimate, compare, sigma_share
-from passerby.people.rig_observations import poses_of
+from passerby.people.sightings import poses_of
 from reliability.room import room_rig
 
 PLACE_SD, TURN_SD = 0.01, np.radians(0.06)

@@ -18,7 +18,7 @@ from passerby.monitoring.monitor import watch_footage
 from passerby.monitoring.readjusting import joints_are_shared
 from passerby.monitoring.result import MonitoringResult
 from passerby.monitoring.watched import WatchOptions
-from passerby.people.rig_observations import poses_of
+from passerby.people.sightings import poses_of
 from passerby.solver import readjustment
 from passerby.solver.initialisation import PeopleOptions
 from passerby.solver.readjustment import readjust

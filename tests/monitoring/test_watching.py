@@ -10,7 +10,7 @@ from passerby.monitoring.watching import WatchOptions, _ScoreRun, watch
 from passerby.people.ground import fit_ground
 from passerby.people.held_cameras import GroundPlane
 from passerby.people.resection import resect, resect_observations
-from passerby.people.rig_observations import gather_rig_observations, poses_of
+from passerby.people.sightings import gather_sightings, poses_of
 from support.scenes.walkers_for_monitor import calibrated, knocked, only, true_rig, walkers
 
 RIG = true_rig()
@@ -19,7 +19,7 @@ GIVEN = calibrated(RIG)
 
 @pytest.fixture(scope="module")
 def still():
-    return watch(GIVEN, gather_rig_observations(GIVEN, walkers(RIG)))
+    return watch(GIVEN, gather_sightings(GIVEN, walkers(RIG)))
 
 
 def true_shift(before, after):
@@ -42,7 +42,7 @@ def test_a_turn_before_the_footage_that_no_window_shows_is_found_by_all_of_it(ca
     before = RIG[camera].pose
     turn = before.R_cw[:, 2]
     seen = walkers(RIG, 300, people=2, knocks={camera: (-1.0, knocked(before, turn))})
-    found = watch(GIVEN, gather_rig_observations(GIVEN, seen))
+    found = watch(GIVEN, gather_sightings(GIVEN, seen))
     assert max(test.score for window in found.windows for test in window.tests) < WatchOptions().threshold
     (move,) = found.moves
     assert (move.camera, move.others, move.moment) == (camera, (), None)
@@ -55,7 +55,7 @@ def test_a_turn_before_the_footage_that_no_window_shows_is_found_by_all_of_it(ca
 
 def test_all_footage_after_a_move_is_compared_with_the_new_pose():
     after = knocked(RIG["C2"].pose, (0, 2, 0))
-    found = watch(GIVEN, gather_rig_observations(GIVEN, walkers(RIG, 300, knocks={"C2": (60.0, after)})))
+    found = watch(GIVEN, gather_sightings(GIVEN, walkers(RIG, 300, knocks={"C2": (60.0, after)})))
     (move,) = found.moves
     (whole,) = found.whole
     assert move.camera == "C2"
@@ -75,7 +75,7 @@ def test_all_footage_after_a_move_is_compared_with_the_new_pose():
 def test_a_knock_is_named_dated_and_measured(camera, turn, shift):
     before = RIG[camera].pose
     after = knocked(before, turn, shift)
-    found = watch(GIVEN, gather_rig_observations(GIVEN, walkers(RIG, knocks={camera: (100.0, after)})))
+    found = watch(GIVEN, gather_sightings(GIVEN, walkers(RIG, knocks={camera: (100.0, after)})))
     assert [move.camera for move in found.moves] == [camera]
     (move,) = found.moves
     assert move.others == ()
@@ -96,13 +96,13 @@ def test_two_cameras_knocked_at_once():
         "C2": (100.0, knocked(rig["C2"].pose, (0, 2, 0))),
         "C5": (100.0, knocked(rig["C5"].pose, (0, -2, 0), (0.1, 0, 0))),
     }
-    found = watch(given, gather_rig_observations(given, walkers(rig, knocks=knocks)))
+    found = watch(given, gather_sightings(given, walkers(rig, knocks=knocks)))
     assert sorted(move.camera for move in found.moves) == ["C2", "C5"]
 
 
 def test_a_camera_that_moved_before_the_footage_began():
     after = knocked(RIG["C3"].pose, (0, 2, 0), (0.1, 0.1, 0))
-    found = watch(GIVEN, gather_rig_observations(GIVEN, walkers(RIG, 120, knocks={"C3": (-1.0, after)})))
+    found = watch(GIVEN, gather_sightings(GIVEN, walkers(RIG, 120, knocks={"C3": (-1.0, after)})))
     assert [(move.camera, move.moment) for move in found.moves] == [("C3", None)]
 
 
@@ -116,7 +116,7 @@ def test_a_camera_that_moves_twice():
     late = late.take(late.frame > 400)
     both = Boxes(*(np.concatenate([getattr(p, n) for p in (early, late)]) for n in ("frame", "identity", "ltwh", "score")))
     seen = Observations({**first.cameras, "C1": CameraObservations(both)}, first.fps)
-    found = watch(GIVEN, gather_rig_observations(GIVEN, seen))
+    found = watch(GIVEN, gather_sightings(GIVEN, seen))
     assert [move.camera for move in found.moves] == ["C1", "C1"]
     assert np.degrees(np.linalg.norm(found.moves[1].shift[3:])) == pytest.approx(2, abs=0.6)
 
@@ -124,7 +124,7 @@ def test_a_camera_that_moves_twice():
 def test_with_two_cameras_nobody_can_tell_which():
     rig, given = only(RIG, "C1", "C2"), only(GIVEN, "C1", "C2")
     knocks = {"C1": (100.0, knocked(RIG["C1"].pose, (3, 3, 0)))}
-    found = watch(given, gather_rig_observations(given, walkers(rig, knocks=knocks)))
+    found = watch(given, gather_sightings(given, walkers(rig, knocks=knocks)))
     assert len(found.moves) == 1
     assert {found.moves[0].camera, *found.moves[0].others} == {"C1", "C2"}
 
@@ -132,16 +132,16 @@ def test_with_two_cameras_nobody_can_tell_which():
 def test_few_people_tell_nothing():
     seen = walkers(RIG, 60, people=1)
     few = {name: CameraObservations(seen[name].boxes.take(seen[name].boxes.frame <= 20)) for name in RIG.names}
-    found = watch(GIVEN, gather_rig_observations(GIVEN, Observations(few, seen.fps)))
+    found = watch(GIVEN, gather_sightings(GIVEN, Observations(few, seen.fps)))
     assert found.moves == ()
     assert not any(window.clear(c) for window in found.windows for c in range(4))
-    assert watch(GIVEN, gather_rig_observations(GIVEN, Observations({}, 2.0))).moves == ()
+    assert watch(GIVEN, gather_sightings(GIVEN, Observations({}, 2.0))).moves == ()
 
 
 @pytest.mark.slow
 def test_the_same_footage_gives_the_same_bits():
     seen = walkers(RIG, 150, knocks={"C2": (80.0, knocked(RIG["C2"].pose, (0, 2, 0)))})
-    first, again = (watch(GIVEN, gather_rig_observations(GIVEN, seen)).moves[0] for _ in range(2))
+    first, again = (watch(GIVEN, gather_sightings(GIVEN, seen)).moves[0] for _ in range(2))
     assert np.array_equal(first.shift, again.shift)
     assert np.array_equal(first.covariance, again.covariance)
 
@@ -164,7 +164,7 @@ def test_one_cameras_pose_is_found_again_from_far_off():
 def test_ground_that_is_a_slope_somewhere_else():
     moved = GIVEN.moved(np.eye(3), np.array([0.0, 0.0, 30.0]))
     seen = walkers(RIG, 60, ground=lambda xy: 0.05 * xy[:, 0])
-    ground = fit_ground(moved, gather_rig_observations(moved, seen), 30.0)
+    ground = fit_ground(moved, gather_sightings(moved, seen), 30.0)
     assert ground.height == pytest.approx(30, abs=0.05)
     assert ground.slope == pytest.approx((0.05, 0.0), abs=0.015)
 
@@ -173,26 +173,27 @@ def test_derivatives_of_the_equations():
     from passerby.geometry.rotations import exp_rotation
     from passerby.people.held_cameras import equations_of, fit_people
 
-    seen = gather_rig_observations(GIVEN, walkers(RIG, 20))
+    seen = gather_sightings(GIVEN, walkers(RIG, 20))
     rotation, centre = poses_of(GIVEN, seen.names)
     body = fit_people(seen, rotation, centre).body
-    here, step = equations_of(seen, rotation, centre, body), 1e-6
+    here, step = equations_of(seen.in_world(rotation, centre), body), 1e-6
+    by_camera = here.by_camera(rotation[seen.camera])
     for k in range(6):
         turned, placed = rotation.copy(), centre.copy()
         if k < 3:
             placed[:, k] += step
         else:
             turned = exp_rotation(step * np.eye(3)[k - 3]) @ rotation
-        there = equations_of(seen, turned, placed, body)
+        there = equations_of(seen.in_world(turned, placed), body)
         numeric = -(there.residual - here.residual) / step
         # Linear about the rays: what the residual itself changes by is left out.
-        assert np.abs(numeric - here.by_camera[:, :, k]).max() < 0.15 * np.abs(here.by_camera[:, :, k]).max() + 1e-6
+        assert np.abs(numeric - by_camera[:, :, k]).max() < 0.15 * np.abs(by_camera[:, :, k]).max() + 1e-6
 
 
 def test_two_cameras_that_moved_and_saw_nobody_else_have_moved_within_the_window():
     pair = only(GIVEN, "C1", "C2")
     knocks = {"C1": (0.0, knocked(RIG["C1"].pose, (0, 3, 0)))}
-    seen = gather_rig_observations(pair, walkers(only(RIG, "C1", "C2"), 120, knocks=knocks))
+    seen = gather_sightings(pair, walkers(only(RIG, "C1", "C2"), 120, knocks=knocks))
     run = _ScoreRun(pair, seen, WatchOptions(), GroundPlane(), silent, None)
     assert [(one.from_s, one.until_s) for one in run._moments([0, 1], 30.0, 90.0)] == [(30.0, 90.0)] * 2
     assert resect_observations(pair, seen.without(np.array([True, True])), "C1") is None

@@ -9,7 +9,8 @@ from passerby.core.cameras import Camera
 from passerby.core.observations import Boxes, CameraObservations, Clock
 from passerby.core.pose import Pose
 from passerby.geometry.rotations import direction_angle, exp_rotation
-from passerby.people.upright_rays import level_from_people, levelled_people, upright_rays
+from passerby.people.level import level_from_people, levelled_people
+from passerby.people.sightings import upright_sightings
 from passerby.simulation.body import pose_joints
 from passerby.simulation.observe import observe_camera
 from support.scenes.people_and_rigs import simulated
@@ -52,7 +53,7 @@ def test_an_upright_camera_is_levelled_as_by_its_boxes_alone(filmed):
     camera, boxes = rolled(filmed, "C2", 0)
     seen, clock = CameraObservations(boxes), Clock(5.0)
     _, level = levelled_people(seen, camera.lens, clock, 1.72, np.random.default_rng(3))
-    plain = level_from_people(upright_rays(seen, camera.lens, clock), 1.72, np.random.default_rng(3))
+    plain = level_from_people(upright_sightings(seen, camera.lens, clock), 1.72, np.random.default_rng(3))
     assert (level.up == plain.up).all()
     assert level.height == plain.height
 

@@ -18,7 +18,7 @@ from passerby.monitoring.monitor import watch_footage
 from passerby.monitoring.watched import Watched, WatchOptions
 from passerby.monitoring.watching import watch
 from passerby.people.ground import fit_ground
-from passerby.people.rig_observations import gather_rig_observations
+from passerby.people.sightings import gather_sightings
 
 pytestmark = pytest.mark.real
 FPS, KNOCK_S = 2.0, 60.0
@@ -38,7 +38,7 @@ def turned(boxes: Boxes, camera: Camera, turn_deg: tuple[float, float, float]) -
 
 
 def watched(rig: Rig, boxes: dict[str, Boxes]) -> Watched:
-    seen = gather_rig_observations(rig, Observations({name: CameraObservations(own) for name, own in boxes.items()}, FPS))
+    seen = gather_sightings(rig, Observations({name: CameraObservations(own) for name, own in boxes.items()}, FPS))
     return watch(rig, seen, ground=fit_ground(rig, seen, 0.0))
 
 

@@ -14,7 +14,7 @@ from passerby.core.observations import CameraObservations, Clock, Observations
 from passerby.core.solution import Solution
 from passerby.core.synchronisation import resample_to_common_steps
 from passerby.evaluation.metrics import compare
-from passerby.people.image_motion import image_velocity
+from passerby.people.segments import image_velocity
 from passerby.simulation import SimulatedScene
 from passerby.solver.evidence import gather_evidence
 from passerby.solver.people import PeopleOptions

@@ -7,9 +7,10 @@ import pytest
 
 from passerby.core.cameras import Lens
 from passerby.geometry.reprojection import PointObservations
+from passerby.people.sightings import Sightings
 from passerby.solver.cue_terms import CueRows
 from passerby.solver.optimizer.least_squares import NormalEquations, Step
-from passerby.solver.people_state import AdjustmentState, UprightObservations
+from passerby.solver.people_state import AdjustmentState
 from passerby.solver.person_model import PeopleProblem
 
 LENS = Lens((1280, 720), np.array([[900.0, 0, 640], [0, 905.0, 360], [0, 0, 1]]), np.array([-0.1, 0.02, 0.001, -0.001, 0.0]))
@@ -53,18 +54,11 @@ def case():
     top = rays(np.column_stack([people[block, :2], people[block, 3]]))
     bottom = rays(np.column_stack([people[block, :2], people[block, 2]]))
     n = len(camera)
-    sightings = UprightObservations(
-        camera,
-        block,
-        top,
-        bottom,
-        LENS.tangents(top),
-        LENS.tangents(bottom),
-        rng.uniform(150, 250, n),
-        rng.uniform(0.9, 1, n),
-        rng.uniform(0, 0.1, n),
-        (np.arange(n) % 2).astype(float),
-    )
+    sightings = Sightings(
+        camera, np.zeros(n, np.int64), block, block=block, top=top, bottom=bottom, top_tangent=LENS.tangents(top),
+        bottom_tangent=LENS.tangents(bottom), extent_px=rng.uniform(150, 250, n), top_fraction=rng.uniform(0.9, 1, n),
+        bottom_fraction=rng.uniform(0, 0.1, n), has_foot=(np.arange(n) % 2).astype(float),
+    )  # fmt: skip
 
     def sight(world):
         c, p = (a.ravel() for a in np.meshgrid(np.arange(n_cameras), np.arange(len(world)), indexing="ij"))

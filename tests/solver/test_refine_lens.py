@@ -18,12 +18,13 @@ from passerby.evaluation.metrics import compare
 from passerby.findings.texts import texts_of
 from passerby.geometry.reprojection import PointObservations
 from passerby.interchange.rig_toml import read_rig, write_rig
+from passerby.people.sightings import Sightings
 from passerby.scene.tables import SolverTable
 from passerby.solver.lens_sigmas import posterior_sd
 from passerby.solver.lens_unknowns import FAR_PRINCIPAL_POINT, LensUnknowns
 from passerby.solver.optimizer.least_squares import Step
 from passerby.solver.people import PeopleOptions
-from passerby.solver.people_state import AdjustmentState, UprightObservations
+from passerby.solver.people_state import AdjustmentState
 from passerby.solver.person_model import CAMERA_SIZE, PeopleProblem
 from passerby.solver.refined_lenses import RefinedLenses, far_lenses, lens_figures, lens_notes
 from support.scenes.people_and_rigs import LENS, looking_at, part, simulated, solve, without_poses
@@ -89,9 +90,10 @@ def problem_of_lenses() -> tuple[PeopleProblem, AdjustmentState]:
     top = rays(camera, np.column_stack([people[block, :2], people[block, 3]]))
     bottom = rays(camera, np.column_stack([people[block, :2], people[block, 2]]))
     n = len(camera)
-    sightings = UprightObservations(
-        camera, block, top, bottom, LENS.tangents(top), LENS.tangents(bottom), rng.uniform(150, 250, n), np.ones(n),
-        np.zeros(n), np.ones(n),
+    sightings = Sightings(
+        camera, np.zeros(n, np.int64), block, block=block, top=top, bottom=bottom, top_tangent=LENS.tangents(top),
+        bottom_tangent=LENS.tangents(bottom), extent_px=rng.uniform(150, 250, n), top_fraction=np.ones(n),
+        bottom_fraction=np.zeros(n), has_foot=np.ones(n),
     )  # fmt: skip
     of, point = np.repeat([0, 1], 2), np.tile(np.arange(2), 2)
     bearing = rays(of, points[point])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -11,7 +12,6 @@ import pytest
 from passerby.core.cameras import Rig
 from passerby.people.model import HEIGHT_PER_CENTRE, Noise, Priors
 from passerby.solver.optimizer.least_squares import Cauchy, Term
-from passerby.solver.people_state import UprightObservations
 from passerby.solver.refinement import (
     MIN_FOR_NOISE,
     POSTURE_SD,
@@ -39,7 +39,7 @@ def test_who_stands_where_rays_meet_is_expected_as_large_as_seen_or_as_the_body_
     rig = ring(4)
     seen = standing(rig, GROUND, HEIGHTS[PERSON])
     upright = seen.extent_px.copy()
-    shorter = UprightObservations(**{**vars(seen), "extent_px": bent * upright})
+    shorter = replace(seen, extent_px=bent * upright)
     middles = np.column_stack([GROUND, 0.5 * HEIGHTS[PERSON]])
     for share in (1e-6, POSTURE_SD, 1e6):
         found = _expected_extents(shorter, PERSON, state_of(rig), middles, Noise(box_px=0.0, height=share))

@@ -53,9 +53,9 @@ class Tracklets:
         start, end = np.full(first[-1], np.inf), np.full(first[-1], -np.inf)
         ends, begins = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
         for camera, offset in zip(cameras, first[:-1], strict=True):
-            own = camera.bodies.take(camera.bodies.tracklet >= 0)
-            np.minimum.at(start, own.tracklet + offset, own.seconds)
-            np.maximum.at(end, own.tracklet + offset, own.seconds)
+            own = camera.bodies.take(camera.bodies.identity >= 0)
+            np.minimum.at(start, own.identity + offset, own.seconds)
+            np.maximum.at(end, own.identity + offset, own.seconds)
             ends.append(camera.continued[0] + offset)
             begins.append(camera.continued[1] + offset)
         return cls(first, start, end, (np.concatenate(ends), np.concatenate(begins)))

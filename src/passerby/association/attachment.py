@@ -23,7 +23,8 @@ from passerby.common.parallel import side_by_side
 from passerby.common.progress import Progress, silent
 from passerby.core.cameras import Pose
 from passerby.geometry.groups import rows_of_equal
-from passerby.people.upright_rays import UprightRays, of_moving_tracklets
+from passerby.people.level import of_moving_tracklets
+from passerby.people.sightings import Sightings
 
 REFINEMENTS = 2
 """Times that a pose is made anew of all that it explains."""
@@ -122,11 +123,11 @@ def known_people(
             continue
         ray = bodies.bottom @ pose.R_cw
         down = ray[:, 2] < -0.02
-        known = down & (bodies.tracklet >= 0)
+        known = down & (bodies.identity >= 0)
         bodies, ray = bodies.take(known), ray[known]
         place = pose.centre[:2] - pose.centre[2] * ray[:, :2] / ray[:, 2:]
-        order = np.lexsort((bodies.seconds, bodies.tracklet))
-        found = interpolate_samples(bodies.tracklet[order], bodies.seconds[order] + offset, place[order])
+        order = np.lexsort((bodies.seconds, bodies.identity))
+        found = interpolate_samples(bodies.identity[order], bodies.seconds[order] + offset, place[order])
         step.append(found.step)
         who.append(own[found.tracklet])
         places.append(found.value)
@@ -183,7 +184,7 @@ def attach_cameras(
 
 @dataclass(frozen=True, eq=False)
 class _Job:
-    bodies: UprightRays
+    bodies: Sightings
     people: KnownPeople
     person_height_m: float
     search_s: float
@@ -195,7 +196,7 @@ def _attached(job: _Job) -> Attached | None:
 
 
 def attach_camera(
-    bodies: UprightRays, people: KnownPeople, person_height_m: float, search_s: float, around_s: float = 0.0
+    bodies: Sightings, people: KnownPeople, person_height_m: float, search_s: float, around_s: float = 0.0
 ) -> Attached | None:
     """The pose of a camera by people whose places are known; None where none explains anything.
 
@@ -221,14 +222,14 @@ def attach_camera(
     return Attached(pose, offset, explained, share, max(rest, default=0) / max(explained, 1))
 
 
-def _samples(bodies: UprightRays) -> _Seen:
+def _samples(bodies: Sightings) -> _Seen:
     """The camera's people on the grid, those in front of it."""
-    own = (bodies.tracklet >= 0) & (bodies.top[:, 2] > 0.1) & (bodies.bottom[:, 2] > 0.1)
+    own = (bodies.identity >= 0) & (bodies.top[:, 2] > 0.1) & (bodies.bottom[:, 2] > 0.1)
     whole = own & (bodies.top_fraction > 0.8) & (bodies.bottom_fraction < 0.2)
     bodies = bodies.take(whole & of_moving_tracklets(bodies))
-    order = np.lexsort((bodies.seconds, bodies.tracklet))
+    order = np.lexsort((bodies.seconds, bodies.identity))
     top, bottom = (ray[order, :2] / ray[order, 2:] for ray in (bodies.top, bodies.bottom))
-    found = interpolate_samples(bodies.tracklet[order], bodies.seconds[order], np.column_stack([top, bottom]))
+    found = interpolate_samples(bodies.identity[order], bodies.seconds[order], np.column_stack([top, bottom]))
     top, bottom = found.value[:, :2], found.value[:, 2:]
     return _Seen(found.step, found.tracklet, top, bottom, np.linalg.norm(bottom - top, axis=1))
 

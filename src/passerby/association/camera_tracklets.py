@@ -22,7 +22,8 @@ from passerby.core.cameras import Camera, Lens, Rig
 from passerby.core.observations import MIN_JOINT_SCORE, UNKNOWN, Boxes, CameraObservations, Clock, Keypoints, Observations
 from passerby.core.pointing import Sighting
 from passerby.geometry.single_view import Level
-from passerby.people.upright_rays import UprightRays, levelled_people
+from passerby.people.level import levelled_people
+from passerby.people.sightings import Sightings
 
 SAME_PERSON_OVERLAP = 0.5
 """Joints belong to the box that their extent overlaps by this much (intersection over union)."""
@@ -53,7 +54,7 @@ class CameraTracklets:
     seen: CameraObservations
     """Boxes and joints as they were read, their identities the tracklets 0, 1, ... of this camera, or -1."""
     clock: Clock
-    bodies: UprightRays
+    bodies: Sightings
     """The same people, times by the camera's own clock."""
     level: Level | None
     """The camera above its own ground; None where too few people tell."""

@@ -7,20 +7,17 @@ they show, or to none.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from passerby.common.arrays import Floats, Ints
+from passerby.common.arrays import Bools, Floats, Ints
 from passerby.core.cameras import Camera, Rig
 from passerby.core.observations import UNKNOWN, Clock
 from passerby.geometry.groups import least_of_groups
-from passerby.geometry.ray_consensus import Consensus, misses_by_instant, reassign_outliers, vote_points
-from passerby.people.upright_rays import UprightRays
-
-Mask = NDArray[np.bool_]
+from passerby.geometry.ray_consensus import misses_by_instant, reassign_outliers, vote_points
+from passerby.people.sightings import Sightings, poses_of
 
 MEETING_SHARE, MEETING_FLOOR_PX = 0.15, 3.0
 """A sighting agrees when the middle of its person projects within so much of its extent: half a box's breadth."""
@@ -29,70 +26,9 @@ RIVAL, RIVAL_OF_TRACKED = 3.0, 1.0
 its person unless another person is nearer."""
 
 
-@dataclass(frozen=True, eq=False)
-class _Sightings:
-    """M people at common instants, of all registered cameras."""
-
-    camera: Ints
-    """(M,) index among the registered."""
-    instant: Ints
-    person: Ints
-    """(M,) or -1"""
-    ray: Floats
-    """(M, 3) to the middle, camera frame."""
-    tangent: Floats
-    extent_px: Floats
-    R: Floats
-    """(C, 3, 3) world to camera."""
-    centre: Floats
-    """(C, 3) metres."""
-
-    @classmethod
-    def of(
-        cls, bodies: Sequence[UprightRays], person: Sequence[Ints], instant: Sequence[Ints], cameras: Sequence[Camera]
-    ) -> _Sightings:
-        """The people of the registered cameras, camera after camera."""
-        camera = np.concatenate([np.full(len(seen), k) for k, seen in enumerate(bodies)])
-        top, bottom = (np.concatenate([getattr(seen, name) for seen in bodies]) for name in ("top", "bottom"))
-        ray = top + bottom
-        ray /= np.linalg.norm(ray, axis=1, keepdims=True)
-        tangent = np.concatenate([own.lens.tangents(ray[camera == k]) for k, own in enumerate(cameras)])
-        poses = [own.pose for own in cameras if own.pose is not None]
-        return cls(
-            camera, np.concatenate(instant), np.concatenate(person), ray, tangent,
-            np.concatenate([seen.extent_px for seen in bodies]),
-            np.array([pose.R_cw for pose in poses]), np.array([pose.centre for pose in poses]),
-        )  # fmt: skip
-
-    @property
-    def tolerance_px(self) -> Floats:
-        """(M,)"""
-        return MEETING_FLOOR_PX + MEETING_SHARE * self.extent_px
-
-
-@dataclass(frozen=True, eq=False)
-class _Blocks:
-    """Person-instants; a sighting without an identity is one of its own."""
-
-    of_row: Ints
-    """(M,)"""
-    instant: Ints
-    """(N,)"""
-    person: Ints
-
-    @classmethod
-    def of(cls, s: _Sightings) -> _Blocks:
-        """The person-instants of M sightings."""
-        key = np.where(s.person > UNKNOWN, s.person, -2 - np.arange(len(s.person)))
-        low = s.instant.min(initial=0)
-        span = int(s.instant.max(initial=0) - low) + 1
-        _, first, block = np.unique(key * span + (s.instant - low), return_index=True, return_inverse=True)
-        return cls(block.ravel(), s.instant[first], s.person[first])
-
-
 def reassign_detections(
     rig: Rig,
-    bodies: Sequence[UprightRays],
+    bodies: Sequence[Sightings],
     person: Sequence[Ints],
     clocks: Mapping[str, Clock],
     grid: Clock,
@@ -112,12 +48,11 @@ def reassign_detections(
     if len(posed) < 2:
         return list(person)
     rows = [_on_instants(bodies[c], clocks[rig.names[c]], grid) for c in posed]
-    sightings = _Sightings.of(
-        [bodies[c].take(on) for c, (on, _) in zip(posed, rows, strict=True)],
-        [person[c][on] for c, (on, _) in zip(posed, rows, strict=True)],
-        [at for _, at in rows], [rig.cameras[c] for c in posed],
-    )  # fmt: skip
-    new = _settled(sightings, person_height_m)
+    parts = [
+        _middles(rig.cameras[c], number, bodies[c].take(on), person[c][on], at)
+        for number, (c, (on, at)) in enumerate(zip(posed, rows, strict=True))
+    ]
+    new = _settled(Sightings.joined(parts), *poses_of(rig, tuple(rig.names[c] for c in posed)), person_height_m)
     out = [column.copy() for column in person]
     start = 0
     for c, (on, _) in zip(posed, rows, strict=True):
@@ -126,51 +61,69 @@ def reassign_detections(
     return out
 
 
-def _settled(s: _Sightings, person_height_m: float) -> Ints:
-    """(M,) the person of each sighting."""
-    blocks = _Blocks.of(s)
-    n_blocks = len(blocks.instant)
+def _middles(camera: Camera, number: int, seen: Sightings, person: Ints, step: Ints) -> Sightings:
+    """The middles of one camera's people at common time steps."""
+    ray = seen.top + seen.bottom
+    ray /= np.linalg.norm(ray, axis=1, keepdims=True)
+    return Sightings(
+        np.full(len(seen), number), step, person, middle=ray, middle_tangent=camera.lens.tangents(ray), extent_px=seen.extent_px
+    )
+
+
+def _by_blocks(s: Sightings) -> tuple[Sightings, Sightings]:
+    """The same with their blocks, a sighting of no person is one of its own; and the first sighting of each of the N blocks."""
+    key = np.where(s.identity > UNKNOWN, s.identity, -2 - np.arange(len(s)))
+    low = s.step.min(initial=0)
+    span = int(s.step.max(initial=0) - low) + 1
+    _, first, block = np.unique(key * span + (s.step - low), return_index=True, return_inverse=True)
+    return replace(s, block=block.ravel()), s.take(first)
+
+
+def _settled(s: Sightings, R: Floats, centre: Floats, person_height_m: float) -> Ints:
+    """(M,) the person of each sighting, by cameras (C, 3, 3) and (C, 3)."""
+    s, blocks = _by_blocks(s)
+    tolerance_px = MEETING_FLOOR_PX + MEETING_SHARE * s.extent_px
     consensus = vote_points(
-        s.camera,
-        blocks.of_row,
-        s.ray,
-        s.tangent,
-        s.tolerance_px,
-        n_blocks,
-        s.R,
-        s.centre,
+        s.camera, s.block, s.middle, s.middle_tangent, tolerance_px, len(blocks), R, centre,
         height=(0.5 * person_height_m, 0.2 * person_height_m),
-    )
+    )  # fmt: skip
     found = reassign_outliers(
-        consensus, s.camera, blocks.of_row, s.instant, blocks.instant, s.ray, s.tangent, s.tolerance_px, s.R, s.centre
+        consensus, s.camera, s.block, s.step, blocks.step, s.middle, s.middle_tangent, tolerance_px, R, centre
     )
-    for taken, times in ((found == blocks.of_row, RIVAL_OF_TRACKED), (found != blocks.of_row, RIVAL)):
+    for taken, times in ((found == s.block, RIVAL_OF_TRACKED), (found != s.block, RIVAL)):
         rows = np.flatnonzero((found >= 0) & taken)
-        found[rows[_has_rival(s, blocks, consensus, found, rows, times)]] = -1
-    person = np.where(found >= 0, blocks.person[found], UNKNOWN)
-    # No other camera contradicts a person whom one camera alone sees.
+        misses = misses_by_instant(
+            consensus.points, blocks.step, s.camera[rows], s.step[rows], s.middle[rows], s.middle_tangent[rows], R, centre
+        )
+        found[rows[_has_rival(misses, found[rows], times)]] = -1
+    person = np.where(found >= 0, blocks.identity[found], UNKNOWN)
+    # Nobody contradicts a person whom one camera alone sees.
     met = ~np.isnan(consensus.points[:, 0])
-    alone = (found < 0) & ~met[blocks.of_row] & (np.bincount(blocks.of_row, minlength=n_blocks)[blocks.of_row] == 1)
-    return np.where(alone, s.person, person)
+    alone = (found < 0) & ~met[s.block] & (np.bincount(s.block, minlength=len(blocks))[s.block] == 1)
+    return np.where(alone, s.identity, person)
 
 
-def _has_rival(s: _Sightings, blocks: _Blocks, consensus: Consensus, found: Ints, rows: Ints, times: float) -> Mask:
-    """Which rows have another person of their instant less than `times` as far from them as the one who took them."""
-    best, rival = np.full(len(rows), np.inf), np.zeros(len(rows), dtype=bool)
-    for which, candidate, miss in misses_by_instant(
-        consensus.points, blocks.instant, s.camera[rows], s.instant[rows], s.ray[rows], s.tangent[rows], s.R, s.centre
-    ):
-        own = candidate == found[rows[which]]
+def _has_rival(misses: Iterable[tuple[Ints, Ints, Floats]], found: Ints, times: float) -> Bools:
+    """(K,) which rows have another person of their instant less than `times` as far from them as the one who took them.
+
+    Args:
+        misses: of `misses_by_instant`.
+        found: (K,) block that took each row.
+        times: see above.
+    """
+    best, rival = np.full(len(found), np.inf), np.zeros(len(found), dtype=bool)
+    for which, candidate, miss in misses:
+        own = candidate == found[which]
         best[which[own]] = miss[own]
         rival[which[~own & (miss < times * best[which])]] = True
     return rival
 
 
-def _on_instants(bodies: UprightRays, clock: Clock, grid: Clock) -> tuple[Ints, Ints]:
+def _on_instants(bodies: Sightings, clock: Clock, grid: Clock) -> tuple[Ints, Ints]:
     """Rows of the frames that are nearest to an instant, and the instants."""
-    frames = np.unique(bodies.frame)
+    frames = np.unique(bodies.step)
     at = grid.frames(clock.seconds(frames))
     instant = np.round(at).astype(np.int64)
-    place = np.searchsorted(frames, bodies.frame)
+    place = np.searchsorted(frames, bodies.step)
     rows = np.flatnonzero(np.isin(place, least_of_groups(instant, np.abs(at - instant))))
     return rows, instant[place[rows]]

@@ -23,7 +23,7 @@ from passerby.common.progress import Progress
 from passerby.core.cameras import Camera, Rig
 from passerby.core.unknown_focals import choose_focals, focals_to_try, shared_lenses
 from passerby.geometry.single_view import Level, keep_horizon, level_by_heights
-from passerby.people.upright_rays import upright_rays
+from passerby.people.sightings import upright_sightings
 
 FOCALS = np.array([0.5, 0.7, 1.0, 1.4, 2.0])
 """Focal lengths tried, in longer sides of the picture: steps of 1.4, of which the registration bears half."""
@@ -75,7 +75,7 @@ def _tracks(
     level, before = None, 0.0
     for focal in focals.tolist():
         lens = camera.lens.started(float(np.exp(focal)), FOUND_SD)
-        bodies = upright_rays(tracklets.seen, lens, tracklets.clock)
+        bodies = upright_sightings(tracklets.seen, lens, tracklets.clock)
         some = np.sort(rng.permutation(len(bodies))[:_MOST_PEOPLE])
         u = bodies.take(some)
         body, foot = person_height_m * (u.top_fraction - u.bottom_fraction), person_height_m * u.bottom_fraction

@@ -25,7 +25,8 @@ from passerby.hypotheses.camera_path import CameraPath
 from passerby.hypotheses.changes import PoseChange, PoseDrift, drift_of, fit_drift, measure_step, step_of, suspect_change
 from passerby.hypotheses.correspondences import Correspondences, instants_compared, match_people
 from passerby.interchange.storage.text_formats import key
-from passerby.people.body_centres import BodyCentres, PeopleRays, body_centres, identified_body_centres
+from passerby.people.body_centres import PeopleRays, body_centres, identified_body_centres
+from passerby.people.sightings import Sightings
 from passerby.scene.inputs import SceneInputs
 
 MARGIN_S = 0.5
@@ -279,7 +280,7 @@ def _cameras_around(rig: Rig, instants: Observations) -> list[set[int]]:
 
 
 def _matched(
-    c: int, rig: Rig, own: BodyCentres | None, rays: PeopleRays, around: Collection[int], observations: Observations,
+    c: int, rig: Rig, own: Sightings | None, rays: PeopleRays, around: Collection[int], observations: Observations,
     association: Association, search: MotionSearch,
 ) -> Correspondences:  # fmt: skip
     """All that a camera saw, with where the others `around` it see the people, by all cameras' `rays`.
@@ -354,7 +355,7 @@ def _measured_again(moved: DetectedMotion, inputs: SceneInputs, estimate: Estima
     if pose is None:
         return moved
     m = _matched_again(moved.camera, inputs, estimate, search)
-    own = _own_frames(moved.camera, m.own.instant, inputs.observations, association)
+    own = _own_frames(moved.camera, m.own.step, inputs.observations, association)
     part = m.part((own >= moved.first_frame) & (own <= moved.last_frame))
     rate = association.instants.fps or USUAL_FPS
     return replace(moved, change=measure_step(part, pose, moved.change, rate, len(estimate.solution.rig.posed())))

@@ -39,7 +39,7 @@ from passerby.core.solution import Solution
 from passerby.core.synchronisation import clocks_of, resample_to_common_steps
 from passerby.findings.finding import Finding, notice
 from passerby.findings.ranking import findings_of
-from passerby.people.upright_rays import upright_rays
+from passerby.people.sightings import upright_sightings
 from passerby.scene.inputs import SceneInputs
 
 ANOTHER_PERSON = -1e9
@@ -232,7 +232,7 @@ def associate_synchronised(rig: Rig, observations: Observations, instants: Obser
     numbers, none = _numbers(observations), np.zeros(0, np.int64)
     seen = [_renumbered(observations[name], numbers) for name in rig.names]
     cameras = [
-        CameraTracklets(camera.name, own, clock, upright_rays(own, camera.lens, clock), None, None, (none, none))
+        CameraTracklets(camera.name, own, clock, upright_sightings(own, camera.lens, clock), None, None, (none, none))
         for camera, own in zip(rig, seen, strict=True)
         for clock in (clocks[camera.name],)
     ]

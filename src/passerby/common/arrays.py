@@ -33,21 +33,31 @@ def frozen(values: Floats) -> Floats:
     return array
 
 
+ABSENT: Any = None
+"""Default of a column that a table may lack although its type is that of an array: code that reads the column has filled it."""
+
+
 class Columns(DataclassInstance):
-    """A table of N rows: every field is a column (N, ...), or None where nothing is known of it."""
+    """A table of N rows: every field is a column (N, ...), or None where nothing is known of it, or a tuple that rows share."""
 
     def take(self, rows: NDArray[np.generic] | slice) -> Self:
         """The given rows (indices, a mask, or a slice)."""
-        return type(self)(**{name: None if column is None else column[rows] for name, column in self._columns().items()})
+        return type(self)(**{
+            name: column[rows] if isinstance(column, np.ndarray) else column for name, column in self._columns().items()
+        })  # fmt: skip
 
     @classmethod
     def joined(cls, parts: Sequence[Self]) -> Self:
-        """The rows of several tables, one after the other; a column that one of them lacks is None."""
+        """The rows of several tables, one after the other; a column that one of them lacks is None, tuples are the first's."""
         tables = [part._columns() for part in parts]
-        columns: dict[str, Any] = {item.name: [table[item.name] for table in tables] for item in fields(cls)}
-        return cls(**{
-            name: None if any(one is None for one in each) else np.concatenate(each) for name, each in columns.items()
-        })  # fmt: skip
+        columns: dict[str, list[Any]] = {item.name: [table[item.name] for table in tables] for item in fields(cls)}
+        return cls(**{name: _joined(each) for name, each in columns.items()})
 
-    def _columns(self) -> dict[str, NDArray[Any] | None]:
+    def _columns(self) -> dict[str, Any]:
         return {item.name: getattr(self, item.name) for item in fields(self)}
+
+
+def _joined(parts: list[Any]) -> Any:
+    if any(part is None for part in parts):
+        return None
+    return parts[0] if isinstance(parts[0], tuple) else np.concatenate(parts)

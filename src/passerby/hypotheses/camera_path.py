@@ -162,22 +162,22 @@ class Residuals:
 
 def residuals_along(m: Correspondences, path: CameraPath) -> Residuals:
     """The residuals of all pairs, each by the camera of its time."""
-    own, amount = m.own, path.times.at(m.own.instant)
+    own, amount = m.own, path.times.at(m.own.step)
     changed = amount @ path.coefficients
     R, focal = exp_rotation(changed[:, TURN]), np.exp(path.log_focal + changed[:, 6])
     lengthened = np.column_stack([focal, focal, np.ones(len(focal))])
-    ray = own.ray / lengthened
+    ray = own.middle / lengthened
     length = np.linalg.norm(ray, axis=1)
-    tangent = length[:, None, None] * own.tangent * lengthened[:, None]
-    grown = np.log(np.linalg.norm(tangent, axis=(1, 2)) / np.linalg.norm(own.tangent, axis=(1, 2)))
+    tangent = length[:, None, None] * own.middle_tangent * lengthened[:, None]
+    grown = np.log(np.linalg.norm(tangent, axis=(1, 2)) / np.linalg.norm(own.middle_tangent, axis=(1, 2)))
     ray, tangent = np.einsum("nji,nj->ni", R, ray / length[:, None]), tangent @ R
-    columns, row, late = m.columns, m.row, path.late[0] + path.late[1] * (own.instant - path.origin)
+    columns, row, late = m.columns, m.row, path.late[0] + path.late[1] * (own.step - path.origin)
     place = columns.place - changed[row, SHIFT].T + late[row] * m.velocity
     seen = PairColumns(
         ray.T[:, row], tangent.transpose(1, 2, 0)[:, :, row], place, columns.covariance,
         columns.variance, columns.size - grown[row],
     )  # fmt: skip
-    return Residuals(residuals_at(seen, path.pose), R[row], amount[row], m.velocity, np.asarray(own.instant[row] - path.origin))
+    return Residuals(residuals_at(seen, path.pose), R[row], amount[row], m.velocity, np.asarray(own.step[row] - path.origin))
 
 
 def best_pairs(m: Correspondences, square: Floats) -> Ints:

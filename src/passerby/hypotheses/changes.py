@@ -189,7 +189,7 @@ def suspect_change(m: Correspondences, pose: Pose, per_second: float, n_cameras:
     if len(m) < 2 * WINDOW_ROWS:
         return None
     few = thinned(m, MOST_PAIRS)
-    base = fit_path(few, CameraPath(pose, origin=float(few.own.instant.mean())), own=WITH_CLOCK)
+    base = fit_path(few, CameraPath(pose, origin=float(few.own.step.mean())), own=WITH_CLOCK)
     if not is_suspicious(few, base):
         return None
     steps = find_stretches(few, base)
@@ -197,7 +197,7 @@ def suspect_change(m: Correspondences, pose: Pose, per_second: float, n_cameras:
     before = float(costs_along(few, base).sum())
     gain = max((before - float(costs_along(few, path).sum()) for path in (*steps, *drifts)), default=0.0)
     return SuspectedChange(
-        _Trial(few, base, blocks_of(few.own.instant, few.own.identity, per_second)[0], n_cameras),
+        _Trial(few, base, blocks_of(few.own.step, few.own.identity, per_second)[0], n_cameras),
         tuple(steps),
         tuple(drifts),
         gain,
@@ -294,7 +294,7 @@ def step_of(m: Correspondences, found: FoundChange, *, stated: bool) -> PoseChan
         found: not a drift.
         stated: whether the lens was calibrated: what it does not hold for is then the stretch, of any length.
     """
-    path, zooms, t = found.path, found.kind != "moved", m.own.instant
+    path, zooms, t = found.path, found.kind != "moved", m.own.step
     if not zooms:  # as large as it is by the lens and the clock as they are
         path = fit_path(m, replace(path, log_focal=0.0, late=(0.0, 0.0)), MOVES, own=MOVES)
     inside = path.times.at(t)[:, 0] > 0
@@ -339,7 +339,7 @@ def measure_step(part: Correspondences, pose: Pose, change: PoseChange, per_seco
         "zoomed": min(zooms, key=lambda one: costs_along(few, one).sum()),
         "moved": CameraPath(moved), "zoomed_and_moved": CameraPath(moved, float(np.log(change.zoom))),
     }  # fmt: skip
-    trial = _Trial(few, held, blocks_of(few.own.instant, few.own.identity, per_second)[0], n_cameras)
+    trial = _Trial(few, held, blocks_of(few.own.step, few.own.identity, per_second)[0], n_cameras)
     tried = {kind: trial.elsewhere(kind, start) for kind, start in starts.items()}
     found = _simplest(list(tried.values())) or tried["moved" if change.zoom == 1.0 else "zoomed_and_moved"]
     return replace(change, main=pose, other=found.path.pose, zoom=float(np.exp(found.path.log_focal)))
@@ -347,9 +347,9 @@ def measure_step(part: Correspondences, pose: Pose, change: PoseChange, per_seco
 
 def fit_drift(m: Correspondences, base: CameraPath, pieces: int) -> CameraPath | None:
     """The drift of so many linear pieces of equal length; None for fewer than `WINDOW_ROWS` observations in half a piece."""
-    if len(m) < 2 * WINDOW_ROWS * pieces or m.own.instant[0] == m.own.instant[-1]:
+    if len(m) < 2 * WINDOW_ROWS * pieces or m.own.step[0] == m.own.step[-1]:
         return None
-    start = replace(base, origin=float(m.own.instant.mean()), times=Knots.even(m.own.instant, pieces), change=None)
+    start = replace(base, origin=float(m.own.step.mean()), times=Knots.even(m.own.step, pieces), change=None)
     return fit_path(m, start, TURNS, own=WITH_CLOCK, widening=16.0)
 
 
@@ -359,7 +359,7 @@ def drift_of(m: Correspondences, path: CameraPath, gain: float) -> PoseDrift:
     turn = path.changed(path.times.instant)[:, TURN]
     first, second = farthest(turn)
     # A rotation by `turn` moves a ray by their cross product.
-    moved = np.einsum("nij,nj->ni", m.own.tangent, np.cross(turn[first] - turn[second], m.own.ray))
+    moved = np.einsum("nij,nj->ni", m.own.middle_tangent, np.cross(turn[first] - turn[second], m.own.middle))
     return PoseDrift(path.times.instant, turn, gain, float(np.median(np.linalg.norm(moved, axis=1))))
 
 

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from passerby.common.arrays import Floats, Ints
 from passerby.geometry.groups import rows_of_equal
 from passerby.hypotheses.pair_residuals import PairColumns
-from passerby.people.body_centres import BodyCentres, TriangulatedPeople
+from passerby.people.body_centres import TriangulatedPeople
+from passerby.people.sightings import Sightings
 
 MOST_ROWS = 4000
 """Sightings of a camera at most: of more, even steps are taken."""
@@ -23,7 +24,7 @@ FOLLOWED = 3
 class Correspondences:
     """One camera's sightings, and to each all the people that it may show: K pairs."""
 
-    own: BodyCentres
+    own: Sightings
     people: TriangulatedPeople
     row: Ints
     """(K,) row of `own`, ascending."""
@@ -55,22 +56,22 @@ class Correspondences:
         )
 
 
-def instants_compared(own: BodyCentres, others: Ints) -> Ints:
+def instants_compared(own: Sightings, others: Ints) -> Ints:
     """The instants at which a camera's sightings are compared with people, ascending: of more than `MOST_ROWS`, even steps.
 
     Args:
         own: sightings, in the order of their instants.
         others: instants at which other cameras saw a person, in any order.
     """
-    instants = np.unique(own.instant[np.isin(own.instant, others)])
-    count = np.searchsorted(own.instant, instants, side="right") - np.searchsorted(own.instant, instants)
+    instants = np.unique(own.step[np.isin(own.step, others)])
+    count = np.searchsorted(own.step, instants, side="right") - np.searchsorted(own.step, instants)
     if count.sum() > MOST_ROWS:
         instants = instants[:: int(np.ceil(count.sum() / MOST_ROWS))]
     return np.asarray(instants)
 
 
 def match_people(
-    own: BodyCentres, people: TriangulatedPeople, person_height_m: float, *, given: bool, instants: Ints | None = None
+    own: Sightings, people: TriangulatedPeople, person_height_m: float, *, given: bool, instants: Ints | None = None
 ) -> Correspondences:
     """A camera's sightings with the people of their instants.
 
@@ -82,8 +83,8 @@ def match_people(
         instants: of `instants_compared`; None: they follow from the people.
     """
     instants = instants_compared(own, people.instant) if instants is None else instants
-    own = own.take(np.isin(own.instant, instants))
-    row, person = rows_of_equal(own.instant, people.instant)
+    own = own.take(np.isin(own.step, instants))
+    row, person = rows_of_equal(own.step, people.instant)
     if given:
         same = own.identity[row] == people.identity[person]
         row, person = row[same], person[same]

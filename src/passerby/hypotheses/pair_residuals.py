@@ -13,7 +13,8 @@ import numpy as np
 from passerby.common.arrays import Floats, Ints
 from passerby.core.cameras import Pose
 from passerby.geometry.reprojection import held_depth
-from passerby.people.body_centres import BodyCentres, TriangulatedPeople
+from passerby.people.body_centres import TriangulatedPeople
+from passerby.people.sightings import Sightings
 
 SIZE_SD = 0.25
 """By how much (as a logarithm) the size of a box may differ from that of a person of middling height where it is."""
@@ -39,14 +40,14 @@ class PairColumns:
     """(K,) logarithm of the box's extent over that of a person of middling height one metre away."""
 
     @classmethod
-    def of(cls, own: BodyCentres, people: TriangulatedPeople, row: Ints, person: Ints, person_height_m: float) -> PairColumns:
+    def of(cls, own: Sightings, people: TriangulatedPeople, row: Ints, person: Ints, person_height_m: float) -> PairColumns:
         """Sightings `own` at `row` (K,) with `people` at `person` (K,)."""
-        pixels = np.linalg.norm(own.tangent, axis=(1, 2)) / np.sqrt(2.0)
+        pixels = np.linalg.norm(own.middle_tangent, axis=(1, 2)) / np.sqrt(2.0)
         size = np.log(own.extent_px / (pixels * person_height_m))
-        tangent, covariance = (each.transpose(1, 2, 0) for each in (own.tangent, people.covariance))
+        tangent, covariance = (each.transpose(1, 2, 0) for each in (own.middle_tangent, people.covariance))
         return cls(
-            own.ray.T[:, row], tangent[:, :, row], people.place.T[:, person], covariance[:, :, person],
-            own.sigma_px[row] ** 2, size[row],
+            own.middle.T[:, row], tangent[:, :, row], people.place.T[:, person], covariance[:, :, person],
+            own.middle_sd_px[row] ** 2, size[row],
         )  # fmt: skip
 
     def take(self, pairs: Ints) -> PairColumns:

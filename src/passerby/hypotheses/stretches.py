@@ -48,8 +48,8 @@ SCREENED_SHIFT, SCREENED_SHARE = 0.02, 0.3
 def windows_of(m: Correspondences) -> np.ndarray:
     """(M,) window of time of each observation; windows have about equally many."""
     n = max(1, min(WINDOWS, len(m) // WINDOW_ROWS))
-    inner = np.quantile(m.own.instant, np.arange(1, n) / n)
-    return np.asarray(np.searchsorted(inner, m.own.instant))
+    inner = np.quantile(m.own.step, np.arange(1, n) / n)
+    return np.asarray(np.searchsorted(inner, m.own.step))
 
 
 def is_suspicious(m: Correspondences, whole: CameraPath) -> bool:
@@ -105,7 +105,7 @@ def refine_stretch(
     used = m if held is None else m.part(~held)
     middle = np.isfinite(path.times.first) and np.isfinite(path.times.last)
     for _ in range(rounds):
-        inside = path.times.at(used.own.instant)[:, 0] > 0
+        inside = path.times.at(used.own.step)[:, 0] > 0
         if min(np.count_nonzero(inside), np.count_nonzero(~inside)) < WINDOW_ROWS:
             return None
         path = fit_path(used, path, parts, own=WITH_CLOCK)
@@ -133,7 +133,7 @@ class BestStretch:
 
     def stretch_of(self, m: Correspondences) -> Stretch:
         """As times."""
-        t = m.own.instant
+        t = m.own.step
         return Stretch(
             float(t[self.first]) if self.first > 0 else -np.inf, float(t[self.last - 1]) if self.last < self.count else np.inf
         )
@@ -190,7 +190,7 @@ def _searched(part: Correspondences, start: CameraPath) -> list[CameraPath]:
     key = np.column_stack([part.own.identity[part.row], part.people.identity[part.person]])
     _, number, count = np.unique(key[known], axis=0, return_inverse=True, return_counts=True)
     number, pose = number.ravel(), start.pose
-    ray = part.own.ray[part.row][known]
+    ray = part.own.middle[part.row][known]
     reach = part.people.place[part.person][known] - pose.centre
     reach /= np.maximum(np.linalg.norm(reach, axis=1), 1e-9)[:, None]
     tried = []
@@ -219,4 +219,4 @@ def _between(main: CameraPath, other: CameraPath, stretch: Stretch) -> CameraPat
 
 def _alike(m: Correspondences, one: CameraPath, other: CameraPath) -> bool:
     """Whether two stretches hold the same observations."""
-    return bool((one.times.at(m.own.instant) == other.times.at(m.own.instant)).all())
+    return bool((one.times.at(m.own.step) == other.times.at(m.own.step)).all())

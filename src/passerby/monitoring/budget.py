@@ -16,7 +16,7 @@ from passerby.core.synchronisation import sampling_distance
 from passerby.findings.finding import Finding, notice
 from passerby.monitoring.readjusting import joints_are_frequent
 from passerby.monitoring.watched import STEPS, WatchOptions
-from passerby.people.rig_observations import EVERY_S
+from passerby.people.sightings import EVERY_S
 
 SITE_BUDGET_S = 1.0
 """Of a rig of many cameras, where the user states none: 1,000 cameras that record all the time then need some 17 cores at most.

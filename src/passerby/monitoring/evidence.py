@@ -16,8 +16,8 @@ from passerby.common.arrays import Floats
 from passerby.core.cameras import Rig
 from passerby.people.held_cameras import GroundPlane, fit_people
 from passerby.people.resection import FEWEST_CLUSTERS, centre_first, cluster_robust_covariance, weak_prior
-from passerby.people.rig_observations import RigObservations, poses_of
 from passerby.people.scores import Scores, cluster_scores
+from passerby.people.sightings import Sightings, poses_of
 
 MODEL_M, MODEL_DEG = 0.01, 0.05
 """One sigma in each direction by which people seem to move a camera that stands still: added to the rig's own sigmas."""
@@ -251,7 +251,7 @@ class ChangePoint:
 
 
 def estimate_change_point(
-    rig: Rig, seen: RigObservations, camera: str, baseline: Baseline, ground: GroundPlane
+    rig: Rig, seen: Sightings, camera: str, baseline: Baseline, ground: GroundPlane
 ) -> ChangePoint | None:
     """When a camera moved that moved once in the footage; None if no person was seen by two cameras.
 
@@ -261,7 +261,7 @@ def estimate_change_point(
     index = seen.names.index(camera)
     own = slice(6 * index, 6 * index + 6)
     rotation, centre = poses_of(rig, seen.names)
-    if not (np.bincount(seen.group, minlength=seen.n_groups) > 1).any():
+    if not (np.bincount(seen.block, minlength=seen.n_blocks) > 1).any():
         return None
     scores = cluster_scores(seen, fit_people(seen, rotation, centre, ground=ground), GRID_S)
     pull, information = scores.at(baseline.estimate()[0])[:, own], scores.information[:, own, own]

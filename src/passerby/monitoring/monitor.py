@@ -32,7 +32,7 @@ from passerby.monitoring.watched import Watched, WatchOptions
 from passerby.monitoring.watching import watch
 from passerby.people.ground import fit_ground, rough_height
 from passerby.people.held_cameras import GroundPlane
-from passerby.people.rig_observations import gather_rig_observations
+from passerby.people.sightings import gather_sightings
 from passerby.scene.inputs import SceneInputs, read_inputs
 from passerby.scene.same_content import doubts_of_same_content
 from passerby.scene.scene import Scene
@@ -178,7 +178,7 @@ def watch_footage(
             rng = np.random.default_rng(SEED)
             named = identify_by_rig(rig, observations, clocks, rng, ground_m=height, executor=executor, tell=tell)
         at_steps = resample_to_common_steps(named, clocks, sizes=sizes)
-        seen = gather_rig_observations(rig, at_steps)
+        seen = gather_sightings(rig, at_steps)
         ground = fit_ground(rig, seen, height)
         if joints_are_shared(at_steps):
             return watch_adjusted(rig, at_steps, seen, options, ground=ground, tell=tell), ground

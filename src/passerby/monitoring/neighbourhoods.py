@@ -28,7 +28,7 @@ from passerby.monitoring.watched import Move, Watched, WatchOptions, Window
 from passerby.monitoring.watching import watch
 from passerby.monitoring.windows import STAGE
 from passerby.people.ground import fit_ground
-from passerby.people.rig_observations import RigObservations
+from passerby.people.sightings import Sightings
 
 MOST_PARTNERS = 7
 """Of a camera, those that saw most of its people. With eight cameras all explanations of a window can be tried."""
@@ -43,7 +43,7 @@ class Site:
     rig: Rig
     observations: Observations
     """People with identities over these cameras, at common time steps."""
-    seen: RigObservations
+    seen: Sightings
     """The same people as rays."""
     height_m: float
     """About where the ground is."""
@@ -55,7 +55,7 @@ class _Job:
 
     camera: str
     rig: Rig
-    seen: RigObservations
+    seen: Sightings
     observations: Observations
     """Empty without joints."""
     height_m: float
@@ -126,13 +126,13 @@ class _Bodies:
 def _bodies_by_camera(site: Site) -> dict[str, _Bodies]:
     """The rows that say anything of each camera: those of its bodies."""
     seen = site.seen
-    count = np.bincount(seen.group, minlength=seen.n_groups)
+    count = np.bincount(seen.block, minlength=seen.n_blocks)
     first = np.cumsum(count) - count
     by_camera = np.argsort(seen.camera, kind="stable")
     ends = np.searchsorted(seen.camera[by_camera], np.arange(len(seen.names) + 1))
     found = {}
     for number, name in enumerate(seen.names):
-        groups = seen.group[by_camera[ends[number] : ends[number + 1]]]
+        groups = seen.block[by_camera[ends[number] : ends[number + 1]]]
         groups = groups[count[groups] > 1]
         _, rows = expanded_ranges(first[groups], count[groups])
         common = np.bincount(seen.camera[rows], minlength=len(seen.names))

@@ -19,8 +19,8 @@ from passerby.monitoring.evidence import Baseline, MotionTest, model_covariance
 from passerby.monitoring.watched import Watched, WatchOptions
 from passerby.monitoring.windows import Part, WindowRun, estimate_by_parts
 from passerby.people.held_cameras import GroundPlane
-from passerby.people.rig_observations import RigObservations, poses_of
 from passerby.people.scores import STRETCH_S
+from passerby.people.sightings import Sightings, poses_of
 from passerby.solver.readjustment import readjust
 
 SEED = 0
@@ -49,7 +49,7 @@ def joints_are_frequent(observations: Observations) -> bool:
 
 
 def watch_adjusted(
-    rig: Rig, observations: Observations, seen: RigObservations, options: WatchOptions | None = None, *,
+    rig: Rig, observations: Observations, seen: Sightings, options: WatchOptions | None = None, *,
     ground: GroundPlane | None = None, tell: Progress = silent, span: tuple[float, float] | None = None,
 ) -> Watched:  # fmt: skip
     """Watch footage with joints.
@@ -57,7 +57,7 @@ def watch_adjusted(
     Args:
         rig: poses, and their sigmas, as they were calibrated.
         observations: people with identities over all cameras, at common time steps.
-        seen: the same people as rays (`gather_rig_observations`): they date a move.
+        seen: the same people as rays (`gather_sightings`): they date a move.
         options: see `WatchOptions`.
         ground: where feet are; z = 0 where None.
         tell: called with the number of windows that are done.
@@ -71,7 +71,7 @@ class _AdjustedRun(WindowRun):
     """Windows tested by adjusting all cameras to each."""
 
     def __init__(
-        self, rig: Rig, observations: Observations, seen: RigObservations, options: WatchOptions, ground: GroundPlane,
+        self, rig: Rig, observations: Observations, seen: Sightings, options: WatchOptions, ground: GroundPlane,
         tell: Progress, span: tuple[float, float] | None,
     ) -> None:  # fmt: skip
         super().__init__(rig, seen, options, ground, tell, span)

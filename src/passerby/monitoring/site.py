@@ -31,7 +31,7 @@ from passerby.core.synchronisation import resample_to_common_steps
 from passerby.monitoring.neighbourhoods import Site, watch_neighbourhoods
 from passerby.monitoring.watched import Watched, WatchOptions
 from passerby.people.ground import rough_height
-from passerby.people.rig_observations import gather_rig_observations
+from passerby.people.sightings import gather_sightings
 
 MANY = 12
 """Up to so many cameras all are tested together, by all that all of them saw."""
@@ -118,7 +118,7 @@ def _site(cameras: CamerasOfSite, numbers: list[int], known: bool, tell: Progres
         rng = np.random.default_rng(SEED)
         own = identify_by_rig(rig, own, clocks, rng, ground_m=height, executor=executor, tell=tell, candidates=near)
     at_steps = resample_to_common_steps(own, clocks, sizes={camera.name: camera.lens.size for camera in rig})
-    return Site(rig, at_steps, gather_rig_observations(rig, at_steps), height)
+    return Site(rig, at_steps, gather_sightings(rig, at_steps), height)
 
 
 def _span(observations: Observations) -> tuple[float, float]:

@@ -18,8 +18,8 @@ from passerby.monitoring.watched import Move, Watched, WatchOptions
 from passerby.monitoring.windows import FIRST_S, PIECE_S, WindowRun, estimate_by_scores
 from passerby.people.held_cameras import GroundPlane, fit_people
 from passerby.people.resection import Resection, resect_observations
-from passerby.people.rig_observations import RigObservations, poses_of
 from passerby.people.scores import STRETCH_S, Scores, cluster_scores
+from passerby.people.sightings import Sightings, poses_of
 
 __all__ = ["WatchOptions", "Watched", "watch"]
 
@@ -34,7 +34,7 @@ MOST_SETS = 130
 
 def watch(
     rig: Rig,
-    seen: RigObservations,
+    seen: Sightings,
     options: WatchOptions | None = None,
     *,
     ground: GroundPlane | None = None,
@@ -59,7 +59,7 @@ class _ScoreRun(WindowRun):
     """Windows tested by what people ask the cameras to do, the cameras held."""
 
     def __init__(
-        self, rig: Rig, seen: RigObservations, options: WatchOptions, ground: GroundPlane, tell: Progress,
+        self, rig: Rig, seen: Sightings, options: WatchOptions, ground: GroundPlane, tell: Progress,
         span: tuple[float, float] | None,
     ) -> None:  # fmt: skip
         super().__init__(rig, seen, options, ground, tell, span)
@@ -89,7 +89,7 @@ class _ScoreRun(WindowRun):
         parts = []
         for low, high in pairwise(edges.tolist()):
             piece = seen.between(low, high)
-            if piece.n_groups:
+            if piece.n_blocks:
                 parts.append(cluster_scores(piece, fit_people(piece, rotation, centre, ground=self.ground)))
         n = 6 * len(self.names)
         nothing = Scores(np.zeros(0), np.zeros((0, n)), np.zeros((0, n, n)), np.zeros((0, len(self.names)), np.int64))

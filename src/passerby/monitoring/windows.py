@@ -27,8 +27,8 @@ from passerby.monitoring.evidence import Baseline, ChangePoint, MotionTest, esti
 from passerby.monitoring.watched import Move, Watched, WatchOptions, Window
 from passerby.people.held_cameras import GroundPlane
 from passerby.people.resection import FEWEST_CLUSTERS, cluster_robust_covariance
-from passerby.people.rig_observations import RigObservations
 from passerby.people.scores import Scores
+from passerby.people.sightings import Sightings
 
 STAGE = "monitoring"
 PIECE_S = 600.0
@@ -39,18 +39,18 @@ RIDGE = 1e-6
 """Share of the diagonal that is added to it: position, heading and scale of the whole rig are free."""
 
 
-def span_of(seen: RigObservations) -> tuple[float, float]:
-    """The first time at which a person was seen, and just after the last: seconds; zeros if there was none."""
-    if not seen.n_groups:
+def span_of(seen: Sightings) -> tuple[float, float]:
+    """The first time at which somebody was seen, and just after the last: seconds; zeros where nobody was."""
+    if not seen.n_blocks:
         return 0.0, 0.0
-    return float(seen.seconds.min()), float(seen.seconds.max()) + 1e-6
+    return float(seen.block_seconds.min()), float(seen.block_seconds.max()) + 1e-6
 
 
 class WindowRun(ABC):
     """One footage on its way: poses change as cameras move."""
 
     def __init__(
-        self, rig: Rig, seen: RigObservations, options: WatchOptions, ground: GroundPlane, tell: Progress,
+        self, rig: Rig, seen: Sightings, options: WatchOptions, ground: GroundPlane, tell: Progress,
         span: tuple[float, float] | None = None,
     ) -> None:  # fmt: skip
         self.rig, self.seen, self.options, self.ground, self.tell = rig, seen, options, ground, tell
@@ -143,7 +143,7 @@ class WindowRun(ABC):
         cameras, found = [one.camera for one in moved], dict[int, ChangePoint]()
         for camera in cameras:
             seen = self._without(camera, cameras, from_s, until_s)
-            several = np.bincount(seen.group, minlength=seen.n_groups)[seen.group] > 1
+            several = np.bincount(seen.block, minlength=seen.n_blocks)[seen.block] > 1
             if several[seen.camera == camera].any() and (moment := self._moment(camera, seen)) is not None:
                 found[camera] = moment
         return found
@@ -165,16 +165,16 @@ class WindowRun(ABC):
         whole = ChangePoint(from_s, from_s, until_s)
         return [self._moment(camera, self._without(camera, cameras, from_s, until_s)) or whole for camera in cameras]
 
-    def _without(self, camera: int, moved: Sequence[int], from_s: float, until_s: float) -> RigObservations:
+    def _without(self, camera: int, moved: Sequence[int], from_s: float, until_s: float) -> Sightings:
         """What was seen about a window by a camera and by those that did not move."""
         every = self.options.every_s
         seen = self.seen.between(max(self.start, from_s - every), min(until_s + every / 2, self.end))
         if until_s - from_s > PIECE_S:
-            step = np.unique(seen.seconds, return_inverse=True)[1]
-            seen = seen.of_groups(step % int(np.ceil((until_s - from_s) / PIECE_S)) == 0)
+            step = np.unique(seen.block_seconds, return_inverse=True)[1]
+            seen = seen.of_blocks(step % int(np.ceil((until_s - from_s) / PIECE_S)) == 0)
         return seen.without(np.isin(self.names, [*self.lost, *(self.names[c] for c in moved if c != camera)]))
 
-    def _moment(self, camera: int, seen: RigObservations) -> ChangePoint | None:
+    def _moment(self, camera: int, seen: Sightings) -> ChangePoint | None:
         """When a camera moved; None where nothing tells."""
         return estimate_change_point(self.rig, seen, self.names[camera], self.baseline, self.ground)
 

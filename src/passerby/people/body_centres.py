@@ -7,12 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from passerby.common.arrays import Bools, Columns, Floats, Ints
+from passerby.common.arrays import Bools, Floats, Ints
 from passerby.common.symmetric import solve_symmetric
 from passerby.core.cameras import Camera, Pose, Rig
 from passerby.core.observations import CameraObservations, Observations
 from passerby.geometry.triangulation import triangulate
 from passerby.people.segments import upright_segments
+from passerby.people.sightings import Sightings
 
 SHARE, FLOOR_PX = 0.03, 1.0
 """What the middle of a person is off by: a share of the extent in the picture, and pixels. The centre of a box is another point
@@ -22,29 +23,6 @@ MIDDLE_SD_M = 0.25
 to move while several people worked near the ground."""
 ROUNDS, LOSS = 4, 3.0
 """Rounds of reweighting, and the scale of the Cauchy loss in sigmas."""
-
-
-@dataclass(frozen=True, eq=False)
-class BodyCentres(Columns):
-    """M sightings of the middles of people in one camera, at instants that all cameras share."""
-
-    instant: Ints
-    """(M,)"""
-    identity: Ints
-    """(M,) the person, a tracklet of this camera's own, or -1."""
-    ray: Floats
-    """(M, 3) unit rays, camera frame."""
-    tangent: Floats
-    """(M, 2, 3) from `Lens.tangents`."""
-    sigma_px: Floats
-    """(M,)"""
-    extent_px: Floats
-    """(M,)"""
-    fraction: Floats
-    """(M,) where on the body the middle is, as a share of its height."""
-
-    def __len__(self) -> int:
-        return len(self.instant)
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,22 +40,26 @@ class TriangulatedPeople:
         return len(self.instant)
 
 
-def body_centres(seen: CameraObservations, camera: Camera) -> BodyCentres:
-    """The people whose top and bottom are in the picture, with or without identity."""
+def body_centres(seen: CameraObservations, camera: Camera) -> Sightings:
+    """The middles of the people whose top and bottom are in the picture, with or without identity, in the order of their steps.
+
+    `middle` is the ray of the point halfway between the two in the picture, in the camera's frame.
+    """
     ends = upright_segments(seen, camera.lens)
     extent = np.linalg.norm(ends.bottom - ends.top, axis=1)
     ray = camera.lens.bearings(0.5 * (ends.top + ends.bottom))
-    found = BodyCentres(
-        ends.frame, ends.identity, ray, camera.lens.tangents(ray), np.hypot(FLOOR_PX, SHARE * extent), extent,
-        0.5 * (ends.top_fraction + ends.bottom_fraction),
+    found = Sightings(
+        np.zeros(len(ray), np.int64), ends.frame, ends.identity, middle=ray, middle_tangent=camera.lens.tangents(ray),
+        middle_sd_px=np.hypot(FLOOR_PX, SHARE * extent), extent_px=extent, top_fraction=ends.top_fraction,
+        bottom_fraction=ends.bottom_fraction,
     )  # fmt: skip
-    sound = np.flatnonzero(np.isfinite(ray).all(axis=1) & np.isfinite(found.tangent).all(axis=(1, 2)))
-    return found.take(sound[np.argsort(found.instant[sound], kind="stable")])
+    sound = np.flatnonzero(np.isfinite(ray).all(axis=1) & np.isfinite(found.middle_tangent).all(axis=(1, 2)))
+    return found.take(sound[np.argsort(found.step[sound], kind="stable")])
 
 
-def identified_body_centres(rig: Rig, instants: Observations) -> list[BodyCentres | None]:
+def identified_body_centres(rig: Rig, instants: Observations) -> list[Sightings | None]:
     """Of each camera with a pose the people with an identity; None for one without."""
-    out: list[BodyCentres | None] = []
+    out: list[Sightings | None] = []
     for camera in rig:
         found = body_centres(instants[camera.name], camera) if camera.pose is not None else None
         out.append(None if found is None else found.take(found.identity >= 0))
@@ -102,7 +84,7 @@ def locate_people(rig: Rig, observations: Observations) -> tuple[Floats, Floats]
 
 
 def triangulate_people(
-    rig: Rig, centres: Sequence[BodyCentres | None], person_height_m: float, *, excluding: int = -1
+    rig: Rig, centres: Sequence[Sightings | None], person_height_m: float, *, excluding: int = -1
 ) -> TriangulatedPeople:
     """Where everybody is by the cameras but one (`PeopleRays.triangulated`).
 
@@ -138,26 +120,26 @@ class PeopleRays:
     """(M,) where on the body the middle is, as a share of its height."""
 
     @classmethod
-    def of(cls, rig: Rig, centres: Sequence[BodyCentres | None]) -> PeopleRays:
+    def of(cls, rig: Rig, centres: Sequence[Sightings | None]) -> PeopleRays:
         """Of each camera those from `identified_body_centres`; None where there is no pose."""
         used = [(c, m) for c, m in enumerate(centres) if m is not None and len(m)]
         if not used:
             none, nothing = np.zeros(0, np.int64), np.zeros((3, 0))
             return cls(none, none, none, none, nothing, nothing, np.zeros(0), np.zeros(0))
-        instant, identity = (np.concatenate(column) for column in zip(*((m.instant, m.identity) for _, m in used), strict=True))
+        instant, identity = (np.concatenate(column) for column in zip(*((m.step, m.identity) for _, m in used), strict=True))
         ids = int(identity.max()) + 1
         key, person = np.unique(instant * ids + identity, return_inverse=True)
         direction, centre, sigma = [], [], []
         for c, m in used:
             pose = rig.cameras[c].pose
             assert pose is not None
-            direction.append((m.ray @ pose.R_cw).T)
+            direction.append((m.middle @ pose.R_cw).T)
             centre.append(np.broadcast_to(pose.centre[:, None], (3, len(m))))
-            sigma.append(m.sigma_px / np.linalg.norm(m.tangent, axis=(1, 2)) * np.sqrt(2.0))
+            sigma.append(m.middle_sd_px / np.linalg.norm(m.middle_tangent, axis=(1, 2)) * np.sqrt(2.0))
         return cls(
             key // ids, key % ids, np.repeat([c for c, _ in used], [len(m) for _, m in used]), person,
             np.concatenate(direction, axis=1), np.concatenate(centre, axis=1), np.concatenate(sigma),
-            np.concatenate([m.fraction for _, m in used]),
+            np.concatenate([m.middle_fraction for _, m in used]),
         )  # fmt: skip
 
     def seen_by(self, camera: int) -> Bools:

@@ -9,9 +9,8 @@ from passerby.core.observations import Clock, Observations
 from passerby.core.stature import PERSON_HEIGHT_M
 from passerby.geometry.robust import cauchy_weights, residual_scale
 from passerby.people.held_cameras import GROUND_SD, GroundPlane, fit_people
-from passerby.people.rig_observations import RigObservations, poses_of
+from passerby.people.sightings import Sightings, poses_of, upright_sightings
 from passerby.people.upright_body import reach_by_size
-from passerby.people.upright_rays import upright_rays
 
 LOOSE_M = 1.0
 FEWEST = 60
@@ -28,7 +27,7 @@ def rough_height(rig: Rig, observations: Observations) -> float:
     for camera in rig.posed():
         if camera.pose is None or camera.name not in observations.cameras:
             continue
-        seen = upright_rays(observations[camera.name], camera.lens, Clock(1.0))
+        seen = upright_sightings(observations[camera.name], camera.lens, Clock(1.0))
         if len(seen) > MOST:
             seen = seen.take(np.linspace(0, len(seen) - 1, MOST).astype(np.int64))
         top, bottom = seen.top @ camera.pose.R_cw, seen.bottom @ camera.pose.R_cw
@@ -39,7 +38,7 @@ def rough_height(rig: Rig, observations: Observations) -> float:
     return float(np.median(joined)) if len(joined) else 0.0
 
 
-def fit_ground(rig: Rig, seen: RigObservations, height_m: float) -> GroundPlane:
+def fit_ground(rig: Rig, seen: Sightings, height_m: float) -> GroundPlane:
     """The plane of the feet of people whom two cameras or more see.
 
     Args:
@@ -47,13 +46,13 @@ def fit_ground(rig: Rig, seen: RigObservations, height_m: float) -> GroundPlane:
         seen: with identities over all cameras.
         height_m: about how high the ground is.
     """
-    several = np.flatnonzero(np.bincount(seen.group, minlength=seen.n_groups) > 1)
+    several = np.flatnonzero(np.bincount(seen.block, minlength=seen.n_blocks) > 1)
     if len(several) < FEWEST:
         return GroundPlane(height_m, sd=max(GROUND_SD, 0.2))
-    wanted = np.zeros(seen.n_groups, dtype=bool)
+    wanted = np.zeros(seen.n_blocks, dtype=bool)
     wanted[several[np.linspace(0, len(several) - 1, min(MOST, len(several))).astype(np.int64)]] = True
     rotation, centre = poses_of(rig, seen.names)
-    body = fit_people(seen.of_groups(wanted), rotation, centre, ground=GroundPlane(height_m, sd=LOOSE_M)).body
+    body = fit_people(seen.of_blocks(wanted), rotation, centre, ground=GroundPlane(height_m, sd=LOOSE_M)).body
     middle = np.median(body[:, :2], axis=0)
     design = np.column_stack([np.ones(len(body)), body[:, :2] - middle])
     plane, scale = np.array([np.median(body[:, 2]), 0.0, 0.0]), 0.3

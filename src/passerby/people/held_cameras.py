@@ -1,7 +1,7 @@
 """Bodies at instants, and what each sighting says about its camera once the body is let go.
 
 A body stands at (x, y) on ground of height g and is h tall: four unknowns an instant. Each sighting gives the three equations
-of `upright_body.linearise_ends`. The body is eliminated (Schur complement), so that what is left are normal equations of the
+of `upright_body.linearise_bodies`. The body is eliminated (Schur complement), so that what is left are normal equations of the
 cameras alone: a point of a person that two cameras see binds both, and a third that disagrees stands out.
 """
 
@@ -16,8 +16,9 @@ from passerby.common.arrays import Floats, Ints
 from passerby.core.stature import PERSON_HEIGHT_M, PERSON_HEIGHT_SD_M
 from passerby.geometry.groups import group_medians, group_sums
 from passerby.geometry.robust import huber_weights
-from passerby.people.rig_observations import RigObservations
-from passerby.people.upright_body import Rays, body_ends, linearise_ends, reach_by_size
+from passerby.people.model import Priors
+from passerby.people.sightings import Sightings
+from passerby.people.upright_body import BodyEquations, linearise_bodies, reach_by_size
 
 STANCE_SD = 0.07
 """Of the height at an instant about the person's own, as a share: gait, bending, hats."""
@@ -30,6 +31,8 @@ ROUNDS, LEARNT_AFTER = 4, 2
 """Of solving the bodies anew; after so many people's own heights are taken from them."""
 USUAL_MEDIAN = 1.18
 """Median of the length of a vector of two normal variables."""
+FOOT_SHIFT = Priors().foot_shift
+"""Of a box, which ends at the nearer foot: as a share of the body's height."""
 
 
 WeightsOf = Callable[[Floats], Floats]
@@ -50,18 +53,6 @@ class GroundPlane:
 
 
 @dataclass(frozen=True, eq=False)
-class BodyEquations:
-    """The linear equations of N sightings about G bodies: `residual - by_body d(body) - by_camera d(camera)`, whitened."""
-
-    by_body: Floats
-    """(N, 3, 4) x, y, g, h."""
-    by_camera: Floats
-    """(N, 3, 6) centre (metres, world), rotation vector (radians, camera frame: R becomes exp(w) R)."""
-    residual: Floats
-    """(N, 3)"""
-
-
-@dataclass(frozen=True, eq=False)
 class FittedPeople:
     """G bodies and the observations that they use."""
 
@@ -76,6 +67,8 @@ class FittedPeople:
     weight: Floats
     """(N,) of the sightings, by the robust loss."""
     equations: BodyEquations
+    by_camera: Floats
+    """(N, 3, 6) of the equations."""
     scale: float
     """Of the residuals: how many times their sigmas they really are."""
     heights: dict[int, float]
@@ -83,13 +76,13 @@ class FittedPeople:
 
 
 def fit_people(
-    seen: RigObservations, rotation: Floats, centre: Floats, *, ground: GroundPlane | None = None,
+    seen: Sightings, rotation: Floats, centre: Floats, *, ground: GroundPlane | None = None,
     heights: dict[int, float] | None = None, scale: float | None = None, weights_of: WeightsOf | None = None,
 ) -> FittedPeople:  # fmt: skip
     """The bodies that the sightings show, by cameras that are held.
 
     Args:
-        seen: sightings.
+        seen: of `gather_sightings`: block after block, rays in the cameras' frames.
         rotation: (C, 3, 3) world to camera.
         centre: (C, 3) metres, world.
         ground: where feet are; z = 0 where None.
@@ -99,33 +92,35 @@ def fit_people(
     """
     weights_of = weights_of or (lambda lengths: huber_weights(lengths, HUBER))
     ground = ground or GroundPlane()
-    who, number = np.unique(seen.person, return_inverse=True)
+    rotations, seen = rotation[seen.camera], seen.in_world(rotation, centre)
+    who, number = np.unique(seen.block_identity, return_inverse=True)
     tall = np.array([(heights or {}).get(one, PERSON_HEIGHT_M) for one in who.tolist()])
     own = heights is not None
-    body = _first_guess(seen, rotation, centre, tall[number], ground)
+    body = _first_guess(seen, tall[number], ground)
     weight, size = np.ones(len(seen.camera)), scale or 1.0
     for turn in range(ROUNDS):
         if turn == LEARNT_AFTER and not own:
             tall, own = _heights(seen, body, number, len(who)), True
         known = tall[number]
-        equations = equations_of(seen, rotation, centre, body)
+        equations = equations_of(seen, body)
         prior, pull = _prior(body, known, ground, own)
         information, step = _eliminated(seen, equations, weight, prior, pull)
         body = body + step
         body[:, 3] = np.clip(body[:, 3], 0.4 * known, 1.3 * known)
-        off = equations.residual - (equations.by_body @ step[seen.group][:, :, None])[:, :, 0]
+        off = equations.residual - (equations.by_body @ step[seen.block][:, :, None])[:, :, 0]
         weight, size = _weights(seen, off, scale, weights_of)
-    equations = equations_of(seen, rotation, centre, body)
+    equations = equations_of(seen, body)
     prior, pull = _prior(body, known, ground, own)
     information, _ = _eliminated(seen, equations, weight, prior, pull)
     return FittedPeople(
-        body, prior, pull, information, weight, equations, size, dict(zip(who.tolist(), tall.tolist(), strict=True))
-    )
+        body, prior, pull, information, weight, equations, equations.by_camera(rotations), size,
+        dict(zip(who.tolist(), tall.tolist(), strict=True)),
+    )  # fmt: skip
 
 
-def _heights(seen: RigObservations, body: Floats, number: Ints, n: int) -> Floats:
+def _heights(seen: Sightings, body: Floats, number: Ints, n: int) -> Floats:
     """(n,) heights by what several cameras saw at once, drawn towards the usual height where that is little."""
-    several = np.bincount(seen.group, minlength=seen.n_groups) > 1
+    several = np.bincount(seen.block, minlength=seen.n_blocks) > 1
     found = np.full(n, PERSON_HEIGHT_M)
     order = np.flatnonzero(several)[np.argsort(number[several], kind="stable")]
     count = np.bincount(number[several], minlength=n)
@@ -139,30 +134,18 @@ def _heights(seen: RigObservations, body: Floats, number: Ints, n: int) -> Float
     return found
 
 
-def equations_of(seen: RigObservations, rotation: Floats, centre: Floats, body: Floats) -> BodyEquations:
-    """The equations about bodies (G, 4)."""
-    R, C, here = rotation[seen.camera], centre[seen.camera], body[seen.group]
-    low_and_high = np.column_stack([here[:, :2], here[:, 2], here[:, 2] + here[:, 3]])
-    f_top, f_bottom = seen.fractions.T
-    top, bottom, _, _ = body_ends(C, low_and_high, (seen.foot_shift * here[:, 3])[:, None], f_top, f_bottom)
-    to_world = R.transpose(0, 2, 1)
-    top_ray, bottom_ray = ((to_world @ ray[:, :, None])[:, :, 0] for ray in (seen.top, seen.bottom))
-    rows = linearise_ends(Rays(C, top_ray, bottom_ray, seen.size, seen.middle_sd, seen.size_sd), top, bottom)
-    by_place = rows.by_top + rows.by_bottom
-    by_height = f_top[:, None] * rows.by_top[:, :, 2] + f_bottom[:, None] * rows.by_bottom[:, :, 2]
-    turning = np.cross(rows.top[:, None], rows.by_top) + np.cross(rows.bottom[:, None], rows.by_bottom)
-    by_camera = np.concatenate([-by_place, turning @ to_world], axis=2)
-    return BodyEquations(np.concatenate([by_place, by_height[:, :, None]], axis=2), by_camera, rows.residual)
+def equations_of(seen: Sightings, body: Floats) -> BodyEquations:
+    """The equations of sightings, rays in the world's frame, about bodies (G, 4)."""
+    here = body[seen.block]
+    return linearise_bodies(seen, here, (FOOT_SHIFT * seen.has_foot * here[:, 3])[:, None])
 
 
-def _first_guess(seen: RigObservations, rotation: Floats, centre: Floats, height: Floats, ground: GroundPlane) -> Floats:
+def _first_guess(seen: Sightings, height: Floats, ground: GroundPlane) -> Floats:
     """(G, 4) the median over the cameras of where the middle's ray, as long as the size says, ends."""
-    R = rotation[seen.camera]
-    top, bottom = (np.einsum("nji,nj->ni", R, ray) for ray in (seen.top, seen.bottom))
-    length = (seen.fractions[:, 0] - seen.fractions[:, 1]) * height[seen.group]
-    middle, reach = reach_by_size(top, bottom, seen.size, length, least_level=0.2)
-    place = centre[seen.camera] + reach[:, None] * middle
-    x, y = (group_medians(seen.group, place[:, k], seen.n_groups) for k in (0, 1))
+    length = (seen.top_fraction - seen.bottom_fraction) * height[seen.block]
+    middle, reach = reach_by_size(seen.top, seen.bottom, seen.size, length, least_level=0.2)
+    place = seen.origin + reach[:, None] * middle
+    x, y = (group_medians(seen.block, place[:, k], seen.n_blocks) for k in (0, 1))
     return np.column_stack([x, y, ground.at(np.column_stack([x, y])), height])
 
 
@@ -181,23 +164,23 @@ def _prior(body: Floats, known: Floats, ground: GroundPlane, own: bool) -> tuple
 
 
 def _eliminated(
-    seen: RigObservations, equations: BodyEquations, weight: Floats, prior: Floats, pull: Floats
+    seen: Sightings, equations: BodyEquations, weight: Floats, prior: Floats, pull: Floats
 ) -> tuple[Floats, Floats]:
     """Information (G, 4, 4) and step (G, 4) of the bodies."""
     A = equations.by_body
     weighted = A * weight[:, None, None]
-    information = prior + group_sums(seen.group, np.einsum("nki,nkj->nij", weighted, A), seen.n_groups)
-    right = pull + group_sums(seen.group, np.einsum("nki,nk->ni", weighted, equations.residual), seen.n_groups)
+    information = prior + group_sums(seen.block, np.einsum("nki,nkj->nij", weighted, A), seen.n_blocks)
+    right = pull + group_sums(seen.block, np.einsum("nki,nk->ni", weighted, equations.residual), seen.n_blocks)
     information += 1e-6 * np.eye(4)
     step = np.linalg.solve(information, right[:, :, None])[:, :, 0]
     return information, np.asarray(step, dtype=np.float64)
 
 
-def _weights(seen: RigObservations, residual: Floats, scale: float | None, weights_of: WeightsOf) -> tuple[Floats, float]:
+def _weights(seen: Sightings, residual: Floats, scale: float | None, weights_of: WeightsOf) -> tuple[Floats, float]:
     """(N,) weights, and the scale of the residuals."""
     length = np.hypot(residual[:, 0], residual[:, 1])
     if scale is None:
-        several = np.bincount(seen.group, minlength=seen.n_groups)[seen.group] > 1
+        several = np.bincount(seen.block, minlength=seen.n_blocks)[seen.block] > 1
         # Two cameras leave half of their errors to be seen, and a fit to them all the less.
         scale = max(1.0, float(np.median(length[several])) / (0.7 * USUAL_MEDIAN)) if several.any() else 1.0
     return weights_of(length / scale), scale

@@ -14,7 +14,8 @@ import numpy as np
 from passerby.common.arrays import Columns, Floats, Ints
 from passerby.core.cameras import Camera, Rig
 from passerby.core.observations import Observations
-from passerby.people.body_centres import BodyCentres, PeopleRays, TriangulatedPeople, identified_body_centres
+from passerby.people.body_centres import PeopleRays, TriangulatedPeople, identified_body_centres
+from passerby.people.sightings import Sightings
 
 LEAST_DESCENT = 0.02
 """Sine of a ray's angle with the horizontal: a flatter ray meets no height that a pixel would not move by a hundredth of its
@@ -58,29 +59,29 @@ def disagreements(rig: Rig, instants: Observations, person_height_m: float) -> d
     return found
 
 
-def _of_camera(camera: Camera, own: BodyCentres, people: TriangulatedPeople) -> CameraDisagreements:
+def _of_camera(camera: Camera, own: Sightings, people: TriangulatedPeople) -> CameraDisagreements:
     """The distances of one camera's people from their places by the others."""
     rows, places = _shared(own, people)
     own = own.take(rows)
     pose = camera.pose
     assert pose is not None
-    seen = camera.lens.project_rays(own.ray)
+    seen = camera.lens.project_rays(own.middle)
     predicted = camera.project(places)
     pixels = np.linalg.norm(predicted - seen, axis=1)
     ahead = (places - pose.centre) @ pose.R_cw[2] > 0
-    ray = own.ray @ pose.R_cw
+    ray = own.middle @ pose.R_cw
     with np.errstate(divide="ignore", invalid="ignore"):
         reach = (places[:, 2] - pose.centre[2]) / ray[:, 2]
     down = (np.abs(ray[:, 2]) > LEAST_DESCENT) & (reach > 0)
     hit = pose.centre[:2] + np.where(down, reach, np.nan)[:, None] * ray[:, :2]
     metres = np.where(down, np.linalg.norm(hit - places[:, :2], axis=1), np.inf)
-    return CameraDisagreements(own.instant, np.where(ahead, pixels, np.inf), own.extent_px, metres)
+    return CameraDisagreements(own.step, np.where(ahead, pixels, np.inf), own.extent_px, metres)
 
 
-def _shared(own: BodyCentres, people: TriangulatedPeople) -> tuple[Ints, Floats]:
+def _shared(own: Sightings, people: TriangulatedPeople) -> tuple[Ints, Floats]:
     """Rows of one camera's people whom another camera saw, and (M, 3) where that puts them."""
-    ids = max(int(each.identity.max(initial=0)) for each in (own, people)) + 1
-    mine, theirs = (each.instant * ids + each.identity for each in (own, people))
+    ids = max(int(identity.max(initial=0)) for identity in (own.identity, people.identity)) + 1
+    mine, theirs = own.step * ids + own.identity, people.instant * ids + people.identity
     # People are in the order of these keys.
     at = np.minimum(np.searchsorted(theirs, mine), len(theirs) - 1)
     rows = np.flatnonzero(theirs[at] == mine) if len(theirs) else np.zeros(0, np.int64)

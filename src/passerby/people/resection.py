@@ -17,8 +17,8 @@ from passerby.core.observations import Observations
 from passerby.geometry.robust import cut_cauchy_weights
 from passerby.geometry.rotations import exp_rotation, log_rotation
 from passerby.people.held_cameras import FittedPeople, GroundPlane, fit_people
-from passerby.people.rig_observations import RigObservations, gather_rig_observations, poses_of
 from passerby.people.scores import Scores, cluster_scores
+from passerby.people.sightings import Sightings, gather_sightings, poses_of
 
 CENTRE_SD_M, TURN_SD = 2.0, np.deg2rad(30.0)
 """Cameras are seldom moved by more: it holds a pose that people do not fix."""
@@ -149,12 +149,12 @@ def resect(
     Returns:
         The pose; None where too few people tell (fewer than `FEWEST_CLUSTERS` stretches of 6 s).
     """
-    seen = gather_rig_observations(rig, observations).between(from_s, until_s)
+    seen = gather_sightings(rig, observations).between(from_s, until_s)
     return resect_observations(rig, seen, camera, without=without, ground=ground)
 
 
 def resect_observations(
-    rig: Rig, seen: RigObservations, camera: str, *, without: tuple[str, ...] = (), ground: GroundPlane | None = None,
+    rig: Rig, seen: Sightings, camera: str, *, without: tuple[str, ...] = (), ground: GroundPlane | None = None,
     heights: dict[int, float] | None = None,
 ) -> Resection | None:  # fmt: skip
     """As `resect`, from sightings; `heights` are those of people, where they are known from elsewhere."""

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from passerby.common.arrays import Columns, Floats, Ints
 from passerby.geometry.groups import group_sums
 from passerby.people.held_cameras import FittedPeople
-from passerby.people.rig_observations import RigObservations
+from passerby.people.sightings import Sightings
 
 STRETCH_S = 6.0
 """Of one person, in one cluster. By stretches of 3, 6, 10 and 20 s the squared errors of a minute's pose were 1.7, 1.33, 1.30
@@ -23,7 +23,7 @@ and 1.1 times the stated variance; longer ones leave too few clusters."""
 
 @dataclass(frozen=True, eq=False)
 class Scores(Columns):
-    """K clusters, ascending in time, about poses of C cameras: 6 parameters each, as in `people.BodyEquations`."""
+    """K clusters, ascending in time, about poses of C cameras: 6 parameters each, as in `BodyEquations.by_camera`."""
 
     start_s: Floats
     """(K,) when the stretch begins."""
@@ -47,7 +47,7 @@ class Scores(Columns):
         return self.gradient - self.information @ shift
 
 
-def cluster_scores(seen: RigObservations, people: FittedPeople, stretch_s: float = STRETCH_S) -> Scores:
+def cluster_scores(seen: Sightings, people: FittedPeople, stretch_s: float = STRETCH_S) -> Scores:
     """The clusters of bodies that two cameras or more saw.
 
     Args:
@@ -55,31 +55,31 @@ def cluster_scores(seen: RigObservations, people: FittedPeople, stretch_s: float
         people: and the bodies solved from them.
         stretch_s: length of a cluster; stretches begin at multiples of it.
     """
-    n_cameras, n = len(seen.names), seen.n_groups
-    A, J, w = people.equations.by_body, people.equations.by_camera, people.weight
+    n_cameras, n = len(seen.names), seen.n_blocks
+    A, J, w = people.equations.by_body, people.by_camera, people.weight
     r = people.equations.residual
     JwA = np.einsum("nki,n,nkj->nij", J, w, A)
     by_camera = np.zeros((n, n_cameras, 6, 4))
-    by_camera[seen.group, seen.camera] = JwA
+    by_camera[seen.block, seen.camera] = JwA
     coupling = by_camera.reshape(n, 6 * n_cameras, 4)
-    right = people.pull + group_sums(seen.group, np.einsum("nki,n,nk->ni", A, w, r), n)
+    right = people.pull + group_sums(seen.block, np.einsum("nki,n,nk->ni", A, w, r), n)
     solved = np.linalg.solve(people.information, np.concatenate([right[:, :, None], coupling.transpose(0, 2, 1)], axis=2))
     pulls = np.zeros((n, n_cameras, 6))
-    pulls[seen.group, seen.camera] = np.einsum("nki,n,nk->ni", J, w, r)
+    pulls[seen.block, seen.camera] = np.einsum("nki,n,nk->ni", J, w, r)
     gradient = pulls.reshape(n, 6 * n_cameras) - (coupling @ solved[:, :, :1])[:, :, 0]
     information = -coupling @ solved[:, :, 1:]
     blocks = information.reshape(n, n_cameras, 6, n_cameras, 6)
-    blocks[seen.group, seen.camera, :, seen.camera, :] += np.einsum("nki,n,nkj->nij", J, w, J)
+    blocks[seen.block, seen.camera, :, seen.camera, :] += np.einsum("nki,n,nkj->nij", J, w, J)
     counts = np.zeros((n, n_cameras), np.int64)
-    counts[seen.group, seen.camera] = 1
+    counts[seen.block, seen.camera] = 1
     return _clustered(seen, gradient, information, counts, stretch_s)
 
 
-def _clustered(seen: RigObservations, gradient: Floats, information: Floats, counts: Ints, stretch_s: float) -> Scores:
+def _clustered(seen: Sightings, gradient: Floats, information: Floats, counts: Ints, stretch_s: float) -> Scores:
     """Summed over the stretches of each person; bodies that one camera alone saw say nothing about others."""
     use = np.flatnonzero(counts.sum(axis=1) > 1)
-    step = np.floor(seen.seconds[use] / stretch_s + 1e-9).astype(np.int64)
-    key, cluster = np.unique(np.column_stack([step, seen.person[use]]), axis=0, return_inverse=True)
+    step = np.floor(seen.block_seconds[use] / stretch_s + 1e-9).astype(np.int64)
+    key, cluster = np.unique(np.column_stack([step, seen.block_identity[use]]), axis=0, return_inverse=True)
     cluster, k = cluster.ravel(), len(key)
     order = np.argsort(cluster, kind="stable")
     first = np.searchsorted(cluster[order], np.arange(k))

@@ -15,9 +15,9 @@ from passerby.common.arrays import Bools, Floats, Ints
 from passerby.core.cameras import Rig
 from passerby.geometry.groups import group_medians, group_numbers, group_sums
 from passerby.geometry.robust import cauchy_weights
-from passerby.people.bodies import STANCE_SD, linearise, single_view_bodies, solve_bodies
 from passerby.people.model import GAIT_SHARE, Noise, Priors
-from passerby.people.upright_body import Rays, body_ends, rays_of
+from passerby.people.sightings import Sightings, box_sightings
+from passerby.people.upright_body import STANCE_SD, body_ends, linearise_on_ground, single_view_bodies, solve_bodies
 
 ROUNDS = 8
 """Of weighing and solving; the last moves a body by less than a millimetre."""
@@ -76,43 +76,29 @@ class UprightBodies:
         return np.column_stack([self.xy, np.zeros(len(self.top)), self.top])
 
 
-@dataclass(frozen=True, eq=False)
-class IdentifiedBoxes:
-    """M boxes of identified people."""
-
-    camera: Ints
-    """(M,) in the sample's rig."""
-    identity: Ints
-    """(M,)"""
-    frame: Ints
-    """(M,) of the sample's clock."""
-    ltwh: Floats
-    """(M, 4) pixels."""
-
-
-def fit_bodies(rig: Rig, seen: IdentifiedBoxes, model: BodyModel) -> tuple[UprightBodies, Ints, Bools]:
+def fit_bodies(rig: Rig, seen: Sightings, model: BodyModel) -> tuple[UprightBodies, Ints, Bools]:
     """Bodies of people, one for each identity and instant.
 
     Args:
         rig: cameras with poses.
-        seen: the boxes.
+        seen: M boxes, `ltwh`.
         model: of people and boxes.
 
     Returns:
-        The bodies, sorted by identity, then by frame; the body of each box (M,), -1 where the lens cannot tell its rays; and
+        The bodies, sorted by identity, then by frame; the body of each box (M,), -1 where the lens gives no rays; and
         (M,) whether each box agrees with its body.
     """
-    if not len(seen.frame):
+    if not len(seen.step):
         return UprightBodies.none(), np.zeros(0, np.int64), np.zeros(0, bool)
     rays = _rays(rig, seen, model)
     rows = np.flatnonzero(rays.known)
-    body_of = np.full(len(seen.frame), -1)
-    identity, frame = seen.identity[rows], seen.frame[rows]
+    body_of = np.full(len(seen.step), -1)
+    identity, frame = seen.identity[rows], seen.step[rows]
     block = group_numbers(identity, frame)
     first = np.unique(block, return_index=True)[1]
     identity, frame = identity[first], frame[first]
     body_of[rows] = block
-    agrees = np.zeros(len(seen.frame), bool)
+    agrees = np.zeros(len(seen.step), bool)
     if not len(rows):
         return UprightBodies.none(), body_of, agrees
     height = np.array([model.heights.get(one, np.nan) for one in identity.tolist()])
@@ -157,8 +143,8 @@ def predict_boxes(
     return np.column_stack([middle[:, 0] - width / 2, middle[:, 1] - height / 2, width, height]), top_px, bottom_px
 
 
-def _rays(rig: Rig, seen: IdentifiedBoxes, model: BodyModel) -> Rays:
-    """The rays of all boxes, each as much shorter as the boxes of its camera are taller than people."""
+def _rays(rig: Rig, seen: Sightings, model: BodyModel) -> Sightings:
+    """The rays of all boxes, in the world's frame, each box as much shorter as those of its camera are taller than people."""
     parts, order = [], []
     for index, camera in enumerate(rig):
         rows = np.flatnonzero(seen.camera == index)
@@ -166,13 +152,13 @@ def _rays(rig: Rig, seen: IdentifiedBoxes, model: BodyModel) -> Rays:
         less = ltwh[:, 3] * -np.expm1(-model.slack.get(camera.name, 0.0))
         ltwh[:, 1] += less / 2
         ltwh[:, 3] -= less
-        parts.append(rays_of(camera, ltwh, model.noise))
+        parts.append(box_sightings(camera, index, seen.step[rows], seen.identity[rows], ltwh, model.noise))
         order.append(rows)
     back = np.argsort(np.concatenate(order), kind="stable")
-    return Rays.joined(parts).take(back)
+    return Sightings.joined(parts).take(back)
 
 
-def _solved(rays: Rays, block: Ints, height: Floats, height_sd: Floats, model: BodyModel) -> tuple[Floats, Floats, Floats]:
+def _solved(rays: Sightings, block: Ints, height: Floats, height_sd: Floats, model: BodyModel) -> tuple[Floats, Floats, Floats]:
     """Bodies (B, 3), their covariances, and how many sigmas each box's centre (M,) is off."""
     n = len(height)
     shift = (model.foot_shift * height)[block][:, None]
@@ -180,9 +166,8 @@ def _solved(rays: Rays, block: Ints, height: Floats, height_sd: Floats, model: B
     body = np.column_stack([*(group_medians(block, alone[:, k], n) for k in (0, 1)), height])
     off, sd = np.zeros(len(block)), height_sd
     for number in range(ROUNDS):
-        found = linearise(rays, body[block], shift)
-        residual = (found.by_body @ body[block][:, :, None])[:, :, 0] - found.value
-        off = np.linalg.norm(residual[:, :2], axis=1)
+        found = linearise_on_ground(rays, body[block], shift)
+        off = np.linalg.norm(found.residual(body[block])[:, :2], axis=1)
         if number == ROUNDS - 1:
             break
         weight = cauchy_weights((off / AGREES_SIGMAS) ** 2)

@@ -1,9 +1,13 @@
-"""The upright body: where its two ends are, and what the rays of a box or of joints say of them, linear about a guess.
+"""The upright body: where its two ends are, and what its sightings say of it, as linear equations about a guess.
 
 World: z up. A body stands at (x, y), and reaches from its lowest to its highest point. Its lowest visible point is nearer to
 the camera than its axis. Two rays, of its highest and of its lowest point, give three equations that are linear once the
 distances along the rays are known: the *centre* between both, across and up the picture, tight, and the *size*, loose, since a
-detector's slack moves both edges apart and leaves the centre where it is. All that fits bodies to pictures builds on these.
+detector's slack moves both edges apart and leaves the centre where it is.
+
+The fits with held cameras use these equations: `held_cameras` (monitoring, resection), `upright_bodies` (report) and
+`trajectories` (tracking). The solver's person model shares only the ends (`body_ends`): its residuals are in pixels, and the
+cameras' lenses, clocks and slack are among its unknowns.
 """
 
 from __future__ import annotations
@@ -12,19 +16,23 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from passerby.common.arrays import Bools, Columns, Floats
+from passerby.common.arrays import Floats
 from passerby.core.cameras import Camera
-from passerby.core.observations import inside_picture
-from passerby.people.model import Noise
+from passerby.people.model import Priors
+from passerby.people.sightings import Sightings
 
 X, Y, LOW, HIGH = range(4)
 """Columns of a body: its place on the ground, and its lowest and highest points above the ground, metres."""
 HORIZON = 0.02
 """Rays that fall less steeply, by this sine, meet no ground."""
 NEAREST_M = 0.3
-"""No person is nearer to a camera: it keeps the equations of a guess that is far off finite."""
-CUT_TIMES = 10.0
-"""So much less is believed of a box that the picture's border cuts off: a part of the body is missing from it."""
+"""Nobody is nearer to a camera: it keeps the equations of a guess that is far off finite."""
+ROUNDS = 4
+"""Of a box's distance, from its size to the place where the body stands; the fourth moves nobody by a millimetre."""
+SHORTEST_SHARE, LONGEST_SHARE = 0.3, 1.3
+"""Of the usual height: what a body's highest point is taken to be while its distance is sought."""
+STANCE_SD = Priors().high
+"""Of the highest point, as a share of the standing height: gait, a bent neck, shoes."""
 
 
 def body_ends(
@@ -63,43 +71,140 @@ def by_low_and_high(by_point: Floats, fraction: Floats) -> Floats:
 
 
 @dataclass(frozen=True, eq=False)
-class Rays(Columns):
-    """N boxes as rays. World frame, metres, radians."""
+class BodyEquations:
+    """Three whitened equations of each of N sightings: across, up, and size.
 
-    centre: Floats
-    """(N, 3) of the cameras."""
+    Of a body, and of a camera, that are moved `residual - by_body d(body) - by_camera d(camera)` is left.
+    """
+
+    by_body: Floats
+    """(N, 3, 4) by x, y, height of the ground, height of the body: metres."""
+    residual: Floats
+    """(N, 3)"""
+    by_top: Floats
+    """(N, 3, 3) by the highest point, metres, world."""
+    by_bottom: Floats
+    """(N, 3, 3) by the lowest."""
     top: Floats
-    """(N, 3) unit rays of the middle of the upper edge; NaN where the lens cannot tell."""
+    """(N, 3) from the camera to the highest point, metres, world."""
     bottom: Floats
-    """(N, 3) the same of the lower edge."""
-    size: Floats
-    """(N,) the angle between both."""
-    centre_sd: Floats
-    """(N,) one sigma of the centre's direction, in each of two directions."""
-    size_sd: Floats
-    """(N,) one sigma of the size."""
+    """(N, 3) to the lowest."""
+    distance: Floats
+    """(N,) metres along the rays to the body's middle."""
+
+    def by_camera(self, rotation: Floats) -> Floats:
+        """(N, 3, 6) by the camera: centre (metres, world), rotation vector (radians, camera frame: R becomes exp(w) R).
+
+        Args:
+            rotation: (N, 3, 3) world to camera, of the camera of each sighting.
+        """
+        turning = np.cross(self.top[:, None], self.by_top) + np.cross(self.bottom[:, None], self.by_bottom)
+        return np.concatenate([-self.by_body[:, :, :3], turning @ rotation.transpose(0, 2, 1)], axis=2)
+
+
+def linearise_bodies(seen: Sightings, body: Floats, moved: Floats) -> BodyEquations:
+    """The equations of sightings, rays in the world's frame, about bodies.
+
+    The size that was seen is the angle between the rays, about which the rows are linear: their difference has none left.
+
+    Args:
+        seen: N sightings.
+        body: (N, 4) the body of each: x, y, height of the ground, height of the body, metres.
+        moved: (N, 1), or one for all: how much nearer to the camera the lowest visible point is than the body's axis, metres.
+    """
+    low_and_high = np.column_stack([body[:, :3], body[:, 2] + body[:, 3]])
+    ends = body_ends(seen.origin, low_and_high, moved, seen.top_fraction, seen.bottom_fraction)[:2]
+    axes, reach, along = [], (ends[0] - seen.origin, ends[1] - seen.origin), []
+    for ray, end in zip((seen.top, seen.bottom), reach, strict=True):
+        across = np.column_stack([-ray[:, 1], ray[:, 0], np.zeros(len(ray))])
+        across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-9)
+        along.append(np.maximum((end * ray).sum(axis=1), NEAREST_M))
+        axes.append(np.stack([across, np.cross(ray, across)], axis=1) / along[-1][:, None, None])
+    tight, loose = (0.5 / seen.centre_sd)[:, None, None], (1 / seen.size_sd)[:, None, None]
+    by_top, by_bottom = (
+        np.concatenate([one * tight, sign * one[:, 1:] * loose], axis=1) for one, sign in zip(axes, (1, -1), strict=True)
+    )
+    residual = -((by_top @ reach[0][:, :, None]) + (by_bottom @ reach[1][:, :, None]))[:, :, 0]
+    by_height = seen.top_fraction[:, None] * by_top[:, :, 2] + seen.bottom_fraction[:, None] * by_bottom[:, :, 2]
+    by_body = np.concatenate([by_top + by_bottom, by_height[:, :, None]], axis=2)
+    return BodyEquations(by_body, residual, by_top, by_bottom, *reach, 0.5 * (along[0] + along[1]))
+
+
+@dataclass(frozen=True, eq=False)
+class GroundEquations:
+    """The equations of N sightings on flat ground, where a body is (x, y, top): `by_body @ (x, y, top) = value`, whitened."""
+
+    by_body: Floats
+    """(N, 3, 3) across, up, size."""
+    value: Floats
+    """(N, 3)"""
+    distance: Floats
+    """(N,) metres along the rays to the body's middle."""
 
     @property
-    def known(self) -> Bools:
-        """(N,) whether the lens can tell both rays."""
-        return np.asarray(np.isfinite(self.size))
+    def information(self) -> Floats:
+        """(N, 3, 3)"""
+        return np.asarray(self.by_body.transpose(0, 2, 1) @ self.by_body)
+
+    @property
+    def pull(self) -> Floats:
+        """(N, 3)"""
+        return np.asarray((self.by_body.transpose(0, 2, 1) @ self.value[:, :, None])[:, :, 0])
+
+    def residual(self, body: Floats) -> Floats:
+        """(N, 3) at bodies (N, 3), in sigmas."""
+        return np.asarray((self.by_body @ body[:, :, None])[:, :, 0] - self.value)
 
 
-def rays_of(camera: Camera, ltwh: Floats, noise: Noise | None = None) -> Rays:
-    """The rays of boxes (N, 4) in pixels of a camera with a pose."""
-    noise = noise or Noise()
-    assert camera.pose is not None
-    x, y, w, h = ltwh.T
-    middle = x + w / 2
-    top = camera.lens.bearings(np.column_stack([middle, y])) @ camera.pose.R_cw
-    bottom = camera.lens.bearings(np.column_stack([middle, y + h])) @ camera.pose.R_cw
-    size = 2 * np.arcsin(np.clip(np.linalg.norm(top - bottom, axis=1) / 2, 1e-5, 1.0))
-    floor = size * noise.floor_px / h
-    less = np.where(inside_picture(ltwh, camera.lens.size), 1.0, CUT_TIMES)
-    return Rays(
-        np.tile(camera.pose.centre, (len(x), 1)), top, bottom, size,
-        less * np.hypot(floor, noise.centre * size), less * np.hypot(floor, noise.height * size),
-    )  # fmt: skip
+def linearise_on_ground(seen: Sightings, body: Floats, foot_shift: float | Floats) -> GroundEquations:
+    """The equations of boxes, rays in the world's frame, about bodies (N, 3) on the ground z = 0: x, y, top.
+
+    Args:
+        seen: the boxes.
+        body: about where each of them stands; only distances are taken from it.
+        foot_shift: how much nearer to the camera the lowest visible point is than the body's axis, metres; (N, 1) where bodies
+            differ in it.
+    """
+    standing = np.column_stack([body[:, :2], np.zeros(len(body)), body[:, 2]])
+    found = linearise_bodies(seen, standing, np.asarray(foot_shift))
+    by_body = np.concatenate([found.by_body[:, :, :2], found.by_body[:, :, 3:]], axis=2)
+    return GroundEquations(by_body, found.residual + (by_body @ body[:, :, None])[:, :, 0], found.distance)
+
+
+def solve_bodies(information: Floats, pull: Floats, height: Floats, height_sd: Floats) -> tuple[Floats, Floats]:
+    """Bodies from sums of equations and what is known of their height.
+
+    Args:
+        information: (N, 3, 3) of (x, y, top).
+        pull: (N, 3)
+        height: (N,) expected highest point, metres.
+        height_sd: (N,) its sigma.
+
+    Returns:
+        (N, 3) x, y, top; (N, 3, 3) covariance.
+    """
+    weight = 1 / np.asarray(height_sd) ** 2
+    normal, right = np.array(information), np.array(pull)
+    normal[:, 2, 2] += weight
+    right[:, 2] += weight * height
+    covariance = np.linalg.inv(normal + 1e-9 * np.eye(3))
+    return (covariance @ right[:, :, None])[:, :, 0], np.asarray(covariance, dtype=np.float64)
+
+
+def single_view_bodies(seen: Sightings, height_m: float, foot_shift: float) -> tuple[Floats, Floats]:
+    """Where each box by itself, rays in the world's frame, puts a body of about the given height.
+
+    Returns:
+        (N, 3) x, y, top; (N, 3, 3) covariance. NaN where the lens gives no rays.
+    """
+    middle, reach = reach_by_size(seen.top, seen.bottom, seen.size, height_m)
+    body = np.column_stack([seen.origin[:, :2] + reach[:, None] * middle[:, :2], np.full(len(reach), height_m)])
+    known = np.full(len(reach), height_m)
+    for _ in range(ROUNDS):
+        found = linearise_on_ground(seen, body, foot_shift)
+        body, covariance = solve_bodies(found.information, found.pull, known, STANCE_SD * known)
+        body[:, 2] = np.clip(body[:, 2], SHORTEST_SHARE * height_m, LONGEST_SHARE * height_m)
+    return body, covariance
 
 
 def reach_by_size(
@@ -144,43 +249,3 @@ def height_over(camera: Camera, place: Floats, pixels: Floats) -> Floats:
 def pixels_over(camera: Camera, place: Floats, height_m: float) -> Floats:
     """(N, 2) pixels of points at a height over places (N, 2) on the ground; NaN where the camera cannot see them."""
     return camera.project(np.column_stack([place, np.full(len(place), height_m)]))
-
-
-@dataclass(frozen=True, eq=False)
-class LinearisedEnds:
-    """What N pairs of rays say of the two ends of bodies: three whitened rows each, across, up, and size.
-
-    Ends that are moved leave `residual - by_top d(top) - by_bottom d(bottom)`.
-    """
-
-    residual: Floats
-    """(N, 3)"""
-    by_top: Floats
-    """(N, 3, 3) by the highest point, metres, world."""
-    by_bottom: Floats
-    """(N, 3, 3) by the lowest."""
-    top: Floats
-    """(N, 3) from the camera to the highest point, metres, world."""
-    bottom: Floats
-    """(N, 3) to the lowest."""
-    distance: Floats
-    """(N,) metres along the rays to the body's middle."""
-
-
-def linearise_ends(rays: Rays, top: Floats, bottom: Floats) -> LinearisedEnds:
-    """The equations about ends (N, 3) and (N, 3), world, metres.
-
-    The size that was seen is the angle between the rays, about which the rows are linear: their difference has none left.
-    """
-    axes, reach, along = [], (top - rays.centre, bottom - rays.centre), []
-    for ray, end in zip((rays.top, rays.bottom), reach, strict=True):
-        across = np.column_stack([-ray[:, 1], ray[:, 0], np.zeros(len(ray))])
-        across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-9)
-        along.append(np.maximum((end * ray).sum(axis=1), NEAREST_M))
-        axes.append(np.stack([across, np.cross(ray, across)], axis=1) / along[-1][:, None, None])
-    tight, loose = (0.5 / rays.centre_sd)[:, None, None], (1 / rays.size_sd)[:, None, None]
-    by_top, by_bottom = (
-        np.concatenate([one * tight, sign * one[:, 1:] * loose], axis=1) for one, sign in zip(axes, (1, -1), strict=True)
-    )
-    residual = -((by_top @ reach[0][:, :, None]) + (by_bottom @ reach[1][:, :, None]))[:, :, 0]
-    return LinearisedEnds(residual, by_top, by_bottom, *reach, 0.5 * (along[0] + along[1]))

@@ -22,8 +22,9 @@ from passerby.core.stature import PERSON_HEIGHT_M
 from passerby.geometry.groups import group_numbers, group_sums
 from passerby.geometry.ray_consensus import vote_points
 from passerby.people.model import Noise, Priors
+from passerby.people.sightings import Sightings
 from passerby.people.trajectories.smoothing import smooth
-from passerby.people.upright_bodies import BodyModel, IdentifiedBoxes, UprightBodies, fit_bodies, predict_boxes
+from passerby.people.upright_bodies import BodyModel, UprightBodies, fit_bodies, predict_boxes
 from passerby.report.contents import Contents
 from passerby.report.sampling import MOST_SIGHTINGS, Sample, sample_observations
 
@@ -167,13 +168,13 @@ def fit_sample(contents: Contents, sample: Sample | None) -> Fitted:
     camera, body, seen = boxes.camera[rows], body[rows], boxes.ltwh[rows]
     ltwh, top, foot = predict_boxes(rig, camera, bodies, body, seen[:, 2], model)
     sightings = FittedBoxes(
-        camera, body, boxes.identity[rows], boxes.frame[rows], seen, ltwh, top, foot, agrees[rows] & ~_cut(rig, camera, seen)
+        camera, body, boxes.identity[rows], boxes.step[rows], seen, ltwh, top, foot, agrees[rows] & ~_cut(rig, camera, seen)
     )
     joints = joints_of(rig, sample.seen) if sample is not None else _no_joints()
     return Fitted(rig, model, sample, bodies, sightings, joints, _ways(sample, bodies, joints))
 
 
-def _boxes(sample: Sample | None) -> IdentifiedBoxes:
+def _boxes(sample: Sample | None) -> Sightings:
     """The boxes of all cameras, by camera, then by frame."""
     columns: list[tuple[Ints, Ints, Ints]] = [(np.zeros(0, np.int64),) * 3]
     ltwh = [np.zeros((0, 4))]
@@ -184,7 +185,7 @@ def _boxes(sample: Sample | None) -> IdentifiedBoxes:
         columns.append((np.full(len(order), number), boxes.identity[order], boxes.frame[order]))
         ltwh.append(boxes.ltwh[order])
     camera, identity, frame = (np.concatenate(parts).astype(np.int64) for parts in zip(*columns, strict=True))
-    return IdentifiedBoxes(camera, identity, frame, np.concatenate(ltwh))
+    return Sightings(camera, frame, identity, ltwh=np.concatenate(ltwh))
 
 
 def _cut(rig: Rig, camera: Ints, ltwh: Floats) -> Bools:

@@ -16,17 +16,17 @@ from passerby.core.cameras import Rig
 from passerby.core.observations import MIN_JOINT_SCORE, MIN_JOINTS, Observations
 from passerby.findings.finding import Finding, doubt
 from passerby.geometry.reprojection import PointObservations
-from passerby.people.image_motion import image_velocity
 from passerby.people.segments import (
     MIN_EXTENT_PX,
     MIN_ORDER_CORRELATION,
     Segments,
+    image_velocity,
     order_correlations,
     segments_of_boxes,
     segments_of_keypoints,
     segments_without,
 )
-from passerby.solver.people_state import UprightObservations
+from passerby.people.sightings import Sightings
 
 # How much farther off a joint is taken to be that was found with less confidence than usual: this power of the ratio, within a
 # range. Errors of a network's joints in rendered films grow with the first power, of single instants as of means over seconds;
@@ -46,7 +46,7 @@ of a few square metres would be left with too little: it is drawn overlap by ove
 class Evidence:
     """What M sightings of people and K sightings of joints say, over N person-instants and J joints."""
 
-    sightings: UprightObservations
+    sightings: Sightings
     person: Ints
     """(N,) index into `identities`."""
     frame: Ints
@@ -113,7 +113,9 @@ def gather_evidence(
         camera_of, frame, identity, rng, round(more * max_sightings), even=len(rig) > OVERLAPPING_ALL
     )
     identities, person = np.unique(key[:, 0], return_inverse=True)
-    sightings = _sightings(rig, tables, camera_of, keep, block, np.concatenate(velocity)[keep] if fps else None)
+    sightings = _sightings(
+        rig, tables, (camera_of, frame, identity), keep, block, np.concatenate(velocity)[keep] if fps else None
+    )
     joints, kind, whose, when = _joints(rig, observations, rng, round(more * max_joints), fps)
     return Evidence(sightings, person, key[:, 1], identities, joints, kind, whose, when, len(rig), findings)
 
@@ -204,14 +206,14 @@ def _turns(camera: Ints, number: Ints, order: Ints, count: int) -> Ints:
 
 
 def _sightings(
-    rig: Rig, tables: list[tuple[int, Segments]], camera_of: Ints, keep: Ints, block: Ints, velocity: Floats | None
-) -> UprightObservations:
+    rig: Rig, tables: list[tuple[int, Segments]], who: tuple[Ints, Ints, Ints], keep: Ints, block: Ints, velocity: Floats | None
+) -> Sightings:
     """Rays and tangents of the kept rows; a row whose ray cannot be found is dropped."""
 
     def column(name: str) -> Floats:
         return np.concatenate([np.asarray(getattr(s, name), dtype=np.float64) for _, s in tables])[keep]
 
-    camera = camera_of[keep]
+    camera, step, identity = (each[keep] for each in who)
     top, bottom = column("top").reshape(-1, 2), column("bottom").reshape(-1, 2)
     top_ray, bottom_ray = np.zeros((len(keep), 3)), np.zeros((len(keep), 3))
     top_tangent, bottom_tangent = np.zeros((len(keep), 2, 3)), np.zeros((len(keep), 2, 3))
@@ -219,9 +221,10 @@ def _sightings(
         rows = camera == index
         top_ray[rows], bottom_ray[rows] = item.lens.bearings(top[rows]), item.lens.bearings(bottom[rows])
         top_tangent[rows], bottom_tangent[rows] = item.lens.tangents(top_ray[rows]), item.lens.tangents(bottom_ray[rows])
-    sightings = UprightObservations(
-        camera, block, top_ray, bottom_ray, top_tangent, bottom_tangent, np.linalg.norm(bottom - top, axis=1),
-        column("top_fraction"), column("bottom_fraction"), column("has_foot"), velocity,
+    sightings = Sightings(
+        camera, step, identity, block=block, top=top_ray, bottom=bottom_ray, top_tangent=top_tangent,
+        bottom_tangent=bottom_tangent, extent_px=np.linalg.norm(bottom - top, axis=1), top_fraction=column("top_fraction"),
+        bottom_fraction=column("bottom_fraction"), has_foot=column("has_foot"), velocity=velocity,
     )  # fmt: skip
     return sightings.take(np.isfinite(np.concatenate([top_ray, bottom_ray], axis=1)).all(axis=1))
 

@@ -20,10 +20,10 @@ from passerby.core.cameras import Rig
 from passerby.core.unknown_focals import choose_focals, focals_to_try, shared_lenses
 from passerby.geometry.robust import cauchy_weights
 from passerby.geometry.single_view import Level, keep_horizon, level_by_heights
+from passerby.people.sightings import Sightings
 from passerby.solver.evidence import Evidence
 from passerby.solver.lens_unknowns import LensUnknowns
 from passerby.solver.pairs import MIN_MATCHES, shared_rows
-from passerby.solver.people_state import UprightObservations
 
 Complexes = NDArray[np.complex128]
 
@@ -88,7 +88,7 @@ def search_focals(
 
 
 def _grounds(
-    s: UprightObservations, stated: Rig, camera: int, unknowns: LensUnknowns, person_height_m: float, rng: np.random.Generator
+    s: Sightings, stated: Rig, camera: int, unknowns: LensUnknowns, person_height_m: float, rng: np.random.Generator
 ) -> _Grounds:
     """One camera's ground at each focal length tried."""
     lens = stated.cameras[camera].lens

@@ -22,7 +22,7 @@ import numpy as np
 from passerby.common.arrays import Floats, Ints
 from passerby.core.cameras import Lens, Rig
 from passerby.geometry.reprojection import PointObservations
-from passerby.solver.people_state import UprightObservations
+from passerby.people.sightings import Sightings
 
 LensPart = Literal["focal", "principal_point", "distortion"]
 LENS_PARTS: tuple[LensPart, ...] = get_args(LensPart)
@@ -163,7 +163,7 @@ class LensUnknowns:
         )  # fmt: skip
         return all(bool((np.abs(change[:, self.columns_of(part)]) < limit).all()) for part, limit in limits)
 
-    def sightings(self, s: UprightObservations, rig: Rig, change: Floats) -> UprightObservations:
+    def sightings(self, s: Sightings, rig: Rig, change: Floats) -> Sightings:
         """Sightings with the rays and derivatives of the lenses that `change` (C, L) makes of the stated ones in `rig`.
 
         Sightings that hold no pixels yet are taken to be made with these very lenses. One that the new lens cannot have seen

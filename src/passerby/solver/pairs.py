@@ -22,8 +22,8 @@ from passerby.geometry.similarity import fit_plane_similarity
 from passerby.geometry.single_view import Level
 from passerby.geometry.triangulation import triangulate_two_views
 from passerby.geometry.two_view import PairHypothesis, relative_pose
+from passerby.people.sightings import Sightings
 from passerby.solver.evidence import Evidence
-from passerby.solver.people_state import UprightObservations
 
 MIN_MATCHES = 8
 MAX_MATCHES = 600
@@ -160,13 +160,13 @@ def _pair(
     return [_judged(h, at_a, at_b, focal, person_height_m) for h in out]
 
 
-def _threshold(at: UprightObservations, focal: float) -> float:
+def _threshold(at: Sightings, focal: float) -> float:
     """Largest epipolar error of an inlier in one camera, radians: 4 % of a typical body's extent."""
     return float(0.04 * np.median(at.extent_px) / focal) + 1.0 / focal
 
 
 def _by_ground(
-    at_a: UprightObservations, at_b: UprightObservations, level_a: Level, level_b: Level, rng: np.random.Generator
+    at_a: Sightings, at_b: Sightings, level_a: Level, level_b: Level, rng: np.random.Generator
 ) -> tuple[Floats, Floats] | None:
     """The plane motion that puts most people of camera a on those of camera b: two-point RANSAC, then reweighted fits."""
     ground_a, ground_b = level_a.ground_positions(at_a.bottom), level_b.ground_positions(at_b.bottom)
@@ -204,8 +204,8 @@ def _by_epipolar(
     rays_a: Floats,
     rays_b: Floats,
     angle: float,
-    at_a: UprightObservations,
-    at_b: UprightObservations,
+    at_a: Sightings,
+    at_b: Sightings,
     person_height_m: float,
     rng: np.random.Generator,
 ) -> tuple[Floats, Floats] | None:
@@ -239,7 +239,7 @@ def _by_extents(
     return R_ba, t_ba * SHOWN_SHARE * person_height_m / max(float(np.median(length[front])), 1e-9)
 
 
-def body_lengths(at_a: UprightObservations, at_b: UprightObservations, R_ba: Floats, t_ba: Floats) -> float | None:
+def body_lengths(at_a: Sightings, at_b: Sightings, R_ba: Floats, t_ba: Floats) -> float | None:
     """The length, in units of the baseline, of a whole standing body: the upper quartile over the matched people.
 
     People crouch, sit and bend, but they do not stretch: standing is near the upper end of what is seen, not at its mean.
@@ -256,9 +256,7 @@ def body_lengths(at_a: UprightObservations, at_b: UprightObservations, R_ba: Flo
     return float(np.quantile(length[front], 0.65))
 
 
-def _judged(
-    h: PairHypothesis, at_a: UprightObservations, at_b: UprightObservations, focal: Floats, person_height_m: float
-) -> PairHypothesis:
+def _judged(h: PairHypothesis, at_a: Sightings, at_b: Sightings, focal: Floats, person_height_m: float) -> PairHypothesis:
     """The hypothesis with its inliers counted alike for both routes: people whose two midpoints meet, at a plausible size."""
     if len(at_a) == 0:
         return PairHypothesis(h.a, h.b, h.R_ba, h.t_ba, h.route, h.matches, h.matches)

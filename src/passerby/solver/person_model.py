@@ -20,10 +20,11 @@ import numpy as np
 from passerby.common.arrays import Floats, Ints
 from passerby.geometry.reprojection import POSE_SIZE, PointObservations, pose_jacobian, project_near, retract_poses
 from passerby.people.model import GAIT_SHARE, HEIGHT_PER_CENTRE, Noise, Priors
+from passerby.people.sightings import Sightings
 from passerby.people.upright_body import HIGH, LOW, body_ends, by_low_and_high
 from passerby.solver.cue_terms import LENGTH, CueRows
 from passerby.solver.optimizer.least_squares import Cauchy, Family, Layout, Step, Term
-from passerby.solver.people_state import AdjustmentState, UprightObservations
+from passerby.solver.people_state import AdjustmentState
 
 CAMERA_SIZE = POSE_SIZE + 1
 PRINCIPAL_POINT_SIZE = 2
@@ -52,7 +53,7 @@ class PeopleProblem:
     """The person model over given sightings."""
 
     n_cameras: int
-    sightings: UprightObservations
+    sightings: Sightings
     joints: PointObservations
     person: Ints
     """(N,) the person of each person-instant."""

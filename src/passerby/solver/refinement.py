@@ -17,12 +17,13 @@ from passerby.geometry.ray_consensus import reassign_outliers, vote_points
 from passerby.geometry.reprojection import PointObservations
 from passerby.geometry.robust import NORMAL_BY_MAD
 from passerby.people.model import HEIGHT_PER_CENTRE, Noise, Priors
+from passerby.people.sightings import Sightings
 from passerby.solver.cue_terms import CueRows
 from passerby.solver.cues import settle_cues, unusual_people
 from passerby.solver.evidence import Evidence
 from passerby.solver.occlusion import Wholeness, weight_truncated_boxes
 from passerby.solver.optimizer.least_squares import NormalEquations, Result, Stopping, Term, minimise
-from passerby.solver.people_state import AdjustmentState, UprightObservations
+from passerby.solver.people_state import AdjustmentState
 from passerby.solver.person_model import JOINT, PeopleProblem
 
 # A sighting agrees within so many sigmas of its centre: the Cauchy loss deals with what is nearer.
@@ -122,7 +123,7 @@ class PriorKnowledge:
         return replace(self, unusual=unusual_people(heights, known, self.height_spread))
 
 
-def middle_rays(s: UprightObservations) -> tuple[Floats, Floats]:
+def middle_rays(s: Sightings) -> tuple[Floats, Floats]:
     """Rays (M, 3) and tangents (M, 2, 3) to the middles of the sightings."""
     ray = s.top + s.bottom
     ray /= np.linalg.norm(ray, axis=1, keepdims=True)
@@ -205,7 +206,7 @@ def build_problem(
     return AdjustmentProblem(problem, state, rows, renamed, used, joint_rows, joint_used, evidence.joint_kind[joint_used])
 
 
-def standing_extents(s: UprightObservations, centre: Floats, points: Floats, heights: Floats) -> Floats:
+def standing_extents(s: Sightings, centre: Floats, points: Floats, heights: Floats) -> Floats:
     """(M,) pixels from the lowest to the highest point of people who stand upright.
 
     Args:
@@ -223,7 +224,7 @@ def standing_extents(s: UprightObservations, centre: Floats, points: Floats, hei
     return np.asarray(pixels * across * ((s.top_fraction - s.bottom_fraction) * heights[s.block]))
 
 
-def _expected_extents(s: UprightObservations, person: Ints, rig: RigState, points: Floats, noise: Noise) -> Floats:
+def _expected_extents(s: Sightings, person: Ints, rig: RigState, points: Floats, noise: Noise) -> Floats:
     """(M,) pixels that the people seen have, as far as that is known beforehand.
 
     What was seen is noisy; a person who stands where the rays of all cameras meet has a known extent, but may be bent. The mean

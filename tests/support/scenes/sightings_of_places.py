@@ -8,7 +8,8 @@ from passerby.common.arrays import Floats
 from passerby.core.cameras import Lens, Pose
 from passerby.geometry.rotations import exp_rotation
 from passerby.hypotheses.correspondences import Correspondences, match_people
-from passerby.people.body_centres import BodyCentres, TriangulatedPeople
+from passerby.people.body_centres import TriangulatedPeople
+from passerby.people.sightings import Sightings
 from support.scenes.people_and_rigs import looking_at
 
 LENS = Lens((1280, 720), np.array([[800.0, 0, 640], [0, 800.0, 360], [0, 0, 1]]), np.zeros(0))
@@ -42,5 +43,8 @@ def seen(
     ray = LENS.bearings(LENS.project_rays(at * lengthened) + noise * SIGMA_PX * rng.normal(size=(count, 2)))
     extent = zoom * LENS.focal * BODY_M / np.linalg.norm(at, axis=1)
     own = identity if tracklet is None else np.array([tracklet.get(one, -1) for one in identity.tolist()])
-    centres = BodyCentres(instant, own, ray, LENS.tangents(ray), np.full(count, SIGMA_PX), extent, np.full(count, 0.5))
+    centres = Sightings(
+        np.zeros(count, np.int64), instant, own, middle=ray, middle_tangent=LENS.tangents(ray),
+        middle_sd_px=np.full(count, SIGMA_PX), extent_px=extent,
+    )  # fmt: skip
     return match_people(centres, people, BODY_M, given=tracklet is None)

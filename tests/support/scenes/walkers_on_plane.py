@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from passerby.association.ground.ground_tracks import GroundTracks, ground_tracks
 from passerby.common.arrays import Floats
 from passerby.geometry.single_view import Level
-from passerby.people.upright_rays import UprightRays
+from passerby.people.sightings import Sightings
 
 Complexes = NDArray[np.complex128]
 
@@ -70,16 +70,15 @@ def standing(n: int, rng: np.random.Generator, *, half_m: float = 7.0) -> list[W
 
 def bodies_at(
     tracklet: Sequence[int] | NDArray[np.int64], seconds: Floats, ground: Complexes, height: float = 4.0
-) -> UprightRays:
+) -> Sightings:
     """People of a camera `height` metres high whose feet are at the given places of its levelled ground."""
     level = Level(UP, height, 0.0)
     rays = np.column_stack([ground.real, ground.imag, np.full(len(ground), -height)]) @ level.R_lc
     rays /= np.linalg.norm(rays, axis=1)[:, None]
     n, none = len(ground), np.zeros(len(ground))
-    return UprightRays(
-        frame=np.arange(n), row=np.arange(n), from_joints=none > 0, seconds=np.asarray(seconds, dtype=np.float64),
-        tracklet=np.asarray(tracklet, dtype=np.int64), top=rays, bottom=rays, top_tangent=np.zeros((n, 2, 3)),
-        extent_px=none + 100.0, top_fraction=none + 1.0, bottom_fraction=none,
+    return Sightings(
+        np.zeros(n, np.int64), np.arange(n), np.asarray(tracklet, dtype=np.int64),
+        seconds=np.asarray(seconds, dtype=np.float64), top=rays, bottom=rays, top_fraction=none + 1.0, bottom_fraction=none,
     )  # fmt: skip
 
 

@@ -83,9 +83,9 @@ def _walks(camera: CameraTracklets) -> tuple[Ints, Ints, NDArray[np.complex128]]
     ground = camera.level.ground_positions(camera.bodies.bottom)
     with np.errstate(invalid="ignore"):
         near = np.linalg.norm(ground, axis=1) < NEAR_HEIGHTS * camera.level.height
-    use = np.flatnonzero(near & (camera.bodies.tracklet >= 0))
-    use = use[np.lexsort((camera.bodies.frame[use], camera.bodies.tracklet[use]))]
-    return camera.bodies.tracklet[use], camera.bodies.frame[use], ground[use, 0] + 1j * ground[use, 1]
+    use = np.flatnonzero(near & (camera.bodies.identity >= 0))
+    use = use[np.lexsort((camera.bodies.step[use], camera.bodies.identity[use]))]
+    return camera.bodies.identity[use], camera.bodies.step[use], ground[use, 0] + 1j * ground[use, 1]
 
 
 def _moved(walk: tuple[Ints, Ints, NDArray[np.complex128]], apart: int) -> Floats:

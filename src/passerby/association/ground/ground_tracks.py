@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from passerby.association.sampling import interpolate_samples
 from passerby.common.arrays import Floats, Ints
 from passerby.geometry.single_view import Level
-from passerby.people.upright_rays import UprightRays
+from passerby.people.sightings import Sightings
 
 CELL_M = 1.0
 """Cells in which a camera has seen people: about a step, and what ground positions are off by."""
@@ -94,7 +94,7 @@ def _cells(position: NDArray[np.complex128]) -> Ints:
 
 
 def ground_tracks(
-    bodies: UprightRays, level: Level, tolerance: Tolerance | None = None, *, shortest_s: float = MIN_TRACK_S
+    bodies: Sightings, level: Level, tolerance: Tolerance | None = None, *, shortest_s: float = MIN_TRACK_S
 ) -> GroundTracks:
     """Tracks of the bodies that belong to a tracklet (identity > -1).
 
@@ -105,10 +105,10 @@ def ground_tracks(
         shortest_s: shorter tracklets are left out.
     """
     ground = level.ground_positions(bodies.bottom)
-    use = np.isfinite(ground).all(axis=1) & (bodies.tracklet >= 0)
+    use = np.isfinite(ground).all(axis=1) & (bodies.identity >= 0)
     use &= np.linalg.norm(np.nan_to_num(ground), axis=1) < MAX_REACH_HEIGHTS * level.height
-    order = np.lexsort((bodies.seconds[use], bodies.tracklet[use]))
-    tracklet, seconds = bodies.tracklet[use][order], bodies.seconds[use][order]
+    order = np.lexsort((bodies.seconds[use], bodies.identity[use]))
+    tracklet, seconds = bodies.identity[use][order], bodies.seconds[use][order]
     place = (ground[use, 0] + 1j * ground[use, 1])[order]
     found = interpolate_samples(tracklet, seconds, place[:, None], shortest_s=shortest_s, two_suffice=True)
     position, velocity = found.value[:, 0], found.rate[:, 0]

@@ -17,7 +17,7 @@ from passerby.association.sampling import STEP_S, interpolate_samples
 from passerby.common.arrays import Floats, Ints
 from passerby.core.cameras import Pose
 from passerby.geometry.groups import least_of_groups, rows_of_equal
-from passerby.people.upright_rays import UprightRays
+from passerby.people.sightings import Sightings
 
 MIDDLE_FLOOR_RAD = 0.002
 """No ray is better known than that: two pixels of a usual lens."""
@@ -63,21 +63,21 @@ class RayTracks:
     pose: Pose
 
 
-def ray_tracks(bodies: UprightRays, pose: Pose) -> RayTracks:
+def ray_tracks(bodies: Sightings, pose: Pose) -> RayTracks:
     """Samples of the bodies that belong to a tracklet.
 
     Args:
         bodies: one camera's people.
         pose: the camera's, world z up and ground at z = 0.
     """
-    own = np.flatnonzero(bodies.tracklet >= 0)
-    order = own[np.lexsort((bodies.seconds[own], bodies.tracklet[own]))]
+    own = np.flatnonzero(bodies.identity >= 0)
+    order = own[np.lexsort((bodies.seconds[own], bodies.identity[own]))]
     ray = bodies.top[order] + bodies.bottom[order]
     ray /= np.linalg.norm(ray, axis=1, keepdims=True)
     cosine = np.einsum("ni,ni->n", bodies.top[order], bodies.bottom[order])
     size = np.arccos(np.clip(cosine, -1, 1)) / np.maximum(bodies.top_fraction[order] - bodies.bottom_fraction[order], 0.2)
     columns = np.column_stack([ray @ pose.R_cw, np.log(np.maximum(size, 1e-4))])
-    found = interpolate_samples(bodies.tracklet[order], bodies.seconds[order], columns)
+    found = interpolate_samples(bodies.identity[order], bodies.seconds[order], columns)
     by_time = np.argsort(found.step, kind="stable")
     value, rate = found.value[by_time], found.rate[by_time]
     length = np.linalg.norm(value[:, :3], axis=1, keepdims=True)

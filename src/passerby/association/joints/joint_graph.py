@@ -200,7 +200,7 @@ def joint_hypothesis(one: JointRegistration, a: CameraTracklets, b: CameraTrackl
 
 def _body_lengths(one: JointRegistration, a: CameraTracklets, b: CameraTracklets, person: SamePerson) -> Floats:
     """(N,) length of a whole body in units of the baseline, wherever both cameras saw it at one time."""
-    in_a, in_b = (camera.bodies.take(camera.bodies.tracklet == t) for camera, t in ((a, person.i), (b, person.j)))
+    in_a, in_b = (camera.bodies.take(camera.bodies.identity == t) for camera, t in ((a, person.i), (b, person.j)))
     if not len(in_a) or not len(in_b):
         return np.zeros(0)
     order = np.argsort(in_b.seconds, kind="stable")

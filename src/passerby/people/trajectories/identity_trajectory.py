@@ -10,11 +10,11 @@ import numpy as np
 from passerby.common.arrays import Bools, Floats, Ints
 from passerby.geometry.groups import group_sums
 from passerby.geometry.robust import cauchy_weights
-from passerby.people.bodies import STANCE_SD, linearise, single_view_bodies, solve_bodies
+from passerby.people.sightings import Sightings
 from passerby.people.standing import MIN_INSTANTS, standing_share
 from passerby.people.trajectories.smoothing import smooth
 from passerby.people.trajectories.voting import FITS, mahalanobis_squared, vote
-from passerby.people.upright_body import Rays
+from passerby.people.upright_body import STANCE_SD, linearise_on_ground, single_view_bodies, solve_bodies
 
 ROUNDS = 3
 """Of solving, smoothing and judging the boxes again; the choice of boxes rests after two."""
@@ -42,19 +42,6 @@ BENT_SD, BENT = 0.11, 0.12
 
 
 @dataclass(frozen=True, eq=False)
-class IdentityObservations:
-    """M boxes of one identity, sorted by instant, then by camera; T instants."""
-
-    instant: Ints
-    """(M,) rows of `seconds`."""
-    camera: Ints
-    """(M,) rows of the rig's cameras."""
-    rays: Rays
-    seconds: Floats
-    """(T,) ascending."""
-
-
-@dataclass(frozen=True, eq=False)
 class IdentityTrajectory:
     """Where a person was at W instants."""
 
@@ -77,12 +64,13 @@ class IdentityTrajectory:
 
 
 def estimate_identity_trajectories(
-    people: Sequence[IdentityObservations], instants: Floats, max_gap_s: float, person_height_m: float, foot_shift: float
+    people: Sequence[Sightings], instants: Floats, max_gap_s: float, person_height_m: float, foot_shift: float
 ) -> list[IdentityTrajectory]:
     """The ways of several identities, each by itself; only their smoothing is done side by side.
 
     Args:
-        people: their boxes.
+        people: of each identity its M boxes, sorted by time step, then by camera, rays in the world's frame; a block is one of
+            its T time steps.
         instants: (T',) all instants of the recording, ascending, those of the people among them.
         max_gap_s: longest time without an agreeing box that is bridged.
         person_height_m: typical standing height, metres.
@@ -118,7 +106,7 @@ class _State:
 class _Walk:
     """One identity on its way through the rounds."""
 
-    seen: IdentityObservations
+    seen: Sightings
     alone: Floats
     """(M, 2) where each box by itself puts the person."""
     alone_covariance: Floats
@@ -134,14 +122,14 @@ class _Walk:
     """(W,) and the number of the stretch of each."""
 
 
-def _begun(seen: IdentityObservations, person_height_m: float, foot_shift: float) -> _Walk:
+def _begun(seen: Sightings, person_height_m: float, foot_shift: float) -> _Walk:
     """Before the first round: the boxes have voted."""
-    alone, covariance, _ = single_view_bodies(seen.rays, person_height_m, foot_shift * person_height_m)
+    alone, covariance = single_view_bodies(seen, person_height_m, foot_shift * person_height_m)
     covariance = covariance[:, :2, :2]
-    accepted = vote(seen.instant, seen.camera, seen.seconds, alone[:, :2], covariance)
+    accepted = vote(seen.block, seen.camera, seen.block_seconds, alone[:, :2], covariance)
     state = _State(_mean_bodies(seen, alone, accepted), person_height_m, np.ones(len(accepted)))
     nothing = np.zeros(0, np.int64)
-    return _Walk(seen, alone[:, :2], covariance, accepted, np.ones(len(seen.seconds)), state, nothing, nothing)
+    return _Walk(seen, alone[:, :2], covariance, accepted, np.ones(seen.n_blocks), state, nothing, nothing)
 
 
 def _stepped(walk: _Walk, instants: Floats, max_gap_s: float, person_height_m: float, foot_shift: float) -> _Walk:
@@ -158,30 +146,28 @@ def _judged(walk: _Walk, instants: Floats, xy: Floats, covariance: Floats) -> _W
     here, here_covariance = _at(walk, instants, xy), _at(walk, instants, covariance)
     spread = np.maximum(state.spread, 1.0)[:, None, None] ** 2
     with np.errstate(invalid="ignore"):
-        off2 = mahalanobis_squared(
-            walk.alone - here[seen.instant], walk.alone_covariance * spread + here_covariance[seen.instant]
-        )
+        off2 = mahalanobis_squared(walk.alone - here[seen.block], walk.alone_covariance * spread + here_covariance[seen.block])
         missed2 = mahalanobis_squared(state.body[:, :2] - here, state.covariance)
     trust = np.where(np.isfinite(missed2), cauchy_weights(missed2 / FITS), 1.0)
     return replace(walk, accepted=off2 < FITS, trust=trust)
 
 
-def _mean_bodies(seen: IdentityObservations, alone: Floats, accepted: Bools) -> Floats:
+def _mean_bodies(seen: Sightings, alone: Floats, accepted: Bools) -> Floats:
     """(T, 3) mean of what the accepted boxes say one by one."""
-    total = group_sums(seen.instant[accepted], alone[accepted], len(seen.seconds))
-    count = np.bincount(seen.instant[accepted], minlength=len(seen.seconds))
+    total = group_sums(seen.block[accepted], alone[accepted], seen.n_blocks)
+    count = np.bincount(seen.block[accepted], minlength=seen.n_blocks)
     return np.asarray(total / np.maximum(count, 1)[:, None])
 
 
-def _solve(seen: IdentityObservations, accepted: Bools, state: _State, foot_shift: float, person_height_m: float) -> _State:
+def _solve(seen: Sightings, accepted: Bools, state: _State, foot_shift: float, person_height_m: float) -> _State:
     """The bodies by the accepted boxes, the person's height, and how noisy the cameras are."""
     rows = np.flatnonzero(accepted)
-    instant, n = seen.instant[rows], len(seen.seconds)
-    rays = seen.rays.take(rows)
+    instant, n = seen.block[rows], seen.n_blocks
+    rays = seen.take(rows)
     count = np.bincount(instant, minlength=n)
     body, height = np.array(state.body), state.height
     for _ in range(2):
-        found = linearise(rays, body[instant], foot_shift * height)
+        found = linearise_on_ground(rays, body[instant], foot_shift * height)
         weight = state.spread[rows] ** -2
         information = group_sums(instant, found.information * weight[:, None, None], n)
         pull = group_sums(instant, found.pull * weight[:, None], n)
@@ -192,7 +178,7 @@ def _solve(seen: IdentityObservations, accepted: Bools, state: _State, foot_shif
         solved, covariance = solve_bodies(information, pull, np.full(n, height), sd_here)
         body[count > 0] = solved[count > 0]
     body[:, 2] = np.clip(body[:, 2], 0.3 * height, 1.3 * height)
-    residual = (found.by_body @ body[instant][:, :, None])[:, :, 0] - found.value
+    residual = found.residual(body[instant])
     miss = np.full(len(accepted), np.nan)
     miss[rows] = np.linalg.norm(residual[:, :2], axis=1) * rays.centre_sd * found.distance
     spread = np.array(state.spread)
@@ -221,9 +207,9 @@ def _spread(camera: Ints, residual: Floats, count: Ints) -> Floats:
     return out
 
 
-def _asked(seen: IdentityObservations, accepted: Bools, instants: Floats, max_gap_s: float) -> tuple[Ints, Ints]:
+def _asked(seen: Sightings, accepted: Bools, instants: Floats, max_gap_s: float) -> tuple[Ints, Ints]:
     """Rows of the instants between the first and the last accepted box of each part, and the parts' numbers."""
-    at = np.unique(np.searchsorted(instants, seen.seconds)[seen.instant[accepted]])
+    at = np.unique(np.searchsorted(instants, seen.block_seconds)[seen.block[accepted]])
     if not len(at):
         return np.zeros(0, np.int64), np.zeros(0, np.int64)
     cut = np.flatnonzero(np.diff(instants[at]) > max_gap_s + 1e-9)
@@ -240,7 +226,7 @@ def _smoothed(walks: Sequence[_Walk], instants: Floats) -> list[tuple[Floats, Fl
         assert state.covariance is not None
         assert measured is not None
         place, covariance = np.full((len(walk.row), 2), np.nan), np.tile(np.eye(2), (len(walk.row), 1, 1))
-        index = np.searchsorted(walk.row, np.searchsorted(instants, walk.seen.seconds)[measured])
+        index = np.searchsorted(walk.row, np.searchsorted(instants, walk.seen.block_seconds)[measured])
         place[index] = state.body[measured, :2]
         covariance[index] = (state.covariance / walk.trust[:, None, None])[measured]
         places.append(place)
@@ -255,7 +241,7 @@ def _smoothed(walks: Sequence[_Walk], instants: Floats) -> list[tuple[Floats, Fl
 
 def _at(walk: _Walk, instants: Floats, values: Floats) -> Floats:
     """The values (W, ...) of the instants that were asked for at the person's own instants (T, ...); NaN elsewhere."""
-    at = np.searchsorted(instants, walk.seen.seconds)
+    at = np.searchsorted(instants, walk.seen.block_seconds)
     out = np.full((len(at), *values.shape[1:]), np.nan)
     if len(walk.row):
         index = np.minimum(np.searchsorted(walk.row, at), len(walk.row) - 1)
@@ -277,10 +263,10 @@ def _result(walk: _Walk, instants: Floats, xy: Floats, covariance: Floats) -> Id
     miss = np.where(walk.accepted, state.miss_m, np.nan)
     if not len(known):
         return IdentityTrajectory(xy, variance, variance, count, part, row, walk.accepted, miss)
-    agreeing = np.bincount(seen.instant[walk.accepted], minlength=len(seen.seconds))
-    count[np.searchsorted(row, np.searchsorted(instants, seen.seconds)[known])] = agreeing[known]
-    lasting = np.interp(own, seen.seconds[known], np.trace(state.covariance[known], axis1=1, axis2=2))
-    top = np.interp(own, seen.seconds[known], state.body[known, 2])
+    agreeing = np.bincount(seen.block[walk.accepted], minlength=seen.n_blocks)
+    count[np.searchsorted(row, np.searchsorted(instants, seen.block_seconds)[known])] = agreeing[known]
+    lasting = np.interp(own, seen.block_seconds[known], np.trace(state.covariance[known], axis1=1, axis2=2))
+    top = np.interp(own, seen.block_seconds[known], state.body[known, 2])
     bent = BENT_SD * np.clip((1 - top / state.height) / BENT, 0.0, 1.0)
     sigma = np.sqrt(variance + LASTING**2 * lasting + 2 * (MODEL_SD**2 + bent**2))
     return IdentityTrajectory(xy, top / 2, sigma, count, part, row, walk.accepted, miss)

@@ -18,9 +18,9 @@ from passerby.core.stature import PERSON_HEIGHT_M
 from passerby.core.synchronisation import common_time_steps, resample_to_common_steps
 from passerby.core.trajectories import Trajectories
 from passerby.people.model import Priors
-from passerby.people.trajectories.identity_trajectory import IdentityObservations, estimate_identity_trajectories
+from passerby.people.sightings import Sightings, box_sightings
+from passerby.people.trajectories.identity_trajectory import estimate_identity_trajectories
 from passerby.people.trajectories.pairwise import pairwise_points
-from passerby.people.upright_body import Rays, rays_of
 
 Method = Literal["smoothed", "pairwise"]
 _Own = Sequence[tuple[Ints, Floats]]
@@ -153,7 +153,7 @@ def _followed(
     people: Ints, cameras: Sequence[Camera], own: Sequence[_Own], frames: Ints, clock: Clock, options: TrackOptions
 ) -> list[_Person]:
     """Some identities by the smoothed method."""
-    seen = [_seen(cameras, boxes, clock) for boxes in own]
+    seen = [_seen(cameras, identity, boxes, clock) for identity, boxes in zip(people.tolist(), own, strict=True)]
     ways = estimate_identity_trajectories(
         seen, clock.seconds(frames), options.max_gap_s, options.person_height_m, options.foot_shift
     )
@@ -162,7 +162,7 @@ def _followed(
         xyz = np.column_stack([way.xy, way.middle])
         columns = _columns(identity, frames[way.row], clock, xyz, way.sigma, way.cameras, way.part)
         columns, fleeting = _without_fleeting(columns, options.min_instants)
-        agreeing = np.bincount(one.instant[way.accepted], minlength=len(one.seconds))[one.instant]
+        agreeing = np.bincount(one.block[way.accepted], minlength=one.n_blocks)[one.block]
         several = way.accepted & (agreeing > 1)
         misses = [way.miss_m[several & (one.camera == c)] for c in range(len(cameras))]
         used = np.bincount(one.camera[way.accepted], minlength=len(cameras))
@@ -170,15 +170,15 @@ def _followed(
     return found
 
 
-def _seen(cameras: Sequence[Camera], own: _Own, clock: Clock) -> IdentityObservations:
-    """One identity's boxes as rays; those of which the lens cannot tell the rays are left out."""
-    rays = Rays.joined([rays_of(camera, ltwh) for camera, (_, ltwh) in zip(cameras, own, strict=True)])
-    number = np.repeat(np.arange(len(cameras)), [len(frame) for frame, _ in own])
-    frame = np.concatenate([frame for frame, _ in own])
-    rows = np.lexsort((number, frame))
-    rows = rows[rays.known[rows]]
-    present, instant = np.unique(frame[rows], return_inverse=True)
-    return IdentityObservations(instant.ravel(), number[rows], rays.take(rows), clock.seconds(present))
+def _seen(cameras: Sequence[Camera], identity: int, own: _Own, clock: Clock) -> Sightings:
+    """One identity's boxes as rays; those for which the lens gives no rays are left out."""
+    seen = Sightings.joined([
+        box_sightings(camera, number, frame, np.full(len(frame), identity), ltwh)
+        for number, (camera, (frame, ltwh)) in enumerate(zip(cameras, own, strict=True))
+    ])  # fmt: skip
+    rows = np.lexsort((seen.camera, seen.step))
+    seen = seen.take(rows[seen.known[rows]])
+    return replace(seen, block=np.unique(seen.step, return_inverse=True)[1].ravel(), seconds=clock.seconds(seen.step))
 
 
 def _paired(

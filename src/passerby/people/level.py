@@ -1,19 +1,17 @@
-"""The people of one camera as upright segments in its picture, with their times: what both kinds of input have in common."""
+"""The vertical and the height of one camera by its own people, however the camera is rolled."""
 
 from __future__ import annotations
 
 from copy import deepcopy
-from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
-from passerby.common.arrays import Bools, Columns, Floats, Ints
+from passerby.common.arrays import Bools
 from passerby.core.cameras import Lens
 from passerby.core.observations import CameraObservations, Clock
 from passerby.geometry.single_view import Level, level_camera
-from passerby.people.segments import upright_segments
+from passerby.people.sightings import Sightings, upright_sightings
 
 LEANS = tuple(np.deg2rad([-45.0, -30.0, -15.0, 15.0, 30.0, 45.0]).tolist())
 REFINED = tuple(np.deg2rad([7.5, 3.75]).tolist())
@@ -32,62 +30,12 @@ MOVING_SHARE = 0.25
 by less than a tenth, a person who walks passes it within half a second."""
 
 
-@dataclass(frozen=True, eq=False)
-class UprightRays(Columns):
-    """N people in one camera, in the order of `frame`: boxes first where the same person is in both."""
-
-    frame: Ints
-    """(N,) the camera's own frame numbers."""
-    seconds: Floats
-    """(N,) time by the camera's clock."""
-    tracklet: Ints
-    """(N,) tracklet numbers of this camera, -1 where the person is in none."""
-    top: Floats
-    """(N, 3) unit rays to the highest points, camera frame."""
-    bottom: Floats
-    """(N, 3) unit rays to the lowest points."""
-    top_tangent: Floats
-    """(N, 2, 3) from `Lens.tangents`."""
-    extent_px: Floats
-    """(N,) extent in the picture."""
-    top_fraction: Floats
-    """(N,) height of the highest point as a share of the body's."""
-    bottom_fraction: Floats
-    """(N,) the same of the lowest point."""
-    row: Ints
-    """(N,) the row of the boxes that each is,"""
-    from_joints: NDArray[np.bool_]
-    """(N,) or, where this holds, of the joints."""
-
-    def __len__(self) -> int:
-        return len(self.frame)
-
-
-def upright_rays(seen: CameraObservations, lens: Lens, clock: Clock, lean: float = 0.0) -> UprightRays:
-    """People whose top and bottom are both in the picture.
-
-    Args:
-        seen: boxes and joints; identities are tracklet numbers of this camera or -1.
-        lens: the camera's lens.
-        clock: from frames to seconds.
-        lean: how people lean in their boxes, radians clockwise from the image's vertical.
-    """
-    ends = upright_segments(seen, lens, lean)
-    top_ray, bottom_ray = lens.bearings(ends.top), lens.bearings(ends.bottom)
-    found = UprightRays(
-        ends.frame, clock.seconds(ends.frame), ends.identity, top_ray, bottom_ray, lens.tangents(top_ray),
-        np.linalg.norm(ends.bottom - ends.top, axis=1), ends.top_fraction, ends.bottom_fraction, ends.row, ends.from_joints,
-    )  # fmt: skip
-    found = found.take(np.isfinite(np.concatenate([top_ray, bottom_ray], axis=1)).all(axis=1))
-    return found.take(np.argsort(found.frame, kind="stable"))
-
-
-def level_from_people(bodies: UprightRays, person_height_m: float, rng: np.random.Generator) -> Level | None:
+def level_from_people(bodies: Sightings, person_height_m: float, rng: np.random.Generator) -> Level | None:
     """The camera's vertical and height from its own people, as tall as `person_height_m` metres; None where there are too few.
 
     Those in a tracklet are taken where there are enough: single detections are more often false.
     """
-    tracked = bodies.tracklet >= 0
+    tracked = bodies.identity >= 0
     use = bodies.take(tracked) if np.count_nonzero(tracked) >= 50 else bodies
     span, foot = person_height_m * (use.top_fraction - use.bottom_fraction), person_height_m * use.bottom_fraction
     return level_camera(use.top, use.bottom, use.top_tangent, use.extent_px, span, foot, rng)
@@ -95,7 +43,7 @@ def level_from_people(bodies: UprightRays, person_height_m: float, rng: np.rando
 
 def levelled_people(
     seen: CameraObservations, lens: Lens, clock: Clock, person_height_m: float, rng: np.random.Generator
-) -> tuple[UprightRays, Level | None]:
+) -> tuple[Sightings, Level | None]:
     """The people of a camera and its level, however the camera is rolled about its viewing direction.
 
     A box does not show how the person in it leans. But people who are farther away look smaller, and stand nearer to the
@@ -113,7 +61,7 @@ def levelled_people(
         The people, with the lean that was found, and the level; None where there are too few people.
     """
     draws = deepcopy(rng)
-    upright = upright_rays(seen, lens, clock)
+    upright = upright_sightings(seen, lens, clock)
     level = level_from_people(upright, person_height_m, rng)
     if level is None or level.residual < FITS_UPRIGHT or not len(seen.boxes):
         return upright, level
@@ -122,7 +70,7 @@ def levelled_people(
 
     @cache
     def misfit(lean: float) -> float:
-        found = level_from_people(upright_rays(few, lens, clock, lean), person_height_m, deepcopy(draws))
+        found = level_from_people(upright_sightings(few, lens, clock, lean), person_height_m, deepcopy(draws))
         return np.inf if found is None else found.residual
 
     best = min(LEANS, key=misfit)
@@ -130,13 +78,13 @@ def levelled_people(
         best = min((best - step, best, best + step), key=misfit)
     if misfit(best) >= misfit(0.0):
         return upright, level
-    bodies = upright_rays(seen, lens, clock, best)
+    bodies = upright_sightings(seen, lens, clock, best)
     leaning = level_from_people(bodies, person_height_m, deepcopy(draws))
     clearly = leaning is not None and leaning.residual < CLEARLY_BETTER * level.residual
     return (bodies, leaning) if clearly else (upright, level)
 
 
-def of_moving_tracklets(bodies: UprightRays) -> Bools:
+def of_moving_tracklets(bodies: Sightings) -> Bools:
     """(N,) those of a tracklet whose lowest point moves by `MOVING_SHARE` of its extent or more, as the camera sees it.
 
     A person who sits, and what is taken for a person where the background has changed, does not.
@@ -144,8 +92,8 @@ def of_moving_tracklets(bodies: UprightRays) -> Bools:
     moving = np.zeros(len(bodies), dtype=np.bool_)
     if not len(bodies):
         return moving
-    by_tracklet = np.argsort(bodies.tracklet, kind="stable")
-    numbers, first = np.unique(bodies.tracklet[by_tracklet], return_index=True)
+    by_tracklet = np.argsort(bodies.identity, kind="stable")
+    numbers, first = np.unique(bodies.identity[by_tracklet], return_index=True)
     extent = np.linalg.norm(bodies.top - bodies.bottom, axis=1)
     for number, rows in zip(numbers.tolist(), np.split(by_tracklet, first[1:]), strict=True):
         low, high = np.quantile(bodies.bottom[rows], (0.1, 0.9), axis=0)
