@@ -97,7 +97,7 @@ def _settled(s: Sightings, R: Floats, centre: Floats, person_height_m: float) ->
         )
         found[rows[_has_rival(misses, found[rows], times)]] = -1
     person = np.where(found >= 0, blocks.identity[found], UNKNOWN)
-    # Nobody contradicts a person whom one camera alone sees.
+    # No other camera contradicts a person whom one camera alone sees.
     met = ~np.isnan(consensus.points[:, 0])
     alone = (found < 0) & ~met[s.block] & (np.bincount(s.block, minlength=len(blocks))[s.block] == 1)
     return np.where(alone, s.identity, person)

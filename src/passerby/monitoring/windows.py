@@ -40,7 +40,7 @@ RIDGE = 1e-6
 
 
 def span_of(seen: Sightings) -> tuple[float, float]:
-    """The first time at which somebody was seen, and just after the last: seconds; zeros where nobody was."""
+    """The first time at which a person was seen, and just after the last: seconds; zeros if there was none."""
     if not seen.n_blocks:
         return 0.0, 0.0
     return float(seen.block_seconds.min()), float(seen.block_seconds.max()) + 1e-6

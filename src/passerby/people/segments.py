@@ -41,13 +41,13 @@ HALF_WINDOW_S = 0.4
 """Velocities are taken over twice this. Over less, noise of 2 % of the extent would grow to a tenth of a walker's velocity and
 bend the offsets toward 0; over more, a gait and a turn would be lost."""
 MAX_HALF_WINDOW_S = 1.0
-"""Sparser samples tell nothing of how fast somebody moves in between."""
+"""Sparser samples do not show how fast a person moves in between."""
 MAX_STRAY = 0.3
-"""Who is farther from the line between the two neighbours than this share of the extent is somebody else, or turned: the
+"""Who is farther from the line between the two neighbours than this share of the extent is another person, or turned: the
 neighbours then say nothing of the velocity. Half of 3 m/s^2 times 0.4 s squared is 0.14 of a person's height."""
 
 MIN_MOVE = 0.1
-"""Who moves by less than this share of the extent between the neighbours stands still as far as can be told: five times what
+"""Who moves by less than this share of the extent between the neighbours counts as standing still: five times what
 noise of 2 % in the edges alone would do. Velocities of noise would pretend that the clocks are known to be right."""
 
 
@@ -214,7 +214,7 @@ def image_velocity(frame: Ints, identity: Ints, points: Floats, extent: Floats, 
         fps: instants a second.
 
     Returns:
-        Velocities; 0 where there is no sample on one of the two sides, none of the same motion, or hardly any motion.
+        Velocities; 0 where there is no sample on one of the two sides, none of the same motion, or almost no motion.
     """
     out = np.zeros((len(frame), 2))
     window = max(1, int(HALF_WINDOW_S * fps + 1e-9))

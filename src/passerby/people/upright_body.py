@@ -26,9 +26,9 @@ X, Y, LOW, HIGH = range(4)
 HORIZON = 0.02
 """Rays that fall less steeply, by this sine, meet no ground."""
 NEAREST_M = 0.3
-"""Nobody is nearer to a camera: it keeps the equations of a guess that is far off finite."""
+"""No person is nearer to a camera: it keeps the equations of a guess that is far off finite."""
 ROUNDS = 4
-"""Of a box's distance, from its size to the place where the body stands; the fourth moves nobody by a millimetre."""
+"""Of a box's distance, from its size to the place where the body stands; the fourth moves no person by a millimetre."""
 SHORTEST_SHARE, LONGEST_SHARE = 0.3, 1.3
 """Of the usual height: what a body's highest point is taken to be while its distance is sought."""
 STANCE_SD = Priors().high
