@@ -22,7 +22,7 @@ class Solution:
     findings: tuple[Finding, ...] = ()
     """Evidence against the rig, and notices that explain its sigmas."""
     figures: SolverFigures = field(default_factory=SolverFigures)
-    """Of every stage: counts, residuals, scale cues and their pull, sigmas."""
+    """Of every stage: counts, residuals, scale cues and their weights, sigmas."""
 
     @property
     def reasons(self) -> tuple[str, ...]:

@@ -149,7 +149,7 @@ def _geopose_scale(scale: StarScale) -> str:
 
 
 def _cue_table(cues: Sequence[CueFigures]) -> Html:
-    """A row for each cue, its pull as a bar."""
+    """A row for each cue, its weight as a bar."""
     columns = [
         Column("Constraint", numeric=False),
         Column("Stated", "m"),

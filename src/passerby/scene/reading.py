@@ -185,7 +185,7 @@ def needs_embeddings(scene: Scene, reading: CameraInput) -> bool:
 
 
 def needs_keypoints(scene: Scene, reading: CameraInput) -> bool:
-    """Whether a camera's boxes lack joints that are asked for, or that its video may give by the way."""
+    """Whether a camera's boxes lack joints that are asked for, or that its video may give, too."""
     wanted = scene.perception.keypoints
     if wanted == "none" or reading.keypoints_path is not None:
         return False

@@ -1,4 +1,4 @@
-"""Scale cues inside the adjustment: their rows, a first scale from them, and how much each one pulls."""
+"""Scale cues inside the adjustment: their rows, a first scale from them, and the weight of each."""
 
 from __future__ import annotations
 

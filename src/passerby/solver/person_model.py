@@ -244,8 +244,8 @@ class PeopleProblem:
         height = np.maximum(state.heights[self.person], 0.05)
         low, high = state.people[:, LOW] / height, state.people[:, HIGH] / height
         root = np.sqrt(self.stance_weight) / self.priors.high
-        # A person who is down still has a length: a weak pull keeps the free end from running away. On those who stand it would
-        # pull as well, and make everybody 1 % taller.
+        # A person who is down still has a length: a weak prior keeps the free end from diverging. On those who stand it would
+        # act as well, and make all people 1 % taller.
         down = np.sqrt(1 - self.stance_weight) / CROUCHED_SD
         rows = (
             (low / self.priors.low, loss, 1 / self.priors.low * np.ones(n), 0.0),

@@ -90,7 +90,7 @@ def doubts(places: Places, fit: WorldFit, with_scale: bool, tilt: bool, what: st
     except EvidenceError:
         return notes
     growth = float(np.log(free.motion.scale))
-    same = bool((free.used | ~fit.used).all())  # else a gross error pulls at the scale
+    same = bool((free.used | ~fit.used).all())  # else a gross error biases the scale
     if same and abs(growth) > max(TELLING_SCALE, 3 * free.scale_sigma) and free.scale_sigma < WEAK_SCALE:
         percent, sigma_percent = 100 * abs(free.motion.scale - 1), 100 * free.scale_sigma
         notes.append(notice("places_want_scale", what=what, percent=percent, larger=growth > 0, sigma_percent=sigma_percent))

@@ -1,4 +1,4 @@
-"""What no solver's answer may hide: cameras left out, and what is too uncertain to use."""
+"""Checks that do not depend on the solver: cameras left out, and what is too uncertain to use."""
 
 from __future__ import annotations
 

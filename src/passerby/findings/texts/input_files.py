@@ -92,7 +92,7 @@ INPUT_FILES: Mapping[str, Kind] = {
     "boxes_coarse": Kind(
         NOTICE, "The edges of the camera's boxes lie on a grid that is coarse beside people.",
         "{who}: the edges of the boxes are multiples of {step_px} px, and people are {height_px:.0f} px tall: the boxes are "
-        "made of blocks, which are larger than people",
+        "quantised to a coarse grid, so that they are larger than people",
         "detect people in the images themselves", common=True, rank="input",
     ),
     "recordings_short": Kind(

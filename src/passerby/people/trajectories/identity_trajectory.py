@@ -33,7 +33,7 @@ FEWEST_ROWS = 20
 """Boxes of a camera that tell how noisy they are."""
 LASTING = 0.35
 """Share of an instant's own sigma that smoothing does not lessen: the errors of neighbouring boxes are alike, since a person's
-height, stance and what hides him last."""
+height, stance and what hides the person last."""
 MODEL_SD = 0.05
 """Metres, in each of two directions: a body's middle is not above the middle between its feet, for arms, stride and load.
 Without any noise upright people are placed to 0.05 to 0.09 m (root mean square) in simulated scenes,"""
