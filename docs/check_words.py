@@ -64,19 +64,17 @@ INSTEAD = {
 }
 """Regular expression of a word or turn -> what to write."""
 ALSO_IN_NAMES = re.compile(r"(?<![a-z])(somebody|whoever|hardly|surer|astray|mend|knocked|foretold|likelier)(?![a-z])")
-TURNS = {
-    re.compile(rf"(?<![\w-])(?:{turn.replace(' ', ' +')})(?![\w-])", re.IGNORECASE): instead
-    for turn, instead in INSTEAD.items()
-}
+ANY = re.compile(rf"(?<![\w-])(?:{'|'.join(INSTEAD).replace(' ', ' +')})(?![\w-])", re.IGNORECASE)
 """Words of a turn may be on two lines."""
 
 
 def find_turns(text: str) -> Iterator[tuple[int, str, str]]:
     """(line from 0, what is there, what to write) of each turn in a text."""
     flat = re.sub(r"\n[ #]*", lambda found: " " * len(found[0]), text)
-    for pattern, instead in TURNS.items():
-        for found in pattern.finditer(flat):
-            yield text.count("\n", 0, found.start()), " ".join(found[0].split()), instead
+    for found in ANY.finditer(flat):
+        turn = " ".join(found[0].split())
+        instead = next(why for pattern, why in INSTEAD.items() if re.fullmatch(pattern, turn, re.IGNORECASE))
+        yield text.count("\n", 0, found.start()), turn, instead
 
 
 def check_page(path: Path) -> Iterator[tuple[int, str, str]]:
