@@ -200,10 +200,10 @@ def field_of_view_deg(lens: Lens) -> tuple[float | None, float | None]:
     (width, height), middle = lens.size, (np.array(lens.size) - 1) / 2
     ends = np.array([(-0.5, middle[1]), (width - 0.5, middle[1]), (middle[0], -0.5), (middle[0], height - 0.5)])
     left, right, top, bottom = lens.bearings(ends)
-    return _between(left[[0, 2]], right[[0, 2]]), _between(top[1:], bottom[1:])
+    return _measure_angle(left[[0, 2]], right[[0, 2]]), _measure_angle(top[1:], bottom[1:])
 
 
-def _between(one: Floats, other: Floats) -> float | None:
+def _measure_angle(one: Floats, other: Floats) -> float | None:
     """The angle between rays (2,) across and along the optical axis, over that axis, degrees; None where a ray is missing."""
     angles = np.degrees(np.arctan2([one[0], other[0]], [one[1], other[1]]))
     return float(angles[1] - angles[0]) if np.isfinite(angles).all() else None

@@ -86,7 +86,7 @@ def _unit_vectors(values: object) -> Vectors:
     return np.asarray(unit, dtype=np.float32)
 
 
-def _in_words(frame: Ints, identity: Ints) -> str:
+def _describe_rows(frame: Ints, identity: Ints) -> str:
     """How many rows, who, and when."""
     if not len(frame):
         return "none"
@@ -182,7 +182,7 @@ class Boxes:
 
     def __repr__(self) -> str:
         appearance = "" if self.embedding is None else f", embeddings of {self.embedding.shape[1]}"
-        return f"Boxes({_in_words(self.frame, self.identity)}{appearance})"
+        return f"Boxes({_describe_rows(self.frame, self.identity)}{appearance})"
 
     @classmethod
     def empty(cls) -> Boxes:
@@ -226,7 +226,7 @@ class Keypoints:
             raise InputError("the columns of the keypoints differ in length")
 
     def __repr__(self) -> str:
-        return f"Keypoints({_in_words(self.frame, self.identity)}, {len(self.joints)} keypoints)"
+        return f"Keypoints({_describe_rows(self.frame, self.identity)}, {len(self.joints)} keypoints)"
 
     @classmethod
     def empty(cls, joints: tuple[str, ...] = BODY_17) -> Keypoints:

@@ -92,7 +92,7 @@ def doubts_of_uncertainty(rig: Rig, figures: SolverFigures, findings: Sequence[F
     causes = [one for code in EXPLAINS for one in findings if one.code == code]
     out = []
     unknown = [_Sigma("points", (), None)] if any(one.code in UNKNOWN for one in causes) else []
-    for sigma in (*unknown, *_unbounded(rig, figures), *_of_cameras(rig, figures), *_of_scale(figures)):
+    for sigma in (*unknown, *_find_unbounded(rig, figures), *_find_vague_cameras(rig, figures), *_find_vague_scale(figures)):
         fitting = (one for one in causes if sigma.quantity in EXPLAINS[one.code])
         cause = next(
             (one for one in fitting if not one.cameras or not sigma.cameras or set(one.cameras) & set(sigma.cameras)), None
@@ -117,7 +117,7 @@ def usable_m(rig: Rig) -> float:
     return min(SMALL_SHARE * extent, max(USABLE_M, LARGE_SHARE * extent))
 
 
-def _unbounded(rig: Rig, figures: AdjustedFigures) -> list[_Sigma]:
+def _find_unbounded(rig: Rig, figures: AdjustedFigures) -> list[_Sigma]:
     """What no evidence fixes, and everything where the adjustment ended before its optimum."""
     out = []
     if figures.rounds and not figures.rounds[-1].converged:
@@ -130,7 +130,7 @@ def _unbounded(rig: Rig, figures: AdjustedFigures) -> list[_Sigma]:
     return [*out, *(_Sigma("points", (name,), None) for name in rig.names if f"camera {name}" in free)]
 
 
-def _of_cameras(rig: Rig, figures: AdjustedFigures) -> list[_Sigma]:
+def _find_vague_cameras(rig: Rig, figures: AdjustedFigures) -> list[_Sigma]:
     """The cameras that measure points, or else positions on the ground, too vaguely."""
     most_mm, free = 1000 * usable_m(rig), figures.undetermined or ()
     on_ground_mm = ON_GROUND * max(most_mm, 1000 * USABLE_M)  # bodies are no smaller where a rig is
@@ -148,7 +148,7 @@ def _of_cameras(rig: Rig, figures: AdjustedFigures) -> list[_Sigma]:
     return out
 
 
-def _of_scale(figures: AdjustedFigures) -> list[_Sigma]:
+def _find_vague_scale(figures: AdjustedFigures) -> list[_Sigma]:
     sigma = figures.scale.relative_sigma
     return [] if sigma is None or sigma <= USABLE_SCALE else [_Sigma("scale", (), 100 * sigma)]
 

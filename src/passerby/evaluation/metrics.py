@@ -117,10 +117,10 @@ class Stated:
                 }
                 for name, error in self.position_mm.items()
             ],
-            "position_within_1_sigma": _within(position, 1),
-            "position_within_2_sigmas": _within(position, 2),
-            "orientation_within_1_sigma": _within(orientation, 1),
-            "orientation_within_2_sigmas": _within(orientation, 2),
+            "position_within_1_sigma": _measure_coverage(position, 1),
+            "position_within_2_sigmas": _measure_coverage(position, 2),
+            "orientation_within_1_sigma": _measure_coverage(orientation, 1),
+            "orientation_within_2_sigmas": _measure_coverage(orientation, 2),
         }
 
 
@@ -331,7 +331,7 @@ def lens_error(estimate: Lens, truth: Lens) -> LensError | None:
     )
 
 
-def _within(errors: dict[str, float], sigmas: float) -> float | None:
+def _measure_coverage(errors: dict[str, float], sigmas: float) -> float | None:
     """The share of the errors within so many sigmas; None where no sigma is stated."""
     return float(np.mean([error <= sigmas for error in errors.values()])) if errors else None
 

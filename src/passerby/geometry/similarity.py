@@ -71,7 +71,7 @@ def fit_similarity(source: Floats, target: Floats, weights: Floats | None = None
     Raises:
         EvidenceError: fewer than two points of positive weight, or, with scale, all source points in one place.
     """
-    source, target, w, source_mean, target_mean = _centred(source, target, weights)
+    source, target, w, source_mean, target_mean = _centre_points(source, target, weights)
     covariance = (w[:, None] * target).T @ source
     U, singular, Vt = np.linalg.svd(covariance)
     sign = np.array([1.0, 1.0, np.sign(np.linalg.det(U) * np.linalg.det(Vt))])
@@ -87,7 +87,7 @@ def fit_plane_similarity(
 
     Two points fix it. Arguments and errors as of `fit_similarity`.
     """
-    source, target, w, source_mean, target_mean = _centred(source, target, weights)
+    source, target, w, source_mean, target_mean = _centre_points(source, target, weights)
     along = float((w * (source * target).sum(axis=1)).sum())
     across = float((w * (source[:, 0] * target[:, 1] - source[:, 1] * target[:, 0])).sum())
     scale = float(np.hypot(along, across) / _spread(source, w)) if with_scale else 1.0
@@ -111,7 +111,7 @@ def chordal_mean_rotation(rotations: Floats, weights: Floats | None = None) -> F
     return np.asarray((U * np.array([1.0, 1.0, np.sign(np.linalg.det(U) * np.linalg.det(Vt))])) @ Vt)
 
 
-def _centred(source: Floats, target: Floats, weights: Floats | None) -> tuple[Floats, Floats, Floats, Floats, Floats]:
+def _centre_points(source: Floats, target: Floats, weights: Floats | None) -> tuple[Floats, Floats, Floats, Floats, Floats]:
     """Both sets about their weighted means, the weights with sum 1, and the two means."""
     source, target = np.asarray(source, dtype=np.float64), np.asarray(target, dtype=np.float64)
     w = np.ones(len(source)) if weights is None else np.asarray(weights, dtype=np.float64)

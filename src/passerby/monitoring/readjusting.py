@@ -84,8 +84,8 @@ class _AdjustedRun(WindowRun):
         """and those windows in which nothing moved."""
         self.weighed = False
 
-    def _tested(self, from_s: float, until_s: float) -> list[MotionTest]:
-        self.comparison, self.tested = self._compared(from_s, until_s), (from_s, until_s)
+    def _test_cameras(self, from_s: float, until_s: float) -> list[MotionTest]:
+        self.comparison, self.tested = self._compare_stretch(from_s, until_s), (from_s, until_s)
         if self.comparison is None:
             return [untestable(camera) for camera in range(len(self.names))]
         return list(self.comparison.tests)
@@ -101,7 +101,7 @@ class _AdjustedRun(WindowRun):
             self.quiet.append(Part(fresh, until_s, shift, information, stretches * share))
             self.baseline = self.baseline.with_estimate(shift, information)
 
-    def _moved(self, found: Sequence[MotionTest], from_s: float, until_s: float) -> float:
+    def _record_move(self, found: Sequence[MotionTest], from_s: float, until_s: float) -> float:
         assert self.comparison is not None
         end = self.end
 
@@ -110,10 +110,12 @@ class _AdjustedRun(WindowRun):
             return min(max(after + self.options.every_s, until_s), end)
 
         return until(
-            self._settle_displaced(self.comparison.moved, from_s, until_s, lambda after: self._compared(after, until(after)))
+            self._settle_displaced(
+                self.comparison.moved, from_s, until_s, lambda after: self._compare_stretch(after, until(after))
+            )
         )
 
-    def _compared_since(self, from_s: float) -> Comparison | None:
+    def _compare_since(self, from_s: float) -> Comparison | None:
         parts = [one for one in self.quiet if one.from_s >= from_s - 1e-9]
         if not parts:
             return None
@@ -126,10 +128,10 @@ class _AdjustedRun(WindowRun):
             self.prior = Baseline.of_rig(self.rig, self.names, share)
         return compare(R, centre, self.prior.estimate(), estimate, self.options.threshold)
 
-    def _compared(self, from_s: float, until_s: float) -> Comparison | None:
+    def _compare_stretch(self, from_s: float, until_s: float) -> Comparison | None:
         """The rig against what a stretch of footage shows; None where that is nothing."""
         use = list(range(len(self.names)))
-        seen = self._between(from_s, until_s)
+        seen = self._cut_observations(from_s, until_s)
         while len(use) > 1:
             found = readjust(self._level(use), seen, np.random.default_rng(SEED), stretch_s=STRETCH_S)
             if found is None:
@@ -147,7 +149,7 @@ class _AdjustedRun(WindowRun):
             use = [use[k] for k in kept]
         return None
 
-    def _between(self, from_s: float, until_s: float) -> Observations:
+    def _cut_observations(self, from_s: float, until_s: float) -> Observations:
         """The footage at times of [from, until)."""
 
         def part(seen: CameraObservations) -> CameraObservations:

@@ -66,7 +66,7 @@ class _ScoreRun(WindowRun):
         self.known = self.start
         self.scores = self._scores(self.start)
 
-    def _tested(self, from_s: float, until_s: float) -> list[MotionTest]:
+    def _test_cameras(self, from_s: float, until_s: float) -> list[MotionTest]:
         # A stretch counts as soon as it is over.
         over = until_s if until_s >= self.end else until_s - STRETCH_S + 1e-9
         window, quiet = self.scores.between(from_s, over), self.scores.between(self.known, from_s)
@@ -76,7 +76,7 @@ class _ScoreRun(WindowRun):
     def _learn(self, found: Sequence[MotionTest]) -> None:
         self.baseline = self.baseline.with_scatter(found)
 
-    def _compared_since(self, from_s: float) -> Comparison | None:
+    def _compare_since(self, from_s: float) -> Comparison | None:
         R, centre = poses_of(self.rig, self.names)
         estimate = estimate_by_scores(R, centre, self.scores.between(from_s, np.inf))
         return None if estimate is None else compare(R, centre, self.prior.estimate(), estimate, self.options.threshold)
@@ -95,13 +95,13 @@ class _ScoreRun(WindowRun):
         nothing = Scores(np.zeros(0), np.zeros((0, n)), np.zeros((0, n, n)), np.zeros((0, len(self.names)), np.int64))
         return Scores.joined(parts) if parts else nothing
 
-    def _moved(self, found: Sequence[MotionTest], from_s: float, until_s: float) -> float:
+    def _record_move(self, found: Sequence[MotionTest], from_s: float, until_s: float) -> float:
         every = self.options.every_s
         cameras, others = self._culprits(found, self.scores.between(from_s, until_s))
         moments = self._moments(cameras, from_s, until_s)
         after = max(from_s - every, min(moment.seconds for moment in moments))
         high = min(max(after + every, until_s), self.end)
-        again, others = self._again(after, high, cameras, others)
+        again, others = self._find_culprits(after, high, cameras, others)
         if again != cameras:
             cameras, moments = again, self._moments(again, from_s, until_s)
         score = max(test.score for test in found)
@@ -110,7 +110,9 @@ class _ScoreRun(WindowRun):
         self.scores, self.known = self._scores(high), high
         return high
 
-    def _again(self, from_s: float, until_s: float, cameras: list[int], others: list[int]) -> tuple[list[int], list[int]]:
+    def _find_culprits(
+        self, from_s: float, until_s: float, cameras: list[int], others: list[int]
+    ) -> tuple[list[int], list[int]]:
         """The culprits by all that was seen after the move, within a window."""
         window = self.scores.between(from_s, until_s)
         found = run_motion_tests(window, self.baseline, (), self.options.threshold)
@@ -162,7 +164,7 @@ class _ScoreRun(WindowRun):
             self.lost = (*self.lost, name)
             return
         shift, covariance = _difference(self.rig, new, before)
-        sigma = _with_others(self.rig, new)
+        sigma = _add_rig_sigma(self.rig, new)
         self.moves.append(Move(name, noticed, None if early else moment, score, shift, covariance, new.pose, sigma, told))
         self.baseline = self.baseline.replaced(camera, new.covariance)
         self.rig = replace(
@@ -181,7 +183,7 @@ def _difference(rig: Rig, new: Resection, before: Resection | None) -> tuple[Flo
     return shift, new.covariance + rotate @ before.covariance @ rotate.T
 
 
-def _with_others(rig: Rig, new: Resection) -> PoseSigma:
+def _add_rig_sigma(rig: Rig, new: Resection) -> PoseSigma:
     """The sigma of a new pose: what people leave open, and what the rig's other cameras are off by."""
     others = [rig_covariance_of(rig, camera.name) for camera in rig.posed() if camera.name != new.camera]
     return PoseSigma.from_covariance(new.covariance + (np.mean(others, axis=0) / max(len(others), 1) if others else 0.0))

@@ -123,7 +123,7 @@ class Work:
         errors = [one["text"] for one in events if one.get("event") == "error"]
         if running or (not events and not self._ended):
             return told
-        if self._finished():
+        if self._has_finished():
             told["state"] = "done"
         elif not errors and self._ended is not None and self._ended > 0:
             unheard = "the calibration ended, but what it says could not be written: make room there and calibrate again"
@@ -153,7 +153,7 @@ class Work:
         except (OSError, ValueError, KeyError, TypeError):
             return ""
 
-    def _finished(self) -> bool:
+    def _has_finished(self) -> bool:
         """Whether the process has told its verdict."""
         try:
             return "verdict" in json.loads((self.folder / RESULT).read_text(encoding="utf-8"))

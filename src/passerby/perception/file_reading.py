@@ -283,10 +283,10 @@ def sparse(
             continuous = True
         elif own or wanted:
             yield from group.until([*own, *wanted], continuous=continuous)
-            yield PassedOver(_last(group))
+            yield PassedOver(_find_last(group))
             continuous = False
         else:
-            yield PassedOver(_last(group))
+            yield PassedOver(_find_last(group))
             continuous = False
 
     for packet in packets:
@@ -316,5 +316,5 @@ def sparse(
         filling.packets.append(packet)
 
 
-def _last(group: _Group) -> float:
+def _find_last(group: _Group) -> float:
     return max(_time(packet) for packet in group.packets)

@@ -89,7 +89,7 @@ def open_background(kept: StageCache, info: VideoInfo, tell: Callable[[int], Non
     if arrays is None:
         sampling = plan_sampling(info.seconds or UNKNOWN_LENGTH_S)
         try:
-            model = learn_background(_counted(VideoReader(info, rate=1.0 / sampling.interval_s), tell), sampling)
+            model = learn_background(_count_frames(VideoReader(info, rate=1.0 / sampling.interval_s), tell), sampling)
         except EvidenceError as error:
             raise VideoError(info.path, str(error)) from None
         kept.save(0, model.to_arrays())
@@ -99,7 +99,7 @@ def open_background(kept: StageCache, info: VideoInfo, tell: Callable[[int], Non
     return BackgroundDetector(model)
 
 
-def _counted(frames: Iterable[Frame], tell: Callable[[int], None]) -> Iterator[Frame]:
+def _count_frames(frames: Iterable[Frame], tell: Callable[[int], None]) -> Iterator[Frame]:
     """The frames; `tell` is told how many have been taken."""
     for number, frame in enumerate(frames, start=1):
         yield frame

@@ -114,7 +114,7 @@ def recorded_scene(streamed: StreamedScene, folder: Path) -> Scene:
 
     Raises `InputError` where a camera was not recorded; one that could not be reached is left out if the scene allows that.
     """
-    known = _recorded_cameras(folder)
+    known = _find_recorded_cameras(folder)
     names = [stream.camera for stream in streamed.streams]
     missing = [name for name in names if name not in known]
     if missing:
@@ -161,7 +161,7 @@ def write_recording(found: Recording, folder: Path) -> None:
     write_text(folder / RECORDING_FILE, to_json(found.to_dict()))
 
 
-def _recorded_cameras(folder: Path) -> dict[str, bool]:
+def _find_recorded_cameras(folder: Path) -> dict[str, bool]:
     """By camera, whether anything of it was recorded. Raises `InputError` for a file that is not of a recording."""
     path = folder / RECORDING_FILE
     try:

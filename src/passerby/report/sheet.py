@@ -132,7 +132,7 @@ def offset_words(offset: Floats) -> str:
 def backdrop(contents: Contents, name: str) -> Backdrop:
     """The picture that a camera's people are drawn on. A video that is missing or broken is told of, not raised."""
     camera = contents.rig[name]
-    frames, worth = _worth(contents, camera)
+    frames, worth = _count_people(contents, camera)
     best = int(frames[np.argmax(worth)])
     blank = Backdrop(best, None, camera.lens.size, "no video of this camera")
     source = contents.videos.get(name)
@@ -167,7 +167,7 @@ def data_uri(picture: Picture) -> str:
         width = max(1, width * 2 // 3)
 
 
-def _worth(contents: Contents, camera: Camera) -> tuple[Ints, Floats]:
+def _count_people(contents: Contents, camera: Camera) -> tuple[Ints, Floats]:
     """Frames in which the camera saw somebody, and how many whole people it did; the first frame where there is nobody.
 
     A person whose box the border cuts off counts a tenth.

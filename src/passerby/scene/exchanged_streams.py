@@ -87,7 +87,7 @@ def notices_of_exchanged_streams(readings: Sequence[CameraInput]) -> list[Findin
 
 def exchanged_streams(readings: Sequence[CameraInput]) -> list[ExchangedStreams]:
     """The pairs of cameras whose files change places, each at the moment that most boxes indicate."""
-    shown = {reading.name: one for reading in readings if (one := _shown(reading.seen, reading.fps)) is not None}
+    shown = {reading.name: one for reading in readings if (one := _collect_boxes(reading.seen, reading.fps)) is not None}
     cut = {name: one for name, one in shown.items() if len(one.cuts)}
     found = []
     for first, second in combinations(cut, 2):
@@ -95,9 +95,9 @@ def exchanged_streams(readings: Sequence[CameraInput]) -> list[ExchangedStreams]
         best = (0, 0, 0)
         for k in a.cuts.tolist():
             for j in b.cuts[np.abs(b.seconds[b.cuts] - a.seconds[k]) <= FARTHEST_S].tolist():
-                best = max(best, (_exchanged(a, k, b, j), k, j))
+                best = max(best, (_count_exchanged(a, k, b, j), k, j))
         boxes, k, j = best
-        if boxes >= LIKELY and boxes > _most_at_other_times(a, k, b, j):
+        if boxes >= LIKELY and boxes > _count_at_other_times(a, k, b, j):
             timed = all(reading.fps is not None for reading in readings if reading.name in (first, second))
             at = (float(a.seconds[k + 1]), float(b.seconds[j + 1]))
             frames = (int(a.frames[k + 1]), int(b.frames[j + 1]))
@@ -105,7 +105,7 @@ def exchanged_streams(readings: Sequence[CameraInput]) -> list[ExchangedStreams]
     return found
 
 
-def _most_at_other_times(a: _Shown, k: int, b: _Shown, j: int) -> int:
+def _count_at_other_times(a: _Shown, k: int, b: _Shown, j: int) -> int:
     """The most boxes that continue in the other file at any other moment, the files that far apart in time.
 
     People who stand still, or cameras side by side, have boxes at the same places of both images all the time.
@@ -116,7 +116,7 @@ def _most_at_other_times(a: _Shown, k: int, b: _Shown, j: int) -> int:
     wanted = a.seconds[moments] + later
     near = np.clip(np.searchsorted(b.seconds, wanted), 0, len(b.frames) - 2)
     pairs = zip(moments.tolist(), near.tolist(), (np.abs(b.seconds[near] - wanted) < LONGEST_STEP_S).tolist(), strict=True)
-    return max((_exchanged(a, moment, b, other) for moment, other, found in pairs if found), default=0)
+    return max((_count_exchanged(a, moment, b, other) for moment, other, found in pairs if found), default=0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,7 +139,7 @@ class _Shown:
         return self.box[self.begin[k] : self.begin[k + 1]]
 
 
-def _shown(seen: CameraObservations, fps: float | None) -> _Shown | None:
+def _collect_boxes(seen: CameraObservations, fps: float | None) -> _Shown | None:
     part = seen.boxes if len(seen.boxes) else seen.keypoints
     extent = extents_of(part)
     order = np.argsort(part.frame, kind="stable")
@@ -155,8 +155,8 @@ def _shown(seen: CameraObservations, fps: float | None) -> _Shown | None:
     step = np.diff(seconds)
     identity = np.asarray(part.identity)[order]
     same = (identity[before] == identity[after]) | (np.minimum(identity[before], identity[after]) < 0)
-    near = same & _continues(box[before], box[after], step[number[before]])
-    held = _held(number, before[near], after[near], len(frames))
+    near = same & _find_continuing(box[before], box[after], step[number[before]])
+    held = _count_continuing(number, before[near], after[near], len(frames))
     fewer = np.minimum(count[:-1], count[1:])
     if np.median(held / fewer) < LEAST_EXCHANGED:
         return None  # boxes seldom continue in this file, so that it means nothing where they do not
@@ -164,13 +164,13 @@ def _shown(seen: CameraObservations, fps: float | None) -> _Shown | None:
     return _Shown(frames, seconds, np.append(begin, len(box)), box, cuts)
 
 
-def _held(number: Ints, before: Ints, after: Ints, frames: int) -> Ints:
+def _count_continuing(number: Ints, before: Ints, after: Ints, frames: int) -> Ints:
     """(F - 1,) how many boxes of each frame continue in the next one, from the pairs of boxes that agree."""
     out = np.bincount(number[np.unique(before)], minlength=frames)[:-1]
     return np.minimum(out, np.bincount(number[np.unique(after)], minlength=frames)[1:])
 
 
-def _continues(before: Floats, after: Floats, seconds: Floats | float) -> Bools:
+def _find_continuing(before: Floats, after: Floats, seconds: Floats | float) -> Bools:
     """Whether boxes (..., 3) may be the same people `seconds` later."""
     height = np.minimum(before[..., 2], after[..., 2])
     apart = np.hypot(before[..., 0] - after[..., 0], before[..., 1] - after[..., 1])
@@ -178,12 +178,12 @@ def _continues(before: Floats, after: Floats, seconds: Floats | float) -> Bools:
     return np.asarray(alike & (apart < (NEAR + NEAR_A_SECOND * seconds) * height))
 
 
-def _exchanged(a: _Shown, k: int, b: _Shown, j: int) -> int:
+def _count_exchanged(a: _Shown, k: int, b: _Shown, j: int) -> int:
     """How many boxes of both files continue in the other one after the frames with these indices; 0 where too few do."""
     total = 0
     for before, after in ((a.of(k), b.of(j + 1)), (b.of(j), a.of(k + 1))):
         step = max(float(a.seconds[k + 1] - a.seconds[k]), float(b.seconds[j + 1] - b.seconds[j]))
-        near = _continues(before[:, None], after[None], step)
+        near = _find_continuing(before[:, None], after[None], step)
         both = min(int(near.any(axis=1).sum()), int(near.any(axis=0).sum()))
         if both < LEAST_EXCHANGED * min(near.shape):
             return 0

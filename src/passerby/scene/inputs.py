@@ -117,11 +117,11 @@ def read_inputs(
         _raise_faults(scene, readings)
     inputs = assemble_inputs(scene, readings, compare_contents=compare_contents)
     measured, odd = ((), ()) if measure_clocks is None else measure_clocks(scene, readings)
-    by_clock = (*_measured_by_clock(inputs.wall_clock), *measure_by_file_clocks(scene, readings))
+    by_clock = (*_measure_starts(inputs.wall_clock), *measure_by_file_clocks(scene, readings))
     return replace(inputs, findings=(*inputs.findings, *odd), measured=(*measured, *by_clock))
 
 
-def _measured_by_clock(clock: WallClock | None) -> tuple[MeasuredStart, ...]:
+def _measure_starts(clock: WallClock | None) -> tuple[MeasuredStart, ...]:
     """Frames of recordings with wall times count from one second: their clocks agree, as far as the recorders' do."""
     cameras = () if clock is None else clock.cameras
     return tuple(MeasuredStart(pair, 0.0, WALL_SIGMA_S, WALL_CLOCK) for pair in combinations(cameras, 2))
@@ -216,7 +216,7 @@ def scene_faults(scene: Scene, readings: list[CameraInput]) -> list[str]:
         *faults_of_same_video(scene, readings),
         *faults_of_same_file(scene, readings),
         *faults_of_exchanged_streams(scene, readings),
-        *_short_video_faults(scene, readings),
+        *_find_short_videos(scene, readings),
         *_emptiness_faults(scene, readings),
         *world_faults(scene, {one.name: one.filmed_size for one in readings if one.filmed_size is not None}),
     ]
@@ -234,10 +234,12 @@ def scene_findings(scene: Scene, readings: list[CameraInput]) -> list[Finding]:
     ]
     found += [*findings_of_people(scene, readings), *overlapped_people(scene, readings)]
     found += [*file_clock_findings(scene, readings), *notices_of_exchanged_streams(readings)]
-    return found + _guessed_lenses(scene, readings) + _clock_findings(scene, readings) + _embedding_findings(scene, readings)
+    return (
+        found + _note_guessed_lenses(scene, readings) + _clock_findings(scene, readings) + _embedding_findings(scene, readings)
+    )
 
 
-def _guessed_lenses(scene: Scene, readings: list[CameraInput]) -> list[Finding]:
+def _note_guessed_lenses(scene: Scene, readings: list[CameraInput]) -> list[Finding]:
     """Focal lengths that are stated to be guesses, those that are as good in one notice."""
     guessed: dict[float, list[str]] = {}
     for reading in readings:
@@ -336,7 +338,7 @@ def _embedding_faults(scene: Scene, readings: list[CameraInput]) -> list[str]:
     return faults + [f'{scene.place}: [cameras.{name}] mode "appearance" needs embeddings: {remedy}' for name in wanting]
 
 
-def _short_video_faults(scene: Scene, readings: list[CameraInput]) -> list[str]:
+def _find_short_videos(scene: Scene, readings: list[CameraInput]) -> list[str]:
     """Videos of which most must be missing, by the length of the others."""
     seconds = {
         reading.name: recorded_s(reading.video) * reading.video.clock_fps / reading.fps

@@ -65,7 +65,7 @@ def take_wands(scene: Scene, reading: CameraInput) -> None:
     if not taken:
         return
     people = reading.keypoints
-    found = [_of_wand(people, number, own) for number, own in columns.items() if len(own) == 2]
+    found = [_take_wand(people, number, own) for number, own in columns.items() if len(own) == 2]
     if found:
         parts = {name: np.concatenate([getattr(one, name) for one in found]) for name in ("frame", "identity", "xy", "score")}
         reading.wands = Keypoints(**parts, joints=WAND_ENDS)
@@ -81,7 +81,7 @@ def take_wands(scene: Scene, reading: CameraInput) -> None:
         reading.keypoints, reading.keypoints_path = Keypoints.empty(), None
 
 
-def _of_wand(people: Keypoints, number: int, columns: Sequence[int]) -> Keypoints:
+def _take_wand(people: Keypoints, number: int, columns: Sequence[int]) -> Keypoints:
     """The rows in which both ends of a wand are found, one in a frame."""
     score = people.score[:, columns]
     least = score.min(axis=1)

@@ -29,8 +29,8 @@ def part_of(inputs: SceneInputs, names: Collection[str]) -> SceneInputs:
         inputs,
         rig=Rig(tuple(inside)),
         observations=Observations({name: seen[name] for name in own}, fps, clocks),
-        findings=tuple(finding for finding in inputs.findings if _about(finding, own)),
-        doubts=tuple(finding for finding in inputs.doubts if not finding.cameras or _about(finding, own)),
+        findings=tuple(finding for finding in inputs.findings if _is_about(finding, own)),
+        doubts=tuple(finding for finding in inputs.doubts if not finding.cameras or _is_about(finding, own)),
         pointed=tuple(one for one in inputs.pointed if one.camera in own),
         stated=inputs.stated.within(own),
         measured=tuple(one for one in inputs.measured if set(one.cameras) <= set(own)),
@@ -39,6 +39,6 @@ def part_of(inputs: SceneInputs, names: Collection[str]) -> SceneInputs:
     )
 
 
-def _about(finding: Finding, names: Collection[str]) -> bool:
+def _is_about(finding: Finding, names: Collection[str]) -> bool:
     """Whether a finding is about one of the cameras."""
     return any(name in names for name in finding.cameras)

@@ -47,7 +47,7 @@ class Table(BaseModel):
 
     @model_validator(mode="before")
     @classmethod
-    def _without_passwords(cls, values: Any) -> Any:
+    def _remove_passwords(cls, values: Any) -> Any:
         """No message, and no file that a scene is copied into, repeats the password of an address in it."""
         return plain_without_credentials(values) if isinstance(values, dict) else values
 

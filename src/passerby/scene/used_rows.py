@@ -158,7 +158,7 @@ def remove_duplicates(part: Part) -> tuple[Part, DuplicateRows | None]:
     for rows in groups:
         best = rows[score[rows] == score[rows].max()]
         if len(best) > 1 and few:
-            away = _away(part, extent, best, ~crowded)
+            away = _measure_jumps(part, extent, best, ~crowded)
             best = best[away == away.min()]
         keep[rows] = False
         keep[best[0]] = True
@@ -184,7 +184,7 @@ def _groups(keys: Sequence[NDArray[np.generic]], rows: Ints) -> list[Ints]:
     return [np.sort(group) for group in np.split(rows[order], np.flatnonzero(~same) + 1) if len(group) > 1]
 
 
-def _away(part: Boxes | Keypoints, extent: Floats, rows: Ints, single: NDArray[np.bool_]) -> Floats:
+def _measure_jumps(part: Boxes | Keypoints, extent: Floats, rows: Ints, single: NDArray[np.bool_]) -> Floats:
     """(K,) how far rows of one identity and frame are from where it is before and after, pixels; 0 where it is nowhere else."""
     frame, identity = part.frame[rows[0]], part.identity[rows[0]]
     own = np.flatnonzero(single & (part.identity == identity))
@@ -226,11 +226,11 @@ def inside_any(points: Floats, polygons: Iterable[Floats]) -> Bools:
     """
     found = np.zeros(len(points), dtype=np.bool_)
     for corners in polygons:
-        found |= _inside(points, corners)
+        found |= _find_inside(points, corners)
     return found
 
 
-def _inside(points: Floats, corners: Floats) -> Bools:
+def _find_inside(points: Floats, corners: Floats) -> Bools:
     """By the even-odd rule: a ray to the right crosses the sides an odd number of times."""
     x, y = points[:, :1], points[:, 1:]
     (x0, y0), (x1, y1) = corners.T, np.roll(corners, -1, axis=0).T

@@ -156,10 +156,10 @@ def data_set(name: str, path: Path, listing: Listing, tell: Progress) -> DataSet
     Raises `InputError` where nothing to learn from and nobody to search for is left, or no query has an answer.
     """
     notes = list(listing.notes)
-    parts = _readable([listing.train, listing.query, listing.gallery], notes, tell)
+    parts = _keep_readable([listing.train, listing.query, listing.gallery], notes, tell)
     parts[0] = without_single(parts[0], notes)
     _note_overlap(parts, notes)
-    train, query, gallery = (_crops(name, part) for part in _numbered(parts))
+    train, query, gallery = (_crops(name, part) for part in _number_people(parts))
     if not len(train) and not len(query):
         raise InputError(f"{path}: {'; '.join(notes) or 'holds no images of people'}: nothing is left to learn from")
     if len(query):
@@ -167,7 +167,7 @@ def data_set(name: str, path: Path, listing: Listing, tell: Progress) -> DataSet
     return DataSet(name, train, query, gallery, tuple(notes))
 
 
-def _readable(parts: list[list[Listed]], notes: list[str], tell: Progress) -> list[list[Listed]]:
+def _keep_readable(parts: list[list[Listed]], notes: list[str], tell: Progress) -> list[list[Listed]]:
     """The pictures that can be used."""
     rows = [row for part in parts for row in part]
     faults = faults_of_pictures([row.path for row in rows], tell)
@@ -203,7 +203,7 @@ def _note_overlap(parts: list[list[Listed]], notes: list[str]) -> None:
     notes += describe_faults(both, f"{len(both)} people are in both train and query, so the scores are too good")
 
 
-def _numbered(parts: list[list[Listed]]) -> list[tuple[list[Listed], list[str], list[str]]]:
+def _number_people(parts: list[list[Listed]]) -> list[tuple[list[Listed], list[str], list[str]]]:
     """Each part with the names of its people and cameras; query and gallery have them in common."""
     named = []
     for group in (parts[:1], parts[1:]):

@@ -173,7 +173,7 @@ def open_backbone(name: str, size: tuple[int, int], weights: str = "auto", last_
     Raises `InputError` for a name that does not exist, published weights that cannot be had but are demanded, and a network
     that makes no map of features from such pictures.
     """
-    network, published, note = _made(name, weights)
+    network, published, note = _make_network(name, weights)
     if last_stride == 1:
         _keep_resolution(network, name)
     return Backbone(network, _channels(network, name, size), published, note)
@@ -182,7 +182,7 @@ def open_backbone(name: str, size: tuple[int, int], weights: str = "auto", last_
 def kept_backbone(name: str, configuration: dict[str, Any], size: tuple[int, int], last_stride: int) -> Backbone:
     """The backbone of a checkpoint, which knows its architecture: its weights are yet to be loaded."""
     known = dict(configuration)
-    with _quiet():
+    with _silence_warnings():
         config = AutoConfig.for_model(known.pop("model_type"), **known)
         network: nn.Module = AutoModel.from_config(config)  # type: ignore[no-untyped-call]
     if last_stride == 1:
@@ -190,7 +190,7 @@ def kept_backbone(name: str, configuration: dict[str, Any], size: tuple[int, int
     return Backbone(network, _channels(network, name, size), False, f"{name}: as in the checkpoint")
 
 
-def _made(name: str, weights: str) -> tuple[nn.Module, bool, str]:
+def _make_network(name: str, weights: str) -> tuple[nn.Module, bool, str]:
     """The network, whether its weights are published ones, and what to tell of them."""
     source = _source(name)
     title = Path(name).name if source == name and Path(name).is_dir() else name
@@ -205,7 +205,7 @@ def _made(name: str, weights: str) -> tuple[nn.Module, bool, str]:
     if weights == "published" and source is None:
         raise InputError(f"backbone {name}: no published weights are known by this name: give weights = random, or another one")
     why = "" if weights == "random" else ": none are published" if source is None else f": those of {source} are not available"
-    with _quiet():
+    with _silence_warnings():
         made: nn.Module = AutoModel.from_config(_configuration(name))  # type: ignore[no-untyped-call]
     return made, False, f"{title}: starts with random weights{why}"
 
@@ -219,7 +219,7 @@ def had(load: Callable[..., Any], source: str) -> Any:
 
     The library tries five times in 23 s where there is no network; one question beforehand is answered at once.
     """
-    with _quiet():
+    with _silence_warnings():
         try:
             return load(source, local_files_only=True)
         except UNAVAILABLE:
@@ -292,7 +292,7 @@ def feature_map(answer: Any) -> Tensor:
 
 
 @contextlib.contextmanager
-def _quiet() -> Iterator[None]:
+def _silence_warnings() -> Iterator[None]:
     """Without the libraries' warnings: what matters is told in words of our own."""
     loggers = [logging.getLogger(name) for name in ("huggingface_hub", "transformers")]
     levels = [logger.level for logger in loggers]

@@ -84,7 +84,7 @@ def track(
         figures: dict[str, Any] = {"verdict": folder.verdict, **found.figures}
         if rig is not None and places is not None:
             known = _ground_truth(places.identity, places.frame, places.xy, truth_fps or next(iter(clocks.values())).fps)
-            figures["truth"] = _judged(folder, clocks, options, found, rig, known, reference, tell)
+            figures["truth"] = _evaluate_tracks(folder, clocks, options, found, rig, known, reference, tell)
         tell("writing")
         target = out or calibrated / FOLDER
         name = str(folder.document.name or calibrated.resolve().name)
@@ -109,7 +109,7 @@ def _ground_truth(identity: Any, frame: Any, xy: Any, fps: float) -> GroundTruth
     return GroundTruth.of(identity, Clock(fps).seconds(frame), xy)
 
 
-def _judged(
+def _evaluate_tracks(
     folder: OutputFolder, clocks: dict[str, Clock], options: TrackOptions, found: Trajectories, true_rig: Rig,
     truth: GroundTruth, reference: str | None, tell: Progress,
 ) -> dict[str, Any]:  # fmt: skip

@@ -121,7 +121,7 @@ class Unread:
     def keys(self, found: Iterable[object], read: Collection[object]) -> None:
         """The keys that are not among those that the reader knows; of a mapping, those with a value that says something."""
         for key in found:
-            if key not in read and not (isinstance(found, Mapping) and _says_nothing(found[key])):
+            if key not in read and not (isinstance(found, Mapping) and _is_empty(found[key])):
                 self.add(shortened_text(str(key)))
 
     @property
@@ -239,10 +239,10 @@ class Format:
     """Of a folder: the same in one file, for a target with one of the suffixes."""
 
 
-def _says_nothing(value: object) -> bool:
+def _is_empty(value: object) -> bool:
     """Whether a value is empty, or what tools write where they have none."""
     if isinstance(value, dict):
-        return all(map(_says_nothing, value.values()))
+        return all(map(_is_empty, value.values()))
     if isinstance(value, (list, tuple)):
         return not value
     return value is None or (isinstance(value, (str, int, float)) and value in ("", "null", 0, False))

@@ -79,15 +79,15 @@ def plain(value: Any) -> Any:
 
 def to_toml(content: Mapping[str, Any]) -> str:
     """A whole file of tables. Numbers get 12 significant digits; a rig, of which every bit counts, has a writer of its own."""
-    return tomli_w.dumps({name: _rounded(one) for name, one in content.items()})
+    return tomli_w.dumps({name: _round_values(one) for name, one in content.items()})
 
 
-def _rounded(content: Any) -> Any:
+def _round_values(content: Any) -> Any:
     if isinstance(content, float):
         return float(f"{content:.{SIGNIFICANT_DIGITS}g}")
     if isinstance(content, Mapping):
-        return {name: _rounded(one) for name, one in content.items()}
-    return [_rounded(one) for one in content] if isinstance(content, list | tuple) else content
+        return {name: _round_values(one) for name, one in content.items()}
+    return [_round_values(one) for one in content] if isinstance(content, list | tuple) else content
 
 
 def key(name: str) -> str:

@@ -71,7 +71,7 @@ class NamedTime:
 
 def usual_time(path: Path) -> NamedTime | None:
     """The time in a name that is built in one of the usual ways; None where there is none."""
-    return _frigate(path) or _in_name(path.stem) or _in_folders(path)
+    return _frigate(path) or _find_in_name(path.stem) or _find_in_folders(path)
 
 
 def _frigate(path: Path) -> NamedTime | None:
@@ -84,7 +84,7 @@ def _frigate(path: Path) -> NamedTime | None:
     return _time([*day.groups(), hour[0], *file.groups()], utc=True)
 
 
-def _in_name(stem: str) -> NamedTime | None:
+def _find_in_name(stem: str) -> NamedTime | None:
     if found := _DATE_AND_TIME.search(stem):
         *parts, thousandths, zone = found.groups()
         return _time(parts, thousandths=thousandths, utc=zone is not None)
@@ -93,7 +93,7 @@ def _in_name(stem: str) -> NamedTime | None:
     return None
 
 
-def _in_folders(path: Path) -> NamedTime | None:
+def _find_in_folders(path: Path) -> NamedTime | None:
     """The time of day at the beginning of the name, and the date of the nearest folder with one."""
     clock = _TIME_OF_DAY.match(path.stem)
     day = next((found for part in reversed(path.parts[:-1]) if (found := _DAY.search(part))), None)

@@ -84,10 +84,10 @@ def find_recordings(folder: Path, look: Look, notes: list[str]) -> list[FoundRec
     files = list(islice(walk_below(folder), MOST_FILES))
     videos = [path for path in files if path.suffix.lower() in VIDEO_ENDINGS]
     if not videos:
-        return _of_images([path for path in files if path.suffix.lower() in PICTURE_ENDINGS])
+        return _find_images([path for path in files if path.suffix.lower() in PICTURE_ENDINGS])
     videos, copies = without_small_copies(videos)
     notes += companions_note(files, copies)
-    return _of_frigate(folder, videos) or _of_folders(folder, videos, look, notes) or _told_by_names(videos, look)
+    return _find_frigate(folder, videos) or _find_by_folders(folder, videos, look, notes) or _find_by_names(videos, look)
 
 
 def seconds_of(look: Look) -> Length:
@@ -100,7 +100,7 @@ def seconds_of(look: Look) -> Length:
     return length
 
 
-def _of_frigate(folder: Path, videos: Sequence[Path]) -> list[FoundRecording]:
+def _find_frigate(folder: Path, videos: Sequence[Path]) -> list[FoundRecording]:
     """Cameras by the folder below day and hour; empty where the layout is another one."""
     cameras: dict[str, list[Path]] = {}
     for path in videos:
@@ -120,7 +120,7 @@ def _of_frigate(folder: Path, videos: Sequence[Path]) -> list[FoundRecording]:
     return found
 
 
-def _of_folders(folder: Path, videos: Sequence[Path], look: Look, notes: list[str]) -> list[FoundRecording]:
+def _find_by_folders(folder: Path, videos: Sequence[Path], look: Look, notes: list[str]) -> list[FoundRecording]:
     """Cameras with a folder each, at least one of them with pieces; empty unless there are two."""
     held: dict[Path, list[Path]] = {}
     for path in videos:
@@ -131,7 +131,7 @@ def _of_folders(folder: Path, videos: Sequence[Path], look: Look, notes: list[st
     whole = next(iter(held)) if len(held) == 1 and len(held[next(iter(held))]) == len(videos) else named
     if whole is not None:
         told: list[str] = []
-        found = _of_folders(whole, held[whole], look, told) or _told_by_names(held[whole], look)
+        found = _find_by_folders(whole, held[whole], look, told) or _find_by_names(held[whole], look)
         notes += told if found else []
         return found
     pieces = {inner: one for inner, paths in held.items() if (one := _pieces_in(inner, paths, look)) is not None}
@@ -141,7 +141,7 @@ def _of_folders(folder: Path, videos: Sequence[Path], look: Look, notes: list[st
     notes += [f"left out: {path}: the cameras are assumed to be the subfolders" for path in videos if path.parent == folder]
     notes += [f"left out: the videos in {inner}: its name is not that of a camera" for inner in held if inner not in cameras]
     for inner, paths in cameras.items():
-        used = paths[:1] if inner not in pieces else _used_of(pieces[inner], paths)
+        used = paths[:1] if inner not in pieces else _choose_files(pieces[inner], paths)
         if more := [path for path in paths if path not in used]:
             notes.append(f"left out: {', '.join(path.name for path in more)} in {inner}: another recording than {used[0].name}")
     found = [pieces.get(inner) or FoundRecording(inner.name, paths[0]) for inner, paths in cameras.items()]
@@ -152,7 +152,7 @@ def _pieces_in(inner: Path, paths: Sequence[Path], look: Look) -> FoundRecording
     """The pieces of one recording in a camera's folder; None where it holds none."""
     if len(paths) < 2:
         return None
-    if is_numbered_series(paths) or _timed(paths) or len(pieces_among(paths, seconds_of(look))) == len(paths):
+    if is_numbered_series(paths) or _are_timed(paths) or len(pieces_among(paths, seconds_of(look))) == len(paths):
         return FoundRecording(inner.name, inner)
     if len({path.parent for path in paths}) > 1:
         return None
@@ -163,18 +163,18 @@ def _pieces_in(inner: Path, paths: Sequence[Path], look: Look) -> FoundRecording
     return FoundRecording(inner.name, inner if alone else paths[0].parent / first.pattern)
 
 
-def _used_of(one: FoundRecording, paths: Sequence[Path]) -> list[Path]:
+def _choose_files(one: FoundRecording, paths: Sequence[Path]) -> list[Path]:
     return list(paths) if one.video.is_dir() else [path for path in paths if fnmatchcase(path.name, one.video.name)]
 
 
-def _timed(paths: Sequence[Path]) -> bool:
+def _are_timed(paths: Sequence[Path]) -> bool:
     """Whether all names tell times, in folders of days as recorders make them."""
     times = [usual_time(path) for path in paths]
     known = {time.seconds for time in times if time is not None}
     return len(known) == len(paths) and len({path.parent for path in paths}) > 1
 
 
-def _told_by_names(videos: Sequence[Path], look: Look) -> list[FoundRecording]:
+def _find_by_names(videos: Sequence[Path], look: Look) -> list[FoundRecording]:
     """Cameras whose pieces lie in one folder and differ in what stands before or behind the time, or before the chapter."""
     if len({path.parent for path in videos}) != 1:
         return []
@@ -197,7 +197,7 @@ def _told_by_names(videos: Sequence[Path], look: Look) -> list[FoundRecording]:
     return sorted(found, key=lambda one: natural_key(one.text)) if len(found) > 1 else []
 
 
-def _of_images(pictures: Sequence[Path]) -> list[FoundRecording]:
+def _find_images(pictures: Sequence[Path]) -> list[FoundRecording]:
     """Cameras with a folder of images each; empty unless there are two."""
     held: dict[Path, int] = {}
     for path in pictures:
@@ -222,7 +222,7 @@ def survey_recording(video: Path, probe: Callable[[Path], VideoInfo]) -> Recordi
         return RecordingSurvey(
             replace(info, seconds=None) if unknown else info, len(files.paths), begins, (), _utc(times), unknown
         )
-    info = _first_readable(files.paths, probe)
+    info = _probe_first_readable(files.paths, probe)
     length = info.seconds or 0.0
     seconds = begins[-1] - begins[0] + length if begins else length * len(files.paths)
     return RecordingSurvey(replace(info, seconds=seconds or None), len(files.paths), begins, paths, _utc(times))
@@ -232,7 +232,7 @@ def _utc(times: object) -> bool:
     return bool(getattr(times, "utc", False))
 
 
-def _first_readable(paths: Sequence[Path], probe: Callable[[Path], VideoInfo]) -> VideoInfo:
+def _probe_first_readable(paths: Sequence[Path], probe: Callable[[Path], VideoInfo]) -> VideoInfo:
     """Of some files, from the middle on: the first may have been cut, the last may be being written."""
     middle = len(paths) // 2
     tried = [*paths[middle : middle + 5], *paths[:3]]

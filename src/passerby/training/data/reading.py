@@ -89,7 +89,7 @@ def read_data(
     Raises `InputError` for a place that holds nothing known, a query without gallery, and sets without people.
     """
     path = Path(path)
-    name = name or _own_name(path)
+    name = name or _name_data_set(path)
     if path.is_file():
         if path.suffix.lower() != ".toml":
             raise InputError(f"{path}: is a file, but no scene file (.toml): give {UNDERSTOOD}")
@@ -132,7 +132,7 @@ def read_all(paths: Sequence[Path], cache: Path, tell: Progress = silent, *, exe
     ]
 
 
-def _own_name(path: Path) -> str:
+def _name_data_set(path: Path) -> str:
     """What a data set is called after."""
     whole = path.resolve()
     if path.is_file():
@@ -142,7 +142,7 @@ def _own_name(path: Path) -> str:
 
 def _names(paths: Sequence[Path]) -> list[str]:
     """Names that differ: those of the sets, and before those that are alike as many of their folders as it takes."""
-    names = [_own_name(path) for path in paths]
+    names = [_name_data_set(path) for path in paths]
     levels = [0] * len(paths)
     while True:
         count = Counter(names)
@@ -150,15 +150,15 @@ def _names(paths: Sequence[Path]) -> list[str]:
         if not alike:
             return names
         for row in alike:
-            above = paths[row].parent.parent if _called_by_folder(paths[row]) else paths[row].parent
+            above = paths[row].parent.parent if _is_named_by_folder(paths[row]) else paths[row].parent
             levels[row] += 1
             parts = above.parts[1:][-levels[row] :]
-            names[row] = "/".join((*parts, _own_name(paths[row])))
+            names[row] = "/".join((*parts, _name_data_set(paths[row])))
             if levels[row] > len(above.parts):
                 names[row] += f"-{row}"
 
 
-def _called_by_folder(path: Path) -> bool:
+def _is_named_by_folder(path: Path) -> bool:
     return path.is_file() and path.stem == "scene"
 
 
@@ -311,12 +311,12 @@ def msmt17(path: Path) -> Listing:
         learnt = part == "train"
         for name in names:
             getattr(listing, part).extend(
-                _listed(path / name, path / folders[0 if learnt else 1], "train" if learnt else "test")
+                _list_pictures(path / name, path / folders[0 if learnt else 1], "train" if learnt else "test")
             )
     return listing
 
 
-def _listed(file: Path, folder: Path, people: str) -> list[Listed]:
+def _list_pictures(file: Path, folder: Path, people: str) -> list[Listed]:
     """The pictures of a list. The people of train and test are numbered from 0 each, so `people` goes before the number."""
     rows = []
     for number, line in enumerate(read_text(file, "a list of MSMT17's images").splitlines(), start=1):
