@@ -13,8 +13,7 @@ from passerby.common.progress import Progress, tell_note
 from passerby.core.overlap import connected_groups, count_shared_observations
 from passerby.findings.finding import Finding, notice
 from passerby.interchange.output_folder import group_folder
-from passerby.scene.inputs import SceneInputs
-from passerby.scene.part import part_of
+from passerby.scene.inputs import SceneInputs, part_of
 
 FEWEST = 2
 """Cameras of a rig."""

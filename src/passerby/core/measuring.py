@@ -24,7 +24,7 @@ from passerby.common.arrays import Bools, Floats
 from passerby.common.errors import EvidenceError
 from passerby.core.cameras import Camera, Rig
 from passerby.core.observations import Boxes
-from passerby.geometry.similarity import Similarity, fit_similarity
+from passerby.geometry.rotations import Similarity, fit_similarity
 from passerby.geometry.triangulation import triangulate_views
 
 HEIGHTS_M = (0.0, 0.6, 1.2, 1.8)

@@ -32,8 +32,14 @@ from passerby.common.errors import InputError
 from passerby.core.cameras import Camera, Lens, Pose, Rig
 from passerby.core.measuring import MeasuringErrors, measuring_errors
 from passerby.core.observations import Boxes
-from passerby.geometry.rotations import angle_between, direction_angle, exp_rotation
-from passerby.geometry.similarity import Similarity, chordal_mean_rotation, fit_plane_similarity
+from passerby.geometry.rotations import (
+    Similarity,
+    angle_between,
+    chordal_mean_rotation,
+    direction_angle,
+    exp_rotation,
+    fit_plane_similarity,
+)
 
 GRID = (17, 13)
 """Points across and down the picture at which rays are compared."""

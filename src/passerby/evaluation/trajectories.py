@@ -17,7 +17,7 @@ from passerby.common.errors import InputError
 from passerby.core.cameras import Rig
 from passerby.core.trajectories import Trajectories
 from passerby.evaluation.metrics import place
-from passerby.geometry.similarity import Similarity
+from passerby.geometry.rotations import Similarity
 
 REACH_M = 2.0
 """Ways that are farther apart than that show different people: who matches whom is chosen by the instants they are nearer."""

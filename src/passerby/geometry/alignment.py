@@ -22,8 +22,7 @@ from scipy.special import fdtri
 
 from passerby.common.arrays import Bools, Floats, Ints
 from passerby.common.errors import EvidenceError
-from passerby.geometry.rotations import exp_rotation
-from passerby.geometry.similarity import Similarity, fit_plane_similarity, fit_similarity
+from passerby.geometry.rotations import Similarity, exp_rotation, fit_plane_similarity, fit_similarity
 from passerby.geometry.triangulation import triangulate
 
 STATED_WEIGHT = 4.0

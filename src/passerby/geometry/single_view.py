@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from passerby.common.arrays import Bools, Floats
-from passerby.geometry.robust import cauchy_weights
+from passerby.geometry.groups import cauchy_weights
 from passerby.geometry.rotations import rotation_between
 
 MIN_PEOPLE = 8

@@ -15,8 +15,7 @@ from scipy.special import chdtri
 
 from passerby.common.arrays import Floats, Ints
 from passerby.core.cameras import Pose
-from passerby.geometry.rotations import exp_rotation, log_rotation
-from passerby.geometry.similarity import fit_similarity
+from passerby.geometry.rotations import exp_rotation, fit_similarity, log_rotation
 from passerby.monitoring.evidence import POWER, TAILS, MotionTest, limit_of, score_of
 from passerby.solver.gauge import SCALE, TILT_X, similarity_moves
 

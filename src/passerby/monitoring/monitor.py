@@ -25,11 +25,10 @@ from passerby.interchange.monitor_json import MONITOR_FILE
 from passerby.interchange.output_folder import GROUPS_FOLDER, RIG_FILE, group_folder, scene_file
 from passerby.monitoring.budget import SITE_BUDGET_S, Thinning, plan_thinning, thin
 from passerby.monitoring.given_rig import GivenRig, judged_by, news_of, read_earlier, read_given, rig_text
-from passerby.monitoring.readjusting import joints_are_shared, watch_adjusted
 from passerby.monitoring.result import MonitoringResult, Sources
 from passerby.monitoring.site import MANY, SEED, CamerasOfSite, identify_by_rig, watch_site
 from passerby.monitoring.watched import Watched, WatchOptions
-from passerby.monitoring.watching import watch
+from passerby.monitoring.watching import joints_are_shared, watch, watch_adjusted
 from passerby.people.ground import fit_ground, rough_height
 from passerby.people.held_cameras import GroundPlane
 from passerby.people.rig_observations import gather_rig_observations

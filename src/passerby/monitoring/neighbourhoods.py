@@ -23,9 +23,8 @@ from passerby.core.cameras import Rig
 from passerby.core.observations import Observations
 from passerby.geometry.groups import expanded_ranges
 from passerby.monitoring.evidence import MotionTest
-from passerby.monitoring.readjusting import joints_are_shared, watch_adjusted
 from passerby.monitoring.watched import Move, Watched, WatchOptions, Window
-from passerby.monitoring.watching import watch
+from passerby.monitoring.watching import joints_are_shared, watch, watch_adjusted
 from passerby.monitoring.windows import STAGE
 from passerby.people.ground import fit_ground
 from passerby.people.rig_observations import RigObservations

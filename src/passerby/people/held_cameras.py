@@ -14,8 +14,7 @@ import numpy as np
 
 from passerby.common.arrays import Floats, Ints
 from passerby.core.stature import PERSON_HEIGHT_M, PERSON_HEIGHT_SD_M
-from passerby.geometry.groups import group_medians, group_sums
-from passerby.geometry.robust import huber_weights
+from passerby.geometry.groups import group_medians, group_sums, huber_weights
 from passerby.people.rig_observations import RigObservations
 from passerby.people.upright_body import Rays, body_ends, linearise_ends, reach_by_size
 

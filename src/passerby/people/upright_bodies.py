@@ -13,8 +13,7 @@ import numpy as np
 
 from passerby.common.arrays import Bools, Floats, Ints
 from passerby.core.cameras import Rig
-from passerby.geometry.groups import group_medians, group_numbers, group_sums
-from passerby.geometry.robust import cauchy_weights
+from passerby.geometry.groups import cauchy_weights, group_medians, group_numbers, group_sums
 from passerby.people.bodies import STANCE_SD, linearise, single_view_bodies, solve_bodies
 from passerby.people.model import GAIT_SHARE, Noise, Priors
 from passerby.people.upright_body import Rays, body_ends, rays_of

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from passerby.common.arrays import Floats
-from passerby.geometry.robust import cauchy_weights, residual_scale
+from passerby.geometry.groups import cauchy_weights, residual_scale
 from passerby.perception.foreground import Foreground, Levels
 
 ALONE = 1.0

@@ -15,9 +15,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from passerby.common.addresses import ADDRESS, plain_without_credentials
 from passerby.common.errors import InputError
 from passerby.common.progress import Progress, silent
+from passerby.common.text import ADDRESS, plain_without_credentials
 from passerby.findings.finding import Finding, notice
 from passerby.interchange.storage.atomic import write_text
 from passerby.interchange.storage.safe_parsing import NotParsed, parse_toml, read_text

@@ -1,11 +1,13 @@
 """From a scene file to observations: everything that it names is read, and the cameras are checked against each other.
 
 *Faults* make an input unusable; *findings* are odd, but do not stop a calibration; *doubts* let no rig be accepted.
+
+A part of a scene's inputs: some of its cameras, as if the others were not there.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
 from pathlib import Path
@@ -47,7 +49,6 @@ IN_MEMORY = Path("(in memory)")
 SPAN_RATIO = 1.5
 """Recordings whose lengths in seconds differ by more are told: a frame rate is mostly mistaken for half or twice itself (25 and
 50, 30 and 60). People who are there for a part of the time only make a recording look short too, so that it is no fault."""
-
 WALL_SIGMA_S = 1.7
 """One standard deviation of the difference of two recorders' clocks; three of them are the 5 s that are searched by default."""
 SHORT_VIDEO = 0.2
@@ -403,3 +404,36 @@ def _embedding_findings(scene: Scene, readings: list[CameraInput]) -> list[Findi
     if scene.association.mode != "combined" or not without or all(reading.dimensions is None for reading in readings):
         return []
     return [notice("embeddings_missing", *without, place=str(scene.place))]
+
+
+def part_of(inputs: SceneInputs, names: Collection[str]) -> SceneInputs:
+    """The inputs of some cameras, in the order of the rig.
+
+    Doubts about the whole scene hold of the part too; notices are those about its cameras.
+
+    Args:
+        inputs: of all cameras.
+        names: the cameras of the part.
+    """
+    inside = [camera for camera in inputs.rig if camera.name in names]
+    seen = inputs.observations
+    own = [camera.name for camera in inside]
+    clocks = {name: seen.clocks[name] for name in own if name in seen.clocks}
+    fps = clocks[own[0]].fps if own and own[0] in clocks else seen.fps
+    return replace(
+        inputs,
+        rig=Rig(tuple(inside)),
+        observations=Observations({name: seen[name] for name in own}, fps, clocks),
+        findings=tuple(finding for finding in inputs.findings if _is_about(finding, own)),
+        doubts=tuple(finding for finding in inputs.doubts if not finding.cameras or _is_about(finding, own)),
+        pointed=tuple(one for one in inputs.pointed if one.camera in own),
+        stated=inputs.stated.within(own),
+        measured=tuple(one for one in inputs.measured if set(one.cameras) <= set(own)),
+        gaps={name: spans for name, spans in inputs.gaps.items() if name in own},
+        elsewhere=(*inputs.elsewhere, *(camera for camera in inputs.rig if camera.name not in names)),
+    )
+
+
+def _is_about(finding: Finding, names: Collection[str]) -> bool:
+    """Whether a finding is about one of the cameras."""
+    return any(name in names for name in finding.cameras)

@@ -25,7 +25,7 @@ from passerby.common.arrays import Floats, Ints
 from passerby.core.cameras import Rig
 from passerby.core.observations import CameraObservations, Observations, extents_of
 from passerby.findings.finding import Finding, doubt
-from passerby.geometry.robust import NORMAL_BY_MAD
+from passerby.geometry.groups import NORMAL_BY_MAD
 from passerby.perception.kept import fingerprint
 from passerby.perception.video import VideoInfo
 from passerby.scene.camera_input import CameraInput

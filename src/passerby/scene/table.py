@@ -14,8 +14,7 @@ from typing import Annotated, Any, Self
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
-from passerby.common.addresses import plain_without_credentials
-from passerby.common.text import nearest, shortened
+from passerby.common.text import nearest, plain_without_credentials, shortened
 
 LONGEST_KEY = 80
 """Characters of a key, or of a camera's name, that are told."""

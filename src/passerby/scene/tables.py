@@ -16,8 +16,7 @@ from pydantic import (
     model_validator,
 )
 
-from passerby.common.addresses import not_a_file
-from passerby.common.text import shortened
+from passerby.common.text import not_a_file, shortened
 from passerby.core.data_sheet import NARROWEST_FIELD_DEG, WIDEST_FISHEYE_DEG
 from passerby.core.observations import BoxFormat
 from passerby.perception.sources.name_times import NamePattern

@@ -69,7 +69,7 @@ def track(
     from passerby.interchange.storage.text_formats import to_json
     from passerby.interchange.storage.transaction import folder_lock, transaction
     from passerby.interchange.trajectories_csv import read_ground_positions, write_trajectories
-    from passerby.report.trajectories_page import trajectories_page
+    from passerby.report.page import trajectories_page
 
     if truth is not None and true_rig is None:
         raise InputError("--truth needs --true-rig: the true cameras align the estimated world frame with the true one")

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from passerby.common.addresses import not_a_file
 from passerby.common.errors import InputError
+from passerby.common.text import not_a_file
 from passerby.core.cameras import Camera, Lens, Rig
 from passerby.interchange.rig_toml import write_rig
 from passerby.interchange.storage.atomic import write_text
