@@ -1,7 +1,4 @@
-"""Work that is done side by side.
-
-Results of jobs that were done before: several estimates of one scene share most of their work.
-"""
+"""Work that is done side by side, and results of jobs that several estimates share."""
 
 from __future__ import annotations
 

@@ -1,9 +1,7 @@
-"""Inverses of symmetric matrices without negative eigenvalues, some of whose directions may be null.
+"""Linear systems: inverses of symmetric matrices with null directions, and many small systems at once.
 
 Up to `FULL_UP_TO` rows all eigenvalues are worked out; beyond, that takes ten times as long as an inverse by Cholesky's
 factor, and only the smallest ones are looked at, by shifted inverse iteration (Lanczos).
-
-Many small systems of equations at once, laid out by component: every operation works on all of them.
 """
 
 from __future__ import annotations

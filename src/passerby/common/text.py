@@ -1,9 +1,4 @@
-"""Words and names in messages.
-
-How values look in a notebook. The drawing stands far above the values, so the package's head hands it down.
-
-Addresses of streams, where the name of a file is needed, and texts without the user names and passwords in them.
-"""
+"""Text of messages: words and names, stream addresses without passwords, and how notebooks show values."""
 
 from __future__ import annotations
 

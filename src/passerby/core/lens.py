@@ -1,8 +1,6 @@
 """A camera's lens: OpenCV's pinhole with radial-tangential distortion, or OpenCV's fisheye.
 
 Pixels as OpenCV counts them; rays in OpenCV's camera axes (x right, y down, z forward).
-
-The mathematics of OpenCV's lens models, on plain arrays: its fisheye forward and back, its pinhole back.
 """
 
 from __future__ import annotations

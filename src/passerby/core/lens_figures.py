@@ -1,11 +1,4 @@
-"""Figures of refined lenses, as `calibration.json` has them under `figures`; see `passerby.core.figures`.
-
-The numbers of a lens that was estimated, one by one: each with its sigma, its prior, and what determined it.
-
-How much of the world a lens shows, as data sheets state it.
-
-The border of a camera's picture as rays: what drawings of a rig show of what a camera sees.
-"""
+"""Figures of lenses, as `calibration.json` has them: estimated parameters, their sigmas and priors, fields of view."""
 
 from __future__ import annotations
 

@@ -8,8 +8,6 @@ are projected by the true cameras, and measured from these pixels by the estimat
 - *ground*: the places themselves, where one camera's ray meets z = 0.
 
 Both are compared with the truth after one similarity of the whole rig, the least-squares one of the points.
-
-Figures of how surely a rig measures: what `calibration.json` has as `figures.measuring`, under the same names.
 """
 
 from __future__ import annotations

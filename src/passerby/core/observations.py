@@ -1,11 +1,7 @@
-"""What the cameras saw, in columns: one numpy array per property, one row per box or person.
+"""What the cameras saw, in columns (one array per property, one row per box or person), and the formats of boxes.
 
 Frames are whole numbers. Without clocks they are counted alike in all cameras: the same number is the same instant. An identity
 is a whole number; -1 means unknown. The arrays are checked once, on entry, and read-only from then on.
-
-Where people are in a picture: the rectangles of boxes, and those around joints.
-
-The conventions in which tools write boxes: which four numbers a box is, and in which unit.
 
 Four numbers are left, top, width, height (MOTChallenge, COCO); left, top, right, bottom (most detectors in memory); or
 centre x, centre y, width, height. Each is in pixels or, normalised, in shares of the image's width and height (YOLO text:

@@ -1,12 +1,6 @@
-"""Scale cues: what a user knows about lengths in the scene, each with its standard deviation.
+"""What a user knows of lengths and places: scale cues with standard deviations, plans, surveyed points, the unit.
 
 All cues enter one adjustment as priors, so that they combine by their weights and the pull of each can be told.
-
-A floor plan or satellite picture with its scale, and what a user placed on it: cameras, and points of the ground.
-
-Points and camera positions that a survey, a plan or a receiver knows.
-
-The unit of stated lengths, as far as people's heights show that it is not the metre.
 """
 
 from __future__ import annotations

@@ -1,10 +1,8 @@
-"""Whether what a rig measures is known well enough to use: the one doubt about what is merely uncertain.
+"""Whether what a rig measures is known well enough to use, and which cameras have no pose: two doubts with reasons.
 
 A rig is used for points, positions on the ground and lengths. Each has one sigma, where people walked, and one limit. Why it
 is large (few observations, uneven ground, noisy boxes) is a notice of the stage that finds it; here it becomes a part of the
 doubt, and no doubt of its own.
-
-Cameras that have no pose: one doubt, with the finding that explains it.
 
 Why a camera could not be registered is a notice of the stage that finds it. Here it becomes a part of the doubt.
 """

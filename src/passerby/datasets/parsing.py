@@ -1,7 +1,4 @@
-"""Reading the files of published sets, with errors that name file, place, value and fix.
-
-Variables of MATLAB files, by SciPy; files of version 7.3, which are HDF5, by h5py where that is installed.
-"""
+"""Reading the files of published sets, MATLAB's included, with errors that name file, place, value and fix."""
 
 from __future__ import annotations
 

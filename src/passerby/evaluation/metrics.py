@@ -1,4 +1,4 @@
-"""How far an estimated rig lies from the true one: camera pose errors (CPE), the scale ratio, the vertical and the ground.
+"""Errors of an estimated rig against the true one: poses (CPE), scale, vertical, ground, intrinsics, stated sigmas.
 
 A wrong scale and a wrong shape are different faults, so the estimate is placed upon the truth twice:
 
@@ -9,10 +9,6 @@ A wrong scale and a wrong shape are different faults, so the estimate is placed 
   the camera centres; means over all cameras.
 
 A position error is `|C_est - C_true|`, an orientation error the angle of `R_est R_true^T` (R is world to camera).
-
-How far estimated intrinsics lie from the true ones.
-
-Are the stated sigmas as large as the errors?
 
 A rig's world is free to be turned about the vertical and moved along the ground: no measurement tells of it. So the estimate
 is placed upon the truth by the best such motion, least squares over the camera centres, which is the placement that the

@@ -4,8 +4,6 @@ Both are weighted least squares over `X -> scale R X + t`. By default R turns ab
 plane, so that the ground and the vertical stay what the people told. Robust: the motions that minimal subsets ask for are
 compared by their least trimmed squares (Rousseeuw, "Least median of squares regression", JASA 1984), and a place is left out
 where those that agree make its residual impossible (an F test).
-
-What a rig can be laid upon: rays to points with known coordinates, known positions of cameras.
 """
 
 from __future__ import annotations

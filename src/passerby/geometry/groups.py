@@ -1,7 +1,4 @@
-"""Rows in groups: sums, medians, the first of each, and joins of sorted columns. Arrays in, arrays out, no loop over groups.
-
-Robust losses as weights of iterated least squares, and the scale of residuals that a minority cannot move.
-"""
+"""Statistics over rows: sums, medians and joins of groups without loops, robust weights and scales."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""Rotations: rotation vectors, angles between rotations and directions, the smallest turn between two directions.
-
-Least-squares placement of one point set on another: rigid or with scale, in space and in the plane, and mean rotations.
-"""
+"""Rotations and similarities: rotation vectors, angles, and the least-squares placement of one point set on another."""
 
 from __future__ import annotations
 

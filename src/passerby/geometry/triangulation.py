@@ -1,7 +1,4 @@
-"""Points from viewing rays, linear and vectorised, and how well they fit.
-
-Reprojection near a measured ray, its derivatives, and steps of poses.
-"""
+"""Points from viewing rays, linear and vectorised, how well they fit, and the derivatives of reprojection."""
 
 from __future__ import annotations
 

@@ -2,8 +2,6 @@
 
 Frames: `x_b = R_ba x_a + t_ba`; the essential matrix fulfils `ray_b^T E ray_a = 0` with `E = [t_ba]x R_ba`. The length of the
 baseline cannot be seen, so `t_ba` is a unit vector.
-
-The relative pose of two cameras as a hypothesis.
 """
 
 from __future__ import annotations

@@ -1,9 +1,4 @@
-"""Numbers out of a parsed file: what is in lists in lists, checked once for all formats.
-
-Rotation vectors (Rodrigues) out of files.
-
-A rig from the cameras of a file, with all their faults told at once.
-"""
+"""Numbers out of a parsed file, rotation vectors among them, and rigs whose faults are all reported at once."""
 
 from __future__ import annotations
 

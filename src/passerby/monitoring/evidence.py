@@ -1,7 +1,4 @@
-"""What one window of time says: has a camera moved, measured against the rig and against all that was seen before.
-
-When a camera moved: the moment that parts the footage best into still and moved.
-"""
+"""What one window of time says: has a camera moved, measured against the rig and against all that was seen before."""
 
 from __future__ import annotations
 

@@ -1,9 +1,4 @@
-"""The rig that is watched, with what its calibration knew beside: clocks, and how sure its shape is.
-
-What an earlier run found, for cameras that have no news since.
-
-Which cameras have news since an earlier run: files that are not those that were read then. No file is opened for it.
-"""
+"""The rig that is monitored, what its calibration knew, and what an earlier run found."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""A rig in use and new footage: which cameras have moved since they were calibrated.
-
-A calibration in groups that share nobody: each is a rig of its own, and is monitored as one.
-"""
+"""A rig in use and new footage: which cameras have moved since they were calibrated."""
 
 from __future__ import annotations
 

@@ -1,10 +1,6 @@
-"""The cameras of a site: which of them are neighbours, who is who among these, and what each small rig says of its camera.
-
-Which cameras of a rig may share people: those that see ground in common, by their poses.
+"""The cameras of a site: which are neighbours, cross-camera identities among these, and the result of each small rig.
 
 Walls are not known, so that a neighbour may turn out to share nobody. The work grows with the cameras, not with their pairs.
-
-Who is who over the cameras of a rig that is in use, where nobody says so: tracklets that meet in space, camera by camera.
 
 As in a calibration (`association.associate`), but from poses that are known from the first. A camera that has moved by a few
 degrees still sees people nearer to where the others see them than to anybody else.

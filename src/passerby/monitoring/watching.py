@@ -1,6 +1,4 @@
-"""From sightings to moves: window after window is tested, and what moved is found, dated, measured and given its new pose.
-
-From boxes and joints to moves: each window's cameras are adjusted anew, all of them, and held against the rig.
+"""From observations to moves: windows are tested or readjusted; a move is found, dated, measured and given its pose.
 
 The test of `watching` holds all cameras but one. That is quick and works for hours of boxes; but it is blind where the others
 have moved as well, and knows no joints, of which half a minute is enough to calibrate by.

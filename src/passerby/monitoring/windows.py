@@ -1,10 +1,8 @@
-"""Window after window of footage, whatever a window is tested by: until a camera has moved, and then on from its new pose.
+"""Window after window of footage until a camera has moved, and the evidence of all windows added up.
 
 A camera that was turned before the footage began is turned in every window alike. Where no window shows that by itself, the
 windows in which nothing seems to move are what the later ones are compared with. So all the footage since the last move is
 compared with the rig at the end, at once.
-
-Where cameras are by all the footage at once: the scores of boxes, or the windows that were adjusted, added up.
 
 Both are a sum of squares that is quadratic in small changes of the poses. Its minimum is an estimate of the rig, which
 `comparison.compare` compares with what was known before.

@@ -1,10 +1,6 @@
-"""The addresses of the page. Nothing that a client sends is ever a path: cameras are names of the scene.
-
-The addresses of the plan: its picture in and out, drafts tried on the rig, and the view from above with its files.
+"""The addresses of the page of a scene, of its plan, and of a monitored rig.
 
 What draws the rig and lays it upon a plan is imported when it is asked for: the first page does not wait for it.
-
-The addresses of the page of a monitored rig. The browser names cameras, frames, and one of two recordings.
 """
 
 from __future__ import annotations

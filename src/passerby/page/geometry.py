@@ -1,8 +1,6 @@
-"""What clicks say by a rig: where an end lies in the other pictures, how long a marked length is, where the ground is.
+"""What clicks mean by a rig: epipolar points, marked lengths, the ground, and the same person in other cameras.
 
 World: z up, ground at z = 0, metres. Pixels are OpenCV's: (0, 0) is the centre of the first one.
-
-The person at a pixel in the other cameras, as the last calibration identified people: so that one can see if it is right.
 """
 
 from __future__ import annotations

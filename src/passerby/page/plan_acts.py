@@ -1,9 +1,4 @@
-"""What a browser says of a plan, checked: a draft to be tried on the rig, and the acts that write and delete it.
-
-`[world.plan]` as lines of the scene file: what stays the same keeps its lines and comments.
-
-A draft of a plan tried on the rig as it is: where all cameras would be on it, and how far off each placement is.
-"""
+"""What a browser says of a plan: a draft, tried on the rig, and the acts that write and delete `[world.plan]`."""
 
 from __future__ import annotations
 

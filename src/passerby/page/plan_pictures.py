@@ -1,7 +1,4 @@
-"""The plan's picture as a browser is shown it: decoded as a calibration decodes it, so that both count the same pixels.
-
-A plan's picture that a browser sends: PNG or JPEG by its first bytes, measured before it is decoded, named by content.
-"""
+"""The plan's picture: as a browser sends it, checked before it is decoded, and as a calibration decodes it."""
 
 from __future__ import annotations
 

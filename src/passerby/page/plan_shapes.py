@@ -1,6 +1,4 @@
-"""The view from above as shapes, which the page draws and zooms, and as an SVG file that needs nothing else.
-
-The view from above as GeoJSON (RFC 7946): cameras, their fields of view and sigmas, and people's trajectories.
+"""The view from above as files and shapes: SVG, and GeoJSON (RFC 7946).
 
 The format knows longitude and latitude only. A rig that positions in degrees have set is written so. Any other is written in
 the metres of its world, which RFC 7946 does not define: the member `coordinate_system` of the collection says so.

@@ -1,9 +1,7 @@
-"""Who may ask the page for anything: the browser that was opened with the token, at this address, from this page.
+"""Who may ask the page for anything, and what all pages answer alike.
 
 Any web site that a user visits can send requests to 127.0.0.1, and a name of its own can lead there (DNS rebinding). So `Host`
 must be this server's, `Origin` this page's, and the cookie, which no other site's requests carry, must hold the token.
-
-What all pages answer alike: their own files, JSON, pictures, and what a request may name.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""One opened scene: what there is to show, and the acts that change its file.
-
-What a calibration found, as the page shows it: verdict, reasons, and a row for each camera.
-"""
+"""One opened scene: what there is to show, the acts that change its file, and the results of its calibration."""
 
 from __future__ import annotations
 

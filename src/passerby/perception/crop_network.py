@@ -1,6 +1,4 @@
-"""Networks that take crops of people: their input read from the file, filled in batches.
-
-Boxes cut out of pictures at the size that a network takes, and the ways back.
+"""Crops of people: cut out of pictures at the size that a network takes, and passed through it in batches.
 
 Positions are continuous and count as OpenCV's, for boxes and joints alike: the middle of a picture's first pixel is (0, 0).
 """

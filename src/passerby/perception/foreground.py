@@ -1,9 +1,4 @@
-"""Which pixels of a picture are not background.
-
-What a static camera sees when nobody is there: the usual colour of every pixel, and how much it varies.
-
-Cast shadows: the background seen through less light.
-"""
+"""Which pixels of a picture are not background: background statistics, cast shadows, foreground."""
 
 from __future__ import annotations
 

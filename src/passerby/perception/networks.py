@@ -1,9 +1,4 @@
-"""An ONNX file, and how it wants to be spoken to.
-
-The networks that Passerby knows: names, addresses, checksums, licences and input conventions, from manifest.toml.
-
-What a network wants that the manifest does not know: told by the file itself, by a note beside it, or else by its role.
-"""
+"""Networks and their input and output conventions: from the manifest, or from the file, a note beside it, or its role."""
 
 from __future__ import annotations
 

@@ -1,9 +1,4 @@
-"""The stages that a plan names, ready to work. Networks are opened in the process that uses them.
-
-People whose boxes a file states, in place of a detector.
-
-Videos of cameras on their side: people in them are found once the images are turned.
-"""
+"""The stages that a plan names, ready to work. Networks are opened in the process that uses them."""
 
 from __future__ import annotations
 

@@ -1,11 +1,4 @@
-"""From the foreground to boxes of people: whole ones, ones in parts, and ones who hide each other.
-
-How tall people appear in a camera's picture, depending on where they stand: learnt from people who stand alone.
-
-From a mask of the foreground to the regions that may be people.
-
-Regions of several people: divided where each of them shows head and feet, else given up.
-"""
+"""From the foreground to boxes of people: whole ones, ones in parts, and people who occlude each other."""
 
 from __future__ import annotations
 

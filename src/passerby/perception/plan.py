@@ -1,6 +1,4 @@
-"""What people are found with: networks where they can be had, methods without weights where not.
-
-Which people's keypoints are measured where not everybody's are: all of those who are seen well, at few time steps.
+"""How people are found: networks where available, methods without weights otherwise; and whose keypoints are measured.
 
 A joint is a point in space only where two cameras see it at one time. So whole time steps are chosen, the same ones in all
 cameras, and not people by themselves: a quarter of all boxes at times drawn alike gave 9.6 mm 0.042 degrees, a quarter drawn

@@ -1,6 +1,4 @@
-"""Appearance by a re-identification network: any ONNX file that turns a person's crop into a vector.
-
-Appearance without any weights: histograms of colour in stripes from head to foot.
+"""Appearance of people: by a re-identification network, or by colour histograms of horizontal stripes.
 
 Hair, jacket, trousers and shoes lie one under the other, whichever way a person turns. So each of six stripes is described by
 its own histogram, once of the colours as they are (best within a camera) and once of the colours after each channel was

@@ -1,8 +1,6 @@
-"""Whether a camera stays where it is, and does not zoom: seen from a picture every second or two.
+"""Whether a camera moves or zooms, by the motion of its background in one picture every second or two.
 
 Each picture is compared with a reference: the first one, in which what was hidden or has changed is filled in later.
-
-How the background of a picture lies against what the camera saw before.
 
 Small textured patches are followed from a reference to a picture, after local contrast is normalised so that lights do not
 matter. As long as enough patches are found where they were, the camera stands, however many others are hidden by people.

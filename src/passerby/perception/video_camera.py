@@ -1,10 +1,8 @@
-"""What a video's metadata say of the camera that recorded it: its make and model, and the focal length of its lens.
+"""What a video's metadata say: make and model of the camera, focal length, creation time and timecode.
 
 FFmpeg reads the metadata of the whole file. Phones write the focal length into the metadata of the video's track (QuickTime:
 `moov`, `trak`, `meta`, `keys` and `ilst`), which FFmpeg passes over; they are read here. Metadata may say anything: what is no
 focal length is taken as none.
-
-When a video file says that it was recorded: its creation time, and its timecode.
 
 Both are metadata. FFmpeg hands `creation_time` on from MP4 and MOV (`mvhd`, ISO 14496-12), Matroska (`DateUTC`) and others, and
 the timecode from a track of its own (QuickTime's `tmcd`) or from the video stream.

@@ -1,7 +1,5 @@
 """People found by a YOLOX network (Ge et al., "YOLOX: Exceeding YOLO Series in 2021").
 
-What the rows of a YOLOX network mean: one row for each cell of grids of several strides.
-
 Ge et al., "YOLOX: Exceeding YOLO Series in 2021". A row holds the box, the objectness and the class scores. Some exports hold
 the box in pixels of the input, others as the network gives it: its centre in cells from its own cell's corner, and the
 logarithms of width and height in cells.

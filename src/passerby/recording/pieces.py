@@ -1,8 +1,6 @@
-"""Packets of one connection written into pieces, each of which begins with a key frame and appears as a whole or not at all.
+"""Packets of one connection written into pieces that are whole, and the wall time of packets.
 
 Pieces are Matroska files, which hold every codec of network cameras as it comes. Their names are their wall times, in UTC.
-
-Wall time of a stream's packets: by the sender where it tells it, by their arrival otherwise.
 """
 
 from __future__ import annotations

@@ -1,8 +1,6 @@
-"""Streams as the videos of a scene: which cameras have one, where it is recorded, and the scene of what was recorded.
+"""Streams as the videos of a scene: where they are recorded, and the scene file of what was recorded.
 
 The scene that is calibrated names folders of the recording, never an address.
-
-The scene file of a recording: what `passerby calibrate` reads afterwards.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""The table of cameras: where each stands and looks, how sure that is, and what it saw.
-
-The lenses that were estimated together with the rig: each number with its sigma, its prior, and what determined it.
-"""
+"""Tables of the report about cameras: pose, uncertainty and observations, and the intrinsics that were estimated."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""Distances between the cameras, for checking with a tape, and how sure they are.
-
-Where a calibration is weakest, and what would make it better: also where nothing speaks against it.
-"""
+"""Distances between the cameras, to be checked with a tape, and where a calibration is weakest."""
 
 from __future__ import annotations
 

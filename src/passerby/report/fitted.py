@@ -1,11 +1,7 @@
-"""Where people were at a sample of instants, by the rig and the identities, and how what was seen differs from that.
+"""Where people were at a sample of time steps, by the rig and the identities, and how the observations differ from that.
 
 The sample is bounded, evenly spread and the same for the same calibration. People are fitted anew at each instant, with the
 cameras held: as upright bodies where there are boxes, by their joints where there are only those.
-
-Joints that two cameras or more saw, in space and as they project again.
-
-The model of people and boxes as `calibration.json` tells of it.
 """
 
 from __future__ import annotations

@@ -1,8 +1,4 @@
-"""The people in a camera's picture: as they were seen, and as the calibration has them.
-
-The ground and the other cameras as a camera's picture should show them.
-
-The horizon and plumb lines as a camera's picture should show them: whether lens and pose are right, by the eye.
+"""Layers over a camera's picture: people as observed and as modelled, the ground, other cameras, the horizon, plumb lines.
 
 A vertical edge of a building lies along the plumb line of its heading, near or far, so no place on the ground is needed. A
 wrong lens bends or tilts these lines against door posts and people; a wrong pose tilts the horizon.

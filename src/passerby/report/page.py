@@ -1,13 +1,4 @@
-"""The report as HTML that opens anywhere: no network, no dates, the same bytes for the same calibration.
-
-It is one file, and beyond `site.EMBEDDED_CAMERAS` a page with files beside it.
-
-The report of a site: a page that opens at once, and files with what one camera or one plot needs.
-
-The HTML document around the sections of a report: head, bar, scripts, and the policy of what may run.
-
-The ways of people as a page that opens without a network: from above, and in space, with the cameras. Drawn by plotly.
-"""
+"""The report as HTML that opens anywhere: no network, no dates, the same bytes for the same calibration."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""Heights of the people, and what tells how long a metre is.
-
-Timeline of observations, and when: bars, or how many at once where there are too many bars to tell apart.
-"""
+"""Sections about people: their heights, what determines the scale, and the timeline of observations."""
 
 from __future__ import annotations
 

@@ -1,9 +1,4 @@
-"""What speaks against a calibration, and what to do about it, as the report shows both.
-
-What a person should read first of a calibration, as sentences.
-
-What a doubtful rig is still good for, in one line.
-"""
+"""Problems of a calibration, the most important first, their remedies, and what a doubtful rig can still be used for."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""What the drawings of a rig are made of: what cameras look at, how sure their places are, where people were.
-
-What the drawings of a rig say of its cameras.
-"""
+"""What the drawings of a rig show: view directions, uncertainty of positions, places of people, labels of the cameras."""
 
 from __future__ import annotations
 

@@ -1,10 +1,6 @@
 """The rig in space and from above, as plotly figures in plain values: {"data": [...], "layout": {...}}.
 
 They name no colours of text, grid and background: the page sets these for light and dark.
-
-The rig from above, as a plotly figure in plain values.
-
-The rig in space, as a plotly figure in plain values.
 """
 
 from __future__ import annotations

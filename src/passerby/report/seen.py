@@ -1,7 +1,4 @@
-"""Who was seen where and when, from the tracks: what the timeline and the counts are made of.
-
-Reports of many cameras: when what one camera needs lies in files beside the page, and which cameras are neighbours.
-"""
+"""Who was seen where and when, from the tracks: the source of the timeline, the counts, and the zones of a large site."""
 
 from __future__ import annotations
 

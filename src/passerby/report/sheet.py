@@ -1,8 +1,6 @@
-"""A sheet of paper over a camera's picture: lines and letters that can be read on a photograph and on a blank page.
+"""The sheet that a camera's layers are drawn on: lines and text over a picture of its video, or over blank paper.
 
 Coordinates are those of the camera's pixels, whose origin is the middle of the first one.
-
-What lies behind a camera's drawing: the picture of its video in which most people are seen, or nothing, with the reason.
 """
 
 from __future__ import annotations

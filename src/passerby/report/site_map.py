@@ -1,7 +1,4 @@
-"""The map of a site, and the site in space: few traces, however many cameras there are.
-
-The floor plan with the rig drawn on it: cameras, what they see, people's trajectories, and how far off each placement is.
-"""
+"""The rig from above: the map of a site, with few traces for many cameras, and the floor plan with the rig drawn on it."""
 
 from __future__ import annotations
 

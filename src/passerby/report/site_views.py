@@ -1,7 +1,4 @@
-"""The camera that is looked at: its picture and what belongs to it, of each camera in a file of its own.
-
-The list of a site's cameras: what is wrong with each, its zone, and its figures, to be searched and sorted.
-"""
+"""The cameras of a site: their list, to be searched and sorted, and the view of one camera, each in a file of its own."""
 
 from __future__ import annotations
 

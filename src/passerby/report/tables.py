@@ -1,7 +1,4 @@
-"""Tables that scroll in their own box, can be sorted, and can be copied as CSV.
-
-Figures as text.
-"""
+"""Tables that scroll in their own box, can be sorted, and can be copied as CSV; figures as text."""
 
 from __future__ import annotations
 

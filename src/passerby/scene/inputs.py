@@ -1,8 +1,6 @@
 """From a scene file to observations: everything that it names is read, and the cameras are checked against each other.
 
 *Faults* make an input unusable; *findings* are odd, but do not stop a calibration; *doubts* let no rig be accepted.
-
-A part of a scene's inputs: some of its cameras, as if the others were not there.
 """
 
 from __future__ import annotations

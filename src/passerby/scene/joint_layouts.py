@@ -1,9 +1,7 @@
-"""Joints that stand in a file under the names of another layout, recognised by where they lie in the images.
+"""Keypoints that are not what a file says: those of another layout, and the ends of wands among them.
 
 OpenPose writes 25 joints in two orders, BODY_25 and BODY_25B, and no file of it says which. A tool that assumes one names the
 joints of the other wrongly: a knee is called a hip. The right names order the joints of people from head to feet.
-
-Wands: sticks of known length that people carry. Their ends stand among the keypoints, and are taken out of them here.
 """
 
 from __future__ import annotations

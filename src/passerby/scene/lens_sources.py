@@ -1,11 +1,7 @@
-"""The lens that a camera begins with: what is known of it, and from where.
+"""The lens that a camera begins with: what is known of it, from where, and whether it belongs to the images.
 
 A file of intrinsics; what the scene file states of a lens that nobody calibrated; the metadata of its video; the lens of
 another camera of the same model; or nothing but the image size.
-
-Fields of view that a network of the user's sees in the videos of cameras without intrinsics.
-
-Whether a camera's picture size and its matrix are of one picture, and whether people were found in a smaller one.
 """
 
 from __future__ import annotations

@@ -1,12 +1,8 @@
-"""Do two cameras show the same pictures? One file under two names, a sub-stream, a second encoding, a copy that starts later.
+"""Do two cameras show the same images? One file under two names, a sub-stream, a second encoding, a later copy.
 
 Such a pair fits itself perfectly at any place, and draws the rig with it. The rows tell: brought to one time and to one scale,
 the boxes of the one are those of the other, frame by frame. Two cameras that stand side by side see the same people too, but
 each person shifted by a share of the height in the picture (the baseline over the person's height), wherever that person is.
-
-Cameras whose files are one and the same, or copies of it: of videos, boxes, joints and embeddings.
-
-Only files of one size are read for it.
 """
 
 from __future__ import annotations

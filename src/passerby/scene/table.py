@@ -1,9 +1,4 @@
-"""What all tables of the scene file have in common, and the numbers in them.
-
-The tables of the scene file that correct identities: a person named by a pixel, and boxes of one person or of several.
-
-What pydantic finds wrong with a scene file, as one line that names place, value and fix.
-"""
+"""What all tables of the scene file have in common, the tables about identities, and the messages of wrong values."""
 
 from __future__ import annotations
 

@@ -1,11 +1,7 @@
-"""Which of a camera's observations are used: those within its times, and not of people in a region that is excluded.
-
-Rows that stand twice: one camera sees a person once in a frame, so one row of several is kept.
+"""Which of a camera's observations are used: within its times, outside excluded regions, one row per person and frame.
 
 Trackers write such rows now and then, and files that were joined hold them. A few of them harm nothing; where they are the
 rule, the ids are no identities (a class number, a counter that begins anew in every tile), and nothing can be kept of them.
-
-Points and polygons in an image.
 """
 
 from __future__ import annotations

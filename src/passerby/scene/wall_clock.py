@@ -1,6 +1,4 @@
-"""Wall times of the cameras' recordings: the span that `[scene]` chooses, and the common second that frames count from.
-
-What the cameras' own clocks say of their clock offsets, by the creation times and timecodes of their video files.
+"""Wall times of the recordings: the span that `[scene]` chooses, and the clock offsets that file times suggest.
 
 They are a first guess: cameras' clocks are set by hand, copies and exports have other times, a timecode may count recorded
 frames, and some makers state the end of a recording. So they are used only where they say that the recordings begin farther

@@ -1,7 +1,4 @@
-"""`[world]`: the frame that a user wants, and the plan that sets it together with the scale.
-
-The plan under `[world.plan]`, or in a file of its own, as a value; and what is wrong with its picture.
-"""
+"""`[world]`: the frame that a user wants, and the plan that sets it together with the scale."""
 
 from __future__ import annotations
 

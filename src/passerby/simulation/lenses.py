@@ -1,7 +1,4 @@
-"""Lenses of simulated cameras: those of common surveillance cameras, or of any kind that Passerby has to cope with.
-
-Cameras around an area: where they stand, and where they look.
-"""
+"""Simulated cameras: their lenses, and where they stand and look around an area."""
 
 from __future__ import annotations
 

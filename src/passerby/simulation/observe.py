@@ -1,18 +1,12 @@
-"""What a camera sees of the bodies: tight boxes, joints, and what is hidden or outside the picture.
-
-A detector's view of the truth: which people get a box, and what is wrong with it.
+"""What cameras and detectors see of the bodies: tight boxes, keypoints, occlusion, errors, identities, embeddings.
 
 Every fault has its own generator and is drawn for all people and instants, seen or not, so that one option never changes what
 another one draws.
-
-What a re-identification network would make of the people: one unit vector for each box.
 
 A vector is the person's own look, a shift that is the camera's (its light, its colours), the side from which this camera sees
 the person, and noise of the box. The three sizes were chosen together: the nearest of another camera's vectors is the right
 person's for 76, 66 and 61 % of single boxes among 7, 14 and 20 people, and for 94, 91 and 88 % of the means of eight boxes
 (60 draws with four cameras), about what networks reach on people whom they were not trained for.
-
-Identities as a tracker has them: numbers that hold in one camera and, if wished, break off at random.
 """
 
 from __future__ import annotations

@@ -1,6 +1,4 @@
-"""A whole simulated scene: cameras, people, and what the cameras make of them.
-
-Scenes in several areas that have no common ground: each has cameras and people of its own.
+"""A whole simulated scene: cameras, people, and observations; also in several areas without common ground.
 
 With a single area everything is drawn as if there were no other; the first of several stands where the single one would.
 """

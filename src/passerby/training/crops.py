@@ -1,9 +1,4 @@
-"""Pictures of people, one person each, and what is known of who they are.
-
-What a folder says of its pictures, before any is looked at; and from there to a data set whose pictures can all be read.
-
-Picture files: listed, read, and all of them tried before anybody relies on them.
-"""
+"""Pictures of people, one person each, listed from folders, with what is known of who they are."""
 
 from __future__ import annotations
 

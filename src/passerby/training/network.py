@@ -1,13 +1,9 @@
-"""The re-identification network: backbone, pooling, the neck between its losses, and a classifier of those it learns from.
-
-What the network learns by: who it is among the training people, and that a person is nearer to himself than to others.
+"""The re-identification network: backbones by name, pooling, neck, classifier, and the losses it learns by.
 
 Identity loss: cross entropy over the training people, with label smoothing (Szegedy et al., CVPR 2016). Triplet loss:
 max(0, margin + |f - f_positive| - |f - f_negative|), mean over the pictures of a batch, with the hardest positive and the
 hardest negative of each (Hermans, Beyer, Leibe, *In Defense of the Triplet Loss for Person Re-Identification*, 2017).
 Together they are those of Xu et al., CVPR 2021, section 3.1.
-
-The networks that turn a picture into a map of features, by name, from the library `transformers`.
 """
 
 from __future__ import annotations

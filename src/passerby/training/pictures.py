@@ -1,8 +1,4 @@
-"""From a picture file to what the network sees: the same in training, in evaluation and, after export, in use.
-
-Pictures varied as other cameras, moments and detectors would show them.
-
-Which pictures make up a batch: P people, K pictures of each.
+"""Pictures as the network sees them: loaded alike everywhere, varied in training, and drawn as batches (P people, K each).
 
 What an epoch draws depends on the seed and the epoch's number alone, so that a training that was stopped between two epochs
 goes on as if nothing had happened.

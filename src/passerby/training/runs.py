@@ -1,6 +1,4 @@
-"""Trainings as a user starts them: data sets in, a folder with the network and its record out.
-
-A network adapted to one scene without labels: whom the calibration is sure of teaches it, then all is solved again.
+"""Trainings as a user starts them: on data sets, or adapted to one calibrated scene without labels.
 
 Xu et al., CVPR 2021, section 3.1, fine-tune on a scene's own people where clothes are alike, with labels made by hand. Here the
 rig that was found without them makes the labels.

@@ -3,8 +3,6 @@
 A calibration finds out who is who. What it found is checked here once more, by the rig itself and without looks: see
 `verify_boxes` and `pseudo_labels`. What remains is right nearly always, which matters more than how much it is: training with
 the hardest pairs makes most of every wrong label.
-
-What `passerby calibrate` left in its output folder, as far as a network learns from it.
 """
 
 from __future__ import annotations

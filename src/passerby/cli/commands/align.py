@@ -1,7 +1,4 @@
-"""`passerby align`: a rig, or a whole calibration, in the world frame that its user wants.
-
-`passerby compare`: two rigs of the same cameras on people that neither was made from.
-"""
+"""`passerby align`: a calibration in the world frame that its user wants; `passerby compare`: two rigs on people."""
 
 from __future__ import annotations
 

@@ -1,9 +1,4 @@
-"""`passerby formats`: which files of other tools can be read and written.
-
-`passerby export`: a rig for another tool.
-
-`passerby import`: cameras, or people, from another tool's files.
-"""
+"""`passerby formats`, `passerby export` and `passerby import`: files of other tools."""
 
 from __future__ import annotations
 

@@ -1,9 +1,4 @@
-"""`passerby simulate`: a scene whose truth is known, as boxes or as videos.
-
-`passerby demo`: from nothing to a rig, with the truth to compare it with.
-
-`passerby dataset`: a scene folder, with its truth, from a published data set.
-"""
+"""Scenes with known truth: `passerby simulate`, `passerby demo`, and `passerby dataset` for published data sets."""
 
 from __future__ import annotations
 

@@ -1,14 +1,10 @@
-"""What every format of other tools has in common.
-
-What a format cannot hold, and what of a file is not read.
+"""What every format of other tools has in common: its readers and writers, its losses, and how its files are recognised.
 
 A loss is whatever would make points project elsewhere, or drops a camera or a person: a lens that the format has no model for,
 a camera without a pose where poses are needed. Sigmas and the verdict are no losses: no other tool knows them.
 
 What a file holds beyond lenses and poses, such as residuals and dates, moves no point. It is not read, and one line lists it,
 so that nothing is dropped without a word.
-
-Which format a calibration file has, by its name and content.
 """
 
 from __future__ import annotations

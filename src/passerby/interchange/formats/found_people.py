@@ -1,6 +1,4 @@
-"""People as other tools' files have them, one record each, made into columns.
-
-Frame numbers from the names of pictures and files.
+"""People as other tools' files have them, one record each, made into columns; frame numbers from file names.
 
 A name ends with its number, before its ending: `cam1_000012.jpg` is frame 12. What stands before the number is the same in all
 names of one recording; where it is not, nobody can tell which of several numbers counts, or whether the names are of several

@@ -1,8 +1,6 @@
-"""Lenses in the models that other formats know: as they are where a model holds them, else the nearest and how far it is off.
+"""Lenses in the models that other formats know: exact where a model holds them, else the nearest, with its error.
 
 Whether a lens is held is measured, not reasoned: what the model cannot hold is left out, and both are projected side by side.
-
-Where a lens has its rays: what lenses are compared by, and fitted to.
 """
 
 from __future__ import annotations

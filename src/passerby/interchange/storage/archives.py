@@ -1,4 +1,4 @@
-"""Arrays out of numpy's archives (npz) from anybody: no Python objects, and no more memory than the file can account for.
+"""Arrays out of numpy's archives and pickles from anybody: no code is run, and memory is bounded.
 
 Pickles that hold numpy arrays, read without running anything in them.
 

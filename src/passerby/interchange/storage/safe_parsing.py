@@ -3,8 +3,6 @@
 No parser here runs anything, opens another file, or takes memory or time out of all proportion to the text: XML has no
 entities, YAML no objects and no merging, and what is nested too deep, or a number of thousands of digits, is an error as any
 other. OpenCV's own parser is not used: version 5 reads beyond its text (a JSON file that ends too early kills the process).
-
-What is wrong with a file, all of it, and reading text with errors a person can act on.
 """
 
 from __future__ import annotations

@@ -1,11 +1,4 @@
-"""Tables as CSV text.
-
-JSON that every reader accepts: numpy values as plain ones, null where a figure is undefined.
-
-TOML as text, for files that people read and edit.
-
-Versions of files that Passerby writes and reads again: a file of a later Passerby is an error, never half understood.
-"""
+"""CSV, JSON and TOML as text, and the versions of files that Passerby writes and reads again."""
 
 from __future__ import annotations
 

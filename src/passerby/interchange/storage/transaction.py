@@ -1,12 +1,8 @@
-"""Files of a folder that change together: all of them or none, even where the process is killed in between.
+"""Files and folders that change as a whole or not at all, even where a process is killed, and locks on them.
 
 The new files are written into a folder of their own, `.writing`. Its renaming to `.written` decides: before, the old files are
 what counts, after, the new ones. Then each takes its place; whoever comes to a folder that a killed process left in between
 ends that first (`recover`).
-
-Folders that appear whole or not at all.
-
-Places that one process at a time writes to. A lock ends with its process, even a killed one's.
 """
 
 from __future__ import annotations

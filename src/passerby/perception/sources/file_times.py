@@ -1,6 +1,4 @@
-"""When each file of a camera was taken: by a table, by a pattern of names, by the usual names, or by what images say.
-
-What the head of an image says: its size, when it was taken and by which camera (JPEG with Exif, PNG), without decoding it.
+"""When each file of a camera was taken: by a table, a pattern of names, the usual names, or the heads of images.
 
 Exif 2.32 (CIPA DC-008): tags 0x0112 orientation, 0x010F make, 0x0110 model, 0x9003 DateTimeOriginal, 0x9011
 OffsetTimeOriginal, 0x9291 SubSecTimeOriginal, 0xA405 focal length in 35 mm. An image may say anything: what is none of these

@@ -1,9 +1,4 @@
-"""The files that a camera's `video` names: one file, a folder, a pattern, or a list of these.
-
-Where the pieces of a recording lie in its time, by the times in their names and their lengths, and what is missing.
-
-What is odd about the files of a recording, and does not stop a calibration.
-"""
+"""The files that a camera's `video` names, where they lie in its recording, and what is odd about them."""
 
 from __future__ import annotations
 

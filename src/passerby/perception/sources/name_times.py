@@ -1,4 +1,4 @@
-"""When a file was recorded, by the time in its name and in the names of its folders.
+"""What names of files and folders say: when a recording began, and which chapter of it a file is.
 
 Usual names, each with where it is described:
 
@@ -11,8 +11,6 @@ Usual names, each with where it is described:
 - Cloudvue, Xiaomi: seconds since 1970, in UTC (`2023-03-30/1680140457.mp4`, `2025060107/46M14S_1748735174.mp4`).
 
 A name that does not tell its time zone is taken as it stands: times of one recorder are compared with each other only.
-
-Names of the chapters into which action cameras and recorders cut one recording.
 
 - GoPro (community.gopro.com, "Camera File Naming Convention"): `GX010012`, `GX020012` are chapters 01 and 02 of recording 0012;
   GH with AVC, GX with HEVC, GS with two lenses, GL a small copy (LRV). Up to HERO5: `GOPR0345`, `GP010345`, `GP020345`.

@@ -1,6 +1,4 @@
-"""Recordings that a network video recorder has cut into pieces, known by the times in their names.
-
-Chapters that a camera cut one recording into, among the videos of a folder: by their names, their formats and their times.
+"""What names of files show: recordings in pieces, chapters, and the names of the cameras.
 
 Names that differ by a counter alone may as well be those of several cameras. So chapters have one format, and where the files
 state when they were recorded, each begins when the one before it ends. Without such times a maker's scheme of names decides;

@@ -1,8 +1,6 @@
-"""Cameras whose videos are in pieces, or are images: of Frigate's layout, with a folder each, or told apart by their names.
+"""Cameras whose videos are in pieces, or are images, and when a long recording shows people.
 
 Only one file of each is opened; the rest is told by names, but for a quick look at when people are seen.
-
-How many people a long recording shows when, by a few of its key frames: a span to begin with, no count to rely on.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""Drawing people: their quads, lit and sorted by depth, into a small picture with coverage, and that over a frame.
-
-Shadows of people on the ground.
-"""
+"""Drawing people: their quads, lit and sorted by depth, into a small picture with coverage, and that over a frame."""
 
 from __future__ import annotations
 

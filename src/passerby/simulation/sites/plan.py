@@ -3,8 +3,6 @@
 A floor is a plane of its own: cameras of different floors share no ground. All zones are rectangles, so that whoever is in one
 walks straight from any of its points to any other.
 
-Which ground each camera of a site sees: within a range, inside the image, and not through walls.
-
 The ground is a raster of `CELL_M`. A camera looks only at the cells around it, and is compared only with cameras whose cells
 it can share.
 """

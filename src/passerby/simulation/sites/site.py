@@ -1,9 +1,4 @@
-"""A simulated site: its truth, and what each of its cameras reports, one camera at a time.
-
-A lens that projects quicker: most of the time of a site is the projection of bodies.
-
-A simulated site as a folder: a scene file ready to calibrate, and the truth beside it, written camera after camera.
-"""
+"""A simulated site: its truth, what each of its cameras reports, and its folder, written camera after camera."""
 
 from __future__ import annotations
 

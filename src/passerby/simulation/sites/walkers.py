@@ -2,8 +2,6 @@
 
 A person is a polyline in time. Its body at any time is computed when a camera asks for it, so that memory is that of the
 polylines, whatever the recording's rate.
-
-What a user may choose about a simulated site.
 """
 
 from __future__ import annotations

@@ -1,11 +1,7 @@
-"""Crops of people cut out of videos once, kept as PNG files; `choosing` tells which boxes are worth it.
+"""Crops of people cut out of videos once, kept as PNG files, and which boxes are worth cutting.
 
 The files lie in CACHE/NAME/CAMERA/KEY/PERSON_FRAME.png; KEY is a digest of the video and of all that was asked for, so that
 what was cut before is found again. A camera's crops appear as a whole or not at all.
-
-Which of a camera's boxes show a person well, and which of them to take.
-
-The one file of a camera's video: crops of people are cut out of files, not of recordings in pieces.
 """
 
 from __future__ import annotations
