@@ -297,7 +297,7 @@ def _fault(path: Path) -> str | None:
     picture = decode_pictures(path)
     if picture is None:
         return "cannot be read"
-    # What is smaller tells nothing of anybody (`perception.crops.tellable`).
+    # What is smaller tells nothing of anybody (`perception.crop_network.tellable`).
     return "is too small" if picture.shape[1] < MIN_WIDTH_PX or picture.shape[0] < MIN_HEIGHT_PX else None
 
 

@@ -29,7 +29,7 @@ NOTHING = 1e-6
 
 
 def whole_box(picture: Picture) -> Floats:
-    """(1, 4) the box that holds a picture exactly as `perception.crops.stretched` rounds.
+    """(1, 4) the box that holds a picture exactly as `perception.crop_network.stretched` rounds.
 
     By the house's coordinates a picture begins half a pixel before (0, 0); but half a pixel rounds to the even number beside
     it, so that box would lose the last column of every picture whose width is odd.

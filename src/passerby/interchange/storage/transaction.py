@@ -47,7 +47,7 @@ fail for a while; and a time on one that never lets this process wait: else it h
 def folder_lock(folder: Path, work: str) -> Iterator[None]:
     """Keep a folder for this process while the block runs, and end first what a killed one has begun there.
 
-    Arguments and errors as of `locks.alone_in`.
+    Arguments and errors as of `alone_in`.
     """
     with lock_folder(folder, work):
         try:

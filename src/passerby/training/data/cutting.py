@@ -83,11 +83,11 @@ def cut_crops(
 ) -> CutCrops:
     """Cut boxes out of videos, at the videos' own resolution; each video is read once, one picture at a time in memory.
 
-    A crop holds the visible part of its box to whole pixels, the very pixels that `perception.crops.stretched` takes. Boxes of
+    A crop holds the visible part of its box to whole pixels, the very pixels that `perception.crop_network.stretched` takes. Boxes of
     pictures that a video does not have are left out, with a note.
 
     Args:
-        wanted: the boxes of each camera; see `choosing.clear_boxes` and `choosing.spread` for which.
+        wanted: the boxes of each camera; see `clear_boxes` and `spread` for which.
         people: the people's names; `CropSet.people` become NAME/PERSON, and `CropSet.cameras` NAME/CAMERA.
         cache: the crops are kept in a folder `name` in it.
         name: of the data set.
@@ -262,7 +262,7 @@ def _digest(path: Path) -> str:
 
 
 def _crop_box(picture: Picture, box: Floats) -> Picture:
-    """The visible part of a box (4,), to whole pixels: the very ones that `perception.crops.stretched` stretches."""
+    """The visible part of a box (4,), to whole pixels: the very ones that `perception.crop_network.stretched` stretches."""
     height, width = picture.shape[:2]
     left, top, right, bottom = box[0], box[1], box[0] + box[2], box[1] + box[3]
     x0, y0 = min(max(round(left), 0), width - 1), min(max(round(top), 0), height - 1)
