@@ -83,8 +83,8 @@ def cut_crops(
 ) -> CutCrops:
     """Cut boxes out of videos, at the videos' own resolution; each video is read once, one picture at a time in memory.
 
-    A crop holds the visible part of its box to whole pixels, the very pixels that `perception.crop_network.stretched` takes. Boxes of
-    pictures that a video does not have are left out, with a note.
+    A crop holds the visible part of its box to whole pixels, the very pixels that `perception.crop_network.stretched` takes.
+    Boxes of pictures that a video does not have are left out, with a note.
 
     Args:
         wanted: the boxes of each camera; see `clear_boxes` and `spread` for which.
