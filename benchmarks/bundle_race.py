@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 
 from passerby.common.arrays import Floats
 from passerby.core.cameras import Lens, Pose
-from passerby.geometry.reprojection import PointObservations
+from passerby.geometry.triangulation import PointObservations
 from passerby.solver.geopose.bundle import PointAdjustment, adjust_points
 
 CAMERAS, POINTS = 8, 2000

@@ -15,7 +15,7 @@ from passerby.core.cameras import Rig
 from passerby.core.figures import StarScale
 from passerby.core.scale_cues import KnownLength
 from passerby.core.solution import Solution
-from passerby.geometry.similarity import Similarity
+from passerby.geometry.rotations import Similarity
 from passerby.solver.geopose.correspondences import ImagePoints
 from passerby.solver.geopose.pairs import GeoPoseOptions, PairGeometry
 from passerby.solver.geopose.star import find_weaknesses, reference_of, scale_from_lengths, solve_star_graph, star_solution

@@ -19,7 +19,7 @@ from passerby.core.cameras import Rig
 from passerby.core.observations import CameraObservations, Clock, Observations
 from passerby.core.trajectories import Trajectories
 from passerby.evaluation.trajectories import GroundTruth, judge, placements
-from passerby.geometry.similarity import Similarity
+from passerby.geometry.rotations import Similarity
 from passerby.interchange.motchallenge import read_boxes
 from passerby.interchange.rig_toml import read_rig
 from passerby.interchange.trajectories_csv import read_ground_positions

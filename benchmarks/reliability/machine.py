@@ -35,7 +35,7 @@ PRELOADED = [
     "passerby.cli.tables",
     "passerby.simulation",
     "passerby.calibration.alignment.folder",
-    "passerby.report.trajectories_page",
+    "passerby.report.page",
     "passerby.report.page",
     "passerby.perception.background",
     "passerby.scene.start.start",

@@ -20,8 +20,7 @@ from passerby.core.observations import Boxes
 from passerby.evaluation.metrics import compare
 from passerby.interchange.output_folder import read_output
 from passerby.report.contents import contents_from
-from passerby.scene.inputs import SceneInputs
-from passerby.scene.part import part_of
+from passerby.scene.inputs import SceneInputs, part_of
 from passerby.simulation import SimulatedScene, SimulationOptions, simulate
 
 ANOTHER_FLOOR = 1000

@@ -8,8 +8,8 @@ import pytest
 from pydantic import ValidationError
 
 from passerby.cli.main import run
-from passerby.common.addresses import not_a_file, without_credentials
 from passerby.common.errors import EvidenceError, InputError
+from passerby.common.text import not_a_file, without_credentials
 from passerby.interchange.storage.safe_parsing import FileFaults
 from passerby.scene.scene import Scene
 from passerby.scene.tables import CameraTable, SceneTable

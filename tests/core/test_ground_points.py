@@ -10,8 +10,7 @@ import pytest
 import passerby
 from passerby.common.errors import InputError
 from passerby.core.cameras import Camera, Lens, Pose, PoseSigma, Rig
-from passerby.geometry.rotations import exp_rotation
-from passerby.geometry.similarity import fit_plane_similarity
+from passerby.geometry.rotations import exp_rotation, fit_plane_similarity
 from passerby.simulation import SimulationOptions, simulate
 from passerby.simulation.lenses import looking_at
 from support.tiers import thinned

@@ -10,7 +10,7 @@ from passerby.core.cameras import Rig
 from passerby.core.observations import Clock
 from passerby.core.trajectories import Trajectories
 from passerby.evaluation.trajectories import GroundTruth, between, judge, placements
-from passerby.geometry.similarity import Similarity
+from passerby.geometry.rotations import Similarity
 from support.scenes.people_and_rigs import ring
 
 TIMES = np.arange(40) / 5.0

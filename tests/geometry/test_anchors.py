@@ -3,7 +3,7 @@
 import numpy as np
 
 from passerby.geometry.alignment import SeenPoints
-from passerby.geometry.similarity import Similarity
+from passerby.geometry.rotations import Similarity
 
 
 def test_rays_meet_the_plane_of_their_points_in_front_of_the_camera_only() -> None:

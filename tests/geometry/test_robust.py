@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from passerby.geometry.robust import cauchy_weights, cut_cauchy_cost, cut_cauchy_weights, huber_weights, residual_scale
+from passerby.geometry.groups import cauchy_weights, cut_cauchy_cost, cut_cauchy_weights, huber_weights, residual_scale
 
 AT = np.array([0.01, 0.5, 1.0, 2.4, 4.0, 7.0])
 

@@ -8,8 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from passerby.common.errors import EvidenceError
-from passerby.geometry.rotations import angle_between, exp_rotation
-from passerby.geometry.similarity import chordal_mean_rotation, fit_plane_similarity, fit_similarity
+from passerby.geometry.rotations import angle_between, chordal_mean_rotation, exp_rotation, fit_plane_similarity, fit_similarity
 
 seeds = st.integers(0, 2**32 - 1)
 

@@ -9,15 +9,14 @@ import pytest
 import monitor_room
 from passerby.cli.main import run
 from passerby.core.observations import Boxes, CameraObservations, Clock, Keypoints, Observations
-from passerby.geometry.rotations import angle_between
-from passerby.geometry.similarity import chordal_mean_rotation
+from passerby.geometry.rotations import angle_between, chordal_mean_rotation
 from passerby.interchange.coco import write_keypoints
 from passerby.interchange.motchallenge import write_boxes
 from passerby.interchange.rig_toml import write_rig
 from passerby.monitoring.monitor import watch_footage
-from passerby.monitoring.readjusting import joints_are_shared
 from passerby.monitoring.result import MonitoringResult
 from passerby.monitoring.watched import WatchOptions
+from passerby.monitoring.watching import joints_are_shared
 from passerby.people.sightings import poses_of
 from passerby.solver import readjustment
 from passerby.solver.initialisation import PeopleOptions

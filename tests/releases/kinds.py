@@ -20,7 +20,7 @@ from passerby.interchange.storage.archives import open_archive
 from passerby.interchange.storage.text_formats import plain
 from passerby.interchange.trajectories_csv import read_trajectories
 from passerby.perception.kept import StageCache
-from passerby.recording.scene_streams import _recorded_cameras
+from passerby.recording.scene_streams import _find_recorded_cameras
 from passerby.scene.scene import Scene
 from passerby.scene.world_tables import read_plan
 
@@ -142,7 +142,7 @@ KINDS = {
         "`monitor.json`",
     ),
     "recording": Kind(
-        ("recorded/recording/recording.json",), lambda path: _recorded_cameras(path.parent), '"schema_version": {}',
+        ("recorded/recording/recording.json",), lambda path: _find_recorded_cameras(path.parent), '"schema_version": {}',
         lambda release, path: ["calibrate", str(release / "recorded/scene.toml"), "-o", str(release / "recorded/out")],
         "`recording.json`",
     ),

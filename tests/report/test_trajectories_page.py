@@ -8,8 +8,8 @@ import numpy as np
 
 from passerby.core.colours import camera_colour, person_colour
 from passerby.people.trajectories.trajectories import trajectories
-from passerby.report import trajectories_page as page
-from passerby.report.trajectories_page import trajectories_page
+from passerby.report import page as page
+from passerby.report.page import trajectories_page
 from support.scenes.people_to_track import POLES, clocks_of, ring, watched
 
 

@@ -90,7 +90,7 @@ def test_who_only_checks_or_monitors_decodes_no_sound(
     def nobody_listens(_: object) -> None:
         raise AssertionError("the sound is decoded")
 
-    monkeypatch.setattr("passerby.perception.sound._decoded", nobody_listens)
+    monkeypatch.setattr("passerby.perception.sound._decode_samples", nobody_listens)
     (found,) = sound_to_hear(scene(folder), readings)
     assert (found.code, found.cameras) == ("sound_unheard", ("a", "b"))
     assert sound_to_hear(scene(folder, 'sound = "off"'), readings) == ()

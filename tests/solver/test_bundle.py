@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from passerby.core.cameras import Lens, Pose, Rig
-from passerby.geometry.reprojection import PointObservations, pose_jacobian, project_near, retract_poses
 from passerby.geometry.rotations import angle_between, exp_rotation, log_rotation, skew
+from passerby.geometry.triangulation import PointObservations, pose_jacobian, project_near, retract_poses
 from passerby.solver.geopose import bundle
 from passerby.solver.geopose.bundle import adjust_points
 from support.scenes.people_and_rigs import LENS, ring

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from passerby.geometry.reprojection import PointObservations
+from passerby.geometry.triangulation import PointObservations
 from passerby.people.model import GAIT_SHARE, Noise, Priors
 from passerby.solver.cue_leverage import freed_measurements
 from passerby.solver.cue_terms import CueRows

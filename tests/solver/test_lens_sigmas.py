@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from passerby.geometry.reprojection import PointObservations
+from passerby.geometry.triangulation import PointObservations
 from passerby.people.model import Noise
 from passerby.solver.lens_sigmas import BOXES_COUNT_LESS, lens_evidence
 from passerby.solver.lens_unknowns import LensUnknowns

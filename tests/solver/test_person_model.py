@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from passerby.core.cameras import Lens
-from passerby.geometry.reprojection import PointObservations
+from passerby.geometry.triangulation import PointObservations
 from passerby.people.sightings import Sightings
 from passerby.solver.cue_terms import CueRows
 from passerby.solver.optimizer.least_squares import NormalEquations, Step

@@ -9,8 +9,8 @@ import pytest
 
 from passerby.core.scale_cues import FloorPlan, PlannedCamera, PlannedPoint
 from passerby.geometry.plan_fit import ScalePrior
-from passerby.geometry.reprojection import retract_poses
 from passerby.geometry.rotations import exp_rotation
+from passerby.geometry.triangulation import retract_poses
 from passerby.solver.optimizer.least_squares import Layout
 from passerby.solver.people_state import AdjustmentState
 from passerby.solver.plan_rows import MEETS_GROUND, PlanRows, plan_rows

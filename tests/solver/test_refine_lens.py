@@ -16,7 +16,7 @@ from passerby.core.measuring import MeasuringFigures, MeasuringSigma
 from passerby.core.solution import Solution
 from passerby.evaluation.metrics import compare
 from passerby.findings.texts import texts_of
-from passerby.geometry.reprojection import PointObservations
+from passerby.geometry.triangulation import PointObservations
 from passerby.interchange.rig_toml import read_rig, write_rig
 from passerby.people.sightings import Sightings
 from passerby.scene.tables import SolverTable

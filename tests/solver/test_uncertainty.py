@@ -13,8 +13,7 @@ from passerby.core.observations import CameraObservations, Observations
 from passerby.core.scale_cues import CameraHeight, ScaleCues
 from passerby.core.solution import Solution
 from passerby.evaluation.metrics import compare
-from passerby.geometry.rotations import exp_rotation, log_rotation
-from passerby.geometry.similarity import fit_plane_similarity
+from passerby.geometry.rotations import exp_rotation, fit_plane_similarity, log_rotation
 from passerby.solver import uncertainty
 from passerby.solver.cues import POPULATION_BIAS
 from passerby.solver.gauge import SCALE, TILT_X, TILT_Y, VAGUE, Free, held_system

@@ -165,7 +165,7 @@ def test_fisheye_lenses_are_found(monkeypatch):
         matrix = np.array([[focal, 0, picture[0] / 2], [0, focal, picture[1] / 2], [0, 0, 1.0]])
         return Lens(picture, matrix, np.array([rng.uniform(-0.05, 0.05), 0, 0, 0]), fisheye=True)
 
-    monkeypatch.setattr("passerby.simulation.lenses._typical", fisheye)
+    monkeypatch.setattr("passerby.simulation.lenses._make_typical_lens", fisheye)
     made = simulate(SimulationOptions(preset="terrace", seed=43, seconds=30.0, box_noise=0.02, missing=0.1))
     rig = Rig(tuple(Camera(c.name, Lens.unknown(c.lens.size, fisheye=True)) for c in made.rig))
     options = PeopleOptions(refine_lens=LENS_PARTS)

@@ -60,7 +60,7 @@ def quick(written, monkeypatch):
     """The conversion, which takes seconds, is taken as done."""
     model = onnx.load(written[0])
     del model.metadata_props[:]
-    monkeypatch.setattr(export, "_converted", lambda network, options: model)
+    monkeypatch.setattr(export, "_convert_to_onnx", lambda network, options: model)
 
 
 def test_the_perception_stage_opens_it_as_any_other_and_sees_the_same(written, trained):

@@ -229,7 +229,7 @@ def test_interrupted_when_begun_with_a_run(data, whole, tmp_path):
 
 def test_what_a_run_begins_with(data, whole, tmp_path):
     """All weights but those of the classifier, which is of other people."""
-    network, note, _ = training._begun(
+    network, note, _ = training._begin_training(
         read_all([coloured_people(tmp_path / "yard", people=5, seed=9)], tmp_path)[0].train,
         options(weights=str(whole)), {}, None,
     )  # fmt: skip

@@ -70,8 +70,7 @@ from passerby.findings.finding import Finding
 from passerby.findings.texts import texts_of
 from passerby.people.ground_shape import GroundShape
 from passerby.scene.box_interpretations import with_coarse_boxes
-from passerby.scene.inputs import SceneInputs, read_inputs
-from passerby.scene.part import part_of
+from passerby.scene.inputs import SceneInputs, part_of, read_inputs
 from passerby.scene.same_content import doubts_of_same_place
 from passerby.scene.scene import Scene
 from passerby.scene.sound import measure_by_sound

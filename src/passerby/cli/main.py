@@ -29,9 +29,9 @@ from passerby.cli.commands.reid import reid_app
 from passerby.cli.commands.report import open_, report
 from passerby.cli.commands.simulate import dataset, demo, simulate
 from passerby.cli.commands.track import track
-from passerby.common.addresses import without_credentials
 from passerby.common.errors import InputError, PasserbyError
 from passerby.common.progress import ProgressForm
+from passerby.common.text import without_credentials
 
 INTERRUPTED = 130
 BUG = 1

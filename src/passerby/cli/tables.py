@@ -273,12 +273,12 @@ def show_comparison(comparison: Comparison) -> None:
         f"{len(comparison.names) + len(comparison.missing)} cameras registered"
     )
     if comparison.measured is not None:
-        print(_measured_in_words(comparison.measured))
+        print(_describe_measuring(comparison.measured))
     if comparison.stated is not None and comparison.stated.position_sigmas:
         print(_sigmas_in_words(comparison.stated))
 
 
-def _measured_in_words(found: MeasuringErrors) -> str:
+def _describe_measuring(found: MeasuringErrors) -> str:
     """How far off a rig measures, in one line."""
 
     def said(one: Distances) -> str:
@@ -329,7 +329,7 @@ def show_check(report: SceneCheck) -> None:
         columns = ("camera", "size", *video, "span", "frames", "boxes", "keypoints", *last, "faults")
         show_table(report.name, columns, [_check_row(camera, given, filmed) for camera in report.cameras])
     if report.perception:
-        told = (_chosen(FOUND_IN_VIDEOS[role], choice) for role, choice in report.perception.items())
+        told = (_describe_plan(FOUND_IN_VIDEOS[role], choice) for role, choice in report.perception.items())
         print("from the videos: " + ", ".join(told))
     _show_intrinsics(report.cameras)
     for finding in report.findings:
@@ -382,7 +382,7 @@ def _show_intrinsics(cameras: Sequence[CameraCheck]) -> None:
 FOUND_IN_VIDEOS = {"detector": "people", "embedder": "appearance", "keypoints": "keypoints"}
 
 
-def _chosen(found: str, choice: Mapping[str, Any] | str) -> str:
+def _describe_plan(found: str, choice: Mapping[str, Any] | str) -> str:
     """What is found in videos, and by what."""
     if choice == "none":
         return f"no {found}"
@@ -393,7 +393,7 @@ def _check_row(camera: CameraCheck, given: bool, filmed: bool) -> list[str]:
     """One line of `show_check`; ids that are a camera's own are not shared."""
     tracklets = str(camera.identities) if camera.identities or not camera.frames else "detections"
     # The video has not been processed yet: that does not mean that no person is in it.
-    span, *counts = [MISSING] * 4 if camera.awaiting else _seen(camera)
+    span, *counts = [MISSING] * 4 if camera.awaiting else _count_observations(camera)
     if given:
         last = [str(camera.identities), " ".join(f"{name}:{shared.people}" for name, shared in camera.shared.items())]
     else:
@@ -402,7 +402,7 @@ def _check_row(camera: CameraCheck, given: bool, filmed: bool) -> list[str]:
     return [
         camera.name,
         MISSING if camera.size is None else f"{camera.size[0]}x{camera.size[1]}",
-        *(_of_video(camera) if filmed else ()),
+        *(_describe_video(camera) if filmed else ()),
         span,
         *counts,
         *last,
@@ -410,13 +410,13 @@ def _check_row(camera: CameraCheck, given: bool, filmed: bool) -> list[str]:
     ]
 
 
-def _seen(camera: CameraCheck) -> tuple[str, ...]:
+def _count_observations(camera: CameraCheck) -> tuple[str, ...]:
     """Frames, boxes and joints."""
     span = MISSING if camera.first_frame is None else f"{camera.first_frame}..{camera.last_frame}"
     return span, str(camera.frames), str(camera.boxes), str(camera.keypoints)
 
 
-def _of_video(camera: CameraCheck) -> tuple[str, str]:
+def _describe_video(camera: CameraCheck) -> tuple[str, str]:
     """A video's codec and rate, and its length."""
     video = camera.video
     if video is None:

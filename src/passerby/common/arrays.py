@@ -1,9 +1,4 @@
-"""Names for the types of arrays; the docstring of what uses them gives the shape and the unit.
-
-Tables: dataclasses whose fields are columns, arrays of one length.
-
-Fields of values that a file leaves out while they are None.
-"""
+"""Names for the types of arrays, and tables whose columns are arrays of one length."""
 
 from __future__ import annotations
 

@@ -57,7 +57,7 @@ class ClusterExecutor(Executor):
 
     def submit(self, fn: Callable[..., Result], /, *args: Any, **kwargs: Any) -> Future[Result]:
         """As of every executor."""
-        future: Future[Result] = self._inner.submit(_at_work, self._folder, self._versions, fn, args, kwargs)
+        future: Future[Result] = self._inner.submit(_run_in_folder, self._folder, self._versions, fn, args, kwargs)
         return future
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
@@ -84,7 +84,7 @@ def cluster_workers(address: str, shared: Path, files: Sequence[Path] = ()) -> I
         from distributed.comm.core import CommClosedError
     except ImportError:
         raise InputError(EXTRA) from None
-    with _connected(Client, address) as client:
+    with _connect(Client, address) as client:
         _check_workers(client, address, shared, files)
         executor = ClusterExecutor(client)
         try:
@@ -104,7 +104,7 @@ def cluster_workers(address: str, shared: Path, files: Sequence[Path] = ()) -> I
 
 
 @contextmanager
-def _connected(kind: type[Client], address: str) -> Iterator[Client]:
+def _connect(kind: type[Client], address: str) -> Iterator[Client]:
     """A client of the scheduler."""
     try:
         # Dask never closes a client that finds no scheduler: its end, by the garbage collector, stops any thread for 30 s.
@@ -149,7 +149,7 @@ def _check_workers(client: Client, address: str, shared: Path, files: Sequence[P
     try:
         paths = [os.path.abspath(path) for path in (*files, mark)]
         written = str(mark) if files else None
-        found = client.run(_looked_around, str(Path.cwd()), paths, written, on_error="return")
+        found = client.run(_inspect_worker, str(Path.cwd()), paths, written, on_error="return")
     finally:
         mark.unlink(missing_ok=True)
     faults = [fault for name in sorted(found) for fault in _faults(name, found[name], mark, shared)]
@@ -157,14 +157,14 @@ def _check_workers(client: Client, address: str, shared: Path, files: Sequence[P
         raise InputError("\n".join(faults))
 
 
-def _looked_around(folder: str, paths: Sequence[str], written: str | None) -> dict[str, Any]:
+def _inspect_worker(folder: str, paths: Sequence[str], written: str | None) -> dict[str, Any]:
     """On a worker: its versions, which paths it does not see, and why it cannot write beside the file `written`."""
     missing = [path for path in (folder, *paths) if not os.path.exists(path)]
-    why = None if written is None or written in missing else _unwritable(Path(f"{written}-{uuid4().hex}"))
+    why = None if written is None or written in missing else _explain_unwritable(Path(f"{written}-{uuid4().hex}"))
     return {"versions": _versions(), "missing": missing, "unwritable": why}
 
 
-def _unwritable(path: Path) -> str | None:
+def _explain_unwritable(path: Path) -> str | None:
     """Why a file cannot be written; None where it can be."""
     try:
         with path.open("wb", buffering=0) as file:
@@ -208,7 +208,7 @@ def _faults(worker: str, found: Any, mark: Path, shared: Path) -> list[str]:
     return faults
 
 
-def _at_work(
+def _run_in_folder(
     folder: Path, versions: Mapping[str, str], function: Callable[..., Result], args: Sequence[Any], kwargs: Mapping[str, Any]
 ) -> Result:
     """On a worker: a job, in the folder that it was given in."""

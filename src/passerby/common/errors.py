@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 
-from passerby.common.addresses import without_credentials
+from passerby.common.text import without_credentials
 
 LONGEST = 2000
 """Characters of a message: a file may hold a name of a million characters, and no file is shown at length."""

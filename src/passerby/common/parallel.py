@@ -1,7 +1,4 @@
-"""Work that is done side by side.
-
-Results of jobs that were done before: several estimates of one scene share most of their work.
-"""
+"""Work that is done side by side, and results of jobs that several estimates share."""
 
 from __future__ import annotations
 
@@ -66,7 +63,7 @@ def side_by_side(
     size = 1 if job_s is None else max(1, round(least_s / job_s))
     # What several jobs of a batch have in common is sent once.
     batches = [jobs[begin : begin + size] for begin in range(0, len(jobs), size)]
-    for batch in _results(executor, partial(_alone, function), batches):
+    for batch in _results(executor, partial(_run_serially, function), batches):
         results.extend(batch)
         tell(stage, len(results), len(jobs))
     return results
@@ -136,7 +133,7 @@ def interrupted_later() -> Iterator[None]:
             signal.raise_signal(signal.SIGINT)
 
 
-def _alone(function: Callable[[Job], Result], jobs: Sequence[Job]) -> list[Result]:
+def _run_serially(function: Callable[[Job], Result], jobs: Sequence[Job]) -> list[Result]:
     """The results of jobs, by one thread: more would wait for each other, and their number would change the last bits."""
     with threadpool_limits(limits=1, user_api="blas"):
         return [function(job) for job in jobs]

@@ -1,9 +1,7 @@
-"""Inverses of symmetric matrices without negative eigenvalues, some of whose directions may be null.
+"""Linear systems: inverses of symmetric matrices with null directions, and many small systems at once.
 
 Up to `FULL_UP_TO` rows all eigenvalues are worked out; beyond, that takes ten times as long as an inverse by Cholesky's
 factor, and only the smallest ones are looked at, by shifted inverse iteration (Lanczos).
-
-Many small systems of equations at once, laid out by component: every operation works on all of them.
 """
 
 from __future__ import annotations
@@ -49,7 +47,7 @@ def inverse_of(H: Floats) -> Floats:
 def null_vectors(matrix: Floats, null_share: float) -> Floats:
     """(n, k) orthonormal eigenvectors whose eigenvalues are zero, as of `pseudo_inverse`."""
     if len(matrix) > FULL_UP_TO:
-        value, vector, largest = _smallest(matrix, null_share)
+        value, vector, largest = _find_smallest(matrix, null_share)
         null = value < null_share * largest
         if not null.all():
             return np.asarray(vector[:, null])
@@ -57,7 +55,7 @@ def null_vectors(matrix: Floats, null_share: float) -> Floats:
     return np.asarray(vector[:, value < null_share * value[-1]])
 
 
-def _smallest(matrix: Floats, null_share: float) -> tuple[Floats, Floats, float]:
+def _find_smallest(matrix: Floats, null_share: float) -> tuple[Floats, Floats, float]:
     """The smallest eigenvalues (k,), their vectors (n, k), and the largest eigenvalue."""
     n = len(matrix)
     start = np.random.default_rng(0).standard_normal(n)

@@ -48,7 +48,7 @@ class Camera:
     @property
     def centre(self) -> Floats:
         """(3,) camera centre in the world, metres. Raises `InputError` for a camera without a pose."""
-        return self._posed().centre
+        return self._require_pose().centre
 
     @property
     def K(self) -> Floats:
@@ -62,7 +62,7 @@ class Camera:
         `cv2.undistortPoints(..., P=K)`, or `cv2.fisheye.undistortPoints` for a fisheye, maps the picture's pixels there.
         Raises `InputError` for a camera without a pose.
         """
-        pose = self._posed()
+        pose = self._require_pose()
         return frozen(self.K @ np.column_stack([pose.R_cw, pose.t_cw]))
 
     def project(self, points: Floats) -> Floats:
@@ -77,7 +77,7 @@ class Camera:
         Raises:
             InputError: the camera has no pose.
         """
-        pose = self._posed()
+        pose = self._require_pose()
         return self.lens.project_rays(np.asarray(points, dtype=np.float64).reshape(-1, 3) @ pose.R_cw.T + pose.t_cw)
 
     def ground(self, pixels: Floats, *, pixel_sd_px: float = 0.0) -> GroundPoints:
@@ -100,7 +100,7 @@ class Camera:
             InputError: the camera has no pose, or a pixel shows no ground: it is above the horizon or nearer to it than 0.01
                 rad, or the lens has no ray for it. `sees_ground` says which do.
         """
-        return ground_points(self.lens, self._posed(), self.sigma, _pixels(pixels, self.name), pixel_sd_px)
+        return ground_points(self.lens, self._require_pose(), self.sigma, _pixels(pixels, self.name), pixel_sd_px)
 
     def sees_ground(self, pixels: Floats) -> Bools:
         """Which pixels show the ground, 0.01 rad or more below the horizon.
@@ -114,7 +114,7 @@ class Camera:
         Raises:
             InputError: the camera has no pose.
         """
-        return sees_ground(self.lens, self._posed(), _pixels(pixels, self.name))
+        return sees_ground(self.lens, self._require_pose(), _pixels(pixels, self.name))
 
     def undistort(self, points: Floats) -> Floats:
         """Pixels of the picture as filmed to those of the undistorted picture, which has the camera matrix `K`.
@@ -139,7 +139,7 @@ class Camera:
             )
         return np.asarray((rays / rays[:, 2:]) @ self.K[:2].T)
 
-    def _posed(self) -> Pose:
+    def _require_pose(self) -> Pose:
         if self.pose is None:
             raise InputError(f"camera {self.name} has no pose: it was not calibrated")
         return self.pose
@@ -200,7 +200,7 @@ class Rig:
             or outside the image.
         """
         world = np.asarray(points, dtype=np.float64).reshape(-1, 3)
-        return {camera.name: _in_picture(camera, world) for camera in self.posed()}
+        return {camera.name: _project_into_picture(camera, world) for camera in self.posed()}
 
     def triangulate(self, points: Mapping[str, Floats]) -> Floats:
         """The world points that cameras see at given pixels; row n of every camera is the same point.
@@ -230,9 +230,9 @@ class Rig:
             if values.shape != (count, 2):
                 raise InputError(f"pixels of camera {name} have the shape {values.shape}: give ({count}, 2), a row per point")
         cameras = [self[name] for name in pixels]
-        poses = [camera._posed() for camera in cameras]
+        poses = [camera._require_pose() for camera in cameras]
         found, faults = triangulate_views(
-            np.stack([_seen_rays(camera.lens, values) for camera, values in zip(cameras, pixels.values(), strict=True)]),
+            np.stack([_find_seen_rays(camera.lens, values) for camera, values in zip(cameras, pixels.values(), strict=True)]),
             np.stack([pose.R_cw for pose in poses]),
             np.stack([pose.t_cw for pose in poses]),
             np.array([camera.lens.focal**2 for camera in cameras]),
@@ -274,19 +274,19 @@ def _pixels(values: Floats, camera: str) -> Floats:
     return pixels
 
 
-def _in_picture(camera: Camera, world: Floats) -> Floats:
+def _project_into_picture(camera: Camera, world: Floats) -> Floats:
     """(N, 2) pixels of world points (N, 3); NaN outside the picture, and where a lens model folds back into it."""
-    pose, pixels = camera._posed(), camera.project(world)
+    pose, pixels = camera._require_pose(), camera.project(world)
     with np.errstate(invalid="ignore"):
         shown: Bools = np.asarray(((pixels >= 0) & (pixels <= np.array(camera.lens.size))).all(axis=1))
     rays = world @ pose.R_cw.T + pose.t_cw
-    seen = _seen_rays(camera.lens, np.where(shown[:, None], pixels, np.nan))
+    seen = _find_seen_rays(camera.lens, np.where(shown[:, None], pixels, np.nan))
     with np.errstate(invalid="ignore"):
         shown &= np.einsum("ni,ni->n", seen, rays) > np.cos(FOLDED_RAD) * np.linalg.norm(rays, axis=1)
     return np.where(shown[:, None], pixels, np.nan)
 
 
-def _seen_rays(lens: Lens, pixels: Floats) -> Floats:
+def _find_seen_rays(lens: Lens, pixels: Floats) -> Floats:
     """(N, 3) viewing rays of (N, 2) pixels; NaN where a pixel is not finite, or has no ray."""
     rays = np.full((len(pixels), 3), np.nan)
     known = np.isfinite(pixels).all(axis=1)

@@ -23,7 +23,7 @@ def focal_of_field(field_deg: float, side: float, *, fisheye: bool = False) -> f
 
     Raises `InputError` for a field of view that no lens of this kind has.
     """
-    narrowest, widest = NARROWEST_FIELD_DEG, _widest(fisheye)
+    narrowest, widest = NARROWEST_FIELD_DEG, _find_widest(fisheye)
     if not narrowest <= field_deg <= widest:
         more = "" if fisheye else f", or up to {WIDEST_FISHEYE_DEG:g} of a fisheye"
         raise InputError(
@@ -53,7 +53,7 @@ def check_field(focal_px: float, size: tuple[int, int], *, fisheye: bool = False
     side = max(size)
     half = 0.5 * side / focal_px
     field_deg = float(np.degrees(2 * (half if fisheye else np.arctan(half))))
-    widest = _widest(fisheye)
+    widest = _find_widest(fisheye)
     if not NARROWEST_FIELD_DEG - _ROUNDING_DEG <= field_deg <= widest + _ROUNDING_DEG:
         raise InputError(
             f"a focal length of {focal_px:.4g} px means {field_deg:.3g} degrees over the {side} px of a {size[0]} x {size[1]} "
@@ -62,7 +62,7 @@ def check_field(focal_px: float, size: tuple[int, int], *, fisheye: bool = False
         )
 
 
-def _widest(fisheye: bool) -> float:
+def _find_widest(fisheye: bool) -> float:
     return WIDEST_FISHEYE_DEG if fisheye else WIDEST_PINHOLE_DEG
 
 

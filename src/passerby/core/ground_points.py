@@ -114,14 +114,14 @@ def ground_points(lens: Lens, pose: Pose, sigma: PoseSigma | None, pixels: Float
     by_pixel = by_ray @ np.linalg.pinv(lens.tangents(rays)) if len(rays) else np.zeros((0, 2, 2))
     # Where a lens moves the pixels of all rays, the ray of one pixel moves the other way.
     by_camera = np.concatenate([by_point, by_ray @ _cross(rays), -by_pixel @ lens.by_intrinsics(rays)], axis=2)
-    known, covariance = None if sigma is None else _complete(sigma), None
+    known, covariance = None if sigma is None else _complete_covariance(sigma), None
     if known is not None:
         by_both = by_pixel @ np.swapaxes(by_pixel, 1, 2)
         covariance = by_camera @ known @ np.swapaxes(by_camera, 1, 2) + pixel_sd_px**2 * by_both
     return GroundPoints(xy, covariance, by_camera, known)
 
 
-def _complete(sigma: PoseSigma) -> Floats | None:
+def _complete_covariance(sigma: PoseSigma) -> Floats | None:
     """(10, 10) of the complete camera, its intrinsics exact where nothing is known of them; None where nothing is known."""
     if sigma.complete is not None or sigma.covariance is None:
         return sigma.complete

@@ -1,8 +1,6 @@
 """A camera's lens: OpenCV's pinhole with radial-tangential distortion, or OpenCV's fisheye.
 
 Pixels as OpenCV counts them; rays in OpenCV's camera axes (x right, y down, z forward).
-
-The mathematics of OpenCV's lens models, on plain arrays: its fisheye forward and back, its pinhole back.
 """
 
 from __future__ import annotations
@@ -176,7 +174,7 @@ class Lens:
         safe = np.where(points[:, 2:] > 0, points, np.array([0.0, 0.0, 1.0]))
         if self.distortions.any():
             straight = cv2.projectPoints(safe[:, None], zero, zero, self.matrix, self.distortions)[0][:, 0]
-            pixels = self._skewed(np.asarray(straight, dtype=np.float64))
+            pixels = self._skew_pixels(np.asarray(straight, dtype=np.float64))
         else:  # five times quicker than OpenCV
             pixels = (safe[:, :2] / safe[:, 2:]) @ self.matrix[:2, :2].T + self.matrix[:2, 2]
         return np.asarray(np.where(points[:, 2:] > 0, pixels, np.nan), dtype=np.float64)
@@ -196,14 +194,14 @@ class Lens:
         if self.fisheye:
             rays = unproject_fisheye(pixels, self.matrix, self.distortions)
         else:
-            rays = unproject_pinhole(self._skewed(pixels, -1.0), self.matrix, self.distortions)
+            rays = unproject_pinhole(self._skew_pixels(pixels, -1.0), self.matrix, self.distortions)
         rays = np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True), dtype=np.float64)
         with np.errstate(invalid="ignore"):
             back = np.linalg.norm(self.project_rays(np.nan_to_num(rays, nan=0.5)) - pixels, axis=1)
             rays[~(back < INVERSION_TOLERANCE_PX)] = np.nan
         return rays
 
-    def _skewed(self, pixels: Floats, sign: float = 1.0) -> Floats:
+    def _skew_pixels(self, pixels: Floats, sign: float = 1.0) -> Floats:
         """Pinhole pixels with the matrix's skew put in (or taken out), which OpenCV's own functions leave alone."""
         skew = sign * self.matrix[0, 1] / self.matrix[1, 1]
         if skew == 0:

@@ -1,11 +1,4 @@
-"""Figures of refined lenses, as `calibration.json` has them under `figures`; see `passerby.core.figures`.
-
-The numbers of a lens that was estimated, one by one: each with its sigma, its prior, and what determined it.
-
-How much of the world a lens shows, as data sheets state it.
-
-The border of a camera's picture as rays: what drawings of a rig show of what a camera sees.
-"""
+"""Figures of lenses, as `calibration.json` has them: estimated parameters, their sigmas and priors, fields of view."""
 
 from __future__ import annotations
 
@@ -200,10 +193,10 @@ def field_of_view_deg(lens: Lens) -> tuple[float | None, float | None]:
     (width, height), middle = lens.size, (np.array(lens.size) - 1) / 2
     ends = np.array([(-0.5, middle[1]), (width - 0.5, middle[1]), (middle[0], -0.5), (middle[0], height - 0.5)])
     left, right, top, bottom = lens.bearings(ends)
-    return _between(left[[0, 2]], right[[0, 2]]), _between(top[1:], bottom[1:])
+    return _measure_angle(left[[0, 2]], right[[0, 2]]), _measure_angle(top[1:], bottom[1:])
 
 
-def _between(one: Floats, other: Floats) -> float | None:
+def _measure_angle(one: Floats, other: Floats) -> float | None:
     """The angle between rays (2,) across and along the optical axis, over that axis, degrees; None where a ray is missing."""
     angles = np.degrees(np.arctan2([one[0], other[0]], [one[1], other[1]]))
     return float(angles[1] - angles[0]) if np.isfinite(angles).all() else None

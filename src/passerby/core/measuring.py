@@ -24,7 +24,7 @@ from passerby.common.arrays import Bools, Floats
 from passerby.common.errors import EvidenceError
 from passerby.core.cameras import Camera, Rig
 from passerby.core.observations import Boxes
-from passerby.geometry.similarity import Similarity, fit_similarity
+from passerby.geometry.rotations import Similarity, fit_similarity
 from passerby.geometry.triangulation import triangulate_views
 
 HEIGHTS_M = (0.0, 0.6, 1.2, 1.8)
@@ -110,7 +110,7 @@ def measured_change(before: Rig, after: Rig, places: Floats, *, of_people: bool 
         return None
     points = points_above(places)
     pixels = true.project(points)
-    measured = _triangulated(found, pixels)
+    measured = _triangulate_seen(found, pixels)
     known = np.isfinite(measured).all(axis=1)
     if known.sum() < LEAST_POINTS:
         return None
@@ -120,7 +120,7 @@ def measured_change(before: Rig, after: Rig, places: Floats, *, of_people: bool 
         return None
     of_points = Distances.of(np.linalg.norm(placement.apply(measured[known]) - points[known], axis=1))
     assert of_points is not None
-    by_camera = {name: _on_ground(found, name, pixels[name][: len(places)], places, placement) for name in names}
+    by_camera = {name: _measure_on_ground(found, name, pixels[name][: len(places)], places, placement) for name in names}
     cameras = {name: one for name, metres in by_camera.items() if (one := Distances.of(metres)) is not None}
     ground = Distances.of(np.concatenate(list(by_camera.values())))
     return MeasuringErrors(len(places), of_people, of_points, ground, cameras, placement.scale)
@@ -138,15 +138,15 @@ def common_ground(rig: Rig) -> Floats:
         u, v = (np.linspace(0, size - 1, 24) for size in camera.lens.size)
         grid = np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2)
         on_ground = camera.ground(grid[camera.sees_ground(grid)]).xy
-        seen.append(on_ground[_nearby(on_ground, camera.centre)])
+        seen.append(on_ground[_find_nearby(on_ground, camera.centre)])
     every = np.concatenate(seen) if seen else np.zeros((0, 2))
     if not len(every):
         return np.zeros((0, 2))
     axes = (np.linspace(low, high, GRID) for low, high in zip(every.min(axis=0), every.max(axis=0), strict=True))
     places = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
     shown = rig.project(np.column_stack([places, np.zeros(len(places))]))
-    near = [np.isfinite(shown[camera.name]).all(axis=1) & _nearby(places, camera.centre) for camera in rig]
-    return _thinned(places[np.sum(near, axis=0) > 1])
+    near = [np.isfinite(shown[camera.name]).all(axis=1) & _find_nearby(places, camera.centre) for camera in rig]
+    return _thin_places(places[np.sum(near, axis=0) > 1])
 
 
 def places_of_people(rig: Rig, people: Mapping[str, Boxes]) -> Floats:
@@ -161,21 +161,21 @@ def places_of_people(rig: Rig, people: Mapping[str, Boxes]) -> Floats:
         boxes = people.get(camera.name, Boxes.empty())
         ltwh = boxes.ltwh[boxes.inside(camera.lens.size)]
         feet = ltwh[:, :2] + ltwh[:, 2:] * (0.5, 1.0)
-        found.append(_thinned(camera.ground(feet[camera.sees_ground(feet)]).xy, MOST_PLACES // max(len(rig), 1) + 1))
+        found.append(_thin_places(camera.ground(feet[camera.sees_ground(feet)]).xy, MOST_PLACES // max(len(rig), 1) + 1))
     return np.concatenate(found) if found else np.zeros((0, 2))
 
 
-def _nearby(places: Floats, centre: Floats) -> Bools:
+def _find_nearby(places: Floats, centre: Floats) -> Bools:
     return np.asarray(np.linalg.norm(places - centre[:2], axis=1) <= FARTHEST * max(centre[2], 0.0))
 
 
-def _thinned(places: Floats, most: int = MOST_PLACES) -> Floats:
+def _thin_places(places: Floats, most: int = MOST_PLACES) -> Floats:
     """At most so many of the places, evenly spread over their order."""
     rows = np.linspace(0, len(places) - 1, min(len(places), most)).round().astype(np.int64)
     return np.asarray(places[rows])
 
 
-def _triangulated(rig: Rig, pixels: Mapping[str, Floats]) -> Floats:
+def _triangulate_seen(rig: Rig, pixels: Mapping[str, Floats]) -> Floats:
     """(N, 3) points that two cameras or more see at pixels (N, 2); NaN elsewhere."""
     rays = np.full((len(rig), len(next(iter(pixels.values()))), 3), np.nan)
     for c, camera in enumerate(rig):
@@ -186,7 +186,7 @@ def _triangulated(rig: Rig, pixels: Mapping[str, Floats]) -> Floats:
     return triangulate_views(rays, rotations, translations, np.array([camera.lens.focal**2 for camera in rig]))[0]
 
 
-def _on_ground(rig: Rig, name: str, pixels: Floats, places: Floats, placement: Similarity) -> Floats:
+def _measure_on_ground(rig: Rig, name: str, pixels: Floats, places: Floats, placement: Similarity) -> Floats:
     """(N,) how far, metres, from the places (P, 2) a camera sees those of them that it shows at pixels (P, 2) on its ground."""
     camera = rig[name]
     shown = np.flatnonzero(np.isfinite(pixels).all(axis=1))

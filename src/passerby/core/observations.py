@@ -1,11 +1,7 @@
-"""What the cameras saw, in columns: one numpy array per property, one row per box or person.
+"""What the cameras saw, in columns (one array per property, one row per box or person), and the formats of boxes.
 
 Frames are whole numbers. Without clocks they are counted alike in all cameras: the same number is the same instant. An identity
 is a whole number; -1 means unknown. The arrays are checked once, on entry, and read-only from then on.
-
-Where people are in a picture: the rectangles of boxes, and those around joints.
-
-The conventions in which tools write boxes: which four numbers a box is, and in which unit.
 
 Four numbers are left, top, width, height (MOTChallenge, COCO); left, top, right, bottom (most detectors in memory); or
 centre x, centre y, width, height. Each is in pixels or, normalised, in shares of the image's width and height (YOLO text:
@@ -86,7 +82,7 @@ def _unit_vectors(values: object) -> Vectors:
     return np.asarray(unit, dtype=np.float32)
 
 
-def _in_words(frame: Ints, identity: Ints) -> str:
+def _describe_rows(frame: Ints, identity: Ints) -> str:
     """How many rows, who, and when."""
     if not len(frame):
         return "none"
@@ -182,7 +178,7 @@ class Boxes:
 
     def __repr__(self) -> str:
         appearance = "" if self.embedding is None else f", embeddings of {self.embedding.shape[1]}"
-        return f"Boxes({_in_words(self.frame, self.identity)}{appearance})"
+        return f"Boxes({_describe_rows(self.frame, self.identity)}{appearance})"
 
     @classmethod
     def empty(cls) -> Boxes:
@@ -226,7 +222,7 @@ class Keypoints:
             raise InputError("the columns of the keypoints differ in length")
 
     def __repr__(self) -> str:
-        return f"Keypoints({_in_words(self.frame, self.identity)}, {len(self.joints)} keypoints)"
+        return f"Keypoints({_describe_rows(self.frame, self.identity)}, {len(self.joints)} keypoints)"
 
     @classmethod
     def empty(cls, joints: tuple[str, ...] = BODY_17) -> Keypoints:

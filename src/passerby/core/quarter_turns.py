@@ -91,12 +91,12 @@ def turn_lens(lens: Lens, degrees: int) -> Lens:
     focal = (K[1, 1], K[0, 0]) if quarter else (K[0, 0], K[1, 1])
     centre = turn_pixels(K[:2, 2], lens.size, degrees)
     matrix = np.array([[focal[0], K[0, 1], centre[0]], [0.0, focal[1], centre[1]], [0.0, 0.0, 1.0]])
-    distortions = lens.distortions if lens.fisheye else _turned_distortions(lens.distortions, axes_turn(degrees)[:2, :2])
+    distortions = lens.distortions if lens.fisheye else _turn_distortions(lens.distortions, axes_turn(degrees)[:2, :2])
     rotate = (lens.rotate - degrees) % 360
     return replace(lens, size=turned_size(lens.size, degrees), matrix=matrix, distortions=distortions, rotate=rotate)
 
 
-def _turned_distortions(distortions: Floats, turn: Floats) -> Floats:
+def _turn_distortions(distortions: Floats, turn: Floats) -> Floats:
     """Pinhole coefficients after a turn (2, 2): the tangential and the thin-prism ones are vectors of the image plane.
 
     In OpenCV's model the decentring of x is p2 (r² + 2x²) + 2 p1 x y: the vector is (p2, p1). The thin prism adds

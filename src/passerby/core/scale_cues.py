@@ -1,4 +1,4 @@
-"""Scale cues: what a user knows about lengths in the scene, each with its standard deviation.
+"""What a user knows of lengths and places: scale cues with standard deviations, plans, surveyed points, the unit.
 
 All cues enter one adjustment as priors, so that they combine by their weights and the weight of each can be stated.
 
@@ -191,10 +191,10 @@ def combine_heights(people: Sequence[PersonHeight]) -> tuple[PersonHeight, ...]:
     by_identity: dict[int, list[PersonHeight]] = {}
     for one in people:
         by_identity.setdefault(one.identity, []).append(one)
-    return tuple(own[0] if len(own) == 1 else _combined(own) for own in by_identity.values())
+    return tuple(own[0] if len(own) == 1 else _combine_heights(own) for own in by_identity.values())
 
 
-def _combined(own: Sequence[PersonHeight]) -> PersonHeight:
+def _combine_heights(own: Sequence[PersonHeight]) -> PersonHeight:
     metres, sd_m = (np.array([getattr(one, key) for one in own]) for key in ("metres", "sd_m"))
     mean = float(np.average(metres, weights=sd_m**-2.0))
     spread = float(np.hypot(sd_m.min(), np.ptp(metres) / 2))

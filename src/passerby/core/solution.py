@@ -1,7 +1,4 @@
-"""What a solver hands back.
-
-The verdict on a rig, by its findings: nothing else sets it.
-"""
+"""What a solver hands back, and the verdict on a rig by its findings."""
 
 from __future__ import annotations
 

@@ -131,16 +131,16 @@ def common_time_steps(observations: Observations, clocks: Mapping[str, Clock]) -
     alike = {fps: sum(abs(other - fps) < ALIKE * fps for other in rates.values()) for fps in rates.values()}
     usual = min(alike, key=lambda fps: (-alike[fps], fps))
     busiest = max((name for name in used if abs(rates[name] - usual) < ALIKE * usual), key=lambda name: seen[name])
-    steps = TimeSteps(clocks[busiest], every[busiest], _first_of_most(frames[busiest], every[busiest]))
+    steps = TimeSteps(clocks[busiest], every[busiest], _find_common_phase(frames[busiest], every[busiest]))
     if steps.every > 1:
-        at = {name: _at_grid(np.unique(frames[name]), clocks[name], steps.reference) for name in used}
+        at = {name: _convert_to_grid(np.unique(frames[name]), clocks[name], steps.reference) for name in used}
         on_steps = np.concatenate([(one - steps.first) % steps.every == 0 for one in at.values()])
-        if np.mean(on_steps) < ON_STEPS and _sampled_together(at, busiest, steps.every):
+        if np.mean(on_steps) < ON_STEPS and _are_sampled_together(at, busiest, steps.every):
             return TimeSteps(steps.reference)
     return steps
 
 
-def _sampled_together(at: Mapping[str, Floats], reference: str, every: int) -> bool:
+def _are_sampled_together(at: Mapping[str, Floats], reference: str, every: int) -> bool:
     """Whether the cameras' samples, frames of the reference camera's clock, are at the same times as its own.
 
     Only samples within half a step of one of the reference camera's count: where that camera saw no person, nothing can
@@ -158,7 +158,7 @@ def _sampled_together(at: Mapping[str, Floats], reference: str, every: int) -> b
     return together > 0 and together >= TOGETHER * (together + apart)
 
 
-def _first_of_most(frame: Ints, step: int) -> int:
+def _find_common_phase(frame: Ints, step: int) -> int:
     """The first frame from 1 on that lies whole steps from most of the frames (N,)."""
     return int(np.argmax(np.bincount((frame - 1) % step, minlength=1))) + 1
 
@@ -225,7 +225,7 @@ def _refuse_doubles(camera: str, kind: str, frame: Ints, identity: Ints) -> None
         )
 
 
-def _at_grid(frame: Ints, clock: Clock, grid: Clock) -> Floats:
+def _convert_to_grid(frame: Ints, clock: Clock, grid: Clock) -> Floats:
     """(N,) where frames lie, in fractional frames of the grid."""
     shift = (clock.offset_s - grid.offset_s) * grid.fps
     # Rates that are alike leave frame numbers whole; a long recording would lose digits on the way through seconds.
@@ -234,7 +234,7 @@ def _at_grid(frame: Ints, clock: Clock, grid: Clock) -> Floats:
     return np.where(np.abs(at - near) < _ON_THE_INSTANT, near, at)
 
 
-def _all_on_the_grid(at: Floats) -> bool:
+def _are_on_grid(at: Floats) -> bool:
     """Whether all samples lie on time steps, so that none need be interpolated."""
     return bool((at == np.round(at)).all())
 
@@ -273,23 +273,27 @@ def _samples(frame: Ints, identity: Ints, at: Floats, gap: float, apart: Bools |
 
 
 def _boxes_at(boxes: Boxes, clock: Clock, grid: Clock, gap: float, size: tuple[int, int] | None) -> Boxes:
-    at = _at_grid(boxes.frame, clock, grid)
-    if _all_on_the_grid(at):
+    at = _convert_to_grid(boxes.frame, clock, grid)
+    if _are_on_grid(at):
         return Boxes(at.astype(np.int64), boxes.identity, boxes.ltwh, boxes.score, boxes.embedding)
     cut = None if size is None else ~boxes.inside(size)
     s = _samples(boxes.frame, boxes.identity, at, gap, cut)
     nearer = np.where(s.share < 0.5, s.before, s.after)
     embedding = None if boxes.embedding is None else boxes.embedding[nearer]
-    return Boxes(s.instant, boxes.identity[s.before], _between(boxes.ltwh, s), _lower(boxes.score, s), embedding)
+    return Boxes(s.instant, boxes.identity[s.before], _interpolate(boxes.ltwh, s), _take_lower_score(boxes.score, s), embedding)
 
 
 def _keypoints_at(keypoints: Keypoints, clock: Clock, grid: Clock, gap: float) -> Keypoints:
-    at = _at_grid(keypoints.frame, clock, grid)
-    if _all_on_the_grid(at):
+    at = _convert_to_grid(keypoints.frame, clock, grid)
+    if _are_on_grid(at):
         return Keypoints(at.astype(np.int64), keypoints.identity, keypoints.xy, keypoints.score, keypoints.joints)
     s = _samples(keypoints.frame, keypoints.identity, at, gap, None)
     return Keypoints(
-        s.instant, keypoints.identity[s.before], _between(keypoints.xy, s), _lower(keypoints.score, s), keypoints.joints
+        s.instant,
+        keypoints.identity[s.before],
+        _interpolate(keypoints.xy, s),
+        _take_lower_score(keypoints.score, s),
+        keypoints.joints,
     )
 
 
@@ -298,8 +302,8 @@ def _wands_at(wands: Keypoints, clock: Clock, grid: Clock, gap: float) -> Keypoi
 
     Where these are not there, or the wand turns too far from one sample to the next, there is none.
     """
-    at = _at_grid(wands.frame, clock, grid)
-    if _all_on_the_grid(at):
+    at = _convert_to_grid(wands.frame, clock, grid)
+    if _are_on_grid(at):
         return Keypoints(at.astype(np.int64), wands.identity, wands.xy, wands.score, wands.joints)
     s = _samples(wands.frame, wands.identity, at, gap, None)
     order = np.lexsort((wands.frame, wands.identity))
@@ -315,22 +319,24 @@ def _wands_at(wands: Keypoints, clock: Clock, grid: Clock, gap: float) -> Keypoi
         -(x + 1) * x * (x - 2) / 2,
         (x + 1) * x * (x - 1) / 6,
     ]
-    cubic, straight = np.einsum("kn,knij->nij", weights, wands.xy[nodes]), _between(wands.xy, s)
+    cubic, straight = np.einsum("kn,knij->nij", weights, wands.xy[nodes]), _interpolate(wands.xy, s)
     line, bend = np.diff(cubic, axis=1)[:, 0], np.diff(cubic - straight, axis=1)[:, 0]
     slow = np.linalg.norm(bend, axis=1) < MOST_BEND * np.linalg.norm(line, axis=1)
     on_time = x < _ON_THE_INSTANT
     kept = np.flatnonzero(on_time | (even & slow))
     xy = np.where(on_time[:, None, None], wands.xy[s.before], cubic)
-    return Keypoints(s.instant[kept], wands.identity[s.before][kept], xy[kept], _lower(wands.score, s)[kept], wands.joints)
+    return Keypoints(
+        s.instant[kept], wands.identity[s.before][kept], xy[kept], _take_lower_score(wands.score, s)[kept], wands.joints
+    )
 
 
-def _between(values: Floats, s: _Samples) -> Floats:
+def _interpolate(values: Floats, s: _Samples) -> Floats:
     share = s.share.reshape(-1, *[1] * (values.ndim - 1))
     # Not before + share * (after - before): a share of 0 is to give back the sample to the last bit.
     return np.asarray((1.0 - share) * values[s.before] + share * values[s.after])
 
 
-def _lower(score: Floats, s: _Samples) -> Floats:
+def _take_lower_score(score: Floats, s: _Samples) -> Floats:
     """The lower score of the two samples; on an instant the sample's own."""
     after = np.where(s.share > 0, s.after, s.before)
     return np.asarray(np.minimum(score[s.before], score[after]))

@@ -1,10 +1,8 @@
-"""Whether what a rig measures is known well enough to use: the one doubt about what is merely uncertain.
+"""Whether what a rig measures is known well enough to use, and which cameras have no pose: two doubts with reasons.
 
 A rig is used for points, positions on the ground and lengths. Each has one sigma, where people walked, and one limit. Why it
 is large (few observations, uneven ground, noisy boxes) is a notice of the stage that finds it; here it becomes a part of the
 doubt, and no doubt of its own.
-
-Cameras that have no pose: one doubt, with the finding that explains it.
 
 Why a camera could not be registered is a notice of the stage that finds it. Here it becomes a part of the doubt.
 """
@@ -92,7 +90,7 @@ def doubts_of_uncertainty(rig: Rig, figures: SolverFigures, findings: Sequence[F
     causes = [one for code in EXPLAINS for one in findings if one.code == code]
     out = []
     unknown = [_Sigma("points", (), None)] if any(one.code in UNKNOWN for one in causes) else []
-    for sigma in (*unknown, *_unbounded(rig, figures), *_of_cameras(rig, figures), *_of_scale(figures)):
+    for sigma in (*unknown, *_find_unbounded(rig, figures), *_find_vague_cameras(rig, figures), *_find_vague_scale(figures)):
         fitting = (one for one in causes if sigma.quantity in EXPLAINS[one.code])
         cause = next(
             (one for one in fitting if not one.cameras or not sigma.cameras or set(one.cameras) & set(sigma.cameras)), None
@@ -117,7 +115,7 @@ def usable_m(rig: Rig) -> float:
     return min(SMALL_SHARE * extent, max(USABLE_M, LARGE_SHARE * extent))
 
 
-def _unbounded(rig: Rig, figures: AdjustedFigures) -> list[_Sigma]:
+def _find_unbounded(rig: Rig, figures: AdjustedFigures) -> list[_Sigma]:
     """What no evidence fixes, and everything where the adjustment ended before its optimum."""
     out = []
     if figures.rounds and not figures.rounds[-1].converged:
@@ -130,7 +128,7 @@ def _unbounded(rig: Rig, figures: AdjustedFigures) -> list[_Sigma]:
     return [*out, *(_Sigma("points", (name,), None) for name in rig.names if f"camera {name}" in free)]
 
 
-def _of_cameras(rig: Rig, figures: AdjustedFigures) -> list[_Sigma]:
+def _find_vague_cameras(rig: Rig, figures: AdjustedFigures) -> list[_Sigma]:
     """The cameras that measure points, or else positions on the ground, too vaguely."""
     most_mm, free = 1000 * usable_m(rig), figures.undetermined or ()
     on_ground_mm = ON_GROUND * max(most_mm, 1000 * USABLE_M)  # bodies are no smaller where a rig is
@@ -148,7 +146,7 @@ def _of_cameras(rig: Rig, figures: AdjustedFigures) -> list[_Sigma]:
     return out
 
 
-def _of_scale(figures: AdjustedFigures) -> list[_Sigma]:
+def _find_vague_scale(figures: AdjustedFigures) -> list[_Sigma]:
     sigma = figures.scale.relative_sigma
     return [] if sigma is None or sigma <= USABLE_SCALE else [_Sigma("scale", (), 100 * sigma)]
 

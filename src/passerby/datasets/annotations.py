@@ -1,8 +1,6 @@
-"""Annotated boxes in the formats of several data sets: VATIC's text, CVML (CAVIAR's XML) and MOTChallenge's ground truth.
+"""Annotated boxes in the formats of several data sets, and the matching of two annotations of the same people.
 
 All of them count frames from 0 or 1; here the first picture is frame 1. Identities are those of the annotation.
-
-Which of the people whose positions were annotated is which of those whose boxes were: two annotations, each with its ids.
 """
 
 from __future__ import annotations

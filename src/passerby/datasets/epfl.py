@@ -207,7 +207,7 @@ def read_grid(path: Path) -> tuple[Header, np.ndarray[tuple[int, ...], np.dtype[
     lines = [(n, line.split()) for n, line in enumerate(read_text(path, "positions on a grid").splitlines(), 1) if line.strip()]
     if len(lines) < 2 or len(lines[1][1]) != 7:
         raise InputError(f"{path}: line 2 must be `frames people columns rows step first last`: is it EPFL's ground truth?")
-    header = Header(*_whole(path, *lines[1]))
+    header = Header(*_read_integers(path, *lines[1]))
     if min(header.frames, header.people, header.columns, header.rows, header.step) < 1 or not 0 <= header.first <= header.last:
         raise InputError(
             f"{path}: line 2 is {shortened(' '.join(lines[1][1]))}: frames, people, columns, rows and step must be above 0"
@@ -218,7 +218,7 @@ def read_grid(path: Path) -> tuple[Header, np.ndarray[tuple[int, ...], np.dtype[
     for row, (number, fields) in enumerate(lines[2:]):
         if len(fields) != header.people:
             raise InputError(f"{path}: line {number}: {len(fields)} numbers, but line 2 says {header.people} people")
-        cells[row] = _whole(path, number, fields)
+        cells[row] = _read_integers(path, number, fields)
         if not ((cells[row] >= -2) & (cells[row] < header.columns * header.rows)).all():
             raise InputError(
                 f"{path}: line {number}: {shortened(' '.join(fields))}: cells are 0 to {header.columns * header.rows - 1}, "
@@ -227,7 +227,7 @@ def read_grid(path: Path) -> tuple[Header, np.ndarray[tuple[int, ...], np.dtype[
     return header, cells
 
 
-def _whole(path: Path, number: int, fields: list[str]) -> list[int]:
+def _read_integers(path: Path, number: int, fields: list[str]) -> list[int]:
     """The whole numbers of a line."""
     try:
         found = [int(field) for field in fields]

@@ -84,7 +84,7 @@ def read_grid(
             f"{folder / ANNOTATIONS}: no annotations (00000000.json, ...): give the folder that holds {ANNOTATIONS}"
         )
     pictures = {camera.name: numbered(folder / PICTURES / camera.name) for camera in cameras}
-    first, shifted = _first_number(layout, list(files), pictures)
+    first, shifted = _find_first_number(layout, list(files), pictures)
     rows = _read_annotations(files, layout, first)
     ground = _ground(rows.cells, layout)
     corners = np.array(rows.corners, dtype=np.float64).reshape(-1, len(cameras), 4)
@@ -106,9 +106,9 @@ def read_grid(
             f"{cut} boxes reach beyond the image as published and were cut at its border, or left out where wholly outside."
         )
     if rows.repeated:
-        told.append(f"Identities that occur twice in one time step were made unknown (-1): {_some(rows.repeated)}.")
+        told.append(f"Identities that occur twice in one time step were made unknown (-1): {_list_some(rows.repeated)}.")
     if rows.turned:
-        told.append(f"Boxes that end before they begin were left out: {_some(rows.turned)}.")
+        told.append(f"Boxes that end before they begin were left out: {_list_some(rows.turned)}.")
     known = identity != UNKNOWN
     paths, counted = _pictures(pictures, layout)
     if shifted:
@@ -121,7 +121,9 @@ def read_grid(
     )  # fmt: skip
 
 
-def _first_number(layout: GridLayout, annotated: list[int], pictures: Mapping[str, Mapping[int, Path]]) -> tuple[int, bool]:
+def _find_first_number(
+    layout: GridLayout, annotated: list[int], pictures: Mapping[str, Mapping[int, Path]]
+) -> tuple[int, bool]:
     """The number of the annotation of frame 1, and whether pictures count from another number.
 
     Numbers are those of the pictures, from 0 on. But the scripts of MultiviewX write annotations 1 to N of pictures 0 to N - 1.
@@ -201,7 +203,7 @@ def _views(views: object, cameras: int, place: str) -> tuple[list[Corners], list
     return [UNSEEN if corners is None else corners for corners in found], turned
 
 
-def _some(places: list[str]) -> str:
+def _list_some(places: list[str]) -> str:
     """The first places of a list, and how many more there are."""
     more = f" and {len(places) - TOLD} more" if len(places) > TOLD else ""
     return f"{'; '.join(places[:TOLD])}{more}"

@@ -1,7 +1,4 @@
-"""Reading the files of published sets, with errors that name file, place, value and fix.
-
-Variables of MATLAB files, by SciPy; files of version 7.3, which are HDF5, by h5py where that is installed.
-"""
+"""Reading the files of published sets, MATLAB's included, with errors that name file, place, value and fix."""
 
 from __future__ import annotations
 
@@ -85,7 +82,9 @@ def xml_numbers(path: Path, key: str, shape: tuple[int, ...], needed: bool = Tru
         raise InputError(f"{path}: <{key}> is missing: take the file from the set again")
     data = node.find("data")
     text = ((node if data is None else data).text or "").split()
-    return numbers(_parsed(text), shape, f"{path}: <{key}>", "numbers" if shape == (-1,) else f"{math.prod(shape)} numbers")
+    return numbers(
+        _parse_words(text), shape, f"{path}: <{key}>", "numbers" if shape == (-1,) else f"{math.prod(shape)} numbers"
+    )
 
 
 def text_matrix(path: Path) -> Floats:
@@ -94,7 +93,7 @@ def text_matrix(path: Path) -> Floats:
     Raises `InputError` where the file is missing or holds anything else.
     """
     words = read_text(path, "a projection matrix (3 rows of 4 numbers)").replace(",", " ").split()
-    return numbers(_parsed(words), (3, 4), f"{path}: the matrix", "3 rows of 4 numbers")
+    return numbers(_parse_words(words), (3, 4), f"{path}: the matrix", "3 rows of 4 numbers")
 
 
 def numbered(folder: Path, suffixes: tuple[str, ...] = PICTURES) -> dict[int, Path]:
@@ -132,7 +131,7 @@ def check_size(path: Path, size: tuple[int, int]) -> None:
         )
 
 
-def _parsed(words: list[str]) -> list[Any]:
+def _parse_words(words: list[str]) -> list[Any]:
     """Words as numbers, or as they are where one is none."""
     try:
         return [float(word) for word in words]
@@ -145,7 +144,7 @@ def mat_variable(path: Path, key: str) -> Any:
     if not path.is_file():
         raise InputError(f"{path}: no such file: a MATLAB file with the variable {key} is needed here")
     try:
-        content: Any = _loaded(path)
+        content: Any = _load_variables(path)
     except NotImplementedError:
         content = _hdf5_content(path)
     except Exception as error:  # what SciPy raises for bytes that mean something else has no end
@@ -157,7 +156,7 @@ def mat_variable(path: Path, key: str) -> Any:
     return content[key]
 
 
-def _loaded(path: Path) -> Any:
+def _load_variables(path: Path) -> Any:
     """The variables, read in a process of its own: SciPy 1.17 ends its process at some damaged files."""
     check_is_file(path, "a MATLAB file")
     with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:

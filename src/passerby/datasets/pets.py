@@ -77,7 +77,7 @@ def read(folder: Path) -> Published:
     )
 
 
-def _only(paths: Iterable[Path], what: str) -> dict[str, Path]:
+def _index_by_view(paths: Iterable[Path], what: str) -> dict[str, Path]:
     """Paths by view, the view's name being the path's. Raises `InputError` for two of one view."""
     found: dict[str, Path] = {}
     for path in sorted(paths):
@@ -96,7 +96,7 @@ def _view(match: re.Match[str] | None) -> str | None:
 
 
 def _calibrations(folder: Path) -> dict[str, TsaiCamera]:
-    files = _only((path for path in folder.rglob("*.xml") if is_tsai(path)), "calibration")
+    files = _index_by_view((path for path in folder.rglob("*.xml") if is_tsai(path)), "calibration")
     if len(files) < 2:
         raise InputError(
             f"{folder}: holds {len(files) or 'no'} calibration{'' if len(files) == 1 else 's'} View_00N.xml: put those of two "
@@ -108,7 +108,7 @@ def _calibrations(folder: Path) -> dict[str, TsaiCamera]:
 def _pictures(folder: Path) -> dict[str, dict[int, Path]]:
     """Pictures by view and by their number."""
     found: dict[str, dict[int, Path]] = {}
-    for view, place in _only((path for path in folder.rglob("*") if path.is_dir()), "folder of images").items():
+    for view, place in _index_by_view((path for path in folder.rglob("*") if path.is_dir()), "folder of images").items():
         for path in sorted(place.iterdir()):
             match = _FRAME.fullmatch(path.stem)
             if match and path.suffix.lower() in PICTURE_ENDINGS:
@@ -117,7 +117,9 @@ def _pictures(folder: Path) -> dict[str, dict[int, Path]]:
 
 
 def _videos(folder: Path) -> dict[str, Path]:
-    return _only((path for path in folder.rglob("*") if path.suffix.lower() in VIDEO_ENDINGS and path.is_file()), "video")
+    return _index_by_view(
+        (path for path in folder.rglob("*") if path.suffix.lower() in VIDEO_ENDINGS and path.is_file()), "video"
+    )
 
 
 def _size_of(picture: Path) -> tuple[int, int]:
@@ -132,7 +134,7 @@ def _annotations(folder: Path, views: Iterable[str]) -> tuple[dict[str, Boxes], 
     """Boxes by view, and positions on the ground where a file has them."""
     boxes: dict[str, Boxes] = {}
     known = set(views)
-    for view, path in _only(folder.rglob("*.txt"), "file of boxes").items():
+    for view, path in _index_by_view(folder.rglob("*.txt"), "file of boxes").items():
         if view in known:
             boxes[view] = read_vatic(path)
     for path in sorted(folder.rglob("*.xml")):

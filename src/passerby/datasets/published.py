@@ -1,6 +1,4 @@
-"""What a published data set holds, in Passerby's terms: metres, z up, people's feet at z = 0, OpenCV's lenses and pixels.
-
-From the poses that sets publish to a right-handed world, z up, with all people in front of the cameras.
+"""What a published data set holds, in Passerby's terms, with its world made right-handed and z up.
 
 A projection does not tell `x_c = A X + t` from `x_c = -(A X + t)`. A calibration that was fitted to points of a left-handed
 world, but was bound to a proper rotation, hence has everything behind its cameras; the true `A` is then a rotation with a

@@ -86,19 +86,19 @@ def write_scene_folder(
     if directory.resolve() == source.resolve() or source.resolve() in directory.resolve().parents:
         raise InputError(f"{directory}: lies in the folder of the data set, {source}: give one outside of it")
     given = published.identities_known
-    filmed = _to_film(published) if film or not given else {}
+    filmed = _find_pictures_to_film(published) if film or not given else {}
     named = {camera: path.resolve().as_posix() for camera, path in published.videos.items()}
     named |= {camera: _video(camera) for camera in filmed}
     tables, mode = _cameras(published, given, named)
-    unfilmed = _unfilmed(published, filmed) if film or not given else []
-    notes = [*published.notes, *_absent(published, tables), *(f"{one}." for one in unfilmed)]
+    unfilmed = _explain_unfilmed(published, filmed) if film or not given else []
+    notes = [*published.notes, *_list_absent(published, tables), *(f"{one}." for one in unfilmed)]
     if len(tables) < 2:
         unfit = f" ({unfilmed[0]})" if unfilmed else ""
         raise InputError(
             f"{source}: has people in {len(tables) or 'no'} camera{'' if len(tables) == 1 else 's'} of "
             f"{len(published.rig)}: two are needed with boxes, keypoints, a video or images{unfit}; fetch more of the set"
         )
-    videos = _watched(named) if given and len(named) >= 2 else {}
+    videos = _describe_videos(named) if given and len(named) >= 2 else {}
     with whole_folder(directory, MARKER, "a scene made from a data set") as folder:
         _write_truth(published, folder)
         _write_people(published, folder, tables)
@@ -121,7 +121,7 @@ def write_scene_folder(
 def _cameras(published: Published, given: bool, named: dict[str, str]) -> tuple[dict[str, dict[str, str]], str]:
     """The tables of the cameras that tell of people, and the mode."""
     if not given and len(named) >= 2:
-        return _watched(named), "combined"
+        return _describe_videos(named), "combined"
     tables: dict[str, dict[str, str]] = {}
     for camera in published.rig.names:
         boxes, joints = published.boxes.get(camera), published.keypoints.get(camera)
@@ -133,11 +133,11 @@ def _cameras(published: Published, given: bool, named: dict[str, str]) -> tuple[
     return tables, "given" if given else "combined"
 
 
-def _watched(named: dict[str, str]) -> dict[str, dict[str, str]]:
+def _describe_videos(named: dict[str, str]) -> dict[str, dict[str, str]]:
     return {camera: {"intrinsics": "intrinsics.toml", "video": video} for camera, video in named.items()}
 
 
-def _to_film(published: Published) -> dict[str, tuple[Path, ...]]:
+def _find_pictures_to_film(published: Published) -> dict[str, tuple[Path, ...]]:
     """The pictures of the cameras that have no video and can have one: frames from 1 on without a gap, and a known rate."""
     if published.fps is None:
         return {}
@@ -150,7 +150,7 @@ def _to_film(published: Published) -> dict[str, tuple[Path, ...]]:
     }
 
 
-def _absent(published: Published, tables: dict[str, dict[str, str]]) -> list[str]:
+def _list_absent(published: Published, tables: dict[str, dict[str, str]]) -> list[str]:
     """The cameras that the scene does without."""
     return [
         f"{camera} is not in {SCENE_FILE}: it has no people in its view."
@@ -159,7 +159,7 @@ def _absent(published: Published, tables: dict[str, dict[str, str]]) -> list[str
     ]
 
 
-def _unfilmed(published: Published, filmed: dict[str, tuple[Path, ...]]) -> list[str]:
+def _explain_unfilmed(published: Published, filmed: dict[str, tuple[Path, ...]]) -> list[str]:
     """The cameras whose pictures make no video, and why."""
     why = "the set states no frame rate" if published.fps is None else "they do not go from frame 1 on without a gap"
     return [
@@ -189,21 +189,21 @@ def _write_people(published: Published, folder: Path, tables: dict[str, dict[str
         if "tracks" in table:
             write_boxes(folder / table["tracks"], boxes)
         elif "detections" in table:
-            write_boxes(folder / table["detections"], _nameless(boxes))
+            write_boxes(folder / table["detections"], _drop_identities(boxes))
         if "tracks" not in table and (boxes.identity > UNKNOWN).any():
             write_boxes(folder / "truth" / f"{camera}.txt", boxes)
     for camera, joints in published.keypoints.items():
         table = tables.get(camera, {})
         if "keypoints" in table:
             known = published.identities_known
-            write_keypoints(folder / table["keypoints"], joints if known else _nameless_joints(joints))
+            write_keypoints(folder / table["keypoints"], joints if known else _drop_joint_identities(joints))
 
 
-def _nameless(boxes: Boxes) -> Boxes:
+def _drop_identities(boxes: Boxes) -> Boxes:
     return replace(boxes, identity=boxes.identity * 0 + UNKNOWN)
 
 
-def _nameless_joints(joints: Keypoints) -> Keypoints:
+def _drop_joint_identities(joints: Keypoints) -> Keypoints:
     return replace(joints, identity=joints.identity * 0 + UNKNOWN)
 
 

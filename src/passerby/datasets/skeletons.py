@@ -46,7 +46,7 @@ def projected(rig: Rig, skeletons: Skeletons, place: str) -> dict[str, Keypoints
 
     Raises `InputError` where no camera has any joint in its picture; `place` is the file of the joints.
     """
-    found = {camera.name: _in_camera(camera, skeletons) for camera in rig}
+    found = {camera.name: _project_joints(camera, skeletons) for camera in rig}
     if len(skeletons.frame) and not any(len(people) for people in found.values()):
         raise InputError(
             f"{place}: none of the {len(skeletons.frame)} people lies in the image of any camera: keypoints and calibration "
@@ -75,7 +75,7 @@ def check_upright(skeletons: Skeletons, place: str) -> None:
         )
 
 
-def _in_camera(camera: Camera, skeletons: Skeletons) -> Keypoints:
+def _project_joints(camera: Camera, skeletons: Skeletons) -> Keypoints:
     """The joints in one camera's picture."""
     assert camera.pose is not None
     points = skeletons.xyz.reshape(-1, 3) @ camera.pose.R_cw.T + camera.pose.t_cw

@@ -52,7 +52,7 @@ def read(folder: Path) -> Published:
     """Read Shelf or Campus, distinguished by the number of cameras. Raises `InputError` for what is missing or broken."""
     skeletons = _skeletons(folder / TRUTH)
     cameras, notes, place = _cameras(folder)
-    rig, mirror = right_handed(place, cameras, {camera.name: _in_picture(camera, skeletons) for camera in cameras})
+    rig, mirror = right_handed(place, cameras, {camera.name: _project_into_picture(camera, skeletons) for camera in cameras})
     if mirror[0] < 0:
         notes.append(LEFT_HANDED)
     skeletons = Skeletons(skeletons.frame, skeletons.identity, skeletons.xyz * mirror, skeletons.score, skeletons.joints)
@@ -86,7 +86,7 @@ def _cameras(folder: Path) -> tuple[list[PublishedCamera], list[str], str]:
             f"calibration_campus.json in {folder}: give the folder as published (Shelf, CampusSeq1)"
         )
     if not matrices:
-        cameras = _derived_cameras(folder, derived[0])
+        cameras = _derive_cameras(folder, derived[0])
         return (
             cameras,
             [f"The cameras are from {derived[0].name}, not from the set's own projection matrices."],
@@ -114,7 +114,7 @@ def _size(folder: Path, cameras: int) -> tuple[int, int]:
     return SETS[cameras][1]
 
 
-def _derived_cameras(folder: Path, path: Path) -> list[PublishedCamera]:
+def _derive_cameras(folder: Path, path: Path) -> list[PublishedCamera]:
     """The cameras of VoxelPose's file."""
     content = read_json(path, "a calibration (JSON)")
     if not isinstance(content, dict) or not content:
@@ -183,7 +183,7 @@ def _joints(cell: Any, place: str) -> Floats | None:
     return np.asarray(value, dtype=np.float64)
 
 
-def _in_picture(camera: PublishedCamera, skeletons: Skeletons) -> Floats:
+def _project_into_picture(camera: PublishedCamera, skeletons: Skeletons) -> Floats:
     """(K, 3) the joints that fall into the picture, whichever side of the camera they are on."""
     points = skeletons.xyz.reshape(-1, 3)
     rays = points @ camera.A.T + camera.t

@@ -1,4 +1,4 @@
-"""How far an estimated rig lies from the true one: camera pose errors (CPE), the scale ratio, the vertical and the ground.
+"""Errors of an estimated rig against the true one: poses (CPE), scale, vertical, ground, intrinsics, stated sigmas.
 
 A wrong scale and a wrong shape are different faults, so the estimate is placed upon the truth twice:
 
@@ -9,10 +9,6 @@ A wrong scale and a wrong shape are different faults, so the estimate is placed 
   the camera centres; means over all cameras.
 
 A position error is `|C_est - C_true|`, an orientation error the angle of `R_est R_true^T` (R is world to camera).
-
-How far estimated intrinsics lie from the true ones.
-
-Are the stated sigmas as large as the errors?
 
 A rig's world is free to be turned about the vertical and moved along the ground: no measurement tells of it. So the estimate
 is placed upon the truth by the best such motion, least squares over the camera centres, which is the placement that the
@@ -32,8 +28,14 @@ from passerby.common.errors import InputError
 from passerby.core.cameras import Camera, Lens, Pose, Rig
 from passerby.core.measuring import MeasuringErrors, measuring_errors
 from passerby.core.observations import Boxes
-from passerby.geometry.rotations import angle_between, direction_angle, exp_rotation
-from passerby.geometry.similarity import Similarity, chordal_mean_rotation, fit_plane_similarity
+from passerby.geometry.rotations import (
+    Similarity,
+    angle_between,
+    chordal_mean_rotation,
+    direction_angle,
+    exp_rotation,
+    fit_plane_similarity,
+)
 
 GRID = (17, 13)
 """Points across and down the picture at which rays are compared."""
@@ -117,10 +119,10 @@ class Stated:
                 }
                 for name, error in self.position_mm.items()
             ],
-            "position_within_1_sigma": _within(position, 1),
-            "position_within_2_sigmas": _within(position, 2),
-            "orientation_within_1_sigma": _within(orientation, 1),
-            "orientation_within_2_sigmas": _within(orientation, 2),
+            "position_within_1_sigma": _measure_coverage(position, 1),
+            "position_within_2_sigmas": _measure_coverage(position, 2),
+            "orientation_within_1_sigma": _measure_coverage(orientation, 1),
+            "orientation_within_2_sigmas": _measure_coverage(orientation, 2),
         }
 
 
@@ -331,7 +333,7 @@ def lens_error(estimate: Lens, truth: Lens) -> LensError | None:
     )
 
 
-def _within(errors: dict[str, float], sigmas: float) -> float | None:
+def _measure_coverage(errors: dict[str, float], sigmas: float) -> float | None:
     """The share of the errors within so many sigmas; None where no sigma is stated."""
     return float(np.mean([error <= sigmas for error in errors.values()])) if errors else None
 

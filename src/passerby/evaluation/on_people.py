@@ -108,7 +108,7 @@ def compare_on_people(
         for number in np.unique(np.concatenate(numbers)):
             values = [side[name].pixels[of == number] for side, of in zip(sides, numbers, strict=True)]
             if min(map(len, values)) >= FEWEST:
-                medians.append((_within(values[0], 50) or np.inf, _within(values[1], 50) or np.inf))
+                medians.append((_find_percentile(values[0], 50) or np.inf, _find_percentile(values[1], 50) or np.inf))
                 stretch.append(int(number))
     if not medians:
         raise EvidenceError(
@@ -117,7 +117,7 @@ def compare_on_people(
     difference, sigma, count = _difference(np.array(medians), np.array(stretch))
     cameras = {
         name: CameraOnPeople(
-            first_px=_within(sides[0][name].pixels, 50), second_px=_within(sides[1][name].pixels, 50),
+            first_px=_find_percentile(sides[0][name].pixels, 50), second_px=_find_percentile(sides[1][name].pixels, 50),
             sightings=len(sides[0][name]),
         )
         for name in shared
@@ -126,7 +126,7 @@ def compare_on_people(
     sure = sigma is not None and abs(difference) > SURE_SIGMAS * sigma
     better: Better = ("first" if difference > 0 else "second") if sure else "neither"
     return PeopleComparison(
-        first=_on_people(sides[0]), second=_on_people(sides[1]), cameras=cameras, difference_px=difference,
+        first=_compare_on_people(sides[0]), second=_compare_on_people(sides[1]), cameras=cameras, difference_px=difference,
         sigma_px=sigma, stretches=count, better=better,
     )  # fmt: skip
 
@@ -147,15 +147,16 @@ def _difference(medians: Floats, stretch: Ints) -> tuple[float, float | None, in
     return float(means.mean()), sigma, count
 
 
-def _on_people(side: Mapping[str, CameraDisagreements]) -> RigOnPeople:
+def _compare_on_people(side: Mapping[str, CameraDisagreements]) -> RigOnPeople:
     every = CameraDisagreements.joined(list(side.values()))
     return RigOnPeople(
-        median_px=_within(every.pixels, 50), p90_px=_within(every.pixels, 90), ground_50_m=_within(every.metres, 50),
-        ground_90_m=_within(every.metres, 90),
+        median_px=_find_percentile(every.pixels, 50), p90_px=_find_percentile(every.pixels, 90),
+        ground_50_m=_find_percentile(every.metres, 50),
+        ground_90_m=_find_percentile(every.metres, 90),
     )  # fmt: skip
 
 
-def _within(values: Floats, percent: float) -> float | None:
+def _find_percentile(values: Floats, percent: float) -> float | None:
     """What so many values in a hundred are not above; None where that is infinite."""
     found = float(np.percentile(values, percent, method="inverted_cdf"))
     return found if np.isfinite(found) else None

@@ -104,7 +104,7 @@ def retrieval_score(
         if apart is not None:
             unsure = ~apart[who[low:high, None], np.maximum(whom, 0)] & (whom >= 0)
             passed |= unsure & ~right
-        precision, first = _ranked(np.asarray(rows_of(low, high)), right & ~passed, passed)
+        precision, first = _rank_gallery(np.asarray(rows_of(low, high)), right & ~passed, passed)
         precisions.append(precision)
         firsts.append(first)
     precision, first = np.concatenate(precisions), np.concatenate(firsts)
@@ -118,7 +118,7 @@ def retrieval_score(
     return RetrievalScore(cmc, float(precision.mean()), n, len(who) - n, len(whom))
 
 
-def _ranked(distance: Distances, right: Flags, passed: Flags) -> tuple[Floats, Ints]:
+def _rank_gallery(distance: Distances, right: Flags, passed: Flags) -> tuple[Floats, Ints]:
     """Average precision and rank of the first right picture (from 1), of the queries (N, G) that have one."""
     if distance.shape != right.shape:
         raise InputError(f"the distances have the shape {distance.shape}: {right.shape} is needed")

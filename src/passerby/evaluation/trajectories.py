@@ -17,7 +17,7 @@ from passerby.common.errors import InputError
 from passerby.core.cameras import Rig
 from passerby.core.trajectories import Trajectories
 from passerby.evaluation.metrics import place
-from passerby.geometry.similarity import Similarity
+from passerby.geometry.rotations import Similarity
 
 REACH_M = 2.0
 """Ways that are farther apart than that show different people: who matches whom is chosen by the instants they are nearer."""
@@ -139,12 +139,12 @@ def judge(found: Trajectories, truth: GroundTruth, placement: Similarity | None 
     matched = (
         {int(one): int(one) for one in people if one in true_people}
         if same_ids
-        else _matched(people, who.ravel(), true_people, own, found.time_s, truth)
+        else _match_people(people, who.ravel(), true_people, own, found.time_s, truth)
     )
     distance = np.full(len(found), np.nan)
     for identity, true in matched.items():
         rows = np.flatnonzero(found.identity == identity)
-        distance[rows] = np.linalg.norm(own[rows] - _true_places(truth, true, found.time_s[rows]), axis=1)
+        distance[rows] = np.linalg.norm(own[rows] - _interpolate_truth(truth, true, found.time_s[rows]), axis=1)
     sigma = scale * found.sigma_m
     kinds = {"several": found.cameras > 1, "one": found.cameras == 1, "none": found.cameras == 0}
     return Judgement(
@@ -153,7 +153,7 @@ def judge(found: Trajectories, truth: GroundTruth, placement: Similarity | None 
         matched,
         tuple(int(one) for one in people if int(one) not in matched),
         tuple(int(one) for one in true_people if int(one) not in set(matched.values())),
-        _covered(found, truth, matched),
+        _measure_cover(found, truth, matched),
     )
 
 
@@ -191,7 +191,7 @@ def _distances(distance: Floats, sigma: Floats) -> Distances:
     )  # fmt: skip
 
 
-def _true_places(truth: GroundTruth, identity: int, seconds: Floats) -> Floats:
+def _interpolate_truth(truth: GroundTruth, identity: int, seconds: Floats) -> Floats:
     """(N, 2) where a person truly is at the given times; NaN where the truth does not tell."""
     low, high = np.searchsorted(truth.identity, [identity, identity + 1])
     known, xy = truth.time_s[low:high], truth.xy[low:high]
@@ -206,13 +206,15 @@ def _true_places(truth: GroundTruth, identity: int, seconds: Floats) -> Floats:
     return np.asarray(np.where(inside[:, None], out, np.nan))
 
 
-def _matched(people: Ints, who: Ints, true_people: Ints, own: Floats, seconds: Floats, truth: GroundTruth) -> dict[int, int]:
+def _match_people(
+    people: Ints, who: Ints, true_people: Ints, own: Floats, seconds: Floats, truth: GroundTruth
+) -> dict[int, int]:
     """People matched one to one."""
     near = np.zeros((len(people), len(true_people)))
     for column, true in enumerate(true_people):
         for first in range(0, len(own), ROWS_AT_ONCE):
             rows = slice(first, first + ROWS_AT_ONCE)
-            apart = np.linalg.norm(own[rows] - _true_places(truth, int(true), seconds[rows]), axis=1)
+            apart = np.linalg.norm(own[rows] - _interpolate_truth(truth, int(true), seconds[rows]), axis=1)
             worth = np.where(np.isfinite(apart), np.maximum(0.0, 1 - apart / REACH_M), 0.0)
             near[:, column] += np.bincount(who[rows], worth, minlength=len(people))
     rows_, columns = linear_sum_assignment(-near)
@@ -221,7 +223,7 @@ def _matched(people: Ints, who: Ints, true_people: Ints, own: Floats, seconds: F
     }
 
 
-def _covered(found: Trajectories, truth: GroundTruth, matched: dict[int, int]) -> float | None:
+def _measure_cover(found: Trajectories, truth: GroundTruth, matched: dict[int, int]) -> float | None:
     """Share of the true places at which the matched person has a place within half a frame."""
     if not len(found) or not len(truth.identity):
         return None

@@ -2,8 +2,6 @@
 
 Stages make findings, and later stages decide by code, severity, cameras and values. The sentences that people read are made at
 the end, by `passerby.findings.texts`, which has the register of all codes.
-
-Too little evidence, with the findings that say what is missing.
 """
 
 from __future__ import annotations

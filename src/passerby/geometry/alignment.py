@@ -4,8 +4,6 @@ Both are weighted least squares over `X -> scale R X + t`. By default R turns ab
 plane, so that the ground and the vertical stay those of the people. Robust: the motions that minimal subsets ask for are
 compared by their least trimmed squares (Rousseeuw, "Least median of squares regression", JASA 1984), and a place is left out
 where those that agree make its residual impossible (an F test).
-
-What a rig can be laid upon: rays to points with known coordinates, known positions of cameras.
 """
 
 from __future__ import annotations
@@ -22,8 +20,7 @@ from scipy.special import fdtri
 
 from passerby.common.arrays import Bools, Floats, Ints
 from passerby.common.errors import EvidenceError
-from passerby.geometry.rotations import exp_rotation
-from passerby.geometry.similarity import Similarity, fit_plane_similarity, fit_similarity
+from passerby.geometry.rotations import Similarity, exp_rotation, fit_plane_similarity, fit_similarity
 from passerby.geometry.triangulation import triangulate
 
 STATED_WEIGHT = 4.0
@@ -81,12 +78,12 @@ def fit_world(places: Places, *, with_scale: bool = False, tilt: bool = False) -
         EvidenceError: the places are too few or too close together to fix the motion.
     """
     start, rows = _robust_start(places, with_scale, tilt)
-    fit = _refined(places, start, rows, with_scale, tilt)
+    fit = _refine_fit(places, start, rows, with_scale, tilt)
     for _ in range(20):
-        sound = _agreeing(places, fit, with_scale, tilt)
+        sound = _find_agreeing(places, fit, with_scale, tilt)
         if (sound == fit.used).all() or np.count_nonzero(sound) < np.count_nonzero(rows):
             break
-        fit = _refined(places, fit.motion, sound, with_scale, tilt)
+        fit = _refine_fit(places, fit.motion, sound, with_scale, tilt)
     return fit
 
 
@@ -98,8 +95,8 @@ def fits_mirrored(places: Places, fit: WorldFit, *, with_scale: bool, tilt: bool
     try:
         mirrored = fit_world(image, with_scale=with_scale, tilt=tilt)
         everything = np.ones(len(places.group), dtype=bool)
-        here = _refined(places, fit.motion, everything, with_scale, tilt).noise
-        there = _refined(image, mirrored.motion, everything, with_scale, tilt).noise
+        here = _refine_fit(places, fit.motion, everything, with_scale, tilt).noise
+        there = _refine_fit(image, mirrored.motion, everything, with_scale, tilt).noise
     except EvidenceError:
         return False
     if here > POOR and there < here / POOR:
@@ -119,46 +116,46 @@ def _robust_start(places: Places, with_scale: bool, tilt: bool) -> tuple[Similar
     kept = min(n, max(minimal + int(with_scale or tilt), (n + minimal) // 2))
     best, least = None, np.inf
     for motion in places.starts(with_scale=with_scale, tilt=tilt):
-        squared = np.sort(_squared(places, motion))
+        squared = np.sort(_square_residuals(places, motion))
         if squared[:kept].sum() < least:
             best, least = motion, float(squared[:kept].sum())
     if best is None:
         raise EvidenceError("the known points or positions lie in one spot or on one line: they do not fix the world frame")
-    rows = _smallest(_squared(places, best), kept)
+    rows = _find_smallest(_square_residuals(places, best), kept)
     for _ in range(10):
-        best = _refined(places, best, rows, with_scale, tilt).motion
-        again = _smallest(_squared(places, best), kept)
+        best = _refine_fit(places, best, rows, with_scale, tilt).motion
+        again = _find_smallest(_square_residuals(places, best), kept)
         if (again == rows).all():
             break
         rows = again
     return best, rows
 
 
-def _smallest(values: Floats, count: int) -> Bools:
+def _find_smallest(values: Floats, count: int) -> Bools:
     """(M,) whether a value is one of the `count` smallest."""
     chosen = np.zeros(len(values), dtype=bool)
     chosen[np.argsort(values, kind="stable")[:count]] = True
     return chosen
 
 
-def _squared(places: Places, motion: Similarity) -> Floats:
+def _square_residuals(places: Places, motion: Similarity) -> Floats:
     """(M,) squared residuals over their variances."""
     return np.asarray((places.residuals(motion) ** 2).sum(axis=1) / places.sigma(motion) ** 2)
 
 
-def _refined(places: Places, start: Similarity, used: Bools, with_scale: bool, tilt: bool) -> WorldFit:
+def _refine_fit(places: Places, start: Similarity, used: Bools, with_scale: bool, tilt: bool) -> WorldFit:
     """Weighted least squares over the used rows, from a motion nearby."""
     sigma, centre = places.sigma(start)[used, None], places.target[used].mean(axis=0)
     n_free = (6 if tilt else 3) + int(with_scale)
 
     def misses(motion: Similarity, step: Floats) -> Floats:
-        return np.asarray((places.residuals(_stepped(motion, centre, step, tilt))[used] / sigma).ravel())
+        return np.asarray((places.residuals(_apply_step(motion, centre, step, tilt))[used] / sigma).ravel())
 
     motion, residual = start, misses(start, np.zeros(n_free))
     for _ in range(STEPS):
         if residual @ residual < EXACT:
             break
-        step = _bounded(np.linalg.lstsq(_jacobian(misses, motion, n_free), -residual, rcond=1e-12)[0], tilt)
+        step = _bound_step(np.linalg.lstsq(_jacobian(misses, motion, n_free), -residual, rcond=1e-12)[0], tilt)
         for _ in range(HALVINGS):
             there = misses(motion, step)
             if there @ there < residual @ residual:
@@ -167,7 +164,7 @@ def _refined(places: Places, start: Similarity, used: Bools, with_scale: bool, t
         else:
             break
         gain = 1 - there @ there / (residual @ residual)
-        motion, residual = _stepped(motion, centre, step, tilt), there
+        motion, residual = _apply_step(motion, centre, step, tilt), there
         if gain < 1e-12:
             break
     jacobian, squares = _jacobian(misses, motion, n_free), float(residual @ residual)
@@ -189,7 +186,7 @@ def _jacobian(misses: Callable[[Similarity, Floats], Floats], motion: Similarity
     return np.stack([(misses(motion, step) - misses(motion, -step)) / (2 * STEP) for step in steps], axis=1)
 
 
-def _bounded(step: NDArray[np.floating], tilt: bool) -> Floats:
+def _bound_step(step: NDArray[np.floating], tilt: bool) -> Floats:
     """The step, shortened where it turns or stretches by more than `LONGEST`: beyond, its linear residuals mean nothing."""
     turns_and_scale = np.append(step[: 3 if tilt else 1], step[6 if tilt else 3 :])
     return np.asarray(step * min(1.0, LONGEST / max(float(np.abs(turns_and_scale).max()), 1e-12)), dtype=np.float64)
@@ -201,7 +198,7 @@ def _inverse(normal: Floats) -> Floats:
     return np.asarray((vectors / np.maximum(values, 1e-9)) @ vectors.T)
 
 
-def _stepped(start: Similarity, centre: Floats, step: Floats, tilt: bool) -> Similarity:
+def _apply_step(start: Similarity, centre: Floats, step: Floats, tilt: bool) -> Similarity:
     """A motion after a small step: turns (about the vertical, or all three), shifts, logarithm of the scale."""
     turn, shift = (step[:3], step[3:6]) if tilt else (np.array([0.0, 0.0, step[0]]), np.array([step[1], step[2], 0.0]))
     growth = float(np.exp(step[6 if tilt else 3])) if len(step) in (4, 7) else 1.0
@@ -212,10 +209,10 @@ def _stepped(start: Similarity, centre: Floats, step: Floats, tilt: bool) -> Sim
     return Similarity(growth * start.scale, rotation @ start.rotation, translation)
 
 
-def _agreeing(places: Places, fit: WorldFit, with_scale: bool, tilt: bool) -> Bools:
+def _find_agreeing(places: Places, fit: WorldFit, with_scale: bool, tilt: bool) -> Bools:
     """(M,) the rows whose residuals are possible by the noise of the used ones."""
     k, n = places.dimensions, len(places.group)
-    squared = _squared(places, fit.motion)
+    squared = _square_residuals(places, fit.motion)
     free = max(k * int(fit.used.sum()) - (6 if tilt else 3) - int(with_scale), 0)
     weight = STATED_WEIGHT + free
     variance = (STATED_WEIGHT + free * fit.noise**2) / weight

@@ -44,7 +44,7 @@ def east_north_up(geodetic: Floats, origin: Floats) -> Floats:
     Returns:
         (N, 3) metres.
     """
-    return np.asarray((earth_centred(geodetic) - earth_centred(origin)) @ _local_axes(origin).T)
+    return np.asarray((earth_centred(geodetic) - earth_centred(origin)) @ _find_local_axes(origin).T)
 
 
 def geodetic(enu: Floats, origin: Floats) -> Floats:
@@ -60,7 +60,7 @@ def geodetic(enu: Floats, origin: Floats) -> Floats:
         (N, 3) likewise; longitudes in [-180, 180].
     """
     places = np.asarray(enu, dtype=np.float64).reshape(-1, 3)
-    x, y, z = (places @ _local_axes(origin) + earth_centred(origin)).T
+    x, y, z = (places @ _find_local_axes(origin) + earth_centred(origin)).T
     minor = SEMI_MAJOR_M * (1 - FLATTENING)
     p = np.hypot(x, y)
     reduced = np.arctan2(z * SEMI_MAJOR_M, p * minor)
@@ -74,7 +74,7 @@ def geodetic(enu: Floats, origin: Floats) -> Floats:
     return np.column_stack([np.degrees(latitude), np.degrees(np.arctan2(y, x)), altitude])
 
 
-def _local_axes(origin: Floats) -> Floats:
+def _find_local_axes(origin: Floats) -> Floats:
     """(3, 3) rows east, north and up at a place, seen from the earth's centre."""
     latitude, longitude = np.radians(np.asarray(origin, dtype=np.float64)[:2])
     sin_lat, cos_lat, sin_lon, cos_lon = np.sin(latitude), np.cos(latitude), np.sin(longitude), np.cos(longitude)

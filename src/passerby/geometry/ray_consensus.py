@@ -13,8 +13,7 @@ import numpy as np
 
 from passerby.common.arrays import Bools, Floats, Ints
 from passerby.geometry.groups import expanded_ranges, least_of_groups
-from passerby.geometry.reprojection import held_depth
-from passerby.geometry.triangulation import triangulate
+from passerby.geometry.triangulation import held_depth, triangulate
 
 # Blocks seen by many cameras propose at most this many points each; neighbours in the cameras' order are tried first.
 _MAX_OFFSETS = 7

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from passerby.common.arrays import Bools, Floats
-from passerby.geometry.robust import cauchy_weights
+from passerby.geometry.groups import cauchy_weights
 from passerby.geometry.rotations import rotation_between
 
 MIN_PEOPLE = 8
@@ -175,7 +175,7 @@ class _Fit:
         self.square, self.along_top = np.einsum("ni,ni->n", bottom, bottom), np.einsum("ni,ni->n", top, bottom)
         self.seen = np.array([np.einsum("ni,ni->n", across, bottom), np.einsum("ni,ni->n", down, bottom)])
 
-    def _along(self, direction: Floats) -> tuple[Floats, Floats, Floats]:
+    def _project_along(self, direction: Floats) -> tuple[Floats, Floats, Floats]:
         """(N,) the foot's and (N,) the head's ray along a direction, and (2, N) the direction in shares of the extent."""
         foot, head, *seen = (self.rows @ direction).reshape(4, -1)
         return foot, head, np.array(seen)
@@ -191,7 +191,7 @@ class _Fit:
 
     def _heads(self, up: Floats, height: float) -> _Heads:
         """The heads above the feet: the foot's ray goes down to the foot, and the body stands on it."""
-        foot, head, seen = self._along(up)
+        foot, head, seen = self._project_along(up)
         below = np.maximum(-foot, HORIZON)
         reach = (height - self.foot_m) / below
         far = np.sqrt(np.maximum(reach * (reach * self.square + 2 * self.body_m * foot) + self.body_m**2, 0.0))
@@ -203,8 +203,8 @@ class _Fit:
     def jacobian(self, up: Floats, heads: _Heads) -> Floats:
         """(3, 2, N) derivative of the residual by the steps of `_move`; 0 for feet above the horizon."""
         out = np.empty((3, *heads.residual.shape))
-        for row, direction in enumerate(_across(up)):
-            foot, head, seen = self._along(direction)
+        for row, direction in enumerate(_find_perpendiculars(up)):
+            foot, head, seen = self._project_along(direction)
             reach = heads.per_reach * foot
             along = reach * self.along_top + self.body_m * head
             out[row] = (reach * self.seen + self.body_m * seen - heads.residual * along) / heads.depth
@@ -263,12 +263,12 @@ class _Fit:
 
     @staticmethod
     def _move(up: Floats, height: float, step: Floats) -> tuple[Floats, float]:
-        a, b = _across(up)
+        a, b = _find_perpendiculars(up)
         moved = up + step[0] * a + step[1] * b
         return moved / np.linalg.norm(moved), height * float(np.exp(step[2]))
 
 
-def _across(up: Floats) -> tuple[Floats, Floats]:
+def _find_perpendiculars(up: Floats) -> tuple[Floats, Floats]:
     """Two directions (3,) at right angles to a unit vector and to each other."""
     x, y, z = up
     a = np.array([0.0, z, -y]) if abs(x) < 0.6 else np.array([y, -x, 0.0])

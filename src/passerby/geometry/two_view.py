@@ -2,8 +2,6 @@
 
 Frames: `x_b = R_ba x_a + t_ba`; the essential matrix fulfils `ray_b^T E ray_a = 0` with `E = [t_ba]x R_ba`. The length of the
 baseline cannot be seen, so `t_ba` is a unit vector.
-
-The relative pose of two cameras as a hypothesis.
 """
 
 from __future__ import annotations
@@ -89,7 +87,7 @@ def relative_pose(
         NoRelativePoseError: fewer than 8 usable ray pairs, or no pose that puts as many points in front of both cameras.
     """
     rays_a, rays_b = np.asarray(rays_a, dtype=np.float64), np.asarray(rays_b, dtype=np.float64)
-    usable = np.flatnonzero(_near_axis(rays_a) & _near_axis(rays_b))
+    usable = np.flatnonzero(_find_near_axis(rays_a) & _find_near_axis(rays_b))
     if len(usable) < MIN_POINTS:
         raise NoRelativePoseError(len(rays_a), len(usable))
     if len(usable) > max_points:
@@ -181,7 +179,7 @@ def epipolar_errors(essential: Floats, rays_a: Floats, rays_b: Floats) -> Floats
     return np.asarray(np.abs(product) / np.sqrt(np.maximum(slope, np.finfo(float).tiny)))
 
 
-def _near_axis(rays: Floats) -> Bools:
+def _find_near_axis(rays: Floats) -> Bools:
     with np.errstate(invalid="ignore"):
         return np.asarray(rays[:, 2] > np.cos(MAX_OFF_AXIS) * np.linalg.norm(rays, axis=1))
 

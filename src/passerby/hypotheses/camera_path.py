@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from passerby.common.arrays import Bools, Floats, Ints
 from passerby.core.cameras import Pose
-from passerby.geometry.robust import cut_cauchy_cost, cut_cauchy_weights
+from passerby.geometry.groups import cut_cauchy_cost, cut_cauchy_weights
 from passerby.geometry.rotations import exp_rotation, log_rotation
 from passerby.hypotheses.correspondences import Correspondences
 from passerby.hypotheses.pair_residuals import PairColumns, PairResiduals, residuals_at

@@ -12,7 +12,7 @@ import numpy as np
 
 from passerby.common.arrays import Floats, Ints
 from passerby.core.cameras import Pose
-from passerby.geometry.reprojection import held_depth
+from passerby.geometry.triangulation import held_depth
 from passerby.people.body_centres import TriangulatedPeople
 from passerby.people.sightings import Sightings
 

@@ -14,9 +14,9 @@ from passerby.common.arrays import Columns, Floats, Ints
 from passerby.core.cameras import Lens, Pose
 from passerby.core.observations import CameraObservations
 from passerby.core.stature import PERSON_HEIGHT_M
-from passerby.geometry.reprojection import pose_jacobian, project_near
-from passerby.geometry.robust import cut_cauchy_cost, cut_cauchy_weights
+from passerby.geometry.groups import cut_cauchy_cost, cut_cauchy_weights
 from passerby.geometry.single_view import level_camera
+from passerby.geometry.triangulation import pose_jacobian, project_near
 from passerby.people.body_centres import FLOOR_PX, SHARE, TriangulatedPeople
 from passerby.people.resection import BEYOND, LOSS, fit_pose
 from passerby.people.segments import upright_segments

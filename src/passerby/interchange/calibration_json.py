@@ -34,12 +34,12 @@ SCHEMA_VERSION = 1
 """Of the file's tables; a file that has none was written before there were others."""
 
 
-def _without_underscore(name: str) -> str:
+def _name_key(name: str) -> str:
     """The key of a field whose name Python reserves."""
     return name.removesuffix("_")
 
 
-_STRICT = ConfigDict(strict=True, allow_inf_nan=False, alias_generator=_without_underscore)
+_STRICT = ConfigDict(strict=True, allow_inf_nan=False, alias_generator=_name_key)
 
 _LONG_NUMBER = re.compile(r"[0-9]{300}")
 """No float holds it, nor has any figure so many digits."""
@@ -86,19 +86,19 @@ class CameraEntry:
             registered=pose is not None,
             centre_m=None if pose is None else _three(pose.centre),
             height_m=None if pose is None else float(pose.centre[2]),
-            heading_deg=None if pose is None else _known(pose.heading_deg),
-            tilt_deg=None if pose is None else _known(pose.tilt_deg),
-            roll_deg=None if pose is None else _known(pose.roll_deg),
+            heading_deg=None if pose is None else _drop_undefined(pose.heading_deg),
+            tilt_deg=None if pose is None else _drop_undefined(pose.tilt_deg),
+            roll_deg=None if pose is None else _drop_undefined(pose.roll_deg),
             rotation=None if pose is None else _three(np.asarray(cv2.Rodrigues(np.array(pose.R_cw))[0]).ravel()),
             translation_m=None if pose is None else _three(pose.t_cw),
-            position_sigma_mm=None if sigma is None else _known(1000 * sigma.position_m),
-            orientation_sigma_deg=None if sigma is None else _known(sigma.orientation_deg),
+            position_sigma_mm=None if sigma is None else _drop_undefined(1000 * sigma.position_m),
+            orientation_sigma_deg=None if sigma is None else _drop_undefined(sigma.orientation_deg),
             points_sigma_mm=None if sigma is None or sigma.points_m is None else 1000 * sigma.points_m,
             ground_sigma_mm=None if sigma is None or sigma.ground_m is None else 1000 * sigma.ground_m,
         )
 
 
-def _known(value: float | None) -> float | None:
+def _drop_undefined(value: float | None) -> float | None:
     """A number; None for one that is infinite or undefined."""
     return None if value is None or not np.isfinite(value) else float(value)
 

@@ -151,7 +151,7 @@ def read_monitor(folder: Path) -> MonitorDocument:
     try:
         content = parse_json(text)
         if not isinstance(content, dict):
-            raise _unlike(path, "it is not a table")
+            raise _describe_difference(path, "it is not a table")
         check_version(path, content, "schema_version", SCHEMA_VERSION)
         return _documents().validate_json(text)
     except NotParsed as error:
@@ -160,10 +160,10 @@ def read_monitor(folder: Path) -> MonitorDocument:
         fault: Any = error.errors(include_url=False)[0]
         key = ".".join(map(str, fault["loc"]))
         if fault["type"] == "missing":
-            raise _unlike(path, f"it has no {key}") from None
+            raise _describe_difference(path, f"it has no {key}") from None
         wanted = str(fault["msg"]).removeprefix("Input should be ")
-        raise _unlike(path, f"{key} is {shortened(fault['input'])}, which should be {wanted}") from None
+        raise _describe_difference(path, f"{key} is {shortened(fault['input'])}, which should be {wanted}") from None
 
 
-def _unlike(path: Path, why: str) -> InputError:
+def _describe_difference(path: Path, why: str) -> InputError:
     return InputError(f"{path}: is not what `passerby monitor` writes: {why}: monitor again")

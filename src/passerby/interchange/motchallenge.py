@@ -1,11 +1,9 @@
-"""MOTChallenge text: one box a row, `frame, identity, left, top, width, height, score[, -1, -1, -1]`.
+"""Boxes as MOTChallenge text, one a row, and their embeddings as numpy archives beside it.
 
 The four numbers of a box may be in another `BoxFormat`.
 
 Frames are whole numbers from 0 on, in order; identities are whole numbers, -1 where unknown. Pixels as OpenCV counts them.
 A sound file is parsed at once by numpy; only a faulty one is read a second time, line by line, to tell what is wrong where.
-
-Embeddings of boxes: a numpy archive (npz) beside a file of boxes, one row a row of that file, in its order.
 
 The archive holds `embeddings`, (N, D) of float16, float32 or float64, and, if one likes, `frame`, (N,) whole numbers, the frame
 of each row, against which the boxes are checked. An archive with one two-dimensional array only may call it what it likes. The

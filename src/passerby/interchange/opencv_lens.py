@@ -90,7 +90,7 @@ def lens_in(path: Path, content: Mapping[str, Any]) -> StoredLens | None:
     distortions = first_value(content, DISTORTION_NAMES)
     if distortions is None:
         raise InputError(f"{path}: has a camera matrix, but no distortion coefficients: add them, zeros for a lens without")
-    model = _plain(str(first_value(content, _MODEL) or ""))
+    model = _strip_quotes(str(first_value(content, _MODEL) or ""))
     if model not in _PINHOLE_MODELS + _FISHEYE_MODELS:
         raise InputError(f"{path}: the lens model {shortened(model)} is not known: OpenCV's pinhole and fisheye models are")
     flag = first_value(content, _FISHEYE)
@@ -113,33 +113,33 @@ def read_values(path: Path) -> dict[str, Any]:
     """
     text = read_text(path, "a calibration (OpenCV's YAML, XML or JSON)")
     try:
-        content = _parsed(text)
+        content = _parse_text(text)
         return content if isinstance(content, dict) else {}
     except (NotParsed, RecursionError):
         raise InputError(f"{path}: is not a file that OpenCV can read: is it another kind of file?") from None
 
 
-def _parsed(text: str) -> Any:
+def _parse_text(text: str) -> Any:
     """The values of a text in the format that its first characters show, as OpenCV tells formats apart. Raises `NotParsed`."""
     head = text.lstrip()[:20]
     if head.startswith("<"):
         root = parse_xml(text)
         if root.tag != "opencv_storage":
             raise NotParsed("its first element is not <opencv_storage>")
-        return _of_xml(root)
+        return _read_xml(root)
     found = parse_json(text) if head.startswith(("{", "[")) else parse_safe_yaml(ESCAPED_QUOTE.sub(r"\1'", text))
     if not isinstance(found, dict | list):
         raise NotParsed("holds one value only")
     return with_plain_keys(found, DEEPEST)
 
 
-def _of_xml(element: ElementTree.Element) -> Any:
+def _read_xml(element: ElementTree.Element) -> Any:
     """An element of OpenCV's XML: `<_>` are entries of a list, other elements those of a table, words numbers or a text."""
     children = list(element)
     if children and all(child.tag == "_" for child in children):
-        return [_of_xml(child) for child in children]
+        return [_read_xml(child) for child in children]
     if children:
-        return {_plain(child.tag): _of_xml(child) for child in children}
+        return {_strip_quotes(child.tag): _read_xml(child) for child in children}
     text = (element.text or "").strip()
     try:
         values = [float(word) for word in text.split()]
@@ -153,11 +153,11 @@ def with_plain_keys(value: Any, levels: int) -> Any:
     if levels == 0:
         return None
     if isinstance(value, dict):
-        return {_plain(str(key)): with_plain_keys(inner, levels - 1) for key, inner in value.items()}
+        return {_strip_quotes(str(key)): with_plain_keys(inner, levels - 1) for key, inner in value.items()}
     return value
 
 
-def _plain(key: str) -> str:
+def _strip_quotes(key: str) -> str:
     return key.casefold().replace("_", "").replace("-", "").replace(" ", "")
 
 

@@ -262,7 +262,7 @@ def scene_of(out: Path, document: CalibrationDocument, remedy: str) -> Path:
     stated, above = out / document.scene_file, out.resolve().parents
     if stated.is_file() and stated.resolve().parent in above:
         return stated
-    near = next((folder / stated.name for folder in above if _declares(folder / stated.name, document)), None)
+    near = next((folder / stated.name for folder in above if _is_scene_of(folder / stated.name, document)), None)
     if stated.is_file() and near is not None and not near.samefile(stated):
         raise InputError(
             f"{out}: was made from {stated}, but {near} has the same cameras: the folder seems to be a copy: name the one "
@@ -273,7 +273,7 @@ def scene_of(out: Path, document: CalibrationDocument, remedy: str) -> Path:
     raise InputError(f"{stated}: no such file: {out} was made from this scene file: {remedy}")
 
 
-def _declares(path: Path, document: CalibrationDocument) -> bool:
+def _is_scene_of(path: Path, document: CalibrationDocument) -> bool:
     """Whether a file is a scene file of the document's cameras."""
     try:
         cameras = parse_toml(read_text(path, "a scene file (TOML)")).get("cameras") if path.is_file() else None

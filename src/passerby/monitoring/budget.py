@@ -14,8 +14,8 @@ from passerby.common.arrays import Bools, Ints
 from passerby.core.observations import CameraObservations, Clock, Observations
 from passerby.core.synchronisation import sampling_distance
 from passerby.findings.finding import Finding, notice
-from passerby.monitoring.readjusting import joints_are_frequent
 from passerby.monitoring.watched import STEPS, WatchOptions
+from passerby.monitoring.watching import joints_are_frequent
 from passerby.people.sightings import EVERY_S
 
 SITE_BUDGET_S = 1.0

@@ -15,8 +15,7 @@ from scipy.special import chdtri
 
 from passerby.common.arrays import Floats, Ints
 from passerby.core.cameras import Pose
-from passerby.geometry.rotations import exp_rotation, log_rotation
-from passerby.geometry.similarity import fit_similarity
+from passerby.geometry.rotations import exp_rotation, fit_similarity, log_rotation
 from passerby.monitoring.evidence import POWER, TAILS, MotionTest, limit_of, score_of
 from passerby.solver.gauge import SCALE, TILT_X, similarity_moves
 
@@ -200,7 +199,7 @@ class _Fit:
     def align(self, explanation: Explanation) -> None:
         """Place the estimate on the rig's cameras that stood still."""
         for _ in range(ALIGNMENTS):
-            step = self._solved(self._columns(explanation))[:7]
+            step = self._solve_unknowns(self._columns(explanation))[:7]
             turn, scale = exp_rotation(step[TILT_X:SCALE]), float(np.exp(step[SCALE]))
             self.seen_centre = self.about + (self.seen_centre - self.about - step[:TILT_X]) @ turn / scale
             self.seen_R = self.seen_R @ turn
@@ -214,7 +213,7 @@ class _Fit:
         """Unknowns of an explanation: the similarity's seven, and those of the cameras that are free."""
         return np.concatenate([np.arange(7), *(7 + 6 * k + _FREED[what] for k, what in enumerate(explanation))])
 
-    def _solved(self, columns: Ints) -> Floats:
+    def _solve_unknowns(self, columns: Ints) -> Floats:
         """The unknowns that fit best; of those that nothing fixes the smallest."""
         normal = self.normal[np.ix_(columns, columns)]
         unit = 1 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
@@ -224,7 +223,7 @@ class _Fit:
     def misfit(self, explanation: Explanation) -> float:
         """Squared length of what an explanation leaves over."""
         columns = self._columns(explanation)
-        return self.total - float(self.right[columns] @ self._solved(columns))
+        return self.total - float(self.right[columns] @ self._solve_unknowns(columns))
 
     def _limit(self, k: int, what: int) -> float:
         """What a camera's freedom must gain."""
@@ -271,14 +270,14 @@ class _Fit:
         inverse = np.linalg.pinv(self.normal[np.ix_(columns, columns)], rcond=1e-12, hermitian=True)
         cross = self.normal[np.ix_(own, columns)]
         power = self.normal[np.ix_(own, own)] - cross @ inverse @ cross.T
-        found = self._solved(self._columns((*best[:k], MOVED, *best[k + 1 :])))
+        found = self._solve_unknowns(self._columns((*best[:k], MOVED, *best[k + 1 :])))
         at = 7 + sum(len(_FREED[what]) for what in best[:k])
-        metres = self._smallest(power[:3, :3], k, MOVED)
-        radians = self._smallest(power[3:, 3:], k, TURNED)
+        metres = self._find_detection_limit(power[:3, :3], k, MOVED)
+        radians = self._find_detection_limit(power[3:, 3:], k, TURNED)
         degrees = float(np.degrees(radians[0])), float(np.degrees(radians[1]))
         return MotionTest(camera, score, stretches, found[at : at + 6], metres, degrees)
 
-    def _smallest(self, power: Floats, k: int, what: int) -> tuple[float, float]:
+    def _find_detection_limit(self, power: Floats, k: int, what: int) -> tuple[float, float]:
         """What is seen in 95 % of the cases along the middle one of three directions, and along the worst one."""
         needed = (np.sqrt(self._limit(k, what)) + POWER) ** 2
         values = np.linalg.eigvalsh(power)

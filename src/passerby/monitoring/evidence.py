@@ -1,7 +1,4 @@
-"""What one window of time says: has a camera moved, measured against the rig and against all that was seen before.
-
-When a camera moved: the moment that parts the footage best into still and moved.
-"""
+"""What one window of time says: has a camera moved, measured against the rig and against all that was seen before."""
 
 from __future__ import annotations
 
@@ -185,7 +182,7 @@ def _test(
 ) -> MotionTest:  # fmt: skip
     """One camera's."""
     own = np.arange(6 * camera, 6 * camera + 6)
-    rows = np.flatnonzero(_with_a_part(window, camera, free))
+    rows = np.flatnonzero(_find_shared_clusters(window, camera, free))
     nothing = MotionTest(camera, 0.0, len(rows), np.zeros(6), (np.inf, np.inf), (np.inf, np.inf))
     if len(rows) < FEWEST_CLUSTERS:
         return nothing
@@ -218,7 +215,7 @@ def _test(
     return MotionTest(camera, score_told, len(rows), shift, (usual_m, worst_m), (usual_deg, worst_deg), scatter)
 
 
-def _with_a_part(window: Scores, camera: int, free: NDArray[np.int64]) -> NDArray[np.bool_]:
+def _find_shared_clusters(window: Scores, camera: int, free: NDArray[np.int64]) -> NDArray[np.bool_]:
     """(K,) the clusters in which a camera and another one that is not free have a part."""
     others = np.delete(window.counts, [camera, *np.unique(free // 6).tolist()], axis=1)
     return np.asarray((window.counts[:, camera] > 0) & (others.sum(axis=1) > 0))

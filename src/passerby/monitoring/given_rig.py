@@ -143,7 +143,7 @@ def read_earlier(folder: Path | None, judged_by: str) -> EarlierRun:
 
     Args:
         folder: with `monitor.json`, and `rig.toml` with the poses of cameras that moved.
-        judged_by: see `news.judged_by`.
+        judged_by: see `judged_by`.
 
     Raises `LaterVersionError` for files of a later Passerby, which this run would replace.
     """

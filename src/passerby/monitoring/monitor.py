@@ -25,11 +25,10 @@ from passerby.interchange.monitor_json import MONITOR_FILE
 from passerby.interchange.output_folder import GROUPS_FOLDER, RIG_FILE, group_folder, scene_file
 from passerby.monitoring.budget import SITE_BUDGET_S, Thinning, plan_thinning, thin
 from passerby.monitoring.given_rig import GivenRig, judged_by, news_of, read_earlier, read_given, rig_text
-from passerby.monitoring.readjusting import joints_are_shared, watch_adjusted
 from passerby.monitoring.result import MonitoringResult, Sources
 from passerby.monitoring.site import MANY, SEED, CamerasOfSite, identify_by_rig, watch_site
 from passerby.monitoring.watched import Watched, WatchOptions
-from passerby.monitoring.watching import watch
+from passerby.monitoring.watching import joints_are_shared, watch, watch_adjusted
 from passerby.people.ground import fit_ground, rough_height
 from passerby.people.held_cameras import GroundPlane
 from passerby.people.sightings import gather_sightings
@@ -74,7 +73,7 @@ def monitor(
         fresh = tuple(name for name in fresh if name not in unposed)
     if not carried:
         _check_names(given.rig, tuple(scene.cameras), scene.place)
-    found = _with_news(given, scene, fresh, options, in_step, kept, tell, executor, alone=bool(carried))
+    found = _update_result(given, scene, fresh, options, in_step, kept, tell, executor, alone=bool(carried))
     # What was known of a move is not forgotten where new footage tells nothing.
     kept_moves = {
         # Its times are of footage that is not there any more: no frames belong to them.
@@ -100,11 +99,11 @@ def monitor(
         calibration_scene_file=given.calibration_scene_file, news=tested, judged_by=judged,
     )  # fmt: skip
     absent = [name for name in given.rig.posed().names if name not in scene.cameras and name not in carried]
-    notes = (*texts_of(findings), *_absent(absent), *found.notes)
+    notes = (*texts_of(findings), *_list_absent(absent), *found.notes)
     return replace(found, carried=carried | kept_moves | alone, sources=sources, notes=notes)
 
 
-def _with_news(
+def _update_result(
     given: GivenRig, scene: Scene, fresh: tuple[str, ...], options: WatchOptions, in_step: bool, keep: Path | None,
     tell: Progress, executor: Executor | None, *, alone: bool,
 ) -> MonitoringResult:  # fmt: skip
@@ -217,7 +216,7 @@ def _footage(
     given: GivenRig, scene: Scene, inputs: SceneInputs, names: list[str], in_step: bool
 ) -> tuple[Rig, Observations]:  # fmt: skip
     """The cameras that are watched, and what they saw by their clocks."""
-    rig = Rig(tuple(_loosened(given, name) for name in names))
+    rig = Rig(tuple(_loosen_camera(given, name) for name in names))
     fps = inputs.observations.fps
     if fps is None:
         raise InputError(f"{scene.place}: no frame rate is given, so frame numbers have no times: under [scene] set fps to it")
@@ -227,7 +226,7 @@ def _footage(
     return rig, Observations({name: inputs.observations[name] for name in names}, fps, clocks)
 
 
-def _loosened(given: GivenRig, name: str) -> Camera:
+def _loosen_camera(given: GivenRig, name: str) -> Camera:
     """A camera with the sigma of its place within the rig, where that is known: all of it may be too large or too small."""
     camera = given.rig[name]
     shape = given.shape_sigma_m.get(name)
@@ -241,7 +240,7 @@ def _notes(given: GivenRig, seen: Rig, in_step: bool) -> tuple[str, ...]:
     lost = [name for name in seen.names if given.rig[name].pose is None]
     notes = []
     if lost:
-        notes.append(f"{_cameras(lost)} {_have(lost)} no pose in the rig and cannot be monitored")
+        notes.append(f"{_cameras(lost)} {_choose_have(lost)} no pose in the rig and cannot be monitored")
     if any(given.offsets_s.values()) and not in_step:
         notes.append(
             "clocks are assumed to differ as in the calibration (calibration.json beside the rig); use --in-step if they are "
@@ -255,22 +254,22 @@ def _notes(given: GivenRig, seen: Rig, in_step: bool) -> tuple[str, ...]:
     return tuple(notes)
 
 
-def _absent(absent: list[str]) -> list[str]:
+def _list_absent(absent: list[str]) -> list[str]:
     """Cameras that are not in the scene."""
     if not absent:
         return []
-    return [f"{_cameras(absent)} of the rig {_have(absent)} no footage here and {_are(absent)} not monitored"]
+    return [f"{_cameras(absent)} of the rig {_choose_have(absent)} no footage here and {_choose_are(absent)} not monitored"]
 
 
 def _cameras(names: list[str]) -> str:
     return f"camera{'s' if len(names) > 1 else ''} {', '.join(names)}"
 
 
-def _have(names: list[str]) -> str:
+def _choose_have(names: list[str]) -> str:
     return "have" if len(names) > 1 else "has"
 
 
-def _are(names: list[str]) -> str:
+def _choose_are(names: list[str]) -> str:
     return "are" if len(names) > 1 else "is"
 
 

@@ -23,9 +23,8 @@ from passerby.core.cameras import Rig
 from passerby.core.observations import Observations
 from passerby.geometry.groups import expanded_ranges
 from passerby.monitoring.evidence import MotionTest
-from passerby.monitoring.readjusting import joints_are_shared, watch_adjusted
 from passerby.monitoring.watched import Move, Watched, WatchOptions, Window
-from passerby.monitoring.watching import watch
+from passerby.monitoring.watching import joints_are_shared, watch, watch_adjusted
 from passerby.monitoring.windows import STAGE
 from passerby.people.ground import fit_ground
 from passerby.people.sightings import Sightings
@@ -79,7 +78,7 @@ def watch_neighbourhoods(
     """
     of_camera = {name: bodies for site in sites for name, bodies in _bodies_by_camera(site).items()}
     without: dict[str, frozenset[str]] = dict.fromkeys(of_camera, frozenset())
-    found = _watched(of_camera, without, options, span, executor, tell)
+    found = _watch_rigs(of_camera, without, options, span, executor, tell)
     for _ in range(ROUNDS):
         moved = {name for name, watched in found.items() if any(m.camera == name and not m.others for m in watched.moves)}
         wanted = {
@@ -91,8 +90,8 @@ def watch_neighbourhoods(
         if not again:
             break
         without |= again
-        found |= _watched(of_camera, again, options, span, executor, tell)
-    return _joined(found, names, span)
+        found |= _watch_rigs(of_camera, again, options, span, executor, tell)
+    return _join_results(found, names, span)
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,7 +140,7 @@ def _bodies_by_camera(site: Site) -> dict[str, _Bodies]:
     return found
 
 
-def _watched(
+def _watch_rigs(
     of_camera: Mapping[str, _Bodies], without: Mapping[str, Collection[str]], options: WatchOptions,
     span: tuple[float, float], executor: Executor | None, tell: Progress,
 ) -> dict[str, Watched]:  # fmt: skip
@@ -172,13 +171,13 @@ def _claims(watched: Watched, name: str) -> list[Move]:
     return [move for move in watched.moves if move.camera == name or name in move.others]
 
 
-def _joined(found: Mapping[str, Watched], names: tuple[str, ...], span: tuple[float, float]) -> Watched:
+def _join_results(found: Mapping[str, Watched], names: tuple[str, ...], span: tuple[float, float]) -> Watched:
     """What each small rig says of its own camera."""
     known = [(number, name) for number, name in enumerate(names) if name in found]
-    moves = [_of_own(move, name) for _, name in known for move in _claims(found[name], name)]
+    moves = [_attribute_move(move, name) for _, name in known for move in _claims(found[name], name)]
     moves.sort(key=lambda move: (move.noticed_s, move.pose is None, names.index(move.camera)))
     return Watched(
-        names, tuple(_once(moves)), _side_by_side([(number, found[name].windows) for number, name in known]), *span,
+        names, tuple(_drop_repeated(moves)), _side_by_side([(number, found[name].windows) for number, name in known]), *span,
         by_joints=any(one.by_joints for one in found.values()),
         whole=_side_by_side([(number, found[name].whole) for number, name in known]),
     )  # fmt: skip
@@ -194,7 +193,7 @@ def _side_by_side(of_camera: Sequence[tuple[int, Sequence[Window]]]) -> tuple[Wi
     return tuple(Window(from_s, until_s, tuple(tests[until_s, from_s])) for until_s, from_s in sorted(tests))
 
 
-def _of_own(move: Move, name: str) -> Move:
+def _attribute_move(move: Move, name: str) -> Move:
     """A move as the camera's own: of another camera's, which it may have been instead, only that is known."""
     if move.camera == name:
         return move
@@ -203,7 +202,7 @@ def _of_own(move: Move, name: str) -> Move:
     return replace(move, camera=name, others=others, shift=unknown[0], covariance=unknown[1], pose=None, sigma=None)
 
 
-def _once(moves: Sequence[Move]) -> list[Move]:
+def _drop_repeated(moves: Sequence[Move]) -> list[Move]:
     """The moves, one of those that name the same cameras, whichever of them it was."""
     kept, told = [], set[frozenset[str]]()
     for move in moves:

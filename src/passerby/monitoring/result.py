@@ -38,7 +38,7 @@ class Sources:
     news: Mapping[str, News] = field(default_factory=dict)
     """The files of each camera that were read."""
     judged_by: str | None = None
-    """See `news.judged_by`."""
+    """See `given_rig.judged_by`."""
 
 
 @dataclass(frozen=True, eq=False)

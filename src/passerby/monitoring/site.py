@@ -71,7 +71,7 @@ class CamerasOfSite:
         """Neighbours by poses, and by the ground that each camera's people stand on."""
         # By one camera's people alone: floors of a house have a ground each.
         heights = {
-            camera.name: rough_height(Rig((camera,)), observations) for camera in rig if _sees(observations[camera.name])
+            camera.name: rough_height(Rig((camera,)), observations) for camera in rig if _sees_ground(observations[camera.name])
         }
         return cls(rig, observations, heights, neighbours_by_rig(rig, heights))
 
@@ -82,7 +82,7 @@ class CamerasOfSite:
         return [(names[a], names[b]) for a, b in sorted(self.pairs)]
 
 
-def _sees(seen: CameraObservations) -> bool:
+def _sees_ground(seen: CameraObservations) -> bool:
     return len(seen.boxes) > 0 or len(seen.keypoints) > 0
 
 
@@ -188,13 +188,15 @@ def _cells_seen(camera: Camera, ground_m: float) -> Ints:
     place = (cells + 0.5) * CELL_M
     away = np.linalg.norm(place - camera.pose.centre[:2], axis=1)
     cells, place = cells[away <= RANGE_M], place[away <= RANGE_M]
-    ends = [_shown(camera, np.column_stack([place, np.full(len(place), ground_m + up)])) for up in (0.0, PERSON_HEIGHT_M)]
+    ends = [
+        _project_visible(camera, np.column_stack([place, np.full(len(place), ground_m + up)])) for up in (0.0, PERSON_HEIGHT_M)
+    ]
     # NaN where an end is not in the image, which is not tall enough either.
     tall = np.linalg.norm(ends[0] - ends[1], axis=1) >= LEAST_PX
     return np.asarray(cells[tall], dtype=np.int64)
 
 
-def _shown(camera: Camera, points: Floats) -> Floats:
+def _project_visible(camera: Camera, points: Floats) -> Floats:
     """(N, 2) pixels of points (N, 3) of the world; NaN where they are not in the image."""
     assert camera.pose is not None
     own = points @ camera.pose.R_cw.T + camera.pose.t_cw
@@ -234,20 +236,20 @@ def identify_by_rig(
         candidates=candidates,
     )  # fmt: skip
     return Observations({
-        camera.name: _named(camera, person[low:high])
+        camera.name: _name_people(camera, person[low:high])
         for camera, low, high in zip(cameras, tracklets.first[:-1], tracklets.first[1:], strict=True)
     }, observations.fps, dict(clocks))  # fmt: skip
 
 
-def _named(camera: CameraTracklets, person: Ints) -> CameraObservations:
+def _name_people(camera: CameraTracklets, person: Ints) -> CameraObservations:
     """What a camera saw, under the people's numbers (one for each of its tracklets) from 1 on."""
-    boxes, joints = (_renamed(part, person) for part in (camera.seen.boxes, camera.seen.keypoints))
+    boxes, joints = (_rename_rows(part, person) for part in (camera.seen.boxes, camera.seen.keypoints))
     assert isinstance(boxes, Boxes)
     assert isinstance(joints, Keypoints)
     return CameraObservations(boxes, joints)
 
 
-def _renamed(part: Boxes | Keypoints, person: Ints) -> Boxes | Keypoints:
+def _rename_rows(part: Boxes | Keypoints, person: Ints) -> Boxes | Keypoints:
     """Rows of a person, once in a frame: of two the one of the longer tracklet."""
     rows = np.flatnonzero(part.identity > UNKNOWN)
     tracklet = part.identity[rows]

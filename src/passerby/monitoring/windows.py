@@ -1,10 +1,8 @@
-"""Window after window of footage, whatever a window is tested by: until a camera has moved, and then on from its new pose.
+"""Window after window of footage until a camera has moved, and the evidence of all windows added up.
 
 A camera that was turned before the footage began is turned in every window alike. Where no window shows that by itself, the
 windows in which nothing seems to move are what the later ones are compared with. So all the footage since the last move is
 compared with the rig at the end, at once.
-
-Where cameras are by all the footage at once: the scores of boxes, or the windows that were adjusted, added up.
 
 Both are a sum of squares that is quadratic in small changes of the poses. Its minimum is an estimate of the rig, which
 `comparison.compare` compares with what was known before.
@@ -64,7 +62,7 @@ class WindowRun(ABC):
         """What was known before the footage, or before what followed the last move, and when that begins."""
 
     @abstractmethod
-    def _tested(self, from_s: float, until_s: float) -> list[MotionTest]:
+    def _test_cameras(self, from_s: float, until_s: float) -> list[MotionTest]:
         """The cameras' tests by a window."""
 
     @abstractmethod
@@ -72,11 +70,11 @@ class WindowRun(ABC):
         """Take a quiet window for what is usual."""
 
     @abstractmethod
-    def _moved(self, found: Sequence[MotionTest], from_s: float, until_s: float) -> float:
+    def _record_move(self, found: Sequence[MotionTest], from_s: float, until_s: float) -> float:
         """Who moved, when and by how much; returns the time at which watching begins anew."""
 
     @abstractmethod
-    def _compared_since(self, from_s: float) -> Comparison | None:
+    def _compare_since(self, from_s: float) -> Comparison | None:
         """What was known before against all the footage from a time on; None where that is nothing."""
 
     def result(self) -> Watched:
@@ -86,10 +84,10 @@ class WindowRun(ABC):
         total = max(1, int(np.ceil((self.end - self.start) / every)))
         while True:
             self.tell(STAGE, min(len(self.windows), total), total)
-            found = self._tested(max(origin, until - every), until)
+            found = self._test_cameras(max(origin, until - every), until)
             last = until >= self.end
             if max((test.score for test in found), default=0.0) >= self.options.threshold:
-                origin = self._moved(found, max(origin, until - every), until)
+                origin = self._record_move(found, max(origin, until - every), until)
                 self.windows.append(Window(max(self.start, until - every), until, tuple(found)))
                 self.prior, self.since = self.baseline, origin
                 until, full = min(origin + every, self.end), origin + every
@@ -103,17 +101,17 @@ class WindowRun(ABC):
             if last:
                 break
             until = min(until + step, self.end)
-        whole = self._whole()
+        whole = self._join_footage()
         self.tell(STAGE, total, total)
         return Watched(self.names, tuple(self.moves), tuple(self.windows), self.start, self.end, whole=whole)
 
-    def _whole(self) -> tuple[Window, ...]:
+    def _join_footage(self) -> tuple[Window, ...]:
         """All the footage since the last move, compared at once."""
-        found = self._compared_since(self.since)
+        found = self._compare_since(self.since)
         if found is None:
             return ()
         self.baseline = self.prior
-        self._settle_displaced(found.moved, self.since, self.end, self._compared_since)
+        self._settle_displaced(found.moved, self.since, self.end, self._compare_since)
         return (Window(self.since, self.end, found.tests),)
 
     def _settle_displaced(
@@ -127,18 +125,18 @@ class WindowRun(ABC):
             until_s: and when it ends.
             again: compares the footage from a time on, for cameras that moved within the stretch.
         """
-        moments = self._dated(moved, from_s, until_s)
+        moments = self._date_moves(moved, from_s, until_s)
         after = max([from_s, *(moment.seconds for moment in moments.values())])
         if after > from_s + FIRST_S:
             # Some of the stretch shows the cameras where they were before.
             late = again(after)
             if late is not None and late.moved:
-                moved, moments = late.moved, self._dated(late.moved, from_s, until_s)
+                moved, moments = late.moved, self._date_moves(late.moved, from_s, until_s)
         for one in moved:
             self._settle_one(one, moments.get(one.camera), until_s)
         return after
 
-    def _dated(self, moved: Sequence[Displacement], from_s: float, until_s: float) -> dict[int, ChangePoint]:
+    def _date_moves(self, moved: Sequence[Displacement], from_s: float, until_s: float) -> dict[int, ChangePoint]:
         """When cameras moved; nothing of those whose people no camera saw that stood still."""
         cameras, found = [one.camera for one in moved], dict[int, ChangePoint]()
         for camera in cameras:
@@ -163,7 +161,7 @@ class WindowRun(ABC):
     def _moments(self, cameras: Sequence[int], from_s: float, until_s: float) -> list[ChangePoint]:
         """When each of the cameras moved, by those that did not; some time in the window where these saw none of its people."""
         whole = ChangePoint(from_s, from_s, until_s)
-        return [self._moment(camera, self._without(camera, cameras, from_s, until_s)) or whole for camera in cameras]
+        return [self._moment(camera, self._drop_movers(camera, cameras, from_s, until_s)) or whole for camera in cameras]
 
     def _without(self, camera: int, moved: Sequence[int], from_s: float, until_s: float) -> Sightings:
         """What was seen about a window by a camera and by those that did not move."""
@@ -208,7 +206,7 @@ def estimate_by_scores(R: Floats, centre: Floats, scores: Scores) -> Estimate | 
     cameras = np.flatnonzero(stretches >= FEWEST_CLUSTERS)
     if len(cameras) < 2:
         return None
-    normal = _with_ridge(scores.information.sum(axis=0), cameras)
+    normal = _add_ridge(scores.information.sum(axis=0), cameras)
     own = _rows(cameras)
     gradient = scores.gradient[:, own]
     shift = np.linalg.solve(normal, gradient.sum(axis=0))
@@ -235,7 +233,7 @@ def estimate_by_parts(R: Floats, centre: Floats, parts: Sequence[Part]) -> Estim
         return None
     own = _rows(cameras)
     information = [one.information[np.ix_(own, own)] for one in parts]
-    normal = _with_ridge(np.sum([one.information for one in parts], axis=0), cameras)
+    normal = _add_ridge(np.sum([one.information for one in parts], axis=0), cameras)
     shift = np.linalg.solve(
         normal, np.sum([known @ one.shift[own] for known, one in zip(information, parts, strict=True)], axis=0)
     )
@@ -254,7 +252,7 @@ def _rows(cameras: Ints) -> Ints:
     return np.asarray((6 * cameras[:, None] + np.arange(6)).ravel())
 
 
-def _with_ridge(information: Floats, cameras: Ints) -> Floats:
+def _add_ridge(information: Floats, cameras: Ints) -> Floats:
     """(6 K, 6 K) of some cameras (K,), invertible."""
     own = _rows(cameras)
     known = information[np.ix_(own, own)]

@@ -198,16 +198,16 @@ def perform(session: Session, content: Any) -> None:
     if isinstance(act, Undo):
         session.undo(act.version)
     else:
-        session.act(act.version, lambda text: _changed(session, act, text))
+        session.act(act.version, lambda text: _apply_act(session, act, text))
 
 
-def _changed(session: Session, act: AnyAct, text: str) -> str:
+def _apply_act(session: Session, act: AnyAct, text: str) -> str:
     """The scene file's text after an act."""
     if isinstance(act, MarkLength):
         measure_or_leave(session, act)
         if act.check:
             return with_length(text, act.metres, act.sd_m, act.points, "checks")
-        return _with_rescaled_world(session, with_length(text, act.metres, act.sd_m, act.points), act)
+        return _rescale_world(session, with_length(text, act.metres, act.sd_m, act.points), act)
     if isinstance(act, PointAtPerson):
         return with_person(text, act.camera, act.frame, act.at, act.height_m, act.sd_m)
     if isinstance(act, MarkLine):
@@ -258,7 +258,7 @@ def _world_points(session: Session, act: SetWorld) -> str:
     return write_points(session.scene_file.parent, clicks)
 
 
-def _with_rescaled_world(session: Session, text: str, act: MarkLength) -> str:
+def _rescale_world(session: Session, text: str, act: MarkLength) -> str:
     """A frame by two clicks states their distance, which a new length corrects: the origin stays where it was clicked."""
     scene, _ = session.scene()
     points = None if scene.world is None else scene.world.points

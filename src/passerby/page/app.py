@@ -1,10 +1,6 @@
-"""The addresses of the page. Nothing that a client sends is ever a path: cameras are names of the scene.
-
-The addresses of the plan: its picture in and out, drafts tried on the rig, and the view from above with its files.
+"""The addresses of the page of a scene, of its plan, and of a monitored rig.
 
 What draws the rig and lays it upon a plan is imported when it is asked for: the first page does not wait for it.
-
-The addresses of the page of a monitored rig. The browser names cameras, frames, and one of two recordings.
 """
 
 from __future__ import annotations
@@ -69,21 +65,21 @@ def make_app(session: Session, token: str, port: int) -> ASGIApp:
         Route("/report", lambda request: _report(session, request)),
         Route(f"{PARTS_PATH}{{stamp}}/{{name}}", lambda request: _report_part(session, request)),
         *plan_routes(session),
-        _posting("/api/act", session, lambda content: perform(session, content)),
-        _posting("/api/epipolar", session, lambda content: _epipolar(session, content)),
-        _posting("/api/length", session, lambda content: _length(session, content)),
-        _posting("/api/ground", session, lambda content: _ground(session, content)),
-        _posting("/api/axis", session, lambda content: _axis(session, content)),
-        _posting("/api/line", session, lambda content: _line(session, content)),
-        _posting("/api/person", session, lambda content: _person(people, content)),
-        _posting("/api/start", session, lambda content: session.work.start(session.scene_file, session.version)),
-        _posting("/api/stop", session, lambda content: session.work.stop()),
+        _route_post("/api/act", session, lambda content: perform(session, content)),
+        _route_post("/api/epipolar", session, lambda content: _epipolar(session, content)),
+        _route_post("/api/length", session, lambda content: _length(session, content)),
+        _route_post("/api/ground", session, lambda content: _ground(session, content)),
+        _route_post("/api/axis", session, lambda content: _axis(session, content)),
+        _route_post("/api/line", session, lambda content: _line(session, content)),
+        _route_post("/api/person", session, lambda content: _person(people, content)),
+        _route_post("/api/start", session, lambda content: session.work.start(session.scene_file, session.version)),
+        _route_post("/api/stop", session, lambda content: session.work.stop()),
     ]
-    handlers: dict[Any, Any] = {PasserbyError: lambda _, error: _refused(session, error), Exception: bug}
+    handlers: dict[Any, Any] = {PasserbyError: lambda _, error: _answer_error(session, error), Exception: bug}
     return Guard(Starlette(routes=routes, exception_handlers=handlers), token, port, LIMITS, open_below=PARTS_PATH)
 
 
-def _posting(path: str, session: Session, work: Callable[[Any], Any]) -> Route:
+def _route_post(path: str, session: Session, work: Callable[[Any], Any]) -> Route:
     """What a browser sends as JSON. The answer to an act is the state after it."""
 
     async def answer(request: Request) -> Response:
@@ -97,7 +93,7 @@ def _posting(path: str, session: Session, work: Callable[[Any], Any]) -> Route:
     return Route(path, answer, methods=["POST"])
 
 
-def _refused(session: Session, error: Exception) -> Response:
+def _answer_error(session: Session, error: Exception) -> Response:
     """An error that a person can act on; folders of this machine are not in it."""
     return JSONResponse({"error": session.public(str(error))}, 409 if isinstance(error, StaleError) else 422)
 
@@ -231,7 +227,7 @@ class _Plan:
         """A picture that becomes a file beside the scene file."""
         content = await request.body()
         name = await run_in_threadpool(keep_plan, self._session.scene_file.parent, content)
-        return JSONResponse(await run_in_threadpool(self._described, name))
+        return JSONResponse(await run_in_threadpool(self._describe_state, name))
 
     async def fit(self, request: Request) -> Response:
         """A draft tried on the rig."""
@@ -245,7 +241,7 @@ class _Plan:
 
     def told(self, request: Request) -> Response:
         """What a browser needs to know of a plan before it shows it."""
-        return JSONResponse(self._described(_image(request)))
+        return JSONResponse(self._describe_state(_image(request)))
 
     def picture(self, request: Request) -> Response:
         """The plan that is placed."""
@@ -277,7 +273,7 @@ class _Plan:
 
         return _file(geojson_text(self._view()), "application/geo+json", "geojson")
 
-    def _described(self, image: str | None) -> dict[str, Any]:
+    def _describe_state(self, image: str | None) -> dict[str, Any]:
         shown = self._pictures.shown(plan_path(self._session, image))
         return {"image": image, "size": list(shown.size)}
 
@@ -306,7 +302,7 @@ def make_monitor_app(session: MonitoredSession, token: str, port: int) -> ASGIAp
         *static_routes("monitor.html"),
         Route("/api/monitor", answering(lambda _: session.state())),
         Route("/api/views", answering(lambda request: session.views(camera_of(request)))),
-        Route("/picture", lambda request: _picture_monitor_app(session, request)),
+        Route("/picture", lambda request: _answer_monitor_picture(session, request)),
     ]
 
     def refused(_: Request, error: Exception) -> Response:
@@ -316,7 +312,7 @@ def make_monitor_app(session: MonitoredSession, token: str, port: int) -> ASGIAp
     return Guard(Starlette(routes=routes, exception_handlers=handlers), token, port)
 
 
-def _picture_monitor_app(session: MonitoredSession, request: Request) -> Response:
+def _answer_monitor_picture(session: MonitoredSession, request: Request) -> Response:
     source = SOURCES.get(request.query_params.get("of", ""))
     if source is None:
         raise InputError("of is neither calibration nor footage")

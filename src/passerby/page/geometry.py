@@ -1,8 +1,6 @@
-"""What clicks say by a rig: where an end lies in the other pictures, how long a marked length is, where the ground is.
+"""What clicks mean by a rig: epipolar points, marked lengths, the ground, and the same person in other cameras.
 
 World: z up, ground at z = 0, metres. Pixels are OpenCV's: (0, 0) is the centre of the first one.
-
-The person at a pixel in the other cameras, as the last calibration identified people: so that one can see if it is right.
 """
 
 from __future__ import annotations
@@ -73,11 +71,11 @@ def epipolar_lines(rig: Rig, name: str, at: Pixel) -> tuple[EpipolarLine, ...]:
     for other in rig.posed():
         if other.name == name:
             continue
-        pixels = _along(camera, other, ray_c, distances)
+        pixels = _project_along_ray(camera, other, ray_c, distances)
         variance = np.zeros(len(distances))
-        across = _across(pixels)
-        for moved, seen_by, turned, sd in _perturbed(camera, other, ray_c, own):
-            shift = (_along(moved, seen_by, turned, distances) - pixels) / STEP * sd
+        across = _find_normals(pixels)
+        for moved, seen_by, turned, sd in _perturb_cameras(camera, other, ray_c, own):
+            shift = (_project_along_ray(moved, seen_by, turned, distances) - pixels) / STEP * sd
             with np.errstate(invalid="ignore"):
                 variance += np.nan_to_num((shift * across).sum(axis=1)) ** 2
         width, height = other.lens.size
@@ -142,7 +140,7 @@ def _ray(camera: Camera, at: Pixel) -> Floats:
     return ray
 
 
-def _along(camera: Camera, other: Camera, ray_c: Floats, distances: Floats) -> Floats:
+def _project_along_ray(camera: Camera, other: Camera, ray_c: Floats, distances: Floats) -> Floats:
     """(N, 2) pixels in `other` of the points at these distances (N,) along a ray of `camera`; NaN where it sees none."""
     assert camera.pose is not None
     assert other.pose is not None
@@ -156,7 +154,7 @@ def _along(camera: Camera, other: Camera, ray_c: Floats, distances: Floats) -> F
     return np.where(good[:, None], pixels, np.nan)
 
 
-def _across(pixels: Floats) -> Floats:
+def _find_normals(pixels: Floats) -> Floats:
     """(N, 2) unit normals of a curve of pixels."""
     along = np.gradient(pixels, axis=0)
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -164,7 +162,7 @@ def _across(pixels: Floats) -> Floats:
     return np.column_stack([-along[:, 1], along[:, 0]])
 
 
-def _perturbed(
+def _perturb_cameras(
     camera: Camera, other: Camera, ray_c: Floats, own: Mapping[str, float]
 ) -> list[tuple[Camera, Camera, Floats, float]]:
     """Both cameras and the ray with each unknown moved by `STEP`, and that unknown's sigma."""
@@ -175,19 +173,19 @@ def _perturbed(
     for axis in (first, np.cross(ray_c, first)):
         found.append((camera, other, ray_c + STEP * axis, click))
     for axis in np.eye(3):
-        found.append((_shifted(camera, axis), other, ray_c, own[camera.name]))
-        found.append((camera, _shifted(other, axis), ray_c, own[other.name]))
-        found.append((_turned(camera, axis), other, ray_c, angle_sd(camera)))
-        found.append((camera, _turned(other, axis), ray_c, angle_sd(other)))
+        found.append((_shift_camera(camera, axis), other, ray_c, own[camera.name]))
+        found.append((camera, _shift_camera(other, axis), ray_c, own[other.name]))
+        found.append((_turn_camera(camera, axis), other, ray_c, angle_sd(camera)))
+        found.append((camera, _turn_camera(other, axis), ray_c, angle_sd(other)))
     return found
 
 
-def _shifted(camera: Camera, axis: Floats) -> Camera:
+def _shift_camera(camera: Camera, axis: Floats) -> Camera:
     assert camera.pose is not None
     return replace(camera, pose=Pose.from_centre(camera.pose.R_cw, camera.centre + STEP * axis))
 
 
-def _turned(camera: Camera, axis: Floats) -> Camera:
+def _turn_camera(camera: Camera, axis: Floats) -> Camera:
     assert camera.pose is not None
     return replace(camera, pose=Pose.from_centre(exp_rotation(STEP * axis) @ camera.pose.R_cw, camera.centre))
 
@@ -271,10 +269,10 @@ def find_same_person(folder: OutputFolder, camera: str, frame: int, at: tuple[fl
         return SamePerson(None)
     row = pointed[1]
     identity = int(own.identity[row])
-    first = _seen(folder, camera, own, row, near, clock)
+    first = _compare_row(folder, camera, own, row, near, clock)
     others, unseen = [], []
     for name in folder.rig.names:
-        found = None if name == camera else _nearest(folder, name, identity, near, clock)
+        found = None if name == camera else _find_nearest(folder, name, identity, near, clock)
         if found is not None:
             others.append(found)
         elif name != camera:
@@ -284,7 +282,7 @@ def find_same_person(folder: OutputFolder, camera: str, frame: int, at: tuple[fl
     return SamePerson(identity, (first, *others[:MOST_SHOWN]), further, tuple(unseen))
 
 
-def _nearest(folder: OutputFolder, name: str, identity: int, frame: int, clock: Clock | None) -> SeenPerson | None:
+def _find_nearest(folder: OutputFolder, name: str, identity: int, frame: int, clock: Clock | None) -> SeenPerson | None:
     """An identity in another camera, when it is nearest in time to a frame of the camera whose clock this is."""
     boxes, other = folder.boxes[name], folder.clocks.get(name)
     rows = np.flatnonzero(boxes.identity == identity)
@@ -294,10 +292,10 @@ def _nearest(folder: OutputFolder, name: str, identity: int, frame: int, clock: 
     if clock is not None and other is not None:
         wanted = float(other.frames(clock.seconds(np.array([frame])))[0])
     row = int(rows[np.argmin(np.abs(boxes.frame[rows] - wanted))])
-    return _seen(folder, name, boxes, row, wanted, other)
+    return _compare_row(folder, name, boxes, row, wanted, other)
 
 
-def _seen(folder: OutputFolder, name: str, boxes: Boxes, row: int, wanted: float, clock: Clock | None) -> SeenPerson:
+def _compare_row(folder: OutputFolder, name: str, boxes: Boxes, row: int, wanted: float, clock: Clock | None) -> SeenPerson:
     """A row of a camera's boxes, against the frame that it should have."""
     late = float(boxes.frame[row]) - wanted
     left, top, width, height = (round(float(value), 1) for value in boxes.ltwh[row])

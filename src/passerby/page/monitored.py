@@ -93,9 +93,9 @@ class MonitoredSession:
             first, last = self.footage("footage").frames(name)
         except InputError as error:
             return {"pictures": [], "notes": [f"There are no pictures: {self.public(str(error))}"]}
-        shown = _of_footage(found, camera, first, last)
+        shown = _list_pictures(found, camera, first, last)
         try:
-            begin, end = self._kept(found, name, *self.footage("calibration").frames(name))
+            begin, end = self._find_longest_part(found, name, *self.footage("calibration").frames(name))
             shown.insert(0, Shown("calibration", (begin + end) // 2, "at the calibration", "then"))
         except InputError as error:
             notes.append(
@@ -123,7 +123,7 @@ class MonitoredSession:
         folders = [self.folder, self.folder.parent, *(one.parent for one in self._stores)]
         return without_folders(text, folders)
 
-    def _kept(self, found: MonitorDocument, name: str, first: int, last: int) -> tuple[int, int]:
+    def _find_longest_part(self, found: MonitorDocument, name: str, first: int, last: int) -> tuple[int, int]:
         """First and last frame of the longest part in which a camera had the pose that its calibration found."""
         folder = None if found.rig_file is None else Path(found.rig_file).parent
         if folder is None or not (folder / CALIBRATION_FILE).is_file():
@@ -142,7 +142,7 @@ class MonitoredSession:
         return found.entries[name]
 
 
-def _of_footage(found: MonitorDocument, camera: MonitoredCamera, first: int, last: int) -> list[Shown]:
+def _list_pictures(found: MonitorDocument, camera: MonitoredCamera, first: int, last: int) -> list[Shown]:
     """Pictures of the monitored footage: its end, and before and after each move."""
     shown = [Shown("footage", last, "at the end of the monitored footage", "now")]
     if camera.fps is None:  # of an older Passerby, which wrote no clocks
@@ -152,7 +152,7 @@ def _of_footage(found: MonitorDocument, camera: MonitoredCamera, first: int, las
     def frame(seconds: float) -> int:
         return min(max(round(float((seconds - clock.offset_s) * clock.fps)) + 1, first), last)
 
-    for move in reversed(_dated(found, camera.name)):
+    for move in reversed(_list_dated_moves(found, camera.name)):
         assert move.from_s is not None
         assert move.until_s is not None
         shown.append(Shown("footage", frame(move.from_s), f"before the move at {_clock_time(move)}", "then"))
@@ -160,7 +160,7 @@ def _of_footage(found: MonitorDocument, camera: MonitoredCamera, first: int, las
     return shown
 
 
-def _dated(found: MonitorDocument, name: str) -> list[MoveEntry]:
+def _list_dated_moves(found: MonitorDocument, name: str) -> list[MoveEntry]:
     """The moves of a camera, or of it or others, whose moment is known."""
     own = [one for one in found.moves if one.camera == name or name in one.or_]
     return [one for one in own if None not in (one.seconds, one.from_s, one.until_s)]

@@ -61,7 +61,7 @@ class PictureStore:
             alone = _is_alone(scene)
             lock = self._opening.setdefault(camera if alone else "", threading.Lock())
         with lock:
-            found = self._opened(version, camera)
+            found = self._open_video(version, camera)
             if found is None:
                 opened = {camera: open_video_alone(scene, camera)} if alone else open_videos(scene)
                 found = opened[camera]
@@ -79,7 +79,7 @@ class PictureStore:
         if known is not None:
             return known
         info = self.video(scene, version, camera)
-        found = _decoded(info, camera, frame)
+        found = _decode_picture(info, camera, frame)
         with self._lock:
             self._kept[key] = self._kept[version, camera, found.frame] = found
             while len(self._kept) > KEPT:
@@ -94,12 +94,12 @@ class PictureStore:
                 self._kept.move_to_end((version, camera, frame))
             return found
 
-    def _opened(self, version: str, camera: str) -> VideoInfo | str | None:
+    def _open_video(self, version: str, camera: str) -> VideoInfo | str | None:
         with self._lock:
             return self._videos.get(camera) if self._version == version else None
 
 
-def _decoded(info: VideoInfo, camera: str, frame: int) -> Still:
+def _decode_picture(info: VideoInfo, camera: str, frame: int) -> Still:
     """The picture nearest to a frame, at it or before."""
     if info.size[0] * info.size[1] > MOST_PIXELS:
         raise InputError(f"camera {camera}: pictures of {info.size[0]} x {info.size[1]} are too large to be shown")
@@ -125,12 +125,12 @@ def open_video_alone(scene: Scene, camera: str) -> VideoInfo | str:
     """A camera's video that is a single file, or why there is none to be shown."""
     try:
         source = source_of(scene, camera)
-        return f"camera {camera} has no video" if source is None else _as_filmed(source, camera)
+        return f"camera {camera} has no video" if source is None else _read_video(source, camera)
     except InputError as error:
         return str(error)
 
 
-def _as_filmed(source: VideoSource, camera: str) -> VideoInfo:
+def _read_video(source: VideoSource, camera: str) -> VideoInfo:
     """A camera's video, not turned by `rotate`: boxes, clicks and rig on the page are of the images as filmed."""
     return open_source(replace(source, rotate=0), camera).info
 
@@ -147,7 +147,7 @@ def open_videos(scene: Scene) -> dict[str, VideoInfo | str]:
         try:
             source = source_of(scene, reading.name, span)
             if source is not None:
-                reading.video = _as_filmed(source, reading.name)
+                reading.video = _read_video(source, reading.name)
         except InputError as error:
             why[reading.name] = str(error)
     align_wall_clocks(scene, readings)

@@ -1,9 +1,4 @@
-"""What a browser says of a plan, checked: a draft to be tried on the rig, and the acts that write and delete it.
-
-`[world.plan]` as lines of the scene file: what stays the same keeps its lines and comments.
-
-A draft of a plan tried on the rig as it is: where all cameras would be on it, and how far off each placement is.
-"""
+"""What a browser says of a plan: a draft, tried on the rig, and the acts that write and delete `[world.plan]`."""
 
 from __future__ import annotations
 
@@ -69,7 +64,7 @@ class PlanDraft(BaseModel):
     points: Annotated[list[PlanPoint], Field(max_length=1000)] = []
 
     @model_validator(mode="after")
-    def _one_scale(self) -> PlanDraft:
+    def _check_one_scale(self) -> PlanDraft:
         if (self.metres_per_pixel is None) == (self.distance is None):
             raise ValueError("the plan needs its scale: metres per pixel, or two clicks and their distance")
         return self
@@ -153,24 +148,24 @@ def with_plan(text: str, wanted: Mapping[str, Any]) -> str:
 
     Raises `InputError` where the file is not TOML, or has the plan in a form that cannot be changed here.
     """
-    document = _parsed(text)
+    document = _parse_scene(text)
     world: Any = document.get("world")
     plan: Any = world.get("plan") if isinstance(world, Mapping) else None
     if isinstance(plan, Table):
         _update(plan, wanted)
     else:
         fresh = tomlkit.table(is_super_table=True)
-        fresh["plan"] = _fresh_plan(wanted, plan)
+        fresh["plan"] = _make_plan_table(wanted, plan)
         keep_lines(world, fresh)
         if world is None and text.strip():
             document.add(tomlkit.nl())
         document["world"] = fresh
-    return _checked(document, wanted)
+    return _check_text(document, wanted)
 
 
 def without_plan(text: str) -> str:
     """Without `[world.plan]`, and so without a stated world frame; lines stay. Raises `InputError` where there is none."""
-    document = _parsed(text)
+    document = _parse_scene(text)
     world: Any = document.get("world")
     if not isinstance(world, Mapping) or "plan" not in world:
         raise InputError("[world.plan] is not there")
@@ -180,17 +175,17 @@ def without_plan(text: str) -> str:
         document["world"] = fresh
     else:
         del document["world"]
-    return _checked(document, None)
+    return _check_text(document, None)
 
 
-def _parsed(text: str) -> tomlkit.TOMLDocument:
+def _parse_scene(text: str) -> tomlkit.TOMLDocument:
     try:
         return tomlkit.parse(text)
     except TOMLKitError as error:
         raise InputError(f"the scene file is not TOML: {error}: correct it in an editor first") from None
 
 
-def _fresh_plan(wanted: Mapping[str, Any], before: Any) -> Table:
+def _make_plan_table(wanted: Mapping[str, Any], before: Any) -> Table:
     """A new table, with the further keys of a plan that was written on one line."""
     kept = {} if not isinstance(before, Mapping) else {key: before[key] for key in before if key not in STATED}
     if kept and plain(before.get("image")) != wanted["image"]:
@@ -231,7 +226,7 @@ def _update(plan: Table, wanted: Mapping[str, Any]) -> None:
         else:
             del points[number]
     for one in left:
-        points.append(_point_plan_edits(one))
+        points.append(_write_point(one))
     if not len(points):
         plan.pop("points")
 
@@ -257,11 +252,11 @@ def _item(value: Any) -> Any:
 def _tables(points: Any) -> AoT:
     tables = tomlkit.aot()
     for one in points:
-        tables.append(_point_plan_edits(one))
+        tables.append(_write_point(one))
     return tables
 
 
-def _point_plan_edits(point: Mapping[str, Any]) -> Table:
+def _write_point(point: Mapping[str, Any]) -> Table:
     table = tomlkit.table()
     table.trivia.indent = "\n"  # an empty line before its header
     for key, value in point.items():
@@ -274,7 +269,7 @@ def plain(item: Any) -> Any:
     return item.unwrap() if hasattr(item, "unwrap") else item
 
 
-def _checked(document: tomlkit.TOMLDocument, wanted: Mapping[str, Any] | None) -> str:
+def _check_text(document: tomlkit.TOMLDocument, wanted: Mapping[str, Any] | None) -> str:
     """The new text, once it says what was wanted: tables may stand anywhere in a file, in any form."""
     text = tomlkit.dumps(document)
     try:
@@ -284,12 +279,12 @@ def _checked(document: tomlkit.TOMLDocument, wanted: Mapping[str, Any] | None) -
     plan = found.get("plan") if isinstance(found, dict) else None
     if wanted is None and plan is None:
         return text
-    if wanted is None or not isinstance(plan, dict) or _stated(plan) != _stated(wanted):
+    if wanted is None or not isinstance(plan, dict) or _read_stated_plan(plan) != _read_stated_plan(wanted):
         raise InputError(f"the plan cannot be changed here: {IN_EDITOR}")
     return text
 
 
-def _stated(plan: Mapping[str, Any]) -> dict[str, Any]:
+def _read_stated_plan(plan: Mapping[str, Any]) -> dict[str, Any]:
     """What the page sets, points in any order."""
     points = sorted(plan.get("points", []), key=repr)
     return {**{key: plan[key] for key in STATED[:-1] if key in plan}, "points": points}

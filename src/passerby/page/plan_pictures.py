@@ -1,7 +1,4 @@
-"""The plan's picture as a browser is shown it: decoded as a calibration decodes it, so that both count the same pixels.
-
-A plan's picture that a browser sends: PNG or JPEG by its first bytes, measured before it is decoded, named by content.
-"""
+"""The plan's picture: as a browser sends it, checked before it is decoded, and as a calibration decodes it."""
 
 from __future__ import annotations
 
@@ -66,7 +63,7 @@ class PlanPictures:
         key = path, stat.st_mtime_ns, stat.st_size
         with self._lock:
             if key not in self._kept:
-                self._kept[key] = _shown(path)
+                self._kept[key] = _read_shown_plan(path)
                 while len(self._kept) > KEPT:
                     self._kept.popitem(last=False)
             return self._kept[key]
@@ -87,7 +84,7 @@ def plan_path(session: Session, image: str | None) -> Path:
     return scene.resolve(scene.world.plan.image)
 
 
-def _shown(path: Path) -> ShownPlan:
+def _read_shown_plan(path: Path) -> ShownPlan:
     """A plan's picture read, and made small enough for a browser."""
     content = file_bytes(path, "a picture of the plan (PNG or JPEG)")
     _, (width, height) = picture_header(content)

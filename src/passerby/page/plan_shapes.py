@@ -1,6 +1,4 @@
-"""The view from above as shapes, which the page draws and zooms, and as an SVG file that needs nothing else.
-
-The view from above as GeoJSON (RFC 7946): cameras, their fields of view and sigmas, and people's trajectories.
+"""The view from above as files and shapes: SVG, and GeoJSON (RFC 7946).
 
 The format knows longitude and latitude only. A rig that positions in degrees have set is written so. Any other is written in
 the metres of its world, which RFC 7946 does not define: the member `coordinate_system` of the collection says so.
@@ -45,13 +43,13 @@ def drawing(view: PlanView) -> dict[str, Any]:
     """What a page draws, JSON-ready: shapes in metres with y downwards, their extent, the plan's place, and a caption."""
     width, height = (view.high - view.low).tolist()
     told: dict[str, Any] = {
-        "box": [_short(one) for one in (view.low[0], -view.high[1], width, height)],
+        "box": [_round_place(one) for one in (view.low[0], -view.high[1], width, height)],
         "shapes": list(shapes(view)), "caption": caption(view), "notes": list(view.notes), "backdrop": None,
         "georeferenced": view.georeference is not None,
     }  # fmt: skip
     if view.backdrop is not None:
         (x, y), (w, h) = view.backdrop.corner.tolist(), view.backdrop.extent.tolist()
-        told["backdrop"] = [_short(one) for one in (x, -y, w, h)]
+        told["backdrop"] = [_round_place(one) for one in (x, -y, w, h)]
     return told
 
 
@@ -115,7 +113,7 @@ def svg_text(view: PlanView) -> str:
                 width=_px(wide[0]), height=_px(wide[1]), preserveAspectRatio="none",
             )
         )  # fmt: skip
-    parts += [_drawn(shape, (np.array(shape["points"]) - corner) * unit) for shape in shapes(view)]
+    parts += [_draw_shape(shape, (np.array(shape["points"]) - corner) * unit) for shape in shapes(view)]
     below = [
         element("text", line, x="8", y=_px(height + LINE_PX * (number + 1)), fill=INK, font_size=str(LETTERS_PX))
         for number, line in enumerate(lines)
@@ -124,7 +122,7 @@ def svg_text(view: PlanView) -> str:
     return str(element("svg", *parts, *below, xmlns="http://www.w3.org/2000/svg", font_family="system-ui, sans-serif", **size))
 
 
-def _drawn(shape: Shape, at: Floats) -> Html:
+def _draw_shape(shape: Shape, at: Floats) -> Html:
     """A shape of a saved drawing; places in pixels."""
     kind, colour = shape["kind"], shape.get("colour", INK)
     if kind == "camera":
@@ -170,11 +168,11 @@ def _scale_bar(view: PlanView) -> Iterator[Shape]:
 
 
 def _shape(kind: str, xy: Floats, colour: str | None = None) -> Shape:
-    points = [[_short(x), _short(-y)] for x, y in xy.tolist()]
+    points = [[_round_place(x), _round_place(-y)] for x, y in xy.tolist()]
     return {"kind": kind, "points": points} | ({} if colour is None else {"colour": colour})
 
 
-def _short(value: float) -> float:
+def _round_place(value: float) -> float:
     """Adding zero turns -0.0 into 0.0."""
     return round(float(value), DIGITS) + 0.0
 
@@ -212,13 +210,18 @@ def _features(view: PlanView) -> Iterator[dict[str, Any]]:
         yield _feature("Point", _places(view, camera.centre[None, :2])[0], _camera(view, camera))
     for camera in view.cameras:
         if ring := _ring(view, camera.seen):
-            told = {"kind": "field of view", "camera": camera.name, "range_m": _rounded(view.reach_m)}
+            told = {"kind": "field of view", "camera": camera.name, "range_m": _round_number(view.reach_m)}
             yield _feature("Polygon", [ring], told)
         outline = camera.outline(1.0)
         if outline is not None and (ring := _ring(view, outline)):
             yield _feature("Polygon", [ring], {"kind": "one sigma of the position", "camera": camera.name})
     for path in view.paths:
-        told = {"kind": "trajectory", "person": path.identity, "begin_s": _rounded(path.begin_s), "end_s": _rounded(path.end_s)}
+        told = {
+            "kind": "trajectory",
+            "person": path.identity,
+            "begin_s": _round_number(path.begin_s),
+            "end_s": _round_number(path.end_s),
+        }
         yield _feature("LineString", _places(view, path.xy), told)
 
 
@@ -226,12 +229,13 @@ def _camera(view: PlanView, camera: CameraFromAbove) -> dict[str, Any]:
     """Its properties: sigmas are one standard deviation; a heading runs from x towards y, an azimuth from north to east."""
     heading = None if camera.ahead is None else float(np.degrees(np.arctan2(camera.ahead[1], camera.ahead[0])))
     told: dict[str, Any] = {
-        "kind": "camera", "camera": camera.name, "height_m": _rounded(camera.centre[2]), "heading_deg": _rounded(heading),
-        "orientation_sigma_deg": _rounded(camera.orientation_sigma_deg),
-        "ground_sigma_m": None if camera.semi_axes_m is None else [_rounded(one) for one in camera.semi_axes_m],
+        "kind": "camera", "camera": camera.name, "height_m": _round_number(camera.centre[2]),
+        "heading_deg": _round_number(heading),
+        "orientation_sigma_deg": _round_number(camera.orientation_sigma_deg),
+        "ground_sigma_m": None if camera.semi_axes_m is None else [_round_number(one) for one in camera.semi_axes_m],
     }  # fmt: skip
     if view.georeference is not None:
-        told["azimuth_deg"] = None if heading is None else _rounded((90 - heading) % 360)
+        told["azimuth_deg"] = None if heading is None else _round_number((90 - heading) % 360)
     return told
 
 
@@ -262,5 +266,5 @@ def _metres(value: float) -> float:
     return round(value, METRE_DIGITS) + 0.0
 
 
-def _rounded(value: float | None) -> float | None:
+def _round_number(value: float | None) -> float | None:
     return None if value is None else _metres(float(value))

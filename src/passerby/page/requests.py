@@ -1,7 +1,4 @@
-"""What every request of a browser is made of, and how it is checked.
-
-Messages for a browser: without the folders of this machine.
-"""
+"""What every request of a browser is made of and how it is checked; messages without the folders of this machine."""
 
 from __future__ import annotations
 

@@ -76,7 +76,7 @@ def with_length(
     text: str, metres: float, sd_m: float, points: Mapping[str, Sequence[Pixel]], key: str = "lengths"
 ) -> str:  # fmt: skip
     """With one more `[[scale.lengths]]`, or `[[scale.checks]]`: two ends in each camera, pixels."""
-    document = _parsed(text)
+    document = _parse_scene(text)
     entry = tomlkit.table()
     entry["metres"] = metres
     entry["sd_m"] = sd_m
@@ -90,7 +90,7 @@ def with_length(
 
 def with_person(text: str, camera: str, frame: int, at: Pixel, height_m: float, sd_m: float) -> str:
     """With one more `[[scale.people]]`: the person at a pixel of a camera's frame, and the height."""
-    document = _parsed(text)
+    document = _parse_scene(text)
     entry = tomlkit.table()
     entry["camera"] = camera
     entry["frame"] = frame
@@ -103,12 +103,12 @@ def with_person(text: str, camera: str, frame: int, at: Pixel, height_m: float, 
 
 def with_identities(text: str, key: str, boxes: Sequence[tuple[str, int, Pixel]]) -> str:
     """With one more `[[association.same]]` or `[[association.different]]`: boxes by camera, frame and pixel."""
-    document = _parsed(text)
+    document = _parse_scene(text)
     entry = tomlkit.table()
     entry["boxes"] = tomlkit.array()
     for camera, frame, at in boxes:
         one = tomlkit.inline_table()
-        one.update({"camera": camera, "frame": frame, "at": _rounded(at)})
+        one.update({"camera": camera, "frame": frame, "at": _round_value(at)})
         entry["boxes"].append(one)
     entry["boxes"].multiline(True)
     _append(document, "association", key, entry)
@@ -117,26 +117,26 @@ def with_identities(text: str, key: str, boxes: Sequence[tuple[str, int, Pixel]]
 
 def with_not_a_person(text: str, camera: str, frame: int, at: Pixel) -> str:
     """With one more `[[association.not_people]]`."""
-    document = _parsed(text)
+    document = _parse_scene(text)
     entry = tomlkit.table()
-    entry.update({"camera": camera, "frame": frame, "at": _rounded(at)})
+    entry.update({"camera": camera, "frame": frame, "at": _round_value(at)})
     _append(document, "association", "not_people", entry)
     return tomlkit.dumps(document)
 
 
 def with_line(text: str, direction: str, points: Mapping[str, Sequence[Pixel]]) -> str:
     """With one more `[[world.lines]]`: two pixels in each camera."""
-    document = _parsed(text)
+    document = _parse_scene(text)
     entry = tomlkit.table()
     entry["direction"] = direction
-    entry["points"] = _marks(points)
+    entry["points"] = _write_marks(points)
     _append(document, "world", "lines", entry)
     return tomlkit.dumps(document)
 
 
 def without_entry(text: str, key: str, number: int) -> str:
     """Without the table of this number, from 1, under `[[scale.lengths]]` and the other lists of tables."""
-    document = _parsed(text)
+    document = _parse_scene(text)
     table = TABLE_OF[key]
     entries = document.get(table, {}).get(key, [])
     if not 1 <= number <= len(entries):
@@ -151,7 +151,7 @@ def without_entry(text: str, key: str, number: int) -> str:
 
 def without_camera(text: str, name: str) -> str:
     """With the table of a camera turned into comments at the end of the file."""
-    document = _parsed(text)
+    document = _parse_scene(text)
     cameras = document.get("cameras", {})
     if name not in cameras:
         raise InputError(f"[cameras.{name}] is not there")
@@ -167,19 +167,19 @@ def without_camera(text: str, name: str) -> str:
 
 def with_excluded(text: str, camera: str, key: str, entry: Sequence[Any]) -> str:
     """With one more entry of `exclude` (a polygon's corners, pixels) or `exclude_s` (begin and end, seconds) of a camera."""
-    document = _parsed(text)
+    document = _parse_scene(text)
     table = _camera(document, camera)
     if key not in table:
         table[key] = tomlkit.array()
     if not isinstance(table[key], Array):
         raise InputError(f"[cameras.{camera}] {key} is no list: correct it in an editor first")
-    table[key].append([_rounded(one) for one in entry])
+    table[key].append([_round_value(one) for one in entry])
     return tomlkit.dumps(document)
 
 
 def without_excluded(text: str, camera: str, key: str, number: int) -> str:
     """Without the entry of this number, from 1, of a camera's `exclude` or `exclude_s`."""
-    document = _parsed(text)
+    document = _parse_scene(text)
     table = _camera(document, camera)
     entries = table.get(key, [])
     if not 1 <= number <= len(entries):
@@ -192,14 +192,14 @@ def without_excluded(text: str, camera: str, key: str, number: int) -> str:
 
 def with_time_limit(text: str, camera: str, key: str, seconds: float) -> str:
     """With `from_s` or `until_s` of a camera, whatever it was before."""
-    document = _parsed(text)
-    _camera(document, camera)[key] = _rounded(seconds)
+    document = _parse_scene(text)
+    _camera(document, camera)[key] = _round_value(seconds)
     return tomlkit.dumps(document)
 
 
 def without_time_limit(text: str, camera: str, key: str) -> str:
     """Without `from_s` or `until_s` of a camera."""
-    document = _parsed(text)
+    document = _parse_scene(text)
     table = _camera(document, camera)
     if key not in table:
         raise InputError(f"[cameras.{camera}] {key} is not there")
@@ -209,7 +209,7 @@ def without_time_limit(text: str, camera: str, key: str) -> str:
 
 def with_world_points(text: str, points_file: str) -> str:
     """With `[world]` set by a file of points, whatever set it before; lines stay, but for those that set the heading."""
-    document = _parsed(text)
+    document = _parse_scene(text)
     table = tomlkit.table()
     table["points"] = points_file
     keep_lines(document.get("world"), table)
@@ -248,7 +248,7 @@ def _camera(document: tomlkit.TOMLDocument, name: str) -> Any:
     return cameras[name]
 
 
-def _rounded(value: Any) -> Any:
+def _round_value(value: Any) -> Any:
     """A number, or a pixel, as it is written."""
     if isinstance(value, Sequence):
         return [round(float(one), PIXEL_DIGITS) for one in value]
@@ -260,7 +260,7 @@ def _field(text: str) -> str:
     return '"' + text.replace('"', '""') + '"' if any(sign in text for sign in ',"\n') else text
 
 
-def _parsed(text: str) -> tomlkit.TOMLDocument:
+def _parse_scene(text: str) -> tomlkit.TOMLDocument:
     try:
         return tomlkit.parse(text)
     except TOMLKitError as error:
@@ -287,7 +287,7 @@ def _append(document: tomlkit.TOMLDocument, name: str, key: str, entry: Table) -
     entries.append(inline)
 
 
-def _marks(points: Mapping[str, Sequence[Pixel]]) -> InlineTable:
+def _write_marks(points: Mapping[str, Sequence[Pixel]]) -> InlineTable:
     """Pixels of each camera."""
     marks = tomlkit.inline_table()
     for name, ends in points.items():

@@ -1,9 +1,7 @@
-"""Who may ask the page for anything: the browser that was opened with the token, at this address, from this page.
+"""Who may ask the page for anything, and what all pages answer alike.
 
 Any web site that a user visits can send requests to 127.0.0.1, and a name of its own can lead there (DNS rebinding). So `Host`
 must be this server's, `Origin` this page's, and the cookie, which no other site's requests carry, must hold the token.
-
-What all pages answer alike: their own files, JSON, pictures, and what a request may name.
 """
 
 from __future__ import annotations
@@ -79,12 +77,12 @@ class Guard:
                 told = f"The request is too large: it may have {most / 1e6:.3g} MB.\n"
                 refusal = PlainTextResponse(told, 413, {"connection": "close"})
             else:
-                receive = _replayed(body)
+                receive = _replay_body(body)
         await (refusal or self._app)(scope, receive, send_with_headers)
 
     def _refusal(self, scope: Scope) -> PlainTextResponse | RedirectResponse | None:
         """The answer to a request that is not let in, or that brings the token; None for one that is."""
-        headers = _single(scope["headers"])
+        headers = _read_headers(scope["headers"])
         if headers.get("host") not in self._hosts:
             return PlainTextResponse("Unknown host.\n", 421)
         if scope["method"] not in ("GET", "HEAD", "POST"):
@@ -110,7 +108,7 @@ class Guard:
         return secrets.compare_digest(given.encode("utf-8", "replace"), self._token.encode())
 
 
-def _single(headers: Iterable[tuple[bytes, bytes]]) -> dict[str, str]:
+def _read_headers(headers: Iterable[tuple[bytes, bytes]]) -> dict[str, str]:
     """Headers by name; one that comes twice is empty, and so fits nothing."""
     found: dict[str, str] = {}
     for name, value in headers:
@@ -129,7 +127,7 @@ def _cookie(header: str, name: str) -> str:
 
 async def _body(scope: Scope, receive: Receive, most: int) -> bytes | None:
     """A request's body; None for one of more than `most` bytes, whose rest is not read."""
-    stated = _single(scope["headers"]).get("content-length")
+    stated = _read_headers(scope["headers"]).get("content-length")
     if stated is not None and not (stated.isdigit() and len(stated) < 10 and int(stated) <= most):
         return None
     body, more = bytearray(), True
@@ -144,7 +142,7 @@ async def _body(scope: Scope, receive: Receive, most: int) -> bytes | None:
     return bytes(body)
 
 
-def _replayed(body: bytes) -> Receive:
+def _replay_body(body: bytes) -> Receive:
     """A body that was read already."""
     messages: list[Message] = [{"type": "http.request", "body": body, "more_body": False}]
 

@@ -1,7 +1,4 @@
-"""One opened scene: what there is to show, and the acts that change its file.
-
-What a calibration found, as the page shows it: verdict, reasons, and a row for each camera.
-"""
+"""One opened scene: what there is to show, the acts that change its file, and the results of its calibration."""
 
 from __future__ import annotations
 
@@ -140,7 +137,7 @@ class Session:
                 raise InputError("there is no act to take back: the scene file was changed since, or never by this page")
             save_scene(self.scene_file, str(step["before"]))
             # What was undone leads back to the act before it.
-            self._write_undo([one for one in self._steps() if one is not step and one != step])
+            self._write_undo([one for one in self._list_steps() if one is not step and one != step])
 
     def public(self, text: str) -> str:
         """A message without the folders of this machine."""
@@ -168,13 +165,13 @@ class Session:
 
     def _remember(self, before: str) -> None:
         """Keep what the last act replaced."""
-        self._write_undo([*self._steps(), {"after": self.version, "before": before}][-MOST_UNDONE:])
+        self._write_undo([*self._list_steps(), {"after": self.version, "before": before}][-MOST_UNDONE:])
 
     def _undo(self) -> dict[str, str] | None:
         """The act that made the file what it is."""
-        return next((one for one in reversed(self._steps()) if one.get("after") == self.version), None)
+        return next((one for one in reversed(self._list_steps()) if one.get("after") == self.version), None)
 
-    def _steps(self) -> list[dict[str, str]]:
+    def _list_steps(self) -> list[dict[str, str]]:
         try:
             found = json.loads((self.work.folder / UNDO_FILE).read_text(encoding="utf-8"))
         except (OSError, ValueError):
@@ -214,11 +211,11 @@ def _cues(scene: Scene) -> dict[str, Any]:
         },
         "world": how,
         "lines": [] if world is None else [one.model_dump(mode="json") for one in world.lines],
-        "plan": None if world is None or world.plan is None else _told_plan(world.plan),
+        "plan": None if world is None or world.plan is None else _describe_plan(world.plan),
     }
 
 
-def _told_plan(plan: PlanTable) -> dict[str, Any]:
+def _describe_plan(plan: PlanTable) -> dict[str, Any]:
     """What the scene file says of its plan; of its picture the file name alone."""
     told = plan.model_dump(mode="json", exclude_unset=True, include={"metres_per_pixel", "distance", "cameras", "points"})
     return {**told, "name": plan.image.name}
@@ -235,10 +232,10 @@ def outcome(folder: Path, kept: dict[str, Any] | None = None) -> dict[str, Any] 
             return None
     except InputError:
         return None
-    return _told(document)
+    return _describe_entry(document)
 
 
-def _told(document: CalibrationDocument) -> dict[str, Any]:
+def _describe_entry(document: CalibrationDocument) -> dict[str, Any]:
     lenses = adjusted(document.figures).lenses
     return {
         "verdict": document.verdict,
@@ -259,7 +256,7 @@ def _told(document: CalibrationDocument) -> dict[str, Any]:
                 "fps": one.fps,
                 "registered": one.registered is not False,
                 **_focal(lenses.get(one.name)),
-                **_about(document, one.name),
+                **_list_findings(document, one.name),
             }
             for one in document.cameras
         ],
@@ -275,7 +272,7 @@ def _focal(lens: LensFigures | None) -> dict[str, float | None]:
     }
 
 
-def _about(document: CalibrationDocument, name: str) -> dict[str, list[str]]:
+def _list_findings(document: CalibrationDocument, name: str) -> dict[str, list[str]]:
     """What the calibration says of one camera: problems, and warnings that change no verdict.
 
     It stands beside every camera that it names; what names all cameras stands at the top alone, with `reasons` and `findings`.

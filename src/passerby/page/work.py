@@ -123,7 +123,7 @@ class Work:
         errors = [one["text"] for one in events if one.get("event") == "error"]
         if running or (not events and not self._ended):
             return told
-        if self._finished():
+        if self._has_finished():
             told["state"] = "done"
         elif not errors and self._ended is not None and self._ended > 0:
             unheard = "the calibration ended, but what it says could not be written: make room there and calibrate again"

@@ -7,7 +7,7 @@ import numpy as np
 from passerby.core.cameras import Rig
 from passerby.core.observations import Clock, Observations
 from passerby.core.stature import PERSON_HEIGHT_M
-from passerby.geometry.robust import cauchy_weights, residual_scale
+from passerby.geometry.groups import cauchy_weights, residual_scale
 from passerby.people.held_cameras import GROUND_SD, GroundPlane, fit_people
 from passerby.people.sightings import Sightings, poses_of, upright_sightings
 from passerby.people.upright_body import reach_by_size

@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from passerby.common.arrays import Floats, Ints
-from passerby.geometry.groups import group_sums
-from passerby.geometry.robust import cauchy_weights, residual_scale
+from passerby.geometry.groups import cauchy_weights, group_sums, residual_scale
 from passerby.people.body_centres import TriangulatedPeople
 
 DEGREE = 3

@@ -14,8 +14,7 @@ import numpy as np
 
 from passerby.common.arrays import Floats, Ints
 from passerby.core.stature import PERSON_HEIGHT_M, PERSON_HEIGHT_SD_M
-from passerby.geometry.groups import group_medians, group_sums
-from passerby.geometry.robust import huber_weights
+from passerby.geometry.groups import group_medians, group_sums, huber_weights
 from passerby.people.model import Priors
 from passerby.people.sightings import Sightings
 from passerby.people.upright_body import BodyEquations, linearise_bodies, reach_by_size

@@ -14,7 +14,7 @@ import numpy as np
 from passerby.common.arrays import Floats
 from passerby.core.cameras import Pose, PoseSigma, Rig
 from passerby.core.observations import Observations
-from passerby.geometry.robust import cut_cauchy_weights
+from passerby.geometry.groups import cut_cauchy_weights
 from passerby.geometry.rotations import exp_rotation, log_rotation
 from passerby.people.held_cameras import FittedPeople, GroundPlane, fit_people
 from passerby.people.scores import Scores, cluster_scores

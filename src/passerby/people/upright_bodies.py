@@ -13,8 +13,7 @@ import numpy as np
 
 from passerby.common.arrays import Bools, Floats, Ints
 from passerby.core.cameras import Rig
-from passerby.geometry.groups import group_medians, group_numbers, group_sums
-from passerby.geometry.robust import cauchy_weights
+from passerby.geometry.groups import cauchy_weights, group_medians, group_numbers, group_sums
 from passerby.people.model import GAIT_SHARE, Noise, Priors
 from passerby.people.sightings import Sightings, box_sightings
 from passerby.people.upright_body import STANCE_SD, body_ends, linearise_on_ground, single_view_bodies, solve_bodies

@@ -1,6 +1,4 @@
-"""Networks that take crops of people: their input read from the file, filled in batches.
-
-Boxes cut out of pictures at the size that a network takes, and the ways back.
+"""Crops of people: cut out of pictures at the size that a network takes, and passed through it in batches.
 
 Positions are continuous and count as OpenCV's, for boxes and joints alike: the middle of a picture's first pixel is (0, 0).
 """
@@ -95,7 +93,7 @@ class CropNetwork:
         given = np.stack(crops)
         if self.input.batch is not None and len(crops) < self.input.batch:
             given = np.concatenate([given, np.zeros((self.input.batch - len(crops), *given.shape[1:]), dtype=np.uint8)])
-        answers = [np.asarray(answer) for answer in self._session.run(None, {self.input.name: self._converted(given)})]
+        answers = [np.asarray(answer) for answer in self._session.run(None, {self.input.name: self._convert_layout(given)})]
         for answer, port in zip(answers, self.outputs, strict=True):
             if answer.ndim < 1 or len(answer) != len(given):
                 raise InputError(
@@ -104,7 +102,7 @@ class CropNetwork:
                 )
         return [answer[: len(crops)] for answer in answers]
 
-    def _converted(self, crops: NDArray[np.uint8]) -> NDArray[np.generic]:
+    def _convert_layout(self, crops: NDArray[np.uint8]) -> NDArray[np.generic]:
         """(N, 3, H, W) or (N, H, W, 3) as the network wants its colours, from (N, H, W, 3) BGR."""
         convention = self.network.input
         values: NDArray[Any] = crops[..., ::-1] if convention.colour == "rgb" else crops

@@ -89,11 +89,11 @@ def fetch(url: str, target: Path, sha256: str, size: int, tell: Progress = silen
                 return
             part = target.with_name(f".{target.name}.{sha256[:12]}.part")
             resumed = part.exists()
-            _complete(url, part, size, stage, tell)
+            _complete_download(url, part, size, stage, tell)
             if resumed and sha256_of(part) != sha256:
                 # What a crash left may hold blocks that were never written: begin anew, once.
                 part.unlink()
-                _complete(url, part, size, stage, tell)
+                _complete_download(url, part, size, stage, tell)
             _accept(url, part, target, sha256, size)
     except (UnreachableError, InputError):
         tell_failure(tell, stage)
@@ -118,7 +118,7 @@ def _accept(url: str, part: Path, target: Path, sha256: str, size: int) -> None:
     os.replace(part, target)
 
 
-def _complete(url: str, part: Path, size: int, stage: str, tell: Progress) -> None:
+def _complete_download(url: str, part: Path, size: int, stage: str, tell: Progress) -> None:
     """Bring `part` to `size` bytes (or beyond, where the server sends more), in as many tries as bring anything."""
     tell(stage, 0, -(-size // KILOBYTE))
     idle = 0
@@ -202,7 +202,7 @@ def _open(url: str, start: int) -> Any:
             return _open(url, 0)
         raise UnreachableError(f"{url}: the server says {answer.code} {answer.reason}") from answer
     if isinstance(answer, urllib.error.URLError):
-        raise UnreachableError(f"{_host(url)}: no connection ({_why(answer.reason)})") from answer
+        raise UnreachableError(f"{_host(url)}: no connection ({_explain_error(answer.reason)})") from answer
     if isinstance(answer, (OSError, http.client.HTTPException)):
         raise _BrokenError(str(answer) or type(answer).__name__) from answer
     raise answer
@@ -229,7 +229,7 @@ def _host(url: str) -> str:
     return urllib.parse.urlsplit(url).netloc
 
 
-def _why(reason: object) -> str:
+def _explain_error(reason: object) -> str:
     """What the operating system says, without its number."""
     return str(getattr(reason, "strerror", None) or reason)
 

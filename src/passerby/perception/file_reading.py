@@ -1,6 +1,4 @@
-"""One pass over the pictures of a video file: decoded one after the other, each with its number and time.
-
-Packets of which only few pictures are wanted: groups of pictures that hold none of them are passed over undecoded.
+"""One pass over the pictures of a video file, each with its number and time; groups without wanted pictures are skipped.
 
 A group begins with a key frame. Pictures that come after a key frame and are shown before it may need the group before it: they
 are left out where that one was not decoded, and where one of them is wanted that one is.
@@ -283,10 +281,10 @@ def sparse(
             continuous = True
         elif own or wanted:
             yield from group.until([*own, *wanted], continuous=continuous)
-            yield PassedOver(_last(group))
+            yield PassedOver(_find_last(group))
             continuous = False
         else:
-            yield PassedOver(_last(group))
+            yield PassedOver(_find_last(group))
             continuous = False
 
     for packet in packets:
@@ -316,5 +314,5 @@ def sparse(
         filling.packets.append(packet)
 
 
-def _last(group: _Group) -> float:
+def _find_last(group: _Group) -> float:
     return max(_time(packet) for packet in group.packets)

@@ -97,10 +97,10 @@ def foreground(picture: Picture, reference: Reference, options: ShadowOptions, t
     gain = light_gain(picture, reference.colour)
     usual = _brightened(reference.colour, gain)
     difference = cv2.absdiff(picture, usual)
-    low = cast(Levels, cv2.medianBlur(_any_channel(cv2.subtract(difference, reference.tolerance)), 3))
-    high = cast(Levels, cv2.medianBlur(_any_channel(cv2.subtract(difference, reference.certain)), 3))
+    low = cast(Levels, cv2.medianBlur(_merge_channels(cv2.subtract(difference, reference.tolerance)), 3))
+    high = cast(Levels, cv2.medianBlur(_merge_channels(cv2.subtract(difference, reference.certain)), 3))
     shadows = find_shadows(picture, usual, low, high, options, tone)
-    body = _with_seed(low & ~shadows.mask, high)
+    body = _keep_seeded(low & ~shadows.mask, high)
     return Foreground(recover_foreground(without_slivers(body, shadows.mask), shadows.mask), shadows)
 
 
@@ -113,14 +113,14 @@ def _brightened(colour: Picture, gain: Floats) -> Picture:
     return cast(Picture, cv2.LUT(colour, table))
 
 
-def _any_channel(excess: Any) -> Levels:
+def _merge_channels(excess: Any) -> Levels:
     """255 where any of three channels is above 0."""
     blue, green, red = cv2.split(excess)
     most = cv2.max(cv2.max(blue, green), red)
     return cast(Levels, cv2.threshold(most, 0, 255, cv2.THRESH_BINARY)[1])
 
 
-def _with_seed(mask: Levels, seed: Levels) -> Levels:
+def _keep_seeded(mask: Levels, seed: Levels) -> Levels:
     """The connected regions of a mask that hold a pixel of the seed."""
     count, label = cv2.connectedComponents(mask, connectivity=8, ltype=cv2.CV_32S)
     keep = np.zeros(count, np.uint8)
@@ -148,11 +148,11 @@ def usual_colours(pictures: Sequence[Picture]) -> tuple[Picture, Levels]:
     noise = np.empty((height, width, 3), np.uint8)
     for row in range(0, height, ROWS):
         rows = slice(row, min(row + ROWS, height))
-        colour[rows], noise[rows] = _usual(np.stack([picture[rows] for picture in pictures]))
+        colour[rows], noise[rows] = _find_usual_colours(np.stack([picture[rows] for picture in pictures]))
     return colour, noise
 
 
-def _usual(samples: Picture) -> tuple[Levels, Levels]:
+def _find_usual_colours(samples: Picture) -> tuple[Levels, Levels]:
     """`usual_colours` of samples (n, ...), n first."""
     ordered, count = np.sort(samples, axis=0), len(samples)
     middle = ordered[count // 2].astype(np.int32)

@@ -1,10 +1,8 @@
-"""Results of stages that are kept in the output folder, so that a run that was stopped goes on where it was.
+"""Results of stages kept in the output folder, so that a stopped run continues, and whether their videos are unchanged.
 
 A stage's results lie in a folder that is named by a key of all that decides them: its input, its options, its network and the
 versions of the libraries. They come in parts, each written whole or not at all, and a summary says that there will be no more.
 All of it carries a digest; what was damaged counts as missing and is made again.
-
-Whether the files of a video are still what they were, and what tells their content from others'.
 """
 
 from __future__ import annotations

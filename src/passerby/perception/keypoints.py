@@ -1,16 +1,6 @@
-"""Joints of people by networks that look at one person's crop at a time.
-
-What the keypoint networks that look at one person's crop have in common.
-
-Which joints of a top-down network to believe.
+"""Keypoints by networks that look at one person's crop: heatmaps, SimCC and MoveNet; and which of them to trust.
 
 Such a network always answers: with a neighbour's joints where two people share a crop, with a guess where a person is hidden.
-
-Joints by networks that draw each joint's place on a map of its own, such as HRNet, Simple Baselines and ViTPose.
-
-Joints by MoveNet's single-person networks: one square crop in, 17 joints out.
-
-Joints by networks that give each joint a row of scores along x and one along y, as RTMPose does.
 
 SimCC: Li et al., "SimCC: a simple coordinate classification perspective for human pose estimation", ECCV 2022; RTMPose: Jiang
 et al., arXiv 2303.07399.

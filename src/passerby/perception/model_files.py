@@ -99,7 +99,7 @@ def find_model(
     """
     text = str(name_or_path)
     if _is_path(name_or_path):
-        return Found(_by_path((base or Path()) / Path(text).expanduser(), role))
+        return Found(_open_by_path((base or Path()) / Path(text).expanduser(), role))
     entry = default_of(role) if text == AUTO else entry_of(text, role)
     if entry is None:
         return Found(None, f"there is no default network for {role}: name one by path")
@@ -177,7 +177,7 @@ def _is_path(name_or_path: str | Path) -> bool:
     return isinstance(name_or_path, Path) or text.lower().endswith(".onnx") or "/" in text or os.sep in text
 
 
-def _by_path(path: Path, role: Role) -> Network:
+def _open_by_path(path: Path, role: Role) -> Network:
     """A user's file: by its checksum one of the manifest's, whatever it is called, or else their own."""
     from passerby.perception.networks import own_network
 

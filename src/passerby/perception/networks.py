@@ -203,18 +203,18 @@ def own_network(path: Path, role: Role, sha256: str) -> Network:
     told = {key.removeprefix(PREFIX): value for key, value in metadata.items() if key.startswith(PREFIX)}
     beside = path.with_suffix(".toml")
     if told:
-        description = _described(f"{path}: metadata {PREFIX}*", _nested(told))
+        description = _check_description(f"{path}: metadata {PREFIX}*", _nested(told))
     elif beside.is_file():
-        description = _from_toml(beside)
+        description = _read_toml(beside)
     else:
         description = Description()
     if description.sha256 not in (None, sha256):
         raise InputError(f"{beside}: sha256 {description.sha256} is not that of {path.name} ({sha256}): is it another version?")
     if description.role not in (None, role):
         raise InputError(f"{path}: is a network of role {description.role}, not {role}: name one of that role")
-    output = description.output or _usual_output(path, role, [port.shape for port in outputs_of(session)])
+    output = description.output or _guess_output(path, role, [port.shape for port in outputs_of(session)])
     _check_output(path, role, output)
-    convention = description.input.over(_usual_input(output))
+    convention = description.input.over(_guess_input(output))
     return Network(description.name or path.name, role, path, sha256, output, convention, description.licence or "unknown")
 
 
@@ -236,15 +236,15 @@ def _nested(told: dict[str, str]) -> dict[str, Any]:
     return {**{key: value for key, value in told.items() if key not in INPUT_KEYS}, "input": pixels}
 
 
-def _from_toml(path: Path) -> Description:
+def _read_toml(path: Path) -> Description:
     """The description in a file of its own."""
     try:
-        return _described(str(path), parse_toml(read_text(path, "the description of a network")))
+        return _check_description(str(path), parse_toml(read_text(path, "the description of a network")))
     except NotParsed as error:
         raise InputError(f"{path}: is not TOML: {error}: fix it there") from None
 
 
-def _described(place: str, tables: dict[str, Any]) -> Description:
+def _check_description(place: str, tables: dict[str, Any]) -> Description:
     """Checked key by key; the first fault is the error."""
     try:
         return Description.model_validate(tables)
@@ -259,7 +259,7 @@ def _described(place: str, tables: dict[str, Any]) -> Description:
         ) from None
 
 
-def _usual_output(path: Path, role: Role, shapes: list[tuple[int | None, ...]]) -> Output:
+def _guess_output(path: Path, role: Role, shapes: list[tuple[int | None, ...]]) -> Output:
     """What a network of a role gives if it is not stated; for keypoints from the shapes of its outputs.
 
     MoveNet: one output [1, 1, 17, 3]. SimCC (RTMPose): two, [N, joints, x bins] and [N, joints, y bins]. Heat maps: one,
@@ -291,6 +291,6 @@ def _check_output(path: Path, role: Role, output: Output) -> None:
         raise InputError(f"{path}: output {output} is not one of {role}: there are {', '.join(known[role])}")
 
 
-def _usual_input(output: Output) -> InputConvention:
+def _guess_input(output: Output) -> InputConvention:
     """What the networks of a kind were published with."""
     return {"yolox": YOLOX, "movenet": MOVENET, "simcc": TOP_DOWN, "heatmaps": TOP_DOWN}.get(output, IMAGENET)

@@ -1,9 +1,4 @@
-"""The stages that a plan names, ready to work. Networks are opened in the process that uses them.
-
-People whose boxes a file states, in place of a detector.
-
-Videos of cameras on their side: people in them are found once the images are turned.
-"""
+"""The stages that a plan names, ready to work. Networks are opened in the process that uses them."""
 
 from __future__ import annotations
 
@@ -89,7 +84,7 @@ def open_background(kept: StageCache, info: VideoInfo, tell: Callable[[int], Non
     if arrays is None:
         sampling = plan_sampling(info.seconds or UNKNOWN_LENGTH_S)
         try:
-            model = learn_background(_counted(VideoReader(info, rate=1.0 / sampling.interval_s), tell), sampling)
+            model = learn_background(_count_frames(VideoReader(info, rate=1.0 / sampling.interval_s), tell), sampling)
         except EvidenceError as error:
             raise VideoError(info.path, str(error)) from None
         kept.save(0, model.to_arrays())
@@ -99,7 +94,7 @@ def open_background(kept: StageCache, info: VideoInfo, tell: Callable[[int], Non
     return BackgroundDetector(model)
 
 
-def _counted(frames: Iterable[Frame], tell: Callable[[int], None]) -> Iterator[Frame]:
+def _count_frames(frames: Iterable[Frame], tell: Callable[[int], None]) -> Iterator[Frame]:
     """The frames; `tell` is called with how many have been taken."""
     for number, frame in enumerate(frames, start=1):
         yield frame

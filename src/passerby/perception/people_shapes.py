@@ -1,11 +1,4 @@
-"""From the foreground to boxes of people: whole ones, ones in parts, and ones who hide each other.
-
-How tall people appear in a camera's picture, depending on where they stand: learnt from people who stand alone.
-
-From a mask of the foreground to the regions that may be people.
-
-Regions of several people: divided where each of them shows head and feet, else given up.
-"""
+"""From the foreground to boxes of people: whole ones, ones in parts, and people who occlude each other."""
 
 from __future__ import annotations
 
@@ -17,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from passerby.common.arrays import Floats
-from passerby.geometry.robust import cauchy_weights, residual_scale
+from passerby.geometry.groups import cauchy_weights, residual_scale
 from passerby.perception.foreground import Foreground, Levels
 
 ALONE = 1.0

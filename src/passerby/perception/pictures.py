@@ -2,8 +2,6 @@
 
 Pictures are (H, W, 3) of uint8, BGR as OpenCV has them. Boxes are left, top, width, height in pixels of the whole picture, with
 the origin where OpenCV has it, in the middle of the first pixel; only `Detections` count from that pixel's outer corner.
-
-What is wrong with a video file.
 """
 
 from __future__ import annotations

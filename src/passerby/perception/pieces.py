@@ -26,15 +26,15 @@ DEPTH, MOST = 4, 5000
 
 def walk_below(folder: Path) -> Iterator[Path]:
     """The files in a folder and the folders in it, up to `DEPTH`, but for hidden ones."""
-    return _below(folder, DEPTH)
+    return _list_below(folder, DEPTH)
 
 
 def files_below(folder: Path, endings: tuple[str, ...]) -> list[Path]:
     """The files with one of these endings in a folder and the folders in it, up to `DEPTH` and `MOST`, but for hidden ones."""
-    return [path for path in islice(_below(folder, DEPTH), MOST) if path.suffix.lower() in endings]
+    return [path for path in islice(_list_below(folder, DEPTH), MOST) if path.suffix.lower() in endings]
 
 
-def _below(folder: Path, depth: int) -> Iterator[Path]:
+def _list_below(folder: Path, depth: int) -> Iterator[Path]:
     """Files, a folder's own before those of its folders."""
     try:
         entries = sorted(path for path in folder.iterdir() if not path.name.startswith("."))
@@ -43,7 +43,7 @@ def _below(folder: Path, depth: int) -> Iterator[Path]:
     yield from (path for path in entries if not path.is_dir())
     for inner in entries if depth else ():
         if inner.is_dir():
-            yield from _below(inner, depth - 1)
+            yield from _list_below(inner, depth - 1)
 
 
 def why_no_video_is_there(folder: Path) -> str:

@@ -1,6 +1,4 @@
-"""What people are found with: networks where they can be had, methods without weights where not.
-
-Which people's keypoints are measured where not everybody's are: all of those who are seen well, at few time steps.
+"""How people are found: networks where available, methods without weights otherwise; and whose keypoints are measured.
 
 A joint is a point in space only where two cameras see it at one time. So whole time steps are chosen, the same ones in all
 cameras, and not people by themselves: a quarter of all boxes at times drawn alike gave 9.6 mm 0.042 degrees, a quarter drawn
@@ -76,7 +74,7 @@ class Plan:
 
         def told(choice: Network | str | None, without: str) -> dict[str, Any] | str:
             if isinstance(choice, Network):
-                return _told(choice)
+                return _as_plain_values(choice)
             return choice or without
 
         return {
@@ -112,11 +110,11 @@ def make_plan(
 
     described: Network | Literal["stripes"] | None = None if embedder == NONE else STRIPES
     if detector != BACKGROUND:
-        boxes, reason = _found(detector, "detector", models, base, tell)
+        boxes, reason = _find_network(detector, "detector", models, base, tell)
         if boxes is None:
             lack("detector", reason)
     if embedder not in (STRIPES, NONE):
-        appearance, reason = _found(embedder, "embedder", models, base, tell)
+        appearance, reason = _find_network(embedder, "embedder", models, base, tell)
         if appearance is None:
             lack("embedder", reason)
         described = appearance or STRIPES
@@ -124,11 +122,11 @@ def make_plan(
         # Where the detector could not be fetched, a second attempt would fail as the first did.
         keypoints = keypoints_to_be_had(models, fetched=boxes is not None) or NONE
         if keypoints != NONE:
-            joints, reason = _asked(keypoints, "keypoints", models, base, tell)
+            joints, reason = _ask_for_model(keypoints, "keypoints", models, base, tell)
             if joints is None:
                 lack("keypoints", reason)
     elif keypoints != NONE:
-        joints = _found(keypoints, "keypoints", models, base, tell).network
+        joints = _find_network(keypoints, "keypoints", models, base, tell).network
     return Plan(boxes, described, joints, notes=tuple(notes))
 
 
@@ -149,9 +147,9 @@ def foresee(
         if named in ("", BACKGROUND, STRIPES, NONE):
             choices |= {role: named} if named else {}
             continue
-        network, reason = _asked(named, role, models, base, silent, download=False)
+        network, reason = _ask_for_model(named, role, models, base, silent, download=False)
         entry = default_of(role) if named == AUTO else None
-        choices[role] = _told(network) if network else {"network": entry.name if entry else named}
+        choices[role] = _as_plain_values(network) if network else {"network": entry.name if entry else named}
         if network is None:
             notes.append(
                 notice("network_to_fetch", role=role, why=reason, otherwise=_OTHERWISE[role] if wanted == AUTO else None)
@@ -174,15 +172,17 @@ def keypoints_to_be_had(models: Path | None, *, fetched: bool = True) -> str | N
     return served.name if served is not None and served.url is not None and fetched and not offline() else None
 
 
-def _found(wanted: str, role: Role, models: Path | None, base: Path | None, tell: Progress) -> Found:
+def _find_network(wanted: str, role: Role, models: Path | None, base: Path | None, tell: Progress) -> Found:
     """The network, or why there is none; `InputError` where that was not left to us."""
-    found = _asked(wanted, role, models, base, tell)
+    found = _ask_for_model(wanted, role, models, base, tell)
     if found.network is None and wanted != AUTO:
         raise InputError(f"[perception] {role} = {wanted!r}: {found.reason}")
     return found
 
 
-def _asked(wanted: str, role: Role, models: Path | None, base: Path | None, tell: Progress, *, download: bool = True) -> Found:
+def _ask_for_model(
+    wanted: str, role: Role, models: Path | None, base: Path | None, tell: Progress, *, download: bool = True
+) -> Found:
     """As `find_model`; errors name the key."""
     try:
         return find_model(wanted, role, models, base=base, download=download, tell=tell)
@@ -190,7 +190,7 @@ def _asked(wanted: str, role: Role, models: Path | None, base: Path | None, tell
         raise InputError(f"[perception] {role} = {wanted!r}: {error}") from None
 
 
-def _told(network: Network) -> dict[str, Any]:
+def _as_plain_values(network: Network) -> dict[str, Any]:
     """A network as plain values for JSON."""
     return {"network": network.name, "sha256": network.sha256, "licence": network.licence}
 
@@ -251,12 +251,12 @@ def worth_keypoints(ltwh: Floats, score: Floats, size: tuple[int, int]) -> Bools
         score: (N,) confidence.
         size: width and height of the image, pixels.
     """
-    good = (ltwh[:, 3] >= MIN_HEIGHT_PX) & (score >= MIN_SCORE) & (_covered(ltwh) <= MOST_COVERED)
+    good = (ltwh[:, 3] >= MIN_HEIGHT_PX) & (score >= MIN_SCORE) & (_measure_cover(ltwh) <= MOST_COVERED)
     whole = good & inside_picture(ltwh, size)
     return whole if whole.any() else good
 
 
-def _covered(ltwh: Floats) -> Floats:
+def _measure_cover(ltwh: Floats) -> Floats:
     """(N,) the largest share of each box that one box of a nearer person, whose feet are lower in the image, covers."""
     low, high = ltwh[:, :2], ltwh[:, :2] + ltwh[:, 2:]
     common = np.minimum(high[:, None], high[None]) - np.maximum(low[:, None], low[None])

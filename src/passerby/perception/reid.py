@@ -1,6 +1,4 @@
-"""Appearance by a re-identification network: any ONNX file that turns a person's crop into a vector.
-
-Appearance without any weights: histograms of colour in stripes from head to foot.
+"""Appearance of people: by a re-identification network, or by colour histograms of horizontal stripes.
 
 Hair, jacket, trousers and shoes lie one under the other, whichever way a person turns. So each of six stripes is described by
 its own histogram, once of the colours as they are (best within a camera) and once of the colours after each channel was
@@ -127,34 +125,34 @@ class StripesEmbedder:
         rows = np.flatnonzero(is_recognisable(picture, boxes))
         for start in range(0, len(rows), STRIPES_BATCH):
             part = rows[start : start + STRIPES_BATCH]
-            vectors[part] = _described(np.stack([stretch_crop(picture, boxes[row], SIZE) for row in part]))
+            vectors[part] = _embed_stripes(np.stack([stretch_crop(picture, boxes[row], SIZE) for row in part]))
         return vectors
 
 
-def _described(crops: NDArray[np.uint8]) -> Vectors:
+def _embed_stripes(crops: NDArray[np.uint8]) -> Vectors:
     """(N, D) unit vectors of crops (N, H, W, 3), BGR."""
     equal = np.stack([np.stack([cv2.equalizeHist(crop[..., k]) for k in range(3)], axis=-1) for crop in crops])
-    plain_root = np.sqrt((1.0 - EQUAL_SHARE) * _plain(crops))
-    equal_root = np.sqrt(EQUAL_SHARE * _equalised(equal))
+    plain_root = np.sqrt((1.0 - EQUAL_SHARE) * _count_colours(crops))
+    equal_root = np.sqrt(EQUAL_SHARE * _count_equalised(equal))
     return np.hstack([plain_root, equal_root]).astype(np.float32)
 
 
-def _plain(crops: NDArray[np.uint8]) -> Floats:
+def _count_colours(crops: NDArray[np.uint8]) -> Floats:
     """(N, stripes * bins) joint histograms of hue, saturation and value; they sum to one a crop."""
     hue, saturation, value = _hsv(crops)
     hues, saturations, values = PLAIN_BINS
-    shares = [_around(hue, hues), _along(saturation, saturations), _along(value, values)]
+    shares = [_share_circular(hue, hues), _share_linear(saturation, saturations), _share_linear(value, values)]
     return _histograms(shares, PLAIN_BINS, len(crops))
 
 
-def _equalised(crops: NDArray[np.uint8]) -> Floats:
+def _count_equalised(crops: NDArray[np.uint8]) -> Floats:
     """(N, stripes * bins) joint histograms of hue, where there is any, and value; they sum to one a crop."""
     hue, saturation, value = _hsv(crops)
     colour = np.minimum(saturation * value / np.float32(COLOURFUL), np.float32(1.0))
     hues, values = EQUAL_BINS
     grey = np.full(hue.shape, hues, dtype=np.int64)
-    coloured = [(number, weight * colour) for number, weight in _around(hue, hues)]
-    return _histograms([[*coloured, (grey, 1.0 - colour)], _along(value, values)], (hues + 1, values), len(crops))
+    coloured = [(number, weight * colour) for number, weight in _share_circular(hue, hues)]
+    return _histograms([[*coloured, (grey, 1.0 - colour)], _share_linear(value, values)], (hues + 1, values), len(crops))
 
 
 def _hsv(crops: NDArray[np.uint8]) -> tuple[Values, Values, Values]:
@@ -169,7 +167,7 @@ def _hsv(crops: NDArray[np.uint8]) -> tuple[Values, Values, Values]:
     )
 
 
-def _around(share: Values, bins: int) -> Soft:
+def _share_circular(share: Values, bins: int) -> Soft:
     """A circle's share 0 to 1 between the two bins whose middles, at 0, 1 / bins and so on, are next to it."""
     place = share * np.float32(bins)
     low = np.floor(place)
@@ -178,7 +176,7 @@ def _around(share: Values, bins: int) -> Soft:
     return [(number % bins, 1.0 - weight), ((number + 1) % bins, weight)]
 
 
-def _along(share: Values, bins: int) -> Soft:
+def _share_linear(share: Values, bins: int) -> Soft:
     """A share 0 to 1 between the two bins whose middles are next to it; all in the last bin beyond its middle."""
     place = np.clip(share * np.float32(bins) - np.float32(0.5), 0.0, bins - 1.0).astype(np.float32)
     low = np.minimum(np.floor(place), np.float32(bins - 2))

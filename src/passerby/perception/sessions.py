@@ -54,11 +54,11 @@ def open_session(path: Path, *, allow_cuda: bool = True) -> onnxruntime.Inferenc
     onnxruntime.set_default_logger_severity(ERRORS_ONLY)
     if allow_cuda and CUDA in onnxruntime.get_available_providers():
         try:
-            return _opened(path, [(CUDA, CUDA_OPTIONS), CPU])
+            return _open_session(path, [(CUDA, CUDA_OPTIONS), CPU])
         except runtime_errors():
             pass  # A card that is absent, too old or full; what is wrong with the file itself is found again below.
     try:
-        return _opened(path, [CPU])
+        return _open_session(path, [CPU])
     except runtime_errors() as error:
         raise InputError(f"{path}: {_complaint(path, error)}") from error
 
@@ -84,7 +84,7 @@ def _port(value: Any) -> Port:
     return Port(value.name, shape, value.type)
 
 
-def _opened(path: Path, providers: list[Any]) -> onnxruntime.InferenceSession:
+def _open_session(path: Path, providers: list[Any]) -> onnxruntime.InferenceSession:
     """A session with the options of all of Passerby's networks."""
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = 1

@@ -85,7 +85,7 @@ def listen(info: VideoInfo) -> Onsets | str | None:
     begin: float | None = None
     heard = total = 0.0
     try:
-        for second, samples in _even(_decoded(info)):
+        for second, samples in _join_blocks(_decode_samples(info)):
             begin = second if begin is None else begin
             energies.append(_energies(samples))
             # The part that the next block begins with is not counted twice.
@@ -118,14 +118,14 @@ class _NoSoundError(Exception):
     """A file has no audio stream."""
 
 
-def _decoded(info: VideoInfo) -> Iterator[tuple[float, Singles]]:
+def _decode_samples(info: VideoInfo) -> Iterator[tuple[float, Singles]]:
     """Time from the first picture, and samples of one channel at `RATE`, in order."""
     parts = [(piece.path, piece.begin_s) for piece in info.pieces] or [(info.path, 0.0)]
     for path, begin in parts:
-        yield from _of_file(path, begin)
+        yield from _read_file(path, begin)
 
 
-def _of_file(path: Path, begin: float) -> Iterator[tuple[float, Singles]]:
+def _read_file(path: Path, begin: float) -> Iterator[tuple[float, Singles]]:
     with av.open(str(path)) as container:
         if not container.streams.audio:
             raise _NoSoundError
@@ -153,7 +153,7 @@ def _of_file(path: Path, begin: float) -> Iterator[tuple[float, Singles]]:
                     at += len(samples) / RATE
 
 
-def _even(parts: Iterator[tuple[float, Singles]]) -> Iterator[tuple[float, Singles]]:
+def _join_blocks(parts: Iterator[tuple[float, Singles]]) -> Iterator[tuple[float, Singles]]:
     """Blocks of samples without gaps, each ready for whole windows: the next begins with what the last one's windows left.
 
     Missing time is silence; what comes too early is left out. The second is that of the first sample of the block.
@@ -216,7 +216,7 @@ def offset_by_sound(a: Onsets, b: Onsets) -> SoundOffset | None:
     if not long.any():
         return None
     shift, overlap = shift[long], overlap[long]
-    value = _standardised(_correlation(a.values, b.values)[shift] / np.sqrt(overlap))
+    value = _standardise(_correlation(a.values, b.values)[shift] / np.sqrt(overlap))
     best = int(np.argmax(value))
     apart = np.abs(shift - shift[best]) > SAME_PEAK_S / HOP_S
     second = float(value[apart].max(initial=0.0))
@@ -234,17 +234,17 @@ def _correlation(a: Singles, b: Singles) -> Floats:
     length = next_fast_len(len(a) + len(b), real=True)
     crossed = np.zeros(length // 2 + 1, dtype=np.complex64)
     for band in range(a.shape[1]):
-        crossed += _whitened(rfft(a[:, band], length)).conj() * _whitened(rfft(b[:, band], length))
+        crossed += _whiten_spectrum(rfft(a[:, band], length)).conj() * _whiten_spectrum(rfft(b[:, band], length))
     return np.asarray(irfft(crossed, length), dtype=np.float64)
 
 
-def _whitened(transformed: NDArray[np.complex64]) -> NDArray[np.complex64]:
+def _whiten_spectrum(transformed: NDArray[np.complex64]) -> NDArray[np.complex64]:
     """A spectrum over what is usual about each of its frequencies: rhythms of steps and machines count no more than others."""
     usual = gaussian_filter1d(np.abs(transformed), max(1.0, len(transformed) / 200.0))
     return np.asarray(transformed / np.maximum(usual, 1e-6), dtype=np.complex64)
 
 
-def _standardised(value: Floats) -> Floats:
+def _standardise(value: Floats) -> Floats:
     """(N,) in standard deviations of the values at neighbouring lags."""
     blocks = np.array_split(np.arange(len(value)), max(1, len(value) // SPREAD_LAGS))
     centre = np.array([block.mean() for block in blocks])

@@ -1,8 +1,6 @@
-"""Whether a camera stays where it is, and does not zoom: seen from a picture every second or two.
+"""Whether a camera moves or zooms, by the motion of its background in one picture every second or two.
 
 Each picture is compared with a reference: the first one, in which what was hidden or has changed is filled in later.
-
-How the background of a picture lies against what the camera saw before.
 
 Small textured patches are followed from a reference to a picture, after local contrast is normalised so that lights do not
 matter. As long as enough patches are found where they were, the camera stands, even if many others are hidden by people.
@@ -234,13 +232,13 @@ class Reference:
         if len(usable) < STANDING_COUNT:
             return None
         points = self._points[usable]
-        near, agreeing = _near(self._view, view, points, rest)
-        other, others = (None, agreeing) if agreeing.mean() > 0.5 else _agreed(self._view, view, points, rest)
+        near, agreeing = _find_near_motion(self._view, view, points, rest)
+        other, others = (None, agreeing) if agreeing.mean() > 0.5 else _find_consensus(self._view, view, points, rest)
         if agreeing.sum() >= max(STANDING_COUNT, STANDING_PART * len(points), 0.5 * others.sum()):
             self._refresh(view, usable[agreeing], near)
             return Motion(near, points, float(agreeing.mean()))
-        if other is None and (guess := _far(self._view, view)) is not None:
-            other, others = _agreed(self._view, view, points, guess)
+        if other is None and (guess := _find_far_motion(self._view, view)) is not None:
+            other, others = _find_consensus(self._view, view, points, guess)
         return None if other is None else Motion(other, points, float(others.mean()))
 
     def mostly_stands_in(self, view: NDArray[np.uint8]) -> bool:
@@ -309,7 +307,7 @@ def _follow(
     return arrived.reshape(-1, 2).astype(np.float64), good
 
 
-def _agreed(
+def _find_consensus(
     reference: NDArray[np.uint8], view: NDArray[np.uint8], points: Floats, guess: Floats
 ) -> tuple[Floats | None, NDArray[np.bool_]]:
     """The similarity that most patches agree on, and (N,) which do; None and none where they are too few for a motion.
@@ -328,14 +326,14 @@ def _agreed(
     similarity = np.asarray(motion, dtype=np.float64)
     if not SCALES[0] < np.sqrt(np.linalg.det(similarity[:, :2])) < SCALES[1]:
         return None, nobody
-    if inliers.sum() < max(MOTION_COUNT, MOTION_PART * _inside(similarity, points, view)):
+    if inliers.sum() < max(MOTION_COUNT, MOTION_PART * _count_inside(similarity, points, view)):
         return None, nobody
     agreeing = nobody.copy()
     agreeing[np.flatnonzero(good)[inliers.ravel() == 1]] = True
     return similarity, agreeing
 
 
-def _near(
+def _find_near_motion(
     reference: NDArray[np.uint8], view: NDArray[np.uint8], points: Floats, rest: Floats
 ) -> tuple[Floats, NDArray[np.bool_]]:
     """The motion of a camera near its place, and (N,) which patches agree.
@@ -353,7 +351,7 @@ def _near(
     return motion, near & (np.linalg.norm(arrived - _apply(motion, points), axis=1) <= AGREEMENT_PX)
 
 
-def _far(reference: NDArray[np.uint8], view: NDArray[np.uint8]) -> Floats | None:
+def _find_far_motion(reference: NDArray[np.uint8], view: NDArray[np.uint8]) -> Floats | None:
     """A motion of any size, by landmarks that look alike (ORB; Rublee et al. 2011); None where there are too few."""
     finder = cv2.ORB.create(nfeatures=LANDMARKS, fastThreshold=10)
     before, words_before = finder.detectAndCompute(reference, None)
@@ -371,7 +369,7 @@ def _far(reference: NDArray[np.uint8], view: NDArray[np.uint8]) -> Floats | None
     return None if motion is None else np.asarray(motion, dtype=np.float64)
 
 
-def _inside(motion: Floats, points: Floats, view: NDArray[np.uint8]) -> int:
+def _count_inside(motion: Floats, points: Floats, view: NDArray[np.uint8]) -> int:
     """How many points a motion leaves in the picture."""
     moved = _apply(motion, points)
     return int(((moved >= 0) & (moved < view.shape[::-1])).all(axis=1).sum())

@@ -1,9 +1,7 @@
-"""Small people in large pictures: which parts of a picture a network looks at, and how what it finds there is merged.
+"""Small people in large pictures: the windows that a network looks at, as it takes them, and how results are merged.
 
 A network sees a picture shrunk to its input, and a person who is a few pixels tall there is missed. So the whole picture is
 looked at, and overlapping tiles of it, in which people are larger.
-
-Windows of a picture as a network takes them: fitted to its input, in its colours, layout and type.
 """
 
 from __future__ import annotations

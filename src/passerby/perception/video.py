@@ -64,7 +64,7 @@ class VideoReader:
         after = self.after if self.rate is None else 0
         reading = _Recording(self.info, self.threads, after, is_wanted) if self.info.pieces else None
         file = FileReading(self.info, is_wanted)
-        pictures = _one_file(self.info, file, self.threads) if reading is None else reading.pictures()
+        pictures = _read_one_file(self.info, file, self.threads) if reading is None else reading.pictures()
         last_tick, yielded = -1, 0
         for number, seconds, picture in pictures:
             tick = self._tick(number, seconds)
@@ -73,10 +73,10 @@ class VideoReader:
             last_tick = tick
             if number > self.after:
                 yielded += 1
-                yield Frame(number, seconds, self._shown(number, picture))
+                yield Frame(number, seconds, self._convert_frame(number, picture))
         self.decoded = file.summary(yielded) if reading is None else reading.summary(yielded)
 
-    def _shown(self, number: int, picture: Callable[[], Picture]) -> Picture:
+    def _convert_frame(self, number: int, picture: Callable[[], Picture]) -> Picture:
         """A picture. Raises `InputError` where a damaged header has it in a format of pixels that is none."""
         try:
             return picture()
@@ -111,7 +111,7 @@ Taken = tuple[int, float, Callable[[], Picture]]
 """Number and seconds of a picture, and what converts it when it is chosen."""
 
 
-def _one_file(info: VideoInfo, reading: FileReading, threads: int, skipped_s: float = 0.0) -> Iterator[Taken]:
+def _read_one_file(info: VideoInfo, reading: FileReading, threads: int, skipped_s: float = 0.0) -> Iterator[Taken]:
     """The pictures of one file; those of its first seconds may be left out."""
     reformatter = VideoReformatter()
     with open_video(info.path) as (container, stream):
@@ -141,7 +141,7 @@ class _Recording:
             over = piece.begin_s + piece.seconds + SHORTFALL_S
             if over < max(first, (self._after - 1) / self._info.clock_fps):
                 continue
-            for number, seconds, picture in self._of_piece(piece):
+            for number, seconds, picture in self._read_piece(piece):
                 if seconds > last:
                     break
                 if number <= self._last or seconds < first:
@@ -152,7 +152,7 @@ class _Recording:
         if self._pictures == 0:
             raise VideoError(self._info.path, f"none of its files can be decoded ({self._why}): copy them again")
 
-    def _of_piece(self, piece: Piece) -> Iterator[Taken]:
+    def _read_piece(self, piece: Piece) -> Iterator[Taken]:
         """The pictures of a piece, in the numbers and seconds of the recording."""
         clock = self._info.clock_fps
         before = round(piece.begin_s * clock)
@@ -167,7 +167,7 @@ class _Recording:
         try:
             ahead = max(self._info.used[0], (self._after - 1) / clock) - piece.begin_s
             skipped_s = ahead - SOUGHT_BEFORE_S if ahead > SOUGHT_FROM_S else 0.0
-            for number, seconds, make in _one_file(piece.info, reading, self._threads, skipped_s):
+            for number, seconds, make in _read_one_file(piece.info, reading, self._threads, skipped_s):
                 yield before + number, before / clock + seconds, make
         except VideoError as error:
             self._fail(piece, error.what)

@@ -1,10 +1,8 @@
-"""What a video's metadata say of the camera that recorded it: its make and model, and the focal length of its lens.
+"""What a video's metadata say: make and model of the camera, focal length, creation time and timecode.
 
 FFmpeg reads the metadata of the whole file. Phones write the focal length into the metadata of the video's track (QuickTime:
 `moov`, `trak`, `meta`, `keys` and `ilst`), which FFmpeg passes over; they are read here. Metadata may say anything: what is no
 focal length is taken as none.
-
-When a video file says that it was recorded: its creation time, and its timecode.
 
 Both are metadata. FFmpeg hands `creation_time` on from MP4 and MOV (`mvhd`, ISO 14496-12), Matroska (`DateUTC`) and others, and
 the timecode from a track of its own (QuickTime's `tmcd`) or from the video stream.
@@ -85,7 +83,7 @@ def _device(found: Mapping[str, str]) -> str | None:
 
     def stated(names: tuple[str, ...]) -> str:
         keys = (prefix + name for prefix in _PREFIXES for name in names)
-        return next((plain for key in keys if (plain := _plain(found.get(key, "")))), "")
+        return next((plain for key in keys if (plain := _clean_name(found.get(key, "")))), "")
 
     make, model, lens = stated(MAKE_KEYS), stated(MODEL_KEYS), stated(("camera.lens_model",))
     if not model:
@@ -95,7 +93,7 @@ def _device(found: Mapping[str, str]) -> str | None:
     return f"{words}, {lens.removeprefix(model).strip()}" if lens.removeprefix(model).strip() else words
 
 
-def _plain(text: str) -> str:
+def _clean_name(text: str) -> str:
     """A name on one line without anything that a terminal would act on."""
     return " ".join("".join(c if c.isprintable() else " " for c in text).split())[:_LONGEST_NAME]
 
@@ -201,10 +199,10 @@ def read_file_clock(container: InputContainer, fps: float | None) -> FileClock:
     stated: dict[str, str] = {}
     for metadata in (container.metadata, *(stream.metadata for stream in container.streams)):
         stated = {key.lower(): value for key, value in metadata.items()} | stated
-    return FileClock(_created(stated), _timecode(stated.get("timecode", ""), fps))
+    return FileClock(_read_creation_time(stated), _timecode(stated.get("timecode", ""), fps))
 
 
-def _created(stated: Mapping[str, str]) -> float | None:
+def _read_creation_time(stated: Mapping[str, str]) -> float | None:
     try:
         time = datetime.fromisoformat(stated.get("creation_time", "").strip())
     except ValueError:

@@ -47,8 +47,8 @@ class VideoObservations:
                 else f"{place}: people {lie} in its images after these are turned: under [cameras.{key(name)}] delete rotate"
             )
         found += [
-            f"{place}: the camera {_what(move)} {move['seconds']:.1f} s after the start, {_how_far(move)}, and stays "
-            f"{_needed(move)}: under [cameras.{key(name)}] set until_s = {math.floor(move['seconds'])} for "
+            f"{place}: the camera {_what(move)} {move['seconds']:.1f} s after the start, {_name_progress(move)}, and stays "
+            f"{_require(move)}: under [cameras.{key(name)}] set until_s = {math.floor(move['seconds'])} for "
             f"the part before, or from_s = {math.ceil(move['seconds']) + 1} for the part after, or delete [cameras.{key(name)}]"
             for move in self.summary["moves"]
             if move["until"] is None and from_s < move["seconds"] < until_s
@@ -82,11 +82,11 @@ def _what(move: Mapping[str, Any]) -> str:
     return "moves" if not _zooms(move) else "zooms in" if move["zoom"] > 1 else "zooms out"
 
 
-def _how_far(move: Mapping[str, Any]) -> str:
+def _name_progress(move: Mapping[str, Any]) -> str:
     if _zooms(move):
         return f"by a factor of {max(move['zoom'], 1 / move['zoom']):.2f}"
     return "by an unknown amount" if move["pixels"] is None else f"by {move['pixels']:.0f} pixels"
 
 
-def _needed(move: Mapping[str, Any]) -> str:
+def _require(move: Mapping[str, Any]) -> str:
     return "so: a fixed focal length is needed" if _zooms(move) else "there: static cameras are needed"

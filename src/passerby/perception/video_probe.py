@@ -187,7 +187,7 @@ def probe(path: str | Path) -> VideoInfo:
         timestamps, cut = _timestamps(container, stream)
         camera = read_recording_camera(path, container)
     with open_video(path) as (container, stream):
-        first = _first_picture(path, container, stream)
+        first = _decode_first_picture(path, container, stream)
         rate, variable = _rate(stream, timestamps)
         if not variable and (rate is None or rate <= 0):
             raise VideoError(path, f"the file does not state its frames per second: {_remedy(path)}")
@@ -294,7 +294,7 @@ def _remedy(path: Path) -> str:
     return REMEDY.format(name=path.name)
 
 
-def _first_picture(path: Path, container: InputContainer, stream: VideoStream) -> VideoFrame:
+def _decode_first_picture(path: Path, container: InputContainer, stream: VideoStream) -> VideoFrame:
     """The first picture that decodes."""
     reason = "no frame in it"
     try:

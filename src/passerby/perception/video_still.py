@@ -44,13 +44,13 @@ def still(info: VideoInfo, number: Ints, worth: Floats, most_pixels: float = MOS
     if not len(number):
         return None
     if info.pieces:
-        return _in_pieces(info, number, worth, most_pixels)
+        return _find_in_pieces(info, number, worth, most_pixels)
     best = int(number[np.argmax(worth)])
     if best > _numbers_of(info, most):
-        found = _by_key_frame(info, number, worth, best, most)
+        found = _find_by_key_frame(info, number, worth, best, most)
         if found is not None:
             return found
-    return _from_the_start(info, number, worth, most)
+    return _find_from_start(info, number, worth, most)
 
 
 def key_picture(path: Path, second: float) -> tuple[float, Picture] | None:
@@ -75,15 +75,15 @@ def key_picture(path: Path, second: float) -> tuple[float, Picture] | None:
                 container.seek(int((begin + second) / float(stream.time_base)), stream=stream, backward=True)
             except (FFmpegError, OverflowError):
                 container.seek(0)
-        frame = next(_decoded(container, stream), None)
+        frame = next(_decode_frames(container, stream), None)
         if frame is None:
             return None
         rotation = frame.rotation % 360 if frame.rotation % 90 == 0 else 0
-        picture = _upright(frame, rotation)
+        picture = _convert_frame(frame, rotation)
         return None if picture is None else ((_time(frame) or begin) - begin, picture)
 
 
-def _in_pieces(info: VideoInfo, number: Ints, worth: Floats, most_pixels: float) -> Frame | None:
+def _find_in_pieces(info: VideoInfo, number: Ints, worth: Floats, most_pixels: float) -> Frame | None:
     """The worthiest picture of a recording in pieces: of the piece that holds it, or of the next worthiest piece."""
     for wanted in number[np.argsort(-worth, kind="stable")][:TRIED_PIECES].tolist():
         held = [piece for piece in info.pieces if round(piece.begin_s * info.clock_fps) < wanted]
@@ -109,7 +109,7 @@ def _numbers_of(info: VideoInfo, pictures: int) -> float:
     return pictures * (info.clock_fps / info.average_fps if info.variable else 1.0)
 
 
-def _from_the_start(info: VideoInfo, number: Ints, worth: Floats, most: int) -> Frame | None:
+def _find_from_start(info: VideoInfo, number: Ints, worth: Floats, most: int) -> Frame | None:
     """The worthiest among the first pictures, decoded one after the other."""
     near = number <= _numbers_of(info, most)
     if not near.any():
@@ -119,11 +119,11 @@ def _from_the_start(info: VideoInfo, number: Ints, worth: Floats, most: int) -> 
     return frame if frame is not None and frame.number == wanted else None
 
 
-def _by_key_frame(info: VideoInfo, number: Ints, worth: Floats, best: int, most: int) -> Frame | None:
+def _find_by_key_frame(info: VideoInfo, number: Ints, worth: Floats, best: int, most: int) -> Frame | None:
     """The worthiest picture after the key frame before `best`; None where the file has no timestamps or cannot seek."""
     with open_video(info.path) as (container, stream):
         stream.codec_context.thread_count = 1
-        origin = next((_time(frame) for frame in _decoded(container, stream)), None)
+        origin = next((_time(frame) for frame in _decode_frames(container, stream)), None)
         if origin is None or stream.time_base is None:
             return None
         second = (best - 1) / info.clock_fps
@@ -132,7 +132,7 @@ def _by_key_frame(info: VideoInfo, number: Ints, worth: Floats, best: int, most:
         except (FFmpegError, OverflowError):
             return None
         wanted: int | None = None
-        for count, frame in enumerate(_decoded(container, stream)):
+        for count, frame in enumerate(_decode_frames(container, stream)):
             time = _time(frame)
             if time is None or count > most:
                 return None
@@ -146,12 +146,12 @@ def _by_key_frame(info: VideoInfo, number: Ints, worth: Floats, best: int, most:
             if here > wanted:
                 return None
             if here == wanted and not frame.is_corrupt:
-                picture = _upright(frame, info.rotation)
+                picture = _convert_frame(frame, info.rotation)
                 return None if picture is None else Frame(here, time - origin, picture)
     return None
 
 
-def _upright(frame: VideoFrame, rotation: int) -> Picture | None:
+def _convert_frame(frame: VideoFrame, rotation: int) -> Picture | None:
     """A picture, upright; None where a damaged header has it in a format of pixels that is none."""
     try:
         return upright(VideoReformatter(), frame, rotation)
@@ -159,7 +159,7 @@ def _upright(frame: VideoFrame, rotation: int) -> Picture | None:
         return None
 
 
-def _decoded(container: InputContainer, stream: VideoStream) -> Iterator[VideoFrame]:
+def _decode_frames(container: InputContainer, stream: VideoStream) -> Iterator[VideoFrame]:
     """Pictures from where the file stands, as long as it can be read; broken packets are left out."""
     try:
         for packet in container.demux(stream):

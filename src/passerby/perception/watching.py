@@ -188,7 +188,7 @@ class _Watch:
             return open_detector(self._job.plan.detector, self._job.plan)
         kept = _background(self._job, video)
         self._used.add(kept.folder)
-        with self._timed("background"):
+        with self._time_stage("background"):
             return open_background(kept, self._job.info, self._tell_learnt)
 
     def result(self) -> VideoObservations:
@@ -201,21 +201,21 @@ class _Watch:
         parts = self._parts(summary["pictures"])
         if parts is None:
             raise InputError(f"{self._job.shelf}: what was just written there cannot be read again: choose another folder")
-        return replace(self._finished(summary, parts), made_again=other)
+        return replace(self._finish(summary, parts), made_again=other)
 
     def kept(self) -> VideoObservations | None:
         """All of it, where it is kept."""
         summaries = [stage.kept.summary() for stage in self._stages]
         summary = summaries[0]
         parts = None if summary is None or None in summaries else self._parts(summary["pictures"])
-        return None if summary is None or parts is None else self._finished(summary, parts)
+        return None if summary is None or parts is None else self._finish(summary, parts)
 
-    def _finished(self, summary: dict[str, Any], parts: list[Arrays]) -> VideoObservations:
+    def _finish(self, summary: dict[str, Any], parts: list[Arrays]) -> VideoObservations:
         """What is not of this run is forgotten, and the rest gathered."""
         forget_others(self._job.shelf, self._used)
         done = max(self._learning + summary["pictures"], self._work)
         self._tell(done, done)
-        return self._gathered(summary, parts)
+        return self._gather(summary, parts)
 
     def _tell_learnt(self, pictures: int) -> None:
         """Tell how much is done while the empty scene is learnt."""
@@ -232,7 +232,7 @@ class _Watch:
         reader, watcher = VideoReader(job.info, job.rate), SteadinessWatcher(job.info.size)
         steady_every = max(1, round(STEADY_EVERY_S * job.rate))
         index = -1
-        with self._timed("watching"):
+        with self._time_stage("watching"):
             for index, frame in enumerate(reader):
                 place = index % SEGMENT
                 if place == 0:
@@ -240,14 +240,14 @@ class _Watch:
                 self._at_s = frame.seconds
                 self._look(index, place, frame)
                 if index % steady_every == 0:
-                    with self._timed("steadiness"):
+                    with self._time_stage("steadiness"):
                         watcher.look(frame)
                 self._tell_looked_at(index + 1)
         self._at_s = math.inf
         self._turn((index + SEGMENT) // SEGMENT)
         summary = _summary(index + 1, reader, watcher)
         if job.boxes is None and self._found < FEW * (index + 1):
-            with self._timed("detection"):
+            with self._time_stage("detection"):
                 turn = turn_that_shows_people(job.info, self._detector)
             # Without a network it may be that vehicles lie on their side, and people cannot be seen to stand on their heads.
             found = "rotate" if job.plan.detector is not None else "wide_shapes_rotate"
@@ -271,7 +271,7 @@ class _Watch:
     def _look(self, index: int, place: int, frame: Frame) -> None:
         """All stages of one picture, but those that are kept."""
         if self._people.part is None:
-            with self._timed("detection"):
+            with self._time_stage("detection"):
                 people = self._detector(frame)
             # Boxes of a file are as cameras project to them, or as another detector has them: they stay as they are.
             ltwh = people.ltwh if isinstance(self._detector, GivenBoxes) else people.centred
@@ -283,18 +283,18 @@ class _Watch:
             ltwh, score = self._people.part["ltwh"][rows], self._people.part["score"][rows]
         self._found += len(ltwh)
         if self._looks is not None and self._embedder is not None and self._looks.part is None:
-            with self._timed("embedding"):
+            with self._time_stage("embedding"):
                 wanted = len(ltwh) > 0 and index % self._looks_every == 0
                 vectors = self._embedder(frame.picture, ltwh) if wanted else no_embeddings(len(ltwh), self._embedder.dimensions)
             self._looks.rows.append({"vectors": vectors})
         if self._joints is not None and self._estimator is not None:
             # Chosen also where the result is kept: the choice depends on all images before.
-            chosen = self._chosen(frame, ltwh, score)
+            chosen = self._choose_people(frame, ltwh, score)
             if self._joints.part is None:
-                with self._timed("keypoints"):
+                with self._time_stage("keypoints"):
                     self._joints.rows.append(_joints_of(self._estimator, frame.picture, ltwh, chosen))
 
-    def _chosen(self, frame: Frame, ltwh: Floats, score: Floats) -> Ints:
+    def _choose_people(self, frame: Frame, ltwh: Floats, score: Floats) -> Ints:
         """The people of a picture whose joints are to be found."""
         if self._budget is None:
             return np.arange(len(ltwh))
@@ -312,7 +312,7 @@ class _Watch:
             gathered.append({name: np.concatenate([part[name] for part in parts]) for name in parts[0]})
         return gathered
 
-    def _gathered(self, summary: dict[str, Any], parts: list[Arrays]) -> VideoObservations:
+    def _gather(self, summary: dict[str, Any], parts: list[Arrays]) -> VideoObservations:
         """The people of the whole video."""
         kept = iter(parts)
         people = next(kept)
@@ -331,7 +331,7 @@ class _Watch:
         return VideoObservations(boxes, seen, summary["pictures"], summary, self.seconds)
 
     @contextmanager
-    def _timed(self, stage: str) -> Iterator[None]:
+    def _time_stage(self, stage: str) -> Iterator[None]:
         """Count the time of a stage."""
         began = time.perf_counter()
         yield

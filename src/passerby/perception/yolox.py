@@ -1,7 +1,5 @@
 """People found by a YOLOX network (Ge et al., "YOLOX: Exceeding YOLO Series in 2021").
 
-What the rows of a YOLOX network mean: one row for each cell of grids of several strides.
-
 Ge et al., "YOLOX: Exceeding YOLO Series in 2021". A row holds the box, the objectness and the class scores. Some exports hold
 the box in pixels of the input, others as the network gives it: its centre in cells from its own cell's corner, and the
 logarithms of width and height in cells.
@@ -108,7 +106,7 @@ class YoloxDetector:
         parts = [self._sound(whole, fitting, picture)]
         tiles = tile_windows((height, width), self._size, self._options.tiles)
         if tiles and self._options.tiles == "auto":
-            tiles = hinted(tiles, self._small_people(whole, fitting))
+            tiles = hinted(tiles, self._locate_small_people(whole, fitting))
         parts += [self._sound(*self._look(picture, tile), picture) for tile in tiles]
         ltrb = np.concatenate([boxes for boxes, _ in parts])
         score = np.concatenate([scores for _, scores in parts])
@@ -122,7 +120,7 @@ class YoloxDetector:
         values, fitting = fit_window(picture, window, self._size, self._network.input, self._kind)
         return self._session.run(None, {self._input: values})[0][0], fitting
 
-    def _small_people(self, rows: Values, fitting: Fitting) -> Floats:
+    def _locate_small_people(self, rows: Values, fitting: Fitting) -> Floats:
         """(N, 2) where there may be people who are too small for the whole picture, pixels of the picture."""
         boxes, _ = people(rows, self._cells, self._decoded, HINT)
         ltrb = fitting.to_picture(boxes[boxes[:, 3] - boxes[:, 1] < SEEN_HEIGHT])
@@ -143,14 +141,14 @@ class YoloxDetector:
         ports = inputs_of(self._session)
         wanted = "a YOLOX network takes one input [1, 3, height, width] of float, float16 or uint8, multiples of 32"
         if len(ports) != 1:
-            raise self._unfit(f"takes {len(ports)} inputs", wanted)
+            raise self._describe_misfit(f"takes {len(ports)} inputs", wanted)
         port = ports[0]
         side = self._options.size
         if len(port.shape) != 4 or port.shape[0] not in (1, None) or port.shape[1] not in (3, None):
-            raise self._unfit(f"takes {port}", wanted)
+            raise self._describe_misfit(f"takes {port}", wanted)
         height, width = port.shape[2] or side, port.shape[3] or side
         if port.kind not in KINDS or height % STRIDES[2] or width % STRIDES[2]:
-            raise self._unfit(f"takes {port}", wanted)
+            raise self._describe_misfit(f"takes {port}", wanted)
         return port.name, (height, width), np.dtype(KINDS[port.kind])
 
     def _read_output(self) -> tuple[Cells, bool]:
@@ -160,22 +158,22 @@ class YoloxDetector:
         try:
             given = np.asarray(self._session.run(None, {self._input: values})[0])
         except runtime_errors() as error:
-            raise self._unfit(f"fails on an input of {list(values.shape)}", "a YOLOX network takes that") from error
+            raise self._describe_misfit(f"fails on an input of {list(values.shape)}", "a YOLOX network takes that") from error
         port = outputs_of(self._session)[0]
         expected = len(cells_of(self._size, STRIDES[:3]))
         wanted = f"a YOLOX network gives [1, {expected}, 5 + classes] for an input of {self._size[0]} by {self._size[1]}"
         if given.ndim != 3 or given.shape[0] != 1 or given.shape[2] < 6:
-            raise self._unfit(f"gives {port.name} {list(given.shape)}", wanted)
+            raise self._describe_misfit(f"gives {port.name} {list(given.shape)}", wanted)
         cells = matching_cells(self._size, given.shape[1])
         if cells is None:
-            raise self._unfit(f"gives {port.name} {list(given.shape)}", wanted)
+            raise self._describe_misfit(f"gives {port.name} {list(given.shape)}", wanted)
         rows = given[0]
         if not (np.isfinite(rows).all() and (rows[:, 4:] >= 0).all() and (rows[:, 4:] <= 1.001).all()):
-            raise self._unfit("gives scores that are not within 0 to 1", "export it with the sigmoids of its heads")
+            raise self._describe_misfit("gives scores that are not within 0 to 1", "export it with the sigmoids of its heads")
         decoded = self._options.decoded
         return cells, is_decoded(rows, cells) if decoded is None else decoded
 
-    def _unfit(self, found: str, wanted: str) -> InputError:
+    def _describe_misfit(self, found: str, wanted: str) -> InputError:
         """What is wrong with the network's shape."""
         return InputError(f"{self._network.path}: the network {found}: {wanted}; give another file or another kind of output")
 

@@ -152,7 +152,7 @@ def record(
         make_folder(folder / stream.camera)
     recorders = [_Recorder(stream, folder / stream.camera, options, until, stop) for stream in streams]
     ended: Ended = "time"
-    with _at_work(recorders, stop):
+    with _run_recorders(recorders, stop):
         ended = _supervised(recorders, folder, options, tell, stop)
     for recorder in recorders:
         if recorder.failure is not None:
@@ -164,7 +164,7 @@ def record(
 
 
 @contextmanager
-def _at_work(recorders: list[_Recorder], stop: threading.Event) -> Iterator[None]:
+def _run_recorders(recorders: list[_Recorder], stop: threading.Event) -> Iterator[None]:
     """Recorders in threads of their own, which have ended when the block has.
 
     After an error no thread is waited for that has no connection yet: a host that does not answer would delay the message.
@@ -290,14 +290,14 @@ class _Recorder:
     def _connection(self) -> None:
         """Record until the connection breaks or the end comes."""
         self.clock = WallClock()
-        with _opened(self.stream, self.options.timeout_s) as container:
+        with _open_stream(self.stream, self.options.timeout_s) as container:
             self.opened = True
             if self.stop.is_set():
                 return
             if not container.streams.video:
                 raise ValueError("has no pictures, only sound")
             streams: list[VideoStream | AudioStream] = [container.streams.video[0], *container.streams.audio[:1]]
-            writer = PieceWriter(self.folder, streams, self.options.piece_s, self.clock.settled, self._ended)
+            writer = PieceWriter(self.folder, streams, self.options.piece_s, self.clock.settled, self._end_connection)
             try:
                 self._packets(container, streams, writer)
             finally:
@@ -315,7 +315,7 @@ class _Recorder:
             if self.over:
                 return
 
-    def _ended(self, piece: Piece) -> None:
+    def _end_connection(self, piece: Piece) -> None:
         self.pieces.append(piece)
         self.size_bytes += piece.size_bytes
         settled = self.clock.settled()
@@ -338,7 +338,7 @@ PROTOCOLS = "rtsp,rtsps,rtp,srtp,udp,tcp,tls,http,https,httpproxy,crypto"
 """That a stream may lead to: never files of this computer."""
 
 
-def _opened(stream: Stream, timeout_s: float) -> InputContainer:
+def _open_stream(stream: Stream, timeout_s: float) -> InputContainer:
     """The connection to a stream."""
     if DEVICE.fullmatch(stream.address):
         return av.open(stream.address, format="v4l2", options={"input_format": "mjpeg"}, timeout=timeout_s)

@@ -1,8 +1,6 @@
-"""Packets of one connection written into pieces, each of which begins with a key frame and appears as a whole or not at all.
+"""Packets of one connection written into pieces that are whole, and the wall time of packets.
 
 Pieces are Matroska files, which hold every codec of network cameras as it comes. Their names are their wall times, in UTC.
-
-Wall time of a stream's packets: by the sender where it tells it, by their arrival otherwise.
 """
 
 from __future__ import annotations
@@ -144,7 +142,7 @@ class PieceWriter:
             with self._part.open("rb") as file:
                 os.fsync(file.fileno())
             begin = wall.at(self._begin_s)
-            path = self._named(begin)
+            path = self._name_piece(begin)
             self._part.rename(path)
             sync_folder(self._folder)
             size = path.stat().st_size
@@ -152,7 +150,7 @@ class PieceWriter:
             raise cannot_write(self._part, OSError(error.errno, error.strerror or "no reason given")) from None
         self._ended(Piece(path, begin, max(self._end_s - self._begin_s, 0.0), self._packets, size))
 
-    def _named(self, begin_s: float) -> Path:
+    def _name_piece(self, begin_s: float) -> Path:
         """Date, time and thousandths in UTC, which the Z says; later by a thousandth where there is one already."""
         thousandths = round(begin_s * 1000)
         while True:

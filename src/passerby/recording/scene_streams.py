@@ -1,8 +1,6 @@
-"""Streams as the videos of a scene: which cameras have one, where it is recorded, and the scene of what was recorded.
+"""Streams as the videos of a scene: where they are recorded, and the scene file of what was recorded.
 
 The scene that is calibrated names folders of the recording, never an address.
-
-The scene file of a recording: what `passerby calibrate` reads afterwards.
 """
 
 from __future__ import annotations
@@ -15,9 +13,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from passerby.common.addresses import ADDRESS, plain_without_credentials
 from passerby.common.errors import InputError
 from passerby.common.progress import Progress, silent
+from passerby.common.text import ADDRESS, plain_without_credentials
 from passerby.findings.finding import Finding, notice
 from passerby.interchange.storage.atomic import write_text
 from passerby.interchange.storage.safe_parsing import NotParsed, parse_toml, read_text
@@ -114,7 +112,7 @@ def recorded_scene(streamed: StreamedScene, folder: Path) -> Scene:
 
     Raises `InputError` where a camera was not recorded; one that could not be reached is left out if the scene allows that.
     """
-    known = _recorded_cameras(folder)
+    known = _find_recorded_cameras(folder)
     names = [stream.camera for stream in streamed.streams]
     missing = [name for name in names if name not in known]
     if missing:
@@ -161,7 +159,7 @@ def write_recording(found: Recording, folder: Path) -> None:
     write_text(folder / RECORDING_FILE, to_json(found.to_dict()))
 
 
-def _recorded_cameras(folder: Path) -> dict[str, bool]:
+def _find_recorded_cameras(folder: Path) -> dict[str, bool]:
     """By camera, whether anything of it was recorded. Raises `InputError` for a file that is not of a recording."""
     path = folder / RECORDING_FILE
     try:

@@ -12,9 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from passerby.common.addresses import ADDRESS, without_credentials
 from passerby.common.errors import InputError
-from passerby.common.text import nearest, shortened
+from passerby.common.text import ADDRESS, nearest, shortened, without_credentials
 from passerby.interchange.storage.safe_parsing import read_text, read_toml
 from passerby.scene.scene import CAMERA_NAME
 

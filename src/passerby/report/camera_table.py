@@ -111,17 +111,17 @@ def weak_cameras(contents: Contents) -> dict[str, frozenset[str]]:
 
 def camera_rows(contents: Contents, seen: Seen, weak: Mapping[str, frozenset[str]]) -> tuple[list[Column], list[list[Cell]]]:
     """The columns that have anything to tell, and a row for each camera of the rig."""
-    keys = [index for index, column in enumerate(COLUMNS) if _told(contents, column.title)]
+    keys = [index for index, column in enumerate(COLUMNS) if _has_values(contents, column.title)]
     residuals, entries, rows = residuals_px(contents), contents.cameras, []
     doubts = reported_doubts(contents.document)
     for place, camera in enumerate(contents.rig):
-        name = join(swatch(place), element("span", camera.name, class_="name"), _why(doubts, camera))
+        name = join(swatch(place), element("span", camera.name, class_="name"), _explain_missing_pose(doubts, camera))
         cells = _row(seen, name, camera, weak, residuals[camera.name], entries[camera.name])
         rows.append([cells[index] for index in keys])
     return [COLUMNS[index] for index in keys], rows
 
 
-def _told(contents: Contents, column: str) -> bool:
+def _has_values(contents: Contents, column: str) -> bool:
     """Whether a column has anything to tell: boxes, joints and clocks are not always there."""
     entries = contents.cameras.values()
     if column == "Keypoints":
@@ -150,9 +150,9 @@ def _row(
         number(x, 3),
         number(y, 3),
         number(z, 3),
-        number(_first(entry.heading_deg, heading)),
-        number(_first(entry.tilt_deg, tilt)),
-        number(_first(entry.roll_deg, roll)),
+        number(_find_value(entry.heading_deg, heading)),
+        number(_find_value(entry.tilt_deg, tilt)),
+        number(_find_value(entry.roll_deg, roll)),
         number(entry.points_sigma_mm, 0),
         number(entry.ground_sigma_mm, 0),
         number(entry.position_sigma_mm, 0, kind="stands-out" if name in weak["Position std"] else ""),
@@ -165,7 +165,7 @@ def _row(
     ]
 
 
-def _first(written: float | None, otherwise: float | None) -> float | None:
+def _find_value(written: float | None, otherwise: float | None) -> float | None:
     """What is written, or else what the pose makes it, for folders that an older Passerby wrote."""
     return otherwise if written is None else written
 
@@ -184,7 +184,7 @@ def swatch(place: int) -> Html:
     return element("span", class_="swatch", style=f"background:{camera_colour(place)}", aria_hidden="true")
 
 
-def _why(doubts: Sequence[Reported], camera: Camera) -> Html | None:
+def _explain_missing_pose(doubts: Sequence[Reported], camera: Camera) -> Html | None:
     """Why a camera has no pose; nothing for one that has."""
     if camera.pose is not None:
         return None
@@ -205,7 +205,7 @@ def lens_section(contents: Contents) -> Section | None:
     numbers = [(name, one) for name, parts in lenses.items() for one in lens_parameters(parts)]
     each = data_table("lens-priors-table", "Parameters of the lenses", DETAILS, [_detail(name, one) for name, one in numbers])
     folded = element("details", element("summary", "Each parameter, its prior, and what determined it"), each)
-    notes = [element("p", sentence, class_="note") for sentence in _in_words(lenses)]
+    notes = [element("p", sentence, class_="note") for sentence in _describe_weak_cameras(lenses)]
     return Section("lenses", "Lenses", LENS_LEAD, join(table, notes, folded, terms))
 
 
@@ -271,10 +271,10 @@ def _share(percent: float | None) -> Cell:
     return Cell(join(element("span", bar, class_="pull-box"), figure(percent, 0)), percent, "pull-cell", numeric=True)
 
 
-def _in_words(lenses: dict[str, LensFigures]) -> list[str]:
+def _describe_weak_cameras(lenses: dict[str, LensFigures]) -> list[str]:
     """What is weakly determined, and which cameras have one lens."""
     out, numbers = [], {name: lens_parameters(parts) for name, parts in lenses.items()}
-    poor = [name for name, all_of in numbers.items() if any(_poor(one) for one in all_of)]
+    poor = [name for name, all_of in numbers.items() if any(_is_weak_focal(one) for one in all_of)]
     if poor:
         out.append(
             f"Bold: the focal length of {listed(poor)} is uncertain by more than {100 * KNOWN_FOCAL:.0f} %. State the field "
@@ -290,6 +290,6 @@ def _in_words(lenses: dict[str, LensFigures]) -> list[str]:
     return out
 
 
-def _poor(one: LensParameter) -> bool:
+def _is_weak_focal(one: LensParameter) -> bool:
     """Whether it is a focal length that is known too little."""
     return one.name == "focal length" and one.sigma > KNOWN_FOCAL * one.estimate

@@ -62,7 +62,7 @@ def contents_from(out: Path) -> Contents:
     document = read_report(out)
     rig = read_rig(out / RIG_FILE)
     clocks = _clocks(document.entries, rig)
-    seen = {name: CameraObservations(*_seen(out / TRACKS_FOLDER, name)) for name in rig.names}
+    seen = {name: CameraObservations(*_read_observations(out / TRACKS_FOLDER, name)) for name in rig.names}
     return upright_contents(document, rig, Observations(seen, document.scene.scene.fps, clocks), clocks, _videos(document, rig))
 
 
@@ -74,7 +74,7 @@ def upright_contents(
     return Contents(document, turn_rig(rig, turns), turn_observations(seen, rig, turns), clocks, videos)
 
 
-def _seen(folder: Path, name: str) -> tuple[Boxes, Keypoints]:
+def _read_observations(folder: Path, name: str) -> tuple[Boxes, Keypoints]:
     """A camera's boxes and joints; none where there is no file of them."""
     if not is_file_name(name):
         return Boxes.empty(), Keypoints.empty()

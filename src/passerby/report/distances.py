@@ -191,7 +191,13 @@ def weak_points(contents: Contents, seen: Seen) -> list[Point]:
     """
     if len(contents.rig.posed()) < 2:
         return []
-    found = [*_scale(contents), *_vertical(contents), *_uncertain(contents), *_residual(contents), *_lonely(contents, seen)]
+    found = [
+        *_scale(contents),
+        *_vertical(contents),
+        *_find_uncertain_camera(contents),
+        *_residual(contents),
+        *_lonely(contents, seen),
+    ]
     known = {about for doubt in reported_doubts(contents.document) for about in (*doubt.cameras, *doubt.subjects)}
     return [Point(one.problem, one.remedy) for one in found if one.about not in known]
 
@@ -246,13 +252,13 @@ def _scale(contents: Contents) -> list[_Weak]:
         f"The scale is known to {100 * sigma:.1f} % only",
         "state it in the scene file: a table [[scale.distances]], as shown below the distances.",
     )
-    if _by_people_alone(contents):
+    if _uses_heights_only(contents):
         remedy = f"Measure one distance with a tape, preferably {which}, and {state}"
         return [_Weak(f"{told}: it depends on the assumed height of people.", remedy, "scale")]
     return [_Weak(f"{told}.", f"Measure another long distance between two cameras, such as {which}, and {state}", "scale")]
 
 
-def _by_people_alone(contents: Contents) -> bool:
+def _uses_heights_only(contents: Contents) -> bool:
     """Whether people's heights alone determined the scale."""
     return all(cue.kind in ("population", "segments") for cue in contents.figures.scale.cues if cue.share > 0)
 
@@ -266,7 +272,7 @@ def _vertical(contents: Contents) -> list[_Weak]:
     return [_Weak(what, "Record people walking about, seen from head to feet.", "vertical")]
 
 
-def _uncertain(contents: Contents) -> list[_Weak]:
+def _find_uncertain_camera(contents: Contents) -> list[_Weak]:
     """The least certain camera, where one stands out."""
     sigmas = own_sigmas_mm(contents)
     worst = outstanding(sigmas)

@@ -1,11 +1,7 @@
-"""Where people were at a sample of instants, by the rig and the identities, and how what was seen differs from that.
+"""Where people were at a sample of time steps, by the rig and the identities, and how the observations differ from that.
 
 The sample is bounded, evenly spread and the same for the same calibration. People are fitted anew at each instant, with the
 cameras held: as upright bodies where there are boxes, by their joints where there are only those.
-
-Joints that two cameras or more saw, in space and as they project again.
-
-The model of people and boxes as `calibration.json` tells of it.
 """
 
 from __future__ import annotations
@@ -168,10 +164,18 @@ def fit_sample(contents: Contents, sample: Sample | None) -> Fitted:
     camera, body, seen = boxes.camera[rows], body[rows], boxes.ltwh[rows]
     ltwh, top, foot = predict_boxes(rig, camera, bodies, body, seen[:, 2], model)
     sightings = FittedBoxes(
-        camera, body, boxes.identity[rows], boxes.step[rows], seen, ltwh, top, foot, agrees[rows] & ~_cut(rig, camera, seen)
+        camera,
+        body,
+        boxes.identity[rows],
+        boxes.step[rows],
+        seen,
+        ltwh,
+        top,
+        foot,
+        agrees[rows] & ~_find_cut_boxes(rig, camera, seen),
     )
     joints = joints_of(rig, sample.seen) if sample is not None else _no_joints()
-    return Fitted(rig, model, sample, bodies, sightings, joints, _ways(sample, bodies, joints))
+    return Fitted(rig, model, sample, bodies, sightings, joints, _fit_trajectories(sample, bodies, joints))
 
 
 def _boxes(sample: Sample | None) -> Sightings:
@@ -188,7 +192,7 @@ def _boxes(sample: Sample | None) -> Sightings:
     return Sightings(camera, frame, identity, ltwh=np.concatenate(ltwh))
 
 
-def _cut(rig: Rig, camera: Ints, ltwh: Floats) -> Bools:
+def _find_cut_boxes(rig: Rig, camera: Ints, ltwh: Floats) -> Bools:
     """(M,) whether the picture's border cuts boxes off."""
     size = np.array([one.lens.size for one in rig], dtype=np.float64).reshape(-1, 2)[camera]
     return ~inside_picture(ltwh, size)
@@ -200,12 +204,12 @@ def _no_joints() -> Joints:
     return Joints(nothing, nothing, nothing, nothing, none, none, np.zeros(0, bool), nothing, np.zeros((0, 3)))
 
 
-def _ways(sample: Sample | None, bodies: UprightBodies, joints: Joints) -> FittedTrajectories:
+def _fit_trajectories(sample: Sample | None, bodies: UprightBodies, joints: Joints) -> FittedTrajectories:
     """Everybody's way, smoothed; by joints for people and instants that have no sure body."""
     sure = (bodies.cameras > 0) & (bodies.sigma_m < SURE_M)
     by_box = np.column_stack([bodies.identity, bodies.frame])[sure]
     key, middle = _joint_places(joints)
-    more = ~_in(key, by_box)
+    more = ~_find_rows(key, by_box)
     key = np.concatenate([by_box, key[more]])
     xy = np.concatenate([bodies.xy[sure], middle[more]])
     sd = np.concatenate([bodies.sigma_m[sure], np.full(np.count_nonzero(more), LEAST_SD_M)])
@@ -235,7 +239,7 @@ def _joint_places(joints: Joints) -> tuple[Ints, Floats]:
     return key[enough], (total / np.maximum(count, 1)[:, None])[enough]
 
 
-def _in(rows: Ints, others: Ints) -> Bools:
+def _find_rows(rows: Ints, others: Ints) -> Bools:
     """(N,) whether rows (N, 2) stand among others (M, 2)."""
     number = group_numbers(*np.concatenate([others, rows]).T)
     return np.asarray(np.isin(number[len(others) :], number[: len(others)]))
@@ -298,25 +302,25 @@ def body_model(figures: AdjustedFigures, person_height_m: float | None) -> BodyM
     """
     usually = Noise()
     noise = figures.noise
-    slack = {one.name: _believed(one.slack, 0.0, -SLACK_RANGE, SLACK_RANGE) for one in figures.cameras}
+    slack = {one.name: _choose_value(one.slack, 0.0, -SLACK_RANGE, SLACK_RANGE) for one in figures.cameras}
     heights = {int(who): height for who, height in heights_of(figures).items() if who.isdecimal() and 0.3 <= height <= 3.0}
-    assumed = _believed(person_height_m, PERSON_HEIGHT_M, 0.5, 2.5)
+    assumed = _choose_value(person_height_m, PERSON_HEIGHT_M, 0.5, 2.5)
     usual = float(np.mean(list(heights.values()))) if heights else assumed
     return BodyModel(
         Noise(
-            floor_px=_believed(noise.box_px, usually.box_px, 0.01, 100.0),
-            centre=_believed(noise.centre, usually.centre, 1e-3, 1.0),
-            height=_believed(noise.height, usually.height, 1e-3, 1.0),
+            floor_px=_choose_value(noise.box_px, usually.box_px, 0.01, 100.0),
+            centre=_choose_value(noise.centre, usually.centre, 1e-3, 1.0),
+            height=_choose_value(noise.height, usually.height, 1e-3, 1.0),
         )
         if noise is not None
         else Noise(floor_px=usually.box_px),
-        _believed(figures.foot_shift, Priors().foot_shift, -0.5, 0.5),
+        _choose_value(figures.foot_shift, Priors().foot_shift, -0.5, 0.5),
         slack,
         heights,
         usual,
     )
 
 
-def _believed(value: float | None, otherwise: float, low: float, high: float) -> float:
+def _choose_value(value: float | None, otherwise: float, low: float, high: float) -> float:
     """A number within a range, or else the usual one."""
     return otherwise if value is None or not low <= value <= high else value

@@ -45,7 +45,7 @@ def headline_section(contents: Contents, seen: Seen) -> Section:
             "div",
             element("h1", element("span", "Calibration ", class_="unseen"), WORDS[verdict], id="verdict"),
             element("p", MEANINGS[verdict], class_="meaning"),
-            element("p", _usable(contents), class_="meaning") if verdict == "doubtful" else None,
+            element("p", _describe_usability(contents), class_="meaning") if verdict == "doubtful" else None,
         ),
         class_="banner",
     )
@@ -60,7 +60,7 @@ def headline_section(contents: Contents, seen: Seen) -> Section:
     return Section("summary", "", "", element("div", parts, class_=f"summary verdict-{verdict}"), "Verdict")
 
 
-def _usable(contents: Contents) -> str:
+def _describe_usability(contents: Contents) -> str:
     """What a doubtful rig is still good for."""
     doubts = [one.finding for one in reported_doubts(contents.document) if one.finding is not None]
     return good_for(doubts, contents.rig.posed().names, contents.figures.measuring)
@@ -92,7 +92,7 @@ def _figures(contents: Contents, spells: Spells) -> Html:
         ("scale uncertainty (1 sigma)", scale_told if scale is None else f"± {100 * scale:.1f} %"),
         ("worst camera position uncertainty", UNKNOWN if free else MISSING if worst is None else f"± {_length(worst)}"),
         ("up direction uncertainty (1 sigma)", vertical_told if vertical is None else f"± {vertical:.1f}°"),
-        ("median error on people held out", _held_out(figures.held_out)),
+        ("median error on people held out", _describe_held_out(figures.held_out)),
         (_people_label(contents, used is not None), str(people) if people else MISSING),
         ("recording length", lasted if len(spells) else MISSING),
     ]
@@ -112,7 +112,7 @@ def _measuring(measuring: MeasuringFigures | None) -> list[tuple[str, str]]:
     return [("points by several cameras (1 sigma)", points), ("positions on the ground by one camera (1 sigma)", ground)]
 
 
-def _held_out(held_out: HeldOutFigures | None) -> str:
+def _describe_held_out(held_out: HeldOutFigures | None) -> str:
     """How far off each camera sees people who were not fitted."""
     if held_out is None or held_out.held_out.median_px is None:
         return MISSING

@@ -1,8 +1,4 @@
-"""The people in a camera's picture: as they were seen, and as the calibration has them.
-
-The ground and the other cameras as a camera's picture should show them.
-
-The horizon and plumb lines as a camera's picture should show them: whether lens and pose are right, by the eye.
+"""Layers over a camera's picture: people as observed and as modelled, the ground, other cameras, the horizon, plumb lines.
 
 A vertical edge of a building lies along the plumb line of its heading, near or far, so no place on the ground is needed. A
 wrong lens bends or tilts these lines against door posts and people; a wrong pose tilts the horizon.
@@ -53,7 +49,7 @@ def boxes_layer(sheet: Sheet, contents: Contents, now: Fitted) -> Html:
     seen = contents.observations.cameras.get(sheet.camera.name)
     if seen is None:
         return Html("")
-    missed = _misses(sheet, now)
+    missed = _describe_misses(sheet, now)
     parts = []
     for row in np.flatnonzero(seen.boxes.frame == sheet.backdrop.frame).tolist():
         identity, (x, y, w, h) = int(seen.boxes.identity[row]), seen.boxes.ltwh[row].tolist()
@@ -75,7 +71,7 @@ def boxes_layer(sheet: Sheet, contents: Contents, now: Fitted) -> Html:
     return join(*parts)
 
 
-def _misses(sheet: Sheet, now: Fitted) -> dict[int, str]:
+def _describe_misses(sheet: Sheet, now: Fitted) -> dict[int, str]:
     """By person, how far the box that was seen is off the model's, in words."""
     s, place, told = now.sightings, now.place(sheet.camera.name), {}
     known = (s.camera == place) & np.isfinite(s.centre_px).all(axis=1)
@@ -102,7 +98,7 @@ def model_layer(sheet: Sheet, now: Fitted) -> Html:
     every = np.flatnonzero(count > alone)
     boxes, top, foot = predict_boxes(now.rig, np.full(len(every), place), now.bodies, every, np.zeros(len(every)), now.model)
     row_of = dict(zip(s.body[own].tolist(), own.tolist(), strict=True))
-    shown = np.isfinite(boxes).all(axis=1) & _in_view(sheet.camera, now, every)
+    shown = np.isfinite(boxes).all(axis=1) & _find_visible_bodies(sheet.camera, now, every)
     parts = []
     for k in np.flatnonzero(shown).tolist():
         row = row_of.get(int(every[k]))
@@ -121,7 +117,7 @@ def model_layer(sheet: Sheet, now: Fitted) -> Html:
     return join(*parts)
 
 
-def _in_view(camera: Camera, now: Fitted, bodies: Ints) -> NDArray[np.bool_]:
+def _find_visible_bodies(camera: Camera, now: Fitted, bodies: Ints) -> NDArray[np.bool_]:
     """(K,) whether the middles of bodies are in the picture."""
     middle = np.column_stack([now.bodies.xy[bodies], now.bodies.top[bodies] / 2])
     return View(camera).points(middle)[1]
@@ -264,7 +260,7 @@ def reference_layer(sheet: Sheet) -> Html:
         parts.append(_name(sheet, "horizon", end, colour))
     if lines:
         # Of the line that reaches highest, the one farthest to the right where several leave through the upper border.
-        tops = [_highest(stretches) for stretches in lines]
+        tops = [_find_highest_pixel(stretches) for stretches in lines]
         parts.append(_name(sheet, "vertical", min(tops, key=lambda xy: (round(xy[1]), -xy[0])), colour))
     return join(*parts)
 
@@ -280,7 +276,7 @@ def plumb_lines(view: View) -> list[list[Floats]]:
     return [] if fitting is None else view.verticals(fitting)
 
 
-def _highest(stretches: list[Floats]) -> Floats:
+def _find_highest_pixel(stretches: list[Floats]) -> Floats:
     """(2,) the pixel of a line that is highest in the picture."""
     points = np.concatenate(stretches)
     return np.asarray(points[np.argmin(points[:, 1])])

@@ -39,7 +39,7 @@ def rig_html(rig: Rig) -> str:
     verdict = None if rig.verdict is None else _pill(rig.verdict)
     posed = len(rig.posed())
     head = _head(element("b", "Rig"), verdict, f"{posed} of {_count(len(rig), 'camera')} with a pose")
-    return _card(head, _beside(_camera_table(rig), rig_svg(rig)))
+    return _card(head, _place_side_by_side(_camera_table(rig), rig_svg(rig)))
 
 
 def output_folder_html(folder: OutputFolder) -> str:
@@ -81,12 +81,13 @@ def result_html(title: str, rig: Rig, outcome: Outcome, cameras: Sequence[Camera
         f"{len(rig.posed())} of {_count(outcome.all_cameras, 'camera')} registered",
     )  # fmt: skip
     return _card(
-        head, _list("", outcome.reasons), _beside(_camera_table(rig, _seen_columns(cameras, clocked)), rig_svg(rig)),
+        head, _list("", outcome.reasons),
+        _place_side_by_side(_camera_table(rig, _list_columns(cameras, clocked)), rig_svg(rig)),
         _notes(outcome.findings),
     )  # fmt: skip
 
 
-def _seen_columns(cameras: Sequence[CameraEntry], clocked: bool) -> list[tuple[str, list[str]]]:
+def _list_columns(cameras: Sequence[CameraEntry], clocked: bool) -> list[tuple[str, list[str]]]:
     """Columns of what the cameras saw, from their entries in `calibration.json`."""
     columns = [
         ("residual px", [_number(one.median_residual_px, 1) for one in cameras]),
@@ -123,7 +124,7 @@ def rig_svg(rig: Rig) -> Html | None:
     sigmas = sigma_ellipses(rig, extent)
     shapes = [
         _grid(low, high, unit, at),
-        *(_seen(at(outline), camera_colour(place)) for (place, _), outline in zip(posed, wedges, strict=True)),
+        *(_draw_seen_ground(at(outline), camera_colour(place)) for (place, _), outline in zip(posed, wedges, strict=True)),
         *(_sigma(at(outline)) for outline in sigmas.outlines),
         *(_mark(place, camera, at, float(size[0])) for place, camera in posed),
     ]
@@ -138,7 +139,7 @@ def rig_svg(rig: Rig) -> Html | None:
 
 def _grid(low: Floats, high: Floats, unit: float, at: Callable[[Floats], Floats]) -> list[Html]:
     """Lines of the ground, a bar that tells how long their distance is, and the origin where it is within."""
-    spacing = _round_length(float((high - low).max()) / 6)
+    spacing = _choose_round_length(float((high - low).max()) / 6)
     lines = []
     for axis in range(2):
         for value in np.arange(np.ceil(low[axis] / spacing), np.floor(high[axis] / spacing) + 1) * spacing:
@@ -159,7 +160,7 @@ def _axes(length: float, at: Callable[[Floats], Floats]) -> list[Html]:
     return [part for x, y, colour, name in ends for part in (_line(x0, y0, x, y, colour, 2.0), _text(name, x + 3, y - 3, 11))]
 
 
-def _round_length(metres: float) -> float:
+def _choose_round_length(metres: float) -> float:
     """1, 2 or 5 times a power of ten, about as long."""
     power = 10.0 ** np.floor(np.log10(metres))
     return float(power * min((1.0, 2.0, 5.0, 10.0), key=lambda factor: abs(np.log(factor * power / metres))))
@@ -181,7 +182,7 @@ def _path(points: Floats) -> str:
     return " ".join(f"{x:.1f},{y:.1f}" for x, y in points)
 
 
-def _seen(outline: Floats, colour: str) -> Html:
+def _draw_seen_ground(outline: Floats, colour: str) -> Html:
     """The ground that a camera sees nearby, pixels (N, 2)."""
     return element("polygon", points=_path(outline), fill=colour, fill_opacity=0.15, stroke=colour, stroke_opacity=0.7)
 
@@ -261,7 +262,7 @@ def _list(title: str, lines: Sequence[str]) -> Html | None:
     return element("div", heading, element("ul", points, style="margin:2px 0 6px;padding-left:20px"))
 
 
-def _beside(*parts: Child) -> Html:
+def _place_side_by_side(*parts: Child) -> Html:
     """Parts beside each other, or below where there is no room."""
     return element("div", parts, style="display:flex;flex-wrap:wrap;gap:16px;align-items:flex-start")
 

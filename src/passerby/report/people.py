@@ -1,7 +1,4 @@
-"""Heights of the people, and what tells how long a metre is.
-
-Timeline of observations, and when: bars, or how many at once where there are too many bars to tell apart.
-"""
+"""Sections about people: their heights, what determines the scale, and the timeline of observations."""
 
 from __future__ import annotations
 
@@ -55,12 +52,12 @@ def heights_section(contents: Contents, parts: Parts | None = None) -> Section:
     label = (
         f"Heights of {count(len(heights), 'person', 'people')}, {min(heights.values()):.2f} to {max(heights.values()):.2f} m"
     )
-    drawn = plot("heights-plot", _figure(heights, mean, sd, _stated(contents)), label, parts=parts)
-    body = join(drawn, _in_words(heights, mean, sd))
+    drawn = plot("heights-plot", _figure(heights, mean, sd, _read_stated_heights(contents)), label, parts=parts)
+    body = join(drawn, _describe_heights(heights, mean, sd))
     return Section("heights", "Heights of the people", lead, body, "Heights")
 
 
-def _stated(contents: Contents) -> dict[str, tuple[float, float]]:
+def _read_stated_heights(contents: Contents) -> dict[str, tuple[float, float]]:
     """Height and standard deviation of the people whom the scene file tells of."""
     return {str(cue.identity): (cue.stated_m, cue.sd_m) for cue in contents.figures.scale.cues if cue.kind == "person"}
 
@@ -132,7 +129,7 @@ def _range(heights: list[float], mean: float | None, sd: float | None) -> list[f
     return [min(known) - 0.05, max(known) + 0.05]
 
 
-def _in_words(heights: Mapping[str, float], mean: float | None, sd: float | None) -> Html:
+def _describe_heights(heights: Mapping[str, float], mean: float | None, sd: float | None) -> Html:
     """Mean and spread, and how many are outside two standard deviations."""
     values = np.array(list(heights.values()))
     spread = f", standard deviation {values.std(ddof=1):.2f} m" if len(values) > 1 else ""
@@ -224,7 +221,9 @@ def timeline_section(contents: Contents, spells: Spells, parts: Parts | None = N
     lead += " A camera whose marks never overlap in time with those of another camera shares no observations with it."
     label = f"Timeline of {count(len(kept.people), 'person', 'people')} in {count(len(contents.rig), 'camera')}"
     figure = _draw_figure(contents, kept, rows)
-    body = join(_chooser(kept.people.tolist()), plot("timeline-plot", figure, label, parts=parts), _merged_note(spells, kept))
+    body = join(
+        _chooser(kept.people.tolist()), plot("timeline-plot", figure, label, parts=parts), _note_merged_gaps(spells, kept)
+    )
     return Section("timeline", TITLE, lead, body, "Timeline")
 
 
@@ -234,7 +233,7 @@ def _chooser(people: Sequence[int]) -> Html:
     return element("p", element("label", "Show ", element("select", options, id="timeline-person")), class_="tools")
 
 
-def _merged_note(spells: Spells, kept: Spells) -> Html | None:
+def _note_merged_gaps(spells: Spells, kept: Spells) -> Html | None:
     """That short breaks were closed, where they were."""
     if len(kept) == len(spells):
         return None
@@ -279,7 +278,7 @@ def _draw_figure(contents: Contents, spells: Spells, rows: _Rows) -> dict[str, A
     begin, end = spells.span
     minutes = spells.in_seconds and end - begin > MINUTES_FROM_S
     factor, unit = (60.0, "min") if minutes else (1.0, "s" if spells.in_seconds else "frames")
-    names = [plot_text(_short(name)) for name in contents.rig.names]
+    names = [plot_text(_shorten(name)) for name in contents.rig.names]
     bars = {
         "type": "bar",
         "orientation": "h",
@@ -316,7 +315,7 @@ def _draw_figure(contents: Contents, spells: Spells, rows: _Rows) -> dict[str, A
     return {"data": data, "layout": layout}
 
 
-def _short(name: str) -> str:
+def _shorten(name: str) -> str:
     return name if len(name) <= 16 else name[:15] + "…"
 
 

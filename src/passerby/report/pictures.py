@@ -2,8 +2,6 @@
 
 Layers: the ground's grid, the horizon and plumb lines, other cameras, the model's boxes, the boxes that were seen, joints.
 Coordinates within the inner group are those of the camera's pixels, whose origin is the middle of the first one.
-
-The rig in space and from above, and what each camera sees with the rig drawn in.
 """
 
 from __future__ import annotations

@@ -108,7 +108,7 @@ def residual_map(contents: Contents, fit: Fitted, name: str) -> str:
     residuals = residuals_of(fit, name)
     cells = residual_cells(residuals, size)
     strip = STRIP * size[0]
-    scale = _above(float(np.quantile(cells.rms[cells.count >= FEWEST], 0.9))) if (cells.count >= FEWEST).any() else 1.0
+    scale = _round_up(float(np.quantile(cells.rms[cells.count >= FEWEST], 0.9))) if (cells.count >= FEWEST).any() else 1.0
     factor = _magnification(cells)
     body = [
         element("rect", width=size[0], height=size[1], fill="currentColor", fill_opacity=0.04, stroke="currentColor",
@@ -119,12 +119,12 @@ def residual_map(contents: Contents, fit: Fitted, name: str) -> str:
     ]  # fmt: skip
     return element(
         "svg", body, viewBox=f"0 0 {size[0]} {short(size[1] + strip)}", class_="residual-map", role="img",
-        xmlns="http://www.w3.org/2000/svg", font_family="sans-serif", aria_label=_spoken(name, residuals, cells),
+        xmlns="http://www.w3.org/2000/svg", font_family="sans-serif", aria_label=_describe_map(name, residuals, cells),
         data_magnification=factor,
     )  # fmt: skip
 
 
-def _spoken(name: str, residuals: Residuals, cells: Cells) -> str:
+def _describe_map(name: str, residuals: Residuals, cells: Cells) -> str:
     """The map in a sentence."""
     if not len(residuals.miss):
         return f"Camera {clip_text(name)}: no residuals, because no two cameras agree on a person"
@@ -191,7 +191,7 @@ def _legend(residuals: Residuals, cells: Cells, size: tuple[int, int], scale: fl
     base = size[1] + 0.62 * STRIP * size[0]
     if not len(residuals.miss):
         return _words("no residuals: no two cameras agree on a person", letters * 0.5, base, letters)
-    bar = _nice(0.9 * cells.size[0] / factor)
+    bar = _round_down(0.9 * cells.size[0] / factor)
     left = 0.5 * letters
     d = f"M{short(left)} {short(base - 0.35 * letters)}h{short(bar * factor)}"
     ends = (short(left), short(left + bar * factor))
@@ -227,11 +227,11 @@ def _lengths(cells: Cells) -> Floats:
     return np.asarray(np.linalg.norm(cells.mean, axis=2))
 
 
-def _above(value: float) -> float:
+def _round_up(value: float) -> float:
     """The smallest round number of pixels that is not below `value`."""
     return float(min((step for step in STEPS_PX if step >= value), default=STEPS_PX[-1]))
 
 
-def _nice(value: float) -> float:
+def _round_down(value: float) -> float:
     """The largest round number of pixels that is not above `value`."""
     return float(max((step for step in STEPS_PX if step <= value * 1.0001), default=STEPS_PX[0]))

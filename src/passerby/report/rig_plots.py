@@ -1,10 +1,6 @@
 """The rig in space and from above, as plotly figures in plain values: {"data": [...], "layout": {...}}.
 
 They name no colours of text, grid and background: the page sets these for light and dark.
-
-The rig from above, as a plotly figure in plain values.
-
-The rig in space, as a plotly figure in plain values.
 """
 
 from __future__ import annotations
@@ -173,7 +169,7 @@ def rig_in_space(contents: Contents, fit: Fitted) -> Figure:
     `layout.meta.views` lists views: {label, camera: {eye, center, up}}, for `scene.camera`.
     """
     stage = stage_of(contents.rig, fit.ways.xy)
-    data = [_ground(stage), *_axes(stage), *_ways(fit), *draw_cameras_in_space(contents.rig, stage)]
+    data = [_ground(stage), *_axes(stage), *_draw_trajectories(fit), *draw_cameras_in_space(contents.rig, stage)]
     size = stage.high - stage.low
     unit = SCENE_SIZE / float(size.max())
     views = _views(contents, stage, unit)
@@ -207,11 +203,11 @@ def _ground(stage: Stage) -> Trace:
     low, high = np.append(stage.low[:2], 0.0), np.append(stage.high[:2], 0.0)
     lines = [np.clip(np.stack([a, b]), low, high) for a, b in zip(begin, end, strict=True)]
     # A line that lies outside what is drawn would be moved onto its border.
-    inside = [line for line, a, b in zip(lines, begin, end, strict=True) if _on_itself(line, a, b)]
+    inside = [line for line, a, b in zip(lines, begin, end, strict=True) if _lies_on_source(line, a, b)]
     return _lines(joined(inside), name=f"ground, {stage.spacing:g} m", line={"color": FAINT, "width": 1.5})
 
 
-def _on_itself(line: Floats, begin: Floats, end: Floats) -> bool:
+def _lies_on_source(line: Floats, begin: Floats, end: Floats) -> bool:
     """Whether a cut-off line (2, 3) lies on the line that it was cut from."""
     constant = begin == end
     return bool(np.array_equal(line[0][constant], begin[constant]))
@@ -233,7 +229,7 @@ def _axes(stage: Stage) -> list[Trace]:
     return out
 
 
-def _ways(fit: Fitted) -> list[Trace]:
+def _draw_trajectories(fit: Fitted) -> list[Trace]:
     """The ways over the ground, one trace a colour."""
     ways, by_colour = fit.ways, dict[str, list[NDArray[np.int64]]]()
     for rows in thinned_parts(ways, MOST_PLACES):

@@ -82,7 +82,7 @@ def sample_observations(contents: Contents, most: int = MOST_SIGHTINGS) -> Sampl
     if not len(instants):
         return None
     weight = np.bincount(number.ravel(), np.concatenate(weights)).astype(np.float64)
-    chosen = _thinned(instants, weight, grid.fps, most)
+    chosen = _thin_rows(instants, weight, grid.fps, most)
     return sample_at(contents, grid, instants[chosen])
 
 
@@ -98,8 +98,10 @@ def sample_at(contents: Contents, grid: Clock, frames: Ints) -> Sample | None:
         # A sample between two instants is interpolated from neighbours within this reach; one frame more for rounding.
         apart = sampling_distance(np.concatenate([own.boxes.frame, own.keypoints.frame]))
         reach = (max(MAX_GAP_SAMPLES * apart, MAX_GAP_S * clock.fps) + 1) * grid.fps / clock.fps + 1
-        boxes, joints = (_near(rows.frame, rows.identity, clock, grid, frames, reach) for rows in (own.boxes, own.keypoints))
-        seen[name] = CameraObservations(_taken(own.boxes, boxes), own.keypoints.take(joints))
+        boxes, joints = (
+            _find_near_rows(rows.frame, rows.identity, clock, grid, frames, reach) for rows in (own.boxes, own.keypoints)
+        )
+        seen[name] = CameraObservations(_drop_embeddings(own.boxes, boxes), own.keypoints.take(joints))
     sizes = {camera.name: camera.lens.size for camera in rig}
     at_grid = resample_to_common_steps(Observations(seen), clocks, sizes=sizes, grid=grid)
     kept = {
@@ -113,7 +115,7 @@ def sample_at(contents: Contents, grid: Clock, frames: Ints) -> Sample | None:
     return Sample(rig, Observations(kept), grid, timed, step)
 
 
-def _thinned(frames: Ints, weight: Floats, fps: float, most: int) -> Ints:
+def _thin_rows(frames: Ints, weight: Floats, fps: float, most: int) -> Ints:
     """Rows of ascending frames (N,) that together weigh about `most` or less."""
     rows = np.arange(len(frames))
     if weight.sum() <= most:
@@ -127,7 +129,7 @@ def _thinned(frames: Ints, weight: Floats, fps: float, most: int) -> Ints:
     return np.concatenate([part[: max(1, int(len(part) * most / total))] for part in parts])
 
 
-def _near(frame: Ints, identity: Ints, clock: Clock, grid: Clock, wanted: Ints, reach: float) -> Ints:
+def _find_near_rows(frame: Ints, identity: Ints, clock: Clock, grid: Clock, wanted: Ints, reach: float) -> Ints:
     """Rows with an identity, `reach` frames of the grid or less from a wanted one; the first of each identity in a frame."""
     ends = clock.frames(grid.seconds(np.array([wanted[0] - reach, wanted[-1] + reach])))
     rows = np.flatnonzero((frame >= ends[0]) & (frame <= ends[1]) & (identity != UNKNOWN))
@@ -138,6 +140,6 @@ def _near(frame: Ints, identity: Ints, clock: Clock, grid: Clock, wanted: Ints, 
     return rows[once_in_frame(frame[rows], identity[rows])]
 
 
-def _taken(boxes: Boxes, rows: Ints) -> Boxes:
+def _drop_embeddings(boxes: Boxes, rows: Ints) -> Boxes:
     """Boxes without embeddings."""
     return Boxes(boxes.frame[rows], boxes.identity[rows], boxes.ltwh[rows], boxes.score[rows])

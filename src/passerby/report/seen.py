@@ -1,7 +1,4 @@
-"""Who was seen where and when, from the tracks: what the timeline and the counts are made of.
-
-Reports of many cameras: when what one camera needs lies in files beside the page, and which cameras are neighbours.
-"""
+"""Who was seen where and when, from the tracks: the source of the timeline, the counts, and the zones of a large site."""
 
 from __future__ import annotations
 
@@ -79,7 +76,7 @@ def seen_in(contents: Contents) -> Seen:
     timed = bool(contents.clocks) or contents.observations.fps is not None
     parts = [_stretches(place, look) for place, look in enumerate(appearance.values()) if len(look.who)]
     people = {name: len(np.unique(look.who)) for name, look in appearance.items()}
-    return Seen(_sorted(np.concatenate(parts) if parts else np.zeros((0, 4)), timed), people, _all_shared(appearance))
+    return Seen(_sort_spells(np.concatenate(parts) if parts else np.zeros((0, 4)), timed), people, _share_by_pair(appearance))
 
 
 def merge_spells(spells: Spells, most: int) -> Spells:
@@ -96,7 +93,7 @@ def merge_spells(spells: Spells, most: int) -> Spells:
     first = np.flatnonzero(~closed)
     ends = np.maximum.reduceat(end, first)
     table = np.column_stack([camera[first], identity[first], begin[first], ends])
-    return _sorted(table, spells.in_seconds)
+    return _sort_spells(table, spells.in_seconds)
 
 
 def lanes_of(begin: Floats, end: Floats) -> Ints:
@@ -148,7 +145,7 @@ def _stretches(place: int, look: _Looks) -> Floats:
     return np.asarray(np.column_stack(columns), dtype=np.float64)
 
 
-def _all_shared(appearance: Mapping[str, _Looks]) -> dict[tuple[str, str], Shared]:
+def _share_by_pair(appearance: Mapping[str, _Looks]) -> dict[tuple[str, str], Shared]:
     """What two cameras have in common, for those that saw a person in common: of a site's cameras few did."""
     everybody = (
         np.unique(np.concatenate([look.who for look in appearance.values()])) if appearance else np.zeros(0, dtype=np.int64)
@@ -159,14 +156,14 @@ def _all_shared(appearance: Mapping[str, _Looks]) -> dict[tuple[str, str], Share
     pitch = 3.0 * (max((float(time.max()) for time in times), default=0.0) - begin) + 10.0
     axis = {name: np.searchsorted(everybody, look.who) * pitch + look.time - begin for name, look in appearance.items()}
     names, found = list(appearance), {}
-    for one, other in _with_common_people([np.searchsorted(everybody, look.who) for look in appearance.values()]):
+    for one, other in _find_pairs([np.searchsorted(everybody, look.who) for look in appearance.values()]):
         first, second = names[one], names[other]
         step = max(appearance[first].step, appearance[second].step)
-        found[first, second] = _shared(axis[first], axis[second], step, appearance[first].who)
+        found[first, second] = _measure_shared(axis[first], axis[second], step, appearance[first].who)
     return found
 
 
-def _with_common_people(who: Sequence[Ints]) -> list[tuple[int, int]]:
+def _find_pairs(who: Sequence[Ints]) -> list[tuple[int, int]]:
     """Pairs of cameras that saw a person in common, by the first, then the second; of each camera, rows of people (N,)."""
     people = [np.unique(rows) for rows in who]
     if not people:
@@ -178,7 +175,7 @@ def _with_common_people(who: Sequence[Ints]) -> list[tuple[int, int]]:
     return sorted((a, b) for a, b in zip(one.tolist(), other.tolist(), strict=True) if a < b)
 
 
-def _shared(first: Floats, second: Floats, step: float, who: Ints) -> Shared:
+def _measure_shared(first: Floats, second: Floats, step: float, who: Ints) -> Shared:
     """What two cameras have in common, by sorted places on the axis of everybody's time; `who` are those of the first."""
     if not len(first) or not len(second):
         return Shared(0, 0)
@@ -188,7 +185,7 @@ def _shared(first: Floats, second: Floats, step: float, who: Ints) -> Shared:
     return Shared(len(np.unique(who[both])), int(np.count_nonzero(both)))
 
 
-def _sorted(table: Floats, in_seconds: bool) -> Spells:
+def _sort_spells(table: Floats, in_seconds: bool) -> Spells:
     """Stretches from a table, by camera, then by beginning."""
     table = table[np.lexsort((table[:, 1], table[:, 2], table[:, 0]))]
     return Spells(table[:, 0].astype(np.int64), table[:, 1].astype(np.int64), table[:, 2], table[:, 3], in_seconds)
@@ -205,7 +202,7 @@ def zones_of(contents: Contents) -> dict[str, int]:
     Where the scene states groups of cameras ([sites] groups), a camera's zone is the first group that has it. Otherwise the
     map is halved across its longer side until no part has more than `ZONE_CAMERAS`; cameras without a pose have no zone then.
     """
-    stated = _stated_groups(contents)
+    stated = _read_groups(contents)
     if stated:
         found: dict[str, int] = {}
         for number, group in enumerate(stated, start=1):
@@ -213,7 +210,7 @@ def zones_of(contents: Contents) -> dict[str, int]:
                 found.setdefault(name, number)
         return {name: found[name] for name in contents.rig.names if name in found}
     posed = contents.rig.posed()
-    parts = _halved(np.array([camera.centre[:2] for camera in posed]).reshape(-1, 2), np.arange(len(posed)))
+    parts = _split_into_zones(np.array([camera.centre[:2] for camera in posed]).reshape(-1, 2), np.arange(len(posed)))
     zone = {posed.names[row]: number for number, rows in enumerate(parts, start=1) for row in rows.tolist()}
     return {name: zone[name] for name in contents.rig.names if name in zone}
 
@@ -236,17 +233,17 @@ def neighbours_of(rig: Rig, seen: Seen) -> Mapping[str, list[str]]:
     }
 
 
-def _stated_groups(contents: Contents) -> Sequence[Sequence[str]]:
+def _read_groups(contents: Contents) -> Sequence[Sequence[str]]:
     """Groups of cameras that the scene file states; none where it states none."""
     sites = contents.document.scene.sites
     return (sites.groups if sites is not None else None) or ()
 
 
-def _halved(places: Floats, rows: Ints) -> list[Ints]:
+def _split_into_zones(places: Floats, rows: Ints) -> list[Ints]:
     """Rows of places (N, 2) in parts of at most `ZONE_CAMERAS`, neighbours together."""
     if len(rows) <= ZONE_CAMERAS:
         return [rows] if len(rows) else []
     own = places[rows]
     axis = int(np.argmax(own.max(axis=0) - own.min(axis=0)))
     order = rows[np.argsort(own[:, axis], kind="stable")]
-    return [*_halved(places, order[: len(order) // 2]), *_halved(places, order[len(order) // 2 :])]
+    return [*_split_into_zones(places, order[: len(order) // 2]), *_split_into_zones(places, order[len(order) // 2 :])]

@@ -1,8 +1,6 @@
-"""A sheet of paper over a camera's picture: lines and letters that can be read on a photograph and on a blank page.
+"""The sheet that a camera's layers are drawn on: lines and text over a picture of its video, or over blank paper.
 
 Coordinates are those of the camera's pixels, whose origin is the middle of the first one.
-
-What lies behind a camera's drawing: the picture of its video in which most people are seen, or nothing, with the reason.
 """
 
 from __future__ import annotations
@@ -132,7 +130,7 @@ def offset_words(offset: Floats) -> str:
 def backdrop(contents: Contents, name: str) -> Backdrop:
     """The picture that a camera's people are drawn on. A video that is missing or broken is reported, not raised."""
     camera = contents.rig[name]
-    frames, worth = _worth(contents, camera)
+    frames, worth = _count_people(contents, camera)
     best = int(frames[np.argmax(worth)])
     blank = Backdrop(best, None, camera.lens.size, "no video of this camera")
     source = contents.videos.get(name)
@@ -167,7 +165,7 @@ def data_uri(picture: Picture) -> str:
         width = max(1, width * 2 // 3)
 
 
-def _worth(contents: Contents, camera: Camera) -> tuple[Ints, Floats]:
+def _count_people(contents: Contents, camera: Camera) -> tuple[Ints, Floats]:
     """Frames in which the camera saw a person, and how many whole people it did; the first frame if there is none.
 
     A person whose box the border cuts off counts a tenth.

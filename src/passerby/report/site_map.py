@@ -86,7 +86,7 @@ def site_map(
     """
     rig, stage = contents.rig, stage_of(contents.rig, fit.ways.xy)
     ellipses = sigma_ellipses(rig, min(stage.extent, ELLIPSE_SPACINGS * _spacing(contents)))
-    by_zone = _by_zone(contents, zones)
+    by_zone = _group_by_zone(contents, zones)
     ground, cameras = draw_site(contents, zones, stage)
     data = [
         *draw_crowd(fit, stage, CELLS),
@@ -94,7 +94,7 @@ def site_map(
         *_links(contents, links),
         *draw_ellipses(ellipses),
         *cameras,
-        *_marks(contents, marked),
+        *_mark_problems(contents, marked),
         {"type": "scatter", "mode": "text", "x": [], "y": [], "text": [], "hoverinfo": "skip", "showlegend": False},
     ]  # fmt: skip
     posed = posed_cameras(rig)
@@ -117,7 +117,7 @@ def site_map(
 
 def draw_site(contents: Contents, zones: Mapping[str, int], stage: Stage) -> tuple[list[Trace], list[Trace]]:
     """Of each zone, the ground that its cameras see nearby, and the cameras."""
-    by_zone, reach = _by_zone(contents, zones), min(WEDGE_SHARE * stage.reach, REACH_M)
+    by_zone, reach = _group_by_zone(contents, zones), min(WEDGE_SHARE * stage.reach, REACH_M)
     return [_views(zone, some, reach) for zone, some in by_zone.items()], _cameras(by_zone, 0.3 * reach)
 
 
@@ -126,7 +126,7 @@ def site_in_space(contents: Contents, fit: Fitted, zones: Mapping[str, int]) -> 
     stage = stage_of(contents.rig, fit.ways.xy)
     size = stage.high - stage.low
     depth = min(0.16 * stage.reach, SPREAD_M)
-    data = [_frusta(zone, some, depth) for zone, some in _by_zone(contents, zones).items()]
+    data = [_frusta(zone, some, depth) for zone, some in _group_by_zone(contents, zones).items()]
     unit = 1.6 / float(size.max())
     ratio = {name: round(max(float(size[k]) * unit, 0.05), 4) for k, name in enumerate("xyz")}
     axes = {
@@ -153,7 +153,7 @@ Placed = list[tuple[int, Camera]]
 """Cameras with their places in the rig."""
 
 
-def _by_zone(contents: Contents, zones: Mapping[str, int]) -> dict[int, Placed]:
+def _group_by_zone(contents: Contents, zones: Mapping[str, int]) -> dict[int, Placed]:
     """The cameras with poses by zone, ascending."""
     found: dict[int, Placed] = {}
     for place, camera in posed_cameras(contents.rig):
@@ -190,7 +190,7 @@ def _cameras(by_zone: Mapping[int, Placed], stroke: float) -> list[Trace]:
     out = []
     for zone, cameras in by_zone.items():
         common = {"legendgroup": _title(zone), "name": _title(zone)}
-        ahead = [_ahead(camera, stroke) for _, camera in cameras]
+        ahead = [_find_heading(camera, stroke) for _, camera in cameras]
         x, y = joined(ahead, 2)
         out.append({
             "type": "scatter", "mode": "lines", "x": x, "y": y, "line": {"color": _colour(zone), "width": 2},
@@ -205,7 +205,7 @@ def _cameras(by_zone: Mapping[int, Placed], stroke: float) -> list[Trace]:
     return out
 
 
-def _ahead(camera: Camera, length: float) -> Floats:
+def _find_heading(camera: Camera, length: float) -> Floats:
     """(2, 2) from a camera to where it looks."""
     assert camera.pose is not None
     towards = camera.pose.R_cw[2, :2]
@@ -231,7 +231,7 @@ def _links(contents: Contents, links: Sequence[Link]) -> list[Trace]:
     return out
 
 
-def _marks(contents: Contents, marked: Mapping[str, str]) -> list[Trace]:
+def _mark_problems(contents: Contents, marked: Mapping[str, str]) -> list[Trace]:
     """Rings around cameras with something wrong."""
     some = [(camera, marked[camera.name]) for _, camera in posed_cameras(contents.rig) if camera.name in marked]
     if not some:

@@ -1,7 +1,4 @@
-"""The camera that is looked at: its picture and what belongs to it, of each camera in a file of its own.
-
-The list of a site's cameras: what is wrong with each, its zone, and its figures, to be searched and sorted.
-"""
+"""The cameras of a site: their list, to be searched and sorted, and the view of one camera, each in a file of its own."""
 
 from __future__ import annotations
 
@@ -62,7 +59,7 @@ def site_views_section(
         more = [_problems(problems.get(name, ())), _pairs(contents, by_camera[name])]
         if camera.pose is not None and len(posed) > 1:
             nearest = distances_table("camera-distances", distances_from(camera, posed, solved), copy=False)
-            more.append(_folded("Distances to the nearest cameras", nearest))
+            more.append(_fold_list("Distances to the nearest cameras", nearest))
         panel = camera_panel(contents, fit, seen, place, name, behind, near[name], join(*more))
         parts.add(part_name(place), {"html": panel})
     body = join(_chooser(contents), layer_switches(contents), element("div", id="camera-view", tabindex="-1"))
@@ -103,10 +100,10 @@ def _pairs(contents: Contents, links: Sequence[Link]) -> Html | None:
         return None
     ordered = sorted(links, key=lambda link: (not link.used, -link.shared.sightings))[:MOST_PARTNERS]
     title = "Pairs with other cameras" + (f": {len(ordered)} of {len(links)}" if len(ordered) < len(links) else "")
-    return _folded(title, pairs_table("camera-pairs", contents, ordered, copy=False))
+    return _fold_list(title, pairs_table("camera-pairs", contents, ordered, copy=False))
 
 
-def _folded(title: str, content: Html) -> Html:
+def _fold_list(title: str, content: Html) -> Html:
     return element("details", element("summary", title), content)
 
 
@@ -123,13 +120,15 @@ def site_camera_section(contents: Contents, seen: Seen, zones: Mapping[str, int]
         state = state_of(camera.pose is not None, name, told, weak) if name not in groups else STATES[-1]
         head = text(element("a", name, href=f"#camera={place}", class_="name"), name)
         words = " ".join(doubt.point.problem for doubt in told.get(name, ())) or ("" if camera.pose is not None else NO_POSE)
-        problem = _elsewhere(groups[name]) if name in groups else _problem(words)
+        problem = _link_other_group(groups[name]) if name in groups else _problem(words)
         zone = zones.get(name)
         ranked.append((STATES.index(state), place, [head, _zone(zone), _state(state), problem, *(row[one] for one in order)]))
     for name, group in groups.items():
         if name not in contents.rig.names:
             empty = [Cell(MISSING, None, numeric=True)] * len(order)
-            ranked.append((len(STATES), len(ranked), [text(name), _zone(None), _state(STATES[-1]), _elsewhere(group), *empty]))
+            ranked.append(
+                (len(STATES), len(ranked), [text(name), _zone(None), _state(STATES[-1]), _link_other_group(group), *empty])
+            )
     ranked.sort(key=lambda one: one[:2])
     heads = [columns[0], ZONE, STATE, PROBLEM, *(columns[one] for one in order)]
     table = data_table("cameras-table", "Cameras", heads, [cells for *_, cells in ranked])
@@ -170,6 +169,6 @@ def _problem(words: str) -> Cell:
     return text(element("small", shortened_text(words, LONGEST), class_="why") if words else "", words)
 
 
-def _elsewhere(group: GroupEntry) -> Cell:
+def _link_other_group(group: GroupEntry) -> Cell:
     """Where a camera of a further group is reported."""
     return text(element("a", f"see group {group.group}", href=f"{group.folder}/{REPORT_FILE}"), f"group {group.group}")

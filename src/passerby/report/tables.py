@@ -1,7 +1,4 @@
-"""Tables that scroll in their own box, can be sorted, and can be copied as CSV.
-
-Figures as text.
-"""
+"""Tables that scroll in their own box, can be sorted, and can be copied as CSV; figures as text."""
 
 from __future__ import annotations
 
@@ -123,12 +120,12 @@ def _cells(row: Sequence[Cell], columns: Sequence[Column]) -> list[Html]:
     for index, (cell, column) in enumerate(zip(row, columns, strict=True)):
         value = cell.value if cell.value is not None or cell.numeric else str(cell.shown)
         classes = " ".join(filter(None, ("number" if column.numeric else "", cell.kind)))
-        attributes = {"class_": classes or None, "data_value": "" if value is None else _exact(value)}
+        attributes = {"class_": classes or None, "data_value": "" if value is None else _write_exactly(value)}
         out.append(element("td" if index else "th", cell.shown, **attributes, scope=None if index else "row"))
     return out
 
 
-def _exact(value: str | float) -> str:
+def _write_exactly(value: str | float) -> str:
     """A number with all its digits, as `calibration.json` has it."""
     return value if isinstance(value, str) else repr(value)
 

@@ -50,7 +50,7 @@ class View:
 
     def seen(self, rays: Floats) -> tuple[Floats, Bools]:
         """Directions (N, 3), camera frame, of any length, as pixels (N, 2), and (N,) whether they are in the picture."""
-        pixels, inside = self._projected(rays)
+        pixels, inside = self._project_directly(rays)
         rows = np.flatnonzero(inside)
         if len(rows) and (self.camera.lens.fisheye or self.camera.lens.distortions.any()):
             back = self.camera.lens.bearings(pixels[rows])
@@ -60,7 +60,7 @@ class View:
                 inside[rows] = same & ((back * unit).sum(axis=1) > 0)
         return pixels, inside
 
-    def _projected(self, rays: Floats) -> tuple[Floats, Bools]:
+    def _project_directly(self, rays: Floats) -> tuple[Floats, Bools]:
         """The same for a lens that does not fold: half of the time."""
         if self.camera.lens.fisheye:
             pixels = self.camera.lens.project_rays(rays)
@@ -106,7 +106,7 @@ class View:
             # The same direction as the point, finite where the line ends at infinity.
             return np.asarray(near[line] * np.cos(angle)[:, None] + (distance[line] * np.sin(angle))[:, None] * unit[line])
 
-        return self._traced(len(begin), share, at)
+        return self._trace_lines(len(begin), share, at)
 
     def horizon(self) -> list[Floats]:
         """Visible stretches (K, 2) of the line where the ground's plane ends."""
@@ -116,7 +116,7 @@ class View:
         def at(_: Ints, where: Floats) -> Floats:
             return self._directions(behind + 2 * np.pi * where, np.zeros(len(where)))
 
-        return self._traced(1, share, at)[0]
+        return self._trace_lines(1, share, at)[0]
 
     def verticals(self, step: float) -> list[list[Floats]]:
         """Plumb lines all around the camera, as far as they are in the picture: any vertical edge lies along one, near or far.
@@ -128,7 +128,7 @@ class View:
             Of each line that is visible, by heading, its visible stretches, (K, 2) pixels each, from below upwards.
         """
         heading, share, at = self._plumb(step)
-        return [stretches for stretches in self._traced(len(heading), share, at) if stretches]
+        return [stretches for stretches in self._trace_lines(len(heading), share, at) if stretches]
 
     def count_verticals(self, step: float) -> int:
         """How many plumb lines `verticals` finds."""
@@ -161,7 +161,7 @@ class View:
         world = np.column_stack([level * np.cos(heading), level * np.sin(heading), np.sin(elevation)])
         return np.asarray(world @ pose.R_cw.T)
 
-    def _traced(self, n: int, share: Floats, at: Rays) -> list[list[Floats]]:
+    def _trace_lines(self, n: int, share: Floats, at: Rays) -> list[list[Floats]]:
         """Visible stretches of `n` lines whose directions at shares of their lengths `at` tells."""
         line = np.repeat(np.arange(n), len(share))
         pixels, inside = self.seen(at(line, np.tile(share, n)))
@@ -176,14 +176,14 @@ class View:
         """(E, 2) the last visible pixels of lines between a visible and an invisible share."""
         if not len(line):
             return np.zeros((0, 2))
-        pixels, inside = self.seen(at(line, _halved(self._projected, line, seen, unseen, at)))
+        pixels, inside = self.seen(at(line, _bisect_visible(self._project_directly, line, seen, unseen, at)))
         rows = np.flatnonzero(~inside)
         if len(rows):  # the lens folds on the way: its rays have to be looked at
-            pixels[rows] = self.seen(at(line[rows], _halved(self.seen, line[rows], seen[rows], unseen[rows], at)))[0]
+            pixels[rows] = self.seen(at(line[rows], _bisect_visible(self.seen, line[rows], seen[rows], unseen[rows], at)))[0]
         return pixels
 
 
-def _halved(seen_at: Seen, line: Ints, seen: Floats, unseen: Floats, at: Rays) -> Floats:
+def _bisect_visible(seen_at: Seen, line: Ints, seen: Floats, unseen: Floats, at: Rays) -> Floats:
     """(E,) the last visible shares of lines between a visible and an invisible share."""
     for _ in range(HALVINGS):
         middle = 0.5 * (seen + unseen)

@@ -64,9 +64,9 @@ def links_of(contents: Contents, seen: Seen) -> list[Link]:
     found = {pair: Link(*pair, shared) for pair, shared in seen.shared.items()}
     several, place = len(contents.rig) > 2, {name: index for index, name in enumerate(contents.rig.names)}
     for tied in contents.document.association.pairs or ():
-        _update(found, place, tied.cameras, partial(_associated, tied=tied, several=several))
+        _update(found, place, tied.cameras, partial(_link_of_association, tied=tied, several=several))
     for guess in _guesses(contents):
-        _update(found, place, guess.cameras, partial(_solved, guess=guess, several=several))
+        _update(found, place, guess.cameras, partial(_link_of_solver, guess=guess, several=several))
     links = (link for link in found.values() if link.shared.sightings or link.routes)
     return sorted(links, key=lambda link: (place[link.first], place[link.second]))
 
@@ -94,7 +94,7 @@ def _update(
         found[pair] = change(found.get(pair) or Link(*pair, Shared(0, 0)))
 
 
-def _associated(link: Link, tied: TiedPair, several: bool) -> Link:
+def _link_of_association(link: Link, tied: TiedPair, several: bool) -> Link:
     """A pair as association tells of it."""
     return replace(
         link,
@@ -107,7 +107,7 @@ def _associated(link: Link, tied: TiedPair, several: bool) -> Link:
     )
 
 
-def _solved(link: Link, guess: PairFigures, several: bool) -> Link:
+def _link_of_solver(link: Link, guess: PairFigures, several: bool) -> Link:
     """A pair as the solver tells of it, the best of its routes: its figures stand for those of association."""
     share = guess.inliers / guess.matches if guess.matches else None
     new = replace(link, agreeing=share, support=guess.support if several else None, used=True)

@@ -36,12 +36,12 @@ FILES = (
 def stages_section(contents: Contents, seen: Seen) -> Section:
     """What was done, in the order in which it was done."""
     steps = [
-        _observed(contents, seen),
-        _watched(contents),
-        _associated(contents),
-        _solved(contents),
-        _scaled(contents),
-        _placed(contents),
+        _describe_observations(contents, seen),
+        _describe_perception(contents),
+        _describe_association(contents),
+        _describe_solution(contents),
+        _describe_scale(contents),
+        _describe_world(contents),
     ]
     body = element(
         "ol",
@@ -63,7 +63,7 @@ def _facts(facts: Sequence[str]) -> Html:
     return join(element("ul", shown), element("details", element("summary", f"{len(more)} more"), element("ul", more)))
 
 
-def _watched(contents: Contents) -> Step:
+def _describe_perception(contents: Contents) -> Step:
     """How people were found in the videos."""
     perception = contents.document.perception
     if perception is None:
@@ -95,7 +95,7 @@ def _camera_video(name: str, one: VideoEntry) -> str:
     return told + ("; it ends early." if one.ended_early is not None else ".")
 
 
-def _observed(contents: Contents, seen: Seen) -> Step:
+def _describe_observations(contents: Contents, seen: Seen) -> Step:
     """What the rig was computed from."""
     facts = []
     for name, entry in contents.cameras.items():
@@ -108,7 +108,7 @@ def _observed(contents: Contents, seen: Seen) -> Step:
     return "Observations of the cameras", facts
 
 
-def _associated(contents: Contents) -> Step:
+def _describe_association(contents: Contents) -> Step:
     """How people were distinguished."""
     found = contents.document.association
     mode = found.mode or contents.document.scene.association.mode or "given"
@@ -127,25 +127,25 @@ def _associated(contents: Contents) -> Step:
     return "Cross-camera identity association", facts
 
 
-def _solved(contents: Contents) -> Step:
+def _describe_solution(contents: Contents) -> Step:
     """How the rig was computed."""
     document = contents.document
     method, figures = document.method, document.figures
     facts = [f"Method “{method}”: {METHODS.get(method, 'see the documentation')}."]
     if isinstance(figures, StarFigures):
-        facts.append(f"Adjustment: {_ended(figures.converged)} after {figures.iterations} steps.")
+        facts.append(f"Adjustment: {_describe_end(figures.converged)} after {figures.iterations} steps.")
         if figures.rms_px is not None:
             facts.append(f"The residual of the points is {figures.rms_px:.2f} px (root mean square).")
     elif not isinstance(figures, AdjustedFigures):
         facts.append("No rig was found.")
     for number, one in enumerate(contents.figures.rounds, start=1):
         with_joints = f" and {one.joints} keypoints" if one.joints else ""
-        done = f"{_ended(one.converged)} after {one.iterations} steps"
+        done = f"{_describe_end(one.converged)} after {one.iterations} steps"
         facts.append(f"Round {number}: {one.sightings} observations{with_joints}, {done}.")
-    return "Solving", facts + _noise(contents.figures) + _held_out(figures.held_out) + _checked(figures.checks)
+    return "Solving", facts + _noise(contents.figures) + _describe_held_out(figures.held_out) + _describe_checks(figures.checks)
 
 
-def _held_out(figures: HeldOutFigures | None) -> list[str]:
+def _describe_held_out(figures: HeldOutFigures | None) -> list[str]:
     """How people who were held out fit."""
     if figures is None:
         return []
@@ -160,7 +160,7 @@ def _held_out(figures: HeldOutFigures | None) -> list[str]:
     ]
 
 
-def _checked(checks: Sequence[CheckedLength] | None) -> list[str]:
+def _describe_checks(checks: Sequence[CheckedLength] | None) -> list[str]:
     """Known lengths that had no part in the calibration."""
     facts = []
     for one in checks or ():
@@ -176,7 +176,7 @@ def _checked(checks: Sequence[CheckedLength] | None) -> list[str]:
     return facts
 
 
-def _ended(converged: bool) -> str:
+def _describe_end(converged: bool) -> str:
     """How an adjustment ended."""
     return "converged" if converged else "did not converge"
 
@@ -201,7 +201,7 @@ def _noise(figures: AdjustedFigures) -> list[str]:
     return facts
 
 
-def _scaled(contents: Contents) -> Step:
+def _describe_scale(contents: Contents) -> Step:
     """What is known of length, up and clocks."""
     figures = contents.figures
     facts = []
@@ -223,7 +223,7 @@ def _scaled(contents: Contents) -> Step:
     return ("Scale, up direction and time", facts) if facts else None
 
 
-def _placed(contents: Contents) -> Step:
+def _describe_world(contents: Contents) -> Step:
     """How the world's frame was set, where its user wanted another one."""
     world = contents.document.world
     if world is None:
@@ -247,7 +247,7 @@ def settings_section(contents: Contents) -> Section:
     lead = f"Scene file: {document.scene_file}. " if document.scene_file else ""
     lead += f"Seed of the random numbers: {'unknown' if document.seed is None else document.seed}. "
     lead += "The same input, seed and versions give the same figures."
-    settings = _flat(plain(document.scene), "") + _flat(document.options, "solver.options as used.")
+    settings = _flatten_table(plain(document.scene), "") + _flatten_table(document.options, "solver.options as used.")
     versions = [("passerby", document.passerby or "unknown")]
     versions += [(name, version or "not installed") for name, version in document.versions.items()]
     parts = []
@@ -260,25 +260,25 @@ def settings_section(contents: Contents) -> Section:
     return Section("settings", "Settings and versions", lead, join(parts), "Settings")
 
 
-def _flat(value: Mapping[str, Any], before: str) -> list[tuple[str, str]]:
+def _flatten_table(value: Mapping[str, Any], before: str) -> list[tuple[str, str]]:
     """Nested tables as (dotted name, value)."""
     out = []
     for key, entry in value.items():
         if isinstance(entry, Mapping):
-            out += _flat(entry, f"{before}{key}.")
+            out += _flatten_table(entry, f"{before}{key}.")
         elif entry not in ([], None):
-            out.append((f"{before}{key}", _shown(entry)))
+            out.append((f"{before}{key}", _write_setting(entry)))
     return out
 
 
-def _shown(value: Any) -> str:
+def _write_setting(value: Any) -> str:
     """A setting's value as a scene file would have it."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, list):
-        return "[" + ", ".join(_shown(one) for one in value) + "]"
+        return "[" + ", ".join(_write_setting(one) for one in value) + "]"
     if isinstance(value, Mapping):
-        return "{" + ", ".join(f"{key} = {_shown(one)}" for key, one in value.items()) + "}"
+        return "{" + ", ".join(f"{key} = {_write_setting(one)}" for key, one in value.items()) + "}"
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 

@@ -138,21 +138,21 @@ def find_other_formats(cameras: Sequence[BoxesAsStated]) -> tuple[OtherFormat, .
         cameras: the boxes of each camera.
     """
     cameras = [camera for camera in cameras if len(camera.boxes)]
-    unit = [camera for camera in cameras if _in_shares(camera) != camera.stated.normalised]
-    out = [_other_unit(unit)] if unit else []
+    unit = [camera for camera in cameras if _are_shares(camera) != camera.stated.normalised]
+    out = [_find_other_unit(unit)] if unit else []
     for stated in dict.fromkeys(camera.stated for camera in cameras):
         alike = [camera for camera in cameras if camera.stated == stated and camera not in unit]
-        together = _other_convention(alike, alone=False) if alike else None
-        each = [] if together else [found for camera in alike if (found := _other_convention([camera], alone=True))]
-        out += [together] if together else _merged(each)
+        together = _find_other_convention(alike, alone=False) if alike else None
+        each = [] if together else [found for camera in alike if (found := _find_other_convention([camera], alone=True))]
+        out += [together] if together else _merge_formats(each)
     return tuple(out)
 
 
-def _in_shares(camera: BoxesAsStated) -> bool:
+def _are_shares(camera: BoxesAsStated) -> bool:
     return bool(np.abs(camera.numbers).max() <= LARGEST_SHARE)
 
 
-def _other_unit(cameras: Sequence[BoxesAsStated]) -> OtherFormat:
+def _find_other_unit(cameras: Sequence[BoxesAsStated]) -> OtherFormat:
     """The format of boxes that are in the other unit; of those that fit alike, the stated convention, or else the first."""
     stated = cameras[0].stated
     rivals = sorted(
@@ -167,7 +167,7 @@ def _other_unit(cameras: Sequence[BoxesAsStated]) -> OtherFormat:
     return OtherFormat(tuple(camera.name for camera in cameras), min(rivals, key=implausible), True, rows, rows)
 
 
-def _other_convention(cameras: Sequence[BoxesAsStated], *, alone: bool) -> OtherFormat | None:
+def _find_other_convention(cameras: Sequence[BoxesAsStated], *, alone: bool) -> OtherFormat | None:
     """The convention that fits the boxes of these cameras together better than the stated one, in the same unit."""
     stated = cameras[0].stated
     seen = {camera.name: camera.borders(stated) for camera in cameras}
@@ -190,7 +190,7 @@ def _other_convention(cameras: Sequence[BoxesAsStated], *, alone: bool) -> Other
     return None
 
 
-def _merged(found: Sequence[OtherFormat]) -> list[OtherFormat]:
+def _merge_formats(found: Sequence[OtherFormat]) -> list[OtherFormat]:
     """Those of the same format as one."""
     out: dict[tuple[BoxFormat, bool], OtherFormat] = {}
     for one in found:
@@ -218,7 +218,7 @@ def rotation_of_sideways(lens: Lens, seen: CameraObservations, person_height_m: 
     shares = heads_by_rotation(seen.keypoints)
     if shares is not None:
         return next((turn for turn in (90, 270) if shares[turn] > HEADS_ELSEWHERE), 0)
-    return _better_rotation(lens, whole, person_height_m, (90, 270))
+    return _find_better_rotation(lens, whole, person_height_m, (90, 270))
 
 
 def is_upside_down(lens: Lens, seen: CameraObservations, person_height_m: float) -> bool:
@@ -229,10 +229,10 @@ def is_upside_down(lens: Lens, seen: CameraObservations, person_height_m: float)
     shares = heads_by_rotation(seen.keypoints)
     if shares is not None:
         return shares[180] > HEADS_ELSEWHERE
-    return _better_rotation(lens, seen.boxes, person_height_m, (180,)) == 180
+    return _find_better_rotation(lens, seen.boxes, person_height_m, (180,)) == 180
 
 
-def _better_rotation(lens: Lens, boxes: Boxes, person_height_m: float, turns: tuple[int, ...]) -> int:
+def _find_better_rotation(lens: Lens, boxes: Boxes, person_height_m: float, turns: tuple[int, ...]) -> int:
     """Of some rotations the one after which people fit one ground far better than before; 0 where none does."""
     stated = level_of_rotation(lens, boxes, person_height_m, 0)
     if stated is None or stated.residual < LEAST_MISFIT:

@@ -190,10 +190,10 @@ def check_scene(source: Scene | str | Path, findings: Sequence[Finding] = ()) ->
         return SceneCheck(Path(source).stem, None, (), faults_of(error), ())
     readings = read_cameras(scene)
     given = scene.association.given
-    shared = count_shared_observations(_counted_alike(observations_of(scene, readings))) if given else {}
+    shared = count_shared_observations(_unify_frames(observations_of(scene, readings))) if given else {}
     faults = [fault for reading in readings for fault in reading.faults] + scene_faults(scene, readings)
     notices = [finding for reading in readings for finding in reading.findings] + scene_findings(scene, readings)
-    perception, faults_of_networks, notes = _foreseen(scene, readings)
+    perception, faults_of_networks, notes = _plan_perception(scene, readings)
     short = too_short(scene, readings, with_keypoints=perception.get("keypoints", "none") != "none")
     faults, notices = faults + faults_of_networks, notices + notes
     apart = [without_pose(one) if one.severity == "notice" else one for one in missing_overlap(shared)] if given else []
@@ -245,7 +245,7 @@ def _seconds(scene: Scene, reading: CameraInput) -> float | None:
     return float((frames[-1] - frames[0] + 1) / reading.fps) if len(frames) else None
 
 
-def _foreseen(scene: Scene, readings: list[CameraInput]) -> tuple[dict[str, Any], list[str], list[Finding]]:
+def _plan_perception(scene: Scene, readings: list[CameraInput]) -> tuple[dict[str, Any], list[str], list[Finding]]:
     """What the videos would be watched with, what is wrong with that, and what is to be fetched."""
     wanted, usable = scene.perception, [reading for reading in readings if reading.video is not None]
 
@@ -262,7 +262,7 @@ def _foreseen(scene: Scene, readings: list[CameraInput]) -> tuple[dict[str, Any]
     return choices, [], notes
 
 
-def _counted_alike(observations: Observations) -> Observations:
+def _unify_frames(observations: Observations) -> Observations:
     """The observations with the frame numbers of the slowest camera, to count who is seen at one instant."""
     clocks = observations.clocks
     if not clocks:

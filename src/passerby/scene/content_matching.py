@@ -129,7 +129,7 @@ class BinnedBoxes:
 
 def likely_lags(a: BinnedBoxes, b: BinnedBoxes) -> list[int]:
     """Steps by which the second may show the same later, the most likely first; none at all where the two do not overlap."""
-    length = _rounded_up(max(len(a.there), len(b.there)))
+    length = _round_up(max(len(a.there), len(b.there)))
     size = next_fast_len(2 * length)
     (one, seen_one, count_one), (other, seen_other, count_other) = a.spectra(length), b.spectra(length)
     overlap = np.round(irfft(np.conj(seen_one) * seen_other, size))
@@ -168,8 +168,8 @@ class Overlap:
         """The map that brings the boxes of the one to the spread of the other's; None where it is out of the question."""
         if not len(self.steps):
             return None
-        low_a, middle_a, high_a = self.a.spread(_marked(self.steps - self.lag, len(self.a.there)))
-        low_b, middle_b, high_b = self.b.spread(_marked(self.steps, len(self.b.there)))
+        low_a, middle_a, high_a = self.a.spread(_mark_steps(self.steps - self.lag, len(self.a.there)))
+        low_b, middle_b, high_b = self.b.spread(_mark_steps(self.steps, len(self.b.there)))
         scale = (high_b - low_b) / np.maximum(high_a - low_a, 1e-9)
         if not ((scale > 0.1).all() and (scale < 10).all()):
             return None
@@ -221,8 +221,8 @@ class SharedBoxes:
     @classmethod
     def of(cls, a: BinnedBoxes, b: BinnedBoxes, lag: int, steps: Ints) -> SharedBoxes:
         """Those at some of the second's steps."""
-        one = np.flatnonzero(_marked(steps - lag, len(a.there))[a.bin])
-        other = np.flatnonzero(_marked(steps, len(b.there))[b.bin])
+        one = np.flatnonzero(_mark_steps(steps - lag, len(a.there))[a.bin])
+        other = np.flatnonzero(_mark_steps(steps, len(b.there))[b.bin])
         rows, columns = rows_of_equal(a.bin[one] + lag, b.bin[other])
         return cls(len(one), len(other), rows, columns, a.edges[:, one[rows]], b.edges[:, other[columns]])
 
@@ -239,15 +239,15 @@ class SharedBoxes:
         """The map that puts most boxes of the first on boxes of the second; None where fewer than `least` match."""
         pairs, change = np.zeros(0, np.int64), begin
         for near in NEAR:
-            pairs = self._nearest(change, near)
+            pairs = self._match_nearest(change, near)
             if len(pairs) < least:
                 return None
-            change = _fitted(self.edges_a[:, pairs], self.edges_b[:, pairs])
+            change = _fit_map(self.edges_a[:, pairs], self.edges_b[:, pairs])
         mine, theirs = self.edges_a[:, pairs], self.edges_b[:, pairs]
         off = float(np.median(np.abs(change(mine) - theirs).mean(axis=0) / self._tall[pairs]))
         return BoxFit(change, mine, theirs, (len(pairs) / self.count_a, len(pairs) / self.count_b), off)
 
-    def _nearest(self, change: PictureMap, near: float) -> Ints:
+    def _match_nearest(self, change: PictureMap, near: float) -> Ints:
         """(K,) pairs that are each other's nearest in their step, no farther apart than a share of the height."""
         miss = change(self.edges_a)
         miss -= self.edges_b
@@ -261,13 +261,13 @@ class SharedBoxes:
         return np.flatnonzero(mutual)
 
 
-def _rounded_up(length: int) -> int:
+def _round_up(length: int) -> int:
     """So that recordings which end a little earlier or later have one length: at most an eighth more."""
     unit = 1 << max(0, length.bit_length() - 4)
     return -(-length // unit) * unit
 
 
-def _marked(steps: Ints, length: int) -> Bools:
+def _mark_steps(steps: Ints, length: int) -> Bools:
     out = np.zeros(length, dtype=bool)
     out[steps] = True
     return out
@@ -281,7 +281,7 @@ def _quantiles(ascending: Floats) -> Floats:
     return np.asarray(before + (at - low) * (after - before))
 
 
-def _fitted(mine: Floats, theirs: Floats) -> PictureMap:
+def _fit_map(mine: Floats, theirs: Floats) -> PictureMap:
     """Scale and shift of each axis by least squares on both edges (4, K), those that are far off left out."""
     x, y = (np.concatenate([edges[:2], edges[2:]], axis=1) for edges in (mine, theirs))
     scale, shift = np.ones(2), np.zeros(2)

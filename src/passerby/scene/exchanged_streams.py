@@ -121,13 +121,13 @@ def _count_continued(number: Ints, box: Floats, later: int, seconds: Floats, cou
     """(F,) how many boxes of each frame continue so many frames `later`, and (F,) how many could; the last meet the first."""
     frames = len(count)
     before, after = rows_of_equal((number + later) % frames, number)
-    near = _continues(box[before], box[after], seconds[number[before]])
+    near = _find_continuing(box[before], box[after], seconds[number[before]])
     of_before = np.bincount(number[np.unique(before[near])], minlength=frames)
     of_after = np.bincount(number[np.unique(after[near])], minlength=frames)
     return np.minimum(of_before, np.roll(of_after, -later)), np.minimum(count, np.roll(count, -later))
 
 
-def _continues(before: Floats, after: Floats, seconds: Floats | float) -> Bools:
+def _find_continuing(before: Floats, after: Floats, seconds: Floats | float) -> Bools:
     """Whether boxes (..., 3) may be the same people `seconds` later."""
     height = np.minimum(before[..., 2], after[..., 2])
     apart = np.hypot(before[..., 0] - after[..., 0], before[..., 1] - after[..., 1])
@@ -168,7 +168,7 @@ def _count_exchanged(a: _Shown, k: Ints, b: _Shown, j: Ints) -> tuple[Ints, Ints
         pair, row = expanded_ranges(one.begin[before], n)
         item, column = expanded_ranges(other.begin[after][pair], m[pair])
         row, pair = row[item], pair[item]
-        near = _continues(one.box[row], other.box[column], step[pair])
+        near = _find_continuing(one.box[row], other.box[column], step[pair])
         continued = (np.unique(np.column_stack([pair, side])[near], axis=0)[:, 0] for side in (row, column))
         hits += np.minimum(*(np.bincount(which, minlength=len(k)) for which in continued))
         count += np.minimum(n, m)

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
 from pathlib import Path
@@ -48,7 +48,6 @@ SPAN_RATIO = 1.5
 """Recordings whose lengths in seconds differ by more are reported: a frame rate is usually mistaken for half or twice
 itself (25 and
 50, 30 and 60). People who are there for a part of the time only make a recording look short too, so that it is no fault."""
-
 WALL_SIGMA_S = 1.7
 """One standard deviation of the difference of two recorders' clocks; three of them are the 5 s that are searched by default."""
 SHORT_VIDEO = 0.2
@@ -118,11 +117,11 @@ def read_inputs(
         _raise_faults(scene, readings)
     inputs = assemble_inputs(scene, readings, compare_contents=compare_contents)
     measured, odd = ((), ()) if measure_clocks is None else measure_clocks(scene, readings)
-    by_clock = (*_measured_by_clock(inputs.wall_clock), *measure_by_file_clocks(scene, readings))
+    by_clock = (*_measure_starts(inputs.wall_clock), *measure_by_file_clocks(scene, readings))
     return replace(inputs, findings=(*inputs.findings, *odd), measured=(*measured, *by_clock))
 
 
-def _measured_by_clock(clock: WallClock | None) -> tuple[MeasuredStart, ...]:
+def _measure_starts(clock: WallClock | None) -> tuple[MeasuredStart, ...]:
     """Frames of recordings with wall times count from one second: their clocks agree, as far as the recorders' do."""
     cameras = () if clock is None else clock.cameras
     return tuple(MeasuredStart(pair, 0.0, WALL_SIGMA_S, WALL_CLOCK) for pair in combinations(cameras, 2))
@@ -216,7 +215,7 @@ def scene_faults(scene: Scene, readings: list[CameraInput]) -> list[str]:
         *_embedding_faults(scene, readings),
         *faults_of_same_video(scene, readings),
         *faults_of_same_file(scene, readings),
-        *_short_video_faults(scene, readings),
+        *_find_short_videos(scene, readings),
         *_emptiness_faults(scene, readings),
         *world_faults(scene, {one.name: one.filmed_size for one in readings if one.filmed_size is not None}),
     ]
@@ -234,10 +233,12 @@ def scene_findings(scene: Scene, readings: list[CameraInput]) -> list[Finding]:
     ]
     found += [*findings_of_people(scene, readings), *overlapped_people(scene, readings)]
     found += [*file_clock_findings(scene, readings), *findings_of_exchanged_streams(readings)]
-    return found + _guessed_lenses(scene, readings) + _clock_findings(scene, readings) + _embedding_findings(scene, readings)
+    return (
+        found + _note_guessed_lenses(scene, readings) + _clock_findings(scene, readings) + _embedding_findings(scene, readings)
+    )
 
 
-def _guessed_lenses(scene: Scene, readings: list[CameraInput]) -> list[Finding]:
+def _note_guessed_lenses(scene: Scene, readings: list[CameraInput]) -> list[Finding]:
     """Focal lengths that are stated to be guesses, those that are as good in one notice."""
     guessed: dict[float, list[str]] = {}
     for reading in readings:
@@ -336,7 +337,7 @@ def _embedding_faults(scene: Scene, readings: list[CameraInput]) -> list[str]:
     return faults + [f'{scene.place}: [cameras.{name}] mode "appearance" needs embeddings: {remedy}' for name in wanting]
 
 
-def _short_video_faults(scene: Scene, readings: list[CameraInput]) -> list[str]:
+def _find_short_videos(scene: Scene, readings: list[CameraInput]) -> list[str]:
     """Videos of which most must be missing, by the length of the others."""
     seconds = {
         reading.name: recorded_s(reading.video) * reading.video.clock_fps / reading.fps
@@ -401,3 +402,36 @@ def _embedding_findings(scene: Scene, readings: list[CameraInput]) -> list[Findi
     if scene.association.mode != "combined" or not without or all(reading.dimensions is None for reading in readings):
         return []
     return [notice("embeddings_missing", *without, place=str(scene.place))]
+
+
+def part_of(inputs: SceneInputs, names: Collection[str]) -> SceneInputs:
+    """The inputs of some cameras, in the order of the rig.
+
+    Doubts about the whole scene hold of the part too; notices are those about its cameras.
+
+    Args:
+        inputs: of all cameras.
+        names: the cameras of the part.
+    """
+    inside = [camera for camera in inputs.rig if camera.name in names]
+    seen = inputs.observations
+    own = [camera.name for camera in inside]
+    clocks = {name: seen.clocks[name] for name in own if name in seen.clocks}
+    fps = clocks[own[0]].fps if own and own[0] in clocks else seen.fps
+    return replace(
+        inputs,
+        rig=Rig(tuple(inside)),
+        observations=Observations({name: seen[name] for name in own}, fps, clocks),
+        findings=tuple(finding for finding in inputs.findings if _is_about(finding, own)),
+        doubts=tuple(finding for finding in inputs.doubts if not finding.cameras or _is_about(finding, own)),
+        pointed=tuple(one for one in inputs.pointed if one.camera in own),
+        stated=inputs.stated.within(own),
+        measured=tuple(one for one in inputs.measured if set(one.cameras) <= set(own)),
+        gaps={name: spans for name, spans in inputs.gaps.items() if name in own},
+        elsewhere=(*inputs.elsewhere, *(camera for camera in inputs.rig if camera.name not in names)),
+    )
+
+
+def _is_about(finding: Finding, names: Collection[str]) -> bool:
+    """Whether a finding is about one of the cameras."""
+    return any(name in names for name in finding.cameras)

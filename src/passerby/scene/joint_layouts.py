@@ -1,9 +1,7 @@
-"""Joints that stand in a file under the names of another layout, recognised by where they lie in the images.
+"""Keypoints that are not what a file says: those of another layout, and the ends of wands among them.
 
 OpenPose writes 25 joints in two orders, BODY_25 and BODY_25B, and no file of it says which. A tool that assumes one names the
 joints of the other wrongly: a knee is called a hip. The right names order the joints of people from head to feet.
-
-Wands: sticks of known length that people carry. Their ends stand among the keypoints, and are taken out of them here.
 """
 
 from __future__ import annotations
@@ -65,7 +63,7 @@ def take_wands(scene: Scene, reading: CameraInput) -> None:
     if not taken:
         return
     people = reading.keypoints
-    found = [_of_wand(people, number, own) for number, own in columns.items() if len(own) == 2]
+    found = [_take_wand(people, number, own) for number, own in columns.items() if len(own) == 2]
     if found:
         parts = {name: np.concatenate([getattr(one, name) for one in found]) for name in ("frame", "identity", "xy", "score")}
         reading.wands = Keypoints(**parts, joints=WAND_ENDS)
@@ -81,7 +79,7 @@ def take_wands(scene: Scene, reading: CameraInput) -> None:
         reading.keypoints, reading.keypoints_path = Keypoints.empty(), None
 
 
-def _of_wand(people: Keypoints, number: int, columns: Sequence[int]) -> Keypoints:
+def _take_wand(people: Keypoints, number: int, columns: Sequence[int]) -> Keypoints:
     """The rows in which both ends of a wand are found, one in a frame."""
     score = people.score[:, columns]
     least = score.min(axis=1)

@@ -134,7 +134,7 @@ def _check_agreement(cameras: Mapping[str, LensTable], names: tuple[str, ...]) -
     for keys in (FOCAL_KEYS, ("lens_model",)):
         holders = [name for name in names if any(getattr(cameras[name], key) is not None for key in keys)]
         for name in holders[1:]:
-            first, other = (_told(cameras[camera], keys) for camera in (holders[0], name))
+            first, other = (_describe_keys(cameras[camera], keys) for camera in (holders[0], name))
             if first != other:
                 raise ValueError(
                     f"[cameras.{name}]: states {other}, but {holders[0]}, which has the same lens, {first}: state it once, at "
@@ -155,7 +155,7 @@ def _check_widths(cameras: Mapping[str, LensTable], names: tuple[str, ...]) -> N
             )
 
 
-def _told(table: LensTable, keys: tuple[str, ...]) -> str:
+def _describe_keys(table: LensTable, keys: tuple[str, ...]) -> str:
     """What a camera states of some keys."""
     stated = ((key, getattr(table, key)) for key in keys)
     return ", ".join(

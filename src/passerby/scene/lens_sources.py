@@ -1,4 +1,4 @@
-"""The lens that a camera begins with: what is known of it, and from where.
+"""The lens that a camera begins with: what is known of it, from where, and whether it belongs to the images.
 
 A file of intrinsics; what the scene file states of a lens that was not calibrated; the metadata of its video; the lens of
 another camera of the same model; or only the image size.
@@ -69,7 +69,7 @@ def find_lens(scene: Scene, reading: CameraInput, model: CameraInput | None) -> 
 
 def _find_own_lens(scene: Scene, reading: CameraInput) -> None:
     """The lens by what the scene file, or else the video, states; stated for one camera, it holds for all of its model."""
-    size = scene.cameras[reading.name].image_size or _filmed(reading)
+    size = scene.cameras[reading.name].image_size or _read_filmed_size(reading)
     if size is None:
         return
     names = scene.models[reading.name]
@@ -80,7 +80,7 @@ def _find_own_lens(scene: Scene, reading: CameraInput) -> None:
     focal_35mm = None if reading.video is None else reading.video.camera.focal_35mm
     try:
         if stating is not None:
-            reading.lens = replace(_stated_lens(scene, stating, size, fisheye), group=group)
+            reading.lens = replace(_make_stated_lens(scene, stating, size, fisheye), group=group)
             (key,) = (key for key in STATEMENTS if getattr(scene.cameras[stating], key) is not None)
             reading.lens_source = KnownLens(key, str(scene.place))
         elif focal_35mm is not None and reading.video is not None:
@@ -102,12 +102,12 @@ def _find_own_lens(scene: Scene, reading: CameraInput) -> None:
         reading.lens = turn_lens(replace(reading.lens, rotate=reading.rotate), reading.rotate)
 
 
-def _filmed(reading: CameraInput) -> tuple[int, int] | None:
+def _read_filmed_size(reading: CameraInput) -> tuple[int, int] | None:
     """Size of the video's images as filmed; None without a video."""
     return None if reading.video is None else turned_size(reading.video.size, reading.rotate)
 
 
-def _stated_lens(scene: Scene, camera: str, size: tuple[int, int], fisheye: bool) -> Lens:
+def _make_stated_lens(scene: Scene, camera: str, size: tuple[int, int], fisheye: bool) -> Lens:
     """The lens by what the scene file states of a camera. Raises `InputError` for what no lens has."""
     table = scene.cameras[camera]
     sd = None if table.focal_sd_percent is None else table.focal_sd_percent / 100
@@ -136,7 +136,7 @@ def _take_lens(scene: Scene, reading: CameraInput, model: CameraInput, lens: Len
     `lens` is of the images as filmed.
     """
     table, place = scene.cameras[reading.name], f"{scene.place}: [cameras.{reading.name}] lens"
-    size = table.image_size or _filmed(reading) or lens.size
+    size = table.image_size or _read_filmed_size(reading) or lens.size
     try:
         same = size == lens.size or (not lens.uncalibrated and fit_of_size(size, lens.size) == "cropped")
     except InputError:
@@ -194,7 +194,7 @@ def add_seen_lenses(scene: Scene, readings: Sequence[CameraInput]) -> None:
     Raises `InputError` where the network cannot be used.
     """
     path = scene.perception.lens_network
-    wanting = [one for one in readings if _wants(one)]
+    wanting = [one for one in readings if _lacks_focal(one)]
     if path is None or not wanting:
         return
     from passerby.perception.lens_network import FOCAL_SD, LensNetwork, lens_from_video
@@ -222,7 +222,7 @@ def add_seen_lenses(scene: Scene, readings: Sequence[CameraInput]) -> None:
         raise InputError(f"{scene.place}: [perception] lens_network: {error}") from None
 
 
-def _wants(reading: CameraInput) -> bool:
+def _lacks_focal(reading: CameraInput) -> bool:
     """Whether nothing is known of a camera's focal length, which one image can show."""
     lens, source = reading.lens, reading.lens_source
     unknown = source is not None and source.source == "people"

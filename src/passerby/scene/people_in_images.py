@@ -43,29 +43,29 @@ FILLED_SHARE = 0.6
 
 def faults_of_people(scene: Scene, readings: Sequence[CameraInput]) -> list[str]:
     """Boxes in another format, images on their side, and people who are beyond the image."""
-    found = [one for one in _other_formats(scene, readings) if one.certain]
+    found = [one for one in _find_other_formats(scene, readings) if one.certain]
     misread = {name for one in found for name in one.cameras}
     faults = [_format_fault(scene, readings, one) for one in found]
-    for reading, lens in _known(readings):
+    for reading, lens in _list_testable(readings):
         if reading.name in misread:
             continue
-        if outside := [fault for part in _parts(reading) if (fault := _outside_fault(scene, reading, lens, *part))]:
+        if outside := [fault for part in _parts(reading) if (fault := _describe_outside(scene, reading, lens, *part))]:
             faults += outside
-        elif turn := rotation_of_sideways(*_upright(reading, lens), scene.scale.person_height_m):
-            faults.append(_sideways_fault(reading, turn))
+        elif turn := rotation_of_sideways(*_turn_upright(reading, lens), scene.scale.person_height_m):
+            faults.append(_describe_sideways(reading, turn))
     return faults
 
 
 def findings_of_people(scene: Scene, readings: Sequence[CameraInput]) -> list[Finding]:
     """Single people outside the image, and people who all keep to a part of it."""
-    misread = {name for one in _other_formats(scene, readings) if one.certain for name in one.cameras}
+    misread = {name for one in _find_other_formats(scene, readings) if one.certain for name in one.cameras}
     found = []
-    for reading, lens in _known(readings):
+    for reading, lens in _list_testable(readings):
         for path, rows in _parts(reading) if reading.name not in misread else ():
             extent = extents_of(rows)
-            outside = _outside(extent, lens.size)
+            outside = _find_outside(extent, lens.size)
             if 0 < outside.sum() <= OUTSIDE_SHARE * len(extent):
-                found.append(_outside_notice(reading, lens, path, rows, outside))
+                found.append(_note_outside(reading, lens, path, rows, outside))
             filled = (extent[:, 2:] / lens.size).max(axis=0)
             full = len(extent) < FILLED_ROWS or filled.max() >= FILLED_SHARE
             if not full and smaller_picture(extent, lens.size) is None:
@@ -78,7 +78,7 @@ def findings_of_people(scene: Scene, readings: Sequence[CameraInput]) -> list[Fi
 def doubts_of_people(scene: Scene, readings: Sequence[CameraInput]) -> list[Finding]:
     """People in smaller images, upside down, and boxes that seem to be in another format."""
     found = []
-    for reading, lens in _known(readings):
+    for reading, lens in _list_testable(readings):
         for path, rows in _parts(reading):
             smaller = smaller_picture(extents_of(rows), lens.size)
             if smaller is not None:
@@ -86,27 +86,27 @@ def doubts_of_people(scene: Scene, readings: Sequence[CameraInput]) -> list[Find
                 found.append(doubt("smaller_image_fits", reading.name, place=str(path), cut=smaller[0], **sizes))
     found += [
         doubt("image_misread", reading.name, how="upside_down", rotate=(reading.rotate + 180) % 360)
-        for reading, lens in _known(readings)
-        if is_upside_down(*_upright(reading, lens), scene.scale.person_height_m)
+        for reading, lens in _list_testable(readings)
+        if is_upside_down(*_turn_upright(reading, lens), scene.scale.person_height_m)
     ]
     return found + [
         doubt(
             "boxes_by_centres", *one.cameras, beyond=one.beyond, box_format=str(one.box_format),
             stated=str(scene.box_format(one.cameras[0])),
         )
-        for one in _other_formats(scene, readings)
+        for one in _find_other_formats(scene, readings)
         if not one.certain
     ]  # fmt: skip
 
 
-def _known(readings: Sequence[CameraInput]) -> Iterator[tuple[CameraInput, Lens]]:
+def _list_testable(readings: Sequence[CameraInput]) -> Iterator[tuple[CameraInput, Lens]]:
     """The cameras with people that can be tested, with the lenses of their images as filmed."""
     for reading in readings:
         if reading.filmed_lens is not None and not reading.faults and not reading.awaiting:
             yield reading, reading.filmed_lens
 
 
-def _upright(reading: CameraInput, filmed: Lens) -> tuple[Lens, CameraObservations]:
+def _turn_upright(reading: CameraInput, filmed: Lens) -> tuple[Lens, CameraObservations]:
     """The lens and the people of a camera after its images are turned as the scene file states."""
     return turn_lens(filmed, reading.rotate), reading.seen
 
@@ -118,11 +118,11 @@ def _parts(reading: CameraInput) -> list[tuple[Path, Boxes | Keypoints]]:
     return [(path, rows) for path, rows in parts if path is not None and path != own and len(rows)]
 
 
-def _other_formats(scene: Scene, readings: Sequence[CameraInput]) -> tuple[OtherFormat, ...]:
+def _find_other_formats(scene: Scene, readings: Sequence[CameraInput]) -> tuple[OtherFormat, ...]:
     return find_other_formats(
         [
             BoxesAsStated(reading.name, rows, lens.size, scene.box_format(reading.name))
-            for reading, lens in _known(readings)
+            for reading, lens in _list_testable(readings)
             for path, rows in _parts(reading)
             if path == reading.boxes_path and isinstance(rows, Boxes)
         ]
@@ -156,19 +156,19 @@ def _format_fault(scene: Scene, readings: Sequence[CameraInput], found: OtherFor
     return f"{first.boxes_path}: {who}: {seems}: {remedy}"
 
 
-def _sideways_fault(reading: CameraInput, turn: int) -> str:
+def _describe_sideways(reading: CameraInput, turn: int) -> str:
     rotate = (reading.rotate + turn) % 360
     remedy = f"set rotate = {rotate} (degrees clockwise)" if rotate else "delete rotate"
     return f"{reading.boxes_path}: camera {reading.name}: people lie on their side: under [cameras.{reading.name}] {remedy}"
 
 
-def _outside(extent: Floats, size: tuple[int, int]) -> Floats:
+def _find_outside(extent: Floats, size: tuple[int, int]) -> Floats:
     """(N,) people who do not touch the image, grown by 2 %."""
     margin = BORDER_SHARE * np.array(size)
     return np.asarray(((extent[:, :2] > size + margin) | (extent[:, 2:] < -margin)).any(axis=1))
 
 
-def _outside_notice(reading: CameraInput, lens: Lens, path: Path, rows: Boxes | Keypoints, outside: Floats) -> Finding:
+def _note_outside(reading: CameraInput, lens: Lens, path: Path, rows: Boxes | Keypoints, outside: Floats) -> Finding:
     first = int(np.flatnonzero(outside)[0])
     corners = extents_of(rows)[first].round(1).reshape(2, 2).tolist()
     return notice(
@@ -177,10 +177,10 @@ def _outside_notice(reading: CameraInput, lens: Lens, path: Path, rows: Boxes | 
     )  # fmt: skip
 
 
-def _outside_fault(scene: Scene, reading: CameraInput, lens: Lens, path: Path, rows: Boxes | Keypoints) -> str | None:
+def _describe_outside(scene: Scene, reading: CameraInput, lens: Lens, path: Path, rows: Boxes | Keypoints) -> str | None:
     """What is said where many people are outside the image, or reach far beyond its borders."""
     extent, size = extents_of(rows), np.array(lens.size)
-    outside = _outside(extent, lens.size)
+    outside = _find_outside(extent, lens.size)
     width, height = lens.size
     stated = f"the size {width} x {height} in {source_of_size(scene, reading.name)}"
     remedy = (
@@ -188,7 +188,7 @@ def _outside_fault(scene: Scene, reading: CameraInput, lens: Lens, path: Path, r
         "the boxes and keypoints"
     )
     if outside.sum() > OUTSIDE_SHARE * len(extent):
-        text = text_of(_outside_notice(reading, lens, path, rows, outside))
+        text = text_of(_note_outside(reading, lens, path, rows, outside))
         return f"{text}: wrong image size? {stated} is not the size of the images in which the people were detected: {remedy}"
     over = np.maximum(-extent[:, :2], extent[:, 2:] - size) / np.maximum(extent[:, 2:] - extent[:, :2], 1e-9)
     beyond = (over > CUT).any(axis=1)

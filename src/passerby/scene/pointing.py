@@ -21,9 +21,11 @@ def pointed_people(scene: Scene, readings: Sequence[CameraInput]) -> tuple[Point
     by_name = {reading.name: reading for reading in readings}
     found = []
     for number, cue in enumerate(scene.scale.people, start=1):
-        frame = None if cue.camera is None else _nearest(cue, by_name.get(cue.camera))
+        frame = None if cue.camera is None else _find_nearest_frame(cue, by_name.get(cue.camera))
         if cue.camera is not None and cue.at is not None and frame is not None:
-            found.append(PointedPerson(number, cue.camera, frame, _at(cue.at, by_name[cue.camera]), cue.height_m, cue.sd_m))
+            found.append(
+                PointedPerson(number, cue.camera, frame, _turn_pixel(cue.at, by_name[cue.camera]), cue.height_m, cue.sd_m)
+            )
     return tuple(found)
 
 
@@ -33,9 +35,9 @@ def stated_identities(scene: Scene, readings: Sequence[CameraInput]) -> StatedId
     association = scene.association
 
     def sightings(place: str, boxes: Sequence[PersonAtTable]) -> tuple[Sighting, ...]:
-        frames = [_nearest(one, by_name.get(one.camera)) for one in boxes]
+        frames = [_find_nearest_frame(one, by_name.get(one.camera)) for one in boxes]
         return tuple(
-            Sighting(one.camera, frame, _at(one.at, by_name[one.camera]), place)
+            Sighting(one.camera, frame, _turn_pixel(one.at, by_name[one.camera]), place)
             for one, frame in zip(boxes, frames, strict=True)
             if frame is not None
         )
@@ -64,11 +66,11 @@ def overlapped_people(scene: Scene, readings: Sequence[CameraInput]) -> list[Fin
     """A notice for each pixel that is on several people at once."""
     findings = []
     for place, cue, reading in _pointings(scene, readings):
-        frame = None if reading.awaiting or cue.at is None else _nearest(cue, reading)
+        frame = None if reading.awaiting or cue.at is None else _find_nearest_frame(cue, reading)
         if frame is None or cue.at is None:
             continue
         people = people_in_frame(reading.seen, frame)
-        holding = people.holding(_at(cue.at, reading))
+        holding = people.holding(_turn_pixel(cue.at, reading))
         if len(holding) > 1:
             values = {"frame": frame, "at": list(cue.at), "count": len(holding), "box": _box(people, holding[0], reading)}
             findings.append(notice("pointed_people_overlap", reading.name, place=f"{scene.place}: {place}", **values))
@@ -94,7 +96,7 @@ def _pointings(scene: Scene, readings: Sequence[CameraInput]) -> Iterator[tuple[
             yield place, cue, by_name[cue.camera]
 
 
-def _nearest(cue: PersonAt, reading: CameraInput | None) -> int | None:
+def _find_nearest_frame(cue: PersonAt, reading: CameraInput | None) -> int | None:
     """The frame in which a person is looked for; None where the camera saw no person near the time."""
     return None if reading is None else nearest_frame(reading.seen, _frame(cue, reading), reading.fps)
 
@@ -126,8 +128,8 @@ def _place_fault(cue: PersonAt, reading: CameraInput) -> str | None:
         at_s = (_frame(cue, reading) - 1) / reading.fps
         if at_s > length:
             return (
-                f"{_key(cue)}: {_when(cue)} is after the end of camera {reading.name}'s recording of {length:.1f} s: give a "
-                "time within it"
+                f"{_key(cue)}: {_describe_time(cue)} is after the end of camera {reading.name}'s recording of {length:.1f} s: "
+                "give a time within it"
             )
     return None
 
@@ -146,12 +148,12 @@ def _person_fault(cue: PersonAt, reading: CameraInput) -> str | None:
         if frames[0] <= frame <= frames[-1]:
             near = int(frames[np.argmin(np.abs(frames - frame))])
             return (
-                f"{_key(cue)}: camera {reading.name} sees no person at {_when(cue)}; the nearest frame with people is {near}: "
-                "give a time at which it sees the person"
+                f"{_key(cue)}: camera {reading.name} sees no person at {_describe_time(cue)}; the nearest frame with people is "
+                f"{near}: give a time at which it sees the person"
             )
-        return f"{_key(cue)}: camera {reading.name} sees people in {span}, not at {_when(cue)}: give a time within it"
+        return f"{_key(cue)}: camera {reading.name} sees people in {span}, not at {_describe_time(cue)}: give a time within it"
     people = people_in_frame(reading.seen, found)
-    distance = people.distance_px(_at(cue.at, reading))
+    distance = people.distance_px(_turn_pixel(cue.at, reading))
     if not len(distance) or distance.min() > 0:
         nearest = ""
         if len(distance):
@@ -162,13 +164,13 @@ def _person_fault(cue: PersonAt, reading: CameraInput) -> str | None:
             )
         u, v = cue.at
         return (
-            f"at: no person at [{u:g}, {v:g}] in camera {reading.name} at {_when(cue)} (frame {found}){nearest}: give a pixel "
-            "inside the person's box"
+            f"at: no person at [{u:g}, {v:g}] in camera {reading.name} at {_describe_time(cue)} (frame {found}){nearest}: "
+            "give a pixel inside the person's box"
         )
     return None
 
 
-def _at(pixel: tuple[float, float], reading: CameraInput) -> tuple[float, float]:
+def _turn_pixel(pixel: tuple[float, float], reading: CameraInput) -> tuple[float, float]:
     """A pixel of the images as filmed, in the turned ones that the people are in."""
     u, v = reading.upright(pixel)
     return float(u), float(v)
@@ -185,5 +187,5 @@ def _key(cue: PersonAt) -> str:
     return "time_s" if cue.frame is None else "frame"
 
 
-def _when(cue: PersonAt) -> str:
+def _describe_time(cue: PersonAt) -> str:
     return f"{cue.time_s:g} s" if cue.frame is None else f"frame {cue.frame}"

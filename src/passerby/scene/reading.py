@@ -72,7 +72,7 @@ def read_camera(scene: Scene, name: str, model: CameraInput | None = None, span:
     appearance = path_of(table.embeddings)
     if appearance is not None and own is not None and own_path is not None:
         boxes, boxes_path = own, scene.resolve(own_path)
-        own = _attempt(lambda path: _with_embeddings(path, boxes_path, boxes), appearance, reading.faults) or boxes
+        own = _attempt(lambda path: _add_embeddings(path, boxes_path, boxes), appearance, reading.faults) or boxes
     if own_path is not None and (table.tracks is not None or not given):
         reading.boxes, reading.boxes_path = own or reading.boxes, scene.resolve(own_path)
     reading.keypoints_path = path_of(table.keypoints)
@@ -288,7 +288,7 @@ def of_video(error: InputError, name: str) -> InputError:
     return InputError(f"{error} (the video of camera {name})")
 
 
-def _with_embeddings(path: Path, boxes_path: Path, boxes: Boxes) -> Boxes:
+def _add_embeddings(path: Path, boxes_path: Path, boxes: Boxes) -> Boxes:
     """The boxes with the embeddings of a file, row by row. Raises `InputError` where the rows do not belong together."""
     found = read_embeddings(path)
     if len(found) != len(boxes):

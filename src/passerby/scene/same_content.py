@@ -1,12 +1,8 @@
-"""Do two cameras show the same pictures? One file under two names, a sub-stream, a second encoding, a copy that starts later.
+"""Do two cameras show the same images? One file under two names, a sub-stream, a second encoding, a later copy.
 
 Such a pair fits itself perfectly at any place, and draws the rig with it. The rows tell: brought to one time and to one scale,
 the boxes of the one are those of the other, frame by frame. Two cameras that stand side by side see the same people too, but
 each person shifted by a share of the height in the picture (the baseline over the person's height), wherever that person is.
-
-Cameras whose files are one and the same, or copies of it: of videos, boxes, joints and embeddings.
-
-Only files of one size are read for it.
 """
 
 from __future__ import annotations
@@ -25,7 +21,7 @@ from passerby.common.arrays import Floats, Ints
 from passerby.core.cameras import Rig
 from passerby.core.observations import CameraObservations, Observations, extents_of
 from passerby.findings.finding import Finding, doubt
-from passerby.geometry.robust import NORMAL_BY_MAD
+from passerby.geometry.groups import NORMAL_BY_MAD
 from passerby.perception.kept import fingerprint
 from passerby.perception.video import VideoInfo
 from passerby.scene.camera_input import CameraInput
@@ -112,7 +108,8 @@ def same_contents(
     shown = {
         camera.name: one
         for camera in rig
-        if (one := _shown(observations[camera.name], camera.lens.size, rates.get(camera.name) or observations.fps)) is not None
+        if (one := _collect_boxes(observations[camera.name], camera.lens.size, rates.get(camera.name) or observations.fps))
+        is not None
     }
     timed = bool(rates) or observations.fps is not None
     binned = _Binned()
@@ -165,7 +162,7 @@ def _reach(rig: Rig, name: str) -> float:
     return max(float(np.linalg.norm(camera.pose.centre - at.centre)) for camera in rig if camera.pose is not None)
 
 
-def _shown(seen: CameraObservations, size: tuple[int, int], fps: float | None) -> _Shown | None:
+def _collect_boxes(seen: CameraObservations, size: tuple[int, int], fps: float | None) -> _Shown | None:
     part = seen.boxes if len(seen.boxes) else seen.keypoints
     extent = extents_of(part)
     order = np.argsort(part.frame, kind="stable")
@@ -212,14 +209,14 @@ def _compare(first: _Shown, second: _Shown, binned: _Binned, sure: bool) -> _Pai
         overlap = Overlap(a, b, lag)
         if len(overlap.steps) < MIN_FRAMES:
             continue
-        for begin in _beginnings(first, second, overlap):
-            found = _matched(overlap, begin, second.size, aspects, sure)
+        for begin in _propose_maps(first, second, overlap):
+            found = _match_boxes(overlap, begin, second.size, aspects, sure)
             if found is not None:
                 return _Pair(found[0], found[1], lag * step)
     return None
 
 
-def _beginnings(first: _Shown, second: _Shown, overlap: Overlap) -> Iterator[PictureMap]:
+def _propose_maps(first: _Shown, second: _Shown, overlap: Overlap) -> Iterator[PictureMap]:
     """Maps to begin with: the pictures' sizes, the same pixels, and what brings the boxes to the same spread."""
     none = np.zeros(2)
     yield PictureMap(np.array(second.size) / np.array(first.size), none)
@@ -229,11 +226,11 @@ def _beginnings(first: _Shown, second: _Shown, overlap: Overlap) -> Iterator[Pic
         yield by_spread
 
 
-def _matched(
+def _match_boxes(
     overlap: Overlap, begin: PictureMap, size: tuple[int, int], aspects: Floats, sure: bool
 ) -> tuple[float, PictureMap] | None:
     """The share of boxes that are in the other camera too, and the map between them; None where they are not the same."""
-    if len(overlap.steps) > 2 * FIRST_FRAMES and _surely_others(overlap.boxes(FIRST_FRAMES), begin, sure):
+    if len(overlap.steps) > 2 * FIRST_FRAMES and _shows_others(overlap.boxes(FIRST_FRAMES), begin, sure):
         return None
     fit = overlap.boxes(MOST_FRAMES).fit(begin, MIN_MATCHES)
     if fit is None:
@@ -241,11 +238,11 @@ def _matched(
     shares = fit.shares
     if max(shares) < LEAST_SHARE or min(shares) < 0.5 * LEAST_SHARE or fit.off > (SAME_PICTURE if sure else LOOSELY_SAME):
         return None
-    alike = _begins_alike(fit.map, size) and _at_one_place(fit.mine, fit.theirs, aspects, sure)
+    alike = _share_corner(fit.map, size) and _share_place(fit.mine, fit.theirs, aspects, sure)
     return (max(shares), fit.map) if fit.off <= SAME_NUMBERS or alike else None
 
 
-def _surely_others(shared: SharedBoxes, begin: PictureMap, sure: bool) -> bool:
+def _shows_others(shared: SharedBoxes, begin: PictureMap, sure: bool) -> bool:
     """Whether a few frames with many boxes show that the people are others, by far."""
     if min(shared.count_a, shared.count_b) < FIRST_BOXES:
         return False
@@ -256,13 +253,13 @@ def _surely_others(shared: SharedBoxes, begin: PictureMap, sure: bool) -> bool:
     return max(fit.shares) < least or min(fit.shares) < 0.5 * least or fit.off > most
 
 
-def _begins_alike(change: PictureMap, size: tuple[int, int]) -> bool:
+def _share_corner(change: PictureMap, size: tuple[int, int]) -> bool:
     """Whether the corner of the one picture is the corner of the other, and neither is much drawn out."""
     drawn = float(change.scale[0] / change.scale[1])
     return bool((np.abs(change.shift) <= SHIFT * np.array(size)).all()) and 0.7 < drawn < 1.43
 
 
-def _at_one_place(mine: Floats, theirs: Floats, aspects: Floats, sure: bool) -> bool:
+def _share_place(mine: Floats, theirs: Floats, aspects: Floats, sure: bool) -> bool:
     """Whether people near and far are shifted alike and are larger by one factor, and this is known well; else may be.
 
     Boxes are (4, K) edges, left, top, right, bottom, pixels.
@@ -343,7 +340,7 @@ def faults_of_same_file(scene: Scene, readings: Sequence[CameraInput]) -> list[s
     """Cameras that name one and the same file of boxes, joints or embeddings, or a copy of it."""
     first: dict[Path, _Named] = {}
     faults = []
-    for one in _named(scene, readings):
+    for one in _list_named_files(scene, readings):
         # Unlike `Path.resolve` it bears links that lead in a circle, which reading has reported.
         other = first.setdefault(Path(os.path.realpath(one.path)), one)
         if other.camera != one.camera:
@@ -359,7 +356,7 @@ def faults_of_same_file(scene: Scene, readings: Sequence[CameraInput]) -> list[s
     return faults
 
 
-def _named(scene: Scene, readings: Sequence[CameraInput]) -> Iterator[_Named]:
+def _list_named_files(scene: Scene, readings: Sequence[CameraInput]) -> Iterator[_Named]:
     """The files that cameras name; those of arrays in memory do not exist."""
     for reading in readings:
         table = scene.cameras[reading.name]

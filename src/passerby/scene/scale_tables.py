@@ -11,14 +11,14 @@ from passerby.core.stature import PERSON_HEIGHT_M, PERSON_HEIGHT_SD_M, POPULATIO
 from passerby.scene.table import Metres, Pixel, Seconds, Table
 
 
-def _standing(value: float) -> float:
+def _check_standing(value: float) -> float:
     if not 0.3 < value < 3:
         raise ValueError(f"{value:g} is not a person's height: metres are needed")
     return value
 
 
 Population = Literal["adults", "children", "mixed"]
-Height = Annotated[float, AfterValidator(_standing)]
+Height = Annotated[float, AfterValidator(_check_standing)]
 Ends = tuple[tuple[Pixel, Pixel], tuple[Pixel, Pixel]]
 
 
@@ -42,7 +42,7 @@ class PersonTable(Table):
     """Standard deviation. A measured height is accurate to about a centimetre (shoes)."""
 
     @model_validator(mode="after")
-    def _named_once(self) -> Self:
+    def _check_named_once(self) -> Self:
         keys = ("camera", "time_s", "frame", "at")
         stated = [key for key in keys if getattr(self, key) is not None]
         if self.identity is not None and stated:

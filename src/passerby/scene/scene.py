@@ -277,7 +277,7 @@ class Scene(Table):
                     f"[cameras.{name}]: differs from [cameras.{other}] only in capitals, but files are named after cameras: "
                     "rename one of the two"
                 )
-        for place, name in self._mentions():
+        for place, name in self._list_mentions():
             if name not in self.cameras:
                 told = nearest(name[:LONGEST_NAME], list(self.cameras))
                 raise ValueError(f"{place}: camera {shortened(name)} is not declared: {told}")
@@ -329,7 +329,7 @@ class Scene(Table):
                 )
         return self
 
-    def _mentions(self) -> list[tuple[str, str]]:
+    def _list_mentions(self) -> list[tuple[str, str]]:
         """(place, camera) wherever another table names a camera."""
         found = [("[solver] reference", self.solver.reference)] if self.solver.reference is not None else []
         found += [

@@ -1,9 +1,4 @@
-"""What all tables of the scene file have in common, and the numbers in them.
-
-The tables of the scene file that correct identities: a person named by a pixel, and boxes of one person or of several.
-
-What pydantic finds wrong with a scene file, as one line that names place, value and fix.
-"""
+"""What all tables of the scene file have in common, the tables about identities, and the messages of wrong values."""
 
 from __future__ import annotations
 
@@ -14,8 +9,7 @@ from typing import Annotated, Any, Self
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
-from passerby.common.addresses import plain_without_credentials
-from passerby.common.text import nearest, shortened
+from passerby.common.text import nearest, plain_without_credentials, shortened
 
 LONGEST_KEY = 80
 """Characters of a key, or of a camera's name, that are shown."""
@@ -47,7 +41,7 @@ class Table(BaseModel):
 
     @model_validator(mode="before")
     @classmethod
-    def _without_passwords(cls, values: Any) -> Any:
+    def _remove_passwords(cls, values: Any) -> Any:
         """No message, and no file that a scene is copied into, repeats the password of an address in it."""
         return plain_without_credentials(values) if isinstance(values, dict) else values
 

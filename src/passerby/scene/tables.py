@@ -16,8 +16,7 @@ from pydantic import (
     model_validator,
 )
 
-from passerby.common.addresses import not_a_file
-from passerby.common.text import shortened
+from passerby.common.text import not_a_file, shortened
 from passerby.core.data_sheet import NARROWEST_FIELD_DEG, WIDEST_FISHEYE_DEG
 from passerby.core.observations import BoxFormat
 from passerby.perception.sources.name_times import NamePattern
@@ -49,7 +48,7 @@ def _box_format(value: Any) -> Any:
     return str(BoxFormat.of_text(value)) if isinstance(value, str) else value
 
 
-def _same_as(value: str) -> str:
+def _check_same_as(value: str) -> str:
     named_camera(value)
     return value
 
@@ -213,7 +212,7 @@ class CameraTable(Table):
     they have one. Standard deviation as for `focal_mm`."""
     lens_model: Literal["pinhole", "fisheye"] | None = None
     """Projection of a lens without `intrinsics`. pinhole: with radial distortion; fisheye: equidistant. Not given: pinhole."""
-    lens: Annotated[str, AfterValidator(_same_as)] | None = None
+    lens: Annotated[str, AfterValidator(_check_same_as)] | None = None
     """"same as CAMERA", for a camera of the same model, at the same zoom and image size, instead of `intrinsics`: the cameras
     share one unknown focal length and distortion. If CAMERA has intrinsics, they are the start, with `focal_sd_percent`, 1 %
     unless given, from unit to unit."""
@@ -315,7 +314,7 @@ class AssociationTable(Table):
     the camera's tracklets that stay in its place."""
 
     @model_validator(mode="after")
-    def _corrects_what_is_found(self) -> Self:
+    def _check_corrections(self) -> Self:
         if self.given and (self.same or self.different):
             key = "same" if self.same else "different"
             raise ValueError(

@@ -1,11 +1,7 @@
-"""Which of a camera's observations are used: those within its times, and not of people in a region that is excluded.
-
-Rows that stand twice: one camera sees a person once in a frame, so one row of several is kept.
+"""Which of a camera's observations are used: within its times, outside excluded regions, one row per person and frame.
 
 Trackers write such rows now and then, and files that were joined hold them. A few of them harm nothing; where they are the
 rule, the ids are no identities (a class number, a counter that begins anew in every tile), and nothing can be kept of them.
-
-Points and polygons in an image.
 """
 
 from __future__ import annotations
@@ -158,7 +154,7 @@ def remove_duplicates(part: Part) -> tuple[Part, DuplicateRows | None]:
     for rows in groups:
         best = rows[score[rows] == score[rows].max()]
         if len(best) > 1 and few:
-            away = _away(part, extent, best, ~crowded)
+            away = _measure_jumps(part, extent, best, ~crowded)
             best = best[away == away.min()]
         keep[rows] = False
         keep[best[0]] = True
@@ -184,7 +180,7 @@ def _groups(keys: Sequence[NDArray[np.generic]], rows: Ints) -> list[Ints]:
     return [np.sort(group) for group in np.split(rows[order], np.flatnonzero(~same) + 1) if len(group) > 1]
 
 
-def _away(part: Boxes | Keypoints, extent: Floats, rows: Ints, single: NDArray[np.bool_]) -> Floats:
+def _measure_jumps(part: Boxes | Keypoints, extent: Floats, rows: Ints, single: NDArray[np.bool_]) -> Floats:
     """(K,) how far rows of one identity and frame are from where it is before and after, pixels; 0 where it is nowhere else."""
     frame, identity = part.frame[rows[0]], part.identity[rows[0]]
     own = np.flatnonzero(single & (part.identity == identity))
@@ -226,11 +222,11 @@ def inside_any(points: Floats, polygons: Iterable[Floats]) -> Bools:
     """
     found = np.zeros(len(points), dtype=np.bool_)
     for corners in polygons:
-        found |= _inside(points, corners)
+        found |= _find_inside(points, corners)
     return found
 
 
-def _inside(points: Floats, corners: Floats) -> Bools:
+def _find_inside(points: Floats, corners: Floats) -> Bools:
     """By the even-odd rule: a ray to the right crosses the sides an odd number of times."""
     x, y = points[:, :1], points[:, 1:]
     (x0, y0), (x1, y1) = corners.T, np.roll(corners, -1, axis=0).T

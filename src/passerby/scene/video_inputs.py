@@ -65,7 +65,7 @@ class SceneVideoProcessor:
         wanting = [reading for reading in readings if needs_video(scene, reading)]
         with _shelves(self.keep) as shelf:
             jobs = [_job(scene, reading, plan, shelf) for reading in wanting]
-            results = self._watched(jobs)
+            results = self._watch_all(jobs)
         again = [
             job.name
             for job, found in zip(jobs, results, strict=True)
@@ -92,7 +92,7 @@ class SceneVideoProcessor:
             }
         }
 
-    def _watched(self, jobs: Sequence[CameraJob]) -> list[VideoObservations | InputError]:
+    def _watch_all(self, jobs: Sequence[CameraJob]) -> list[VideoObservations | InputError]:
         """The results of all jobs, in their order; an error that names one camera's fault stops no other camera."""
         forward = Forward(self.tell, "processing videos")
         for job in jobs:
@@ -105,9 +105,7 @@ class SceneVideoProcessor:
             return results
         # What is kept is read here: processes take longer to begin.
         kept = [_result(kept_results, job, partial(forward, job.name)) for job in jobs]
-        made = iter(
-            _watched_apart([job for job, found in zip(jobs, kept, strict=True) if found is None], self.executor, forward)
-        )
+        made = iter(_watch_apart([job for job, found in zip(jobs, kept, strict=True) if found is None], self.executor, forward))
         return [next(made) if found is None else found for found in kept]
 
 
@@ -127,11 +125,11 @@ def plan_of(scene: Scene, readings: Sequence[CameraInput], tell: Progress) -> Pl
 def wanted_keypoints(scene: Scene, readings: Sequence[CameraInput]) -> str:
     """The scene's choice of keypoints; "none" where it is left to us and fewer than two cameras would have any."""
     choice = scene.perception.keypoints
-    with_joints = sum(reading.keypoints_path is not None or _measurable(scene, reading) for reading in readings)
+    with_joints = sum(reading.keypoints_path is not None or _is_measurable(scene, reading) for reading in readings)
     return "none" if choice == AUTO and with_joints < ENOUGH_CAMERAS else choice
 
 
-def _measurable(scene: Scene, reading: CameraInput) -> bool:
+def _is_measurable(scene: Scene, reading: CameraInput) -> bool:
     return reading.video is not None and not reading.faults and needs_keypoints(scene, reading)
 
 
@@ -187,7 +185,7 @@ def _shelves(keep: Path | None) -> Iterator[Path]:
         yield Path(folder)
 
 
-def _watched_apart(jobs: Sequence[CameraJob], executor: Executor, forward: Forward) -> list[VideoObservations | InputError]:
+def _watch_apart(jobs: Sequence[CameraJob], executor: Executor, forward: Forward) -> list[VideoObservations | InputError]:
     """The results of all jobs in their order, each made in a process of its own.
 
     Each process writes how far it is to a file that belongs to this run alone: nothing of an earlier run is taken for it, and

@@ -1,6 +1,4 @@
-"""Wall times of the cameras' recordings: the span that `[scene]` chooses, and the common second that frames count from.
-
-What the cameras' own clocks say of their clock offsets, by the creation times and timecodes of their video files.
+"""Wall times of the recordings: the span that `[scene]` chooses, and the clock offsets that file times suggest.
 
 They are a first guess: cameras' clocks are set by hand, copies and exports have other times, a timecode may count recorded
 frames, and some makers state the end of a recording. So they are used only where they say that the recordings begin farther
@@ -77,7 +75,7 @@ def chosen_span(scene: Scene) -> WallSpan | None:
         )
     if isinstance(zoned, datetime):
         return WallSpan(_seconds(first, -math.inf), _seconds(last, math.inf))
-    return _of_day(place, first, last, extents)
+    return _find_span_of_day(place, first, last, extents)
 
 
 def _extents(scene: Scene) -> dict[str, WallExtent]:
@@ -100,15 +98,15 @@ def _seconds(moment: datetime | time | None, otherwise: float) -> float:
     return (moment if moment.tzinfo is not None else moment.replace(tzinfo=UTC)).timestamp()
 
 
-def _of_day(
+def _find_span_of_day(
     place: str, first: datetime | time | None, last: datetime | time | None, extents: Mapping[str, WallExtent]
 ) -> WallSpan:
     """The span of times of day, on the one day that has it."""
     begins = sorted(begin for extent in extents.values() for begin in extent.begins)
     zone = next((moment.tzinfo for moment in (first, last) if moment is not None and moment.tzinfo is not None), UTC)
     days = sorted({datetime.fromtimestamp(begin, zone).date() for begin in begins})
-    spans = {day: WallSpan(_on(day, first, -math.inf), _on(day, last, math.inf)) for day in days}
-    found = [day for day, span in spans.items() if any(_may_show(extent, span) for extent in extents.values())]
+    spans = {day: WallSpan(_read_time_on(day, first, -math.inf), _read_time_on(day, last, math.inf)) for day in days}
+    found = [day for day, span in spans.items() if any(_may_contain(extent, span) for extent in extents.values())]
     told = " to ".join(WallTime(end, all(one.utc for one in extents.values())).text for end in (begins[0], begins[-1]))
     if not found:
         raise InputError(f"{place}: the recordings show nothing of that time: their files begin from {told}")
@@ -120,11 +118,11 @@ def _of_day(
     return spans[found[0]]
 
 
-def _on(day: date, moment: datetime | time | None, otherwise: float) -> float:
+def _read_time_on(day: date, moment: datetime | time | None, otherwise: float) -> float:
     return otherwise if not isinstance(moment, time) else _seconds(datetime.combine(day, moment, moment.tzinfo), otherwise)
 
 
-def _may_show(extent: WallExtent, span: WallSpan) -> bool:
+def _may_contain(extent: WallExtent, span: WallSpan) -> bool:
     """Whether a file begins in a span, or the last one before it may reach into it."""
     inside = any(span.first <= begin <= span.last for begin in extent.begins)
     before = [begin for begin in extent.begins if begin < span.first]
@@ -191,7 +189,7 @@ def measure_by_file_clocks(scene: Scene, readings: Sequence[CameraInput]) -> tup
     search_s = scene.association.search_s
     measured = []
     for kind, begins in _clocks(scene, readings):
-        pairs = [(pair, _later(begins, pair, kind)) for pair in combinations(begins, 2)]
+        pairs = [(pair, _measure_delay(begins, pair, kind)) for pair in combinations(begins, 2)]
         if search_s <= 0 or all(abs(later) <= search_s for _, later in pairs):
             continue
         sigma_s = search_s / MEASURED_SIGMAS
@@ -216,13 +214,13 @@ def file_clock_findings(scene: Scene, readings: Sequence[CameraInput]) -> list[F
     found: list[Finding] = []
     for kind, begins in _clocks(scene, readings):
         first, *others = begins
-        later = {name: _later(begins, (first, name), kind) for name in others}
-        if search_s <= 0 or all(abs(_later(begins, pair, kind)) <= search_s for pair in combinations(begins, 2)):
+        later = {name: _measure_delay(begins, (first, name), kind) for name in others}
+        if search_s <= 0 or all(abs(_measure_delay(begins, pair, kind)) <= search_s for pair in combinations(begins, 2)):
             continue
         if found and _are_alike(found[0].values["later_s"], later, search_s):
             continue
         used = any(one.found_by == kind for one in measured)
-        most_s = max(abs(_later(begins, pair, kind)) for pair in combinations(begins, 2))
+        most_s = max(abs(_measure_delay(begins, pair, kind)) for pair in combinations(begins, 2))
         code = "file_clocks_differ" if used else "file_clocks_unused"
         values = {"found_by": kind, "later_s": later, "search_s": search_s, "most_s": most_s + search_s}
         found.append(notice(code, first, *others, place=str(scene.place), **values))
@@ -255,7 +253,7 @@ def _length(recording: _Recording) -> float:
     return recording.seconds or 0.0
 
 
-def _later(begins: Mapping[str, _Recording], pair: tuple[str, str], kind: str) -> float:
+def _measure_delay(begins: Mapping[str, _Recording], pair: tuple[str, str], kind: str) -> float:
     """How much later the second recording begins, seconds; by timecodes, which begin anew each day, at most half a day."""
     later = begins[pair[1]].begin_s - begins[pair[0]].begin_s
     return (later + DAY_S / 2) % DAY_S - DAY_S / 2 if kind == TIMECODE else later

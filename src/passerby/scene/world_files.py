@@ -52,10 +52,10 @@ def _file_faults(scene: Scene, sizes: Mapping[str, tuple[int, int]]) -> list[str
                 "image: give pixels of that image"
                 for point, name, (u, v) in marks
                 if name in sizes and not (0 <= u <= sizes[name][0] and 0 <= v <= sizes[name][1])
-            ] + _unknown(scene, path, [name for _, name, _ in marks])
+            ] + _list_unknown(scene, path, [name for _, name, _ in marks])
         if files["positions"] is not None:
             path = scene.resolve(files["positions"])
-            return _unknown(scene, path, [known.camera for known in read_known_positions(path)[0]])
+            return _list_unknown(scene, path, [known.camera for known in read_known_positions(path)[0]])
     except InputError as error:
         return list(faults_of(error))
     return []
@@ -66,7 +66,7 @@ def world_file_paths(scene: Scene) -> dict[str, Path | None]:
     return {"points": scene.world.points if scene.world else None, "positions": scene.world.positions if scene.world else None}
 
 
-def _unknown(scene: Scene, path: Path, names: list[str]) -> list[str]:
+def _list_unknown(scene: Scene, path: Path, names: list[str]) -> list[str]:
     """Cameras that the scene does not declare."""
     return [
         f"{path}: camera '{name}' is not declared in {scene.place}: {nearest(name, list(scene.cameras))}"

@@ -1,7 +1,4 @@
-"""`[world]`: the frame that a user wants, and the plan that sets it together with the scale.
-
-The plan under `[world.plan]`, or in a file of its own, as a value; and what is wrong with its picture.
-"""
+"""`[world]`: the frame that a user wants, and the plan that sets it together with the scale."""
 
 from __future__ import annotations
 
@@ -36,7 +33,7 @@ class PlanDistanceTable(Table):
     """Standard deviation of `metres`; the clicks on the plan add theirs."""
 
     @model_validator(mode="after")
-    def _apart(self) -> Self:
+    def _check_apart(self) -> Self:
         if self.between[0] == self.between[1]:
             raise ValueError(f"between names the pixel {list(self.between[0])} twice: give two pixels that are far apart")
         return self
@@ -56,7 +53,7 @@ class PlanPointTable(Table):
     """Standard deviation of its place on the plan, in metres. None: `sd_px` of the plan."""
 
     @model_validator(mode="after")
-    def _seen(self) -> Self:
+    def _check_seen(self) -> Self:
         if not self.pixels:
             raise ValueError("pixels is empty: give the point's pixel in one camera or more, or delete the point")
         return self
@@ -90,7 +87,7 @@ class PlanTable(Table):
     """Standard deviation of a click in the image of a camera, in pixels."""
 
     @model_validator(mode="after")
-    def _one_scale(self) -> Self:
+    def _check_one_scale(self) -> Self:
         if (self.metres_per_pixel is None) == (self.distance is None):
             told = "no scale" if self.distance is None else "metres_per_pixel and distance"
             raise ValueError(
@@ -99,7 +96,7 @@ class PlanTable(Table):
         return self
 
     @model_validator(mode="after")
-    def _placed(self) -> Self:
+    def _check_placed(self) -> Self:
         placed = [*((f"camera {name}", at) for name, at in self.cameras.items()), *self.named_points()]
         if len(placed) < 2:
             raise ValueError(
@@ -142,7 +139,7 @@ class LineTable(Table):
     """camera -> two pixels on it, far apart. They need not be the same points in different cameras."""
 
     @model_validator(mode="after")
-    def _marked(self) -> Self:
+    def _check_marked(self) -> Self:
         if not self.points:
             raise ValueError("points is empty: mark two pixels of the line in one camera or more")
         for name, (first, second) in self.points.items():
@@ -186,7 +183,7 @@ class WorldTable(Table):
         return any(line.direction == "x" for line in self.lines)
 
     @model_validator(mode="after")
-    def _one_way(self) -> Self:
+    def _check_one_way(self) -> Self:
         ways = [key for key in ("camera", "points", "positions", "plan") if getattr(self, key) is not None]
         if len(ways) > 1 or not (ways or self.lines):
             told = " and ".join(ways) or "none of them"
@@ -267,19 +264,19 @@ def plan_faults(table: PlanTable, place: str, sizes: Mapping[str, tuple[int, int
     faults = [
         f"{place} {key}: [{u:g}, {v:g}] lies outside the {width} x {height} plan {table.image.name}: give a pixel of the plan"
         for key, (u, v) in marks
-        if not _inside((u, v), (width, height))
+        if not _is_inside((u, v), (width, height))
     ]
     for number, point in enumerate(table.points, start=1):
         faults += [
             f"{place} points {number} pixels: [{u:g}, {v:g}] lies outside the {sizes[name][0]} x {sizes[name][1]} image of "
             f"camera {name}: give a pixel of that image"
             for name, (u, v) in point.pixels.items()
-            if name in sizes and not _inside((u, v), sizes[name])
+            if name in sizes and not _is_inside((u, v), sizes[name])
         ]
     return faults
 
 
-def _inside(pixel: tuple[float, float], size: tuple[int, int]) -> bool:
+def _is_inside(pixel: tuple[float, float], size: tuple[int, int]) -> bool:
     return -0.5 <= pixel[0] <= size[0] and -0.5 <= pixel[1] <= size[1]
 
 

@@ -83,7 +83,7 @@ def pose_joints(state: BodyState, heights: Floats) -> Floats:
     for side, sign in (("left", 1.0), ("right", -1.0)):
         _arm(joints, state, h, amount, run, side, sign)
     local = np.stack([joints[name] for name in JOINTS], axis=2)
-    return _to_world(local, state)
+    return _move_to_world(local, state)
 
 
 def _vector(forward: Floats, left: Floats | float, up: Floats) -> Floats:
@@ -91,7 +91,7 @@ def _vector(forward: Floats, left: Floats | float, up: Floats) -> Floats:
     return np.stack([forward, np.broadcast_to(left, forward.shape), up], axis=-1)
 
 
-def _to_world(local: Floats, state: BodyState) -> Floats:
+def _move_to_world(local: Floats, state: BodyState) -> Floats:
     c, s = np.cos(state.heading)[..., None], np.sin(state.heading)[..., None]
     x = c * local[..., 0] - s * local[..., 1] + state.xy[..., :1]
     y = s * local[..., 0] + c * local[..., 1] + state.xy[..., 1:]

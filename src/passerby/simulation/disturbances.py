@@ -89,7 +89,7 @@ def film_disturbed(options: SimulationOptions, moves: Sequence[Disturbance] = ()
     views = [
         one
         if ground is level and camera.name not in disturbed
-        else _disturbed_view(filmed, index, [move for move in moves if move.camera == camera.name], ground)
+        else _observe_disturbed(filmed, index, [move for move in moves if move.camera == camera.name], ground)
         for index, (camera, one) in enumerate(zip(filmed.rig, filmed.views, strict=True))
     ]
     return replace(filmed, views=tuple(views))
@@ -102,7 +102,7 @@ def rig_after(rig: Rig, moves: Sequence[Disturbance]) -> Rig:
     return rig
 
 
-def _disturbed_view(filmed: Filmed, index: int, moves: Sequence[Disturbance], ground: Ground) -> View:
+def _observe_disturbed(filmed: Filmed, index: int, moves: Sequence[Disturbance], ground: Ground) -> View:
     """What one camera sees, in stretches of one pose and one lens each."""
     camera, options = filmed.rig.cameras[index], filmed.options
     own = np.arange(len(filmed.views[index].hidden)) / options.frame_rates[index]

@@ -1,7 +1,4 @@
-"""Lenses of simulated cameras: those of common surveillance cameras, or of any kind that Passerby has to cope with.
-
-Cameras around an area: where they stand, and where they look.
-"""
+"""Simulated cameras: their lenses, and where they stand and look around an area."""
 
 from __future__ import annotations
 
@@ -43,9 +40,9 @@ def draw_lenses(kind: str, picture: tuple[int, int], rng: np.random.Generator) -
         rng: the area's generator, of which a shared lens is drawn.
     """
     if kind == TYPICAL:
-        return lambda own: _typical(picture, own)
+        return lambda own: _make_typical_lens(picture, own)
     if kind == VARIED:
-        return lambda own: _varied(picture, _focal(picture, own), own)
+        return lambda own: _vary_lens(picture, _focal(picture, own), own)
     focal = _focal(picture, rng)
     # The corner that is farthest from any principal point that can be drawn bounds the distortion of all.
     corner = np.array(picture) * 0.5 + CENTRE_SHARE * picture[0]
@@ -74,7 +71,7 @@ def before_fold(lens: Lens, points: Floats) -> np.ndarray[tuple[int, ...], np.dt
     return np.asarray(np.hypot(points[..., 0], points[..., 1]) < fold * points[..., 2])
 
 
-def _typical(picture: tuple[int, int], rng: np.random.Generator) -> Lens:
+def _make_typical_lens(picture: tuple[int, int], rng: np.random.Generator) -> Lens:
     """A pinhole lens with mild barrel distortion that grows with the radius everywhere (no fold outside the picture)."""
     focal = 0.5 * picture[0] / np.tan(np.radians(rng.uniform(*FIELD_OF_VIEW_DEG)) / 2)
     centre = _centre(picture, rng)
@@ -83,7 +80,7 @@ def _typical(picture: tuple[int, int], rng: np.random.Generator) -> Lens:
     return _pinhole(picture, focal, centre, k1, 0.6 * k1 * k1)
 
 
-def _varied(picture: tuple[int, int], focal: float, rng: np.random.Generator) -> Lens:
+def _vary_lens(picture: tuple[int, int], focal: float, rng: np.random.Generator) -> Lens:
     centre = _centre(picture, rng)
     corner = np.maximum(centre, np.array(picture) - centre) / focal
     return _pinhole(picture, focal, centre, _draw_k1(float(corner @ corner), rng))

@@ -68,7 +68,7 @@ def simulate_motion(preset: Preset, heights: Floats, seconds: float, rng: np.ran
     half = np.asarray(preset.area_m) / 2 - MARGIN_M
     entry = np.array([_entry_time(preset, seconds, person) for person in people])
     starts = np.stack([_start(half, bool(np.isfinite(t)), person) for t, person in zip(entry, people, strict=True)])
-    schedules = [_schedule(preset.activities, times, person) for person in people]
+    schedules = [_draw_schedule(preset.activities, times, person) for person in people]
     targets = np.stack([_smooth(schedule.speed) for schedule in schedules], axis=1)
     targets[times[:, None] < entry] = 0.0
     xy, heading = _walk(starts, targets, times[:, None] >= entry, half, people)
@@ -105,7 +105,7 @@ def _start(half: Floats, at_edge: bool, rng: np.random.Generator) -> Floats:
     return place
 
 
-def _schedule(activities: tuple[Activity, ...], times: Floats, rng: np.random.Generator) -> _Schedule:
+def _draw_schedule(activities: tuple[Activity, ...], times: Floats, rng: np.random.Generator) -> _Schedule:
     """Episodes one after another; an activity is drawn so that its share of the time is as the preset says."""
     weights = np.array([activity.share / np.mean(activity.seconds) for activity in activities])
     speed, jump, postures = np.zeros(len(times)), np.zeros(len(times)), np.zeros((len(POSTURES), len(times)))
@@ -178,12 +178,12 @@ def _walk(
         speed += np.clip(targets[k] * np.maximum(0.25, np.cos(error)) - speed, -3.0 * STEP_S, 2.0 * STEP_S)
         heading[k + 1] = heading[k] + np.clip(2.5 * error, -2.0, 2.0) * np.minimum(1.0, speed / 0.4) * STEP_S
         direction = np.stack([np.cos(heading[k + 1]), np.sin(heading[k + 1])], axis=1)
-        aside = _stepping_aside(xy[k], there[k])
+        aside = _step_aside(xy[k], there[k])
         xy[k + 1] = np.clip(xy[k] + (speed[:, None] * direction + aside) * STEP_S, -half, half)
     return xy, heading
 
 
-def _stepping_aside(xy: Floats, there: NDArray[np.bool_]) -> Floats:
+def _step_aside(xy: Floats, there: NDArray[np.bool_]) -> Floats:
     """(P, 2) velocities, metres per second, away from those who are nearer than `PERSONAL_SPACE_M`."""
     apart = xy[:, None] - xy[None]
     distance = np.hypot(apart[..., 0], apart[..., 1])

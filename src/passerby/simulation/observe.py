@@ -1,18 +1,12 @@
-"""What a camera sees of the bodies: tight boxes, joints, and what is hidden or outside the picture.
-
-A detector's view of the truth: which people get a box, and what is wrong with it.
+"""What cameras and detectors see of the bodies: tight boxes, keypoints, occlusion, errors, identities, embeddings.
 
 Every fault has its own generator and is drawn for all people and instants, seen or not, so that one option never changes what
 another one draws.
-
-What a re-identification network would make of the people: one unit vector for each box.
 
 A vector is the person's own look, a shift that is the camera's (its light, its colours), the side from which this camera sees
 the person, and noise of the box. The three sizes were chosen together: the nearest of another camera's vectors is the right
 person's for 76, 66 and 61 % of single boxes among 7, 14 and 20 people, and for 94, 91 and 88 % of the means of eight boxes
 (60 draws with four cameras), about what networks reach on people whom they were not trained for.
-
-Identities as a tracker has them: numbers that hold in one camera and, if wished, break off at random.
 """
 
 from __future__ import annotations
@@ -101,7 +95,7 @@ def observe_camera(camera: Camera, joints: Floats, heights: Floats, present: Mas
     whole = _hull(extents, np.ones(extents.shape[:-1], dtype=np.bool_))
     points = np.concatenate([discs, joint_px], axis=2)
     depth = np.where(in_front, np.linalg.norm(seen, axis=-1).mean(axis=-1), np.inf)
-    covered = _covered(points, discs, disc_radii, whole, depth if occlusion else np.full_like(depth, np.inf))
+    covered = _find_covered(points, discs, disc_radii, whole, depth if occlusion else np.full_like(depth, np.inf))
     disc_covered, joint_covered = covered[:, :, : discs.shape[2]], covered[:, :, discs.shape[2] :]
     disc_inside = ((discs > 0) & (discs < picture)).all(axis=-1) & in_front[..., None]
     weight = np.broadcast_to(radii**2, discs.shape[:-1])
@@ -159,7 +153,7 @@ def _hull(extents: Floats, use: Mask) -> Floats:
     return np.concatenate([low, high], axis=-1)
 
 
-def _covered(points: Floats, discs: Floats, disc_radii: Floats, boxes: Floats, depth: Floats) -> Mask:
+def _find_covered(points: Floats, discs: Floats, disc_radii: Floats, boxes: Floats, depth: Floats) -> Mask:
     """(T, P, S) which of the points (T, P, S, 2) lie behind a disc (T, P, D) of a person nearer to the camera."""
     overlap = (boxes[:, :, None, :2] < boxes[:, None, :, 2:]).all(axis=-1) & (
         boxes[:, :, None, 2:] > boxes[:, None, :, :2]
@@ -205,24 +199,24 @@ def detect(
     found = (view.inside >= INSIDE_LIMIT) & (view.hidden <= HIDDEN_LIMIT)
     edges = np.where(found[..., None], edges, np.array([0.0, 0.0, 1.0, 1.0]))
     on_border = edges == np.array([0.0, 0.0, *picture])
-    noisy = _perturbed(edges, on_border, picture, options, noise)
+    noisy = _perturb_boxes(edges, on_border, picture, options, noise)
     size = noisy[..., 2:] - noisy[..., :2]
     found &= (size >= SMALLEST_PX).all(axis=-1)
     found &= drops.uniform(size=shape) >= options.missing
-    assigned = _swapped(np.broadcast_to(identities, shape), found, options.identity_swaps, swaps)
+    assigned = _swap_identities(np.broadcast_to(identities, shape), found, options.identity_swaps, swaps)
 
     rows = np.nonzero(found)
     ltwh = np.concatenate([noisy[rows][:, :2], size[rows]], axis=1)
     boxes = Boxes(frames[rows[0]], assigned[rows], ltwh, 1.0 - 0.6 * view.hidden[rows])
     joints = view.joints + options.joint_noise_px * joint_noise.standard_normal(view.joints.shape)
     keypoints = Keypoints(frames[rows[0]], assigned[rows], joints[rows], np.where(view.joint_visible[rows], 0.9, 0.0))
-    boxes = _with_false_boxes(boxes, frames, picture, options.false_boxes, false)
+    boxes = _add_false_boxes(boxes, frames, picture, options.false_boxes, false)
     true_identity = np.full(len(boxes), UNKNOWN)
     true_identity[boxes.identity != UNKNOWN] = identities[rows[1]]  # false boxes come between, the order stays
     return Detected(CameraObservations(boxes, keypoints), true_identity)
 
 
-def _perturbed(
+def _perturb_boxes(
     edges: Floats, on_border: NDArray[np.bool_], picture: tuple[int, int], options: SimulationOptions, rng: np.random.Generator
 ) -> Floats:
     """Slack and noise on the edges; an edge on the picture's border stays there, and none leaves the picture."""
@@ -233,7 +227,7 @@ def _perturbed(
     return np.clip(np.where(on_border, edges, moved), 0.0, np.array([*picture, *picture], dtype=np.float64))
 
 
-def _swapped(identities: Ints, found: NDArray[np.bool_], share: float, rng: np.random.Generator) -> Ints:
+def _swap_identities(identities: Ints, found: NDArray[np.bool_], share: float, rng: np.random.Generator) -> Ints:
     """(T, P) identities with a share of those found at each instant exchanged in a random cycle, so that each is wrong."""
     swapped = np.array(identities)
     for frame, seed in enumerate(rng.spawn(len(found)) if share > 0 else ()):
@@ -250,7 +244,7 @@ def _swapped(identities: Ints, found: NDArray[np.bool_], share: float, rng: np.r
     return swapped
 
 
-def _with_false_boxes(boxes: Boxes, frames: Ints, picture: tuple[int, int], share: float, rng: np.random.Generator) -> Boxes:
+def _add_false_boxes(boxes: Boxes, frames: Ints, picture: tuple[int, int], share: float, rng: np.random.Generator) -> Boxes:
     """Add boxes without a person: sizes of true ones, places at random, identity unknown."""
     count = round(share * len(boxes))
     if count == 0:

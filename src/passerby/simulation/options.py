@@ -1,6 +1,4 @@
-"""What a user may choose about a simulated scene.
-
-The three scenes that can be simulated: stand-ins for those of the paper (Xu et al., CVPR 2021, section 5).
+"""What a user may choose about a simulated scene, and the three presets.
 
 An activity is a range for each quantity, drawn anew for every episode; a preset is a mix of activities in an area.
 """

@@ -85,17 +85,17 @@ def simulate_crowd(options: CrowdOptions) -> PassingCrowd:
     """People who cross a place, and what the cameras around it report of them."""
     place, elsewhere, aims, boxes = np.random.default_rng((options.seed, 41)).spawn(4)
     begin, end = min(options.starts_s), max(options.starts_s) + options.seconds
-    crowds = [_walks(options.per_minute, begin, end, rng) for rng in (place, elsewhere)]
+    crowds = [_draw_walks(options.per_minute, begin, end, rng) for rng in (place, elsewhere)]
     rig = Rig(tuple(_camera(c, len(options.starts_s), rng) for c, rng in enumerate(aims.spawn(len(options.starts_s)))))
     seen = {
-        camera.name: _seen(camera, crowds[c in options.strangers], start, options, rng)
+        camera.name: _observe_crowd(camera, crowds[c in options.strangers], start, options, rng)
         for c, (camera, start, rng) in enumerate(zip(rig, options.starts_s, boxes.spawn(len(rig)), strict=True))
     }
     clocks = {camera.name: Clock(options.fps) for camera in rig}
     return PassingCrowd(rig, Observations(seen, options.fps, clocks), options.starts_s)
 
 
-def _walks(per_minute: float, begin: float, end: float, rng: np.random.Generator) -> list[_Walk]:
+def _draw_walks(per_minute: float, begin: float, end: float, rng: np.random.Generator) -> list[_Walk]:
     """People who come in as a Poisson process, some in the minute before the first recording."""
     begin -= 60.0
     arrivals = np.sort(rng.uniform(begin, end, rng.poisson(per_minute * (end - begin) / 60.0)))
@@ -136,7 +136,7 @@ def _camera(number: int, count: int, rng: np.random.Generator) -> Camera:
     return Camera(f"C{number + 1}", lens, Pose.from_centre(looking_at(centre, aim), centre))
 
 
-def _seen(
+def _observe_crowd(
     camera: Camera, walks: Sequence[_Walk], start: float, options: CrowdOptions, rng: np.random.Generator
 ) -> CameraObservations:
     """The boxes of people who are whole in the image."""
@@ -149,7 +149,7 @@ def _seen(
             continue
         at = np.column_stack([np.interp(times[low:high], walk.seconds, walk.ground[:, axis]) for axis in range(2)])
         box = _boxes(camera, at, walk.height)
-        keep = _whole(box) & (rng.uniform(size=len(box)) >= options.missing)
+        keep = _find_whole(box) & (rng.uniform(size=len(box)) >= options.missing)
         person.append(np.full(np.count_nonzero(keep), number))
         frame.append(frames[low:high][keep])
         ltwh.append(box[keep])
@@ -173,7 +173,7 @@ def _boxes(camera: Camera, ground: Floats, height: float) -> Floats:
     return np.column_stack([left, head[:, 1], right - left, feet[:, 1] - head[:, 1]])
 
 
-def _whole(box: Floats) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
+def _find_whole(box: Floats) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
     """(N,) which boxes are inside the image, and large enough for a detector."""
     first, last = box[:, :2], box[:, :2] + box[:, 2:]
     return np.asarray((first > 2).all(axis=1) & (last < np.array(PICTURE) - 2).all(axis=1) & (box[:, 3] > 40))

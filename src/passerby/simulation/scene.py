@@ -1,6 +1,4 @@
-"""A whole simulated scene: cameras, people, and what the cameras make of them.
-
-Scenes in several areas that have no common ground: each has cameras and people of its own.
+"""A whole simulated scene: cameras, people, and observations; also in several areas without common ground.
 
 With a single area everything is drawn as if there were no other; the first of several stands where the single one would.
 """
@@ -265,7 +263,7 @@ def place_groups(options: SimulationOptions, areas: Areas, rngs: Sequence[np.ran
             count, scene.area_m, scene.standoff_m, options.camera_height, scene.picture, rngs[area], first=first,
             lenses=options.lenses,
         )  # fmt: skip
-        cameras += [_moved(camera, areas.middle(area)) if area else camera for camera in group]
+        cameras += [_move_camera(camera, areas.middle(area)) if area else camera for camera in group]
     return Rig(tuple(cameras))
 
 
@@ -295,6 +293,6 @@ def move_groups(
     return Motion(parts[0].times, BodyState(**columns), np.concatenate([part.present_from for part in parts]))
 
 
-def _moved(camera: Camera, by: Floats) -> Camera:
+def _move_camera(camera: Camera, by: Floats) -> Camera:
     assert camera.pose is not None
     return replace(camera, pose=Pose.from_centre(camera.pose.R_cw, camera.pose.centre + np.array([*by, 0.0])))

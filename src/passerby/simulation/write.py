@@ -92,7 +92,7 @@ def _write_files(simulated: SimulatedScene, folder: Path, name: str, keypoints: 
     scene = _scene(simulated, name, keypoints)
     write_text(folder / (SCENE_FILE if video is None else BOXES_FILE), to_toml(scene))
     if video is not None:
-        write_text(folder / SCENE_FILE, to_toml(_of_videos(scene)))
+        write_text(folder / SCENE_FILE, to_toml(_describe_video_scene(scene)))
 
 
 def _scene(simulated: SimulatedScene, name: str, keypoints: bool) -> dict[str, Any]:
@@ -120,7 +120,7 @@ def _scene(simulated: SimulatedScene, name: str, keypoints: bool) -> dict[str, A
     }
 
 
-def _of_videos(scene: dict[str, Any]) -> dict[str, Any]:
+def _describe_video_scene(scene: dict[str, Any]) -> dict[str, Any]:
     """The scene file of the videos, from that of the boxes: frame rates are the videos' own, identities are to be found."""
     cameras = {
         camera: {"intrinsics": table["intrinsics"], "video": f"{VIDEOS}/{camera}.mp4"}

@@ -15,8 +15,7 @@ import numpy as np
 from passerby.common.arrays import Floats, Ints
 from passerby.core.cameras import Rig
 from passerby.core.observations import MIN_JOINT_SCORE, Keypoints, Observations
-from passerby.geometry.groups import group_medians, group_numbers
-from passerby.geometry.robust import NORMAL_BY_MAD
+from passerby.geometry.groups import NORMAL_BY_MAD, group_medians, group_numbers
 from passerby.geometry.triangulation import angular_residuals, in_camera_frames, triangulate
 from passerby.people.segments import BODY_HEIGHTS, HEAD
 

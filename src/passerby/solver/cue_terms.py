@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from passerby.common.arrays import Floats, Ints
-from passerby.geometry.reprojection import POSE_SIZE, PointObservations, pose_jacobian, project_near
 from passerby.geometry.rotations import log_rotation
+from passerby.geometry.triangulation import POSE_SIZE, PointObservations, pose_jacobian, project_near
 from passerby.solver.optimizer.least_squares import Cauchy, Layout, Term
 from passerby.solver.people_state import AdjustmentState
 from passerby.solver.plan_rows import PlanRows

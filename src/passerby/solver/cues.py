@@ -15,11 +15,10 @@ from passerby.common.text import listed
 from passerby.core.cameras import Rig
 from passerby.core.figures import CueFigures
 from passerby.core.scale_cues import KnownLength, ScaleCues, WrongUnit, find_wrong_unit
+from passerby.geometry.groups import NORMAL_BY_MAD
 from passerby.geometry.plan_fit import UNKNOWN_SD, ScalePrior
 from passerby.geometry.ray_consensus import vote_points
-from passerby.geometry.reprojection import PointObservations
-from passerby.geometry.robust import NORMAL_BY_MAD
-from passerby.geometry.triangulation import triangulate
+from passerby.geometry.triangulation import PointObservations, triangulate
 from passerby.people.box_heights import BOX_SD
 from passerby.solver.cue_terms import CueRows
 from passerby.solver.plan_rows import plan_rows

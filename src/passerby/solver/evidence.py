@@ -15,7 +15,7 @@ from passerby.common.errors import InputError
 from passerby.core.cameras import Rig
 from passerby.core.observations import MIN_JOINT_SCORE, MIN_JOINTS, Observations
 from passerby.findings.finding import Finding, doubt
-from passerby.geometry.reprojection import PointObservations
+from passerby.geometry.triangulation import PointObservations
 from passerby.people.segments import (
     MIN_EXTENT_PX,
     MIN_ORDER_CORRELATION,

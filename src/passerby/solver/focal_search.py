@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from passerby.common.arrays import Floats, Ints
 from passerby.core.cameras import Rig
 from passerby.core.unknown_focals import choose_focals, focals_to_try, shared_lenses
-from passerby.geometry.robust import cauchy_weights
+from passerby.geometry.groups import cauchy_weights
 from passerby.geometry.single_view import Level, keep_horizon, level_by_heights
 from passerby.people.sightings import Sightings
 from passerby.solver.evidence import Evidence

@@ -16,8 +16,7 @@ from passerby.core.scale_cues import ScaleCues
 from passerby.core.unknown_focals import needs_focal_search, shared_lenses
 from passerby.findings.finding import Finding, doubt, refusal
 from passerby.findings.ranking import RefusalError
-from passerby.geometry.rotations import angle_between
-from passerby.geometry.similarity import chordal_mean_rotation
+from passerby.geometry.rotations import angle_between, chordal_mean_rotation
 from passerby.geometry.single_view import Level, level_camera
 from passerby.geometry.two_view import PairHypothesis
 from passerby.people.model import JOINED_FOOT_SHIFT_SD, Noise, Priors

@@ -21,7 +21,7 @@ import numpy as np
 
 from passerby.common.arrays import Floats, Ints
 from passerby.core.cameras import Lens, Rig
-from passerby.geometry.reprojection import PointObservations
+from passerby.geometry.triangulation import PointObservations
 from passerby.people.sightings import Sightings
 
 LensPart = Literal["focal", "principal_point", "distortion"]

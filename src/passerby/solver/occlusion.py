@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from passerby.common.arrays import Floats
-from passerby.geometry.robust import residual_scale
+from passerby.geometry.groups import residual_scale
 
 BROKEN_DENSITY = 3.0
 """A broken edge lies evenly within a sixth of the person's height either way. Rendered videos, a network's boxes and a

@@ -16,11 +16,10 @@ from scipy.sparse.csgraph import minimum_spanning_tree
 
 from passerby.common.arrays import Floats, Ints
 from passerby.common.errors import EvidenceError
-from passerby.geometry.reprojection import PointObservations
-from passerby.geometry.robust import cauchy_weights
-from passerby.geometry.similarity import fit_plane_similarity
+from passerby.geometry.groups import cauchy_weights
+from passerby.geometry.rotations import fit_plane_similarity
 from passerby.geometry.single_view import Level
-from passerby.geometry.triangulation import triangulate_two_views
+from passerby.geometry.triangulation import PointObservations, triangulate_two_views
 from passerby.geometry.two_view import PairHypothesis, relative_pose
 from passerby.people.sightings import Sightings
 from passerby.solver.evidence import Evidence

@@ -18,7 +18,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from passerby.common.arrays import Floats, Ints
-from passerby.geometry.reprojection import POSE_SIZE, PointObservations, pose_jacobian, project_near, retract_poses
+from passerby.geometry.triangulation import POSE_SIZE, PointObservations, pose_jacobian, project_near, retract_poses
 from passerby.people.model import GAIT_SHARE, HEIGHT_PER_CENTRE, Noise, Priors
 from passerby.people.sightings import Sightings
 from passerby.people.upright_body import HIGH, LOW, body_ends, by_low_and_high

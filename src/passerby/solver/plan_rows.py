@@ -11,8 +11,8 @@ from passerby.common.errors import InputError
 from passerby.core.cameras import Rig
 from passerby.core.scale_cues import FloorPlan, WrongUnit, find_wrong_unit
 from passerby.geometry.plan_fit import Choice, Placements, PlanFit, ScalePrior, choose_placements, fit_plan, fits_mirrored
-from passerby.geometry.reprojection import PointObservations
 from passerby.geometry.rotations import skew
+from passerby.geometry.triangulation import PointObservations
 from passerby.solver.optimizer.least_squares import Layout, Term
 from passerby.solver.people_state import AdjustmentState
 

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from passerby.common.arrays import Floats, Ints
+from passerby.geometry.groups import NORMAL_BY_MAD
 from passerby.geometry.ray_consensus import reassign_outliers, vote_points
-from passerby.geometry.reprojection import PointObservations
-from passerby.geometry.robust import NORMAL_BY_MAD
+from passerby.geometry.triangulation import PointObservations
 from passerby.people.model import HEIGHT_PER_CENTRE, Noise, Priors
 from passerby.people.sightings import Sightings
 from passerby.solver.cue_terms import CueRows

@@ -76,7 +76,7 @@ def verify_boxes(places: Places) -> GeometricAgreement:
     """Judge all boxes that have an identity."""
     spread = _spread(places)
     places = replace(places, covariance=spread**2 * places.covariance)
-    parts = [_judged(places.take(rows)) for rows in _blocks(places.step)] or [_judged(places)]
+    parts = [_verify_block(places.take(rows)) for rows in _blocks(places.step)] or [_verify_block(places)]
     offsets = np.cumsum([0, *(len(part.step) for part in parts)])
     group = np.concatenate([np.where(p.group >= 0, p.group + start, -1) for p, start in zip(parts, offsets, strict=False)])
     step, identity, place, sure, near = (
@@ -146,22 +146,22 @@ def _spread(places: Places) -> float:
     """How much wider than usual the boxes of one identity lie, by the median of those that are near each other."""
     some = places.take(slice(None, BLOCK_ROWS))  # type: ignore[arg-type]
     groups, _, _ = _Groups.of(some)
-    rows = _shared(groups, np.flatnonzero((groups.group >= 0) & some.whole))
+    rows = _find_shared(groups, np.flatnonzero((groups.group >= 0) & some.whole))
     if len(rows) < 50:
         return 1.0
     place, covariance = groups.elsewhere(rows)
-    squared = _squared(some.place[rows] - place, covariance + some.covariance[rows])
+    squared = _square_lengths(some.place[rows] - place, covariance + some.covariance[rows])
     near = squared[squared < 4 * FITS * SPREADS[1] ** 2]
     return float(np.clip(np.sqrt(np.median(near) / USUAL_MEDIAN) if len(near) else 1.0, *SPREADS))
 
 
-def _shared(groups: _Groups, rows: Ints) -> Ints:
+def _find_shared(groups: _Groups, rows: Ints) -> Ints:
     """Those rows whose group has two at least."""
     number = np.bincount(groups.group[rows], minlength=groups.count)
     return rows[number[groups.group[rows]] > 1]
 
 
-def _judged(places: Places) -> GeometricAgreement:
+def _verify_block(places: Places) -> GeometricAgreement:
     """`verify_boxes` of a block; groups are sorted by instant."""
     groups, step, identity = _Groups.of(places)
     reason = np.where(groups.group < 0, UNIDENTIFIED, np.where(places.whole, SURE, CUT))
@@ -184,7 +184,7 @@ def _leave_out(groups: _Groups, step: Ints, reason: Ints, mine: Ints, theirs: In
     """Write into `reason` (N,) why rows fail, the worst of each group first, until all that are left agree."""
     while True:
         active = np.flatnonzero(reason == SURE)
-        alone = np.setdiff1d(active, _shared(groups, active), assume_unique=True)
+        alone = np.setdiff1d(active, _find_shared(groups, active), assume_unique=True)
         reason[alone] = ALONE
         active = np.flatnonzero(reason == SURE)
         why, worse = _failures(groups, step, active, mine, theirs)
@@ -241,7 +241,7 @@ def _failures(groups: _Groups, step: Ints, active: Ints, mine: Ints, theirs: Int
     """(R,) for each active row `SURE` or why not, and how bad it is."""
     places = groups.places
     place, covariance = groups.elsewhere(active)
-    own = _squared(places.place[active] - place, covariance + places.covariance[active])
+    own = _square_lengths(places.place[active] - place, covariance + places.covariance[active])
     at = np.full(len(places), -1)
     at[active] = np.arange(len(active))
     pairs = at[mine] >= 0
@@ -249,7 +249,7 @@ def _failures(groups: _Groups, step: Ints, active: Ints, mine: Ints, theirs: Int
     limit = np.maximum(OTHER, own + MARGIN)
     # Of two in one camera
     nearest = np.full(len(active), np.inf)
-    np.minimum.at(nearest, row, _squared(places.place[rival] - place[row], covariance[row] + places.covariance[rival]))
+    np.minimum.at(nearest, row, _square_lengths(places.place[rival] - place[row], covariance[row] + places.covariance[rival]))
     # and of a place where two others see another person.
     row, squared = _elsewhere_another(groups, step, active)
     np.minimum.at(nearest, row, squared)
@@ -278,7 +278,7 @@ def _elsewhere_another(groups: _Groups, step: Ints, active: Ints) -> tuple[Ints,
     covariance = _inverse(remaining)
     place = np.einsum("nij,nj->ni", covariance, pull[other] - np.where(has, groups.pull[there], 0.0))
     mine = active[row]
-    return row, _squared(places.place[mine] - place, covariance + places.covariance[mine])
+    return row, _square_lengths(places.place[mine] - place, covariance + places.covariance[mine])
 
 
 def _mark_disputed(groups: _Groups, reason: Ints) -> None:
@@ -321,13 +321,13 @@ def _crowded(groups: _Groups, reason: Ints, mine: Ints, theirs: Ints) -> NDArray
     group = groups.group[mine]
     covariance = _inverse(information[group])
     place = np.einsum("nij,nj->ni", covariance, pull[group])
-    close = _squared(places.place[theirs] - place, covariance + places.covariance[theirs]) < CROWDED
+    close = _square_lengths(places.place[theirs] - place, covariance + places.covariance[theirs]) < CROWDED
     crowded = np.zeros(groups.count, dtype=np.bool_)
     crowded[group[close]] = True
     return crowded
 
 
-def _squared(difference: Floats, covariance: Floats) -> Floats:
+def _square_lengths(difference: Floats, covariance: Floats) -> Floats:
     """(N,) squared Mahalanobis lengths of (N, 2)."""
     return np.asarray(np.einsum("ni,nij,nj->n", difference, _inverse(covariance), difference))
 

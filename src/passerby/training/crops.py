@@ -1,9 +1,4 @@
-"""Pictures of people, one person each, and what is known of who they are.
-
-What a folder says of its pictures, before any is looked at; and from there to a data set whose pictures can all be read.
-
-Picture files: listed, read, and all of them tried before anybody relies on them.
-"""
+"""Pictures of people, one person each, listed from folders, with what is known of who they are."""
 
 from __future__ import annotations
 
@@ -157,10 +152,10 @@ def data_set(name: str, path: Path, listing: Listing, tell: Progress) -> DataSet
     Raises `InputError` where nothing to learn from and no person to search for is left, or no query has an answer.
     """
     notes = list(listing.notes)
-    parts = _readable([listing.train, listing.query, listing.gallery], notes, tell)
+    parts = _keep_readable([listing.train, listing.query, listing.gallery], notes, tell)
     parts[0] = without_single(parts[0], notes)
     _note_overlap(parts, notes)
-    train, query, gallery = (_crops(name, part) for part in _numbered(parts))
+    train, query, gallery = (_crops(name, part) for part in _number_people(parts))
     if not len(train) and not len(query):
         raise InputError(f"{path}: {'; '.join(notes) or 'holds no images of people'}: nothing is left to learn from")
     if len(query):
@@ -168,7 +163,7 @@ def data_set(name: str, path: Path, listing: Listing, tell: Progress) -> DataSet
     return DataSet(name, train, query, gallery, tuple(notes))
 
 
-def _readable(parts: list[list[Listed]], notes: list[str], tell: Progress) -> list[list[Listed]]:
+def _keep_readable(parts: list[list[Listed]], notes: list[str], tell: Progress) -> list[list[Listed]]:
     """The pictures that can be used."""
     rows = [row for part in parts for row in part]
     faults = faults_of_pictures([row.path for row in rows], tell)
@@ -204,7 +199,7 @@ def _note_overlap(parts: list[list[Listed]], notes: list[str]) -> None:
     notes += describe_faults(both, f"{len(both)} people are in both train and query, so the scores are too good")
 
 
-def _numbered(parts: list[list[Listed]]) -> list[tuple[list[Listed], list[str], list[str]]]:
+def _number_people(parts: list[list[Listed]]) -> list[tuple[list[Listed], list[str], list[str]]]:
     """Each part with the names of its people and cameras; query and gallery have them in common."""
     named = []
     for group in (parts[:1], parts[1:]):
@@ -303,7 +298,7 @@ def _fault(path: Path) -> str | None:
     picture = decode_pictures(path)
     if picture is None:
         return "cannot be read"
-    # What is smaller tells nothing of anybody (`perception.crops.tellable`).
+    # What is smaller tells nothing of anybody (`perception.crop_network.tellable`).
     return "is too small" if picture.shape[1] < MIN_WIDTH_PX or picture.shape[0] < MIN_HEIGHT_PX else None
 
 

@@ -200,7 +200,7 @@ def write_curves(log: TrainingLog, path: Path) -> None:
     rows = log.rows()
     panels = []
     for number, (title, unit, curves) in enumerate(PANELS):
-        panels.append(f"<h2>{title}</h2>\n{_drawn(rows, number, unit, curves)}")
+        panels.append(f"<h2>{title}</h2>\n{_draw_panel(rows, number, unit, curves)}")
     write_text(path, _PAGE.format(summary=_summary(rows), panels="\n".join(panels)))
 
 
@@ -216,7 +216,7 @@ def _summary(rows: Sequence[EpochRecord]) -> str:
     return f"{told} Best rank-1 {best:.3f} after epoch {epoch}, {scored[-1][0]:.3f} at the last validation."
 
 
-def _drawn(rows: Sequence[EpochRecord], number: int, unit: str, curves: Sequence[_Curve]) -> str:
+def _draw_panel(rows: Sequence[EpochRecord], number: int, unit: str, curves: Sequence[_Curve]) -> str:
     """One panel as HTML; the first brings plotly's script with it, 5 MB."""
     from plotly import graph_objects
     from plotly.io import to_html

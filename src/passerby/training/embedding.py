@@ -29,7 +29,7 @@ NOTHING = 1e-6
 
 
 def whole_box(picture: Picture) -> Floats:
-    """(1, 4) the box that holds a picture exactly as `perception.crops.stretched` rounds.
+    """(1, 4) the box that holds a picture exactly as `perception.crop_network.stretched` rounds.
 
     By the house's coordinates a picture begins half a pixel before (0, 0); but half a pixel rounds to the even number beside
     it, so that box would lose the last column of every picture whose width is odd.
@@ -75,7 +75,7 @@ def score_crops(
 
     Raises `InputError` as `retrieval_score`, and for vectors that do not fit the pictures.
     """
-    person, camera, known = _common(query, gallery)
+    person, camera, known = _number_alike(query, gallery)
     n = len(query)
     vectors = _directions(query, gallery, query_vectors, gallery_vectors, camera, centred)
     return retrieval_score(
@@ -85,7 +85,7 @@ def score_crops(
         person[n:],
         np.where(known[n:], camera[n:], -2),
         ranks,
-        apart=_apart(query, gallery),
+        apart=_find_distinct(query, gallery),
     )
 
 
@@ -102,7 +102,7 @@ def leave_one_out(crops: CropSet, vectors: Vectors, centred: bool = False, ranks
 
     Raises `InputError` as `score_crops`.
     """
-    person, camera, known = _common(crops, CropSet())
+    person, camera, known = _number_alike(crops, CropSet())
     unit = _directions(crops, CropSet(), vectors, vectors[:0], camera, centred)
     if not known.all() or len(np.unique(camera)) < 2:
         camera = np.arange(len(crops))  # each as if by a camera of its own, so that only itself is passed over
@@ -122,7 +122,7 @@ def score_data(data: DataSet, embed: Embed, centred: bool = False, ranks: Sequen
     return leave_one_out(data.train, embed(data.train), centred, ranks)
 
 
-def _common(query: CropSet, gallery: CropSet) -> tuple[Ints, Ints, NDArray[np.bool_]]:
+def _number_alike(query: CropSet, gallery: CropSet) -> tuple[Ints, Ints, NDArray[np.bool_]]:
     """Of query and then gallery (Q + G,): people and cameras, numbered alike, and whether the camera is known."""
     people = {name: row for row, name in enumerate(dict.fromkeys((*query.people, *gallery.people)))}
     cameras = {name: row for row, name in enumerate(dict.fromkeys((*query.cameras, *gallery.cameras)))}
@@ -136,7 +136,7 @@ def _common(query: CropSet, gallery: CropSet) -> tuple[Ints, Ints, NDArray[np.bo
     return np.concatenate(person), every, known[every]
 
 
-def _apart(query: CropSet, gallery: CropSet) -> NDArray[np.bool_] | None:
+def _find_distinct(query: CropSet, gallery: CropSet) -> NDArray[np.bool_] | None:
     """(P, P) who are known to be two, numbered as by `_common`; None where all are."""
     if query.apart is None and gallery.apart is None:
         return None

@@ -141,12 +141,12 @@ def export_network(
     differ by more than `MAX_DIFFERENCE`, or the file cannot be written; nothing is written then.
     """
     exported = copy.deepcopy(network).to("cpu", torch.float32).eval()
-    given = [(picture, _whole(picture)) for picture in pictures or ()]
+    given = [(picture, _make_full_box(picture)) for picture in pictures or ()]
     large = [view for view in given if is_recognisable(*view).all()]
     noise = _noise(options)
     size = (options.width, options.height)
     expected = [torch_vectors(exported, size, views) for views in (noise, large) if views]
-    model = _converted(exported, options)
+    model = _convert_to_onnx(exported, options)
     _describe(model, {} if origin is None else origin)
     data: bytes = model.SerializeToString(deterministic=True)
     sha256 = hashlib.sha256(data).hexdigest()
@@ -154,8 +154,12 @@ def export_network(
         trial = Path(folder) / path.name
         write_bytes(trial, data)
         embedder = ReidEmbedder(own_network(trial, "embedder", sha256))
-        random = _compared(expected[0], embedder, noise, f"backbone {options.backbone}: on random images")
-        real = _compared(expected[1], embedder, large, f"backbone {options.backbone}: on the given images") if large else None
+        random = _compare_outputs(expected[0], embedder, noise, f"backbone {options.backbone}: on random images")
+        real = (
+            _compare_outputs(expected[1], embedder, large, f"backbone {options.backbone}: on the given images")
+            if large
+            else None
+        )
     write_bytes(path, data)
     opset = max(entry.version for entry in model.opset_import if entry.domain in ("", "ai.onnx"))
     return ExportReport(path, len(data), sha256, opset, embedder.dimensions, random, real, len(given) - len(large))
@@ -194,7 +198,7 @@ def compare_outputs(reference: Vectors, found: Vectors) -> ExportAgreement:
     return ExportAgreement(len(a), float(np.abs(a - b).max()), min(cosine, 1.0), largest_swap)
 
 
-def _compared(expected: Vectors, embedder: ReidEmbedder, views: Sequence[View], place: str) -> ExportAgreement:
+def _compare_outputs(expected: Vectors, embedder: ReidEmbedder, views: Sequence[View], place: str) -> ExportAgreement:
     """The agreement of what PyTorch gave with what the file gives; raises `InputError` where there is none.
 
     `place` begins the error: which network, on what.
@@ -208,7 +212,7 @@ def _compared(expected: Vectors, embedder: ReidEmbedder, views: Sequence[View], 
     return result
 
 
-def _whole(picture: Picture) -> Floats:
+def _make_full_box(picture: Picture) -> Floats:
     """(1, 4) the box that is all of a picture."""
     height, width = picture.shape[:2]
     return np.array([[0.0, 0.0, width, height]])
@@ -226,7 +230,7 @@ def _noise(options: TrainOptions) -> list[View]:
     return [(np.concatenate(crops, axis=1), boxes)]
 
 
-def _converted(network: ReidNetwork, options: TrainOptions) -> ModelProto:
+def _convert_to_onnx(network: ReidNetwork, options: TrainOptions) -> ModelProto:
     """The network in ONNX, without a word of the machine it was made on. Raises `InputError` where it cannot be had."""
     size = 4 * sum(weights.numel() for weights in network.backbone.parameters())
     if size > LARGEST_FILE:
@@ -236,7 +240,7 @@ def _converted(network: ReidNetwork, options: TrainOptions) -> ModelProto:
         )
     example = torch.zeros(2, 3, options.height, options.width)  # a batch of 1 would be taken for a constant
     try:
-        with _hushed():
+        with _silence_exporter():
             program = torch.onnx.export(
                 _Embedding(network).eval(),
                 (example,),
@@ -302,7 +306,7 @@ def _reason(error: BaseException) -> str:
 
 
 @contextmanager
-def _hushed() -> Iterator[None]:
+def _silence_exporter() -> Iterator[None]:
     """Without the exporter's advice to its own developers, such as that torchvision is missing; its errors still come."""
     loggers = [logging.getLogger(name) for name in ("torch.onnx", "torch.onnx._internal.exporter._registration", "onnxscript")]
     levels = [logger.level for logger in loggers]

@@ -1,13 +1,9 @@
-"""The re-identification network: backbone, pooling, the neck between its losses, and a classifier of those it learns from.
-
-What the network learns by: who it is among the training people, and that a person is nearer to himself than to others.
+"""The re-identification network: backbones by name, pooling, neck, classifier, and the losses it learns by.
 
 Identity loss: cross entropy over the training people, with label smoothing (Szegedy et al., CVPR 2016). Triplet loss:
 max(0, margin + |f - f_positive| - |f - f_negative|), mean over the pictures of a batch, with the hardest positive and the
 hardest negative of each (Hermans, Beyer, Leibe, *In Defense of the Triplet Loss for Person Re-Identification*, 2017).
 Together they are those of Xu et al., CVPR 2021, section 3.1.
-
-The networks that turn a picture into a map of features, by name, from the library `transformers`.
 """
 
 from __future__ import annotations
@@ -175,7 +171,7 @@ def open_backbone(name: str, size: tuple[int, int], weights: str = "auto", last_
     Raises `InputError` for a name that does not exist, published weights that cannot be had but are demanded, and a network
     that makes no map of features from such pictures.
     """
-    network, published, note = _made(name, weights)
+    network, published, note = _make_network(name, weights)
     if last_stride == 1:
         _keep_resolution(network, name)
     return Backbone(network, _channels(network, name, size), published, note)
@@ -184,7 +180,7 @@ def open_backbone(name: str, size: tuple[int, int], weights: str = "auto", last_
 def kept_backbone(name: str, configuration: dict[str, Any], size: tuple[int, int], last_stride: int) -> Backbone:
     """The backbone of a checkpoint, which knows its architecture: its weights are yet to be loaded."""
     known = dict(configuration)
-    with _quiet():
+    with _silence_warnings():
         config = AutoConfig.for_model(known.pop("model_type"), **known)
         network: nn.Module = AutoModel.from_config(config)  # type: ignore[no-untyped-call]
     if last_stride == 1:
@@ -192,7 +188,7 @@ def kept_backbone(name: str, configuration: dict[str, Any], size: tuple[int, int
     return Backbone(network, _channels(network, name, size), False, f"{name}: as in the checkpoint")
 
 
-def _made(name: str, weights: str) -> tuple[nn.Module, bool, str]:
+def _make_network(name: str, weights: str) -> tuple[nn.Module, bool, str]:
     """The network, whether its weights are published ones, and what to tell of them."""
     source = _source(name)
     title = Path(name).name if source == name and Path(name).is_dir() else name
@@ -207,7 +203,7 @@ def _made(name: str, weights: str) -> tuple[nn.Module, bool, str]:
     if weights == "published" and source is None:
         raise InputError(f"backbone {name}: no published weights are known by this name: give weights = random, or another one")
     why = "" if weights == "random" else ": none are published" if source is None else f": those of {source} are not available"
-    with _quiet():
+    with _silence_warnings():
         made: nn.Module = AutoModel.from_config(_configuration(name))  # type: ignore[no-untyped-call]
     return made, False, f"{title}: starts with random weights{why}"
 
@@ -221,7 +217,7 @@ def had(load: Callable[..., Any], source: str) -> Any:
 
     The library tries five times in 23 s where there is no network; one question beforehand is answered at once.
     """
-    with _quiet():
+    with _silence_warnings():
         try:
             return load(source, local_files_only=True)
         except UNAVAILABLE:
@@ -294,7 +290,7 @@ def feature_map(answer: Any) -> Tensor:
 
 
 @contextlib.contextmanager
-def _quiet() -> Iterator[None]:
+def _silence_warnings() -> Iterator[None]:
     """Without the libraries' warnings: what matters is reported in words of our own."""
     loggers = [logging.getLogger(name) for name in ("huggingface_hub", "transformers")]
     levels = [logger.level for logger in loggers]

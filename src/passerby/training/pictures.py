@@ -1,8 +1,4 @@
-"""From a picture file to what the network sees: the same in training, in evaluation and, after export, in use.
-
-Pictures varied as other cameras, moments and detectors would show them.
-
-Which pictures make up a batch: P people, K pictures of each.
+"""Pictures as the network sees them: loaded alike everywhere, varied in training, and drawn as batches (P people, K each).
 
 What an epoch draws depends on the seed and the epoch's number alone, so that a training that was stopped between two epochs
 goes on as if nothing had happened.
@@ -85,17 +81,17 @@ def augment(picture: Picture, options: TrainOptions, rng: np.random.Generator) -
     on the picture.
     """
     if options.colour > 0:
-        picture = _recoloured(picture, options.colour, rng)
+        picture = _recolour(picture, options.colour, rng)
     if options.shift > 0:
-        picture = _shifted(picture, options.shift, rng)
+        picture = _shift_picture(picture, options.shift, rng)
     if rng.uniform() < options.flip:
         picture = picture[:, ::-1]
     if rng.uniform() < options.erasing:
-        picture = _erased(picture, rng)
+        picture = _erase_rectangle(picture, rng)
     return np.ascontiguousarray(picture)
 
 
-def _recoloured(picture: Picture, most: float, rng: np.random.Generator) -> Picture:
+def _recolour(picture: Picture, most: float, rng: np.random.Generator) -> Picture:
     """Brightness and contrast of the whole picture, and half as much of each channel's gain: exposure and white balance."""
     brightness, contrast = rng.uniform(-most, most, 2)
     gain = 1.0 + rng.uniform(-most / 2, most / 2, 3)
@@ -107,7 +103,7 @@ def _recoloured(picture: Picture, most: float, rng: np.random.Generator) -> Pict
     return np.asarray(cv2.LUT(picture, table[:, None, :]), dtype=np.uint8)
 
 
-def _shifted(picture: Picture, most: float, rng: np.random.Generator) -> Picture:
+def _shift_picture(picture: Picture, most: float, rng: np.random.Generator) -> Picture:
     """The picture within an edge of the mean colour, cut out at another place: detectors' boxes are off by as much."""
     height, width = picture.shape[:2]
     edge = max(1, round(most * height))
@@ -116,7 +112,7 @@ def _shifted(picture: Picture, most: float, rng: np.random.Generator) -> Picture
     return np.asarray(framed[top : top + height, left : left + width], dtype=np.uint8)
 
 
-def _erased(picture: Picture, rng: np.random.Generator) -> Picture:
+def _erase_rectangle(picture: Picture, rng: np.random.Generator) -> Picture:
     """A rectangle in the mean colour."""
     height, width = picture.shape[:2]
     for _ in range(TRIES):
@@ -152,7 +148,7 @@ class BatchSampler(Sampler[list[Draw]]):
     def __iter__(self) -> Iterator[list[Draw]]:
         """The batches of the epoch."""
         rng = np.random.default_rng((self._seed, self.epoch))
-        rows = self._any(rng) if self._crops.apart is None else self._apart(rng, self._crops.apart)
+        rows = self._draw_batches(rng) if self._crops.apart is None else self._draw_distinct_batches(rng, self._crops.apart)
         place = 0
         for batch in rows:
             yield [(row, self.epoch, place + k) for k, row in enumerate(batch)]
@@ -180,14 +176,14 @@ class BatchSampler(Sampler[list[Draw]]):
             while free.any() and len(chosen) < self._people:
                 chosen.append(int(rng.choice(np.flatnonzero(free))))
                 free &= apart[chosen[-1]]
-            yield [row for person in chosen for row in self._drawn(by_camera[person], rng)]
+            yield [row for person in chosen for row in self._draw_pictures(by_camera[person], rng)]
 
     def _rows_by_camera(self, person: int) -> list[Ints]:
         """A person's pictures by the camera."""
         rows = np.flatnonzero(self._crops.person == person)
         return [rows[self._crops.camera[rows] == camera] for camera in np.unique(self._crops.camera[rows])]
 
-    def _drawn(self, by_camera: list[Ints], rng: np.random.Generator) -> list[int]:
+    def _draw_pictures(self, by_camera: list[Ints], rng: np.random.Generator) -> list[int]:
         """K pictures of a person, camera by camera in turn; none twice while there are others."""
         decks = [list(rng.permutation(rows)) for rows in by_camera]
         rng.shuffle(decks)

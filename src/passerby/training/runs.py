@@ -218,7 +218,7 @@ def finetune_scene(
     tell("exporting")
     exported = export_run(target / RUN, target / NETWORK, sets)
     _take_over(out / PERCEPTION, target / PERCEPTION)
-    calibration = _again(people.scene, target, seed, tell)
+    calibration = _calibrate_again(people.scene, target, seed, tell)
     calibration.write(target)
     return FineTuned(target, people, trained, exported, calibration)
 
@@ -231,7 +231,7 @@ def _options(weights: Path | None, config: Path | None, epochs: int | None, seed
     return train_options("small", config, start=fine_tuning(load_checkpoint(weights), weights), **chosen)
 
 
-def _again(scene: Scene, target: Path, seed: int, tell: Progress) -> Calibration:
+def _calibrate_again(scene: Scene, target: Path, seed: int, tell: Progress) -> Calibration:
     """The scene calibrated with the new network."""
     table = scene.perception.model_copy(update={"embedder": str((target / NETWORK).resolve())})
     changed = scene.with_perception(table)
@@ -244,12 +244,12 @@ def _take_over(kept: Path, target: Path) -> None:
     if not kept.is_dir() or target.exists():
         return
     try:
-        shutil.copytree(kept, target, copy_function=_linked)
+        shutil.copytree(kept, target, copy_function=_link_file)
     except OSError as error:
         raise cannot_write(target, error) from error
 
 
-def _linked(source: str, target: str) -> None:
+def _link_file(source: str, target: str) -> None:
     """The same file under another name where the file system can, else a copy; files are only ever replaced, not changed."""
     try:
         os.link(source, target)

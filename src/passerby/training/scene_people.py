@@ -3,8 +3,6 @@
 A calibration estimates identities. They are checked here again, by the rig itself and without appearance: see
 `verify_boxes` and `pseudo_labels`. What remains is right nearly always, which matters more than how much it is: training with
 the hardest pairs makes most of every wrong label.
-
-What `passerby calibrate` left in its output folder, as far as a network learns from it.
 """
 
 from __future__ import annotations
@@ -81,7 +79,7 @@ def scene_people(
     agreed = verify_boxes(places)
     spans = pseudo_labels(places, agreed)
     wanted = [
-        _wanted(calibrated, number, name, places, spans)
+        _choose_boxes(calibrated, number, name, places, spans)
         for number, name in enumerate(calibrated.rig.names)
         if name in calibrated.videos
     ]
@@ -111,7 +109,7 @@ def scene_people(
     return ScenePeople(calibrated.scene, crops, figures, (*_notes(out, calibrated), *cut.notes))
 
 
-def _wanted(calibrated: CalibratedScene, number: int, name: str, places: Places, spans: PseudoLabels) -> WantedCrops:
+def _choose_boxes(calibrated: CalibratedScene, number: int, name: str, places: Places, spans: PseudoLabels) -> WantedCrops:
     """The boxes of a camera to be cut: sure, clear, and spread over the time of each span."""
     boxes = calibrated.boxes[name]
     span = np.full(len(boxes), -1)
@@ -239,11 +237,11 @@ def read_calibrated(out: Path, scene: Path | None = None) -> CalibratedScene:
     }
     if not videos:
         raise InputError(f"{loaded.place}: no calibrated camera has a video: crops of people are cut from videos")
-    clocks = found.clocks or _alike(loaded, posed, videos)
+    clocks = found.clocks or _align_clocks(loaded, posed, videos)
     return CalibratedScene(loaded, posed, found.boxes, clocks, found.verdict, videos)
 
 
-def _alike(scene: Scene, rig: Rig, videos: Mapping[str, Path]) -> dict[str, Clock]:
+def _align_clocks(scene: Scene, rig: Rig, videos: Mapping[str, Path]) -> dict[str, Clock]:
     """Clocks of frames that are counted alike, at the rate of the scene or of a video."""
     rates = [scene.fps_of(name) for name in rig.names]
     rate = next((rate for rate in rates if rate), None) or probe(next(iter(videos.values()))).clock_fps

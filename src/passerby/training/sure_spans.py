@@ -76,9 +76,9 @@ def pseudo_labels(places: Places, agreed: GeometricAgreement) -> PseudoLabels:
     span = np.full(len(places), -1)
     sure = agreed.reason == SURE
     span[sure] = span_of_group[agreed.group[sure]]
-    span = _without_passing(span, places, agreed)
-    span[_beside_doubt(places, agreed)] = -1
-    span = _in_two_cameras(span, places)
+    span = _drop_passing(span, places, agreed)
+    span[_find_near_doubt(places, agreed)] = -1
+    span = _keep_shared_spans(span, places)
     kept, index = np.unique(span[span >= 0], return_inverse=True)
     renamed = np.full(int(span_of_group.max(initial=-1)) + 1, -1)
     renamed[kept] = np.arange(len(kept))
@@ -93,7 +93,7 @@ def pseudo_labels(places: Places, agreed: GeometricAgreement) -> PseudoLabels:
     number = np.array([1 + np.count_nonzero(identity[:k] == who) for k, who in enumerate(identity)], dtype=np.int64)
     seen = np.unique(np.column_stack([span, places.camera])[span >= 0], axis=0)
     n_cameras = np.bincount(seen[:, 0], minlength=len(kept)).astype(np.int64)
-    return PseudoLabels(span, identity, number, ends, _apart(agreed, group_span, len(kept)), n_cameras)
+    return PseudoLabels(span, identity, number, ends, _find_separate(agreed, group_span, len(kept)), n_cameras)
 
 
 def _spans(step_s: float, agreed: GeometricAgreement) -> Ints:
@@ -108,14 +108,14 @@ def _spans(step_s: float, agreed: GeometricAgreement) -> Ints:
     cut |= (gap > max(LONGEST_GAP_S, 1.5 * step_s) + 1e-9) | (jump > JUMP_M + JUMP_M_S * gap)
     near_before = np.concatenate([[0], np.cumsum(agreed.near)])
     cut |= near_before[second] > near_before[first]
-    cut[~cut] = _met_unseen(agreed, first[~cut], second[~cut])
+    cut[~cut] = _may_have_met(agreed, first[~cut], second[~cut])
     number = np.concatenate([[0], np.cumsum(cut)])
     spans = np.full(len(agreed.step), -1)
     spans[sure] = number
     return spans
 
 
-def _met_unseen(agreed: GeometricAgreement, first: Ints, second: Ints) -> NDArray[np.bool_]:
+def _may_have_met(agreed: GeometricAgreement, first: Ints, second: Ints) -> NDArray[np.bool_]:
     """(K,) whether another person is near the straight path of a person from one confirmed instant to the next,
     unconfirmed in between.
     """
@@ -137,7 +137,7 @@ def _met_unseen(agreed: GeometricAgreement, first: Ints, second: Ints) -> NDArra
     return met
 
 
-def _beside_doubt(places: Places, agreed: GeometricAgreement) -> NDArray[np.bool_]:
+def _find_near_doubt(places: Places, agreed: GeometricAgreement) -> NDArray[np.bool_]:
     """(N,) boxes of an identity within `DOUBT_S` of a doubtful one of the same camera: labels slip before it is noticed."""
     order = np.lexsort((places.step, places.camera, places.identity))
     order = order[places.identity[order] != UNKNOWN]
@@ -154,9 +154,9 @@ def _beside_doubt(places: Places, agreed: GeometricAgreement) -> NDArray[np.bool
     return beside
 
 
-def _without_passing(span: Ints, places: Places, agreed: GeometricAgreement) -> Ints:
+def _drop_passing(span: Ints, places: Places, agreed: GeometricAgreement) -> Ints:
     """The spans without cameras that saw them for a moment only, without instants in one camera, and without short ones."""
-    span = _in_two_cameras(span, places)
+    span = _keep_shared_spans(span, places)
     rows = np.flatnonzero(span >= 0)
     # An instant that is left with one camera is no longer one.
     number = np.bincount(agreed.group[rows], minlength=len(agreed.step))
@@ -174,7 +174,7 @@ def _without_passing(span: Ints, places: Places, agreed: GeometricAgreement) -> 
     return np.where(np.append(good, True)[span], span, -1)
 
 
-def _in_two_cameras(span: Ints, places: Places) -> Ints:
+def _keep_shared_spans(span: Ints, places: Places) -> Ints:
     """The spans without those that are left with one camera, and without cameras that saw them for a moment only."""
     n_cameras = int(places.camera.max(initial=0)) + 1
     count = np.zeros((int(span.max(initial=-1)) + 1, n_cameras), dtype=np.int64)
@@ -186,7 +186,7 @@ def _in_two_cameras(span: Ints, places: Places) -> Ints:
     return np.where(np.concatenate([enough, of_nobody])[span, places.camera], span, -1)
 
 
-def _apart(agreed: GeometricAgreement, group_span: Ints, n_spans: int) -> NDArray[np.bool_]:
+def _find_separate(agreed: GeometricAgreement, group_span: Ints, n_spans: int) -> NDArray[np.bool_]:
     """(S, S) spans with common instants at most of which they are far from each other."""
     rows = np.flatnonzero(group_span >= 0)
     rows = rows[np.argsort(agreed.step[rows], kind="stable")]

@@ -101,7 +101,7 @@ def train(
             not a number (the checkpoint of the last whole epoch stays).
     """
     _check(crops, options)
-    before = _earlier(folder, crops, options)
+    before = _read_earlier(folder, crops, options)
     with _deterministic():
         training = _Training(crops, options, folder, {**origin, "began_with": options.weights}, before, device)
         if resumed is not None:
@@ -134,7 +134,7 @@ def _check(crops: CropSet, options: TrainOptions) -> None:
         raise InputError(f"workers = {options.workers}: give 0 or more")
 
 
-def _earlier(folder: Path, crops: CropSet, options: TrainOptions) -> Checkpoint | None:
+def _read_earlier(folder: Path, crops: CropSet, options: TrainOptions) -> Checkpoint | None:
     """The state of an earlier run of the same training. Raises `InputError` where that was another one."""
     if not (folder / CHECKPOINT).is_file():
         return None
@@ -174,7 +174,7 @@ class _Training:
         self._options, self._folder, self._crops = options, folder, crops
         self._data = data_key(crops)
         self.done = before.epoch if before else 0
-        network, self.note, self.origin = _begun(crops, options, origin, before)
+        network, self.note, self.origin = _begin_training(crops, options, origin, before)
         self._accelerator = Accelerator(cpu=device == "cpu", mixed_precision=options.precision)
         self.leads = self._accelerator.is_main_process
         network = network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
@@ -213,13 +213,13 @@ class _Training:
             loss: Loss = self._loss(answers, person)
             values = torch.stack([loss.total, loss.identity, loss.triplet]).detach().double().cpu().numpy()
             if not np.isfinite(values).all():
-                raise self._broken(epoch, batch, f"the loss is {values[0]}")
+                raise self._describe_break(epoch, batch, f"the loss is {values[0]}")
             self._accelerator.backward(loss.total)
             self._optimizer.step()
             sums += values
             tell("training", step + 1, batches * self._options.epochs)
         if not all(bool(value.isfinite().all()) for value in self.network.state_dict().values()):
-            raise self._broken(epoch, batches - 1, "the weights are not numbers")
+            raise self._describe_break(epoch, batches - 1, "the weights are not numbers")
         mean = (sums / batches).tolist()
         return EpochRecord(epoch + 1, (epoch + 1) * batches, rate, *mean)
 
@@ -230,7 +230,7 @@ class _Training:
             kept: Optimizer = getattr(optimizer, "optimizer", optimizer)
             save_checkpoint(self._folder / CHECKPOINT, self.network, kept, epoch, self._options, self._data, self.origin)
 
-    def _broken(self, epoch: int, batch: int, what: str) -> InputError:
+    def _describe_break(self, epoch: int, batch: int, what: str) -> InputError:
         good = f"{CHECKPOINT} has the network after epoch {epoch}" if epoch else "nothing was stored, it was the first epoch"
         return InputError(
             f"{self._folder}: {what} in epoch {epoch + 1}, batch {batch + 1}: {good}: lower learning_rate "
@@ -239,7 +239,7 @@ class _Training:
         )
 
 
-def _begun(
+def _begin_training(
     crops: CropSet, options: TrainOptions, origin: Mapping[str, str], before: Checkpoint | None
 ) -> tuple[ReidNetwork, str, dict[str, str]]:
     """The network to begin or to go on with, what to tell of its weights, and where it comes from."""

@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from passerby.scene.start import quick_look
-from passerby.scene.start.quick_look import MOST_CAMERAS, MOST_MOMENTS, look_at
-from passerby.scene.start.recordings_found import RecordingSurvey, propose_span
+from passerby.scene.start import recordings_found
+from passerby.scene.start.recordings_found import MOST_CAMERAS, MOST_MOMENTS, RecordingSurvey, look_at, propose_span
 from support.scenes.puppet_videos import draw, wall, write_video
 
 SIZE, MINUTES, BUSY, PEOPLE = (160, 120), 64, range(20, 36), 3
@@ -57,7 +56,7 @@ def test_the_busiest_span_is_proposed(cameras):
 
 def test_a_day_of_many_cameras_costs_no_more(monkeypatch, tmp_path):
     opened = []
-    monkeypatch.setattr(quick_look, "key_picture", lambda path, second: opened.append(path))
+    monkeypatch.setattr(recordings_found, "key_picture", lambda path, second: opened.append(path))
     paths = [tmp_path / f"{number}.mp4" for number in range(8640)]
     begins = [BEGIN + 10 * number for number in range(8640)]
     look = look_at([(paths, begins)] * 5, BEGIN, BEGIN + 86400)

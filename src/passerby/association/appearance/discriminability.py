@@ -30,7 +30,7 @@ from passerby.association.appearance.embeddings import (
 )
 from passerby.common.arrays import Floats, Ints
 from passerby.core.observations import Boxes
-from passerby.geometry.robust import residual_scale
+from passerby.geometry.groups import residual_scale
 
 Mask = NDArray[np.bool_]
 

@@ -19,8 +19,7 @@ from passerby.association.sampling import STEP_S
 from passerby.common.arrays import Floats, Ints
 from passerby.core.cameras import Pose
 from passerby.findings.finding import Finding, Severity
-from passerby.geometry.groups import group_sums
-from passerby.geometry.robust import cauchy_weights
+from passerby.geometry.groups import cauchy_weights, group_sums
 from passerby.geometry.single_view import Level
 
 TOLERANCE = Tolerance(floor_m=0.08, along=0.04, across=0.008, foot_m=0.25)

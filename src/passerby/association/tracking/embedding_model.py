@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from passerby.common.arrays import Floats, Ints
 from passerby.core.observations import UNKNOWN, Boxes, Vectors
-from passerby.geometry.robust import residual_scale
+from passerby.geometry.groups import residual_scale
 
 Mask = NDArray[np.bool_]
 

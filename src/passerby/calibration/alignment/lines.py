@@ -19,8 +19,7 @@ from passerby.common.arrays import Floats
 from passerby.common.errors import EvidenceError, InputError
 from passerby.core.cameras import Camera, Rig
 from passerby.findings.finding import Finding, notice
-from passerby.geometry.rotations import exp_rotation
-from passerby.geometry.similarity import Similarity
+from passerby.geometry.rotations import Similarity, exp_rotation
 
 OFF_SIGMAS = 3.0
 """A line that contradicts the vertical by more is named and left out, where the others and the people agree without it."""

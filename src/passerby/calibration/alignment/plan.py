@@ -19,8 +19,7 @@ from passerby.core.scale_cues import FloorPlan
 from passerby.findings.finding import Finding, doubt, notice
 from passerby.findings.texts import text_of
 from passerby.geometry.plan_fit import Placements, ScalePrior, fit_plan
-from passerby.geometry.rotations import exp_rotation
-from passerby.geometry.similarity import Similarity
+from passerby.geometry.rotations import Similarity, exp_rotation
 from passerby.solver.plan_rows import PlanRows, Settled, plan_rows
 
 LEAST_RIG_SD_M = 1e-3

@@ -13,8 +13,7 @@ from passerby.core.cameras import Camera, Rig
 from passerby.core.scale_cues import KnownPoint, KnownPosition
 from passerby.findings.finding import Finding, notice
 from passerby.geometry.alignment import Places, SeenPoints, WorldFit, fit_world
-from passerby.geometry.rotations import direction_angle
-from passerby.geometry.similarity import Similarity
+from passerby.geometry.rotations import Similarity, direction_angle
 
 POOR_FIT = 3.0
 """Residuals of three times their stated standard deviations are reported."""

@@ -25,8 +25,7 @@ from passerby.core.scale_cues import KnownPoint, KnownPosition, find_wrong_unit
 from passerby.findings.finding import Finding, notice
 from passerby.findings.texts import texts_of
 from passerby.geometry.alignment import KnownPositions, Places, SeenPoints, WorldFit, fit_world, fits_mirrored
-from passerby.geometry.rotations import exp_rotation, log_rotation
-from passerby.geometry.similarity import Similarity
+from passerby.geometry.rotations import Similarity, exp_rotation, log_rotation
 
 STRAIGHT_DOWN = 0.1
 """Sine of 6 degrees: a camera that looks down more steeply has no direction on the ground to speak of."""

@@ -1,7 +1,4 @@
-"""`passerby align`: a rig, or a whole calibration, in the world frame that its user wants.
-
-`passerby compare`: two rigs of the same cameras on people that neither was made from.
-"""
+"""`passerby align`: a calibration in the world frame that its user wants; `passerby compare`: two rigs on people."""
 
 from __future__ import annotations
 
@@ -58,7 +55,7 @@ def align(
     from passerby.interchange.storage.text_formats import to_json
     from passerby.interchange.storage.transaction import folder_lock
 
-    wanted = _wanted(camera, towards, points, positions, plan, scale, tilt)
+    wanted = _read_options(camera, towards, points, positions, plan, scale, tilt)
     folder = rig if rig.is_dir() else rig.parent if (rig.parent / CALIBRATION_FILE).is_file() and rig.name == RIG_FILE else None
     source = rig / RIG_FILE if rig.is_dir() else rig
     to_file = out.suffix.lower() == ".toml" and not out.is_dir()
@@ -85,7 +82,7 @@ def align(
         print(f"note: {' '.join(note.split())}", file=sys.stderr)
 
 
-def _wanted(
+def _read_options(
     camera: str | None,
     towards: str | None,
     points: Path | None,

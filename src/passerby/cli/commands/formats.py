@@ -1,9 +1,4 @@
-"""`passerby formats`: which files of other tools can be read and written.
-
-`passerby export`: a rig for another tool.
-
-`passerby import`: cameras, or people, from another tool's files.
-"""
+"""`passerby formats`, `passerby export` and `passerby import`: files of other tools."""
 
 from __future__ import annotations
 
@@ -38,7 +33,7 @@ def formats(
 
     found = [find_format(name)] if name is not None else list(all_formats())
     if json:
-        print(to_json({"formats": [_plain(form) for form in found]}), end="")
+        print(to_json({"formats": [_as_plain_values(form) for form in found]}), end="")
     elif markdown:
         print(as_markdown(found), end="")
     elif name is None:
@@ -47,7 +42,7 @@ def formats(
         _detail(found[0])
 
 
-def _plain(form: Format) -> dict[str, Any]:
+def _as_plain_values(form: Format) -> dict[str, Any]:
     return {
         "name": form.name, "title": form.title, "tools": form.tools, "target": form.target, "suffixes": form.suffixes,
         "exports": form.write is not None, "imports_cameras": form.read is not None,
@@ -55,7 +50,7 @@ def _plain(form: Format) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _can(form: Format) -> str:
+def _describe_abilities(form: Format) -> str:
     """What can be done with a format."""
     reads = [what for what, reader in (("cameras", form.read), ("people", form.read_people)) if reader is not None]
     return " ".join([*(["export"] if form.write else []), *([f"import ({', '.join(reads)})"] if reads else [])])
@@ -67,9 +62,12 @@ def _target(form: Format) -> str:
 
 
 def _list(found: list[Format]) -> None:
-    width, can = max((len(form.name) for form in found), default=0), max((len(_can(form)) for form in found), default=0)
+    width, can = (
+        max((len(form.name) for form in found), default=0),
+        max((len(_describe_abilities(form)) for form in found), default=0),
+    )
     for form in found:
-        print(f"{form.name.ljust(width)}  {_can(form).ljust(can)}  {form.title}")
+        print(f"{form.name.ljust(width)}  {_describe_abilities(form).ljust(can)}  {form.title}")
     print("\npasserby formats FORMAT shows the details of one.")
 
 
@@ -80,13 +78,22 @@ def as_markdown(found: Sequence[Format]) -> str:
         reads = [what for what, reader in (("cameras", form.read), ("people", form.read_people)) if reader is not None]
         target = " ".join([_target(form), *(f"`{suffix}`" for suffix in form.suffixes)])
         export = "yes" if form.write else ""
-        lines.append(f"| [`{form.name}`](#{form.name}) | {_safe(form.title)} | {target} | {export} | {', '.join(reads)} |")
+        lines.append(
+            f"| [`{form.name}`](#{form.name}) | {_escape_markdown(form.title)} | {target} | {export} | {', '.join(reads)} |"
+        )
     for form in found:
-        lines += ["", f"### {form.name}", "", f"{_safe(form.title)}. For {', '.join(form.tools)}.", "", _safe(form.conventions)]
+        lines += [
+            "",
+            f"### {form.name}",
+            "",
+            f"{_escape_markdown(form.title)}. For {', '.join(form.tools)}.",
+            "",
+            _escape_markdown(form.conventions),
+        ]
     return "\n".join(lines) + "\n"
 
 
-def _safe(text: str) -> str:
+def _escape_markdown(text: str) -> str:
     """Text that Markdown takes for neither a tag nor a column's end."""
     return text.replace("<", "&lt;").replace("|", "\\|")
 
@@ -95,7 +102,7 @@ def _detail(form: Format) -> None:
     print(f"{form.name}: {form.title}")
     print(f"for: {', '.join(form.tools)}")
     print(f"a {_target(form)}" + (f" ({', '.join(form.suffixes)})" if form.suffixes else ""))
-    print(f"can: {_can(form)}")
+    print(f"can: {_describe_abilities(form)}")
     print(form.conventions)
     if form.write is not None:
         print(f"passerby export out/rig.toml --format {form.name} -o {'rig' + (form.suffixes[0] if form.suffixes else '')}")
@@ -135,9 +142,9 @@ def export(
     title = name or (rig.resolve().name if rig.is_dir() else rig.stem)
     ways = None
     if tracks is not None:
-        ways = _ways(tracks)
+        ways = _read_trajectories(tracks)
     elif rig.is_dir() and find_format(form).draws_people:
-        ways = _own_people(rig)
+        ways = _read_own_people(rig)
     for loss in write(Export(loaded, title, ways), form, out, lossy=lossy):
         print(f"note: lost: {' '.join(loss.split())}", file=sys.stderr)
     verdict = f", which is {loaded.verdict}" if loaded.verdict not in (None, "accepted") else ""
@@ -146,7 +153,7 @@ def export(
     print(f"written to {out}")
 
 
-def _own_people(folder: Path) -> Trajectories | None:
+def _read_own_people(folder: Path) -> Trajectories | None:
     """The people of the output folder that the rig is from; None, with a message, if it has none to follow."""
     from passerby.calibration.following import people_of_folder
     from passerby.cli.terminal import stages
@@ -158,7 +165,7 @@ def _own_people(folder: Path) -> Trajectories | None:
     return found
 
 
-def _ways(tracks: Path) -> Trajectories:
+def _read_trajectories(tracks: Path) -> Trajectories:
     """People's trajectories from a CSV file or an output folder."""
     from passerby.calibration.following import trajectories_of_result
     from passerby.cli.terminal import stages
@@ -196,7 +203,7 @@ def import_(
     from passerby.interchange.formats import find_format, read_people_as, read_rig_as
     from passerby.interchange.rig_toml import write_rig
 
-    given = _given(size, units)
+    given = _read_given(size, units)
     known = find_format(form)
     if known.read_people is not None and (known.read is None or out.suffix.lower() != ".toml"):
         people = read_people_as(form, source, given)
@@ -212,7 +219,7 @@ def import_(
     print(f"{len(rig)} cameras, {posed} with poses: written to {out}")
 
 
-def _given(size: str | None, units: str | None) -> Given:
+def _read_given(size: str | None, units: str | None) -> Given:
     """What the user says of the file. Raises `InputError`."""
     from passerby.interchange.formats import Given
     from passerby.interchange.rig_toml import METRES_PER_UNIT

@@ -1,7 +1,4 @@
-"""`passerby record`: streams of cameras into files, all at once.
-
-Scenes whose videos are streams, for the commands that calibrate and check them.
-"""
+"""`passerby record`: streams of cameras into files, also for the commands that calibrate and check such scenes."""
 
 from __future__ import annotations
 

@@ -66,7 +66,7 @@ def train(
 
     RUN gets run.toml (the options), checkpoint.pt (the state after the last whole epoch), log.csv and curves.html.
     """
-    _need_torch("train")
+    _require_torch("train")
     from passerby.cli.terminal import show_table, stages
     from passerby.training.options import train_options
     from passerby.training.runs import train_run
@@ -85,7 +85,7 @@ def train(
     print(trained.note)
     print(f"{trained.origin['pictures']} images of {trained.origin['people']} people; validated on {trained.validated_on}")
     if last is not None:
-        show_table("training", *_last_row(last))
+        show_table("training", *_read_last_row(last))
     print(f"written to {out}: `passerby reid export {out} -o net.onnx` makes a network for embedder under [perception]")
 
 
@@ -151,7 +151,7 @@ def finetune(
     The labels are the people that the calibration identifies reliably by geometry. OUT/finetuned gets the run, net.onnx, and
     a calibration of its own. Exit status 3: too few people are identified reliably, or the new calibration is doubtful.
     """
-    _need_torch("finetune")
+    _require_torch("finetune")
     from passerby.cli.tables import show_calibration, tell_reasons
     from passerby.cli.terminal import stages
     from passerby.training.runs import finetune_scene
@@ -179,7 +179,7 @@ def export(
     json: AsJson = False,
 ) -> None:
     """Write the network of a run to an ONNX file for the perception stage, and compare its output with PyTorch's."""
-    _need_torch("export")
+    _require_torch("export")
     import tempfile
 
     from passerby.cli.terminal import show_table, stages
@@ -224,7 +224,7 @@ def _embed_by(network: str, tell: Progress) -> Any:
 
     path = Path(network)
     if path.is_dir() or path.suffix == ".pt":
-        _need_torch("evaluate RUN")
+        _require_torch("evaluate RUN")
         from passerby.training.runs import run_embedder
 
         return run_embedder(path)[0]
@@ -256,7 +256,7 @@ def _line(row: Any) -> str:
     return f"epoch {row.epoch}: loss {row.loss:.3f} (identity {row.identity_loss:.3f}, triplet {row.triplet_loss:.3f}){score}"
 
 
-def _last_row(row: Any) -> tuple[list[str], list[list[str]]]:
+def _read_last_row(row: Any) -> tuple[list[str], list[list[str]]]:
     """Header and row of the last epoch."""
     shares = ["-" if value is None else f"{100 * value:.1f} %" for value in (row.rank_1, row.map)]
     losses = [f"{value:.3f}" for value in (row.loss, row.identity_loss, row.triplet_loss)]
@@ -268,7 +268,7 @@ def _check_device(device: str) -> None:
         raise InputError(f"device {device!r} does not exist: give auto or cpu (CUDA_VISIBLE_DEVICES chooses among several)")
 
 
-def _need_torch(command: str) -> None:
+def _require_torch(command: str) -> None:
     """Raises `InputError` where the extra is not installed."""
     from importlib.util import find_spec
 

@@ -1,7 +1,4 @@
-"""`passerby report`: the page that tells whether a calibration is good, made again from its output folder.
-
-`passerby open`: the local web page of a scene.
-"""
+"""`passerby report`: the report page, made again from an output folder; `passerby open`: the local web page of a scene."""
 
 from __future__ import annotations
 

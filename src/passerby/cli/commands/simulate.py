@@ -1,9 +1,4 @@
-"""`passerby simulate`: a scene whose truth is known, as boxes or as videos.
-
-`passerby demo`: from nothing to a rig, with the truth to compare it with.
-
-`passerby dataset`: a scene folder, with its truth, from a published data set.
-"""
+"""Scenes with known truth: `passerby simulate`, `passerby demo`, and `passerby dataset` for published data sets."""
 
 from __future__ import annotations
 
@@ -104,7 +99,7 @@ def simulate(
         }  # fmt: skip
         # A site has defaults of its own.
         own = {"seconds": seconds, "clock_offsets": clock_offsets}
-        chosen_here = {name: value for name, value in own.items() if _given(context, name)}
+        chosen_here = {name: value for name, value in own.items() if _is_on_command_line(context, name)}
         options = {name: value for name, value in faults.items() if name not in own} | chosen_here
         _write_site(preset, options, [name for name, present in unfit.items() if present], out)
         return
@@ -132,7 +127,7 @@ def simulate(
     print(f"written to {out}: passerby calibrate {path} -o {out}-rig")
 
 
-def _given(context: typer.Context, name: str) -> bool:
+def _is_on_command_line(context: typer.Context, name: str) -> bool:
     """Whether an option stands on the command line."""
     # By its name: some releases of typer have a click of their own.
     source = context.get_parameter_source(name)

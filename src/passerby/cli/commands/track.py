@@ -69,7 +69,7 @@ def track(
     from passerby.interchange.storage.text_formats import to_json
     from passerby.interchange.storage.transaction import folder_lock, transaction
     from passerby.interchange.trajectories_csv import read_ground_positions, write_trajectories
-    from passerby.report.trajectories_page import trajectories_page
+    from passerby.report.page import trajectories_page
 
     if truth is not None and true_rig is None:
         raise InputError("--truth needs --true-rig: the true cameras align the estimated world frame with the true one")
@@ -84,7 +84,7 @@ def track(
         figures: dict[str, Any] = {"verdict": folder.verdict, **found.figures}
         if rig is not None and places is not None:
             known = _ground_truth(places.identity, places.frame, places.xy, truth_fps or next(iter(clocks.values())).fps)
-            figures["truth"] = _judged(folder, clocks, options, found, rig, known, reference, tell)
+            figures["truth"] = _evaluate_tracks(folder, clocks, options, found, rig, known, reference, tell)
         tell("writing")
         target = out or calibrated / FOLDER
         name = str(folder.document.name or calibrated.resolve().name)
@@ -109,7 +109,7 @@ def _ground_truth(identity: Any, frame: Any, xy: Any, fps: float) -> GroundTruth
     return GroundTruth.of(identity, Clock(fps).seconds(frame), xy)
 
 
-def _judged(
+def _evaluate_tracks(
     folder: OutputFolder, clocks: dict[str, Clock], options: TrackOptions, found: Trajectories, true_rig: Rig,
     truth: GroundTruth, reference: str | None, tell: Progress,
 ) -> dict[str, Any]:  # fmt: skip

@@ -1,9 +1,4 @@
-"""Findings of a calibration as a whole: moved cameras, positions of the people, intrinsics against image sizes.
-
-Findings about the world coordinate frame: known points and positions against the rig.
-
-Texts about a rig in use.
-"""
+"""Findings of a calibration as a whole, of its alignment with known places, and of a rig in use."""
 
 from __future__ import annotations
 

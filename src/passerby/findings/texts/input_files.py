@@ -1,7 +1,4 @@
-"""Findings about the files of a scene, and about cameras that show the same images.
-
-Findings about videos, and about the networks that detect people.
-"""
+"""Findings about the files of a scene: boxes, keypoints, intrinsics, videos, and the networks that detect people."""
 
 from __future__ import annotations
 

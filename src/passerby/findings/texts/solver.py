@@ -1,7 +1,4 @@
-"""Findings of the person-model solver.
-
-Findings of the method `geopose`.
-"""
+"""Findings of the solvers: the person model, and `geopose`."""
 
 from __future__ import annotations
 

@@ -40,17 +40,19 @@ def read_people(path: Path, given: Given) -> People:
         )
     if not isinstance(content, list):
         raise InputError(f"{path}: is not a list of people: give alphapose-results.json")
-    people = [_checked(f"{path}: [{number}]", person) for number, person in enumerate(content)]
+    people = [_check_entry(f"{path}: [{number}]", person) for number, person in enumerate(content)]
     for person in people:
         given.unread.keys(person, READ)
     images = [person["image_id"] for person in people]
     video = all(isinstance(image, str) and _OF_A_VIDEO.fullmatch(image) for image in images)
     frames = _frames(path, images)
-    found = [_found(f"{path}: [{number}]", person, frames[person["image_id"]] + video) for number, person in enumerate(people)]
+    found = [
+        _read_person(f"{path}: [{number}]", person, frames[person["image_id"]] + video) for number, person in enumerate(people)
+    ]
     return people_of(found, str(path), raised=video)
 
 
-def _checked(place: str, person: Any) -> dict[str, Any]:
+def _check_entry(place: str, person: Any) -> dict[str, Any]:
     if not isinstance(person, dict) or "keypoints" not in person:
         raise InputError(f"{place}: has no keypoints: give AlphaPose's results")
     if type(person.get("image_id")) not in (str, int):
@@ -69,7 +71,7 @@ def _frames(path: Path, images: list[str | int]) -> dict[str | int, int]:
     return {name: by_name[name] for name in names}
 
 
-def _found(place: str, person: dict[str, Any], frame: int) -> Found:
+def _read_person(place: str, person: dict[str, Any], frame: int) -> Found:
     box = person.get("box", person.get("bbox"))
     (score,) = numbers_in([person.get("score", 1.0)], f"{place}: score")
     return Found(

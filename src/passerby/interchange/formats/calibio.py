@@ -77,9 +77,9 @@ def _camera(index: int, values: dict[Any, Any], model: str, given: Given) -> Cam
     """One camera. Raises `InputError` without the place."""
     if model != MODEL:
         raise InputError(f"its model is {shortened(model)}: only {MODEL} is documented: export that model from calib.io")
-    inner = _inner(values, "model", "ptr_wrapper", "data")
-    parameters = _inner(inner, "parameters")
-    size = _inner(inner, "CameraModelCRT", "CameraModelBase", "imageSize")
+    inner = _find_table(values, "model", "ptr_wrapper", "data")
+    parameters = _find_table(inner, "parameters")
+    size = _find_table(inner, "CameraModelCRT", "CameraModelBase", "imageSize")
     given.unread.keys(values, ("model", "transform"))
     given.unread.keys(parameters, (*FOCAL, *COEFFICIENTS))
     f, ratio, cx, cy = (_value(parameters, key) for key in FOCAL)
@@ -91,7 +91,7 @@ def _camera(index: int, values: dict[Any, Any], model: str, given: Given) -> Cam
     )
     if values.get("transform") is None:
         return Camera(f"cam{index}", lens)
-    turn, shift = _inner(values, "transform", "rotation"), _inner(values, "transform", "translation")
+    turn, shift = _find_table(values, "transform", "rotation"), _find_table(values, "transform", "translation")
     vector = np.array([float(numbers("rotation", turn, key, ())) for key in ("rx", "ry", "rz")])
     translation = np.array([float(numbers("translation", shift, key, ())) for key in ("x", "y", "z")])
     if given.metres_per_unit is None and translation.any():
@@ -101,7 +101,7 @@ def _camera(index: int, values: dict[Any, Any], model: str, given: Given) -> Cam
     return Camera(f"cam{index}", lens, Pose(rotation_of(vector), (given.metres_per_unit or 1.0) * translation))
 
 
-def _inner(values: dict[Any, Any], *keys: str) -> dict[Any, Any]:
+def _find_table(values: dict[Any, Any], *keys: str) -> dict[Any, Any]:
     """The table that lies below some keys. Raises `InputError` where there is none."""
     for key in keys:
         values = table(key, values.get(key), "values")

@@ -55,15 +55,15 @@ def read_people(path: Path, given: Given) -> People:
     if isinstance(content, dict):
         given.unread.keys(content, ("images", "annotations", "categories", "info", "licenses"))
     if isinstance(content, list):
-        return _of_list(path, "", content, _frames_of_results(path, content), {PERSON: None}, ())
+        return _read_list(path, "", content, _frames_of_results(path, content), {PERSON: None}, ())
     if not isinstance(content, dict) or not isinstance(content.get("annotations"), list):
         raise InputError(f"{path}: has neither annotations nor is it a list of results: give COCO JSON")
     frames = _frames_of_images(path, content.get("images"))
     people, notes = _categories(path, content.get("categories"))
-    return _of_list(path, "annotations", content["annotations"], frames, people, notes)
+    return _read_list(path, "annotations", content["annotations"], frames, people, notes)
 
 
-def _of_list(
+def _read_list(
     path: Path,
     key: str,
     annotations: list[Any],
@@ -86,7 +86,7 @@ def _of_list(
             crowds += 1
         else:
             used.add(category)
-            found.append(_found(place, annotation, frames))
+            found.append(_read_person(place, annotation, frames))
     names = {people[category] for category in used if people[category] is not None}
     if len(names) > 1:
         raise InputError(f"{path}: several categories of people have different keypoints: keep one of them")
@@ -97,7 +97,7 @@ def _of_list(
     return People(made.boxes, made.keypoints, (*notes, *left, *made.notes))
 
 
-def _found(place: str, annotation: dict[str, Any], frames: Mapping[int | str, int]) -> Found:
+def _read_person(place: str, annotation: dict[str, Any], frames: Mapping[int | str, int]) -> Found:
     image: Any = annotation.get("image_id")
     if type(image) not in (int, str) or image not in frames:
         raise InputError(f"{place}: image_id {shortened(image)} is none of the images: add the image or delete the annotation")

@@ -66,20 +66,20 @@ def as_text(cameras: Sequence[ColmapCamera], images: Sequence[ColmapImage], poin
             "# Camera list with one line of data per camera:",
             "#   CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]",
             f"# Number of cameras: {len(cameras)}",
-            *(_joined(c.number, c.model, *c.size, *c.parameters) for c in cameras),
+            *(_join_words(c.number, c.model, *c.size, *c.parameters) for c in cameras),
         ],
         "images.txt": [
             "# Image list with two lines of data per image:",
             "#   IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME",
             "#   POINTS2D[] as (X, Y, POINT3D_ID)",
             f"# Number of images: {len(images)}, mean observations per image: 0",
-            *(_joined(i.number, *i.quaternion, *i.translation, i.camera, i.name) + "\n" for i in images),
+            *(_join_words(i.number, *i.quaternion, *i.translation, i.camera, i.name) + "\n" for i in images),
         ],
         "points3D.txt": [
             "# 3D point list with one line of data per point:",
             "#   POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK[] as (IMAGE_ID, POINT2D_IDX)",
             f"# Number of points: {len(points)}, mean track length: 0",
-            *(_joined(number, *xyz, GREY, GREY, GREY, 0) for number, xyz in enumerate(points.tolist(), start=1)),
+            *(_join_words(number, *xyz, GREY, GREY, GREY, 0) for number, xyz in enumerate(points.tolist(), start=1)),
         ],
     }
     return {name: "".join(f"{line}\n" for line in text).encode() for name, text in lines.items()}
@@ -109,7 +109,7 @@ def as_binary(cameras: Sequence[ColmapCamera], images: Sequence[ColmapImage], po
     }
 
 
-def _joined(*values: float | str) -> str:
+def _join_words(*values: float | str) -> str:
     return " ".join(value if isinstance(value, str) else repr(value) for value in values)
 
 
@@ -134,10 +134,10 @@ def _others(folder: Path, ending: str) -> tuple[str, ...]:
     other = ".txt" if ending == ".bin" else ".bin"
     doubled = [folder / f"{part}{other}" for part in ("cameras", "images")]
     extra = [folder / f"{part}{ending}" for part in ("points3D", "rigs", "frames")]
-    return tuple(file.name for file in (*doubled, *extra) if file.is_file() and _holds_something(file))
+    return tuple(file.name for file in (*doubled, *extra) if file.is_file() and _has_entries(file))
 
 
-def _holds_something(file: Path) -> bool:
+def _has_entries(file: Path) -> bool:
     """Whether a model's file has an entry; a binary one has its count in front."""
     if file.suffix == ".bin":
         with file.open("rb") as stream:
@@ -152,8 +152,8 @@ def _text_cameras(path: Path) -> Iterator[ColmapCamera]:
             continue
         if len(words) < 5:
             raise InputError(f"{place}: has {len(words)} values: CAMERA_ID, MODEL, WIDTH, HEIGHT and PARAMS are needed")
-        number, width, height = _whole(place, words[0], words[2], words[3])
-        yield ColmapCamera(number, words[1], (width, height), _finite(place, words[4:]))
+        number, width, height = _read_integers(place, words[0], words[2], words[3])
+        yield ColmapCamera(number, words[1], (width, height), _read_numbers(place, words[4:]))
 
 
 def _text_images(path: Path) -> Iterator[ColmapImage]:
@@ -167,8 +167,8 @@ def _text_images(path: Path) -> Iterator[ColmapImage]:
             raise InputError(
                 f"{place}: has {len(words)} values: IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME are needed"
             )
-        number, camera = _whole(place, words[0], words[8])
-        pose = _finite(place, words[1:8])
+        number, camera = _read_integers(place, words[0], words[8])
+        pose = _read_numbers(place, words[1:8])
         _, points = next(lines, ("", ""))
         yield ColmapImage(number, pose[:4], pose[4:], camera, words[9].strip(), bool(points.strip()))
 
@@ -180,14 +180,14 @@ def _lines(path: Path) -> Iterator[tuple[str, str]]:
             yield f"{path}: line {number}", line.rstrip("\r")
 
 
-def _whole(place: str, *words: str) -> list[int]:
+def _read_integers(place: str, *words: str) -> list[int]:
     try:
         return [int(word) for word in words]
     except ValueError:
         raise InputError(f"{place}: {shortened(' '.join(words))}: whole numbers are needed") from None
 
 
-def _finite(place: str, words: Sequence[str]) -> tuple[float, ...]:
+def _read_numbers(place: str, words: Sequence[str]) -> tuple[float, ...]:
     try:
         numbers = tuple(map(float, words))
     except ValueError:

@@ -94,7 +94,7 @@ def parameters_of(lens: Lens, model: LensModel) -> list[float]:
 
 def lens_of(model: ColmapModel, numbers: Sequence[float], size: tuple[int, int]) -> Lens | None:
     """The lens that COLMAP's parameters are; None where OpenCV's models have none. Raises `InputError` for no lens at all."""
-    matrix, other = _split(model, numbers)
+    matrix, other = _split_parameters(model, numbers)
     if model.name in _PROJECTIONS:
         bending = ("p1", "p2", "k5", "k6", "sx1", "sy1", "s1", "s2", "s3", "s4") if model.fisheye else tuple(other)
         if model.name in ("FOV", "EUCM") or any(other.get(name) for name in bending):
@@ -109,7 +109,7 @@ def nearest_to(model: ColmapModel, numbers: Sequence[float], size: tuple[int, in
 
     Raises `InputError`, beginning with `place`, where none comes near.
     """
-    matrix, other = _split(model, numbers)
+    matrix, other = _split_parameters(model, numbers)
     plane = _PROJECTIONS[model.name]
 
     def project(bearings: Floats) -> Floats:
@@ -121,7 +121,7 @@ def nearest_to(model: ColmapModel, numbers: Sequence[float], size: tuple[int, in
     return lens, how_far(rays, lens)
 
 
-def _split(model: ColmapModel, numbers: Sequence[float]) -> tuple[Floats, dict[str, float]]:
+def _split_parameters(model: ColmapModel, numbers: Sequence[float]) -> tuple[Floats, dict[str, float]]:
     """The camera matrix as OpenCV has it, and the other parameters by name."""
     if len(numbers) != model.length:
         raise InputError(f"has {len(numbers)} parameters, but model {model.name} takes {model.length}")
@@ -131,7 +131,7 @@ def _split(model: ColmapModel, numbers: Sequence[float]) -> tuple[Floats, dict[s
     return matrix, dict(zip(model.others, numbers[model.focals + 2 :], strict=True))
 
 
-def _in_front(bearings: Floats) -> Floats:
+def _divide_by_depth(bearings: Floats) -> Floats:
     """(N, 2) x / z and y / z; NaN behind the camera."""
     z = np.where(bearings[:, 2:] > 1e-9, bearings[:, 2:], np.nan)
     return np.asarray(bearings[:, :2] / z, dtype=np.float64)
@@ -146,14 +146,14 @@ def _equidistant(bearings: Floats) -> Floats:
 
 def _fov(bearings: Floats, other: Mapping[str, float]) -> Floats:
     """Devernay and Faugeras, "Straight lines have to be straight" (2001)."""
-    plane, omega = _in_front(bearings), max(other["omega"], 1e-9)
+    plane, omega = _divide_by_depth(bearings), max(other["omega"], 1e-9)
     radius = np.maximum(np.hypot(*plane.T), 1e-12)
     return np.asarray(plane * (np.arctan(2 * radius * np.tan(omega / 2)) / (radius * omega))[:, None])
 
 
 def _division(bearings: Floats, other: Mapping[str, float]) -> Floats:
     """Fitzgibbon's division model (2001): undistorted = distorted / (1 + k r^2), solved for the distorted point."""
-    plane = _in_front(bearings)
+    plane = _divide_by_depth(bearings)
     return np.asarray(plane * (2 / (1 + np.sqrt(1 - 4 * other["k"] * (plane**2).sum(axis=1))))[:, None])
 
 
@@ -165,7 +165,7 @@ def _eucm(bearings: Floats, other: Mapping[str, float]) -> Floats:
     return np.asarray(bearings[:, :2] / np.where(depth > 1e-9, depth, np.nan)[:, None])
 
 
-def _thin_prism_fisheye(bearings: Floats, other: Mapping[str, float]) -> Floats:
+def _project_thin_prism(bearings: Floats, other: Mapping[str, float]) -> Floats:
     """Weng et al. (1992) on top of the equidistant projection; Project Aria's model has two more radial and prism terms."""
     plane = _equidistant(bearings)
     square = (plane**2).sum(axis=1)
@@ -187,7 +187,7 @@ _PROJECTIONS: Mapping[str, Callable[[Floats, Mapping[str, float]], Floats]] = {
     "SIMPLE_DIVISION": _division,
     "DIVISION": _division,
     "EUCM": _eucm,
-    "THIN_PRISM_FISHEYE": _thin_prism_fisheye,
-    "RAD_TAN_THIN_PRISM_FISHEYE": _thin_prism_fisheye,
+    "THIN_PRISM_FISHEYE": _project_thin_prism,
+    "RAD_TAN_THIN_PRISM_FISHEYE": _project_thin_prism,
 }
 """Models that OpenCV's do not hold: (N, 3) directions to (N, 2) on the plane of the camera matrix."""

@@ -155,7 +155,7 @@ def _frustum(camera: Camera, pose: Pose, colour: Colour, depth: float) -> Frustu
 
 def _grid(frusta: tuple[Frustum, ...], ways: tuple[Way, ...]) -> tuple[Floats, float]:
     """Lines on the ground below cameras and people and where the cameras look, and the distance between them."""
-    places = [np.array([frustum.pose.centre[:2], _looked_at(frustum)]) for frustum in frusta]
+    places = [np.array([frustum.pose.centre[:2], _find_ground_target(frustum)]) for frustum in frusta]
     places += [way.xyz[:, :2] for way in ways]
     low = np.vstack(places).min(axis=0) - MARGIN_M
     high = np.vstack(places).max(axis=0) + MARGIN_M
@@ -174,7 +174,7 @@ def _grid(frusta: tuple[Frustum, ...], ways: tuple[Way, ...]) -> tuple[Floats, f
     return np.array(lines), spacing
 
 
-def _looked_at(frustum: Frustum) -> Floats:
+def _find_ground_target(frustum: Frustum) -> Floats:
     """(2,) where the camera's axis meets the ground, or comes farthest."""
     centre, axis = frustum.pose.centre, frustum.pose.R_cw[2]
     reach = -centre[2] / axis[2] if axis[2] * centre[2] < 0 else FARTHEST_M

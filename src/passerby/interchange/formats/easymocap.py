@@ -97,7 +97,7 @@ def read(path: Path, given: Given) -> Rig:
     given.unread.keys(values, (NAMES, TRUE_NAMES, *(f"{key}_{name}" for key in LENS for name in names)))
     given.unread.keys(poses, (NAMES, *(f"{key}_{name}" for key in POSE for name in names)))
     cameras = []
-    for name, true_name in zip(names, _true_names(values.get(TRUE_NAMES), names), strict=True):
+    for name, true_name in zip(names, _read_true_names(values.get(TRUE_NAMES), names), strict=True):
         lens = _lens(f"{intrinsics}: camera {name}", values, name, given)
         cameras.append(
             Camera(true_name, lens, _pose(f"{extrinsics}: camera {name}", poses, name, given.metres_per_unit or 1.0))
@@ -125,7 +125,7 @@ def _content(path: Path) -> dict[Any, Any]:
     return table(str(path), load_yaml(path, "EasyMocap's calibration"), "table of OpenCV's matrices")
 
 
-def _true_names(told: Any, names: list[str]) -> list[str]:
+def _read_true_names(told: Any, names: list[str]) -> list[str]:
     """The names before they had to change; `names` where the file does not tell."""
     try:
         found = parse_json(told) if isinstance(told, str) else None

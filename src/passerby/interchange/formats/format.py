@@ -1,14 +1,10 @@
-"""What every format of other tools has in common.
-
-What a format cannot hold, and what of a file is not read.
+"""What every format of other tools has in common: its readers and writers, its losses, and how its files are recognised.
 
 A loss is whatever would make points project elsewhere, or drops a camera or a person: a lens that the format has no model for,
 a camera without a pose where poses are needed. Sigmas and the verdict are no losses: no other tool knows them.
 
 What a file holds beyond lenses and poses, such as residuals and dates, moves no point. It is not read, and one line lists it,
 so that nothing is dropped without a word.
-
-Which format a calibration file has, by its name and content.
 """
 
 from __future__ import annotations
@@ -121,7 +117,7 @@ class Unread:
     def keys(self, found: Iterable[object], read: Collection[object]) -> None:
         """The keys that are not among those that the reader knows; of a mapping, those with a value that says something."""
         for key in found:
-            if key not in read and not (isinstance(found, Mapping) and _says_nothing(found[key])):
+            if key not in read and not (isinstance(found, Mapping) and _is_empty(found[key])):
                 self.add(shortened_text(str(key)))
 
     @property
@@ -239,10 +235,10 @@ class Format:
     """Of a folder: the same in one file, for a target with one of the suffixes."""
 
 
-def _says_nothing(value: object) -> bool:
+def _is_empty(value: object) -> bool:
     """Whether a value is empty, or what tools write where they have none."""
     if isinstance(value, dict):
-        return all(map(_says_nothing, value.values()))
+        return all(map(_is_empty, value.values()))
     if isinstance(value, (list, tuple)):
         return not value
     return value is None or (isinstance(value, (str, int, float)) and value in ("", "null", 0, False))

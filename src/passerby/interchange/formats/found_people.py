@@ -1,6 +1,4 @@
-"""People as other tools' files have them, one record each, made into columns.
-
-Frame numbers from the names of pictures and files.
+"""People as other tools' files have them, one record each, made into columns; frame numbers from file names.
 
 A name ends with its number, before its ending: `cam1_000012.jpg` is frame 12. What stands before the number is the same in all
 names of one recording; where it is not, it is unknown which of several numbers counts, or whether the names are of several
@@ -85,7 +83,7 @@ def people_of(
     is twice in a frame, the one of higher score keeps it. All that is in the notes.
     """
     notes = _Notes([RAISED] if raised and found else [])
-    found = _with_single_identities(found, notes)
+    found = _keep_single_identities(found, notes)
     keypoints = _keypoints([one for one in found if one.joints is not None], place, names, visibilities, notes)
     boxes = _boxes([one for one in found if one.box is not None], place, notes)
     return People(boxes, keypoints, tuple(notes.told))
@@ -131,7 +129,7 @@ def frame_in(value: Any, place: str) -> int:
     return value
 
 
-def _with_single_identities(found: Sequence[Found], notes: _Notes) -> list[Found]:
+def _keep_single_identities(found: Sequence[Found], notes: _Notes) -> list[Found]:
     """No person twice in a frame: the one of highest score keeps the identity. One that all have was never given by a
     tracker.
     """
@@ -150,16 +148,16 @@ def _with_single_identities(found: Sequence[Found], notes: _Notes) -> list[Found
         doubled.add(row + other - better)
     if doubled and len({one.identity for one in found}) == 1:
         notes.told.append(f"everybody has the identity {found[0].identity}: the people were not tracked, and have none")
-        return [_without_identity(one) for one in found]
+        return [_drop_identity(one) for one in found]
     notes.count(
         len(doubled),
         "one identity occurs twice in a frame: the person with the lower score has none now",
         "{} times an identity occurs twice in a frame: the person with the lower score has none now",
     )
-    return [_without_identity(one) if row in doubled else one for row, one in enumerate(found)]
+    return [_drop_identity(one) if row in doubled else one for row, one in enumerate(found)]
 
 
-def _without_identity(one: Found) -> Found:
+def _drop_identity(one: Found) -> Found:
     return Found(one.frame, UNKNOWN, one.score, one.box, one.joints)
 
 
@@ -181,12 +179,12 @@ def _keypoints(found: list[Found], place: str, names: tuple[str, ...] | None, vi
     lost = np.isnan(table).any(axis=2) | (np.nan_to_num(table[..., 2]) <= 0)
     table[lost] = 0.0
     score = _confidences(table[..., 2], visibilities, notes)
-    frame, identity = _whole([one.frame for one in found]), _whole([one.identity for one in found])
+    frame, identity = _as_integers([one.frame for one in found]), _as_integers([one.identity for one in found])
     order = np.lexsort((identity, frame))
     order = order[(score[order] > 0).any(axis=1)]
     empty = len(found) - len(order)
     notes.count(empty, "one person without a keypoint is left out", "{} people without a keypoint are left out")
-    order = _once(order, np.column_stack([frame, identity, table.reshape(len(table), -1)]), "people", notes)
+    order = _drop_repeated(order, np.column_stack([frame, identity, table.reshape(len(table), -1)]), "people", notes)
     return Keypoints(frame[order], identity[order], table[order, :, :2], score[order], kept)
 
 
@@ -228,15 +226,15 @@ def _boxes(found: list[Found], place: str, notes: _Notes) -> Boxes:
         raise InputError(
             f"{place}: a box of frame {one.frame} is {ltwh[broken[0]].tolist()}, score {one.score}: not finite numbers"
         )
-    frame, identity = _whole([one.frame for one in found]), _whole([one.identity for one in found])
+    frame, identity = _as_integers([one.frame for one in found]), _as_integers([one.identity for one in found])
     order = np.lexsort((identity, frame))
     order = order[(ltwh[order, 2:] > 0).all(axis=1)]
     notes.count(len(found) - len(order), "one flat box is left out", "{} flat boxes are left out")
-    order = _once(order, np.column_stack([frame, identity, ltwh, score]), "boxes", notes)
+    order = _drop_repeated(order, np.column_stack([frame, identity, ltwh, score]), "boxes", notes)
     return Boxes(frame[order], identity[order], ltwh[order], score[order])
 
 
-def _once(order: Any, rows: Floats, what: str, notes: _Notes) -> Any:
+def _drop_repeated(order: Any, rows: Floats, what: str, notes: _Notes) -> Any:
     """The rows of `order` without those that repeat an earlier one."""
     kept: dict[bytes, int] = {}
     for row in order.tolist():
@@ -245,7 +243,7 @@ def _once(order: Any, rows: Floats, what: str, notes: _Notes) -> Any:
     return np.array(list(kept.values()), dtype=np.int64)
 
 
-def _whole(values: list[int]) -> Any:
+def _as_integers(values: list[int]) -> Any:
     return np.array(values, dtype=np.int64)
 
 

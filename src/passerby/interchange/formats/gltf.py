@@ -76,7 +76,11 @@ class _Builder:
         """A flat colour, seen from both sides."""
         if (colour, opacity) not in self._materials:
             blend = {} if opacity == 1 else {"alphaMode": "BLEND"}
-            factor = {"baseColorFactor": [*map(_linear, colour), opacity], "metallicFactor": 0.0, "roughnessFactor": 1.0}
+            factor = {
+                "baseColorFactor": [*map(_linearise_colour, colour), opacity],
+                "metallicFactor": 0.0,
+                "roughnessFactor": 1.0,
+            }
             self._materials[colour, opacity] = self.add(
                 "materials", pbrMetallicRoughness=factor, doubleSided=True, extensions={"KHR_materials_unlit": {}}, **blend
             )
@@ -97,7 +101,7 @@ class _Builder:
 
 def write_glb(rig: Export, losses: Losses) -> Mapping[str, bytes]:
     """The binary form. A camera without a pose, and a lens that is no perspective camera's, are losses."""
-    scene, built = _built(rig, losses)
+    scene, built = _build_scene(rig, losses)
     text, data = built.document(scene, {}), bytes(built.data)
     text += b" " * (-len(text) % 4)
     data += b"\0" * (-len(data) % 4)
@@ -107,12 +111,12 @@ def write_glb(rig: Export, losses: Losses) -> Mapping[str, bytes]:
 
 def write_gltf(rig: Export, losses: Losses) -> Mapping[str, bytes]:
     """The form as text; losses as for `write_glb`."""
-    scene, built = _built(rig, losses)
+    scene, built = _build_scene(rig, losses)
     data = base64.b64encode(built.data).decode("ascii")
     return {"": built.document(scene, {"uri": f"data:application/octet-stream;base64,{data}"}) + b"\n"}
 
 
-def _built(rig: Export, losses: Losses) -> tuple[dict[str, Any], _Builder]:
+def _build_scene(rig: Export, losses: Losses) -> tuple[dict[str, Any], _Builder]:
     """The scene and all it refers to."""
     drawing = draw(rig.posed(losses), rig.trajectories)
     built = _Builder()
@@ -196,7 +200,7 @@ def _person(built: _Builder, way: Way) -> int:
     return built.add("nodes", name=name, mesh=built.add("meshes", name=name, primitives=strips))
 
 
-def _linear(value: int) -> float:
+def _linearise_colour(value: int) -> float:
     """A number of a colour as text has it (sRGB, 0 to 255) as glTF's factors have it (linear, 0 to 1)."""
     share = value / 255
     return share / 12.92 if share <= 0.04045 else ((share + 0.055) / 1.055) ** 2.4

@@ -180,7 +180,7 @@ def projection(place: str, model: str, intrinsics: Floats, distortion: str, coef
         ("pinhole", "fov"): lambda points: _fov(points, float(coefficients[0])),
         ("omni", "none"): lambda points: _omni(points, *own),
         ("omni", "radtan"): lambda points: _radtan(_omni(points, *own), coefficients),
-        ("ds", "none"): lambda points: _double_sphere(points, *own),
+        ("ds", "none"): lambda points: _project_double_sphere(points, *own),
         ("eucm", "none"): lambda points: _unified(points, *own),
     }
     if (model, distortion) not in models:
@@ -194,7 +194,7 @@ def projection(place: str, model: str, intrinsics: Floats, distortion: str, coef
     return project
 
 
-def _over(points: Floats, depth: Floats, valid: NDArray[np.bool_]) -> Floats:
+def _divide_by_depth(points: Floats, depth: Floats, valid: NDArray[np.bool_]) -> Floats:
     """(N, 2) x and y over a depth; NaN where that is not valid."""
     return np.where((valid & (depth > 0))[:, None], points[:, :2] / depth[:, None], np.nan)
 
@@ -203,29 +203,29 @@ def _omni(points: Floats, xi: float) -> Floats:
     """On the unit sphere, seen from xi behind its middle."""
     length = np.linalg.norm(points, axis=1)
     limit = xi if xi <= 1 else 1 / xi
-    return _over(points, points[:, 2] + xi * length, points[:, 2] > -limit * length)
+    return _divide_by_depth(points, points[:, 2] + xi * length, points[:, 2] > -limit * length)
 
 
-def _double_sphere(points: Floats, xi: float, alpha: float) -> Floats:
+def _project_double_sphere(points: Floats, xi: float, alpha: float) -> Floats:
     """Through two unit spheres, xi apart."""
     length = np.linalg.norm(points, axis=1)
     shifted = xi * length + points[:, 2]
     second = np.hypot(np.hypot(points[:, 0], points[:, 1]), shifted)
     w1 = alpha / (1 - alpha) if alpha <= 0.5 else (1 - alpha) / alpha
     w2 = (w1 + xi) / np.sqrt(2 * w1 * xi + xi * xi + 1)
-    return _over(points, alpha * second + (1 - alpha) * shifted, points[:, 2] > -w2 * length)
+    return _divide_by_depth(points, alpha * second + (1 - alpha) * shifted, points[:, 2] > -w2 * length)
 
 
 def _unified(points: Floats, alpha: float, beta: float) -> Floats:
     """On an ellipsoid."""
     length = np.sqrt(beta * (points[:, 0] ** 2 + points[:, 1] ** 2) + points[:, 2] ** 2)
     limit = alpha / (1 - alpha) if alpha <= 0.5 else (1 - alpha) / alpha
-    return _over(points, alpha * length + (1 - alpha) * points[:, 2], points[:, 2] > -limit * length)
+    return _divide_by_depth(points, alpha * length + (1 - alpha) * points[:, 2], points[:, 2] > -limit * length)
 
 
 def _fov(points: Floats, w: float) -> Floats:
     """A pinhole whose radius is an angle: r_d = atan(2 r tan(w / 2)) / w."""
-    plane = _over(points, points[:, 2], points[:, 2] > 0)
+    plane = _divide_by_depth(points, points[:, 2], points[:, 2] > 0)
     radius = np.linalg.norm(plane, axis=1)
     scale = np.where(radius > 1e-9, np.arctan(2 * radius * np.tan(w / 2)) / (w * radius), 2 * np.tan(w / 2) / w)
     return np.asarray(plane * scale[:, None])

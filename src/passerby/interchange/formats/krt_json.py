@@ -113,7 +113,7 @@ def read_krt(path: Path, given: Given) -> Rig:
     if any(key in table for _, table in tables for key in PANOPTIC_ONLY):
         raise InputError(f"{path}: is a calibration of CMU Panoptic, in centimetres: import it with --format panoptic")
     stated = first_value(content, UNITS) if isinstance(content, dict) else None
-    return _gathered(path, tables, partial(_krt_camera, path, stated, given))
+    return _gather_rig(path, tables, partial(_read_krt_camera, path, stated, given))
 
 
 def read_panoptic(path: Path, given: Given, kinds: tuple[str, ...] | None = None) -> Rig:
@@ -123,10 +123,10 @@ def read_panoptic(path: Path, given: Given, kinds: tuple[str, ...] | None = None
         tables = [(name, table) for name, table in tables if table.get("type") in kinds]
         if not tables:
             raise InputError(f"{path}: no camera is of the type {' or '.join(kinds)}: take the file from the set again")
-    return _gathered(path, tables, partial(_panoptic_camera, path, given))
+    return _gather_rig(path, tables, partial(_panoptic_camera, path, given))
 
 
-def _gathered(path: Path, tables: list[tuple[str, dict[str, Any]]], camera: Callable[..., Camera]) -> Rig:
+def _gather_rig(path: Path, tables: list[tuple[str, dict[str, Any]]], camera: Callable[..., Camera]) -> Rig:
     """The rig of the cameras that `camera` makes of names and tables. Raises `FileFaults` that name the cameras."""
 
     def read(name: str, table: dict[str, Any]) -> Camera:
@@ -180,7 +180,7 @@ def _tables(path: Path, given: Given) -> tuple[Any, list[tuple[str, dict[str, An
     return content, tables
 
 
-def _krt_camera(path: Path, stated: Any, given: Given, name: str, table: dict[str, Any]) -> Camera:
+def _read_krt_camera(path: Path, stated: Any, given: Given, name: str, table: dict[str, Any]) -> Camera:
     """One camera. Raises `InputError` without the place."""
     given.unread.keys(table, READ)
     voxelpose = all(key in table for key in VOXELPOSE)
@@ -256,15 +256,15 @@ def _numbers(path: Path, key: str, value: Any, count: int) -> Floats:
 
 
 def _recognises_krt(sample: FileSample) -> bool:
-    tables = _krt_tables(sample)
+    tables = _find_krt_tables(sample)
     return bool(tables) and not any(key in table for table in tables for key in PANOPTIC_ONLY)
 
 
 def _recognises_panoptic(sample: FileSample) -> bool:
-    return any(key in table for table in _krt_tables(sample) for key in PANOPTIC_ONLY)
+    return any(key in table for table in _find_krt_tables(sample) for key in PANOPTIC_ONLY)
 
 
-def _krt_tables(sample: FileSample) -> list[dict[str, Any]]:
+def _find_krt_tables(sample: FileSample) -> list[dict[str, Any]]:
     """The tables of cameras with K, R and t in a JSON file."""
     return [table for _, table in plain_tables(sample.content) if is_krt(table)] if sample.suffix == ".json" else []
 

@@ -1,8 +1,6 @@
-"""Lenses in the models that other formats know: as they are where a model holds them, else the nearest and how far it is off.
+"""Lenses in the models that other formats know: exact where a model holds them, else the nearest, with its error.
 
 Whether a lens is held is measured, not reasoned: what the model cannot hold is left out, and both are projected side by side.
-
-Where a lens has its rays: what lenses are compared by, and fitted to.
 """
 
 from __future__ import annotations
@@ -95,7 +93,7 @@ def reduce_to_model(lens: Lens, model: LensModel) -> Lens | None:
     """The lens without what the model lacks; None where that is another lens."""
     if lens.fisheye != model.fisheye:  # a fisheye without distortion is no pinhole either
         return None
-    candidate, rays = _within(lens, model), Rays.of(lens)
+    candidate, rays = _drop_unsupported(lens, model), Rays.of(lens)
     return candidate if len(rays.pixels) and rays.largest_error(candidate) <= EXACT_PX else None
 
 
@@ -107,7 +105,7 @@ def nearest_lens(rays: Rays, models: Iterable[LensModel], start: Lens, place: st
     fits = [(lens, model) for model in models if (lens := fit_lens_model(rays, model, start)) is not None]
     if not fits:
         raise InputError(f"{place}: its lens ({describe(start)}) cannot even be fitted: choose another format")
-    return min(fits, key=lambda fit: _beyond_and_error(rays, fit[0]))
+    return min(fits, key=lambda fit: _rank_fit(rays, fit[0]))
 
 
 def fit_lens_model(rays: Rays, model: LensModel, start: Lens) -> Lens | None:
@@ -119,7 +117,7 @@ def fit_lens_model(rays: Rays, model: LensModel, start: Lens) -> Lens | None:
         start: focal lengths and principal point to start at; its distortion too where it is of the same kind.
     """
     used = rays if model.fisheye else rays.narrow
-    first = _within(start if start.fisheye == model.fisheye else _plain(start, model.fisheye), model)
+    first = _drop_unsupported(start if start.fisheye == model.fisheye else _drop_distortion(start, model.fisheye), model)
     numbers = _numbers(first, model)
     if 2 * len(used.pixels) < numbers.size:
         return None
@@ -181,8 +179,8 @@ def _slopes(lens: Lens, model: LensModel, bearings: Floats) -> Floats:
 def how_far(rays: Rays, lens: Lens) -> str:
     """How far a fitted lens is off, as messages tell it; rounded up, so that it is true."""
     if lens.fisheye:
-        return f"up to {_rounded_up(rays.largest_error(lens))} px off"
-    said = f"up to {_rounded_up(rays.narrow.largest_error(lens))} px off"
+        return f"up to {_round_up(rays.largest_error(lens))} px off"
+    said = f"up to {_round_up(rays.narrow.largest_error(lens))} px off"
     beyond = math.ceil(100 * (1 - len(rays.narrow.pixels) / max(len(rays.pixels), 1)))
     return said + (
         f"; {beyond} % of the image, {WIDEST_PINHOLE_DEG:g} degrees and more off the axis, not at all" if beyond else ""
@@ -197,24 +195,24 @@ def describe(lens: Lens) -> str:
     return f"{kind}, {used} distortion coefficient{'s' if used != 1 else ''}{skew}" if used else f"{kind}, no distortion{skew}"
 
 
-def _beyond_and_error(rays: Rays, lens: Lens) -> tuple[bool, float]:
+def _rank_fit(rays: Rays, lens: Lens) -> tuple[bool, float]:
     """What makes one fit worse than another: that it has not all rays, then how far it is off."""
     used = rays if lens.fisheye else rays.narrow
     return len(used.pixels) < len(rays.pixels), used.largest_error(lens)
 
 
-def _rounded_up(pixels: float) -> str:
+def _round_up(pixels: float) -> str:
     """Two significant digits, never less than the value itself. The grid misses the largest error by less than a hundredth."""
     value = max(1.01 * pixels, 1e-9)
     unit = 10.0 ** (math.floor(math.log10(value)) - 1)
     return f"{float(f'{math.ceil(value / unit) * unit:.2g}'):g}"
 
 
-def _plain(lens: Lens, fisheye: bool) -> Lens:
+def _drop_distortion(lens: Lens, fisheye: bool) -> Lens:
     return Lens(lens.size, lens.matrix, np.zeros(0), fisheye)
 
 
-def _within(lens: Lens, model: LensModel) -> Lens:
+def _drop_unsupported(lens: Lens, model: LensModel) -> Lens:
     """A lens with what the model lacks left out."""
     coefficients = np.zeros(4 if model.fisheye else 14)
     coefficients[: lens.distortions.size] = lens.distortions
@@ -284,10 +282,10 @@ class Rays:
         bearings = lens.bearings(grid)
         known = np.isfinite(bearings).all(axis=1)
         rim, seen = _rim(lens.project_rays, lens.size)
-        own = _own(lens, rim, seen)
+        own = _find_own_rays(lens, rim, seen)
         bearings, pixels = bearings[known], grid[known]
         if FEWEST_RAYS <= len(bearings) < len(grid):
-            last = _last_rays(lens)
+            last = _find_last_rays(lens)
             bearings, pixels = np.vstack([bearings, last]), np.vstack([pixels, lens.project_rays(last)])
         return cls(bearings, pixels, lens.size, (rim[own], seen[own]))
 
@@ -299,7 +297,7 @@ class Rays:
         for _ in range(40):  # where each direction leaves the picture
             middle = (inner + outer) / 2
             with np.errstate(all="ignore"):
-                within = _inside(project(_cone(middle, around)), size)
+                within = _find_inside(project(_cone(middle, around)), size)
             inner, outer = np.where(within, middle, inner), np.where(within, outer, middle)
         share, turn = np.linspace(0.0, 1.0, 41), np.arange(0, AROUND, AROUND // 72)
         bearings = np.vstack(
@@ -307,7 +305,7 @@ class Rays:
         )
         with np.errstate(all="ignore"):
             pixels = project(bearings)
-        known = _inside(pixels, size)
+        known = _find_inside(pixels, size)
         return cls(bearings[known], pixels[known], size, _rim(project, size))
 
     @cached_property
@@ -323,13 +321,13 @@ class Rays:
         return float(np.max(errors, initial=0.0)) if np.isfinite(errors).all() else math.inf
 
 
-def _own(lens: Lens, rays: Floats, pixels: Floats) -> NDArray[np.bool_]:
+def _find_own_rays(lens: Lens, rays: Floats, pixels: Floats) -> NDArray[np.bool_]:
     """(N,) whether rays are those of their pixels: a lens may fold what lies far outside of its picture into it."""
     with np.errstate(invalid="ignore"):
         return np.asarray((lens.bearings(pixels) * rays).sum(axis=1) > 1 - 1e-9)
 
 
-def _last_rays(lens: Lens) -> Floats:
+def _find_last_rays(lens: Lens) -> Floats:
     """(N, 3) the last rays of a lens that turns over within its picture, in each direction: there another lens differs most."""
     around = 2 * np.pi * np.arange(0, AROUND, 4) / AROUND
     inner, outer = np.zeros(len(around)), np.full(len(around), math.radians(100.0))
@@ -337,13 +335,13 @@ def _last_rays(lens: Lens) -> Floats:
         middle = (inner + outer) / 2
         rays = _cone(middle, around)
         pixels = lens.project_rays(rays)
-        within = _inside(pixels, lens.size)
-        within[within] = _own(lens, rays[within], pixels[within])
+        within = _find_inside(pixels, lens.size)
+        within[within] = _find_own_rays(lens, rays[within], pixels[within])
         inner, outer = np.where(within, middle, inner), np.where(within, outer, middle)
     return _cone(inner, around)[inner > 0]
 
 
-def _inside(pixels: Floats, size: tuple[int, int]) -> NDArray[np.bool_]:
+def _find_inside(pixels: Floats, size: tuple[int, int]) -> NDArray[np.bool_]:
     """(N,) whether pixels are in the picture."""
     with np.errstate(invalid="ignore"):
         return np.asarray(((pixels >= -0.5) & (pixels <= np.array(size) - 0.5)).all(axis=1))
@@ -359,7 +357,7 @@ def _rim(project: Callable[[Floats], Floats], size: tuple[int, int]) -> tuple[Fl
     bearings = _cone(np.full(360, math.radians(WIDEST_PINHOLE_DEG)), np.radians(np.arange(360.0)))
     with np.errstate(all="ignore"):
         pixels = project(bearings)
-    inside = _inside(pixels, size)
+    inside = _find_inside(pixels, size)
     return bearings[inside], pixels[inside]
 
 

@@ -179,13 +179,13 @@ def _read_mv3dt(path: Path, given: Given) -> Rig:
         text = read_text(file, "a camera file of MV3DT (YAML)")
         values = table(str(file), parse_yaml(file, text), "projection matrix")
         if path.is_file() or {"K", "projectionMatrix_3x4_w2p", "projectionMatrix_3x4"} & values.keys():
-            cameras.append(_camera_file(file, values, _told(text), given))
+            cameras.append(_camera_file(file, values, _read_comment(text), given))
         else:
             given.unread.add(f"{file.name}, which has no projection matrix")
     return _rig(folder, cameras)
 
 
-def _told(text: str) -> dict[str, Any]:
+def _read_comment(text: str) -> dict[str, Any]:
     """What Passerby's comment tells; empty where there is none."""
     found = _COMMENT.search(text)
     try:
@@ -207,10 +207,10 @@ def _camera_file(file: Path, values: dict[Any, Any], told: dict[str, Any], given
         matrix, t = numbers(place, values, "K", (3, 3)), numbers(place, values, "t", (3,))
         pose = Pose(rotation(f"{place}: R", numbers(place, values, "R", (3, 3))), metres * t)
     elif "projectionMatrix_3x4_w2p" in values:
-        matrix, pose = _taken_apart(place, numbers(place, values, "projectionMatrix_3x4_w2p", (3, 4)), metres)
+        matrix, pose = _decompose_projection(place, numbers(place, values, "projectionMatrix_3x4_w2p", (3, 4)), metres)
     else:
         to_corner = np.array([[1.0, 0.0, size[0] / 2], [0.0, 1.0, size[1] / 2], [0.0, 0.0, 1.0]])
-        matrix, pose = _taken_apart(place, to_corner @ numbers(place, values, "projectionMatrix_3x4", (3, 4)), metres)
+        matrix, pose = _decompose_projection(place, to_corner @ numbers(place, values, "projectionMatrix_3x4", (3, 4)), metres)
     dewarper = file.parent.parent / DEWARPERS / f"{file.stem}.txt"
     lens = read_dewarper(dewarper, size) if dewarper.is_file() else _lens(place, size, matrix)
     return Camera(name if isinstance(name, str) and name else file.stem, lens, pose)
@@ -256,7 +256,7 @@ def _camera_sensor(place: str, values: dict[Any, Any], given: Given) -> Camera:
         Rt = rows.reshape(-1, 4)[:3]
         pose = Pose(rotation(f"{place}: extrinsicMatrix", Rt[:, :3]), metres * Rt[:, 3])
     elif values.get("cameraMatrix") is not None:
-        matrix, pose = _taken_apart(place, numbers(place, values, "cameraMatrix", (3, 4)), metres)
+        matrix, pose = _decompose_projection(place, numbers(place, values, "cameraMatrix", (3, 4)), metres)
     else:
         raise InputError(
             f"{place}: has neither intrinsicMatrix and extrinsicMatrix nor cameraMatrix: a homography is not enough"
@@ -275,7 +275,7 @@ def _pixels(place: str, attributes: dict[str, Any], key: str) -> int:
         raise InputError(f"{place}: {key} is {shortened(attributes[key])}: a whole number above 0 is needed") from None
 
 
-def _taken_apart(place: str, projection: Floats, metres: float) -> tuple[Floats, Pose]:
+def _decompose_projection(place: str, projection: Floats, metres: float) -> tuple[Floats, Pose]:
     """Camera matrix and pose of a (3, 4) projection matrix, whose scale and sign are free. Raises `InputError`."""
     if not np.linalg.cond(projection[:, :3]) < 1e12:
         raise InputError(f"{place}: the projection matrix {shortened(projection.tolist())} is not that of a camera")

@@ -1,4 +1,4 @@
-"""Configuration files of DeepStream's Gst-nvdewarper, which removes a lens's distortion before anything else sees the picture.
+"""Files beside NVIDIA's calibrations: the dewarper's configuration of each camera, and the map of an MV3DT data set.
 
 One file for each camera with distortion, `[property]` and `[surface0]` in GLib's key file syntax. `projection-type` 3 maps
 perspective to perspective; `focal-length`, `src-x0` and `src-y0` are those of the source, `dst-focal-length` and

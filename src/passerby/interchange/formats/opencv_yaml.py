@@ -65,7 +65,7 @@ def _write(export: Export, losses: Losses) -> Mapping[str, bytes]:
     contents = {}
     for number, camera in enumerate(rig, start=1):
         with _storage() as (storage, text):
-            _put(storage, camera, number, losses)
+            _put_camera(storage, camera, number, losses)
         contents[files[camera.name] + ENDING] = text[0].encode()
     return contents
 
@@ -75,7 +75,7 @@ def _write_one(export: Export, losses: Losses) -> bytes:
     with _storage() as (storage, text):
         for number, camera in enumerate(export.with_lenses(losses), start=1):
             storage.startWriteStruct(f"camera{number}", cv2.FileNode_MAP)
-            _put(storage, camera, number, losses)
+            _put_camera(storage, camera, number, losses)
             storage.endWriteStruct()
     return text[0].encode()
 
@@ -92,10 +92,10 @@ def _storage() -> Iterator[tuple[cv2.FileStorage, list[str]]]:
         storage.release()
 
 
-def _put(storage: cv2.FileStorage, camera: Camera, number: int, losses: Losses) -> None:
+def _put_camera(storage: cv2.FileStorage, camera: Camera, number: int, losses: Losses) -> None:
     """A rig's camera with that number."""
     lens, _ = express_lens(camera, (FISHEYE_SKEWED,) if camera.lens.fisheye else OPENCV, losses)
-    if _bears(camera.name):
+    if _survives_reading(camera.name):
         storage.write("camera_name", camera.name)
     storage.write("camera_number", number)
     storage.write("image_width", lens.size[0])
@@ -111,7 +111,7 @@ def _put(storage: cv2.FileStorage, camera: Camera, number: int, losses: Losses) 
         storage.write("units", "m")
 
 
-def _bears(text: str) -> bool:
+def _survives_reading(text: str) -> bool:
     """Whether OpenCV reads a text back as it was written; it writes `true` and quotation marks so that it does not."""
     try:
         storage = cv2.FileStorage(ENDING, cv2.FileStorage_WRITE | cv2.FileStorage_MEMORY)
@@ -211,17 +211,17 @@ def _pose(path: Path, content: Mapping[str, Any], given: Given) -> Pose | None:
         raise InputError(f"{path}: has no {missing}: give both, or neither for a camera without a pose")
     units = content.get("units")
     metres = given.metres_per_unit or METRES_PER_UNIT.get(units if isinstance(units, str) else "")
-    return _posed(path, rotation, translation, _told(path, metres))
+    return _read_pose(path, rotation, translation, _require_unit(path, metres))
 
 
-def _told(path: Path, metres_per_unit: float | None) -> float:
+def _require_unit(path: Path, metres_per_unit: float | None) -> float:
     """The unit. Raises `InputError` if it is unknown."""
     if metres_per_unit is None:
         raise InputError(f"{path}: does not state the unit of its translation: give it, as in --units mm")
     return metres_per_unit
 
 
-def _posed(path: Path, rotation: Any, translation: Any, metres_per_unit: float) -> Pose:
+def _read_pose(path: Path, rotation: Any, translation: Any, metres_per_unit: float) -> Pose:
     turned, moved = numbers_of(path, "the rotation", rotation), numbers_of(path, "the translation", translation)
     if turned.size not in (3, 9) or moved.size != 3:
         raise InputError(
@@ -237,8 +237,8 @@ def _posed(path: Path, rotation: Any, translation: Any, metres_per_unit: float) 
 def _stereo(path: Path, content: Mapping[str, Any], given: Given) -> list[Camera]:
     """OpenCV's stereo sample: the first camera is the world."""
     size = given.size_of(str(path))
-    metres = _told(path, given.metres_per_unit)
-    poses = (Pose(np.eye(3), np.zeros(3)), _posed(path, content["r"], content["t"], metres))
+    metres = _require_unit(path, given.metres_per_unit)
+    poses = (Pose(np.eye(3), np.zeros(3)), _read_pose(path, content["r"], content["t"], metres))
     return [
         Camera(f"camera{number}", _lens(path, size, content[f"m{number}"], content[f"d{number}"], False), pose)
         for number, pose in enumerate(poses, start=1)
@@ -260,14 +260,14 @@ def _multiview(path: Path, content: Mapping[str, Any], given: Given) -> list[Cam
         raise InputError(f"{path}: Ks, rvecs, Ts, image_sizes and is_fisheye have different numbers of cameras")
     names = str(content.get("camids") or "").split(",")
     names = names if len(names) == count else [str(number) for number in range(count)]
-    metres = _told(path, given.metres_per_unit)
+    metres = _require_unit(path, given.metres_per_unit)
     coefficients = distortions.reshape(count, -1)
     cameras = []
     for index, (name, flat) in enumerate(zip(names, fisheye.astype(bool).tolist(), strict=True)):
         size = int(sizes[2 * index]), int(sizes[2 * index + 1])
         used = coefficients[index][:4] if flat else coefficients[index]
         lens = _lens(path, size, matrices.reshape(-1, 9)[index].tolist(), used.tolist(), flat)
-        pose = _posed(path, rotations.reshape(-1, 3)[index].tolist(), translations.reshape(-1, 3)[index].tolist(), metres)
+        pose = _read_pose(path, rotations.reshape(-1, 3)[index].tolist(), translations.reshape(-1, 3)[index].tolist(), metres)
         cameras.append(Camera(name, lens, pose))
     return cameras
 

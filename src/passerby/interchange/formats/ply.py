@@ -43,7 +43,7 @@ def write(rig: Export, losses: Losses) -> Mapping[str, bytes]:
     corners, faces = _ground(drawing)
     parts.add(corners, GROUND_COLOUR, faces=faces)
     for way in drawing.ways:
-        parts.add(way.xyz, way.colour, person=way.identity, time_s=way.time_s, edges=_steps(way))
+        parts.add(way.xyz, way.colour, person=way.identity, time_s=way.time_s, edges=_list_steps(way))
     return {"": parts.file(_comments(rig.name, drawing.frusta))}
 
 
@@ -124,7 +124,7 @@ def _ground(drawing: Drawing) -> tuple[Floats, NDArray[np.int64]]:
     return corners, np.vstack([first + [0, 1, 2], first + [0, 2, 3]])
 
 
-def _steps(way: Way) -> NDArray[np.int64]:
+def _list_steps(way: Way) -> NDArray[np.int64]:
     """(E, 2) the steps of a way, none over a long gap."""
     rows = [np.arange(part.start, part.stop) for part in way.parts]
     return np.vstack([np.column_stack([row[:-1], row[1:]]) for row in rows])

@@ -111,12 +111,12 @@ def _log_camera(rr: Any, recording: Any, frustum: Frustum, losses: Losses) -> No
         half_sizes, turn = _ellipsoid(camera.sigma)
         shape = rr.Ellipsoids3D(
             centers=[frustum.pose.centre], half_sizes=[half_sizes], quaternions=[rr.Quaternion(xyzw=turn)],
-            colors=[frustum.colour], labels=[_told(camera)],
+            colors=[frustum.colour], labels=[_describe_clock(camera)],
         )  # fmt: skip
         _log(recording, ["world", "camera_sigmas", camera.name], shape)
 
 
-def _told(camera: Camera) -> str:
+def _describe_clock(camera: Camera) -> str:
     assert camera.sigma is not None
     return f"{camera.name}: {1000 * camera.sigma.position_m:.0f} mm, {camera.sigma.orientation_deg:.2f} degrees"
 

@@ -178,7 +178,7 @@ def _camera(key: str, table: dict[str, Any], given: Given, metres_per_unit: floa
     flat = dict(table)
     for name in ("distortions", "translation", "rotation"):
         if name in table and not (name == "rotation" and _is_square(table[name])):
-            flat[name] = _flat(table[name])
+            flat[name] = _flatten(table[name])
     if flat.get("size") is None:
         flat["size"] = list(given.size_of("the table"))
     return camera_of(key, flat, metres_per_unit)
@@ -189,10 +189,10 @@ def _is_square(value: Any) -> bool:
     return isinstance(value, list) and len(value) == 3 and all(isinstance(row, list) and len(row) == 3 for row in value)
 
 
-def _flat(value: Any) -> Any:
+def _flatten(value: Any) -> Any:
     """Lists in lists as one: columns and rows of numbers are written either way."""
     if isinstance(value, Iterable) and not isinstance(value, (str, Mapping)):
-        return [inner for item in value for inner in (_flat(item) if isinstance(item, list) else [item])]
+        return [inner for item in value for inner in (_flatten(item) if isinstance(item, list) else [item])]
     return value
 
 

@@ -194,7 +194,7 @@ def fitted_distortions(kappa: float, radius: float, focal_px: float, place: str 
     drawn = np.linspace(0, radius, _SAMPLES + 1)[1:]
     pinhole = drawn * (1 + kappa * drawn**2)
     fits = (_polynomial_fit(drawn, pinhole, 2), _polynomial_fit(drawn, pinhole, 3), _rational_fit(drawn, pinhole))
-    missed = [focal_px * float(np.abs(_drawn(pinhole, k) - drawn).max()) for k in fits]
+    missed = [focal_px * float(np.abs(_distort_radii(pinhole, k) - drawn).max()) for k in fits]
 
     def rank(index: int) -> tuple[bool, bool, bool, float]:
         k, miss = fits[index], missed[index]
@@ -230,7 +230,7 @@ def _rational_fit(drawn: Floats, pinhole: Floats) -> Floats:
     return np.array([k[0], k[1], 0.0, 0.0, *k[2:]])
 
 
-def _drawn(pinhole: Floats, k: Floats) -> Floats:
+def _distort_radii(pinhole: Floats, k: Floats) -> Floats:
     """Where OpenCV's model draws undistorted radii."""
     full = np.concatenate([k, np.zeros(8 - len(k))])
     u2 = pinhole**2
@@ -240,7 +240,7 @@ def _drawn(pinhole: Floats, k: Floats) -> Floats:
 
 def _grows(k: Floats, last: float) -> bool:
     """Whether the drawn radius grows with the undistorted one, up to `last`."""
-    return bool((np.diff(_drawn(np.linspace(0, last, 4 * _SAMPLES), k)) > 0).all())
+    return bool((np.diff(_distort_radii(np.linspace(0, last, 4 * _SAMPLES), k)) > 0).all())
 
 
 def is_tsai(path: Path) -> bool:

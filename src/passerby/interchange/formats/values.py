@@ -1,7 +1,4 @@
-"""Values in YAML, JSON and XML files of other tools, checked, with errors a person can act on.
-
-Cameras' names as other tools, and file systems, can bear them.
-"""
+"""Values and camera names in files of other tools, checked, with errors a person can act on."""
 
 from __future__ import annotations
 

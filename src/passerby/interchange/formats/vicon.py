@@ -125,16 +125,16 @@ def _project(plain: Lens, centre: Floats, k: Floats, rays: Floats) -> Floats:
         wanted = np.linalg.norm(offset, axis=1)
         radius = wanted.copy()
         for _ in range(STEPS):
-            radius -= (_undistorted(radius, k) - wanted) / _slope(radius, k)
+            radius -= (_undistort(radius, k) - wanted) / _slope(radius, k)
         turned = np.zeros(len(radius), dtype=bool)
         for share in np.linspace(0.0, 1.0, 20):  # the polynomial must grow all the way, or two points share a pixel
             turned |= ~(_slope(share * radius, k) > 0)
-        solved = np.abs(_undistorted(radius, k) - wanted) < 1e-9 * (1 + wanted)
+        solved = np.abs(_undistort(radius, k) - wanted) < 1e-9 * (1 + wanted)
         pixels = centre + offset * np.where(wanted > 0, radius / np.where(wanted > 0, wanted, 1.0), 1.0)[:, None]
         return np.asarray(np.where((solved & ~turned & (radius >= 0))[:, None], pixels, np.nan))
 
 
-def _undistorted(radius: Floats, k: Floats) -> Floats:
+def _undistort(radius: Floats, k: Floats) -> Floats:
     square = radius**2
     return np.asarray(radius * (1 + square * (k[0] + square * (k[1] + square * k[2]))))
 

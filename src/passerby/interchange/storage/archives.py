@@ -1,4 +1,4 @@
-"""Arrays out of numpy's archives (npz) from anybody: no Python objects, and no more memory than the file can account for.
+"""Arrays out of numpy's archives and pickles from anybody: no code is run, and memory is bounded.
 
 Pickles that hold numpy arrays, read without running anything in them.
 
@@ -75,7 +75,7 @@ class Archive:
 
     def dimensions(self, name: str) -> int:
         """How many an array has by its header. Raises `NotParsed`."""
-        with self._opened(name) as (_, shape, _, _):
+        with self._open_array(name) as (_, shape, _, _):
             return len(shape)
 
     def array(self, name: str) -> NDArray[Any]:
@@ -83,7 +83,7 @@ class Archive:
 
         The header must say what the archive holds: numpy itself asks for the memory before it looks.
         """
-        with self._opened(name) as (file, shape, kind, left):
+        with self._open_array(name) as (file, shape, kind, left):
             size = kind.itemsize
             for length in shape:
                 size *= length
@@ -97,7 +97,7 @@ class Archive:
             return np.asarray(npy.read_array(file, allow_pickle=False))
 
     @contextmanager
-    def _opened(self, name: str) -> Iterator[tuple[IO[bytes], tuple[int, ...], np.dtype[Any], int]]:
+    def _open_array(self, name: str) -> Iterator[tuple[IO[bytes], tuple[int, ...], np.dtype[Any], int]]:
         """An array's file, its shape and type, and how many bytes follow its header."""
         with as_not_parsed(), self._file.open(name + ENDING) as file:
             version = npy.read_magic(file)
@@ -174,7 +174,7 @@ def parse_pickled_arrays(content: bytes) -> Any:
     if len(content) > LARGEST_PICKLE:
         raise NotParsed(f"it has more than {LARGEST_PICKLE} bytes, which no calibration has")
     try:
-        return _finished(_Machine().run(content), [MOST_VALUES])
+        return _finish_value(_Machine().run(content), [MOST_VALUES])
     except NotParsed:
         raise
     except (ValueError, TypeError, IndexError, KeyError, OverflowError, RecursionError, UnicodeError):
@@ -250,10 +250,10 @@ def _call(machine: _Machine) -> None:
     function, arguments = machine.last(2)
     if not isinstance(function, _Name) or not isinstance(arguments, tuple):
         raise NotParsed("it calls something that is no array")
-    machine.stack.append(_made(function.kind, arguments))
+    machine.stack.append(_make_value(function.kind, arguments))
 
 
-def _made(kind: str, arguments: tuple[Any, ...]) -> Any:
+def _make_value(kind: str, arguments: tuple[Any, ...]) -> Any:
     """What one of numpy's functions would make."""
     if kind == "_reconstruct":
         return _Array()
@@ -298,7 +298,7 @@ def _numbers(shape: Any, form: Any, content: Any, fortran: bool) -> Any:
     return np.frombuffer(bytes(content), dtype).reshape(axes, order="F" if fortran else "C")
 
 
-def _finished(value: Any, left: list[int]) -> Any:
+def _finish_value(value: Any, left: list[int]) -> Any:
     """The value with the arrays themselves in the place of what they were built from; `left` counts the values down."""
     left[0] -= 1
     if left[0] < 0:
@@ -308,9 +308,9 @@ def _finished(value: Any, left: list[int]) -> Any:
             raise NotParsed("it holds an array without numbers")
         return value.value
     if isinstance(value, (list, tuple)):
-        return type(value)(_finished(item, left) for item in value)
+        return type(value)(_finish_value(item, left) for item in value)
     if isinstance(value, dict):
-        return {key: _finished(item, left) for key, item in value.items()}
+        return {key: _finish_value(item, left) for key, item in value.items()}
     if isinstance(value, (_Name, _Type)) or value is _MARK:
         raise NotParsed("it is no table of arrays")
     return value
@@ -320,7 +320,7 @@ def _memorise(machine: _Machine, place: int | None) -> None:
     machine.memory[len(machine.memory) if place is None else place] = machine.stack[-1]
 
 
-def _new_dict(machine: _Machine) -> None:
+def _start_dict(machine: _Machine) -> None:
     values = machine.since_mark()
     machine.stack.append({})
     _set_items(machine, values)
@@ -332,7 +332,7 @@ _STEPS: dict[str, Callable[[_Machine, Any], None]] = {
     "EMPTY_DICT": lambda machine, _: machine.stack.append({}),
     "EMPTY_LIST": lambda machine, _: machine.stack.append([]),
     "EMPTY_TUPLE": lambda machine, _: machine.stack.append(()),
-    "DICT": lambda machine, _: _new_dict(machine),
+    "DICT": lambda machine, _: _start_dict(machine),
     "LIST": lambda machine, _: machine.stack.append(machine.since_mark()),
     "TUPLE": lambda machine, _: machine.stack.append(tuple(machine.since_mark())),
     "TUPLE1": lambda machine, _: machine.stack.append(tuple(machine.last(1))),

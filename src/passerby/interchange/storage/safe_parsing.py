@@ -3,8 +3,6 @@
 No parser here runs anything, opens another file, or takes memory or time out of all proportion to the text: XML has no
 entities, YAML no objects and no merging, and what is nested too deep, or a number of thousands of digits, is an error as any
 other. OpenCV's own parser is not used: version 5 reads beyond its text (a JSON file that ends too early kills the process).
-
-What is wrong with a file, all of it, and reading text with errors a person can act on.
 """
 
 from __future__ import annotations
@@ -104,7 +102,7 @@ def parse_toml(text: str) -> dict[str, Any]:
     try:
         return tomllib.loads(text)
     except (ValueError, RecursionError, OverflowError) as error:
-        raise NotParsed(_told(error)) from None
+        raise NotParsed(_shorten_complaint(error)) from None
 
 
 def parse_json(text: str) -> Any:
@@ -113,7 +111,7 @@ def parse_json(text: str) -> Any:
     try:
         return json.loads(text)
     except (ValueError, RecursionError, OverflowError) as error:
-        raise NotParsed(_told(error)) from error
+        raise NotParsed(_shorten_complaint(error)) from error
 
 
 def parse_xml(text: str) -> ElementTree.Element:
@@ -123,7 +121,7 @@ def parse_xml(text: str) -> ElementTree.Element:
     try:
         return ElementTree.fromstring(text)
     except (ElementTree.ParseError, ValueError, RecursionError) as error:
-        raise NotParsed(_told(error)) from None
+        raise NotParsed(_shorten_complaint(error)) from None
 
 
 def parse_safe_yaml(text: str) -> Any:
@@ -138,9 +136,9 @@ def parse_safe_yaml(text: str) -> Any:
         return next(iter(yaml.load_all(text, Loader=Loader)), None)
     except yaml.MarkedYAMLError as error:
         line = f"line {error.problem_mark.line + 1}: " if error.problem_mark else ""
-        raise NotParsed(f"{line}is not YAML: {_told(error.problem or error.context or '')}") from None
+        raise NotParsed(f"{line}is not YAML: {_shorten_complaint(error.problem or error.context or '')}") from None
     except (yaml.YAMLError, ValueError, RecursionError, OverflowError, TypeError, KeyError, AttributeError) as error:
-        raise NotParsed(f"is not YAML: {_told(error)}") from None
+        raise NotParsed(f"is not YAML: {_shorten_complaint(error)}") from None
 
 
 class Loader(yaml.SafeLoader):
@@ -189,7 +187,7 @@ def _check_numbers(text: str) -> None:
         raise NotParsed("it holds a number of a thousand digits")
 
 
-def _told(error: Exception | str) -> str:
+def _shorten_complaint(error: Exception | str) -> str:
     """A complaint in one short line."""
     if isinstance(error, RecursionError):
         return "it is nested too deep"

@@ -1,11 +1,4 @@
-"""Tables as CSV text.
-
-JSON that every reader accepts: numpy values as plain ones, null where a figure is undefined.
-
-TOML as text, for files that people read and edit.
-
-Versions of files that Passerby writes and reads again: a file of a later Passerby is an error, never half understood.
-"""
+"""CSV, JSON and TOML as text, and the versions of files that Passerby writes and reads again."""
 
 from __future__ import annotations
 
@@ -79,15 +72,15 @@ def plain(value: Any) -> Any:
 
 def to_toml(content: Mapping[str, Any]) -> str:
     """A whole file of tables. Numbers get 12 significant digits; a rig, of which every bit counts, has a writer of its own."""
-    return tomli_w.dumps({name: _rounded(one) for name, one in content.items()})
+    return tomli_w.dumps({name: _round_values(one) for name, one in content.items()})
 
 
-def _rounded(content: Any) -> Any:
+def _round_values(content: Any) -> Any:
     if isinstance(content, float):
         return float(f"{content:.{SIGNIFICANT_DIGITS}g}")
     if isinstance(content, Mapping):
-        return {name: _rounded(one) for name, one in content.items()}
-    return [_rounded(one) for one in content] if isinstance(content, list | tuple) else content
+        return {name: _round_values(one) for name, one in content.items()}
+    return [_round_values(one) for one in content] if isinstance(content, list | tuple) else content
 
 
 def key(name: str) -> str:

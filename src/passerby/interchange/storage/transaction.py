@@ -1,4 +1,4 @@
-"""Files of a folder that change together: all of them or none, even where the process is killed in between.
+"""Files and folders that change as a whole or not at all, even where a process is killed, and locks on them.
 
 The new files are written into a folder of their own, `.writing`. Its renaming to `.written` decides: before, the old files are
 what counts, after, the new ones. Then each takes its place; a process that comes to a folder that a killed process left
@@ -51,7 +51,7 @@ fail for a while; and a time on one that never lets this process wait: else it h
 def folder_lock(folder: Path, work: str) -> Iterator[None]:
     """Keep a folder for this process while the block runs, and end first what a killed one has begun there.
 
-    Arguments and errors as of `locks.alone_in`.
+    Arguments and errors as of `alone_in`.
     """
     with lock_folder(folder, work):
         try:
@@ -83,10 +83,10 @@ def transaction(folder: Path, gone: Iterable[str] = ()) -> Iterator[Path]:
         raise cannot_write(folder, error) from error
     try:
         yield new
-        come = {path.as_posix() for path in _below(new)}
+        come = {path.as_posix() for path in _list_files(new)}
         write_text(new / GONE, json.dumps(sorted({*gone} - come)))
         # A disk that is full is found out now, while nothing is decided.
-        for path in _below(new):
+        for path in _list_files(new):
             (folder / path).parent.mkdir(parents=True, exist_ok=True)
             if (folder / path).is_dir():
                 raise IsADirectoryError(errno.EISDIR, f"{path} is a folder")
@@ -123,9 +123,9 @@ def finish(folder: Path) -> None:
     written = folder / WRITTEN
     if not written.is_dir():
         return
-    for name in _gone(written):
+    for name in _list_deletions(written):
         (folder / name).unlink(missing_ok=True)
-    paths = _below(written)
+    paths = _list_files(written)
     for path in paths:
         (folder / path).parent.mkdir(parents=True, exist_ok=True)
         os.replace(written / path, folder / path)
@@ -134,7 +134,7 @@ def finish(folder: Path) -> None:
     shutil.rmtree(written)
 
 
-def _gone(written: Path) -> list[str]:
+def _list_deletions(written: Path) -> list[str]:
     """What is to go; names that lead out of the folder are none of ours."""
     try:
         names = json.loads((written / GONE).read_text(encoding="utf-8"))
@@ -147,7 +147,7 @@ def _gone(written: Path) -> list[str]:
     return [name for name in names if isinstance(name, str) and not Path(name).is_absolute() and ".." not in Path(name).parts]
 
 
-def _below(folder: Path) -> list[Path]:
+def _list_files(folder: Path) -> list[Path]:
     """The files that are to be put into their places, relative, in the order of their names."""
     files = (path.relative_to(folder) for path in sorted(folder.rglob("*")) if path.is_file())
     return [path for path in files if path.name != GONE and not path.name.endswith(PART)]
@@ -271,7 +271,7 @@ def lock_folder(folder: Path, work: str, wait_s: float = 0.0) -> Iterator[None]:
 @contextmanager
 def lock_file(path: Path, place: Path, work: str, wait_s: float = 0.0) -> Iterator[None]:
     """Hold the lock `path`, which stands for `place`; arguments and errors as of `lock_folder`."""
-    file = _taken(path, place, wait_s)
+    file = _take_lock(path, place, wait_s)
     try:
         _sign(file, work)
         yield
@@ -298,16 +298,16 @@ def try_lock(file: IO[bytes]) -> bool:
     return True
 
 
-def _taken(path: Path, place: Path, wait_s: float) -> IO[bytes]:
+def _take_lock(path: Path, place: Path, wait_s: float) -> IO[bytes]:
     """The locked file. Raises `InputError`."""
     until = time.monotonic() + wait_s
     while True:
-        file = _opened(path, place)
+        file = _open_lock(path, place)
         try:
             free = try_lock(file)
         except OSError:  # a file system without locks
             return file
-        if free and _still_named(file, path):
+        if free and _has_name(file, path):
             return file
         who = _holder(file)
         file.close()
@@ -317,7 +317,7 @@ def _taken(path: Path, place: Path, wait_s: float) -> IO[bytes]:
             time.sleep(POLL_S)
 
 
-def _opened(path: Path, place: Path) -> IO[bytes]:
+def _open_lock(path: Path, place: Path) -> IO[bytes]:
     """The lock's file, open, in its folder. Raises `InputError` where it cannot be made.
 
     The folder is removed by a holder that has put nothing into it. That may happen between any two calls here, and a third
@@ -337,7 +337,7 @@ def _opened(path: Path, place: Path) -> IO[bytes]:
             raise cannot_write(place, error) from error
 
 
-def _still_named(file: IO[bytes], path: Path) -> bool:
+def _has_name(file: IO[bytes], path: Path) -> bool:
     """Whether the open file is the one that has this name now, and not one whose holder has just deleted it."""
     try:
         return os.path.samestat(os.fstat(file.fileno()), path.stat())

@@ -8,8 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from passerby.common.arrays import Bools, Floats, Ints
-from passerby.geometry.groups import group_sums
-from passerby.geometry.robust import cauchy_weights
+from passerby.geometry.groups import cauchy_weights, group_sums
 from passerby.people.sightings import Sightings
 from passerby.people.standing import MIN_INSTANTS, standing_share
 from passerby.people.trajectories.smoothing import smooth

@@ -1,6 +1,4 @@
-"""When each file of a camera was taken: by a table, by a pattern of names, by the usual names, or by what images say.
-
-What the head of an image says: its size, when it was taken and by which camera (JPEG with Exif, PNG), without decoding it.
+"""When each file of a camera was taken: by a table, a pattern of names, the usual names, or the heads of images.
 
 Exif 2.32 (CIPA DC-008): tags 0x0112 orientation, 0x010F make, 0x0110 model, 0x9003 DateTimeOriginal, 0x9011
 OffsetTimeOriginal, 0x9291 SubSecTimeOriginal, 0xA405 focal length in 35 mm. An image may say anything: what is none of these
@@ -65,26 +63,26 @@ def times_of(source: VideoSource, files: ListedFiles, heads: Sequence[PictureHea
             rate.
     """
     if source.times is not None:
-        return _of_table(source.times, files.paths)
+        return _time_by_table(source.times, files.paths)
     if source.names is not None:
-        return _named(_by_pattern(source, files.paths))
+        return _time_by_names(_time_by_pattern(source, files.paths))
     usual = [usual_time(path) for path in files.paths]
     known = [one for one in usual if one is not None]
     if len(known) == len(usual) and (len(known) == 1 or len({one.seconds for one in known}) > 1):
-        return _named(known)
-    return None if files.kind == "videos" else _of_pictures(source, files, heads)
+        return _time_by_names(known)
+    return None if files.kind == "videos" else _time_pictures(source, files, heads)
 
 
-def _of_pictures(source: VideoSource, files: ListedFiles, heads: Sequence[PictureHead] | None) -> FileTimes:
+def _time_pictures(source: VideoSource, files: ListedFiles, heads: Sequence[PictureHead] | None) -> FileTimes:
     """Of images without times in their names: Exif, where all have it, or else their numbers."""
-    found = [_last_number(path) for path in files.paths]
+    found = [_find_last_number(path) for path in files.paths]
     numbers = [number for number in found if number is not None]
     numbered = len(numbers) == len(found) and len(set(numbers)) == len(numbers)
     if source.fps is None or not numbered:
         taken = [head.taken for head in heads or _heads(files.paths)]
         known = [one for one in taken if one is not None]
         if len(known) == len(taken) and len({one.seconds for one in known}) == len(known):
-            return _named(known)
+            return _time_by_names(known)
     if not numbered:
         raise VideoError(
             source.place,
@@ -111,18 +109,18 @@ def _heads(paths: Sequence[Path]) -> list[PictureHead]:
     return out
 
 
-def _last_number(path: Path) -> int | None:
+def _find_last_number(path: Path) -> int | None:
     found = _NUMBER.search(path.stem)
     return int(found[1]) if found and len(found[1]) <= LONGEST_NUMBER else None
 
 
-def _named(known: Sequence[NamedTime]) -> FileTimes:
+def _time_by_names(known: Sequence[NamedTime]) -> FileTimes:
     """One resolution, that of the coarsest name."""
     seconds = np.array([one.seconds for one in known])
     return FileTimes(seconds, max(one.resolution_s for one in known), True, all(one.utc for one in known))
 
 
-def _by_pattern(source: VideoSource, paths: Sequence[Path]) -> list[NamedTime]:
+def _time_by_pattern(source: VideoSource, paths: Sequence[Path]) -> list[NamedTime]:
     assert source.names is not None
     pattern = NamePattern(source.names)
     out = []
@@ -136,7 +134,7 @@ def _by_pattern(source: VideoSource, paths: Sequence[Path]) -> list[NamedTime]:
     return out
 
 
-def _of_table(table: Path, paths: Sequence[Path]) -> FileTimes:
+def _time_by_table(table: Path, paths: Sequence[Path]) -> FileTimes:
     """The times of a CSV: file name, seconds or ISO time; a first row that is no time is a heading."""
     try:
         with table.open(encoding="utf-8-sig", newline="") as file:
@@ -262,7 +260,7 @@ def _jpeg(head: bytes) -> PictureHead:
         size = size[::-1]
     focal = exif.get(0xA405)
     known = isinstance(focal, int) and SHORTEST_MM <= focal <= LONGEST_MM
-    return PictureHead(size, _taken(exif), float(focal) if known and isinstance(focal, int) else None, _device(exif))
+    return PictureHead(size, _read_time(exif), float(focal) if known and isinstance(focal, int) else None, _device(exif))
 
 
 def _segments(head: bytes) -> Iterator[tuple[int, bytes]]:
@@ -277,7 +275,7 @@ def _segments(head: bytes) -> Iterator[tuple[int, bytes]]:
         place += 2 + length
 
 
-def _taken(exif: dict[int, str | int]) -> NamedTime | None:
+def _read_time(exif: dict[int, str | int]) -> NamedTime | None:
     """When it was taken; None if unknown."""
     try:
         time = datetime.strptime(str(exif.get(0x9003, "")), "%Y:%m:%d %H:%M:%S").replace(tzinfo=UTC)

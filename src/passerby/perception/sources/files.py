@@ -1,9 +1,4 @@
-"""The files that a camera's `video` names: one file, a folder, a pattern, or a list of these.
-
-Where the pieces of a recording lie in its time, by the times in their names and their lengths, and what is missing.
-
-What is odd about the files of a recording, and does not stop a calibration.
-"""
+"""The files that a camera's `video` names, where they lie in its recording, and what is odd about them."""
 
 from __future__ import annotations
 
@@ -105,7 +100,7 @@ def list_files(source: VideoSource) -> ListedFiles:
     """
     found: dict[Path, None] = {}
     for path in source.paths:
-        found |= dict.fromkeys(_named_by(path))
+        found |= dict.fromkeys(_list_named(path))
     videos = [path for path in found if path.suffix.lower() in VIDEO_ENDINGS]
     pictures = [path for path in found if path.suffix.lower() in PICTURE_ENDINGS]
     if videos and pictures:
@@ -121,7 +116,7 @@ def list_files(source: VideoSource) -> ListedFiles:
     return ListedFiles("videos" if videos else "pictures", tuple(chosen))
 
 
-def _named_by(path: Path) -> list[Path]:
+def _list_named(path: Path) -> list[Path]:
     """The videos and pictures of one path of a list."""
     endings = VIDEO_ENDINGS + PICTURE_ENDINGS
     if path.is_dir():
@@ -184,7 +179,7 @@ def begins_by_names(named: Floats, seconds: Floats, resolution_s: float) -> Floa
     Returns:
         (N,) on the clock of `named`.
     """
-    seconds = _by_clock_of_names(named, seconds, resolution_s)
+    seconds = _rescale_lengths(named, seconds, resolution_s)
     usual = float(np.median(seconds))
     begins = np.empty(len(named))
     first = 0
@@ -213,7 +208,7 @@ def begins_by_names(named: Floats, seconds: Floats, resolution_s: float) -> Floa
     return begins
 
 
-def _by_clock_of_names(named: Floats, seconds: Floats, resolution_s: float) -> Floats:
+def _rescale_lengths(named: Floats, seconds: Floats, resolution_s: float) -> Floats:
     """(N,) lengths by the clock that wrote the names, where many pieces show that it does not run as the videos' own."""
     if len(named) < 2:
         return seconds

@@ -1,4 +1,4 @@
-"""When a file was recorded, by the time in its name and in the names of its folders.
+"""What names of files and folders say: when a recording began, and which chapter of it a file is.
 
 Usual names, each with where it is described:
 
@@ -11,8 +11,6 @@ Usual names, each with where it is described:
 - Cloudvue, Xiaomi: seconds since 1970, in UTC (`2023-03-30/1680140457.mp4`, `2025060107/46M14S_1748735174.mp4`).
 
 A name that does not tell its time zone is taken as it stands: times of one recorder are compared with each other only.
-
-Names of the chapters into which action cameras and recorders cut one recording.
 
 - GoPro (community.gopro.com, "Camera File Naming Convention"): `GX010012`, `GX020012` are chapters 01 and 02 of recording 0012;
   GH with AVC, GX with HEVC, GS with two lenses, GL a small copy (LRV). Up to HERO5: `GOPR0345`, `GP010345`, `GP020345`.
@@ -71,7 +69,7 @@ class NamedTime:
 
 def usual_time(path: Path) -> NamedTime | None:
     """The time in a name that is built in one of the usual ways; None where there is none."""
-    return _frigate(path) or _in_name(path.stem) or _in_folders(path)
+    return _frigate(path) or _find_in_name(path.stem) or _find_in_folders(path)
 
 
 def _frigate(path: Path) -> NamedTime | None:
@@ -84,7 +82,7 @@ def _frigate(path: Path) -> NamedTime | None:
     return _time([*day.groups(), hour[0], *file.groups()], utc=True)
 
 
-def _in_name(stem: str) -> NamedTime | None:
+def _find_in_name(stem: str) -> NamedTime | None:
     if found := _DATE_AND_TIME.search(stem):
         *parts, thousandths, zone = found.groups()
         return _time(parts, thousandths=thousandths, utc=zone is not None)
@@ -93,7 +91,7 @@ def _in_name(stem: str) -> NamedTime | None:
     return None
 
 
-def _in_folders(path: Path) -> NamedTime | None:
+def _find_in_folders(path: Path) -> NamedTime | None:
     """The time of day at the beginning of the name, and the date of the nearest folder with one."""
     clock = _TIME_OF_DAY.match(path.stem)
     day = next((found for part in reversed(path.parts[:-1]) if (found := _DAY.search(part))), None)

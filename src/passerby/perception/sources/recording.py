@@ -84,11 +84,11 @@ def open_source(source: VideoSource, name: str = "") -> Recording:
     Raises:
         InputError: no file, none that can be read, files of several cameras, a file that grows, or as `times_of` says.
     """
-    found = _opened(source, name)
+    found = _open_video(source, name)
     return replace(found, info=found.info.turned(source.rotate))
 
 
-def _opened(source: VideoSource, name: str) -> Recording:
+def _open_video(source: VideoSource, name: str) -> Recording:
     """The video as filmed."""
     if source.single is not None:
         return Recording(probe(source.single))
@@ -100,7 +100,7 @@ def _opened(source: VideoSource, name: str) -> Recording:
     times = times_of(source, files, heads)
     order = np.arange(listed) if times is None else np.argsort(times.begin, kind="stable")
     if source.span is not None and times is not None and times.wall:
-        order = order[_near_span(times.begin[order], source.span, files.kind == "pictures")]
+        order = order[_find_near_span(times.begin[order], source.span, files.kind == "pictures")]
         if not len(order):
             first, last = (WallTime(float(end), times.utc).text for end in (times.begin.min(), times.begin.max()))
             raise VideoError(
@@ -110,9 +110,9 @@ def _opened(source: VideoSource, name: str) -> Recording:
     paths = [files.paths[k] for k in order]
     begin = None if times is None else times.begin[order]
     if heads is None:
-        found = _of_videos(source, name, paths, begin, times, listed)
+        found = _join_videos(source, name, paths, begin, times, listed)
     else:
-        found = _of_pictures(source, name, paths, [heads[k] for k in order], begin, times)
+        found = _join_pictures(source, name, paths, [heads[k] for k in order], begin, times)
     if source.origin is not None and found.info.wall is not None:
         return replace(found, info=rebased(found.info, source.origin))
     return found
@@ -143,7 +143,7 @@ def recorded_s(info: VideoInfo) -> float:
     return (info.seconds or 0.0) - sum(last - first for first, last in gaps_of(info))
 
 
-def _near_span(begin: Floats, span: WallSpan, pictures: bool) -> np.ndarray:
+def _find_near_span(begin: Floats, span: WallSpan, pictures: bool) -> np.ndarray:
     """Which files, in order of time, may show something of a span: those in it, and the pieces before it that reach into it."""
     inside = (begin >= span.first) & (begin <= span.last)
     before = begin < span.first
@@ -164,13 +164,13 @@ def _head(path: Path) -> PictureHead:
 # Videos ---------------------------------------------------------------------------------------------------------------------
 
 
-def _of_videos(
+def _join_videos(
     source: VideoSource, name: str, paths: Sequence[Path], begin: Floats | None, times: FileTimes | None, listed: int
 ) -> Recording:
     """One recording of pieces in order of time."""
     place = source.place
     before = [_size_of(path) for path in paths]
-    opened, failed = _probed(paths)
+    opened, failed = _probe_files(paths)
     grown = next((path for path, size in zip(paths, before, strict=True) if _size_of(path) != size), None)
     if grown is not None:
         raise VideoError(
@@ -181,14 +181,14 @@ def _of_videos(
     if not opened:
         number, why = failed[0]
         raise VideoError(place, f"none of its {len(paths)} videos can be read; the first, {paths[number].name}: {why}")
-    size, rate = _commonest(place, paths, opened)
+    size, rate = _find_commonest_form(place, paths, opened)
     alike = [k for k in opened if opened[k].size == size and not _is_other_rate(opened[k], rate)]
     other = [k for k in opened if k not in set(alike)]
     infos = [opened[k] for k in alike]
     variable = any(info.variable or abs(info.clock_fps / rate - 1) > SAME_RATE for info in infos)
     clock = VARIABLE_CLOCK_FPS if variable else rate
     seconds = np.array([_length(info, variable) for info in infos])
-    stated = _created(infos, seconds) if begin is None else None
+    stated = _read_creation_times(infos, seconds) if begin is None else None
     if begin is None:
         begins = follow_at_once(seconds) if stated is None else begins_by_names(stated, seconds, CREATED_RESOLUTION_S)
     elif times is not None and times.resolution_s > 0:
@@ -212,7 +212,7 @@ def _of_videos(
         Piece(paths[k], float(at), replace(info, clock_fps=clock, variable=variable), float(length))
         for k, at, info, length in zip(alike, begins, infos, seconds, strict=True)
     )
-    used = _used(source.span, wall)
+    used = _choose_span(source.span, wall)
     pieces = tuple(piece for piece in pieces if piece.begin_s + piece.seconds > used[0] and piece.begin_s <= used[1])
     if not pieces:
         raise VideoError(place, "shows nothing of the span that [scene] from and until choose: its files end before it")
@@ -248,7 +248,7 @@ def _of_videos(
     return Recording(info, tuple(findings))
 
 
-def _created(infos: Sequence[VideoInfo], seconds: Floats) -> Floats | None:
+def _read_creation_times(infos: Sequence[VideoInfo], seconds: Floats) -> Floats | None:
     """(N,) when pieces in order of their names were created, where each was so after the one before it had ended; else None.
 
     Copies and exports have other creation times than recordings, and some makers state the end.
@@ -261,7 +261,7 @@ def _created(infos: Sequence[VideoInfo], seconds: Floats) -> Floats | None:
     return created if apart.all() else None
 
 
-def _probed(paths: Sequence[Path]) -> tuple[dict[int, VideoInfo], list[tuple[int, str]]]:
+def _probe_files(paths: Sequence[Path]) -> tuple[dict[int, VideoInfo], list[tuple[int, str]]]:
     """What can be read by number, and what cannot, with the reason."""
     opened: dict[int, VideoInfo] = {}
     failed: list[tuple[int, str]] = []
@@ -282,7 +282,7 @@ def _size_of(path: Path) -> int:
         return -1
 
 
-def _commonest(place: Path, paths: Sequence[Path], opened: dict[int, VideoInfo]) -> tuple[tuple[int, int], float]:
+def _find_commonest_form(place: Path, paths: Sequence[Path], opened: dict[int, VideoInfo]) -> tuple[tuple[int, int], float]:
     """The commonest size, and the commonest rate of the pieces of that size. Raises `VideoError` for mixed cameras."""
     (size, most), *others = Counter(info.size for info in opened.values()).most_common()
     if others and others[0][1] > MIXED * most:
@@ -313,7 +313,7 @@ def _length(info: VideoInfo, variable: bool) -> float:
 # Pictures -------------------------------------------------------------------------------------------------------------------
 
 
-def _of_pictures(
+def _join_pictures(
     source: VideoSource,
     name: str,
     paths: Sequence[Path],
@@ -347,7 +347,7 @@ def _of_pictures(
     info = VideoInfo(
         path=place, size=size, codec=paths[0].suffix.lower().lstrip("."), clock_fps=clock, variable=variable,
         average_fps=1.0 / step, frames=len(pieces), seconds=None, camera=RecordingCamera(first.focal_35mm, first.device),
-        pieces=pieces, wall=wall, used=_used(source.span, wall),
+        pieces=pieces, wall=wall, used=_choose_span(source.span, wall),
     )  # fmt: skip
     info = replace(info, seconds=_span(info))
     failed = [(k, "it is no image that can be read") for k in range(len(paths)) if k not in sizes]
@@ -379,7 +379,7 @@ def _size(path: Path, head: PictureHead) -> tuple[int, int] | None:
 # Both -----------------------------------------------------------------------------------------------------------------------
 
 
-def _used(span: WallSpan | None, wall: WallTime | None) -> tuple[float, float]:
+def _choose_span(span: WallSpan | None, wall: WallTime | None) -> tuple[float, float]:
     """The span as seconds of the recording."""
     if span is None or wall is None:
         return -math.inf, math.inf

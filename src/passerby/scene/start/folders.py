@@ -97,12 +97,12 @@ def survey(folder: Path, probe: Probe) -> Survey:
         except InputError:
             return None
 
-    recorded = _recorded(folder, notes, probe, look)
+    recorded = _find_recorded(folder, notes, probe, look)
     if recorded:
         return Survey(recorded, notes, propose_span([one.recording for one in recorded if one.recording is not None]))
     clips = [clip for clip in _clips(folder, notes, look) if not _is_text(clip[1], notes)]
     names = camera_names([text for text, _ in clips])
-    cameras = [_opened(name, path, probe) for name, (_, path) in zip(names, clips, strict=True)]
+    cameras = [_open_camera(name, path, probe) for name, (_, path) in zip(names, clips, strict=True)]
     readable = [camera for camera in cameras if camera.fault is None]
     for camera in readable:
         _add_times(camera, notes)
@@ -113,7 +113,7 @@ def survey(folder: Path, probe: Probe) -> Survey:
     if not cameras:
         _refuse_deeper(folder)
     if len(cameras) < 2:
-        raise InputError(_too_few(folder, cameras, notes))
+        raise InputError(_describe_too_few(folder, cameras, notes))
     return Survey(cameras, notes)
 
 
@@ -129,7 +129,7 @@ def _is_text(path: Path, notes: list[str]) -> bool:
     return text
 
 
-def _opened(name: str, video: Path, probe: Probe) -> FoundCamera:
+def _open_camera(name: str, video: Path, probe: Probe) -> FoundCamera:
     try:
         return FoundCamera(name, video, probe(video))
     except InputError as error:
@@ -150,11 +150,11 @@ def _add_times(camera: FoundCamera, notes: list[str]) -> None:
     notes.append(f"camera {camera.name}: the times of its frames are those of {path.name}")
 
 
-def _recorded(folder: Path, notes: list[str], probe: Probe, look: Look) -> list[FoundCamera]:
+def _find_recorded(folder: Path, notes: list[str], probe: Probe, look: Look) -> list[FoundCamera]:
     """The cameras whose videos are in pieces, or images; empty where there are not two."""
     found = find_recordings(folder, look, notes)
     names = camera_names([one.text for one in found])
-    cameras = [_surveyed(name, one, probe) for name, one in zip(names, found, strict=True)]
+    cameras = [_survey_camera(name, one, probe) for name, one in zip(names, found, strict=True)]
     if sum(camera.fault is None for camera in cameras) < 2:
         notes.clear()
         return []
@@ -167,9 +167,9 @@ def _recorded(folder: Path, notes: list[str], probe: Probe, look: Look) -> list[
     return cameras
 
 
-def _surveyed(name: str, one: FoundRecording, probe: Probe) -> FoundCamera:
+def _survey_camera(name: str, one: FoundRecording, probe: Probe) -> FoundCamera:
     if one.video.is_file():
-        return _opened(name, one.video, probe)
+        return _open_camera(name, one.video, probe)
     try:
         survey = survey_recording(one.video, probe)
     except InputError as error:
@@ -252,9 +252,9 @@ def _clips(folder: Path, notes: list[str], look: Look) -> list[tuple[str, Path]]
                 )
         return [(inner.name, found[0]) for inner, found in held.items()]
     _refuse_pieces(folder, _pieces_among(chosen, look))
-    notes += _may_be_chapters(chosen)
+    notes += _note_chapters(chosen)
     notes += [f"left out: the videos in {inner}: those in {chosen[0].parent} are taken" for inner in others]
-    return [(path.stem, path) for path in _without_copies(chosen, notes)]
+    return [(path.stem, path) for path in _drop_copies(chosen, notes)]
 
 
 def _pieces_among(videos: list[Path], look: Look) -> list[Path]:
@@ -263,7 +263,7 @@ def _pieces_among(videos: list[Path], look: Look) -> list[Path]:
     return list(chapters[0].paths) if chapters else pieces_among(videos, seconds_of(look))
 
 
-def _may_be_chapters(videos: list[Path]) -> list[str]:
+def _note_chapters(videos: list[Path]) -> list[str]:
     """A note where the names of several groups of videos differ by a counter that may be that of chapters."""
     groups = [paths for names, paths in named_alike(videos) if not names[0].numbers_cameras]
     if len(groups) < 2:
@@ -297,7 +297,7 @@ def _videos(folder: Path, notes: list[str]) -> list[Path]:
     return usable
 
 
-def _without_copies(paths: list[Path], notes: list[str]) -> list[Path]:
+def _drop_copies(paths: list[Path], notes: list[str]) -> list[Path]:
     """The videos but for those that bear another's name with another ending: the same camera twice would be worse than once."""
     kept: dict[tuple[Path, str], Path] = {}
     for path in paths:
@@ -343,11 +343,11 @@ def _folders_of_joints(folder: Path) -> list[tuple[str, Path]]:
     OpenPose's and Pose2Sim's: `cam01_json` in the folder itself, or in a folder such as `pose`.
     """
     places = [folder, *(inner for inner in visible_folders(folder) if inner.name.lower().startswith(JOINT_FOLDERS))]
-    found = [inner for place in places for inner in visible_folders(place) if _holds_joints(inner)]
+    found = [inner for place in places for inner in visible_folders(place) if _has_joints(inner)]
     return [(re.sub(r"(?i)[_-](json|keypoints|pose)$", "", inner.name), inner) for inner in found]
 
 
-def _holds_joints(folder: Path) -> bool:
+def _has_joints(folder: Path) -> bool:
     first = next(iter(visible_files(folder, (".json",))), None)
     try:
         return first is not None and b'"people"' in first.read_bytes()[:JOINTS_HEAD]
@@ -355,7 +355,7 @@ def _holds_joints(folder: Path) -> bool:
         return False
 
 
-def _too_few(folder: Path, cameras: list[FoundCamera], notes: list[str]) -> str:
+def _describe_too_few(folder: Path, cameras: list[FoundCamera], notes: list[str]) -> str:
     endings = ", ".join(ending[1:] for ending in VIDEO_ENDINGS)
     more = f" ({'; '.join(notes)})" if notes else ""
     if not cameras:

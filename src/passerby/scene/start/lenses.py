@@ -81,7 +81,7 @@ def find_lenses(folder: Path, cameras: Sequence[FoundCamera], notes: list[str], 
     opencv, seen = _opencv_files(folder, cameras, notes)
     seen |= {table.source for group in rig_files for table in group} | {besides}
     groups = [*rig_files, opencv, *_files_of_other_tools(folder, cameras, seen, notes)]
-    groups = sorted((group for group in groups if group), key=lambda group: _worth(group, cameras), reverse=True)
+    groups = sorted((group for group in groups if group), key=lambda group: _rank_group(group, cameras), reverse=True)
     found: dict[str, CameraLens] = {}
     for group in groups:
         left = [camera for camera in cameras if camera.name not in found or found[camera.name].lens is None]
@@ -93,7 +93,7 @@ def find_lenses(folder: Path, cameras: Sequence[FoundCamera], notes: list[str], 
             lens = _camera_lens(table, camera, notes)
             if lens is not None and (lens.lens is not None or camera.name not in found):
                 found[camera.name], used = lens, True
-                notes += _how_matched(camera, table, index in by_size)
+                notes += _describe_matches(camera, table, index in by_size)
         others = [table for other, table in enumerate(group) if other not in {**pairs, **by_size}.values()]
         unmatched = [camera for index, camera in enumerate(left) if index not in pairs | by_size]
         if (not used or others) and unmatched:
@@ -101,8 +101,8 @@ def find_lenses(folder: Path, cameras: Sequence[FoundCamera], notes: list[str], 
             sources = sorted({str(table.source) for table in others}, key=natural_key)
             told = ", ".join(sources[:3]) + (f" and {len(sources) - 3} more" if len(sources) > 3 else "")
             notes.append(
-                f"not used: {told}: {_listed([table.names[0] for table in others])} cannot be matched with the cameras "
-                f"{_listed([camera.name for camera in unmatched])}: give them the same names"
+                f"not used: {told}: {_list_names([table.names[0] for table in others])} cannot be matched with the cameras "
+                f"{_list_names([camera.name for camera in unmatched])}: give them the same names"
             )
     return found
 
@@ -119,7 +119,7 @@ def _match_sizes(cameras: Sequence[FoundCamera], group: Sequence[_Table], known:
     }  # fmt: skip
 
 
-def _how_matched(camera: FoundCamera, table: _Table, by_size: bool) -> list[str]:
+def _describe_matches(camera: FoundCamera, table: _Table, by_size: bool) -> list[str]:
     """A line about intrinsics that do not bear the camera's name."""
     if not by_size and (table.rig or match_names([camera.name], [table.names], by_number=False)):
         return []
@@ -127,7 +127,7 @@ def _how_matched(camera: FoundCamera, table: _Table, by_size: bool) -> list[str]
     return [f"camera {camera.name}: intrinsics of {table.names[-1]} in {table.source}, by {how}"]
 
 
-def _worth(group: list[_Table], cameras: Sequence[FoundCamera]) -> tuple[int, bool, int]:
+def _rank_group(group: list[_Table], cameras: Sequence[FoundCamera]) -> tuple[int, bool, int]:
     """For how many cameras a group has a lens; then rig files first, then the order of `FIRST_NAMES`."""
     pairs = match_names([camera.name for camera in cameras], [table.names for table in group])
     name = group[0].source.name.lower()
@@ -151,13 +151,13 @@ def _camera_lens(table: _Table, camera: FoundCamera, notes: list[str]) -> Camera
             )
             return None
         return CameraLens(table.source, None, table.lens.lens(size), assumed_size=table.lens.size is None)
-    usable = (name for name in sorted(table.names, key=lambda name: name != camera.name) if _can_be_a_camera(name))
+    usable = (name for name in sorted(table.names, key=lambda name: name != camera.name) if _is_camera_table(name))
     return CameraLens(
         table.source, next(usable, None) if table.rig else None, table.lens, table.fault, assumed_size=table.assumed_size
     )
 
 
-def _can_be_a_camera(name: str) -> bool:
+def _is_camera_table(name: str) -> bool:
     return bool(CAMERA_NAME.fullmatch(name)) and name != METADATA
 
 
@@ -219,7 +219,7 @@ def _opencv_files(folder: Path, cameras: Sequence[FoundCamera], notes: list[str]
         if len(lenses) == 1 and place not in calibrations:
             names = [place.name]
         else:
-            names = camera_names([_specific(path.stem) for path, _ in lenses])
+            names = camera_names([_shorten_name(path.stem) for path, _ in lenses])
         found += [_Table(path, (name,), False, stored) for name, (path, stored) in zip(names, lenses, strict=True)]
     return found, seen
 
@@ -273,7 +273,7 @@ def _cameras_in(path: Path, name: str, size: tuple[int, int] | None) -> list[_Ta
     ]
 
 
-def _specific(stem: str) -> str:
+def _shorten_name(stem: str) -> str:
     """A file's name without the words that all calibration files share; the whole name where nothing else is left."""
     for separator in ("_", "-", ".", " "):
         words = stem.split(separator)
@@ -283,5 +283,5 @@ def _specific(stem: str) -> str:
     return stem
 
 
-def _listed(names: Sequence[str]) -> str:
+def _list_names(names: Sequence[str]) -> str:
     return ", ".join(names[:6]) + (", ..." if len(names) > 6 else "")

@@ -1,6 +1,4 @@
-"""Recordings that a network video recorder has cut into pieces, known by the times in their names.
-
-Chapters that a camera cut one recording into, among the videos of a folder: by their names, their formats and their times.
+"""What names of files show: recordings in pieces, chapters, and the names of the cameras.
 
 Names that differ by a counter alone may as well be those of several cameras. So chapters have one format, and where the files
 state when they were recorded, each begins when the one before it ends. Without such times a maker's scheme of names decides;
@@ -90,7 +88,7 @@ def pieces_among(videos: Sequence[Path], length: Length) -> list[Path]:
         if found := start_of(path.stem):
             groups.setdefault((found[0], path.suffix.lower()), []).append((found[1], path))
     for group in groups.values():
-        if _one_after_another(sorted(group), length):
+        if _are_consecutive(sorted(group), length):
             return [path for _, path in sorted(group)]
     return []
 
@@ -100,7 +98,7 @@ def is_numbered_series(videos: Sequence[Path]) -> bool:
     return sum(_NUMBERS.fullmatch(path.stem) is not None for path in videos) >= NUMBERED
 
 
-def _one_after_another(group: Sequence[tuple[float, Path]], length: Length) -> bool:
+def _are_consecutive(group: Sequence[tuple[float, Path]], length: Length) -> bool:
     """Whether each video of a group, sorted by time, has ended when the next begins."""
     known = [(start, seconds) for start, path in group[:LOOKED_INTO] if (seconds := length(path)) is not None]
     if len(known) < 2:
@@ -218,7 +216,7 @@ def camera_names(texts: Sequence[str]) -> list[str]:
     """
     whole = [valid_name(text) for text in texts]
     words = [list(_WORD.finditer(text)) for text in whole]
-    first, last = _common(words)
+    first, last = _count_common_words(words)
 
     def without(first: int, last: int) -> list[str]:
         return [
@@ -232,7 +230,7 @@ def camera_names(texts: Sequence[str]) -> list[str]:
         names = without(first, last)
     if not _all_have_letters(names) or (first, last) == (0, 0):
         names = whole
-    return _different([valid_name(name) for name in names])
+    return _make_unique([valid_name(name) for name in names])
 
 
 def match_names(cameras: Sequence[str], others: Sequence[Sequence[str]], *, by_number: bool = True) -> dict[int, int]:
@@ -247,15 +245,15 @@ def match_names(cameras: Sequence[str], others: Sequence[Sequence[str]], *, by_n
     camera that is left finds a thing of its own: cameras 1 to 4 are not matched with tables 0 to 3.
     """
     found: dict[int, int] = {}
-    for same in (str, _plain):
-        found |= _by(same, cameras, others, found)
-    numbered = _by(_last_number, cameras, others, found) if by_number else {}
+    for same in (str, _simplify):
+        found |= _match_names(same, cameras, others, found)
+    numbered = _match_names(_find_last_number, cameras, others, found) if by_number else {}
     if len(found) + len(numbered) == len(cameras):
         found |= numbered
     return found
 
 
-def _by(
+def _match_names(
     same: Callable[[str], object], cameras: Sequence[str], others: Sequence[Sequence[str]], known: dict[int, int]
 ) -> dict[int, int]:
     """What is matched where `same` of two names is equal, not None, and stands once on either side."""
@@ -276,17 +274,17 @@ def _by(
     return pairs if len(set(pairs.values())) == len(pairs) else {}
 
 
-def _plain(name: str) -> str:
+def _simplify(name: str) -> str:
     return re.sub(r"[\s_.\-]", "", name.casefold())
 
 
-def _last_number(name: str) -> str | None:
+def _find_last_number(name: str) -> str | None:
     """Its digits without zeros before them: a name may have more than a number can."""
     numbers = _NUMBER.findall(name)
     return numbers[-1].lstrip("0") if numbers else None
 
 
-def _common(words: list[list[re.Match[str]]]) -> tuple[int, int]:
+def _count_common_words(words: list[list[re.Match[str]]]) -> tuple[int, int]:
     """How many words all texts share at the beginning and at the end, so that at least one of each is left."""
     texts = [[word.group() for word in found] for found in words]
     if len(texts) < 2:
@@ -304,7 +302,7 @@ def _all_have_letters(names: Sequence[str]) -> bool:
     return all(any(character.isalpha() for character in name) for name in names)
 
 
-def _different(names: Sequence[str]) -> list[str]:
+def _make_unique(names: Sequence[str]) -> list[str]:
     """The names, those that stood before (capitals aside: they become file names) with a number."""
     found: list[str] = []
     taken: set[str] = set()

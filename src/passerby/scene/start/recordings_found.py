@@ -15,15 +15,18 @@ from pathlib import Path
 
 import numpy as np
 
-from passerby.common.errors import InputError
+from passerby.common.arrays import Floats
+from passerby.common.errors import EvidenceError, InputError
 from passerby.common.text import natural_key
+from passerby.perception.background import BackgroundDetector, BackgroundOptions, Sampling, learn_background
+from passerby.perception.pictures import Frame
 from passerby.perception.pieces import PICTURE_ENDINGS, VIDEO_ENDINGS, walk_below
 from passerby.perception.sources.file_times import times_of
 from passerby.perception.sources.files import MOST_FILES, VideoSource, list_files
 from passerby.perception.sources.name_times import usual_time
 from passerby.perception.sources.recording import open_source
 from passerby.perception.video_probe import VideoInfo, WallTime
-from passerby.scene.start.quick_look import look_at
+from passerby.perception.video_still import key_picture
 from passerby.scene.start.recordings import (
     Length,
     Look,
@@ -44,10 +47,15 @@ FULL, MOST_ENDS = 0.8, 10_000
 minute."""
 ASSUMED_FPS = 25.0
 """Of numbered images, until the user says; only sizes are looked at with it."""
-
 _DAY, _HOUR = re.compile(r"\d{4}-\d\d-\d\d"), re.compile(r"\d\d")
 _NO_CAMERA = re.compile(r"calib|intrinsic|checker|chess|board|snapshot|thumb|clips", re.IGNORECASE)
 """Folders of images that are no cameras."""
+MOST_CAMERAS, MOST_MOMENTS = 3, 96
+"""That are looked at: a key frame of 1920 x 1080 takes some 50 ms, a day of three cameras a quarter of a minute."""
+LEAST_STEP_S = 60.0
+"""Between two moments."""
+WINDOW = 8
+"""Moments that share an empty scene: the light changes over a day, and fewer pictures cannot outvote passers-by."""
 
 
 @dataclass(frozen=True)
@@ -84,10 +92,10 @@ def find_recordings(folder: Path, look: Look, notes: list[str]) -> list[FoundRec
     files = list(islice(walk_below(folder), MOST_FILES))
     videos = [path for path in files if path.suffix.lower() in VIDEO_ENDINGS]
     if not videos:
-        return _of_images([path for path in files if path.suffix.lower() in PICTURE_ENDINGS])
+        return _find_images([path for path in files if path.suffix.lower() in PICTURE_ENDINGS])
     videos, copies = without_small_copies(videos)
     notes += companions_note(files, copies)
-    return _of_frigate(folder, videos) or _of_folders(folder, videos, look, notes) or _told_by_names(videos, look)
+    return _find_frigate(folder, videos) or _find_by_folders(folder, videos, look, notes) or _find_by_names(videos, look)
 
 
 def seconds_of(look: Look) -> Length:
@@ -100,7 +108,7 @@ def seconds_of(look: Look) -> Length:
     return length
 
 
-def _of_frigate(folder: Path, videos: Sequence[Path]) -> list[FoundRecording]:
+def _find_frigate(folder: Path, videos: Sequence[Path]) -> list[FoundRecording]:
     """Cameras by the folder below day and hour; empty where the layout is another one."""
     cameras: dict[str, list[Path]] = {}
     for path in videos:
@@ -120,7 +128,7 @@ def _of_frigate(folder: Path, videos: Sequence[Path]) -> list[FoundRecording]:
     return found
 
 
-def _of_folders(folder: Path, videos: Sequence[Path], look: Look, notes: list[str]) -> list[FoundRecording]:
+def _find_by_folders(folder: Path, videos: Sequence[Path], look: Look, notes: list[str]) -> list[FoundRecording]:
     """Cameras with a folder each, at least one of them with pieces; empty unless there are two."""
     held: dict[Path, list[Path]] = {}
     for path in videos:
@@ -131,7 +139,7 @@ def _of_folders(folder: Path, videos: Sequence[Path], look: Look, notes: list[st
     whole = next(iter(held)) if len(held) == 1 and len(held[next(iter(held))]) == len(videos) else named
     if whole is not None:
         told: list[str] = []
-        found = _of_folders(whole, held[whole], look, told) or _told_by_names(held[whole], look)
+        found = _find_by_folders(whole, held[whole], look, told) or _find_by_names(held[whole], look)
         notes += told if found else []
         return found
     pieces = {inner: one for inner, paths in held.items() if (one := _pieces_in(inner, paths, look)) is not None}
@@ -141,7 +149,7 @@ def _of_folders(folder: Path, videos: Sequence[Path], look: Look, notes: list[st
     notes += [f"left out: {path}: the cameras are assumed to be the subfolders" for path in videos if path.parent == folder]
     notes += [f"left out: the videos in {inner}: its name is not that of a camera" for inner in held if inner not in cameras]
     for inner, paths in cameras.items():
-        used = paths[:1] if inner not in pieces else _used_of(pieces[inner], paths)
+        used = paths[:1] if inner not in pieces else _choose_files(pieces[inner], paths)
         if more := [path for path in paths if path not in used]:
             notes.append(f"left out: {', '.join(path.name for path in more)} in {inner}: another recording than {used[0].name}")
     found = [pieces.get(inner) or FoundRecording(inner.name, paths[0]) for inner, paths in cameras.items()]
@@ -152,7 +160,7 @@ def _pieces_in(inner: Path, paths: Sequence[Path], look: Look) -> FoundRecording
     """The pieces of one recording in a camera's folder; None where it holds none."""
     if len(paths) < 2:
         return None
-    if is_numbered_series(paths) or _timed(paths) or len(pieces_among(paths, seconds_of(look))) == len(paths):
+    if is_numbered_series(paths) or _are_timed(paths) or len(pieces_among(paths, seconds_of(look))) == len(paths):
         return FoundRecording(inner.name, inner)
     if len({path.parent for path in paths}) > 1:
         return None
@@ -163,18 +171,18 @@ def _pieces_in(inner: Path, paths: Sequence[Path], look: Look) -> FoundRecording
     return FoundRecording(inner.name, inner if alone else paths[0].parent / first.pattern)
 
 
-def _used_of(one: FoundRecording, paths: Sequence[Path]) -> list[Path]:
+def _choose_files(one: FoundRecording, paths: Sequence[Path]) -> list[Path]:
     return list(paths) if one.video.is_dir() else [path for path in paths if fnmatchcase(path.name, one.video.name)]
 
 
-def _timed(paths: Sequence[Path]) -> bool:
+def _are_timed(paths: Sequence[Path]) -> bool:
     """Whether all names tell times, in folders of days as recorders make them."""
     times = [usual_time(path) for path in paths]
     known = {time.seconds for time in times if time is not None}
     return len(known) == len(paths) and len({path.parent for path in paths}) > 1
 
 
-def _told_by_names(videos: Sequence[Path], look: Look) -> list[FoundRecording]:
+def _find_by_names(videos: Sequence[Path], look: Look) -> list[FoundRecording]:
     """Cameras whose pieces lie in one folder and differ in what stands before or behind the time, or before the chapter."""
     if len({path.parent for path in videos}) != 1:
         return []
@@ -197,7 +205,7 @@ def _told_by_names(videos: Sequence[Path], look: Look) -> list[FoundRecording]:
     return sorted(found, key=lambda one: natural_key(one.text)) if len(found) > 1 else []
 
 
-def _of_images(pictures: Sequence[Path]) -> list[FoundRecording]:
+def _find_images(pictures: Sequence[Path]) -> list[FoundRecording]:
     """Cameras with a folder of images each; empty unless there are two."""
     held: dict[Path, int] = {}
     for path in pictures:
@@ -222,7 +230,7 @@ def survey_recording(video: Path, probe: Callable[[Path], VideoInfo]) -> Recordi
         return RecordingSurvey(
             replace(info, seconds=None) if unknown else info, len(files.paths), begins, (), _utc(times), unknown
         )
-    info = _first_readable(files.paths, probe)
+    info = _probe_first_readable(files.paths, probe)
     length = info.seconds or 0.0
     seconds = begins[-1] - begins[0] + length if begins else length * len(files.paths)
     return RecordingSurvey(replace(info, seconds=seconds or None), len(files.paths), begins, paths, _utc(times))
@@ -232,7 +240,7 @@ def _utc(times: object) -> bool:
     return bool(getattr(times, "utc", False))
 
 
-def _first_readable(paths: Sequence[Path], probe: Callable[[Path], VideoInfo]) -> VideoInfo:
+def _probe_first_readable(paths: Sequence[Path], probe: Callable[[Path], VideoInfo]) -> VideoInfo:
     """Of some files, from the middle on: the first may have been cut, the last may be being written."""
     middle = len(paths) // 2
     tried = [*paths[middle : middle + 5], *paths[:3]]
@@ -300,3 +308,65 @@ def propose_span(surveys: Sequence[RecordingSurvey]) -> ProposedSpan | None:
             "many people"
         )
     return ProposedSpan(first, last, why)
+
+
+@dataclass(frozen=True, eq=False)
+class Glance:
+    """People seen at moments of a recording."""
+
+    seconds: Floats
+    """(N,) since 1970, ascending: of the pictures that could be read, of all cameras."""
+    people: Floats
+    """(N,) counted in each."""
+
+    def mean_in(self, first: float, last: float) -> float:
+        """People in a picture on the average, of those within a span; 0 without any."""
+        inside = (self.seconds >= first) & (self.seconds <= last)
+        return float(self.people[inside].mean()) if inside.any() else 0.0
+
+
+def look_at(cameras: Sequence[tuple[Sequence[Path], Sequence[float]]], first: float, last: float) -> Glance:
+    """Count people in key frames all over a span.
+
+    Args:
+        cameras: the files of each, and when they begin, seconds since 1970, ascending. The first `MOST_CAMERAS` are looked at.
+        first: beginning of the span, seconds since 1970.
+        last: its end.
+    """
+    step = max((last - first) / MOST_MOMENTS, LEAST_STEP_S)
+    moments = np.arange(first + step / 2, last, step)
+    seconds: list[float] = []
+    people: list[float] = []
+    for paths, begins in cameras[:MOST_CAMERAS]:
+        frames = _key_frames(paths, np.asarray(begins), moments, first)
+        try:
+            sampling = Sampling(step / 2, WINDOW * step)
+            model = learn_background(frames, sampling, BackgroundOptions(window_s=WINDOW * step, windows=MOST_MOMENTS))
+            detector = BackgroundDetector(model)
+            people += [float(len(detector(frame).score)) for frame in frames]
+        except (EvidenceError, InputError):
+            continue
+        seconds += [first + frame.seconds for frame in frames]
+    order = np.argsort(seconds, kind="stable")
+    return Glance(np.array(seconds)[order], np.array(people)[order])
+
+
+def _key_frames(paths: Sequence[Path], begins: Floats, moments: Floats, zero: float) -> list[Frame]:
+    """A key frame of each moment: of the last file that begins before it, if it can be read and has not been taken yet."""
+    frames: list[Frame] = []
+    taken: set[tuple[int, float]] = set()
+    for moment in moments.tolist():
+        number = int(np.searchsorted(begins, moment, side="right")) - 1
+        if number < 0:
+            continue
+        try:
+            found = key_picture(paths[number], moment - float(begins[number]))
+        except InputError:
+            continue
+        if found is None or (number, found[0]) in taken:
+            continue
+        taken.add((number, found[0]))
+        picture = found[1]
+        if not frames or picture.shape == frames[0].picture.shape:
+            frames.append(Frame(len(frames) + 1, moment - zero, picture))
+    return frames

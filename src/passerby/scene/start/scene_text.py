@@ -75,7 +75,7 @@ def _camera(camera: SceneCamera, path: Path) -> str:
         source = value(text_formats.relative(camera.intrinsics, path))
         lines.append(f"intrinsics = {source}   # its table [{key(camera.name)}]\n")
     else:
-        lines += _without_intrinsics(camera)
+        lines += _write_lens_keys(camera)
     if camera.found.video is not None:
         info = camera.found.info
         told = f"   # {_video(camera.found)}" if info else ""
@@ -103,7 +103,7 @@ def _camera(camera: SceneCamera, path: Path) -> str:
     return "".join(lines)
 
 
-def _without_intrinsics(camera: SceneCamera) -> list[str]:
+def _write_lens_keys(camera: SceneCamera) -> list[str]:
     """What can be stated of a lens that is estimated, with what its video says of it."""
     info = camera.found.info
     lines = [comment("No intrinsics: they are estimated together with the rig.")]

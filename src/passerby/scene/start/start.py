@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from passerby.common.addresses import not_a_file
 from passerby.common.errors import InputError
+from passerby.common.text import not_a_file
 from passerby.core.cameras import Camera, Lens, Rig
 from passerby.interchange.rig_toml import write_rig
 from passerby.interchange.storage.atomic import write_text
@@ -70,15 +70,15 @@ def start(folder: Path, scene: Path | None = None, force: bool = False, probe: P
     found = survey(folder, probe)
     notes = list(found.notes)
     lenses = find_lenses(folder, found.cameras, notes, besides=path)
-    lenses = _called_as_in_rig(found.cameras, lenses, notes)
+    lenses = _name_as_in_rig(found.cameras, lenses, notes)
     places, written = _write_intrinsics(found.cameras, lenses, path)
-    same = _same_devices(found.cameras, places)
+    same = _find_same_devices(found.cameras, places)
     cameras, texts, to_do = [], [], []
     for camera in found.cameras:
         lens = lenses.get(camera.name)
         state, remarks, must = _state(camera, lens, places.get(camera.name), path)
         cameras.append(StartedCamera(camera, lens, state))
-        fps = _assumed_fps(camera, found.cameras)
+        fps = _assume_fps(camera, found.cameras)
         texts.append(SceneCamera(camera, places.get(camera.name), remarks, fps, same.get(camera.name)))
         to_do += [must] if must else []
         if camera.recording is not None and camera.recording.unknown_rate:
@@ -109,14 +109,14 @@ def start(folder: Path, scene: Path | None = None, force: bool = False, probe: P
     return Started(path, tuple(cameras), (path, *written), tuple(notes), tuple(to_do))
 
 
-def _assumed_fps(camera: FoundCamera, cameras: Sequence[FoundCamera]) -> float | None:
+def _assume_fps(camera: FoundCamera, cameras: Sequence[FoundCamera]) -> float | None:
     """Frames per second of a camera without a video among cameras with one: a scene with some rates needs all."""
     if camera.video is not None:
         return None
     return next((other.info.average_fps for other in cameras if other.info is not None), None)
 
 
-def _same_devices(cameras: Sequence[FoundCamera], places: Mapping[str, Path]) -> dict[str, str]:
+def _find_same_devices(cameras: Sequence[FoundCamera], places: Mapping[str, Path]) -> dict[str, str]:
     """By camera without intrinsics, another one whose video has the same size, device and focal length: with intrinsics, or
     else the first.
     """
@@ -148,7 +148,7 @@ def _check_free(path: Path, force: bool) -> None:
         raise InputError(f"{path}: is not a scene file, and is not replaced: choose another name with -o")
 
 
-def _called_as_in_rig(cameras: Sequence[FoundCamera], lenses: dict[str, CameraLens], notes: list[str]) -> dict[str, CameraLens]:
+def _name_as_in_rig(cameras: Sequence[FoundCamera], lenses: dict[str, CameraLens], notes: list[str]) -> dict[str, CameraLens]:
     """Give the cameras the names of their tables, so that the rig file serves as it is; the lenses by these names."""
     names = {camera.name for camera in cameras}
     renamed: dict[str, CameraLens] = {}
@@ -178,7 +178,7 @@ def _write_intrinsics(
     if copied:
         sources = sorted({relative(lenses[camera.name].source, scene) for camera in copied})
         rig = Rig(tuple(Camera(camera.name, lens) for camera in copied if (lens := _lens_of(camera, lenses)) is not None))
-        written.append(_free(scene))
+        written.append(_find_free_name(scene))
         write_rig(written[-1], Rig(rig.cameras, metadata={"source": ", ".join(sources)}))
         places |= {camera.name: written[-1] for camera in copied}
     return places, written
@@ -190,7 +190,7 @@ def _lens_of(camera: FoundCamera, lenses: dict[str, CameraLens]) -> Lens | None:
     return None if found is None else found.lens
 
 
-def _free(scene: Path) -> Path:
+def _find_free_name(scene: Path) -> Path:
     """The first of intrinsics.toml, intrinsics-2.toml, ... beside the scene file that is not there."""
     number = 1
     while True:

@@ -152,7 +152,7 @@ def _wall_colours(world: World, eye: Floats, rays: Field, axis: NDArray[np.int64
     along = np.where(axis == 0, place[:, 1], place[:, 0])
     facing = np.where(axis == 0, rays[:, 0], rays[:, 1])
     side = (axis + 2 * (facing < 0)).astype(np.float32)
-    colours, there = _in_pieces(lambda a, u, s, f: wall(a, u, s, f, world.noise), along, place[:, 2], side, reach * pixel)
+    colours, there = _apply_in_pieces(lambda a, u, s, f: wall(a, u, s, f, world.noise), along, place[:, 2], side, reach * pixel)
     normals = np.zeros((len(rays), 3))
     normals[np.arange(len(rays)), axis] = -np.sign(facing)
     lit = colours * world.light.on(normals).astype(np.float32)
@@ -165,17 +165,17 @@ def _ground_colours(world: World, place: Field, rays: Field, reach: Field, half:
         return rays
     # Between the pixel's width and its length along the ground: lines far away fade instead of breaking up into dashes.
     footprint = np.asarray(reach * pixel / np.maximum(-rays[:, 2], 0.01) ** 0.75, dtype=np.float32)
-    (colours,) = _in_pieces(
+    (colours,) = _apply_in_pieces(
         lambda x, y, f: (ground(world.name, world.preset, x, y, f, world.noise),), place[:, 0], place[:, 1], footprint
     )
     from_wall = np.minimum(half[0] - np.abs(place[:, 0]), half[1] - np.abs(place[:, 1]))
     brightness = world.light.on(np.array([[0.0, 0.0, 1.0]]))[0, 0] * (1 - 0.35 * np.exp(-np.maximum(from_wall, 0) / 0.6))
     if world.light.sunny:
-        brightness[_shadowed(world, place)] *= SHADOW
+        brightness[_find_shadowed(world, place)] *= SHADOW
     return np.asarray(colours * brightness[:, None], dtype=np.float32)
 
 
-def _shadowed(world: World, place: Field) -> NDArray[np.int64]:
+def _find_shadowed(world: World, place: Field) -> NDArray[np.int64]:
     """Indices of those places on the ground (N, 3) that lie in the shadow of a piece of furniture."""
     sun = world.light.towards_sun.astype(np.float32)
     flat = float(np.hypot(sun[0], sun[1]) / sun[2])
@@ -196,14 +196,14 @@ def _block_colours(world: World, block: Block, place: Field, rays: Field, axis: 
     normals = np.zeros((len(rays), 3))
     index = np.arange(len(rays))
     normals[index, axis] = -np.sign(rays[index, axis])
-    (grain,) = _in_pieces(
+    (grain,) = _apply_in_pieces(
         lambda a, b, f: (world.noise.octaves(a, b, (0.8, 0.2, 0.05), f),), place[:, 0] + place[:, 1], place[:, 2], footprint
     )
     colour = np.array(block.colour, dtype=np.float32) + 8 * grain[:, None]
     return np.asarray(colour * world.light.on(normals), dtype=np.float32)
 
 
-def _in_pieces(function: Callable[..., tuple[Field, ...]], *columns: Field) -> tuple[Field, ...]:
+def _apply_in_pieces(function: Callable[..., tuple[Field, ...]], *columns: Field) -> tuple[Field, ...]:
     """A texture function of pictures, applied to columns (N,) of any length: OpenCV's remap takes none longer than 32767."""
     count = len(columns[0])
     width = 4096

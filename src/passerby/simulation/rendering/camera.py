@@ -1,11 +1,4 @@
-"""The pictures of one camera of a simulated scene, frame by frame.
-
-What a camera's sensor does to its pictures: white balance, blur, drifting light, noise.
-
-What a user may choose about the pictures of a simulated scene.
-
-The videos of a simulated scene, one for each camera.
-"""
+"""The pictures and videos of the cameras of a simulated scene, with the effects of the sensor."""
 
 from __future__ import annotations
 

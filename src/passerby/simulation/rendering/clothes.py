@@ -92,11 +92,12 @@ class Wardrobe:
 def dress(template: Template, outfits: tuple[Outfit, ...]) -> Wardrobe:
     """Colours of all people's quads."""
     return Wardrobe(
-        np.stack([_colours(template, outfit) for outfit in outfits]), np.stack([_worn(template, outfit) for outfit in outfits])
+        np.stack([_colours(template, outfit) for outfit in outfits]),
+        np.stack([_find_worn(template, outfit) for outfit in outfits]),
     )
 
 
-def _worn(template: Template, outfit: Outfit) -> Mask:
+def _find_worn(template: Template, outfit: Outfit) -> Mask:
     wears = {
         "hair": outfit.hair_style == "long",
         "skirt": outfit.legs == "skirt",

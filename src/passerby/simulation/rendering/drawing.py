@@ -1,7 +1,4 @@
-"""Drawing people: their quads, lit and sorted by depth, into a small picture with coverage, and that over a frame.
-
-Shadows of people on the ground.
-"""
+"""Drawing people: their quads, lit and sorted by depth, into a small picture with coverage, and that over a frame."""
 
 from __future__ import annotations
 
@@ -98,10 +95,10 @@ class PeoplePainter:
         found = []
         for fine in (False, True):
             people = here[(tall[here] >= FINE_FROM_PX) == fine]
-            found += self._of_template(template(fine), people, joints, depth)
+            found += self._pose_template(template(fine), people, joints, depth)
         return sorted(found, key=lambda surface: -surface.depth)
 
-    def _of_template(self, shape: Template, people: Ints, joints: Floats, depth: Floats) -> list[Surface]:
+    def _pose_template(self, shape: Template, people: Ints, joints: Floats, depth: Floats) -> list[Surface]:
         """The surfaces of those people who are in the picture at all."""
         if not len(people):
             return []
@@ -136,7 +133,7 @@ class PeoplePainter:
         part = frame[top:bottom, left:right]
         alpha = cv2.cvtColor(patch[..., 3], cv2.COLOR_GRAY2BGR)
         behind = cv2.multiply(part, 255 - alpha, scale=1 / 255)
-        frame[top:bottom, left:right] = cv2.add(behind, self._with_grain(patch[..., :3], surface, (int(left), int(top))))
+        frame[top:bottom, left:right] = cv2.add(behind, self._add_grain(patch[..., :3], surface, (int(left), int(top))))
 
     def _patch(self, surface: Surface, origin: tuple[int, int], size: tuple[int, int]) -> Picture:
         """(h, w, 4) the person alone: colours times coverage, and coverage."""
@@ -148,7 +145,7 @@ class PeoplePainter:
             cv2.fillConvexPoly(canvas, polygon, (blue, green, red, 255.0), cv2.LINE_8, SHIFT)
         return np.asarray(cv2.resize(canvas, size, interpolation=cv2.INTER_AREA))
 
-    def _with_grain(self, colours: Picture, surface: Surface, origin: tuple[int, int]) -> Picture:
+    def _add_grain(self, colours: Picture, surface: Surface, origin: tuple[int, int]) -> Picture:
         """The folds of cloth move with the person: the field is tied to the corner of the whole body's box."""
         low, high = surface.low, surface.high
         scale = 56.0 / max(float(high[1] - low[1]), 1.0)
@@ -198,9 +195,9 @@ class ShadowCaster:
             self._sun(brightness, joints[people], people)
         touched = cv2.boundingRect(255 - brightness)
         if touched[2]:
-            self._darken(frame, brightness, touched)
+            self._darken_ground(frame, brightness, touched)
 
-    def _darken(self, frame: Picture, brightness: Picture, touched: Sequence[int]) -> None:
+    def _darken_ground(self, frame: Picture, brightness: Picture, touched: Sequence[int]) -> None:
         """Multiply the part of the frame that shadows touch, with soft edges."""
         pad = 4
         left, top = max(touched[0] - pad, 0), max(touched[1] - pad, 0)

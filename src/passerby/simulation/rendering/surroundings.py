@@ -1,11 +1,4 @@
-"""What stands around the area: buildings, hedges and trees on the four sides, the sky above, boxes and posts before them.
-
-Textures as functions of place: the same point of the world has the same colour in every camera.
-
-The ground of each preset: paving, a court, a building site. Colours are blue, green, red.
-
-The light of a scene: a sun and the sky, or the sky alone.
-"""
+"""What stands around the area, the ground of each preset, their textures, and the light."""
 
 from __future__ import annotations
 

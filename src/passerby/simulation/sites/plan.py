@@ -3,8 +3,6 @@
 A floor is a plane of its own: cameras of different floors share no ground. All zones are rectangles, so that a person
 who is in one walks straight from any of its points to any other.
 
-Which ground each camera of a site sees: within a range, inside the image, and not through walls.
-
 The ground is a raster of `CELL_M`. A camera looks only at the cells around it, and is compared only with cameras whose cells
 it can share.
 """
@@ -142,7 +140,7 @@ def _add_floor(
     spacing = PITCH_M / CORRIDOR_CAMERAS
     length = max(2.0 + spacing * (along - 1) + BEYOND_LAST_M, units * PITCH_M)
     corridor = len(zones)
-    zones.append(Zone(floor, "corridor", (0.0, south), (_whole(length), north)))
+    zones.append(Zone(floor, "corridor", (0.0, south), (_round_to_raster(length), north)))
     for k in range(along):
         x, y = 2.0 + spacing * k + rng.uniform(-0.7, 0.7), (south + 0.5, north - 0.5)[k % 2]
         aim = x + AIM_M + rng.uniform(-1.0, 1.0), south + CORRIDOR_WIDTH_M / 2 + rng.uniform(-0.7, 0.7)
@@ -161,7 +159,7 @@ def _add_floor(
             mounts.append(Mount(floor, hall, (float(ground[0]), float(ground[1])), (float(aim_at[0]), float(aim_at[1]))))
 
 
-def _whole(length: float) -> float:
+def _round_to_raster(length: float) -> float:
     """The length in whole half metres, the raster on which walls are."""
     return float(np.ceil(2 * length) / 2)
 
@@ -234,7 +232,7 @@ def sight_of(camera: Camera, plan: SitePlan, index: int, free: Sequence[tuple[fl
     away = ground - mount.ground
     distance = np.hypot(away[:, 0], away[:, 1])
     near = np.flatnonzero(distance <= RANGE_M)
-    partly, whole = _in_image(camera, ground[near], plan.floor_z_m[mount.floor])
+    partly, whole = _find_in_image(camera, ground[near], plan.floor_z_m[mount.floor])
     near, whole = near[partly], whole[partly]
     cells, away, distance = cells[near], away[near], distance[near]
     steps = np.arange(RAY_STEP_M, RANGE_M, RAY_STEP_M)
@@ -248,7 +246,7 @@ def sight_of(camera: Camera, plan: SitePlan, index: int, free: Sequence[tuple[fl
     return Sight(mount.floor, (int(corner[0]), int(corner[1])), in_view, seen)
 
 
-def _in_image(camera: Camera, ground: Floats, floor_z_m: float) -> tuple[Bools, Bools]:
+def _find_in_image(camera: Camera, ground: Floats, floor_z_m: float) -> tuple[Bools, Bools]:
     """(N,) where a part of a standing person may be in the image, and (N,) where the whole of one is."""
     assert camera.pose is not None
     size = np.array(camera.lens.size)

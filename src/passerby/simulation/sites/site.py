@@ -1,9 +1,4 @@
-"""A simulated site: its truth, and what each of its cameras reports, one camera at a time.
-
-A lens that projects quicker: most of the time of a site is the projection of bodies.
-
-A simulated site as a folder: a scene file ready to calibrate, and the truth beside it, written camera after camera.
-"""
+"""A simulated site: its truth, what each of its cameras reports, and its folder, written camera after camera."""
 
 from __future__ import annotations
 
@@ -89,12 +84,12 @@ class Site:
             for number, start in enumerate(range(0, options.n_frames, CHUNK_FRAMES))
             if (part := self._chunk(index, start, times[start : start + CHUNK_FRAMES], options.rng(5, index, number)))
         ]
-        boxes = _joined([part.seen.boxes for part in parts])
+        boxes = _join_boxes([part.seen.boxes for part in parts])
         true_identity = np.concatenate([np.zeros(0, dtype=np.int64), *(part.true_identity for part in parts)])
         people, local = np.unique(true_identity[true_identity != UNKNOWN], return_inverse=True)
         own = np.full(len(boxes), UNKNOWN)
         own[true_identity != UNKNOWN] = local + 1
-        shown = self._local(boxes.identity, people)
+        shown = self._number_locally(boxes.identity, people)
         boxes = replace(boxes, identity=shown)
         number = number_tracklets(boxes, len(people), options.fps, options.tracklet_seconds, options.rng(6, index))
         seen = CameraObservations(replace(boxes, identity=number))
@@ -104,7 +99,7 @@ class Site:
             seen = replace(seen, boxes=replace(seen.boxes, embedding=vectors))
         return SiteCamera(name, seen, true_identity)
 
-    def _local(self, identity: Ints, people: Ints) -> Ints:
+    def _number_locally(self, identity: Ints, people: Ints) -> Ints:
         """Identities as numbers among the people whom a camera sees, from 1; -1 stays."""
         known = identity != UNKNOWN
         out = np.full(len(identity), UNKNOWN)
@@ -130,7 +125,7 @@ class Site:
         frames = np.arange(start + 1, start + len(times) + 1)
         return detect(view, frames, people + 1, camera.lens.size, self.options.faults, rng)
 
-    def _near(self, index: int, begin_s: float, end_s: float) -> Ints:
+    def _find_near(self, index: int, begin_s: float, end_s: float) -> Ints:
         """Numbers of the people who come near a camera between two times."""
         mount = self.plan.mounts[index]
         low, high = (np.floor((np.array(mount.ground) + side * (RANGE_M + 2.0)) / BUCKET_M).astype(int) for side in (-1, 1))
@@ -199,7 +194,7 @@ def _rig(plan: SitePlan, options: SiteOptions) -> Rig:
     return Rig(tuple(cameras))
 
 
-def _joined(parts: list[Boxes]) -> Boxes:
+def _join_boxes(parts: list[Boxes]) -> Boxes:
     none = np.zeros(0, dtype=np.int64)
     return Boxes(
         np.concatenate([none, *(part.frame for part in parts)]),

@@ -2,8 +2,6 @@
 
 A person is a polyline in time. Its body at any time is computed when a camera asks for it, so that memory is that of the
 polylines, whatever the recording's rate.
-
-What a user may choose about a simulated site.
 """
 
 from __future__ import annotations
@@ -77,16 +75,16 @@ class Walkers:
 
     def places(self, people: Ints, times: Floats) -> tuple[Floats, Ints]:
         """Where people are: (T, P, 2) metres and (T, P) floors, -1 on stairs. `people`: (P,) numbers from 0; `times`: (T,)."""
-        knot, xy = self._on_polyline(people, times[:, None])
+        knot, xy = self._interpolate_polyline(people, times[:, None])
         return xy, self.floor[knot]
 
     def state(self, people: Ints, times: Floats) -> tuple[BodyState, Ints]:
         """Bodies of people (P,) at times (T,), and (T, P) the floors that they are on, -1 on stairs."""
         taps = times[:, None, None] + np.array(CORNER_S)
-        knot, xy = self._on_polyline(people[:, None], taps)
+        knot, xy = self._interpolate_polyline(people[:, None], taps)
         moving = self.speed[knot]
         turn = np.exp(1j * self.heading[knot]).mean(axis=-1)
-        middle, _ = self._on_polyline(people, times[:, None])
+        middle, _ = self._interpolate_polyline(people, times[:, None])
         own = self.phase[middle] + (times[:, None] - self.times[middle]) * self._cadence(middle, people)
         shape = own.shape
         zero = np.zeros(shape)
@@ -104,7 +102,7 @@ class Walkers:
     def _cadence(self, knot: Ints, people: Ints) -> Floats:
         return _cycles_per_second(self.speed[knot], self.heights[people])
 
-    def _on_polyline(self, people: Ints, times: Floats) -> tuple[Ints, Floats]:
+    def _interpolate_polyline(self, people: Ints, times: Floats) -> tuple[Ints, Floats]:
         """(...) the knot at or before times, and (..., 2) the place; people and times broadcast."""
         knot = np.searchsorted(self._keys, times + SPAN_S * people, side="right") - 1
         knot = np.clip(knot, self.first[people], self.first[people + 1] - 2)
@@ -192,7 +190,7 @@ def _path(plan: SitePlan, zones: _Zones, until: float, rng: np.random.Generator)
     """One person's trips until a time."""
     here = int(rng.choice(len(plan.zones), p=zones.area_m2 / zones.area_m2.sum()))
     own = float(np.clip(rng.normal(MEAN_SPEED_MS, SPEED_SD_MS), *SPEED_MS))
-    path = _Path(_inside(plan, here, rng), plan.zones[here].floor, -PAD_S - SETTLING_S)
+    path = _Path(_draw_inside(plan, here, rng), plan.zones[here].floor, -PAD_S - SETTLING_S)
     while path.times[-1] < until:
         goal = zones.destination(here, plan.zones[here].floor, rng)
         for link in zones.route(here, goal, rng):
@@ -208,12 +206,12 @@ def _path(plan: SitePlan, zones: _Zones, until: float, rng: np.random.Generator)
             here = link.zones[1 - side]
         for _ in range(int(rng.integers(*STAYS))):
             speed = own * float(rng.uniform(1 - LEG_SPREAD, 1 + LEG_SPREAD))
-            path.go(_inside(plan, here, rng), plan.zones[here].floor, speed)
+            path.go(_draw_inside(plan, here, rng), plan.zones[here].floor, speed)
             path.wait(float(rng.uniform(*STAY_S)), plan.zones[here].floor)
     return path
 
 
-def _inside(plan: SitePlan, zone: int, rng: np.random.Generator) -> Floats:
+def _draw_inside(plan: SitePlan, zone: int, rng: np.random.Generator) -> Floats:
     low, high = np.array(plan.zones[zone].low) + MARGIN_M, np.array(plan.zones[zone].high) - MARGIN_M
     return np.asarray(rng.uniform(low, high))
 

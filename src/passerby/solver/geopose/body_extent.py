@@ -17,10 +17,8 @@ from passerby.core.cameras import Rig
 from passerby.core.observations import MIN_JOINT_SCORE, Observations
 from passerby.findings.finding import Finding, doubt, refusal
 from passerby.findings.ranking import RefusalError
-from passerby.geometry.groups import group_sums, least_of_groups
-from passerby.geometry.robust import cauchy_weights, residual_scale
-from passerby.geometry.rotations import direction_angle, rotation_between
-from passerby.geometry.similarity import Similarity
+from passerby.geometry.groups import cauchy_weights, group_sums, least_of_groups, residual_scale
+from passerby.geometry.rotations import Similarity, direction_angle, rotation_between
 from passerby.geometry.triangulation import angular_residuals, depths, in_camera_frames, triangulate
 from passerby.people.segments import EXTREME_FRACTIONS, HEAD, MIN_ORDER_CORRELATION, SHOULDERS, nominal_heights
 from passerby.solver.geopose.correspondences import BOTTOM, TOP, ImagePoints, box_points, joint_points

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from passerby.common.arrays import Floats
 from passerby.core.cameras import Pose
-from passerby.geometry.reprojection import _MIN_COSINE, POSE_SIZE, PointObservations, retract_poses
+from passerby.geometry.triangulation import _MIN_COSINE, POSE_SIZE, PointObservations, retract_poses
 from passerby.solver.optimizer.least_squares import Cauchy, Family, Layout, Step, Stopping, Term, minimise
 
 

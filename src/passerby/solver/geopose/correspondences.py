@@ -17,7 +17,7 @@ from passerby.common.arrays import Columns, Floats, Ints
 from passerby.common.errors import InputError
 from passerby.core.cameras import Lens, Rig
 from passerby.core.observations import MIN_JOINT_SCORE, UNKNOWN, Boxes, Keypoints, Observations
-from passerby.geometry.reprojection import PointObservations
+from passerby.geometry.triangulation import PointObservations
 
 CENTRE, TOP, BOTTOM = -1, -2, -3
 """Parts of a box; parts from 0 are joints, by number."""

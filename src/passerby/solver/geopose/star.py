@@ -23,7 +23,7 @@ from passerby.findings.finding import Finding, notice
 from passerby.findings.ranking import RefusalError, findings_of
 from passerby.findings.texts import texts_of
 from passerby.geometry.groups import group_sums
-from passerby.geometry.similarity import Similarity
+from passerby.geometry.rotations import Similarity
 from passerby.solver.geopose.bundle import PointAdjustment, adjust_points
 from passerby.solver.geopose.correspondences import ImagePoints, point_observations
 from passerby.solver.geopose.known_lengths import measured_lengths

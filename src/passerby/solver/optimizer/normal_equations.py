@@ -11,8 +11,7 @@ import scipy.sparse
 from numpy.typing import NDArray
 
 from passerby.common.arrays import Floats, Ints
-from passerby.geometry.groups import group_sums
-from passerby.geometry.robust import cauchy_weights
+from passerby.geometry.groups import cauchy_weights, group_sums
 from passerby.solver.optimizer.couplings import (
     Coupling,
     Cross,

@@ -1,11 +1,7 @@
-"""Crops of people cut out of videos once, kept as PNG files; `choosing` tells which boxes are worth it.
+"""Crops of people cut out of videos once, kept as PNG files, and which boxes are worth cutting.
 
 The files lie in CACHE/NAME/CAMERA/KEY/PERSON_FRAME.png; KEY is a digest of the video and of all that was asked for, so that
 what was cut before is found again. A camera's crops appear as a whole or not at all.
-
-Which of a camera's boxes show a person well, and which of them to take.
-
-The one file of a camera's video: crops of people are cut out of files, not of recordings in pieces.
 """
 
 from __future__ import annotations
@@ -87,11 +83,11 @@ def cut_crops(
 ) -> CutCrops:
     """Cut boxes out of videos, at the videos' own resolution; each video is read once, one picture at a time in memory.
 
-    A crop holds the visible part of its box to whole pixels, the very pixels that `perception.crops.stretched` takes. Boxes of
-    pictures that a video does not have are left out, with a note.
+    A crop holds the visible part of its box to whole pixels, the very pixels that `perception.crop_network.stretched` takes.
+    Boxes of pictures that a video does not have are left out, with a note.
 
     Args:
-        wanted: the boxes of each camera; see `choosing.clear_boxes` and `choosing.spread` for which.
+        wanted: the boxes of each camera; see `clear_boxes` and `spread` for which.
         people: the people's names; `CropSet.people` become NAME/PERSON, and `CropSet.cameras` NAME/CAMERA.
         cache: the crops are kept in a folder `name` in it.
         name: of the data set.
@@ -100,18 +96,18 @@ def cut_crops(
 
     Raises `InputError` for a video that cannot be read, a person twice in one frame, and a cache that cannot be written.
     """
-    jobs = [_Job(one, tuple(people), cache / name / _safe(one.camera)) for one in wanted]
+    jobs = [_Job(one, tuple(people), cache / name / _make_file_name(one.camera)) for one in wanted]
     for one in wanted:
         _check(one, people)
     if executor is None:
-        cut = [_cut(job, partial(tell, STAGE, part=job.wanted.camera)) for job in jobs]
+        cut = [_cut_camera(job, partial(tell, STAGE, part=job.wanted.camera)) for job in jobs]
     else:
-        cut = side_by_side(_cut, jobs, executor, tell, STAGE)
+        cut = side_by_side(_cut_camera, jobs, executor, tell, STAGE)
     rows = [np.flatnonzero([path is not None for path in paths]) for paths, _ in cut]
     crops = CropSet(
         tuple(path for paths, _ in cut for path in paths if path is not None),
-        _joined([one.person[kept] for one, kept in zip(wanted, rows, strict=True)]),
-        _joined([np.full(len(kept), number) for number, kept in enumerate(rows)]),
+        _join_frames([one.person[kept] for one, kept in zip(wanted, rows, strict=True)]),
+        _join_frames([np.full(len(kept), number) for number, kept in enumerate(rows)]),
         tuple(f"{name}/{person}" for person in people),
         tuple(f"{name}/{one.camera}" for one in wanted),
     )
@@ -150,21 +146,21 @@ class _Job:
     def names(self) -> tuple[str, ...]:
         """The crops' file names."""
         pairs = zip(self.wanted.person.tolist(), self.wanted.frame.tolist(), strict=True)
-        names = tuple(f"{_safe(self.people[person])}_{frame:06d}.png" for person, frame in pairs)
+        names = tuple(f"{_make_file_name(self.people[person])}_{frame:06d}.png" for person, frame in pairs)
         if len({name.casefold() for name in names}) == len(names):
             return names
         return tuple(f"{row:06d}.png" for row in range(len(names)))  # two people whose names look the same in file names
 
 
-def _cut(job: _Job, tell: Callable[[int, int], None] | None = None) -> tuple[list[Path | None], list[str]]:
+def _cut_camera(job: _Job, tell: Callable[[int, int], None] | None = None) -> tuple[list[Path | None], list[str]]:
     """The files of a camera's crops, None where there is no such picture; and notes."""
     if not len(job.wanted.frame):
         return [], []
     folder = job.shelf / job.key
     with cache_lock(job.shelf):
-        index = _kept(folder)
+        index = _find_kept_crops(folder)
         if index is None:
-            index = _made(job, folder, tell)
+            index = _cut_into_folder(job, folder, tell)
     missing = len(job.names) - len(index)
     notes = []
     if missing:
@@ -176,7 +172,7 @@ def _cut(job: _Job, tell: Callable[[int, int], None] | None = None) -> tuple[lis
     return [folder / name if name in index else None for name in job.names], notes
 
 
-def _kept(folder: Path) -> dict[str, int] | None:
+def _find_kept_crops(folder: Path) -> dict[str, int] | None:
     """The files that were cut before and their sizes, bytes; None where anything of it is missing or damaged."""
     try:
         index: dict[str, int] = json.loads((folder / INDEX).read_text(encoding="utf-8"))
@@ -186,7 +182,7 @@ def _kept(folder: Path) -> dict[str, int] | None:
     return index if whole else None
 
 
-def _made(job: _Job, folder: Path, tell: Callable[[int, int], None] | None) -> dict[str, int]:
+def _cut_into_folder(job: _Job, folder: Path, tell: Callable[[int, int], None] | None) -> dict[str, int]:
     """Cut a camera's crops into a folder of this name: the files and their sizes, bytes."""
     for half in job.shelf.glob(f".*{PART}"):  # left by a run that was killed
         shutil.rmtree(half, ignore_errors=True)
@@ -221,7 +217,7 @@ def _write(job: _Job, folder: Path, tell: Callable[[int, int], None] | None) -> 
         low, high = np.searchsorted(frames, (frame.number, frame.number + 1))
         for row in order[low:high].tolist():
             # The lowest compression is twice as fast as the usual one, for files a tenth larger.
-            _, png = cv2.imencode(".png", _cropped(frame.picture, wanted.ltwh[row]), [cv2.IMWRITE_PNG_COMPRESSION, 1])
+            _, png = cv2.imencode(".png", _crop_box(frame.picture, wanted.ltwh[row]), [cv2.IMWRITE_PNG_COMPRESSION, 1])
             (folder / names[row]).write_bytes(png.tobytes())
             index[names[row]] = len(png)
     if tell is not None:
@@ -233,7 +229,7 @@ def _pictures(wanted: WantedCrops) -> Iterator[Frame]:
     """The pictures from the first to the last that is wanted, of a folder only the wanted ones that can be read."""
     first, last = int(wanted.frame.min()), int(wanted.frame.max())
     if wanted.source.is_dir():
-        for number, path in _numbered(wanted).items():
+        for number, path in _index_frames(wanted).items():
             picture = decode_pictures(path)
             if picture is not None:
                 yield Frame(number, 0.0, picture)
@@ -244,7 +240,7 @@ def _pictures(wanted: WantedCrops) -> Iterator[Frame]:
         yield frame
 
 
-def _numbered(wanted: WantedCrops) -> dict[int, Path]:
+def _index_frames(wanted: WantedCrops) -> dict[int, Path]:
     """Frame number -> file of the wanted pictures of a folder, ascending."""
     numbers = {int(path.stem): path for path in picture_files(wanted.source) if re.fullmatch("[0-9]+", path.stem)}
     return {number: numbers[number] for number in np.unique(wanted.frame).tolist() if number in numbers}
@@ -257,7 +253,7 @@ def _content(wanted: WantedCrops) -> Mapping[str, Any]:
             raise InputError(f"{wanted.source}: no such file: the video of camera {wanted.camera} is needed here")
         return fingerprint(wanted.source)
     # Not by their times: one that is replaced by another of the same size and time is another one.
-    return {"pictures": [(path.name, _digest(path)) for path in _numbered(wanted).values()]}
+    return {"pictures": [(path.name, _digest(path)) for path in _index_frames(wanted).values()]}
 
 
 def _digest(path: Path) -> str:
@@ -265,8 +261,8 @@ def _digest(path: Path) -> str:
     return hashlib.blake2b(path.read_bytes(), digest_size=16).hexdigest()
 
 
-def _cropped(picture: Picture, box: Floats) -> Picture:
-    """The visible part of a box (4,), to whole pixels: the very ones that `perception.crops.stretched` stretches."""
+def _crop_box(picture: Picture, box: Floats) -> Picture:
+    """The visible part of a box (4,), to whole pixels: the very ones that `perception.crop_network.stretched` stretches."""
     height, width = picture.shape[:2]
     left, top, right, bottom = box[0], box[1], box[0] + box[2], box[1] + box[3]
     x0, y0 = min(max(round(left), 0), width - 1), min(max(round(top), 0), height - 1)
@@ -287,12 +283,12 @@ def _check(wanted: WantedCrops, people: Sequence[str]) -> None:
         raise InputError(f"{place}: {people[person]} is in frame {frame} twice: give one box for a person in a frame")
 
 
-def _safe(text: str) -> str:
+def _make_file_name(text: str) -> str:
     """The text as part of a file's name."""
     return re.sub(r"[^\w.+@-]", "-", text).lstrip(".") or "-"
 
 
-def _joined(parts: Sequence[NDArray[np.int64]]) -> Ints:
+def _join_frames(parts: Sequence[NDArray[np.int64]]) -> Ints:
     return np.concatenate([np.zeros(0, np.int64), *parts])
 
 

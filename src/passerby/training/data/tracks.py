@@ -87,11 +87,11 @@ def tracked_people(
         people = [f"{camera.name}-{one}" for camera, table in zip(cameras, own, strict=True) for one in table.tolist()]
         firsts, tables = np.cumsum([0, *map(len, own)])[:-1].tolist(), own
     persons = [_rows(camera.boxes.identity, *at) for camera, at in zip(cameras, zip(tables, firsts, strict=True), strict=True)]
-    wanted = [_wanted(camera, person, per_person) for camera, person in zip(cameras, persons, strict=True)]
+    wanted = [_choose_boxes(camera, person, per_person) for camera, person in zip(cameras, persons, strict=True)]
     cut = cut_crops(wanted, people, cache, name=name, executor=executor, tell=tell)
     crops = cut.crops
     if not given:
-        crops = replace(crops, apart=_seen_together(cameras, persons, len(people)))
+        crops = replace(crops, apart=_find_seen_together(cameras, persons, len(people)))
     count = np.bincount(crops.person, minlength=len(people))
     few = [person for person, n in zip(crops.people, count.tolist(), strict=True) if n < 2]
     told_of = [
@@ -115,7 +115,7 @@ def _rows(identity: Ints, table: Ints, first: int) -> Ints:
     return np.where(identity > UNKNOWN, first + np.searchsorted(table, identity), -1)
 
 
-def _wanted(camera: TrackedCamera, person: Ints, per_person: int) -> WantedCrops:
+def _choose_boxes(camera: TrackedCamera, person: Ints, per_person: int) -> WantedCrops:
     """The boxes of a camera that are worth cutting."""
     boxes = camera.boxes
     rows: Ints = np.zeros(0, dtype=np.int64)
@@ -125,7 +125,7 @@ def _wanted(camera: TrackedCamera, person: Ints, per_person: int) -> WantedCrops
     return WantedCrops(camera.name, camera.source, boxes.frame[rows], boxes.ltwh[rows], person[rows])
 
 
-def _seen_together(cameras: Sequence[TrackedCamera], persons: Sequence[Ints], n_people: int) -> NDArray[np.bool_]:
+def _find_seen_together(cameras: Sequence[TrackedCamera], persons: Sequence[Ints], n_people: int) -> NDArray[np.bool_]:
     """(P, P) which people one camera saw in one frame."""
     apart = np.zeros((n_people, n_people), dtype=np.bool_)
     for camera, person in zip(cameras, persons, strict=True):
