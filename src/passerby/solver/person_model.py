@@ -9,8 +9,9 @@ A box enters by residuals that are not weighed alike, since a detector's slack a
 opposite directions: its *centre*, tight, and its *height*, loose. The heights give vertical, ground and scale, the centres the
 shape.
 
-The fits with held cameras use the equations of `people.upright_body.linearise_bodies`. The residuals here share only the ends of
-the body with them: they are in pixels and contain the camera's lens, clock and slack, for which those in angles have no columns.
+The fits with held cameras use the equations of `people.upright_body.linearise_bodies`. The residuals here share only the
+ends of the body with them: these are in pixels and contain the camera's lens, clock and slack, for which equations in angles have no
+columns.
 """
 
 from __future__ import annotations
