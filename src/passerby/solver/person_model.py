@@ -10,8 +10,8 @@ opposite directions: its *centre*, tight, and its *height*, loose. The heights g
 shape.
 
 The fits with held cameras use the equations of `people.upright_body.linearise_bodies`. The residuals here share only the
-ends of the body with them: these are in pixels and contain the camera's lens, clock and slack, for which equations in angles have no
-columns.
+ends of the body with them: these are in pixels and contain the camera's lens, clock and slack, for which equations in angles
+have no columns.
 """
 
 from __future__ import annotations
