@@ -32,3 +32,16 @@ def test_joined():
     assert joined.number.tolist() == [0, 2, 3]
     assert joined.speed.tolist() == [0, 1, 1.5]
     assert Table.joined([FULL, Table(FULL.number, FULL.place)]).speed is None
+
+
+@dataclass(frozen=True, eq=False)
+class Named(Columns):
+    number: Ints
+    names: tuple[str, ...] = ()
+
+
+def test_a_tuple_is_shared_by_all_rows():
+    table = Named(np.array([1, 0, 1]), ("a", "b"))
+    assert table.take(np.array([0])).names == ("a", "b")
+    assert Named.joined([table, table]).names == ("a", "b")
+    assert len(Named.joined([table, table]).number) == 6

@@ -21,8 +21,8 @@ from passerby.core.cameras import Camera
 from passerby.people.model import Priors
 from passerby.people.sightings import Sightings
 
-X, Y, LOW, HIGH = range(4)
-"""Columns of a body: its place on the ground, and its lowest and highest points above the ground, metres."""
+LOW, HIGH = 2, 3
+"""Columns of a body after its place (x, y): its lowest and its highest point above the ground, metres."""
 HORIZON = 0.02
 """Rays that fall less steeply, by this sine, meet no ground."""
 NEAREST_M = 0.3

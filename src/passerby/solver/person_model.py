@@ -8,6 +8,10 @@ ground position (x, y), the height of the lowest and of the highest point; and 3
 A box enters by residuals that are not weighed alike, since a detector's slack and the model's bias move the two edges in
 opposite directions: its *centre*, tight, and its *height*, loose. The heights give vertical, ground and scale, the centres the
 shape.
+
+The fits with held cameras use the equations of `people.upright_body.linearise_bodies`. The residuals here share only the
+ends of the body with them: these are in pixels and contain the camera's lens, clock and slack, for which equations in angles
+have no columns.
 """
 
 from __future__ import annotations
