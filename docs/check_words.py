@@ -3,8 +3,9 @@
     python docs/check_words.py
 
 Checks README, CHANGELOG, CONTRIBUTING and the pages in `docs` that people write, and the comments, docstrings and other strings
-of `src`. It prints each place with what to write instead, and ends with status 1 if there is one. Names in code are checked for
-the words in `ALSO_IN_NAMES`. Codes of findings and other words with underscores are not sentences, and are not checked.
+of `src`, in Python and JavaScript. It prints each place with what to write instead, and ends with status 1 if there is one.
+Names in Python are checked for the words in `ALSO_IN_NAMES`. Codes of findings and other words with underscores are not
+sentences, and are not checked.
 """
 
 from __future__ import annotations
@@ -100,6 +101,15 @@ def check_module(path: Path) -> Iterator[tuple[int, str, str]]:
             yield token.start[0], token.string, f"another name than '{name[0]}'"
 
 
+def check_script(path: Path) -> Iterator[tuple[int, str, str]]:
+    """The turns in comments and strings of JavaScript."""
+    said = re.compile(r"//.*|\"[^\"\n]*\"|`[^`\n]*`")
+    source = re.sub(r"\$\{[^}]*\}", lambda code: re.sub(r"[^\n]", "x", code[0]), path.read_text(encoding="utf-8"))
+    for text in said.finditer(source):
+        for line, found, instead in find_turns(text[0]) if " " in text[0] else ():
+            yield source.count("\n", 0, text.start()) + line + 1, found, instead
+
+
 def check_all() -> Iterator[str]:
     """A line for each turn that is not used."""
     pages = [ROOT / name for name in ("README.md", "CHANGELOG.md", "CONTRIBUTING.md")] + sorted((ROOT / "docs").rglob("*.md"))
@@ -107,9 +117,10 @@ def check_all() -> Iterator[str]:
         name = path.relative_to(ROOT).as_posix()
         if not name.startswith(GENERATED):
             yield from (f"{name}:{line}: {found!r}: {instead}" for line, found, instead in check_page(path))
-    for path in sorted((ROOT / "src").rglob("*.py")):
-        name = path.relative_to(ROOT).as_posix()
-        yield from (f"{name}:{line}: {found!r}: {instead}" for line, found, instead in check_module(path))
+    for ending, check in ((".py", check_module), (".js", check_script)):
+        for path in sorted((ROOT / "src").rglob(f"*{ending}")):
+            name = path.relative_to(ROOT).as_posix()
+            yield from (f"{name}:{line}: {found!r}: {instead}" for line, found, instead in check(path))
 
 
 if __name__ == "__main__":

@@ -30,7 +30,7 @@ def test_each_number_with_its_prior():
     numbers = lens_parameters(LensFigures(focal=FOCAL, principal_point=POINT, distortion=BENT))
     assert [(one.name, one.determined_by, one.by_prior) for one in numbers] == [
         ("focal length", "largely people", False), ("principal point x", "assumed", True),
-        ("principal point y", "mostly assumed", True), ("distortion k1", "people", False),
+        ("principal point y", "largely assumed", True), ("distortion k1", "people", False),
     ]  # fmt: skip
     assert [(one.prior_value, one.prior_sigma, one.people_sigma) for one in numbers] == [
         (480.0, 48.0, 12.0), (320.0, 6.4, 50.0), (240.0, 6.5, None), (0.0, 0.15, 0.031),

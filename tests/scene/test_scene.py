@@ -213,10 +213,10 @@ def _keys(table):
 
 
 def test_every_key_is_documented():
-    text = (DOCS / "scene-file.md").read_text()
+    text = (DOCS / "reference" / "scene-file.md").read_text()
     keys = {key for place, table in TABLES.items() if place for key in _keys(table)}
     assert {key for key in keys if not re.search(rf"\b{key}\b", text)} == set()
-    for example in re.findall(r"```toml\n(.*?)```", text, re.DOTALL):
+    for example in re.findall(r"```toml\n(.*?)```", (DOCS / "scene-file.md").read_text(), re.DOTALL):
         read = tomllib.loads(example)
         for table in read["cameras"].values():
             CameraTable.model_validate(table)

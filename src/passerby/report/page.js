@@ -199,7 +199,7 @@
     const layout = themed(figure.layout);
     // On a touch screen a finger on a flat plot scrolls the page.
     if (byTouch && !inSpace) layout.dragmode = false;
-    // Where both axes have one scale, a narrow and high plot would be mostly empty.
+    // Where both axes have one scale, a narrow and high plot would be nearly empty.
     if (layout.height && layout.yaxis && layout.yaxis.scaleanchor) layout.height = Math.min(layout.height, 1.25 * place.clientWidth);
     const config = { responsive: true, displayModeBar: false, displaylogo: false, scrollZoom: false, doubleClick: "reset" };
     await Plotly.react(place, resolved(figure.data), layout, config);
@@ -235,7 +235,7 @@
     for (const place of all(".plot").filter((one) => !later(one))) {
       await drawOne(place);
       await new Promise((resolve) => setTimeout(resolve, 0));
-      // In other colours by now: all plots are drawn again by whoever changed them.
+      // In other colours by now: all plots are drawn again by the code that changed them.
       if (own !== draws) return;
     }
     root.dataset.plots = "drawn";

@@ -59,7 +59,7 @@
   new IntersectionObserver(function (entries, watcher) {
     if (!entries.some((entry) => entry.isIntersecting)) return;
     watcher.disconnect();
-    if (shown < 0 && !field.value) show(Math.max(asked(), 0), false); // what somebody types is not replaced
+    if (shown < 0 && !field.value) show(Math.max(asked(), 0), false); // what a user types is not replaced
   }, { rootMargin: "300px" }).observe(find("views"));
   if (asked() >= 0) show(asked(), true);
 

@@ -10,7 +10,7 @@ export class Cameras {
 
   update(state) {
     const names = JSON.stringify(state.cameras);
-    // A scene file that cannot be read for a moment, as while somebody edits it, takes no camera away.
+    // A scene file that cannot be read for a moment, as while a user edits it, takes no camera away.
     const broken = state.faults.length > 0 && this.cards.size > 0;
     if (names !== this.names && !broken) {
       this.names = names;
@@ -49,7 +49,7 @@ export class Cameras {
     return entry;
   }
 
-  // At first the frame with most people, which is also where somebody can be pointed at.
+  // At first the frame with most people, which is also where a person can be pointed at.
   async load(entry, frame) {
     const { view } = entry;
     const told = await ask("/api/people", { camera: view.name, ...(frame === null ? {} : { frame }) })

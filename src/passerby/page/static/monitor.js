@@ -1,4 +1,4 @@
-// The page of a monitored rig: which cameras moved, and their pictures then and now. It asks again, for the rig may be monitored anew.
+// The page of a monitored rig: which cameras moved, and their pictures then and now. It asks again, for the rig may be monitored again.
 
 import { find, make, number, show, table } from "./dom.js";
 import { clock, history } from "./scores.js";

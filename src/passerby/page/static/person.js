@@ -10,7 +10,7 @@ export async function samePerson({ camera, frame, at }) {
   const told = await send("/api/person", { camera, frame, at }).catch((error) => ({ error: error.message }));
   if (told.error) return make("p", { class: "known" }, told.error);
   if (told.identity === null) {
-    return make("p", { class: "known" }, "The last calibration has identified nobody here. The height still counts if a calibration finds somebody.");
+    return make("p", { class: "known" }, "The last calibration has identified no person here. The height still counts if a calibration finds one.");
   }
   const [own, ...others] = told.seen;
   const many = others.length + told.further.length;

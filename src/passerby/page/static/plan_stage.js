@@ -5,7 +5,7 @@ import { draw, make } from "./dom.js";
 const CLOSEST = 60, STEP = 1.5, STILL_PX = 4;
 
 export class PlanStage {
-  // paint(unit) makes what is drawn; a screen pixel is `unit` long. onclick(at) is told of clicks, in the drawing's own units.
+  // paint(unit) makes what is drawn; a screen pixel is `unit` long. onclick(at) is called with clicks, in the drawing's own units.
   constructor(label, paint, onclick = null) {
     this.paint = paint;
     this.onclick = onclick;

@@ -31,7 +31,7 @@ export class Tool {
 export class LengthTool extends Tool {
   start() { this.clicks = (this.clicks ?? 0) + 1; this.marks = {}; this.lines = {}; this.measured = null; this.show(); }
 
-  // Only the last click's answer draws the form: an earlier one would replace the button below somebody's finger.
+  // Only the last click's answer draws the form: an earlier one would replace the button below the user's finger.
   async click(view, at) {
     const click = ++this.clicks;
     const own = (this.marks[view.name] ??= [null, null]);
@@ -205,14 +205,14 @@ export class PersonTool extends Tool {
   save(form) { this.act({ act: "person", ...this.found, height_m: read(form, "height"), sd_m: read(form, "sd") }); }
 }
 
-// Boxes that are one person, or different people, or nobody.
+// Boxes that are one person, or different people, or no person.
 export class IdentityTool extends Tool {
   start() { this.boxes = []; this.show(); }
 
   click(view, at) {
     if (!this.page.boxes(view.name).some(([left, top, width, height]) =>
       at[0] >= left && at[0] <= left + width && at[1] >= top && at[1] <= top + height)) {
-      this.page.tell(`Nobody was detected there in camera ${view.name}: click inside a box.`);
+      this.page.tell(`No person was detected there in camera ${view.name}: click inside a box.`);
       return;
     }
     this.page.tell("");
@@ -242,7 +242,7 @@ export class IdentityTool extends Tool {
   save() {}
 }
 
-// A region of one picture: its corners one after another; a click in another picture begins anew there.
+// A region of one picture: its corners one after another; a click in another picture begins again there.
 export class RegionTool extends Tool {
   start() { this.camera = null; this.corners = []; this.show(); }
 
