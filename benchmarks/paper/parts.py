@@ -38,7 +38,7 @@ class Part:
 
     def load(self) -> Run:
         """The function that measures it."""
-        run: Run = importlib.import_module(f"paper.{self.module}").run
+        run = importlib.import_module(f"paper.{self.module}").run
         return partial(run, self.curve) if self.curve else run
 
 
