@@ -26,10 +26,7 @@ def run(scratch: Path, quick: bool) -> Found:
         rows.append(_accuracy_row(data, result))
         more.append(_world_row(data, result))
     first = table(("data", "registered", "similarity", "acceptable", "aim", "reached", "metric"), rows)
-    second = table(
-        ("data", "scale ratio", "stated sigma", "vertical", "ground", "verdict", "wall time", "peak memory"),
-        more,
-    )
+    second = table(("data", "scale ratio", "stated sigma", "vertical", "ground", "verdict", "wall time", "peak memory"), more)
     return Found({"Errors": first, "World": second})
 
 

@@ -10,14 +10,7 @@ from typing import TypeVar
 import numpy as np
 
 from accuracy import NOT_HERE
-from association_runs import (
-    Found,
-    RealCase,
-    run_real,
-    run_simulated,
-    simulate,
-    write_real,
-)
+from association_runs import Found, RealCase, run_real, run_simulated, simulate, write_real
 from association_tables import (
     CLOCK_HEAD,
     IDENTITY_HEAD,

@@ -28,10 +28,7 @@ GOALS_CLICKS = (
     ("serious faults of accessibility by axe-core", "0", "0"),
 )
 GOAL_FIRST = ("first picture, 16 cameras, an hour, median", "2 s", "0.7 s")
-GOALS_KILLS = (
-    ("acknowledged marks that are missing after 30 kills", "0", "0"),
-    ("half files after 30 kills", "0", "0"),
-)
+GOALS_KILLS = (("acknowledged marks that are missing after 30 kills", "0", "0"), ("half files after 30 kills", "0", "0"))
 
 
 def tabulate_clicks(cases: Cases, done: Outcomes) -> Found:

@@ -33,12 +33,7 @@ from perception_runs import (
     score_pets_tracklets,
     watch_alone,
 )
-from perception_scenes import (
-    large_video,
-    rendered,
-    rendered_room,
-    repeated,
-)
+from perception_scenes import large_video, rendered, rendered_room, repeated
 from perception_tables import (
     BOX_HEAD,
     GOAL_HEAD,

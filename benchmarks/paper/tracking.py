@@ -10,18 +10,7 @@ import numpy as np
 from pages.records import Found
 from pages.tables import Table, number, table, yes
 from paper.spread import FAILS, quartiles
-from paper.tracking_runs import (
-    CAMERAS,
-    FAILED,
-    Case,
-    Job,
-    Outcome,
-    RealOutcome,
-    RealSet,
-    data_folder,
-    run_case,
-    run_set,
-)
+from paper.tracking_runs import CAMERAS, FAILED, Case, Job, Outcome, RealOutcome, RealSet, data_folder, run_case, run_set
 from paper.wanted import Wanted
 from passerby.common.parallel import side_by_side
 from passerby.common.progress import Progress

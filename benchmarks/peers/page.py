@@ -12,13 +12,7 @@ from pages.kept import code_digest
 from pages.parts import Asked, Part, PartedPage
 from pages.records import Found, publish
 from peers import public
-from peers.cases import (
-    Case,
-    all_cases,
-    observed,
-    quick_cases,
-    write_scene,
-)
+from peers.cases import Case, all_cases, observed, quick_cases, write_scene
 from peers.judging import judge, mean_result
 from peers.observations import points_of
 from peers.runners import PASSERBY, PEERS, Engine, run_engine

@@ -206,10 +206,7 @@ def tabulate(results: Results) -> tuple[dict[str, Table], list[str]]:
     rows = [_row(preset, people, group) for (preset, people), group in groups.items()]
     head = ("preset", "people", "scenes", "bound", UPRIGHT, NOISELESS, SIMULATED, "upright / bound", "simulated / bound")
     pair_rows = [_pair_row(preset, one) for preset in PRESETS if (one := _of_preset(results, preset))]
-    tables = {
-        "By number of people": table(head, rows),
-        "Opposite cameras": table(("preset", "bound", *VARIANTS), pair_rows),
-    }
+    tables = {"By number of people": table(head, rows), "Opposite cameras": table(("preset", "bound", *VARIANTS), pair_rows)}
     return tables, [_said(results, groups), _pairs_said(results)]
 
 

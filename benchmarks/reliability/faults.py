@@ -159,11 +159,7 @@ def _part(cases: Mapping[str, Chunk | Disturbed], results: Mapping[str, Mapping[
             by_writer[case.writer.name][kind] += result["injected"]
     total, survived = injected.total(), injected.total() - lost.total()
     kinds = [
-        (
-            title,
-            str(injected[kind]),
-            str(injected[kind] - lost[kind]) if injected[kind] else skipped.get(kind, "none"),
-        )
+        (title, str(injected[kind]), str(injected[kind] - lost[kind]) if injected[kind] else skipped.get(kind, "none"))
         for kind, title in TITLES.items()
     ]
     writers = [(name, str(counts["kill"]), str(counts["full"])) for name, counts in by_writer.items()]

@@ -64,7 +64,7 @@ def test_a_run_that_is_only_printed_writes_nothing(tmp_path: Path, capsys: pytes
 
 def test_a_record_is_read_as_it_was_written(tmp_path: Path) -> None:
     tables = {"C": table(["a", "b"], [["1", "a \\| b"], ["2", ""]]), GOALS: table(["g"], [["yes"]]), "E": table(["e"], [])}
-    found = Found(tables, ["n"])
+    found = Found(tables, ("n",))
     publish("page", "part", found, tmp_path, "python run.py", code="abc", quick=True)
     record = read_records(tmp_path / "records", "page")["part"]
     assert record.found == found
