@@ -62,7 +62,7 @@ def test_a_run_that_is_only_printed_writes_nothing(tmp_path: Path, capsys: pytes
     assert not list(tmp_path.iterdir())
 
 
-def test_a_record_is_read_as_it_was_written(tmp_path: Path) -> None:
+def test_a_record_is_read_as_it_was_written(templates: Path, tmp_path: Path) -> None:
     tables = {"C": table(["a", "b"], [["1", "a \\| b"], ["2", ""]]), GOALS: table(["g"], [["yes"]]), "E": table(["e"], [])}
     found = Found(tables, ("n",))
     publish("page", "part", found, tmp_path, "python run.py", code="abc", quick=True)
