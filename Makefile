@@ -19,7 +19,7 @@ WITH_DATA := $(if $(DATA),--data $(DATA))
 PEERS := .venv-peer-caliscope/.installed .venv-peer-colmap/.installed .venv-peer-humancalib/.installed
 PIP := -m pip install --quiet --disable-pip-version-check
 
-.PHONY: help hooks demo test test-slow lint types docs tutorial bench bench-quick bench-association bench-perception bench-reid bench-lenses bench-scale bench-sites bench-sources bench-page bench-peers bench-public bench-formats limits versions mutation reliability peers format clean
+.PHONY: help hooks demo test test-slow lint types docs tutorial bench bench-quick bench-association bench-perception bench-reid bench-lenses bench-scale bench-sites bench-sources bench-page bench-peers bench-public bench-formats limits versions mutation reliability pages peers format clean
 
 ## help: what there is to do
 help:
@@ -68,6 +68,11 @@ docs: $(INSTALLED)
 ## tutorial: docs/tutorial.md: what its commands print, anew
 tutorial: $(INSTALLED)
 	PASSERBY_TUTORIAL=write $(VENV)/bin/python -m pytest -q -m slow tests/docs/test_examples.py -k as_it_is_written
+
+## pages: write the pages of results, and tables of README and filming, from benchmarks/records; runs nothing
+pages: $(INSTALLED)
+	$(VENV)/bin/python benchmarks/write_pages.py
+	$(VENV)/bin/python benchmarks/headline.py
 
 ## bench: write docs/results anew, but for videos and training
 # Writes docs/results anew, but for the pages of videos and of training (bench-perception, bench-reid), and the README's tables.

@@ -6,12 +6,13 @@ from pathlib import Path
 
 from command import Calibrated, calibrate
 from datasets import DATA_SETS, DataSet, folder_of, write_scene
-from pages.page import Page, errors, number, reached, table
+from pages.records import Found
+from pages.tables import errors, number, reached, table
 
 NOT_HERE = "not run: data not here"
 
 
-def run(scratch: Path, quick: bool) -> Page:
+def run(scratch: Path, quick: bool) -> Found:
     """Calibrate every data set once, one after the other, in the user's environment."""
     del quick  # it takes seconds
     rows, more = [], []
@@ -25,22 +26,8 @@ def run(scratch: Path, quick: bool) -> Page:
         rows.append(_accuracy_row(data, result))
         more.append(_world_row(data, result))
     first = table(("data", "registered", "similarity", "acceptable", "aim", "reached", "metric"), rows)
-    second = table(
-        ("data", "scale ratio", "stated sigma", "vertical", "ground", "verdict", "wall time", "peak memory"),
-        more,
-    )
-    return Page("accuracy", f"{_HEAD}\n\n{first}\n\n{_WORLD}\n\n{second}\n")
-
-
-_HEAD = """# Real data, identities given
-
-`passerby calibrate` with the default options on boxes (pets2009, wildtrack, multiviewx) or joints (shelf, pose2sim_single);
-only size, matrix and distortions are taken from the true rig. *similarity*: mean over all cameras after the best similarity;
-*metric*: mean over the others with the first camera held, so with the error of the scale. *acceptable*: the best of today's
-engines."""
-
-_WORLD = """The world: estimated length over true length, and the one sigma that the calibration itself states for it; the
-vertical's and the ground's error after the similarity; time and peak memory of the whole process."""
+    second = table(("data", "scale ratio", "stated sigma", "vertical", "ground", "verdict", "wall time", "peak memory"), more)
+    return Found({"Errors": first, "World": second})
 
 
 def _accuracy_row(data: DataSet, result: Calibrated) -> list[str]:

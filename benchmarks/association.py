@@ -4,24 +4,13 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
 
 from accuracy import NOT_HERE
-from association_runs import (
-    BOX_NOISE,
-    MISSING,
-    TRACKLET_SECONDS,
-    Found,
-    RealCase,
-    run_real,
-    run_simulated,
-    simulate,
-    write_real,
-)
+from association_runs import Found, RealCase, run_real, run_simulated, simulate, write_real
 from association_tables import (
     CLOCK_HEAD,
     IDENTITY_HEAD,
@@ -36,8 +25,10 @@ from association_tables import (
 )
 from command import DOUBTFUL, run_program
 from datasets import data_set, folder_of
-from pages.page import Page, load, number, table, yes
-from simulations import PRESETS, WORKERS
+from pages import records
+from pages.parts import run_two
+from pages.tables import Table, load, number, table, yes
+from simulations import PRESETS
 
 Result = TypeVar("Result")
 Simulated = dict[str, dict[str, list[Found]]]
@@ -53,51 +44,23 @@ LARGEST_SECONDS, LARGEST_DOUBLING = 20.0, 2.0
 MODES = ("given", "trajectory", "combined", "appearance")
 
 
-def run(scratch: Path, quick: bool) -> Page:
+def run(scratch: Path, quick: bool) -> records.Found:
     """Ten seeds of each simulated scene, three shifts of each real one's clocks; two and one in a quick run."""
     speed = _speed(scratch / "speed", 1 if quick else 3)
     real = {name: _real(name, scratch / name, range(1 if quick else SHIFTS)) for name in REAL}
     simulated = _simulated(scratch / "simulated", range(2 if quick else SEEDS))
     groups = _groups(scratch / "groups", range(1 if quick else GROUP_SEEDS))
-    clocks = own_clocks(real["pets2009"]) if real["pets2009"] else NOT_HERE
-    faults = _SIMULATED.format(noise=100 * BOX_NOISE, missing=100 * MISSING, seconds=TRACKLET_SECONDS)
-    parts = [
-        _HEAD, _real_table(real), _CLOCKS, _clock_table(real), _OWN_CLOCKS, clocks, faults, _ratios(simulated),
-        _IDENTITIES, _identities(real, simulated), _APART, groups, _ALIKE, _refusals(simulated), _SPEED, speed,
-    ]  # fmt: skip
-    return Page("association", "\n\n".join(parts) + "\n")
-
-
-_HEAD = """# Identities found
-
-`passerby calibrate` without identities. `pets2009`: a detector's boxes at 7 a second, nothing else; `wildtrack`: the
-annotated boxes at 2 a second, the ids of each camera replaced by unrelated ones; mode trajectory. *Clocks shifted*: a random
-whole number of frames within ±5 s is added to the frame numbers of each camera, so that two of them differ by up to 10 s.
-Similarity errors, mean over all cameras; of several seeds the mean, and the worst seed, which is judged. *aim*: as good as
-with given identities, which is to say within 1.05 times that error. *wall time*: of one run beside another one."""
-
-_CLOCKS = "Clocks: the offsets found against those injected, over all cameras and seeds."
-
-_OWN_CLOCKS = """The cameras of `pets2009` seem to be out of step in the recording itself: with given identities, the solver
-that refines the clocks (`[solver.options] refine_time = true`) finds V4, V5 and V6 off by nearly as much as association does.
-*Beyond the run without shifts* is how well a shift is found; the other row cannot be better than the cameras were in step."""
-
-_SIMULATED = """Simulated scenes of 40 s, {noise:g} % box noise, {missing:g} % of the boxes missing, tracklets of each camera's
-own that are cut at random every {seconds:g} s on average. *unrelated ids*: mode trajectory; *dressed alike*: mode combined,
-embeddings that are noise. The ratio is that to the same boxes with their true identities: of the means, and of the worst seed.
-A seed is within 1.3 if all cameras are registered and its error is at most 1.3 times that with given identities.
-*acceptable*: every seed is, in both errors; *aim*: besides, the ratios of the means are at most 1.05."""
-
-_IDENTITIES = """Identities found against the true ones, over pairs of boxes of two cameras at one instant: mean over the seeds,
-and the worst of them."""
-
-_APART = """Construction with 20 people and 8 cameras, 2 of which see no common ground with the other 6; mode trajectory. The 6
-must be registered, the 2 named together in one reason, and the exit status 3."""
-
-_ALIKE = "Mode appearance with embeddings that are noise: nothing but a refusal, exit status 3, is honest."
-
-_SPEED = """Registering all 21 pairs of `pets2009/detections`, the clocks searched over ±5 s, on two cores, start of the
-processes included. *twice as long*: the recording repeated after itself. Tracking goes before it, camera after camera."""
+    tables = {"Errors": _real_table(real), "Clocks": _clock_table(real)}
+    if real["pets2009"]:
+        tables["Own clocks"] = own_clocks(real["pets2009"])
+    tables |= {
+        "Ratios": _ratios(simulated), "Identities": _identities(real, simulated), "Separate groups": groups,
+        "Refusals": _refusals(simulated),
+    }  # fmt: skip
+    if speed is None:
+        return records.Found(tables)
+    measured, note = speed
+    return records.Found({**tables, "Time": measured}, [note])
 
 
 def _real(name: str, scratch: Path, seeds: range) -> RealResults | None:
@@ -113,7 +76,7 @@ def _real(name: str, scratch: Path, seeds: range) -> RealResults | None:
         *(RealCase(data, "trajectory", source, seed) for seed in seeds),
     ]
     jobs = [_job(run_real, case, folder, scratch / str(number)) for number, case in enumerate(cases)]
-    given, timed, found, *shifted = _side_by_side(jobs)
+    given, timed, found, *shifted = run_two(jobs)
     return RealResults(given, timed, found, dict(zip(cases[3:], shifted, strict=True)))
 
 
@@ -124,12 +87,12 @@ def _simulated(scratch: Path, seeds: range) -> Simulated:
         folder = simulate(scratch / f"{preset}-{seed}", preset, seed)
         return {mode: run_simulated(folder, mode) for mode in MODES}
 
-    results = iter(_side_by_side([_job(solve, preset, seed) for preset in PRESETS for seed in seeds]))
+    results = iter(run_two([_job(solve, preset, seed) for preset in PRESETS for seed in seeds]))
     by_preset = {preset: [next(results) for _ in seeds] for preset in PRESETS}
     return {preset: {mode: [run[mode] for run in runs] for mode in MODES} for preset, runs in by_preset.items()}
 
 
-def _groups(scratch: Path, seeds: range) -> str:
+def _groups(scratch: Path, seeds: range) -> Table:
     """Cameras in two groups without common ground."""
     options = ("--people", "20", "--cameras", str(sum(GROUPS)), "--groups", ",".join(map(str, GROUPS)))
 
@@ -137,7 +100,7 @@ def _groups(scratch: Path, seeds: range) -> str:
         return run_simulated(simulate(scratch / str(seed), "construction", seed, *options), "trajectory")
 
     rows = []
-    for seed, found in zip(seeds, _side_by_side([_job(solve, seed) for seed in seeds]), strict=True):
+    for seed, found in zip(seeds, run_two([_job(solve, seed) for seed in seeds]), strict=True):
         run = found.calibrated
         cameras = run.report.get("cameras", [])
         in_rig = [camera["name"] for camera in cameras if camera["registered"]]
@@ -149,12 +112,12 @@ def _groups(scratch: Path, seeds: range) -> str:
     return table(("seed", "registered", "similarity", "the others named", "exit status", "reached"), rows)
 
 
-def _speed(scratch: Path, repeats: int) -> str:
+def _speed(scratch: Path, repeats: int) -> tuple[Table, str] | None:
     """The registration of all pairs, in a process of its own and in the user's environment."""
     data = data_set("pets2009")
     folder = folder_of(data)
     if folder is None:
-        return NOT_HERE
+        return None
     before = load()
     scene = write_real(RealCase(data, "trajectory", "detections"), folder, scratch)
     program = Path(__file__).with_name("association_speed.py")
@@ -170,17 +133,17 @@ def _speed(scratch: Path, repeats: int) -> str:
         ["twice as long", f"{twice['preparing']:.1f} s", "", ""],
     ]  # fmt: skip
     note = f"The best of {repeats} in turn; load of the machine (mean of a minute): {before:.1f} before, {load():.1f} after."
-    return table(("pets2009", "measured", "goal", "reached"), rows) + f"\n\n{note}"
+    return table(("pets2009", "measured", "goal", "reached"), rows), note
 
 
-def _real_table(real: dict[str, RealResults | None]) -> str:
+def _real_table(real: dict[str, RealResults | None]) -> Table:
     rows = []
     for name, results in real.items():
         rows += real_rows(name, results, REAL[name][1]) if results else [_not_here(name, REAL_HEAD)]
     return table(REAL_HEAD, rows)
 
 
-def _clock_table(real: dict[str, RealResults | None]) -> str:
+def _clock_table(real: dict[str, RealResults | None]) -> Table:
     rows = []
     for name, results in real.items():
         rows += clock_rows(name, results) if results else [_not_here(name, CLOCK_HEAD)]
@@ -191,7 +154,7 @@ def _not_here(name: str, head: Sequence[str]) -> list[str]:
     return [name, NOT_HERE, *["-"] * (len(head) - 2)]
 
 
-def _ratios(simulated: Simulated) -> str:
+def _ratios(simulated: Simulated) -> Table:
     rows = []
     for mode, label in (("trajectory", "unrelated ids"), ("combined", "dressed alike")):
         rows += [ratio_row(f"{preset}, {label}", runs["given"], runs[mode]) for preset, runs in simulated.items()]
@@ -200,7 +163,7 @@ def _ratios(simulated: Simulated) -> str:
     return table(RATIO_HEAD, rows)
 
 
-def _identities(real: dict[str, RealResults | None], simulated: Simulated) -> str:
+def _identities(real: dict[str, RealResults | None], simulated: Simulated) -> Table:
     rows = []
     for name, results in real.items():
         limits = IDENTITY_LIMITS if name == "pets2009" else None
@@ -215,7 +178,7 @@ def _identities(real: dict[str, RealResults | None], simulated: Simulated) -> st
     return table(IDENTITY_HEAD, rows)
 
 
-def _refusals(simulated: Simulated) -> str:
+def _refusals(simulated: Simulated) -> Table:
     rows = []
     for preset, runs in simulated.items():
         calibrated = [run.calibrated for run in runs["appearance"]]
@@ -226,9 +189,3 @@ def _refusals(simulated: Simulated) -> str:
 
 def _job(work: Callable[..., Result], *arguments: object) -> Callable[[], Result]:
     return lambda: work(*arguments)
-
-
-def _side_by_side(jobs: Sequence[Callable[[], Result]]) -> list[Result]:
-    """Two at a time; each runs its programs in processes of their own."""
-    with ThreadPoolExecutor(WORKERS) as pool:
-        return list(pool.map(lambda job: job(), jobs))

@@ -9,7 +9,7 @@ import numpy as np
 
 from association_runs import Found, RealCase
 from command import Calibrated
-from pages.page import errors, number, reached, table
+from pages.tables import Table, errors, number, reached, table
 from passerby.common.arrays import Floats
 from simulations import complete, figures
 
@@ -101,7 +101,7 @@ def clock_rows(name: str, results: RealResults) -> list[list[str]]:
 CLOCK_HEAD = ("data", "seeds", "largest error", "mean error", "acceptable", "aim", "reached")
 
 
-def own_clocks(results: RealResults) -> str:
+def own_clocks(results: RealResults) -> Table:
     """The offsets of a recording that nobody shifted: by found identities, and by given ones with the clocks refined."""
     cameras = results.found.calibrated.report.get("cameras", [])
     names = [camera["name"] for camera in cameras]

@@ -17,7 +17,8 @@ from types import ModuleType
 
 from datasets import ROOT
 from format_tools.rigs import cases_of, read_back
-from pages.page import Page
+from pages.records import Found
+from pages.tables import table
 from passerby.interchange.formats import all_formats
 
 HERE = Path(__file__).resolve().parent / "format_tools"
@@ -94,35 +95,25 @@ def outcome(name: str, module: ModuleType, scratch: Path) -> Outcome:
     return Outcome(name, f"{module.TOOL} {made['version']}", lenses, max(made["pixels"]), max(back) if back else None)
 
 
-def page(outcomes: list[Outcome]) -> Page:
-    """The table."""
-    lines = [
-        "# Formats, read by the tools themselves",
-        "",
-        "Each format's files are written for rigs of three cameras, one rig for each kind of lens that the format holds, and "
-        "read by the library of the tool that they are for. Points in the cameras' pictures are projected by the tool and by "
-        "Passerby; the table has the largest difference of all points, cameras and lenses, in pixels. Where the tool writes "
-        "the format itself, it writes what it has read, Passerby reads that, and projects again.",
-        "",
-        "| format | read by | lenses | tool against Passerby, px | written by the tool, read by Passerby, px |",
-        "|---|---|---|---:|---:|",
+def tabulate(outcomes: list[Outcome]) -> Found:
+    """The table, and the formats that no tool reads here."""
+    head = ("format", "read by", "lenses", "tool against Passerby, px", "written by the tool, read by Passerby, px")
+    rows = [
+        [one.name, one.tool, ", ".join(one.lenses), one.failure or _pixels(one.read_px), _pixels(one.back_px)]
+        for one in outcomes
     ]
-    for one in outcomes:
-        read = one.failure or _pixels(one.read_px)
-        lines.append(f"| {one.name} | {one.tool} | {', '.join(one.lenses)} | {read} | {_pixels(one.back_px)} |")
     without = [form.name for form in all_formats() if form.write and form.name not in {one.name for one in outcomes}]
-    if without:
-        lines += ["", f"Written by Passerby, without such a check here: {', '.join(without)}."]
-    return Page("formats", "\n".join(lines) + "\n")
+    note = f"Written by Passerby, without such a check here: {', '.join(without)}."
+    return Found({"Formats": table(head, rows)}, [note] if without else [])
 
 
 def _pixels(value: float | None) -> str:
     return "" if value is None else f"{value:.0e}" if value else "0"
 
 
-def run(scratch: Path, quick: bool) -> Page:
+def run(scratch: Path, quick: bool) -> Found:
     """All formats that have a check; there is no quicker way."""
-    return page([outcome(name, module, scratch) for name, module in checks().items()])
+    return tabulate([outcome(name, module, scratch) for name, module in checks().items()])
 
 
 def main() -> None:

@@ -1,19 +1,19 @@
-"""Tables of the README and of docs/filming.md, taken from the pages in docs/results: `python benchmarks/headline.py`.
+"""Tables of the README and of docs/filming.md, taken from the records: `python benchmarks/headline.py`.
 
 Nothing between two markers in these files is written by hand; a test compares both.
 """
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from pages.page import table
+from pages.commit import ROOT
+from pages.records import DOCS, GOALS, RECORDS, read_records
+from pages.tables import table
 
-ROOT = Path(__file__).resolve().parent.parent
-RESULTS, README, FILMING = ROOT / "docs" / "results", ROOT / "README.md", ROOT / "docs" / "filming.md"
+README, FILMING = ROOT / "README.md", DOCS / "filming.md"
 END = "<!-- end of the headline -->"
 
 
@@ -22,8 +22,9 @@ class Headline:
     """One table of another page."""
 
     page: str
-    heading: str
-    """Of the section whose first table is shown."""
+    parts: tuple[str, ...]
+    """Whose tables are shown as one."""
+    caption: str
     says: str = ""
     columns: tuple[str, ...] = ()
     """Those that are shown; all where none is named."""
@@ -33,7 +34,7 @@ class Headline:
 
 PEERS = (
     Headline(
-        "paper", "## Against the paper",
+        "paper", ("paper",), "Against the paper",
         "From the pixels of three rendered scenes that stand for the paper's real ones. The intrinsics and people's mean "
         "height are known, and nothing else unless a column says so; errors are given with the estimated scale:",
     ),
@@ -60,7 +61,7 @@ SHOWN: Mapping[Path, Mapping[str, tuple[Headline, ...]]] = {
         ),
         "scale": (
             Headline(
-                "scale", "## Goals", columns=("case", "measured"),
+                "scale", ("nobody", "person", "plan", "length", "upper"), GOALS, columns=("case", "measured"),
                 rows={"case": "(nobody known, boxes|one person, boxes|one person, keypoints|a plan|one marked).* median"},
             ),
         ),
@@ -74,44 +75,19 @@ def begin(name: str) -> str:
     return f"<!-- {name}: written by benchmarks/headline.py -->"
 
 
-def first_table(text: str, headline: Headline) -> str:
-    """The wanted part of the first Markdown table after a heading. Raises `ValueError` where there is none."""
-    _, found, after = text.partition(headline.heading)
-    lines = after.splitlines()
-    start = next((number for number, line in enumerate(lines) if line.startswith("|")), None)
-    if not found or start is None:
-        raise ValueError(f"no table below {headline.heading!r}")
-    end = next((number for number in range(start, len(lines)) if not lines[number].startswith("|")), len(lines))
-    head, _, *cells = ([cell.strip() for cell in line.strip("|").split("|")] for line in lines[start:end])
-    shown = [_place(head, column) for column in headline.columns] or range(len(head))
-    rules = [(_place(head, column), re.compile(rule)) for column, rule in headline.rows.items()]
-    rows = [row for row in cells if all(rule.match(row[column]) for column, rule in rules)]
-    if cells and not rows:
-        raise ValueError(f"no row of the table below {headline.heading!r} is as wanted")
-    return table([head[column] for column in shown], [[row[column] for column in shown] for row in rows])
-
-
-def _place(head: list[str], column: str) -> int:
-    """The place of a column. Raises `ValueError` where its name is not of exactly one."""
-    if head.count(column) != 1:
-        raise ValueError(f"{head.count(column)} columns are named {column!r}")
-    return head.index(column)
-
-
-def command(text: str) -> str:
-    """The command in a page's last line."""
-    return text.strip().splitlines()[-1].split("`")[1]
-
-
-def headlines(file: Path, name: str, results: Path = RESULTS) -> str:
-    """The text between the markers of a name in a file."""
+def headlines(file: Path, name: str, records: Path = RECORDS) -> str:
+    """The text between the markers of a name in a file. Raises `ValueError` where a record lacks what is shown."""
     parts = []
     for headline in SHOWN[file][name]:
-        path = results / f"{headline.page}.md"
-        page = path.read_text()
-        link = RESULTS.relative_to(file.parent).as_posix()
-        source = f"By `{command(page)}`: [{headline.page}]({link}/{headline.page}.md)."
-        parts += [headline.says, first_table(page, headline), source]
+        known = read_records(records, headline.page)
+        shown = [known[part] for part in headline.parts if part in known and headline.caption in known[part].found.tables]
+        if not shown:
+            raise ValueError(f"no table {headline.caption!r} in the records of {headline.page}")
+        whole = [one.found.tables[headline.caption] for one in shown]
+        joined = table(whole[0].head, [row for one in whole for row in one.rows])
+        link = (DOCS / "results").relative_to(file.parent).as_posix()
+        source = f"By `{shown[0].command}`: [{headline.page}]({link}/{headline.page}.md)."
+        parts += [headline.says, str(joined.choose(headline.columns, headline.rows)), source]
     return "\n\n".join(part for part in parts if part)
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from lenses.recorded import DEMO
-from pages.page import reached
+from pages.tables import reached
 
 MOST_PERCENT = 8.0
 """No rig may be accepted with a focal length that is off by more."""

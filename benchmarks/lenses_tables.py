@@ -9,7 +9,7 @@ from typing import Any
 from lenses.recorded import CASES, DEMO
 from lenses_summary import MOST_PERCENT, PART_GOALS, RECORDED_GOALS, SHARE, Summary, median, within
 from pages.cases import Outcomes
-from pages.page import errors, number, reached
+from pages.tables import errors, number, reached
 from passerby.simulation import PRESETS
 
 Row = list[str]

@@ -32,9 +32,9 @@ from typing import Any
 from command import ONE_THREAD
 from datasets import ROOT
 from pages.cases import run_cases
-from pages.commit import commit
 from pages.kept import Kept
-from pages.page import Page, publish, table, yes
+from pages.records import Found, publish
+from pages.tables import table, yes
 
 SOURCE, TESTS = ROOT / "src" / "passerby", ROOT / "tests"
 ROOMS = ("solver", "association", "geometry", "people", "interchange", "scene", "calibration")
@@ -98,7 +98,9 @@ def main() -> None:
     stages = STAGES if wanted.slow else STAGES[:2]
     store = Answers(ROOT / "build" / "mutation", ())
     command = f"python benchmarks/mutation.py --seed {wanted.seed} --count {wanted.count} --rooms {' '.join(wanted.rooms)}"
-    publish(_pages(faults, stages, store, wanted.workers), wanted.out, command + (" --slow" if wanted.slow else ""))
+    command += " --slow" if wanted.slow else ""
+    found = find(faults, stages, store, wanted.workers)
+    publish("mutation", "mutation", found, wanted.out, command, written=wanted.out is not None)
 
 
 def drawn(seed: int, count: int, rooms: Sequence[str]) -> list[Fault]:
@@ -203,8 +205,8 @@ def _with(node: ast.expr, **fields: object) -> ast.expr:
     return changed
 
 
-def _pages(faults: Sequence[Fault], stages: Sequence[str], store: Kept, workers: int) -> Iterator[Page]:
-    """The page, again and again as one stage after the other is run on every fault that none before noticed."""
+def find(faults: Sequence[Fault], stages: Sequence[str], store: Kept, workers: int) -> Iterator[Found]:
+    """The tables, again and again as one stage after the other is run on every fault that none before noticed."""
     found: dict[Fault, str] = {}
     for stage in stages:
         left = [fault for fault in faults if fault not in found]
@@ -212,7 +214,7 @@ def _pages(faults: Sequence[Fault], stages: Sequence[str], store: Kept, workers:
         for outcomes in run_cases(store, f"mutation {stage}", cases, work, workers):
             noticed = {fault: bool(outcomes[fault.name]["test"]) for fault in left if fault.name in outcomes}
             found |= {fault: stage if seen else "" for fault, seen in noticed.items() if seen or stage == stages[-1]}
-            yield Page("mutation", page_text(found, len(faults), stages), commit_in_text=True)
+            yield tabulate(found, len(faults), stages)
 
 
 def work(case: tuple[Fault, str]) -> dict[str, Any]:
@@ -315,8 +317,8 @@ def limit() -> None:
     resource.setrlimit(resource.RLIMIT_CPU, (CPU_S, CPU_S))
 
 
-def page_text(found: Mapping[Fault, str], count: int, stages: Sequence[str]) -> str:
-    """The page: how many faults each stage noticed, and those that none did.
+def tabulate(found: Mapping[Fault, str], count: int, stages: Sequence[str]) -> Found:
+    """How many faults each stage noticed, and those that none did.
 
     Args:
         found: the stage that noticed a fault, empty where none did; of those that are finished.
@@ -332,18 +334,8 @@ def page_text(found: Mapping[Fault, str], count: int, stages: Sequence[str]) -> 
         rows.append((room, str(n), *(str(counts[stage]) for stage in stages), f"{share:.1f} %", yes(share >= GOAL_PERCENT)))
     survivors = [(f"`{fault.path}:{fault.line}`", fault.kind, _code(fault.before), _code(fault.after))
                  for fault, stage in found.items() if not stage]  # fmt: skip
-    unfinished = f" **{len(found)} of the {count} faults are finished.**" if len(found) < count else ""
-    return f"""# Seeded faults
-
-One expression at a time is changed in a copy of the package, and the tests are run until one fails.{unfinished} Code of
-commit {commit()}.
-
-{table(head, rows)}
-
-Faults that no test noticed:
-
-{table(("where", "kind", "before", "after"), survivors) if survivors else "none."}
-"""
+    tables = {"Rooms": table(head, rows), "Not noticed": table(("where", "kind", "before", "after"), survivors)}
+    return Found(tables, run=f"{len(found)} of the {count} faults are finished")
 
 
 def _code(text: str) -> str:

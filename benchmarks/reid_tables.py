@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from command import Calibrated
-from pages.page import errors, number, table, yes
+from pages.tables import Table, errors, number, table, yes
 from perception_tables import in_rig
 from reid_runs import Half, Team, Trained
 from reid_scenes import HALVES
@@ -46,7 +46,7 @@ def retrieval_row(label: str, scores: Scores) -> list[str]:
     return [label, *map(percent, shares)]
 
 
-def crops_tables(trained: Trained, scores: Mapping[str, Scores], speed: Mapping[str, float]) -> str:
+def crops_tables(trained: Trained, scores: Mapping[str, Scores], speed: Mapping[str, float]) -> dict[str, Table]:
     """Real crops: retrieval, the training, the export; the last of the scores is the trained network's."""
     rank_1 = scores[list(scores)[-1]]["plain"]["rank_1"]
     real = trained.exported["real"]
@@ -60,24 +60,24 @@ def crops_tables(trained: Trained, scores: Mapping[str, Scores], speed: Mapping[
          f"{'same' if real['same_ranking'] else 'differs'}; largest difference {real['largest_difference']:.1e}", "same",
          yes(real["same_ranking"])],
     ]  # fmt: skip
-    return "\n\n".join([
-        table(RETRIEVAL_HEAD, [retrieval_row(label, found) for label, found in scores.items()]),
-        table(TRAINED_HEAD, [trained_row("small", trained)]),
-        table(("what", "measured", "goal", "reached"), goals),
-    ])  # fmt: skip
+    return {
+        "Retrieval": table(RETRIEVAL_HEAD, [retrieval_row(label, found) for label, found in scores.items()]),
+        "Training": table(TRAINED_HEAD, [trained_row("small", trained)]),
+        "Checks": table(("what", "measured", "goal", "reached"), goals),
+    }
 
 
-def crowd_tables(scores: Mapping[str, Mapping[str, Scores]]) -> str:
+def crowd_tables(scores: Mapping[str, Mapping[str, Scores]]) -> dict[str, Table]:
     """Embedder -> test set -> scores: rank-1 and mAP, plain and camera-centred."""
     sets = list(next(iter(scores.values())))
-    texts = []
+    tables = {}
     for kind, told in (("plain", "As they are"), ("centred", "Camera-centred")):
         rows = [
             [label, *(f"{percent(found[one][kind]['rank_1'])} ({percent(found[one][kind]['map'])})" for one in sets)]
             for label, found in scores.items()
         ]
-        texts += [f"{told}: rank-1 (mAP), %.", table(("embedder", *sets), rows)]
-    return "\n\n".join(texts)
+        tables[told] = table(("embedder", *sets), rows)
+    return tables
 
 
 LOOKS_HEAD = (
@@ -87,7 +87,7 @@ LOOKS_HEAD = (
 COMBINED_HEAD = ("recording", "network", "mode combined", "registered", "precision, %", "recall, %", "position, orientation")
 
 
-def team_tables(teams: Sequence[Team]) -> str:
+def team_tables(teams: Sequence[Team]) -> dict[str, Table]:
     """The means first, then seed by seed."""
     looks_rows, combined_rows, label_rows = [], [], []
     for team in teams:
@@ -99,17 +99,15 @@ def team_tables(teams: Sequence[Team]) -> str:
                 combined_rows.append([*label, *_mode_cells(half, "combined")])
         tuned = team.tuned
         label_rows.append([str(team.seed), *(_plain(tuned.labels.get(key)) for key in LABEL_KEYS), f"{tuned.seconds:.0f} s"])
-    return "\n\n".join([
-        table(MEAN_HEAD, mean_rows(teams)), _LOOKS, table(LOOKS_HEAD, looks_rows), _COMBINED,
-        table(COMBINED_HEAD, combined_rows), _LABELS, table(("seed", *LABEL_KEYS, "wall time"), label_rows),
-    ])  # fmt: skip
+    return {
+        "Means": table(MEAN_HEAD, mean_rows(teams)),
+        "Mode appearance": table(LOOKS_HEAD, looks_rows),
+        "Mode combined": table(COMBINED_HEAD, combined_rows),
+        "Labels": table(("seed", *LABEL_KEYS, "wall time"), label_rows),
+    }
 
 
 LABEL_KEYS = ("people", "crops")
-
-_LOOKS = "Seed by seed: looks, and mode appearance, which goes by nothing else."
-_COMBINED = "Seed by seed: mode combined, by tracks on the ground and looks."
-_LABELS = "The pictures that the calibration of the first half is sure of, and what `passerby reid finetune` took."
 
 MEAN_HEAD = ("means over the seeds", BEFORE, AFTER, "seeds in which it rises")
 

@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from datasets import ROOT
 from pages.cases import Outcomes
-from pages.page import Page, errors, number, reached, table
-from pages.parts import Wanted, finished, grown
-from pages.sections import Found, Heading, Section
+from pages.parts import Cases, Part, PartedPage, found_of
+from pages.records import Found
+from pages.tables import errors, number, reached, table
 from scale import simulated
 
 CODE = ("scale",)
@@ -24,47 +23,8 @@ SEEDS = 10
 """Of each preset."""
 KEPT = ROOT / "build" / "scale"
 
-HEADINGS: Mapping[str, Heading] = {
-    "nobody": Heading(
-        "Nobody known",
-        "Boxes only. The simulated people are drawn from the population that is assumed, and boxes reach no further than "
-        "bodies: real crowds and detectors add to this error, see the page on [pixels](perception.md).",
-    ),
-    "person": Heading(
-        "One person of known height",
-        "One person, drawn at random, is pointed at in one frame of one camera, and the true height is stated "
-        "(`[[scale.people]]`). *identities found*: ids mean nothing in another camera, and association finds who is who.",
-    ),
-    "plan": Heading(
-        "A plan",
-        f"A plan of {simulated.PLAN_PX} x {simulated.PLAN_PX} pixels that covers all cameras (`[world.plan]`), with two "
-        "cameras placed on it, the farthest apart, or two points of the ground at opposite corners of the area, clicked in the "
-        f"cameras that see them. Clicks on the plan and in the images are off by {simulated.CLICK_PX:g} px in each direction "
-        "(one standard deviation).",
-    ),
-    "length": Heading(
-        "One marked length",
-        f"A length across the middle of the area (`[[scale.lengths]]`), its ends clicked to {simulated.CLICK_PX:g} px in the "
-        f"cameras that see them, stated without an error, with a standard deviation of {100 * simulated.LENGTH_SD_M:g} cm.",
-    ),
-    "upper": Heading(
-        "Upper bodies",
-        "Nine keypoints from the nose down to hips and wrists, no boxes; three cameras, five people, nothing known of anybody.",
-    ),
-}
-"""Of the parts, in their order on the page."""
-
 _COLUMNS = ("known", "scenes", "registered", "verdicts", "error of lengths, median", "90 %", "largest", "mean, signed",
             "stated sigma, median", "within 2 sigmas", "largest, in sigmas", "shape")  # fmt: skip
-
-_HEAD = f"""# Scale
-
-Simulated scenes of the three presets, {simulated.SECONDS:g} s, boxes with {100 * simulated.BOX_NOISE:g} % noise of which
-{100 * simulated.MISSING:g} % are missing; identities are known unless a row says otherwise. *error of lengths*: how far the
-ratio of all distances between cameras to the true ones is off 1, in per cent; *mean, signed*: positive where lengths are too
-long. *stated sigma*: what the calibration says of the scale; *within 2 sigmas*: share of the scenes whose error is within twice
-that. *shape*: error of positions and orientations after similarity alignment, mean over the cameras, median over the scenes;
-nothing that is known of the scale changes it."""
 
 
 @dataclass(frozen=True)
@@ -143,29 +103,15 @@ GOALS: Mapping[str, Sequence[Goal]] = {
 }
 
 
-def run(scratch: Path, quick: bool, wanted: Wanted | None = None) -> Iterator[Page]:
-    """The page after each finished case; one seed of each preset in a quick run."""
-    del scratch
-    wanted = wanted or Wanted(KEPT, seeds=SEEDS)
-    count = 1 if quick else wanted.seeds
-    return grown("scale", head, HEADINGS, partial(_part, wanted=wanted, count=count), wanted, CODE)
-
-
-def _part(part: str, wanted: Wanted, count: int) -> Iterator[Found]:
-    return finished(part, simulated.cases(part, count), simulated.work, found_in, wanted, CODE)
-
-
-def found_in(part: str, cases: Mapping[str, simulated.ScaleCase], done: Outcomes, code: str) -> Found:
+def tabulate(part: str, cases: Cases, done: Outcomes) -> Found:
     """A part as far as it is finished."""
-    minutes = sum(case["cpu_s"] for case in done.values()) / 60
-    note = f"{len(done)} of {len(cases)} cases; {minutes:.1f} minutes of processor time; code of commit {code}."
     rows = []
     for known in dict.fromkeys(case.known for case in cases.values()):
         for preset in (None, *dict.fromkeys(case.preset for case in cases.values())):
             if some := _of(done, known, preset):
                 rows.append(_row(f"{known}, {preset or 'all'}", some))
     goals = [_goal_row(goal, some) for goal in GOALS[part] if (some := _of(done, goal.known))]
-    return Found(f"{note}\n\n{table(_COLUMNS, rows)}", {"goals": goals})
+    return found_of(cases, done, {"Scenes": table(_COLUMNS, rows)}, goals)
 
 
 def _of(done: Outcomes, known: str, preset: str | None = None) -> list[Mapping[str, Any]]:
@@ -196,9 +142,7 @@ def _goal_row(goal: Goal, cases: Sequence[Mapping[str, Any]]) -> list[str]:
     return [goal.text, measured, *(f"{limit:g}{goal.unit}" for limit in goal.limits), verdict]
 
 
-def head(sections: Sequence[Section]) -> str:
-    """What stands above the parts: the goals."""
-    goals: list[list[str]] = []
-    for section in sections:
-        goals += section.facts.get("goals", [[section.title, "not run", "", "", ""]])
-    return f"{_HEAD}\n\n## Goals\n\n{table(('case', 'measured', 'acceptable', 'aim', 'reached'), goals)}"
+PAGE = PartedPage(
+    "scale", {part: Part(partial(simulated.cases, part), simulated.work, partial(tabulate, part)) for part in GOALS},
+    CODE, KEPT, SEEDS,
+)  # fmt: skip

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from functools import partial
-from pathlib import Path
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from datasets import ROOT
 from pages.cases import Outcomes
-from pages.page import Page, number, reached, table
-from pages.parts import Wanted, finished, grown
-from pages.sections import Found, Heading, Section
-from sites import against_earlier, calibrations, cases, clusters, corridors, monitoring, race
+from pages.parts import Cases, Part, PartedPage, found_of
+from pages.records import Found
+from pages.tables import number, reached, table
+from sites import against_earlier, calibrations, clusters, corridors, monitoring, race
+from sites import cases as site_cases
 
 CODE = ("sites", "peers")
 """Folders of the benchmarks that the outcomes depend on, beside the package."""
@@ -23,50 +21,23 @@ KEPT = ROOT / "build" / "sites"
 SEEDS = 5
 """Of sites of 100 cameras by positions."""
 
-_HEAD = f"""# Sites
-
-Simulated airports (`passerby simulate --preset airport`): {cases.SECONDS / 60:g} minutes, 5 time steps a second, boxes with
-{100 * cases.BOX_NOISE:g} % noise, {100 * cases.MISSING:g} % of them missing, tracklets cut every {cases.TRACKLET_S:g} s, clocks
-off by up to 5 s, identities unknown. What is there and what is not: [Sites of many cameras](../sites.md)."""
-
 Goals = Sequence[tuple[str, str, str]]
 
 
-@dataclass(frozen=True)
-class Part:
-    """A part of the page: a heading, its goals, its cases and what is said of them."""
-
-    heading: Heading
-    goals: Goals
-    """Text, acceptable and aim."""
-    cases: Callable[[int], Mapping[str, Any]]
-    """Of a number of seeds, by key."""
-    work: Callable[[Any], Mapping[str, Any]]
-    found_in: Callable[[str, Mapping[str, Any], Outcomes, str], Found]
-
-
-def _note(wanted: Mapping[str, Any], done: Outcomes, code: str) -> str:
-    minutes = sum(case["cpu_s"] for case in done.values()) / 60
-    return f"{len(done)} of {len(wanted)} cases; {minutes:.1f} minutes of processor time; code of commit {code}."
-
-
-def simulation_found(part: str, wanted: Mapping[str, Any], done: Outcomes, code: str) -> Found:
+def tabulate_simulation(cases: Cases, done: Outcomes) -> Found:
     """Time and memory of the simulation, and what they mean for a thousand cameras."""
-    del part
     rows = [
         [str(case["cameras"]), f"{case['boxes']:,}", f"{case['cpu_s']:.0f} s", f"{case['memory_mb']:.0f} MB"]
         for case in done.values()
     ]
-    text = _note(wanted, done, code)
-    if len(done) == len(wanted):
+    notes = []
+    if len(done) == len(cases):
         small, large = done.values()
         time_s, memory_mb = (_at_thousand(small, large, key) for key in ("cpu_s", "memory_mb"))
         rows.append(["1000 (extrapolated)", "", f"{time_s:.0f} s", f"{memory_mb:.0f} MB"])
-        ratio = large["cpu_s"] / small["cpu_s"]
-        text += f" Four times the cameras take {number(ratio, 2)} times the processor time. The last row is the straight line "
-        text += "through the two, not measured."
-    columns = ("cameras", "boxes", "processor time", "largest memory")
-    return Found(f"{text}\n\n{table(columns, rows)}")
+        notes = [f"Four times the cameras take {number(large['cpu_s'] / small['cpu_s'], 2)} times the processor time."]
+    head = ("cameras", "boxes", "processor time", "largest memory")
+    return found_of(cases, done, {"Result": table(head, rows)}, notes=notes)
 
 
 def _at_thousand(small: Mapping[str, Any], large: Mapping[str, Any], key: str) -> float:
@@ -75,12 +46,11 @@ def _at_thousand(small: Mapping[str, Any], large: Mapping[str, Any], key: str) -
     return float(large[key] + slope * (1000 - large["cameras"]))
 
 
-def candidates_found(part: str, wanted: Mapping[str, Any], done: Outcomes, code: str) -> Found:
+def tabulate_candidates(cases: Cases, done: Outcomes) -> Found:
     """Recall against candidates per camera."""
-    del part
     rows = []
     for (cameras, boxes), some in _kinds(done).items():
-        share = [_percent(some, count) for count in cases.COUNTS]
+        share = [_percent(some, count) for count in site_cases.COUNTS]
         search = max(case["search_s"] for case in some)
         fewest, most = min(case["degree"][0] for case in some), max(case["degree"][2] for case in some)
         mean = float(np.mean([case["degree"][1] for case in some]))
@@ -90,7 +60,7 @@ def candidates_found(part: str, wanted: Mapping[str, Any], done: Outcomes, code:
             f"{overlaps} ({fewest} to {most}, mean {mean:.1f})", *share,
             f"{search:.1f} s", f"{max(case['memory_mb'] for case in some):.0f} MB",
         ])  # fmt: skip
-    most = cases.COUNTS[-1]
+    most = site_cases.COUNTS[-1]
     goals = []
     for cameras, boxes, goal in ((100, True, GOALS_CANDIDATES[0]), (1000, False, GOALS_CANDIDATES[1])):
         own = _kinds(done).get((cameras, boxes))
@@ -109,11 +79,11 @@ def candidates_found(part: str, wanted: Mapping[str, Any], done: Outcomes, code:
         "from",
         "sites",
         "overlaps (of a camera)",
-        *(f"at {count}" for count in cases.COUNTS),
+        *(f"at {count}" for count in site_cases.COUNTS),
         "search",
         "memory",
     )
-    return Found(f"{_note(wanted, done, code)}\n\n{table(columns, rows)}", {"goals": goals})
+    return found_of(cases, done, {"Result": table(columns, rows)}, goals)
 
 
 def _kinds(done: Outcomes) -> dict[tuple[int, bool], list[dict[str, Any]]]:
@@ -159,18 +129,16 @@ _COLUMNS = (
 )  # fmt: skip
 
 
-def halls_found(part: str, wanted: Mapping[str, Any], done: Outcomes, code: str) -> Found:
+def tabulate_halls(cases: Cases, done: Outcomes) -> Found:
     """What 32 cameras around one hall take, against 8."""
-    del part
     ratio = _growth(done, 8, 32)
     said, verdict = ("not run", "") if ratio is None else (f"{ratio:.1f} x", reached([ratio], [4.5], [4.0]))
-    text = f"{_note(wanted, done, code)}\n\n{table(_COLUMNS, [_calibration_row(case) for case in done.values()])}"
-    return Found(text, {"goals": [[GOALS_HALL[0][0], said, *GOALS_HALL[0][1:], verdict]]})
+    goals = [[GOALS_HALL[0][0], said, *GOALS_HALL[0][1:], verdict]]
+    return found_of(cases, done, {"Result": table(_COLUMNS, [_calibration_row(case) for case in done.values()])}, goals)
 
 
-def sites_found(part: str, wanted: Mapping[str, Any], done: Outcomes, code: str) -> Found:
+def tabulate_sites(cases: Cases, done: Outcomes) -> Found:
     """What sites take from tracklets, and what comes of them."""
-    del part
     by_size = {case["cameras"]: case for case in done.values()}
     goals = [[text, "not run", acceptable, aim, ""] for text, acceptable, aim in GOALS_HUNDRED]
     if (large := by_size.get(100)) is not None:
@@ -179,12 +147,11 @@ def sites_found(part: str, wanted: Mapping[str, Any], done: Outcomes, code: str)
     if (ratio := _growth(done, 25, 100)) is not None:
         goals[1][1], goals[1][-1] = f"{ratio:.1f} x", reached([ratio], [5.0], [4.2])
     rows = [_calibration_row(case) for case in done.values()]
-    return Found(f"{_note(wanted, done, code)}\n\n{table(_COLUMNS, rows)}", {"goals": goals})
+    return found_of(cases, done, {"Result": table(_COLUMNS, rows)}, goals)
 
 
-def zones_found(part: str, wanted: Mapping[str, Any], done: Outcomes, code: str) -> Found:
+def tabulate_zones(cases: Cases, done: Outcomes) -> Found:
     """What corridors take that are solved by zones, and how sure they are."""
-    del part
     goals = [[text, "not run", acceptable, aim, ""] for text, acceptable, aim in GOALS_ZONES]
     rows = [
         [
@@ -199,7 +166,7 @@ def zones_found(part: str, wanted: Mapping[str, Any], done: Outcomes, code: str)
         least = min(case["within_2"] for case in done.values())
         goals[1][1], goals[1][-1] = f"{ratio:.2f} x", reached([ratio], [1.2], [1.0])
         goals[2][1], goals[2][-1] = f"{100 * least:.0f} %", reached([-least], [-0.9], [-0.95])
-    if len(done) == len(wanted) and len(done) > 1:
+    if len(done) == len(cases) and len(done) > 1:
         *_, small, large = done.values()
         cpu_s, memory_mb = (_power_at_thousand(small, large, key) for key in ("cpu_s", "memory_mb"))
         took = [cpu_s / 60, memory_mb / 1024]
@@ -210,7 +177,7 @@ def zones_found(part: str, wanted: Mapping[str, Any], done: Outcomes, code: str)
         "cameras", "zones", "with a pose", "verdict", "position, median", "orientation, median",
         "position within the zone, in the whole / alone", "within 2 sigmas, 100 m apart", "processor time", "memory",
     )  # fmt: skip
-    return Found(f"{_note(wanted, done, code)}\n\n{table(columns, rows)}", {"goals": goals})
+    return found_of(cases, done, {"Result": table(columns, rows)}, goals)
 
 
 def _power_at_thousand(small: Mapping[str, Any], large: Mapping[str, Any], key: str) -> float:
@@ -232,9 +199,8 @@ def measure_small(case: SmallCase) -> dict[str, Any]:
     return race.measure(case) if isinstance(case, race.RaceCase) else against_earlier.measure(case)
 
 
-def small_found(part: str, wanted: Mapping[str, Any], done: Outcomes, code: str) -> Found:
+def tabulate_small(cases: Cases, done: Outcomes) -> Found:
     """What PETS2009 takes, against the version before sites, and what the solver takes, against COLMAP's."""
-    del part
     goals = [[text, "not run", acceptable, aim, ""] for text, acceptable, aim in GOALS_SMALL]
     earlier, raced = [], []
     for case in done.values():
@@ -251,19 +217,22 @@ def small_found(part: str, wanted: Mapping[str, Any], done: Outcomes, code: str)
             "PETS2009, identities given", case["about"]["against"][:10], f"{case['earlier']:.1f} s", f"{case['now']:.1f} s",
             f"{ratio:.2f}", f"{case['apart_mm']:.3g} mm", f"{case['apart_deg']:.2g}°",
         ])  # fmt: skip
-    tables = (
-        (("data", "earlier version", "its processor time", "now", "ratio", "rigs apart, position", "orientation"), earlier),
-        ((
+    heads = {
+        "Earlier version": (
+            "data", "earlier version", "its processor time", "now", "ratio", "rigs apart, position", "orientation",
+        ),
+        "COLMAP": (
             "cases", "neither fails", "Passerby fails", "COLMAP fails", "solves of Passerby", "of COLMAP", "ratio, median",
             "whole processes",
-        ), raced),
-    )  # fmt: skip
-    return Found("\n\n".join([_note(wanted, done, code), *(table(*one) for one in tables if one[1])]), {"goals": goals})
+        ),
+    }  # fmt: skip
+    rows = {"Earlier version": earlier, "COLMAP": raced}
+    tables = {caption: table(heads[caption], rows[caption]) for caption in rows if rows[caption]}
+    return found_of(cases, done, tables, goals)
 
 
-def clusters_found(part: str, wanted: Mapping[str, Any], done: Outcomes, code: str) -> Found:
+def tabulate_clusters(cases: Cases, done: Outcomes) -> Found:
     """What a cluster with dying workers takes, and whether its files are those of one process."""
-    del part
     goals = [[text, "not run", acceptable, aim, ""] for text, acceptable, aim in GOALS_CLUSTER]
     rows = [
         [
@@ -279,12 +248,11 @@ def clusters_found(part: str, wanted: Mapping[str, Any], done: Outcomes, code: s
     columns = (
         "cameras", "one process", "a process for each core", "on the cluster", "workers killed", "files", "that differ",
     )  # fmt: skip
-    return Found(f"{_note(wanted, done, code)}\n\n{table(columns, rows)}", {"goals": goals})
+    return found_of(cases, done, {"Result": table(columns, rows)}, goals)
 
 
-def monitoring_found(part: str, wanted: Mapping[str, Any], done: Outcomes, code: str) -> Found:
+def tabulate_monitoring(cases: Cases, done: Outcomes) -> Found:
     """What monitoring takes for each camera and minute, where all have news and where few have."""
-    del part
     goals = [[text, "not run", acceptable, aim, ""] for text, acceptable, aim in GOALS_MONITORING]
     rows = []
     for case in done.values():
@@ -321,8 +289,8 @@ def monitoring_found(part: str, wanted: Mapping[str, Any], done: Outcomes, code:
     found_columns = (
         "cameras", "turned", "named", "named among others", "cannot tell", "others named", "cannot tell, of all", "thinned",
     )  # fmt: skip
-    text = f"{_note(wanted, done, code)}\n\n{table(columns, rows)}\n\n{table(found_columns, found)}"
-    return Found(text, {"goals": goals})
+    tables = {"Result": table(columns, rows), "Named": table(found_columns, found)}
+    return found_of(cases, done, tables, goals)
 
 
 def _each(cpu_s: float, case: Mapping[str, Any], cameras: float) -> str:
@@ -350,105 +318,17 @@ def _calibration_row(case: Mapping[str, Any]) -> list[str]:
     ]  # fmt: skip
 
 
-PARTS: Mapping[str, Part] = {
-    "simulation": Part(
-        Heading("The simulation", "One process; boxes, truth and scene file written. Only people near a camera are looked at."),
-        (), cases.simulations, cases.measure_simulation, simulation_found,
-    ),
-    "candidates": Part(
-        Heading(
-            "Candidates",
-            "*recall*: the share of the pairs of cameras that share "
-            f"{cases.OVERLAP_M2:g} m2 of ground or more which are among the candidates, where no camera has more "
-            "than so many. *boxes*: people simulated as boxes, tracked in each camera as a calibration does it. *positions*: "
-            "ground tracks "
-            "made of where people are, with the errors of noisy boxes, because boxes and tracking of a thousand cameras take "
-            "an hour: these rows are kinder than boxes would be. *search*: processor time of the search alone, largest of the "
-            f"sites. Seeds from {cases.FIRST_SEED}; the constants of the search come from other seeds.",
-        ),
-        GOALS_CANDIDATES, cases.candidate_cases, cases.measure_candidates, candidates_found,
-    ),
-    "linear": Part(
-        Heading(
-            "One hall",
-            f"Cameras that all see one hall (preset basketball, {calibrations.HALL_SECONDS:g} s), identities known. Errors "
-            "after the best similarity.",
-        ),
-        GOALS_HALL, calibrations.halls, calibrations.measure_hall, halls_found,
-    ),
-    "hundred": Part(
-        Heading(
-            "A hundred cameras",
-            "From tracklets, on the cores of this computer. Groups of cameras that share nobody are "
-            "[rigs of their own](../sites.md#separate-groups), and errors are those within their rigs, after the best "
-            "similarity. The main rig is doubtful wherever there are other groups. No camera of these sites moved.",
-        ),
-        GOALS_HUNDRED, calibrations.sites, calibrations.measure_site, sites_found,
-    ),
-    "monitoring": Part(
-        Heading(
-            "Monitoring",
-            f"`passerby monitor` with the default [budget](../monitor.md#budget), {monitoring.SECONDS / 60:g} minutes, clocks "
-            f"synchronised. {100 * monitoring.MOVED:g} % of the cameras were turned by {monitoring.TURN_DEG:g} degrees, "
-            f"about any axis, since the rig was calibrated, whose poses have errors of {1000 * monitoring.POSITION_SD_M:g} mm "
-            f"and {monitoring.TURN_SD_DEG:g} degrees in each direction. First all cameras have news, then the first "
-            f"{100 * monitoring.NEWS:g} % of them, which are neighbours. Times are of whole processes. The rows of 1,000 "
-            "cameras are the straight line through the two sizes, not measured.",
-        ),
-        GOALS_MONITORING, monitoring.sites, monitoring.measure, monitoring_found,
-    ),
-    "thousand": Part(
-        Heading(
-            "Zones",
-            f"Corridors with a camera every {corridors.EVERY_M:g} m, all in one group; people known, "
-            f"{corridors.OF_CAMERA:g} for each camera at each of {corridors.INSTANTS} instants, boxes with "
-            f"{100 * corridors.BOX_NOISE:g} % noise. One process on one core; times of the solver, with sigmas and verdict. "
-            "Errors after the best similarity, of the whole or of each zone. The row of 1,000 cameras is the power law "
-            "through the two sizes before it, not measured.",
-        ),
-        GOALS_ZONES, corridors.corridors, corridors.measure, zones_found,
-    ),
-    "cluster": Part(
-        Heading(
-            "A cluster",
-            f"{clusters.SECONDS / 60:g} minutes of a site, from tracklets. The cluster: `dask scheduler` and "
-            f"{clusters.WORKERS} `dask worker` on loopback, one of which is killed every {clusters.KILLED_EVERY_S:g} s. All "
-            "ways share the cores of this computer. Whole commands with their reports; files are compared byte by byte.",
-        ),
-        GOALS_CLUSTER, clusters.cases, clusters.measure, clusters_found,
-    ),
-    "small": Part(
-        Heading(
-            "Small scenes",
-            "4 to 8 cameras. Both versions calibrate the same files in processes of their own, by turns. Processor time is "
-            f"that of the whole process with its report, the least of {against_earlier.REPETITIONS}. *rigs apart*: the largest "
-            "difference of a camera in the two rigs, after the best similarity. COLMAP's incremental mapper runs on the cases "
-            "of [the page of peers](peers.md), seeds together; processor seconds are sums over the cases where neither fails.",
-        ),
-        GOALS_SMALL, small_cases, measure_small, small_found,
-    ),
-}  # fmt: skip
-"""In their order on the page."""
-HEADINGS: Mapping[str, Heading] = {name: part.heading for name, part in PARTS.items()}
-
-
-def run(scratch: Path, quick: bool, wanted: Wanted | None = None) -> Iterator[Page]:
-    """The page after each finished case; one site by positions in a quick run."""
-    del scratch
-    wanted = wanted or Wanted(KEPT, tuple(PARTS), SEEDS)
-    count = 1 if quick else wanted.seeds
-    return grown("sites", head, HEADINGS, partial(_part, wanted=wanted, count=count), wanted, CODE)
-
-
-def _part(name: str, wanted: Wanted, count: int) -> Iterator[Found]:
-    part = PARTS[name]
-    return finished(name, part.cases(count), part.work, part.found_in, wanted, CODE)
-
-
-def head(sections: Sequence[Section]) -> str:
-    """What stands above the parts: the goals."""
-    goals: list[list[str]] = []
-    for section in sections:
-        unmet = [[text, "not run", acceptable, aim, ""] for text, acceptable, aim in PARTS[section.part].goals]
-        goals += section.facts.get("goals", unmet)
-    return f"{_HEAD}\n\n## Goals\n\n{table(('case', 'measured', 'acceptable', 'aim', 'reached'), goals)}"
+PAGE = PartedPage(
+    "sites",
+    {
+        "simulation": Part(site_cases.simulations, site_cases.measure_simulation, tabulate_simulation),
+        "candidates": Part(site_cases.candidate_cases, site_cases.measure_candidates, tabulate_candidates),
+        "linear": Part(calibrations.halls, calibrations.measure_hall, tabulate_halls),
+        "hundred": Part(calibrations.sites, calibrations.measure_site, tabulate_sites),
+        "monitoring": Part(monitoring.sites, monitoring.measure, tabulate_monitoring),
+        "thousand": Part(corridors.corridors, corridors.measure, tabulate_zones),
+        "cluster": Part(clusters.cases, clusters.measure, tabulate_clusters),
+        "small": Part(small_cases, measure_small, tabulate_small),
+    },
+    CODE, KEPT, SEEDS,
+)  # fmt: skip

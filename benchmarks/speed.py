@@ -7,36 +7,26 @@ from pathlib import Path
 
 import numpy as np
 
-from accuracy import NOT_HERE
 from command import ONE_THREAD, Calibrated, calibrate, run_program
 from datasets import data_set, every_second_frame, folder_of, write_scene
-from pages.page import Page, load, number, table, yes
+from pages.records import Found
+from pages.tables import Table, load, number, table, yes
 
 LARGEST_SECONDS, LARGEST_MB, LARGEST_DOUBLING = 5.0, 500.0, 2.0
 
 
-def run(scratch: Path, quick: bool) -> Page:
+def run(scratch: Path, quick: bool) -> Found:
     """The race, then PETS 2009 with all and with half of its frames, in turn."""
     before = load()
     repeats = 3 if quick else 15
-    race = _race(repeats)
-    pets = _pets(scratch, 1 if quick else 3)
+    tables = {"Adjustment": _race(repeats)}
+    if (pets := _pets(scratch, 1 if quick else 3)) is not None:
+        tables["PETS2009"] = pets
     note = f"Load of the machine (mean of a minute): {before:.1f} before, {load():.1f} after, this run included."
-    return Page("speed", f"{_HEAD.format(repeats=repeats)}\n\n{note}\n\n{race}\n\n{_PETS}\n\n{pets}\n")
+    return Found(tables, [note], f"Medians of {repeats} runs")
 
 
-_HEAD = """# Speed and memory
-
-The point bundle adjustment of 8 cameras x 2000 points, all seen by all, 1 px noise, start off by 0.03 rad and 0.2 m, intrinsics
-and one pose held; one process, the same start, in turn, after a warm-up: medians of {repeats}. Passerby's time runs from pixels
-to poses with their covariance, on one thread; pycolmap's is that of setting up and solving on two threads, its reconstruction
-already filled. *pycolmap*: with its own stopping rule (no cost tolerance); *same stop*: it may end as soon as Passerby does, at
-a gain below 1e-8 of the cost. The cost is computed alike for both."""
-
-_PETS = "A whole `passerby calibrate` of `pets2009/identities`, start of Python included, and the same with every second frame."
-
-
-def _race(repeats: int) -> str:
+def _race(repeats: int) -> Table:
     program = Path(__file__).with_name("bundle_race.py")
     result = json.loads(run_program([str(program), "--repeats", str(repeats)], ONE_THREAD).output)
     rows = []
@@ -50,11 +40,11 @@ def _race(repeats: int) -> str:
     return table(head, rows)
 
 
-def _pets(scratch: Path, repeats: int) -> str:
+def _pets(scratch: Path, repeats: int) -> Table | None:
     data = data_set("pets2009")
     folder = folder_of(data)
     if folder is None:
-        return NOT_HERE
+        return None
     scenes = {
         "all frames": write_scene(data, folder, scratch / "all"),
         "every second": write_scene(data, folder, scratch / "half", every_second_frame),

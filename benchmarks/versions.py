@@ -23,9 +23,9 @@ from typing import Any
 from command import ONE_THREAD
 from datasets import ROOT
 from pages.cases import Outcomes, run_cases
-from pages.commit import commit
 from pages.kept import Kept
-from pages.page import Page, publish, table
+from pages.records import Found, publish
+from pages.tables import table
 
 PYTHONS = ("python3.11", "python3.12", "python3.13", "python3.14")
 NEWEST, OLDEST, WHEEL = "newest", "oldest", "wheel"
@@ -41,7 +41,8 @@ def main() -> None:
     parser.add_argument("--pythons", nargs="*", default=PYTHONS, help="interpreters; those that are not here are named")
     parser.add_argument("-o", "--out", type=Path, help="folder of the page; it is printed where none is given")
     arguments = parser.parse_args()
-    publish(_pages(arguments.pythons), arguments.out, "python benchmarks/versions.py")
+    found = find(arguments.pythons)
+    publish("versions", "versions", found, arguments.out, "python benchmarks/versions.py", written=arguments.out is not None)
 
 
 def lowest(requirements: list[str]) -> list[str]:
@@ -123,30 +124,24 @@ def _output(command: list[Any]) -> str:
     return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
 
 
-def _pages(pythons: list[str]) -> Iterator[Page]:
+def find(pythons: list[str]) -> Iterator[Found]:
+    """The table after each Python."""
     there = [found for name in pythons if (found := shutil.which(name)) is not None]
     missing = [name for name in pythons if shutil.which(name) is None]
     cases = {f"{python} {end}": (python, end) for python in there for end in (NEWEST, OLDEST, WHEEL)}
     for done in run_cases(Kept(KEPT, ("versions.py",)), "versions", cases, work, 1):
-        yield Page("versions", page_text(done, missing), commit_in_text=True)
+        yield tabulate(done, missing)
 
 
-def page_text(outcomes: Outcomes, missing: list[str]) -> str:
-    """The page, of `work` by key."""
+def tabulate(outcomes: Outcomes, missing: list[str]) -> Found:
+    """The table of the outcomes of `work` by key."""
     rows = [
         [one["version"], one["end"], *(one["libraries"].get(name, "") or "-" for name in LIBRARIES),
          str(one["passed"]), str(one["skipped"]), ", ".join(one["failed"][:5]) or "none"]
         for one in outcomes.values()
     ]  # fmt: skip
-    lacking = f"\nNot here, and not tried: {', '.join(missing)}.\n" if missing else ""
-    return f"""# Versions
-
-The quick tests with each Python, with the libraries that pip chooses (*{NEWEST}*) and with the lowest that `pyproject.toml`
-admits (*{OLDEST}*); and the wheel without extras in an empty environment, by which a scene is simulated, calibrated and
-exported (*{WHEEL}*). Code of commit {commit()}.
-{lacking}
-{table(("Python", "libraries", *LIBRARIES, "passed", "skipped", "failed"), rows)}
-"""
+    notes = [f"Not here, and not tried: {', '.join(missing)}."] if missing else []
+    return Found({"Versions": table(("Python", "libraries", *LIBRARIES, "passed", "skipped", "failed"), rows)}, notes)
 
 
 if __name__ == "__main__":

@@ -16,7 +16,7 @@ from local_page.access import access_faults
 from local_page.hand import SIZE, Hand, chromium
 from local_page.judging import against, best_views, ends_of
 from local_page.serving import served
-from pages.page import load
+from pages.tables import load
 from passerby.interchange.rig_toml import read_rig
 
 NOISE_PX = 2.0

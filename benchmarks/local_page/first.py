@@ -11,7 +11,7 @@ from typing import Any
 from local_page.hand import SIZE, chromium
 from local_page.hour import CAMERAS, hour_scene
 from local_page.serving import TIMEOUT_S, served
-from pages.page import load
+from pages.tables import load
 
 REPEATS = 5
 SHOWN = "() => [...document.querySelectorAll('.stage img')].filter((one) => one.complete && one.naturalWidth > 0).length"

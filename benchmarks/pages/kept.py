@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import passerby
-from pages.page import PACKAGES
+from pages.tables import PACKAGES
 from passerby.interchange.storage.atomic import write_text
 
 BENCHMARKS = Path(__file__).resolve().parents[1]

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from concurrent.futures import Executor
 
-from pages.page import Page, number, table
+from pages.records import Found
+from pages.tables import Table, number, table
 from paper.conditions import Condition, Outcome, run_conditions
 from paper.goals import BOX_NOISE
 from paper.plots import Axis
 from paper.spread import FAILS, failures, of, quartiles
-from paper.sweep import Swept, curve_page, seeds_of, sweep
+from paper.sweep import Swept, curve_found, seeds_of, sweep
 from paper.wanted import Wanted
 from passerby.common.progress import Progress
 from passerby.scene.tables import SEARCHED_S
@@ -27,24 +28,13 @@ UNEVEN_FPS = 50.0
 SAMPLED_OFFSET_S, SAMPLED_SEEDS = 1.3, 2
 
 
-def run(wanted: Wanted, executor: Executor | None, tell: Progress) -> Page:
+def run(wanted: Wanted, executor: Executor | None, tell: Progress) -> Found:
     """One scene, four levels, five seeds, three ways to deal with clocks; one level and two seeds in a quick run."""
     levels = QUICK_LEVELS if wanted.quick else LEVELS
     swept = sweep(_condition, PRESETS, METHODS, levels, SEEDS, wanted, executor, tell, "clocks")
-    head = _HEAD.format(seeds=swept.seeds, noise=100 * BOX_NOISE, search=SEARCHED_S)
     axis = Axis("largest clock offset, s", "offsets, s")
-    sampled = _sampled_frames(wanted, executor, tell)
-    return curve_page("clocks", head, swept, axis, f"{_clocks(swept)}\n\n{sampled}")
-
-
-_HEAD = """# Clocks
-
-Every camera but the first has a clock of its own, constantly off by up to plus or minus so much; 5 instants a second, so that
-most offsets are no whole frames. Edges of boxes have noise of {noise:g} % of the box height; {seeds} seeds.
-
-*given, searched*: identities are given, offsets up to {search:g} s are searched for. *combined*: neither identities nor clocks
-are known, the default of a scene file; boxes come without appearance, and everybody is one tracklet in each camera. *given, not
-searched*: the clocks are taken to agree."""
+    tables = {"Clock errors": _clocks(swept), "Sampled frames": _sampled_frames(wanted, executor, tell)}
+    return curve_found("clocks", swept, axis, tables)
 
 
 def _condition(preset: str, method: str, level: float, seed: int) -> Condition:
@@ -54,7 +44,7 @@ def _condition(preset: str, method: str, level: float, seed: int) -> Condition:
     return Condition(options, search_s=0.0 if method == UNSEARCHED else SEARCHED_S)
 
 
-def _sampled_frames(wanted: Wanted, executor: Executor | None, tell: Progress) -> str:
+def _sampled_frames(wanted: Wanted, executor: Executor | None, tell: Progress) -> Table:
     """How well the clocks are found from every n-th picture of videos of all usual rates."""
     rates: tuple[float | None, ...] = (25.0,) if wanted.quick else (*RATES, None)
     every, seeds = (1, 6) if wanted.quick else EVERY, range(seeds_of(wanted, SAMPLED_SEEDS))
@@ -69,15 +59,7 @@ def _sampled_frames(wanted: Wanted, executor: Executor | None, tell: Progress) -
         rate_shown = "uneven" if rate is None else f"{rate:g}"
         rows.append([rate_shown, f"{step}", method, shown, *_clock_cells(outcomes), verdicts])
     head = ("frames per second", "every n-th", "method", "similarity", "clock error, median", "worst", "failed", "verdicts")
-    return f"{_SAMPLED.format(offset=SAMPLED_OFFSET_S, fps=UNEVEN_FPS, seeds=len(seeds))}\n\n{table(head, rows)}"
-
-
-_SAMPLED = """## Sampled frames
-
-A detector seldom looks at every frame of a video. Here it looks at every n-th, from each camera's first on; the clocks are off
-by up to plus or minus {offset:g} s, which is no whole number of samples. *uneven*: the pictures come at uneven times, 17 to
-{fps:g} a second, other ones in each camera, as a phone's do. Terrace, {seeds} seeds: similarity error of each, clock errors
-over them."""
+    return table(head, rows)
 
 
 def _of_rate(rate: float | None, every: int, method: str, seed: int) -> Condition:
@@ -88,7 +70,7 @@ def _of_rate(rate: float | None, every: int, method: str, seed: int) -> Conditio
     return Condition(options, search_s=SEARCHED_S, every=every, uneven=rate is None)
 
 
-def _clocks(swept: Swept) -> str:
+def _clocks(swept: Swept) -> Table:
     """How well the clocks are found."""
     rows = [
         [preset, f"{level:g}", method, *_clock_cells(swept.outcomes[preset, method, level])]
@@ -97,8 +79,7 @@ def _clocks(swept: Swept) -> str:
         for method in swept.methods
     ]
     head = ("scene", "offsets, s", "method", "clock error, median", "worst", "failed")
-    about = "Mean error over the cameras of the offsets to the first camera's clock:"
-    return f"{about}\n\n{table(head, rows)}"
+    return table(head, rows)
 
 
 def _clock_cells(outcomes: tuple[Outcome, ...]) -> list[str]:

@@ -28,7 +28,7 @@ def benchmark(
     Each part is a page of tables and plots. Pages that are finished stay when the command is stopped, and the same command goes
     on where it was. Needs the extra "evidence" of the package.
     """
-    from pages.page import publish
+    from pages.records import publish
     from paper.parts import PARTS, chosen_parts
     from paper.plots import check_plots
     from paper.wanted import Wanted
@@ -46,7 +46,8 @@ def benchmark(
     wanted = Wanted(quick, seeds, data, scenes, out / KEPT)
     with stages() as tell, local_processes(MUCH_WORK_BYTES, 0) as executor:
         for name, part in chosen.items():
-            publish(part.load()(wanted, executor, tell), out, _command(name, wanted.quick, wanted.seeds, data is not None))
+            found = part.load()(wanted, executor, tell)
+            publish(name, name, found, out, _command(name, wanted.quick, wanted.seeds, data is not None), quick=wanted.quick)
     shutil.rmtree(out / KEPT, ignore_errors=True)
 
 

@@ -6,12 +6,13 @@ from collections.abc import Sequence
 from concurrent.futures import Executor
 from typing import Any
 
-from pages.page import Page, table, yes
+from pages.records import Found
+from pages.tables import Table, table, yes
 from paper.conditions import Condition, Outcome
 from paper.goals import BOX_NOISE
 from paper.plots import Axis
-from paper.spread import ABOUT, failures, median_errors, of, quartiles, worst_errors
-from paper.sweep import Swept, presets_of, sweep
+from paper.spread import failures, median_errors, of, quartiles, worst_errors
+from paper.sweep import Swept, curve_found, presets_of, sweep
 from paper.wanted import Wanted
 from passerby.common.progress import Progress
 from passerby.geometry.two_view import MIN_POINTS
@@ -35,54 +36,11 @@ ENOUGH_MM, ENOUGH_DEG = 400.0, 1.1
 """The paper's own mean over its three scenes, of all its correspondences, is 404 mm and 1.08 degrees."""
 
 
-def run(wanted: Wanted, executor: Executor | None, tell: Progress) -> Page:
+def run(wanted: Wanted, executor: Executor | None, tell: Progress) -> Found:
     """Three scenes, eight numbers, five seeds, three methods; one scene, three numbers and two seeds in a quick run."""
     levels = QUICK_LEVELS if wanted.quick else LEVELS
     swept = sweep(_condition, presets_of(wanted), tuple(METHODS), levels, SEEDS, wanted, executor, tell, "correspondences")
-    plots = {
-        "correspondences-similarity.svg": swept.plot("similarity_mm", AXIS, "similarity error, mm"),
-        "correspondences-metric.svg": swept.plot("metric_mm", AXIS, "metric error, mm"),
-    }
-    text = _TEXT.format(
-        seeds=swept.seeds, box_noise=100 * BOX_NOISE, joint_noise=JOINT_NOISE_PX, min_points=MIN_POINTS, about=ABOUT,
-        enough_mm=ENOUGH_MM, enough_deg=ENOUGH_DEG, claims=_claims(swept), tables=swept.tables(AXIS),
-        failures=swept.failures(AXIS),
-    )  # fmt: skip
-    return Page("correspondences", text, plots)
-
-
-_TEXT = """# Number of correspondences
-
-A correspondence is one person at one instant (a *person-instant*) whose whole box two cameras see. Of the reference camera's
-person-instants, in one random order, each other camera keeps the first n that it sees too, and no other box; the reference
-keeps what any of them has kept. So each camera shares exactly n person-instants with the reference, and two others share at
-most n: those that both see. Edges of boxes have noise of {box_noise:g} % of the box height, joints of {joint_noise:g} px;
-identities are given; {seeds} seeds.
-
-*geopose* is the paper's solver on box centres: its least number of correspondences is set to {min_points}, as few as an
-essential matrix can be told from, where its default refuses fewer than 20. *people* is the person model on boxes, *people,
-joints* the same on joints alone.
-
-{about}
-
-## Claims
-
-*enough*: the medians are at most {enough_mm:g} mm and {enough_deg:g}°, about the paper's mean over its three scenes; in
-brackets the seeds of which this holds. The metric errors are mostly those of the scale, which comes from the heights of few
-people at few instants, standing or not; with one known length the similarity errors are what is left.
-
-{claims}
-
-![Similarity errors against the number](correspondences-similarity.svg)
-
-![Metric errors against the number](correspondences-metric.svg)
-
-## By scene
-
-{tables}
-
-{failures}
-"""
+    return curve_found("correspondences", swept, AXIS, {"Claims": _claims(swept)})
 
 
 def _condition(preset: str, method: str, level: float, seed: int) -> Condition:
@@ -90,7 +48,7 @@ def _condition(preset: str, method: str, level: float, seed: int) -> Condition:
     return Condition(options, shared=int(level), **METHODS[method])
 
 
-def _claims(swept: Swept) -> str:
+def _claims(swept: Swept) -> Table:
     rows = []
     for preset in swept.presets:
         for method in swept.methods:

@@ -5,14 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from pages.page import Page, number, table, yes
+from pages.records import Found
+from pages.tables import Table, number, table, yes
 from paper.conditions import Condition, Method, Outcome
 from paper.paper_figures import NOISE, NOISE_FAILS_PX, POSES
 from paper.plots import Axis, Line, Panel, error_plot
-from paper.spread import ABOUT, FAILS, failures, median, median_errors, of, worst_errors
-from paper.sweep import Swept, sweep
+from paper.spread import FAILS, failures, median, median_errors, of, worst_errors
+from paper.sweep import Swept, curve_found, sweep
 from paper.wanted import Wanted
 from passerby.common.progress import Progress
 from passerby.simulation import PRESETS, SimulationOptions
@@ -36,60 +37,20 @@ class Goal:
 GOALS = (Goal("basketball", 10.0, 100.0, 0.5), Goal("basketball", 20.0, 100.0, 0.5))
 
 
-def run(wanted: Wanted, executor: Executor | None, tell: Progress) -> Page:
+def run(wanted: Wanted, executor: Executor | None, tell: Progress) -> Found:
     """Three scenes, seven levels, five seeds, two methods; two levels and two seeds in a quick run."""
     levels = QUICK_LEVELS if wanted.quick else LEVELS
     swept = sweep(_condition, tuple(PRESETS), tuple(METHODS), levels, SEEDS, wanted, executor, tell, "noise")
-    plots = {
-        "noise-metric.svg": error_plot(_with_paper(swept), AXIS, "metric error, mm"),
-        "noise-similarity.svg": swept.plot("similarity_mm", AXIS, "similarity error, mm"),
-    }
-    text = _TEXT.format(
-        seeds=swept.seeds, paper=_against_paper(swept), goals=_goals(swept), about=ABOUT,
-        tables=swept.tables(AXIS), failures=swept.failures(AXIS),
-    )  # fmt: skip
-    return Page("noise", text, plots)
-
-
-_TEXT = """# Noise of the boxes
-
-Both corners of every box are moved by uniform noise of plus or minus N pixels on each coordinate: Table 3 of the paper, on the
-simulated scenes that stand for its three real ones (40 s, 5 instants a second, 4 cameras, identities given), {seeds} seeds.
-*geopose* is the paper's solver, *people* the person model, which is the default. Both are told that people are 1.72 m tall on
-average, the mean of those whom the simulated people are drawn from.
-
-{about}
-
-## Against the paper
-
-Metric errors. *better*: the medians of position and orientation are both below the paper's figures; in brackets the seeds of
-which this holds. Where the paper fails, it says only that all cameras have poses: the errors tell of what worth.
-
-{paper}
-
-![Metric errors against the noise](noise-metric.svg)
-
-## Goals
-
-Similarity errors of the default method.
-
-{goals}
-
-## By scene
-
-![Similarity errors against the noise](noise-similarity.svg)
-
-{tables}
-
-{failures}
-"""
+    found = curve_found("noise", swept, AXIS, {"Against the paper": _against_paper(swept), "Default method": _goals(swept)})
+    metric = error_plot(_with_paper(swept), AXIS, "metric error, mm")
+    return replace(found, files={**found.files, "noise-metric.svg": metric})
 
 
 def _condition(preset: str, method: str, level: float, seed: int) -> Condition:
     return Condition(SimulationOptions(preset=preset, seed=seed, corner_noise_px=level), METHODS[method])
 
 
-def _against_paper(swept: Swept) -> str:
+def _against_paper(swept: Swept) -> Table:
     rows = []
     for preset in swept.presets:
         for level in swept.levels:
@@ -127,7 +88,7 @@ def _better(outcomes: tuple[Outcome, ...], paper: tuple[float, float] | None) ->
     return f"{yes(middle)} ({sum(better)} of {len(better)})"
 
 
-def _goals(swept: Swept) -> str:
+def _goals(swept: Swept) -> Table:
     rows = []
     for goal in GOALS:
         outcomes = swept.outcomes[goal.preset, "people", goal.level]

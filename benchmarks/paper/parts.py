@@ -7,19 +7,20 @@ import importlib
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
+from functools import partial
 from types import MappingProxyType
 from typing import Protocol
 
-from pages.page import Page
+from pages.records import Found
 from paper.wanted import Wanted
 from passerby.common.errors import InputError
 from passerby.common.progress import Progress
 
 
 class Run(Protocol):
-    """Measures a part and makes its page."""
+    """Measures a part of the benchmark."""
 
-    def __call__(self, wanted: Wanted, executor: Executor | None, tell: Progress) -> Page:
+    def __call__(self, wanted: Wanted, executor: Executor | None, tell: Progress) -> Found:
         """What the user wants; None for the executor: one thing after the other."""
 
 
@@ -32,10 +33,13 @@ class Part:
     says: str
     """One line for `python benchmarks/run_paper.py --list`."""
 
+    curve: str = ""
+    """Of `paper.curves`."""
+
     def load(self) -> Run:
         """The function that measures it."""
-        run: Run = importlib.import_module(f"paper.{self.module}").run
-        return run
+        run = importlib.import_module(f"paper.{self.module}").run
+        return partial(run, self.curve) if self.curve else run
 
 
 PARTS: Mapping[str, Part] = MappingProxyType(
@@ -44,12 +48,12 @@ PARTS: Mapping[str, Part] = MappingProxyType(
         "simulated": Part("simulated", "the simulated scenes without faults, against the goals"),
         "noise": Part("noise", "Table 3 of the paper: errors under uniform noise of the boxes' corners"),
         "correspondences": Part("correspondences", "errors against the number of correspondences of two cameras, 5 to 500"),
-        "swaps": Part("swaps", "errors when 0 to 50 % of the identities are exchanged"),
-        "missing": Part("missing", "errors when 0 to 80 % of the boxes are missing"),
+        "swaps": Part("curves", "errors when 0 to 50 % of the identities are exchanged", "swaps"),
+        "missing": Part("curves", "errors when 0 to 80 % of the boxes are missing", "missing"),
         "clocks": Part("clocks", "errors when the cameras' clocks differ by 0 to 1 s"),
-        "cameras": Part("cameras", "errors with 2 to 8 cameras"),
-        "people": Part("people", "errors with 1 to 20 people"),
-        "seconds": Part("seconds", "errors with 10 to 80 s"),
+        "cameras": Part("curves", "errors with 2 to 8 cameras", "cameras"),
+        "people": Part("curves", "errors with 1 to 20 people", "people"),
+        "seconds": Part("curves", "errors with 10 to 80 s", "seconds"),
         "tracking": Part("tracking", "people's ways over the ground, by estimated and by true cameras"),
     }
 )

@@ -8,7 +8,8 @@ from concurrent.futures import Executor
 
 import numpy as np
 
-from pages.page import Page, number, reached, table, yes
+from pages.records import Found
+from pages.tables import Table, number, reached, table, yes
 from paper.conditions import Condition, Method, Outcome
 from paper.goals import BOX_NOISE, GRAVITY_GOAL_DEG, GROUND_GOAL_MM, PRESETS, SCALE_GOAL
 from paper.paper_figures import POSES, POSES_MEAN
@@ -24,34 +25,13 @@ METHODS: Mapping[str, Method] = {"people": "people", "geopose": "geopose"}
 Results = Mapping[str, Sequence[Outcome]]
 
 
-def run(wanted: Wanted, executor: Executor | None, tell: Progress) -> Page:
+def run(wanted: Wanted, executor: Executor | None, tell: Progress) -> Found:
     """Three scenes, ten seeds, two methods; two seeds in a quick run."""
     swept = sweep(_condition, tuple(PRESETS), tuple(METHODS), (BOX_NOISE,), SEEDS, wanted, executor, tell, "simulated")
     people, geopose = ({p: swept.outcomes[p, method, BOX_NOISE] for p in swept.presets} for method in METHODS)
-    text = _TEXT.format(
-        seeds=swept.seeds, noise=100 * BOX_NOISE, scale=100 * SCALE_GOAL[0], scale_aim=100 * SCALE_GOAL[1],
-        people=_people(people), world=_world(people), geopose=_geopose(geopose, people),
-    )  # fmt: skip
-    return Page("simulated", text)
-
-
-_TEXT = """# Simulated scenes
-
-`passerby simulate --preset ... --box-noise 0.02`: 40 s at 5 instants a second, 4 cameras, edges of boxes with a noise of
-{noise:g} % of the box height, identities given: the mean over {seeds} seeds, and the worst seed; a failure counts as an
-infinite error. *aim* is half of *acceptable*; the error of the scale counts too ({scale:g} % and {scale_aim:g} %).
-
-{people}
-
-{world}
-
-The paper's solver (`method = "geopose"`) on the same scenes, with the scene file's prior of a 1.72 m person, the
-mean of those whom the simulated people are drawn from (the paper's 1.75 m would be 1.7 % too long here from the start).
-*metric*: the reference camera held. *paper*: its own figures on the real scenes. The last column: seeds on which the person
-model's similarity error is no larger than GeoPose's.
-
-{geopose}
-"""
+    return Found(
+        {"Errors": _people(people), "World": _world(people), "GeoPose": _geopose(geopose, people)}, run=f"{swept.seeds} seeds"
+    )
 
 
 def _condition(preset: str, method: str, level: float, seed: int) -> Condition:
@@ -66,7 +46,7 @@ def _mean_errors(outcomes: Sequence[Outcome], placement: str) -> tuple[float, fl
     return _mean(outcomes, f"{placement}_mm"), _mean(outcomes, f"{placement}_deg")
 
 
-def _people(results: Results) -> str:
+def _people(results: Results) -> Table:
     rows = []
     for preset, outcomes in results.items():
         goal = PRESETS[preset]
@@ -79,7 +59,7 @@ def _people(results: Results) -> str:
     return table(("scene", "similarity", "worst seed", "acceptable", "scale error", "worst", "reached", "failed"), rows)
 
 
-def _world(results: Results) -> str:
+def _world(results: Results) -> Table:
     rows = []
     for preset, outcomes in results.items():
         gravity, ground = of(outcomes, "gravity_deg"), of(outcomes, "ground_mm")
@@ -93,7 +73,7 @@ def _world(results: Results) -> str:
     return table(("scene", "vertical", "worst", "ground", "worst", within, "metric", "verdicts"), rows)
 
 
-def _geopose(results: Results, people: Results) -> str:
+def _geopose(results: Results, people: Results) -> Table:
     rows, means = [], []
     paper = POSES["boxes-re-id"]
     for preset, outcomes in results.items():

@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from pages.page import errors, number
+from pages.tables import errors, number
 
 if TYPE_CHECKING:
     from paper.conditions import Outcome
@@ -19,11 +19,6 @@ HEAD = (
     "verdicts",
 )  # fmt: skip
 """Of the cells of `spread_cells`."""
-
-ABOUT = """Medians and quartiles over the seeds; a failure (a refusal, or a camera without a pose) counts as an infinite error,
-so that nothing is averaged away, and is counted under *failed* and at the top of the plots (2/5: two seeds of five).
-*similarity*: the mean over the cameras of the errors of position and orientation when the scale is set by the truth. *metric*:
-with the scale as it was found and the reference camera held: the paper's measure."""
 
 
 def quartiles(values: Sequence[float]) -> tuple[float, float, float]:

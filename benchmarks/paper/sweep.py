@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
+from types import MappingProxyType
 
-from pages.page import Page, table
+from pages.records import Found
+from pages.tables import Table, table
 from paper.conditions import Condition, Outcome, run_conditions
 from paper.plots import Axis, Line, Panel, error_plot
-from paper.spread import ABOUT, HEAD, of, spread_cells
+from paper.spread import HEAD, of, spread_cells
 from paper.wanted import Wanted
 from passerby.common.progress import Progress
 from passerby.simulation import PRESETS
@@ -31,11 +33,11 @@ class Swept:
     outcomes: Mapping[tuple[str, str, float], tuple[Outcome, ...]]
     """(preset, method, level) -> outcome by seed."""
 
-    def tables(self, axis: Axis) -> str:
-        """A section a preset: the spread of the errors by level and method."""
-        return "\n\n".join(f"### {preset}\n\n{self._table(preset, axis)}" for preset in self.presets)
+    def tables(self, axis: Axis) -> dict[str, Table]:
+        """The spread of the errors by level and method, for each preset."""
+        return {preset: self._table(preset, axis) for preset in self.presets}
 
-    def _table(self, preset: str, axis: Axis) -> str:
+    def _table(self, preset: str, axis: Axis) -> Table:
         rows = [
             [axis.text(level), method, *spread_cells(self.outcomes[preset, method, level])]
             for level in self.levels
@@ -43,8 +45,8 @@ class Swept:
         ]
         return table((axis.head, "method", *HEAD), rows)
 
-    def failures(self, axis: Axis) -> str:
-        """A section that tells of each condition with failures what the first of them said."""
+    def failures(self, axis: Axis) -> list[str]:
+        """What the first failure of each condition with failures says, as one list."""
         lines = []
         for (preset, method, level), outcomes in self.outcomes.items():
             failed = [(seed, outcome) for seed, outcome in enumerate(outcomes) if outcome.failed]
@@ -53,7 +55,7 @@ class Swept:
                 where = f"{preset}, {axis.text(level)}, {method}: {len(failed)} of {len(outcomes)}"
                 what = f"{first.verdict}, {first.registered} of {first.cameras} cameras: {first.reason}"
                 lines.append(f"- {where}; seed {seed}, {what}")
-        return "\n".join(["## Failures", "", *(lines or ["None."])])
+        return ["\n".join(lines)] if lines else []
 
     def panels(self, figure: str, names: Mapping[str, str] | None = None) -> list[Panel]:
         """A panel a preset, a line a method, of one figure of the outcomes."""
@@ -77,23 +79,13 @@ class Swept:
         return error_plot(self.panels(figure), axis, y_label)
 
 
-def curve_page(name: str, head: str, swept: Swept, axis: Axis, more: str = "") -> Page:
-    """A page of a title, plots of both errors and the tables by scene.
-
-    Args:
-        name: of the page.
-        head: its title and what is done.
-        swept: the outcomes.
-        axis: how to tell the levels.
-        more: what stands between the head and the plots.
-    """
-    plots = {
+def curve_found(name: str, swept: Swept, axis: Axis, tables: Mapping[str, Table] = MappingProxyType({})) -> Found:
+    """Some tables, those of all scenes, the failures, and plots of both errors, which begin with the page's name."""
+    files = {
         f"{name}-similarity.svg": swept.plot("similarity_mm", axis, "similarity error, mm"),
         f"{name}-metric.svg": swept.plot("metric_mm", axis, "metric error, mm"),
     }
-    parts = [head.strip(), ABOUT, more.strip(), f"![Similarity errors]({name}-similarity.svg)",
-             f"![Metric errors]({name}-metric.svg)", "## By scene", swept.tables(axis), swept.failures(axis)]  # fmt: skip
-    return Page(name, "\n\n".join(filter(None, parts)) + "\n", plots)
+    return Found({**tables, **swept.tables(axis)}, swept.failures(axis), f"{swept.seeds} seeds", files)
 
 
 def sweep(

@@ -7,23 +7,10 @@ from concurrent.futures import Executor
 
 import numpy as np
 
-from pages.page import Page, number, table, yes
+from pages.records import Found
+from pages.tables import Table, number, table, yes
 from paper.spread import FAILS, quartiles
-from paper.tracking_runs import (
-    BOX_NOISE,
-    CAMERAS,
-    FAILED,
-    TAPE_SD_M,
-    TRACKLET_S,
-    Case,
-    Job,
-    Outcome,
-    RealOutcome,
-    RealSet,
-    data_folder,
-    run_case,
-    run_set,
-)
+from paper.tracking_runs import CAMERAS, FAILED, Case, Job, Outcome, RealOutcome, RealSet, data_folder, run_case, run_set
 from paper.wanted import Wanted
 from passerby.common.parallel import side_by_side
 from passerby.common.progress import Progress
@@ -41,7 +28,7 @@ REAL = (("pets2009", 7.0), ("wildtrack", 2.0), ("multiviewx", 2.0))
 """Folders of the data, and the frame rates that their publishers tell."""
 
 
-def run(wanted: Wanted, executor: Executor | None, tell: Progress) -> Page:
+def run(wanted: Wanted, executor: Executor | None, tell: Progress) -> Found:
     """Three scenes of three kinds, then the real sets that are at hand; one seed and few kinds in a quick run."""
     seeds = wanted.seeds or (QUICK_SEEDS if wanted.quick else SEEDS)
     found_seeds = wanted.seeds or min(seeds, FOUND_SEEDS)
@@ -57,15 +44,13 @@ def run(wanted: Wanted, executor: Executor | None, tell: Progress) -> Page:
     outcomes = dict(zip(cases, side_by_side(run_case, jobs, executor, tell, "tracking"), strict=True))
     sets = [] if wanted.quick else [RealSet(name, fps, data_folder(wanted.data, name)) for name, fps in REAL]
     real = side_by_side(run_set, sets, executor, tell, "tracking, real data sets")
-    text = _TEXT.format(
-        seeds=seeds, found_seeds=found_seeds, plural="" if seeds == 1 else "s", noise=f"{100 * BOX_NOISE:g}",
-        paper=f"{PAPER_M[0]} to {PAPER_M[1]} m",
-        given=_table(outcomes, "given"), tape=_table(outcomes, "given", tape=True),
-        tape_sd=f"{100 * TAPE_SD_M:g}", found=_table(outcomes, "found"), goals=_goals(outcomes),
-        sigmas=_sigma_table(outcomes), real=_real_table(real) if real else "*not run* in a quick run", goal=GOAL_M,
-        piece=f"{TRACKLET_S:g}",
-    )  # fmt: skip
-    return Page("tracking", text)
+    tables = {
+        "Identities given": _table(outcomes, "given"), "One length measured": _table(outcomes, "given", tape=True),
+        "Identities found": _table(outcomes, "found"), "Within the goal": _goals(outcomes), "Sigmas": _sigma_table(outcomes),
+    }  # fmt: skip
+    if real:
+        tables["Real data sets"] = _real_table(real)
+    return Found(tables, run=f"{seeds} seeds, {found_seeds} where identities are found")
 
 
 HEAD = (
@@ -73,7 +58,7 @@ HEAD = (
 )  # fmt: skip
 
 
-def _table(outcomes: dict[Case, Outcome], identities: str, *, tape: bool = False) -> str:
+def _table(outcomes: dict[Case, Outcome], identities: str, *, tape: bool = False) -> Table:
     """A row for each preset and method; medians over the seeds, the worst in brackets."""
     rows = []
     for preset in PRESETS:
@@ -104,7 +89,7 @@ def _percent(share: float) -> str:
     return FAILS if share == FAILED else f"{number(100 * share)} %"
 
 
-def _goals(outcomes: dict[Case, Outcome]) -> str:
+def _goals(outcomes: dict[Case, Outcome]) -> Table:
     """Whether every seed is within the goal and below the paper's best, by the default method."""
     rows = []
     for preset in PRESETS:
@@ -124,7 +109,7 @@ def _goals(outcomes: dict[Case, Outcome]) -> str:
     return table(head, rows)
 
 
-def _sigma_table(outcomes: dict[Case, Outcome]) -> str:
+def _sigma_table(outcomes: dict[Case, Outcome]) -> Table:
     """How honest the sigmas are, and what one camera alone is good for."""
     rows = []
     for preset in PRESETS:
@@ -138,7 +123,7 @@ def _sigma_table(outcomes: dict[Case, Outcome]) -> str:
     return table(("scene", "places within their sigma", "places seen by one camera, distance"), rows)
 
 
-def _real_table(sets: Sequence[RealOutcome]) -> str:
+def _real_table(sets: Sequence[RealOutcome]) -> Table:
     """A row for each real set and method."""
     head = (
         "data set", "method", "by a similarity", "by the reference camera", "true cameras", "scale error",
@@ -154,59 +139,3 @@ def _real_table(sets: Sequence[RealOutcome]) -> str:
             cells = [_cell([one.outcome.mean_m[f"{method} {cameras}"]]) for cameras in CAMERAS]
             rows.append([one.name, method, *cells, _percent(one.outcome.scale_error), apart if method == "smoothed" else ""])
     return table(head, rows)
-
-
-_TEXT = """# People's ways over the ground
-
-`passerby track` tells where everybody was at each instant. How far that lies from the truth, on the simulated scenes that
-stand for the paper's three real ones (40 s, 5 instants a second, 4 cameras, box noise {noise} %), {seeds} seed{plural}: the
-mean horizontal distance over all places. *smoothed* is the default: people as upright bodies on the ground, cameras that
-vote, a smoother over time. *pairwise* is the paper's way, the mean of the pairwise triangulations of the box centres; on its
-real scenes it stays within {paper} of the truth.
-
-The estimated world is placed upon the true one twice. *By a similarity* forgives the scale: what is left is the shape of the
-rig and of the ways. *By the reference camera* forgives nothing: with people's height as the only scale the size of the world
-is known to some per cent only (*scale error*), and a person far from the reference camera is off by that share of the way; one
-length known with a tape takes it away. *True cameras*: the same boxes with the true cameras, so that the difference is what the
-calibration costs. Medians over the seeds, the worst seed in brackets; a calibration that fails counts as infinitely far.
-
-## Identities given
-
-{given}
-
-## Identities given, one length measured
-
-The same, and the distance between two opposite cameras is known to {tape_sd} cm (`[[scale.distances]]`).
-
-{tape}
-
-## Identities found
-
-Each camera has tracklets of its own, {piece} s long on average, and appearance that tells people apart (mode "combined");
-seeds: {found_seeds}. People are matched to the true ones one to one; what an identity has of somebody else counts as error,
-what a person has under a second identity is not *covered*.
-
-{found}
-
-## Goals
-
-Within {goal} m in every seed, by the default method.
-
-{goals}
-
-What remains with the true cameras is mostly bodies: the true place is between the feet, a box shows the whole body, and who
-crouches, leans or carries is not above his feet.
-
-## Sigmas, and one camera alone
-
-By the true cameras, identities given. Of two-dimensional normal errors 63 % lie within one sigma (the root mean square).
-
-{sigmas}
-
-## Real data sets
-
-Boxes with true identities. The true positions of real sets were marked on a grid or derived from several views, with errors of
-their own.
-
-{real}
-"""

@@ -18,7 +18,9 @@ import numpy as np
 from datasets import data_root
 from lenses.outcomes import outcome
 from pages.cases import Outcomes
-from pages.page import number, table
+from pages.parts import found_of
+from pages.records import Found
+from pages.tables import Table, number, table
 from passerby.calibration.in_memory import calibrate_observations
 from passerby.common.errors import InputError
 from passerby.core.cameras import Camera, Lens, Pose, Rig
@@ -116,18 +118,14 @@ def _keypoints(scene: Mapping[str, Any], truth: Rig, stick: bool) -> dict[str, K
     }
 
 
-def text_of(given: Mapping[str, PublicCase], done: Outcomes, code: str) -> str:
+def tabulate(given: Mapping[str, PublicCase], done: Outcomes) -> Found:
     """The tables of the finished cases."""
     if not given:
-        return "Not run: data not here."
-    minutes = sum(one["cpu_s"] for one in done.values()) / 60
-    parts = [f"{len(done)} of {len(given)} cases; {minutes:.1f} minutes of processor time; code of commit {code}."]
-    for lenses, title in LENSES.items():
-        parts += [f"### {title}", _table(given, done, lenses)]
-    return "\n\n".join(parts)
+        return Found(notes=["Not run: data not here."])
+    return found_of(given, done, {title: _table(given, done, lenses) for lenses, title in LENSES.items()})
 
 
-def _table(given: Mapping[str, PublicCase], done: Outcomes, lenses: str) -> str:
+def _table(given: Mapping[str, PublicCase], done: Outcomes, lenses: str) -> Table:
     groups: dict[tuple[int, float, str], list[dict[str, Any]]] = {}
     for key, case in given.items():
         if case.lenses == lenses and key in done:

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from statistics import median
 
-from pages.page import errors, number, table, yes
+from pages.tables import Table, errors, number, table, yes
 from peers.judging import Result
 
 PASSERBY, CALISCOPE = "Passerby", "caliscope"
@@ -34,7 +34,7 @@ class Row:
         return self.data, self.condition, self.points
 
 
-def errors_table(rows: Sequence[Row], engines: Sequence[str]) -> str:
+def errors_table(rows: Sequence[Row], engines: Sequence[str]) -> Table:
     """Similarity errors and failures, an engine a column; the last column names the peers that are better."""
     head = ("data", "condition", "points", PASSERBY, *engines, "better than Passerby")
     return table(
@@ -42,13 +42,13 @@ def errors_table(rows: Sequence[Row], engines: Sequence[str]) -> str:
     )
 
 
-def costs_table(rows: Sequence[Row], engines: Sequence[str]) -> str:
+def costs_table(rows: Sequence[Row], engines: Sequence[str]) -> Table:
     """Seconds of the solver alone and of the whole process, and peak memory."""
     head = ("data", "condition", "points", *(f"{name}: solve, whole, memory" for name in (PASSERBY, *engines)))
     return table(head, ([*row.place, *(_cost(row.results.get(name)) for name in (PASSERBY, *engines))] for row in rows))
 
 
-def summary_table(rows: Sequence[Row], engines: Sequence[str]) -> str:
+def summary_table(rows: Sequence[Row], engines: Sequence[str]) -> Table:
     """A line a peer: failures, in how many cases Passerby's error is lower, and the ratios of error and time."""
     head = ("peer", "cases", "fails", "Passerby fails", "Passerby lower, mm", "lower, degrees", "mm ratio",
             "solve ratio", "whole ratio", "peak memory")  # fmt: skip

@@ -259,10 +259,7 @@ def nodding(seed: int) -> HandedIn:
 
 def bumped_first(seed: int) -> HandedIn:
     """Two cameras that are still being aimed when the recording begins: for 4 s they look 10 degrees aside."""
-    moves = [
-        Move("C2", 0.0, (-3.0, 10.0, 2.0), until_s=4.0),
-        Move("C3", 0.0, (2.0, -10.0, -3.0), until_s=3.0),
-    ]
+    moves = [Move("C2", 0.0, (-3.0, 10.0, 2.0), until_s=4.0), Move("C3", 0.0, (2.0, -10.0, -3.0), until_s=3.0)]
     return disturbed(seed, moves, given=True, preset="basketball", cameras=4, people=8, seconds=30.0)
 
 

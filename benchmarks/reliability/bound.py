@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from pages.page import number, table
-from pages.sections import Found
+from pages.records import Found
+from pages.tables import Table, number, table
 from paper.goals import BOX_NOISE
 from passerby.calibration.in_memory import calibrate_observations
 from passerby.common.arrays import Floats
@@ -154,7 +154,7 @@ def run(wanted: Wanted) -> Found:
     some = SEEDS[:QUICK_SEEDS] if wanted.quick else SEEDS
     cases = {f"{preset} {people} {seed}": (preset, people, seed) for preset in PRESETS for people in PEOPLE for seed in some}
     found = [*kept(wanted, "bound", cases, work).values()]
-    return part_found(_lines(found), _text(found), quick=wanted.quick)
+    return part_found(_lines(found), *tabulate(found))
 
 
 def complete(results: Results) -> list[Mapping[str, Any]]:
@@ -200,38 +200,14 @@ def _lines(results: Results) -> list[Line]:
     return lines
 
 
-def _text(results: Results) -> str:
-    """The section: the table by preset and people, what it says, and how opposite cameras move."""
+def tabulate(results: Results) -> tuple[dict[str, Table], list[str]]:
+    """The table by preset and people, that of opposite cameras, and what they say."""
     groups = _groups(results)
     rows = [_row(preset, people, group) for (preset, people), group in groups.items()]
     head = ("preset", "people", "scenes", "bound", UPRIGHT, NOISELESS, SIMULATED, "upright / bound", "simulated / bound")
     pair_rows = [_pair_row(preset, one) for preset in PRESETS if (one := _of_preset(results, preset))]
-    count, first, second = len(_seeds(results)), " and ".join(PAIRS[0]), " and ".join(PAIRS[1])
-    return f"""
-The bound is the least error that an unbiased estimator can have (Cramer-Rao) where each edge of a box has Gaussian noise of
-{100 * BOX_NOISE:g} % of the box's height and nothing else is wrong. It is computed at the truth of each scene: {count} seeds,
-{SECONDS:g} s, four cameras, known identities, all boxes that the picture's border does not cut. Poses, ground positions at each
-time step and people's heights are unknown; a prior of the population's mean and spread is known of the heights. The mean has no
-error in the bound: it would be one of the scale. Everybody stands: feet on the ground, the head at the height, and the foot
-shift known. Errors are those after similarity alignment, root mean squares over cameras and seeds: millimetres and degrees.
-
-- *{SIMULATED}*: the simulated scene. Its people swing their arms, lean, crouch and hide each other.
-- *{UPRIGHT}*: the solver's own upright people at the same places, with the same noise. Ratios above 1 are the estimator's.
-- *{NOISELESS}*: the simulated scene without noise of the boxes: what bodies alone cost.
-
-{table(head, rows)}
-
-{_said(results, groups)}
-
-*Opposite cameras* are those at opposite corners. The next table has the share of the squared position errors that is one
-motion: {first} move towards the middle of the area as far as {second} move away from it, or the reverse. In brackets: how far
-{first} move in, the mean over the seeds in millimetres with its standard error, and with how many of the seeds they do. Four
-cameras that all move in are a scale, which the alignment removes.
-
-{table(("preset", "bound", *VARIANTS), pair_rows)}
-
-{_pairs_said(results)}
-"""
+    tables = {"By number of people": table(head, rows), "Opposite cameras": table(("preset", "bound", *VARIANTS), pair_rows)}
+    return tables, [_said(results, groups), _pairs_said(results)]
 
 
 def _row(preset: str, people: int, group: Results) -> list[str]:

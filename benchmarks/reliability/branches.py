@@ -14,8 +14,8 @@ from types import MappingProxyType
 from typing import Any
 
 from pages.kept import code_digest
-from pages.page import table
-from pages.sections import Found
+from pages.records import Found
+from pages.tables import table
 from reliability.fuzz import counted
 from reliability.page import Line, part_found
 from reliability.runs import ROOT, Wanted, kept, percent
@@ -52,15 +52,6 @@ source = passerby
 parallel = true
 concurrency = multiprocessing,thread
 data_file = {folder}/data
-"""
-TEXT = """\
-{tests:,} tests of the folders {folders} ran under [coverage](https://coverage.readthedocs.io){failures}. *Covered*: the lines
-that ran, and the branches that were taken (each way that a condition may go). Processes that a test starts as a program of
-their own are not counted.
-
-{groups}
-
-{files}
 """
 
 
@@ -100,7 +91,7 @@ def run(wanted: Wanted, folders: Sequence[str] = FOLDERS) -> Found:
     jobs = [Job(folder, slow) for slow in (False, True)[: 1 if wanted.quick else 2] for folder in folders]
     tests = code_digest("../tests")[:16]  # other tests cover other branches
     cases = {f"{job.folder} {'slow' if job.slow else 'quick'} {tests}": job for job in jobs}
-    return _part(list(kept(wanted, "branches", cases, work).values()), folders, quick=wanted.quick)
+    return _part(list(kept(wanted, "branches", cases, work).values()), folders)
 
 
 def work(job: Job) -> Mapping[str, Any]:
@@ -147,7 +138,7 @@ def _files(group: str | None = None) -> list[str]:
     return sorted(path.relative_to(ROOT).as_posix() for path in found)
 
 
-def _part(outcomes: Sequence[Mapping[str, Any]], folders: Sequence[str], *, quick: bool) -> Found:
+def _part(outcomes: Sequence[Mapping[str, Any]], folders: Sequence[str]) -> Found:
     """The table of groups, and the files below the goal."""
     by_file = {path: covered(outcomes, path) for path in _files()}
     groups = {group: Covered.together(by_file[path] for path in _files(group)) for group in GROUPS}
@@ -159,16 +150,12 @@ def _part(outcomes: Sequence[Mapping[str, Any]], folders: Sequence[str], *, quic
         rows.append((group, str(len(_files(group))), f"{one.n_covered:,} of {one.n:,}", share, goal))
     below = {path: one for path, one in by_file.items() if not one.is_enough}
     told = [(f"`{path.removeprefix(PACKAGE + '/')}`", percent(one.n_covered, one.n), one.missed) for path, one in below.items()]
-    files = table(("file below the goal", "covered", "lines and branches that no test runs"), told)
-    failed = sum(outcome["failed"] for outcome in outcomes)
-    text = TEXT.format(
-        tests=sum(outcome["tests"] for outcome in outcomes),
-        folders=", ".join(f"`tests/{folder}`" for folder in folders),
-        failures=f"; **{failed} of them failed**" if failed else "",
-        groups=table(("group", "files", "lines and branches covered", "percent", "goal"), rows),
-        files=files if below else f"No file is below {goal}.",
-    )
-    return part_found(lines, text, quick=quick)
+    failed, tests = (sum(outcome[key] for outcome in outcomes) for key in ("failed", "tests"))
+    tables = {"Groups": table(("group", "files", "lines and branches covered", "percent", "goal"), rows)}
+    if below:
+        tables["Below the goal"] = table(("file", "covered", "lines and branches that no test runs"), told)
+    run = f"{tests:,} tests of {', '.join(folders)}{f'; **{failed} of them failed**' if failed else ''}"
+    return part_found(lines, tables, [] if below else [f"No file is below {goal}."], run)
 
 
 def _spans(lines: Iterable[int]) -> list[str]:

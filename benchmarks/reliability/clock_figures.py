@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from pages.cases import Outcomes
-from pages.page import table
+from pages.records import Found
+from pages.tables import table
 from passerby.association.clocks.drift import HARMFUL_RATE, HARMFUL_S, LEAST_S, SIGMAS, SPOILING_S, Drift
 from passerby.simulation import PRESETS
 from reliability.judging import calibrated, errors_of
@@ -90,7 +91,7 @@ def _scene(case: ClockCase) -> HandedIn:
     return replace(scene, fps=FPS)
 
 
-def section(outcomes: Outcomes, wanted: Mapping[str, ClockCase]) -> str:
+def tabulate(outcomes: Outcomes, wanted: Mapping[str, ClockCase]) -> Found:
     """Tables of drifts by rate and length, and of what other limits would do; `outcomes` of `measure`, by key."""
     known = [
         Clocked(wanted[key], one["worst_mm"], one["wrong"], {name: Drift(*drift) for name, drift in one["drifts"].items()})
@@ -103,40 +104,18 @@ def section(outcomes: Outcomes, wanted: Mapping[str, ClockCase]) -> str:
     )  # fmt: skip
     others = ("limit", "drifting clocks told", "clocks in step told")
     doubts = ("limit", "drifting scenes that are a doubt", "wrong rigs without one", "median of the worst cameras without one")
-    return f"""A drift is told where it is more than SIGMAS of its sigmas and LEAST_S over the recording; it is a doubt where it
-is more than SPOILING_S, or more than HARMFUL_S and HARMFUL_RATE. Scenes of all presets, four cameras, six people, identities
-given, seeds from {FIRST_SEED}; the clock of one camera is too fast. *worst camera*: its error of position after the best
-similarity, mm.
-
-{table(head, list(_rows(known)))}
-
-### SIGMAS in `association/clocks/drift.py`: {SIGMAS:g}
-
-Without LEAST_S: clocks that drift by {LEAST_S:g} s or more, and all cameras of scenes in which every clock keeps step.
-
-{table(others, [_telling(known, limit, SIGMAS, sigmas=limit, least_s=0.0) for limit in SIGMAS_TRIED])}
-
-### LEAST_S in `association/clocks/drift.py`: {LEAST_S:g}
-
-Without SIGMAS, the same.
-
-{table(others, [_telling(known, limit, LEAST_S, sigmas=0.0, least_s=limit) for limit in LEAST_TRIED])}
-
-### SPOILING_S in `association/clocks/drift.py`: {SPOILING_S:g}
-
-Whatever the rate is. A limit is low enough where what passes is as good as rigs by clocks in step, whose worst cameras are
-off by {_median([one.worst_mm for one in known if not one.case.rate])} mm.
-
-{table(doubts, [_judging(known, limit, SPOILING_S, spoiling=limit) for limit in SPOILING_TRIED])}
-
-### HARMFUL_S in `association/clocks/drift.py`: {HARMFUL_S:g}
-
-{table(doubts, [_judging(known, limit, HARMFUL_S, harmful=limit) for limit in HARMFUL_TRIED])}
-
-### HARMFUL_RATE in `association/clocks/drift.py`: {HARMFUL_RATE:g}
-
-{table(doubts, [_judging(known, limit, HARMFUL_RATE, rate=limit) for limit in HARMFUL_RATES_TRIED])}
-"""
+    steady = _median([one.worst_mm for one in known if not one.case.rate])
+    tables = {
+        "Scenes": table(head, list(_rows(known))),
+        "SIGMAS": table(others, [_telling(known, limit, SIGMAS, sigmas=limit, least_s=0.0) for limit in SIGMAS_TRIED]),
+        "LEAST_S": table(others, [_telling(known, limit, LEAST_S, sigmas=0.0, least_s=limit) for limit in LEAST_TRIED]),
+        "SPOILING_S": table(doubts, [_judging(known, limit, SPOILING_S, spoiling=limit) for limit in SPOILING_TRIED]),
+        "HARMFUL_S": table(doubts, [_judging(known, limit, HARMFUL_S, harmful=limit) for limit in HARMFUL_TRIED]),
+        "HARMFUL_RATE": table(doubts, [_judging(known, limit, HARMFUL_RATE, rate=limit) for limit in HARMFUL_RATES_TRIED]),
+    }
+    run = f"SIGMAS = {SIGMAS:g}, LEAST_S = {LEAST_S:g}, SPOILING_S = {SPOILING_S:g}, HARMFUL_S = {HARMFUL_S:g}, "
+    note = f"The worst cameras of rigs whose clocks keep step are off by {steady} mm."
+    return Found(tables, [note], f"{run}HARMFUL_RATE = {HARMFUL_RATE:g}")
 
 
 def _rows(known: list[Clocked]) -> Iterator[list[str]]:

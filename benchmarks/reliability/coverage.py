@@ -182,7 +182,9 @@ def run(wanted: Wanted) -> Found:
     scenes = SCENES[:QUICK_SCENES] if wanted.quick else SCENES
     found = kept(wanted, "coverage", {str(seed): seed for seed in scenes}, work)
     sets = {data.name: real(data.name, wanted) for data in DATA_SETS}
-    return part_found(_lines(found, sets), _text(found, sets), quick=wanted.quick)
+    doubted = sum(result["verdict"] != "accepted" for result in found.values())
+    run = f"{doubted} of the scenes were not accepted; their sigmas are included"
+    return part_found(_lines(found, sets), _tables(found, sets), run=run)
 
 
 def shares(results: Iterable[Mapping[str, Any]], kind: str) -> tuple[float, float, int]:
@@ -209,8 +211,8 @@ def _lines(found: Mapping[str, Mapping[str, Any]], sets: Mapping[str, Mapping[st
     return lines
 
 
-def _text(found: Mapping[str, Mapping[str, Any]], sets: Mapping[str, Mapping[str, Any] | None]) -> str:
-    """The section: the table by kind and by strata, and the real sets."""
+def _tables(found: Mapping[str, Mapping[str, Any]], sets: Mapping[str, Mapping[str, Any] | None]) -> dict[str, Table]:
+    """The table by kind and by strata, and the real sets."""
     results = [*found.values()]
     strata: list[tuple[str, list[Mapping[str, Any]]]] = [("all", results)]
     strata.append(("accepted", [r for r in results if r["verdict"] == "accepted"]))
@@ -223,27 +225,11 @@ def _text(found: Mapping[str, Mapping[str, Any]], sets: Mapping[str, Mapping[str
         for a, b in ((0, 0.02), (0.02, 0.04), (0.04, 0.06))
     ]
     rows = [[label, str(len(some)), *(_cell(some, kind) for kind in KINDS)] for label, some in strata if some]
-    doubted = sum(result["verdict"] != "accepted" for result in results)
-    text = f"""
-{len(results)} simulated scenes of boxes with known identities: the three presets, 3 to 10 cameras, 1 to 20 people, 10 to
-120 s, noise of each edge 0 to 6 % of the box's height, up to 20 % of the boxes with another person's identity. In every
-fourth scene clocks are off by up to 0.5 s. The table has the percentages of errors within one sigma and within two.
-*position*, *orientation*: after the best placement along the ground, for which a rig file's sigmas are stated; *shape*:
-after similarity alignment, compared with the sigmas within the rig; *points*, *ground*: the median error of what the rig
-measures where people walked, compared with the median sigma; *distance*: between any two cameras. The stated lenses are off
-by what is taken of stated ones. {doubted} of the
-scenes were not accepted; their sigmas are included.
-
-{table(("scenes", "number", *KINDS), rows)}
-"""
     real_rows = [_real_row(name, result) for name, result in sets.items()]
-    return f"""{text}
-The next table is for real data sets with known identities. It has the errors of position and orientation beyond the error
-of the true cameras themselves, as multiples of the stated sigmas within the rig (the largest of all cameras), and the error
-of the scale.
-
-{table(("data", "verdict", "position", "orientation", "scale"), real_rows)}
-"""
+    return {
+        "By kind of scene": table(("scenes", "number", *KINDS), rows),
+        "Real data sets": table(("data", "verdict", "position", "orientation", "scale"), real_rows),
+    }
 
 
 def _cell(results: Sequence[Mapping[str, Any]], kind: str) -> str:

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from pages.cases import Outcomes
-from pages.page import table
+from pages.records import Found
+from pages.tables import table
 from passerby.calibration.in_memory import calibrate_observations
 from passerby.common.arrays import Floats
 from passerby.simulation import SimulationOptions, simulate
@@ -62,7 +63,7 @@ def measure(case: tuple[str, int, float, int]) -> dict[str, Any]:
     return {"left": left[-1], "effect": max(1.0, *effects[-2:]), "sigmas": {kind: sigmas[kind] for kind in SHAPE}}
 
 
-def section(outcomes: Outcomes, _: Mapping[str, Any]) -> str:
+def tabulate(outcomes: Outcomes, _: Mapping[str, Any]) -> Found:
     """What is seen, and errors in sigmas, by what the fit leaves; other usual effects; `outcomes` of `measure`, by key."""
     results = [one for one in outcomes.values() if one]
     rows, curve = [], []
@@ -81,23 +82,8 @@ def section(outcomes: Outcomes, _: Mapping[str, Any]) -> str:
         curve.append([f"**{effect:g}**" if effect == USUAL_EFFECT else f"{effect:g}", *shares])
     seen_rows = table(("sums left", "scenes", "10 %", "median", "90 %", *SHAPE), rows)
     trade = table(("usual effect", *(f"{kind}, {row[0]} left" for row in rows[:3] for kind in SHAPE)), curve)
-    return f"""### USUAL_EFFECT in `solver/uncertainty.py`: {USUAL_EFFECT:g}
-
-The design effect of a recording whose stretches show nothing of it: the fit takes up what few stretches have in common. *sums
-left*: of the residuals' sums over stretches, those that places and cameras do not take up. Quantiles of the effect that is
-seen, then the percentages of errors of the shape within one sigma and within two. Presets {", ".join(PRESETS)}; boxes with
-{100 * BOX_NOISE:g} % noise, identities known, {len(results)} scenes of 1 to 8 people for 8 to 60 s, seeds from {FIRST_SEED}.
-
-{seen_rows}
-
-With other usual effects, as if all of a sigma came from stretches:
-
-{trade}
-
-### USUAL_COUNTS in `solver/uncertainty.py`: {USUAL_COUNTS:g}
-
-For so many sums the usual effect counts, against those that are left.
-"""
+    run = f"{len(results)} scenes; USUAL_EFFECT = {USUAL_EFFECT:g}, USUAL_COUNTS = {USUAL_COUNTS:g}"
+    return Found({"Effects seen": seen_rows, "USUAL_EFFECT": trade}, run=run)
 
 
 def _within(results: Sequence[Mapping[str, Any]], kind: str, effect: float) -> str:

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from pages.kept import code_behind, code_digest
-from pages.page import table
-from pages.sections import Found
+from pages.records import Found
+from pages.tables import table
 from reliability.disturbed import DISTURBANCES, SkippedError, calibration, program
 from reliability.machine import Fault
 from reliability.page import Line, part_found
@@ -68,7 +68,7 @@ def run(wanted: Wanted) -> Found:
     made = _made(wanted)
     cases = _cases(wanted, made)
     results = kept(wanted, "faults", cases, work)
-    return _part(cases, results, quick=wanted.quick)
+    return _part(cases, results)
 
 
 def work(case: Chunk | Disturbed) -> Mapping[str, Any]:
@@ -141,7 +141,7 @@ def _cases(wanted: Wanted, made: Path) -> dict[str, Chunk | Disturbed]:
     return cases
 
 
-def _part(cases: Mapping[str, Chunk | Disturbed], results: Mapping[str, Mapping[str, Any]], *, quick: bool) -> Found:
+def _part(cases: Mapping[str, Chunk | Disturbed], results: Mapping[str, Mapping[str, Any]]) -> Found:
     """The table of kinds, and what went wrong."""
     injected: Counter[str] = Counter()
     lost: Counter[str] = Counter()
@@ -159,25 +159,13 @@ def _part(cases: Mapping[str, Chunk | Disturbed], results: Mapping[str, Mapping[
             by_writer[case.writer.name][kind] += result["injected"]
     total, survived = injected.total(), injected.total() - lost.total()
     kinds = [
-        (
-            title,
-            str(injected[kind]),
-            str(injected[kind] - lost[kind]) if injected[kind] else skipped.get(kind, "none"),
-        )
+        (title, str(injected[kind]), str(injected[kind] - lost[kind]) if injected[kind] else skipped.get(kind, "none"))
         for kind, title in TITLES.items()
     ]
     writers = [(name, str(counts["kill"]), str(counts["full"])) for name, counts in by_writer.items()]
-    text = "\n\n".join(
-        [
-            "A fault is survived if all of these hold: the files in the folder are afterwards all old or all new; the program "
-            "says in one line what is wrong (unless it was killed); and the same command on a sound machine gives the same "
-            "bytes as an undisturbed run.",
-            table(("fault", "injected", "survived"), kinds),
-            "The first two faults by command: they occur at each creation, renaming and deletion of a file and at each fsync "
-            "(videos and report: at some of them).",
-            table(("command", "killed", "disk full"), writers),
-            *(["Not survived:", "\n".join(wrong)] if wrong else []),
-        ]
-    )
+    tables = {
+        "Faults": table(("fault", "injected", "survived"), kinds),
+        "Commands": table(("command", "killed", "disk full"), writers),
+    }
     line = Line("faults of the machine: survived", f"{survived} of {total}", "all", survived == total)
-    return part_found((line,), text, quick=quick)
+    return part_found((line,), tables, ["Not survived:\n\n" + "\n".join(wrong)] if wrong else [])

@@ -11,38 +11,14 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from pages.kept import code_behind, code_digest
-from pages.page import table
-from pages.sections import Found
+from pages.records import Found
+from pages.tables import table
 from reliability.page import Line, part_found
 from reliability.runs import ROOT, Wanted
 
 CASES, QUICK_CASES = 10_000, 60
 LONGEST_S = 3600
 COUNTS = ("cases", "read", "refused", "faults")
-
-TEXT = """\
-Every file reader was tested with valid files that were damaged in one to three ways: bytes flipped or set to the
-largest number; ends cut off; spans removed, duplicated or moved; numbers and words replaced (by NaN,
-infinities, 1e308, -1, numbers of thirty to five thousand digits, nothing, thousands of brackets, control characters,
-text of HTML and shells); values of JSON, TOML and YAML moved or replaced by others of every type; lines duplicated and
-removed; other encodings and line endings; or the whole file replaced by noise. *Read*: the file gave a valid value of
-its type. *Refused*: an error that names the file, in one line that shows little of its content.
-Anything else is a fault: another exception, a crash of the process, a case that does not end. The cases are the same
-in every run.
-
-{readers}
-
-In addition, {bombs} checks of untrusted files passed and {failed} failed. Files of some kilobytes that declare 10⁹ rows,
-pixels or tables, or expand to gigabytes, are read in a process limited to 768 MB. Pickled objects, YAML tags, XML
-entities, networks with tables in other files, and playlists run nothing and open no other file. Pipes, devices, folders
-and loops of links are refused wherever a scene file names a file. Names of cameras remain text, and stay
-inside the folder, in every format that is written.
-
-Which files may be read: a scene file may name any file that the user may read, with an absolute path or
-above its own folder, because recordings are stored where there is space. The file is opened only for its purpose, with
-the user's own rights, and its content is not shown. Nothing is written outside the output folder. An ONNX network
-remains a program of arithmetic: one that is built to take much time or memory does so.
-"""
 
 
 def run(wanted: Wanted) -> Found:
@@ -72,7 +48,7 @@ def run(wanted: Wanted) -> Found:
     rows = [(record["reader"], *(f"{record.get(key, 0):,}" for key in COUNTS)) for record in records]
     rows.append(("**all**", *(f"{sum(record.get(key, 0) for record in records):,}" for key in COUNTS)))
     readers = table(("reader", *COUNTS), rows)
-    return part_found(lines, TEXT.format(readers=readers, bombs=checks - failed, failed=failed), quick=wanted.quick)
+    return part_found(lines, {"Readers": readers}, [f"{checks - failed} checks of untrusted files passed and {failed} failed."])
 
 
 def _records(wanted: Wanted, cases: int) -> Path:

@@ -116,11 +116,11 @@ def _extents(joints: Keypoints, used: NDArray[np.bool_]) -> Boxes:
     return Boxes(joints.frame, np.zeros(len(joints), np.int64), ltwh, np.ones(len(joints)))
 
 
-def section(outcomes: Outcomes, wanted: Mapping[str, tuple[str, int]]) -> str:
+def tabulate(outcomes: Outcomes, wanted: Mapping[str, tuple[str, int]]) -> Found:
     """Errors by score, and what each power makes of them and of the rigs; `outcomes` of `measure`, by key."""
-    title = f"### DOUBT_POWER in `solver/evidence.py`: {DOUBT_POWER:g}"
+    run = f"{len(outcomes)} films; DOUBT_POWER = {DOUBT_POWER:g}"
     if not outcomes:
-        return f"{title}\n\nThe networks were not at hand: not measured.\n"
+        return Found(notes=["The networks were not at hand: not measured."], run=run)
     bins = []
     for index, (low, high) in enumerate(itertools.pairwise(BINS)):
         errors = np.concatenate([np.array(one["errors"][index]) for one in outcomes.values()])
@@ -138,20 +138,8 @@ def section(outcomes: Outcomes, wanted: Mapping[str, tuple[str, int]]) -> str:
         ]
         rows.append([name, f"{loss:+.3f}", *by_preset, f"{np.exp(np.mean(np.log(ratios))):.2f}" if ratios else "-"])
     head = ("power", "loss", *(f"{preset}, mm" for preset in PRESETS), "error over that by power 0, geometric mean")
-    return f"""{title}
-
-How much farther off joints are taken to be that a network finds with less confidence: this power of the usual score over
-theirs. Rendered films of 25 s, three cameras, five people, joints by a network, {len(outcomes)} films, seeds from
-{FIRST_SEED}. Errors of joints, without what all of a kind are off by, in percent of the person's extent:
-
-{table(("usual score over the joint's", "joints", "median", "90 %"), bins)}
-
-*loss*: mean negative log likelihood of the errors (Cauchy), less that by power 0. Then the rigs' mean error of position after
-the best similarity, median over the films of a preset. The constant is the power of the least loss; the rigs are hardly
-better or worse by any other.
-
-{table(head, rows)}
-"""
+    found = table(("usual score over the joint's", "joints", "median", "90 %"), bins)
+    return Found({"Errors": found, "DOUBT_POWER": table(head, rows)}, run=run)
 
 
 def _median(outcomes: Outcomes, wanted: Mapping[str, tuple[str, int]], preset: str, index: int) -> str:

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from pages.cases import Outcomes
-from pages.page import table
+from pages.records import Found
+from pages.tables import table
 from passerby.common.errors import EvidenceError
 from passerby.core.cameras import Camera, Rig
 from passerby.core.observations import Boxes, CameraObservations, Keypoints, Observations
@@ -73,7 +74,7 @@ def measure(case: tuple[str, int]) -> dict[str, Any]:
     }
 
 
-def section(outcomes: Outcomes, wanted: Mapping[str, tuple[str, int]]) -> str:
+def tabulate(outcomes: Outcomes, wanted: Mapping[str, tuple[str, int]]) -> Found:
     """The section of the page."""
     head = (
         "scenes",
@@ -93,17 +94,8 @@ def section(outcomes: Outcomes, wanted: Mapping[str, tuple[str, int]]) -> str:
         quantiles = [f"{np.quantile(gains, q):.0f}" for q in (0.5, 0.9, 1.0)] if len(gains) else ["-"] * 3
         corrected = str(sum(one["decision"] == "correct" for one in found))
         rows.append([kind, str(len(found)), *quantiles, *counts, corrected])
-    return f"""### Odds in `hypotheses/lenses.py`: above {np.exp(LOG_ODDS):.0f}
-
-An alternative to the stated lenses is fitted where a score test gives it {LEAST_SCREENED:g} nats, and counts at these odds of
-predicting people who were held out, its prior odds included.
-Boxes: scenes of 30 s of all presets, four cameras, six people, identities given; the faults are in two cameras. Errors that
-last: 60 to 150 s, 4 to 9 people at a time, whose boxes err for seconds alike, by bags, gait and hidden legs. Joints: 2 to 4
-cameras, 1 to 5 people, 10 to 25 s, off by {100 * JOINTS_OFF:g} % of the body's height, by kind and by camera, throughout. Seeds
-from {FIRST_SEED}. The columns of odds count the scenes in which an alternative has more.
-
-{table(head, rows)}
-"""
+    run = f"Odds above {np.exp(LOG_ODDS):.0f}, LEAST_SCREENED = {LEAST_SCREENED:g}"
+    return Found({"Odds": table(head, rows)}, run=run)
 
 
 def _handed_in(kind: str, seed: int) -> tuple[Rig, Observations]:

@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from pages.page import table
-from pages.sections import Found
+from pages.records import Found
+from pages.tables import Table, table
 from passerby.common.errors import EvidenceError
 from passerby.core.cameras import Camera, Lens, Rig
 from passerby.core.observations import Boxes, CameraObservations, Keypoints, Observations
@@ -85,7 +85,7 @@ def run(wanted: Wanted) -> Found:
     wrong = kept(wanted, "wrong lenses", cases, wrong_lens)
     found = kept(wanted, "right lenses found", {str(seed): seed for seed in some(FOUND_SEEDS)}, right_lenses_found)
     sound = kept(wanted, "right lenses", {str(seed): seed for seed in some(SOUND_SEEDS)}, right_lenses)
-    return part_found(_lines(sound | found, wrong), _text(sound, found, wrong), quick=wanted.quick)
+    return part_found(_lines(sound | found, wrong), _tables(sound, found, wrong))
 
 
 def right_lenses(seed: int) -> dict[str, Any]:
@@ -223,10 +223,10 @@ def _lines(right: Mapping[str, Mapping[str, Any]], wrong: Mapping[str, Mapping[s
     ]  # fmt: skip
 
 
-def _text(
+def _tables(
     sound: Mapping[str, Mapping[str, Any]], found: Mapping[str, Mapping[str, Any]], wrong: Mapping[str, Mapping[str, Any]]
-) -> str:
-    """The section."""
+) -> dict[str, Table]:
+    """How often right lenses are reported, and wrong ones named."""
     kinds = Counter(result["spoilt"] for result in sound.values())
     accused = Counter(result["spoilt"] for result in sound.values() if result["named"])
     right = table(
@@ -248,17 +248,4 @@ def _text(
                 percent(sum(item["accepted"] for item in own), len(own)),
             ])  # fmt: skip
     head = ("stated wrongly", "named", "and nothing else", "any lens named", "rig accepted, no lens named")
-    return f"""{_HEAD}
-
-{right}
-
-{table(head, rows)}
-"""
-
-
-_HEAD = f"""Scenes of the three presets, 3 to 8 cameras, 3 to 8 people, 10 to 25 s, boxes off by 1 to 4 % of their height, up to
-10 % false and 10 % missing, in one of four scenes with keypoints (1 to 3 px). A right lens is accused where any finding names a
-lens: {", ".join(f"`{code}`" for code in CODES)}. Where identities are found, one of four cameras is mirrored, upside down or
-{LATE_S:.0f} s late. A wrong lens is named where the finding has its camera and its part. Focal lengths are stated too long or
-too short, principal points too far left or right; a picture that is cropped on one side has its principal point off by half
-of what was cut away."""
+    return {"Right lenses": right, "Wrong lenses": table(head, rows)}

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from pages.cases import Outcomes
-from pages.page import table
+from pages.records import Found
+from pages.tables import table
 from passerby.common.errors import EvidenceError
 from passerby.core.cameras import Camera, Rig
 from passerby.core.observations import CameraObservations, Keypoints, Observations
@@ -143,7 +144,7 @@ def _confused(scene: HandedIn) -> HandedIn:
     return scene.with_boxes(MOVED, replace(boxes, identity=identity))
 
 
-def section(outcomes: Outcomes, wanted: Mapping[str, MoveCase]) -> str:
+def tabulate(outcomes: Outcomes, wanted: Mapping[str, MoveCase]) -> Found:
     """Tables of the changes that are found; `outcomes` of `measure`, by key."""
     by_kind: dict[str, list[list[Change]]] = {}
     for key, outcome in outcomes.items():
@@ -151,15 +152,9 @@ def section(outcomes: Outcomes, wanted: Mapping[str, MoveCase]) -> str:
     found = [_found(kind, scenes) for kind, scenes in by_kind.items()]
     limits = [[f"**{odds:g}**" if np.isclose(np.log(odds), LOG_ODDS) else f"{odds:g}", *_counts(by_kind, odds)]
               for odds in ODDS_TRIED]  # fmt: skip
-    return f"""A change counts where it is ten times as probable as a camera that stays as it is, by the prediction of people
-held out and its prior odds. The camera that gains most is corrected first. Scenes of {SECONDS:g} s, four cameras, six people,
-identities given, seeds from {FIRST_SEED}; the change is half-way. In confused scenes one camera takes three people for one
-another from half-time on. Where one camera changes, others seem to change as well, because it bends the rig.
-
-{table(("scenes", "number", "the camera found", "with the largest gain", "least odds of it, log", "another one found"), found)}
-
-{table(("least odds", "changed cameras found", "still scenes with one found", "confused scenes with one found"), limits)}
-"""
+    scenes = ("scenes", "number", "the camera found", "with the largest gain", "least odds of it, log", "another one found")
+    head = ("least odds", "changed cameras found", "still scenes with one found", "confused scenes with one found")
+    return Found({"Scenes": table(scenes, found), "Least odds": table(head, limits)})
 
 
 def _found(kind: str, scenes: list[list[Change]]) -> list[str]:

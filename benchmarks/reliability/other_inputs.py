@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from pages.page import table
-from pages.sections import Found
+from pages.records import Found
+from pages.tables import Table, table
 from passerby.calibration.alignment.world import align_to_positions
 from passerby.calibration.calibrate import calibrate
 from passerby.calibration.calibration import Calibration
@@ -32,7 +32,7 @@ from passerby.simulation.write import MEAN_SD
 from passerby.solver.lens_unknowns import FOCAL_CORE
 from passerby.solver.systematic import LOWER_EDGE
 from reliability.coverage import KINDS, ONE, TWO, in_sigmas, shares, stated_lenses, with_lower_edges
-from reliability.lens_figures import JOINTS_OFF, with_joints_off
+from reliability.lens_figures import with_joints_off
 from reliability.page import Line, part_found
 from reliability.runs import Wanted, kept
 
@@ -203,6 +203,9 @@ def _aligned_errors(found: Calibration, scene: SimulatedScene, seed: int) -> dic
     return out
 
 
+CAPTION = "Within one and two sigmas"
+
+
 def run_keypoints(wanted: Wanted) -> Found:
     """Scenes with keypoints under known identities, lenses known."""
     return _run(wanted, (KEYPOINTS, KEYPOINTS_ALIKE))
@@ -229,7 +232,7 @@ def _run(wanted: Wanted, kinds: Sequence[str]) -> Found:
     cases = {f"{kind} {seed}": (kind, seed) for kind in kinds for seed in range(FIRST_SEED[kind], FIRST_SEED[kind] + count)}
     found = kept(wanted, "inputs", cases, work)
     by_kind = {kind: [found[key] for key in cases if cases[key][0] == kind] for kind in kinds}
-    return part_found([_line(kind, results) for kind, results in by_kind.items()], _text(by_kind), quick=wanted.quick)
+    return part_found([_line(kind, results) for kind, results in by_kind.items()], {CAPTION: _table(by_kind)})
 
 
 def _line(kind: str, results: Sequence[Mapping[str, Any]]) -> Line:
@@ -243,7 +246,8 @@ def _line(kind: str, results: Sequence[Mapping[str, Any]]) -> Line:
     return Line(f"errors within 1 and 2 sigmas, {kind}, %", "; ".join(seen), "60 to 76, 90 to 99", bool(seen) and reached)
 
 
-def _text(by_kind: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
+def _table(by_kind: Mapping[str, Sequence[Mapping[str, Any]]]) -> Table:
+    """Percentages of errors within one and two sigmas, and their number."""
     rows = []
     for kind, results in by_kind.items():
         cells = []
@@ -251,28 +255,4 @@ def _text(by_kind: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
             one, two, count = shares(results, what)
             cells.append(f"{100 * one:.0f}, {100 * two:.0f} of {count}" if count else "-")
         rows.append([kind, str(len(results)), str(sum(one["verdict"] == "accepted" for one in results)), *cells])
-    told = "\n".join(f"- *{kind}*: {SAID[kind]}" for kind in by_kind if kind in SAID)
-    return f"""
-Simulated scenes of all presets, 3 to 6 cameras, 1 to 10 people, 12 to 60 s, boxes off by 1 to 4 % of their height. The
-table has the percentages of errors within one sigma and within two, and their number; *accepted* is the number of accepted
-rigs, and the sigmas of the others count too.
-
-{told}
-
-{table(("input", "scenes", "accepted", *STATED), rows)}
-"""
-
-
-SAID: Mapping[str, str] = MappingProxyType({
-    KEYPOINTS: "off by 1 to 3 px, each on its own.",
-    KEYPOINTS_ALIKE: f"by {100 * JOINTS_OFF:g} % of the body's height too, by kind and throughout, mostly alike in all "
-    "cameras.",
-    FOUND: "clocks are off by up to 1 s.",
-    VIDEOS: f"rendered, {FILM_SECONDS:g} s; people are detected.",
-    REFINED: "stated focal lengths are off by a Cauchy distribution of the core that the adjustment takes "
-    f"({100 * FOCAL_CORE:g} %).",
-    UNKNOWN: "nothing is stated but the image size.",
-    ALIGNED: f"in the world of surveyed positions (off by {100 * SURVEYED_SD_M:g} cm) of three cameras or more, the scale "
-    "fitted; compared as they stand, without a placement.",
-})  # fmt: skip
-"""Kind of input -> what is special about it."""
+    return table(("input", "scenes", "accepted", *STATED), rows)

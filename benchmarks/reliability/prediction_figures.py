@@ -79,7 +79,7 @@ def _calibrated(name: str, seed: int) -> tuple[Calibration, list[Rig]]:
     return calibrated(handed), [handed.truth, *([] if handed.later is None else [handed.later])]
 
 
-def section(outcomes: Outcomes, wanted: Mapping[str, tuple[str, int]]) -> str:
+def tabulate(outcomes: Outcomes, wanted: Mapping[str, tuple[str, int]]) -> Found:
     """How many rigs each limit speaks against; `outcomes` of `measure`, by key."""
     some = {key: one for key, one in outcomes.items() if one}
     sound = {
@@ -89,26 +89,18 @@ def section(outcomes: Outcomes, wanted: Mapping[str, tuple[str, int]]) -> str:
     hostile = [one for key, one in some.items() if wanted[key][0] in CASES]
     kinds = {**sound, "hostile cases, right": [one for one in hostile if not one["wrong"]]}
     kinds["hostile cases, wrong"] = [one for one in hostile if one["wrong"]]
-    parts = [
-        f"""People are predicted in each other camera's images ([method](../method.md#held-out)). Ordinary scenes of boxes,
-seeds from {FIRST_SEED}; scenes of ten people who hide each other, 30 % of their boxes missing; rendered films in which people
-are detected by background subtraction; {len(CASES)} hostile cases. Right rigs of hostile cases have a fault all
-the same, such as a clock that drifts.""",
-        f"### HARMFUL_SHARE in `calibration/prediction.py`: {HARMFUL_SHARE:g}\n\nRigs with log odds above "
-        f"{np.log(LEAST_ODDS):.1f} by another share of the hits that are expected:",
-        _counts(kinds, [(f"{share:g}", k, LEAST_ODDS) for k, share in enumerate(TRIED)], f"{HARMFUL_SHARE:g}"),
-        f"### LEAST_ODDS in `calibration/prediction.py`: {LEAST_ODDS:g}\n\nRigs with larger odds:",
-        _counts(kinds, [(f"{odds:g}", TRIED.index(HARMFUL_SHARE), odds) for odds in ODDS], f"{LEAST_ODDS:g}"),
-        "Largest and smallest log odds:",
-        table(
-            ("", "rigs", "smallest", "median", "largest"),
-            [[kind, str(len(each)), *_quantiles(each)] for kind, each in kinds.items()],
-        ),
-    ]
-    return "\n\n".join(parts)
+    shares = [(f"{share:g}", k, LEAST_ODDS) for k, share in enumerate(TRIED)]
+    odds = [(f"{one:g}", TRIED.index(HARMFUL_SHARE), one) for one in ODDS]
+    logs = [[kind, str(len(each)), *_quantiles(each)] for kind, each in kinds.items()]
+    tables = {
+        "HARMFUL_SHARE": _counts(kinds, shares, f"{HARMFUL_SHARE:g}"),
+        "LEAST_ODDS": _counts(kinds, odds, f"{LEAST_ODDS:g}"),
+        "Log odds": table(("", "rigs", "smallest", "median", "largest"), logs),
+    }
+    return Found(tables, run=f"HARMFUL_SHARE = {HARMFUL_SHARE:g}, LEAST_ODDS = {LEAST_ODDS:g}")
 
 
-def _counts(kinds: Mapping[str, list[Any]], limits: list[tuple[str, int, float]], in_force: str) -> str:
+def _counts(kinds: Mapping[str, list[Any]], limits: list[tuple[str, int, float]], in_force: str) -> Table:
     rows = []
     for name, k, odds in limits:
         beyond = [f"{sum(one['log_odds'][k] > np.log(odds) for one in some)} of {len(some)}" for some in kinds.values()]

@@ -74,7 +74,7 @@ def _film(detector: str, preset: str, seed: int) -> Rig:
         return calibrate(Scene.load(path)).rig
 
 
-def section(outcomes: Outcomes, wanted: Mapping[str, tuple[str, str, int]]) -> str:
+def tabulate(outcomes: Outcomes, wanted: Mapping[str, tuple[str, str, int]]) -> Found:
     """A table by boxes and preset, and the constant; `outcomes` of `measure`, by key."""
     rows, every = [], [np.zeros(0)]
     for kind in (*NOISES, POINTS, *FILMS):
@@ -87,15 +87,8 @@ def section(outcomes: Outcomes, wanted: Mapping[str, tuple[str, str, int]]) -> s
             within = [f"{100 * np.mean(np.abs(off / sd) < k * BOXES_MISLEAD):.0f} %" for k in (1, 2)]
             rows.append([kind, preset, str(len(off)), f"{100 * _rms(off):.1f}", f"{_rms(off / sd):.1f}", *within])
     head = ("boxes", "preset", "values", "off by, root mean square %", "over sigmas", "within 1", "within 2")
-    return f"""### BOXES_MISLEAD in `solver/lens_sigmas.py`: {BOXES_MISLEAD:g}
-
-By so many times its sigma a right focal length or principal point is refined wrongly by boxes, before what is stated holds
-it. Boxes with noise: four cameras, eight people, 30 s, identities given; films: three cameras, five people, 25 s, identities
-found; seeds from {FIRST_SEED}. *off by*: of the focal length, or of the image's width. *over sigmas*: root mean square of the
-error over its sigma without the constant, {_rms(np.concatenate(every)):.1f} over all; *within*: so many sigmas with it.
-
-{table(head, rows)}
-"""
+    note = f"Over all rows the root mean square of the errors over their sigmas is {_rms(np.concatenate(every)):.1f}."
+    return Found({"BOXES_MISLEAD": table(head, rows)}, [note], f"BOXES_MISLEAD = {BOXES_MISLEAD:g}")
 
 
 def _column(some: Sequence[Mapping[str, Any]], what: str) -> Floats:

@@ -126,7 +126,7 @@ def height_ratios(camera: Camera, found: Boxes, scene: SimulatedScene) -> tuple[
     return np.log(seen.ltwh[columns, 3] / true.ltwh[rows, 3]), np.log(away)
 
 
-def section(outcomes: Outcomes, _: Mapping[str, Any]) -> str:
+def tabulate(outcomes: Outcomes, _: Mapping[str, Any]) -> Found:
     """The parts of what is common to all people, together, and the constant that holds it; `outcomes` of `measure`, by key."""
     rng = np.random.default_rng(FIRST_SEED)
     groups = drawn_groups(rng, GROUPS)
@@ -138,23 +138,11 @@ def section(outcomes: Outcomes, _: Mapping[str, Any]) -> str:
     rows += [_row(f"heights of boxes by the {name}", own, str(len(own))) for name, own in heights.items()]
     rows.append(_row("the group and heights of boxes", by_heights, "drawn"))
     within = [f"{100 * np.mean(np.abs(total) < k * POPULATION_BIAS):.0f} %" for k in (1, 2)]
-    missing = "" if "network" in scales else "\nThe models were not at hand: silhouettes alone.\n"
-    return f"""### POPULATION_BIAS in `solver/cues.py`: {POPULATION_BIAS:g}
-
-One sigma of what the statures and boxes of all people have in common, where nobody states how tall they are. Groups: of one of
-{len(MEN_AND_WOMEN_CM)} countries, each as likely, any share of women, up to 4 cm shorter for their age, shoes of 1 to 4 cm,
-against the {PERSON_HEIGHT_M:g} m that are assumed. Boxes: films of 25 s, three cameras, five people, whose mean stature is
-stated; positive where people seem taller than they are, so that distances come out short. Seeds from {FIRST_SEED}. In percent.
-The constant is the root mean square of both together, to half a percent: {100 * _rms(total):.1f} %. Within it are
-{within[0]} of the draws, within twice as much {within[1]}. Groups alone have {100 * _rms(groups):.1f} %: most are
-shorter than is assumed, and boxes that are too tall make up for some of it.
-
-The last rows are a check without any rig: found against true heights of boxes in the same films, a median for each. True are
-boxes of whole bodies in their postures. What networks learnt of how people draw boxes is in them as far as rendered bodies
-show it; how boxes that others draw differ from bodies is not in any row.
-{missing}
-{table(("", "number", "mean", "standard deviation", "5 %", "95 %", "root mean square"), rows)}
-"""
+    missing = [] if "network" in scales else ["The models were not at hand: silhouettes alone."]
+    note = f"The root mean square of both is {100 * _rms(total):.1f} %; of the groups alone {100 * _rms(groups):.1f} %. "
+    note += f"{within[0]} of the draws are within the constant, {within[1]} within twice as much."
+    head = ("", "number", "mean", "standard deviation", "5 %", "95 %", "root mean square")
+    return Found({"POPULATION_BIAS": table(head, rows)}, [note, *missing], f"POPULATION_BIAS = {POPULATION_BIAS:g}")
 
 
 def _by_detector(outcomes: Outcomes, key: str) -> dict[str, Floats]:

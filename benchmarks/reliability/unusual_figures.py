@@ -10,7 +10,8 @@ from unittest.mock import patch
 import numpy as np
 
 from pages.cases import Outcomes
-from pages.page import table
+from pages.records import Found
+from pages.tables import table
 from passerby.core.figures import adjusted
 from passerby.evaluation.metrics import compare
 from passerby.simulation import PRESETS
@@ -81,7 +82,7 @@ def _scene(kind: str, preset: str, seed: int) -> HandedIn:
     return together(adults, more)
 
 
-def section(outcomes: Outcomes, wanted: Mapping[str, tuple[str, str, int]]) -> str:
+def tabulate(outcomes: Outcomes, wanted: Mapping[str, tuple[str, str, int]]) -> Found:
     """A table for each kind of group: what each limit makes of the scale, and whom it leaves out; `outcomes` of `measure`."""
     rows = []
     for kind, others in KINDS.items():
@@ -94,14 +95,7 @@ def section(outcomes: Outcomes, wanted: Mapping[str, tuple[str, str, int]]) -> s
             mean, spread = (f"{100 * f(logs):+.1f}" if len(logs) else "-" for f in (np.mean, _rms))
             rows.append([kind, name, str(len(some)), mean, spread, f"{left[0]} of {of[0]}", f"{left[1]} of {of[1]}"])
     head = ("people", "limit", "scenes", "scale, mean %", "root mean square %", "adults left out", "others left out")
-    return f"""### UNUSUAL_SIGMAS in `solver/cues.py`: {UNUSUAL_SIGMAS:g}
-
-Who is so many sigmas from the median height says nothing of the scale. {ADULTS} adults and others, three cameras, 25 s, boxes,
-identities given, how tall they are unknown; seeds from {FIRST_SEED}. A limit should leave no adult out, and should hold the
-scale where others are there as near as it is by adults alone.
-
-{table(head, rows)}
-"""
+    return Found({"UNUSUAL_SIGMAS": table(head, rows)}, run=f"UNUSUAL_SIGMAS = {UNUSUAL_SIGMAS:g}")
 
 
 def _rms(values: np.typing.NDArray[np.float64]) -> float:

@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 
 from pages.cases import Outcomes
-from pages.page import table
+from pages.records import Found
+from pages.tables import table
 from passerby.association.ambiguity import AMBIGUOUS
 from passerby.calibration.calibration import Calibration
 from passerby.calibration.diagnostics.ground_planarity import STEEP_DEG, STEEP_SIGMAS
@@ -36,7 +37,6 @@ class Figure:
 
     limit: float
     constant: str
-    text: str
     code: str
     """Of the finding."""
     least: bool
@@ -50,35 +50,16 @@ class Figure:
 
 
 FIGURES: Mapping[str, Figure] = MappingProxyType({
-    "points": Figure(
-        USABLE_M, "USABLE_M in `core/usability.py`",
-        "one sigma of how far a camera's rays pass beside places, metres; the worst camera",
-        CODE, False, (0.05, 0.1, 0.15, 0.2, 0.25, 0.35, 0.5, 1.0),
-    ),
-    "ground": Figure(
-        ON_GROUND * USABLE_M, "ON_GROUND times USABLE_M in `core/usability.py`",
-        "one sigma of positions on the ground by one camera, metres; the worst camera", CODE, False,
-        (0.2, 0.3, 0.4, 0.5, 0.6, 0.8, 1.2, 2.0),
-    ),
-    "scale": Figure(
-        USABLE_SCALE, "USABLE_SCALE in `core/usability.py`", "relative one sigma of all lengths", CODE, False,
-        (0.02, 0.03, 0.05, 0.07, 0.1, 0.15, 0.2, 0.3),
-    ),
-    "slope": Figure(
-        STEEP_DEG, "STEEP_DEG in `calibration/diagnostics/ground_planarity.py`",
-        "how far the ground below people's own ways slopes, degrees, if by more than STEEP_SIGMAS of its sigmas",
-        "people_on_levels", False, (0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0),
-    ),
-    "steep": Figure(
-        STEEP_SIGMAS, "STEEP_SIGMAS in `calibration/diagnostics/ground_planarity.py`",
-        "the same in sigmas, if by more than STEEP_DEG", "people_on_levels", False, (2.0, 3.0, 4.0, 5.0, 7.0, 10.0),
-    ),
-    "alike": Figure(
-        AMBIGUOUS, "AMBIGUOUS in `association/ambiguity.py`",
-        "what the runners-up of a camera's registrations score, as a share of these; the worst camera, identities found",
-        "arrangement_ambiguous", False, (0.4, 0.5, 0.6, 0.7, 0.75, 0.8, 0.9),
-    ),
+    "points": Figure(USABLE_M, "USABLE_M", CODE, False, (0.05, 0.1, 0.15, 0.2, 0.25, 0.35, 0.5, 1.0)),
+    "ground": Figure(ON_GROUND * USABLE_M, "ON_GROUND times USABLE_M", CODE, False, (0.2, 0.3, 0.4, 0.5, 0.6, 0.8, 1.2, 2.0)),
+    "scale": Figure(USABLE_SCALE, "USABLE_SCALE", CODE, False, (0.02, 0.03, 0.05, 0.07, 0.1, 0.15, 0.2, 0.3)),
+    "slope": Figure(STEEP_DEG, "STEEP_DEG", "people_on_levels", False, (0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0)),
+    "steep": Figure(STEEP_SIGMAS, "STEEP_SIGMAS", "people_on_levels", False, (2.0, 3.0, 4.0, 5.0, 7.0, 10.0)),
+    "alike": Figure(AMBIGUOUS, "AMBIGUOUS", "arrangement_ambiguous", False, (0.4, 0.5, 0.6, 0.7, 0.75, 0.8, 0.9)),
 })  # fmt: skip
+"""Points: one sigma of how far a camera's rays pass beside places, m; ground: one sigma of positions on the ground by one
+camera, m; scale: relative sigma of all lengths; slope: of the ground below people's paths, degrees, and steep: the same in
+sigmas, each if the other limit is exceeded; alike: score of a camera's runners-up as a share of its registrations'."""
 
 
 @dataclass(frozen=True)
@@ -159,7 +140,7 @@ def _alike(found: Calibration) -> dict[str, float]:
     return {name: second[name] / best[name] for name in best}
 
 
-def section(outcomes: Outcomes, _: Mapping[str, Any]) -> str:
+def tabulate(outcomes: Outcomes, _: Mapping[str, Any]) -> Found:
     """A table of what each figure comes to, and one of what other limits would do; `outcomes` of `measure`, by key."""
     results = [Judged(**one) for one in outcomes.values() if one]
     kinds = {
@@ -168,7 +149,7 @@ def section(outcomes: Outcomes, _: Mapping[str, Any]) -> str:
         "hostile cases, right": [one for one in results if one.case not in (ORDINARY, FILM) and not one.wrong],
         "wrong rigs": [one for one in results if one.wrong],
     }
-    parts = [_HEAD]
+    tables, limits = {}, []
     for name, figure in FIGURES.items():
         rows = []
         for kind, some in kinds.items():
@@ -185,20 +166,13 @@ def section(outcomes: Outcomes, _: Mapping[str, Any]) -> str:
                 *(_share(figure, name, some, limit) for some in kinds.values()),
                 str(sum(figure.speaks(one.values[name], limit) for one in alone)),
             ])  # fmt: skip
-        quantities = table(("", "rigs", "worst", "1 % are worse", "5 % are worse", "median"), rows)
-        trade = table(("limit", *kinds, "wrong rigs that nothing else tells"), curve)
-        head = f"### {figure.constant}: {figure.limit:g}\n\n{figure.text[0].upper()}{figure.text[1:]}."
-        parts += [head, quantities, "Rigs that a limit speaks against:", trade]
-    return "\n\n".join(parts)
+        tables[figure.constant] = table(("", "rigs", "worst", "1 % are worse", "5 % are worse", "median"), rows)
+        tables[f"{figure.constant}, other limits"] = table(("limit", *kinds, "wrong rigs that nothing else tells"), curve)
+        limits.append(f"{figure.constant} = {figure.limit:g}")
+    return Found(tables, run=", ".join(limits))
 
 
 def _share(figure: Figure, name: str, some: Sequence[Judged], limit: float) -> str:
     known = [one.values[name] for one in some if math.isfinite(one.values[name])]
     beyond = sum(figure.speaks(value, limit) for value in known)
     return f"{beyond} of {len(known)}"
-
-
-_HEAD = f"""Ordinary scenes, seeds from {ORDINARY_SEED}; rendered films in which people are detected by background subtraction,
-from {FILM_SEED}; and the [hostile cases](../reliability.md) on another seed, {HOSTILE_SEED}. *wrong*: a camera is off by more
-than may be accepted. The limit in force is bold. A limit should speak against no right rig of an ordinary scene or film, and
-against the wrong rigs that nothing else tells."""

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from pages.page import table
-from pages.sections import Found
+from pages.records import Found
+from pages.tables import Table, table
 from passerby.common.arrays import Floats
 from passerby.core.cameras import Pose, Rig
 from passerby.core.observations import CameraObservations, Clock, Observations
@@ -48,7 +48,7 @@ def run(wanted: Wanted) -> Found:
     }
     results = list(kept(wanted, "monitor", cases, work).values())
     quiet, cheap, full = ([one for one in results if one["kind"] == kind] for kind in ("quiet", "knock", "simulated"))
-    return part_found(_lines(quiet, cheap), _text(quiet, cheap, full), quick=wanted.quick)
+    return part_found(_lines(quiet, cheap), {"Bumps": _table(cheap, full)}, [_note(quiet)])
 
 
 def work(case: Case) -> dict[str, Any]:
@@ -199,10 +199,18 @@ def _of(cases: Sequence[dict[str, Any]], key: str) -> Floats:
     return np.array([one[key] for one in cases if one.get(key) is not None])
 
 
-def _text(quiet: Sequence[dict[str, Any]], knocks: Sequence[dict[str, Any]], full: Sequence[dict[str, Any]]) -> str:
-    """The section."""
+def _note(quiet: Sequence[dict[str, Any]]) -> str:
+    """How much of the quiet hours could be tested, and the largest scores."""
     told, all_of = sum(one["told"] for one in quiet), sum(one["camera_minutes"] for one in quiet)
-    largest = np.sort(_of(quiet, "largest"))[::-1][:3]
+    largest = ", ".join(f"{value:.1f}" for value in np.sort(_of(quiet, "largest"))[::-1][:3])
+    return (
+        f"Quiet hours: {len(quiet)}. The cameras could be tested in {percent(told, all_of)} of their minutes. "
+        f"The largest scores: {largest}; a camera counts as moved from {WatchOptions().threshold:g} on."
+    )
+
+
+def _table(knocks: Sequence[dict[str, Any]], full: Sequence[dict[str, Any]]) -> Table:
+    """The bumps by footage, number of cameras and number of people."""
     rows = [
         _row(f"{what}, {name}", [one for one in group if one["turn"] == turn])
         for what, group in (("cheap", knocks), ("simulated", full))
@@ -214,29 +222,11 @@ def _text(quiet: Sequence[dict[str, Any]], knocks: Sequence[dict[str, Any]], ful
         rows.append(_row(f"cheap, {low} to {high} people in a frame" if high < 99 else f"cheap, over {low} people", some))
     for known, name in ((True, "known"), (False, "unknown")):
         rows.append(_row(f"simulated, identities {name}", [one for one in full if one["given"] == known]))
-    crowd = ", ".join(f"{low:g} to {high:g} ({preset})" for preset, (low, high) in PEOPLE.items())
     columns = (
         "bumps", "number", "seen", "camera named", "one of several", "wrong", "false before", "s late (median)", "m off",
         "degrees off",
     )  # fmt: skip
-    return f"""
-The footage is of rigs of 3 to 6 cameras around the areas of the three presets. The input rig has the errors of a typical
-calibration (1 to 3 cm, 0.1 degrees, all lengths by 1 %), and its sigmas state them. Most footage is *cheap*: people come
-and go as boxes only, {FPS:g} frame a second, with realistic errors. Most errors last for seconds (2 % of the height), some for
-as long as a person stays (a bag on one side, 4 cm). People bend, and 4 % of the time something hides their legs. *Simulated*
-footage comes from the full simulator. The monitor knows only the rig; in the cheap footage it also knows the identities.
-
-Quiet hours: {len(quiet)}, with {QUIET_PEOPLE[0]:g} to {QUIET_PEOPLE[1]:g} people at once on average, tested every
-{WatchOptions().step_s:g} s against all earlier footage. The cameras could be tested in {percent(told, all_of)} of their
-minutes. The largest scores: {", ".join(f"{value:.1f}" for value in largest)}; a camera counts as moved from
-{WatchOptions().threshold:g} on.
-
-Bumps: a randomly chosen camera is rotated about a random axis or moved in a random direction after {QUIET_BEFORE_S[0]:g} to
-{QUIET_BEFORE_S[1]:g} quiet seconds; the footage ends a minute later. *Seen* counts the cases in which the monitor reported
-within this minute that a camera, or one of several that it named, had moved. There are {crowd} people at once on average.
-
-{table(columns, rows)}
-"""
+    return table(columns, rows)
 
 
 def _row(what: str, some: Sequence[dict[str, Any]]) -> tuple[str, ...]:

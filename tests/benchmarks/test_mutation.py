@@ -50,13 +50,12 @@ def test_the_page_counts_what_was_noticed_and_names_what_was_not(bench: Bench) -
         fault(2): "elsewhere",
         fault(3): "",
     }
-    text = mutation.page_text(found, 4, ("room", "elsewhere"))
-    rows = [[cell.strip() for cell in line.split(" | ")] for line in text.splitlines() if line.startswith("| solver")]
-    assert [cell.strip("| ") for cell in rows[0]] == ["solver", "3", "1", "1", "66.7 %", "**no**"]
-    assert "3 of the 4 faults are finished" in text
-    assert "`solver/a.py:3`" in text
-    assert "`solver/a.py:2`" not in text
-    assert r"`a \| b`" in text
+    told = mutation.tabulate(found, 4, ("room", "elsewhere"))
+    assert told.tables["Rooms"].rows[0] == ["solver", "3", "1", "1", "66.7 %", "**no**"]
+    assert told.run == "3 of the 4 faults are finished"
+    (missed,) = told.tables["Not noticed"].rows
+    assert missed[0] == "`solver/a.py:3`"
+    assert missed[2] == r"`a \| b`"
 
 
 def test_an_answer_holds_as_long_as_the_tests_behind_it_are_the_same(

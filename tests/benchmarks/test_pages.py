@@ -1,4 +1,4 @@
-"""Pages of results name the commit that they were made on."""
+"""Records of runs, and the pages that are rendered from them."""
 
 from __future__ import annotations
 
@@ -7,54 +7,104 @@ from pathlib import Path
 
 import pytest
 
-from pages.page import FOOT, WIDEST, Page, signed, table, write_page
-from pages.sections import Found, Heading, SectionedPage, sections_on
+from pages import records, render
+from pages.records import GOALS, Found, Output, page_path, publish, read_records
+from pages.tables import WIDEST, table
 
 
 @pytest.fixture
 def named(monkeypatch: pytest.MonkeyPatch) -> Callable[[str], None]:
     """Sets the commit that the run is of."""
-
-    def name(commit: str) -> None:
-        for module in ("page", "sections"):
-            monkeypatch.setattr(f"pages.{module}.commit", lambda: f"`{commit}`")
-
-    return name
+    return lambda commit: monkeypatch.setattr(records, "commit", lambda: f"`{commit}`")
 
 
-def test_the_foot_names_the_commit_unless_the_text_does(named: Callable[[str], None]) -> None:
-    named("c0ffee")
-    foot = signed(Page("one", "# One\n"), "python run.py").split(FOOT)[1]
-    assert foot.startswith("python run.py`, code of commit `c0ffee`, on: ")
-    assert "c0ffee" not in signed(Page("one", "# One\n", commit_in_text=True), "python run.py")
+@pytest.fixture
+def templates(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
+    """The folder of the templates."""
+    folder = tmp_path / "templates"
+    folder.mkdir()
+    monkeypatch.setattr(render, "TEMPLATES", folder)
+    return folder
 
 
-def test_each_part_keeps_the_commit_that_it_was_run_on(named: Callable[[str], None], tmp_path: Path) -> None:
-    sections = SectionedPage("two", "# Two", {"a": Heading("A"), "b": Heading("B")}, "digest")
+@pytest.mark.parametrize("page", render.page_names())
+def test_pages_are_those_of_the_records(page: str) -> None:
+    assert page_path(page).read_text(encoding="utf-8") == render.render(page), "run `make pages`"
+
+
+def test_each_page_has_a_template_and_each_record_a_page() -> None:
+    pages = {path.stem for path in (records.DOCS / "results").glob("*.md")} | {records.RELIABILITY}
+    assert pages == set(render.page_names())
+    assert {path.parent.name for path in records.RECORDS.rglob("*.json")} < pages
+
+
+def test_each_part_keeps_the_commit_that_it_was_run_on(named: Callable[[str], None], templates: Path, tmp_path: Path) -> None:
+    (templates / "two.md").write_text("# Two\n\n## A\n\n{{ a }}\n\n## B\n\n{{ b }}\n")
+    one = Found({"": table(["x"], [["1"]])}, ["A note."], "3 of 3 cases")
     named("first")
-    (before,) = sections.grow({"a": lambda: [Found("1")]}, {})
+    publish("two", "a", one, tmp_path, "python run.py")
+    assert "Not run" in (tmp_path / "two.md").read_text()
     named("second")
-    (after,) = sections.grow({"b": lambda: [Found("2")]}, sections_on(write_page(before, tmp_path, "python run.py")))
-    a, b = after.text.split("## B")
-    assert "code of commit `first`." in a
-    assert "code of commit `second`." in b
-    assert after.commit_in_text
+    publish("two", "b", [Found(), one], tmp_path, "python run.py")
+    text = (tmp_path / "two.md").read_text()
+    a, b = text.split("## B")
+    assert "Code of commit `first`, 20" in a
+    assert "3 of 3 cases." in a
+    assert "A note." in a
+    assert "Code of commit `second`, 20" in b
+    assert "code of commits `first`, `second`, on: " in text.splitlines()[-1]
+    assert text.splitlines()[-1].startswith("Written by `python run.py`, ")
 
 
-def test_pages_of_a_part_are_written_with_it_and_stay_without_it(tmp_path: Path) -> None:
-    sections = SectionedPage("two", "# Two", {"a": Heading("A"), "b": Heading("B")}, "digest", timed=False)
-    (first,) = sections.grow({"a": lambda: [Found("1", further=(Page("more/cases", "# Cases"),))]}, {})
-    path = write_page(first, tmp_path, "python run.py")
-    cases = tmp_path / "more" / "cases.md"
-    assert cases.read_text().startswith(f"# Cases\n\n{FOOT}python run.py`, code of commit")
-    cases.write_text("as it was")
-    (second,) = sections.grow({"b": lambda: [Found("2")]}, sections_on(path))
-    write_page(second, tmp_path, "python run.py")
-    assert "1" in second.text
-    assert cases.read_text() == "as it was"
+def test_a_run_that_is_only_printed_writes_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    publish("two", "a", Found({"Caption": table(["x"], [["1"]])}), tmp_path, "python run.py", written=False)
+    assert "Caption:\n\n| x   |" in capsys.readouterr().out
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_record_is_read_as_it_was_written(templates: Path, tmp_path: Path) -> None:
+    tables = {"C": table(["a", "b"], [["1", "a \\| b"], ["2", ""]]), GOALS: table(["g"], [["yes"]]), "E": table(["e"], [])}
+    found = Found(tables, ("n",))
+    publish("page", "part", found, tmp_path, "python run.py", code="abc", quick=True)
+    record = read_records(tmp_path / "records", "page")["part"]
+    assert record.found == found
+    assert (record.command, record.code, record.quick) == ("python run.py", "abc", True)
+    text = (tmp_path / "page.md").read_text()
+    assert "A quick run" in text
+    assert "yes" not in text, "goals are shown where a template asks for them"
+
+
+def test_tables_are_chosen_and_joined(templates: Path, tmp_path: Path) -> None:
+    (templates / "page.md").write_text("{{ all: T | x | y = b }}\n{{ a.run }} {{ b.run }}\n\n{{ a: T | y }}\n")
+    for part, rows in (("a", [["1", "a"], ["2", "b"]]), ("b", [["3", "b"]])):
+        publish("page", part, Found({"T": table(["x", "y"], rows)}), tmp_path, "python run.py")
+    text = (tmp_path / "page.md").read_text()
+    assert text.startswith("| x   |\n|-----|\n| 2   |\n| 3   |\n")
+    assert "| y   |\n|-----|\n| a   |\n| b   |" in text
+    (templates / "page.md").write_text("{{ a: U }}\n")
+    with pytest.raises(ValueError, match="a: U"):
+        render.render("page", tmp_path / "records")
+
+
+def test_a_table_without_what_is_chosen_is_an_error() -> None:
+    whole = table(["x", "y"], [["1", "one"], ["2", "two"]])
+    with pytest.raises(ValueError, match="no row"):
+        whole.choose(rows={"y": "three"})
+    with pytest.raises(ValueError, match="2 columns are named 'x'"):
+        table(["x", "x"], []).choose(["x"])
+    twice = table(["x", "x"], [["1", "2"]])
+    assert twice.choose() == twice
+    assert str(whole.choose(["y"], {"x": "2"})) == "| y   |\n|-----|\n| two |"
+
+
+def test_runs_for_the_documentation_write_the_records_of_the_repository(tmp_path: Path) -> None:
+    for out in (None, records.DOCS / "results"):
+        assert Output.of("scale", out) == Output(records.RECORDS, records.DOCS / "results")
+    assert Output.of("reliability", None) == Output(records.RECORDS, records.DOCS)
+    assert Output.of("scale", tmp_path) == Output(tmp_path / "records", tmp_path)
 
 
 def test_wide_columns_are_not_padded() -> None:
-    lines = table(("a", "b"), [("x", "y"), ("w" * 200, "z")]).splitlines()
+    lines = str(table(("a", "b"), [("x", "y"), ("w" * 200, "z")])).splitlines()
     assert lines[2] == f"| x{' ' * (WIDEST - 1)} | y   |"
     assert lines[3] == f"| {'w' * 200} | z   |"

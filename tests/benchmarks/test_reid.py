@@ -85,7 +85,7 @@ def test_the_tables_tell_recorded_results(bench: Callable[[str], ModuleType], tr
     assert cells(text, "first half, seed 0")[:6] == ["start", "25.0", "30.0", "40.0", "0 of 6", "refused"]
 
 
-def cells(text: str, label: str, last: bool = False) -> list[str]:
+def cells(tables: dict[str, Any], label: str, last: bool = False) -> list[str]:
     """The cells of the first, or last, row of that label, but the label."""
-    rows = [line for line in text.splitlines() if line.startswith(f"| {label}")]
-    return [cell.strip() for cell in rows[-1 if last else 0].strip("|").split("|")[1:]]
+    rows = [row for one in tables.values() for row in one.rows if f"{row[0]} ".startswith(label)]
+    return rows[-1 if last else 0][1:]

@@ -1,4 +1,4 @@
-"""The tables of the README, and of other pages, are those of the pages that commands have written."""
+"""The tables of the README, and of other pages, are those of the records that runs have written."""
 
 from __future__ import annotations
 
@@ -25,26 +25,16 @@ def headline() -> ModuleType:
 
 
 @pytest.mark.parametrize("where", ["README", "FILMING"])
-def test_headline_tables_are_those_of_the_pages(headline: ModuleType, where: str) -> None:
+def test_headline_tables_are_those_of_the_records(headline: ModuleType, where: str) -> None:
     file = getattr(headline, where)
     for name in headline.SHOWN[file]:
         shown = file.read_text().split(headline.begin(name))[1].split(headline.END)[0].strip()
         assert shown == headline.headlines(file, name).strip(), name
 
 
-def test_a_page_without_the_table_is_told(headline: ModuleType) -> None:
-    text = "## A\n\n| x   | y   |\n|-----|-----|\n| 1   | one |\n| 2   | two |\n\n| z |\n"
-    with pytest.raises(ValueError, match="no table"):
-        headline.first_table("# Page\n\ntext\n", headline.Headline("page", "## Goals"))
-    with pytest.raises(ValueError, match="no row"):
-        headline.first_table(text, headline.Headline("page", "## A", rows={"y": "three"}))
-    assert headline.first_table(text, headline.Headline("page", "## A")) == text[6:].partition("\n\n")[0]
-    with pytest.raises(ValueError, match="2 columns are named 'x'"):
-        headline.first_table("## A\n\n| x | x |\n|---|---|\n", headline.Headline("page", "## A", columns=("x",)))
-    twice = "| x   | x   |\n|-----|-----|\n| 1   | 2   |"
-    assert headline.first_table(f"## A\n\n{twice}\n", headline.Headline("page", "## A")) == twice
-    chosen = headline.Headline("page", "## A", columns=("y",), rows={"x": "2"})
-    assert headline.first_table(text, chosen) == "| y   |\n|-----|\n| two |"
+def test_records_without_the_table_are_told(headline: ModuleType, tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="no table 'Against the paper' in the records of paper"):
+        headline.headlines(headline.README, "headline", tmp_path)
 
 
 def test_links_lead_somewhere() -> None:

@@ -160,26 +160,16 @@ def test_the_page_says_what_is_finished_and_what_is_not(bench: Bench) -> None:
         "terrace 300000 identities known": case(calibrated(20.0, {"C1": 1.0, "C2": -2.0}), identities_known=True),
         "terrace 300000 identities unknown": case(calibrated(30.0, {"C1": 1.0, "C2": -9.0}, "accepted")),
     }
-    found = module.found_in("varied", cases, done, "`abc`")
-    assert "2 of 6 cases" in found.text
-    assert "commit `abc`" in found.text
-    assert [row[1] for row in rows_of(found.text)] == ["1 of 3", "1 of 1", "1 of 3", "1 of 1"]
-    headings = bench("lenses_page").HEADINGS
-    sections = bench("pages.sections").SectionedPage("lenses", module.head, headings, "code", timed=False)
-    (page,) = sections.grow({"varied": lambda: [found]}, {})
-    goals = {row[0]: row[1:] for row in rows_of(page.text.partition("## Goals")[2].partition("<!--")[0])}
+    found = module.tabulate("varied", cases, done)
+    assert found.run.startswith("2 of 6 cases; ")
+    assert [row[1] for row in found.tables["Scenes"].rows] == ["1 of 3", "1 of 1", "1 of 3", "1 of 1"]
+    goals = {row[0]: row[1:] for row in found.goals}
     name = "boxes, each camera its own lens, identities unknown"
     assert goals[f"{name}: focal error, 95 %"] == ["9.00 % (1 of 3 scenes)", "8 %", "5 %", "**missed**"]
     assert goals[f"{name}: accepted with a focal error over 8 %"][-1] == "**missed**"
     assert goals[f"{name}: rig's error, times that with true intrinsics, 90 % of scenes"][0] == "3.00 x (1 of 3 scenes)"
-    assert goals["Real data"][0] == "not run"
-    assert headings["mixed"].title not in goals
-
-
-def rows_of(text: str) -> list[list[str]]:
-    """The cells of the rows below the head of a Markdown table."""
-    lines = [line for line in text.splitlines() if line.startswith("|")]
-    return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines[2:]]
+    mixed = module.tabulate("mixed", cases, done)
+    assert [row[0] for row in mixed.goals] == ["mixed: processor time, times that with the true intrinsics"]
 
 
 def test_a_real_set_is_held_against_its_goal(bench: Bench) -> None:

@@ -10,7 +10,7 @@ import pytest
 import local_page_page
 from local_page import access, kills
 from local_page.judging import against, ends_of
-from pages.sections import Section, SectionedPage
+from pages.render import TEMPLATES, render
 from passerby.geometry.rotations import exp_rotation
 from support.browser import CHROMIUM
 from support.scenes.people_and_rigs import simulated
@@ -24,31 +24,31 @@ def click(scale: float, heading: float, seconds: float, **more: object) -> dict[
 
 
 def goals(found: object) -> list[str]:
-    return [goal[-1] for goal in found.facts["goals"]]  # type: ignore[attr-defined]
+    return [goal[-1] for goal in found.goals]  # type: ignore[attr-defined]
 
 
 def test_the_median_hand_decides_and_errors_have_no_sign():
     done = {
         str(number): click(*values) for number, values in enumerate([(-0.003, 0.1, 2.0), (0.005, -0.5, 7.0), (0.02, 0.6, 9.0)])
     }
-    found = local_page_page.clicks_found("clicks", done, done, "abc")
+    found = local_page_page.tabulate_clicks(done, done)
     assert goals(found) == ["acceptable", "acceptable", "acceptable", "aim", "aim"]
     assert "| scale, %              | 0.50   | 2.00    |" in found.text
 
 
 def test_a_complaint_of_the_browser_or_a_fault_is_missed():
     done = {"0": click(0.0, 0.0, 1.0, errors=["no such file"], faults=["control has a name: button"])}
-    found = local_page_page.clicks_found("clicks", done, done, "abc")
+    found = local_page_page.tabulate_clicks(done, done)
     assert goals(found)[3:] == ["**missed**", "**missed**"]
     assert "- control has a name: button" in found.text
 
 
 def test_lost_marks_and_half_files_are_counted():
     kill = {"solving": True, "marked": 9, "missing": [], "unacknowledged": 1, "broken": [], "temporary": 0}
-    assert goals(local_page_page.kills_found("kills", {}, {"0": kill}, "abc")) == ["aim", "aim"]
+    assert goals(local_page_page.tabulate_kills({}, {"0": kill})) == ["aim", "aim"]
     worse = kill | {"missing": [3.001], "broken": ["rig.toml: is cut off", "scene.toml: is cut off"]}
-    found = local_page_page.kills_found("kills", {}, {"0": kill, "1": worse}, "abc")
-    assert [goal[1] for goal in found.facts["goals"]] == ["1", "2"]
+    found = local_page_page.tabulate_kills({}, {"0": kill, "1": worse})
+    assert [goal[1] for goal in found.goals] == ["1", "2"]
     assert goals(found) == ["**missed**", "**missed**"]
 
 
@@ -77,10 +77,10 @@ def test_a_rig_in_the_clicked_frame_has_no_error_and_others_theirs():
     assert (scale, heading) == pytest.approx((0.01, 2.0), abs=1e-6)
 
 
-def test_parts_that_were_not_run_stand_so_on_the_page():
-    sections = [Section(name, part.heading.title, "not run") for name, part in local_page_page.PARTS.items()]
-    text = SectionedPage("page", local_page_page.head, local_page_page.HEADINGS, "code").page(sections).text
-    assert text.count("| not run ") == sum(len(part.goals) for part in local_page_page.PARTS.values())
+def test_the_page_has_all_parts() -> None:
+    template = (TEMPLATES / "page.md").read_text()
+    assert all(f"{{{{ {part}" in template for part in local_page_page.PAGE.parts)
+    assert "Not run" not in render("page")
 
 
 BAD = """<html lang="en"><title>t</title><header>h</header><main><nav>n</nav><h2>two</h2><h4>four</h4><img src="data:,">

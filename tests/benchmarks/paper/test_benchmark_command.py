@@ -7,7 +7,8 @@ from types import SimpleNamespace
 import pytest
 
 from pages.commit import commit
-from pages.page import Page
+from pages.records import Found
+from pages.tables import table
 from paper import parts
 from passerby.cli import main
 
@@ -31,7 +32,7 @@ def calls(monkeypatch):
             if name == "second" and seen.interrupts:
                 raise seen.interrupts.pop()
             wanted.kept.mkdir(parents=True, exist_ok=True)
-            return Page(name, f"# {name}\n\n![x]({name}.svg)\n", {f"{name}.svg": "<svg/>", f"{name}.png": b"\x89PNG"})
+            return Found({"T": table(["x"], [[name]])}, files={f"{name}.svg": "<svg/>", f"{name}.png": b"\x89PNG"})
 
         return SimpleNamespace(says=f"says {name}", load=lambda: work)
 
@@ -62,16 +63,15 @@ def test_pages_say_what_wrote_them(calls, capsys, tmp_path):
     out = tmp_path / "out"
     assert run(["third", "first", "--quick", "--seeds", "3", "--data", str(tmp_path), "-o", str(out)]) == 0
     assert sorted(path.name for path in out.iterdir()) == sorted(
-        f"{name}.{end}" for name in ("first", "third") for end in ("md", "svg", "png")
+        ["records", *(f"{name}.{end}" for name in ("first", "third") for end in ("md", "svg", "png"))]
     )
     text = (out / "third.md").read_text()
-    assert text.startswith(
-        "# third\n\n![x](third.svg)\n\n"
-        f"Written by `python benchmarks/run_paper.py third --quick --seeds 3 --data DATA`, code of commit {commit()}, on: "
-    )
+    command = "python benchmarks/run_paper.py third --quick --seeds 3 --data DATA"
+    assert text.startswith("# third\n\n")
+    assert f"Written by `{command}`, code of commit {commit()}, on: " in text
     assert "numpy" in text
     assert str(tmp_path) not in text
-    assert text in capsys.readouterr().out
+    assert str(table(["x"], [["third"]])) in capsys.readouterr().out
     assert [name for name, _ in calls.wanted] == ["third", "first"]
     wanted = calls.wanted[0][1]
     assert (wanted.quick, wanted.seeds, wanted.data, wanted.scenes) == (True, 3, tmp_path, None)

@@ -10,7 +10,7 @@ import pytest
 from paper import noise
 from paper.conditions import Condition
 from paper.plots import Axis
-from paper.sweep import curve_page, sweep
+from paper.sweep import curve_found, sweep
 from paper.wanted import Wanted
 from passerby.common.progress import silent
 from passerby.simulation import SimulationOptions
@@ -48,7 +48,7 @@ def figures(cell):
 
 
 def test_a_small_table_is_regenerated(noisy):
-    table = noisy.tables(AXIS).split("\n\n")[1]
+    table = str(noisy.tables(AXIS)["terrace"])
     frozen, made = cells(FROZEN.read_text()), cells(table)
     assert len(made) == len(frozen), table
     for old, new in zip(frozen, made, strict=True):
@@ -61,10 +61,10 @@ def test_a_small_table_is_regenerated(noisy):
 
 def test_the_same_seeds_give_the_same_page(noisy):
     again = swept(small, ("geopose", "people"), (0.0, 5.0))
-    assert noisy.failures(AXIS).endswith("None.")
-    first, second = (curve_page("small", "# Small", one, AXIS) for one in (noisy, again))
+    assert noisy.failures(AXIS) == []
+    first, second = (curve_found("small", one, AXIS) for one in (noisy, again))
     assert first == second
-    assert set(first.plots) == set(re.findall(r"\]\((.*?)\)", first.text)) == {"small-similarity.svg", "small-metric.svg"}
+    assert set(first.files) == {"small-similarity.svg", "small-metric.svg"}
 
 
 def test_what_fails_is_told_and_not_averaged_away():
@@ -74,12 +74,12 @@ def test_what_fails_is_told_and_not_averaged_away():
         return Condition(replace(SMALL, seed=seed), method, shared=5 if seed and level else None)
 
     found = swept(make, ("people",), (0.0, 1.0))
-    sound, half = (row[2:] for row in cells(found.tables(AXIS).split("\n\n")[1])[1:])
+    sound, half = (row[2:] for row in found.tables(AXIS)["terrace"].rows)
     assert sound[-2] == "0 of 2"
     assert half[-2:] == ["1 of 2", "1 accepted, 1 refused"]
     assert half[:-2] == ["fails"] * 7
     assert found.outcomes["terrace", "people", 0.0][0] == found.outcomes["terrace", "people", 1.0][0]
-    assert found.failures(AXIS).splitlines()[2:] == [
+    assert found.failures(AXIS) == [
         f"- terrace, 1, people: 1 of 2; seed 1, refused, 0 of 3 cameras: {found.outcomes['terrace', 'people', 1.0][1].reason}"
     ]
     assert "1 of 2" not in str(found.panels("similarity_mm"))
@@ -89,13 +89,13 @@ def test_what_fails_is_told_and_not_averaged_away():
 def test_the_noise_page_compares_with_the_paper(monkeypatch):
     monkeypatch.setattr(noise, "_condition", lambda preset, method, level, seed: small(preset, method, level / 5, seed))
     monkeypatch.setattr(noise, "PRESETS", ("terrace", "basketball"))
-    page = noise.run(Wanted(quick=True, seeds=1), None, silent)
-    rows = cells(page.text.split("## Against the paper")[1].split("\n\n")[2])
+    found = noise.run(Wanted(quick=True, seeds=1), None, silent)
+    rows = [found.tables["Against the paper"].head, *found.tables["Against the paper"].rows]
     assert rows[1][:3] == ["terrace", "10", "433 mm 1.91°"]
     assert [row[2] for row in rows[3:]] == ["1653 mm 26.20°", "3093 mm 49.20°"]
     assert all(row[-1] == "yes (1 of 1)" for row in rows[1:])
-    goals = cells(page.text.split("## Goals")[1].split("\n\n")[2])
-    assert [row[:3] for row in goals[1:]] == [["basketball", "10", "100 mm 0.5°"], ["basketball", "20", "100 mm 0.5°"]]
+    goals = found.tables["Default method"].rows
+    assert [row[:3] for row in goals] == [["basketball", "10", "100 mm 0.5°"], ["basketball", "20", "100 mm 0.5°"]]
 
 
 def test_the_papers_line_is_drawn_where_it_has_figures(noisy):

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from pages.page import Page
+from pages.records import Found
+from pages.render import TEMPLATES
 from paper import pixels
 from paper.paper_figures import POSES, REPROJECTIONS, SCENES
 from paper.pixel_jobs import Done, Job, jobs, run_job
@@ -38,60 +39,60 @@ def made_up(job: Job) -> Done:
 
 
 @pytest.fixture
-def page(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Page:
+def page(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Found:
     monkeypatch.setattr(pixels, "run_job", made_up)
     return pixels.run(Wanted(seeds=1, data=tmp_path), None, silent)
 
 
-def line(page: Page, start: str, which: int = 0) -> str:
+def line(page: Found, start: str, which: int = 0) -> str:
     return [row for row in page.text.splitlines() if row.startswith(f"| {start}")][which]
 
 
-def test_a_row_without_weights_is_not_run_with_its_reason(page: Page) -> None:
+def test_a_row_without_weights_is_not_run_with_its_reason(page: Found) -> None:
     row = line(page, "SuperPoint + brute force")
     assert "not run" in row
     assert "358 mm 54.70°" in row
     assert "- SuperPoint + brute force: the weights of somebody cannot be had" in page.text
 
 
-def test_a_missing_camera_fails_and_has_no_mean(page: Page) -> None:
+def test_a_missing_camera_fails_and_has_no_mean(page: Found) -> None:
     row = line(page, "SIFT + brute force")
     assert row.count("fails") == 2
     assert "1 of 1" in row
     assert "40 of 90" in row
 
 
-def test_figures_stand_beside_the_papers(page: Page) -> None:
+def test_figures_stand_beside_the_papers(page: Found) -> None:
     assert "| 1302 mm 54.10° | 9000.0 mm 80.000° | 5000.0 mm 60.000° |" in line(page, "WxBS")
     assert "2.3 px 0.4 %" in line(page, "boxes, people by re-id", -1)
     assert "0.70 px 0.12 %" in line(page, "boxes, people by re-id", -1)
 
 
-def test_the_claim_counts_what_ran(page: Page) -> None:
+def test_the_claim_counts_what_ran(page: Found) -> None:
     assert "4 of 4" in line(page, "terrace")
 
 
-def test_data_that_are_not_here_are_told(page: Page) -> None:
+def test_data_that_are_not_here_are_told(page: Found) -> None:
     assert "not run: data not here: wildtrack/pictures" in line(page, "WILDTRACK")
     assert "3 of 4" in line(page, "CMU Panoptic")
 
 
-def test_pictures_belong_to_the_page(page: Page) -> None:
-    assert page.plots == {"paper-terrace-sift.jpg": b"jpeg"}
-    assert "](paper-terrace-sift.jpg)" in page.text
+def test_pictures_belong_to_the_page(page: Found) -> None:
+    assert page.files == {"paper-terrace-sift.jpg": b"jpeg"}
+    assert "](paper-terrace-sift.jpg)" in (TEMPLATES / "paper.md").read_text()
 
 
 def test_without_data(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(pixels, "run_job", made_up)
-    assert "*not run*: data not here" in pixels.run(Wanted(seeds=1), None, silent).text
+    assert "Real pictures" not in pixels.run(Wanted(seeds=1), None, silent).tables
 
 
-def test_a_quick_run_says_what_it_leaves_out(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_a_quick_run_leaves_out_what_takes_long(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(pixels, "run_job", made_up)
-    text = pixels.run(Wanted(quick=True, data=tmp_path), None, silent).text
-    assert "*not run*: left out of a quick run" in text
-    assert "### construction" not in text
-    assert "construction, whose pictures are the largest, is left out" in text
+    tables = pixels.run(Wanted(quick=True, data=tmp_path), None, silent).tables
+    assert "Real pictures" not in tables
+    assert "basketball" in tables
+    assert "construction" not in tables
 
 
 def test_every_figure_of_the_paper_has_a_row_and_a_scene() -> None:

@@ -225,7 +225,7 @@ class TestRunners:
         assert all(peer.interpreter() is None for peer in runners.PEERS)
         with pytest.raises(FileNotFoundError, match="caliscope"):
             runners.run_engine(runners.CALISCOPE, tmp_path, tmp_path, 1.0)
-        text = page.engines_text([], ["PETS2009, clean"])
+        text = page.tabulate_engines([], ["PETS2009, clean"]).text
         for peer in runners.PEERS:
             assert f"- {peer.name}: not run: environment not made, `make bench-peers`" in text
         assert "- PETS2009, clean: not run: data not here" in text
@@ -260,8 +260,7 @@ class TestTables:
 
     def test_failures_are_marked_and_better_peers_named(self, bench: Callable[[str], ModuleType]) -> None:
         rows, table = self.rows(bench)
-        lines = table.errors_table(rows, ["caliscope", "COLMAP"]).splitlines()
-        cells = [[cell.strip() for cell in line.split("|")[1:-1]] for line in lines[2:]]
+        cells = table.errors_table(rows, ["caliscope", "COLMAP"]).rows
         assert cells[0][3:] == ["10.0 mm 0.050°", "20.0 mm 0.060°", "9.0 mm 0.100°", "COLMAP (mm)"]
         assert cells[1][4] == "fails: timed out (60 s)"
         assert cells[1][6] == "none"
@@ -282,8 +281,7 @@ class TestTables:
 
     def test_medians_leave_out_failures_that_have_no_error(self, bench: Callable[[str], ModuleType]) -> None:
         rows, table = self.rows(bench)
-        line = table.summary_table(rows, ["caliscope", "COLMAP"]).splitlines()[2]
-        cells = [cell.strip() for cell in line.split("|")[1:-1]]
+        cells = table.summary_table(rows, ["caliscope", "COLMAP"]).rows[0]
         assert cells == ["caliscope", "3", "2", "1", "2 of 3", "2 of 3", "0.50", "0.50", "0.83", "300 MB"]
 
 
@@ -316,6 +314,6 @@ def test_the_page_runs_from_a_case_to_text(bench: Callable[[str], ModuleType], t
     assert rows[0].ours.failure is None
     assert rows[0].ours.mm is not None
     assert rows[0].ours.mm < 300
-    text = page.engines_text(rows, (), [engine])
+    text = page.tabulate_engines(rows, (), [engine]).text
     assert "fails: RuntimeError: I am no engine" in text
     assert "| short scene | clean " in text

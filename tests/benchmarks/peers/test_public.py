@@ -59,8 +59,9 @@ def test_the_stick_gives_the_scale(bench: Callable[[str], ModuleType], root: Pat
     assert with_stick["mm"] < 1.0
     assert with_stick["scale_ratio"] == pytest.approx(1.0, abs=0.002)
     assert abs(alone["scale_ratio"] - 1) > abs(with_stick["scale_ratio"] - 1)
-    text = public.text_of(cases, done, "`abc`")
-    assert "2 of 4 cases" in text
+    found = public.tabulate(cases, done)
+    text = found.text
+    assert found.run.startswith("2 of 4 cases")
     assert text.count("| 4       | 0.5 px |") == 2
     assert "4 of 4" in text
 
@@ -71,7 +72,7 @@ def test_a_scene_that_fails_is_not_averaged_away(bench: Callable[[str], ModuleTy
     good = {"cameras": 4, "noise_px": 0.1, "registered": 4, "verdict": "accepted", "mm": 1.0, "deg": 0.01, "metric_mm": 2.0,
             "scale_ratio": 1.0, "focal_percent": None, "cpu_s": 1.0}  # fmt: skip
     lost = {"cameras": 4, "noise_px": 0.1, "registered": 0, "verdict": "refused", "why": "too little", "cpu_s": 3.0}
-    line = public.text_of(cases, {"a": good, "b": lost}, "`abc`").splitlines()[6]
+    line = " | ".join(public.tabulate(cases, {"a": good, "b": lost}).tables["Intrinsics known"].rows[0])
     assert "- mm -°" in line
     assert "4 of 8" in line
     assert "1 accepted, 1 refused" in line
@@ -82,4 +83,4 @@ def test_data_that_are_not_here(bench: Callable[[str], ModuleType], tmp_path: Pa
     monkeypatch.setenv("PASSERBY_DATA", str(tmp_path / "nowhere"))
     public = bench("peers.public")
     assert public.cases() == {}
-    assert public.text_of({}, {}, "`abc`") == "Not run: data not here."
+    assert public.tabulate({}, {}).notes == ["Not run: data not here."]

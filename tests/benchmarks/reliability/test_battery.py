@@ -152,9 +152,7 @@ def test_only_accepted_wrong_rigs_are_false_accepts(bench: Bench) -> None:
     assert bench("reliability.battery").false_accepts(results) == ["wrong"]
 
 
-def test_the_page_shows_false_accepts_and_leaves_the_other_cases_to_a_page_of_their_own(
-    bench: Bench, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_false_accepts_have_a_table_beside_that_of_all_cases(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     battery, names = bench("reliability.battery"), list(bench("reliability.hostile").EVERY)
     errors = {"similarity_mm": 700.0, "similarity_deg": 1.0, "placed_mm": 800.0}
     results = [
@@ -170,15 +168,14 @@ def test_the_page_shows_false_accepts_and_leaves_the_other_cases_to_a_page_of_th
 
     monkeypatch.setattr(battery, "kept", kept)
     found = battery.run(SimpleNamespace(quick=False))
-    (page,) = found.further
     titles = [battery.EVERY[name][0] for name in names[:4]]
-    rows = [[line for line in text.splitlines() if line.startswith(f"| {title} ")] for text in (found.text, page.text)
-            for title in titles]  # fmt: skip
-    assert [len(one) for one in rows] == [1, 0, 0, 0, 1, 1, 1, 1]
-    assert "bad (and 1 more)" in rows[5][0]
-    cells = [[cell.strip() for cell in line.split("|")[1:-1]] for line in found.text.splitlines() if line.startswith("| ")]
-    for counts in (["accepted", "1", "1", "0"], ["doubtful", "0", "1", "0"], ["refused", "0", "0", "1"]):
-        assert counts in cells
+    assert [row[0] for row in found.tables["Wrong rigs accepted"].rows] == titles[:1]
+    cases = found.tables["Hostile cases"].rows
+    assert [row[0] for row in cases] == titles
+    assert cases[1][-1] == "bad (and 1 more)"
+    assert found.tables["Hostile cases by verdict"].rows == [
+        ["accepted", "1", "1", "0"], ["doubtful", "0", "1", "0"], ["refused", "0", "0", "1"],
+    ]  # fmt: skip
 
 
 def test_pairs_of_faults_spoil_two_cameras_and_leave_the_others(bench: Bench) -> None:

@@ -137,9 +137,9 @@ def test_upright_people_come_near_the_bound_and_simulated_ones_do_not(bound: Mod
     assert bound.ratio(results, bound.SIMULATED, "position") > bound.ratio(results, bound.UPRIGHT, "position")
     lines = bound._lines(results)
     assert [line.what for line in lines] == [f"errors over the Cramer-Rao bound: terrace, {kind}" for kind in bound.KINDS]
-    text = bound._text(results)
-    assert "| terrace | 8 " in text
-    assert "nan" not in text
+    tables, notes = bound.tabulate(results)
+    assert tables["By number of people"].rows[0][:2] == ["terrace", "8"]
+    assert "nan" not in f"{tables} {notes}"
 
 
 @pytest.mark.unit
@@ -155,4 +155,4 @@ def test_a_scene_without_a_bound_or_a_camera_is_counted_and_left_out(bound: Modu
     assert bound.ratio([whole], bound.SIMULATED, "position") == pytest.approx(2.0)
     assert bound.ratio([whole], bound.SIMULATED, "orientation") == pytest.approx(np.sqrt(2.5))
     assert [line.reached for line in bound._lines(results)] == [False, False]
-    assert "has 1 of 3 scenes" in bound._text(results)
+    assert "has 1 of 3 scenes" in bound.tabulate(results)[1][0]

@@ -49,21 +49,17 @@ def test_a_file_that_no_run_tells_of_is_not_covered(part: ModuleType) -> None:
 def test_the_page_names_the_files_below_the_goal_and_tests_that_failed(part: ModuleType) -> None:
     covered = {path: outcome([1, 2, 3, 4, 5], [], [], [])["files"][FILE] for path in part._files()}
     whole = {"tests": 1000, "failed": 0, "files": covered}
-    found = part._part([whole], ["findings"], quick=False)
-    assert all(line["reached"] for line in found.facts["lines"])
-    assert "1,000 tests of the folders `tests/findings` ran" in found.text
+    found = part._part([whole], ["findings"])
+    assert all(row[-1] == "yes" for row in found.goals)
+    assert found.run == "1,000 tests of findings"
     assert "No file is below 95 %." in found.text
-    assert "failed" not in found.text
+    assert "failed" not in found.run
 
     short = whole | {"failed": 2, "files": covered | outcome([1, 2, 3, 4], [5, 6], [], [])["files"]}
-    found = part._part([short], ["findings"], quick=True)
-    text = found.text
-    assert "quick run" in text
-    assert "**2 of them failed**" in text
-    row = next(line for line in text.splitlines() if line.startswith("| `solver/findings.py`"))
-    assert [cell.strip() for cell in row.split("|")[1:-1]] == ["`solver/findings.py`", "66.7 %", "5-6"]
-    assert [line["what"] for line in found.facts["lines"]] == [f"branch coverage: {group}" for group in part.GROUPS]
-    assert len([line for line in text.splitlines() if line.startswith("| `")]) == 1
+    found = part._part([short], ["findings"])
+    assert "**2 of them failed**" in found.run
+    assert found.tables["Below the goal"].rows == [["`solver/findings.py`", "66.7 %", "5-6"]]
+    assert [row[0] for row in found.goals] == [f"branch coverage: {group}" for group in part.GROUPS]
 
 
 @pytest.mark.unit
@@ -78,13 +74,13 @@ def test_every_pattern_is_of_files_and_every_folder_of_tests(part: ModuleType) -
 def test_the_tests_of_one_folder_cover_the_findings_and_no_verdict(part: ModuleType, bench: Bench, tmp_path: Path) -> None:
     wanted = bench("reliability.runs").Wanted(tmp_path, quick=True, workers=1)
     found = part.run(wanted, ["findings"])
-    reached = {line["what"]: line["reached"] for line in found.facts["lines"]}
+    reached = {row[0]: row[-1] == "yes" for row in found.goals}
     assert reached == {
         "branch coverage: verdict": False,
         "branch coverage: findings": True,
         "branch coverage: writers": False,
     }
-    assert "failed" not in found.text
+    assert "failed" not in found.run
     assert "| `calibration/diagnostics/verdict.py`" in found.text
     # What is kept is not run again.
     assert part.run(wanted, ["findings"]).text == found.text

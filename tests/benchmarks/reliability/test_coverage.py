@@ -64,65 +64,49 @@ def test_finished_cases_are_not_run_again(bench: Bench, tmp_path: Path, monkeypa
         runs.kept(wanted, "squares", {"2": 2}, failing)
 
 
-def test_the_page_keeps_the_parts_that_are_not_run(bench: Bench, tmp_path: Path) -> None:
-    page, pages, sections = bench("reliability.page"), bench("pages.page"), bench("pages.sections")
+def test_the_page_keeps_the_parts_that_are_not_run(bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    page, runs, run = bench("reliability.page"), bench("reliability.runs"), bench("run_reliability")
     lines = [page.Line("two squared", "4", "4", True), page.Line("more --> <b>", "1", "2", False)]
-    parts = {"coverage": lambda: [page.part_found(lines, "Text of sigmas.", quick=True)]}
-    (first,) = page.reliability_page().grow(parts, {})
-    assert "| two squared" in first.text
-    assert "**no**" in first.text
-    assert "quick run" in first.text
-    assert "| verdict " in first.text
-    assert "not run" in first.text
-    path = pages.write_page(first, tmp_path, "make reliability")
+    found = {
+        "coverage": page.part_found(lines, {}, run="sigmas"),
+        "verdict": page.part_found(
+            [page.Line("wrong rigs", "0", "0", True)], {"Hostile cases": bench("pages.tables").table([], [])}
+        ),
+    }
+    for part in found:
+        module, _, name = page.PARTS[part].partition(".")
+        monkeypatch.setattr(bench(f"reliability.{module}"), name, lambda _, part=part: found[part])
+    monkeypatch.setattr(bench("pages.render"), "TEMPLATES", tmp_path / "none")
+    monkeypatch.setattr(run, "part_codes", lambda: dict.fromkeys(page.PARTS, "now"))
+    wanted = runs.Wanted(tmp_path / "kept")
+    run.run_parts(["coverage"], runs.Wanted(tmp_path / "kept", quick=True), tmp_path)
+    first = (tmp_path / "reliability.md").read_text()
+    assert "sigmas" in first
+    assert "quick run" in first
+    run.run_parts(["verdict"], wanted, tmp_path)
+    known = bench("pages.records").read_records(tmp_path / "records", "reliability")
+    assert {part: [row[0] for row in one.found.goals] for part, one in known.items()} == {
+        "coverage": ["two squared", "more --> <b>"], "verdict": ["wrong rigs"],
+    }  # fmt: skip
+    assert [row[-1] for row in known["coverage"].found.goals] == ["yes", "**no**"]
+    # What was run in part, or on other code, is to be run again.
+    assert [part for part, one in known.items() if page.is_whole(one, "now")] == ["verdict"]
+    assert not any(page.is_whole(one, "newer") for one in known.values())
+    before = (tmp_path / "reliability.md").read_text()
+    run.run_parts([], wanted, tmp_path)
+    assert (tmp_path / "reliability.md").read_text() == before
 
-    again = replace(page.reliability_page(), code="newer")
-    parts = {"verdict": lambda: [page.part_found([page.Line("wrong rigs", "0", "0", True)], "Text.", quick=False)]}
-    (second,) = again.grow(parts, sections.sections_on(path))
-    assert "| verdict " not in second.text
-    for kept in ("| two squared", "| more --> <b>", "Text of sigmas.", "quick run", "| wrong rigs"):
-        assert second.text.count(kept) == 1
-    # The older part says that it is older, once, however often the page is written.
-    pages.write_page(second, tmp_path, "make reliability")
-    (third,) = again.grow(parts, sections.sections_on(path))
-    assert third == second
-    assert third.text.count("earlier state of the code") == 1
-    # Without any part run, the page as it is: what is of other code than today's says so.
-    (fourth,) = replace(again, code="newest").grow({}, sections.sections_on(path))
-    assert fourth.text.count("earlier state of the code") == 2
-    assert fourth.text.count("Text of sigmas.") == 1
 
-
-def test_a_part_is_whole_only_on_its_own_code(bench: Bench, tmp_path: Path) -> None:
-    page, pages, sections, kept = (bench(name) for name in ("reliability.page", "pages.page", "pages.sections", "pages.kept"))
+def test_a_part_depends_on_its_own_code(bench: Bench) -> None:
+    page, kept = bench("reliability.page"), bench("pages.kept")
     # The files behind a part: what it imports however far away, nothing of other parts, nothing that only writes pages.
     behind = set(kept.code_behind("reliability.battery"))
     assert {"reliability/battery.py", "reliability/hostile_people.py", "reliability/staging.py"} <= behind
     assert not behind & {"reliability/coverage.py", "reliability/limits.py"}
     assert not any(path.startswith("pages/") for path in behind)
     codes = page.part_codes()
-    assert set(codes) == set(page.PARTS) == set(page.HEADINGS)
+    assert set(codes) == set(page.PARTS)
     assert len(set(codes.values())) == len({run.partition(".")[0] for run in page.PARTS.values()}), "one for each module"
-
-    lines = [page.Line("two squared", "4", "4", True)]
-
-    def written(quick: bool) -> str:
-        runs = {part: lambda: [page.part_found(lines, "Text.", quick=quick)] for part in page.PARTS}
-        *_, last = page.reliability_page().grow(runs, {})
-        pages.write_page(last, tmp_path, "make reliability")
-        return str(last.text)
-
-    assert "**Not of one state of the code**" in written(quick=True)
-    assert not any(page.is_whole(one) for one in sections.sections_on(tmp_path / "reliability.md").values())
-    assert "All parts were run whole on one state of the code" in written(quick=False)
-    found = sections.sections_on(tmp_path / "reliability.md")
-    assert all(page.is_whole(one) for one in found.values())
-    # Other code of one part: that part alone is to be run again, and the page says so.
-    found["fuzz"] = replace(found["fuzz"], code=codes["faults"])
-    assert [part for part, one in found.items() if not page.is_whole(one)] == ["fuzz"]
-    text = page.reliability_page().page(found.values()).text
-    assert "to be run whole, or again, are Untrusted files." in text
-    assert text.count("earlier state of the code") == 1
 
 
 def squared(value: int) -> dict[str, int]:

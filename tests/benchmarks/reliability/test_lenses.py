@@ -40,4 +40,4 @@ def test_the_section_counts_what_was_accused_and_what_was_named(bench: Bench) ->
     accused, named = lenses._lines(right, wrong)
     assert (accused.seen, accused.reached) == ("1 (50.00 %)", False)
     assert (named.seen, named.reached) == ("100.0 %", True)
-    assert "one focal length off by 20 %" in lenses._text(right, {}, wrong)
+    assert "one focal length off by 20 %" in str(lenses._tables(right, {}, wrong)["Wrong lenses"])

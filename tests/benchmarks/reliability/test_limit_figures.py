@@ -72,9 +72,9 @@ def test_joints_are_held_against_the_person_they_are_of(bench: Bench) -> None:
 
 
 def test_sections_say_what_no_case_was_run_of(bench: Bench) -> None:
-    assert "not measured" in bench("reliability.joint_figures").section({}, {})
+    assert "not measured" in bench("reliability.joint_figures").tabulate({}, {}).notes[0]
     for name in ("unusual_figures", "refined_figures"):
         figures = bench(f"reliability.{name}")
         wanted = figures.cases(1)
         assert len(wanted) > 10
-        assert figures.section({}, wanted).startswith("### ")
+        assert figures.tabulate({}, wanted).run.startswith(f"{name.partition('_')[0].upper()}" if name[0] == "u" else "BOXES_")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -48,15 +47,16 @@ def test_heights_of_boxes_are_held_against_whole_bodies(statures: ModuleType) ->
 
 def test_the_page_has_the_constant_and_tells_scale_from_heights(statures: ModuleType) -> None:
     seen = {"a": _outcome("background", 0.02, 0.01), "b": _outcome("background", float("nan"), 0.03)}
-    text = statures.section(seen, {})
-    assert f"in `solver/cues.py`: {statures.POPULATION_BIAS:g}" in text
-    assert re.search(r"\| boxes by the background, rendered films +\| 1 ", text)
-    assert re.search(r"\| heights of boxes by the background +\| 2 ", text)
-    assert "by the network" not in text, "none was run"
-    assert "The models were not at hand" in text
+    found = statures.tabulate(seen, {})
+    assert found.run == f"POPULATION_BIAS = {statures.POPULATION_BIAS:g}"
+    rows = {row[0]: row[1] for row in found.tables["POPULATION_BIAS"].rows}
+    assert rows["boxes by the background, rendered films"] == "1"
+    assert rows["heights of boxes by the background"] == "2"
+    assert not any("by the network" in name for name in rows), "none was run"
+    assert "The models were not at hand" in found.notes[1]
     both = seen | {"c": _outcome("network", 0.0, 0.0)}
-    assert "The models were not at hand" not in statures.section(both, {})
-    assert "root mean square" in statures.section({}, {}), "without a film"
+    assert len(statures.tabulate(both, {}).notes) == 1
+    assert "root mean square" in statures.tabulate({}, {}).notes[0], "without a film"
 
 
 def test_without_models_there_are_films_by_silhouettes_alone(

@@ -20,6 +20,6 @@ def test_a_few_cases_and_their_page(part, monkeypatch):
     assert all(one["seen"] and one["among"] and not one["early"] for one in knocks)
     lines = part._lines([quiet], knocks)
     assert [line.seen[:7] for line in lines[:2]] == ["0 of 1 ", "2 of 2 "]
-    text = part._text([quiet], knocks, [])
+    text = f"{part._table(knocks, [])} {part._note([quiet])}"
     assert "| cheap, 1 degree" in text
     assert "nan" not in text

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import scale_page
-from pages.sections import Section, SectionedPage
+from pages.render import TEMPLATES, render
 from passerby.simulation import simulate
 from scale import simulated
 
@@ -20,11 +20,11 @@ def outcome(known: str, scale_percent: float | None, sigma_percent: float = 1.0)
 
 def found(part: str, known: str, *scales: float | None) -> scale_page.Found:
     cases = dict(list(simulated.cases(part, len(scales)).items())[: len(scales)])
-    return scale_page.found_in(part, cases, {str(n): outcome(known, one) for n, one in enumerate(scales)}, "abc")
+    return scale_page.tabulate(part, cases, {str(n): outcome(known, one) for n, one in enumerate(scales)})
 
 
 def goal(part: str, known: str, *scales: float | None) -> list[str]:
-    return found(part, known, *scales).facts["goals"][0]
+    return found(part, known, *scales).goals[0]
 
 
 def test_the_median_decides_and_a_scene_without_a_scale_counts_as_infinite() -> None:
@@ -35,23 +35,21 @@ def test_the_median_decides_and_a_scene_without_a_scale_counts_as_infinite() -> 
 
 
 def test_signed_errors_and_sigmas_are_goals_of_their_own() -> None:
-    rows = found("nobody", "nothing", 2.0, 2.0, -1.0).facts["goals"]
+    rows = found("nobody", "nothing", 2.0, 2.0, -1.0).goals
     assert [row[1] for row in rows] == ["2.00 % (3 scenes)", "1.00 % (3 scenes)", "2.00 (3 scenes)"]
     assert [row[-1] for row in rows] == ["aim", "aim", "aim"]
 
 
 def test_upper_bodies_want_many_within_two_sigmas() -> None:
-    rows = {row[0]: row for row in found("upper", "upper bodies", 1.0, 1.5, 5.0).facts["goals"]}
+    rows = {row[0]: row for row in found("upper", "upper bodies", 1.0, 1.5, 5.0).goals}
     assert rows["upper bodies: within two stated sigmas"][1:] == ["66.67 % (3 scenes)", "90 %", "90 %", "**missed**"]
     assert rows["upper bodies: figures that are no numbers"][-1] == "aim"
 
 
 def test_the_page_has_all_parts() -> None:
-    page = SectionedPage("scale", scale_page.head, scale_page.HEADINGS, "", timed=False).page(
-        [Section(part, heading.title, "not run") for part, heading in scale_page.HEADINGS.items()]
-    )
-    for heading in scale_page.HEADINGS.values():
-        assert f"## {heading.title}" in page.text
+    template = (TEMPLATES / "scale.md").read_text()
+    assert all(f"{{{{ {part}" in template for part in scale_page.PAGE.parts)
+    assert "Not run" not in render("scale")
 
 
 def test_cases_differ_and_are_as_many_as_asked_for() -> None:

@@ -27,23 +27,23 @@ def case(cameras: int, every_s: float, few_s: float) -> dict[str, object]:
 )
 def test_goals_are_of_two_hundred_cameras(every_s: float, few_s: float, reached: list[str]):
     done = {"50 cameras": case(50, 50.0, 3.0), "200 cameras": case(200, every_s, few_s)}
-    goals = sites_page.monitoring_found("monitoring", done, done, "abc").facts["goals"]
+    goals = sites_page.tabulate_monitoring(done, done).goals
     assert [goal[-1] for goal in goals] == reached
 
 
 def test_a_thousand_cameras_are_extrapolated_and_marked_so_once_both_sizes_are_there():
     done = {"50 cameras": case(50, 50.0, 3.0), "200 cameras": case(200, 200.0, 9.0)}
-    text = sites_page.monitoring_found("monitoring", done, done, "abc").text
+    text = sites_page.tabulate_monitoring(done, done).text
     rows = [[cell.strip() for cell in row.split("|")[1:-1]] for row in text.splitlines() if "extrapolated" in row]
     assert rows[0][1:] == ["1000", "1000 s", "0.5 s", "0.5 s", "1100 MB"]
     assert rows[1][1:4] == ["50", "41 s", "0.021 s"]
     one = {"200 cameras": done["200 cameras"]}
-    assert "extrapolated" not in sites_page.monitoring_found("monitoring", done, one, "abc").text
+    assert "extrapolated" not in sites_page.tabulate_monitoring(done, one).text
 
 
 def test_without_two_hundred_cameras_the_goals_are_not_run():
     done = {"50 cameras": case(50, 50.0, 3.0)}
-    goals = sites_page.monitoring_found("monitoring", done, done, "abc").facts["goals"]
+    goals = sites_page.tabulate_monitoring(done, done).goals
     assert [goal[1] for goal in goals] == ["not run", "not run"]
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import sites_page
-from pages.sections import Section, SectionedPage
+from pages.render import TEMPLATES, render
 from passerby.association.candidates import stated_candidates
 from passerby.simulation.sites import SiteOptions, simulate_site
 from sites import calibrations, cases, corridors
@@ -25,7 +25,7 @@ def outcome(cameras: int, boxes: bool, at_eight: float, at_twelve: float, search
 
 def goals(*outcomes: dict[str, object]) -> list[list[str]]:
     done = {str(number): case for number, case in enumerate(outcomes)}
-    return sites_page.candidates_found("candidates", done, done, "abc").facts["goals"]
+    return sites_page.tabulate_candidates(done, done).goals
 
 
 def test_recall_is_acceptable_at_twelve_and_the_aim_at_eight():
@@ -45,19 +45,15 @@ def test_a_thousand_cameras_are_extrapolated_and_marked_so():
     done = {
         str(n): {"cameras": n, "cpu_s": float(n), "memory_mb": 100.0 + n, "boxes": 10 * n} for n in (25, 100)
     }  # fmt: skip
-    text = sites_page.simulation_found("simulation", done, done, "abc").text
+    text = sites_page.tabulate_simulation(done, done).text
     assert re.search(r"\| 1000 \(extrapolated\) \| +\| 1000 s +\| 1100 MB", text)
-    assert "extrapolated" not in sites_page.simulation_found("simulation", {**done, "more": None}, done, "abc").text
+    assert "extrapolated" not in sites_page.tabulate_simulation({**done, "more": None}, done).text
 
 
-def test_the_page_has_all_goals_also_of_parts_that_are_not_run():
-    page = SectionedPage("sites", sites_page.head, sites_page.HEADINGS, "", timed=False).page(
-        [Section(name, heading.title, "not run") for name, heading in sites_page.HEADINGS.items()]
-    )
-    for part in sites_page.PARTS.values():
-        assert f"## {part.heading.title}" in page.text
-        for text, *_ in part.goals:
-            assert text in page.text
+def test_the_page_has_all_parts() -> None:
+    template = (TEMPLATES / "sites.md").read_text()
+    assert all(f"{{{{ {part}" in template for part in sites_page.PAGE.parts)
+    assert "Not run" not in render("sites")
 
 
 def test_recall_is_the_share_of_true_pairs():
@@ -98,13 +94,13 @@ def calibrated(cameras: int, cpu_s: float, wall_s: float = 600.0) -> dict[str, o
 
 def test_growth_of_time_is_judged_only_where_both_sizes_are_run():
     small, large = calibrated(8, 10.0), calibrated(32, 44.0)
-    goals_of = {len(cases_): sites_page.halls_found("linear", {}, dict(enumerate(map(dict, cases_))), "abc").facts["goals"]
+    goals_of = {len(cases_): sites_page.tabulate_halls({}, dict(enumerate(map(dict, cases_)))).goals
                 for cases_ in ([small], [small, large])}  # fmt: skip
     assert goals_of[1][0][1] == "not run"
     assert goals_of[2][0][1::3] == ["4.4 x", "acceptable"]
-    found = sites_page.sites_found("hundred", {}, {"a": calibrated(25, 300.0), "b": calibrated(100, 1600.0)}, "abc")
-    assert [goal[1] for goal in found.facts["goals"]] == ["10 min, 2.0 GB", "5.3 x"]
-    assert [goal[-1] for goal in found.facts["goals"]] == ["acceptable", "**missed**"]
+    found = sites_page.tabulate_sites({}, {"a": calibrated(25, 300.0), "b": calibrated(100, 1600.0)})
+    assert [goal[1] for goal in found.goals] == ["10 min, 2.0 GB", "5.3 x"]
+    assert [goal[-1] for goal in found.goals] == ["acceptable", "**missed**"]
     assert "2 (1 doubtful, 1 accepted)" in found.text
 
 
@@ -120,13 +116,13 @@ def test_processor_time_is_held_against_that_of_the_earlier_version(now: float, 
     case = {
         "about": {"against": "abc"}, "cpu_s": 80.0, "earlier": 20.0, "now": now, "apart_mm": 1e-6, "apart_deg": 0.0,
     }  # fmt: skip
-    pets, colmap = sites_page.small_found("small", {"a": case}, {"a": case}, "abc").facts["goals"]
+    pets, colmap = sites_page.tabulate_small({"a": case}, {"a": case}).goals
     assert pets[1::3] == said
     assert colmap[1::3] == ["not run", ""]
 
 
 def test_without_the_data_the_goals_of_small_scenes_are_not_run():
-    assert [goal[1] for goal in sites_page.small_found("small", {}, {}, "abc").facts["goals"]] == ["not run", "not run"]
+    assert [goal[1] for goal in sites_page.tabulate_small({}, {}).goals] == ["not run", "not run"]
 
 
 def corridor(cameras: int, cpu_s: float, within_2: float = 0.96, of_zones_mm: float = 110.0) -> dict[str, Any]:
@@ -139,13 +135,13 @@ def corridor(cameras: int, cpu_s: float, within_2: float = 0.96, of_zones_mm: fl
 
 def test_zones_are_judged_by_the_worst_corridor_and_extrapolated_by_a_power_law():
     wanted = {"a": None, "b": None}
-    found = sites_page.zones_found("thousand", wanted, {"a": corridor(125, 10.0), "b": corridor(250, 40.0, 0.91)}, "abc")
-    goals = found.facts["goals"]
+    found = sites_page.tabulate_zones(wanted, {"a": corridor(125, 10.0), "b": corridor(250, 40.0, 0.91)})
+    goals = found.goals
     assert [goal[1] for goal in goals] == ["11 min, 9.8 GB", "1.10 x", "91 %"]
     assert [goal[-1] for goal in goals] == ["**missed**", "acceptable", "acceptable"]
     assert "1000 (extrapolated)" in found.text
-    one = sites_page.zones_found("thousand", wanted, {"a": corridor(125, 10.0)}, "abc")
-    assert one.facts["goals"][0][1] == "not run"
+    one = sites_page.tabulate_zones(wanted, {"a": corridor(125, 10.0)})
+    assert one.goals[0][1] == "not run"
     assert "extrapolated" not in one.text
 
 

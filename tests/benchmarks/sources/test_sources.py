@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 import sources_page
-from pages.sections import Found, Section, SectionedPage
+from pages.records import Found
+from pages.render import TEMPLATES, render
 from passerby.simulation import SimulationOptions, simulate
 from sources import pieces, watching, zones
 from sources.packaging import PACKAGINGS, PLAIN
@@ -24,7 +25,7 @@ def goal(*outcomes: dict[str, object]) -> list[str]:
     """Of the plain film's error of 10 mm and these of the first packagings."""
     keys = [PLAIN.key, *(packaging.key for packaging in PACKAGINGS)]
     done = dict(zip(keys, [outcome(10.0), *outcomes], strict=False))
-    return sources_page.containers_found("containers", dict.fromkeys(keys), done, "abc").facts["goals"][0]
+    return sources_page.tabulate_containers(dict.fromkeys(keys), done).goals[0]
 
 
 def test_twelve_packagings_are_compared() -> None:
@@ -39,14 +40,10 @@ def test_a_packaging_gives_the_rig_of_the_plain_film_or_one_line() -> None:
     assert goal(outcome(10.0))[1::3] == ["1 of 12", "2 of 13 run"]
 
 
-def test_the_page_has_all_goals_also_of_parts_that_are_not_run() -> None:
-    page = SectionedPage("sources", sources_page.head, sources_page.HEADINGS, "", timed=False).page(
-        [Section(name, heading.title, "not run") for name, heading in sources_page.HEADINGS.items()]
-    )
-    for part in sources_page.PARTS.values():
-        assert f"## {part.heading.title}" in page.text
-        for text, *_ in part.goals:
-            assert text in page.text
+def test_the_page_has_all_parts() -> None:
+    template = (TEMPLATES / "sources.md").read_text()
+    assert all(f"{{{{ {part}" in template for part in sources_page.page().parts)
+    assert "Not run" not in render("sources")
 
 
 def test_zones_of_the_true_rig_have_their_true_sides() -> None:
@@ -65,20 +62,20 @@ def rig(mm: float | None, text: str, **others: object) -> dict[str, object]:
 
 
 def rows(found: Callable[..., Found], done: dict[str, dict[str, object]]) -> list[list[str]]:
-    return found("x", dict.fromkeys(done), done, "abc").facts.get("goals", [])
+    return found(dict.fromkeys(done), done).goals
 
 
 def test_streams_are_compared_with_the_files_and_the_true_offsets() -> None:
     files = rig(10.0, "files")
     recording = {"cameras": {"C1": {"gaps_s": [2.0], "clock": "sender"}}}
-    assert rows(sources_page.streams_found, {"files": files}) == []
-    error, offset = rows(sources_page.streams_found, {"files": files, "streams": rig(12.0, "streams", recording=recording)})
+    assert rows(sources_page.tabulate_streams, {"files": files}) == []
+    error, offset = rows(sources_page.tabulate_streams, {"files": files, "streams": rig(12.0, "streams", recording=recording)})
     assert (error[1], error[-1]) == ("1.20 x, accepted", "acceptable")
     assert (offset[1], offset[-1]) == ("12 ms", "aim")
     for worse in ({"verdict": "doubtful"}, {"mm": 13.1}, {"mm": None}):
-        error, _ = rows(sources_page.streams_found, {"files": files, "streams": rig(10.0, "streams") | worse})
+        error, _ = rows(sources_page.tabulate_streams, {"files": files, "streams": rig(10.0, "streams") | worse})
         assert error[-1] == "**missed**"
-    _, offset = rows(sources_page.streams_found, {"files": files, "streams": rig(10.0, "streams") | {"offset_ms": None}})
+    _, offset = rows(sources_page.tabulate_streams, {"files": files, "streams": rig(10.0, "streams") | {"offset_ms": None}})
     assert offset[-1] == "**missed**"
 
 
@@ -93,7 +90,7 @@ def test_streams_are_compared_with_the_files_and_the_true_offsets() -> None:
 def test_gaps_have_to_be_reported_once(gaps: list[list[object]], said: str, verdict: str) -> None:
     lost = [["C1", 3], ["C1", 4], ["C2", 2], ["C2", 6]]
     done = {"files": rig(10.0, "files"), "pieces": rig(10.2, "pieces", lost=lost, gaps=gaps)}
-    error, once = rows(sources_page.pieces_found, done)
+    error, once = rows(sources_page.tabulate_pieces, done)
     assert (error[1], error[-1]) == ("1.02 x, accepted", "aim")
     assert (once[1], once[-1]) == (said, verdict)
 
@@ -118,8 +115,10 @@ def test_the_worst_detector_decides_about_processing_time() -> None:
         about = {"detector": detector, "seconds": 20.0, "against": watching.EARLIER}
         return {"about": about, "cpu_s": 1.0, "earlier": one | {"cpu_s": 10.0}, "now": one | {"cpu_s": now_s}}
 
-    ((_, said, *_, verdict),) = rows(sources_page.watching_found, {"a": case("background", 4.0), "b": case("yolox-nano", 7.9)})
+    ((_, said, *_, verdict),) = rows(
+        sources_page.tabulate_watching, {"a": case("background", 4.0), "b": case("yolox-nano", 7.9)}
+    )
     assert (said, verdict) == ("0.40 x (background), 0.79 x (yolox-nano)", "acceptable")
-    ((*_, verdict),) = rows(sources_page.watching_found, {"a": case("background", 4.0), "b": case("yolox-nano", 9.0)})
+    ((*_, verdict),) = rows(sources_page.tabulate_watching, {"a": case("background", 4.0), "b": case("yolox-nano", 9.0)})
     assert verdict == "**missed**"
-    assert rows(sources_page.watching_found, {}) == []
+    assert rows(sources_page.tabulate_watching, {}) == []
