@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from datasets import DATA_SETS, write_scene
-from pages.page import table
-from pages.sections import Found
+from pages.records import Found
+from pages.tables import Table, table
 from passerby.calibration.calibrate import calibrate
 from passerby.calibration.calibration import Calibration
 from passerby.calibration.in_memory import calibrate_observations

@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from datasets import models_folder
 from metrics.detections import paired
 from pages.cases import Outcomes
-from pages.page import table
+from pages.records import Found
+from pages.tables import table
 from passerby.calibration.calibrate import calibrate
 from passerby.common.arrays import Floats
 from passerby.common.progress import silent

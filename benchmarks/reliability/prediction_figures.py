@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 
 from pages.cases import Outcomes
-from pages.page import table
+from pages.records import Found
+from pages.tables import Table, table
 from passerby.calibration import calibrate as pipeline
 from passerby.calibration.calibration import Calibration
 from passerby.calibration.prediction import HARMFUL_SHARE, LEAST_ODDS, worst_part

@@ -13,7 +13,8 @@ import tomli_w
 
 from datasets import models_folder
 from pages.cases import Outcomes
-from pages.page import table
+from pages.records import Found
+from pages.tables import table
 from passerby.calibration.calibrate import calibrate
 from passerby.common.arrays import Floats
 from passerby.core.cameras import Rig
