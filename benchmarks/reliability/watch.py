@@ -15,7 +15,8 @@ from passerby.core.cameras import Pose, Rig
 from passerby.core.observations import CameraObservations, Clock, Observations
 from passerby.geometry.rotations import log_rotation
 from passerby.monitoring.site import identify_by_rig
-from passerby.monitoring.watching import Watched, WatchOptions, watch
+from passerby.monitoring.watched import Watched, WatchOptions
+from passerby.monitoring.watching import watch
 from passerby.people.rig_observations import gather_rig_observations
 from reliability.footage import Move, calibrated, footage, true_rig, unit
 from reliability.page import Line, part_found
