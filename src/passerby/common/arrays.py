@@ -28,7 +28,7 @@ def frozen(values: Floats) -> Floats:
     return array
 
 
-ABSENT: Any = None
+UNFILLED: Any = None
 """Default of a column that a table may lack although its type is that of an array: code that reads the column has filled it."""
 
 

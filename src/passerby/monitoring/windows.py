@@ -140,7 +140,7 @@ class WindowRun(ABC):
         """When cameras moved; nothing of those whose people no camera saw that stood still."""
         cameras, found = [one.camera for one in moved], dict[int, ChangePoint]()
         for camera in cameras:
-            seen = self._without(camera, cameras, from_s, until_s)
+            seen = self._drop_movers(camera, cameras, from_s, until_s)
             several = np.bincount(seen.block, minlength=seen.n_blocks)[seen.block] > 1
             if several[seen.camera == camera].any() and (moment := self._moment(camera, seen)) is not None:
                 found[camera] = moment
@@ -158,12 +158,7 @@ class WindowRun(ABC):
         cameras = [replace(c, pose=one.pose, sigma=sigma) if c.name == name else c for c in self.rig.cameras]
         self.rig = replace(self.rig, cameras=tuple(cameras))
 
-    def _moments(self, cameras: Sequence[int], from_s: float, until_s: float) -> list[ChangePoint]:
-        """When each of the cameras moved, by those that did not; some time in the window where these saw none of its people."""
-        whole = ChangePoint(from_s, from_s, until_s)
-        return [self._moment(camera, self._drop_movers(camera, cameras, from_s, until_s)) or whole for camera in cameras]
-
-    def _without(self, camera: int, moved: Sequence[int], from_s: float, until_s: float) -> Sightings:
+    def _drop_movers(self, camera: int, moved: Sequence[int], from_s: float, until_s: float) -> Sightings:
         """What was seen about a window by a camera and by those that did not move."""
         every = self.options.every_s
         seen = self.seen.between(max(self.start, from_s - every), min(until_s + every / 2, self.end))

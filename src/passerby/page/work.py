@@ -153,7 +153,7 @@ class Work:
         except (OSError, ValueError, KeyError, TypeError):
             return ""
 
-    def _finished(self) -> bool:
+    def _has_finished(self) -> bool:
         """Whether the process has reported its verdict."""
         try:
             return "verdict" in json.loads((self.folder / RESULT).read_text(encoding="utf-8"))

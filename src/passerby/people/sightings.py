@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from passerby.common.arrays import ABSENT, Bools, Columns, Floats, Ints
+from passerby.common.arrays import UNFILLED, Bools, Columns, Floats, Ints
 from passerby.core.cameras import Camera, Lens, Rig
 from passerby.core.observations import UNKNOWN, CameraObservations, Clock, Observations, inside_picture
 from passerby.people.model import HEIGHT_PER_CENTRE, Noise
@@ -36,43 +36,43 @@ class Sightings(Columns):
     """(N,) time step common to all cameras, or the camera's own frame number."""
     identity: Ints
     """(N,) person, or tracklet of this camera; -1 where unknown."""
-    block: Ints = ABSENT
+    block: Ints = UNFILLED
     """(N,) number of the block, from 0; ascending where block by block is read (`n_blocks` and what follows it)."""
-    seconds: Floats = ABSENT
+    seconds: Floats = UNFILLED
     """(N,) time by the clock that `step` belongs to."""
-    row: Ints = ABSENT
+    row: Ints = UNFILLED
     """(N,) row among the camera's boxes or, where `has_foot` is 0, among its sets of joints."""
-    ltwh: Floats = ABSENT
+    ltwh: Floats = UNFILLED
     """(N, 4) left, top, width, height of the box, pixels."""
-    top: Floats = ABSENT
+    top: Floats = UNFILLED
     """(N, 3) ray to the highest point; NaN where the lens gives none."""
-    bottom: Floats = ABSENT
+    bottom: Floats = UNFILLED
     """(N, 3) ray to the lowest point."""
-    middle: Floats = ABSENT
+    middle: Floats = UNFILLED
     """(N, 3) ray to the point halfway between both."""
-    top_tangent: Floats = ABSENT
+    top_tangent: Floats = UNFILLED
     """(N, 2, 3) from `Lens.tangents`, of the highest point,"""
-    bottom_tangent: Floats = ABSENT
+    bottom_tangent: Floats = UNFILLED
     """(N, 2, 3) of the lowest,"""
-    middle_tangent: Floats = ABSENT
+    middle_tangent: Floats = UNFILLED
     """(N, 2, 3) and of the middle."""
-    top_fraction: Floats = ABSENT
+    top_fraction: Floats = UNFILLED
     """(N,) height of the highest point on the body, as a share of the body's height: 1 for a box."""
-    bottom_fraction: Floats = ABSENT
+    bottom_fraction: Floats = UNFILLED
     """(N,) the same of the lowest point: 0 for a box."""
-    has_foot: Floats = ABSENT
+    has_foot: Floats = UNFILLED
     """(N,) 1 for a box: its lowest point is the visible foot, nearer to the camera than the body's axis. 0 for joints."""
-    extent_px: Floats = ABSENT
+    extent_px: Floats = UNFILLED
     """(N,) distance of highest and lowest point in the picture, pixels."""
-    size: Floats = ABSENT
+    size: Floats = UNFILLED
     """(N,) angle between the rays of both, radians."""
-    middle_sd_px: Floats = ABSENT
+    middle_sd_px: Floats = UNFILLED
     """(N,) one sigma of the middle in each direction, pixels."""
-    centre_sd: Floats = ABSENT
+    centre_sd: Floats = UNFILLED
     """(N,) the same as an angle, radians."""
-    size_sd: Floats = ABSENT
+    size_sd: Floats = UNFILLED
     """(N,) one sigma of `size`, radians."""
-    origin: Floats = ABSENT
+    origin: Floats = UNFILLED
     """(N, 3) where the rays begin, metres, world: the camera's centre. Where it is filled the rays are in the world's frame."""
     velocity: Floats | None = None
     """(N, 2) how fast the middle moves through the picture, pixels a second; None where clocks are taken to be right."""

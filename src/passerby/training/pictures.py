@@ -154,7 +154,7 @@ class BatchSampler(Sampler[list[Draw]]):
             yield [(row, self.epoch, place + k) for k, row in enumerate(batch)]
             place += len(batch)
 
-    def _any(self, rng: np.random.Generator) -> Iterator[list[int]]:
+    def _draw_batches(self, rng: np.random.Generator) -> Iterator[list[int]]:
         """All people are known to be different."""
         with _drawing_from(rng):
             sampler = MPerClassSampler(self._crops.person, self._pictures, self.size, len(self) * self.size)
@@ -162,7 +162,7 @@ class BatchSampler(Sampler[list[Draw]]):
         for start in range(0, len(rows), self.size):
             yield rows[start : start + self.size]
 
-    def _apart(self, rng: np.random.Generator, apart: np.ndarray) -> Iterator[list[int]]:
+    def _draw_distinct_batches(self, rng: np.random.Generator, apart: np.ndarray) -> Iterator[list[int]]:
         """Batches of people in which every two are known to be different: any one, then others who are different from
         all before.
 

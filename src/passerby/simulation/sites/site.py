@@ -108,7 +108,7 @@ class Site:
 
     def _chunk(self, index: int, start: int, times: Floats, rng: np.random.Generator) -> Detected | None:
         """A stretch of one camera's recording; None where no person is near."""
-        people = self._near(index, float(times[0]), float(times[-1]))
+        people = self._find_near(index, float(times[0]), float(times[-1]))
         if not len(people):
             return None
         state, floor = self.walkers.state(people, times)
