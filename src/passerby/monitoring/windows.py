@@ -158,6 +158,11 @@ class WindowRun(ABC):
         cameras = [replace(c, pose=one.pose, sigma=sigma) if c.name == name else c for c in self.rig.cameras]
         self.rig = replace(self.rig, cameras=tuple(cameras))
 
+    def _moments(self, cameras: Sequence[int], from_s: float, until_s: float) -> list[ChangePoint]:
+        """When each of the cameras moved, by those that did not; some time in the window where these saw none of its people."""
+        whole = ChangePoint(from_s, from_s, until_s)
+        return [self._moment(camera, self._drop_movers(camera, cameras, from_s, until_s)) or whole for camera in cameras]
+
     def _drop_movers(self, camera: int, moved: Sequence[int], from_s: float, until_s: float) -> Sightings:
         """What was seen about a window by a camera and by those that did not move."""
         every = self.options.every_s
