@@ -18,8 +18,9 @@ from passerby.solver.block_prediction import (
     held_out_blocks,
     predicted_costs,
 )
-from passerby.solver.initialisation import Fit, Initialisation, PeopleOptions, refine_in_stages, select_initial_rig
+from passerby.solver.initialisation import Initialisation, PeopleOptions, select_initial_rig
 from passerby.solver.lens_unknowns import LensUnknowns
+from passerby.solver.refinement import Fit, refine_rig
 from support.scenes.people_and_rigs import part, simulated, without_poses
 
 SCENE = simulated("basketball")
@@ -34,7 +35,7 @@ def fitted(focal_factor: float) -> Fit:
     rig: Rig = without_poses(LensUnknowns(("focal",)).rig(SCENE.rig, change))
     options, rng = PeopleOptions(max_sightings=3000, coarse_people=200), np.random.default_rng(0)
     start = Initialisation.prepare(rig, part(SCENE.observations), ScaleCues(), options, rng)
-    return refine_in_stages(start, select_initial_rig(start, options, rng).state, options, rng)
+    return refine_rig(start, select_initial_rig(start, options, rng).state, options, rng)
 
 
 def blocks_of(*fits: Fit) -> HeldOutBlocks:

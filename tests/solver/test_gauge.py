@@ -11,12 +11,13 @@ from passerby.core.cameras import Rig
 from passerby.core.scale_cues import CameraDistance, CameraHeight, ScaleCues
 from passerby.core.solution import Solution
 from passerby.solver.gauge import NULL_SHARE, Free, HeldSystem, held_system, placement_freedoms, similarity_freedoms
-from passerby.solver.initialisation import Fit, Initialisation, refine_in_stages, select_initial_rig
+from passerby.solver.initialisation import Initialisation, select_initial_rig
 from passerby.solver.lens_unknowns import LENS_PARTS
 from passerby.solver.optimizer.least_squares import NormalEquations
 from passerby.solver.people import PeopleOptions
 from passerby.solver.people_state import AdjustmentState
 from passerby.solver.person_model import PeopleProblem
+from passerby.solver.refinement import Fit, refine_rig
 from passerby.solver.uncertainty import rig_covariance
 from support.scenes.people_and_rigs import part, simulated, solve, without_poses
 from support.scenes.upper_bodies import SEGMENT_ENDS, in_turns, without_joints
@@ -36,7 +37,7 @@ def distance(a: str, b: str, sd_m: float = 0.01) -> ScaleCues:
 def fitted(observations: object, cues: ScaleCues | None = None) -> Fit:
     rng = np.random.default_rng(0)
     start = Initialisation.prepare(without_poses(TRUTH.rig), observations, cues or ScaleCues(), QUICK, rng)  # type: ignore[arg-type]
-    return refine_in_stages(start, select_initial_rig(start, QUICK, rng).state, QUICK, rng)
+    return refine_rig(start, select_initial_rig(start, QUICK, rng).state, QUICK, rng)
 
 
 @pytest.fixture(scope="module")

@@ -11,8 +11,7 @@ import pytest
 
 from passerby.core.cameras import Rig
 from passerby.people.model import HEIGHT_PER_CENTRE, Noise, Priors
-from passerby.solver.optimizer.least_squares import Cauchy, Term
-from passerby.solver.refinement import (
+from passerby.solver.adjustment_problem import (
     MIN_FOR_NOISE,
     POSTURE_SD,
     RigState,
@@ -20,6 +19,7 @@ from passerby.solver.refinement import (
     _learn_joints,
     _on_time,
 )
+from passerby.solver.optimizer.least_squares import Cauchy, Term
 from support.scenes.exact_sightings import poses_of, standing
 from support.scenes.people_and_rigs import LENS, ring
 

@@ -17,11 +17,12 @@ from passerby.geometry.rotations import exp_rotation, fit_plane_similarity, log_
 from passerby.solver import uncertainty
 from passerby.solver.cues import POPULATION_BIAS
 from passerby.solver.gauge import SCALE, TILT_X, TILT_Y, VAGUE, Free, held_system
-from passerby.solver.initialisation import Initialisation, refine_in_stages, select_initial_rig
+from passerby.solver.initialisation import Initialisation, select_initial_rig
 from passerby.solver.optimizer.least_squares import NormalEquations, Stopping, Term, minimise
 from passerby.solver.people import PeopleOptions
 from passerby.solver.people_state import AdjustmentState
 from passerby.solver.person_model import TIME, PeopleProblem
+from passerby.solver.refinement import refine_rig
 from passerby.solver.systematic import LOWER_EDGE, ConsiderParameters
 from passerby.solver.uncertainty import (
     MODEL_EXCESS,
@@ -45,7 +46,7 @@ def optimum() -> tuple[PeopleProblem, AdjustmentState]:
     cues = ScaleCues(camera_heights=(CameraHeight("C2", float(truth.rig["C2"].centre[2]), 0.02),))
     rng = np.random.default_rng(0)
     start = Initialisation.prepare(without_poses(truth.rig), part(truth.observations), cues, QUICK, rng)
-    fit = refine_in_stages(start, select_initial_rig(start, QUICK, rng).state, QUICK, rng)
+    fit = refine_rig(start, select_initial_rig(start, QUICK, rng).state, QUICK, rng)
     return fit.model.problem, fit.result.state
 
 
@@ -195,7 +196,7 @@ def test_the_usual_design_effect_counts_against_the_sums_that_are_left(monkeypat
         seen = some(truth.observations, 4, frames)
         rng = np.random.default_rng(0)
         start = Initialisation.prepare(without_poses(truth.rig), seen, ScaleCues(), QUICK, rng)
-        fit = refine_in_stages(start, select_initial_rig(start, QUICK, rng).state, QUICK, rng)
+        fit = refine_rig(start, select_initial_rig(start, QUICK, rng).state, QUICK, rng)
         terms = fit.model.problem.terms(fit.result.state, jacobians=False)
         effects = []
         for usual in (USUAL_EFFECT, other):

@@ -16,12 +16,12 @@ import numpy as np
 from passerby.common.arrays import Floats, Ints
 from passerby.common.symmetric import inverse_of
 from passerby.hypotheses.comparison import LOG_ODDS
+from passerby.solver.adjustment_problem import standing_extents
 from passerby.solver.lens_columns import WidenedLayout
 from passerby.solver.optimizer.least_squares import NormalEquations
 from passerby.solver.people import PeopleSolution
 from passerby.solver.people_state import AdjustmentState
 from passerby.solver.person_model import PeopleProblem
-from passerby.solver.refinement import standing_extents
 from passerby.solver.uncertainty import downweight
 
 HALF = 0.5

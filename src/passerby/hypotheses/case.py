@@ -13,13 +13,13 @@ from passerby.common.arrays import Bools, Floats, Ints
 from passerby.core.cameras import Pose, Rig
 from passerby.core.synchronisation import USUAL_FPS
 from passerby.hypotheses.alternatives import LENS, stated_scales
+from passerby.solver.adjustment_problem import AGREE_SIGMAS, build_problem, rig_of
 from passerby.solver.cue_terms import CueRows
 from passerby.solver.initialisation import people_for_all
 from passerby.solver.optimizer.least_squares import NormalEquations, Stopping, minimise
 from passerby.solver.people import PeopleSolution
 from passerby.solver.people_state import AdjustmentState
 from passerby.solver.person_model import JOINT, UPRIGHT, PeopleProblem
-from passerby.solver.refinement import AGREE_SIGMAS, build_problem, rig_of
 
 PEOPLE, JOINTS, OF_CAMERA = 1500, 4000, 200
 """Person-instants and joints that are compared, spread evenly: those in between err as their neighbours do. In large rigs

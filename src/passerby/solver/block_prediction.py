@@ -16,11 +16,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from passerby.common.arrays import Bools, Floats, Ints
+from passerby.solver.adjustment_problem import AdjustmentProblem, RigState, build_problem, rig_of
 from passerby.solver.evidence import Evidence
-from passerby.solver.initialisation import Fit, Initialisation
+from passerby.solver.initialisation import Initialisation
 from passerby.solver.optimizer.least_squares import Stopping, Term, minimise
 from passerby.solver.person_model import JOINT
-from passerby.solver.refinement import AdjustmentProblem, RigState, build_problem, rig_of
+from passerby.solver.refinement import Fit
 
 STRETCH_S = 10.0
 """Seconds of a person that make one block; less in recordings that have not `FOLDS` of them."""

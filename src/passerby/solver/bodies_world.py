@@ -25,10 +25,10 @@ from passerby.solver.body_vertical import BodyVertical, body_vertical, parts_agr
 from passerby.solver.cue_terms import CueRows, WorldRows
 from passerby.solver.cues import expected_heights, settle_cues
 from passerby.solver.gauge import SCALE, TILT_X, TILT_Y, Z, held_system, similarity_freedoms
-from passerby.solver.initialisation import Fit, PeopleOptions
-from passerby.solver.optimizer.least_squares import Stopping
+from passerby.solver.initialisation import PeopleOptions
+from passerby.solver.optimizer.least_squares import Stopping, minimise
 from passerby.solver.people_state import AdjustmentState
-from passerby.solver.refinement import minimise_problem
+from passerby.solver.refinement import Fit
 
 
 def placed_by_bodies(
@@ -69,7 +69,7 @@ def placed_by_bodies(
     known = settle_cues(known, placed.R, placed.centre, np.zeros(0), np.zeros(0), np.zeros(0)) or known
     knowledge = replace(fit.start.knowledge, cues=known)
     model = replace(fit.model, problem=replace(problem, cues=known), state=placed)
-    result = minimise_problem(model, Stopping(options.max_iterations, options.tolerance))
+    result = minimise(model.problem, model.state, Stopping(options.max_iterations, options.tolerance))
     return replace(fit, model=model, result=result, start=replace(fit.start, knowledge=knowledge))
 
 

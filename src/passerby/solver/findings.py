@@ -25,8 +25,9 @@ from passerby.findings.finding import Finding, notice
 from passerby.people.model import HEIGHT_PER_CENTRE
 from passerby.solver.evidence import Evidence
 from passerby.solver.gauge import Free
-from passerby.solver.initialisation import Fit, Initialisation, InitialRig
+from passerby.solver.initialisation import Initialisation, InitialRig
 from passerby.solver.pose_graph import cycle_consistency
+from passerby.solver.refinement import Fit
 from passerby.solver.uncertainty import RigCovariance
 
 _MIN_SIGHTINGS = 20

@@ -1,4 +1,4 @@
-"""The stages of the person-model solver, each a function from what is known to what is known after it."""
+"""The initial rig of the person-model solver: evidence, hypotheses of pairs, and the spanning tree that agrees most."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from passerby.common.arrays import Floats
 from passerby.common.errors import InputError
 from passerby.core.cameras import Rig
-from passerby.core.figures import AdjustmentRound, TreeFigures
+from passerby.core.figures import TreeFigures
 from passerby.core.observations import Observations
 from passerby.core.scale_cues import ScaleCues
 from passerby.core.unknown_focals import needs_focal_search, shared_lenses
@@ -20,7 +20,13 @@ from passerby.geometry.rotations import angle_between, chordal_mean_rotation
 from passerby.geometry.single_view import Level, level_camera
 from passerby.geometry.two_view import PairHypothesis
 from passerby.people.model import JOINED_FOOT_SHIFT_SD, Noise, Priors
-from passerby.people.standing import standing_instants
+from passerby.solver.adjustment_problem import (
+    AdjustmentProblem,
+    PriorKnowledge,
+    RigState,
+    build_problem,
+    rig_of,
+)
 from passerby.solver.cues import (
     cue_rows,
     expected_heights,
@@ -35,21 +41,10 @@ from passerby.solver.evidence import Evidence, draw_blocks, gather_evidence
 from passerby.solver.focal_search import search_focals
 from passerby.solver.lens_sigmas import lens_evidence
 from passerby.solver.lens_unknowns import LensPart, LensUnknowns
-from passerby.solver.optimizer.least_squares import Result, Stopping
+from passerby.solver.optimizer.least_squares import Result, Stopping, minimise
 from passerby.solver.pairs import ALL_PAIRS_UP_TO, pair_hypotheses, verify_guesses
 from passerby.solver.people_state import AdjustmentState
 from passerby.solver.pose_graph import gravity_aligned, poses_of_tree, spanning_trees
-from passerby.solver.refinement import (
-    AGREE_SIGMAS,
-    AdjustmentProblem,
-    PriorKnowledge,
-    RigState,
-    build_problem,
-    learn_noise,
-    minimise_problem,
-    occlusion_weights,
-    rig_of,
-)
 from passerby.solver.registrations import contradicted
 from passerby.solver.uncertainty import design_effect
 
@@ -59,19 +54,13 @@ _RIVAL_SHARE = 0.97
 _RIVAL_ANGLE = np.deg2rad(4.0)
 # A rig that fewer agree with than this share of what most agree with is not taken for the registrations that it keeps.
 _SOUND_SHARE = 0.9
-# Noise that is learnt from what agrees within a tolerance is too small where that is narrow: rounds go on, by so many at most,
-# while it grows by more than this factor.
-_GROWTH, _MORE_ROUNDS = 1.15, 4
-# Rounds more at most until the rays are those of the lenses found, where lenses are refined: the change in a round is about the
-# square of that in the one before.
-_LENS_ROUNDS = 6
 # A first guess that was made with focal lengths farther off than this is made anew.
 _MISLEADING_FOCAL = 0.25
 # What boxes are off by alike makes priors of the lenses count more by this at most.
 _MOST_EXCESS = 30.0
 # Observations of a camera in the coarse descents and in the round that learns the noise, in the mean, where there are many
 # cameras: in rooms of eight of which half see each person, the default numbers of people give 200 and 750.
-_COARSE_OF_CAMERA, _LEARNING_OF_CAMERA = 60, 200
+_COARSE_OF_CAMERA, LEARNING_OF_CAMERA = 60, 200
 # A coarse descent stops here; the optimum needs more evidence anyhow.
 _COARSE = Stopping(15, 1e-4)
 
@@ -229,19 +218,6 @@ class InitialRig:
     doubts: list[Finding]
 
 
-@dataclass(frozen=True, eq=False)
-class Fit:
-    """The optimum."""
-
-    model: AdjustmentProblem
-    result: Result[AdjustmentState]
-    noise: Noise
-    stance: Floats
-    start: Initialisation
-    """What it was computed from, with the lenses found."""
-    rounds: tuple[AdjustmentRound, ...] = ()
-
-
 def _with_rays_of(rig: Rig, stated: Rig, evidence: Evidence, unknowns: LensUnknowns) -> Evidence:
     """The evidence with the rays of other lenses than it was gathered with."""
     pixels = np.zeros((len(stated), unknowns.size))
@@ -307,7 +283,7 @@ def select_initial_rig(start: Initialisation, options: PeopleOptions, rng: np.ra
             model = build_problem(here.evidence, state, noise, here.knowledge, share=share, blocks=blocks, joints=joints)
             if not (len(model.rows) or len(model.joint_rows)):
                 break
-            state = rig_of(minimise_problem(model, _COARSE).state)
+            state = rig_of(minimise(model.problem, model.state, _COARSE).state)
             here = here.with_lenses(state.lens)
         model = build_problem(here.evidence, state, Noise(), here.knowledge, share=0.1, blocks=blocks, joints=joints)
         against = len(contradicted(start.hypotheses, state.R, state.centre))
@@ -345,67 +321,3 @@ def _differ(a: RigState, b: RigState) -> float:
     """The largest angle between two rigs' relative rotations after the best common turn."""
     turn = chordal_mean_rotation(np.einsum("cji,cjk->cik", a.R, b.R))
     return float(np.max(angle_between(a.R @ turn, b.R)))
-
-
-def refine_in_stages(start: Initialisation, state: RigState, options: PeopleOptions, rng: np.random.Generator) -> Fit:
-    """Rounds on all of the evidence: who agrees, where is the optimum, how noisy is it, who stands."""
-    start = start.with_lenses(state.lens)
-    evidence = start.evidence
-    noise, stance, share = Noise(), np.ones(len(evidence.person)), 0.15
-    whole: Floats | None = None
-    rounds: list[AdjustmentRound] = []
-    growing, number, for_lenses = False, 0, 0
-    while True:
-        last = number >= options.rounds - 1 and not (growing and number < options.rounds - 1 + _MORE_ROUNDS)
-        part = number == 0 and not last
-        most = people_for_all(evidence, options.learning_people, _LEARNING_OF_CAMERA)
-        blocks = draw_blocks(evidence, most, rng) if part else None
-        joints = np.sort(rng.permutation(evidence.n_joints)[: options.learning_joints]) if part else None
-        if number == 0:
-            start = start.with_free("focal")
-        model = build_problem(
-            start.evidence, state, noise, start.knowledge, share=share, blocks=blocks, joints=joints, stance=stance,
-            whole=whole, rename=number > 0,
-        )  # fmt: skip
-        stopping = Stopping(options.max_iterations, options.tolerance) if last else Stopping(12, 1e-4)
-        result = minimise_problem(model, stopping)
-        state = rig_of(result.state)
-        rounds.append(
-            AdjustmentRound(
-                sightings=len(model.rows), renamed=model.renamed, joints=len(model.joint_rows),
-                iterations=result.iterations, converged=result.converged, cost=result.cost,
-            )
-        )  # fmt: skip
-        settled = start.unknowns.settled(state.lens - start.lens)
-        start = start.with_lenses(state.lens).weighed(model, result)
-        if not last:
-            knowledge = start.knowledge.judged(state.heights, np.unique(model.problem.person))
-            start = replace(start, knowledge=knowledge)
-        if last and (settled or for_lenses == _LENS_ROUNDS):
-            break
-        if last:
-            for_lenses += 1
-            continue
-        judged = occlusion_weights(model, result.state, len(evidence.sightings))
-        whole = judged.weight
-        before, noise = noise, learn_noise(model, result, judged.broken)
-        growing = len(model.rows) > 0 and _typical(noise, model) > _GROWTH * _typical(before, model)
-        stance = _stance(model, result.state, len(evidence.person))
-        share = AGREE_SIGMAS * max(noise.centre if len(model.rows) else 0.0, noise.joint if evidence.n_joints else 0.0)
-        number += 1
-    return Fit(model, result, noise, stance, start, tuple(rounds))
-
-
-def _typical(noise: Noise, model: AdjustmentProblem) -> float:
-    """What a box of middling size is off by, pixels."""
-    return float(np.hypot(noise.box_px, noise.centre * np.median(model.problem.scale_px)))
-
-
-def _stance(model: AdjustmentProblem, state: AdjustmentState, n_blocks: int) -> Floats:
-    """(N,) who may be standing, over all person-instants of the evidence."""
-    out = np.ones(n_blocks)
-    person = model.problem.person
-    if len(person):
-        extent = state.people[:, 3] - state.people[:, 2]
-        out[model.blocks] = standing_instants(extent, state.heights[person], person)
-    return out

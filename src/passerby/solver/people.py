@@ -33,21 +33,14 @@ from passerby.solver.cue_agreement import check_cue_consistency, known_cues, wei
 from passerby.solver.cue_leverage import freed_measurements
 from passerby.solver.cues import scale_cue_weights, settle_cues, triangulate_marks
 from passerby.solver.findings import figures_of, find_separate_groups, height_noise, notices_about
-from passerby.solver.initialisation import (
-    Fit,
-    Initialisation,
-    InitialRig,
-    PeopleOptions,
-    check_units,
-    refine_in_stages,
-    select_initial_rig,
-)
+from passerby.solver.initialisation import Initialisation, InitialRig, PeopleOptions, check_units, select_initial_rig
 from passerby.solver.measuring_uncertainty import measuring_uncertainty
 from passerby.solver.pairs import MIN_MATCHES
 from passerby.solver.people_cues import people_cues
 from passerby.solver.people_state import AdjustmentState
 from passerby.solver.pose_graph import connected_components, heading_rotation
 from passerby.solver.refined_lenses import decide_refined_lenses, far_lenses, lens_figures
+from passerby.solver.refinement import Fit, refine_rig
 from passerby.solver.registrations import doubts_about_registrations
 from passerby.solver.stated_lenses import refine_stated_lenses
 from passerby.solver.systematic import ConsiderParameters
@@ -116,7 +109,7 @@ def solve_people(
 
     # 2. The initial rig, refined to the optimum; again where the lenses turn out to be quite different.
     choice, zoned = _initial_rig(start, options, rng, executor)
-    fit = refine_in_stages(start, choice.state, options, rng)
+    fit = refine_rig(start, choice.state, options, rng)
     for _ in range(_RESTARTS):
         if start.near(fit.start):
             break
@@ -128,7 +121,7 @@ def solve_people(
         except EvidenceError:
             findings.append(doubt("reinitialisation_failed"))
             break
-        fit = refine_in_stages(start, choice.state, options, rng)
+        fit = refine_rig(start, choice.state, options, rng)
 
     # 3. What the rig leaves open: stated lenses that the user wants refined, and the vertical of bodies without feet.
     refinement = None

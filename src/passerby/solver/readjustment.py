@@ -14,12 +14,13 @@ from passerby.core.cameras import Rig
 from passerby.core.observations import Observations
 from passerby.core.scale_cues import ScaleCues
 from passerby.people.model import Noise
+from passerby.solver.adjustment_problem import PriorKnowledge, RigState, build_problem, rig_of
 from passerby.solver.cues import POPULATION_BIAS, expected_heights
 from passerby.solver.evidence import Evidence, gather_evidence
-from passerby.solver.initialisation import Fit, Initialisation, PeopleOptions, refine_in_stages, usual_priors
+from passerby.solver.initialisation import Initialisation, PeopleOptions, usual_priors
 from passerby.solver.lens_unknowns import LensUnknowns
-from passerby.solver.optimizer.least_squares import Stopping
-from passerby.solver.refinement import PriorKnowledge, RigState, build_problem, minimise_problem, rig_of
+from passerby.solver.optimizer.least_squares import Stopping, minimise
+from passerby.solver.refinement import Fit, refine_rig
 from passerby.solver.uncertainty import RigCovariance, add_learnt_stance, design_effect, rig_covariance
 
 _TOLERANT = ((Noise(loss=30.0), 0.4), (Noise(), 0.2))
@@ -68,7 +69,7 @@ def readjust(
     state = _rough(start, options, rng)
     if state is None:
         return None
-    fit = refine_in_stages(start, state, options, rng)
+    fit = refine_rig(start, state, options, rng)
     if not len(fit.model.rows):
         return None
     covariance = _covariance(fit, evidence)
@@ -99,7 +100,7 @@ def _rough(start: Initialisation, options: PeopleOptions, rng: np.random.Generat
         model = build_problem(evidence, state, noise, knowledge, share=share, blocks=blocks, joints=joints)
         if not len(model.rows):
             return None
-        state = rig_of(minimise_problem(model, _COARSE).state)
+        state = rig_of(minimise(model.problem, model.state, _COARSE).state)
     return state
 
 

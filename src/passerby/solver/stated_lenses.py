@@ -14,10 +14,11 @@ from dataclasses import replace
 import numpy as np
 
 from passerby.core.lens_figures import LensRefinement
+from passerby.solver.adjustment_problem import rig_of
 from passerby.solver.block_prediction import Prediction, compare_predictions, held_out_blocks, predicted_costs
-from passerby.solver.initialisation import Fit, PeopleOptions, refine_in_stages
+from passerby.solver.initialisation import PeopleOptions
 from passerby.solver.lens_unknowns import FAR_SIGMAS, LensPart
-from passerby.solver.refinement import rig_of
+from passerby.solver.refinement import Fit, refine_rig
 
 LEAST_GAIN, LEAST_SIGMAS = 3.0, 3.0
 """A refinement predicts held-out people better where its gain is more than this many nats (odds of 20 to 1), and than this many
@@ -43,7 +44,7 @@ def refine_stated_lenses(
     dropped: LensRefinement | None = None
     for tried in (parts, parts[:1]) if len(parts) > 1 else (parts,):
         start = fit.start.with_unknowns(tried)
-        refined = refine_in_stages(start, replace(rig_of(fit.result.state), lens=start.lens), options, rng)
+        refined = refine_rig(start, replace(rig_of(fit.result.state), lens=start.lens), options, rng)
         found = _outcome(fit, refined, parts, tried, fps)
         if found.kept:
             return refined, found if dropped is None else replace(dropped, kept=found.kept)

@@ -16,6 +16,7 @@ import numpy as np
 
 from passerby.common.arrays import Floats, Ints
 from passerby.core.cameras import PoseSigma
+from passerby.solver.adjustment_problem import AdjustmentProblem
 from passerby.solver.cue_terms import LENGTH
 from passerby.solver.evidence import Evidence
 from passerby.solver.gauge import SCALE, TILT_X, TILT_Y, VAGUE, Free, held_system, placement_freedoms, similarity_freedoms
@@ -23,7 +24,6 @@ from passerby.solver.lens_unknowns import LENS_PARTS, LensPart, LensUnknowns
 from passerby.solver.optimizer.least_squares import NormalEquations, Term
 from passerby.solver.people_state import AdjustmentState
 from passerby.solver.person_model import JOINT, TIME, UPRIGHT, PeopleProblem
-from passerby.solver.refinement import AdjustmentProblem
 from passerby.solver.systematic import ConsiderParameters
 
 COMPLETE = 10

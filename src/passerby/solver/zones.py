@@ -19,10 +19,10 @@ from passerby.common.progress import silent
 from passerby.core.cameras import Rig
 from passerby.core.figures import SeamFigures, TreeFigures, ZoneFigures
 from passerby.geometry.rotations import angle_between
+from passerby.solver.adjustment_problem import PriorKnowledge
 from passerby.solver.evidence import Evidence
 from passerby.solver.initialisation import Initialisation, InitialRig, PeopleOptions, rescaled, select_initial_rig
 from passerby.solver.pairs import shared_blocks
-from passerby.solver.refinement import PriorKnowledge
 from passerby.solver.registrations import contradicted
 from passerby.solver.uncertainty import RigCovariance
 
