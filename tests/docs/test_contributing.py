@@ -2,6 +2,7 @@
 
 import ast
 import importlib.util
+import itertools
 import re
 import tomllib
 from pathlib import Path
@@ -23,6 +24,29 @@ def names_in(path: Path) -> set[str]:
             targets = node.targets if isinstance(node, ast.Assign) else [node.target]
             names |= {one.id for target in targets for one in ast.walk(target) if isinstance(one, ast.Name)}
     return names
+
+
+STEPS = re.findall(r"^\| \d\. .* \| `(\w+)` \| `([^`]+)` \|$", TEXT, re.MULTILINE)
+
+
+def calls_of(name: str, path: str) -> set[str]:
+    """Names that a function of a module calls, as they are where they are defined."""
+    tree = ast.parse((ROOT / path).read_text())
+    called_as = {
+        one.asname: one.name for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) for one in node.names if one.asname
+    }
+    (function,) = (node for node in tree.body if isinstance(node, ast.FunctionDef) and node.name == name)
+    calls = {one.func.id for one in ast.walk(function) if isinstance(one, ast.Call) and isinstance(one.func, ast.Name)}
+    return {called_as.get(one, one) for one in calls}
+
+
+def test_each_step_of_a_box_calls_the_next_one():
+    """Eight functions after the command, in six files with it."""
+    assert len(STEPS) == 9
+    assert len({path for _, path in STEPS}) == 6
+    for (name, path), (following, _) in itertools.pairwise(STEPS):
+        assert following in calls_of(name, path), name
+    assert "NormalEquations" in calls_of(*STEPS[-1])
 
 
 def test_there_are_ten_changes():
