@@ -39,10 +39,10 @@ PEERS = (
         "height are known, and nothing else unless a column says so; errors are given with the estimated scale:",
     ),
     Headline(
-        "peers", "The peers in one line each.",
-        "Compared with current engines on the same observations, with known identities (*mm ratio*: Passerby's error divided "
-        "by theirs):",
-        columns=("peer", "cases", "fails", "Passerby fails", "Passerby lower, mm", "mm ratio"),
+        "peers", ("engines",), "Summary",
+        "Compared with current engines on the same observations, with known identities (*mm ratio*, *whole ratio*: Passerby's "
+        "error and its time divided by theirs):",
+        columns=("peer", "cases", "fails", "Passerby fails", "Passerby lower, mm", "mm ratio", "whole ratio"),
     ),
 )  # fmt: skip
 SPREAD = ("similarity, median", "worst seed", "verdicts")
@@ -50,11 +50,11 @@ SPREAD = ("similarity, median", "worst seed", "verdicts")
 SHOWN: Mapping[Path, Mapping[str, tuple[Headline, ...]]] = {
     README: {"headline": PEERS},
     FILMING: {
-        "seconds": (Headline("seconds", "### terrace", columns=("seconds", *SPREAD)),),
-        "people": (Headline("people", "### terrace", columns=("people", *SPREAD), rows={"method": "people"}),),
+        "seconds": (Headline("seconds", ("seconds",), "terrace", columns=("seconds", *SPREAD)),),
+        "people": (Headline("people", ("people",), "terrace", columns=("people", *SPREAD), rows={"method": "people"}),),
         "pattern": (
             Headline(
-                "lenses", "## What estimated intrinsics cost",
+                "lenses", ("varied", "shared", "keypoints", "mixed", "demo"), "Cost",
                 columns=("case", "focal, median", "rig, true intrinsics", "rig, estimated"),
                 rows={"case": "(boxes, .*unknown|boxes and keypoints, .*unknown|the demonstration)"},
             ),
