@@ -36,7 +36,6 @@ PRELOADED = [
     "passerby.simulation",
     "passerby.calibration.alignment.folder",
     "passerby.report.page",
-    "passerby.report.page",
     "passerby.perception.background",
     "passerby.scene.start.start",
 ]
