@@ -16,7 +16,7 @@ PARALLEL = 1e-6
 TWO_VIEW_ROUNDS = 3
 POSE_SIZE = 6
 # A point that comes closer than this share of its distance to the plane of its own ray has left the camera's view.
-_MIN_COSINE = 0.05
+MIN_COSINE = 0.05
 
 
 def triangulate(
@@ -215,7 +215,7 @@ def held_depth(depth: Floats, square: Floats) -> Floats:
 
     A point behind its ray has no residual: the depth is held above a floor so that the cost is large but finite.
     """
-    return np.maximum(depth, _MIN_COSINE * np.sqrt(square) + 1e-9)
+    return np.maximum(depth, MIN_COSINE * np.sqrt(square) + 1e-9)
 
 
 def project_near(bearing: Floats, tangent: Floats, d: Floats) -> tuple[Floats, Floats]:

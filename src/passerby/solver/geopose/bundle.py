@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from passerby.common.arrays import Floats
 from passerby.core.cameras import Pose
-from passerby.geometry.triangulation import _MIN_COSINE, POSE_SIZE, PointObservations, retract_poses
-from passerby.solver.optimizer.least_squares import Cauchy, Family, Layout, Step, Stopping, Term, minimise
+from passerby.geometry.triangulation import MIN_COSINE, POSE_SIZE, PointObservations, retract_poses
+from passerby.solver.optimizer.least_squares import Cauchy, Family, Layout, Loss, Step, Stopping, Term, minimise
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +46,7 @@ class _PointState:
 class _PointProblem:
     """Poses and points as a problem of `least_squares`."""
 
-    def __init__(self, n_cameras: int, n_points: int, observations: PointObservations, loss: Cauchy) -> None:
+    def __init__(self, n_cameras: int, n_points: int, observations: PointObservations, loss: Loss) -> None:
         order = np.argsort(observations.camera, kind="stable")
         self.order = order
         self.observations = o = observations.take(order)
@@ -67,7 +67,7 @@ class _PointProblem:
         for c, rows in enumerate(self.rows):
             np.matmul(state.R[c], np.take(world, o.point[rows], axis=1) - state.centre[c][:, None], out=d[:, rows])
         depth = (bearing * d).sum(axis=0)
-        depth = np.maximum(depth, _MIN_COSINE * np.sqrt((d * d).sum(axis=0)) + 1e-9)
+        depth = np.maximum(depth, MIN_COSINE * np.sqrt((d * d).sum(axis=0)) + 1e-9)
         inverse = 1.0 / depth
         r = (tangent[:, 0] * d[0] + tangent[:, 1] * d[1] + tangent[:, 2] * d[2]) * inverse
         if not jacobians:

@@ -18,10 +18,10 @@ from typing import Generic, Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from passerby.solver.optimizer.normal_equations import Cauchy, Family, Layout, NormalEquations, Reduced, Step, Term
+from passerby.solver.optimizer.normal_equations import Cauchy, Family, Layout, Loss, NormalEquations, Reduced, Step, Term
 
 __all__ = [
-    "Cauchy", "Family", "Layout", "NormalEquations", "Problem", "Reduced", "Result", "Step", "Stopping", "Term", "minimise",
+    "Cauchy", "Family", "Layout", "Loss", "NormalEquations", "Problem", "Reduced", "Result", "Step", "Stopping", "Term", "minimise",
 ]  # fmt: skip
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 import scipy.linalg
@@ -23,6 +24,18 @@ from passerby.solver.optimizer.couplings import (
 )
 
 _TINY = 1e-12
+
+
+class Loss(Protocol):
+    """What a term needs of a robust loss; `Cauchy` is one."""
+
+    def cost(self, squared: Floats) -> Floats:
+        """Half the robust cost of squared norms (M,)."""
+        ...
+
+    def weight(self, squared: Floats) -> Floats:
+        """IRLS weights (M,) of squared norms (M,)."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -76,7 +89,7 @@ class Term:
 
     residual: Floats
     """(M, k)"""
-    loss: Cauchy | None = None
+    loss: Loss | None = None
     camera: Ints | None = None
     """(M,), sorted in ascending order."""
     by_camera: Floats | None = None
