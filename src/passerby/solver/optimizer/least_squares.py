@@ -21,7 +21,8 @@ from numpy.typing import NDArray
 from passerby.solver.optimizer.normal_equations import Cauchy, Family, Layout, Loss, NormalEquations, Reduced, Step, Term
 
 __all__ = [
-    "Cauchy", "Family", "Layout", "Loss", "NormalEquations", "Problem", "Reduced", "Result", "Step", "Stopping", "Term", "minimise",
+    "Cauchy", "Family", "Layout", "Loss", "NormalEquations", "Problem", "Reduced", "Result", "Step", "Stopping", "Term",
+    "minimise",
 ]  # fmt: skip
 
 
