@@ -18,7 +18,6 @@ from datetime import datetime
 from itertools import pairwise
 from pathlib import Path
 
-from passerby.common.text import _NUMBER
 from passerby.interchange.rig_toml import METADATA
 from passerby.perception.sources.name_times import ChapterName, chapter_name, without_chapter
 from passerby.perception.video_probe import VideoInfo
@@ -280,7 +279,7 @@ def _simplify(name: str) -> str:
 
 def _find_last_number(name: str) -> str | None:
     """Its digits without zeros before them: a name may have more than a number can."""
-    numbers = _NUMBER.findall(name)
+    numbers = re.findall("[0-9]+", name)
     return numbers[-1].lstrip("0") if numbers else None
 
 
