@@ -65,12 +65,12 @@ def test_what_is_wrong_with_the_boxes_the_ground_or_the_adjustment(monkeypatch: 
 
 
 def test_groups_that_nobody_joins_are_told_each_with_the_main_one() -> None:
-    found = findings.apart(RIG, [[0], [1], [2]])
+    found = findings.find_separate_groups(RIG, [[0], [1], [2]])
     assert [(one.code, one.cameras, one.values) for one in found] == [
         ("cameras_disconnected", ("C2",), {"main": ["C1"]}),
         ("cameras_disconnected", ("C3",), {"main": ["C1"]}),
     ]
-    assert findings.apart(RIG, [[0, 1, 2]]) == []
+    assert findings.find_separate_groups(RIG, [[0, 1, 2]]) == []
 
 
 @pytest.mark.parametrize(("instants", "expected"), [(40, np.log(1.05) / (0.3186 * np.sqrt(2))), (10, 0.03)])
