@@ -57,7 +57,7 @@ def measure(case: tuple[str, int]) -> dict[str, Any]:
     cameras = np.unique(np.append(outcomes.by, outcomes.within)).tolist()
     largest = []
     for share in TRIED:
-        every = [worst_part(outcomes, camera, len(cameras), share) for camera in (None, *cameras)]
+        every = [worst_part(outcomes, camera, len(cameras), share, found.figures.noise) for camera in (None, *cameras)]
         largest.append(max(one.log_odds for one in every if one is not None))
     return {"wrong": any(one.wrong for one in errors), "log_odds": largest}
 

@@ -9,6 +9,7 @@ import pytest
 
 from passerby.calibration.prediction import PARTS, Outcomes, find_poor_predictions, findings_of_predictions, predict_people
 from passerby.core.cameras import Camera, Lens, Pose, Rig
+from passerby.core.figures import NoiseFigures
 from passerby.core.observations import Boxes, CameraObservations, Observations
 from passerby.findings.finding import Finding
 from passerby.simulation import SimulationOptions, simulate
@@ -118,6 +119,19 @@ def test_where_all_cameras_disagree_it_is_said_once_of_the_rig(rig: Rig, walked:
     two = Rig(rig.cameras[:2])
     (one,) = findings(two, films_others(two, walked, "C2", np.zeros(200, dtype=bool)))
     assert one.cameras == ()
+
+
+def test_a_rig_that_most_boxes_miss_by_far_more_than_its_noise_is_doubtful(rig: Rig, walked: np.ndarray) -> None:
+    """A wrong rig can fit some of the people well and be near the others: its noise says how near is near enough."""
+    outcomes = predict_people(rig, seen_by(rig, walked), {})
+    off = np.where(np.arange(len(outcomes)) % 4 == 0, 0.02, 0.15)
+    outcomes = replace(outcomes, residual=off, by_chance=np.full(len(off), np.inf))
+    noise = NoiseFigures(floor_px=0.5, box_px=0.5, centre=0.01, height=0.03, joint=0.02, broken_edges=0.0)
+    (one,) = findings_of_predictions(rig, outcomes, noise)
+    assert one.cameras == ()
+    assert one.values["share"] == pytest.approx(0.25, abs=0.1)
+    assert findings_of_predictions(rig, outcomes, replace(noise, centre=0.03)) == []
+    assert findings_of_predictions(rig, outcomes) == []
 
 
 def test_detectors_that_miss_people_are_no_fault_of_the_rig(rig: Rig, walked: np.ndarray) -> None:

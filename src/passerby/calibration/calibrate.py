@@ -387,7 +387,9 @@ def _findings_of_predictions(
     if solution.method != "people":
         return []
     rig = solution.rig if held_out is None else held_out.rig
-    return findings_of_predictions(rig, predict_people(rig, association.instants, unrecorded_instants(gaps, association)))
+    outcomes = predict_people(rig, association.instants, unrecorded_instants(gaps, association))
+    boxed = any(len(seen.boxes) for seen in association.instants.cameras.values())
+    return findings_of_predictions(rig, outcomes, adjusted(solution.figures).noise if boxed else None)
 
 
 def _doubts_of_smaller_images(

@@ -18,11 +18,13 @@ from scipy.special import stdtr
 
 from passerby.common.arrays import Bools, Columns, Floats, Ints
 from passerby.core.cameras import Camera, Rig
+from passerby.core.figures import NoiseFigures
 from passerby.core.observations import UNKNOWN, Boxes, CameraObservations, Observations
 from passerby.core.synchronisation import USUAL_FPS, sampling_distance
 from passerby.findings.finding import Finding, doubt
 from passerby.people.segments import BODY_ASPECT, ends_of_boxes, lean_in_image, segments_of_keypoints
 from passerby.people.upright_body import ground_under, height_over, pixels_over
+from passerby.solver.adjustment_problem import AGREE_SIGMAS
 
 STRETCH_S, PARTS = (1.0, 10.0), 8
 """A block holds one person during one of the parts of the recording, or at least and at most so many seconds: people move too
@@ -33,7 +35,7 @@ LATER = 0.37
 """Hits by chance are counted with the boxes of another time, later by this share of the recording."""
 NEAR, WITHIN = (0.08, 0.2), 0.9
 """A box is a hit if it is as near to the prediction, as a share of the height, as `WITHIN` of the other cameras' hits are to
-theirs, within these limits: 14 to 35 cm."""
+theirs; of the whole rig, if it agrees by the noise of its boxes (`AGREE_SIGMAS`). Both within these limits: 14 to 35 cm."""
 SEEN_NEAR = 0.3
 """A camera can detect a person at a place in its image if it did so at another time, no farther away than this share of the
 height: with 1, people behind walls halve the hits of right cameras of simulated sites (24, 32 cameras; seeds 880, 882)."""
@@ -68,6 +70,8 @@ class Outcomes(Columns):
     """(N,) from the predicted middle to that of the nearest box, as a share of the predicted height; infinite without a box."""
     by_chance: Floats
     """(N,) the same to boxes of another time."""
+    height_px: Floats
+    """(N,) predicted height, pixels."""
 
     def __len__(self) -> int:
         return len(self.block)
@@ -75,6 +79,15 @@ class Outcomes(Columns):
     def of_camera(self, camera: int | None) -> Bools:
         """(N,) those in which a camera has a part."""
         return np.asarray((self.by == camera) | (self.within == camera))
+
+    def tolerance(self, noise: NoiseFigures | None) -> Floats:
+        """(N,) how near to the prediction a box is, as a share of the height, by the noise that the adjustment has found.
+
+        Two boxes err: the one that places the person, and the one that is found.
+        """
+        if noise is None:
+            return np.full(len(self), NEAR[1])
+        return np.clip(AGREE_SIGMAS * np.sqrt(2) * np.hypot(noise.box_px / self.height_px, noise.centre), *NEAR)
 
 
 def predict_people(rig: Rig, observations: Observations, unrecorded: Mapping[str, Ints]) -> Outcomes:
@@ -89,7 +102,7 @@ def predict_people(rig: Rig, observations: Observations, unrecorded: Mapping[str
     seen = {c: boxes.take(np.argsort(boxes.frame, kind="stable")) for c, boxes in every.items() if len(boxes)}
     standing = [_standing(c, rig.cameras[c], boxes) for c, boxes in seen.items()]
     if not any(map(len, standing)):
-        return Outcomes(*(np.zeros(0, np.int64),) * 4, *(np.zeros(0),) * 2)
+        return Outcomes(*(np.zeros(0, np.int64),) * 4, *(np.zeros(0),) * 3)
     people = _Standing.joined(standing)
     first, last = int(people.frame.min()), int(people.frame.max())
     length = last - first + 1
@@ -104,7 +117,7 @@ def predict_people(rig: Rig, observations: Observations, unrecorded: Mapping[str
         view = _InView.of(people.take(rows), rig.cameras[c], boxes, steps / 2)
         rows, within = rows[view.row], np.full(len(view.row), c)
         residuals = view.residual(0.0), view.residual(LATER)
-        found.append(Outcomes(people.by[rows], within, block.reshape(-1)[rows], part[rows], *residuals))
+        found.append(Outcomes(people.by[rows], within, block.reshape(-1)[rows], part[rows], *residuals, view.tall))
     return Outcomes.joined(found)
 
 
@@ -130,21 +143,21 @@ class PoorPrediction:
         return bool(self.log_odds > np.log(LEAST_ODDS))
 
 
-def findings_of_predictions(rig: Rig, outcomes: Outcomes) -> list[Finding]:
+def findings_of_predictions(rig: Rig, outcomes: Outcomes, noise: NoiseFigures | None = None) -> list[Finding]:
     """A doubt about each camera that predicts people poorly, worst first; one about the rig if most of them do."""
     return [
         doubt(
             "people_not_predicted", *([] if one.camera is None else [rig.names[one.camera]]), share=one.share,
             expected=one.expected, from_percent=100 * one.first / PARTS, to_percent=100 * (one.last + 1) / PARTS,
         )
-        for one in find_poor_predictions(outcomes)
+        for one in find_poor_predictions(outcomes, noise)
     ]  # fmt: skip
 
 
-def find_poor_predictions(outcomes: Outcomes) -> list[PoorPrediction]:
+def find_poor_predictions(outcomes: Outcomes, noise: NoiseFigures | None = None) -> list[PoorPrediction]:
     """The cameras that predict people poorly, worst first, each without the outcomes of those before it; or the whole rig."""
     cameras = len(np.unique(np.append(outcomes.by, outcomes.within)))
-    whole = worst_part(outcomes, None, cameras)
+    whole = worst_part(outcomes, None, cameras, noise=noise)
     if whole is None or whole.significant:
         return [] if whole is None else [whole]
     found = list[PoorPrediction]()
@@ -160,7 +173,9 @@ def find_poor_predictions(outcomes: Outcomes) -> list[PoorPrediction]:
     return found
 
 
-def worst_part(outcomes: Outcomes, camera: int | None, cameras: int, harmful: float = HARMFUL_SHARE) -> PoorPrediction | None:
+def worst_part(
+    outcomes: Outcomes, camera: int | None, cameras: int, harmful: float = HARMFUL_SHARE, noise: NoiseFigures | None = None
+) -> PoorPrediction | None:
     """The part of the recording during which a camera most significantly predicts people worse than the other cameras do.
 
     Args:
@@ -168,6 +183,7 @@ def worst_part(outcomes: Outcomes, camera: int | None, cameras: int, harmful: fl
         camera: index; None: the whole rig, against what is usual.
         cameras: of the rig.
         harmful: see `HARMFUL_SHARE`.
+        noise: of the boxes that the adjustment used. If these are few of all, the others are far off by this noise.
 
     Returns:
         None without outcomes, or if all are of this camera.
@@ -176,7 +192,7 @@ def worst_part(outcomes: Outcomes, camera: int | None, cameras: int, harmful: fl
     rest = outcomes.residual[~own & (outcomes.residual < NEAR[1])]
     if not own.any() or (camera is not None and own.all()):
         return None
-    near = float(np.clip(np.quantile(rest, WITHIN), *NEAR)) if len(rest) else NEAR[1]
+    near = np.clip(np.quantile(rest, WITHIN), *NEAR) if len(rest) else outcomes.tolerance(noise)
     _, pair = np.unique(outcomes.by * (outcomes.within.max() + 1) + outcomes.within, return_inverse=True)
     chance = (np.bincount(pair, outcomes.by_chance < near) / np.bincount(pair))[pair]
     hits, due = (outcomes.residual < near) - chance, 1.0 - chance
