@@ -149,7 +149,8 @@ def _grid(low: Floats, high: Floats, unit: float, at: Callable[[Floats], Floats]
         for value in np.arange(np.ceil(low[axis] / spacing), np.floor(high[axis] / spacing) + 1) * spacing:
             ends = np.array([low, high])
             ends[:, axis] = value
-            grid.append(_line(*at(ends), "currentColor", 0.5, 0.25))
+            begin, end = at(ends)
+            grid.append(_line(begin, end, "currentColor", 0.5, 0.25))
     corner = at(np.array([[low[0], low[1]]]))[0] + (6.0, 20.0)
     grid.append(_line(corner, corner + (spacing * unit, 0.0), "currentColor", 2.0))
     if ((low < 0) & (high > 0)).all():

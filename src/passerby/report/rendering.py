@@ -49,9 +49,9 @@ class Section:
     html: Markup
 
 
-def section(anchor: str, name: str, template: str = "", **values: Any) -> Section:
-    """A part of the page from a template, which is called like the anchor unless it is named."""
-    return Section(anchor, name, render(template or f"{anchor}.html", **values))
+def section(anchor: str, name: str, **values: Any) -> Section:
+    """A part of the page, from the template that is called like its anchor."""
+    return Section(anchor, name, render(f"{anchor}.html", **values))
 
 
 @dataclass(frozen=True, eq=False)
