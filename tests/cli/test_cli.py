@@ -31,7 +31,7 @@ def test_help_and_import_need_no_heavy_library():
     code = "import sys, passerby, passerby.cli.main; passerby.cli.main.run(['--help']); print(*sorted(sys.modules), sep='\\n')"
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
     assert "passerby.cli.main" in loaded
-    assert not {"numpy", "cv2", "scipy", "poselib"} & set(loaded)
+    assert not {"numpy", "cv2", "scipy", "poselib", "jinja2"} & set(loaded)
 
 
 def test_simulate_offers_every_option_with_its_default():

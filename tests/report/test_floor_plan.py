@@ -12,6 +12,7 @@ import pytest
 
 from passerby.interchange.calibration_json import PlanEntry, ResidualEntry, WorldEntry
 from passerby.report.fitted import fit_people
+from passerby.report.rendering import render
 from passerby.report.site_map import plan_drawing
 from support.report.drawings import contents, only_boxes, simulated
 
@@ -28,8 +29,9 @@ def drawing(image: str, tmp_path) -> tuple[str, dict]:
     told = contents(made, seen=only_boxes(made))
     world = WorldEntry(by="plan plan.png", plan=PlanEntry(image=image, metres_per_pixel=UNIT, origin=ORIGIN), residuals=ROWS)
     told = replace(told, document=replace(told.document, world=world, scene_file=str(tmp_path / "scene.toml")))
-    html = plan_drawing(told, fit_people(told))
-    assert html is not None
+    drawn = plan_drawing(told, fit_people(told))
+    assert drawn is not None
+    html = render("rig.html", site=False, plan=drawn, plots=[drawn.plot])
     figure = re.search(r'<script[^>]*id="rig-plan-figure"[^>]*>(.*?)</script>', html, re.DOTALL)
     assert figure is not None
     return html, json.loads(figure[1])

@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from jinja2 import UndefinedError
+from markupsafe import Markup
 
 from passerby.common.errors import InputError
 from passerby.core.observations import Boxes, CameraObservations, Clock, Observations
@@ -15,16 +17,21 @@ from passerby.findings.finding import doubt, notice
 from passerby.report.contents import contents_from
 from passerby.report.distances import best_to_measure, distances_of, outstanding, weak_points
 from passerby.report.headline import _people_label
-from passerby.report.html import Html, data_script, element, join
 from passerby.report.recommendations import FOR_ANY, Point, points_of, reported_doubts, sentence
+from passerby.report.rendering import environment, plot, section
 from passerby.report.seen import lanes_of, merge_spells, seen_in
 from passerby.report.view_graph import links_of
 from support.report.pages import busy_place, changed, diagnosed, document_of, with_figures
 
 
+def filled(source, **values):
+    """A template that is written here, filled in."""
+    return environment().from_string(source).render(values)
+
+
 @given(st.text())
 def test_no_text_becomes_markup(text):
-    inside = element("p", text, title=text)
+    inside = filled('<p title="{{ text }}">{{ text }}</p>', text=text)
     assert inside.count("<") == 2
     assert inside.count(">") == 2
     assert '"' not in inside[len('<p title="') : inside.index('">')]
@@ -32,16 +39,21 @@ def test_no_text_becomes_markup(text):
 
 @given(st.dictionaries(st.text(), st.text()))
 def test_no_json_ends_its_script(value):
-    script = data_script("one", value)
-    inside = script[script.index(">") + 1 : -len("</script>")]
+    drawn = filled('{% from "macros.html" import plot %}{{ plot(drawn) }}', drawn=plot("one", value, "a plot"))
+    script = drawn[drawn.index("<script") : drawn.index("</script>")]
+    inside = script[script.index(">") + 1 :]
     assert "<" not in inside
     assert json.loads(inside) == value
 
 
-def test_html_is_not_escaped_twice():
-    assert element("p", element("b", "a < b"), None, ["x", Html("<i>")]) == "<p><b>a &lt; b</b>x<i></p>"
-    assert join("&") == "&amp;"
-    assert element("input", checked=True, disabled=False, value=None, data_layer="x") == '<input checked data-layer="x">'
+def test_what_a_template_made_is_not_escaped_twice():
+    assert filled("<p>{{ b }}{{ text }}</p>", b=Markup("<b>a &lt; b</b>"), text="<i>") == "<p><b>a &lt; b</b>&lt;i&gt;</p>"
+    assert section("rig", "&", site=False, plan=None, plots=()).html.count("<section ") == 1
+
+
+def test_a_name_that_has_no_value_is_an_error():
+    with pytest.raises(UndefinedError):
+        filled("{{ nothing_of_this_name }}")
 
 
 def points(*findings):

@@ -270,7 +270,8 @@ def test_no_name_becomes_markup():
     for name in rig.names:
         svg = camera_picture(told, fit, name)
         assert not scripts(svg)
-        assert svg.isprintable()
+        assert all(line.isprintable() for line in svg.split("\n"))
+        assert all((one.text or "").isprintable() for one in parsed(svg).iter(f"{SVG}text"))
         assert {one.tag.removeprefix(SVG) for one in parsed(svg).iter()} <= {
             "svg",
             "g",

@@ -172,10 +172,7 @@ def test_the_generated_scene_has_every_table_and_every_key(started: Path) -> Non
 
 
 def test_a_measured_distance_can_be_appended(started: Path, tmp_path: Path) -> None:
-    shown = str(_advice([Distance("C1", "C2", 8.0, 0.1)]))
-    example = re.search(r"<code>(.*?)</code>", shown, re.DOTALL)
-    assert example is not None
-    lines = example[1].replace("&quot;", '"').replace("&#34;", '"')
+    lines = _advice([Distance("C1", "C2", 8.0, 0.1)])
     for text in (BARE, started.read_text(encoding="utf-8")):
         (tmp_path / "scene.toml").write_text(f"{text}\n{lines}\n", encoding="utf-8")
         assert Scene.load(tmp_path / "scene.toml").scale.distances[0].metres == 8.0

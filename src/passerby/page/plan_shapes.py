@@ -18,7 +18,7 @@ import numpy as np
 from passerby.common.arrays import Floats
 from passerby.geometry.geodesy import geodetic
 from passerby.page.plan_view import CameraFromAbove, PlanView
-from passerby.report.html import Html, element
+from passerby.report.rendering import render
 
 HEADING_SHARE = 0.16
 """Of the length of a field of view: how long a camera's stroke of where it looks is."""
@@ -31,7 +31,7 @@ ROUND = (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
 DIGITS = 3
 WIDTH_PX, LINE_PX, LETTERS_PX, MARK_PX = 1600, 24, 15, 11
 """Of a saved drawing: its longer side, a line of text below it, letters, and a camera's square."""
-INK, PAPER, SIGMA = "#1c1c1b", "#ffffff", "#e5484d"
+INK = "#1c1c1b"
 Shape = dict[str, Any]
 METRE_DIGITS, DEGREE_DIGITS = 3, 8
 """A millimetre, in metres and in degrees."""
@@ -102,50 +102,32 @@ def svg_text(view: PlanView) -> str:
     letters = max(20, int(width / (0.55 * LETTERS_PX)))
     lines = [part for line in (caption(view), *view.notes) for part in textwrap.wrap(_xml_text(line), letters)]
     tall = height + LINE_PX * (len(lines) + 0.5)
-    parts = [element("title", "The rig from above"), element("rect", width=_px(width), height=_px(tall), fill=PAPER)]
+    backdrop = None
     if view.backdrop is not None:
         (x, y), wide = view.backdrop.corner.tolist(), view.backdrop.extent * unit
         at = (np.array([x, -y]) - corner) * unit
         data = base64.b64encode(view.backdrop.shown.data).decode("ascii")
-        parts.append(
-            element(
-                "image", href=f"data:{view.backdrop.shown.media_type};base64,{data}", x=_px(at[0]), y=_px(at[1]),
-                width=_px(wide[0]), height=_px(wide[1]), preserveAspectRatio="none",
-            )
-        )  # fmt: skip
-    parts += [_draw_shape(shape, (np.array(shape["points"]) - corner) * unit) for shape in shapes(view)]
-    below = [
-        element("text", line, x="8", y=_px(height + LINE_PX * (number + 1)), fill=INK, font_size=str(LETTERS_PX))
-        for number, line in enumerate(lines)
-    ]
-    size = {"width": _px(width), "height": _px(tall), "viewBox": f"0 0 {_px(width)} {_px(tall)}"}
-    return str(element("svg", *parts, *below, xmlns="http://www.w3.org/2000/svg", font_family="system-ui, sans-serif", **size))
+        backdrop = {
+            "href": f"data:{view.backdrop.shown.media_type};base64,{data}", "x": _px(at[0]), "y": _px(at[1]),
+            "width": _px(wide[0]), "height": _px(wide[1]),
+        }  # fmt: skip
+    return render(
+        "plan.svg", width=_px(width), height=_px(tall), backdrop=backdrop, ink=INK, letters=LETTERS_PX, mark=MARK_PX,
+        shapes=[_draw_shape(shape, (np.array(shape["points"]) - corner) * unit) for shape in shapes(view)],
+        lines=[{"words": line, "y": _px(height + LINE_PX * (number + 1))} for number, line in enumerate(lines)],
+    )  # fmt: skip
 
 
-def _draw_shape(shape: Shape, at: Floats) -> Html:
+def _draw_shape(shape: Shape, at: Floats) -> dict[str, str]:
     """A shape of a saved drawing; places in pixels."""
-    kind, colour = shape["kind"], shape.get("colour", INK)
+    kind, (x, y) = shape["kind"], at[0].tolist()
+    drawn = {"kind": kind, "colour": shape.get("colour", INK)}
     if kind == "camera":
-        (x, y), half = at[0].tolist(), MARK_PX / 2
-        square = {"x": _px(x - half), "y": _px(y - half), "width": str(MARK_PX), "height": str(MARK_PX)}
-        return element("rect", **square, fill=colour, stroke=PAPER)
+        return {**drawn, "x": _px(x - MARK_PX / 2), "y": _px(y - MARK_PX / 2)}
     if kind in ("label", "bar-label"):
-        x, y = at[0].tolist()
         away = 1.4 * LETTERS_PX + 4 if shape.get("below") else -LETTERS_PX * 0.8
-        halo = {"stroke": PAPER, "stroke_width": "4", "stroke_linejoin": "round", "paint_order": "stroke"}
-        place = {"x": _px(x), "y": _px(y + away), "font_size": str(LETTERS_PX), "text_anchor": "middle"}
-        return element("text", _xml_text(shape["text"]), **place, **halo, fill=INK, font_weight="600")
-    styles: dict[str, dict[str, str]] = {
-        "grid": {"fill": "none", "stroke": "#d4d4cf", "stroke_width": "1"},
-        "path": {"fill": "none", "stroke": colour, "stroke_width": "1.3", "stroke_opacity": "0.7"},
-        "seen": {"fill": colour, "fill_opacity": "0.13", "stroke": colour, "stroke_opacity": "0.7"},
-        "sigma": {"fill": SIGMA, "fill_opacity": "0.18", "stroke": SIGMA, "stroke_width": "1.5"},
-        "heading": {"fill": "none", "stroke": colour, "stroke_width": "3"},
-        "bar": {"fill": "none", "stroke": INK, "stroke_width": "4"},
-    }
-    tag = "polygon" if kind in ("seen", "sigma") else "polyline"
-    points = " ".join(f"{_px(x)},{_px(y)}" for x, y in at.tolist())
-    return element(tag, points=points, class_=kind, **styles[kind])
+        return {**drawn, "x": _px(x), "y": _px(y + away), "text": _xml_text(shape["text"])}
+    return {**drawn, "points": " ".join(f"{_px(x)},{_px(y)}" for x, y in at.tolist())}
 
 
 def _grid(view: PlanView) -> Iterator[Shape]:

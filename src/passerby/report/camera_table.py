@@ -13,10 +13,10 @@ from passerby.core.lens_figures import LensFigures, LensParameter, field_of_view
 from passerby.interchange.calibration_json import CameraEntry
 from passerby.report.contents import Contents
 from passerby.report.distances import RESIDUAL_PX, outstanding, own_sigmas_mm, residuals_px
-from passerby.report.html import Html, Section, element, join
 from passerby.report.recommendations import Reported, reported_doubts
+from passerby.report.rendering import Section, section
 from passerby.report.seen import Seen
-from passerby.report.tables import MISSING, Cell, Column, data_table, figure, listed, number, text
+from passerby.report.tables import MISSING, Cell, Column, Table, figure, listed, number, share_cell, text
 from passerby.solver.refined_lenses import KNOWN_FOCAL
 
 COLUMNS = (
@@ -39,15 +39,6 @@ COLUMNS = (
 )
 NO_POSE = "Could not be connected to other cameras."
 """Where nothing says more."""
-LEAD = (
-    "Metres; z is up, the ground is at z = 0. Heading: counter-clockwise from the x axis, seen from above. Tilt: below the "
-    "horizon. Roll: clockwise, seen from behind the camera. Bold: stands out from the other cameras."
-)
-LENS_LEAD = (
-    "The intrinsics of these cameras were estimated from the people, together with the rig; ± is one sigma. Compare them with "
-    "the data sheets of your cameras, and check the horizon and the verticals in the camera views: the verticals must run "
-    "along the edges of doors, posts and buildings."
-)
 LENS_COLUMNS = (
     Column("Camera", numeric=False),
     Column("Focal length", "px"),
@@ -58,28 +49,6 @@ LENS_COLUMNS = (
     Column("Distortion", "k1"),
     Column("From people", numeric=False, hint="numbers that depend on the people more than on what was known before"),
     Column("From the prior", numeric=False, hint="numbers that depend on what was known before more than on the people"),
-)
-TERMS = (
-    (
-        "Focal length",
-        "how much the lens magnifies: with twice the focal length a person appears twice as tall, and the image shows about "
-        "half as much of the world.",
-    ),
-    ("Field of view", "how much of the world the image shows, as an angle. Data sheets of cameras state it."),
-    (
-        "Principal point",
-        "the pixel at which the lens points. It is near the centre of the image, unless the image was cropped on one side.",
-    ),
-    (
-        "Distortion k1",
-        "how much the lens bends straight lines. Below 0 they bulge outwards towards the border, as with most wide-angle "
-        "lenses; above 0 they bend inwards; at 0 they stay straight.",
-    ),
-    (
-        "Prior",
-        "what was known before anybody was seen: what the scene file states, or what lenses usually are. The fewer people a "
-        "camera sees, the more the result depends on it.",
-    ),
 )
 DETAILS = (
     Column("Camera", numeric=False),
@@ -97,7 +66,8 @@ DETAILS = (
 def camera_section(contents: Contents, seen: Seen) -> Section:
     """The table, one row a camera, in the rig's order."""
     columns, rows = camera_rows(contents, seen, weak_cameras(contents))
-    return Section("cameras", "Cameras", LEAD, data_table("cameras-table", "Cameras", columns, rows))
+    table = Table(identifier="cameras-table", caption="Cameras", columns=columns, rows=rows)
+    return section("cameras", "Cameras", table=table, site=False)
 
 
 def weak_cameras(contents: Contents) -> dict[str, frozenset[str]]:
@@ -115,8 +85,9 @@ def camera_rows(contents: Contents, seen: Seen, weak: Mapping[str, frozenset[str
     residuals, entries, rows = residuals_px(contents), contents.cameras, []
     doubts = reported_doubts(contents.document)
     for place, camera in enumerate(contents.rig):
-        name = join(swatch(place), element("span", camera.name, class_="name"), _explain_missing_pose(doubts, camera))
-        cells = _row(seen, name, camera, weak, residuals[camera.name], entries[camera.name])
+        why = _explain_missing_pose(doubts, camera)
+        head = text(camera.name, inner="name", colour=camera_colour(place), note=why, why=True)
+        cells = _row(seen, head, camera, weak, residuals[camera.name], entries[camera.name])
         rows.append([cells[index] for index in keys])
     return [COLUMNS[index] for index in keys], rows
 
@@ -138,7 +109,7 @@ def _has_values(contents: Contents, column: str) -> bool:
 
 
 def _row(
-    seen: Seen, head: Html, camera: Camera, weak: Mapping[str, frozenset[str]], residual_px: float | None, entry: CameraEntry
+    seen: Seen, head: Cell, camera: Camera, weak: Mapping[str, frozenset[str]], residual_px: float | None, entry: CameraEntry
 ) -> list[Cell]:
     """All cells of one camera, the first with its name and more; dashes where it has no pose."""
     name = camera.name
@@ -146,7 +117,7 @@ def _row(
     x, y, z = (None, None, None) if pose is None else entry.centre_m or pose.centre.tolist()
     heading, tilt, roll = (None, None, None) if pose is None else (pose.heading_deg, pose.tilt_deg, pose.roll_deg)
     return [
-        text(head, name),
+        head,
         number(x, 3),
         number(y, 3),
         number(z, 3),
@@ -175,22 +146,15 @@ def _clock(entry: CameraEntry) -> Cell:
     offset, sigma = entry.time_offset_s, entry.time_offset_sigma_s
     if offset is None:
         return number(None)
-    near = element("small", f" ± {figure(sigma, 3)}") if sigma else None
-    return Cell(join(figure(offset, 3), near), offset, numeric=True)
+    return number(offset, 3, note=f" ± {figure(sigma, 3)}" if sigma else "")
 
 
-def swatch(place: int) -> Html:
-    """A dot in the camera's colour."""
-    return element("span", class_="swatch", style=f"background:{camera_colour(place)}", aria_hidden="true")
-
-
-def _explain_missing_pose(doubts: Sequence[Reported], camera: Camera) -> Html | None:
+def _explain_missing_pose(doubts: Sequence[Reported], camera: Camera) -> str:
     """Why a camera has no pose; nothing for one that has."""
     if camera.pose is not None:
-        return None
+        return ""
     about = (doubt.point.problem for doubt in doubts if camera.name in doubt.cameras)
-    why = next(about, NO_POSE)
-    return element("small", f"no pose: {why}", class_="why")
+    return f"no pose: {next(about, NO_POSE)}"
 
 
 def lens_section(contents: Contents) -> Section | None:
@@ -198,15 +162,18 @@ def lens_section(contents: Contents) -> Section | None:
     lenses = {name: parts for name, parts in contents.figures.lenses.items() if name in contents.rig.names}
     if not lenses:
         return None
-    table = data_table(
-        "lenses-table", "Lenses", LENS_COLUMNS, [_write_lens_row(contents, name, parts) for name, parts in lenses.items()]
-    )
-    terms = element("dl", [join(element("dt", term), element("dd", words)) for term, words in TERMS], class_="terms")
     numbers = [(name, one) for name, parts in lenses.items() for one in lens_parameters(parts)]
-    each = data_table("lens-priors-table", "Parameters of the lenses", DETAILS, [_detail(name, one) for name, one in numbers])
-    folded = element("details", element("summary", "Each parameter, its prior, and what determined it"), each)
-    notes = [element("p", sentence, class_="note") for sentence in _describe_weak_cameras(lenses)]
-    return Section("lenses", "Lenses", LENS_LEAD, join(table, notes, folded, terms))
+    return section(
+        "lenses", "Lenses", notes=_describe_weak_cameras(lenses),
+        table=Table(
+            identifier="lenses-table", caption="Lenses", columns=LENS_COLUMNS,
+            rows=[_write_lens_row(contents, name, parts) for name, parts in lenses.items()],
+        ),
+        parameters=Table(
+            identifier="lens-priors-table", caption="Parameters of the lenses", columns=DETAILS,
+            rows=[_detail(name, one) for name, one in numbers],
+        ),
+    )  # fmt: skip
 
 
 def _write_lens_row(contents: Contents, name: str, parts: LensFigures) -> list[Cell]:
@@ -215,9 +182,8 @@ def _write_lens_row(contents: Contents, name: str, parts: LensFigures) -> list[C
     across, down = field_of_view_deg(lens)
     by_name = {one.name: one for one in lens_parameters(parts)}
     k1 = float(lens.distortions[0]) if len(lens.distortions) else 0.0
-    named = join(swatch(contents.rig.names.index(name)), element("span", name, class_="name"))
     return [
-        text(named, name),
+        text(name, inner="name", colour=camera_colour(contents.rig.names.index(name))),
         _focal(by_name.get("focal length"), lens.focal),
         number(across, 0),
         number(down, 0),
@@ -234,17 +200,14 @@ def _focal(one: LensParameter | None, otherwise: float) -> Cell:
     if one is None:
         return number(otherwise, 0, kind="faint")
     share = one.sigma / one.estimate
-    near = element("small", f" ± {100 * share:.1f} %")
-    kind = "stands-out" if share > KNOWN_FOCAL else ""
-    return Cell(join(figure(one.estimate, 0), near), one.estimate, kind, numeric=True)
+    return number(one.estimate, 0, kind="stands-out" if share > KNOWN_FOCAL else "", note=f" ± {100 * share:.1f} %")
 
 
 def _estimate(one: LensParameter | None, otherwise: float, digits: int) -> Cell:
     """A number with its sigma; faint where it depends on its prior, or was not estimated."""
     if one is None:
         return number(otherwise, digits, kind="faint")
-    near = element("small", f" ± {figure(one.sigma, digits)}")
-    return Cell(join(figure(one.estimate, digits), near), one.estimate, "faint" if one.by_prior else "", numeric=True)
+    return number(one.estimate, digits, kind="faint" if one.by_prior else "", note=f" ± {figure(one.sigma, digits)}")
 
 
 def _detail(name: str, one: LensParameter) -> list[Cell]:
@@ -258,17 +221,9 @@ def _detail(name: str, one: LensParameter) -> list[Cell]:
         number(one.prior_value, digits),
         number(one.prior_sigma, digits),
         number(one.people_sigma, digits),
-        _share(None if one.people_share is None else 100 * one.people_share),
+        number(None) if one.people_share is None else share_cell(100 * one.people_share, 0),
         text(one.determined_by or MISSING),
     ]
-
-
-def _share(percent: float | None) -> Cell:
-    """A share as a bar with its figure."""
-    if percent is None:
-        return number(None)
-    bar = element("span", class_="pull", style=f"width:{percent:.1f}%", aria_hidden="true")
-    return Cell(join(element("span", bar, class_="pull-box"), figure(percent, 0)), percent, "pull-cell", numeric=True)
 
 
 def _describe_weak_cameras(lenses: dict[str, LensFigures]) -> list[str]:

@@ -13,11 +13,12 @@ from scipy.spatial.distance import pdist
 
 from passerby.core.cameras import Camera
 from passerby.report.contents import Contents
-from passerby.report.html import Html, Section, element, join, nothing
 from passerby.report.recommendations import Point, reported_doubts
+from passerby.report.rendering import Section, section
 from passerby.report.seen import Seen
-from passerby.report.tables import Cell, Column, data_table, figure, number, text
+from passerby.report.tables import Cell, Column, Table, number, text
 
+CAPTION = "Distances between cameras in metres"
 MATRIX_CAMERAS = 8
 """More cameras make a list of pairs: a wider matrix cannot be read on a laptop."""
 TAPE_M = 30.0
@@ -105,51 +106,39 @@ def distances_from(own: Camera, others: Sequence[Camera], solved: Solved, most: 
 def distances_section(contents: Contents) -> Section:
     """All distances, and how to use a measured one."""
     found = distances_of(contents)
-    lead = "Straight-line distances between the camera centres, in metres, ± 1 sigma. Check some with a tape or a laser."
-    if not found:
-        body = nothing("Fewer than two cameras have a pose: there is no distance to report.")
-    elif len(contents.rig.posed()) <= MATRIX_CAMERAS:
-        body = join(_matrix(contents, found), _advice(found))
-    else:
-        body = join(distances_table("distances-table", found), _advice(found))
-    return Section("distances", "Distances between cameras", lead, body, "Distances")
+    matrix = len(contents.rig.posed()) <= MATRIX_CAMERAS
+    return _section(found, _matrix(contents, found) if matrix else distances_table("distances-table", found), site=False)
 
 
-def _advice(found: list[Distance]) -> Html:
-    """How a measured distance enters the scene file."""
+def _section(found: list[Distance], table: Table, *, site: bool) -> Section:
+    """A table of distances, and how to use a measured one."""
+    return section("distances", "Distances", table=table if found else None, example=_advice(found) if found else "", site=site)
+
+
+def _advice(found: list[Distance]) -> str:
+    """The lines by which a measured distance enters the scene file."""
     longest = best_to_measure(found)
     # A name is quoted as TOML wants it; the measured value is left to the user.
     names = ", ".join('"' + name.replace("\\", "\\\\").replace('"', '\\"') + '"' for name in (longest.first, longest.second))
-    example = (
+    return (
         f"[[scale.distances]]\nbetween = [{names}]\nmetres = {longest.metres:.2f}  # replace by your measurement\nsd_m = 0.02"
     )
-    return element(
-        "details",
-        element("summary", "Use a measured distance"),
-        element(
-            "p",
-            "A measured distance reduces the uncertainty of the scale, a long one most: write it into the scene file and "
-            "calibrate again.",
-        ),
-        element("pre", element("code", example), tabindex="0"),
-    )
 
 
-def _matrix(contents: Contents, found: list[Distance]) -> Html:
+def _matrix(contents: Contents, found: list[Distance]) -> Table:
     """Every camera against every other."""
     names = contents.rig.posed().names
     by_pair = {(one.first, one.second): one for one in found} | {(one.second, one.first): one for one in found}
     columns = [Column("Camera", numeric=False), *(Column(name, "m") for name in names)]
     rows = [[text(row), *(_matrix_cell(by_pair.get((row, column))) for column in names)] for row in names]
-    return data_table("distances-table", "Distances between cameras in metres", columns, rows, sortable=False)
+    return Table(identifier="distances-table", caption=CAPTION, columns=columns, rows=rows, sortable=False)
 
 
 def _matrix_cell(one: Distance | None) -> Cell:
     """A distance with its sigma; a dot on the diagonal."""
     if one is None:
-        return Cell("·", "", "faint")
-    sigma = None if one.sigma_m is None else element("small", f" ± {_sigma(one.sigma_m)}")
-    return Cell(join(figure(one.metres, 2), sigma), one.metres, numeric=True)
+        return text("·", "", kind="faint")
+    return number(one.metres, 2, note="" if one.sigma_m is None else f" ± {_sigma(one.sigma_m)}")
 
 
 def _sigma(metres: float) -> str:
@@ -159,20 +148,11 @@ def _sigma(metres: float) -> str:
 
 def site_distances_section(contents: Contents) -> Section:
     """The distances of a site that are worth measuring."""
-    lead = (
-        "Straight-line distances between camera centres, in metres, ± 1 sigma: the ones that say most about the scale, the "
-        "longest that a tape or a laser reaches. The distances of a camera to those nearest to it are with its picture; "
-        "calibration.json has all that the solver tells."
-    )
     found = distances_to_measure(contents)
-    if not found:
-        body = nothing("Fewer than two cameras have a pose: there is no distance to report.")
-    else:
-        body = join(distances_table("distances-table", found), _advice(found))
-    return Section("distances", "Distances between cameras", lead, body, "Distances")
+    return _section(found, distances_table("distances-table", found), site=True)
 
 
-def distances_table(identifier: str, found: Sequence[Distance], *, copy: bool = True) -> Html:
+def distances_table(identifier: str, found: Sequence[Distance], *, copy: bool = True) -> Table:
     """A row for each pair."""
     columns = [
         Column("Camera", numeric=False),
@@ -181,7 +161,7 @@ def distances_table(identifier: str, found: Sequence[Distance], *, copy: bool = 
         Column("1 sigma", "m"),
     ]
     rows = [[text(one.first), text(one.second), number(one.metres, 2), number(one.sigma_m, 3)] for one in found]
-    return data_table(identifier, "Distances between cameras in metres", columns, rows, copy=copy)
+    return Table(identifier=identifier, caption=CAPTION, columns=columns, rows=rows, copy=copy)
 
 
 def weak_points(contents: Contents, seen: Seen) -> list[Point]:

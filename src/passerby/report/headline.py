@@ -2,62 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
-from passerby.common.text import shortened_text
 from passerby.core.figures import HeldOutFigures
 from passerby.core.measuring import MeasuringFigures
 from passerby.findings.ranking import MOST_SHOWN
-from passerby.interchange.calibration_json import GroupEntry
-from passerby.interchange.output_folder import REPORT_FILE
 from passerby.report.contents import Contents
 from passerby.report.distances import weak_points
-from passerby.report.html import Html, Section, element
-from passerby.report.recommendations import Point, good_for, points_of, reported_doubts, sentence
+from passerby.report.recommendations import good_for, points_of, reported_doubts, sentence
+from passerby.report.rendering import Section, section
 from passerby.report.seen import Seen, Spells
-from passerby.report.tables import MISSING, UNKNOWN, count
+from passerby.report.tables import MISSING, UNKNOWN
 
-WORDS = {"accepted": "Accepted", "doubtful": "Doubtful", "refused": "Refused"}
-MEANINGS = {
-    "accepted": "The calibration is reliable within the uncertainties stated here.",
-    "doubtful": "There is a rig, but it is unreliable until the problems below are fixed.",
-    "refused": "The calibration failed: there is too little evidence for a reliable rig. Fix the problems below and calibrate "
-    "again.",
-}
-# A tick, an exclamation mark, a cross: the verdict must not hang on its colour.
-ICONS = {
-    "accepted": "M7 16.5l6 6L25 10",
-    "doubtful": "M16 7v12M16 24.2v.6",
-    "refused": "M9 9l14 14M23 9L9 23",
-}
 SHOWN_REASONS = MOST_SHOWN
 """The rest can be opened."""
 
 
 def headline_section(contents: Contents, seen: Seen) -> Section:
-    """The verdict and all that explains it."""
-    verdict = contents.verdict
-    reasons = points_of(reported_doubts(contents.document))
-    banner = element(
-        "div",
-        icon(verdict),
-        element(
-            "div",
-            element("h1", element("span", "Calibration ", class_="unseen"), WORDS[verdict], id="verdict"),
-            element("p", MEANINGS[verdict], class_="meaning"),
-            element("p", _describe_usability(contents), class_="meaning") if verdict == "doubtful" else None,
-        ),
-        class_="banner",
-    )
-    parts = [
-        banner,
-        _figures(contents, seen.spells),
-        _points("Problems", "reasons", reasons),
-        _points("Possible improvements", "weak", weak_points(contents, seen)) if verdict != "refused" else None,
-        _findings(contents.document.findings),
-        _groups(contents.document.groups or ()),
-    ]
-    return Section("summary", "", "", element("div", parts, class_=f"summary verdict-{verdict}"), "Verdict")
+    """The verdict and all that explains it: what is wrong beside what to do, and what is odd about the input."""
+    verdict, document = contents.verdict, contents.document
+    return section(
+        "summary", "Verdict", verdict=verdict, shown=SHOWN_REASONS,
+        good_for=_describe_usability(contents) if verdict == "doubtful" else "",
+        figures=_figures(contents, seen.spells), reasons=points_of(reported_doubts(document)),
+        weak=weak_points(contents, seen) if verdict != "refused" else [],
+        warnings=[sentence(text) for text in document.findings], groups=document.groups or (),
+    )  # fmt: skip
 
 
 def _describe_usability(contents: Contents) -> str:
@@ -66,14 +34,7 @@ def _describe_usability(contents: Contents) -> str:
     return good_for(doubts, contents.rig.posed().names, contents.figures.measuring)
 
 
-def icon(verdict: str, size: int = 32) -> Html:
-    """The verdict as a sign; its word stands beside it."""
-    sign = element("path", d=ICONS.get(verdict, ICONS["refused"]))
-    disc = element("circle", cx=16, cy=16, r=16)
-    return element("svg", disc, sign, class_="icon", viewBox="0 0 32 32", width=size, height=size, aria_hidden="true")
-
-
-def _figures(contents: Contents, spells: Spells) -> Html:
+def _figures(contents: Contents, spells: Spells) -> list[tuple[str, str]]:
     """The key figures, a dash where one is undefined, a word where nothing fixes what it is of."""
     figures = contents.figures
     scale, used = figures.scale.relative_sigma, figures.people
@@ -86,7 +47,7 @@ def _figures(contents: Contents, spells: Spells) -> Html:
     worst = max((sigma for sigma in sigmas if sigma is not None), default=None)
     free = figures.undetermined or ()
     scale_told, vertical_told = (UNKNOWN if one in free else MISSING for one in ("scale", "vertical"))
-    told = [
+    return [
         ("cameras with a pose", f"{posed} of {every}"),
         *_measuring(figures.measuring),
         ("scale uncertainty (1 sigma)", scale_told if scale is None else f"± {100 * scale:.1f} %"),
@@ -96,11 +57,6 @@ def _figures(contents: Contents, spells: Spells) -> Html:
         (_people_label(contents, used is not None), str(people) if people else MISSING),
         ("recording length", lasted if len(spells) else MISSING),
     ]
-    return element(
-        "dl",
-        [element("div", element("dt", name), element("dd", value)) for name, value in told],
-        class_="key-figures",
-    )
 
 
 def _measuring(measuring: MeasuringFigures | None) -> list[tuple[str, str]]:
@@ -146,52 +102,6 @@ def _duration(seconds: float) -> str:
     return f"{hours} h {minutes} min" if hours else f"{minutes} min {rest} s"
 
 
-def _points(title: str, kind: str, points: list[Point]) -> Html | None:
-    """What is wrong beside what to do; nothing where nothing is."""
-    if not points:
-        return None
-    rows = [element("li", element("p", point.problem, class_="what"), _remedy(point)) for point in points]
-    shown, more = rows[:SHOWN_REASONS], rows[SHOWN_REASONS:]
-    rest = element("details", element("summary", count(len(more), "more point")), element("ul", more)) if more else None
-    return element("div", element("h2", title), element("ul", shown), rest, class_=f"points {kind}")
-
-
-def _remedy(point: Point) -> Html:
-    """What to do."""
-    return element("p", element("span", "To do ", class_="to-do"), point.remedy, class_="remedy")
-
-
-def _findings(findings: Sequence[str]) -> Html | None:
-    """What is odd about the input."""
-    if not findings:
-        return None
-    rows = [element("li", sentence(text)) for text in findings]
-    shown, more = rows[:SHOWN_REASONS], rows[SHOWN_REASONS:]
-    rest = element("details", element("summary", count(len(more), "more note")), element("ul", more)) if more else None
-    return element("div", element("h2", "Warnings"), element("ul", shown), rest, class_="points findings")
-
-
-def _groups(groups: Sequence[GroupEntry]) -> Html | None:
-    """The further groups of cameras, each with a link to its own report; nothing where there are none."""
-    if not groups:
-        return None
-    rows = [
-        element(
-            "li", element("a", f"Group {one.group}", href=f"{one.folder}/{REPORT_FILE}"),
-            f": {WORDS[one.verdict].lower()}, {one.registered} of {len(one.cameras)} cameras with a pose "
-            f"({shortened_text(', '.join(one.cameras))})",
-        )
-        for one in groups
-    ]  # fmt: skip
-    return element("div", element("h2", "Groups with a rig of their own"), element("ul", rows), class_="points groups")
-
-
 def scene_name(contents: Contents) -> str:
     """What the scene is called."""
     return contents.document.name or "scene"
-
-
-def verdict_pill(contents: Contents) -> Html:
-    """The verdict in small, for the bar at the top."""
-    verdict = contents.verdict
-    return element("a", icon(verdict, 16), WORDS[verdict], href="#summary", class_=f"pill verdict-{verdict}")

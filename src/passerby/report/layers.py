@@ -6,7 +6,8 @@ wrong lens bends or tilts these lines against door posts and people; a wrong pos
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,8 +18,8 @@ from passerby.core.colours import camera_colour, person_colour
 from passerby.people.upright_bodies import predict_boxes
 from passerby.report.contents import Contents
 from passerby.report.fitted import Fitted
-from passerby.report.html import Html, element, join
-from passerby.report.sheet import Sheet, dot, dot_path, offset_words, path_of, short, within
+from passerby.report.rendering import Row, short
+from passerby.report.sheet import Label, Sheet, dot_path, label_at, offset_words, path_of, within
 from passerby.report.through_lens import View, spacing_of
 
 LIMBS = (
@@ -44,31 +45,54 @@ MOST_VERTICALS = 9
 """or fewer in the picture."""
 
 
-def boxes_layer(sheet: Sheet, contents: Contents, now: Fitted) -> Html:
+@dataclass(frozen=True)
+class Joints:
+    """All joints of a picture."""
+
+    people: Sequence[Row] = ()
+    crosses: str = ""
+    """Where joints in space project."""
+
+
+@dataclass(frozen=True)
+class Ground:
+    """The grid, and the world's axes."""
+
+    grid: str = ""
+    axes: Sequence[Row] = ()
+    origin: Floats | None = None
+
+
+@dataclass(frozen=True)
+class Lines:
+    """The horizon and plumb lines, with a name for each kind and the end at which it is anchored."""
+
+    colour: str
+    verticals: str = ""
+    horizon: str = ""
+    names: Sequence[tuple[Label, str]] = ()
+
+
+def boxes_layer(sheet: Sheet, contents: Contents, now: Fitted) -> list[Row]:
     """The boxes that were seen in this frame, each with its person's number."""
     seen = contents.observations.cameras.get(sheet.camera.name)
     if seen is None:
-        return Html("")
-    missed = _describe_misses(sheet, now)
-    parts = []
+        return []
+    missed, boxes = _describe_misses(sheet, now), []
     for row in np.flatnonzero(seen.boxes.frame == sheet.backdrop.frame).tolist():
-        identity, (x, y, w, h) = int(seen.boxes.identity[row]), seen.boxes.ltwh[row].tolist()
-        colour, half = person_colour(identity), sheet.letters / 2
-        rectangle = path_of(np.array([[x, y], [x + w, y], [x + w, y + h], [x, y + h]])) + "Z"
+        identity, ltwh = int(seen.boxes.identity[row]), seen.boxes.ltwh[row].tolist()
         label = str(identity) if identity >= 0 else "?"
-        wide = (0.62 * len(label) + 0.5) * sheet.letters
-        above = max(y - 2.3 * half, 0.0)
-        parts.append(
-            element(
-                "g", element("title", missed.get(identity, f"person {label}")),
-                sheet.path(rectangle, 2.0, stroke=colour, stroke_linejoin="round"),
-                element("rect", x=short(x), y=short(above), width=short(wide), height=short(2.3 * half), fill=colour),
-                element("text", label, x=short(x + wide / 2), y=short(above + 1.9 * half), font_size=sheet.letters, fill="#fff",
-                        text_anchor="middle"),
-                class_="seen",
-            )
-        )  # fmt: skip
-    return join(*parts)
+        wide, above = (0.62 * len(label) + 0.5) * sheet.letters, max(ltwh[1] - 1.15 * sheet.letters, 0.0)
+        boxes.append({
+            "title": missed.get(identity, f"person {label}"), "outline": _rectangle(*ltwh), "colour": person_colour(identity),
+            "label": label, "x": ltwh[0], "y": above, "wide": wide,
+        })  # fmt: skip
+    return boxes
+
+
+def _rectangle(x: float, y: float, w: float, h: float) -> str:
+    """A box as a path."""
+    return path_of(np.array([[x, y], [x + w, y], [x + w, y + h], [x, y + h]])) + "Z"
 
 
 def _describe_misses(sheet: Sheet, now: Fitted) -> dict[int, str]:
@@ -83,14 +107,14 @@ def _describe_misses(sheet: Sheet, now: Fitted) -> dict[int, str]:
     return told
 
 
-def model_layer(sheet: Sheet, now: Fitted) -> Html:
+def model_layer(sheet: Sheet, now: Fitted) -> list[Row]:
     """The fitted bodies as this camera should see them: a dashed box where it saw one, and the body's axis.
 
     Bodies that only this camera saw are left out: they fit their boxes, whatever the calibration.
     """
     place = now.place(sheet.camera.name)
     if place is None or sheet.camera.pose is None or not len(now.bodies):
-        return Html("")
+        return []
     s = now.sightings
     own = np.flatnonzero(s.camera == place)
     count = np.bincount(s.body[s.agrees], minlength=len(now.bodies))
@@ -99,22 +123,14 @@ def model_layer(sheet: Sheet, now: Fitted) -> Html:
     boxes, top, foot = predict_boxes(now.rig, np.full(len(every), place), now.bodies, every, np.zeros(len(every)), now.model)
     row_of = dict(zip(s.body[own].tolist(), own.tolist(), strict=True))
     shown = np.isfinite(boxes).all(axis=1) & _find_visible_bodies(sheet.camera, now, every)
-    parts = []
+    drawn = []
     for k in np.flatnonzero(shown).tolist():
         row = row_of.get(int(every[k]))
-        d = path_of(np.array([foot[k], top[k]]))
-        if row is not None:
-            x, y, w, h = s.model[row].tolist()
-            d += path_of(np.array([[x, y], [x + w, y], [x + w, y + h], [x, y + h]])) + "Z"
-        words = f"person {now.bodies.identity[every[k]]}, {now.bodies.top[every[k]]:.2f} m tall"
-        parts.append(
-            element(
-                "g", element("title", words + ("" if row is not None else ": seen by other cameras")),
-                sheet.path(d, 1.6, stroke_dasharray="5 4", class_="model"),
-                dot(foot[k], sheet.letters / 5, sheet.ink),
-            )
-        )  # fmt: skip
-    return join(*parts)
+        box = "" if row is None else _rectangle(*s.model[row].tolist())
+        title = f"person {now.bodies.identity[every[k]]}, {now.bodies.top[every[k]]:.2f} m tall"
+        title += ": seen by other cameras" if row is None else ""
+        drawn.append({"title": title, "d": path_of(np.array([foot[k], top[k]])) + box, "foot": foot[k]})
+    return drawn
 
 
 def _find_visible_bodies(camera: Camera, now: Fitted, bodies: Ints) -> NDArray[np.bool_]:
@@ -123,14 +139,14 @@ def _find_visible_bodies(camera: Camera, now: Fitted, bodies: Ints) -> NDArray[n
     return View(camera).points(middle)[1]
 
 
-def joints_layer(sheet: Sheet, contents: Contents, now: Fitted) -> Html:
+def joints_layer(sheet: Sheet, contents: Contents, now: Fitted) -> Joints:
     """Joints that were seen as dots with limbs; crosses where joints in space project."""
     seen = contents.observations.cameras.get(sheet.camera.name)
     if seen is None:
-        return Html("")
+        return Joints()
     keypoints, size = seen.keypoints, sheet.letters / 5
     bones = [(keypoints.joints.index(a), keypoints.joints.index(b)) for a, b in LIMBS if {a, b} <= set(keypoints.joints)]
-    parts = []
+    people, crosses = [], ""
     for row in np.flatnonzero(keypoints.frame == sheet.backdrop.frame).tolist():
         identity, found = int(keypoints.identity[row]), keypoints.score[row] > 0
         colour, xy = person_colour(identity), keypoints.xy[row]
@@ -138,23 +154,21 @@ def joints_layer(sheet: Sheet, contents: Contents, now: Fitted) -> Html:
         dots = "".join(dot_path(point, size) for point in xy[found])
         label = str(identity) if identity >= 0 else "?"
         top = xy[found][np.argmin(xy[found][:, 1])] if found.any() else None
-        parts += [
-            element("title", f"person {label}"),
-            sheet.path(limbs, 1.5, stroke=colour, class_="limbs") if limbs else Html(""),
-            element("path", d=dots, fill=colour, class_="seen") if dots else Html(""),
-            sheet.text(label, within(sheet, (top[0], top[1] - sheet.letters / 2)), text_anchor="middle")
-            if top is not None
-            else Html(""),
-        ]
+        at = None if top is None else _label(sheet, label, (top[0], top[1] - sheet.letters / 2))
+        people.append({"title": f"person {label}", "colour": colour, "limbs": limbs, "dots": dots, "label": at})
     place, j = now.place(sheet.camera.name), now.joints
     if place is not None:
         points = j.model[(j.camera == place) & np.isfinite(j.model).all(axis=1)]
-        d = "".join(
+        crosses = "".join(
             f"M{short(x - size)} {short(y)}h{short(2 * size)}M{short(x)} {short(y - size)}v{short(2 * size)}"
             for x, y in points.tolist()
         )
-        parts.append(sheet.path(d, 1.4, class_="model") if d else Html(""))
-    return join(*parts)
+    return Joints(people, crosses)
+
+
+def _label(sheet: Sheet, words: str, xy: Sequence[float] | Floats) -> Label:
+    """Letters that stay in the picture."""
+    return label_at(words, within(sheet, xy))
 
 
 def grid_region(fit: Fitted, contents_centres: Floats) -> tuple[Floats, Floats]:
@@ -190,51 +204,47 @@ def ground_seen(fit: Fitted, camera: Camera, near: bool) -> tuple[Floats, Floats
     return np.minimum(np.maximum(low, centre - NEAR_M), centre), np.maximum(np.minimum(high, centre + NEAR_M), centre)
 
 
-def ground_layer(sheet: Sheet, fit: Fitted, near: bool = False) -> Html:
+def ground_layer(sheet: Sheet, fit: Fitted, near: bool = False) -> Ground:
     """The ground's grid and its axes; `near`: the grid around the camera, of a site that reaches far beyond what it sees."""
     if sheet.camera.pose is None:
-        return Html("")
+        return Ground()
     view = View(sheet.camera)
     low, high = ground_seen(fit, sheet.camera, near)
     spacing = grid_spacing(low, high)
-    stretches = [stretch for line in view.segments(*grid_lines(low, high, spacing)) for stretch in line]
-    parts = [sheet.path("".join(path_of(s) for s in stretches), 1.0, stroke_opacity=0.6, class_="grid")] if stretches else []
-    return join(*parts, _axes(sheet, view, 5 * spacing))
+    grid = "".join(path_of(stretch) for line in view.segments(*grid_lines(low, high, spacing)) for stretch in line)
+    pixels, inside = view.points(np.zeros((1, 3)))
+    return Ground(grid, _axes(sheet, view, 5 * spacing), pixels[0] if inside[0] else None)
 
 
-def _axes(sheet: Sheet, view: View, length: float) -> Html:
+def _axes(sheet: Sheet, view: View, length: float) -> list[Row]:
     """The world's x and y from its origin, as far as they are in the picture."""
     ends = np.array([[length, 0.0, 0.0], [0.0, length, 0.0]])
-    parts = []
-    for label, stretches in zip(AXIS_COLOURS, view.segments(np.zeros((2, 3)), ends), strict=True):
-        colour = AXIS_COLOURS[label]
-        for stretch in stretches:
-            parts.append(sheet.path(path_of(stretch), 2.6, stroke=colour, class_=f"axis-{label}"))
-        if stretches:
-            far = within(sheet, stretches[-1][-1])
-            parts.append(sheet.text(label, far, fill=colour, font_weight="bold", class_=f"axis-{label}"))
-    pixels, inside = view.points(np.zeros((1, 3)))
-    if inside[0]:
-        parts.append(dot(pixels[0], sheet.letters / 4, sheet.ink, class_="origin"))
-    return join(*parts)
+    return [
+        {
+            "colour": colour, "strokes": [path_of(stretch) for stretch in stretches],
+            "label": _label(sheet, name, stretches[-1][-1]),
+        }
+        for (name, colour), stretches in zip(AXIS_COLOURS.items(), view.segments(np.zeros((2, 3)), ends), strict=True)
+        if stretches
+    ]  # fmt: skip
 
 
-def other_cameras(sheet: Sheet, contents: Contents, among: Collection[str] | None = None) -> Html:
+def other_cameras(sheet: Sheet, contents: Contents, among: Collection[str] | None = None) -> list[Row]:
     """Where other cameras hang, by name: all, or those among some."""
     if sheet.camera.pose is None:
-        return Html("")
+        return []
     others = [
         (index, other) for index, other in enumerate(contents.rig)
         if other.pose is not None and other.name != sheet.camera.name and (among is None or other.name in among)
     ]  # fmt: skip
     pixels, inside = View(sheet.camera).points(centres_of([other for _, other in others]))
-    parts, half = [], sheet.letters / 2
+    drawn, half = [], sheet.letters / 2
     for row in np.flatnonzero(inside).tolist():
         (index, other), (x, y) = others[row], pixels[row].tolist()
         diamond = path_of(np.array([[x, y - half], [x + half, y], [x, y + half], [x - half, y]])) + "Z"
-        parts.append(sheet.path(diamond, 2.0, stroke=camera_colour(index), fill=camera_colour(index), fill_opacity=0.5))
-        parts.append(sheet.text(other.name, within(sheet, (x + 1.4 * half, y - half))))
-    return join(*parts)
+        label = _label(sheet, other.name, (x + 1.4 * half, y - half))
+        drawn.append({"diamond": diamond, "colour": camera_colour(index), "label": label})
+    return drawn
 
 
 def centres_of(cameras: Iterable[Camera]) -> Floats:
@@ -242,27 +252,21 @@ def centres_of(cameras: Iterable[Camera]) -> Floats:
     return np.array([camera.centre for camera in cameras if camera.pose is not None]).reshape(-1, 3)
 
 
-def reference_layer(sheet: Sheet) -> Html:
+def reference_layer(sheet: Sheet) -> Lines:
     """The horizon and plumb lines, thin, each kind with its name."""
+    colour = COLOUR if sheet.backdrop.uri is not None else ON_PAPER
     if sheet.camera.pose is None:
-        return Html("")
-    view, colour = View(sheet.camera), COLOUR if sheet.backdrop.uri is not None else ON_PAPER
-    parts = []
-    lines = plumb_lines(view)
-    if lines:
-        d = "".join(path_of(stretch) for stretches in lines for stretch in stretches)
-        parts.append(sheet.path(d, 1.0, stroke=colour, stroke_opacity=0.8, class_="verticals"))
-    horizon = view.horizon()
+        return Lines(colour)
+    view, names = View(sheet.camera), []
+    lines, horizon = plumb_lines(view), view.horizon()
     if horizon:
-        d = "".join(path_of(stretch) for stretch in horizon)
-        parts.append(sheet.path(d, 1.6, stroke=colour, stroke_dasharray="9 4", class_="horizon"))
-        end = max(np.concatenate(horizon), key=lambda xy: xy[0])
-        parts.append(_name(sheet, "horizon", end, colour))
+        names.append(_name(sheet, "horizon", max(np.concatenate(horizon), key=lambda xy: xy[0])))
     if lines:
         # Of the line that reaches highest, the one farthest to the right where several leave through the upper border.
         tops = [_find_highest_pixel(stretches) for stretches in lines]
-        parts.append(_name(sheet, "vertical", min(tops, key=lambda xy: (round(xy[1]), -xy[0])), colour))
-    return join(*parts)
+        names.append(_name(sheet, "vertical", min(tops, key=lambda xy: (round(xy[1]), -xy[0]))))
+    verticals = "".join(path_of(stretch) for stretches in lines for stretch in stretches)
+    return Lines(colour, verticals, "".join(path_of(stretch) for stretch in horizon), names)
 
 
 def plumb_lines(view: View) -> list[list[Floats]]:
@@ -282,8 +286,7 @@ def _find_highest_pixel(stretches: list[Floats]) -> Floats:
     return np.asarray(points[np.argmin(points[:, 1])])
 
 
-def _name(sheet: Sheet, words: str, end: Floats, colour: str) -> Html:
-    """What a line is, to the left of one of its ends."""
+def _name(sheet: Sheet, words: str, end: Floats) -> tuple[Label, str]:
+    """What a line is, to the left of one of its ends, and where the letters are anchored."""
     x, y = within(sheet, (end[0] - 0.4 * sheet.letters, end[1] - 0.4 * sheet.letters))
-    anchor = "end" if x > 0.6 * len(words) * sheet.letters else "start"
-    return sheet.text(words, (x, y), fill=colour, text_anchor=anchor, class_="line-name")
+    return label_at(words, (x, y)), "end" if x > 0.6 * len(words) * sheet.letters else "start"

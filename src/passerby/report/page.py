@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import base64
 import hashlib
-from collections.abc import Callable
-from html import escape
+from collections.abc import Sequence
 from importlib import resources
 from pathlib import Path
 
 import numpy as np
+from markupsafe import Markup
 
 from passerby.common.progress import Progress, silent
 from passerby.core.cameras import Rig
@@ -22,11 +22,11 @@ from passerby.report.camera_table import camera_section, lens_section, weak_came
 from passerby.report.contents import Contents
 from passerby.report.distances import distances_section, site_distances_section
 from passerby.report.fitted import Fitted, fit_people
-from passerby.report.headline import headline_section, scene_name, verdict_pill
-from passerby.report.html import Html, Section, element, nothing, plot
+from passerby.report.headline import headline_section, scene_name
 from passerby.report.parts import Parts, parts_beside
 from passerby.report.people import heights_section, scale_section, timeline_section
-from passerby.report.pictures import RIG_LEAD, pictures_section, rig_section
+from passerby.report.pictures import pictures_section, rig_section
+from passerby.report.rendering import Section, plot, render, section
 from passerby.report.rig_geometry import joined, stage_of
 from passerby.report.rig_plots import Trace, draw_cameras_from_above, draw_cameras_in_space, draw_ground_seen
 from passerby.report.seen import is_site, seen_in, zones_of
@@ -51,22 +51,22 @@ def report_page(contents: Contents, progress: Progress | None = None) -> str:
     """
     tell = progress or silent
     seen, fit = seen_in(contents), fit_people(contents)
-    makers: list[Callable[[], Section | None]] = [
-        lambda: headline_section(contents, seen),
-        lambda: camera_section(contents, seen),
-        lambda: lens_section(contents),
-        lambda: rig_section(contents, fit),
-        lambda: pictures_section(contents, fit, seen, tell),
-        lambda: view_graph_section(contents, seen),
-        lambda: timeline_section(contents, seen.spells),
-        lambda: heights_section(contents),
-        lambda: scale_section(contents),
-        lambda: distances_section(contents),
-        lambda: stages_section(contents, seen),
-        lambda: settings_section(contents),
-        lambda: files_section(contents),
+    sections = [
+        headline_section(contents, seen),
+        camera_section(contents, seen),
+        lens_section(contents),
+        rig_section(contents, fit),
+        pictures_section(contents, fit, seen, tell),
+        view_graph_section(contents, seen),
+        timeline_section(contents, seen.spells),
+        heights_section(contents),
+        scale_section(contents),
+        distances_section(contents),
+        stages_section(contents, seen),
+        settings_section(contents),
+        files_section(contents),
     ]
-    return html_document(contents, [section for maker in makers if (section := maker()) is not None])
+    return html_document(contents, sections)
 
 
 def write_report(contents: Contents, path: Path, progress: Progress | None = None) -> None:
@@ -93,7 +93,7 @@ def site_page(contents: Contents, parts: Parts, tell: Progress) -> str:
     """
     seen, fit, zones = seen_in(contents), fit_people(contents), zones_of(contents)
     links, told = links_of(contents, seen), problems_by_camera(contents)
-    sections: list[Section | None] = [
+    sections = [
         headline_section(contents, seen),
         site_camera_section(contents, seen, zones),
         site_rig_section(contents, fit, zones, links, parts),
@@ -108,34 +108,30 @@ def site_page(contents: Contents, parts: Parts, tell: Progress) -> str:
         settings_section(contents),
         files_section(contents, several=True),
     ]
-    return html_document(contents, [section for section in sections if section is not None], parts)
+    return html_document(contents, sections, parts)
 
 
 def site_rig_section(contents: Contents, fit: Fitted, zones: dict[str, int], links: list[Link], parts: Parts) -> Section:
     """The site as a map and in space."""
     posed = contents.rig.posed()
-    if not len(posed):
-        return Section("rig", "The site", RIG_LEAD, nothing("No camera has a pose: there is nothing to draw."), "Map")
-    lead = (
-        f"{RIG_LEAD} Names appear where there is room: zoom in by drawing a frame or with the buttons, and double-click to see "
-        "all. Click on a camera to see its picture."
-    )
     marked = dict.fromkeys(problems_by_camera(contents), "problem")
     for names in weak_cameras(contents).values():
         marked |= dict.fromkeys(names, "stands out")
     who = f"{count(len(posed), 'camera')} in {count(len(set(zones.values())), 'zone')}"
-    above = plot("rig-above", site_map(contents, fit, zones, links, marked), f"Map of {who}", kind="map", parts=parts)
-    space = plot("rig-space", site_in_space(contents, fit, zones), f"{who} in space", kind="space", parts=parts)
-    plan = plan_drawing(contents, fit, zones, parts)
-    return Section("rig", "The site", lead, element("div", plan, above, space, class_="stack"), "Map")
+    drawn = []
+    if len(posed):
+        map_, space = site_map(contents, fit, zones, links, marked), site_in_space(contents, fit, zones)
+        drawn.append(plot("rig-above", map_, f"Map of {who}", kind="map", parts=parts))
+        drawn.append(plot("rig-space", space, f"{who} in space", kind="space", parts=parts))
+    return section("rig", "Map", site=True, plan=plan_drawing(contents, fit, zones, parts), plots=drawn)
 
 
-def html_document(contents: Contents, sections: list[Section], parts: Parts | None = None) -> str:
+def html_document(contents: Contents, sections: Sequence[Section | None], parts: Parts | None = None) -> str:
     """Head, bar, sections, scripts.
 
     Args:
         contents: of the report.
-        sections: in their order.
+        sections: in their order; None: nothing to show.
         parts: files that the page loads when it needs them, as it does plotly's code then: a third of a second of work before
             anything is seen. They get their place. None: the page is all in one.
 
@@ -148,32 +144,13 @@ def html_document(contents: Contents, sections: list[Section], parts: Parts | No
     if parts is not None:
         parts.add_script("plotly", scripts[0])
         scripts = [_asset("page.js"), _asset("site.js")]
-    name = scene_name(contents)
-    head = element(
-        "head",
-        element("meta", charset="utf-8"),
-        # Before anything that could run: only these scripts may, and nothing else may be fetched from anywhere.
-        element("meta", http_equiv="Content-Security-Policy", content=_policy(scripts, parts is not None)),
-        element("meta", name="viewport", content="width=device-width, initial-scale=1"),
-        element("meta", name="color-scheme", content="light dark"),
-        element("meta", name="referrer", content="no-referrer"),
-        element("title", f"{name}: {contents.verdict} – Passerby"),
-        element("style", Html(_asset("page.css"))),
-    )
-    body = element(
-        "body",
-        element("a", "Skip to the verdict", href="#main", class_="skip"),
-        _bar(contents, sections),
-        element("main", [section.render() for section in sections], id="main", tabindex="-1"),
-        _footer(contents),
-        element(
-            "noscript", element("p", "Plots and sorting need JavaScript; all figures are in the tables.", class_="nothing")
-        ),
-        [element("script", Html(script)) for script in scripts],
-    )
-    return (
-        "<!DOCTYPE html>\n" + element("html", head, body, lang="en", data_parts=None if parts is None else parts.place()) + "\n"
-    )
+    page = render(
+        "page.html", parts=None if parts is None else parts.place(), policy=_policy(scripts, parts is not None),
+        scene=scene_name(contents), verdict=contents.verdict, style=Markup(_asset("page.css")),
+        sections=[section for section in sections if section is not None], version=contents.document.passerby or "",
+        scripts=[Markup(script) for script in scripts],
+    )  # fmt: skip
+    return f"{page}\n"
 
 
 def _policy(scripts: list[str], load: bool) -> str:
@@ -188,26 +165,6 @@ def _policy(scripts: list[str], load: bool) -> str:
     return (
         f"default-src 'none'; script-src {allowed}; style-src 'unsafe-inline'; img-src data: blob:; font-src data:; "
         "connect-src 'none'; form-action 'none'; base-uri 'none'"
-    )
-
-
-def _bar(contents: Contents, sections: list[Section]) -> Html:
-    """The scene, the verdict, the way to each section, and the switch between light and dark."""
-    links = [element("li", element("a", section.short or section.title, href=f"#{section.anchor}")) for section in sections[1:]]
-    return element(
-        "header",
-        element("div", element("span", scene_name(contents), class_="scene"), verdict_pill(contents), class_="who"),
-        element("nav", element("ul", links), aria_label="Sections"),
-        element("button", "Theme", type="button", id="theme", class_="quiet", aria_label="Theme: as the system"),
-        class_="bar",
-    )
-
-
-def _footer(contents: Contents) -> Html:
-    """By what the page was made."""
-    return element(
-        "footer",
-        element("p", f"Made by Passerby {contents.document.passerby or ''} from calibration.json, rig.toml and tracks/."),
     )
 
 
@@ -248,14 +205,11 @@ def trajectories_page(found: Trajectories, rig: Rig, title: str, note: str = "")
         template="plotly_white", margin={"l": 50, "r": 10, "t": 40, "b": 45}, hovermode="closest",
         legend={"itemsizing": "constant"}, autosize=True,
     )  # fmt: skip
-    thinned = f" Every {_ordinal(every)} position is drawn." if every > 1 else ""
-    body = figure.to_html(
+    drawn = figure.to_html(
         full_html=False, include_plotlyjs=True, div_id="trajectories", default_height="82vh", config={"displaylogo": False}
     )
-    head = f'<meta charset="utf-8"><title>{escape(title)}</title>'
-    style = "<style>body{font-family:sans-serif;margin:1em}p{margin:.3em 0;color:#444}h1{font-size:1.3em;margin:0}</style>"
-    told = f"<h1>{escape(title)}</h1><p>{escape(note)}{thinned}</p>"
-    return f"<!doctype html>\n<html><head>{head}{style}</head><body>{told}{body}</body></html>\n"
+    page = render("trajectories.html", title=title, note=note, every=every, ordinal=_ordinal(every), figure=Markup(drawn))
+    return f"{page}\n"
 
 
 def _draw_way(way: Way, every: int, *, listed: bool, in_space: bool = False) -> list[Trace]:

@@ -12,10 +12,10 @@ from passerby.common.arrays import Floats
 from passerby.core.colours import person_colour
 from passerby.core.figures import CueFigures, StarFigures, StarScale, heights_of
 from passerby.report.contents import Contents
-from passerby.report.html import Html, Section, element, join, nothing, plot, plot_text
 from passerby.report.parts import Parts
+from passerby.report.rendering import Section, plot, plot_text, section
 from passerby.report.seen import EMBEDDED_CAMERAS, Spells, lanes_of, merge_spells
-from passerby.report.tables import Column, count, data_table, number, text
+from passerby.report.tables import Column, Table, count, number, share_cell, text
 from passerby.solver.cues import cue_in_words
 
 MOST_BARS = 1500
@@ -32,29 +32,20 @@ HIGHEST_PX, LEAST_ROW_PX = 1500, 3
 NAME_PX = 13
 """Between names."""
 MINUTES_FROM_S = 900.0
-TITLE = "Timeline of observations"
 
 
 def heights_section(contents: Contents, parts: Parts | None = None) -> Section:
     """The people's heights beside what was assumed of them; `parts` of a page of many cameras gets the figure."""
-    lead = (
-        "Each dot is a person, shortest first. The band is the assumed height of people: the mean and one standard deviation. "
-        "Heights far outside the band usually come from false detections, or from tracks of more than one person."
-    )
     heights = heights_of(contents.figures)
     if not heights:
-        why = "The solver estimates no heights"
-        if contents.document.method == "geopose":
-            why += ': the method "geopose" assumes that all people are equally tall'
-        return Section("heights", "Heights of the people", lead, nothing(f"{why}."), "Heights")
+        return section("heights", "Heights", drawn=None, method=contents.document.method)
     prior = contents.document.scene.scale
     mean, sd = prior.person_height_m, prior.person_height_sd_m
     label = (
         f"Heights of {count(len(heights), 'person', 'people')}, {min(heights.values()):.2f} to {max(heights.values()):.2f} m"
     )
     drawn = plot("heights-plot", _figure(heights, mean, sd, _read_stated_heights(contents)), label, parts=parts)
-    body = join(drawn, _describe_heights(heights, mean, sd))
-    return Section("heights", "Heights of the people", lead, body, "Heights")
+    return section("heights", "Heights", drawn=drawn, words=_describe_heights(heights, mean, sd))
 
 
 def _read_stated_heights(contents: Contents) -> dict[str, tuple[float, float]]:
@@ -69,31 +60,21 @@ def _figure(
     order = sorted(heights, key=lambda who: (heights[who], who))
     places = {who: place for place, who in enumerate(order, start=1)}
     told = [who for who in order if who in stated]
-    data: list[dict[str, Any]] = [
-        {
-            "type": "scatter",
-            "mode": "markers",
-            "name": "measured",
-            "x": list(places.values()),
-            "y": [round(heights[who], 4) for who in order],
-            "marker": {"size": 9, "color": [person_colour(int(who)) if who.isdecimal() else "var(--accent)" for who in order]},
-            "text": [f"person {who}" if who.isdecimal() else "person" for who in order],
-            "hovertemplate": "%{text}: %{y:.2f} m<extra></extra>",
-        }
-    ]
+    data: list[dict[str, Any]] = [{
+        "type": "scatter", "mode": "markers", "name": "measured", "x": list(places.values()),
+        "y": [round(heights[who], 4) for who in order],
+        "marker": {"size": 9, "color": [person_colour(int(who)) if who.isdecimal() else "var(--accent)" for who in order]},
+        "text": [f"person {who}" if who.isdecimal() else "person" for who in order],
+        "hovertemplate": "%{text}: %{y:.2f} m<extra></extra>",
+    }]  # fmt: skip
     if told:
-        data.append(
-            {
-                "type": "scatter",
-                "mode": "markers",
-                "name": "stated",
-                "x": [places[who] for who in told],
-                "y": [stated[who][0] for who in told],
-                "error_y": {"type": "data", "array": [stated[who][1] for who in told], "color": "var(--ink)"},
-                "marker": {"size": 12, "symbol": "diamond-open", "color": "var(--ink)"},
-                "hovertemplate": "stated: %{y:.2f} m<extra></extra>",
-            }
-        )
+        data.append({
+            "type": "scatter", "mode": "markers", "name": "stated", "x": [places[who] for who in told],
+            "y": [stated[who][0] for who in told],
+            "error_y": {"type": "data", "array": [stated[who][1] for who in told], "color": "var(--ink)"},
+            "marker": {"size": 12, "symbol": "diamond-open", "color": "var(--ink)"},
+            "hovertemplate": "stated: %{y:.2f} m<extra></extra>",
+        })  # fmt: skip
     shapes: list[dict[str, Any]] = []
     if mean is not None:
         across = {"xref": "paper", "x0": 0, "x1": 1, "layer": "below"}
@@ -105,21 +86,15 @@ def _figure(
             {"type": "line", **across, "y0": mean, "y1": mean, "line": {"width": 1.5, "dash": "dot", "color": "var(--muted)"}}
         )
     layout = {
-        "height": 300,
-        "showlegend": bool(told),
-        "margin": {"l": 52, "r": 10, "t": 10, "b": 40},
-        "hovermode": "closest",
+        "height": 300, "showlegend": bool(told), "margin": {"l": 52, "r": 10, "t": 10, "b": 40}, "hovermode": "closest",
         "shapes": shapes,
         "xaxis": {
-            "title": {"text": "people, by height"},
-            "showticklabels": False,
-            "range": [0.2, len(order) + 0.8],
-            "zeroline": False,
-            "showgrid": False,
+            "title": {"text": "people, by height"}, "showticklabels": False, "range": [0.2, len(order) + 0.8],
+            "zeroline": False, "showgrid": False,
         },
         "yaxis": {"title": {"text": "m"}, "range": _range(list(heights.values()), mean, sd), "zeroline": False},
         "legend": {"orientation": "h", "x": 0, "y": 1.02, "yanchor": "bottom"},
-    }
+    }  # fmt: skip
     return {"data": data, "layout": layout}
 
 
@@ -129,7 +104,7 @@ def _range(heights: list[float], mean: float | None, sd: float | None) -> list[f
     return [min(known) - 0.05, max(known) + 0.05]
 
 
-def _describe_heights(heights: Mapping[str, float], mean: float | None, sd: float | None) -> Html:
+def _describe_heights(heights: Mapping[str, float], mean: float | None, sd: float | None) -> str:
     """Mean and spread, and how many are outside two standard deviations."""
     values = np.array(list(heights.values()))
     spread = f", standard deviation {values.std(ddof=1):.2f} m" if len(values) > 1 else ""
@@ -140,23 +115,14 @@ def _describe_heights(heights: Mapping[str, float], mean: float | None, sd: floa
             f" Assumed: {mean:.2f} ± {sd:.2f} m; {count(far, 'person is', 'people are')} more than two standard deviations "
             f"away."
         )
-    return element("p", told, class_="note")
+    return told
 
 
 def scale_section(contents: Contents) -> Section:
     """The scale cues, what each says and how much it counts."""
-    lead = (
-        "The constraints that determine the scale. The weight is a constraint's share in the estimate. Alone is by how much "
-        "all lengths would change if it were the only one. If two contradict each other, measure both again."
-    )
     cues, figures = contents.figures.scale.cues, contents.document.figures
-    if cues:
-        body = _cue_table(cues)
-    elif isinstance(figures, StarFigures):
-        body = element("p", _geopose_scale(figures.scale))
-    else:
-        body = nothing("There is no rig, so nothing was measured: the scale was not determined.")
-    return Section("scale", "Scale constraints", lead, body, "Scale")
+    words = _geopose_scale(figures.scale) if isinstance(figures, StarFigures) else ""
+    return section("scale", "Scale", table=_cue_table(cues) if cues else None, words=words)
 
 
 def _geopose_scale(scale: StarScale) -> str:
@@ -166,7 +132,7 @@ def _geopose_scale(scale: StarScale) -> str:
     return told + (f", from {count(scale.people, 'person', 'people')}." if scale.people is not None else ".")
 
 
-def _cue_table(cues: Sequence[CueFigures]) -> Html:
+def _cue_table(cues: Sequence[CueFigures]) -> Table:
     """A row for each cue, its weight as a bar."""
     columns = [
         Column("Constraint", numeric=False),
@@ -181,9 +147,7 @@ def _cue_table(cues: Sequence[CueFigures]) -> Html:
     ]
     rows = []
     for cue in cues:
-        percent, off = 100 * cue.share, cue.residual_sigmas
-        bar = element("span", class_="pull", style=f"width:{min(max(percent, 0.0), 100.0):.1f}%", aria_hidden="true")
-        pull = number(percent, 1)
+        off = cue.residual_sigmas
         rows.append(
             [
                 text(cue_in_words(cue)),
@@ -191,13 +155,13 @@ def _cue_table(cues: Sequence[CueFigures]) -> Html:
                 number(cue.measured_m, 3),
                 number(cue.sd_m, 3),
                 number(off, 1, kind="stands-out" if abs(off) > 3 else "", sign=True),
-                type(pull)(join(element("span", bar, class_="pull-box"), pull.shown), percent, "pull-cell", numeric=True),
+                share_cell(100 * cue.share, 1),
                 number(None if cue.own_scale is None else 100 * (cue.own_scale - 1), 1, sign=True),
                 number(None if cue.own_sigma is None else 100 * cue.own_sigma, 1),
                 text(", ".join(cue.disagrees_with or ()), kind="stands-out" if cue.disagrees_with else ""),
             ]
         )
-    return data_table("scale-table", "Scale constraints", columns, rows)
+    return Table(identifier="scale-table", caption="Scale constraints", columns=columns, rows=rows)
 
 
 def timeline_section(contents: Contents, spells: Spells, parts: Parts | None = None) -> Section:
@@ -209,36 +173,15 @@ def timeline_section(contents: Contents, spells: Spells, parts: Parts | None = N
         parts: of a page of many cameras: gets the figure.
     """
     if not len(spells):
-        return Section("timeline", TITLE, "", nothing("There are no tracks with identities."), "Timeline")
+        return section("timeline", "Timeline", drawn=None)
     kept = merge_spells(spells, MOST_KEPT)
     rows = _rows(len(contents.rig), kept)
-    if rows.crowded:
-        lead = (
-            "One row per camera. A stronger colour means more people at the same time. Select a person to see their trajectory."
-        )
-    else:
-        lead = "One row per camera, and one bar for each interval in which it saw a person. The same colour is the same person."
-    lead += " A camera whose marks never overlap in time with those of another camera shares no observations with it."
     label = f"Timeline of {count(len(kept.people), 'person', 'people')} in {count(len(contents.rig), 'camera')}"
-    figure = _draw_figure(contents, kept, rows)
-    body = join(
-        _chooser(kept.people.tolist()), plot("timeline-plot", figure, label, parts=parts), _note_merged_gaps(spells, kept)
-    )
-    return Section("timeline", TITLE, lead, body, "Timeline")
-
-
-def _chooser(people: Sequence[int]) -> Html:
-    """A list from which one person is chosen."""
-    options = [element("option", "everybody", value=""), *(element("option", f"person {one}", value=one) for one in people)]
-    return element("p", element("label", "Show ", element("select", options, id="timeline-person")), class_="tools")
-
-
-def _note_merged_gaps(spells: Spells, kept: Spells) -> Html | None:
-    """That short breaks were closed, where they were."""
-    if len(kept) == len(spells):
-        return None
-    told = f"{len(spells)} intervals are drawn as {len(kept)}: the shortest gaps between them are closed."
-    return element("p", told, class_="note")
+    drawn = plot("timeline-plot", _draw_figure(contents, kept, rows), label, parts=parts)
+    return section(
+        "timeline", "Timeline", drawn=drawn, crowded=rows.crowded, people=kept.people.tolist(), spells=len(spells),
+        kept=len(kept),
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -280,37 +223,26 @@ def _draw_figure(contents: Contents, spells: Spells, rows: _Rows) -> dict[str, A
     factor, unit = (60.0, "min") if minutes else (1.0, "s" if spells.in_seconds else "frames")
     names = [plot_text(_shorten(name)) for name in contents.rig.names]
     bars = {
-        "type": "bar",
-        "orientation": "h",
-        "name": "people",
+        "type": "bar", "orientation": "h", "name": "people",
         "hovertemplate": "person %{customdata[0]}, %{customdata[1]}<br>"
         f"%{{customdata[2]:.1f}} to %{{customdata[3]:.1f}} {unit}<extra></extra>",
-    }
+    }  # fmt: skip
     edges = np.concatenate([[0.0], np.cumsum(rows.heights)])
     every = max(1, -(-NAME_PX // int(rows.heights.min())))
     layout = {
-        "barmode": "overlay",
-        "bargap": 0,
-        "showlegend": False,
-        "height": int(70 + edges[-1]),
-        "hovermode": "closest",
+        "barmode": "overlay", "bargap": 0, "showlegend": False, "height": int(70 + edges[-1]), "hovermode": "closest",
         "margin": {"l": 20, "r": 10, "t": 10, "b": 44},
         "xaxis": {"title": {"text": unit}, "range": [begin / factor, end / factor], "zeroline": False},
         "yaxis": {
-            "tickvals": ((edges[1:] + edges[:-1]) / 2)[::every],
-            "ticktext": names[::every],
-            "range": [float(edges[-1]), 0.0],
-            "fixedrange": True,
-            "automargin": True,
-            "showgrid": False,
-            "zeroline": False,
+            "tickvals": ((edges[1:] + edges[:-1]) / 2)[::every], "ticktext": names[::every], "range": [float(edges[-1]), 0.0],
+            "fixedrange": True, "automargin": True, "showgrid": False, "zeroline": False,
         },
         "shapes": [
             {"type": "line", "xref": "paper", "x0": 0, "x1": 1, "y0": y, "y1": y, "line": {"width": 1, "color": "var(--line)"}}
             for y in (edges[1:-1] if every == 1 else ())
         ],
         "meta": {"crowded": rows.crowded, "cameras": names, "bars": _bars(spells, rows, factor)},
-    }
+    }  # fmt: skip
     data = [_crowd(len(names), spells, edges, factor, unit), bars] if rows.crowded else [bars]
     return {"data": data, "layout": layout}
 
@@ -324,14 +256,9 @@ def _bars(spells: Spells, rows: _Rows, factor: float) -> dict[str, Any]:
     start, stop = np.round(spells.begin / factor, 3), np.round(spells.end / factor, 3)
     people = spells.people.tolist()
     return {
-        "who": spells.identity,
-        "camera": spells.camera,
-        "begin": start,
-        "end": stop,
-        "y": np.round(rows.centre, 2),
-        "width": float(rows.width[0]),
-        "colours": dict(zip(map(str, people), map(person_colour, people), strict=True)),
-    }
+        "who": spells.identity, "camera": spells.camera, "begin": start, "end": stop, "y": np.round(rows.centre, 2),
+        "width": float(rows.width[0]), "colours": dict(zip(map(str, people), map(person_colour, people), strict=True)),
+    }  # fmt: skip
 
 
 def _crowd(n_cameras: int, spells: Spells, edges: Floats, factor: float, unit: str) -> dict[str, Any]:
@@ -343,15 +270,12 @@ def _crowd(n_cameras: int, spells: Spells, edges: Floats, factor: float, unit: s
         seen = _ramps(times, spells.begin[own]) - _ramps(times, spells.end[own])
         number[camera] = np.diff(seen) / np.diff(times)
     return {
-        "type": "heatmap",
-        "x": np.round(times / factor, 4),
-        "y": edges,
-        "z": np.round(number, 2) + 0.0,
+        "type": "heatmap", "x": np.round(times / factor, 4), "y": edges, "z": np.round(number, 2) + 0.0,
         "ygap": 3 if edges[1] - edges[0] > NAME_PX else 0,
         "colorscale": [[0, "var(--surface)"], [0.15, "var(--low)"], [1, "var(--high)"]],
         "colorbar": {"title": {"text": "people"}, "thickness": 12, "outlinewidth": 0},
         "hovertemplate": f"%{{x:.1f}} {unit}: %{{z:.1f}} people<extra></extra>",
-    }
+    }  # fmt: skip
 
 
 def _ramps(times: Floats, starts: Floats) -> Floats:

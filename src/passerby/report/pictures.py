@@ -7,19 +7,19 @@ Coordinates within the inner group are those of the camera's pixels, whose origi
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
+from markupsafe import Markup
 
 from passerby.common.progress import Progress
+from passerby.core.colours import camera_colour
 from passerby.core.observations import Clock
-from passerby.report.camera_table import swatch
 from passerby.report.contents import Contents
 from passerby.report.distances import residual_px
 from passerby.report.fitted import Fitted, fit_sample
-from passerby.report.html import Html, Section, element, join, nothing, plot
 from passerby.report.layers import (
     boxes_layer,
     grid_spacing,
@@ -30,13 +30,15 @@ from passerby.report.layers import (
     other_cameras,
     reference_layer,
 )
+from passerby.report.recommendations import Point
+from passerby.report.rendering import Section, plot, render, section
 from passerby.report.residuals import residual_map
 from passerby.report.rig_plots import rig_from_above, rig_in_space
 from passerby.report.sampling import clocks_of, sample_at
 from passerby.report.seen import Seen
-from passerby.report.sheet import Backdrop, Sheet, backdrop, clip_text, short
+from passerby.report.sheet import Backdrop, Sheet, backdrop, clip_text, label_at
 from passerby.report.site_map import plan_drawing
-from passerby.report.tables import count, figure
+from passerby.report.tables import Table, count, figure
 
 LAYERS = (
     ("grid", "ground grid"),
@@ -50,22 +52,11 @@ DECODERS = 2
 """Videos of which an image is decoded at a time, beside the drawing."""
 DECODED_AHEAD = 16
 """Images that wait for their drawing at most, 100 kB each."""
-VIEWS_LEAD = (
-    "In a good calibration the grid lies flat on the ground, the verticals run along the edges of doors and posts, and the "
-    "boxes of the model coincide with the observed boxes. "
-    "Arrows in the residual map that point in the same direction over a whole region indicate wrong intrinsics or a "
-    "camera that moved."
-)
-RIG_LEAD = (
-    "Positions and viewing directions of the cameras, and where people walked. An ellipse contains its camera with a "
-    "probability of 39 % (1 sigma). Thin ellipses that point to the middle show an uncertain scale, which one measured "
-    "distance fixes. If people walk through walls, or a camera faces away from them, something is wrong."
-)
 
 
 def camera_picture(
     contents: Contents, fit: Fitted, name: str, behind: Backdrop | None = None, among: Collection[str] | None = None
-) -> str:
+) -> Markup:
     """One camera's picture with all layers, as `<svg viewBox="0 0 width height">`.
 
     Args:
@@ -81,22 +72,18 @@ def camera_picture(
     near = contents if among is None else _part_of(contents, {name, *among})
     clocks, _ = clocks_of(near)
     now = fit_sample(near, sample_at(near, clocks.get(name) or Clock(1.0), np.array([behind.frame])))
-    width, height = camera.lens.size
-    layers = [
-        element("g", ground_layer(sheet, fit, among is not None), class_="layer-grid"),
-        element("g", reference_layer(sheet), class_="layer-lines"),
-        element("g", other_cameras(sheet, contents, among), class_="layer-cameras"),
-        element("g", model_layer(sheet, now), class_="layer-model"),
-        element("g", boxes_layer(sheet, contents, now), class_="layer-boxes"),
-        element("g", joints_layer(sheet, contents, now), class_="layer-joints"),
-    ]
-    grid_m = grid_spacing(*ground_seen(fit, camera, among is not None))
-    return element(
-        "svg", _canvas(sheet), element("g", layers, transform="translate(0.5 0.5)"), _notes(sheet, grid_m),
-        viewBox=f"0 0 {width} {height}", class_="camera-picture", role="img",
-        aria_label=f"Camera {clip_text(name)}, frame {behind.frame}: ground grid, horizon and verticals, observed boxes, boxes "
-        "of the model",
-        xmlns="http://www.w3.org/2000/svg", data_frame=behind.frame, font_family="sans-serif",
+    told = [f"frame {behind.frame}"]
+    if camera.pose is None:
+        told.append("not registered: no pose")
+    else:
+        told.append(f"grid {grid_spacing(*ground_seen(fit, camera, among is not None)):g} m")
+    (width, height), letters = camera.lens.size, sheet.letters
+    return render(
+        "picture.html", sheet=sheet, name=clip_text(name), ground=ground_layer(sheet, fit, among is not None),
+        lines=reference_layer(sheet), others=other_cameras(sheet, contents, among), bodies=model_layer(sheet, now),
+        boxes=boxes_layer(sheet, contents, now), joints=joints_layer(sheet, contents, now),
+        note=label_at(", ".join(told), (0.6 * letters, height - 0.6 * letters)),
+        why=behind.note and label_at(behind.note, (0.6 * letters, 1.4 * letters), int(width / letters * 1.8)),
     )  # fmt: skip
 
 
@@ -105,59 +92,23 @@ def _part_of(contents: Contents, names: Collection[str]) -> Contents:
     return replace(contents, rig=replace(contents.rig, cameras=tuple(one for one in contents.rig if one.name in names)))
 
 
-def _canvas(sheet: Sheet) -> Html:
-    """The picture, or a blank sheet."""
-    width, height = sheet.camera.lens.size
-    blank = element(
-        "rect", width=width, height=height, fill="currentColor", fill_opacity=0.06, stroke="currentColor", stroke_opacity=0.3,
-        class_="canvas",
-    )  # fmt: skip
-    if sheet.backdrop.uri is None:
-        return blank
-    covered = sheet.backdrop.size
-    picture = element(
-        "image", href=sheet.backdrop.uri, width=covered[0], height=covered[1], preserveAspectRatio="none", class_="frame"
-    )
-    return picture if covered == (width, height) else join(blank, picture)
-
-
-def _notes(sheet: Sheet, grid_m: float) -> Html:
-    """Frame and grid, below in the picture; above it why there is no picture or no drawing."""
-    width, height = sheet.camera.lens.size
-    told = [f"frame {sheet.backdrop.frame}"]
-    if sheet.camera.pose is not None:
-        told.append(f"grid {grid_m:g} m")
-    else:
-        told.append("not registered: no pose")
-    lines = [sheet.text(", ".join(told), (0.6 * sheet.letters, height - 0.6 * sheet.letters), class_="picture-note")]
-    if sheet.backdrop.note is not None:
-        most = int(width / sheet.letters * 1.8)
-        lines.append(
-            element(
-                "text", clip_text(sheet.backdrop.note, most), x=short(0.6 * sheet.letters), y=short(1.4 * sheet.letters),
-                font_size=sheet.letters, fill="currentColor", fill_opacity=0.75, class_="picture-note",
-            )
-        )  # fmt: skip
-    return join(*lines)
-
-
 def rig_section(contents: Contents, fit: Fitted) -> Section:
     """The rig from above and in space."""
-    posed = contents.rig.posed()
-    if not len(posed):
-        return Section("rig", "The rig", RIG_LEAD, nothing("No camera has a pose: there is nothing to draw."))
-    who = f"{count(len(posed), 'camera')} and the trajectories of the people"
-    above = plot("rig-above", rig_from_above(contents, fit), f"The rig from above: {who}")
-    space = plot("rig-space", rig_in_space(contents, fit), f"The rig in space: {who}", kind="space")
-    return Section("rig", "The rig", RIG_LEAD, element("div", plan_drawing(contents, fit), above, space, class_="stack"))
+    posed, drawn = contents.rig.posed(), []
+    if len(posed):
+        who = f"{count(len(posed), 'camera')} and the trajectories of the people"
+        drawn.append(plot("rig-above", rig_from_above(contents, fit), f"The rig from above: {who}"))
+        drawn.append(plot("rig-space", rig_in_space(contents, fit), f"The rig in space: {who}", kind="space"))
+    return section("rig", "The rig", site=False, plan=plan_drawing(contents, fit), plots=drawn)
 
 
 def pictures_section(contents: Contents, fit: Fitted, seen: Seen, tell: Progress) -> Section:
     """A panel for each camera: its picture with what was seen and what the rig makes of it, and its residuals."""
-    panels = []
-    for place, (name, behind) in enumerate(decoded_backdrops(contents, tell)):
-        panels.append(camera_panel(contents, fit, seen, place, name, behind))
-    return Section("views", "Camera views", VIEWS_LEAD, join(layer_switches(contents), panels), "Views")
+    panels = [
+        camera_panel(contents, fit, seen, place, name, behind)
+        for place, (name, behind) in enumerate(decoded_backdrops(contents, tell))
+    ]
+    return section("views", "Views", site=False, layers=layer_switches(contents), panels=panels)
 
 
 def decoded_backdrops(contents: Contents, tell: Progress) -> Iterator[tuple[str, Backdrop]]:
@@ -173,8 +124,8 @@ def decoded_backdrops(contents: Contents, tell: Progress) -> Iterator[tuple[str,
     tell("report", len(names), len(names))
 
 
-def layer_switches(contents: Contents) -> Html:
-    """A box for each layer that a picture has, for all pictures at once."""
+def layer_switches(contents: Contents) -> list[tuple[str, str]]:
+    """The layers that pictures have, with their names."""
     seen, posed = contents.observations.cameras.values(), len(contents.rig.posed()) > 0
     with_boxes, with_joints = any(len(one.boxes) for one in seen), any(len(one.keypoints) for one in seen)
     there = {
@@ -185,18 +136,13 @@ def layer_switches(contents: Contents) -> Html:
         "model": posed and with_boxes,
         "joints": with_joints,
     }
-    boxes = [
-        element("label", element("input", type="checkbox", checked=True, data_layer=layer), name)
-        for layer, name in LAYERS
-        if there[layer]
-    ]
-    return element("fieldset", element("legend", "Overlays"), boxes, class_="layers") if boxes else Html("")
+    return [(layer, name) for layer, name in LAYERS if there[layer]]
 
 
 def camera_panel(
     contents: Contents, fit: Fitted, seen: Seen, place: int, name: str, behind: Backdrop,
-    among: Collection[str] | None = None, more: Html | None = None,
-) -> Html:  # fmt: skip
+    among: Collection[str] | None = None, problems: Sequence[Point] = (), tables: Sequence[tuple[str, Table]] = (),
+) -> Markup:  # fmt: skip
     """One camera, on the image behind its drawing.
 
     Args:
@@ -207,7 +153,8 @@ def camera_panel(
         name: of the camera.
         behind: of `decoded_backdrops`.
         among: as of `camera_picture`.
-        more: what stands below the pictures.
+        problems: of the camera, below the pictures.
+        tables: with their titles; they can be opened.
     """
     entry, residual = contents.document.entry(name), residual_px(contents, name)
     boxes, joints = entry.boxes, entry.keypoints
@@ -219,11 +166,7 @@ def camera_panel(
     ]
     if contents.rig[name].pose is None:
         facts.append("no pose")
-    head = element("h3", element("span", swatch(place), name), element("small", ", ".join(facts)))
-    pictures = [
-        element("figure", Html(camera_picture(contents, fit, name, behind, among)), element("figcaption", "View")),
-        element("figure", Html(residual_map(contents, fit, name)), element("figcaption", "Residuals over the image")),
-    ]
-    return element(
-        "article", head, element("div", pictures, class_="view-pictures"), more, class_="view", aria_label=f"Camera {name}"
-    )
+    return render(
+        "camera.html", name=name, colour=camera_colour(place), facts=facts, problems=problems, tables=tables,
+        picture=camera_picture(contents, fit, name, behind, among), residuals=residual_map(contents, fit, name),
+    )  # fmt: skip

@@ -9,14 +9,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from markupsafe import Markup
 from numpy.typing import NDArray
 
 from passerby.common.arrays import Floats, Ints
 from passerby.geometry.groups import group_sums
 from passerby.report.contents import Contents
 from passerby.report.fitted import Fitted
-from passerby.report.html import Html, element, join
-from passerby.report.sheet import clip_text, offset_words, short
+from passerby.report.rendering import Row, render, short
+from passerby.report.sheet import clip_text, offset_words
 
 COLUMNS = 12
 """Cells across the picture's longer side."""
@@ -97,7 +98,7 @@ def residual_cells(residuals: Residuals, size: tuple[int, int]) -> Cells:
     return Cells((wide, high), count.reshape(rows, columns), mean.reshape(rows, columns, 2), rms.reshape(rows, columns))
 
 
-def residual_map(contents: Contents, fit: Fitted, name: str) -> str:
+def residual_map(contents: Contents, fit: Fitted, name: str) -> Markup:
     """The residuals of a camera over its picture, as an SVG with the picture's width; its legend stands below.
 
     Cells are `rect` of the class `cell` whose `fill-opacity` is the root mean square, arrows `path` of the class `arrow`
@@ -107,20 +108,11 @@ def residual_map(contents: Contents, fit: Fitted, name: str) -> str:
     size = contents.rig[name].lens.size
     residuals = residuals_of(fit, name)
     cells = residual_cells(residuals, size)
-    strip = STRIP * size[0]
-    scale = _round_up(float(np.quantile(cells.rms[cells.count >= FEWEST], 0.9))) if (cells.count >= FEWEST).any() else 1.0
     factor = _magnification(cells)
-    body = [
-        element("rect", width=size[0], height=size[1], fill="currentColor", fill_opacity=0.04, stroke="currentColor",
-                stroke_opacity=0.3, class_="canvas"),
-        element("g", _cells(cells, scale), class_="layer-cells"),
-        element("g", _arrows(cells, factor), class_="layer-arrows"),
-        element("g", _legend(residuals, cells, size, scale, factor), class_="legend"),
-    ]  # fmt: skip
-    return element(
-        "svg", body, viewBox=f"0 0 {size[0]} {short(size[1] + strip)}", class_="residual-map", role="img",
-        xmlns="http://www.w3.org/2000/svg", font_family="sans-serif", aria_label=_describe_map(name, residuals, cells),
-        data_magnification=factor,
+    return render(
+        "residuals.html", size=size, label=_describe_map(name, residuals, cells), wide=cells.size[0], high=cells.size[1],
+        cells=_cells(cells, _full_colour(cells)), arrows=_arrows(cells, factor),
+        legend=_legend(residuals, cells, size, factor),
     )  # fmt: skip
 
 
@@ -136,39 +128,41 @@ def _describe_map(name: str, residuals: Residuals, cells: Cells) -> str:
     )
 
 
-def _cells(cells: Cells, scale: float) -> Html:
-    """A rectangle for each cell with residuals, the more opaque the larger they are."""
+def _full_colour(cells: Cells) -> float:
+    """Root mean square of a cell in full colour, pixels."""
+    many = cells.count >= FEWEST
+    return _round_up(float(np.quantile(cells.rms[many], 0.9))) if many.any() else 1.0
+
+
+def _cells(cells: Cells, scale: float) -> list[Row]:
+    """The cells with residuals, the more opaque the larger they are."""
     wide, high = cells.size
-    parts = []
+    drawn = []
     for row, column in zip(*np.nonzero(cells.count), strict=True):
         x, y = column * wide, row * high
-        words = (
+        title = (
             f"x {x:.0f} to {x + wide:.0f}, y {y:.0f} to {y + high:.0f}: {cells.count[row, column]} observations, on average "
             f"{offset_words(cells.mean[row, column])} of the model, root mean square {cells.rms[row, column]:.1f} px"
         )
         opacity = 0.08 + 0.72 * min(float(cells.rms[row, column]) / scale, 1.0)
-        parts.append(
-            element(
-                "rect", element("title", words), x=short(x), y=short(y), width=short(wide), height=short(high),
-                fill_opacity=round(opacity, 2), style="fill:var(--cell,#ee6600)", class_="cell",
-            )
-        )  # fmt: skip
-    return join(*parts)
+        drawn.append({"x": x, "y": y, "opacity": opacity, "title": title})
+    return drawn
 
 
-def _arrows(cells: Cells, factor: int) -> Html:
+def _arrows(cells: Cells, factor: int) -> list[Row]:
     """From each cell's middle to where things were seen, magnified."""
     wide, high = cells.size
-    parts = []
+    drawn = []
     shown = (cells.count >= FEWEST) & (cells.sure | (factor * _lengths(cells) <= MOST_CELLS * min(cells.size)))
     for row, column in zip(*np.nonzero(shown), strict=True):
         middle = np.array([(column + 0.5) * wide, (row + 0.5) * high])
-        arrow = _arrow(middle, factor * cells.mean[row, column], bool(cells.sure[row, column]), 0.16 * min(wide, high))
-        parts.append(element("g", arrow, data_cell=f"{row} {column}"))
-    return join(*parts)
+        d = _arrow(middle, factor * cells.mean[row, column], 0.16 * min(wide, high))
+        drawn.append({"cell": f"{row} {column}", "d": d, "significant": bool(cells.sure[row, column])})
+    return drawn
 
 
-def _arrow(begin: Floats, along: Floats, sure: bool, head: float) -> Html:
+def _arrow(begin: Floats, along: Floats, head: float) -> str:
+    """An arrow as a path."""
     length = float(np.hypot(*along))
     end = begin + along
     d = f"M{short(begin[0])} {short(begin[1])}L{short(end[0])} {short(end[1])}"
@@ -179,36 +173,22 @@ def _arrow(begin: Floats, along: Floats, sure: bool, head: float) -> Html:
         for side in (1, -1):
             tip = end - reach * unit + side * 0.6 * reach * across
             d += f"M{short(end[0])} {short(end[1])}L{short(tip[0])} {short(tip[1])}"
-    return element(
-        "path", d=d, fill="none", style="stroke:var(--arrow,currentColor)", stroke_width=2, vector_effect="non-scaling-stroke",
-        stroke_linecap="round", stroke_opacity=1 if sure else 0.35, class_="arrow" if sure else "arrow faint",
-    )  # fmt: skip
+    return d
 
 
-def _legend(residuals: Residuals, cells: Cells, size: tuple[int, int], scale: float, factor: int) -> Html:
-    """A bar of so many pixels as the arrows are drawn, and what full colour means."""
-    letters = size[0] / 40
+def _legend(residuals: Residuals, cells: Cells, size: tuple[int, int], factor: int) -> Row:
+    """What the arrows' lengths and the cells' colour mean, below the map."""
+    letters, bottom = size[0] / 40, size[1] + STRIP * size[0]
     base = size[1] + 0.62 * STRIP * size[0]
-    if not len(residuals.miss):
-        return _words("no residuals: no two cameras agree on a person", letters * 0.5, base, letters)
     bar = _round_down(0.9 * cells.size[0] / factor)
     left = 0.5 * letters
     d = f"M{short(left)} {short(base - 0.35 * letters)}h{short(bar * factor)}"
-    ends = (short(left), short(left + bar * factor))
-    tick = "".join(f"M{x} {short(base - 0.7 * letters)}v{short(0.7 * letters)}" for x in ends)
-    box = size[0] * 0.56
-    return join(
-        element("path", d=d + tick, fill="none", style="stroke:var(--arrow,currentColor)", stroke_width=2,
-                vector_effect="non-scaling-stroke", class_="scale"),
-        _words(f"{bar:g} px, drawn {factor} times as long", left + bar * factor + 0.6 * letters, base, letters),
-        element("rect", x=short(box), y=short(base - letters), width=short(1.6 * letters), height=short(1.2 * letters),
-                fill_opacity=0.8, style="fill:var(--cell,#ee6600)"),
-        _words(f"RMS {scale:g} px or more", box + 2.0 * letters, base, letters),
-    )  # fmt: skip
-
-
-def _words(words: str, x: float, y: float, letters: float) -> Html:
-    return element("text", words, x=short(x), y=short(y), font_size=short(letters), fill="currentColor")
+    d += "".join(f"M{short(x)} {short(base - 0.7 * letters)}v{short(0.7 * letters)}" for x in (left, left + bar * factor))
+    bar_px = bar * factor if len(residuals.miss) else None
+    return {
+        "bottom": bottom, "base": base, "letters": letters, "factor": factor, "full_words": f"{_full_colour(cells):g}",
+        "bar_px": bar_px, "bar_words": f"{bar:g}", "d": d,
+    }  # fmt: skip
 
 
 def _magnification(cells: Cells) -> int:

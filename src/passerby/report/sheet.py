@@ -21,7 +21,7 @@ from passerby.perception.sources.recording import open_source
 from passerby.perception.video import fit_of_size
 from passerby.perception.video_still import still
 from passerby.report.contents import Contents
-from passerby.report.html import Attribute, Html, element, join
+from passerby.report.rendering import short
 
 TEXT_SHARE = 1 / 40
 """Height of the letters, of the picture's width."""
@@ -61,28 +61,19 @@ class Sheet:
         """Height of letters, pixels of the camera."""
         return round(self.camera.lens.size[0] * TEXT_SHARE, 1)
 
-    def path(self, d: str, width: float, **attributes: Attribute) -> Html:
-        """A line, on a picture with a dark one behind it."""
-        common: dict[str, Attribute] = {
-            "d": d,
-            "fill": "none",
-            "vector_effect": "non-scaling-stroke",
-            "stroke_linecap": "round",
-        }
-        behind = None
-        if self.backdrop.uri is not None:
-            behind = element("path", **common, stroke="#000", stroke_opacity=0.45, stroke_width=width + 1.6, class_="behind")
-        return join(behind, element("path", **{**common, "stroke": self.ink, "stroke_width": width, **attributes}))
 
-    def text(self, words: str, xy: Sequence[float], **attributes: Attribute) -> Html:
-        """Letters, on a picture with a dark rim."""
-        rim: dict[str, Attribute] = {}
-        if self.backdrop.uri is not None:
-            rim = {"stroke": "#000", "stroke_opacity": 0.6, "stroke_width": round(self.letters / 5, 1), "paint_order": "stroke"}
-        return element(
-            "text", clip_text(words), x=short(xy[0]), y=short(xy[1]), font_size=self.letters,
-            **{"fill": self.ink, **rim, **attributes},
-        )  # fmt: skip
+@dataclass(frozen=True)
+class Label:
+    """Letters of a drawing, and where they begin."""
+
+    words: str
+    x: str
+    y: str
+
+
+def label_at(words: str, xy: Sequence[float], most: int = MOST_TEXT) -> Label:
+    """Text at a pixel, on one line, cut off where it is too long."""
+    return Label(clip_text(words, most), short(xy[0]), short(xy[1]))
 
 
 def clip_text(words: str, most: int = MOST_TEXT) -> str:
@@ -105,20 +96,10 @@ def within(sheet: Sheet, xy: Sequence[float] | Floats) -> tuple[float, float]:
     )
 
 
-def dot(xy: Floats, radius: float, colour: str, **attributes: Attribute) -> Html:
-    """A disc around a pixel (2,)."""
-    return element("circle", cx=short(xy[0]), cy=short(xy[1]), r=short(radius), fill=colour, **attributes)
-
-
 def dot_path(xy: Floats, radius: float) -> str:
     """A disc as a path: many in one element take a third of the room."""
     x, y, r = float(xy[0]), float(xy[1]), short(radius)
     return f"M{short(x - radius)} {short(y)}a{r} {r} 0 1 0 {short(2 * radius)} 0a{r} {r} 0 1 0 {short(-2 * radius)} 0"
-
-
-def short(value: float) -> str:
-    """To a tenth of a pixel, without needless zeros."""
-    return f"{round(float(value), 1) + 0.0:g}"
 
 
 def offset_words(offset: Floats) -> str:

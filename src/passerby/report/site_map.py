@@ -6,6 +6,7 @@ The floor plan with the rig drawn on it: cameras, what they see, people's trajec
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -20,8 +21,8 @@ from passerby.interchange.calibration_json import PlanEntry, ResidualEntry
 from passerby.interchange.plan_picture import read_plan_picture
 from passerby.report.contents import Contents
 from passerby.report.fitted import Fitted
-from passerby.report.html import Html, element, join, plot, plot_text
 from passerby.report.parts import Parts
+from passerby.report.rendering import Plot, plot, plot_text
 from passerby.report.rig_geometry import (
     WEDGE_SHARE,
     Stage,
@@ -272,9 +273,17 @@ def _frusta(zone: int, cameras: Placed, depth: float) -> Trace:
     }  # fmt: skip
 
 
+@dataclass(frozen=True, eq=False)
+class PlanDrawing:
+    """The plan with the rig on it."""
+
+    plot: Plot
+    caption: str
+
+
 def plan_drawing(
     contents: Contents, fit: Fitted, zones: Mapping[str, int] | None = None, parts: Parts | None = None
-) -> Html | None:
+) -> PlanDrawing | None:
     """The plan as a plot with its caption; None where no plan set the frame, or no camera has a pose.
 
     Args:
@@ -301,8 +310,7 @@ def plan_drawing(
     else:
         people, (ground, cameras) = draw_crowd(fit, stage, CELLS), draw_site(contents, zones, stage)
     layers = [*people, *ground, *_draw_residuals(residuals, world.plan), *cameras]
-    drawn = plot("rig-plan", _figure(layers, stage, background), told, parts=parts)
-    return join(drawn, element("p", f"{told}{note}", class_="note"))
+    return PlanDrawing(plot("rig-plan", _figure(layers, stage, background), told, parts=parts), f"{told}{note}")
 
 
 def _figure(data: list[Trace], stage: Stage, background: dict[str, Any] | None) -> Figure:

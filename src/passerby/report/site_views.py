@@ -6,18 +6,19 @@ from collections.abc import Mapping, Sequence
 
 from passerby.common.progress import Progress
 from passerby.common.text import shortened_text
+from passerby.core.colours import camera_colour
 from passerby.interchange.calibration_json import GroupEntry
 from passerby.interchange.output_folder import REPORT_FILE
-from passerby.report.camera_table import LEAD, NO_POSE, camera_rows, swatch, weak_cameras
+from passerby.report.camera_table import NO_POSE, camera_rows, weak_cameras
 from passerby.report.contents import Contents
 from passerby.report.distances import distances_from, distances_table, solved_distances
 from passerby.report.fitted import Fitted
-from passerby.report.html import Html, Section, element, join
 from passerby.report.parts import Parts
-from passerby.report.pictures import VIEWS_LEAD, camera_panel, decoded_backdrops, layer_switches
+from passerby.report.pictures import camera_panel, decoded_backdrops, layer_switches
 from passerby.report.recommendations import Reported, reported_doubts
+from passerby.report.rendering import Section, section
 from passerby.report.seen import Seen, neighbours_of
-from passerby.report.tables import MISSING, Cell, Column, data_table, text
+from passerby.report.tables import MISSING, Cell, Column, Table, number, text
 from passerby.report.view_graph import Link, pairs_table
 
 MOST_PARTNERS = 24
@@ -56,14 +57,14 @@ def site_views_section(
     posed, solved = list(contents.rig.posed()), solved_distances(contents)
     for place, (name, behind) in enumerate(decoded_backdrops(contents, tell)):
         camera = contents.rig[name]
-        more = [_problems(problems.get(name, ())), _pairs(contents, by_camera[name])]
+        tables = _pairs(contents, by_camera[name])
         if camera.pose is not None and len(posed) > 1:
             nearest = distances_table("camera-distances", distances_from(camera, posed, solved), copy=False)
-            more.append(_fold_list("Distances to the nearest cameras", nearest))
-        panel = camera_panel(contents, fit, seen, place, name, behind, near[name], join(*more))
+            tables.append(("Distances to the nearest cameras", nearest))
+        points = [doubt.point for doubt in problems.get(name, ())]
+        panel = camera_panel(contents, fit, seen, place, name, behind, near[name], points, tables)
         parts.add(part_name(place), {"html": panel})
-    body = join(_chooser(contents), layer_switches(contents), element("div", id="camera-view", tabindex="-1"))
-    return Section("views", "Camera views", f"One camera at a time. {VIEWS_LEAD}", body, "Views")
+    return section("views", "Views", site=True, names=contents.rig.names, layers=layer_switches(contents), panels=())
 
 
 def part_name(place: int) -> str:
@@ -71,40 +72,13 @@ def part_name(place: int) -> str:
     return f"camera-{place}"
 
 
-def _chooser(contents: Contents) -> Html:
-    """A field for a camera's name, with those that there are, and buttons for the cameras before and after it."""
-    names = [element("option", value=name) for name in contents.rig.names]
-    field = element("input", id="camera-name", list="camera-names", autocomplete="off", spellcheck="false", size=24)
-    return element(
-        "div",
-        element("label", "Camera ", field),
-        element("datalist", names, id="camera-names"),
-        element("button", "Previous camera", type="button", class_="quiet", data_step=-1),
-        element("button", "Next camera", type="button", class_="quiet", data_step=1),
-        element("output", id="camera-note"),
-        class_="tools chooser",
-    )
-
-
-def _problems(doubts: Sequence[Reported]) -> Html | None:
-    """The problems of the camera."""
-    if not doubts:
-        return None
-    rows = [element("li", element("b", doubt.point.problem), " ", doubt.point.remedy) for doubt in doubts]
-    return element("ul", rows, class_="camera-problems")
-
-
-def _pairs(contents: Contents, links: Sequence[Link]) -> Html | None:
-    """The pairs of a camera, first those that are used, of these the ones that share most."""
+def _pairs(contents: Contents, links: Sequence[Link]) -> list[tuple[str, Table]]:
+    """The pairs of a camera, first those that are used, of these the ones that share most; with a title."""
     if not links:
-        return None
+        return []
     ordered = sorted(links, key=lambda link: (not link.used, -link.shared.sightings))[:MOST_PARTNERS]
     title = "Pairs with other cameras" + (f": {len(ordered)} of {len(links)}" if len(ordered) < len(links) else "")
-    return _fold_list(title, pairs_table("camera-pairs", contents, ordered, copy=False))
-
-
-def _fold_list(title: str, content: Html) -> Html:
-    return element("details", element("summary", title), content)
+    return [(title, pairs_table("camera-pairs", contents, ordered, copy=False))]
 
 
 def site_camera_section(contents: Contents, seen: Seen, zones: Mapping[str, int]) -> Section:
@@ -118,22 +92,21 @@ def site_camera_section(contents: Contents, seen: Seen, zones: Mapping[str, int]
     for place, (camera, row) in enumerate(zip(contents.rig, rows, strict=True)):
         name = camera.name
         state = state_of(camera.pose is not None, name, told, weak) if name not in groups else STATES[-1]
-        head = text(element("a", name, href=f"#camera={place}", class_="name"), name)
+        head = text(name, href=f"#camera={place}", inner="name")
         words = " ".join(doubt.point.problem for doubt in told.get(name, ())) or ("" if camera.pose is not None else NO_POSE)
         problem = _link_other_group(groups[name]) if name in groups else _problem(words)
         zone = zones.get(name)
         ranked.append((STATES.index(state), place, [head, _zone(zone), _state(state), problem, *(row[one] for one in order)]))
     for name, group in groups.items():
         if name not in contents.rig.names:
-            empty = [Cell(MISSING, None, numeric=True)] * len(order)
+            empty = [number(None)] * len(order)
             ranked.append(
                 (len(STATES), len(ranked), [text(name), _zone(None), _state(STATES[-1]), _link_other_group(group), *empty])
             )
     ranked.sort(key=lambda one: one[:2])
     heads = [columns[0], ZONE, STATE, PROBLEM, *(columns[one] for one in order)]
-    table = data_table("cameras-table", "Cameras", heads, [cells for *_, cells in ranked])
-    lead = f"{LEAD} A camera's name leads to its picture. Zones are parts of the map, for finding cameras on it."
-    return Section("cameras", "Cameras", lead, table)
+    table = Table(identifier="cameras-table", caption="Cameras", columns=heads, rows=[cells for *_, cells in ranked])
+    return section("cameras", "Cameras", table=table, site=True)
 
 
 def problems_by_camera(contents: Contents) -> dict[str, list[Reported]]:
@@ -157,18 +130,18 @@ def state_of(posed: bool, name: str, told: Mapping[str, list[Reported]], weak: M
 def _zone(zone: int | None) -> Cell:
     if zone is None:
         return text(MISSING, "")
-    return text(join(swatch(zone - 1), str(zone)), str(zone))
+    return text(str(zone), colour=camera_colour(zone - 1))
 
 
 def _state(state: str) -> Cell:
-    return text(element("span", state, class_=f"state state-{state.replace(' ', '-')}"), state)
+    return text(state, inner=f"state state-{state.replace(' ', '-')}")
 
 
 def _problem(words: str) -> Cell:
     """The problems of a camera, shortened."""
-    return text(element("small", shortened_text(words, LONGEST), class_="why") if words else "", words)
+    return text("", words, note=shortened_text(words, LONGEST), why=True)
 
 
 def _link_other_group(group: GroupEntry) -> Cell:
     """Where a camera of a further group is reported."""
-    return text(element("a", f"see group {group.group}", href=f"{group.folder}/{REPORT_FILE}"), f"group {group.group}")
+    return text(f"see group {group.group}", f"group {group.group}", href=f"{group.folder}/{REPORT_FILE}")

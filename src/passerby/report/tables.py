@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-
-from passerby.report.html import Html, element, join
+from dataclasses import dataclass
+from typing import Any
 
 LONG = 24
 """Rows beyond which a table scrolls up and down in its box too, and can be searched."""
@@ -25,109 +24,77 @@ class Column:
     hint: str = ""
     """What the figures are, shown on hover and read out."""
 
+    @property
+    def csv(self) -> str:
+        """The head in a CSV file."""
+        return f"{self.title} {self.unit}".strip()
 
-@dataclass(frozen=True)
+
+@dataclass(frozen=True, kw_only=True)
 class Cell:
     """One entry of a table."""
 
-    shown: str | Html
+    shown: str
     value: str | float | None = None
-    """What is sorted by and copied, in full precision; None: as shown, or nothing where `number` made it."""
+    """What is sorted by and copied, in full precision; None: as shown, or nothing in a numeric cell."""
     kind: str = ""
     """Class of the cell: stands-out, for what stands out."""
-    numeric: bool = field(default=False)
+    numeric: bool = False
+    inner: str = ""
+    """Class of what is shown within the cell; code: it is a name in code."""
+    href: str = ""
+    """Where it leads."""
+    colour: str = ""
+    """Of a dot before it."""
+    bar: float | None = None
+    """Length of a bar before it, per cent."""
+    note: str = ""
+    """In small letters after it."""
+    why: bool = False
+    """Whether the note is a reason, and stands below."""
+
+    @property
+    def exact(self) -> str:
+        """What is sorted by and copied; a number with all its digits, as `calibration.json` has it."""
+        value = self.value if self.value is not None or self.numeric else self.shown
+        return "" if value is None else value if isinstance(value, str) else repr(value)
 
 
-def number(value: float | None, digits: int = 1, *, kind: str = "", sign: bool = False) -> Cell:
-    """A cell with a figure; a dash where it is undefined."""
+@dataclass(frozen=True, kw_only=True)
+class Table:
+    """A table in a box that scrolls by itself; the first column names the row."""
+
+    identifier: str
+    """Unique on the page."""
+    caption: str
+    """What it holds, for those who cannot see it."""
+    columns: Sequence[Column]
+    rows: Sequence[Sequence[Cell]]
+    sortable: bool = True
+    """Whether its heads are buttons that sort it."""
+    copy: bool = True
+    """Whether a button copies it as CSV."""
+
+    @property
+    def long(self) -> bool:
+        """Whether it scrolls up and down in its box too, and can be searched."""
+        return len(self.rows) > LONG
+
+
+def number(value: float | None, digits: int = 1, *, sign: bool = False, **more: Any) -> Cell:
+    """A cell with a figure; a dash where it is undefined. `more`: as of `Cell`."""
     shown = f"{value:+.{digits}f}" if sign and value is not None and round(value, digits) != 0 else figure(value, digits)
-    return Cell(shown, value, kind, numeric=True)
+    return Cell(shown=shown, value=value, numeric=True, **more)
 
 
-def text(value: str | Html, copied: str | None = None, *, kind: str = "") -> Cell:
-    """A cell with text."""
-    return Cell(value, value if copied is None else copied, kind)
+def text(shown: str, value: str | None = None, **more: Any) -> Cell:
+    """A cell with text. `more`: as of `Cell`."""
+    return Cell(shown=shown, value=value, **more)
 
 
-def data_table(
-    identifier: str,
-    caption: str,
-    columns: Sequence[Column],
-    rows: Sequence[Sequence[Cell]],
-    *,
-    sortable: bool = True,
-    copy: bool = True,
-) -> Html:
-    """A table in a box that scrolls by itself; the first column names the row.
-
-    Args:
-        identifier: of the table, unique on the page.
-        caption: what it holds, for those who cannot see it.
-        columns: as many as each row has cells.
-        rows: one or more.
-        sortable: whether its heads are buttons that sort it.
-        copy: whether a button copies it as CSV.
-    """
-    heads = [_head(column, sortable) for column in columns]
-    body = [element("tr", _cells(row, columns)) for row in rows]
-    table = element(
-        "table",
-        element("caption", caption, class_="unseen"),
-        element("thead", element("tr", heads)),
-        element("tbody", body),
-        id=identifier,
-    )
-    # A box that scrolls must be reached by the keyboard, or it cannot be scrolled by it.
-    box = element(
-        "div",
-        table,
-        class_="table-box long" if len(rows) > LONG else "table-box",
-        tabindex="0",
-        role="region",
-        aria_label=caption,
-    )
-    button = element("button", "Copy as CSV", type="button", class_="quiet copy", data_copies=identifier) if copy else None
-    search = _search(identifier, len(rows)) if len(rows) > LONG else None
-    return join(search, box, element("p", button, class_="tools") if copy else None)
-
-
-def _search(identifier: str, rows: int) -> Html:
-    """A field that leaves the rows of a table with a text, and how many they are."""
-    field = element("input", type="search", data_filters=identifier, autocomplete="off", spellcheck="false")
-    return element("p", element("label", "Search ", field), element("output", f"{rows} rows"), class_="tools search")
-
-
-def _head(column: Column, sortable: bool) -> Html:
-    """A column's head: its title, and its unit below."""
-    unit = element("span", column.unit, class_="unit") if column.unit else None
-    named = [column.title, unit] if unit is None else [column.title, " ", unit]
-    inside = element("button", named, type="button") if sortable else join(named)
-    csv = f"{column.title} {column.unit}".strip()
-    return element(
-        "th",
-        inside,
-        scope="col",
-        class_="number" if column.numeric else None,
-        title=column.hint or None,
-        data_csv=csv,
-        aria_sort="none" if sortable else None,
-    )
-
-
-def _cells(row: Sequence[Cell], columns: Sequence[Column]) -> list[Html]:
-    """The cells of a row, the first as its head."""
-    out = []
-    for index, (cell, column) in enumerate(zip(row, columns, strict=True)):
-        value = cell.value if cell.value is not None or cell.numeric else str(cell.shown)
-        classes = " ".join(filter(None, ("number" if column.numeric else "", cell.kind)))
-        attributes = {"class_": classes or None, "data_value": "" if value is None else _write_exactly(value)}
-        out.append(element("td" if index else "th", cell.shown, **attributes, scope=None if index else "row"))
-    return out
-
-
-def _write_exactly(value: str | float) -> str:
-    """A number with all its digits, as `calibration.json` has it."""
-    return value if isinstance(value, str) else repr(value)
+def share_cell(percent: float, digits: int) -> Cell:
+    """A cell with a share as a bar and its figure."""
+    return number(percent, digits, kind="pull-cell", bar=min(max(percent, 0.0), 100.0))
 
 
 def figure(value: float | None, digits: int = 1, unit: str = "") -> str:

@@ -12,11 +12,10 @@ from passerby.core.association_figures import TiedPair, route_in_words
 from passerby.core.colours import camera_colour
 from passerby.core.figures import PairFigures, StarFigures
 from passerby.core.overlap import Shared
-from passerby.report.camera_table import swatch
 from passerby.report.contents import Contents
-from passerby.report.html import Html, Section, element, join, nothing
+from passerby.report.rendering import Row, Section, section
 from passerby.report.seen import Seen
-from passerby.report.tables import MISSING, Column, count, data_table, number, text
+from passerby.report.tables import MISSING, Column, Table, count, number, text
 
 STRONG, FAIR = 0.7, 0.4
 """Confidence above which a pair is strong, or fair."""
@@ -57,6 +56,11 @@ class Link:
         if self.confidence is None:
             return "used"
         return "strong" if self.confidence >= STRONG else "fair" if self.confidence >= FAIR else "weak"
+
+    @property
+    def kind(self) -> str:
+        """The word as a class of the style."""
+        return self.word.replace(" ", "-")
 
 
 def links_of(contents: Contents, seen: Seen) -> list[Link]:
@@ -120,96 +124,51 @@ def _link_of_solver(link: Link, guess: PairFigures, several: bool) -> Link:
 def view_graph_section(contents: Contents, seen: Seen) -> Section:
     """The graph and its table."""
     links = links_of(contents, seen)
-    lead = (
-        "Each line is a pair of cameras that saw the same people at the same time. A thicker line means more shared "
-        "observations. A camera that is connected by a single thin or broken line is the most likely to fail."
-    )
-    if not links:
-        body = nothing("No two cameras saw the same people at the same time: nothing connects them.")
-    else:
-        body = element(
-            "div",
-            element("div", _drawing(contents, links), _legend(), class_="graph"),
-            pairs_table("pairs-table", contents, links),
-        )
-    return Section("graph", "Covisibility of the cameras", lead, body, "View graph")
+    edges, nodes = _draw_edges(contents, links), _draw_nodes(contents)
+    return section(
+        "graph", "View graph", site=False, table=pairs_table("pairs-table", contents, links), edges=edges, nodes=nodes,
+        width=f"{WIDTH:.0f}", height=f"{HEIGHT:.0f}",
+    )  # fmt: skip
 
 
-def _legend() -> Html:
-    """What the lines mean."""
-    kinds = (("strong", "strong"), ("fair", "fair"), ("weak", "weak"), ("not-used", "seen together, not used"))
-    lines = [
-        element(
-            "li",
-            element(
-                "svg",
-                element("line", x1=0, y1=5, x2=34, y2=5, class_=f"link {kind}", stroke_width=4),
-                viewBox="0 0 34 10",
-                width=34,
-                height=10,
-                aria_hidden="true",
-            ),
-            name,
-        )
-        for kind, name in kinds
-    ]
-    return element("ul", lines, class_="legend")
-
-
-def _drawing(contents: Contents, links: list[Link]) -> Html:
-    """The cameras on a circle, in the rig's order."""
+def _place_nodes(contents: Contents) -> dict[str, tuple[float, float]]:
+    """By camera, its place on a circle, in the rig's order."""
     names = contents.rig.names
     angle = -np.pi / 2 + 2 * np.pi * np.arange(len(names)) / len(names)
-    at = {name: (WIDTH / 2 + 150 * np.cos(a), HEIGHT / 2 + 150 * np.sin(a)) for name, a in zip(names, angle, strict=True)}
-    most = max(link.shared.sightings for link in links) or 1
-    widest = min(7.0, 40.0 / len(links))  # a whole rig of sixteen cameras would be one blot
-    lines = []
+    return {name: (WIDTH / 2 + 150 * np.cos(a), HEIGHT / 2 + 150 * np.sin(a)) for name, a in zip(names, angle, strict=True)}
+
+
+def _draw_edges(contents: Contents, links: list[Link]) -> list[Row]:
+    """A line for each pair, those that are not used below."""
+    at = _place_nodes(contents)
+    most = max((link.shared.sightings for link in links), default=0) or 1
+    widest = min(7.0, 40.0 / max(len(links), 1))  # a whole rig of sixteen cameras would be one blot
+    edges = []
     for link in sorted(links, key=lambda one: one.used):
         (x1, y1), (x2, y2) = at[link.first], at[link.second]
-        told = (
+        title = (
             f"{link.first} – {link.second}: {link.word}, {link.shared.people} people, {link.shared.sightings} shared "
             f"observations"
         )
-        lines.append(
-            element(
-                "line",
-                element("title", told),
-                x1=f"{x1:.1f}",
-                y1=f"{y1:.1f}",
-                x2=f"{x2:.1f}",
-                y2=f"{y2:.1f}",
-                class_=f"link {link.word.replace(' ', '-')}",
-                stroke_width=f"{1.2 + widest * np.sqrt(link.shared.sightings / most):.1f}",
-            )
-        )
-    nodes = [_node(place, name, at[name], contents.rig[name].pose is not None) for place, name in enumerate(names)]
-    label = f"Graph of {len(names)} cameras and {len(links)} pairs that share people; the table beside it holds its figures"
-    return element("svg", lines, nodes, viewBox=f"0 0 {WIDTH:.0f} {HEIGHT:.0f}", role="img", aria_label=label, class_="drawing")
+        width = f"{1.2 + widest * np.sqrt(link.shared.sightings / most):.1f}"
+        place = {key: f"{value:.1f}" for key, value in (("x1", x1), ("y1", y1), ("x2", x2), ("y2", y2))}
+        edges.append({**place, "width": width, "kind": link.kind, "title": title})
+    return edges
 
 
-def _node(place: int, name: str, at: tuple[float, float], posed: bool) -> Html:
-    """A camera: a disc, hollow and dashed without a pose, and its name outside."""
-    x, y = at
-    outwards = (x - WIDTH / 2, y - HEIGHT / 2)
-    anchor = "middle" if abs(outwards[0]) < 40 else "start" if outwards[0] > 0 else "end"
-    shift = (0.0, np.sign(outwards[1]) * 24) if anchor == "middle" else (np.sign(outwards[0]) * 16, 0.0)
-    colour = camera_colour(place)
-    disc = element(
-        "circle",
-        element("title", name if posed else f"{name}: no pose"),
-        cx=f"{x:.1f}",
-        cy=f"{y:.1f}",
-        r=10,
-        fill=colour if posed else "var(--page)",
-        stroke=colour,
-        stroke_width=2.5,
-        stroke_dasharray=None if posed else "4 3",
-    )
-    short = name if len(name) <= 14 else name[:13] + "…"
-    label = element(
-        "text", short, x=f"{x + shift[0]:.1f}", y=f"{y + shift[1]:.1f}", text_anchor=anchor, dominant_baseline="central"
-    )
-    return join(disc, label)
+def _draw_nodes(contents: Contents) -> list[Row]:
+    """A disc for each camera, its name outside of the circle."""
+    nodes = []
+    for place, (name, (x, y)) in enumerate(_place_nodes(contents).items()):
+        outwards = (x - WIDTH / 2, y - HEIGHT / 2)
+        anchor = "middle" if abs(outwards[0]) < 40 else "start" if outwards[0] > 0 else "end"
+        shift = (0.0, np.sign(outwards[1]) * 24) if anchor == "middle" else (np.sign(outwards[0]) * 16, 0.0)
+        nodes.append({
+            "name": name, "posed": contents.rig[name].pose is not None, "colour": camera_colour(place), "anchor": anchor,
+            "x": f"{x:.1f}", "y": f"{y:.1f}", "text_x": f"{x + shift[0]:.1f}", "text_y": f"{y + shift[1]:.1f}",
+            "short": name if len(name) <= 14 else name[:13] + "…",
+        })  # fmt: skip
+    return nodes
 
 
 def weakest_links(links: Sequence[Link]) -> list[Link]:
@@ -221,19 +180,11 @@ def weakest_links(links: Sequence[Link]) -> list[Link]:
 def site_graph_section(contents: Contents, links: list[Link]) -> Section:
     """The pairs of a site that are the most likely to be wrong; the map draws them."""
     weakest = weakest_links(links)[:MOST_WEAK]
-    lead = (
-        "Pairs of cameras that saw the same people at the same time and hold the rig together, the weakest first. The map "
-        "shows them as lines. All pairs of a camera are with its picture, those of the site in calibration.json."
-    )
-    if not weakest:
-        body = nothing("No two cameras saw the same people at the same time: nothing connects them.")
-    else:
-        told = f"{len(weakest)} of {count(sum(link.used for link in links), 'pair')} that are used."
-        body = join(pairs_table("pairs-table", contents, weakest), element("p", told, class_="note"))
-    return Section("graph", "Covisibility of the cameras", lead, body, "Pairs")
+    told = f"{len(weakest)} of {count(sum(link.used for link in links), 'pair')} that are used."
+    return section("graph", "Pairs", site=True, table=pairs_table("pairs-table", contents, weakest), listed=told)
 
 
-def pairs_table(identifier: str, contents: Contents, links: Sequence[Link], *, copy: bool = True) -> Html:
+def pairs_table(identifier: str, contents: Contents, links: Sequence[Link], *, copy: bool = True) -> Table:
     """A row for each pair."""
     columns = [
         Column("Camera", numeric=False),
@@ -251,12 +202,11 @@ def pairs_table(identifier: str, contents: Contents, links: Sequence[Link], *, c
     place = {name: index for index, name in enumerate(contents.rig.names)}
     rows = []
     for link in links:
-        shown = element("span", link.word, class_=f"link-word {link.word.replace(' ', '-')}")
         rows.append(
             [
-                text(join(swatch(place[link.first]), link.first), link.first),
-                text(join(swatch(place[link.second]), link.second), link.second),
-                text(shown, link.word),
+                text(link.first, colour=camera_colour(place[link.first])),
+                text(link.second, colour=camera_colour(place[link.second])),
+                text(link.word, inner=f"link-word {link.kind}"),
                 number(link.shared.people, 0),
                 number(link.shared.sightings, 0),
                 number(_percent(link.agreeing), 0),
@@ -265,7 +215,7 @@ def pairs_table(identifier: str, contents: Contents, links: Sequence[Link], *, c
                 text(", ".join(map(route_in_words, link.routes)) or MISSING),
             ]
         )
-    return data_table(identifier, "Pairs of cameras", columns, rows, copy=copy)
+    return Table(identifier=identifier, caption="Pairs of cameras", columns=columns, rows=rows, copy=copy)
 
 
 def _percent(share: float | None) -> float | None:

@@ -10,9 +10,9 @@ from passerby.findings.texts.solver import PART_NAMES
 from passerby.interchange.calibration_json import NetworkEntry, VideoEntry
 from passerby.interchange.storage.text_formats import plain
 from passerby.report.contents import Contents
-from passerby.report.html import Html, Section, element, join, nothing
+from passerby.report.rendering import Section, section
 from passerby.report.seen import Seen
-from passerby.report.tables import Column, count, data_table, figure, listed, text
+from passerby.report.tables import Column, Table, count, figure, listed, text
 
 MODES = {
     "given": "identities are known",
@@ -43,24 +43,10 @@ def stages_section(contents: Contents, seen: Seen) -> Section:
         _describe_scale(contents),
         _describe_world(contents),
     ]
-    body = element(
-        "ol",
-        [element("li", element("h3", title), _facts(facts)) for title, facts in filter(None, steps)],
-        class_="stages",
-    )
-    return Section("stages", "Processing stages", "", body, "Stages")
+    return section("stages", "Stages", steps=[step for step in steps if step is not None], most=MOST_FACTS, shown=SHOWN_FACTS)
 
 
 Step = tuple[str, list[str]] | None
-
-
-def _facts(facts: Sequence[str]) -> Html:
-    """The facts of a step; of very many, what follows the first ones can be opened."""
-    rows = [element("li", fact) for fact in facts]
-    if len(rows) <= MOST_FACTS:
-        return element("ul", rows)
-    shown, more = rows[:SHOWN_FACTS], rows[SHOWN_FACTS:]
-    return join(element("ul", shown), element("details", element("summary", f"{len(more)} more"), element("ul", more)))
 
 
 def _describe_perception(contents: Contents) -> Step:
@@ -244,20 +230,14 @@ def _describe_world(contents: Contents) -> Step:
 def settings_section(contents: Contents) -> Section:
     """All settings as used, and the versions that can change a figure."""
     document = contents.document
-    lead = f"Scene file: {document.scene_file}. " if document.scene_file else ""
-    lead += f"Seed of the random numbers: {'unknown' if document.seed is None else document.seed}. "
-    lead += "The same input, seed and versions give the same figures."
     settings = _flatten_table(plain(document.scene), "") + _flatten_table(document.options, "solver.options as used.")
     versions = [("passerby", document.passerby or "unknown")]
     versions += [(name, version or "not installed") for name, version in document.versions.items()]
-    parts = []
-    if settings:
-        table = _pairs("settings-table", "Settings", ("Setting", "Value"), settings)
-        parts.append(element("details", element("summary", count(len(settings), "setting")), table))
-    else:
-        parts.append(nothing("The settings were not stored."))
-    parts.append(_pairs("versions-table", "Versions", ("Package", "Version"), versions))
-    return Section("settings", "Settings and versions", lead, join(parts), "Settings")
+    return section(
+        "settings", "Settings", scene_file=document.scene_file, seed=document.seed,
+        settings=_pairs("settings-table", "Settings", ("Setting", "Value"), settings),
+        versions=_pairs("versions-table", "Versions", ("Package", "Version"), versions),
+    )  # fmt: skip
 
 
 def _flatten_table(value: Mapping[str, Any], before: str) -> list[tuple[str, str]]:
@@ -294,15 +274,11 @@ def files_section(contents: Contents, *, several: bool = False) -> Section:
             rows.append((f"tracks/{name}.txt", f"the people in {name}, by their identities (MOTChallenge)"))
         if len(contents.observations[name].keypoints):
             rows.append((f"tracks/{name}.json", f"the keypoints in {name}, by their identities (COCO)"))
-    lead = (
-        "In the output folder. For other tools see passerby export and passerby formats; for trajectories of people see "
-        "passerby track."
-    )
-    return Section("files", "Files", lead, _pairs("files-table", "Files", ("File", "Holds"), rows))
+    return section("files", "Files", table=_pairs("files-table", "Files", ("File", "Holds"), rows))
 
 
-def _pairs(identifier: str, caption: str, titles: tuple[str, str], rows: list[tuple[str, str]]) -> Html:
+def _pairs(identifier: str, caption: str, titles: tuple[str, str], rows: list[tuple[str, str]]) -> Table:
     """A table of two columns of text."""
     columns = [Column(title, numeric=False) for title in titles]
-    cells = [[text(element("code", name), name), text(value)] for name, value in rows]
-    return data_table(identifier, caption, columns, cells, sortable=False, copy=False)
+    cells = [[text(name, inner="code"), text(value)] for name, value in rows]
+    return Table(identifier=identifier, caption=caption, columns=columns, rows=cells, sortable=False, copy=False)
