@@ -8,15 +8,10 @@ from support.scenes.handmade_rigs import (
     CENTRE,
     LOOKING_NORTH,
     MATRIX,
-    NASTY_NAMES,
-    PIXELS,
-    POINTS,
     SIZE,
     TRANSLATION,
     facing,
     read_back,
-    same_cameras,
-    turned_rig,
     written,
 )
 
@@ -85,14 +80,6 @@ def test_a_camera_at_a_known_place(tmp_path):
     assert file.getNode("names").at(0).string() == "north"
 
 
-def test_easymocaps_own_projection(tmp_path):
-    written("easymocap", Rig((facing(),)), tmp_path)
-    extri = tmp_path / "extri.yml"
-    P = node(tmp_path / "intri.yml", "K_north") @ np.hstack([cv2.Rodrigues(node(extri, "R_north"))[0], node(extri, "T_north")])
-    seen = np.column_stack([POINTS, np.ones(3)]) @ P.T
-    np.testing.assert_allclose(seen[:, :2] / seen[:, 2:], PIXELS, atol=1e-9)
-
-
 def test_a_file_of_easymocap(tmp_path):
     (tmp_path / "intri.yml").write_bytes(INTRI.encode())
     (tmp_path / "extri.yml").write_bytes(EXTRI.encode())
@@ -103,19 +90,6 @@ def test_a_file_of_easymocap(tmp_path):
     np.testing.assert_allclose(rig["01"].centre, CENTRE, atol=1e-5)
     np.testing.assert_array_equal(rig["01"].lens.distortions, [-0.1, 0.02, 0.001, -0.002, 0.003])
     assert rig["02"].pose is None
-
-
-def test_names_are_kept(tmp_path):
-    rig = turned_rig(NASTY_NAMES)
-    assert written("easymocap", rig, tmp_path) == ()
-    back, _ = read_back("easymocap", tmp_path)
-    assert back.names == rig.names
-    assert same_cameras(rig, back)
-    file = cv2.FileStorage(str(tmp_path / "intri.yml"), cv2.FILE_STORAGE_READ)
-    names = [file.getNode("names").at(index).string() for index in range(len(rig))]
-    assert len({name.lower() for name in names}) == len(rig)
-    for name in names:
-        assert file.getNode(f"K_{name}").mat().shape == (3, 3)
 
 
 @pytest.mark.parametrize("told", ["[", '["one"]', '["one", 2]', "3"])
@@ -129,12 +103,6 @@ def test_names_that_were_not_told_whole_are_those_of_the_file(tmp_path, told):
     path.write_text("".join(lines))
     assert len(read_back("easymocap", tmp_path)[0]) == 2
     assert not {"a b", "é"} & set(read_back("easymocap", tmp_path)[0].names)
-
-
-def test_a_fisheye_is_a_loss(tmp_path):
-    with pytest.raises(InputError, match=r"camera north: its lens \(fisheye.*k1, k2, p1, p2, k3, up to .* px off"):
-        written("easymocap", Rig((facing(distortions=(0.01, 0, 0, 0), fisheye=True),)), tmp_path / "out")
-    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize(
