@@ -19,6 +19,7 @@ from passerby.datasets.published import Published
 from passerby.evaluation.metrics import compare
 from passerby.interchange.rig_toml import read_rig
 from support.datasets.grids import annotation, write_multiviewx, write_wildtrack
+from support.refusals import refused
 from support.scenes.walking_area import Walk
 
 WRITERS = {"wildtrack": write_wildtrack, "multiviewx": write_multiviewx}
@@ -251,10 +252,8 @@ def test_what_is_broken_is_told_in_one_line(broken, what) -> None:
     name, folder = broken
     spoil, message = BREAKS[what]
     spoil(folder)
-    with pytest.raises(InputError, match=message) as caught:
+    with refused(message, folder):
         read_published(name, folder)
-    assert str(folder) in str(caught.value)
-    assert "\n" not in str(caught.value)
 
 
 CALIBRATION_BREAKS = {
@@ -282,10 +281,8 @@ def test_a_broken_calibration_is_told_in_one_line(broken, what) -> None:
     where = {"intr": "intrinsic_zero" if name == "wildtrack" else "intrinsic", "extr": "extrinsic"}[kind]
     path = sorted((folder / "calibrations" / where).iterdir())[2]
     spoil(path)
-    with pytest.raises(InputError, match=message) as caught:
+    with refused(message, path):
         read_published(name, folder)
-    assert str(path) in str(caught.value)
-    assert "\n" not in str(caught.value)
 
 
 def test_distorted_lenses_for_undistorted_pictures_are_refused(tmp_path) -> None:

@@ -11,6 +11,7 @@ from passerby.common.errors import InputError
 from passerby.core.observations import BODY_17
 from passerby.interchange.formats import read_people_as
 from passerby.interchange.motchallenge import read_boxes
+from support.refusals import refused
 
 
 def person(image, count=17, start=100.0, **other):
@@ -109,10 +110,8 @@ def test_the_command_writes_boxes_too(tmp_path):
     ],
 )
 def test_broken_files_are_told(tmp_path, content, match):
-    with pytest.raises(InputError, match=match) as error:
+    with refused(match, "alphapose-results.json"):
         read(tmp_path, content)
-    assert "alphapose-results.json" in str(error.value)
-    assert "\n" not in str(error.value)
 
 
 def test_a_folder_is_told(tmp_path):

@@ -9,6 +9,7 @@ from passerby.common.errors import InputError
 from passerby.core.observations import BODY_17, Keypoints
 from passerby.interchange.coco import write_keypoints
 from passerby.interchange.formats import read_people_as
+from support.refusals import refused
 
 IMAGES = [{"id": 51, "file_name": "C1/frame_000003.jpg"}, {"id": 7, "file_name": "C1/frame_000004.jpg"}]
 PEOPLE = [{"id": 1, "name": "person", "keypoints": list(BODY_17)}]
@@ -169,10 +170,8 @@ def test_what_passerby_writes_is_read(tmp_path):
     ],
 )
 def test_broken_files_are_told(tmp_path, content, match):
-    with pytest.raises(InputError, match=match) as error:
+    with refused(match, "people.json"):
         read(tmp_path, content)
-    assert "people.json" in str(error.value)
-    assert "\n" not in str(error.value)
 
 
 def test_a_folder_and_a_format_without_people_are_told(tmp_path):

@@ -5,6 +5,7 @@ import yaml
 
 from passerby.common.errors import InputError
 from passerby.core.cameras import Rig
+from support.refusals import refused
 from support.scenes.handmade_rigs import (
     LOOKING_NORTH,
     SIZE,
@@ -146,10 +147,8 @@ def test_models_that_are_fitted(tmp_path, model, intrinsics, distortion, coeffic
 def test_bad_files(tmp_path, old, new, match):
     path = tmp_path / "chain.yaml"
     path.write_text(CHAIN.replace(old, new))
-    with pytest.raises(InputError, match=match) as error:
+    with refused(match, path):
         read_back("kalibr", path)
-    assert str(error.value).startswith(str(path))
-    assert "\n" not in str(error.value)
 
 
 def test_models_that_kalibr_has_not_either(tmp_path):
