@@ -16,48 +16,20 @@ from support.scenes.handmade_rigs import (
     written,
 )
 
+
+def opencv(name, columns, *values):
+    return (
+        f"{name}: !!opencv-matrix\r\n  rows: {len(values) // columns}\r\n  cols: {columns}\r\n  dt: d\r\n"
+        f"  data: [{', '.join(f'{value:.6f}' for value in values)}]\r\n"
+    )
+
+
 # As EasyMocap's own writer has it: six digits, Windows' line ends, no picture size.
-INTRI = """%YAML:1.0\r
----\r
-names:\r
-  - "01"\r
-  - "02"\r
-K_01: !!opencv-matrix\r
-  rows: 3\r
-  cols: 3\r
-  dt: d\r
-  data: [1000.000000, 0.000000, 960.000000, 0.000000, 1100.000000, 540.000000, 0.000000, 0.000000, 1.000000]\r
-dist_01: !!opencv-matrix\r
-  rows: 1\r
-  cols: 5\r
-  dt: d\r
-  data: [-0.100000, 0.020000, 0.001000, -0.002000, 0.003000]\r
-K_02: !!opencv-matrix\r
-  rows: 3\r
-  cols: 3\r
-  dt: d\r
-  data: [1000.000000, 0.000000, 960.000000, 0.000000, 1100.000000, 540.000000, 0.000000, 0.000000, 1.000000]\r
-dist_02: !!opencv-matrix\r
-  rows: 1\r
-  cols: 5\r
-  dt: d\r
-  data: [0.000000, 0.000000, 0.000000, 0.000000, 0.000000]\r
-"""
-EXTRI = """%YAML:1.0\r
----\r
-names:\r
-  - "01"\r
-R_01: !!opencv-matrix\r
-  rows: 3\r
-  cols: 1\r
-  dt: d\r
-  data: [1.570796, 0.000000, 0.000000]\r
-T_01: !!opencv-matrix\r
-  rows: 3\r
-  cols: 1\r
-  dt: d\r
-  data: [-4.000000, 2.500000, 3.000000]\r
-"""
+INTRI = '%YAML:1.0\r\n---\r\nnames:\r\n  - "01"\r\n  - "02"\r\n' + "".join(
+    opencv(f"K_{name}", 3, *MATRIX.ravel()) + opencv(f"dist_{name}", 5, *bent)
+    for name, bent in (("01", (-0.1, 0.02, 0.001, -0.002, 0.003)), ("02", (0, 0, 0, 0, 0)))
+)
+EXTRI = '%YAML:1.0\r\n---\r\nnames:\r\n  - "01"\r\n' + opencv("R_01", 1, np.pi / 2, 0, 0) + opencv("T_01", 1, *TRANSLATION)
 
 
 def node(path, key):

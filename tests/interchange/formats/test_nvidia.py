@@ -7,7 +7,7 @@ import pytest
 import yaml
 
 from passerby.common.errors import InputError
-from passerby.core.cameras import Camera, Lens, Pose, Rig
+from passerby.core.cameras import Camera, Pose, Rig
 from support.refusals import refused
 from support.scenes.handmade_rigs import (
     CENTRE,
@@ -115,14 +115,9 @@ def test_a_camera_that_sees_no_ground(tmp_path):
 
 
 @pytest.mark.parametrize("form", ["mv3dt", "amc"])
-def test_round_trip_with_names(tmp_path, form):
-    skewed = np.array([[1000.0, 7, 960], [0, 1100, 540], [0, 0, 1]])
-    rig = turned_rig(
-        NASTY_NAMES, [Lens(SIZE, skewed if index == 3 else facing().lens.matrix, np.zeros(0)) for index in range(12)]
-    )
-    target = tmp_path / "out"
-    assert written(form, rig, target) == ()
-    assert same_cameras(rig, read_back(form, target)[0])
+def test_names_that_nvidias_programs_take(tmp_path, form):
+    rig, target = turned_rig(NASTY_NAMES), tmp_path / "out"
+    written(form, rig, target)
     if form == "mv3dt":
         ids = [path.stem for path in (target / "camInfo").iterdir()]
     else:
@@ -242,20 +237,6 @@ def test_bad_sensors(tmp_path, change, match):
     path.write_text(json.dumps({"sensors": [{"type": "camera", "id": "c", "cameraMatrix": NORTH, **change}]}))
     with refused(match, path):
         read_back("amc", path, size=SIZE)
-
-
-def test_other_files(tmp_path):
-    path = tmp_path / "a"
-    for text, match in (("[]", "holds no list"), ("{}", "has no list `sensors`"), ('{"sensors": []}', "holds no camera")):
-        path.write_text(text)
-        with pytest.raises(InputError, match=match):
-            read_back("amc", path)
-    path.write_text("modelInfo: 1")
-    with pytest.raises(InputError, match="projectionMatrix_3x4 is missing"):
-        read_back("mv3dt", path, size=SIZE)
-    (tmp_path / "empty").mkdir()
-    with pytest.raises(InputError, match="holds no camera"):
-        read_back("mv3dt", tmp_path / "empty")
 
 
 def test_cameras_that_are_none_or_twice_the_same_are_told(tmp_path):
