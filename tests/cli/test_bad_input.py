@@ -105,7 +105,12 @@ def test_wrong_use_of_the_command_line(tmp_path, capsys):
         ["fly"],
         ["calibrate"],
         ["calibrate", "x.toml", "--sed", "1"],
-        ["simulate", "-o", str(tmp_path), "--fps", "x"],
+        ["simulate", "-o", str(tmp_path / "new"), "--fps", "x"],
+        *(
+            ["simulate", "-o", str(tmp_path / "new"), *wrong]
+            for wrong in (("--clock-offsets", "fast"), ("--preset", "moon"), ("--missing", "2"))
+        ),
     ):
         assert run(arguments) == BAD
         assert capsys.readouterr().err.startswith("error: ")
+    assert not list(tmp_path.iterdir())

@@ -73,100 +73,87 @@ def still(count=60, size=(360, 288), seed=1):
     return (wall(size, seed) for _ in range(count))
 
 
-@pytest.mark.parametrize("command", ["calibrate", "check"])
-@pytest.mark.parametrize(
-    ("content", "told"),
-    [
-        (lambda good: b"", "holds 0 bytes: copy the video again"),
-        (lambda good: b"a letter to a friend\n" * 500, "is not a video that can be read"),
-        (lambda good: np.random.default_rng(0).bytes(50_000), "is not a video that can be read"),
-        (lambda good: whole(good).replace(b"avc1", b"xyz9"), "its video codec is unknown and cannot be decoded: convert it"),
-        (lambda good: without_index(whole(good)), "the recording was cut off before its index (moov) was written"),
-    ],
-    ids=["empty", "text", "noise", "codec", "no index"],
-)
-def test_no_video(scene, good, tmp_path, capsys, command, content, told):
-    (tmp_path / "bad.mp4").write_bytes(content(good))
-    refused(capsys, scene(), command, f"error: {tmp_path}/bad.mp4: ", told, "(the video of camera C1)")
+def holding(content):
+    """A file bad.mp4 of this content."""
+    return lambda folder, good: (folder / "bad.mp4").write_bytes(content(good))
 
 
-@pytest.mark.parametrize("command", ["calibrate", "check"])
-@pytest.mark.parametrize("kind", ["missing", "folder"])
-def test_no_file(scene, tmp_path, capsys, command, kind):
-    if kind == "folder":
-        (tmp_path / "bad.mp4").mkdir()
-    told = "no video and no image is there" if kind == "folder" else "no such file: a video is needed here; check the path"
-    refused(capsys, scene(), command, f"{tmp_path}/bad.mp4: ", told, "(the video of camera C1)")
+def showing(change, count=60):
+    """A video bad.mp4 of changed images."""
+    return lambda folder, good: write_video(folder / "bad.mp4", (change(picture) for picture in still(count)), 5.0)
 
 
-@pytest.mark.parametrize("command", ["calibrate", "check"])
-@pytest.mark.parametrize(
-    ("video", "told"),
-    [
-        ("pieces/00[78].mp4", "no video and no image matches this pattern"),
-        ("stills", "has 2 numbered images, and their rate is not known: set fps"),
-        ("stills/%06d.png", "has 2 numbered images, and their rate is not known: set fps"),
-        ("stills/000001.png", "is a single image: name the folder of all images"),
-        ("none", "no video and no image is there"),
-        ("both", "holds 1 videos (000.mp4, ...) and 1 images (000001.png, ...): name one kind with a pattern"),
-    ],
-)
-def test_pieces_and_pictures_for_a_video(scene, good, tmp_path, capsys, command, video, told):
+def pieces_and_images(folder, good):
     for place in ("pieces", "none", "stills", "both"):
-        (tmp_path / place).mkdir(parents=True)
+        (folder / place).mkdir(parents=True)
     for path in ("pieces/000.mp4", "pieces/001.mp4", "both/000.mp4"):
-        (tmp_path / path).symlink_to(good / "C1.mp4")
+        (folder / path).symlink_to(good / "C1.mp4")
     for path in ("stills/000001.png", "stills/000002.png", "both/000001.png"):
-        cv2.imwrite(str(tmp_path / path), np.zeros((48, 64, 3), np.uint8))
-    refused(capsys, scene({"C1": video, "C2": "C2.mp4"}), command, f"{tmp_path}/{video}: {told}", "(the video of camera C1)")
+        cv2.imwrite(str(folder / path), np.zeros((48, 64, 3), np.uint8))
 
 
-@pytest.mark.parametrize("command", ["calibrate", "check"])
-@pytest.mark.parametrize(
-    ("change", "told"),
-    [
-        (lambda picture: cv2.resize(picture, (180, 144)), "180 x 144{}the video is scaled by 0.5; multiply the image size"),
-        (lambda picture: cv2.rotate(picture, cv2.ROTATE_90_CLOCKWISE), "288 x 360{}the video is rotated by 90 degrees"),
-        (lambda picture: picture[:, :200], "200 x 288{}give the intrinsics of this video"),
-    ],
-    ids=["scaled", "turned", "cut"],
-)
-def test_pictures_of_another_size_than_the_lens(scene, tmp_path, capsys, command, change, told):
-    write_video(tmp_path / "bad.mp4", (change(picture) for picture in still()), 5.0)
-    refused(capsys, scene(), command, f"{tmp_path}/bad.mp4: camera C1: its frames are ",
-            told.format(", its intrinsics are for 360 x 288: "), "rig.toml, [C1])")  # fmt: skip
-
-
-@pytest.mark.parametrize("command", ["calibrate", "check"])
-def test_intrinsics_of_the_frames_as_a_phone_stores_them(scene, tmp_path, capsys, command):
+def as_a_phone_stores_it(folder, good):
     rotated = next(packaging for packaging in PACKAGINGS if packaging.rotation == 90)
     upright = [cv2.rotate(picture, cv2.ROTATE_90_CLOCKWISE) for picture in still()]
-    pack(rotated, upright, len(upright), 5.0, tmp_path, "bad")
-    path = scene({"C1": "bad.MOV", "C2": "C2.mp4"})
-    refused(capsys, path, command, f"{tmp_path}/bad.MOV: camera C1: its frames are 288 x 360, its intrinsics are for 360 x 288",
-            "the file's metadata rotate its frames by 90 degrees", "rig.toml, [C1])")  # fmt: skip
+    pack(rotated, upright, len(upright), 5.0, folder, "bad")
+
+
+def nothing(folder, good):
+    pass
+
+
+UNREADABLE = {
+    "empty": (holding(lambda good: b""), "bad.mp4", "holds 0 bytes: copy the video again"),
+    "text": (holding(lambda good: b"a letter to a friend\n" * 500), "bad.mp4", "is not a video that can be read"),
+    "noise": (holding(lambda good: np.random.default_rng(0).bytes(50_000)), "bad.mp4", "is not a video that can be read"),
+    "codec": (holding(lambda good: whole(good).replace(b"avc1", b"xyz9")), "bad.mp4",
+              "its video codec is unknown and cannot be decoded: convert it"),
+    "no index": (holding(lambda good: without_index(whole(good))), "bad.mp4", "cut off before its index (moov) was written"),
+    "missing": (nothing, "bad.mp4", "no such file: a video is needed here; check the path"),
+    "folder": (lambda folder, good: (folder / "bad.mp4").mkdir(), "bad.mp4", "no video and no image is there"),
+    "pattern": (pieces_and_images, "pieces/00[78].mp4", "no video and no image matches this pattern"),
+    "images": (pieces_and_images, "stills", "has 2 numbered images, and their rate is not known: set fps"),
+    "numbered": (pieces_and_images, "stills/%06d.png", "has 2 numbered images, and their rate is not known: set fps"),
+    "one image": (pieces_and_images, "stills/000001.png", "is a single image: name the folder of all images"),
+    "nothing": (pieces_and_images, "none", "no video and no image is there"),
+    "both": (pieces_and_images, "both", "holds 1 videos (000.mp4, ...) and 1 images (000001.png, ...): name one kind"),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("command", ["calibrate", "check"])
-def test_a_copy_of_another_cameras_video(scene, tmp_path, capsys, command):
-    (tmp_path / "bad.mp4").write_bytes((tmp_path / "C2.mp4").read_bytes())
-    refused(capsys, scene(), command, "scene.toml: [cameras.C2] video C2.mp4 has the same content as bad.mp4 of camera C1: ",
-            "give each camera its own")  # fmt: skip
+@pytest.mark.parametrize("what", UNREADABLE)
+def test_what_is_no_video(scene, good, tmp_path, capsys, command, what):
+    make, video, told = UNREADABLE[what]
+    make(tmp_path, good)
+    path = scene({"C1": video, "C2": "C2.mp4"})
+    refused(capsys, path, command, f"error: {tmp_path}/{video}: ", told, "(the video of camera C1)")
+
+
+OF_LENS = ", its intrinsics are for 360 x 288"
+UNFIT = {
+    "scaled": (showing(lambda picture: cv2.resize(picture, (180, 144))), {},
+               f"bad.mp4: camera C1: its frames are 180 x 144{OF_LENS}",
+               "the video is scaled by 0.5; multiply the image size", "rig.toml, [C1])"),
+    "turned": (showing(lambda picture: cv2.rotate(picture, cv2.ROTATE_90_CLOCKWISE)), {}, f"288 x 360{OF_LENS}",
+               "the video is rotated by 90 degrees"),
+    "cut": (showing(lambda picture: picture[:, :200]), {}, f"200 x 288{OF_LENS}", "give the intrinsics of this video"),
+    "phone": (as_a_phone_stores_it, {"C1": "bad.MOV"}, f"bad.MOV: camera C1: its frames are 288 x 360{OF_LENS}",
+              "the file's metadata rotate its frames by 90 degrees", "rig.toml, [C1])"),
+    "copy": (holding(lambda good: (good / "C2.mp4").read_bytes()), {}, "scene.toml: [cameras.C2] video C2.mp4",
+             "has the same content as bad.mp4 of camera C1: ", "give each camera its own"),
+    "short": (showing(lambda picture: picture, 11), {}, "bad.mp4: camera C1: the video is 2.2 s long, that of camera C2 12.0 s",
+              "was it cut short?"),
+    "linked": (lambda folder, good: (folder / "link.mp4").symlink_to(folder / "C2.mp4"), {"C1": "C2.mp4", "C2": "link.mp4"},
+               "scene.toml: [cameras.C2] video link.mp4 is camera C1's too: give each camera its own"),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("command", ["calibrate", "check"])
-def test_a_video_much_shorter_than_the_others(scene, tmp_path, capsys, command):
-    write_video(tmp_path / "bad.mp4", still(11), 5.0)
-    refused(
-        capsys, scene(), command, "bad.mp4: camera C1: the video is 2.2 s long, that of camera C2 12.0 s: was it cut short?"
-    )
-
-
-@pytest.mark.parametrize("command", ["calibrate", "check"])
-def test_two_cameras_with_one_video(scene, tmp_path, capsys, command):
-    (tmp_path / "link.mp4").symlink_to(tmp_path / "C2.mp4")
-    path = scene({"C1": "C2.mp4", "C2": "link.mp4"})
-    refused(capsys, path, command, f"{path}: [cameras.C2] video link.mp4 is camera C1's too: give each camera its own")
+@pytest.mark.parametrize("what", UNFIT)
+def test_a_video_that_does_not_fit_its_scene(scene, good, tmp_path, capsys, command, what):
+    make, cameras, *told = UNFIT[what]
+    make(tmp_path, good)
+    refused(capsys, scene({"C1": "bad.mp4", "C2": "C2.mp4"} | cameras), command, f"error: {tmp_path}/", *told)
 
 
 @pytest.mark.parametrize("command", ["calibrate", "check"])

@@ -114,10 +114,3 @@ def test_options_that_no_site_has_are_one_clear_error(tmp_path, capsys, argument
     assert said in error
     assert error.count("\n") == 1
     assert not (tmp_path / "site").exists()
-
-
-@pytest.mark.parametrize("arguments", [["--clock-offsets", "fast"], ["--preset", "moon"], ["--missing", "2"]])
-def test_simulate_with_a_wrong_value(tmp_path, capsys, arguments):
-    assert run(["simulate", "-o", str(tmp_path / "scene"), *arguments]) == 2
-    assert capsys.readouterr().err.startswith("error: ")
-    assert not (tmp_path / "scene").exists()

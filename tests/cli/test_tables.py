@@ -193,9 +193,12 @@ def test_stages_are_a_bar_on_a_terminal(monkeypatch, capsys):
         tell("reading [odd name]")
         tell("pairs of cameras", 0, 21)
         tell("pairs of cameras", 5, 21)
+        tell_note(tell, "camera [C1] saw nobody")
         tell("solving")
     shown = capsys.readouterr().err
     assert "reading [odd name]" in shown
+    assert "camera [C1] saw nobody" in shown
+    assert "•" in shown
     assert "0 of 21" in shown
 
 
@@ -254,18 +257,6 @@ def test_only_a_stage_that_is_done_ends(capsys):
     assert [(event["event"], event["stage"]) for event in events] == [
         ("begin", "reading"), ("end", "reading"), ("begin", "solving"),
     ]  # fmt: skip
-
-
-def test_what_is_found_on_the_way_stays_on_the_terminal(monkeypatch, capsys):
-    monkeypatch.setenv("FORCE_COLOR", "1")
-    monkeypatch.setenv("COLUMNS", "100")
-    with stages() as tell:
-        tell("pairs of cameras", 5, 21)
-        tell_note(tell, "camera [C1] saw nobody")
-        tell("solving")
-    shown = capsys.readouterr().err
-    assert "camera [C1] saw nobody" in shown
-    assert "•" in shown
 
 
 def test_a_listener_without_notes_is_told_none():

@@ -1,17 +1,13 @@
 """`passerby dataset`: scene folders that calibrate, what is told, what is refused."""
 
 import csv
-import json
 import tomllib
 
 import numpy as np
 import pytest
 
 from passerby.cli.main import run
-from passerby.common.errors import InputError
-from passerby.core.cameras import Camera, Lens, Rig
-from passerby.core.observations import Boxes, Keypoints
-from passerby.datasets import READERS, published, scene_folder
+from passerby.datasets import READERS
 from passerby.evaluation.metrics import compare
 from passerby.interchange.motchallenge import read_boxes
 from passerby.interchange.rig_toml import read_rig
@@ -117,51 +113,3 @@ def test_what_cannot_be_is_one_line_and_status_2(sequence, tmp_path, capsys, arg
     assert error.count("\n") == 1
     assert sorted(path.name for path in tmp_path.iterdir()) == ["full"]
     assert (tmp_path / "full" / "letter.txt").read_text() == "mine"
-
-
-def two_cameras(**parts):
-    lens = Lens((640, 480), np.array([[500.0, 0, 320], [0, 500, 240], [0, 0, 1]]), np.zeros(0))
-    return published.Published("two", Rig((Camera("a", lens), Camera("b", lens))), 5.0, **parts)
-
-
-def some_boxes(identity):
-    return Boxes(np.array([1, 2]), np.array([identity, identity]), np.array([[1.0, 2, 30, 80], [2, 2, 30, 80]]), np.ones(2))
-
-
-def test_boxes_without_identities_are_detections(tmp_path):
-    made = two_cameras(boxes={"a": some_boxes(-1), "b": some_boxes(4)})
-    written = scene_folder.write_scene_folder(made, tmp_path / "scene", tmp_path / "set")
-    assert (written.mode, written.truth, written.videos) == ("combined", None, None)
-    content = tomllib.loads(written.scene.read_text())
-    assert content["cameras"]["b"] == {"intrinsics": "intrinsics.toml", "detections": "detections/b.txt"}
-    assert read_boxes(tmp_path / "scene" / "detections" / "b.txt").identity.tolist() == [-1, -1]
-    assert read_boxes(tmp_path / "scene" / "truth" / "b.txt").identity.tolist() == [4, 4]
-
-
-def test_joints_alone_make_a_scene(tmp_path):
-    xy, score = np.full((2, 17, 2), 50.0), np.ones((2, 17))
-    joints = Keypoints(np.array([1, 2]), np.array([3, 3]), xy, score)
-    made = two_cameras(keypoints={"a": joints, "b": joints})
-    written = scene_folder.write_scene_folder(made, tmp_path / "scene", tmp_path / "set")
-    assert written.mode == "given"
-    content = json.loads((tmp_path / "scene" / "keypoints" / "a.json").read_text())
-    assert {one["track_id"] for one in content["annotations"]} == {3}
-
-
-def test_one_camera_with_people_is_too_few(tmp_path):
-    with pytest.raises(InputError, match="has people in 1 camera of 2"):
-        scene_folder.write_scene_folder(two_cameras(boxes={"a": some_boxes(1)}), tmp_path / "scene", tmp_path / "set")
-    assert not (tmp_path / "scene").exists()
-
-
-def test_pictures_with_gaps_are_not_filmed(tmp_path):
-    pictures = dict.fromkeys("ab", (tmp_path / "1.png", tmp_path / "3.png"))
-    made = two_cameras(pictures=pictures, picture_frames={"a": (1, 3), "b": (1, 3)})
-    with pytest.raises(InputError, match="No video is made of the images of a: they do not go from frame 1 on without a gap"):
-        scene_folder.write_scene_folder(made, tmp_path / "scene", tmp_path / "set")
-    assert made.frames_of_pictures("a") == (1, 3)
-
-
-def test_published_refuses_strange_cameras():
-    with pytest.raises(ValueError, match="no cameras of the rig"):
-        two_cameras(boxes={"c": some_boxes(1)})

@@ -10,15 +10,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
-from passerby.cli.main import app
 from passerby.common.errors import InputError
 from passerby.datasets import read_published
 from passerby.datasets.published import Published
-from passerby.evaluation.metrics import compare
-from passerby.interchange.rig_toml import read_rig
 from support.datasets.grids import annotation, write_multiviewx, write_wildtrack
+from support.refusals import refused
 from support.scenes.walking_area import Walk
 
 WRITERS = {"wildtrack": write_wildtrack, "multiviewx": write_multiviewx}
@@ -180,27 +177,6 @@ def test_a_box_that_ends_before_it_begins_is_left_out(broken) -> None:
     assert any(f"{annotation(folder).name}, person {who}, viewNum 0" in note for note in found.notes)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", sorted(WRITERS))
-def test_from_the_published_files_to_a_calibration(name, tmp_path) -> None:
-    """Measured: wildtrack 11.0 mm and 0.071 degrees, multiviewx 9.8 mm and 0.072 degrees.
-
-    Boxes have whole pixels, rounded down, and end below the middle of a cylinder, not below its nearest edge.
-    """
-    walk = WRITERS[name](tmp_path / "set", frames=30, people=12, pictures=0)
-    made = CliRunner().invoke(app, ["dataset", name, str(tmp_path / "set"), "-o", str(tmp_path / "scene")])
-    assert made.exit_code == 0, made.output
-    done = CliRunner().invoke(app, ["calibrate", str(tmp_path / "scene" / "scene.toml"), "-o", str(tmp_path / "out")])
-    assert done.exit_code == 0, done.output
-    truth = read_rig(tmp_path / "scene" / "truth.toml")
-    assert [camera.name for camera in truth] == list(walk.rig.names)
-    found = compare(read_rig(tmp_path / "out" / "rig.toml"), truth).similarity
-    assert found.mean_position_mm is not None
-    assert found.mean_position_mm < 20
-    assert found.mean_orientation_deg is not None
-    assert found.mean_orientation_deg < 0.12
-
-
 def change(path: Path, **values: object) -> None:
     """Change the first person of an annotation."""
     people = json.loads(path.read_text())
@@ -251,10 +227,8 @@ def test_what_is_broken_is_told_in_one_line(broken, what) -> None:
     name, folder = broken
     spoil, message = BREAKS[what]
     spoil(folder)
-    with pytest.raises(InputError, match=message) as caught:
+    with refused(message, folder):
         read_published(name, folder)
-    assert str(folder) in str(caught.value)
-    assert "\n" not in str(caught.value)
 
 
 CALIBRATION_BREAKS = {
@@ -282,10 +256,8 @@ def test_a_broken_calibration_is_told_in_one_line(broken, what) -> None:
     where = {"intr": "intrinsic_zero" if name == "wildtrack" else "intrinsic", "extr": "extrinsic"}[kind]
     path = sorted((folder / "calibrations" / where).iterdir())[2]
     spoil(path)
-    with pytest.raises(InputError, match=message) as caught:
+    with refused(message, path):
         read_published(name, folder)
-    assert str(path) in str(caught.value)
-    assert "\n" not in str(caught.value)
 
 
 def test_distorted_lenses_for_undistorted_pictures_are_refused(tmp_path) -> None:

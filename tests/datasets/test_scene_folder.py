@@ -121,11 +121,29 @@ def test_videos_beside_identities_make_a_second_scene(tmp_path: Path, source: Pa
     assert (scene.association.mode, scene.scene.fps) == ("combined", None)
 
 
+def test_keypoints_alone_make_a_scene(tmp_path: Path, source: Path) -> None:
+    made = write_scene_folder(
+        Published("two", RIG, 5.0, keypoints=dict.fromkeys(("C1", "C2"), joints())), tmp_path / "scene", source
+    )
+    assert made.mode == "given"
+    assert read_keypoints(tmp_path / "scene" / "keypoints" / "C1.json").identity.tolist() == [4, 4]
+
+
 def test_too_little_for_a_scene_is_told_with_why(tmp_path: Path, source: Path) -> None:
     for published, told in (
         (
             Published("yard", RIG, 25.0),
             "has people in no cameras of 3: two are needed with boxes, keypoints, a video or images;",
+        ),
+        (
+            Published(
+                "yard",
+                RIG,
+                9.0,
+                pictures=dict.fromkeys(("C1", "C2"), (source / "1.png", source / "3.png")),
+                picture_frames={"C1": (1, 3), "C2": (1, 3)},
+            ),
+            "No video is made of the images of C1: they do not go from frame 1 on without a gap",
         ),
         (Published("yard", RIG, 25.0, {"C1": boxes()}), "has people in 1 camera of 3: two are needed"),
         (

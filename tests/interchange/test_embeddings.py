@@ -9,6 +9,7 @@ import pytest
 from passerby.common.errors import InputError
 from passerby.interchange.motchallenge import read_embeddings, write_embeddings
 from passerby.interchange.storage import archives
+from support.refusals import refused
 
 VECTORS = np.array([[3.0, 4.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 7.0]])
 UNIT = [[0.6, 0.8, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
@@ -77,10 +78,8 @@ def test_round_trip(tmp_path):
 )
 def test_a_fault_names_file_value_and_mend(tmp_path, arrays, told):
     path = saved(tmp_path, **arrays)
-    with pytest.raises(InputError, match=told.replace("?", r"\?")) as caught:
+    with refused(told.replace("?", r"\?"), path):
         read_embeddings(path)
-    assert str(caught.value).startswith(str(path))
-    assert "\n" not in str(caught.value)
 
 
 def archive_with(name, content):
@@ -103,10 +102,8 @@ def archive_with(name, content):
 def test_a_file_that_is_no_archive(tmp_path, content):
     path = tmp_path / "V1.npz"
     path.write_bytes(content)
-    with pytest.raises(InputError, match="npz") as caught:
+    with refused("npz", path):
         read_embeddings(path)
-    assert str(caught.value).startswith(str(path))
-    assert "\n" not in str(caught.value)
 
 
 def array_bytes(shape, version=(1, 0), kind="<f4", rows=b""):

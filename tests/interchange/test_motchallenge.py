@@ -9,6 +9,7 @@ from passerby.common.errors import InputError
 from passerby.core.observations import Boxes
 from passerby.interchange.motchallenge import read_boxes, write_boxes
 from passerby.interchange.storage.safe_parsing import faults_of
+from support.refusals import refused
 
 GOOD = "1,4,10,20,30,60,0.9,-1,-1,-1\n2,4,11,20,30,60,0.9,-1,-1,-1\n"
 
@@ -76,10 +77,8 @@ def test_what_other_tools_write_is_read(tmp_path, text):
     ],
 )
 def test_a_fault_names_file_line_value_and_mend(tmp_path, text, told):
-    with pytest.raises(InputError, match=told) as caught:
+    with refused(told, tmp_path / "boxes.txt"):
         read(tmp_path, text)
-    assert str(caught.value).startswith(str(tmp_path / "boxes.txt"))
-    assert "\n" not in str(caught.value)
 
 
 def test_all_faults_are_gathered(tmp_path):

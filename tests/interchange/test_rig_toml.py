@@ -13,6 +13,7 @@ from passerby.common.errors import InputError
 from passerby.core.cameras import Camera, Lens, Pose, PoseSigma, Rig
 from passerby.core.lens import LARGEST_FOCAL_SD
 from passerby.interchange.rig_toml import read_lens, read_rig, write_rig
+from support.refusals import refused
 
 LENS = """size = [1920, 1080]
 matrix = [[1000.0, 0.0, 960.0], [0.0, 1000.0, 540.0], [0.0, 0.0, 1.0]]
@@ -110,9 +111,8 @@ def test_files_of_other_tools_are_opened(tmp_path, text):
     ],
 )
 def test_a_fault_names_file_table_value_and_mend(tmp_path, text, told):
-    with pytest.raises(InputError, match=told) as caught:
+    with refused(told, tmp_path / "rig.toml"):
         read_rig(write(tmp_path, text))
-    assert str(caught.value).startswith(str(tmp_path / "rig.toml"))
 
 
 def test_one_lens_is_found_by_table_or_by_name(tmp_path):

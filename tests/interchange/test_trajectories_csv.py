@@ -7,6 +7,7 @@ from passerby.common.errors import InputError
 from passerby.core.observations import Clock
 from passerby.core.trajectories import Trajectories
 from passerby.interchange.trajectories_csv import HEADER, read_ground_positions, read_trajectories, write_trajectories
+from support.refusals import refused
 
 HEAD = ",".join(HEADER) + "\n"
 ROW = "0.2000,3,7,1.000,-2.000,0.900,0.050,2\n"
@@ -62,9 +63,15 @@ def test_stretches_are_told_apart_by_missing_frames(tmp_path):
 )
 def test_a_fault_is_told_with_its_line(tmp_path, text, told):
     (tmp_path / "a.csv").write_text(text)
-    with pytest.raises(InputError, match=told) as error:
+    with refused(told, tmp_path / "a.csv"):
         read_trajectories(tmp_path / "a.csv")
-    assert str(error.value).startswith(str(tmp_path / "a.csv"))
+
+
+@pytest.mark.parametrize(("text", "column"), [("", "frame"), ("frame,x_m,y_m\n1,2,3\n", "id")])
+def test_a_column_of_true_places_that_is_missing_is_told(tmp_path, text, column):
+    (tmp_path / "a.csv").write_text(text)
+    with pytest.raises(InputError, match=f"line 1: has no column {column}"):
+        read_ground_positions(tmp_path / "a.csv")
 
 
 def test_true_places_have_a_persons_number_under_any_of_its_names(tmp_path):
@@ -78,6 +85,7 @@ def test_true_places_have_a_persons_number_under_any_of_its_names(tmp_path):
 @pytest.mark.parametrize(
     ("row", "told"),
     [
+        ("", "has no row"),
         ("3,7,1.5", r"line 2: has 3 columns, the header has more: complete the row"),
         ("3.5,7,1.5,2", "line 2: frame is 3.5: a whole number is needed"),
         ("3,7,near,2", "line 2: x_m is 'near'"),

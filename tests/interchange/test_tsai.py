@@ -48,12 +48,6 @@ def test_opencv_lens_draws_what_tsai_draws(tmp_path, kappa1, sx):
     assert np.arccos(np.clip((back * true).sum(axis=1), -1, 1)).max() * found.lens.focal < 0.1
 
 
-def test_generator_agrees_with_tsais_polynomial():
-    tsai = camera(5.7e-4, 1.02)
-    pixels = whole_picture(tsai.size, 60)
-    assert np.abs(tsai.project(seen_at(tsai, pixels)) - pixels).max() < 1e-6
-
-
 def test_pose_is_metres_and_rz_ry_rx(tmp_path):
     tsai = camera(5.7e-4)
     found = read_tsai(written(tmp_path, tsai)).camera("c0")

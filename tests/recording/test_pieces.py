@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import time
 from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
@@ -14,8 +15,13 @@ import pytest
 
 from passerby.common.errors import InputError
 from passerby.interchange.video_writer import VideoWriter
+from passerby.perception.sources.files import VideoSource
+from passerby.perception.sources.recording import open_source
 from passerby.recording import pieces as module
 from passerby.recording.pieces import LONGEST, Piece, PieceWriter, WallTime, make_folder
+from passerby.scene.inputs import read_cameras
+from passerby.scene.scene import Scene
+from passerby.scene.wall_clock import wall_clock_of
 
 BEGIN = datetime(2026, 3, 4, 5, 6, 7, 250_000, tzinfo=UTC).timestamp()
 WALL = WallTime(BEGIN, "sender")
@@ -146,3 +152,34 @@ def test_a_folder_that_cannot_be_made_is_told_and_what_is_not_ours_stays(tmp_pat
         (tmp_path / "a" / name).write_text("mine")
     make_folder(tmp_path / "a")
     assert left_in(tmp_path / "a") == [".recording.part", "20260304T050607.250Z.mkv", "notes.txt"]
+
+
+AUTUMN_S = datetime(2026, 11, 1, 5, 59, 57, 250_000, tzinfo=UTC).timestamp()
+"""Half an hour before clocks in New York are set back, and their 1:59 comes twice."""
+AUTUMN = WallTime(AUTUMN_S, "sender")
+
+
+@pytest.mark.parametrize("zone", ["UTC", "America/New_York", "Pacific/Auckland"])
+def test_names_are_read_back_as_utc(film: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, zone: str) -> None:
+    monkeypatch.setenv("TZ", zone)
+    time.tzset()
+    try:
+        pieces = recorded(film, tmp_path / "a", wall=AUTUMN)
+        assert [piece.path.name for piece in pieces] == [f"20261101T05595{n}.250Z.mkv" for n in (7, 9)] + [
+            "20261101T060001.250Z.mkv"
+        ]
+        found = open_source(VideoSource((tmp_path / "a",)), "a").info
+        assert found.wall is not None
+        assert found.wall.utc
+        assert found.wall.seconds == pytest.approx(AUTUMN_S, abs=1e-3)
+        recorded(film, tmp_path / "b", wall=AUTUMN)
+        cameras = "".join(f'[cameras.{name}]\nvideo = "{name}"\nhfov_deg = 60\n' for name in "ab")
+        (tmp_path / "scene.toml").write_text(f'[scene]\nfrom = "2026-11-01 01:59:59-04:00"\n{cameras}')
+        scene = Scene.load(tmp_path / "scene.toml")
+        clock = wall_clock_of(scene, read_cameras(scene))
+        assert clock is not None
+        assert clock.first is not None
+        assert clock.first.text == "2026-11-01T05:59:59+00:00"
+    finally:
+        monkeypatch.undo()
+        time.tzset()

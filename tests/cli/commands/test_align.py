@@ -167,9 +167,16 @@ def test_a_folder_in_place(out, capsys):
         (["--camera", "C1", "--tilt"], 2, "need --points or --positions"),
         (["--camera", "C9"], 2, "no camera C9: it has C1, C2, C3, C4"),
         (["--points", "missing.csv"], 2, "missing.csv: no such file"),
+        (["--points", "{points}"], 2, "points.csv: line 2: x is 'a'"),
+        (["--positions", "{positions}"], 2, "no camera C9"),
     ],
 )
 def test_contradictions(out, tmp_path, capsys, options, status, says):
+    files = {"points": "camera,u,v,x,y\nC1,1,2,a,4\n", "positions": "camera,x,y\nC9,1,2\nC1,1,3\n"}
+    places = {name: tmp_path / f"{name}.csv" for name in files}
+    for name, text in files.items():
+        places[name].write_text(text)
+    options = [option.format(**places) for option in options]
     assert run(["align", str(out), "-o", str(tmp_path / "a.toml"), *options]) == status
     assert says in capsys.readouterr().err
     assert not (tmp_path / "a.toml").exists()
@@ -199,42 +206,6 @@ def test_too_little_ends_with_three(out, tmp_path, capsys):
     write_rig(tmp_path / "none.toml", replace(rig, cameras=tuple(replace(c, pose=None, sigma=None) for c in rig)))
     assert run(["align", str(tmp_path / "none.toml"), "-o", str(tmp_path / "a.toml"), "--camera", "C1"]) == 3
     assert "none of the 4 cameras has a pose" in capsys.readouterr().err
-
-
-BROKEN_POINTS = [
-    ("camera,u,v,x,y\nC1,1,2,3,1e300\n", "line 2: y is '1e300'"),
-    ("camera,u,v,x,y\nC1,1,2,3," + 200000 * "4" + "\n", "line 2: is not CSV"),
-    ("camera,u,x,y\n", "line 1: has no column v"),
-    ("camera,u,v,x,y\n", "has no row"),
-    ("camera,u,v,x,y\nC1,1,2,a,4\n", "line 2: x is 'a': a number from -1e+08 to 1e+08 is needed"),
-    ("camera,u,v,x,y\n,1,2,3,4\n", "line 2: camera is missing"),
-    ("camera,u,v,x,y\nC1,1,2,,4\n", "line 2: x is missing"),
-    ("camera,u,v,x,y,sd_m\nC1,1,2,3,4,0\n", "sd_m is 0: give metres above 0"),
-    ("point,camera,u,v,x,y\na,C1,1,2,3,4\na,C1,5,6,3,4\n", "point a occurs a second time in camera C1 (first on line 2)"),
-    ("point,camera,u,v,x,y\na,C1,1,2,3,4\na,C2,5,6,3,5\n", "line 3: point a is at [3.0, 5.0, 0.0], but at [3.0, 4.0, 0.0]"),
-]
-
-
-@pytest.mark.parametrize(("text", "says"), BROKEN_POINTS)
-def test_broken_points(out, tmp_path, capsys, text, says):
-    (tmp_path / "points.csv").write_text(text)
-    assert run(["align", str(out), "-o", str(tmp_path / "a.toml"), "--points", str(tmp_path / "points.csv")]) == 2
-    assert says in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
-    ("text", "says"),
-    [
-        ("camera,x,z\nC1,1,2\n", "line 2: y is missing"),
-        ("camera,lat,lon\nC1,95,2\n", "lat 95, lon 2 is not a place on earth"),
-        ("camera,x,y\nC1,1,2\nC1,1,3\n", "line 3: camera C1 occurs a second time"),
-        ("camera,x,y\nC9,1,2\nC1,1,3\n", "no camera C9"),
-    ],
-)
-def test_broken_positions(out, tmp_path, capsys, text, says):
-    (tmp_path / "positions.csv").write_text(text)
-    assert run(["align", str(out), "-o", str(tmp_path / "a.toml"), "--positions", str(tmp_path / "positions.csv")]) == 2
-    assert says in capsys.readouterr().err
 
 
 def test_toml_tells_the_same_as_csv(tmp_path):

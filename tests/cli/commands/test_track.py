@@ -4,11 +4,9 @@ import csv
 import json
 import shutil
 
-import numpy as np
 import pytest
 
 from passerby.cli.main import run
-from passerby.interchange.trajectories_csv import read_ground_positions
 from passerby.simulation import SimulationOptions, simulate, write_scene
 
 pytestmark = pytest.mark.smoke
@@ -173,31 +171,3 @@ def test_wrong_options(calibrated, tmp_path, capsys, arguments, says):
     assert run(["track", str(calibrated[1]), "-o", str(tmp_path / "t"), *arguments]) == 2
     assert says in capsys.readouterr().err
     assert not (tmp_path / "t").exists()
-
-
-@pytest.mark.parametrize(
-    ("text", "says"),
-    [
-        ("frame,x_m,y_m\n1,2,3\n", "line 1: has no column id"),
-        ("frame,id,x_m,y_m\n1,1,2\n", "line 2: has 3 columns"),
-        ("frame,id,x_m,y_m\n1,1,2,far\n", "line 2: y_m is 'far'"),
-        ("frame,id,x_m,y_m\n1.5,1,2,3\n", "line 2: frame is 1.5"),
-        ("frame,id,x_m,y_m\n1,1,2,3\n1,1,2,3\n", "first on line 2"),
-        ("frame,id,x_m,y_m\n", "has no row"),
-        ("", "line 1: has no column frame"),
-    ],
-)
-def test_broken_truth(tmp_path, text, says):
-    from passerby.common.errors import InputError
-
-    (tmp_path / "truth.csv").write_text(text)
-    with pytest.raises(InputError) as error:
-        read_ground_positions(tmp_path / "truth.csv")
-    assert says in str(error.value)
-
-
-def test_the_columns_of_data_sets(tmp_path):
-    (tmp_path / "truth.csv").write_text("frame,person,x_m,y_m,z_m\n3,9,-4.155,-7.359,0\n")
-    found = read_ground_positions(tmp_path / "truth.csv")
-    assert (found.frame[0], found.identity[0]) == (3, 9)
-    assert np.allclose(found.xy, [[-4.155, -7.359]])

@@ -4,64 +4,32 @@ import pytest
 
 from passerby.common.errors import InputError
 from passerby.core.cameras import Rig
+from support.refusals import refused
 from support.scenes.handmade_rigs import (
     CENTRE,
     LOOKING_NORTH,
     MATRIX,
-    NASTY_NAMES,
-    PIXELS,
-    POINTS,
     SIZE,
     TRANSLATION,
     facing,
     read_back,
-    same_cameras,
-    turned_rig,
     written,
 )
 
+
+def opencv(name, columns, *values):
+    return (
+        f"{name}: !!opencv-matrix\r\n  rows: {len(values) // columns}\r\n  cols: {columns}\r\n  dt: d\r\n"
+        f"  data: [{', '.join(f'{value:.6f}' for value in values)}]\r\n"
+    )
+
+
 # As EasyMocap's own writer has it: six digits, Windows' line ends, no picture size.
-INTRI = """%YAML:1.0\r
----\r
-names:\r
-  - "01"\r
-  - "02"\r
-K_01: !!opencv-matrix\r
-  rows: 3\r
-  cols: 3\r
-  dt: d\r
-  data: [1000.000000, 0.000000, 960.000000, 0.000000, 1100.000000, 540.000000, 0.000000, 0.000000, 1.000000]\r
-dist_01: !!opencv-matrix\r
-  rows: 1\r
-  cols: 5\r
-  dt: d\r
-  data: [-0.100000, 0.020000, 0.001000, -0.002000, 0.003000]\r
-K_02: !!opencv-matrix\r
-  rows: 3\r
-  cols: 3\r
-  dt: d\r
-  data: [1000.000000, 0.000000, 960.000000, 0.000000, 1100.000000, 540.000000, 0.000000, 0.000000, 1.000000]\r
-dist_02: !!opencv-matrix\r
-  rows: 1\r
-  cols: 5\r
-  dt: d\r
-  data: [0.000000, 0.000000, 0.000000, 0.000000, 0.000000]\r
-"""
-EXTRI = """%YAML:1.0\r
----\r
-names:\r
-  - "01"\r
-R_01: !!opencv-matrix\r
-  rows: 3\r
-  cols: 1\r
-  dt: d\r
-  data: [1.570796, 0.000000, 0.000000]\r
-T_01: !!opencv-matrix\r
-  rows: 3\r
-  cols: 1\r
-  dt: d\r
-  data: [-4.000000, 2.500000, 3.000000]\r
-"""
+INTRI = '%YAML:1.0\r\n---\r\nnames:\r\n  - "01"\r\n  - "02"\r\n' + "".join(
+    opencv(f"K_{name}", 3, *MATRIX.ravel()) + opencv(f"dist_{name}", 5, *bent)
+    for name, bent in (("01", (-0.1, 0.02, 0.001, -0.002, 0.003)), ("02", (0, 0, 0, 0, 0)))
+)
+EXTRI = '%YAML:1.0\r\n---\r\nnames:\r\n  - "01"\r\n' + opencv("R_01", 1, np.pi / 2, 0, 0) + opencv("T_01", 1, *TRANSLATION)
 
 
 def node(path, key):
@@ -85,14 +53,6 @@ def test_a_camera_at_a_known_place(tmp_path):
     assert file.getNode("names").at(0).string() == "north"
 
 
-def test_easymocaps_own_projection(tmp_path):
-    written("easymocap", Rig((facing(),)), tmp_path)
-    extri = tmp_path / "extri.yml"
-    P = node(tmp_path / "intri.yml", "K_north") @ np.hstack([cv2.Rodrigues(node(extri, "R_north"))[0], node(extri, "T_north")])
-    seen = np.column_stack([POINTS, np.ones(3)]) @ P.T
-    np.testing.assert_allclose(seen[:, :2] / seen[:, 2:], PIXELS, atol=1e-9)
-
-
 def test_a_file_of_easymocap(tmp_path):
     (tmp_path / "intri.yml").write_bytes(INTRI.encode())
     (tmp_path / "extri.yml").write_bytes(EXTRI.encode())
@@ -103,19 +63,6 @@ def test_a_file_of_easymocap(tmp_path):
     np.testing.assert_allclose(rig["01"].centre, CENTRE, atol=1e-5)
     np.testing.assert_array_equal(rig["01"].lens.distortions, [-0.1, 0.02, 0.001, -0.002, 0.003])
     assert rig["02"].pose is None
-
-
-def test_names_are_kept(tmp_path):
-    rig = turned_rig(NASTY_NAMES)
-    assert written("easymocap", rig, tmp_path) == ()
-    back, _ = read_back("easymocap", tmp_path)
-    assert back.names == rig.names
-    assert same_cameras(rig, back)
-    file = cv2.FileStorage(str(tmp_path / "intri.yml"), cv2.FILE_STORAGE_READ)
-    names = [file.getNode("names").at(index).string() for index in range(len(rig))]
-    assert len({name.lower() for name in names}) == len(rig)
-    for name in names:
-        assert file.getNode(f"K_{name}").mat().shape == (3, 3)
 
 
 @pytest.mark.parametrize("told", ["[", '["one"]', '["one", 2]', "3"])
@@ -129,12 +76,6 @@ def test_names_that_were_not_told_whole_are_those_of_the_file(tmp_path, told):
     path.write_text("".join(lines))
     assert len(read_back("easymocap", tmp_path)[0]) == 2
     assert not {"a b", "é"} & set(read_back("easymocap", tmp_path)[0].names)
-
-
-def test_a_fisheye_is_a_loss(tmp_path):
-    with pytest.raises(InputError, match=r"camera north: its lens \(fisheye.*k1, k2, p1, p2, k3, up to .* px off"):
-        written("easymocap", Rig((facing(distortions=(0.01, 0, 0, 0), fisheye=True),)), tmp_path / "out")
-    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize(
@@ -155,7 +96,5 @@ def test_bad_files(tmp_path, intri, extri, match):
     (tmp_path / "intri.yml").write_text(intri)
     if extri is not None:
         (tmp_path / "extri.yml").write_text(extri)
-    with pytest.raises(InputError, match=match) as error:
+    with refused(match, tmp_path):
         read_back("easymocap", tmp_path, size=SIZE)
-    assert str(tmp_path) in str(error.value)
-    assert "\n" not in str(error.value)

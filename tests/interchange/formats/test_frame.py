@@ -3,12 +3,9 @@ import pytest
 
 from passerby.common.errors import InputError
 from passerby.core.cameras import Camera, Lens, Pose, Rig
-from passerby.core.observations import Clock
-from passerby.core.trajectories import Trajectories
 from passerby.interchange import formats
 from passerby.interchange.formats import Export, Format
 from passerby.interchange.formats.values import tame_names
-from passerby.interchange.trajectories_csv import read_trajectories, write_trajectories
 
 LENS = Lens((640, 480), np.array([[500.0, 0, 320], [0, 500, 240], [0, 0, 1]]), np.zeros(5))
 RIG = Rig((Camera("A", LENS, Pose(np.eye(3), np.zeros(3))), Camera("B", LENS)))
@@ -104,41 +101,3 @@ def test_names_are_tamed_and_stay_apart():
     assert tame["../etc"] == "camera_.._etc"
     assert len({name.casefold() for name in tame.values()}) == 7
     assert not any(set(name) & set("/<>") for name in tame.values())
-
-
-def test_ways_survive_their_file(tmp_path):
-    frame = np.array([1, 2, 3, 8, 9, 2, 3])
-    clock = Clock(12.5, 0.25)
-    ways = Trajectories(
-        np.array([1, 1, 1, 1, 1, 4, 4]), frame, clock.seconds(frame), np.arange(21.0).reshape(7, 3),
-        np.array([0.1, np.nan, 0.2, 0.3, 0.1, 0.1, 0.5]), np.array([2, 0, 2, 3, 2, 4, 2]), np.array([1, 1, 1, 2, 2, 1, 1]),
-        clock,
-    )  # fmt: skip
-    write_trajectories(tmp_path / "ways.csv", ways)
-    read = read_trajectories(tmp_path / "ways.csv")
-    for column in ("identity", "frame", "cameras", "part"):
-        np.testing.assert_array_equal(getattr(read, column), getattr(ways, column), column)
-    np.testing.assert_allclose(read.xyz, ways.xyz)
-    np.testing.assert_allclose(read.sigma_m, ways.sigma_m)
-    np.testing.assert_allclose([read.clock.fps, read.clock.offset_s], [12.5, 0.25], atol=1e-3)
-
-
-@pytest.mark.parametrize(
-    ("change", "match"),
-    [
-        (lambda text: text.replace("x_m", "x"), "no column x_m"),
-        (lambda text: text.replace("1.500", "wide"), r"line 2: x_m is 'wide'"),
-        (lambda text: text + text.splitlines()[-1] + "\n", "occurs twice"),
-        (lambda text: text.splitlines()[0] + "\n", "has no row"),
-    ],
-)
-def test_broken_ways_are_told(tmp_path, change, match):
-    frame = np.array([1, 2])
-    ways = Trajectories(
-        np.array([1, 1]), frame, Clock(5.0).seconds(frame), np.full((2, 3), 1.5), np.zeros(2), np.ones(2, int), np.ones(2, int),
-        Clock(5.0),
-    )  # fmt: skip
-    write_trajectories(tmp_path / "ways.csv", ways)
-    (tmp_path / "ways.csv").write_text(change((tmp_path / "ways.csv").read_text()))
-    with pytest.raises(InputError, match=match):
-        read_trajectories(tmp_path / "ways.csv")

@@ -9,7 +9,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from passerby.common.errors import InputError
-from passerby.core.cameras import Camera, Rig
 from passerby.interchange.formats import Export, export
 from support.scenes.rigs_to_draw import BENT, CENTRED, FISHEYE, NASTY, rig, ways
 
@@ -180,24 +179,6 @@ def test_everything_hangs_below_the_turned_root(write):
     ground, matrix = scene.named("ground, 1 m")
     points = scene.values(scene.content["meshes"][ground["mesh"]]["primitives"][0]["attributes"]["POSITION"])
     np.testing.assert_allclose((points @ matrix[:3, :3].T)[:, 1], 0, atol=1e-6)
-
-
-def test_names_are_text(write):
-    scene, _ = write(rig())
-    assert scene.named(NASTY)[0]["camera"] == 0
-    assert scene.content["cameras"][0]["name"] == NASTY
-
-
-def test_the_same_rig_is_the_same_file(tmp_path):
-    for form in ("gltf", "glb"):
-        for name in ("a", "b"):
-            export(Export(rig(BENT, FISHEYE), "hall", ways()), form, tmp_path / f"{name}.{form}", lossy=True)
-        assert (tmp_path / f"a.{form}").read_bytes() == (tmp_path / f"b.{form}").read_bytes()
-
-
-def test_a_camera_without_a_pose_is_a_loss(write):
-    with pytest.raises(InputError, match="camera C3 has no pose and is left out"):
-        write(Rig((*rig(), Camera("C3", CENTRED))))
 
 
 @pytest.mark.parametrize("form", ["gltf", "glb"])

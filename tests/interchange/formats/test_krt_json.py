@@ -8,6 +8,7 @@ import pytest
 from passerby.common.errors import InputError
 from passerby.core.cameras import Rig
 from passerby.interchange.formats import Given, read_rig_as
+from support.refusals import refused
 from support.scenes.handmade_rigs import CENTRE, LOOKING_NORTH, MATRIX, PIXELS, POINTS, SIZE, TRANSLATION, facing, written
 
 TABLE = {"K": MATRIX.tolist(), "R": LOOKING_NORTH.tolist(), "t": list(TRANSLATION), "dist": [0.0] * 5, "imgSize": list(SIZE)}
@@ -110,7 +111,5 @@ def test_what_is_written_is_what_the_tools_read(tmp_path):
     ],
 )
 def test_bad_tables(tmp_path, change, match):
-    with pytest.raises(InputError, match=match) as error:
+    with refused(match, tmp_path):
         read(tmp_path, {"a": TABLE | change}, metres_per_unit=1.0)
-    assert str(tmp_path) in str(error.value)
-    assert "\n" not in str(error.value)

@@ -135,30 +135,6 @@ def test_a_rational_model_that_divides_by_zero_in_the_picture_is_no_fit():
     assert not lm._has_pole(lens_with(*RATIONAL), rays)
 
 
-def test_a_fit_that_fails_is_no_lens(monkeypatch):
-    """Some other model, or the error of the caller, tells then."""
-
-    def broken(*arguments, **named):
-        raise np.linalg.LinAlgError("SVD did not converge")
-
-    rays = lr.Rays.of(lens_with(*RATIONAL))
-    assert lm.fit_lens_model(rays, lm.RADTAN_5, lens_with()) is not None
-    monkeypatch.setattr(lm, "least_squares", broken)
-    assert lm.fit_lens_model(rays, lm.RADTAN_5, lens_with()) is None
-
-
-def test_a_loss_is_told_once():
-    losses = Losses()
-    for what in ("camera A", "camera B", "camera A"):
-        losses.add(what)
-    assert losses.told == ("camera A", "camera B")
-
-
 def test_a_lens_without_any_ray_is_an_error():
     with pytest.raises(InputError, match=r"camera C: its lens .* cannot even be fitted"):
         lm.express_lens(Camera("C", lens_with(-3.0, 0, 0, 0, matrix=np.diag([30.0, 30, 1]))), (lm.PINHOLE,), Losses())
-
-
-@pytest.mark.parametrize(("pixels", "told"), [(0.0123, "0.013"), (1.0, "1.1"), (123.4, "130"), (9.85, "10"), (0, "1e-09")])
-def test_errors_are_rounded_up(pixels, told):
-    assert lm._round_up(pixels) == told

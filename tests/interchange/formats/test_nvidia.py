@@ -7,7 +7,8 @@ import pytest
 import yaml
 
 from passerby.common.errors import InputError
-from passerby.core.cameras import Camera, Lens, Pose, Rig
+from passerby.core.cameras import Camera, Pose, Rig
+from support.refusals import refused
 from support.scenes.handmade_rigs import (
     CENTRE,
     LOOKING_NORTH,
@@ -16,7 +17,7 @@ from support.scenes.handmade_rigs import (
     POINTS,
     SIZE,
     facing,
-    largest_told_px,
+    looking_down,
     read_back,
     same_cameras,
     turned_rig,
@@ -27,13 +28,6 @@ from support.scenes.handmade_rigs import (
 NORTH = [[1000.0, 960, 0, -1120], [0, 540, -1100, 4370], [0, 1, 0, 3]]
 SAFE_ID = re.compile(r"^[A-Za-z0-9][A-Za-z0-9_.-]*$")
 """What generate_cam_info_configs.py of NVIDIA's video-search-and-summarization takes for a sensor's id."""
-
-
-def looking_down(name="down", **lens):
-    """A camera that sees the ground: 30 degrees below the horizon."""
-    sine, cosine = 0.5, 0.75**0.5
-    R_cw = np.array([[1, 0, 0], [0, -sine, -cosine], [0, cosine, -sine]])
-    return Camera(name, facing(**lens).lens, Pose.from_centre(R_cw, CENTRE))
 
 
 def test_camera_files_of_mv3dt(tmp_path):
@@ -121,14 +115,9 @@ def test_a_camera_that_sees_no_ground(tmp_path):
 
 
 @pytest.mark.parametrize("form", ["mv3dt", "amc"])
-def test_round_trip_with_names(tmp_path, form):
-    skewed = np.array([[1000.0, 7, 960], [0, 1100, 540], [0, 0, 1]])
-    rig = turned_rig(
-        NASTY_NAMES, [Lens(SIZE, skewed if index == 3 else facing().lens.matrix, np.zeros(0)) for index in range(12)]
-    )
-    target = tmp_path / "out"
-    assert written(form, rig, target) == ()
-    assert same_cameras(rig, read_back(form, target)[0])
+def test_names_that_nvidias_programs_take(tmp_path, form):
+    rig, target = turned_rig(NASTY_NAMES), tmp_path / "out"
+    written(form, rig, target)
     if form == "mv3dt":
         ids = [path.stem for path in (target / "camInfo").iterdir()]
     else:
@@ -174,18 +163,6 @@ def test_a_dewarper_that_cannot_be_read(tmp_path, old, new, match):
     file.write_text(file.read_text().replace(old, new, 1))
     with pytest.raises(InputError, match=match):
         read_back("mv3dt", tmp_path)
-
-
-@pytest.mark.parametrize("form", ["amc"])
-def test_distortion_is_a_loss_of_the_told_size(tmp_path, form):
-    rig = Rig((looking_down(distortions=(-0.05, 0.01, 0, 0)),))
-    with pytest.raises(InputError, match=r"camera down: .*a pinhole without distortion, up to .* px off"):
-        written(form, rig, tmp_path / "out")
-    told = written(form, rig, tmp_path / "out", lossy=True)
-    back, _ = read_back(form, tmp_path / "out")
-    assert back["down"].lens.matrix[0, 1] == 0
-    assert same_cameras(rig, back, at_most_px=largest_told_px(told))
-    assert not same_cameras(rig, back, at_most_px=0.02 * largest_told_px(told))
 
 
 def test_zero_centred_projection_matrices_are_read(tmp_path):
@@ -258,23 +235,8 @@ def test_sensors_of_others(tmp_path):
 def test_bad_sensors(tmp_path, change, match):
     path = tmp_path / "calibration.json"
     path.write_text(json.dumps({"sensors": [{"type": "camera", "id": "c", "cameraMatrix": NORTH, **change}]}))
-    with pytest.raises(InputError, match=match) as error:
+    with refused(match, path):
         read_back("amc", path, size=SIZE)
-    assert str(error.value).startswith(str(path))
-
-
-def test_other_files(tmp_path):
-    path = tmp_path / "a"
-    for text, match in (("[]", "holds no list"), ("{}", "has no list `sensors`"), ('{"sensors": []}', "holds no camera")):
-        path.write_text(text)
-        with pytest.raises(InputError, match=match):
-            read_back("amc", path)
-    path.write_text("modelInfo: 1")
-    with pytest.raises(InputError, match="projectionMatrix_3x4 is missing"):
-        read_back("mv3dt", path, size=SIZE)
-    (tmp_path / "empty").mkdir()
-    with pytest.raises(InputError, match="holds no camera"):
-        read_back("mv3dt", tmp_path / "empty")
 
 
 def test_cameras_that_are_none_or_twice_the_same_are_told(tmp_path):

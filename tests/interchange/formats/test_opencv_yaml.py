@@ -11,6 +11,7 @@ from passerby.common.errors import InputError
 from passerby.core.cameras import Camera, Lens, Pose, Rig
 from passerby.interchange.formats import Export, Given, export, read_rig_as
 from passerby.interchange.opencv_lens import read_opencv_lens
+from support.refusals import refused
 
 MATRIX = np.array([[900.0, 0, 640], [0, 905, 360], [0, 0, 1]])
 DISTORTIONS = np.array([-0.2, 0.05, 0.001, -0.002, 0.01])
@@ -102,9 +103,8 @@ def test_the_file_of_the_multi_view_sample(tmp_path):
 )
 def test_poses_that_are_none(values, said, tmp_path):
     write(tmp_path / "C1.yml", K=MATRIX, D=DISTORTIONS, image_width=1280, image_height=720, **values)
-    with pytest.raises(InputError, match=said) as told:
+    with refused(said, tmp_path / "C1.yml"):
         read_rig_as("opencv", tmp_path, Given(metres_per_unit=1.0))
-    assert str(tmp_path / "C1.yml") in str(told.value)
 
 
 def test_what_is_written_is_found_as_a_lens_by_its_file_alone(tmp_path):
@@ -199,9 +199,8 @@ def test_a_multi_view_file_that_contradicts_itself(tmp_path, changed, said):
     write(tmp_path / "rig.yaml", **told)
     assert read_rig_as("opencv", tmp_path / "rig.yaml", Given(metres_per_unit=1.0))[0].names == ("0", "1")
     write(tmp_path / "rig.yaml", **(told | changed))
-    with pytest.raises(InputError, match=said) as error:
+    with refused(said, tmp_path / "rig.yaml"):
         read_rig_as("opencv", tmp_path / "rig.yaml", Given(metres_per_unit=1.0))
-    assert str(error.value).startswith(str(tmp_path / "rig.yaml"))
 
 
 def test_a_stereo_pair_whose_matrix_is_none(tmp_path):

@@ -6,8 +6,6 @@ import re
 import numpy as np
 import pytest
 
-from passerby.common.errors import InputError
-from passerby.core.cameras import Camera, Rig
 from passerby.core.colours import camera_colour, person_colour
 from passerby.interchange.formats import Export, export
 from support.scenes.rigs_to_draw import BENT, CENTRED, FISHEYE, NASTY, SKEWED, rig, ways
@@ -149,19 +147,6 @@ def test_names_stay_in_their_comment(tmp_path):
     assert json.loads(name[1]) == NASTY
     assert name[2] == camera_colour(0)
     assert comments[3] == f'camera 1 "C2" {camera_colour(1)}'
-
-
-def test_the_same_rig_is_the_same_file(tmp_path):
-    assert written(tmp_path, rig(BENT), ways()) == written(tmp_path, rig(BENT), ways())
-
-
-def test_a_camera_without_a_pose_is_a_loss(tmp_path):
-    made = Rig((*rig(), Camera("C3", CENTRED)))
-    with pytest.raises(InputError, match="camera C3 has no pose and is left out"):
-        export(Export(made), "ply", tmp_path / "rig.ply")
-    assert export(Export(made), "ply", tmp_path / "rig.ply", lossy=True) == ("camera C3 has no pose and is left out",)
-    alone = Rig((rig().cameras[0],))
-    assert export(Export(alone), "ply", tmp_path / "one.ply") == ()
 
 
 def test_other_readers_open_it(tmp_path):

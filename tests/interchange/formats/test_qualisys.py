@@ -8,6 +8,7 @@ from passerby.cli.main import app
 from passerby.common.errors import InputError
 from passerby.interchange.formats import Given, read_rig_as
 from passerby.interchange.rig_toml import read_rig
+from support.refusals import refused
 
 # A camera 2 m above the floor at x = 4 m, looking along the world's -x, level: its right is the world's +y, its up is +z, its
 # backward is +x. Sensor of 1920 x 1088 pixels; focal length 1600 pixels, centre at (959.5, 543.5).
@@ -125,10 +126,8 @@ def test_metres_in_the_file(tmp_path):
 )
 def test_broken_files_are_told(tmp_path, old, new, match):
     path = written(tmp_path, CAMERA.replace(old, new))
-    with pytest.raises(InputError, match=match) as error:
+    with refused(match, "Lab.qca.txt"):
         read_rig_as("qualisys", path)
-    assert "Lab.qca.txt" in str(error.value)
-    assert "\n" not in str(error.value)
 
 
 @pytest.mark.real

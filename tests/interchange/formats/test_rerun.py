@@ -122,11 +122,6 @@ def test_a_name_is_one_part_of_a_path(written):
     assert path.replace("\\/", "").count("/") == 3
 
 
-def test_a_camera_without_a_pose_is_a_loss(written):
-    with pytest.raises(InputError, match="camera C3 has no pose and is left out"):
-        written(Rig((*rig(), Camera("C3", CENTRED))))
-
-
 def test_without_the_package_the_error_names_the_extra(monkeypatch, tmp_path):
     monkeypatch.setitem(sys.modules, "rerun", None)
     with pytest.raises(InputError, match=r"pip install 'passerby\[rerun\]'"):

@@ -7,88 +7,43 @@ import pytest
 import yaml
 
 from passerby.common.errors import InputError
-from passerby.core.cameras import Camera, Lens, Rig
+from passerby.core.cameras import Rig
+from support.refusals import refused
 from support.scenes.handmade_rigs import (
     CENTRE,
     LOOKING_NORTH,
     NASTY_NAMES,
-    PIXELS,
-    POINTS,
-    SIZE,
     facing,
-    largest_told_px,
     read_back,
     same_cameras,
     turned_rig,
     written,
 )
 
+
+def matrix(name, columns, data):
+    return f"{name}:\n  rows: {len(data.split(',')) // columns}\n  cols: {columns}\n  data: [{data}]\n"
+
+
+def stamped(parent, child, xyz, xyzw):
+    transform = {"translation": dict(zip("xyz", xyz, strict=True)), "rotation": dict(zip("xyzw", xyzw, strict=True))}
+    header = {"stamp": {"sec": 1700000000, "nanosec": 5}, "frame_id": parent}
+    return {"header": header, "child_frame_id": child, "transform": transform}
+
+
 # As camera_calibration writes it (ost.yaml).
-OST = """\
-image_width: 640
-image_height: 480
-camera_name: narrow_stereo
-camera_matrix:
-  rows: 3
-  cols: 3
-  data: [ 698.12,    0.     ,  319.5  ,
-            0.     ,  698.5  ,  239.5  ,
-            0.     ,    0.     ,    1.     ]
-distortion_model: plumb_bob
-distortion_coefficients:
-  rows: 1
-  cols: 5
-  data: [-0.36, 0.14, 0.0005, -1e-04, 0.]
-rectification_matrix:
-  rows: 3
-  cols: 3
-  data: [1., 0., 0.,
-         0., 1., 0.,
-         0., 0., 1.]
-projection_matrix:
-  rows: 3
-  cols: 4
-  data: [650.0,    0.     ,  318.0  ,    0.     ,
-            0.     ,  670.0  ,  240.0  ,    0.     ,
-            0.     ,    0.     ,    1.     ,    0.     ]
-"""
+OST = (
+    "image_width: 640\nimage_height: 480\ncamera_name: narrow_stereo\n"
+    + matrix("camera_matrix", 3, "698.12, 0.     , 319.5, 0., 698.5, 239.5,\n   0., 0., 1.     ")
+    + "distortion_model: plumb_bob\n"
+    + matrix("distortion_coefficients", 5, "-0.36, 0.14, 0.0005, -1e-04, 0.")
+    + matrix("rectification_matrix", 3, "1., 0., 0., 0., 1., 0., 0., 0., 1.")
+    + matrix("projection_matrix", 4, "650.0, 0., 318.0, 0., 0., 670.0, 240.0, 0., 0., 0., 1., 0.")
+)
 # As `ros2 topic echo --once /tf_static` prints it: the camera's body in the world, the optical frame in the body (REP 103).
-ECHOED = """\
-transforms:
-- header:
-    stamp:
-      sec: 1700000000
-      nanosec: 5
-    frame_id: map
-  child_frame_id: narrow_stereo_link
-  transform:
-    translation:
-      x: 4.0
-      y: -3.0
-      z: 2.5
-    rotation:
-      x: 0.0
-      y: 0.0
-      z: 0.7071067811865476
-      w: 0.7071067811865476
-- header:
-    stamp:
-      sec: 1700000000
-      nanosec: 5
-    frame_id: narrow_stereo_link
-  child_frame_id: narrow_stereo_optical_frame
-  transform:
-    translation:
-      x: 0.0
-      y: 0.0
-      z: 0.0
-    rotation:
-      x: -0.5
-      y: 0.5
-      z: -0.5
-      w: 0.5
----
-"""
+BODY = stamped("map", "narrow_stereo_link", CENTRE, (0.0, 0.0, 0.5**0.5, 0.5**0.5))
+OPTICAL = stamped("narrow_stereo_link", "narrow_stereo_optical_frame", (0.0, 0.0, 0.0), (-0.5, 0.5, -0.5, 0.5))
+ECHOED = yaml.safe_dump({"transforms": [BODY, OPTICAL]}, sort_keys=False) + "---\n"
 
 
 def info(path, name):
@@ -134,22 +89,6 @@ def test_a_camera_at_a_known_place(tmp_path, monkeypatch):
     np.testing.assert_allclose([float(told[f"--q{axis}"]) for axis in "xyzw"], [-half, 0, 0, half], atol=1e-12)
 
 
-def test_ros_projects_points_of_the_world(tmp_path):
-    """tf2 takes the point into the optical frame by the inverse of the transform, image_geometry projects it by P."""
-    written("ros", Rig((facing(),)), tmp_path)
-    (transform,) = yaml.safe_load((tmp_path / "static_transforms.yaml").read_text())["transforms"]
-    x, y, z, w = (transform["transform"]["rotation"][axis] for axis in "xyzw")
-    rotation = np.array([
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ])  # fmt: skip
-    optical = (POINTS - [transform["transform"]["translation"][axis] for axis in "xyz"]) @ rotation
-    P = np.reshape(info(tmp_path, "north")["projection_matrix"]["data"], (3, 4))
-    seen = np.column_stack([optical, np.ones(3)]) @ P.T
-    np.testing.assert_allclose(seen[:, :2] / seen[:, 2:], PIXELS, atol=1e-9)
-
-
 def test_files_of_ros(tmp_path):
     (tmp_path / "camera_info").mkdir()
     (tmp_path / "camera_info/narrow_stereo.yaml").write_text(OST)
@@ -172,10 +111,9 @@ def test_one_camera_info_is_a_lens(tmp_path):
         assert rig["narrow_stereo"].pose is None
 
 
-def test_names_are_kept_and_valid(tmp_path, monkeypatch):
+def test_names_of_files_frames_and_nodes_are_valid(tmp_path, monkeypatch):
     rig = turned_rig(NASTY_NAMES)
-    assert written("ros", rig, tmp_path) == ()
-    assert same_cameras(rig, read_back("ros", tmp_path)[0])
+    written("ros", rig, tmp_path)
     names = [path.stem for path in (tmp_path / "camera_info").iterdir()]
     assert len({name.lower() for name in names}) == len(rig)
     assert all(re.fullmatch("[A-Za-z][A-Za-z0-9_]*", name) for name in names)
@@ -199,22 +137,6 @@ def test_lens_models(tmp_path, coefficients, fisheye, model, count):
     assert same_cameras(rig, read_back("ros", tmp_path)[0])
 
 
-def test_a_thin_prism_is_a_loss(tmp_path):
-    rig = Rig((facing(distortions=(-0.1, 0.02, 0, 0, 0, 0, 0, 0, 0.01, 0, 0, 0)),))
-    with pytest.raises(InputError, match=r"camera north: its lens .*9 distortion coefficients.* px off"):
-        written("ros", rig, tmp_path)
-    told = written("ros", rig, tmp_path, lossy=True)
-    assert same_cameras(rig, read_back("ros", tmp_path)[0], at_most_px=largest_told_px(told))
-
-
-def test_a_camera_without_a_pose_is_kept_as_a_lens(tmp_path):
-    rig = Rig((facing("a"), Camera("b", Lens(SIZE, facing().lens.matrix, np.zeros(0)))))
-    assert written("ros", rig, tmp_path) == ()
-    back, _ = read_back("ros", tmp_path)
-    assert back["a"].pose is not None
-    assert back["b"].pose is None
-
-
 @pytest.mark.parametrize(
     ("info_change", "transforms_change", "match"),
     [
@@ -233,9 +155,8 @@ def test_a_camera_without_a_pose_is_kept_as_a_lens(tmp_path):
 def test_bad_files(tmp_path, info_change, transforms_change, match):
     (tmp_path / "ost.yaml").write_text(OST.replace(*info_change) if info_change else OST)
     (tmp_path / "static_transforms.yaml").write_text(ECHOED.replace(*transforms_change) if transforms_change else ECHOED)
-    with pytest.raises(InputError, match=match) as error:
+    with refused(match, tmp_path):
         read_back("ros", tmp_path)
-    assert str(error.value).startswith(str(tmp_path))
 
 
 def test_cameras_below_different_roots(tmp_path):
@@ -254,9 +175,4 @@ def test_lenses_and_names_that_no_rig_has(tmp_path):
         read_back("ros", tmp_path)
     (tmp_path / "b.yaml").write_text(OST.replace("698.12", "-698.12"))
     with pytest.raises(InputError, match=f"^{tmp_path}/b.yaml: .*focal lengths above 0"):
-        read_back("ros", tmp_path)
-
-
-def test_an_empty_folder(tmp_path):
-    with pytest.raises(InputError, match="holds no camera_info"):
         read_back("ros", tmp_path)

@@ -28,6 +28,13 @@ def facing(name="north", centre=CENTRE, distortions=(), fisheye=False, matrix=MA
     )
 
 
+def looking_down(name="down", **lens):
+    """A camera that sees the ground: 30 degrees below the horizon."""
+    sine, cosine = 0.5, 0.75**0.5
+    R_cw = np.array([[1, 0, 0], [0, -sine, -cosine], [0, cosine, -sine]])
+    return Camera(name, facing(**lens).lens, Pose.from_centre(R_cw, CENTRE))
+
+
 def turned_rig(names, lenses=None, seed=5):
     """Cameras at random places, turned at random."""
     rng = np.random.default_rng(seed)
