@@ -18,6 +18,7 @@ from passerby.calibration import calibrate as pipeline
 from passerby.calibration.calibration import Calibration
 from passerby.calibration.prediction import HARMFUL_SHARE, LEAST_ODDS, worst_part
 from passerby.core.cameras import Rig
+from passerby.core.figures import adjusted
 from passerby.simulation import SimulationOptions, simulate
 from reliability.hostile import HOSTILE, LATER
 from reliability.judging import calibrated, errors_of
@@ -57,7 +58,9 @@ def measure(case: tuple[str, int]) -> dict[str, Any]:
     cameras = np.unique(np.append(outcomes.by, outcomes.within)).tolist()
     largest = []
     for share in TRIED:
-        every = [worst_part(outcomes, camera, len(cameras), share, found.figures.noise) for camera in (None, *cameras)]
+        every = [
+            worst_part(outcomes, camera, len(cameras), share, adjusted(found.figures).noise) for camera in (None, *cameras)
+        ]
         largest.append(max(one.log_odds for one in every if one is not None))
     return {"wrong": any(one.wrong for one in errors), "log_odds": largest}
 

@@ -87,7 +87,7 @@ class Outcomes(Columns):
         """
         if noise is None:
             return np.full(len(self), NEAR[1])
-        return np.clip(AGREE_SIGMAS * np.sqrt(2) * np.hypot(noise.box_px / self.height_px, noise.centre), *NEAR)
+        return np.asarray(np.clip(AGREE_SIGMAS * np.sqrt(2) * np.hypot(noise.box_px / self.height_px, noise.centre), *NEAR))
 
 
 def predict_people(rig: Rig, observations: Observations, unrecorded: Mapping[str, Ints]) -> Outcomes:
