@@ -56,11 +56,9 @@ def measure(case: tuple[str, int]) -> dict[str, Any]:
         return {}
     outcomes = predicted[-1]
     cameras = np.unique(np.append(outcomes.by, outcomes.within)).tolist()
-    largest = []
+    largest, noise = [], adjusted(found.figures).noise
     for share in TRIED:
-        every = [
-            worst_part(outcomes, camera, len(cameras), share, adjusted(found.figures).noise) for camera in (None, *cameras)
-        ]
+        every = [worst_part(outcomes, camera, len(cameras), share, noise) for camera in (None, *cameras)]
         largest.append(max(one.log_odds for one in every if one is not None))
     return {"wrong": any(one.wrong for one in errors), "log_odds": largest}
 
