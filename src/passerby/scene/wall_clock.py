@@ -12,8 +12,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, date, datetime, time
 from itertools import combinations
+from typing import TYPE_CHECKING
 
-from passerby.association.clocks.starts import CREATION_TIME, MEASURED_SIGMAS, TIMECODE, MeasuredStart
 from passerby.common.errors import InputError
 from passerby.findings.finding import Finding, notice
 from passerby.perception.sources.files import VideoSource, WallSpan
@@ -22,6 +22,9 @@ from passerby.perception.video_camera import DAY_S
 from passerby.perception.video_probe import WallTime
 from passerby.scene.camera_input import CameraInput
 from passerby.scene.scene import Scene
+
+if TYPE_CHECKING:
+    from passerby.association.clocks.starts import MeasuredStart
 
 LEAST_OVERLAP = 0.2
 """Of the shorter of two recordings. People who are in both views for less of it are few; as for videos that are cut short."""
@@ -186,6 +189,12 @@ class _Recording:
 
 def measure_by_file_clocks(scene: Scene, readings: Sequence[CameraInput]) -> tuple[MeasuredStart, ...]:
     """The differences of two recordings' starts by their files' clocks; none where the ordinary search covers them all."""
+    from passerby.association.clocks.starts import (
+        CREATION_TIME,
+        MEASURED_SIGMAS,
+        MeasuredStart,
+    )  # loads SciPy, which the page's first pictures do not need
+
     search_s = scene.association.search_s
     measured = []
     for kind, begins in _clocks(scene, readings):
@@ -233,6 +242,11 @@ def _are_alike(one: Mapping[str, float], other: Mapping[str, float], within_s: f
 
 def _clocks(scene: Scene, readings: Sequence[CameraInput]) -> list[tuple[str, dict[str, _Recording]]]:
     """By kind of clock, the recordings of two cameras or more that state it; those on a wall clock by their names do not."""
+    from passerby.association.clocks.starts import (
+        CREATION_TIME,
+        TIMECODE,
+    )  # loads SciPy, which the page's first pictures do not need
+
     videos = {
         reading.name: reading.video
         for reading in readings
@@ -255,6 +269,8 @@ def _length(recording: _Recording) -> float:
 
 def _measure_delay(begins: Mapping[str, _Recording], pair: tuple[str, str], kind: str) -> float:
     """How much later the second recording begins, seconds; by timecodes, which begin anew each day, at most half a day."""
+    from passerby.association.clocks.starts import TIMECODE  # loads SciPy, which the page's first pictures do not need
+
     later = begins[pair[1]].begin_s - begins[pair[0]].begin_s
     return (later + DAY_S / 2) % DAY_S - DAY_S / 2 if kind == TIMECODE else later
 
