@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from passerby.common.arrays import Columns, Floats, Ints
 from passerby.geometry.groups import group_sums
@@ -250,4 +249,6 @@ def pose_jacobian(by_d: Floats, d: Floats, R: Floats) -> tuple[Floats, Floats]:
 
 def retract_poses(R: Floats, centre: Floats, step: Floats) -> tuple[Floats, Floats]:
     """Move poses (C, 3, 3), (C, 3) by (C, 6): rotation vectors in the cameras' frames, then centres."""
+    from scipy.spatial.transform import Rotation  # a quarter of a second, which reading a scene does without
+
     return Rotation.from_rotvec(step[:, :3]).as_matrix() @ R, centre + step[:, 3:6]
