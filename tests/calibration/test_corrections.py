@@ -17,6 +17,7 @@ from passerby.calibration.run import CalibrationRun, Correction, Corrections, Es
 from passerby.core.cameras import Rig
 from passerby.core.observations import Observations
 from passerby.core.solution import Solution
+from passerby.findings.finding import notice
 from passerby.scene.inputs import SceneInputs
 from passerby.scene.scene import Scene
 from passerby.solver.people import PeopleOptions
@@ -48,16 +49,16 @@ def corrected(
     estimates: list[str] = []
 
     def estimate(run: CalibrationRun, inputs: SceneInputs) -> Estimate:
-        letters = "".join(inputs.findings)  # type: ignore[arg-type]
+        letters = "".join(one.code for one in inputs.findings)
         estimates.append(letters)
         return Estimate(Solution(letters, inputs.rig, "accepted"), Association(NOBODY, NOBODY, {}))
 
     def correct(letter: str, inputs: SceneInputs, estimated: Estimate) -> SceneInputs | None:
-        letters = "".join(inputs.findings)  # type: ignore[arg-type]
+        letters = "".join(one.code for one in inputs.findings)
         assert estimated.solution.method == letters, "the estimate is of these inputs"
         if letters.count(letter) >= faults.get(letter, 0):
             return None
-        return replace(inputs, findings=(*inputs.findings, letter))  # type: ignore[arg-type]
+        return replace(inputs, findings=(*inputs.findings, notice(letter)))
 
     def looking(letter: str, kind: Any, *rest: Any) -> Any:
         def look(*args: Any) -> Correction | None:
