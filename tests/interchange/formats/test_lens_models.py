@@ -9,7 +9,6 @@ import pytest
 from passerby.common.errors import InputError
 from passerby.core.cameras import Camera, Lens
 from passerby.interchange.formats import lens_models as lm
-from passerby.interchange.formats import lens_models as lr
 from passerby.interchange.formats.format import Losses
 from support.tiers import thinned
 
@@ -78,12 +77,12 @@ def test_unequal_focal_lengths_and_a_middle_elsewhere_are_no_small_thing():
 
 def fine_error(lens, other):
     """Over four times as many pixels across and down as fits are judged on."""
-    across, down = (np.linspace(-0.5, length - 0.5, 4 * n) for length, n in zip(SIZE, lr.GRID, strict=True))
+    across, down = (np.linspace(-0.5, length - 0.5, 4 * n) for length, n in zip(SIZE, lm.GRID, strict=True))
     pixels = np.stack(np.meshgrid(across, down), axis=-1).reshape(-1, 2)
     rays = lens.bearings(pixels)
     known = np.isfinite(rays).all(axis=1)
     if not other.fisheye:
-        known &= rays[:, 2] >= np.cos(np.radians(lr.WIDEST_PINHOLE_DEG))
+        known &= rays[:, 2] >= np.cos(np.radians(lm.WIDEST_PINHOLE_DEG))
     return np.linalg.norm(other.project_rays(rays[known]) - lens.project_rays(rays[known]), axis=1).max()
 
 
@@ -129,10 +128,27 @@ def test_derivatives_are_those_of_differences(model):
 
 
 def test_a_rational_model_that_divides_by_zero_in_the_picture_is_no_fit():
-    rays = lr.Rays.of(lens_with())
+    rays = lm.Rays.of(lens_with())
     assert lm._has_pole(lens_with(0.0, 0, 0, 0, 0, -4.0, 0, 0), rays)
     assert not lm._has_pole(lens_with(0.0, 0, 0, 0, 0, -0.5, 0, 0), rays)
     assert not lm._has_pole(lens_with(*RATIONAL), rays)
+
+
+def test_a_fit_that_fails_is_no_lens(monkeypatch):
+    """Another model is tried then, or the caller reports the error."""
+
+    def broken(*arguments, **named):
+        raise np.linalg.LinAlgError("SVD did not converge")
+
+    rays = lm.Rays.of(lens_with(*RATIONAL))
+    assert lm.fit_lens_model(rays, lm.RADTAN_5, lens_with()) is not None
+    monkeypatch.setattr(lm, "least_squares", broken)
+    assert lm.fit_lens_model(rays, lm.RADTAN_5, lens_with()) is None
+
+
+@pytest.mark.parametrize(("pixels", "told"), [(0.0123, "0.013"), (1.0, "1.1"), (123.4, "130"), (9.85, "10"), (0, "1e-09")])
+def test_errors_are_rounded_up(pixels, told):
+    assert lm._round_up(pixels) == told
 
 
 def test_a_lens_without_any_ray_is_an_error():
