@@ -406,7 +406,7 @@ def test_few_people_are_all_learnt_from(tmp_path):
     split = course(read_all([coloured_people(tmp_path / "court", people=10, searched=0)], tmp_path), options(hold_out=0.5))
     assert len(split.learnt.people) == 10
     assert not len(split.query)
-    assert split.validated_on.startswith("nobody")
+    assert split.validated_on.startswith("no person")
 
 
 def test_fine_tuning_is_gentler(whole, tmp_path):
