@@ -20,7 +20,7 @@ from threadpoolctl import threadpool_limits
 from passerby.association.associate import Tracklets
 from passerby.association.camera_tracklets import CameraTracklets, build_camera_tracklets
 from passerby.association.initial_association import associate_by_ground_tracks
-from passerby.common.parallel import local_processes
+from passerby.common.parallel import open_local_processes
 from passerby.core.observations import Boxes, CameraObservations, Observations
 from passerby.scene.inputs import SceneInputs, read_inputs
 from passerby.scene.scene import Scene
@@ -62,7 +62,7 @@ def registered(cameras: list[CameraTracklets], search_s: float) -> tuple[float, 
     tracklets = Tracklets.of(cameras)
     began = time.perf_counter()
     # As of a recording so long that processes pay.
-    with local_processes(sys.maxsize, len(cameras)) as executor:
+    with open_local_processes(sys.maxsize, len(cameras)) as executor:
         initial = associate_by_ground_tracks(cameras, tracklets, search_s, {}, executor)
         seconds = time.perf_counter() - began
     return seconds, len([edge for edge in initial.graph.edges if edge.used]) if initial.graph else 0

@@ -32,7 +32,7 @@ from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 from typer.models import ArgumentInfo, OptionInfo
 
-from passerby.cli.commands.formats import as_markdown
+from passerby.cli.commands.formats import write_markdown
 from passerby.cli.main import app
 from passerby.findings.finding import Finding
 from passerby.findings.texts import KINDS, text_of
@@ -426,7 +426,7 @@ def _quoted(sentences: Sequence[str]) -> str:
 def formats_page() -> str:
     """Every format of other tools, as `passerby formats --markdown` prints them."""
     about = "`passerby formats` prints the same. [Formats of other tools](../formats.md) explains conventions and losses."
-    return "\n\n".join(["# Every format", WRITTEN, about, as_markdown(list(all_formats()))])
+    return "\n\n".join(["# Every format", WRITTEN, about, write_markdown(list(all_formats()))])
 
 
 COMMITTED = "scene-file.md"

@@ -33,7 +33,7 @@ def benchmark(
     from paper.plots import check_plots
     from paper.wanted import Wanted
     from passerby.cli.terminal import stages
-    from passerby.common.parallel import local_processes
+    from passerby.common.parallel import open_local_processes
     from passerby.interchange.storage.atomic import make_folder
 
     if list_parts:
@@ -44,7 +44,7 @@ def benchmark(
     check_plots()
     make_folder(out)
     wanted = Wanted(quick, seeds, data, scenes, out / KEPT)
-    with stages() as tell, local_processes(MUCH_WORK_BYTES, 0) as executor:
+    with stages() as tell, open_local_processes(MUCH_WORK_BYTES, 0) as executor:
         for name, part in chosen.items():
             found = part.load()(wanted, executor, tell)
             publish(name, name, found, out, _command(name, wanted.quick, wanted.seeds, data is not None), quick=wanted.quick)

@@ -27,7 +27,7 @@ from passerby.common.progress import Progress
 from passerby.evaluation.metrics import Comparison, compare
 from passerby.scene.scene import Scene
 from passerby.simulation import SimulatedScene, SimulationOptions, simulate, write_scene
-from passerby.simulation.scene import Filmed, film, without_faults
+from passerby.simulation.scene import Filmed, film, remove_faults
 
 FAILED = float("inf")
 """Stands for an error that is undefined, so that no mean and no median hides a failure."""
@@ -113,7 +113,7 @@ def run_conditions(
     """
     jobs: dict[SimulationOptions, list[Condition]] = {}
     for condition in dict.fromkeys(conditions):
-        jobs.setdefault(without_faults(condition.options), []).append(condition)
+        jobs.setdefault(remove_faults(condition.options), []).append(condition)
     # The longest first, so that no process works on alone in the end.
     ordered = sorted(jobs.values(), key=_effort, reverse=True)
     found = side_by_side(_run_job, [_Job(tuple(alike), kept) for alike in ordered], executor, tell, stage)

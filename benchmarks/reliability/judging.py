@@ -22,7 +22,7 @@ from passerby.common.arrays import Floats
 from passerby.common.errors import InputError
 from passerby.core.cameras import Pose, Rig
 from passerby.core.figures import adjusted
-from passerby.core.measuring import MeasuringErrors, measured_change, measuring_errors
+from passerby.core.measuring import MeasuringErrors, measure_change, measuring_errors
 from passerby.evaluation.metrics import compare
 from passerby.geometry.rotations import angle_between
 from reliability.staging import HandedIn
@@ -115,7 +115,7 @@ def errors_of(rig: Rig, truth: Rig, scale_sd: float | None = None, places: Float
 
 
 def _measured(posed: Rig, truth: Rig, places: Floats | None) -> MeasuringErrors | None:
-    return measuring_errors(posed, truth) if places is None else measured_change(truth, posed, places)
+    return measuring_errors(posed, truth) if places is None else measure_change(truth, posed, places)
 
 
 def _pose(rig: Rig, name: str) -> Pose:

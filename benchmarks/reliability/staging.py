@@ -18,7 +18,7 @@ from passerby.simulation.body import BodyState, pose_joints, stride_length
 from passerby.simulation.lenses import looking_at, place_cameras
 from passerby.simulation.motion import STEP_S, Motion, simulate_motion
 from passerby.simulation.observe import View, observe_camera
-from passerby.simulation.scene import Filmed, SimulatedScene, without_faults
+from passerby.simulation.scene import Filmed, SimulatedScene, remove_faults
 
 Mask = NDArray[np.bool_]
 
@@ -141,7 +141,7 @@ def _filmed(
         if not first.all():
             parts.append(_view(after, motion, times[~first], heights, options))
         views.append(View(**{f.name: np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(View)}))
-    filmed = Filmed(without_faults(options), cameras, heights, motion, offsets, tuple(views))
+    filmed = Filmed(remove_faults(options), cameras, heights, motion, offsets, tuple(views))
     return filmed, None if later is None else moved
 
 

@@ -16,7 +16,7 @@ from passerby.calibration.calibrate import calibrate
 from passerby.calibration.lens_corrections import MOST_CORRECTIONS, LensExamination, examine_stated_lenses
 from passerby.calibration.run import Corrections, Estimate
 from passerby.core.cameras import Pose, Rig
-from passerby.core.measuring import common_ground, measured_change
+from passerby.core.measuring import find_common_ground, measure_change
 from passerby.core.observations import CameraObservations, Observations
 from passerby.hypotheses.alternatives import Alternative
 from passerby.hypotheses.lenses import FittedAlternative, FoundLenses, LensResult
@@ -141,7 +141,7 @@ def test_a_wrong_focal_length_is_corrected_and_the_rig_accepted(tmp_path: Path) 
     (notice,) = (one for one in found.diagnostics if one.code == "lens_corrected")
     assert notice.cameras == ("C2",)
     assert found.rig["C2"].lens.focal == pytest.approx(truth.rig["C2"].lens.focal, rel=0.02)
-    change = measured_change(truth.rig, found.rig, common_ground(truth.rig))
+    change = measure_change(truth.rig, found.rig, find_common_ground(truth.rig))
     assert change is not None
     assert change.points.median_mm < 25
     by_name = {one.name: one for one in found.figures.cameras}  # type: ignore[union-attr]

@@ -18,7 +18,7 @@ from passerby.calibration.calibration import Calibration, contents_of
 from passerby.cli.main import run
 from passerby.cli.terminal import number
 from passerby.core.cameras import PoseSigma, Rig
-from passerby.evaluation.metrics import stated_errors
+from passerby.evaluation.metrics import compare_stated_sigmas
 from passerby.interchange.rig_toml import read_rig, write_rig
 from passerby.monitoring.evidence import rig_covariance_of
 from passerby.report.contents import contents_from
@@ -169,7 +169,7 @@ def test_what_uses_sigmas_takes_infinite_ones_as_not_stated() -> None:
     assert angle_sd(infinite["C1"]) == angle_sd(none["C1"])
     np.testing.assert_array_equal(rig_covariance_of(infinite, "C1"), rig_covariance_of(none, "C1"))
     poses = [camera.pose for camera in none if camera.pose is not None]
-    judged = stated_errors(infinite.cameras, poses)
+    judged = compare_stated_sigmas(infinite.cameras, poses)
     assert judged is not None
     assert judged.to_dict()["position_within_1_sigma"] is None
     assert (number(np.inf), number(np.nan), number(None)) == ("unknown", "-", "-")

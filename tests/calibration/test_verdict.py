@@ -12,7 +12,7 @@ from passerby.common.arrays import Floats
 from passerby.core.cameras import Rig
 from passerby.core.observations import Boxes, CameraObservations, Keypoints, Observations
 from passerby.core.solution import Solution, Verdict
-from passerby.core.usability import with_doubts_of_missing_cameras
+from passerby.core.usability import add_missing_camera_doubts
 from passerby.findings.finding import doubt, notice, refusal
 from support.scenes.people_and_rigs import observe, ring
 
@@ -98,16 +98,16 @@ def test_each_cause_is_one_doubt_about_its_cameras() -> None:
         doubt("people_stand_still"),
         notice("clock_unknown", "C3"),
     ]
-    found = with_doubts_of_missing_cameras(lost, findings)
+    found = add_missing_camera_doubts(lost, findings)
     assert [(one.code, one.cameras, (one.values.get("why") or {}).get("code")) for one in found] == [
         ("camera_without_pose", ("C3",), "clock_unknown"),
         ("camera_without_pose", ("C2",), "cameras_share_nobody"),
         ("camera_without_pose", ("C4",), None),
         ("people_stand_still", (), None),
     ]
-    assert with_doubts_of_missing_cameras(lost, found) == found
+    assert add_missing_camera_doubts(lost, found) == found
     # A notice about cameras that have a pose is no cause, and stays.
-    assert with_doubts_of_missing_cameras(RIG, findings) == findings
+    assert add_missing_camera_doubts(RIG, findings) == findings
 
 
 def causes(solution: Solution) -> list[tuple[str, tuple[str, ...]]]:

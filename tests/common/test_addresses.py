@@ -9,7 +9,7 @@ from pydantic import ValidationError
 
 from passerby.cli.main import run
 from passerby.common.errors import EvidenceError, InputError
-from passerby.common.text import not_a_file, without_credentials
+from passerby.common.text import not_a_file, remove_credentials
 from passerby.interchange.storage.safe_parsing import FileFaults
 from passerby.scene.scene import Scene
 from passerby.scene.tables import CameraTable, SceneTable
@@ -121,16 +121,16 @@ def test_devices_and_files_by_address():
     ],
 )  # fmt: skip
 def test_paths_stay_as_they_are(text):
-    assert without_credentials(text) == text
+    assert remove_credentials(text) == text
     assert not_a_file(text) is None
     assert str(CameraTable(intrinsics="a", video=text).video) == str(Path(text))
     assert str(InputError(text)) == text
 
 
 def test_what_is_no_secret_stays():
-    assert without_credentials("see https://example.org/a?b=c: no") == "see https://example.org/a?b=c: no"
+    assert remove_credentials("see https://example.org/a?b=c: no") == "see https://example.org/a?b=c: no"
     assert SceneTable(name="from https://example.org/page").name == "from https://example.org/page"
-    assert without_credentials("a rtsp://u:p@h/x b") == "a rtsp://...@h/x b"
+    assert remove_credentials("a rtsp://u:p@h/x b") == "a rtsp://...@h/x b"
 
 
 def test_faults_and_reasons_are_kept_secret_too():

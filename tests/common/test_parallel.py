@@ -17,7 +17,7 @@ import pytest
 from passerby.association.camera_tracklets import build_tracklets
 from passerby.common import parallel
 from passerby.common.errors import InputError
-from passerby.common.parallel import local_processes, pays, side_by_side, worthwhile
+from passerby.common.parallel import open_local_processes, pays, side_by_side, worthwhile
 from passerby.core.cameras import Rig
 from passerby.core.observations import Clock
 from passerby.simulation import SimulationOptions, simulate
@@ -75,7 +75,7 @@ def test_processes_pay_where_there_is_much_to_do_and_more_than_one():
 
 
 def test_no_processes_where_they_would_not_pay():
-    with local_processes(1000, 4) as executor:
+    with open_local_processes(1000, 4) as executor:
         assert executor is None
 
 
@@ -87,9 +87,9 @@ def test_no_processes_where_the_system_allows_none(monkeypatch):
 
     monkeypatch.setattr(parallel, "pays", lambda *measure: True)
     monkeypatch.setattr(multiprocessing.synchronize.SemLock, "__init__", none)
-    with local_processes(0, 4) as executor:
+    with open_local_processes(0, 4) as executor:
         assert executor is None
-    with pytest.raises(InputError) as caught, local_processes(0, 4):
+    with pytest.raises(InputError) as caught, open_local_processes(0, 4):
         raise InputError("the work's own")
     assert caught.value.__context__ is None, "no trace of the semaphores"
 
@@ -106,7 +106,7 @@ def test_processes_prepare_cameras_bit_for_bit(monkeypatch):
         return build_tracklets(rig, truth.observations, clocks, 1.72, np.random.default_rng(3), executor)
 
     before = set(multiprocessing.active_children())
-    with local_processes(0, 4) as executor:
+    with open_local_processes(0, 4) as executor:
         assert executor is not None
         apart = prepared(executor)
         assert set(multiprocessing.active_children()) - before
@@ -121,7 +121,7 @@ def test_processes_prepare_cameras_bit_for_bit(monkeypatch):
 def test_processes_that_were_kept_for_videos_alone_do_not_begin(monkeypatch):
     monkeypatch.setattr(os, "sched_getaffinity", lambda process: {0, 1}, raising=False)
     before = set(multiprocessing.active_children())
-    with local_processes(1000, 4, n_videos=4) as executor:
+    with open_local_processes(1000, 4, n_videos=4) as executor:
         assert executor is not None
         assert worthwhile(executor, 1000, 4) is None
         assert worthwhile(executor, 1000, 40) is executor, "many pairs"
@@ -137,7 +137,7 @@ def test_a_process_that_is_killed_from_outside_is_told(monkeypatch):
     monkeypatch.setattr(parallel, "pays", lambda *measure: True)
     with (
         pytest.raises(InputError, match="was killed by the system, usually because memory ran out: close other programs"),
-        local_processes(0, 4) as executor,
+        open_local_processes(0, 4) as executor,
     ):
         executor.submit(os._exit, 9).result()
 
@@ -148,7 +148,7 @@ def test_a_pool_that_breaks_reports_nothing_else(monkeypatch):
     usual, before, unhandled = Future.set_exception, set(threading.enumerate()), []
     monkeypatch.setattr(Future, "set_exception", lambda *given: (usual(*given), time.sleep(0.1)))
     monkeypatch.setattr(threading, "excepthook", unhandled.append)
-    with pytest.raises(InputError, match="was killed by the system"), local_processes(0, 4) as executor:
+    with pytest.raises(InputError, match="was killed by the system"), open_local_processes(0, 4) as executor:
         side_by_side(os._exit, [9] * 4, executor, lambda *part: None, "jobs")
     for thread in set(threading.enumerate()) - before:
         thread.join(60)  # one that failed may leave another behind that waits for ever

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from passerby.common.errors import InputError
 from passerby.core.observations import Boxes, CameraObservations, Clock, Keypoints, Observations
-from passerby.core.synchronisation import TimeSteps, common_time_steps, resample_to_common_steps
+from passerby.core.synchronisation import TimeSteps, find_common_time_steps, resample_to_common_steps
 
 SPEED = np.array([35.0, -12.0, 3.0, 8.0])
 """How the walker's box changes, pixels a second."""
@@ -91,13 +91,13 @@ def test_the_grid_is_the_usual_rate_and_the_busiest_camera_of_it() -> None:
     boxes["B"] = walker(clocks["B"], np.arange(1, 400))
     boxes["E"] = Boxes.empty()
     seen = Observations({name: CameraObservations(rows) for name, rows in boxes.items()})
-    assert common_time_steps(seen, clocks) == TimeSteps(clocks["B"])
-    assert common_time_steps(seen, clocks).clock == clocks["B"]
+    assert find_common_time_steps(seen, clocks) == TimeSteps(clocks["B"])
+    assert find_common_time_steps(seen, clocks).clock == clocks["B"]
     found = resample_to_common_steps(seen, clocks)
     np.testing.assert_array_equal(found["B"].boxes.ltwh, boxes["B"].ltwh)
     assert len(found["C"].boxes) == len(boxes["C"])  # each sample at its nearest instant, but none turned into many
     # Of rates that are equally usual the slower.
-    assert common_time_steps(seen, {**clocks, "A": Clock(1.0)}).clock.fps == 1.0
+    assert find_common_time_steps(seen, {**clocks, "A": Clock(1.0)}).clock.fps == 1.0
 
 
 @settings(max_examples=80, deadline=None)
@@ -129,7 +129,7 @@ def test_cameras_sampled_at_every_nth_frame_meet_at_the_samples(
 def test_samples_whole_steps_apart_keep_every_bit_and_are_counted_by_the_step() -> None:
     clocks = {"A": Clock(30.0), "B": Clock(30.0, -0.2), "C": Clock(30.0, 0.6)}
     boxes = {name: walker(clock, np.arange(3, 300, 6)) for name, clock in clocks.items()}
-    steps = common_time_steps(Observations({name: CameraObservations(rows) for name, rows in boxes.items()}), clocks)
+    steps = find_common_time_steps(Observations({name: CameraObservations(rows) for name, rows in boxes.items()}), clocks)
     assert steps == TimeSteps(clocks["A"], 6, 3)
     np.testing.assert_array_equal(steps.frames(np.array([1, 2, 10])), [3, 9, 57])
     found = brought(clocks, boxes)
@@ -149,7 +149,7 @@ def test_people_marked_in_the_same_frames_of_all_cameras_keep_every_bit(frames: 
     own = {"A": frames, "B": frames[1:-2], "C": np.delete(frames, 3) - 10}
     boxes = {name: walker(clock, own[name]) for name, clock in clocks.items()}
     seen = Observations({name: CameraObservations(rows) for name, rows in boxes.items()})
-    assert common_time_steps(seen, clocks) == TimeSteps(clocks["A"])
+    assert find_common_time_steps(seen, clocks) == TimeSteps(clocks["A"])
     found = resample_to_common_steps(seen, clocks)
     for name in clocks:
         np.testing.assert_array_equal(found[name].boxes.ltwh, boxes[name].ltwh)
@@ -161,7 +161,7 @@ def test_frames_that_only_some_cameras_share_are_brought_together() -> None:
     frames = np.linspace(1, 400, 60).round().astype(np.int64)
     boxes = {name: walker(clock, frames + shift) for (name, clock), shift in zip(clocks.items(), (0, 0, 3), strict=True)}
     assert_true_everywhere(brought(clocks, boxes))
-    steps = common_time_steps(Observations({name: CameraObservations(rows) for name, rows in boxes.items()}), clocks)
+    steps = find_common_time_steps(Observations({name: CameraObservations(rows) for name, rows in boxes.items()}), clocks)
     assert steps.every > 1
 
 
@@ -169,7 +169,7 @@ def test_every_second_sample_shared_leaves_the_slower_rate() -> None:
     clocks = {"A": Clock(30.0), "B": Clock(30.0)}
     boxes = {"A": walker(clocks["A"], np.arange(1, 600, 6)), "B": walker(clocks["B"], np.arange(1, 600, 3))}
     seen = Observations({name: CameraObservations(rows) for name, rows in boxes.items()})
-    assert common_time_steps(seen, clocks) == TimeSteps(clocks["A"], 6, 1)
+    assert find_common_time_steps(seen, clocks) == TimeSteps(clocks["A"], 6, 1)
 
 
 def test_pictures_at_uneven_times_meet_at_most_steps() -> None:
@@ -188,7 +188,7 @@ def test_few_samples_between_others_do_not_make_a_camera_fast() -> None:
     frames = np.unique(np.concatenate([np.arange(1, 600, 6), [10, 11, 300]]))
     boxes = {"A": walker(clocks["A"], frames), "B": walker(clocks["B"], np.arange(1, 600, 6))}
     seen = Observations({name: CameraObservations(rows) for name, rows in boxes.items()})
-    assert common_time_steps(seen, clocks).every == 6
+    assert find_common_time_steps(seen, clocks).every == 6
     found = brought(clocks, boxes)
     assert_true_everywhere(found)
     assert len(found["A"].boxes) == 100

@@ -11,7 +11,7 @@ import pytest
 
 from passerby.cli.main import run
 from passerby.core.cameras import Camera, Pose, Rig
-from passerby.core.measuring import common_ground, measuring_errors
+from passerby.core.measuring import find_common_ground, measuring_errors
 from passerby.core.observations import Boxes
 from passerby.evaluation.metrics import compare
 from passerby.geometry.rotations import exp_rotation
@@ -84,7 +84,7 @@ def test_without_two_cameras_or_a_common_ground_nothing_is_measured(made: Simula
     alone = Rig((made.rig.cameras[0],))
     assert measuring_errors(alone, made.rig) is None
     below = made.rig.moved(np.eye(3), np.array([0.0, 0.0, -50.0]))
-    assert len(common_ground(below)) == 0
+    assert len(find_common_ground(below)) == 0
     assert measuring_errors(made.rig, below) is None
 
 

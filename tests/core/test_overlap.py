@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from passerby.core.observations import Boxes, CameraObservations, Observations
-from passerby.core.overlap import Shared, connected_groups, count_shared_observations, person_instants
+from passerby.core.overlap import Shared, count_shared_observations, find_connected_groups, person_instants
 
 
 def crowd(cameras: int, rows: int, rng: np.random.Generator) -> Observations:
@@ -29,7 +29,7 @@ def test_shared_people_and_sightings_are_as_defined() -> None:
         for second, shared in others.items():
             common = rows[first] & rows[second]
             assert shared == Shared(len({who for _, who in common}), len(common))
-    assert connected_groups(found) == [["C0", "C2", "C4", "C6"], ["C1", "C3", "C5"]]
+    assert find_connected_groups(found) == [["C0", "C2", "C4", "C6"], ["C1", "C3", "C5"]]
 
 
 def test_cameras_that_saw_nobody_share_nothing() -> None:

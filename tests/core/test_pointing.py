@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from passerby.core.observations import Boxes, CameraObservations, Keypoints
-from passerby.core.pointing import find_pointed, nearest_frame, people_in_frame
+from passerby.core.pointing import find_nearest_frame, find_pointed, people_in_frame
 from passerby.core.scale_cues import PersonHeight, combine_heights
 
 NEAR, FAR, ALONE = [100.0, 100.0, 80.0, 200.0], [140.0, 90.0, 40.0, 100.0], [400.0, 50.0, 50.0, 120.0]
@@ -50,14 +50,14 @@ def test_the_nearest_frame_with_people():
     frames = np.array([1, 6, 11, 16, 60])
     boxes = Boxes(frames, np.zeros(5), np.tile(NEAR, (5, 1)), np.ones(5))
     camera = CameraObservations(boxes)
-    assert nearest_frame(camera, 8.0, 25.0) == 6
-    assert nearest_frame(camera, 9.0, 25.0) == 11
-    assert nearest_frame(camera, 35.0, 25.0) is None
-    assert nearest_frame(camera, 65.0, None) == 60
-    assert nearest_frame(camera, 66.0, None) is None
-    assert nearest_frame(camera, 66.0, 25.0) == 60  # a quarter of a second is 6.25 frames
-    assert nearest_frame(camera, float("nan"), 25.0) is None
-    assert nearest_frame(CameraObservations(), 1.0, 25.0) is None
+    assert find_nearest_frame(camera, 8.0, 25.0) == 6
+    assert find_nearest_frame(camera, 9.0, 25.0) == 11
+    assert find_nearest_frame(camera, 35.0, 25.0) is None
+    assert find_nearest_frame(camera, 65.0, None) == 60
+    assert find_nearest_frame(camera, 66.0, None) is None
+    assert find_nearest_frame(camera, 66.0, 25.0) == 60  # a quarter of a second is 6.25 frames
+    assert find_nearest_frame(camera, float("nan"), 25.0) is None
+    assert find_nearest_frame(CameraObservations(), 1.0, 25.0) is None
 
 
 def test_heights_of_one_person_are_combined():

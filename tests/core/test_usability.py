@@ -14,9 +14,9 @@ from passerby.core.usability import (
     ON_GROUND,
     USABLE_M,
     USABLE_SCALE,
+    add_uncertainty_doubts,
     doubts_of_uncertainty,
-    usable_m,
-    with_doubts_of_uncertainty,
+    find_usable_m,
 )
 from passerby.findings.finding import Finding, notice
 from passerby.findings.texts import text_of
@@ -70,14 +70,14 @@ def test_a_camera_that_sees_no_shared_place_counts_by_its_position() -> None:
 @pytest.mark.parametrize(("factor", "usable"), [(0.5, 0.05), (4.0, USABLE_M), (40.0, 0.005)])
 def test_how_well_points_have_to_be_known_goes_by_the_size_of_the_rig(factor: float, usable: float) -> None:
     """A share of the extent in small and in large rigs, and metres between them."""
-    limit = usable_m(rig(factor))
+    limit = find_usable_m(rig(factor))
     extent = float(np.max(np.linalg.norm(factor * (CENTRES - CENTRES.mean(axis=0)), axis=1))) + 1.0
     assert limit == pytest.approx(usable if usable == USABLE_M else usable * extent)
 
 
 @pytest.mark.parametrize("reach", [None, 0.5, 1.0, 8.0])
 def test_the_height_of_the_ground_counts_not_how_flat_a_camera_looks(reach: float | None) -> None:
-    limit = ON_GROUND * max(usable_m(rig()), USABLE_M) * max(reach or 1.0, 1.0)
+    limit = ON_GROUND * max(find_usable_m(rig()), USABLE_M) * max(reach or 1.0, 1.0)
     for ground_m, count in ((0.9 * limit, 0), (1.1 * limit, 3)):
         own = measuring(0.01, 0.01, 0.01, ground_m=ground_m)
         own = replace(own, cameras={name: replace(one, reach=reach) for name, one in own.cameras.items()})
@@ -132,12 +132,12 @@ def test_beside_these_the_sigmas_say_too_little(why: Finding, text: str) -> None
 def test_a_doubt_says_why_and_the_notice_is_not_said_twice() -> None:
     uneven, few = notice("ground_uneven", rise_m=0.4, at=None), notice("few_observations", "C2", agreeing=12)
     vague = figures(measuring(0.01, 1.0, 0.01))
-    found = with_doubts_of_uncertainty(rig(), vague, [uneven, few])
+    found = add_uncertainty_doubts(rig(), vague, [uneven, few])
     assert [one.code for one in found] == ["ground_uneven", "rig_uncertain"]
     assert found[-1].values["why"]["code"] == "few_observations"
     assert "12 supporting" in text_of(found[-1])
     # A notice of another camera explains nothing of this one.
-    found = with_doubts_of_uncertainty(rig(), vague, [notice("few_observations", "C1", agreeing=12)])
+    found = add_uncertainty_doubts(rig(), vague, [notice("few_observations", "C1", agreeing=12)])
     assert found[-1].values["why"] is None
     # Said again with other figures, it is not said twice.
-    assert with_doubts_of_uncertainty(rig(), vague, found) == found
+    assert add_uncertainty_doubts(rig(), vague, found) == found

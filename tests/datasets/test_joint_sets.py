@@ -14,7 +14,7 @@ from passerby.core.cameras import Camera, Lens, Pose, Rig
 from passerby.core.observations import BODY_17
 from passerby.datasets import read_published
 from passerby.datasets.published import Published
-from passerby.datasets.skeletons import Skeletons, projected
+from passerby.datasets.skeletons import Skeletons, project_joints
 from passerby.datasets.tum import JOINTS
 from support.datasets.joints import FIRST, People, write_panoptic, write_tum
 from support.refusals import refused
@@ -135,7 +135,7 @@ def test_a_lens_does_not_fold_people_into_its_picture() -> None:
     xyz = np.array([[[0.0, 0.0, 5.0], [10.0, 0.0, 5.0]]])
     assert ((camera.project(xyz[0]) > 0) & (camera.project(xyz[0]) < lens.size)).all()
     people = Skeletons(np.array([1]), np.array([1]), xyz, np.ones((1, 2)), ("nose", "neck"))
-    seen = projected(Rig((camera,)), people, "here")["A"]
+    seen = project_joints(Rig((camera,)), people, "here")["A"]
     assert seen.score.tolist() == [[1.0, 0.0]]
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from passerby.core.cameras import Camera, Rig
-from passerby.datasets.annotations import with_identities_of
+from passerby.datasets.annotations import match_identities
 from passerby.datasets.published import GroundTruth
 from support.datasets import tsai as tsai_sets
 
@@ -18,7 +18,7 @@ def annotated():
 
 def test_positions_get_the_numbers_of_the_boxes():
     boxes, rig, ground = annotated()
-    found, notes = with_identities_of(boxes, rig, ground)
+    found, notes = match_identities(boxes, rig, ground)
     assert np.array_equal(found.identity, 101 - ground.identity)
     assert np.array_equal(found.xy, ground.xy)
     assert notes == ("Of 7 people with positions, 7 were found among those with boxes, and have their numbers.",)
@@ -27,7 +27,7 @@ def test_positions_get_the_numbers_of_the_boxes():
 def test_who_has_no_boxes_gets_a_number_of_his_own():
     boxes, rig, ground = annotated()
     fewer = {camera: seen.take(~np.isin(seen.identity, (2, 5))) for camera, seen in boxes.items()}
-    found, notes = with_identities_of(fewer, rig, ground)
+    found, notes = match_identities(fewer, rig, ground)
     without = np.isin(101 - ground.identity, (2, 5))
     assert np.array_equal(found.identity[~without], 101 - ground.identity[~without])
     assert sorted(set(found.identity[without].tolist())) == [8, 9]
@@ -37,5 +37,5 @@ def test_who_has_no_boxes_gets_a_number_of_his_own():
 def test_without_poses_nothing_is_said():
     boxes, rig, ground = annotated()
     blind = Rig(tuple(Camera(camera.name, camera.lens) for camera in rig))
-    assert with_identities_of(boxes, blind, ground) == (ground, ())
-    assert with_identities_of({}, rig, ground) == (ground, ())
+    assert match_identities(boxes, blind, ground) == (ground, ())
+    assert match_identities({}, rig, ground) == (ground, ())

@@ -9,7 +9,7 @@ from passerby.common.errors import InputError
 from passerby.core.cameras import Rig
 from passerby.core.observations import Clock
 from passerby.core.trajectories import Trajectories
-from passerby.evaluation.trajectories import GroundTruth, between, judge, placements
+from passerby.evaluation.trajectories import GroundTruth, compare_places, judge, placements
 from passerby.geometry.rotations import Similarity
 from support.scenes.people_and_rigs import ring
 
@@ -116,7 +116,7 @@ def test_the_estimated_world_is_placed_upon_the_true_one():
 def test_the_same_people_by_other_cameras():
     one = ways({1: (TIMES, line(1)), 2: (TIMES, line(2))})
     other = ways({2: (TIMES[5:], line(2)[5:] + (0.2, 0.0)), 3: (TIMES, line(3))})
-    apart = between(one, other, Similarity(1.0, np.eye(3), np.zeros(3)))
+    apart = compare_places(one, other, Similarity(1.0, np.eye(3), np.zeros(3)))
     assert apart.places == 35
     assert apart.mean_m == pytest.approx(0.2)
 

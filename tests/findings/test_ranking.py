@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from passerby.core.usability import without_pose
+from passerby.core.usability import doubt_missing_pose
 from passerby.findings.finding import doubt, notice
-from passerby.findings.ranking import MOST_SHOWN, explained_by, reasons_of, shown_in_words
+from passerby.findings.ranking import MOST_SHOWN, describe_first_reasons, find_cause, reasons_of
 from passerby.findings.texts import KINDS
 
 
@@ -25,7 +25,7 @@ def codes(*findings) -> list[list[tuple[str, tuple[str, ...]]]]:
 
 def test_what_follows_from_a_cause_about_the_same_camera_is_left_out() -> None:
     assert codes(FEW, MOVED) == [[("camera_moved", ("C1",))]]
-    assert explained_by(FEW, [FEW, MOVED]) == MOVED
+    assert find_cause(FEW, [FEW, MOVED]) == MOVED
     assert codes(OTHER, MOVED) == [[("camera_moved", ("C1",))], [("few_observations", ("C2",))]]
 
 
@@ -44,7 +44,7 @@ def test_the_same_of_several_cameras_is_one_sentence() -> None:
     unexplained = [doubt("camera_without_pose", name, why=None) for name in ("C1", "C3")]
     (reason,) = reasons_of(unexplained)
     assert reason.problem == "cameras C1 and C3 could not be registered"
-    few = [without_pose(notice("few_walkers", name)) for name in ("C4", "C5")]
+    few = [doubt_missing_pose(notice("few_walkers", name)) for name in ("C4", "C5")]
     first, second = reasons_of([*unexplained, *few])
     assert (first, len(second.findings)) == (reason, 2)
     assert second.problem == "camera C4 saw too few people who walk for a second or longer (likewise camera C5)"
@@ -53,7 +53,7 @@ def test_the_same_of_several_cameras_is_one_sentence() -> None:
 def test_a_first_screen_has_three_reasons_and_says_how_many_there_are() -> None:
     many = [LENGTHS, FEW, doubt("boxes_noisy", noise_percent=40.0),
             doubt("pairs_disagree"), doubt("reinitialisation_failed")]  # fmt: skip
-    text = shown_in_words(many, "the report")
+    text = describe_first_reasons(many, "the report")
     assert text.count("; ") == MOST_SHOWN
     assert text.endswith("; and 2 more: see the report")
 

@@ -11,7 +11,7 @@ from passerby.geometry.rotations import exp_rotation
 from passerby.geometry.triangulation import (
     angular_residuals,
     depths,
-    in_camera_frames,
+    move_to_camera_frames,
     parallax_angles,
     reprojection_residuals,
     triangulate,
@@ -120,7 +120,7 @@ def test_residuals_are_pixels_of_the_lens(rng: np.random.Generator) -> None:
     lens = Lens((800, 600), np.array([[500.0, 0, 400], [0, 510, 300], [0, 0, 1]]), np.array([-0.1, 0.02, 0, 0]))
     R, t = cameras_around(rng, 1)
     points = rng.uniform(-1.5, 1.5, (20, 3))
-    seen = in_camera_frames(points, np.zeros(20, dtype=int), np.arange(20), R, t)
+    seen = move_to_camera_frames(points, np.zeros(20, dtype=int), np.arange(20), R, t)
     measured = lens.project_rays(seen) + rng.normal(size=(20, 2))
     bearing = lens.bearings(measured)
     residual = reprojection_residuals(seen, bearing, lens.tangents(bearing))

@@ -14,8 +14,8 @@ from passerby.geometry.two_view import (
     decompose_essential,
     epipolar_errors,
     essential_matrix,
-    in_front_of_both,
-    relative_pose,
+    estimate_relative_pose,
+    find_in_front_of_both,
 )
 
 seeds = st.integers(0, 2**32 - 1)
@@ -73,7 +73,7 @@ def test_relative_pose_under_noise_and_outliers(seed: int) -> None:
     R, t, a, b = scene(rng, 300, noise=5e-4)
     swapped = rng.choice(300, 90, replace=False)
     b[swapped] = np.roll(b[swapped], 1, axis=0)
-    view = relative_pose(a, b, threshold=2e-3, rng=rng)
+    view = estimate_relative_pose(a, b, threshold=2e-3, rng=rng)
     assert angle_between(view.R_ba, R) < np.deg2rad(0.5)
     assert direction_angle(view.t_ba, t) < np.deg2rad(0.7)
     np.testing.assert_allclose(np.linalg.norm(view.t_ba), 1.0)
@@ -85,7 +85,7 @@ def test_relative_pose_under_noise_and_outliers(seed: int) -> None:
 
 def test_same_seed_same_pose_and_a_subset_is_enough() -> None:
     R, _, a, b = scene(np.random.default_rng(1), 5000, noise=1e-3)
-    views = [relative_pose(a, b, threshold=4e-3, rng=np.random.default_rng(9), max_points=500) for _ in range(2)]
+    views = [estimate_relative_pose(a, b, threshold=4e-3, rng=np.random.default_rng(9), max_points=500) for _ in range(2)]
     assert (views[0].R_ba == views[1].R_ba).all()
     assert (views[0].t_ba == views[1].t_ba).all()
     assert angle_between(views[0].R_ba, R) < np.deg2rad(0.5)
@@ -100,7 +100,7 @@ def test_rays_beyond_the_search_angle_are_judged_all_the_same() -> None:
     wide = unit(rng.uniform((-4, -1, -0.6), (-3, 1, -0.1), (20, 3)))
     at = 5 * wide
     wide_b = unit(at @ R.T + 6 * t)
-    view = relative_pose(np.vstack([a, wide]), np.vstack([b, wide_b]), threshold=2e-3, rng=rng)
+    view = estimate_relative_pose(np.vstack([a, wide]), np.vstack([b, wide_b]), threshold=2e-3, rng=rng)
     assert angle_between(view.R_ba, R) < np.deg2rad(0.3)
     assert view.inliers[200:].mean() > 0.8
 
@@ -109,7 +109,7 @@ def test_too_few_points_are_said_so() -> None:
     rng = np.random.default_rng(0)
     _, _, a, b = scene(rng, 7)
     with pytest.raises(EvidenceError, match="7 common points"):
-        relative_pose(a, b, threshold=2e-3, rng=rng)
+        estimate_relative_pose(a, b, threshold=2e-3, rng=rng)
 
 
 def test_unrelated_rays_have_no_pose_that_most_agree_with() -> None:
@@ -117,7 +117,7 @@ def test_unrelated_rays_have_no_pose_that_most_agree_with() -> None:
     _, _, a, _ = scene(rng, 100)
     _, _, _, b = scene(rng, 100)
     try:
-        view = relative_pose(a, b, threshold=1e-4, rng=rng)
+        view = estimate_relative_pose(a, b, threshold=1e-4, rng=rng)
     except EvidenceError:
         return
     assert view.inliers.mean() < 0.3
@@ -126,4 +126,4 @@ def test_unrelated_rays_have_no_pose_that_most_agree_with() -> None:
 def test_cheirality_is_along_the_ray() -> None:
     R, t = np.eye(3), np.array([1.0, 0.0, 0.0])
     a, b = unit(np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 1.0]])), unit(np.array([[1.0, 0.0, 3.0], [-1.0, 0.0, 3.0]]))
-    assert in_front_of_both(R, t, a, b).tolist() == [True, False]
+    assert find_in_front_of_both(R, t, a, b).tolist() == [True, False]

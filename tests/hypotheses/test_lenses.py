@@ -14,8 +14,8 @@ from passerby.core.measuring import (
     MeasuringErrors,
     MeasuringFigures,
     MeasuringSigma,
-    common_ground,
-    measured_change,
+    find_common_ground,
+    measure_change,
 )
 from passerby.core.observations import Boxes, CameraObservations, Observations
 from passerby.hypotheses.alternatives import lens_alternatives
@@ -110,9 +110,9 @@ def test_a_corrected_rig_measures_what_the_true_one_measures() -> None:
     truth, solution = stated("basketball", (1,), (np.log(1.1), 0, 0, 0))
     result = examine_lenses(solution)
     assert result.found is not None
-    places = common_ground(truth)
+    places = find_common_ground(truth)
     after = solve(result.found.corrected(solution.rig), part(simulated("basketball").observations), options=SOLVING)
-    wrong, right = measured_change(truth, solution.rig, places), measured_change(truth, after.rig, places)
+    wrong, right = measure_change(truth, solution.rig, places), measure_change(truth, after.rig, places)
     assert wrong is not None
     assert right is not None
     assert right.points.median_mm < 0.25 * wrong.points.median_mm

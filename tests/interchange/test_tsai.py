@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from passerby.common.errors import InputError
 from passerby.core.cameras import Pose
-from passerby.interchange.formats.tsai import WORST_PX, fitted_distortions, is_tsai, read_tsai
+from passerby.interchange.formats.tsai import WORST_PX, fit_distortions, is_tsai, read_tsai
 from support.datasets.tsai import Tsai
 
 
@@ -101,7 +101,7 @@ def test_numbers_of_another_unit_are_told(tmp_path, old, new):
 
 def test_the_error_told_is_the_error_made():
     kappa, radius, focal = 5.0, 0.7, 1000.0
-    k, told = fitted_distortions(kappa, radius, focal)
+    k, told = fit_distortions(kappa, radius, focal)
     drawn = np.linspace(0, radius, 1777)
     u2 = (drawn * (1 + kappa * drawn**2)) ** 2
     ratio = (1 + u2 * (k[0] + u2 * (k[1] + u2 * k[4]))) / (1 + u2 * (k[5] + u2 * (k[6] + u2 * k[7])))

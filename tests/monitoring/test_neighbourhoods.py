@@ -12,7 +12,7 @@ from passerby.core.cameras import Pose, Rig
 from passerby.core.observations import Clock
 from passerby.monitoring.given_rig import read_given
 from passerby.monitoring.monitor import monitor, watch_footage
-from passerby.monitoring.site import CamerasOfSite, connected, neighbours_by_rig, watch_site
+from passerby.monitoring.site import CamerasOfSite, connect_cameras, neighbours_by_rig, watch_site
 from passerby.monitoring.watched import WatchOptions
 from support.scenes.rooms_for_monitor import rooms, walkers_in_rooms
 from support.scenes.walkers_for_monitor import FPS, calibrated, knocked, true_rig, walkers, write_watched
@@ -33,7 +33,7 @@ def watched(knocks=None, given=GIVEN, **kwargs):
 
 def test_neighbours_are_the_cameras_of_one_room():
     assert {(a // 4, b // 4) for a, b in neighbours_by_rig(RIG, GROUND)} == {(0, 0), (1, 1), (2, 2), (3, 3)}
-    assert connected(neighbours_by_rig(RIG, GROUND), 16) == [list(range(k, k + 4)) for k in (0, 4, 8, 12)]
+    assert connect_cameras(neighbours_by_rig(RIG, GROUND), 16) == [list(range(k, k + 4)) for k in (0, 4, 8, 12)]
 
 
 def test_cameras_above_each_other_on_two_floors_are_no_neighbours():

@@ -9,7 +9,7 @@ import pytest
 
 from passerby.interchange.monitor_json import MoveEntry
 from passerby.monitoring.evidence import CLEAR_M, ChangePoint, MotionTest
-from passerby.monitoring.result import MonitoringResult, along, move_in_words
+from passerby.monitoring.result import MonitoringResult, measure_shift, move_in_words
 from passerby.monitoring.watched import Move, Watched, WatchOptions, Window
 from support.scenes.people_and_rigs import ring
 
@@ -91,6 +91,6 @@ def test_a_move_of_an_earlier_run_that_lacks_a_figure_tells_none(missing: str) -
 
 
 def test_how_long_a_shift_is_and_how_sure_that_is() -> None:
-    assert along(np.array([3.0, 4.0, 0.0]), np.diag([0.04, 0.04, 9.0])) == pytest.approx((5.0, 0.2))
-    assert along(np.full(3, np.nan), np.eye(3)) == (None, None)
-    assert along(np.zeros(3), np.eye(3)) == (0.0, 0.0)
+    assert measure_shift(np.array([3.0, 4.0, 0.0]), np.diag([0.04, 0.04, 9.0])) == pytest.approx((5.0, 0.2))
+    assert measure_shift(np.full(3, np.nan), np.eye(3)) == (None, None)
+    assert measure_shift(np.zeros(3), np.eye(3)) == (0.0, 0.0)

@@ -7,8 +7,8 @@ import pytest
 import tomlkit
 
 from passerby.common.errors import InputError
-from passerby.page.plan_acts import with_plan, without_plan
-from passerby.page.scene_edits import with_line
+from passerby.page.plan_acts import remove_plan, write_plan
+from passerby.page.scene_edits import add_line
 
 KERB = {"name": "kerb", "at": [9.0, 9.0], "pixels": {"C1": [1.0, 1.0]}}
 WANTED = {
@@ -60,7 +60,7 @@ def plan_of(text):
 
 
 def test_a_plan_is_added_and_every_line_stays():
-    text = with_plan(TEXT, WANTED)
+    text = write_plan(TEXT, WANTED)
     assert text.startswith(TEXT)
     assert plan_of(text) == WANTED
 
@@ -69,13 +69,13 @@ def test_a_plan_is_added_and_every_line_stays():
     "world", ['[world] # old\ncamera = "C1"\n', '[world]\npoints = "p.csv"\nscale = true\n', 'world = { camera = "C1" }\n']
 )
 def test_a_plan_replaces_what_set_the_world_before(world):
-    text = with_plan(world + TEXT, WANTED)
+    text = write_plan(world + TEXT, WANTED)
     assert tomllib.loads(text)["world"] == {"plan": WANTED}
     assert TEXT.splitlines()[-1] in text
 
 
 def test_a_plan_that_stays_the_same_changes_no_byte():
-    assert with_plan(TEXT + PLANNED, WANTED) == TEXT + PLANNED
+    assert write_plan(TEXT + PLANNED, WANTED) == TEXT + PLANNED
 
 
 def test_only_what_changes_is_written_anew():
@@ -84,7 +84,7 @@ def test_only_what_changes_is_written_anew():
         "cameras": {"C1": [1.5, 2.0]},
         "points": [WANTED["points"][0], {"at": [3.0, 3.0], "pixels": {"C1": [4.0, 4.0]}}],
     }
-    text = with_plan(TEXT + PLANNED, wanted)
+    text = write_plan(TEXT + PLANNED, wanted)
     assert plan_of(text) == {**wanted, "sd_px": 3}
     assert tomllib.loads(text)["world"]["scale"] is True
     kept = [
@@ -103,9 +103,9 @@ def test_only_what_changes_is_written_anew():
 def test_metres_per_pixel_give_way_to_a_distance_and_back():
     distance = {"between": [[0.0, 0.0], [100.0, 0.0]], "metres": 2.0}
     by_distance = {key: one for key, one in WANTED.items() if key != "metres_per_pixel"} | {"distance": distance}
-    text = with_plan(TEXT + PLANNED, by_distance)
+    text = write_plan(TEXT + PLANNED, by_distance)
     assert plan_of(text) == {**by_distance, "sd_px": 3}
-    assert plan_of(with_plan(text, WANTED)) == {**WANTED, "sd_px": 3}
+    assert plan_of(write_plan(text, WANTED)) == {**WANTED, "sd_px": 3}
 
 
 @pytest.mark.parametrize(
@@ -119,7 +119,7 @@ def test_metres_per_pixel_give_way_to_a_distance_and_back():
     ],
 )  # fmt: skip
 def test_a_plan_in_any_form_is_changed(plan):
-    text = with_plan(plan + TEXT, WANTED)
+    text = write_plan(plan + TEXT, WANTED)
     assert plan_of(text) == {**WANTED, "sd_px": 3}
     assert tomllib.loads(text)["scale"] == {"person_height_m": 1.7}
     assert "# The terrace." in text
@@ -131,40 +131,40 @@ def test_a_plan_that_would_be_mangled_is_refused(monkeypatch, key):
     dumps = tomlkit.dumps
     monkeypatch.setattr(tomlkit, "dumps", lambda one: re.sub(f"(?m)^{key} = .*$", "", dumps(one)))
     with pytest.raises(InputError, match="in an editor"):
-        with_plan(TEXT + PLANNED, {**WANTED, "metres_per_pixel": 0.03})
+        write_plan(TEXT + PLANNED, {**WANTED, "metres_per_pixel": 0.03})
 
 
 def test_an_origin_stays_with_its_picture():
     text = (TEXT + PLANNED).replace("sd_px = 3", "origin = [4, 5]\nsd_px = 3")
-    assert plan_of(with_plan(text, {**WANTED, "metres_per_pixel": 0.03}))["origin"] == [4, 5]
-    assert "origin" not in plan_of(with_plan(text, {**WANTED, "image": "plan-2.png"}))
+    assert plan_of(write_plan(text, {**WANTED, "metres_per_pixel": 0.03}))["origin"] == [4, 5]
+    assert "origin" not in plan_of(write_plan(text, {**WANTED, "image": "plan-2.png"}))
 
 
 def test_the_ends_of_lines_stay():
-    text = with_plan((TEXT + PLANNED).replace("\n", "\r\n"), {**WANTED, "metres_per_pixel": 0.03})
+    text = write_plan((TEXT + PLANNED).replace("\n", "\r\n"), {**WANTED, "metres_per_pixel": 0.03})
     assert plan_of(text)["metres_per_pixel"] == 0.03
     assert text.count("\r\n") == (TEXT + PLANNED).count("\n")
 
 
 def test_a_plan_is_taken_out_and_all_else_stays():
-    text = without_plan(TEXT + PLANNED)
+    text = remove_plan(TEXT + PLANNED)
     assert "world" not in tomllib.loads(text)
     assert text.startswith(TEXT)
     assert 'mode = "given"' in text
     with pytest.raises(InputError, match="not there"):
-        without_plan(TEXT)
+        remove_plan(TEXT)
 
 
 def test_what_is_no_toml_is_refused():
     with pytest.raises(InputError, match="editor"):
-        with_plan("[scale", WANTED)
+        write_plan("[scale", WANTED)
 
 
 def test_lines_stay_when_a_plan_comes_and_goes():
     post = {"direction": "vertical", "points": {"C1": [[1.0, 2.0], [1.5, 90.0]]}}
     along = {"direction": "x", "points": {"C1": [[10.0, 2.0], [90.0, 3.0]]}}
-    lined = with_line(with_line(TEXT, "vertical", post["points"]), "x", along["points"])
+    lined = add_line(add_line(TEXT, "vertical", post["points"]), "x", along["points"])
     assert tomllib.loads(lined)["world"]["lines"] == [post, along]
-    planned = with_plan(lined, WANTED)
+    planned = write_plan(lined, WANTED)
     assert tomllib.loads(planned)["world"] == {"plan": WANTED, "lines": [post]}
-    assert tomllib.loads(without_plan(planned))["world"] == {"lines": [post]}
+    assert tomllib.loads(remove_plan(planned))["world"] == {"lines": [post]}

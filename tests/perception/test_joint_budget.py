@@ -10,7 +10,7 @@ from passerby.perception.plan import (
     MIN_SCORE,
     SLOT_S,
     JointBudget,
-    worth_keypoints,
+    choose_for_keypoints,
 )
 
 SIZE = (640, 480)
@@ -94,13 +94,13 @@ def test_neighbouring_images_are_chosen_together() -> None:
 )
 def test_who_is_worth_it(second: list[float], score: float, worth: list[bool]) -> None:
     ltwh = np.vstack([people(1), [second]])
-    assert worth_keypoints(ltwh, np.array([1.0, score]), SIZE).tolist() == worth
+    assert choose_for_keypoints(ltwh, np.array([1.0, score]), SIZE).tolist() == worth
 
 
 def test_people_who_are_cut_off_count_where_nobody_is_whole() -> None:
     cut = np.array([[100.0, 200, 100, 280]])
-    assert worth_keypoints(cut, np.ones(1), SIZE).tolist() == [True]
-    assert worth_keypoints(np.vstack([cut, people(1)]), np.ones(2), SIZE).tolist() == [False, True]
+    assert choose_for_keypoints(cut, np.ones(1), SIZE).tolist() == [True]
+    assert choose_for_keypoints(np.vstack([cut, people(1)]), np.ones(2), SIZE).tolist() == [False, True]
 
 
 def test_nobody() -> None:

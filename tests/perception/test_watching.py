@@ -18,7 +18,7 @@ from passerby.perception.networks import Network
 from passerby.perception.pictures import Detections
 from passerby.perception.plan import Plan
 from passerby.perception.video import probe
-from passerby.perception.watching import CameraJob, kept_results, watch_camera
+from passerby.perception.watching import CameraJob, find_kept_results, watch_camera
 from support.scenes.puppet_videos import wall, write_video
 
 SIZE, FPS, COUNT = (160, 120), 10.0, 50
@@ -157,12 +157,12 @@ def test_nothing_is_made_twice(job, calls):
 
 
 def test_what_is_kept_is_read_without_anything_being_made(job, calls):
-    assert kept_results(job, silent) is None
+    assert find_kept_results(job, silent) is None
     assert not calls.pictures
     first = watch_camera(job, silent)
     before = (len(calls.pictures), calls.appearance, calls.joints)
-    assert facts(kept_results(job, silent)) == facts(first)
-    assert kept_results(replace(job, rate=job.rate / 2), silent) is None
+    assert facts(find_kept_results(job, silent)) == facts(first)
+    assert find_kept_results(replace(job, rate=job.rate / 2), silent) is None
     assert (len(calls.pictures), calls.appearance, calls.joints) == before
 
 

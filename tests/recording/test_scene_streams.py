@@ -8,7 +8,7 @@ from functools import partial
 import pytest
 
 import passerby
-from passerby.cli.commands.record import recorded as make_recording
+from passerby.cli.commands.record import record_if_needed as make_recording
 from passerby.cli.main import run
 from passerby.common.errors import InputError
 from passerby.common.progress import ProgressForm
@@ -16,7 +16,7 @@ from passerby.core.cameras import Rig
 from passerby.interchange.rig_toml import write_rig
 from passerby.recording import scene_streams
 from passerby.recording.capture import CameraRecording, Recording, record
-from passerby.recording.scene_streams import RECORDING_FILE, read_streamed, record_scene, recorded_scene
+from passerby.recording.scene_streams import RECORDING_FILE, make_recorded_scene, read_streamed, record_scene
 from passerby.scene.scene import Scene
 from support.scenes.puppet_videos import film, puppets
 
@@ -75,7 +75,7 @@ def test_streams_become_folders_of_a_recording(folder, filmed):
     streamed = read_streamed(scene(folder))
     assert [stream.address for stream in streamed.streams] == [ADDRESS, "/dev/video0"]
     assert (streamed.seconds, streamed.folder_for(folder / "out")) == (30.0, folder / "out" / "recording")
-    found = recorded_scene(streamed, recorded(folder / "out" / "recording", filmed))
+    found = make_recorded_scene(streamed, recorded(folder / "out" / "recording", filmed))
     assert [str(table.video) for table in found.cameras.values()] == ["out/recording/C1", "out/recording/C2"]
     assert not any(secret in repr(streamed) + found.model_dump_json() for secret in SECRETS)
 
@@ -192,13 +192,13 @@ def test_a_recording_of_other_cameras(folder, filmed):
     streamed = read_streamed(scene(folder))
     place = recorded(folder / "out" / "recording", filmed, ("C1",))
     with pytest.raises(InputError, match="a recording without camera C2 is there: to record anew, remove"):
-        recorded_scene(streamed, place)
+        make_recorded_scene(streamed, place)
     (place / RECORDING_FILE).write_text('{"cameras": [{"name": "C1", "pieces": [1]}, {"name": "C2", "pieces": []}]}')
     with pytest.raises(InputError, match="nothing was recorded of camera C2"):
-        recorded_scene(streamed, place)
+        make_recorded_scene(streamed, place)
     (place / RECORDING_FILE).write_text("[]")
     with pytest.raises(InputError, match="is not the list of a recording"):
-        recorded_scene(streamed, place)
+        make_recorded_scene(streamed, place)
 
 
 def test_functions_and_monitor_refuse_streams_in_one_line(folder, capsys, monkeypatch):

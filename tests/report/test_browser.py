@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import pytest
 
-from passerby.core.usability import without_pose
+from passerby.core.usability import doubt_missing_pose
 from passerby.findings.finding import notice, refusal
 from passerby.interchange.storage.text_formats import plain
 from passerby.report.contents import contents_from
@@ -121,7 +121,7 @@ def doubtful(contents):
     lost = replace(contents.rig["C2"], pose=None, sigma=None)
     rig = replace(contents.rig, cameras=tuple(lost if one.name == "C2" else one for one in contents.rig))
     cameras = [plain(replace(one, centre_m=None) if one.name == "C2" else one) for one in contents.document.cameras]
-    apart = without_pose(notice("cameras_share_nobody", "C2", main=["C1"], given=True))
+    apart = doubt_missing_pose(notice("cameras_share_nobody", "C2", main=["C1"], given=True))
     odd = notice("frame_rate_missing", place="scene.toml")
     return replace(changed(contents, verdict="doubtful", cameras=cameras, **diagnosed(apart, odd)), rig=rig)
 
@@ -358,7 +358,7 @@ def test_without_webgl_a_note_stands_where_the_view_would_be(opened, contents):
 
 
 def test_names_run_nothing_and_are_shown_as_they_are(opened, contents):
-    odd = diagnosed(without_pose(notice("cameras_share_nobody", HOSTILE[1], main=[HOSTILE[2]], given=True)))
+    odd = diagnosed(doubt_missing_pose(notice("cameras_share_nobody", HOSTILE[1], main=[HOSTILE[2]], given=True)))
     one = opened(changed(named(contents, HOSTILE), name=HOSTILE[0], verdict="doubtful", **odd))
     names = one.told("Array.from(document.querySelectorAll('#cameras-table tbody .name'), (name) => name.textContent)")
     assert names == list(HOSTILE)

@@ -9,7 +9,7 @@ import pytest
 
 from passerby.calibration.calibration import contents_of
 from passerby.cli.main import run
-from passerby.core.usability import without_pose
+from passerby.core.usability import doubt_missing_pose
 from passerby.findings.finding import doubt, notice, refusal
 from passerby.interchange.calibration_json import read_document
 from passerby.interchange.storage.text_formats import plain
@@ -142,7 +142,9 @@ def test_a_camera_without_a_pose_is_told_with_its_reason(calibrated):
     lost = replace(contents.rig["C3"], pose=None, sigma=None)
     rig = replace(contents.rig, cameras=tuple(lost if one.name == "C3" else one for one in contents.rig))
     told = changed(
-        contents, verdict="doubtful", **diagnosed(without_pose(notice("cameras_share_nobody", "C3", main=["C1"], given=True)))
+        contents,
+        verdict="doubtful",
+        **diagnosed(doubt_missing_pose(notice("cameras_share_nobody", "C3", main=["C1"], given=True))),
     )
     page = Page(report_page(replace(told, rig=rig)))
     assert "no pose: Camera C3 shares no people with C1." in page.sections["cameras"]

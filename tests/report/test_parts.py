@@ -19,7 +19,7 @@ from passerby.report.distances import best_to_measure, distances_of, outstanding
 from passerby.report.headline import _people_label
 from passerby.report.recommendations import FOR_ANY, Point, points_of, reported_doubts, sentence
 from passerby.report.rendering import environment, plot, section
-from passerby.report.seen import lanes_of, merge_spells, seen_in
+from passerby.report.seen import find_seen, lanes_of, merge_spells
 from passerby.report.view_graph import links_of
 from support.report.pages import busy_place, changed, diagnosed, document_of, with_figures
 
@@ -140,7 +140,7 @@ def contents_with(seen, clocks=None, fps=5.0):
 
 
 def test_short_breaks_are_closed_and_long_ones_kept():
-    spells = seen_in(contents_with([seen_at([1, 2, 4, 5, 6, 20, 21], [3, 4])])).spells
+    spells = find_seen(contents_with([seen_at([1, 2, 4, 5, 6, 20, 21], [3, 4])])).spells
     assert spells.identity.tolist() == [1, 2, 1]
     assert spells.begin.tolist() == pytest.approx([0.0, 0.4, 3.8])
     assert spells.end.tolist() == pytest.approx([1.2, 0.8, 4.2])
@@ -149,15 +149,15 @@ def test_short_breaks_are_closed_and_long_ones_kept():
 
 def test_stretches_follow_the_cameras_clocks():
     contents = contents_with([seen_at([1, 2]), seen_at([11, 12])], fps=None)
-    assert not seen_in(contents).spells.in_seconds
+    assert not find_seen(contents).spells.in_seconds
     names = contents.rig.names
     clocks = {names[0]: Clock(5.0), names[1]: Clock(10.0, 3.0), names[2]: Clock(5.0)}
-    spells = seen_in(replace(contents, clocks=clocks)).spells
+    spells = find_seen(replace(contents, clocks=clocks)).spells
     assert spells.begin.tolist() == [0.0, 4.0]
 
 
 def test_merging_closes_the_shortest_breaks_and_loses_nobody():
-    spells = seen_in(busy_place(cameras=2, people=20, seconds=900, fps=2.0)).spells
+    spells = find_seen(busy_place(cameras=2, people=20, seconds=900, fps=2.0)).spells
     fewer = merge_spells(spells, len(spells) // 2)
     assert len(fewer) == len(spells) // 2
     assert set(fewer.people) == set(spells.people)
@@ -187,10 +187,10 @@ def test_no_two_stretches_overlap_in_a_lane(stretches):
 def test_shared_sightings_are_those_at_the_same_time():
     first, second = seen_at([1, 2, 3], [1, 2]), seen_at([2, 3, 4], [7])
     contents = contents_with([first, second])
-    shared = seen_in(contents).shared[contents.rig.names[:2]]
+    shared = find_seen(contents).shared[contents.rig.names[:2]]
     assert (shared.people, shared.sightings) == (1, 2)
     clocks = dict.fromkeys(contents.rig.names, Clock(5.0)) | {contents.rig.names[1]: Clock(5.0, -0.2)}
-    shifted = seen_in(replace(contents, clocks=clocks)).shared[contents.rig.names[:2]]
+    shifted = find_seen(replace(contents, clocks=clocks)).shared[contents.rig.names[:2]]
     assert (shifted.people, shifted.sightings) == (1, 3)
 
 
@@ -201,10 +201,10 @@ def test_a_camera_that_stands_out_is_named_with_a_mend():
     bad = contents.rig.names[2]
     cameras = [{"name": one.name, "shape_position_sigma_mm": 300.0 if one.name == bad else 30.0} for one in contents.rig]
     worse = with_figures(contents, cameras=cameras)
-    points = weak_points(worse, seen_in(worse))
+    points = weak_points(worse, find_seen(worse))
     assert any(bad in point.problem and "300 mm" in point.problem and point.remedy for point in points)
     told = changed(worse, **diagnosed(doubt("few_observations", bad, agreeing=3)))
-    assert not any(bad in point.problem for point in weak_points(told, seen_in(told)))
+    assert not any(bad in point.problem for point in weak_points(told, find_seen(told)))
     assert "3.0 %" in points[0].problem
     assert "[[scale.distances]]" in points[0].remedy
 
@@ -235,7 +235,7 @@ def test_links_take_the_best_route_and_tell_all():
         {"cameras": [a, b], "route": "epipolar", "inliers": 90, "matches": 100, "support": 1.0},
         {"cameras": [a, c], "route": "ground", "inliers": 50, "matches": 100, "support": 1.0},
     ]
-    links = {(link.first, link.second): link for link in links_of(with_figures(contents, pairs=pairs), seen_in(contents))}
+    links = {(link.first, link.second): link for link in links_of(with_figures(contents, pairs=pairs), find_seen(contents))}
     assert links[a, b].confidence == pytest.approx(0.9)
     assert (links[a, b].word, links[a, c].word, links[b, c].word) == ("strong", "fair", "not used")
     assert links[a, b].routes == ("ground", "epipolar")

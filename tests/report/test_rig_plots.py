@@ -21,7 +21,7 @@ from passerby.report.rig_geometry import (
     stage_of,
     wedge,
 )  # fmt: skip
-from passerby.report.rig_geometry import told as told_name
+from passerby.report.rig_geometry import escape_name as told_name
 from passerby.report.rig_plots import rig_from_above, rig_in_space
 from support.report.drawings import contents, only_boxes, simulated
 

@@ -17,7 +17,7 @@ from passerby.report import page as page_module
 from passerby.report.distances import MOST_TO_MEASURE, TAPE_M, distances_of, distances_to_measure
 from passerby.report.page import write_report
 from passerby.report.parts import Parts
-from passerby.report.seen import EMBEDDED_CAMERAS, MOST_NEIGHBOURS, ZONE_CAMERAS, neighbours_of, seen_in, zones_of
+from passerby.report.seen import EMBEDDED_CAMERAS, MOST_NEIGHBOURS, ZONE_CAMERAS, find_seen, neighbours_of, zones_of
 from passerby.report.view_graph import links_of, weakest_links
 from support.report.pages import Page, named, with_figures
 from support.report.sites import site
@@ -232,7 +232,7 @@ def test_groups_that_the_scene_states_are_the_zones():
 
 
 def test_what_cameras_share_is_the_same_without_looking_at_all_pairs(contents):
-    seen = seen_in(contents)
+    seen = find_seen(contents)
     looks = {name: contents.observations[name].boxes for name in contents.rig.names}
     sightings = {name: set(zip(one.frame.tolist(), one.identity.tolist(), strict=True)) for name, one in looks.items()}
     for first, second in combinations(contents.rig.names, 2):
@@ -245,7 +245,7 @@ def test_what_cameras_share_is_the_same_without_looking_at_all_pairs(contents):
 def test_a_pair_that_a_stage_tells_of_is_a_link_although_it_shares_nobody(contents):
     far = (contents.rig.names[-1], contents.rig.names[0])
     pair = {"cameras": list(far), "route": "ground", "inliers": 5, "matches": 10, "support": 1.0}
-    links = links_of(with_figures(contents, pairs=[pair]), seen_in(contents))
+    links = links_of(with_figures(contents, pairs=[pair]), find_seen(contents))
     told = next(link for link in links if {link.first, link.second} == set(far))
     assert (told.first, told.second) == far[::-1]
     assert (told.shared, told.word) == (Shared(0, 0), "fair")
@@ -256,7 +256,7 @@ def test_a_pair_that_a_stage_tells_of_is_a_link_although_it_shares_nobody(conten
 
 
 def test_the_weakest_pairs_come_first(contents):
-    links = weakest_links(links_of(contents, seen_in(contents)))
+    links = weakest_links(links_of(contents, find_seen(contents)))
     assert len(links) > 20
     assert all(link.used for link in links)
     confidences = [link.confidence for link in links]
@@ -274,7 +274,7 @@ def test_the_distances_that_are_listed_are_the_best_to_measure(contents):
 
 
 def test_neighbours_share_most_and_have_a_pose(contents):
-    seen = seen_in(contents)
+    seen = find_seen(contents)
     near = neighbours_of(contents.rig, seen)
     assert not any(LOST in names for names in near.values())
     assert set(near["cam-001"]) >= {"cam-002", "cam-003", "cam-004"}  # of the same hall

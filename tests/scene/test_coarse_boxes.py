@@ -8,7 +8,7 @@ import pytest
 from passerby.core.figures import AdjustedFigures, CueFigures
 from passerby.core.observations import Boxes
 from passerby.findings.finding import notice
-from passerby.scene.box_interpretations import FEWEST_FOR_GRID, grid_step, notice_of_coarse_boxes, with_coarse_boxes
+from passerby.scene.box_interpretations import FEWEST_FOR_GRID, adjust_for_coarse_boxes, grid_step, notice_of_coarse_boxes
 
 N = 300
 
@@ -62,5 +62,5 @@ def test_blocks_make_a_scale_uncertain_that_rests_on_how_tall_people_are(share, 
     cues = (cue("population", share), cue("length", 1 - share))
     figures = AdjustedFigures(scale=replace(AdjustedFigures().scale, relative_sigma=0.15, cues=cues))
     found = [notice("boxes_coarse", "gate", step_px=20, height_px=100.0)]
-    assert with_coarse_boxes(figures, found).scale.relative_sigma == pytest.approx(sigma, abs=0.01)
-    assert with_coarse_boxes(figures, []) == figures
+    assert adjust_for_coarse_boxes(figures, found).scale.relative_sigma == pytest.approx(sigma, abs=0.01)
+    assert adjust_for_coarse_boxes(figures, []) == figures

@@ -16,7 +16,7 @@ from passerby.interchange.motchallenge import write_boxes
 from passerby.interchange.rig_toml import write_rig
 from passerby.scene.inputs import SceneInputs, read_inputs
 from passerby.scene.scene import Scene
-from passerby.scene.used_rows import feet_of_keypoints, inside_any
+from passerby.scene.used_rows import feet_of_keypoints, find_inside_any
 
 LEFT = [[0.0, 0.0], [500.0, 0.0], [500.0, 719.0], [0.0, 719.0]]
 
@@ -93,6 +93,6 @@ def test_keypoints_alone_stand_on_their_lowest_detected_one(tmp_path):
 def test_a_polygon_that_crosses_itself_has_holes_and_no_point_is_in_it_twice():
     points = np.array([[1.0, 1.0], [3.0, 3.0], [5.0, 1.0], [np.nan, 1.0]])
     square = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [0.0, 4.0]])
-    assert inside_any(points, [square, square + 0.5]).tolist() == [True, True, False, False]
+    assert find_inside_any(points, [square, square + 0.5]).tolist() == [True, True, False, False]
     bow = np.array([[0.0, 0.0], [4.0, 4.0], [4.0, 0.0], [0.0, 4.0]])
-    assert inside_any(np.array([[0.5, 2.0], [2.0, 0.5]]), [bow]).tolist() == [True, False]
+    assert find_inside_any(np.array([[0.5, 2.0], [2.0, 0.5]]), [bow]).tolist() == [True, False]

@@ -27,7 +27,7 @@ from passerby.core.observations import Boxes, Keypoints
 from passerby.perception.plan import keypoints_to_be_had
 from passerby.report.distances import Distance, _advice
 from passerby.scene.camera_input import CameraInput
-from passerby.scene.check import SHORTEST_S, check_scene, too_short
+from passerby.scene.check import SHORTEST_S, check_scene, find_too_short
 from passerby.scene.scene import TABLES, Scene
 from support.documentation import DOCS, ROOT
 from support.networks.model_server import BODY, entry, keep_to, know_only
@@ -241,7 +241,7 @@ def test_joints_of_one_camera_make_no_recording_long_enough(brief: Path) -> None
     joints = Keypoints(np.ones(1), np.zeros(1), np.full((1, 1, 2), 40.0), np.ones((1, 1)), ("nose",))
     alone = [CameraInput(name, False, boxes=boxes, fps=10.0) for name in scene.cameras]
     both = [replace(reading, keypoints=joints) for reading in alone]
-    assert [bool(too_short(scene, some)) for some in (alone, [both[0], alone[1]], both)] == [True, True, False]
+    assert [bool(find_too_short(scene, some)) for some in (alone, [both[0], alone[1]], both)] == [True, True, False]
 
 
 def test_long_videos_and_known_identities_are_not_too_short(brief: Path) -> None:

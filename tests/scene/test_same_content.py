@@ -19,7 +19,7 @@ from passerby.findings.texts import text_of
 from passerby.interchange.motchallenge import write_boxes
 from passerby.interchange.rig_toml import write_rig
 from passerby.scene.check import check_scene
-from passerby.scene.same_content import doubts_of_same_place, same_contents
+from passerby.scene.same_content import doubts_of_same_place, find_same_contents
 from passerby.simulation import SimulatedScene, SimulationOptions, simulate
 from passerby.simulation.options import MAX_CLOCK_OFFSET_S
 from support.scenes.handmade_files import rows, write_scene
@@ -50,7 +50,7 @@ def pair(change: Callable[[Boxes], Boxes], lens: Callable[[Lens], Lens] = lambda
     rig = Rig((Camera("A", own), Camera("B", lens(own))))
     seen = {"A": CameraObservations(boxes), "B": CameraObservations(change(boxes))}
     clocks = {"A": Clock(5.0), "B": Clock(fps)}
-    return [text_of(one.finding) for one in same_contents(rig, Observations(seen, 5.0, clocks))]
+    return [text_of(one.finding) for one in find_same_contents(rig, Observations(seen, 5.0, clocks))]
 
 
 def at(boxes: Boxes, factor: float, noise: bool = False) -> Boxes:
@@ -93,7 +93,7 @@ def test_a_copy_at_another_frame_rate_is_told() -> None:
 @pytest.mark.parametrize("seed", [1, 2])
 def test_cameras_of_a_scene_are_not_accused(preset: str, seed: int) -> None:
     made = scene(preset, seed)
-    assert same_contents(made.rig, made.observations) == []
+    assert find_same_contents(made.rig, made.observations) == []
 
 
 def beside(rig: Rig, shift: tuple[float, float, float]) -> Rig:
@@ -128,7 +128,7 @@ def seen_by(rig: Rig, made: SimulatedScene, noise: float) -> Observations:
 def test_a_pair_side_by_side_is_not_accused(shift: tuple[float, float, float], noise: float) -> None:
     made = scene()
     rig = beside(made.rig, shift)
-    assert same_contents(rig, seen_by(rig, made, noise)) == []
+    assert find_same_contents(rig, seen_by(rig, made, noise)) == []
 
 
 @pytest.mark.slow

@@ -9,7 +9,7 @@ from passerby.common.errors import InputError
 from passerby.core.cameras import Camera, Lens, Pose
 from passerby.simulation import SimulationOptions, simulate
 from passerby.simulation.lenses import SHARED, TYPICAL, VARIED, before_fold, draw_lenses, fold_radius
-from passerby.simulation.observe import whole_in_view
+from passerby.simulation.observe import find_whole_in_view
 
 PICTURE = (1280, 720)
 
@@ -83,7 +83,7 @@ def test_who_is_beyond_the_fold_is_not_seen() -> None:
     aside, ahead, behind = [[3.1, 0.0, 1.0]], [[1.0, 0.0, 1.0]], [[0.0, 0.0, -1.0]]
     ghost = camera.project(np.array(aside))[0]
     assert 0 < ghost[0] < PICTURE[0]
-    assert whole_in_view(camera, np.array([aside, ahead, behind])).tolist() == [False, True, False]
+    assert find_whole_in_view(camera, np.array([aside, ahead, behind])).tolist() == [False, True, False]
 
 
 def test_unknown_lenses_are_refused() -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from passerby.common.arrays import Floats
 from passerby.core.cameras import Pose, Rig
-from passerby.core.measuring import measured_change
+from passerby.core.measuring import measure_change
 from passerby.geometry.rotations import exp_rotation
 from passerby.solver.gauge import Free
 from passerby.solver.measuring_uncertainty import measuring_uncertainty
@@ -43,7 +43,7 @@ def test_sigmas_are_those_of_rigs_that_are_off_by_as_much() -> None:
     assert found is not None
     assert found.ground is not None
     rng = np.random.default_rng(1)
-    changes = [measured_change(RIG, off(RIG, rng), PLACES) for _ in range(60)]
+    changes = [measure_change(RIG, off(RIG, rng), PLACES) for _ in range(60)]
     points, ground = (
         np.sqrt(np.mean([np.square(distances.median_mm) for one in changes if one is not None and (distances := of(one))]))
         for of in (lambda one: one.points, lambda one: one.ground)

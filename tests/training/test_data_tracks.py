@@ -14,7 +14,7 @@ from passerby.interchange.motchallenge import read_boxes
 from passerby.perception.crop_network import stretch_crop
 from passerby.perception.video import VideoReader
 from passerby.training.data import cutting, read_data
-from passerby.training.data.cutting import PER_PERSON, WantedCrops, clear_boxes, cut_crops, spread
+from passerby.training.data.cutting import PER_PERSON, WantedCrops, cut_crops, find_clear_boxes, spread_rows
 from support.datasets.pictures_of_people import SIZE, film, picture, scene, tracks, two_walkers
 
 
@@ -152,13 +152,13 @@ def test_what_is_not_worth_cutting():
         "half outside": (150, 60, 19, 40, True),
     }
     ltwh = np.array([box[:4] for box in boxes.values()], dtype=float)
-    clear = clear_boxes(np.full(len(boxes), frame), ltwh, large)
+    clear = find_clear_boxes(np.full(len(boxes), frame), ltwh, large)
     assert dict(zip(boxes, clear.tolist(), strict=True)) == {name: box[4] for name, box in boxes.items()}
     # In frames of their own nobody is before anybody.
-    alone = clear_boxes(np.arange(len(boxes)), ltwh, large)
+    alone = find_clear_boxes(np.arange(len(boxes)), ltwh, large)
     assert alone[list(boxes).index("behind the next")]
     order = np.random.default_rng(0).permutation(len(boxes))
-    np.testing.assert_array_equal(clear_boxes(np.full(len(boxes), frame), ltwh[order], large), clear[order])
+    np.testing.assert_array_equal(find_clear_boxes(np.full(len(boxes), frame), ltwh[order], large), clear[order])
 
 
 def test_a_few_of_many_boxes_evenly_spread():
@@ -166,12 +166,12 @@ def test_a_few_of_many_boxes_evenly_spread():
     person = np.repeat([0, 1, -1], 100)
     usable = np.ones(300, dtype=bool)
     usable[100:197] = False
-    rows = spread(frame, person, usable, at_most=10)
+    rows = spread_rows(frame, person, usable, at_most=10)
     first, second = frame[rows[person[rows] == 0]], frame[rows[person[rows] == 1]]
     np.testing.assert_array_equal(first, np.arange(6, 106, 10))
     np.testing.assert_array_equal(second, [98, 99, 100])
     assert (person[rows] >= 0).all()
-    assert not len(spread(frame, person, ~np.ones(300, dtype=bool)))
+    assert not len(spread_rows(frame, person, ~np.ones(300, dtype=bool)))
 
 
 def test_boxes_beyond_the_end_of_the_video_are_told(tmp_path):

@@ -17,7 +17,7 @@ from passerby.perception.networks import InputConvention, Network
 from passerby.perception.reid import ReidEmbedder, StripesEmbedder
 from passerby.training.crops import JUNK, CropSet
 from passerby.training.data import read_data
-from passerby.training.embedding import embed_crops, leave_one_out, score_crops, score_data, whole_box
+from passerby.training.embedding import embed_crops, leave_one_out, make_full_box, score_crops, score_data
 from support.datasets.pictures_of_people import picture, pictures
 from support.paths import MODELS
 
@@ -38,7 +38,7 @@ def appearance(degrees):
 @pytest.mark.parametrize("size", [(16, 32), (17, 33), (9, 17), (8, 16), (63, 129)])
 def test_a_picture_is_taken_whole(tmp_path, size):
     shown = cv2.imread(str(picture(tmp_path / "a.png", size=size)))
-    np.testing.assert_array_equal(stretch_crop(shown, whole_box(shown)[0], size), shown)
+    np.testing.assert_array_equal(stretch_crop(shown, make_full_box(shown)[0], size), shown)
 
 
 def test_every_picture_is_embedded_in_its_row(tmp_path):

@@ -39,7 +39,7 @@ from passerby.core.observations import UNKNOWN, CameraObservations, Observations
 from passerby.core.pointing import PointedPerson, Sighting, StatedIdentities
 from passerby.core.solution import Solution
 from passerby.core.stature import PERSON_HEIGHT_M
-from passerby.core.synchronisation import common_time_steps
+from passerby.core.synchronisation import find_common_time_steps
 from passerby.findings.finding import Finding, notice
 
 AGAIN_S = 0.5
@@ -115,7 +115,7 @@ class AssociationRun:
             for seen, (boxes, joints) in zip(bodies, out, strict=True)
         ]
         clocks = clocks_with(self.cameras, offset_s)
-        grid = common_time_steps(Observations({camera.name: camera.seen for camera in self.cameras}), clocks).clock
+        grid = find_common_time_steps(Observations({camera.name: camera.seen for camera in self.cameras}), clocks).clock
         for (boxes, joints), seen, after in zip(
             out,
             bodies,

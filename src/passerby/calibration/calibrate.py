@@ -62,14 +62,14 @@ from passerby.common.parallel import worthwhile
 from passerby.common.progress import Progress, silent, tell_note
 from passerby.core.association_figures import AssociationRound
 from passerby.core.figures import AdjustedFigures, adjusted
-from passerby.core.measuring import with_measuring_sigmas
+from passerby.core.measuring import add_measuring_sigmas
 from passerby.core.quarter_turns import turn_observations, turn_rig, undone
 from passerby.core.solution import Solution
 from passerby.core.unknown_focals import begin_with
 from passerby.findings.finding import Finding
 from passerby.findings.texts import texts_of
 from passerby.people.ground_shape import GroundShape
-from passerby.scene.box_interpretations import with_coarse_boxes
+from passerby.scene.box_interpretations import adjust_for_coarse_boxes
 from passerby.scene.inputs import SceneInputs, part_of, read_inputs
 from passerby.scene.same_content import doubts_of_same_place
 from passerby.scene.scene import Scene
@@ -361,10 +361,10 @@ def add_figures(
     if isinstance(figures, AdjustedFigures):
         figures = replace(figures, lenses=with_lens_priors(figures.lenses, stated.rig))
         figures = with_unsettled_lenses(with_focal_changes(figures, lenses.result), lenses.result)
-        figures = with_coarse_boxes(figures, stated.doubts)
+        figures = adjust_for_coarse_boxes(figures, stated.doubts)
         if shape is not None and not (scene.world is not None and scene.world.tilt):
             figures = on_ground(figures, shape)
-        solution = replace(solution, rig=with_measuring_sigmas(solution.rig, figures.measuring))
+        solution = replace(solution, rig=add_measuring_sigmas(solution.rig, figures.measuring))
     return replace(solution, figures=figures)
 
 

@@ -22,7 +22,7 @@ from passerby.core.observations import UNKNOWN, Boxes, Observations
 from passerby.core.solution import Verdict
 from passerby.evaluation.reprojection import median_residuals
 from passerby.findings.finding import Finding
-from passerby.findings.ranking import explained_by
+from passerby.findings.ranking import find_cause
 from passerby.findings.texts import diagnostic, texts_of
 from passerby.interchange.calibration_json import (
     CalibrationDocument,
@@ -41,7 +41,7 @@ from passerby.interchange.output_folder import (
 )
 from passerby.interchange.storage.text_formats import plain, to_json
 from passerby.perception.video_probe import WallTime
-from passerby.report.contents import Contents, declared_videos, upright_contents
+from passerby.report.contents import Contents, declared_videos, turn_contents_upright
 from passerby.scene.scene import Scene
 from passerby.scene.wall_clock import WallClock
 
@@ -203,7 +203,7 @@ def contents_of(calibration: Calibration) -> Contents:
     seen = Observations(calibration.observations.cameras, calibration.observations.fps, dict(clocks))
     document = parse_document(to_json(calibration_document(calibration)))
     videos = declared_videos(document, list(scene.cameras), scene.resolve(Path()))
-    return upright_contents(document, calibration.rig, seen, dict(clocks), videos)
+    return turn_contents_upright(document, calibration.rig, seen, dict(clocks), videos)
 
 
 COMPUTING_LIBRARIES = ("numpy", "scipy", "opencv-python-headless", "poselib", "av", "onnxruntime")
@@ -243,7 +243,7 @@ def calibration_document(calibration: Calibration, files: Mapping[str, str] | No
 
 def _diagnostic(finding: Finding, doubts: Sequence[Finding]) -> DiagnosticEntry:
     """A finding, and the code of the doubt that it follows from."""
-    cause = None if finding.severity == "notice" else explained_by(finding, doubts)
+    cause = None if finding.severity == "notice" else find_cause(finding, doubts)
     return DiagnosticEntry(**diagnostic(finding), explained_by=None if cause is None else cause.code)
 
 

@@ -13,7 +13,7 @@ from passerby.calibration.run import CalibrationRun, SolverOptions
 from passerby.common.errors import EvidenceError, InputError
 from passerby.core.cameras import Rig
 from passerby.core.observations import Observations
-from passerby.core.overlap import connected_groups, count_shared_observations, missing_overlap
+from passerby.core.overlap import count_shared_observations, find_connected_groups, missing_overlap
 from passerby.core.quarter_turns import turn_cues
 from passerby.core.scale_cues import PersonHeight, combine_heights, lengths_of_wands
 from passerby.core.solution import Solution
@@ -55,7 +55,7 @@ def solve_scene(
     cues = replace(cues, people=combine_heights((*cues.people, *known)), lengths=lengths)
     shared = count_shared_observations(synchronised)
     try:
-        if len(connected_groups(shared)[0]) == 1:
+        if len(find_connected_groups(shared)[0]) == 1:
             raise RefusalError(missing_overlap(shared, given=scene.association.given))
         if isinstance(options, GeoPoseOptions):
             return solve_geopose(begin, synchronised, cues, options, rng=rng)

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 from passerby.calibration.calibration import Calibration
 from passerby.common.progress import Progress, tell_note
-from passerby.core.overlap import connected_groups, count_shared_observations
+from passerby.core.overlap import count_shared_observations, find_connected_groups
 from passerby.findings.finding import Finding, notice
 from passerby.interchange.output_folder import group_folder
 
@@ -47,7 +47,7 @@ def unplaced_groups(main: Calibration) -> list[list[str]]:
         return []
     seen = main.instants
     shared = count_shared_observations(replace(seen, cameras={name: seen[name] for name in without}))
-    return [group for group in connected_groups(shared) if len(group) >= FEWEST]
+    return [group for group in find_connected_groups(shared) if len(group) >= FEWEST]
 
 
 def _finding(one: Calibration) -> Finding:

@@ -31,7 +31,7 @@ from passerby.cli.commands.simulate import dataset, demo, simulate
 from passerby.cli.commands.track import track
 from passerby.common.errors import InputError, PasserbyError
 from passerby.common.progress import ProgressForm
-from passerby.common.text import without_credentials
+from passerby.common.text import remove_credentials
 
 INTERRUPTED = 130
 BUG = 1
@@ -104,7 +104,7 @@ def run(arguments: Sequence[str], program: typer.Typer = app, name: str = "passe
             return _fail(error.format_message(), InputError.exit_status)
         if isinstance(error, OSError) and error.errno in FAILING:
             return _machine_fails(error)
-        print(without_credentials(traceback.format_exc()), end="", file=sys.stderr)
+        print(remove_credentials(traceback.format_exc()), end="", file=sys.stderr)
         return _fail(f"a bug in Passerby: {type(error).__name__}: {error}; please report it with the lines above", BUG)
     if status == INTERRUPTED:
         return _fail("interrupted", INTERRUPTED)
@@ -112,7 +112,7 @@ def run(arguments: Sequence[str], program: typer.Typer = app, name: str = "passe
 
 
 def _fail(message: str, status: int) -> int:
-    print(f"error: {' '.join(without_credentials(message).split())}", file=sys.stderr)
+    print(f"error: {' '.join(remove_credentials(message).split())}", file=sys.stderr)
     return status
 
 
@@ -181,11 +181,11 @@ def calibrate(
     """
     from passerby.calibration.calibrate import calibrate as run_calibration
     from passerby.calibration.writing import WORK, write_results
-    from passerby.cli.commands.record import recorded
+    from passerby.cli.commands.record import record_if_needed
     from passerby.cli.tables import show_calibration, tell_reasons
     from passerby.cli.terminal import stages
     from passerby.common.cluster import cluster_workers
-    from passerby.common.parallel import local_processes
+    from passerby.common.parallel import open_local_processes
     from passerby.interchange.output_folder import REPORT_FILE
     from passerby.interchange.storage.transaction import folder_lock
     from passerby.recording.scene_streams import read_streamed
@@ -193,9 +193,9 @@ def calibrate(
 
     verbose = verbose or bool(context.obj)
     streamed = read_streamed(scene)
-    loaded = Scene.load(scene) if streamed is None else recorded(streamed, out, verbose, progress)
+    loaded = Scene.load(scene) if streamed is None else record_if_needed(streamed, out, verbose, progress)
     processes: AbstractContextManager[Executor | None] = (
-        local_processes(loaded.size_bytes, len(loaded.cameras), loaded.n_videos)
+        open_local_processes(loaded.size_bytes, len(loaded.cameras), loaded.n_videos)
         if scheduler is None
         else cluster_workers(scheduler, out, loaded.shared_paths)
     )
@@ -251,10 +251,10 @@ def check(scene: SceneFile, json: AsJson = False) -> None:
 
     Exit status 2: something cannot be used; 3: everything can be used, but it does not connect all cameras.
     """
-    from passerby.cli.commands.record import checked
+    from passerby.cli.commands.record import check_streams
     from passerby.cli.tables import show_check
 
-    report = checked(scene)
+    report = check_streams(scene)
     if json:
         _print_json(report.to_dict())
     else:

@@ -17,7 +17,7 @@ from passerby.core.lens_figures import field_of_view_deg, lens_parameters, names
 from passerby.core.measuring import Distances, MeasuringErrors, MeasuringFigures
 from passerby.evaluation.metrics import Comparison, Stated
 from passerby.evaluation.on_people import PeopleComparison
-from passerby.findings.ranking import shown_in_words
+from passerby.findings.ranking import describe_first_reasons
 from passerby.findings.texts import text_of
 from passerby.interchange.storage.text_formats import to_json
 from passerby.report.recommendations import good_for
@@ -91,7 +91,9 @@ def _clock(calibration: Calibration, camera: Camera) -> list[str]:
 def tell_reasons(calibration: Calibration) -> None:
     """On standard error, why a calibration is not to be relied upon; nothing where it is."""
     if not calibration.accepted:
-        reasons = shown_in_words(calibration.doubts, "the report, or diagnostics in calibration.json") or "no reason given"
+        reasons = (
+            describe_first_reasons(calibration.doubts, "the report, or diagnostics in calibration.json") or "no reason given"
+        )
         which = "" if calibration.group == 1 else f"group {calibration.group}: "
         print(f"{which}{calibration.verdict}: {reasons}", file=sys.stderr)
         if calibration.verdict == "doubtful":

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 
-from passerby.common.text import without_credentials
+from passerby.common.text import remove_credentials
 
 LONGEST = 2000
 """Characters of a message: a file may hold a name of a million characters, and no file is shown at length."""
@@ -28,7 +28,7 @@ class PasserbyError(Exception):
 
 def cut(message: str) -> str:
     """A message, or a part of it, that is too long without its middle, and without the passwords of addresses in it."""
-    message = LONG_RUN.sub(r"\1 ... \2", LONG_WORD.sub(r"\1...\2", without_credentials(message)))
+    message = LONG_RUN.sub(r"\1 ... \2", LONG_WORD.sub(r"\1...\2", remove_credentials(message)))
     return message if len(message) <= LONGEST else f"{message[: LONGEST - 400]} ... {message[-390:]}"
 
 
@@ -48,4 +48,4 @@ class EvidenceError(PasserbyError):
 
     def __init__(self, message: str, reasons: tuple[str, ...] = ()) -> None:
         super().__init__(message)
-        self.reasons = tuple(map(without_credentials, reasons or (message,)))
+        self.reasons = tuple(map(remove_credentials, reasons or (message,)))

@@ -97,7 +97,7 @@ def _results(
 
 
 class _LocalPool(ProcessPoolExecutor):
-    """A pool of `local_processes`, which kills its processes where a job fails or the work is interrupted."""
+    """A pool of `open_local_processes`, which kills its processes where a job fails or the work is interrupted."""
 
     size: int = 0
     begun: bool = False
@@ -170,15 +170,15 @@ def pays(n_bytes: int, n_cameras: int, n_processes: int, n_videos: int = 0) -> b
 def worthwhile(executor: Executor | None, n_bytes: int, n_cameras: int) -> Executor | None:
     """The executor for what is left when the videos are processed.
 
-    None for a pool of `local_processes` that has not begun, as where all results of videos were kept, and would not pay for
-    the rest (see `pays`).
+    None for a pool of `open_local_processes` that has not begun, as where all results of videos were kept, and would not pay
+    for the rest (see `pays`).
     """
     idle = isinstance(executor, _LocalPool) and not executor.begun and not pays(n_bytes, n_cameras, executor.size)
     return None if idle else executor
 
 
 @contextmanager
-def local_processes(n_bytes: int, n_cameras: int, n_videos: int = 0) -> Iterator[Executor | None]:
+def open_local_processes(n_bytes: int, n_cameras: int, n_videos: int = 0) -> Iterator[Executor | None]:
     """A pool of local processes, one a core; None where it would not pay (see `pays`), or where the system allows none.
 
     Any `concurrent.futures.Executor` can take its place, that of a cluster too. Results do not depend on it.

@@ -27,14 +27,14 @@ _NAMED = re.compile(
 HIDDEN = "..."
 
 
-def nearest(key: str, known: list[str]) -> str:
+def suggest_name(key: str, known: list[str]) -> str:
     """The remedy for a misspelt name."""
     same = [name for name in known if name.casefold() == key.casefold()]
     close = same or difflib.get_close_matches(key, known, n=1, cutoff=0.5)
-    return f"did you mean '{close[0]}'?" if close else f"there are {listed(known)}"
+    return f"did you mean '{close[0]}'?" if close else f"there are {list_names(known)}"
 
 
-def listed(names: Sequence[str]) -> str:
+def list_names(names: Sequence[str]) -> str:
     """Names in a message, the first of very many."""
     more = len(names) - LISTED
     return ", ".join(names[:LISTED]) + (f" and {more} more" if more > 0 else "")
@@ -73,34 +73,34 @@ def html_of(value: object) -> str | None:
     return _drawing[0](value) if _drawing else None
 
 
-def without_credentials(text: str) -> str:
+def remove_credentials(text: str) -> str:
     """The text with the user name and the password of each address in it replaced by dots."""
     if ADDRESS.search(text) is None:
         return text
     return _NAMED.sub(rf"\g<1>{HIDDEN}", _USER.sub(rf"\g<1>{HIDDEN}@", text))
 
 
-def plain_without_credentials(value: Any) -> Any:
-    """Tables, lists and texts, keys too, as `without_credentials`; of the address of a video only its scheme is kept."""
+def remove_all_credentials(value: Any) -> Any:
+    """Tables, lists and texts, keys too, as `remove_credentials`; of the address of a video only its scheme is kept."""
     if isinstance(value, Mapping):
         return {
-            plain_without_credentials(key): _scheme_only(part) if key == "video" else plain_without_credentials(part)
+            remove_all_credentials(key): _scheme_only(part) if key == "video" else remove_all_credentials(part)
             for key, part in value.items()
         }
     if isinstance(value, list | tuple):
-        return type(value)(map(plain_without_credentials, value)) if type(value) in (list, tuple) else value
+        return type(value)(map(remove_all_credentials, value)) if type(value) in (list, tuple) else value
     if isinstance(value, str):
-        return without_credentials(value)
+        return remove_credentials(value)
     if isinstance(value, Path):
-        hidden = without_credentials(str(value))
+        hidden = remove_credentials(str(value))
         return value if hidden == str(value) else Path(hidden)
     return value
 
 
 def _scheme_only(value: Any) -> Any:
-    """An address without all that follows its scheme; anything else as `plain_without_credentials` has it."""
+    """An address without all that follows its scheme; anything else as `remove_all_credentials` has it."""
     found = ADDRESS.search(str(value)) if isinstance(value, str | Path) else None
-    return plain_without_credentials(value) if found is None else f"{found[1].rstrip('/')}//{HIDDEN}"
+    return remove_all_credentials(value) if found is None else f"{found[1].rstrip('/')}//{HIDDEN}"
 
 
 def not_a_file(text: str) -> str | None:

@@ -88,11 +88,11 @@ def measuring_errors(estimate: Rig, truth: Rig, people: Mapping[str, Boxes] | No
         The errors; None where fewer than `LEAST_POINTS` points are seen by two cameras, or do not fix a similarity.
     """
     posed = Rig(tuple(camera for camera in truth.posed() if camera.name in estimate.posed().names))
-    places = common_ground(posed) if people is None else places_of_people(posed, people)
-    return measured_change(truth, estimate, places, of_people=people is not None)
+    places = find_common_ground(posed) if people is None else places_of_people(posed, people)
+    return measure_change(truth, estimate, places, of_people=people is not None)
 
 
-def measured_change(before: Rig, after: Rig, places: Floats, *, of_people: bool = True) -> MeasuringErrors | None:
+def measure_change(before: Rig, after: Rig, places: Floats, *, of_people: bool = True) -> MeasuringErrors | None:
     """How differently two rigs measure what the same pixels show, after one similarity of the whole rig.
 
     Args:
@@ -131,7 +131,7 @@ def points_above(places: Floats) -> Floats:
     return np.concatenate([np.column_stack([places, np.full(len(places), height)]) for height in HEIGHTS_M])
 
 
-def common_ground(rig: Rig) -> Floats:
+def find_common_ground(rig: Rig) -> Floats:
     """(N, 2) places on the ground z = 0, metres, evenly spread over what two cameras or more see of it nearby."""
     seen = []
     for camera in rig:
@@ -296,7 +296,7 @@ class MeasuringFigures:
         )  # fmt: skip
 
 
-def with_measuring_sigmas(rig: Rig, measuring: MeasuringFigures | None) -> Rig:
+def add_measuring_sigmas(rig: Rig, measuring: MeasuringFigures | None) -> Rig:
     """The rig with these sigmas of points and of positions on the ground in its cameras."""
 
     def known(camera: Camera) -> Camera:

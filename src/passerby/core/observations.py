@@ -102,7 +102,7 @@ def sampling_step(frame: Ints) -> int:
     return int(np.percentile(steps, 10.0, method="lower")) if len(steps) else 1
 
 
-def inside_picture(ltwh: Floats, size: tuple[int, int] | NDArray[Any], border: float = BORDER_PX) -> NDArray[np.bool_]:
+def find_inside_picture(ltwh: Floats, size: tuple[int, int] | NDArray[Any], border: float = BORDER_PX) -> NDArray[np.bool_]:
     """(N,) boxes that the picture's border does not cut off.
 
     Args:
@@ -189,8 +189,8 @@ class Boxes:
         return len(self.frame)
 
     def inside(self, size: tuple[int, int], border: float = BORDER_PX) -> NDArray[np.bool_]:
-        """(N,) boxes that the border of a picture of a size (width, height) does not cut off, see `inside_picture`."""
-        return inside_picture(self.ltwh, size, border)
+        """(N,) boxes that the border of a picture of a size (width, height) does not cut off, see `find_inside_picture`."""
+        return find_inside_picture(self.ltwh, size, border)
 
     def take(self, rows: NDArray[np.generic]) -> Boxes:
         """The boxes of the given rows (indices or a mask)."""

@@ -53,7 +53,7 @@ def count_shared_observations(observations: Observations) -> dict[str, dict[str,
     }
 
 
-def connected_groups(shared: Mapping[str, Mapping[str, Shared]]) -> list[list[str]]:
+def find_connected_groups(shared: Mapping[str, Mapping[str, Shared]]) -> list[list[str]]:
     """The cameras in groups that shared people tie together, the largest group first."""
     left = list(shared)
     groups: list[list[str]] = []
@@ -73,7 +73,7 @@ def missing_overlap(shared: Mapping[str, Mapping[str, Shared]], *, given: bool =
 
     What to do depends on whether the identities were `given` or found.
     """
-    main, *others = connected_groups(shared)
+    main, *others = find_connected_groups(shared)
     if len(main) == 1:
         return [refusal("no_shared_people", given=given)]
     return [notice("cameras_share_nobody", *group, main=main, given=given) for group in others]

@@ -93,7 +93,7 @@ class PeopleInFrame:
         return np.asarray(np.linalg.norm(outside, axis=1))
 
 
-def nearest_frame(seen: CameraObservations, frame: float, fps: float | None) -> int | None:
+def find_nearest_frame(seen: CameraObservations, frame: float, fps: float | None) -> int | None:
     """The frame with people that is nearest to a (fractional) frame number; None where there is none near enough."""
     frames = np.unique(np.concatenate([seen.boxes.frame, seen.keypoints.frame]))
     if not len(frames):

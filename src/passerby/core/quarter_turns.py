@@ -21,7 +21,7 @@ from passerby.core.scale_cues import ScaleCues
 Size = tuple[int, int]
 
 
-def turned_size(size: Size, degrees: int) -> Size:
+def turn_size(size: Size, degrees: int) -> Size:
     """(width, height) of an image after it is turned clockwise by a multiple of 90 degrees."""
     return size if degrees % 180 == 0 else (size[1], size[0])
 
@@ -93,7 +93,7 @@ def turn_lens(lens: Lens, degrees: int) -> Lens:
     matrix = np.array([[focal[0], K[0, 1], centre[0]], [0.0, focal[1], centre[1]], [0.0, 0.0, 1.0]])
     distortions = lens.distortions if lens.fisheye else _turn_distortions(lens.distortions, axes_turn(degrees)[:2, :2])
     rotate = (lens.rotate - degrees) % 360
-    return replace(lens, size=turned_size(lens.size, degrees), matrix=matrix, distortions=distortions, rotate=rotate)
+    return replace(lens, size=turn_size(lens.size, degrees), matrix=matrix, distortions=distortions, rotate=rotate)
 
 
 def _turn_distortions(distortions: Floats, turn: Floats) -> Floats:
@@ -171,7 +171,7 @@ def turn_cues(cues: ScaleCues, rig: Rig, degrees: dict[str, int]) -> ScaleCues:
         return cues
 
     def turned(pixels: Mapping[str, Any]) -> dict[str, Floats]:
-        sizes = {name: turned_size(rig[name].lens.size, turn) for name, turn in degrees.items() if name in rig.names}
+        sizes = {name: turn_size(rig[name].lens.size, turn) for name, turn in degrees.items() if name in rig.names}
         return {
             name: turn_pixels(at, sizes[name], degrees[name]) if name in sizes else np.asarray(at, dtype=np.float64)
             for name, at in pixels.items()

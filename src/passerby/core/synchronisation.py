@@ -94,7 +94,7 @@ def clocks_of(observations: Observations, names: Sequence[str]) -> dict[str, Clo
     return {name: observations.clocks.get(name, one) for name in names}
 
 
-def common_time_steps(observations: Observations, clocks: Mapping[str, Clock]) -> TimeSteps:
+def find_common_time_steps(observations: Observations, clocks: Mapping[str, Clock]) -> TimeSteps:
     """The samples of the camera with most people among those of the usual sampling rate.
 
     Cameras are sampled at every frame, or at every n-th: between samples no person is seen, and other cameras' samples
@@ -187,7 +187,7 @@ def resample_to_common_steps(
             border cuts off, since what is between them is cut off and does not look it.
         max_gap_samples: the neighbours may be so many of the camera's samples apart,
         max_gap_s: or so many seconds, whichever is longer.
-        grid: the clock whose frames are the common time steps; that of `common_time_steps` when None.
+        grid: the clock whose frames are the common time steps; that of `find_common_time_steps` when None.
 
     Returns:
         Boxes, joints (a joint's score is the lower of the two, 0 where either was not found; embeddings are those of the
@@ -196,7 +196,7 @@ def resample_to_common_steps(
     Raises:
         InputError: a camera without a clock, or a person who is twice in one frame of a camera.
     """
-    grid = grid or common_time_steps(observations, clocks).clock
+    grid = grid or find_common_time_steps(observations, clocks).clock
     cameras = {}
     for name, seen in observations.cameras.items():
         for kind, rows in (("boxes", seen.boxes), ("sets of keypoints", seen.keypoints)):

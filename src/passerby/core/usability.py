@@ -100,7 +100,7 @@ def doubts_of_uncertainty(rig: Rig, figures: SolverFigures, findings: Sequence[F
     return out
 
 
-def with_doubts_of_uncertainty(rig: Rig, figures: SolverFigures, findings: Sequence[Finding]) -> list[Finding]:
+def add_uncertainty_doubts(rig: Rig, figures: SolverFigures, findings: Sequence[Finding]) -> list[Finding]:
     """The findings with these doubts as the figures have them now; notices that a doubt names are not said twice."""
     others = [one for one in findings if one.code != CODE]
     doubts = doubts_of_uncertainty(rig, figures, others)
@@ -108,7 +108,7 @@ def with_doubts_of_uncertainty(rig: Rig, figures: SolverFigures, findings: Seque
     return [*(one for one in others if one.code not in (*EXPLAINS, *WITHOUT_SIGMAS) or one.as_value() not in said), *doubts]
 
 
-def usable_m(rig: Rig) -> float:
+def find_usable_m(rig: Rig) -> float:
     """What points have to be known to in a rig, one sigma, metres."""
     centres = np.array([camera.pose.centre for camera in rig if camera.pose is not None])
     extent = float(np.max(np.linalg.norm(centres - centres.mean(axis=0), axis=1))) + 1.0
@@ -130,7 +130,7 @@ def _find_unbounded(rig: Rig, figures: AdjustedFigures) -> list[_Sigma]:
 
 def _find_vague_cameras(rig: Rig, figures: AdjustedFigures) -> list[_Sigma]:
     """The cameras that measure points, or else positions on the ground, too vaguely."""
-    most_mm, free = 1000 * usable_m(rig), figures.undetermined or ()
+    most_mm, free = 1000 * find_usable_m(rig), figures.undetermined or ()
     on_ground_mm = ON_GROUND * max(most_mm, 1000 * USABLE_M)  # bodies are no smaller where a rig is
     grounded = not any(_WORLD.get(one) == "ground" for one in free)
     out = []
@@ -151,12 +151,12 @@ def _find_vague_scale(figures: AdjustedFigures) -> list[_Sigma]:
     return [] if sigma is None or sigma <= USABLE_SCALE else [_Sigma("scale", (), 100 * sigma)]
 
 
-def without_pose(cause: Finding, names: Sequence[str] | None = None) -> Finding:
+def doubt_missing_pose(cause: Finding, names: Sequence[str] | None = None) -> Finding:
     """The doubt about cameras that a cause leaves without a pose: these, or all that it is about."""
     return doubt(MISSING, *(cause.cameras if names is None else names), why=cause.as_value())
 
 
-def with_doubts_of_missing_cameras(rig: Rig, findings: Sequence[Finding]) -> list[Finding]:
+def add_missing_camera_doubts(rig: Rig, findings: Sequence[Finding]) -> list[Finding]:
     """The findings, first a doubt for each cause that leaves cameras without a pose, in place of what explains these cameras.
 
     Args:
@@ -170,7 +170,7 @@ def with_doubts_of_missing_cameras(rig: Rig, findings: Sequence[Finding]) -> lis
     left, doubts = missing, list[Finding]()
     for cause in (one for code in EXPLAINS_MISSING for one in findings if one.code == code):
         if names := [name for name in left if name in cause.cameras]:
-            doubts.append(without_pose(cause, names))
+            doubts.append(doubt_missing_pose(cause, names))
             left = [name for name in left if name not in names]
     doubts += [doubt(MISSING, name, why=None) for name in left]
     others = [one for one in findings if one.code not in EXPLAINS_MISSING or not set(missing) & set(one.cameras)]

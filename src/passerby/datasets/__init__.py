@@ -78,10 +78,10 @@ def read_published(name: str, folder: Path) -> Published:
     Raises:
         InputError: for an unknown name, a missing folder, and everything in it that is missing or broken.
     """
-    from passerby.common.text import nearest
+    from passerby.common.text import suggest_name
 
     if name not in READERS:
-        raise InputError(f"no data set is called '{name}': {nearest(name, list(READERS))}")
+        raise InputError(f"no data set is called '{name}': {suggest_name(name, list(READERS))}")
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder: give the folder of the files of {name}")
     return READERS[name].read(folder)

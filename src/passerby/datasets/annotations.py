@@ -154,7 +154,7 @@ def _boxes(path: Path, rows: list[Row]) -> Boxes:
     return Boxes(table[:, 0].astype(np.int64), table[:, 1].astype(np.int64), table[:, 2:6], np.ones(len(table)))
 
 
-def with_identities_of(boxes: Mapping[str, Boxes], rig: Rig, ground: GroundTruth) -> tuple[GroundTruth, tuple[str, ...]]:
+def match_identities(boxes: Mapping[str, Boxes], rig: Rig, ground: GroundTruth) -> tuple[GroundTruth, tuple[str, ...]]:
     """The positions with the identities of the boxes; and what to note.
 
     Box and position are compared through the true poses: the middle of a box's lower edge is taken for a point of the ground.

@@ -25,7 +25,7 @@ from passerby.common.arrays import Floats, Ints
 from passerby.common.errors import InputError
 from passerby.core.cameras import Camera
 from passerby.core.observations import UNKNOWN, Boxes
-from passerby.datasets.parsing import check_size, mat_matrix, numbered, numbers, text_matrix
+from passerby.datasets.parsing import check_size, index_by_number, mat_matrix, numbers, text_matrix
 from passerby.datasets.published import (
     LEFT_HANDED,
     GroundTruth,
@@ -65,7 +65,7 @@ def read(folder: Path) -> Published:
     for camera in rig:
         rows, points = _centroids(boxes[camera.name], centroid)
         _check_fit(camera, boxes[camera.name].take(rows), points * mirror, folder)
-    pictures = {name: numbered(folder / name) for name in boxes}
+    pictures = {name: index_by_number(folder / name) for name in boxes}
     for found in pictures.values():
         if found:
             check_size(next(iter(found.values())), SIZE)

@@ -25,7 +25,7 @@ from passerby.common.errors import InputError
 from passerby.common.text import shortened
 from passerby.core.cameras import Camera, Rig
 from passerby.core.observations import Boxes
-from passerby.datasets.annotations import read_vatic, with_identities_of
+from passerby.datasets.annotations import match_identities, read_vatic
 from passerby.datasets.published import GroundTruth, Published
 from passerby.interchange.formats.tsai import is_tsai, read_tsai
 from passerby.interchange.rig_toml import read_lens
@@ -85,7 +85,7 @@ def read(folder: Path) -> Published:
         more.append(f"No boxes are given in the views ({sequence}-cN.txt): people have to be detected in the videos.")
     rig = Rig(tuple(cameras))
     if ground is not None:
-        ground, who = with_identities_of(boxes, rig, ground)
+        ground, who = match_identities(boxes, rig, ground)
         more += who
     rates = {round(info.average_fps, 3) for info in infos.values()}
     if len(rates) > 1:

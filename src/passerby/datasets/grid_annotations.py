@@ -17,7 +17,7 @@ from passerby.common.arrays import Floats, Ints
 from passerby.common.errors import InputError
 from passerby.common.text import shortened
 from passerby.core.observations import UNKNOWN, Boxes
-from passerby.datasets.parsing import check_size, entry, numbered, read_json, real, whole
+from passerby.datasets.parsing import check_size, entry, index_by_number, read_json, read_whole_number, real
 from passerby.datasets.published import LEFT_HANDED, GroundTruth, Published, PublishedCamera, right_handed
 
 Corners = tuple[float, float, float, float]
@@ -78,12 +78,12 @@ def read_grid(
         InputError: for what is missing, broken or contradicts itself.
     """
     cameras = [read_camera(folder / CALIBRATIONS, label, f"C{number}") for number, label in enumerate(layout.labels, start=1)]
-    files = numbered(folder / ANNOTATIONS, (".json",))
+    files = index_by_number(folder / ANNOTATIONS, (".json",))
     if not files:
         raise InputError(
             f"{folder / ANNOTATIONS}: no annotations (00000000.json, ...): give the folder that holds {ANNOTATIONS}"
         )
-    pictures = {camera.name: numbered(folder / PICTURES / camera.name) for camera in cameras}
+    pictures = {camera.name: index_by_number(folder / PICTURES / camera.name) for camera in cameras}
     first, shifted = _find_first_number(layout, list(files), pictures)
     rows = _read_annotations(files, layout, first)
     ground = _ground(rows.cells, layout)
@@ -157,8 +157,8 @@ def _read_annotations(files: Mapping[int, Path], layout: GridLayout, first: int)
         places: dict[int, int] = {}
         for index, person in enumerate(content):
             place = f"{path}: person {index + 1}"
-            who = whole(entry(person, "personID", place), f"{place}: personID")
-            cell = whole(entry(person, "positionID", place), f"{place}: positionID")
+            who = read_whole_number(entry(person, "personID", place), f"{place}: personID")
+            cell = read_whole_number(entry(person, "positionID", place), f"{place}: positionID")
             if cell >= layout.cells[0] * layout.cells[1]:
                 raise InputError(
                     f"{place}: positionID is {cell}, but the grid of {layout.name} has {layout.cells[0]} x {layout.cells[1]} "
@@ -187,7 +187,7 @@ def _views(views: object, cameras: int, place: str) -> tuple[list[Corners], list
     found: list[Corners | None] = [None] * cameras
     turned = []
     for view in views:
-        number = whole(entry(view, "viewNum", f"{place}: views"), f"{place}: viewNum")
+        number = read_whole_number(entry(view, "viewNum", f"{place}: views"), f"{place}: viewNum")
         if number >= cameras:
             raise InputError(
                 f"{place}: viewNum is {number}, but there are {cameras} cameras, counted from 0: is this another set?"

@@ -19,9 +19,9 @@ import numpy as np
 from passerby.common.errors import InputError
 from passerby.core.cameras import Rig
 from passerby.core.observations import BODY_17, UNKNOWN
-from passerby.datasets.parsing import check_size, entry, numbered, numbers, read_json, whole
+from passerby.datasets.parsing import check_size, entry, index_by_number, numbers, read_json, read_whole_number
 from passerby.datasets.published import Published
-from passerby.datasets.skeletons import BETWEEN_ANKLES, PROJECTED, Skeletons, check_upright, ground_under, projected
+from passerby.datasets.skeletons import BETWEEN_ANKLES, PROJECTED, Skeletons, check_upright, ground_under, project_joints
 from passerby.interchange.formats import Given
 from passerby.interchange.formats.krt_json import CENTIMETRES, Y_DOWN_TO_Z_UP, read_panoptic
 
@@ -52,7 +52,7 @@ def read(folder: Path) -> Published:
     else:
         notes.append("There are neither videos (hdVideos) nor images (hdImgs): all HD cameras of the calibration were taken.")
     poses = folder / POSES
-    files = numbered(poses, (".json",)) or numbered(poses / "hd", (".json",))
+    files = index_by_number(poses, (".json",)) or index_by_number(poses / "hd", (".json",))
     tar = " (unpack the .tar first: tar -xf)" if (folder / f"{POSES}.tar").exists() else ""
     if not files and not with_media:
         raise InputError(
@@ -62,7 +62,7 @@ def read(folder: Path) -> Published:
     if files:
         skeletons = _skeletons(files)
         check_upright(skeletons, str(poses))
-        keypoints, ground = projected(rig, skeletons, str(poses)), ground_under(skeletons)
+        keypoints, ground = project_joints(rig, skeletons, str(poses)), ground_under(skeletons)
         notes += [PROJECTED, BETWEEN_ANKLES, "A person who left and came back can have several identities."]
     else:
         notes.append(f"There are no 3D keypoints in {POSES}{tar}, so the positions of people are unknown.")
@@ -93,7 +93,7 @@ def _media(folder: Path, rig: Rig) -> tuple[dict[str, Path], dict[str, tuple[Pat
     videos, pictures, counted = {}, {}, {}
     for camera in rig:
         video = folder / "hdVideos" / f"hd_{camera.name}.mp4"
-        found = numbered(folder / "hdImgs" / camera.name) or numbered(folder / camera.name)
+        found = index_by_number(folder / "hdImgs" / camera.name) or index_by_number(folder / camera.name)
         if video.is_file():
             videos[camera.name] = video
         elif found:
@@ -113,7 +113,7 @@ def _skeletons(files: dict[int, Path]) -> Skeletons:
         here = []
         for index, body in enumerate(bodies):
             place = f"{path}: bodies[{index}]"
-            who = whole(entry(body, "id", place), f"{place}: id", UNKNOWN)
+            who = read_whole_number(entry(body, "id", place), f"{place}: id", UNKNOWN)
             if who != UNKNOWN and who in here:
                 raise InputError(f"{place}: id {who} occurs twice in one time step: delete one of the two")
             here.append(who)

@@ -44,7 +44,7 @@ def numbers(value: Any, shape: tuple[int, ...], place: str, meaning: str) -> Flo
         raise InputError(f"{place} is {shortened(value)}: {wanted}") from None
 
 
-def whole(value: Any, place: str, least: int = 0) -> int:
+def read_whole_number(value: Any, place: str, least: int = 0) -> int:
     """A whole number from `least` on. Raises `InputError` for anything else."""
     if type(value) is not int or value < least:
         raise InputError(f"{place} is {shortened(value)}: a whole number from {least} on is needed")
@@ -96,7 +96,7 @@ def text_matrix(path: Path) -> Floats:
     return numbers(_parse_words(words), (3, 4), f"{path}: the matrix", "3 rows of 4 numbers")
 
 
-def numbered(folder: Path, suffixes: tuple[str, ...] = PICTURES) -> dict[int, Path]:
+def index_by_number(folder: Path, suffixes: tuple[str, ...] = PICTURES) -> dict[int, Path]:
     """The files of a folder by the last number in their names, ascending; none where there is no such folder.
 
     Raises `InputError` for two files of one number.

@@ -20,7 +20,7 @@ import cv2
 from passerby.common.errors import InputError
 from passerby.core.cameras import Rig
 from passerby.core.observations import Boxes
-from passerby.datasets.annotations import read_cvml, read_mot_truth, read_vatic, with_identities_of
+from passerby.datasets.annotations import match_identities, read_cvml, read_mot_truth, read_vatic
 from passerby.datasets.published import GroundTruth, Published
 from passerby.interchange.formats.tsai import TsaiCamera, is_tsai, read_tsai
 from passerby.perception.video_probe import probe
@@ -54,7 +54,7 @@ def read(folder: Path) -> Published:
     rig = Rig(tuple(camera.camera(view, sizes.get(view)) for view, camera in tsai.items()))
     who: tuple[str, ...] = ()
     if ground is not None:
-        ground, who = with_identities_of(boxes, rig, ground)
+        ground, who = match_identities(boxes, rig, ground)
     notes = [f"{view} has only a calibration." for view in tsai if view not in sizes and view not in boxes]
     if UNSTEADY_VIEW in tsai:
         notes.append(f"The set's page warns of slight delays and lost frames, most of all in {UNSTEADY_VIEW}.")

@@ -41,7 +41,7 @@ class Skeletons:
     joints: tuple[str, ...]
 
 
-def projected(rig: Rig, skeletons: Skeletons, place: str) -> dict[str, Keypoints]:
+def project_joints(rig: Rig, skeletons: Skeletons, place: str) -> dict[str, Keypoints]:
     """The joints of every camera's picture; people with none are left out.
 
     Raises `InputError` where no camera has any joint in its picture; `place` is the file of the joints.

@@ -25,7 +25,16 @@ import numpy as np
 from passerby.common.arrays import Floats
 from passerby.common.errors import InputError
 from passerby.core.cameras import Lens
-from passerby.datasets.parsing import check_size, entry, mat_variable, numbered, numbers, picture_size, read_json, text_matrix
+from passerby.datasets.parsing import (
+    check_size,
+    entry,
+    index_by_number,
+    mat_variable,
+    numbers,
+    picture_size,
+    read_json,
+    text_matrix,
+)
 from passerby.datasets.published import (
     LEFT_HANDED,
     Published,
@@ -35,7 +44,7 @@ from passerby.datasets.published import (
     rotation,
     skew_note,
 )
-from passerby.datasets.skeletons import BETWEEN_ANKLES, PROJECTED, Skeletons, check_upright, ground_under, projected
+from passerby.datasets.skeletons import BETWEEN_ANKLES, PROJECTED, Skeletons, check_upright, ground_under, project_joints
 
 JOINTS = (
     "right_ankle", "right_knee", "right_hip", "left_hip", "left_knee", "left_ankle", "right_wrist", "right_elbow",
@@ -57,7 +66,7 @@ def read(folder: Path) -> Published:
         notes.append(LEFT_HANDED)
     skeletons = Skeletons(skeletons.frame, skeletons.identity, skeletons.xyz * mirror, skeletons.score, skeletons.joints)
     check_upright(skeletons, str(folder / TRUTH))
-    pictures = {camera.name: numbered(folder / camera.name) for camera in rig}
+    pictures = {camera.name: index_by_number(folder / camera.name) for camera in rig}
     for camera in rig:
         if pictures[camera.name]:
             check_size(next(iter(pictures[camera.name].values())), camera.lens.size)
@@ -65,7 +74,7 @@ def read(folder: Path) -> Published:
         notes.append("No images were found (Camera0, Camera1, ...).")
     return Published(
         SETS[len(rig)][0] if len(rig) in SETS else "tum", rig, None,
-        keypoints=projected(rig, skeletons, str(folder / TRUTH)),
+        keypoints=project_joints(rig, skeletons, str(folder / TRUTH)),
         pictures={name: tuple(found.values()) for name, found in pictures.items() if found},
         picture_frames={name: tuple(number + 1 for number in found) for name, found in pictures.items() if found},
         ground=ground_under(skeletons), notes=(*notes, PROJECTED, BETWEEN_ANKLES, NO_FRAME_RATE),
@@ -104,7 +113,7 @@ def _cameras(folder: Path) -> tuple[list[PublishedCamera], list[str], str]:
 
 def _size(folder: Path, cameras: int) -> tuple[int, int]:
     """Picture size: that of a picture, else that of the set with so many cameras."""
-    for path in numbered(folder / "Camera0").values():
+    for path in index_by_number(folder / "Camera0").values():
         return picture_size(path)
     if cameras not in SETS:
         raise InputError(

@@ -246,7 +246,7 @@ def compare(estimate: Rig, truth: Rig, reference: str | None = None) -> Comparis
         scale_ratio=None if similarity is None else 1 / similarity.scale,
         gravity_error_deg=gravity,
         ground_error_mm=ground,
-        stated=stated_errors([estimate[name] for name in names], t),
+        stated=compare_stated_sigmas([estimate[name] for name in names], t),
         lenses={name: error for name in names if (error := lens_error(estimate[name].lens, truth[name].lens)) is not None},
     )
 
@@ -338,7 +338,7 @@ def _measure_coverage(errors: dict[str, float], sigmas: float) -> float | None:
     return float(np.mean([error <= sigmas for error in errors.values()])) if errors else None
 
 
-def stated_errors(estimate: Sequence[Camera], truth: Sequence[Pose]) -> Stated | None:
+def compare_stated_sigmas(estimate: Sequence[Camera], truth: Sequence[Pose]) -> Stated | None:
     """Errors and sigmas of cameras with poses, the true poses in the same order, z up in both worlds.
 
     None where the placement is not defined: fewer than two cameras, or all above one place.

@@ -157,7 +157,7 @@ def judge(found: Trajectories, truth: GroundTruth, placement: Similarity | None 
     )
 
 
-def between(found: Trajectories, other: Trajectories, placement: Similarity) -> Distances:
+def compare_places(found: Trajectories, other: Trajectories, placement: Similarity) -> Distances:
     """How far the same people's places by other cameras lie from these: what the difference of the cameras alone does.
 
     Args:

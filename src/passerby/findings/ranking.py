@@ -46,7 +46,7 @@ class Reason:
         return text_of(first).replace(problem_of(first), self.problem, 1)
 
 
-def explained_by(finding: Finding, findings: Sequence[Finding]) -> Finding | None:
+def find_cause(finding: Finding, findings: Sequence[Finding]) -> Finding | None:
     """The cause among the findings that a finding follows from, if any: one about the same camera, or one of both about all."""
     rank = KINDS[finding.code].rank
     if rank not in ("lens", "symptom"):
@@ -68,7 +68,7 @@ def reasons_of(findings: Sequence[Finding]) -> list[Reason]:
     Causes come first, each group in the order of the findings; what follows from a cause is left out.
     """
     doubts = [one for one in findings if one.severity != "notice"]
-    left = [one for one in doubts if explained_by(one, doubts) is None]
+    left = [one for one in doubts if find_cause(one, doubts) is None]
     ordered = sorted(left, key=_order)
     groups: list[list[Finding]] = []
     for one in ordered:
@@ -95,7 +95,7 @@ def _topic(finding: Finding) -> tuple[object, ...]:
     return finding.code, finding.values.get("what"), why["code"] if isinstance(why, Mapping) else why
 
 
-def shown_in_words(findings: Sequence[Finding], where: str) -> str:
+def describe_first_reasons(findings: Sequence[Finding], where: str) -> str:
     """The reasons on a first screen, in one line; `where` says where the others are."""
     reasons = reasons_of(findings)
     texts = [" ".join(one.text.split()) for one in reasons[:MOST_SHOWN]]

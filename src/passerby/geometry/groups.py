@@ -87,13 +87,13 @@ def huber_weights(lengths: Floats, scale: float) -> Floats:
     return np.minimum(1.0, scale / np.maximum(lengths, 1e-9))
 
 
-def cut_cauchy_cost(squares: Floats, scale: float, beyond: float) -> Floats:
+def compute_cut_cauchy_cost(squares: Floats, scale: float, beyond: float) -> Floats:
     """(N,) Cauchy's cost of squares in sigmas, constant beyond `beyond`: what is farther off is another person."""
     return np.asarray(scale**2 * np.log1p(np.minimum(squares, beyond) / scale**2))
 
 
-def cut_cauchy_weights(squares: Floats, scale: float, beyond: float) -> Floats:
-    """(N,) the weights of `cut_cauchy_cost`: 0 beyond `beyond`."""
+def compute_cut_cauchy_weights(squares: Floats, scale: float, beyond: float) -> Floats:
+    """(N,) the weights of `compute_cut_cauchy_cost`: 0 beyond `beyond`."""
     return np.where(squares > beyond, 0.0, cauchy_weights(squares / scale**2))
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from passerby.common.arrays import Bools, Floats, Ints
 from passerby.geometry.groups import expanded_ranges, least_of_groups
-from passerby.geometry.triangulation import held_depth, triangulate
+from passerby.geometry.triangulation import hold_depth, triangulate
 
 # Blocks seen by many cameras propose at most this many points each; neighbours in the cameras' order are tried first.
 _MAX_OFFSETS = 7
@@ -226,7 +226,7 @@ class _Lines:
         d = [point[k][of_point] - self.centre[k][rows] for k in range(3)]
         ray = [self.ray[k][rows] for k in range(3)]
         across, down = ([axis[k][rows] for k in range(3)] for axis in self.tangent)
-        depth = held_depth(_dot(ray, d), _dot(d, d))
+        depth = hold_depth(_dot(ray, d), _dot(d, d))
         return np.asarray((_dot(across, d) ** 2 + _dot(down, d) ** 2) / depth**2)
 
 

@@ -88,7 +88,7 @@ def triangulate_views(
     camera, point = np.nonzero(seen)
     rays, n_points = bearings[camera, point], bearings.shape[1]
     points = triangulate(camera, point, rays, rotations, translations, n_points, weights=np.asarray(weights)[camera])
-    behind = depths(in_camera_frames(points, camera, point, rotations, translations), rays) <= 0
+    behind = depths(move_to_camera_frames(points, camera, point, rotations, translations), rays) <= 0
     views, behind_any = seen.sum(axis=0), np.bincount(point[behind], minlength=n_points) > 0
     faults = {}
     for row in np.flatnonzero(~np.isfinite(points).all(axis=1) | behind_any):
@@ -147,7 +147,7 @@ def parallax_angles(rays_a: Floats, rays_b: Floats, R_ba: Floats) -> Floats:
     return direction_angle(np.asarray(rays_a, dtype=np.float64) @ np.asarray(R_ba, dtype=np.float64).T, rays_b)
 
 
-def in_camera_frames(points: Floats, camera: Ints, point: Ints, rotations: Floats, translations: Floats) -> Floats:
+def move_to_camera_frames(points: Floats, camera: Ints, point: Ints, rotations: Floats, translations: Floats) -> Floats:
     """(M, 3) points as their cameras see them: row m is point `point[m]` in the frame of camera `camera[m]`."""
     R, t = np.asarray(rotations)[camera], np.asarray(translations)[camera]
     return np.asarray(np.einsum("mij,mj->mi", R, np.asarray(points)[point]) + t)
@@ -209,7 +209,7 @@ class PointObservations(Columns):
     """(M, 2, 2) how that by the distortion changes with the pixel; None where the distortion is not refined."""
 
 
-def held_depth(depth: Floats, square: Floats) -> Floats:
+def hold_depth(depth: Floats, square: Floats) -> Floats:
     """(M,) depths of points along their rays by which residuals are divided, from the depths and squared distances (M,).
 
     A point behind its ray has no residual: the depth is held above a floor so that the cost is large but finite.
@@ -228,7 +228,7 @@ def project_near(bearing: Floats, tangent: Floats, d: Floats) -> tuple[Floats, F
     Returns:
         residual (M, 2) in pixels and its derivative by d (M, 2, 3).
     """
-    inverse = 1.0 / held_depth(np.einsum("mi,mi->m", bearing, d), np.einsum("mi,mi->m", d, d))
+    inverse = 1.0 / hold_depth(np.einsum("mi,mi->m", bearing, d), np.einsum("mi,mi->m", d, d))
     residual = (tangent[:, :, 0] * d[:, :1] + tangent[:, :, 1] * d[:, 1:2] + tangent[:, :, 2] * d[:, 2:]) * inverse[:, None]
     by_d = (tangent - residual[:, :, None] * bearing[:, None, :]) * inverse[:, None, None]
     return residual, by_d

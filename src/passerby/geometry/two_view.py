@@ -59,7 +59,7 @@ class TwoView:
         return essential_matrix(self.R_ba, self.t_ba)
 
 
-def relative_pose(
+def estimate_relative_pose(
     rays_a: Floats,
     rays_b: Floats,
     *,
@@ -120,7 +120,7 @@ def relative_pose(
 def judge_pose(R_ba: Floats, t_ba: Floats, rays_a: Floats, rays_b: Floats, threshold: float) -> TwoView:
     """A relative pose with its inliers and score among rays (N, 3); `threshold` in radians."""
     error = epipolar_errors(essential_matrix(R_ba, t_ba), rays_a, rays_b)
-    inliers = (error <= threshold) & in_front_of_both(R_ba, t_ba, rays_a, rays_b)
+    inliers = (error <= threshold) & find_in_front_of_both(R_ba, t_ba, rays_a, rays_b)
     return TwoView(R_ba, t_ba, inliers, float((1.0 - (error[inliers] / threshold) ** 2).sum()))
 
 
@@ -154,12 +154,12 @@ def choose_by_cheirality(
     Returns:
         R_ba (3, 3), t_ba (3,), and which of the N points lie in front of both; the first of equals.
     """
-    masks = [in_front_of_both(R, t, rays_a, rays_b) for R, t in candidates]
+    masks = [find_in_front_of_both(R, t, rays_a, rays_b) for R, t in candidates]
     best = int(np.argmax([np.count_nonzero(mask) for mask in masks]))
     return (*candidates[best], masks[best])
 
 
-def in_front_of_both(R_ba: Floats, t_ba: Floats, rays_a: Floats, rays_b: Floats) -> Bools:
+def find_in_front_of_both(R_ba: Floats, t_ba: Floats, rays_a: Floats, rays_b: Floats) -> Bools:
     """(N,) whether the point of each ray pair lies in front of both cameras, along the rays; False for parallel rays."""
     points = triangulate_two_views(rays_a, rays_b, R_ba, t_ba)
     with np.errstate(invalid="ignore"):

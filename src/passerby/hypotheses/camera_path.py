@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from passerby.common.arrays import Bools, Floats, Ints
 from passerby.core.cameras import Pose
-from passerby.geometry.groups import cut_cauchy_cost, cut_cauchy_weights
+from passerby.geometry.groups import compute_cut_cauchy_cost, compute_cut_cauchy_weights
 from passerby.geometry.rotations import exp_rotation, log_rotation
 from passerby.hypotheses.correspondences import Correspondences
 from passerby.hypotheses.pair_residuals import PairColumns, PairResiduals, residuals_at
@@ -36,7 +36,7 @@ OFFSET_SD, RATE_SD = 1.0, 0.02
 second is 0.04."""
 PRIOR_SD = np.array([TURN_SD] * 3 + [CENTRE_SD_M] * 3 + [FOCAL_SD])
 OWN_SD = np.array([*PRIOR_SD, OFFSET_SD, RATE_SD])
-MOST_COST = 0.5 * float(cut_cauchy_cost(np.array(BEYOND), LOSS, BEYOND))
+MOST_COST = 0.5 * float(compute_cut_cauchy_cost(np.array(BEYOND), LOSS, BEYOND))
 """Of an observation that shows another person, nats."""
 STEPS = 12
 
@@ -194,7 +194,7 @@ def best_pairs(m: Correspondences, square: Floats) -> Ints:
 def costs_along(m: Correspondences, path: CameraPath) -> Floats:
     """(M,) robust cost of each observation, nats, by the person who fits best."""
     square = residuals_along(m, path).found.square
-    return 0.5 * cut_cauchy_cost(square[best_pairs(m, square)], LOSS, BEYOND)
+    return 0.5 * compute_cut_cauchy_cost(square[best_pairs(m, square)], LOSS, BEYOND)
 
 
 @dataclass(frozen=True, eq=False)
@@ -275,7 +275,7 @@ def _stepped(path: CameraPath, own: Floats, change: Floats, free: Ints) -> Camer
 
 def _weighed(at: Residuals, J: Floats, wide: float) -> Floats:
     """(2, U, N) derivatives times information and robust weight, by a loss of so many times its usual scale."""
-    across, both, down = cut_cauchy_weights(at.found.square, LOSS * wide, BEYOND * wide**2) * at.found.information
+    across, both, down = compute_cut_cauchy_weights(at.found.square, LOSS * wide, BEYOND * wide**2) * at.found.information
     return np.array([across * J[0] + both * J[1], both * J[0] + down * J[1]])
 
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from passerby.common.arrays import Floats, Ints
 from passerby.core.cameras import Lens, Pose, Rig
-from passerby.core.measuring import MeasuringFigures, measured_change
+from passerby.core.measuring import MeasuringFigures, measure_change
 from passerby.geometry.rotations import angle_between, exp_rotation
 from passerby.hypotheses.camera_path import (
     MOVES,
@@ -165,7 +165,7 @@ class FoundChange:
         step = int(np.ceil(len(places) / MOST_PLACES))
         ends = [self.path.constant(one) for one in self._ends()]
         before, after = (_with_camera(rig, camera, end) for end in ends)
-        moved = measured_change(before, after, places[::step])
+        moved = measure_change(before, after, places[::step])
         return np.inf if moved is None or measuring is None else effect(moved, measuring)
 
     def _ends(self) -> Floats:

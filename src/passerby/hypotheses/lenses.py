@@ -12,7 +12,7 @@ from passerby.common.arrays import Floats
 from passerby.core.cameras import Rig
 from passerby.core.figures import adjusted
 from passerby.core.lens import LARGEST_FOCAL_SD, Lens
-from passerby.core.measuring import MeasuringErrors, measured_change
+from passerby.core.measuring import MeasuringErrors, measure_change
 from passerby.hypotheses.alternatives import LENS, WRONG, Alternative, lens_alternatives, prior_scales
 from passerby.hypotheses.case import Case
 from passerby.hypotheses.comparison import LOG_ODDS, Comparison, Refit, Screened, effect, screen
@@ -70,7 +70,7 @@ class FoundLenses:
         for one in (*corrected, alternative):
             at = np.ix_(np.array(one.cameras), one.columns)
             change[at] = case.state.lens[at].mean(axis=0) if one.alike else case.state.lens[at]
-        moved = measured_change(base.rig(), case.rig(), base.state.people[:, :2])
+        moved = measure_change(base.rig(), case.rig(), base.state.people[:, :2])
         return cls(alternative, case.stated, change, case.lens_sigma(), moved)
 
     @property

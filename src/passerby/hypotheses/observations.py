@@ -16,7 +16,7 @@ import numpy as np
 from passerby.common.arrays import Ints
 from passerby.core.cameras import Lens, Pose, Rig
 from passerby.core.figures import adjusted
-from passerby.core.measuring import MOST_PLACES, measured_change
+from passerby.core.measuring import MOST_PLACES, measure_change
 from passerby.core.observations import CameraObservations, Observations
 from passerby.core.solution import Solution
 from passerby.core.stature import PERSON_HEIGHT_M
@@ -217,7 +217,7 @@ def _with_effect(found: ReadCamera, solution: Solution, instants: Observations) 
     places = PeopleRays.of(rig, identified_body_centres(rig, instants))
     located = places.triangulated(PERSON_HEIGHT_M, np.ones(len(places.camera), dtype=bool)).place[:, :2]
     step = max(1, len(located) // MOST_PLACES)
-    change, measuring = measured_change(rig, moved, located[::step]), adjusted(solution.figures).measuring
+    change, measuring = measure_change(rig, moved, located[::step]), adjusted(solution.figures).measuring
     if change is None or measuring is None:
         return found
     late_mm = 1000 * WALKING_M_S * abs(found.reading.late_s or 0.0) / max(measuring.points.median_mm, 1e-9)

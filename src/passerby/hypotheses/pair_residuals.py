@@ -12,7 +12,7 @@ import numpy as np
 
 from passerby.common.arrays import Floats, Ints
 from passerby.core.cameras import Pose
-from passerby.geometry.triangulation import held_depth
+from passerby.geometry.triangulation import hold_depth
 from passerby.people.body_centres import TriangulatedPeople
 from passerby.people.sightings import Sightings
 
@@ -96,7 +96,7 @@ def residuals_at(pairs: PairColumns, pose: Pose) -> PairResiduals:
     """The residuals of pairs under a pose."""
     at = pose.R_cw @ (pairs.place - pose.centre[:, None])
     along, square = _dot(pairs.ray, at), _dot(at, at)
-    inverse = 1.0 / held_depth(along, square)
+    inverse = 1.0 / hold_depth(along, square)
     residual = np.array([_dot(pairs.tangent[0], at), _dot(pairs.tangent[1], at)]) * inverse
     by_at = (pairs.tangent - residual[:, None] * pairs.ray) * inverse
     by_place = np.array([pose.R_cw.T @ by_at[0], pose.R_cw.T @ by_at[1]])

@@ -14,7 +14,7 @@ from passerby.common.arrays import Columns, Floats, Ints
 from passerby.core.cameras import Lens, Pose
 from passerby.core.observations import CameraObservations
 from passerby.core.stature import PERSON_HEIGHT_M
-from passerby.geometry.groups import cut_cauchy_cost, cut_cauchy_weights
+from passerby.geometry.groups import compute_cut_cauchy_cost, compute_cut_cauchy_weights
 from passerby.geometry.single_view import level_camera
 from passerby.geometry.triangulation import pose_jacobian, project_near
 from passerby.people.body_centres import FLOOR_PX, SHARE, TriangulatedPeople
@@ -117,7 +117,7 @@ class SeenPeople(Columns):
     def costs(self, pose: Pose) -> Floats:
         """(M,) robust cost, nats."""
         rows, wider = self.residuals(pose)
-        return np.asarray(0.5 * cut_cauchy_cost((rows[..., 0] ** 2).sum(axis=2), LOSS, BEYOND).sum(axis=1) + wider)
+        return np.asarray(0.5 * compute_cut_cauchy_cost((rows[..., 0] ** 2).sum(axis=2), LOSS, BEYOND).sum(axis=1) + wider)
 
     def fitted(self, start: Pose) -> Pose:
         """The pose that they fit, near `start`."""
@@ -126,7 +126,7 @@ class SeenPeople(Columns):
 
     def _normal(self, pose: Pose, wide: float) -> tuple[Floats, Floats]:
         rows = self.residuals(pose)[0]
-        weight = cut_cauchy_weights((rows[..., 0] ** 2).sum(axis=2), LOSS * wide, BEYOND * wide**2)
+        weight = compute_cut_cauchy_weights((rows[..., 0] ** 2).sum(axis=2), LOSS * wide, BEYOND * wide**2)
         J = rows[..., 1:] * weight[:, :, None, None]
         return np.einsum("mkeu,mke->u", J, rows[..., 0]), np.einsum("mkeu,mkev->uv", J, rows[..., 1:])
 

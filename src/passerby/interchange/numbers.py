@@ -68,7 +68,7 @@ def rotation_of(vector: Floats, place: str = "") -> Floats:
     return exp_rotation(np.asarray(vector, dtype=np.float64).ravel())
 
 
-def gathered_rig(
+def gather_rig(
     path: str | Path,
     cameras: Iterable[tuple[str, Callable[[], Camera]]],
     verdict: str | None = None,

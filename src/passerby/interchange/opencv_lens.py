@@ -84,16 +84,16 @@ def read_opencv_lens(path: str | Path) -> StoredLens | None:
 
 def lens_in(path: Path, content: Mapping[str, Any]) -> StoredLens | None:
     """The lens among a file's values, see `read_values`; None where they hold no camera matrix. Raises `InputError`."""
-    matrix = first_value(content, MATRIX_NAMES)
+    matrix = find_first_value(content, MATRIX_NAMES)
     if matrix is None:
         return None
-    distortions = first_value(content, DISTORTION_NAMES)
+    distortions = find_first_value(content, DISTORTION_NAMES)
     if distortions is None:
         raise InputError(f"{path}: has a camera matrix, but no distortion coefficients: add them, zeros for a lens without")
-    model = _strip_quotes(str(first_value(content, _MODEL) or ""))
+    model = _strip_quotes(str(find_first_value(content, _MODEL) or ""))
     if model not in _PINHOLE_MODELS + _FISHEYE_MODELS:
         raise InputError(f"{path}: the lens model {shortened(model)} is not known: OpenCV's pinhole and fisheye models are")
-    flag = first_value(content, _FISHEYE)
+    flag = find_first_value(content, _FISHEYE)
     fisheye = model in _FISHEYE_MODELS or flag in (1, 1.0, True, "1", "true", "True")
     values = numbers_of(path, "the camera matrix", matrix)
     if values.size != 9:
@@ -130,7 +130,7 @@ def _parse_text(text: str) -> Any:
     found = parse_json(text) if head.startswith(("{", "[")) else parse_safe_yaml(ESCAPED_QUOTE.sub(r"\1'", text))
     if not isinstance(found, dict | list):
         raise NotParsed("holds one value only")
-    return with_plain_keys(found, DEEPEST)
+    return simplify_keys(found, DEEPEST)
 
 
 def _read_xml(element: ElementTree.Element) -> Any:
@@ -148,12 +148,12 @@ def _read_xml(element: ElementTree.Element) -> Any:
     return values[0] if len(values) == 1 else values
 
 
-def with_plain_keys(value: Any, levels: int) -> Any:
+def simplify_keys(value: Any, levels: int) -> Any:
     """The same, its keys plain; what lies deeper than so many levels is left out, since YAML can hold itself."""
     if levels == 0:
         return None
     if isinstance(value, dict):
-        return {_strip_quotes(str(key)): with_plain_keys(inner, levels - 1) for key, inner in value.items()}
+        return {_strip_quotes(str(key)): simplify_keys(inner, levels - 1) for key, inner in value.items()}
     return value
 
 
@@ -161,7 +161,7 @@ def _strip_quotes(key: str) -> str:
     return key.casefold().replace("_", "").replace("-", "").replace(" ", "")
 
 
-def first_value(content: Mapping[str, Any], keys: tuple[str, ...]) -> Any:
+def find_first_value(content: Mapping[str, Any], keys: tuple[str, ...]) -> Any:
     """The value under the first of some keys that there is; None where there is none of them."""
     return next((content[key] for key in keys if content.get(key) is not None), None)
 
@@ -181,9 +181,9 @@ def numbers_of(path: Path, what: str, value: Any) -> Floats:
 
 def _size(path: Path, content: Mapping[str, Any]) -> tuple[int, int] | None:
     """(width, height) as far as the file says."""
-    size = first_value(content, SIZE_NAMES)
+    size = find_first_value(content, SIZE_NAMES)
     nested = size if isinstance(size, dict) and "data" not in size else content
-    width, height = first_value(nested, _WIDTH), first_value(nested, _HEIGHT)
+    width, height = find_first_value(nested, _WIDTH), find_first_value(nested, _HEIGHT)
     if (width is None or height is None) and size is not None and nested is content:
         numbers = numbers_of(path, "the image size", size)
         width, height = numbers if numbers.size == 2 else (None, None)

@@ -23,11 +23,11 @@ import tomli_w
 
 from passerby.common.arrays import Floats
 from passerby.common.errors import InputError
-from passerby.common.text import listed, shortened
+from passerby.common.text import list_names, shortened
 from passerby.core.cameras import Camera, Lens, Pose, PoseSigma, Rig
 from passerby.core.lens import INTRINSICS, LARGEST_FOCAL_SD, QUARTER_TURNS
 from passerby.geometry.rotations import log_rotation
-from passerby.interchange.numbers import NotNumbers, finite_numbers, gathered_rig, rotation_of
+from passerby.interchange.numbers import NotNumbers, finite_numbers, gather_rig, rotation_of
 from passerby.interchange.storage.atomic import write_text
 from passerby.interchange.storage.safe_parsing import leaves, read_toml
 from passerby.interchange.storage.text_formats import check_version
@@ -67,7 +67,7 @@ def read_rig(path: str | Path) -> Rig:
     texts = {key: value for key, value in metadata.items() if isinstance(value, str) and key not in ("units", "verdict")}
     verdict = metadata.get("verdict")
     cameras = ((f"[{key}]", partial(camera_of, key, table, metres)) for key, table in tables.items())
-    return gathered_rig(path, cameras, verdict if isinstance(verdict, str) else None, texts)
+    return gather_rig(path, cameras, verdict if isinstance(verdict, str) else None, texts)
 
 
 def read_lens(path: str | Path, camera: str) -> Lens:
@@ -86,7 +86,7 @@ def read_lens(path: str | Path, camera: str) -> Lens:
     if key is None:
         raise InputError(
             f"{path}: no table [{camera}]: camera {camera} needs one with size, matrix and distortions "
-            f"(the file has {listed(list(tables))})"
+            f"(the file has {list_names(list(tables))})"
         )
     try:
         return _lens(tables[key])

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from passerby.common.errors import InputError
-from passerby.common.text import nearest, shortened, shortened_text
+from passerby.common.text import shortened, shortened_text, suggest_name
 from passerby.core.scale_cues import GPS_SD_M, POINT_SD_M, POSITION_SD_M, KnownPoint, KnownPosition
 from passerby.interchange.storage.safe_parsing import FileFaults, read_text, read_toml
 from passerby.interchange.storage.text_formats import csv_rows
@@ -112,7 +112,7 @@ def _toml_rows(path: Path, table: str, keys: Sequence[str]) -> list[Row]:
         raise InputError(f"{path}: has no tables [[{table}]]: give one for each row, with the keys {', '.join(keys)}")
     rows = [(f"[[{table}]] {number}", row) for number, row in enumerate(listed, start=1)]
     faults = [
-        f"{path}: {place}: unknown key {shortened(key)}: {nearest(key[:80], list(keys))}"
+        f"{path}: {place}: unknown key {shortened(key)}: {suggest_name(key[:80], list(keys))}"
         for place, row in rows
         for key in row
         if key not in keys

@@ -143,7 +143,7 @@ def read_earlier(folder: Path | None, judged_by: str) -> EarlierRun:
 
     Args:
         folder: with `monitor.json`, and `rig.toml` with the poses of cameras that moved.
-        judged_by: see `judged_by`.
+        judged_by: see `describe_test`.
 
     Raises `LaterVersionError` for files of a later Passerby, which this run would replace.
     """
@@ -201,7 +201,7 @@ def news_of(scene: Scene, name: str) -> News:
     return News(_digest([used, perception, mode, states]), as_of)
 
 
-def judged_by(given: GivenRig, options: WatchOptions, *, in_step: bool) -> str:
+def describe_test(given: GivenRig, options: WatchOptions, *, in_step: bool) -> str:
     """What a camera's state depends on beside its footage: the rig, and how it is tested."""
 
     def numbers(values: Floats | None) -> list[float] | None:

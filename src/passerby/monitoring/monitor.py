@@ -24,7 +24,7 @@ from passerby.findings.texts import text_of, texts_of
 from passerby.interchange.monitor_json import MONITOR_FILE
 from passerby.interchange.output_folder import GROUPS_FOLDER, RIG_FILE, group_folder, scene_file
 from passerby.monitoring.budget import SITE_BUDGET_S, Thinning, plan_thinning, thin
-from passerby.monitoring.given_rig import GivenRig, judged_by, news_of, read_earlier, read_given, rig_text
+from passerby.monitoring.given_rig import GivenRig, describe_test, news_of, read_earlier, read_given, rig_text
 from passerby.monitoring.result import MonitoringResult, Sources
 from passerby.monitoring.site import MANY, SEED, CamerasOfSite, identify_by_rig, watch_site
 from passerby.monitoring.watched import Watched, WatchOptions
@@ -63,7 +63,7 @@ def monitor(
     tell("reading")
     scene = scene if isinstance(scene, Scene) else Scene.load(scene)
     kept = None if keep is None else Path(keep)
-    judged = judged_by(given, options, in_step=in_step)
+    judged = describe_test(given, options, in_step=in_step)
     earlier = read_earlier(kept, judged)
     news = {name: news_of(scene, name) for name in scene.cameras}
     fresh = tuple(name for name in scene.cameras if not earlier.has_read(name, news[name].digest))

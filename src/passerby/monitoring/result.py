@@ -38,7 +38,7 @@ class Sources:
     news: Mapping[str, News] = field(default_factory=dict)
     """The files of each camera that were read."""
     judged_by: str | None = None
-    """See `given_rig.judged_by`."""
+    """See `given_rig.describe_test`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -248,7 +248,7 @@ class MonitoringResult:
             write_text(new / MONITOR_FILE, to_json(self.to_dict()))
 
 
-def along(shift: Floats, covariance: Floats) -> tuple[float | None, float | None]:
+def measure_shift(shift: Floats, covariance: Floats) -> tuple[float | None, float | None]:
     """How long a shift (3,) is, and one sigma of that; None where unknown."""
     length = float(np.linalg.norm(shift))
     if not np.isfinite(length):
@@ -279,8 +279,8 @@ def move_in_words(move: MoveEntry) -> str:
 
 def entry_of(move: Move) -> MoveEntry:
     """A move as files hold it."""
-    metres, metres_sd = along(move.shift[:3], move.covariance[:3, :3])
-    radians, radians_sd = along(move.shift[3:], move.covariance[3:, 3:])
+    metres, metres_sd = measure_shift(move.shift[:3], move.covariance[:3, :3])
+    radians, radians_sd = measure_shift(move.shift[3:], move.covariance[3:, 3:])
     moment, pose = move.moment, move.pose
     return MoveEntry(
         camera=move.camera, or_=move.others, before_footage=moment is None,

@@ -100,7 +100,7 @@ def watch_site(
     """
     # The systems are small, and the number of BLAS threads would change the last bits.
     with threadpool_limits(limits=1, user_api="blas"):
-        sites = [_site(cameras, part, known, tell, executor) for part in connected(cameras.pairs, len(cameras.rig))]
+        sites = [_site(cameras, part, known, tell, executor) for part in connect_cameras(cameras.pairs, len(cameras.rig))]
         span = _span(cameras.observations)
         return watch_neighbourhoods(sites, cameras.rig.names, options, span, tell=tell, executor=executor)
 
@@ -160,7 +160,7 @@ def neighbours_by_rig(rig: Rig, ground_m: Mapping[str, float]) -> Pairs:
     return frozenset(found)
 
 
-def connected(pairs: Pairs, n: int) -> list[list[int]]:
+def connect_cameras(pairs: Pairs, n: int) -> list[list[int]]:
     """The cameras 0 to n - 1 in sets that pairs tie together, each ascending; cameras without a neighbour are in none."""
     beside: list[list[int]] = [[] for _ in range(n)]
     for a, b in sorted(pairs):

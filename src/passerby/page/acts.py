@@ -17,18 +17,18 @@ from passerby.page.requests import Act, Frame, Name, Pixel, read_as
 from passerby.page.scene_edits import (
     POINTS_FILE,
     GroundClick,
-    with_excluded,
-    with_identities,
-    with_length,
-    with_line,
-    with_not_a_person,
-    with_person,
-    with_time_limit,
-    with_world_points,
-    without_camera,
-    without_entry,
-    without_excluded,
-    without_time_limit,
+    add_excluded,
+    add_identities,
+    add_length,
+    add_line,
+    add_not_a_person,
+    add_person,
+    remove_camera,
+    remove_entry,
+    remove_excluded,
+    remove_time_limit,
+    set_time_limit,
+    set_world_points,
     write_points,
 )
 from passerby.page.session import Session
@@ -206,34 +206,34 @@ def _apply_act(session: Session, act: AnyAct, text: str) -> str:
     if isinstance(act, MarkLength):
         measure_or_leave(session, act)
         if act.check:
-            return with_length(text, act.metres, act.sd_m, act.points, "checks")
-        return _rescale_world(session, with_length(text, act.metres, act.sd_m, act.points), act)
+            return add_length(text, act.metres, act.sd_m, act.points, "checks")
+        return _rescale_world(session, add_length(text, act.metres, act.sd_m, act.points), act)
     if isinstance(act, PointAtPerson):
-        return with_person(text, act.camera, act.frame, act.at, act.height_m, act.sd_m)
+        return add_person(text, act.camera, act.frame, act.at, act.height_m, act.sd_m)
     if isinstance(act, MarkLine):
-        return with_line(text, act.direction, act.points)
+        return add_line(text, act.direction, act.points)
     if isinstance(act, CorrectIdentities):
-        return with_identities(text, act.key, [(one.camera, one.frame, one.at) for one in act.boxes])
+        return add_identities(text, act.key, [(one.camera, one.frame, one.at) for one in act.boxes])
     if isinstance(act, NotAPerson):
-        return with_not_a_person(text, act.box.camera, act.box.frame, act.box.at)
+        return add_not_a_person(text, act.box.camera, act.box.frame, act.box.at)
     if isinstance(act, SetWorld):
-        return with_world_points(text, _world_points(session, act))
+        return set_world_points(text, _world_points(session, act))
     if isinstance(act, Remove):
-        return without_entry(text, act.key, act.number)
+        return remove_entry(text, act.key, act.number)
     if isinstance(act, ExcludeRegion):
-        return with_excluded(text, act.camera, "exclude", act.corners)
+        return add_excluded(text, act.camera, "exclude", act.corners)
     if isinstance(act, ExcludeTime):
-        return with_excluded(text, act.camera, "exclude_s", (act.begin_s, act.end_s))
+        return add_excluded(text, act.camera, "exclude_s", (act.begin_s, act.end_s))
     if isinstance(act, Include):
-        return without_excluded(text, act.camera, act.key, act.number)
+        return remove_excluded(text, act.camera, act.key, act.number)
     if isinstance(act, PlacePlan | RemovePlan):
         return change_plan(session, act, text)
     if isinstance(act, Moved):
-        return with_time_limit(text, act.camera, "until_s" if act.keep == "before" else "from_s", act.at_s)
+        return set_time_limit(text, act.camera, "until_s" if act.keep == "before" else "from_s", act.at_s)
     if isinstance(act, KeepAll):
-        return without_time_limit(text, act.camera, act.key)
+        return remove_time_limit(text, act.camera, act.key)
     assert isinstance(act, LeaveOut)
-    return without_camera(text, act.camera)
+    return remove_camera(text, act.camera)
 
 
 def measure_or_leave(session: Session, act: MarkLength) -> None:
@@ -273,7 +273,7 @@ def _rescale_world(session: Session, text: str, act: MarkLength) -> str:
     factors = [*_factors(scene, rig), act.metres / measure_length(rig, act.points).metres]
     along = far * float(np.median(factors))
     clicks = [GroundClick(name, clicked[name].camera, clicked[name].at, x) for name, x in ((ORIGIN, 0.0), (ALONG_X, along))]
-    return with_world_points(text, write_points(session.scene_file.parent, clicks))
+    return set_world_points(text, write_points(session.scene_file.parent, clicks))
 
 
 def scale_of_lengths(scene: Scene, rig: Rig) -> float:

@@ -17,7 +17,7 @@ from passerby.common.arrays import Floats
 from passerby.common.errors import EvidenceError, InputError
 from passerby.core.cameras import Camera, Pose, Rig
 from passerby.core.observations import Boxes, CameraObservations, Clock
-from passerby.core.pointing import find_pointed, nearest_frame
+from passerby.core.pointing import find_nearest_frame, find_pointed
 from passerby.geometry.rotations import exp_rotation
 from passerby.interchange.calibration_json import CALIBRATION_FILE
 from passerby.interchange.output_folder import OutputFolder, read_output
@@ -263,7 +263,7 @@ def find_same_person(folder: OutputFolder, camera: str, frame: int, at: tuple[fl
     The frame of the camera is the one that a known height at this pixel is looked for in; pixels are OpenCV's.
     """
     own, clock = folder.boxes[camera], folder.clocks.get(camera)
-    near = nearest_frame(CameraObservations(own), frame, None if clock is None else clock.fps)
+    near = find_nearest_frame(CameraObservations(own), frame, None if clock is None else clock.fps)
     pointed = None if near is None else find_pointed(CameraObservations(own), near, at)
     if near is None or pointed is None:
         return SamePerson(None)

@@ -14,7 +14,7 @@ from passerby.interchange.calibration_json import CALIBRATION_FILE, read_documen
 from passerby.interchange.monitor_json import MONITOR_FILE, MonitorDocument, MonitoredCamera, MoveEntry, read_monitor
 from passerby.interchange.storage.text_formats import plain
 from passerby.page.pictures import PictureStore
-from passerby.page.requests import without_folders
+from passerby.page.requests import remove_folders
 from passerby.page.scene_edits import version_of
 from passerby.scene.scene import Scene
 
@@ -121,7 +121,7 @@ class MonitoredSession:
     def public(self, text: str) -> str:
         """A message without the folders of this machine."""
         folders = [self.folder, self.folder.parent, *(one.parent for one in self._stores)]
-        return without_folders(text, folders)
+        return remove_folders(text, folders)
 
     def _find_longest_part(self, found: MonitorDocument, name: str, first: int, last: int) -> tuple[int, int]:
         """First and last frame of the longest part in which a camera had the pose that its calibration found."""

@@ -17,7 +17,7 @@ from passerby.perception.video import VideoInfo
 from passerby.perception.video_still import still
 from passerby.scene.camera_input import CameraInput
 from passerby.scene.scene import Scene
-from passerby.scene.wall_clock import align_wall_clocks, chosen_span, source_of
+from passerby.scene.wall_clock import align_wall_clocks, choose_span, source_of
 
 KEPT = 64
 """Pictures at once: some 20 MB."""
@@ -140,7 +140,7 @@ def open_videos(scene: Scene) -> dict[str, VideoInfo | str]:
     readings = [CameraInput(name, fps=scene.fps_of(name)) for name in scene.cameras]
     why: dict[str, str] = {}
     try:
-        span = chosen_span(scene)
+        span = choose_span(scene)
     except InputError as error:
         return {name: str(error) for name in scene.cameras}
     for reading in readings:

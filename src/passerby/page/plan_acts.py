@@ -86,21 +86,21 @@ class RemovePlan(Act):
 def change_plan(session: Session, act: PlacePlan | RemovePlan, text: str) -> str:
     """The scene file's text after an act on the plan. Raises `InputError` for a plan that nothing can be laid upon."""
     if isinstance(act, RemovePlan):
-        return without_plan(text)
+        return remove_plan(text)
     table = plan_table(session, act.plan)
     sizes = {}
     with suppress(InputError):  # without a rig, a calibration checks the pixels of pictures
         sizes = {camera.name: camera.lens.size for camera in session.rig()}
     if wrong := plan_faults(table, "the plan:", sizes):
         raise FileFaults(wrong)
-    return with_plan(text, stated(session, act.plan))
+    return write_plan(text, state_plan(session, act.plan))
 
 
 def plan_table(session: Session, draft: PlanDraft) -> PlanTable:
     """A draft as the scene file's table, its picture as it can be opened. Raises `InputError` for what is no plan."""
     scene, _ = session.scene()
     old = None if scene.world is None else scene.world.plan
-    now = stated(session, draft)
+    now = state_plan(session, draft)
     others = {} if old is None else {key: one for key, one in old.model_dump(exclude_unset=True).items() if key not in STATED}
     if old is not None and old.image.as_posix() != now["image"]:
         others.pop("origin", None)  # a pixel of another picture
@@ -108,7 +108,7 @@ def plan_table(session: Session, draft: PlanDraft) -> PlanTable:
     return table.model_copy(update={"image": plan_path(session, draft.image)})
 
 
-def stated(session: Session, draft: PlanDraft) -> dict[str, Any]:
+def state_plan(session: Session, draft: PlanDraft) -> dict[str, Any]:
     """What `[world.plan]` says of a draft, as plain values of TOML."""
     plan: dict[str, Any] = {"image": draft.image}
     if draft.image is None:
@@ -139,7 +139,7 @@ def _pixel(at: Pixel) -> list[float]:
     return [round(float(value), PIXEL_DIGITS) for value in at]
 
 
-def with_plan(text: str, wanted: Mapping[str, Any]) -> str:
+def write_plan(text: str, wanted: Mapping[str, Any]) -> str:
     """With `[world.plan]` as wanted, whatever set the world before; lines stay, but for those that set the heading.
 
     Args:
@@ -163,7 +163,7 @@ def with_plan(text: str, wanted: Mapping[str, Any]) -> str:
     return _check_text(document, wanted)
 
 
-def without_plan(text: str) -> str:
+def remove_plan(text: str) -> str:
     """Without `[world.plan]`, and so without a stated world frame; lines stay. Raises `InputError` where there is none."""
     document = _parse_scene(text)
     world: Any = document.get("world")
@@ -188,7 +188,7 @@ def _parse_scene(text: str) -> tomlkit.TOMLDocument:
 def _make_plan_table(wanted: Mapping[str, Any], before: Any) -> Table:
     """A new table, with the further keys of a plan that was written on one line."""
     kept = {} if not isinstance(before, Mapping) else {key: before[key] for key in before if key not in STATED}
-    if kept and plain(before.get("image")) != wanted["image"]:
+    if kept and strip_lines(before.get("image")) != wanted["image"]:
         kept.pop("origin", None)
     table = tomlkit.table()
     for key in STATED[:-1]:
@@ -203,14 +203,14 @@ def _make_plan_table(wanted: Mapping[str, Any], before: Any) -> Table:
 
 def _update(plan: Table, wanted: Mapping[str, Any]) -> None:
     """Change what differs. An origin is a pixel of one picture, and goes with it."""
-    if plain(plan.get("image")) != wanted["image"]:
+    if strip_lines(plan.get("image")) != wanted["image"]:
         plan.pop("origin", None)
     for key in STATED[:-1]:
         if key not in wanted:
             plan.pop(key, None)
         elif key == "cameras" and isinstance(plan.get(key), Mapping):
             _update_cameras(plan[key], wanted[key])
-        elif plain(plan.get(key)) != wanted[key]:
+        elif strip_lines(plan.get(key)) != wanted[key]:
             plan[key] = _item(wanted[key])
     points = plan.get("points")
     if not isinstance(points, AoT):
@@ -220,7 +220,7 @@ def _update(plan: Table, wanted: Mapping[str, Any]) -> None:
         return
     left = [dict(one) for one in wanted.get("points", [])]
     for number in reversed(range(len(points))):
-        one = plain(points[number])
+        one = strip_lines(points[number])
         if one in left:
             left.remove(one)
         else:
@@ -235,7 +235,7 @@ def _update_cameras(cameras: Any, wanted: Mapping[str, Any]) -> None:
     for name in [name for name in cameras if name not in wanted]:
         del cameras[name]
     for name, at in wanted.items():
-        if plain(cameras.get(name)) != at:
+        if strip_lines(cameras.get(name)) != at:
             cameras[name] = at
 
 
@@ -264,7 +264,7 @@ def _write_point(point: Mapping[str, Any]) -> Table:
     return table
 
 
-def plain(item: Any) -> Any:
+def strip_lines(item: Any) -> Any:
     """A value without its lines."""
     return item.unwrap() if hasattr(item, "unwrap") else item
 

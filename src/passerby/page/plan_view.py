@@ -28,7 +28,7 @@ from passerby.report.rig_geometry import (
     magnification,
     semi_axes,
     stage_of,
-    thinned_parts,
+    thin_parts,
     wedge,
 )
 
@@ -209,7 +209,7 @@ def _camera(camera: Camera, place: int, stage: Stage) -> CameraFromAbove:
 def _paths(ways: FittedTrajectories) -> tuple[PersonPath, ...]:
     """Everybody's stretches of two places or more."""
     found = []
-    for rows in thinned_parts(ways, MOST_PLACES):
+    for rows in thin_parts(ways, MOST_PLACES):
         if len(rows) < 2:
             continue
         who, seconds = int(ways.identity[rows[0]]), ways.seconds[rows]

@@ -33,7 +33,7 @@ def read_as(kind: Any, content: Any) -> Any:
         raise InputError(f"{'.'.join(map(str, fault['loc'])) or 'the request'}: {why}") from None
 
 
-def without_folders(text: str, folders: Iterable[Path]) -> str:
+def remove_folders(text: str, folders: Iterable[Path]) -> str:
     """A message in which paths begin below these folders."""
     for folder in folders:
         for form in (str(folder.absolute()), str(folder)):

@@ -72,7 +72,7 @@ def save_scene(path: Path, text: str) -> None:
     write_text(path, text)
 
 
-def with_length(
+def add_length(
     text: str, metres: float, sd_m: float, points: Mapping[str, Sequence[Pixel]], key: str = "lengths"
 ) -> str:  # fmt: skip
     """With one more `[[scale.lengths]]`, or `[[scale.checks]]`: two ends in each camera, pixels."""
@@ -88,7 +88,7 @@ def with_length(
     return tomlkit.dumps(document)
 
 
-def with_person(text: str, camera: str, frame: int, at: Pixel, height_m: float, sd_m: float) -> str:
+def add_person(text: str, camera: str, frame: int, at: Pixel, height_m: float, sd_m: float) -> str:
     """With one more `[[scale.people]]`: the person at a pixel of a camera's frame, and the height."""
     document = _parse_scene(text)
     entry = tomlkit.table()
@@ -101,7 +101,7 @@ def with_person(text: str, camera: str, frame: int, at: Pixel, height_m: float, 
     return tomlkit.dumps(document)
 
 
-def with_identities(text: str, key: str, boxes: Sequence[tuple[str, int, Pixel]]) -> str:
+def add_identities(text: str, key: str, boxes: Sequence[tuple[str, int, Pixel]]) -> str:
     """With one more `[[association.same]]` or `[[association.different]]`: boxes by camera, frame and pixel."""
     document = _parse_scene(text)
     entry = tomlkit.table()
@@ -115,7 +115,7 @@ def with_identities(text: str, key: str, boxes: Sequence[tuple[str, int, Pixel]]
     return tomlkit.dumps(document)
 
 
-def with_not_a_person(text: str, camera: str, frame: int, at: Pixel) -> str:
+def add_not_a_person(text: str, camera: str, frame: int, at: Pixel) -> str:
     """With one more `[[association.not_people]]`."""
     document = _parse_scene(text)
     entry = tomlkit.table()
@@ -124,7 +124,7 @@ def with_not_a_person(text: str, camera: str, frame: int, at: Pixel) -> str:
     return tomlkit.dumps(document)
 
 
-def with_line(text: str, direction: str, points: Mapping[str, Sequence[Pixel]]) -> str:
+def add_line(text: str, direction: str, points: Mapping[str, Sequence[Pixel]]) -> str:
     """With one more `[[world.lines]]`: two pixels in each camera."""
     document = _parse_scene(text)
     entry = tomlkit.table()
@@ -134,7 +134,7 @@ def with_line(text: str, direction: str, points: Mapping[str, Sequence[Pixel]]) 
     return tomlkit.dumps(document)
 
 
-def without_entry(text: str, key: str, number: int) -> str:
+def remove_entry(text: str, key: str, number: int) -> str:
     """Without the table of this number, from 1, under `[[scale.lengths]]` and the other lists of tables."""
     document = _parse_scene(text)
     table = TABLE_OF[key]
@@ -149,7 +149,7 @@ def without_entry(text: str, key: str, number: int) -> str:
     return tomlkit.dumps(document)
 
 
-def without_camera(text: str, name: str) -> str:
+def remove_camera(text: str, name: str) -> str:
     """With the table of a camera turned into comments at the end of the file."""
     document = _parse_scene(text)
     cameras = document.get("cameras", {})
@@ -165,7 +165,7 @@ def without_camera(text: str, name: str) -> str:
     return f"{tomlkit.dumps(document).rstrip()}\n\n{kept}\n"
 
 
-def with_excluded(text: str, camera: str, key: str, entry: Sequence[Any]) -> str:
+def add_excluded(text: str, camera: str, key: str, entry: Sequence[Any]) -> str:
     """With one more entry of `exclude` (a polygon's corners, pixels) or `exclude_s` (begin and end, seconds) of a camera."""
     document = _parse_scene(text)
     table = _camera(document, camera)
@@ -177,7 +177,7 @@ def with_excluded(text: str, camera: str, key: str, entry: Sequence[Any]) -> str
     return tomlkit.dumps(document)
 
 
-def without_excluded(text: str, camera: str, key: str, number: int) -> str:
+def remove_excluded(text: str, camera: str, key: str, number: int) -> str:
     """Without the entry of this number, from 1, of a camera's `exclude` or `exclude_s`."""
     document = _parse_scene(text)
     table = _camera(document, camera)
@@ -190,14 +190,14 @@ def without_excluded(text: str, camera: str, key: str, number: int) -> str:
     return tomlkit.dumps(document)
 
 
-def with_time_limit(text: str, camera: str, key: str, seconds: float) -> str:
+def set_time_limit(text: str, camera: str, key: str, seconds: float) -> str:
     """With `from_s` or `until_s` of a camera, whatever it was before."""
     document = _parse_scene(text)
     _camera(document, camera)[key] = _round_value(seconds)
     return tomlkit.dumps(document)
 
 
-def without_time_limit(text: str, camera: str, key: str) -> str:
+def remove_time_limit(text: str, camera: str, key: str) -> str:
     """Without `from_s` or `until_s` of a camera."""
     document = _parse_scene(text)
     table = _camera(document, camera)
@@ -207,7 +207,7 @@ def without_time_limit(text: str, camera: str, key: str) -> str:
     return tomlkit.dumps(document)
 
 
-def with_world_points(text: str, points_file: str) -> str:
+def set_world_points(text: str, points_file: str) -> str:
     """With `[world]` set by a file of points, whatever set it before; lines stay, but for those that set the heading."""
     document = _parse_scene(text)
     table = tomlkit.table()

@@ -18,10 +18,10 @@ from passerby.interchange.output_folder import REPORT_FILE, read_folder_rig
 from passerby.interchange.storage.atomic import make_folder, write_text
 from passerby.interchange.storage.safe_parsing import faults_of
 from passerby.page.pictures import PictureStore
-from passerby.page.requests import without_folders
+from passerby.page.requests import remove_folders
 from passerby.page.scene_edits import save_scene, text_of, version_of
 from passerby.page.work import Work
-from passerby.report.recommendations import first_reasons
+from passerby.report.recommendations import choose_first_reasons
 from passerby.scene.scene import Scene
 from passerby.scene.world_tables import PlanTable
 
@@ -141,7 +141,7 @@ class Session:
 
     def public(self, text: str) -> str:
         """A message without the folders of this machine."""
-        return without_folders(text, (self.scene_file.parent, self.out.parent))
+        return remove_folders(text, (self.scene_file.parent, self.out.parent))
 
     def _public_values(self, value: Any) -> Any:
         """Plain values with all their texts as `public` has them."""
@@ -239,7 +239,7 @@ def _describe_entry(document: CalibrationDocument) -> dict[str, Any]:
     lenses = adjusted(document.figures).lenses
     return {
         "verdict": document.verdict,
-        "reasons": first_reasons(document),
+        "reasons": choose_first_reasons(document),
         "findings": list(document.findings),
         "cameras": [
             {

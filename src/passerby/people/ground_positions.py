@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from passerby.common.arrays import Floats, Ints
 from passerby.core.cameras import Camera, Rig
-from passerby.core.observations import UNKNOWN, Boxes, Clock, inside_picture
+from passerby.core.observations import UNKNOWN, Boxes, Clock, find_inside_picture
 from passerby.core.stature import PERSON_HEIGHT_M
 from passerby.geometry.groups import least_of_groups
 
@@ -141,7 +141,7 @@ def ground_places(camera: Camera, ltwh: Floats, person_height_m: float) -> tuple
     forward = ray[:, :2] / level[:, None]
     fall = -ray[:, 2] / level  # the ray's way down, a metre forward
     size = np.maximum(np.arccos(np.clip(np.einsum("ni,ni->n", top, bottom), -1, 1)), 1e-4)
-    whole = inside_picture(ltwh, camera.lens.size)
+    whole = find_inside_picture(ltwh, camera.lens.size)
     less = np.where(whole, 1.0, CUT_TIMES)
     # Seen from above a body is shorter by the cosine; the way to it is longer than the way along the ground by the same.
     by_size = person_height_m * level**2 / size

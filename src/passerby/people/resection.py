@@ -14,7 +14,7 @@ import numpy as np
 from passerby.common.arrays import Floats
 from passerby.core.cameras import Pose, PoseSigma, Rig
 from passerby.core.observations import Observations
-from passerby.geometry.groups import cut_cauchy_weights
+from passerby.geometry.groups import compute_cut_cauchy_weights
 from passerby.geometry.rotations import exp_rotation, log_rotation
 from passerby.people.held_cameras import FittedPeople, GroundPlane, fit_people
 from passerby.people.scores import Scores, cluster_scores
@@ -168,7 +168,7 @@ def resect_observations(
 
     def equations_at(pose: Pose, wide: float) -> _Clusters:
         def weights_of(lengths: Floats) -> Floats:
-            return cut_cauchy_weights((lengths / wide) ** 2, LOSS, BEYOND)
+            return compute_cut_cauchy_weights((lengths / wide) ** 2, LOSS, BEYOND)
 
         rotation[index], centre[index] = pose.R_cw, pose.centre
         people = fit_people(seen, rotation, centre, ground=ground, heights=heights, weights_of=weights_of)

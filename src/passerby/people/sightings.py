@@ -9,7 +9,7 @@ import numpy as np
 
 from passerby.common.arrays import UNFILLED, Bools, Columns, Floats, Ints
 from passerby.core.cameras import Camera, Lens, Rig
-from passerby.core.observations import UNKNOWN, CameraObservations, Clock, Observations, inside_picture
+from passerby.core.observations import UNKNOWN, CameraObservations, Clock, Observations, find_inside_picture
 from passerby.people.model import HEIGHT_PER_CENTRE, Noise
 from passerby.people.segments import upright_segments
 
@@ -203,7 +203,7 @@ def box_sightings(
     bottom = camera.lens.bearings(np.column_stack([middle, y + h])) @ camera.pose.R_cw
     size = angle_between(top, bottom)
     floor = size * noise.floor_px / h
-    less = np.where(inside_picture(ltwh, camera.lens.size), 1.0, CUT_TIMES)
+    less = np.where(find_inside_picture(ltwh, camera.lens.size), 1.0, CUT_TIMES)
     return Sightings(
         np.full(n, number), step, identity, top=top, bottom=bottom, top_fraction=np.ones(n), bottom_fraction=np.zeros(n),
         has_foot=np.ones(n), size=size, centre_sd=less * np.hypot(floor, noise.centre * size),

@@ -22,12 +22,12 @@ from passerby.perception.foreground import (
     Levels,
     Reference,
     ShadowOptions,
+    find_usual_colours,
     foreground,
     prepare_reference,
     shadow_tone,
-    usual_colours,
 )
-from passerby.perception.people_shapes import Stature, found_people, learn_stature, least_height, silhouettes, upright
+from passerby.perception.people_shapes import Stature, find_people, find_upright, learn_stature, least_height, silhouettes
 from passerby.perception.pictures import Detections, Frame, Identity, Picture
 
 VERSION = 1
@@ -89,7 +89,7 @@ class BackgroundModel:
     colour: Picture
     """(W, h, w, 3) BGR at the working size."""
     noise: Levels
-    """(W, h, w, 3) standard deviations as `usual_colours` has them."""
+    """(W, h, w, 3) standard deviations as `find_usual_colours` has them."""
     tone: Floats | None
     """(3,) of the shadows, as `find_shadows` has it."""
     stature: Stature | None
@@ -193,14 +193,14 @@ class _Learner:
         """Learn the window's background, and where people stood alone."""
         if self.size is None or len(self.pictures) < LEAST_PICTURES:
             return
-        colour, noise = usual_colours(self.pictures)
+        colour, noise = find_usual_colours(self.pictures)
         self.backgrounds.append((float(np.mean(self.times)), colour, noise))
         reference = prepare_reference(colour, noise)
         least = least_height(colour.shape[0], colour.shape[1] / self.size[0])
         self._learn_tone(reference)
         for picture in self.pictures:
             found = silhouettes(foreground(picture, reference, self.options.shadows, self.tone).body, least)
-            self.boxes.append(found.ltwh[upright(found, least)].astype(np.float64))
+            self.boxes.append(found.ltwh[find_upright(found, least)].astype(np.float64))
         self.pictures.clear()
         self.times.clear()
 
@@ -264,7 +264,7 @@ class BackgroundDetector:
         picture = working_picture(frame.picture, self._options.working_width)
         found = foreground(picture, self._reference(frame.seconds), self._options.shadows, self._model.tone)
         scale = self._model.scale
-        ltwh, score = found_people(found, self._model.stature, least_height(picture.shape[0], scale))
+        ltwh, score = find_people(found, self._model.stature, least_height(picture.shape[0], scale))
         # An edge between working pixels lies as far from the picture's border as a share of the working picture says.
         factor = np.array([size[0] / picture.shape[1], size[1] / picture.shape[0]])
         return Detections(ltwh * np.tile(factor, 2), score)

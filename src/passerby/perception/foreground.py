@@ -50,9 +50,9 @@ class Reference:
 
 
 def prepare_reference(colour: Picture, noise: Levels) -> Reference:
-    """A background ready for comparison; `noise` as `usual_colours` has it."""
+    """A background ready for comparison; `noise` as `find_usual_colours` has it."""
     sigma = noise.astype(np.float32) / 8.0
-    contrast = local_contrast(colour).astype(np.float32)
+    contrast = measure_local_contrast(colour).astype(np.float32)
     tolerance = LEAST + RELATIVE * colour.astype(np.float32) + SIGMAS * sigma + SHAKE_PX * contrast
     low, high = (np.minimum(tolerance * times, 255.0).astype(np.uint8) for times in (1.0, CERTAIN))
     return Reference(colour, low, high)
@@ -101,7 +101,7 @@ def foreground(picture: Picture, reference: Reference, options: ShadowOptions, t
     high = cast(Levels, cv2.medianBlur(_merge_channels(cv2.subtract(difference, reference.certain)), 3))
     shadows = find_shadows(picture, usual, low, high, options, tone)
     body = _keep_seeded(low & ~shadows.mask, high)
-    return Foreground(recover_foreground(without_slivers(body, shadows.mask), shadows.mask), shadows)
+    return Foreground(recover_foreground(remove_slivers(body, shadows.mask), shadows.mask), shadows)
 
 
 def _brightened(colour: Picture, gain: Floats) -> Picture:
@@ -129,7 +129,7 @@ def _keep_seeded(mask: Levels, seed: Levels) -> Levels:
     return cast(Levels, keep[label])
 
 
-def usual_colours(pictures: Sequence[Picture]) -> tuple[Picture, Levels]:
+def find_usual_colours(pictures: Sequence[Picture]) -> tuple[Picture, Levels]:
     """The most frequent colour of every pixel, and its noise.
 
     The colour is the half-sample mode of a channel: the shortest interval that holds half of the samples, then half of those
@@ -153,7 +153,7 @@ def usual_colours(pictures: Sequence[Picture]) -> tuple[Picture, Levels]:
 
 
 def _find_usual_colours(samples: Picture) -> tuple[Levels, Levels]:
-    """`usual_colours` of samples (n, ...), n first."""
+    """`find_usual_colours` of samples (n, ...), n first."""
     ordered, count = np.sort(samples, axis=0), len(samples)
     middle = ordered[count // 2].astype(np.int32)
     for _ in range(ROUNDS):
@@ -178,7 +178,7 @@ def _shortest_half(ordered: Levels, middle: NDArray[np.int32]) -> Levels:
     return np.take_along_axis(ordered, rows, axis=0)
 
 
-def local_contrast(picture: Picture) -> Levels:
+def measure_local_contrast(picture: Picture) -> Levels:
     """(H, W, 3) half the range among a pixel's neighbours: by how many grey levels a shake of one pixel changes it."""
     kernel = np.ones((3, 3), np.uint8)
     return cast(Levels, cv2.morphologyEx(picture, cv2.MORPH_GRADIENT, kernel) // 2)
@@ -285,7 +285,7 @@ def recover_foreground(body: Levels, shadow: Levels) -> Levels:
     return filled
 
 
-def without_slivers(body: Levels, shadow: Levels) -> Levels:
+def remove_slivers(body: Levels, shadow: Levels) -> Levels:
     """The body (H, W; 255) without what is left of shadows' rims: less than three pixels thick, and beside a shadow."""
     square = np.ones((3, 3), np.uint8)
     thin = body & ~cast(Levels, cv2.morphologyEx(body, cv2.MORPH_OPEN, square))

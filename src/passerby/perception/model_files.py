@@ -179,14 +179,14 @@ def _is_path(name_or_path: str | Path) -> bool:
 
 def _open_by_path(path: Path, role: Role) -> Network:
     """A user's file: by its checksum one of the manifest's, whatever it is called, or else their own."""
-    from passerby.perception.networks import own_network
+    from passerby.perception.networks import read_own_network
 
     if not path.is_file():
         raise InputError(f"{path}: no such file: the path of an .onnx file is needed for the {role}; check its spelling")
     sha256 = sha256_of(path)
     entry = next((entry for entry in catalogue() if entry.sha256 == sha256), None)
     if entry is None:
-        return own_network(path, role, sha256)
+        return read_own_network(path, role, sha256)
     if entry.role != role:
         raise InputError(f"{path}: is {entry.name}, a network for {entry.role}, not for {role}: name one of that role")
     return _network(entry, path)

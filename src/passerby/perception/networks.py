@@ -182,7 +182,7 @@ class Description(Table):
     note: str | None = None
 
 
-def own_network(path: Path, role: Role, sha256: str) -> Network:
+def read_own_network(path: Path, role: Role, sha256: str) -> Network:
     """The network in a file that the manifest does not know.
 
     Its convention is stated by the ONNX file's own `passerby.*` metadata, else by a file NAME.toml beside it; what neither says

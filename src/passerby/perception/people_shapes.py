@@ -65,7 +65,7 @@ WIDTHS = (0.15, 0.65)
 """Of one person, as a fraction of the expected height."""
 
 
-def found_people(foreground: Foreground, stature: Stature | None, least_pixels: float) -> tuple[Floats, Floats]:
+def find_people(foreground: Foreground, stature: Stature | None, least_pixels: float) -> tuple[Floats, Floats]:
     """(N, 4) boxes and (N,) scores of the people in a foreground, working pixels."""
     found = silhouettes(foreground.body, least_pixels)
     if len(found) == 0:
@@ -73,7 +73,7 @@ def found_people(foreground: Foreground, stature: Stature | None, least_pixels: 
     if stature is not None:
         found = merge_silhouettes(found, stature)
     ltwh = found.ltwh.astype(np.float64)
-    shaped = upright(found, least_pixels)
+    shaped = find_upright(found, least_pixels)
     if stature is None:
         return ltwh[shaped], np.full(int(shaped.sum()), UNKNOWN_HEIGHT)
     boxes, scores = [], []
@@ -238,7 +238,7 @@ def merge_silhouettes(found: Silhouettes, stature: Stature) -> Silhouettes:
     return Silhouettes(number[found.label], ltwh, area)
 
 
-def upright(found: Silhouettes, least_pixels: float) -> NDArray[np.bool_]:
+def find_upright(found: Silhouettes, least_pixels: float) -> NDArray[np.bool_]:
     """(N,) which regions have the shape of one upright person, whole in the picture."""
     height, width = found.label.shape
     left, top, wide, high = found.ltwh.T

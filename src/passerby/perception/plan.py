@@ -21,7 +21,7 @@ import numpy as np
 from passerby.common.arrays import Bools, Floats, Ints
 from passerby.common.errors import InputError
 from passerby.common.progress import Progress, silent, tell_warning
-from passerby.core.observations import inside_picture
+from passerby.core.observations import find_inside_picture
 from passerby.findings.finding import Finding, notice
 from passerby.findings.texts import text_of
 from passerby.perception.fetching import offline
@@ -226,7 +226,7 @@ class JointBudget:
             score: (N,) their confidence.
             size: width and height of the image, pixels.
         """
-        rows = np.flatnonzero(worth_keypoints(ltwh, score, size))
+        rows = np.flatnonzero(choose_for_keypoints(ltwh, score, size))
         self._seen += 1
         self._worth += len(rows)
         allowed = CROPS_AT_LEAST + self.per_s * self._seen / self.rate
@@ -241,7 +241,7 @@ class JointBudget:
         return per_image * self._seen / self._worth
 
 
-def worth_keypoints(ltwh: Floats, score: Floats, size: tuple[int, int]) -> Bools:
+def choose_for_keypoints(ltwh: Floats, score: Floats, size: tuple[int, int]) -> Bools:
     """(N,) the people of an image that are large, found with confidence, not hidden behind another, and whole.
 
     Those whom the image's border cuts off count where no person is whole.
@@ -252,7 +252,7 @@ def worth_keypoints(ltwh: Floats, score: Floats, size: tuple[int, int]) -> Bools
         size: width and height of the image, pixels.
     """
     good = (ltwh[:, 3] >= MIN_HEIGHT_PX) & (score >= MIN_SCORE) & (_measure_cover(ltwh) <= MOST_COVERED)
-    whole = good & inside_picture(ltwh, size)
+    whole = good & find_inside_picture(ltwh, size)
     return whole if whole.any() else good
 
 

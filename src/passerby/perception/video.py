@@ -119,7 +119,7 @@ def _read_one_file(info: VideoInfo, reading: FileReading, threads: int, skipped_
         if skipped_s > 0:
             reading.skip(container, stream, skipped_s)
         for number, seconds, frame in reading.pictures(container, stream):
-            yield number, seconds, partial(upright, reformatter, frame, info.rotation)
+            yield number, seconds, partial(convert_upright, reformatter, frame, info.rotation)
 
 
 class _Recording:
@@ -157,7 +157,7 @@ class _Recording:
         clock = self._info.clock_fps
         before = round(piece.begin_s * clock)
         if piece.info is None:
-            picture = decoded_picture(piece.path, self._info.size, self._info.rotation)
+            picture = decode_picture(piece.path, self._info.size, self._info.rotation)
             if picture is None:
                 self._fail(piece, "it is damaged or of another size")
             else:
@@ -194,7 +194,7 @@ class _Recording:
         )
 
 
-def decoded_picture(path: Path, size: tuple[int, int], rotation: int = 0) -> Picture | None:
+def decode_picture(path: Path, size: tuple[int, int], rotation: int = 0) -> Picture | None:
     """(H, W, 3) BGR of an image file, upright; None where it cannot be read or has another size.
 
     Args:
@@ -225,11 +225,11 @@ def expected_count(info: VideoInfo, rate: float | None = None) -> int | None:
         return info.frames
     if info.pieces:
         # Gaps hold no pictures.
-        return max(1, min(info.frames or 1, math.ceil(sum(covered_s(info)) * rate - 1e-6)))
+        return max(1, min(info.frames or 1, math.ceil(sum(list_covered_s(info)) * rate - 1e-6)))
     return None if info.seconds is None else max(1, math.ceil(info.seconds * rate - 1e-6))
 
 
-def covered_s(info: VideoInfo) -> Iterator[float]:
+def list_covered_s(info: VideoInfo) -> Iterator[float]:
     """Seconds of each piece of a recording that are read."""
     first, last = info.used
     for piece in info.pieces:
@@ -241,7 +241,7 @@ def _is_every_picture(info: VideoInfo, rate: float) -> bool:
     return rate >= (info.average_fps if info.variable else info.clock_fps) * (1 - 1e-3)
 
 
-def upright(reformatter: VideoReformatter, frame: VideoFrame, rotation: int) -> Picture:
+def convert_upright(reformatter: VideoReformatter, frame: VideoFrame, rotation: int) -> Picture:
     """(H, W, 3) BGR, upright. One thread, so that cameras in processes of their own do not fight for the cores."""
     picture = reformatter.reformat(frame, format="bgr24", threads=1).to_ndarray()
     return np.asarray(cv2.rotate(picture, TURNS[rotation]) if rotation in TURNS else picture, dtype=np.uint8)

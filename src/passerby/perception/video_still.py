@@ -15,7 +15,7 @@ from av.video.stream import VideoStream
 
 from passerby.common.arrays import Floats, Ints
 from passerby.perception.pictures import Frame, Picture
-from passerby.perception.video import VideoInfo, VideoReader, decoded_picture, upright
+from passerby.perception.video import VideoInfo, VideoReader, convert_upright, decode_picture
 from passerby.perception.video_probe import open_video
 
 MOST_PIXELS = 1e8
@@ -92,7 +92,7 @@ def _find_in_pieces(info: VideoInfo, number: Ints, worth: Floats, most_pixels: f
         piece = held[-1]
         before = round(piece.begin_s * info.clock_fps)
         if piece.info is None:
-            picture = decoded_picture(piece.path, info.size, info.rotation) if wanted == before + 1 else None
+            picture = decode_picture(piece.path, info.size, info.rotation) if wanted == before + 1 else None
             if picture is not None:
                 return Frame(wanted, before / info.clock_fps, picture)
             continue
@@ -154,7 +154,7 @@ def _find_by_key_frame(info: VideoInfo, number: Ints, worth: Floats, best: int, 
 def _convert_frame(frame: VideoFrame, rotation: int) -> Picture | None:
     """A picture, upright; None where a damaged header has it in a format of pixels that is none."""
     try:
-        return upright(VideoReformatter(), frame, rotation)
+        return convert_upright(VideoReformatter(), frame, rotation)
     except FFmpegError:
         return None
 

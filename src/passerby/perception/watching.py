@@ -123,7 +123,7 @@ def watch_camera(job: CameraJob, tell: Tell) -> VideoObservations:
         cv2.setNumThreads(threads)
 
 
-def kept_results(job: CameraJob, tell: Tell) -> VideoObservations | None:
+def find_kept_results(job: CameraJob, tell: Tell) -> VideoObservations | None:
     """What `watch_camera` would take from the shelf; None where something has to be made. Raises `InputError` likewise."""
     if not any(job.shelf.glob(f"people-*/{SUMMARY}")):
         return None  # no network is opened in vain

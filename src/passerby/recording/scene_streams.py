@@ -15,7 +15,7 @@ from typing import Any
 
 from passerby.common.errors import InputError
 from passerby.common.progress import Progress, silent
-from passerby.common.text import ADDRESS, plain_without_credentials
+from passerby.common.text import ADDRESS, remove_all_credentials
 from passerby.findings.finding import Finding, notice
 from passerby.interchange.storage.atomic import write_text
 from passerby.interchange.storage.safe_parsing import NotParsed, parse_toml, read_text
@@ -107,7 +107,7 @@ def _is_stream(video: Any) -> bool:
     return DEVICE.fullmatch(video) is not None or (found is not None and found[1].split(":")[0].lower() in SCHEMES)
 
 
-def recorded_scene(streamed: StreamedScene, folder: Path) -> Scene:
+def make_recorded_scene(streamed: StreamedScene, folder: Path) -> Scene:
     """The scene with what was recorded in `folder` for videos.
 
     Raises `InputError` where a camera was not recorded; one that could not be reached is left out if the scene allows that.
@@ -191,7 +191,7 @@ def write_scene_file(plan: RecordingPlan, folder: Path) -> Path:
         cameras[name] = {"video": name, **given}
         if isinstance(given.get("intrinsics"), str):
             cameras[name]["intrinsics"] = str((plan.place.parent / given["intrinsics"]).resolve())
-    content = plain_without_credentials({**plan.tables, "cameras": cameras})
+    content = remove_all_credentials({**plan.tables, "cameras": cameras})
     Scene.of_content(content, plan.place)
     write_text(path, f"# Recorded by passerby record.\n\n{to_toml(content)}")
     return path

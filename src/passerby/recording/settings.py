@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from passerby.common.errors import InputError
-from passerby.common.text import ADDRESS, nearest, shortened, without_credentials
+from passerby.common.text import ADDRESS, remove_credentials, shortened, suggest_name
 from passerby.interchange.storage.safe_parsing import read_text, read_toml
 from passerby.scene.scene import CAMERA_NAME
 
@@ -51,7 +51,7 @@ class Stream:
         secret = self.address.partition("://")[2].rpartition("@")[0]
         for part in sorted({self.address, secret, *secret.split(":", 1)} - {""}, key=len, reverse=True):
             text = text.replace(part, "...") if len(part) > 2 or part == secret else text
-        return without_credentials(text)
+        return remove_credentials(text)
 
 
 @dataclass(frozen=True)
@@ -98,7 +98,7 @@ def stream_of(path: Path, name: str, table: Any, known: Mapping[str, str], key: 
     if not CAMERA_NAME.fullmatch(name):
         raise InputError(f"{place}: this name cannot be that of a folder: use letters, digits and . _ + @ -")
     if not isinstance(table, dict) or key not in table:
-        near = f" ({nearest(key, list(table))})" if isinstance(table, dict) and table else ""
+        near = f" ({suggest_name(key, list(table))})" if isinstance(table, dict) and table else ""
         raise InputError(f'{place} has no {key}{near}: add {key} = "rtsp://HOST/PATH", or "/dev/video0"')
     address, transport = table[key], table.get("transport", "tcp")
     if transport not in ("tcp", "udp"):

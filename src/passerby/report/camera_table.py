@@ -12,11 +12,11 @@ from passerby.core.colours import camera_colour
 from passerby.core.lens_figures import LensFigures, LensParameter, field_of_view_deg, lens_parameters, names_in_words
 from passerby.interchange.calibration_json import CameraEntry
 from passerby.report.contents import Contents
-from passerby.report.distances import RESIDUAL_PX, outstanding, own_sigmas_mm, residuals_px
+from passerby.report.distances import RESIDUAL_PX, choose_sigmas_mm, outstanding, residuals_px
 from passerby.report.recommendations import Reported, reported_doubts
 from passerby.report.rendering import Section, section
 from passerby.report.seen import Seen
-from passerby.report.tables import MISSING, Cell, Column, Table, figure, listed, number, share_cell, text
+from passerby.report.tables import MISSING, Cell, Column, Table, figure, list_names, number, share_cell, text
 from passerby.solver.refined_lenses import KNOWN_FOCAL
 
 COLUMNS = (
@@ -72,7 +72,7 @@ def camera_section(contents: Contents, seen: Seen) -> Section:
 
 def weak_cameras(contents: Contents) -> dict[str, frozenset[str]]:
     """By column, the cameras whose figure stands out there."""
-    positions, residuals = outstanding(own_sigmas_mm(contents)), residuals_px(contents)
+    positions, residuals = outstanding(choose_sigmas_mm(contents)), residuals_px(contents)
     return {
         "Position std": frozenset(positions),
         "Residual": frozenset(name for name in outstanding(residuals) if (residuals[name] or 0.0) > RESIDUAL_PX),
@@ -232,8 +232,8 @@ def _describe_weak_cameras(lenses: dict[str, LensFigures]) -> list[str]:
     poor = [name for name, all_of in numbers.items() if any(_is_weak_focal(one) for one in all_of)]
     if poor:
         out.append(
-            f"Bold: the focal length of {listed(poor)} is uncertain by more than {100 * KNOWN_FOCAL:.0f} %. State the field "
-            "of view (hfov_deg), or record more people, near and far."
+            f"Bold: the focal length of {list_names(poor)} is uncertain by more than {100 * KNOWN_FOCAL:.0f} %. State the "
+            "field of view (hfov_deg), or record more people, near and far."
         )
     if any(one.by_prior for all_of in numbers.values() for one in all_of):
         out.append("Grey: people barely determine this number; it is close to what was known before.")
@@ -241,7 +241,7 @@ def _describe_weak_cameras(lenses: dict[str, LensFigures]) -> list[str]:
     for name, parts in lenses.items():
         if parts.group is not None:
             groups.setdefault(parts.group, []).append(name)
-    out += [f"{listed(names)} have one lens, as the scene file states." for names in groups.values() if len(names) > 1]
+    out += [f"{list_names(names)} have one lens, as the scene file states." for names in groups.values() if len(names) > 1]
     return out
 
 

@@ -63,10 +63,12 @@ def contents_from(out: Path) -> Contents:
     rig = read_rig(out / RIG_FILE)
     clocks = _clocks(document.entries, rig)
     seen = {name: CameraObservations(*_read_observations(out / TRACKS_FOLDER, name)) for name in rig.names}
-    return upright_contents(document, rig, Observations(seen, document.scene.scene.fps, clocks), clocks, _videos(document, rig))
+    return turn_contents_upright(
+        document, rig, Observations(seen, document.scene.scene.fps, clocks), clocks, _videos(document, rig)
+    )
 
 
-def upright_contents(
+def turn_contents_upright(
     document: CalibrationDocument, rig: Rig, seen: Observations, clocks: Mapping[str, Clock], videos: Mapping[str, VideoSource]
 ) -> Contents:
     """The contents of a calibration of which all values are of the images as filmed."""

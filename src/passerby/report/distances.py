@@ -53,7 +53,7 @@ def distances_of(contents: Contents) -> list[Distance]:
     Sigmas are those of the solver, from all poses' joint covariance with the scale's share; they grow with the rig where it was
     scaled since.
     """
-    cameras, solved = list(contents.rig.posed()), solved_distances(contents)
+    cameras, solved = list(contents.rig.posed()), read_solved_distances(contents)
     return [_distance(a, b, solved) for index, a in enumerate(cameras) for b in cameras[index + 1 :]]
 
 
@@ -61,7 +61,7 @@ Solved = Mapping[tuple[str, str], tuple[float, float]]
 """By pair of cameras, metres and one sigma of the solver."""
 
 
-def solved_distances(contents: Contents) -> Solved:
+def read_solved_distances(contents: Contents) -> Solved:
     """The distances that the solver tells, with their sigmas."""
     return {
         one.cameras: (one.metres, one.sigma_m)
@@ -92,7 +92,7 @@ def distances_to_measure(contents: Contents, most: int = MOST_TO_MEASURE) -> lis
     metres = pdist(np.array([camera.centre for camera in cameras]).reshape(-1, 3))
     # Beyond the tape's reach the shortest come first, after all that it reaches.
     best = np.argsort(np.where(metres <= TAPE_M, -metres, metres), kind="stable")[:most]
-    solved = solved_distances(contents)
+    solved = read_solved_distances(contents)
     return [_distance(cameras[a], cameras[b], solved) for a, b in zip(first[best].tolist(), second[best].tolist(), strict=True)]
 
 
@@ -198,7 +198,7 @@ def outstanding(values: Mapping[str, float | None]) -> list[str]:
     return sorted((name for name, value in known.items() if value > limit), key=lambda name: -known[name])
 
 
-def own_sigmas_mm(contents: Contents) -> dict[str, float | None]:
+def choose_sigmas_mm(contents: Contents) -> dict[str, float | None]:
     """By camera, its position's sigma within the rig where the solver tells it, else that in the world, millimetres."""
     shape = {one.name: one.shape_position_sigma_mm for one in contents.figures.cameras}
     posed = contents.rig.posed().names
@@ -254,7 +254,7 @@ def _vertical(contents: Contents) -> list[_Weak]:
 
 def _find_uncertain_camera(contents: Contents) -> list[_Weak]:
     """The least certain camera, where one stands out."""
-    sigmas = own_sigmas_mm(contents)
+    sigmas = choose_sigmas_mm(contents)
     worst = outstanding(sigmas)
     if not worst:
         return []

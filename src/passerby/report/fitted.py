@@ -13,7 +13,7 @@ import numpy as np
 from passerby.common.arrays import Bools, Floats, Ints
 from passerby.core.cameras import Rig
 from passerby.core.figures import AdjustedFigures, heights_of
-from passerby.core.observations import MIN_JOINT_SCORE, MIN_JOINTS, Observations, inside_picture
+from passerby.core.observations import MIN_JOINT_SCORE, MIN_JOINTS, Observations, find_inside_picture
 from passerby.core.stature import PERSON_HEIGHT_M
 from passerby.geometry.groups import group_numbers, group_sums
 from passerby.geometry.ray_consensus import vote_points
@@ -195,7 +195,7 @@ def _boxes(sample: Sample | None) -> Sightings:
 def _find_cut_boxes(rig: Rig, camera: Ints, ltwh: Floats) -> Bools:
     """(M,) whether the picture's border cuts boxes off."""
     size = np.array([one.lens.size for one in rig], dtype=np.float64).reshape(-1, 2)[camera]
-    return ~inside_picture(ltwh, size)
+    return ~find_inside_picture(ltwh, size)
 
 
 def _no_joints() -> Joints:

@@ -19,7 +19,7 @@ from passerby.people.upright_bodies import predict_boxes
 from passerby.report.contents import Contents
 from passerby.report.fitted import Fitted
 from passerby.report.rendering import Row, short
-from passerby.report.sheet import Label, Sheet, dot_path, label_at, offset_words, path_of, within
+from passerby.report.sheet import Label, Sheet, dot_path, keep_in_picture, label_at, offset_words, path_of
 from passerby.report.through_lens import View, spacing_of
 
 LIMBS = (
@@ -168,7 +168,7 @@ def joints_layer(sheet: Sheet, contents: Contents, now: Fitted) -> Joints:
 
 def _label(sheet: Sheet, words: str, xy: Sequence[float] | Floats) -> Label:
     """Letters that stay in the picture."""
-    return label_at(words, within(sheet, xy))
+    return label_at(words, keep_in_picture(sheet, xy))
 
 
 def grid_region(fit: Fitted, contents_centres: Floats) -> tuple[Floats, Floats]:
@@ -229,7 +229,7 @@ def _axes(sheet: Sheet, view: View, length: float) -> list[Row]:
     ]  # fmt: skip
 
 
-def other_cameras(sheet: Sheet, contents: Contents, among: Collection[str] | None = None) -> list[Row]:
+def draw_other_cameras(sheet: Sheet, contents: Contents, among: Collection[str] | None = None) -> list[Row]:
     """Where other cameras hang, by name: all, or those among some."""
     if sheet.camera.pose is None:
         return []
@@ -288,5 +288,5 @@ def _find_highest_pixel(stretches: list[Floats]) -> Floats:
 
 def _name(sheet: Sheet, words: str, end: Floats) -> tuple[Label, str]:
     """What a line is, to the left of one of its ends, and where the letters are anchored."""
-    x, y = within(sheet, (end[0] - 0.4 * sheet.letters, end[1] - 0.4 * sheet.letters))
+    x, y = keep_in_picture(sheet, (end[0] - 0.4 * sheet.letters, end[1] - 0.4 * sheet.letters))
     return label_at(words, (x, y)), "end" if x > 0.6 * len(words) * sheet.letters else "start"

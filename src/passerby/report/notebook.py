@@ -16,7 +16,7 @@ from passerby.core.colours import camera_colour
 from passerby.interchange.calibration_json import CameraEntry
 from passerby.interchange.output_folder import OutputFolder
 from passerby.report.rendering import Row, render
-from passerby.report.rig_geometry import posed_cameras, sigma_ellipses, wedge
+from passerby.report.rig_geometry import find_posed_cameras, sigma_ellipses, wedge
 from passerby.report.tables import UNKNOWN, count, figure
 
 WIDTH, TALLEST = 380, 360
@@ -112,7 +112,7 @@ def _notes(findings: Sequence[str]) -> list[str]:
 
 def draw_from_above(rig: Rig) -> Row | None:
     """The rig from above, x to the right and y up, with what each camera sees nearby and its one-sigma ellipse."""
-    posed = posed_cameras(rig)
+    posed = find_posed_cameras(rig)
     if not posed:
         return None
     centres = np.array([camera.centre[:2] for _, camera in posed])

@@ -27,9 +27,9 @@ from passerby.report.parts import Parts, parts_beside
 from passerby.report.people import heights_section, scale_section, timeline_section
 from passerby.report.pictures import pictures_section, rig_section
 from passerby.report.rendering import Section, plot, render, section
-from passerby.report.rig_geometry import joined, stage_of
+from passerby.report.rig_geometry import join_stretches, stage_of
 from passerby.report.rig_plots import Trace, draw_cameras_from_above, draw_cameras_in_space, draw_ground_seen
-from passerby.report.seen import is_site, seen_in, zones_of
+from passerby.report.seen import find_seen, is_site, zones_of
 from passerby.report.site_map import plan_drawing, site_in_space, site_map
 from passerby.report.site_views import problems_by_camera, site_camera_section, site_views_section
 from passerby.report.tables import count
@@ -50,7 +50,7 @@ def report_page(contents: Contents, progress: Progress | None = None) -> str:
         progress: called with "report", camera by camera, as their pictures are drawn.
     """
     tell = progress or silent
-    seen, fit = seen_in(contents), fit_people(contents)
+    seen, fit = find_seen(contents), fit_people(contents)
     sections = [
         headline_section(contents, seen),
         camera_section(contents, seen),
@@ -91,7 +91,7 @@ def site_page(contents: Contents, parts: Parts, tell: Progress) -> str:
     Raises:
         OSError: a file cannot be written.
     """
-    seen, fit, zones = seen_in(contents), fit_people(contents), zones_of(contents)
+    seen, fit, zones = find_seen(contents), fit_people(contents), zones_of(contents)
     links, told = links_of(contents, seen), problems_by_camera(contents)
     sections = [
         headline_section(contents, seen),
@@ -215,8 +215,8 @@ def trajectories_page(found: Trajectories, rig: Rig, title: str, note: str = "")
 def _draw_way(way: Way, every: int, *, listed: bool, in_space: bool = False) -> list[Trace]:
     """A person's line, broken between parts; of each part every n-th place, and its ends."""
     rows = [np.union1d(np.arange(part.start, part.stop, every), [part.stop - 1]) for part in way.parts]
-    x, y, z = joined([way.xyz[part] for part in rows])
-    told = joined([np.column_stack([way.time_s, way.sigma_m, way.cameras])[part] for part in rows])
+    x, y, z = join_stretches([way.xyz[part] for part in rows])
+    told = join_stretches([np.column_stack([way.time_s, way.sigma_m, way.cameras])[part] for part in rows])
     hover = (
         f"person {way.identity}<br>%{{customdata[0]:.2f}} s<br>%{{x:.2f}}, %{{y:.2f}} m<br>sigma %{{customdata[1]:.2f}} m, "
         "%{customdata[2]} cameras<extra></extra>"

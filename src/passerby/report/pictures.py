@@ -22,12 +22,12 @@ from passerby.report.distances import residual_px
 from passerby.report.fitted import Fitted, fit_sample
 from passerby.report.layers import (
     boxes_layer,
+    draw_other_cameras,
     grid_spacing,
     ground_layer,
     ground_seen,
     joints_layer,
     model_layer,
-    other_cameras,
     reference_layer,
 )
 from passerby.report.recommendations import Point
@@ -80,7 +80,7 @@ def camera_picture(
     (width, height), letters = camera.lens.size, sheet.letters
     return render(
         "picture.html", sheet=sheet, name=clip_text(name), ground=ground_layer(sheet, fit, among is not None),
-        lines=reference_layer(sheet), others=other_cameras(sheet, contents, among), bodies=model_layer(sheet, now),
+        lines=reference_layer(sheet), others=draw_other_cameras(sheet, contents, among), bodies=model_layer(sheet, now),
         boxes=boxes_layer(sheet, contents, now), joints=joints_layer(sheet, contents, now),
         note=label_at(", ".join(told), (0.6 * letters, height - 0.6 * letters)),
         why=behind.note and label_at(behind.note, (0.6 * letters, 1.4 * letters), int(width / letters * 1.8)),
@@ -106,12 +106,12 @@ def pictures_section(contents: Contents, fit: Fitted, seen: Seen, tell: Progress
     """A panel for each camera: its picture with what was seen and what the rig makes of it, and its residuals."""
     panels = [
         camera_panel(contents, fit, seen, place, name, behind)
-        for place, (name, behind) in enumerate(decoded_backdrops(contents, tell))
+        for place, (name, behind) in enumerate(decode_backdrops(contents, tell))
     ]
     return section("views", "Views", site=False, layers=layer_switches(contents), panels=panels)
 
 
-def decoded_backdrops(contents: Contents, tell: Progress) -> Iterator[tuple[str, Backdrop]]:
+def decode_backdrops(contents: Contents, tell: Progress) -> Iterator[tuple[str, Backdrop]]:
     """Each camera's name with the image behind its drawing, in the rig's order; the next ones are decoded meanwhile."""
     names = contents.rig.names
     with ThreadPoolExecutor(DECODERS) as decoders:  # decoding leaves Python to other threads
@@ -151,7 +151,7 @@ def camera_panel(
         seen: of all cameras.
         place: in the rig.
         name: of the camera.
-        behind: of `decoded_backdrops`.
+        behind: of `decode_backdrops`.
         among: as of `camera_picture`.
         problems: of the camera, below the pictures.
         tables: with their titles; they can be opened.

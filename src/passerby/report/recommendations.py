@@ -11,7 +11,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from passerby.common.text import listed
+from passerby.common.text import list_names
 from passerby.core.figures import adjusted
 from passerby.core.measuring import MeasuringFigures
 from passerby.findings.finding import Finding
@@ -84,7 +84,7 @@ def _reported(row: DiagnosticEntry) -> Reported:
     return Reported(row.cameras, subjects, problem, remedy, finding)
 
 
-def first_reasons(document: CalibrationDocument) -> list[str]:
+def choose_first_reasons(document: CalibrationDocument) -> list[str]:
     """What a person should read first, and what a doubtful rig is still good for."""
     doubts = reported_doubts(document)
     known = [one.finding for one in doubts if one.finding is not None]
@@ -115,7 +115,7 @@ def good_for(doubts: Sequence[Finding], posed: Sequence[str], measuring: Measuri
         return "Still good for the rough layout of the cameras and for counting people."
     subjects = {subject for one in causes for subject in subjects_of(one)}
     lacks = [{"scale": "the scale", "vertical": "the up direction and the ground"}[one] for one in sorted(subjects)]
-    who = f"what cameras {listed(sound)} see" if named else "what the cameras see"
+    who = f"what cameras {list_names(sound)} see" if named else "what the cameras see"
     text = f"Still good for {who}{_figures(measuring, ground='vertical' not in subjects, metres='scale' not in subjects)}"
     return f"{text}; not for {' and '.join(lacks)}." if lacks else f"{text}."
 

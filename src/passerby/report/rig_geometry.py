@@ -167,7 +167,7 @@ def density(places: Floats, low: Floats, high: Floats, cells: int = CELLS) -> tu
     return (edges[0][:-1] + cell / 2), (edges[1][:-1] + cell / 2), count / max(len(places), 1)
 
 
-def thinned_parts(ways: FittedTrajectories, most: int) -> list[Ints]:
+def thin_parts(ways: FittedTrajectories, most: int) -> list[Ints]:
     """Rows of each stretch of the ways, every n-th, and its ends, so that about `most` places are left."""
     if not len(ways):
         return []
@@ -176,7 +176,7 @@ def thinned_parts(ways: FittedTrajectories, most: int) -> list[Ints]:
     return [np.union1d(rows[::every], rows[[0, -1]]) for rows in parts]
 
 
-def joined(parts: Sequence[Floats], digits: int = 2) -> list[list[float | None]]:
+def join_stretches(parts: Sequence[Floats], digits: int = 2) -> list[list[float | None]]:
     """Columns of stretches of points (K, D), one after the other with a gap between, rounded."""
     if not len(parts):
         return []
@@ -189,17 +189,17 @@ def joined(parts: Sequence[Floats], digits: int = 2) -> list[list[float | None]]
     return columns
 
 
-def told(name: str) -> str:
+def escape_name(name: str) -> str:
     """A name as plotly may show it anywhere: it reads tags and entities in some of its texts, and not in others."""
     return ENTITY.sub("& ", clip_text(name).replace("<", "‹").replace(">", "›"))
 
 
 def unregistered(rig: Rig) -> list[str]:
     """Names of the cameras without a pose."""
-    return [told(camera.name) for camera in rig if camera.pose is None]
+    return [escape_name(camera.name) for camera in rig if camera.pose is None]
 
 
-def posed_cameras(rig: Rig) -> list[tuple[int, Camera]]:
+def find_posed_cameras(rig: Rig) -> list[tuple[int, Camera]]:
     """The cameras with poses and their places in the rig."""
     return [(place, camera) for place, camera in enumerate(rig) if camera.pose is not None]
 
@@ -207,7 +207,7 @@ def posed_cameras(rig: Rig) -> list[tuple[int, Camera]]:
 def hover_words(camera: Camera) -> str:
     """What hovering over a camera tells."""
     x, y, z = (round(float(value), 2) + 0.0 for value in camera.centre)
-    lines = [f"camera {told(camera.name)}", f"x {x:.2f}, y {y:.2f} m", f"height {z:.2f} m"]
+    lines = [f"camera {escape_name(camera.name)}", f"x {x:.2f}, y {y:.2f} m", f"height {z:.2f} m"]
     if camera.sigma is not None and np.isfinite(camera.sigma.position_m):
         lines.append(f"± {1000 * camera.sigma.position_m:.0f} mm, ± {camera.sigma.orientation_deg:.2f}°")
     return "<br>".join(lines)

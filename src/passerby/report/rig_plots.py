@@ -23,15 +23,15 @@ from passerby.report.rig_geometry import (
     SigmaEllipses,
     Stage,
     density,
+    escape_name,
     faint,
+    find_posed_cameras,
     frustum,
     hover_words,
-    joined,
-    posed_cameras,
+    join_stretches,
     sigma_ellipses,
     stage_of,
-    thinned_parts,
-    told,
+    thin_parts,
     unregistered,
     wedge,
 )
@@ -65,7 +65,7 @@ def rig_from_above(contents: Contents, fit: Fitted) -> Figure:
     data = [*draw_crowd(fit, stage), *draw_ground_seen(rig, stage), *draw_ellipses(ellipses), *cameras]
     missing = unregistered(rig)
     layout: dict[str, Any] = {
-        **seen_from_above(stage), "height": 620,
+        **layout_from_above(stage), "height": 620,
         "meta": {"magnification": ellipses.factor, "unregistered": missing},
     }  # fmt: skip
     if missing:
@@ -76,7 +76,7 @@ def rig_from_above(contents: Contents, fit: Fitted) -> Figure:
     return {"data": data, "layout": layout}
 
 
-def seen_from_above(stage: Stage) -> Figure:
+def layout_from_above(stage: Stage) -> Figure:
     """What layouts of plots from above have in common: both axes in metres, of one scale, margins and the legend."""
     return {
         "xaxis": {"title": {"text": "x, m"}, "range": _range(stage, 0), "zeroline": False, "constrain": "domain"},
@@ -97,7 +97,7 @@ def draw_crowd(fit: Fitted, stage: Stage, cells: int = CELLS) -> list[Trace]:
     """Where people were: a map of so many cells in a direction, or points where there are few."""
     places = fit.ways.xy
     if len(places) < FEW_PLACES:
-        xs, ys = joined([places]) if len(places) else ([], [])
+        xs, ys = join_stretches([places]) if len(places) else ([], [])
         marker = {"color": f"rgba({CROWD},0.7)", "size": 5}
         few = {"type": "scatter", "mode": "markers", "x": xs, "y": ys, "marker": marker, "name": "people", "hoverinfo": "skip"}
         return [few] if len(places) else []
@@ -117,13 +117,13 @@ def draw_crowd(fit: Fitted, stage: Stage, cells: int = CELLS) -> list[Trace]:
 def draw_ground_seen(rig: Rig, stage: Stage) -> list[Trace]:
     """The ground that each camera sees nearby."""
     out = []
-    for place, camera in posed_cameras(rig):
-        x, y = joined([wedge(camera, WEDGE_SHARE * stage.reach)])
+    for place, camera in find_posed_cameras(rig):
+        x, y = join_stretches([wedge(camera, WEDGE_SHARE * stage.reach)])
         colour = camera_colour(place)
         out.append({
             "type": "scatter", "mode": "lines", "x": x, "y": y, "fill": "toself", "fillcolor": faint(colour, 0.13),
             "line": {"color": faint(colour, 0.7), "width": 1}, "hoverinfo": "skip", "showlegend": False,
-            "legendgroup": f"camera {place}", "name": told(camera.name),
+            "legendgroup": f"camera {place}", "name": escape_name(camera.name),
         })  # fmt: skip
     return out
 
@@ -132,7 +132,7 @@ def draw_ellipses(ellipses: SigmaEllipses) -> list[Trace]:
     """One trace with the ellipses of all cameras that have sigmas."""
     if not ellipses.outlines:
         return []
-    x, y = joined(ellipses.outlines, 4)
+    x, y = join_stretches(ellipses.outlines, 4)
     name = f"1 sigma{ellipses.times}" + ("" if ellipses.directed else " (circles: directions unknown)")
     return [{
         "type": "scatter", "mode": "lines", "x": x, "y": y, "fill": "toself", "fillcolor": "rgba(229,72,77,0.18)",
@@ -144,21 +144,21 @@ def draw_cameras_from_above(rig: Rig, stage: Stage) -> list[Trace]:
     """Of each camera a mark with its name, and a stroke where it looks."""
     out = []
     near, taken = CROWDED * stage.extent, list[tuple[Floats, str]]()
-    for place, camera in posed_cameras(rig):
+    for place, camera in find_posed_cameras(rig):
         assert camera.pose is not None
         ahead = camera.pose.R_cw[2, :2]
         level = float(np.hypot(*ahead))
         tip = camera.centre[:2] + 0.07 * stage.reach * ahead / max(level, 1e-9)
-        x, y = joined([np.stack([camera.centre[:2], tip])], 3)
+        x, y = join_stretches([np.stack([camera.centre[:2], tip])], 3)
         used = {side for where, side in taken if np.hypot(*(where - camera.centre[:2])) < near}
         sides = ("top", "bottom") if ahead[1] <= 0 else ("bottom", "top")
         side = next((one for one in (f"{sides[0]} center", f"{sides[1]} center", *SIDES) if one not in used), SIDES[0])
         taken.append((camera.centre[:2], side))
         out.append({
-            "type": "scatter", "mode": "lines+markers+text", "x": x, "y": y, "text": [told(camera.name), ""],
+            "type": "scatter", "mode": "lines+markers+text", "x": x, "y": y, "text": [escape_name(camera.name), ""],
             "textposition": side, "marker": {"color": camera_colour(place), "size": [10, 0], "symbol": "square"},
             "line": {"color": camera_colour(place), "width": 3}, "hoverinfo": "text", "hovertext": [hover_words(camera), ""],
-            "name": told(camera.name), "legendgroup": f"camera {place}", "showlegend": False, "cliponaxis": False,
+            "name": escape_name(camera.name), "legendgroup": f"camera {place}", "showlegend": False, "cliponaxis": False,
         })  # fmt: skip
     return out
 
@@ -204,7 +204,7 @@ def _ground(stage: Stage) -> Trace:
     lines = [np.clip(np.stack([a, b]), low, high) for a, b in zip(begin, end, strict=True)]
     # A line that lies outside what is drawn would be moved onto its border.
     inside = [line for line, a, b in zip(lines, begin, end, strict=True) if _lies_on_source(line, a, b)]
-    return _lines(joined(inside), name=f"ground, {stage.spacing:g} m", line={"color": FAINT, "width": 1.5})
+    return _lines(join_stretches(inside), name=f"ground, {stage.spacing:g} m", line={"color": FAINT, "width": 1.5})
 
 
 def _lies_on_source(line: Floats, begin: Floats, end: Floats) -> bool:
@@ -222,8 +222,8 @@ def _axes(stage: Stage) -> list[Trace]:
         end[1, k] = length
         out.append(
             _lines(
-                joined([end]), mode="lines+text", text=["", label], textposition="top center", textfont={"color": colour},
-                line={"color": colour, "width": 5}, name=f"axis {label}",
+                join_stretches([end]), mode="lines+text", text=["", label], textposition="top center",
+                textfont={"color": colour}, line={"color": colour, "width": 5}, name=f"axis {label}",
             )
         )  # fmt: skip
     return out
@@ -232,14 +232,14 @@ def _axes(stage: Stage) -> list[Trace]:
 def _draw_trajectories(fit: Fitted) -> list[Trace]:
     """The ways over the ground, one trace a colour."""
     ways, by_colour = fit.ways, dict[str, list[NDArray[np.int64]]]()
-    for rows in thinned_parts(ways, MOST_PLACES):
+    for rows in thin_parts(ways, MOST_PLACES):
         by_colour.setdefault(person_colour(int(ways.identity[rows[0]])), []).append(rows)
     out = []
     for number, colour in enumerate(sorted(by_colour)):
         parts = by_colour[colour]
         points = [np.column_stack([ways.xy[rows], np.full(len(rows), 0.02)]) for rows in parts]
         who = [np.column_stack([ways.identity[rows], ways.seconds[rows]]) for rows in parts]
-        identity, seconds = joined(who, 1)
+        identity, seconds = join_stretches(who, 1)
         shown = {
             "name": "trajectories of people", "legendgroup": "ways", "showlegend": number == 0, "opacity": 0.75,
             "line": {"color": colour, "width": 2.5}, "hoverinfo": "text",
@@ -247,25 +247,27 @@ def _draw_trajectories(fit: Fitted) -> list[Trace]:
                 "" if one is None else f"person {one:.0f}<br>{when:.1f} s" for one, when in zip(identity, seconds, strict=True)
             ],
         }  # fmt: skip
-        out.append(_lines(joined(points), **shown))
+        out.append(_lines(join_stretches(points), **shown))
     return out
 
 
 def draw_cameras_in_space(rig: Rig, stage: Stage) -> list[Trace]:
     """Of each camera its frustum, with its name at the centre."""
     out = []
-    for place, camera in posed_cameras(rig):
+    for place, camera in find_posed_cameras(rig):
         border = frustum(camera, FRUSTUM_SHARE * stage.reach)
         corners = border[:: max(1, len(border) // 4)][:4]
         strokes = [camera.centre[None], np.concatenate([border, border[:1]]), *(np.stack([camera.centre, p]) for p in corners)]
-        points = joined(strokes, 3)
+        points = join_stretches(strokes, 3)
         colour, words = camera_colour(place), hover_words(camera)
-        name, group = told(camera.name), f"camera {place}"
+        name, group = escape_name(camera.name), f"camera {place}"
         foot = np.stack([camera.centre, camera.centre * (1, 1, 0)])
         shown = {"line": {"color": colour, "width": 3}, "hoverinfo": "text", "hovertext": words, "name": name}
         out.append(_lines(points, legendgroup=group, showlegend=True, **shown))
-        out.append(_lines(joined([foot], 3), line={"color": colour, "width": 1.5, "dash": "dot"}, legendgroup=group, name=name))
-        x, y, z = joined([camera.centre[None]], 3)
+        out.append(
+            _lines(join_stretches([foot], 3), line={"color": colour, "width": 1.5, "dash": "dot"}, legendgroup=group, name=name)
+        )
+        x, y, z = join_stretches([camera.centre[None]], 3)
         out.append({
             "type": "scatter3d", "mode": "markers+text", "x": x, "y": y, "z": z, "text": [name], "textposition": "top center",
             "textfont": {"color": colour}, "marker": {"color": colour, "size": 4}, "hoverinfo": "text", "hovertext": [words],
@@ -291,10 +293,10 @@ def _views(contents: Contents, stage: Stage, unit: float) -> list[dict[str, Any]
         ("Along x", middle + far * np.array([-1.0, 0.0, 0.12]), middle),
         ("Along y", middle + far * np.array([0.0, -1.0, 0.12]), middle),
     ]
-    for _, camera in posed_cameras(contents.rig):
+    for _, camera in find_posed_cameras(contents.rig):
         assert camera.pose is not None
         eye = (camera.centre - around) * unit
-        found.append((f"From {told(camera.name)}", eye, eye + 0.5 * camera.pose.R_cw[2]))
+        found.append((f"From {escape_name(camera.name)}", eye, eye + 0.5 * camera.pose.R_cw[2]))
     return [
         {"label": label, "camera": {"eye": _point(eye), "center": _point(centre), "up": _point(up)}}
         for label, eye, centre in found

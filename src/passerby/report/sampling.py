@@ -13,7 +13,7 @@ from passerby.core.observations import UNKNOWN, Boxes, CameraObservations, Clock
 from passerby.core.synchronisation import (
     MAX_GAP_S,
     MAX_GAP_SAMPLES,
-    common_time_steps,
+    find_common_time_steps,
     resample_to_common_steps,
     sampling_distance,
 )
@@ -49,13 +49,13 @@ def clocks_of(contents: Contents) -> tuple[Mapping[str, Clock], bool]:
 
     A camera that has no pose may have no clock either.
     """
-    if contents.clocks and all(name in contents.clocks for name in watched_rig(contents).names):
+    if contents.clocks and all(name in contents.clocks for name in keep_observing_cameras(contents).names):
         return contents.clocks, True
     fps = contents.observations.fps
     return dict.fromkeys(contents.rig.names, Clock(fps or 1.0)), fps is not None
 
 
-def watched_rig(contents: Contents) -> Rig:
+def keep_observing_cameras(contents: Contents) -> Rig:
     """The cameras with poses that saw anything."""
     posed = contents.rig.posed()
     seen = contents.observations.cameras
@@ -65,12 +65,12 @@ def watched_rig(contents: Contents) -> Rig:
 
 def sample_observations(contents: Contents, most: int = MOST_SIGHTINGS) -> Sample | None:
     """All instants, or of longer recordings every half second, or stretches of it; None where there is nothing to see."""
-    rig = watched_rig(contents)
+    rig = keep_observing_cameras(contents)
     if not len(rig):
         return None
     clocks, _ = clocks_of(contents)
     watched = Observations({name: contents.observations[name] for name in rig.names})
-    grid = common_time_steps(watched, clocks).clock
+    grid = find_common_time_steps(watched, clocks).clock
     frames, weights = [], []
     for name in rig.names:
         seen = watched[name]
@@ -88,7 +88,7 @@ def sample_observations(contents: Contents, most: int = MOST_SIGHTINGS) -> Sampl
 
 def sample_at(contents: Contents, grid: Clock, frames: Ints) -> Sample | None:
     """The people at given frames (N,), ascending, of a clock; None without a camera that has a pose and saw anything."""
-    rig = watched_rig(contents)
+    rig = keep_observing_cameras(contents)
     if not len(rig) or not len(frames):
         return None
     clocks, timed = clocks_of(contents)

@@ -67,7 +67,7 @@ BREAK_STEPS = 3.5
 """A person who is missed in this many samples in a row is not seen without a break: a detector misses one or two."""
 
 
-def seen_in(contents: Contents) -> Seen:
+def find_seen(contents: Contents) -> Seen:
     """Who was seen where and when.
 
     Breaks of a few samples are closed. With clocks, samples within half a step of the slower camera's are at the same time.

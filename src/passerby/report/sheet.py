@@ -87,7 +87,7 @@ def path_of(points: Floats) -> str:
     return "M" + "L".join(f"{short(x)} {short(y)}" for x, y in points.tolist())
 
 
-def within(sheet: Sheet, xy: Sequence[float] | Floats) -> tuple[float, float]:
+def keep_in_picture(sheet: Sheet, xy: Sequence[float] | Floats) -> tuple[float, float]:
     """Where letters begin that are to stay in the picture."""
     width, height = sheet.camera.lens.size
     x, y = float(xy[0]), float(xy[1])

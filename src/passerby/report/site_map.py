@@ -26,14 +26,14 @@ from passerby.report.rendering import Plot, plot, plot_text
 from passerby.report.rig_geometry import (
     WEDGE_SHARE,
     Stage,
+    escape_name,
     faint,
+    find_posed_cameras,
     frustum,
     hover_words,
-    joined,
-    posed_cameras,
+    join_stretches,
     sigma_ellipses,
     stage_of,
-    told,
     unregistered,
     wedge,
 )
@@ -44,7 +44,7 @@ from passerby.report.rig_plots import (
     draw_crowd,
     draw_ellipses,
     draw_ground_seen,
-    seen_from_above,
+    layout_from_above,
 )
 from passerby.report.seen import zone_colour
 from passerby.report.sheet import data_uri
@@ -98,14 +98,14 @@ def site_map(
         *_mark_problems(contents, marked),
         {"type": "scatter", "mode": "text", "x": [], "y": [], "text": [], "hoverinfo": "skip", "showlegend": False},
     ]  # fmt: skip
-    posed = posed_cameras(rig)
+    posed = find_posed_cameras(rig)
     missing = unregistered(rig)
     layout: dict[str, Any] = {
-        **seen_from_above(stage), "height": 680,
+        **layout_from_above(stage), "height": 680,
         "meta": {
             "magnification": ellipses.factor, "unregistered": missing,
             "cameras": {
-                "place": [place for place, _ in posed], "name": [told(camera.name) for _, camera in posed],
+                "place": [place for place, _ in posed], "name": [escape_name(camera.name) for _, camera in posed],
                 "x": [round(float(camera.centre[0]), 2) for _, camera in posed],
                 "y": [round(float(camera.centre[1]), 2) for _, camera in posed],
                 "first": [int(camera.name in marked) for _, camera in posed],
@@ -157,7 +157,7 @@ Placed = list[tuple[int, Camera]]
 def _group_by_zone(contents: Contents, zones: Mapping[str, int]) -> dict[int, Placed]:
     """The cameras with poses by zone, ascending."""
     found: dict[int, Placed] = {}
-    for place, camera in posed_cameras(contents.rig):
+    for place, camera in find_posed_cameras(contents.rig):
         found.setdefault(zones.get(camera.name, BEYOND), []).append((place, camera))
     return dict(sorted(found.items()))
 
@@ -178,7 +178,7 @@ def _colour(zone: int) -> str:
 
 def _views(zone: int, cameras: Placed, reach: float) -> Trace:
     """The ground that the cameras of a zone see nearby."""
-    x, y = joined([wedge(camera, reach) for _, camera in cameras], 1)
+    x, y = join_stretches([wedge(camera, reach) for _, camera in cameras], 1)
     return {
         "type": "scatter", "mode": "lines", "x": x, "y": y, "fill": "toself", "fillcolor": faint(_colour(zone), 0.1),
         "line": {"color": faint(_colour(zone), 0.5), "width": 1}, "hoverinfo": "skip", "showlegend": False,
@@ -192,7 +192,7 @@ def _cameras(by_zone: Mapping[int, Placed], stroke: float) -> list[Trace]:
     for zone, cameras in by_zone.items():
         common = {"legendgroup": _title(zone), "name": _title(zone)}
         ahead = [_find_heading(camera, stroke) for _, camera in cameras]
-        x, y = joined(ahead, 2)
+        x, y = join_stretches(ahead, 2)
         out.append({
             "type": "scatter", "mode": "lines", "x": x, "y": y, "line": {"color": _colour(zone), "width": 2},
             "hoverinfo": "skip", "showlegend": False, **common,
@@ -215,7 +215,7 @@ def _find_heading(camera: Camera, length: float) -> Floats:
 
 def _links(contents: Contents, links: Sequence[Link]) -> list[Trace]:
     """Lines between cameras that hold together, by how well."""
-    at = {camera.name: camera.centre[:2] for _, camera in posed_cameras(contents.rig)}
+    at = {camera.name: camera.centre[:2] for _, camera in find_posed_cameras(contents.rig)}
     out = []
     for word, colour, shown in LINKS:
         lines = [
@@ -224,7 +224,7 @@ def _links(contents: Contents, links: Sequence[Link]) -> list[Trace]:
             if one.word == word and {one.first, one.second} <= at.keys()
         ]
         if lines:
-            x, y = joined(lines, 1)
+            x, y = join_stretches(lines, 1)
             out.append({
                 "type": "scatter", "mode": "lines", "x": x, "y": y, "line": {"color": colour, "width": 1.5},
                 "hoverinfo": "skip", "name": f"{word} pairs", "visible": True if shown else "legendonly",
@@ -234,7 +234,7 @@ def _links(contents: Contents, links: Sequence[Link]) -> list[Trace]:
 
 def _mark_problems(contents: Contents, marked: Mapping[str, str]) -> list[Trace]:
     """Rings around cameras with something wrong."""
-    some = [(camera, marked[camera.name]) for _, camera in posed_cameras(contents.rig) if camera.name in marked]
+    some = [(camera, marked[camera.name]) for _, camera in find_posed_cameras(contents.rig) if camera.name in marked]
     if not some:
         return []
     return [{
@@ -266,7 +266,7 @@ def _frusta(zone: int, cameras: Placed, depth: float) -> Trace:
         line = np.concatenate([*points, corners, corners[:1]]) if len(corners) else top
         strokes.append(line)
         words += [*([""] if number else []), *([hover_words(camera)] * len(line))]
-    x, y, z = joined(strokes, 2)
+    x, y, z = join_stretches(strokes, 2)
     return {
         "type": "scatter3d", "mode": "lines", "x": x, "y": y, "z": z, "line": {"color": _colour(zone), "width": 2},
         "hoverinfo": "text", "hovertext": words, "name": _title(zone), "showlegend": True,
@@ -355,7 +355,7 @@ def _draw_ways(fit: Fitted) -> list[Trace]:
     for identity in np.unique(ways.identity).tolist():
         own = np.flatnonzero(ways.identity == identity)
         parts = [ways.xy[own[ways.part[own] == part]][::every] for part in np.unique(ways.part[own])]
-        x, y = joined(parts)
+        x, y = join_stretches(parts)
         out.append({
             "type": "scatter", "mode": "lines", "x": x, "y": y, "line": {"color": person_colour(identity), "width": 1},
             "opacity": 0.7, "hoverinfo": "skip", "showlegend": not out, "name": "people", "legendgroup": "people",
@@ -371,7 +371,7 @@ def _draw_residuals(residuals: tuple[ResidualEntry, ...], plan: PlanEntry) -> li
         if not some:
             continue
         lines = [np.array([row.stated_m, row.found_m or row.stated_m]) for row in some]
-        x, y = joined(lines, 3)
+        x, y = join_stretches(lines, 3)
         words = [_hover(row, plan) for row in some]
         out.append({
             "type": "scatter", "mode": "lines", "x": x, "y": y, "line": {"color": colour, "width": 2}, "hoverinfo": "skip",

@@ -11,10 +11,10 @@ from passerby.interchange.calibration_json import GroupEntry
 from passerby.interchange.output_folder import REPORT_FILE
 from passerby.report.camera_table import NO_POSE, camera_rows, weak_cameras
 from passerby.report.contents import Contents
-from passerby.report.distances import distances_from, distances_table, solved_distances
+from passerby.report.distances import distances_from, distances_table, read_solved_distances
 from passerby.report.fitted import Fitted
 from passerby.report.parts import Parts
-from passerby.report.pictures import camera_panel, decoded_backdrops, layer_switches
+from passerby.report.pictures import camera_panel, decode_backdrops, layer_switches
 from passerby.report.recommendations import Reported, reported_doubts
 from passerby.report.rendering import Section, section
 from passerby.report.seen import Seen, neighbours_of
@@ -54,8 +54,8 @@ def site_views_section(
     for link in links:
         by_camera[link.first].append(link)
         by_camera[link.second].append(link)
-    posed, solved = list(contents.rig.posed()), solved_distances(contents)
-    for place, (name, behind) in enumerate(decoded_backdrops(contents, tell)):
+    posed, solved = list(contents.rig.posed()), read_solved_distances(contents)
+    for place, (name, behind) in enumerate(decode_backdrops(contents, tell)):
         camera = contents.rig[name]
         tables = _pairs(contents, by_camera[name])
         if camera.pose is not None and len(posed) > 1:

@@ -108,6 +108,6 @@ def count(number: int, what: str, several: str | None = None) -> str:
     return f"{number} {what if number == 1 else several or what + 's'}"
 
 
-def listed(names: Sequence[str]) -> str:
+def list_names(names: Sequence[str]) -> str:
     """`A, B and C`."""
     return names[0] if len(names) == 1 else ", ".join(names[:-1]) + " and " + names[-1] if names else ""

@@ -12,7 +12,7 @@ from passerby.interchange.storage.text_formats import plain
 from passerby.report.contents import Contents
 from passerby.report.rendering import Section, section
 from passerby.report.seen import Seen
-from passerby.report.tables import Column, Table, count, figure, listed, text
+from passerby.report.tables import Column, Table, count, figure, list_names, text
 
 MODES = {
     "given": "identities are known",
@@ -89,7 +89,7 @@ def _describe_observations(contents: Contents, seen: Seen) -> Step:
         parts = [f"{boxes} boxes" if boxes else None, f"{joints} observations with keypoints" if joints else None]
         width, height = contents.rig[name].lens.size
         kind = ", fisheye" if contents.rig[name].lens.fisheye else ""
-        what = listed([part for part in parts if part]) or "nobody"
+        what = list_names([part for part in parts if part]) or "nobody"
         facts.append(f"{name} ({width} × {height} px{kind}): {what}, {count(seen.people[name], 'person', 'people')}.")
     return "Observations of the cameras", facts
 
@@ -202,7 +202,7 @@ def _describe_scale(contents: Contents) -> Step:
             f"{figures.up.gravity_sigma_deg:.1f}° (1 sigma): the ground may slope."
         )
     if figures.undetermined:
-        facts.append(f"No evidence fixes these: {listed([PART_NAMES.get(part, part) for part in figures.undetermined])}.")
+        facts.append(f"No evidence fixes these: {list_names([PART_NAMES.get(part, part) for part in figures.undetermined])}.")
     if figures.clocks:
         most = max(abs(clock.correction_s) for clock in figures.clocks.values())
         facts.append(f"The clocks were refined with the cameras, by {1000 * most:.0f} ms at most.")

@@ -306,7 +306,7 @@ def notice_of_coarse_boxes(name: str, boxes: Boxes) -> Finding | None:
     return notice("boxes_coarse", name, step_px=step, height_px=height) if step > COARSE * height else None
 
 
-def with_coarse_boxes(figures: AdjustedFigures, findings: Iterable[Finding]) -> AdjustedFigures:
+def adjust_for_coarse_boxes(figures: AdjustedFigures, findings: Iterable[Finding]) -> AdjustedFigures:
     """The figures with what coarse boxes do to the scale, as far as it depends on how tall people are.
 
     Args:

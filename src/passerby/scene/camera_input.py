@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from passerby.common.arrays import Floats, Ints
 from passerby.core.cameras import Lens
 from passerby.core.observations import UNKNOWN, WAND_ENDS, Boxes, CameraObservations, Keypoints
-from passerby.core.quarter_turns import turn_lens, turn_pixels, turn_seen, turned_size
+from passerby.core.quarter_turns import turn_lens, turn_pixels, turn_seen, turn_size
 from passerby.findings.finding import Finding
 from passerby.perception.video import VideoInfo
 
@@ -68,7 +68,7 @@ class CameraInput:
     @property
     def filmed_size(self) -> tuple[int, int] | None:
         """(width, height) of the images as filmed, in which the scene file states its pixels; None where it is not known."""
-        return None if self.lens is None else turned_size(self.lens.size, self.rotate)
+        return None if self.lens is None else turn_size(self.lens.size, self.rotate)
 
     @property
     def filmed_lens(self) -> Lens | None:

@@ -16,7 +16,7 @@ from passerby.common.errors import EvidenceError, InputError
 from passerby.core.cameras import Lens
 from passerby.core.observations import UNKNOWN, CameraObservations, Observations
 from passerby.core.overlap import Shared, count_shared_observations, missing_overlap
-from passerby.core.usability import without_pose
+from passerby.core.usability import doubt_missing_pose
 from passerby.findings.finding import Finding, notice
 from passerby.findings.texts import diagnostic, texts_of
 from passerby.interchange.storage.safe_parsing import faults_of
@@ -29,7 +29,7 @@ from passerby.scene.inputs import observations_of, read_cameras, scene_doubts, s
 from passerby.scene.reading import needs_embeddings, needs_keypoints
 from passerby.scene.scene import Scene
 from passerby.scene.sound import sound_to_hear
-from passerby.scene.video_inputs import keypoints_for, wanted_keypoints
+from passerby.scene.video_inputs import choose_keypoints, keypoints_for
 
 SHORTEST_S = MIN_TRACK_S + 2 * STEP_S
 """Of a recording by whose tracks cameras can be tied: a tracklet has no direction below `MIN_TRACK_S`, and up to a grid step at
@@ -194,9 +194,9 @@ def check_scene(source: Scene | str | Path, findings: Sequence[Finding] = ()) ->
     faults = [fault for reading in readings for fault in reading.faults] + scene_faults(scene, readings)
     notices = [finding for reading in readings for finding in reading.findings] + scene_findings(scene, readings)
     perception, faults_of_networks, notes = _plan_perception(scene, readings)
-    short = too_short(scene, readings, with_keypoints=perception.get("keypoints", "none") != "none")
+    short = find_too_short(scene, readings, with_keypoints=perception.get("keypoints", "none") != "none")
     faults, notices = faults + faults_of_networks, notices + notes
-    apart = [without_pose(one) if one.severity == "notice" else one for one in missing_overlap(shared)] if given else []
+    apart = [doubt_missing_pose(one) if one.severity == "notice" else one for one in missing_overlap(shared)] if given else []
     doubts = () if faults else (*scene_doubts(scene, readings), *apart, *short)
     notices += [] if faults else sound_to_hear(scene, readings)
     return SceneCheck(
@@ -209,7 +209,7 @@ def check_scene(source: Scene | str | Path, findings: Sequence[Finding] = ()) ->
     )
 
 
-def too_short(scene: Scene, readings: Sequence[CameraInput], *, with_keypoints: bool = False) -> list[Finding]:
+def find_too_short(scene: Scene, readings: Sequence[CameraInput], *, with_keypoints: bool = False) -> list[Finding]:
     """A doubt where recordings are too short for people to be followed, and joints, which need less, are not used.
 
     `with_keypoints`: whether there is a network that would measure them in the videos.
@@ -228,7 +228,7 @@ def too_short(scene: Scene, readings: Sequence[CameraInput], *, with_keypoints: 
     if with_joints > 1 or not short:
         return []
     values = {"seconds": short, "shortest_s": SHORTEST_S, "network": keypoints_for(scene)}
-    return [without_pose(notice("recordings_short", *short, place=str(scene.place), **values))]
+    return [doubt_missing_pose(notice("recordings_short", *short, place=str(scene.place), **values))]
 
 
 def _seconds(scene: Scene, reading: CameraInput) -> float | None:
@@ -254,7 +254,7 @@ def _plan_perception(scene: Scene, readings: list[CameraInput]) -> tuple[dict[st
 
     models = None if wanted.models is None else scene.resolve(wanted.models)
     detector = of(lambda _, reading: reading.awaiting, wanted.detector)
-    appearance, joints = of(needs_embeddings, wanted.embedder), of(needs_keypoints, wanted_keypoints(scene, readings))
+    appearance, joints = of(needs_embeddings, wanted.embedder), of(needs_keypoints, choose_keypoints(scene, readings))
     try:
         choices, notes = foresee(detector, appearance, joints, models=models, base=scene.resolve(Path()))
     except InputError as error:

@@ -21,21 +21,21 @@ from passerby.core.pointing import PointedPerson, StatedIdentities
 from passerby.core.quarter_turns import turn_boxes
 from passerby.findings.finding import Finding, notice
 from passerby.interchange.storage.safe_parsing import FileFaults, faults_of
-from passerby.perception.sources.recording import gaps_of, recorded_s
+from passerby.perception.sources.recording import count_recorded_s, gaps_of
 from passerby.scene.box_interpretations import notice_of_coarse_boxes
 from passerby.scene.camera_input import CameraInput
 from passerby.scene.exchanged_streams import findings_of_exchanged_streams
 from passerby.scene.joint_layouts import correct_layouts, wand_faults
 from passerby.scene.lens_sources import add_seen_lenses, group_faults
 from passerby.scene.people_in_images import doubts_of_people, faults_of_people, findings_of_people
-from passerby.scene.pointing import overlapped_people, pointed_people, pointing_faults, stated_identities
+from passerby.scene.pointing import find_stated_identities, overlapped_people, pointed_people, pointing_faults
 from passerby.scene.reading import needs_video, read_camera
 from passerby.scene.same_content import doubts_of_same_content, faults_of_same_file, faults_of_same_video
 from passerby.scene.scene import Scene
 from passerby.scene.wall_clock import (
     WallClock,
     align_wall_clocks,
-    chosen_span,
+    choose_span,
     file_clock_findings,
     measure_by_file_clocks,
     wall_clock_of,
@@ -136,7 +136,7 @@ def assemble_inputs(scene: Scene, readings: list[CameraInput], *, compare_conten
     return SceneInputs(
         rig, observations_of(scene, readings), tuple(findings), tuple(doubts),
         pointed_people(scene, readings), wall_clock_of(scene, readings), gaps=_gaps(readings),
-        stated=stated_identities(scene, readings),
+        stated=find_stated_identities(scene, readings),
     )  # fmt: skip
 
 
@@ -169,7 +169,7 @@ def read_cameras(scene: Scene) -> list[CameraInput]:
     span = None
     faults: tuple[str, ...] = ()
     try:
-        span = None if scene.unrecorded else chosen_span(scene)
+        span = None if scene.unrecorded else choose_span(scene)
     except InputError as error:
         faults = faults_of(error)
     own = {name: read_camera(scene, name, span=span) for name in scene.cameras if scene.models[name][0] == name}
@@ -340,7 +340,7 @@ def _embedding_faults(scene: Scene, readings: list[CameraInput]) -> list[str]:
 def _find_short_videos(scene: Scene, readings: list[CameraInput]) -> list[str]:
     """Videos of which most must be missing, by the length of the others."""
     seconds = {
-        reading.name: recorded_s(reading.video) * reading.video.clock_fps / reading.fps
+        reading.name: count_recorded_s(reading.video) * reading.video.clock_fps / reading.fps
         for reading in readings
         if reading.video is not None and reading.video.seconds is not None and reading.fps is not None
     }

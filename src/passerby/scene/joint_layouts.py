@@ -13,7 +13,7 @@ import numpy as np
 
 from passerby.core.observations import MIN_JOINT_SCORE, WAND_ENDS, Keypoints
 from passerby.findings.finding import notice
-from passerby.interchange.formats.skeletons import other_layouts
+from passerby.interchange.formats.skeletons import find_other_layouts
 from passerby.people.segments import MIN_ORDER_CORRELATION, order_correlations
 from passerby.scene.camera_input import CameraInput
 from passerby.scene.scene import Scene
@@ -30,7 +30,7 @@ def correct_layouts(readings: Sequence[CameraInput]) -> None:
         if len(reading.keypoints):
             by_names.setdefault(reading.keypoints.joints, []).append(reading)
     for names, cameras in by_names.items():
-        known = other_layouts(names)
+        known = find_other_layouts(names)
         if known is None or _order(cameras, names) >= MIN_ORDER_CORRELATION:
             continue
         stated, layouts = known

@@ -32,7 +32,7 @@ class LensTable(Protocol):
     lens: str | None
 
 
-def named_camera(lens: str) -> str:
+def parse_named_camera(lens: str) -> str:
     """The camera that `same as CAMERA` names. Raises `ValueError` for any other text."""
     match = SAME_AS.fullmatch(lens)
     if match is None:
@@ -78,7 +78,7 @@ def model_camera(cameras: Mapping[str, LensTable], name: str) -> str:
     """
     chain = [name]
     while (lens := cameras[chain[-1]].lens) is not None:
-        other = named_camera(lens)
+        other = parse_named_camera(lens)
         if other in chain:
             if other == chain[-1]:
                 raise ValueError(f"[cameras.{other}] lens: names the camera itself: name another camera of its model")

@@ -22,7 +22,7 @@ from passerby.common.errors import InputError
 from passerby.common.text import shortened
 from passerby.core.cameras import Lens
 from passerby.core.lens import LARGEST_FOCAL_SD
-from passerby.core.quarter_turns import turn_lens, turned_size
+from passerby.core.quarter_turns import turn_lens, turn_size
 from passerby.findings.finding import notice
 from passerby.findings.texts import text_of
 from passerby.perception.video_probe import fit_of_size
@@ -104,7 +104,7 @@ def _find_own_lens(scene: Scene, reading: CameraInput) -> None:
 
 def _read_filmed_size(reading: CameraInput) -> tuple[int, int] | None:
     """Size of the video's images as filmed; None without a video."""
-    return None if reading.video is None else turned_size(reading.video.size, reading.rotate)
+    return None if reading.video is None else turn_size(reading.video.size, reading.rotate)
 
 
 def _make_stated_lens(scene: Scene, camera: str, size: tuple[int, int], fisheye: bool) -> Lens:
@@ -182,7 +182,7 @@ def group_faults(scene: Scene, readings: Sequence[CameraInput]) -> list[str]:
 
 def _size_of(reading: CameraInput, lens: Lens) -> str:
     """Of the images as filmed: a camera on its side has the lens of one that is not."""
-    width, height = turned_size(lens.size, reading.rotate)
+    width, height = turn_size(lens.size, reading.rotate)
     return f"{width} x {height}"
 
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from passerby.core.pointing import PeopleInFrame, PointedPerson, Sighting, StatedIdentities, nearest_frame, people_in_frame
+from passerby.core.pointing import PeopleInFrame, PointedPerson, Sighting, StatedIdentities, find_nearest_frame, people_in_frame
 from passerby.findings.finding import Finding, notice
 from passerby.scene.camera_input import CameraInput
 from passerby.scene.scale_tables import PersonTable
@@ -29,7 +29,7 @@ def pointed_people(scene: Scene, readings: Sequence[CameraInput]) -> tuple[Point
     return tuple(found)
 
 
-def stated_identities(scene: Scene, readings: Sequence[CameraInput]) -> StatedIdentities:
+def find_stated_identities(scene: Scene, readings: Sequence[CameraInput]) -> StatedIdentities:
     """Identities that the scene corrects, each person with the frame in which it is looked for; without faults."""
     by_name = {reading.name: reading for reading in readings}
     association = scene.association
@@ -98,7 +98,7 @@ def _pointings(scene: Scene, readings: Sequence[CameraInput]) -> Iterator[tuple[
 
 def _find_nearest_frame(cue: PersonAt, reading: CameraInput | None) -> int | None:
     """The frame in which a person is looked for; None where the camera saw no person near the time."""
-    return None if reading is None else nearest_frame(reading.seen, _frame(cue, reading), reading.fps)
+    return None if reading is None else find_nearest_frame(reading.seen, _frame(cue, reading), reading.fps)
 
 
 def _frame(cue: PersonAt, reading: CameraInput) -> float:
@@ -140,7 +140,7 @@ def _person_fault(cue: PersonAt, reading: CameraInput) -> str | None:
     if cue.at is None or not len(frames):
         return None
     frame = _frame(cue, reading)
-    found = nearest_frame(reading.seen, frame, reading.fps)
+    found = find_nearest_frame(reading.seen, frame, reading.fps)
     if found is None:
         span = f"frames {frames[0]} to {frames[-1]}"
         if reading.fps is not None:

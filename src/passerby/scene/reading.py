@@ -17,7 +17,7 @@ from passerby.common.errors import InputError
 from passerby.core.cameras import Lens
 from passerby.core.lens import LARGEST_FOCAL_SD
 from passerby.core.observations import UNKNOWN, Boxes, Keypoints
-from passerby.core.quarter_turns import turn_boxes, turn_keypoints, turn_lens, turned_size
+from passerby.core.quarter_turns import turn_boxes, turn_keypoints, turn_lens, turn_size
 from passerby.findings.finding import notice
 from passerby.findings.texts import text_of
 from passerby.interchange.coco import read_keypoints
@@ -28,7 +28,7 @@ from passerby.interchange.rig_toml import read_lens
 from passerby.interchange.storage.safe_parsing import faults_of
 from passerby.perception.pictures import VideoError
 from passerby.perception.sources.files import WallSpan
-from passerby.perception.sources.frame_times import TYPICAL_STEP_S, read_frame_times, timed_by
+from passerby.perception.sources.frame_times import TYPICAL_STEP_S, apply_times, read_frame_times
 from passerby.perception.sources.recording import open_source
 from passerby.perception.video import VideoInfo, fit_of_size
 from passerby.scene.camera_input import CameraInput, KnownLens
@@ -224,7 +224,7 @@ def _check_video(scene: Scene, reading: CameraInput, video: VideoInfo) -> None:
     place, lens = str(video.path), reading.filmed_lens
     if lens is not None:
         try:
-            filmed = turned_size(video.size, reading.rotate)
+            filmed = turn_size(video.size, reading.rotate)
             if fit_of_size(filmed, lens.size, (video.rotation + reading.rotate) % 360) == "cropped":
                 sizes = {"video_size": list(filmed), "size": list(lens.size)}
                 # What is missing is right and below in the images as filmed; turned, it may be where the origin is.
@@ -261,7 +261,7 @@ def _open_video(scene: Scene, reading: CameraInput, span: WallSpan | None) -> No
     try:
         found = open_source(source, reading.name)
     except InputError as error:
-        reading.faults += faults_of(of_video(error, reading.name))
+        reading.faults += faults_of(name_video_error(error, reading.name))
         return
     reading.video = found.info
     reading.findings += found.findings
@@ -276,14 +276,14 @@ def _read_times(reading: CameraInput, path: Path | None) -> None:
         reading.boxes = replace(reading.boxes, frame=times.renumbered(reading.boxes.frame, reading.name))
         reading.keypoints = replace(reading.keypoints, frame=times.renumbered(reading.keypoints.frame, reading.name))
         if reading.video is not None:
-            reading.video = timed_by(reading.video, times)
+            reading.video = apply_times(reading.video, times)
     except VideoError as error:
-        reading.faults += faults_of(of_video(error, reading.name))
+        reading.faults += faults_of(name_video_error(error, reading.name))
     except InputError as error:
         reading.faults += faults_of(error)
 
 
-def of_video(error: InputError, name: str) -> InputError:
+def name_video_error(error: InputError, name: str) -> InputError:
     """An error with a video, with its camera."""
     return InputError(f"{error} (the video of camera {name})")
 

@@ -93,7 +93,7 @@ class _Shown:
     """Usual time between frames with people."""
 
 
-def same_contents(
+def find_same_contents(
     rig: Rig, observations: Observations, *, sure: bool = True, pairs: Collection[tuple[str, str]] | None = None
 ) -> list[SameContent]:
     """The pairs of cameras that show the same.
@@ -127,7 +127,7 @@ def doubts_of_same_content(
     rig: Rig, observations: Observations, pairs: Collection[tuple[str, str]] | None = None
 ) -> list[Finding]:
     """A doubt for each pair of cameras that show the same, of some pairs or of all."""
-    return [pair.finding for pair in same_contents(rig, observations, pairs=pairs)]
+    return [pair.finding for pair in find_same_contents(rig, observations, pairs=pairs)]
 
 
 def doubts_of_same_place(rig: Rig, observations: Observations) -> list[Finding]:
@@ -149,7 +149,7 @@ def doubts_of_same_place(rig: Rig, observations: Observations) -> list[Finding]:
         if between > ONE_VIEW_DEG or apart > ONE_PLACE * max(_reach(rig, camera.name) for camera in (one, other)):
             continue
         pair = Rig((one, other))
-        if same_contents(pair, observations) or not same_contents(pair, observations, sure=False):
+        if find_same_contents(pair, observations) or not find_same_contents(pair, observations, sure=False):
             continue
         out.append(doubt("same_place", one.name, other.name, distance_m=apart))
     return out

@@ -16,7 +16,7 @@ import numpy as np
 from pydantic import Field, PrivateAttr, ValidationError, model_validator
 
 from passerby.common.errors import InputError
-from passerby.common.text import nearest, shortened
+from passerby.common.text import shortened, suggest_name
 from passerby.core.observations import BoxFormat
 from passerby.core.scale_cues import (
     CameraDistance,
@@ -30,7 +30,7 @@ from passerby.core.scale_cues import (
 from passerby.interchange.storage.safe_parsing import FileFaults, NotParsed, parse_toml, path_problem, read_text
 from passerby.interchange.storage.text_formats import check_version
 from passerby.perception.video_probe import VARIABLE_CLOCK_FPS
-from passerby.scene.lens_keys import check_models, models_of, named_camera
+from passerby.scene.lens_keys import check_models, models_of, parse_named_camera
 from passerby.scene.scale_tables import (
     CameraHeightTable,
     CheckTable,
@@ -279,7 +279,7 @@ class Scene(Table):
                 )
         for place, name in self._list_mentions():
             if name not in self.cameras:
-                told = nearest(name[:LONGEST_NAME], list(self.cameras))
+                told = suggest_name(name[:LONGEST_NAME], list(self.cameras))
                 raise ValueError(f"{place}: camera {shortened(name)} is not declared: {told}")
         check_models(self.cameras)
         for number, length in enumerate(self.scale.lengths, start=1):
@@ -336,7 +336,7 @@ class Scene(Table):
             (f"[sites] groups {number}", name) for number, group in enumerate(self.sites.groups, start=1) for name in group
         ]
         lenses = ((name, table.lens) for name, table in self.cameras.items())
-        found += [(f"[cameras.{name}] lens", named_camera(lens)) for name, lens in lenses if lens is not None]
+        found += [(f"[cameras.{name}] lens", parse_named_camera(lens)) for name, lens in lenses if lens is not None]
         for number, person in enumerate(self.scale.people, start=1):
             found += [] if person.camera is None else [(f"[[scale.people]] {number} camera", person.camera)]
         for key, entries in (("same", self.association.same), ("different", self.association.different)):

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Self
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
-from passerby.common.text import nearest, plain_without_credentials, shortened
+from passerby.common.text import remove_all_credentials, shortened, suggest_name
 
 LONGEST_KEY = 80
 """Characters of a key, or of a camera's name, that are shown."""
@@ -43,7 +43,7 @@ class Table(BaseModel):
     @classmethod
     def _remove_passwords(cls, values: Any) -> Any:
         """No message, and no file that a scene is copied into, repeats the password of an address in it."""
-        return plain_without_credentials(values) if isinstance(values, dict) else values
+        return remove_all_credentials(values) if isinstance(values, dict) else values
 
 
 class PersonAtTable(Table):
@@ -83,7 +83,7 @@ def explain_fault(fault: dict[str, Any], tables: Tables) -> str:
     if fault["type"] == "extra_forbidden":
         table, key = location[:-1], str(location[-1])[:LONGEST_KEY]
         known = [field.alias or name for name, field in tables[_pattern(table)].model_fields.items()]
-        return f"{_place(table, tables) + ': unknown key' if table else 'unknown table'} '{key}': {nearest(key, known)}"
+        return f"{_place(table, tables) + ': unknown key' if table else 'unknown table'} '{key}': {suggest_name(key, known)}"
     place = _place(location, tables)
     if fault["type"] == "missing":
         return f"{place}: is missing: add it"

@@ -20,7 +20,7 @@ from passerby.common.text import not_a_file, shortened
 from passerby.core.data_sheet import NARROWEST_FIELD_DEG, WIDEST_FISHEYE_DEG
 from passerby.core.observations import BoxFormat
 from passerby.perception.sources.name_times import NamePattern
-from passerby.scene.lens_keys import check_lens_keys, named_camera
+from passerby.scene.lens_keys import check_lens_keys, parse_named_camera
 from passerby.scene.table import FramesPerSecond, PersonAtTable, Pixel, Positive, Seconds, Table, TogetherTable
 
 
@@ -49,7 +49,7 @@ def _box_format(value: Any) -> Any:
 
 
 def _check_same_as(value: str) -> str:
-    named_camera(value)
+    parse_named_camera(value)
     return value
 
 

@@ -83,8 +83,8 @@ def _keep_places(scene: Scene, reading: CameraInput) -> None:
                 )
                 return
     before, corners = reading.people, [reading.upright(polygon) for polygon in polygons]
-    reading.boxes = reading.boxes.take(~inside_any(feet_of_boxes(reading.boxes), corners))
-    reading.keypoints = reading.keypoints.take(~inside_any(feet_of_keypoints(reading.keypoints), corners))
+    reading.boxes = reading.boxes.take(~find_inside_any(feet_of_boxes(reading.boxes), corners))
+    reading.keypoints = reading.keypoints.take(~find_inside_any(feet_of_keypoints(reading.keypoints), corners))
     left_out = before - reading.people
     if before and not reading.people:
         reading.faults.append(f"{place}: all {before} people of the camera are in it, so nothing is left: check its corners")
@@ -210,7 +210,7 @@ def _numbers(part: Boxes | Keypoints) -> Floats:
     return np.column_stack([part.xy.reshape(len(part), 2 * len(part.joints)), part.score])
 
 
-def inside_any(points: Floats, polygons: Iterable[Floats]) -> Bools:
+def find_inside_any(points: Floats, polygons: Iterable[Floats]) -> Bools:
     """Which points lie in one polygon or more.
 
     Args:

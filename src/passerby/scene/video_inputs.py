@@ -18,7 +18,7 @@ from threadpoolctl import threadpool_limits
 from passerby.common.errors import InputError
 from passerby.common.parallel import interrupted_later
 from passerby.common.progress import Forward, Progress, tell_warning
-from passerby.common.text import listed
+from passerby.common.text import list_names
 from passerby.findings.finding import Finding, Severity
 from passerby.interchange.storage.safe_parsing import faults_of
 from passerby.perception.model_files import AUTO
@@ -26,9 +26,9 @@ from passerby.perception.pictures import VideoError
 from passerby.perception.plan import CROPS_PER_S, Plan, keypoints_to_be_had, make_plan
 from passerby.perception.video import VideoInfo
 from passerby.perception.video_observations import VideoObservations
-from passerby.perception.watching import CameraJob, Tell, kept_results, watch_camera, work_of
+from passerby.perception.watching import CameraJob, Tell, find_kept_results, watch_camera, work_of
 from passerby.scene.camera_input import CameraInput
-from passerby.scene.reading import add_video_results, needs_embeddings, needs_keypoints, needs_video, of_video
+from passerby.scene.reading import add_video_results, name_video_error, needs_embeddings, needs_keypoints, needs_video
 from passerby.scene.scene import Scene
 from passerby.scene.tables import WATCHED_FPS
 
@@ -72,7 +72,7 @@ class SceneVideoProcessor:
             if isinstance(found, VideoObservations) and found.made_again
         ]
         if again and self.keep is not None:
-            tell_warning(self.tell, f"{self.keep / KEPT_FOLDER}: {MADE_AGAIN}: {listed(again)}")
+            tell_warning(self.tell, f"{self.keep / KEPT_FOLDER}: {MADE_AGAIN}: {list_names(again)}")
         for reading, job, result in zip(wanting, jobs, results, strict=True):
             if isinstance(result, InputError):
                 reading.faults += faults_of(result)
@@ -104,7 +104,7 @@ class SceneVideoProcessor:
                 forward.finish(job.name)
             return results
         # What is kept is read here: processes take longer to begin.
-        kept = [_result(kept_results, job, partial(forward, job.name)) for job in jobs]
+        kept = [_result(find_kept_results, job, partial(forward, job.name)) for job in jobs]
         made = iter(_watch_apart([job for job, found in zip(jobs, kept, strict=True) if found is None], self.executor, forward))
         return [next(made) if found is None else found for found in kept]
 
@@ -113,7 +113,7 @@ def plan_of(scene: Scene, readings: Sequence[CameraInput], tell: Progress) -> Pl
     """What a scene's videos are watched with. Raises `InputError` where a model that it names cannot be used."""
     wanted = scene.perception
     models = None if wanted.models is None else scene.resolve(wanted.models)
-    base, keypoints = scene.resolve(Path()), wanted_keypoints(scene, readings)
+    base, keypoints = scene.resolve(Path()), choose_keypoints(scene, readings)
     try:
         plan = make_plan(wanted.detector, wanted.embedder, keypoints, models=models, base=base, tell=tell)
     except InputError as error:
@@ -122,7 +122,7 @@ def plan_of(scene: Scene, readings: Sequence[CameraInput], tell: Progress) -> Pl
     return replace(plan, keypoints_per_s=per_s, min_score=wanted.min_score, tiles=wanted.tiles)
 
 
-def wanted_keypoints(scene: Scene, readings: Sequence[CameraInput]) -> str:
+def choose_keypoints(scene: Scene, readings: Sequence[CameraInput]) -> str:
     """The scene's choice of keypoints; "none" where it is left to us and fewer than two cameras would have any."""
     choice = scene.perception.keypoints
     with_joints = sum(reading.keypoints_path is not None or _is_measurable(scene, reading) for reading in readings)
@@ -246,6 +246,6 @@ def _result(watch: Callable[[CameraJob, Tell], Found], job: CameraJob, tell: Tel
         with threadpool_limits(limits=1, user_api="blas"):
             return watch(job, tell)
     except VideoError as error:
-        return of_video(error, job.name) if error.path in (job.info.path, *job.info.files) else InputError(str(error))
+        return name_video_error(error, job.name) if error.path in (job.info.path, *job.info.files) else InputError(str(error))
     except InputError as error:
         return InputError(str(error))

@@ -54,7 +54,7 @@ def source_of(scene: Scene, name: str, span: WallSpan | None = None) -> VideoSou
     return VideoSource(paths, table.video_names, times, scene.fps_of(name), span, rotate=table.rotate)
 
 
-def chosen_span(scene: Scene) -> WallSpan | None:
+def choose_span(scene: Scene) -> WallSpan | None:
     """The span of wall time that is used; None where none is chosen.
 
     Raises `InputError` where no wall times are known, or a time of day is on no day of the recordings, or on several.

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from passerby.common.errors import InputError
-from passerby.common.text import nearest
+from passerby.common.text import suggest_name
 from passerby.interchange.storage.safe_parsing import faults_of
 from passerby.interchange.world_files import read_known_points, read_known_positions
 from passerby.scene.scene import Scene
@@ -69,7 +69,7 @@ def world_file_paths(scene: Scene) -> dict[str, Path | None]:
 def _list_unknown(scene: Scene, path: Path, names: list[str]) -> list[str]:
     """Cameras that the scene does not declare."""
     return [
-        f"{path}: camera '{name}' is not declared in {scene.place}: {nearest(name, list(scene.cameras))}"
+        f"{path}: camera '{name}' is not declared in {scene.place}: {suggest_name(name, list(scene.cameras))}"
         for name in dict.fromkeys(names)
         if name not in scene.cameras
     ]

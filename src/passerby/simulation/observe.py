@@ -81,7 +81,7 @@ def observe_camera(camera: Camera, joints: Floats, heights: Floats, present: Mas
     n_times, n_people = present.shape
     centres, radii = body_spheres(joints, heights)
     seen = _camera_frame(camera, centres)
-    in_front = whole_in_view(camera, seen) & present
+    in_front = find_whole_in_view(camera, seen) & present
     seen = np.where(in_front[..., None, None], seen, np.array([0.0, 0.0, 1e3]))
     extents = _extents(camera, seen, np.broadcast_to(radii, seen.shape[:-1]))
     discs = camera.lens.project_rays(seen.reshape(-1, 3)).reshape((*seen.shape[:-1], 2))
@@ -113,7 +113,7 @@ def observe_camera(camera: Camera, joints: Floats, heights: Floats, present: Mas
     )
 
 
-def whole_in_view(camera: Camera, seen: Floats) -> Mask:
+def find_whole_in_view(camera: Camera, seen: Floats) -> Mask:
     """(...) which bodies (..., points, 3), camera frame, are in front, and nowhere so far aside that the lens folds.
 
     What is beyond the fold of a lens would appear inside the picture, which no real lens does.

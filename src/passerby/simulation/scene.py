@@ -87,7 +87,7 @@ class Filmed:
 
     def serves(self, options: SimulationOptions) -> bool:
         """Whether a scene of these options is filmed alike."""
-        return without_faults(options) == without_faults(self.options)
+        return remove_faults(options) == remove_faults(self.options)
 
 
 FAULTS = (
@@ -97,7 +97,7 @@ FAULTS = (
 """Options that say what a detector makes of the views, and nothing about the views themselves."""
 
 
-def without_faults(options: SimulationOptions) -> SimulationOptions:
+def remove_faults(options: SimulationOptions) -> SimulationOptions:
     """The options with the defaults of all that is in `FAULTS`."""
     defaults: dict[str, Any] = {item.name: item.default for item in fields(options) if item.name in FAULTS}
     return replace(options, **defaults)

@@ -16,7 +16,7 @@ from passerby.common.arrays import Floats, Ints
 from passerby.core.cameras import Rig
 from passerby.core.observations import MIN_JOINT_SCORE, Keypoints, Observations
 from passerby.geometry.groups import NORMAL_BY_MAD, group_medians, group_numbers
-from passerby.geometry.triangulation import angular_residuals, in_camera_frames, triangulate
+from passerby.geometry.triangulation import angular_residuals, move_to_camera_frames, triangulate
 from passerby.people.segments import BODY_HEIGHTS, HEAD
 
 MOST_BODIES = 4000
@@ -172,7 +172,7 @@ def _triangulated(camera: Ints, point: Ints, bearing: Floats, R: Floats, centre:
     points = triangulate(camera, point, bearing, R, t, n)
     there = np.isfinite(points[point]).all(axis=1)
     camera, point, bearing = camera[there], point[there], bearing[there]
-    off = angular_residuals(in_camera_frames(points, camera, point, R, t), bearing)
+    off = angular_residuals(move_to_camera_frames(points, camera, point, R, t), bearing)
     if len(off):
         points[point[~(off <= MOST_OFF * np.nanmedian(off))]] = np.nan
     return points

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from passerby.common.arrays import Floats, Ints
 from passerby.common.errors import InputError
-from passerby.common.text import listed
+from passerby.common.text import list_names
 from passerby.core.cameras import Rig
 from passerby.core.figures import CueFigures
 from passerby.core.scale_cues import KnownLength, ScaleCues, WrongUnit, find_wrong_unit
@@ -398,7 +398,7 @@ def scale_cue_weights(
     if rows is not None and rows.world is not None and rows.world.trunk_m is not None:
         usual, spread = rows.world.trunk_m
         kinds.append({"kind": "segments", "count": rows.world.people})
-        name = f"body segments of {rows.world.people} people ({listed(rows.world.segments)})"
+        name = f"body segments of {rows.world.people} people ({list_names(rows.world.segments)})"
         found.append((name, usual * segments, usual, spread))
         own.append((usual * segments, spread))
     stated_m = np.array([stated for _, _, stated, _ in found])

@@ -20,7 +20,7 @@ from passerby.geometry.groups import cauchy_weights
 from passerby.geometry.rotations import fit_plane_similarity
 from passerby.geometry.single_view import Level
 from passerby.geometry.triangulation import PointObservations, triangulate_two_views
-from passerby.geometry.two_view import PairHypothesis, relative_pose
+from passerby.geometry.two_view import PairHypothesis, estimate_relative_pose
 from passerby.people.sightings import Sightings
 from passerby.solver.evidence import Evidence
 
@@ -210,7 +210,9 @@ def _by_epipolar(
 ) -> tuple[Floats, Floats] | None:
     """The essential matrix of matched rays, its baseline scaled by the people's height."""
     try:
-        view = relative_pose(rays_a, rays_b, threshold=angle, rng=rng, max_points=1000, min_iterations=200, max_iterations=3000)
+        view = estimate_relative_pose(
+            rays_a, rays_b, threshold=angle, rng=rng, max_points=1000, min_iterations=200, max_iterations=3000
+        )
     except EvidenceError:
         return None
     bodies = body_lengths(at_a, at_b, view.R_ba, view.t_ba)

@@ -17,13 +17,13 @@ from passerby.core.cameras import Camera, Pose, Rig
 from passerby.core.figures import CueFigures
 from passerby.core.lens import LARGEST_FOCAL_SD
 from passerby.core.lens_figures import LensFigures
-from passerby.core.measuring import MeasuringFigures, with_measuring_sigmas
+from passerby.core.measuring import MeasuringFigures, add_measuring_sigmas
 from passerby.core.observations import Observations
 from passerby.core.scale_cues import ScaleCues
 from passerby.core.solution import Solution, decide_verdict
 from passerby.core.synchronisation import USUAL_FPS
 from passerby.core.unknown_focals import begin_with
-from passerby.core.usability import doubts_of_uncertainty, with_doubts_of_missing_cameras
+from passerby.core.usability import add_missing_camera_doubts, doubts_of_uncertainty
 from passerby.findings.finding import doubt, refusal
 from passerby.findings.ranking import RefusalError
 from passerby.geometry.two_view import PairHypothesis
@@ -134,7 +134,7 @@ def solve_people(
     covariance, weighed, lenses = _estimate_uncertainty(start, fit, cues, observations)
     measuring = _measuring(start, fit, covariance)
     weighed, disagreements = check_cue_consistency(weighed)
-    posed = with_measuring_sigmas(_placed(start.rig, fit.result.state, covariance), measuring)
+    posed = add_measuring_sigmas(_placed(start.rig, fit.result.state, covariance), measuring)
     posed = _with_refined_sigmas(posed, lenses)
     whole = Rig(tuple(posed[c.name] if c.name in posed.names else Camera(c.name, c.lens) for c in rig))
     figures = replace(figures_of(start, choice, fit, covariance, weighed, lenses), measuring=measuring, refinement=refinement)
@@ -149,7 +149,7 @@ def solve_people(
         *doubts_about_registrations(start.rig, start.hypotheses, fit.result.state.R, fit.result.state.centre),
         *far_lenses(lenses),
     ]
-    findings = with_doubts_of_missing_cameras(whole, findings)
+    findings = add_missing_camera_doubts(whole, findings)
     findings += doubts_of_uncertainty(whole, figures, findings)
     verdict = decide_verdict(whole, findings)
     if zoned is not None:

@@ -17,7 +17,7 @@ from torch.optim import Optimizer
 from passerby.common.errors import InputError
 from passerby.interchange.storage.atomic import write_bytes
 from passerby.interchange.storage.text_formats import check_version
-from passerby.training.network import ReidNetwork, kept_backbone
+from passerby.training.network import ReidNetwork, make_kept_backbone
 from passerby.training.options import TrainOptions
 
 CHECKPOINT = "checkpoint.pt"
@@ -50,7 +50,7 @@ class Checkpoint:
         """The network with its weights, on the processor."""
         options = self.options
         size = options.height, options.width
-        backbone = kept_backbone(options.backbone, dict(self.architecture), size, options.last_stride)
+        backbone = make_kept_backbone(options.backbone, dict(self.architecture), size, options.last_stride)
         network = ReidNetwork(backbone, self.people, options)
         try:
             network.load_state_dict(dict(self.network))

@@ -153,7 +153,7 @@ def data_set(name: str, path: Path, listing: Listing, tell: Progress) -> DataSet
     """
     notes = list(listing.notes)
     parts = _keep_readable([listing.train, listing.query, listing.gallery], notes, tell)
-    parts[0] = without_single(parts[0], notes)
+    parts[0] = drop_single(parts[0], notes)
     _note_overlap(parts, notes)
     train, query, gallery = (_crops(name, part) for part in _number_people(parts))
     if not len(train) and not len(query):
@@ -182,7 +182,7 @@ def _keep_readable(parts: list[list[Listed]], notes: list[str], tell: Progress) 
 _PLURAL = {"cannot be read": "cannot be read", "is too small": "are too small"}
 
 
-def without_single(rows: list[Listed], notes: list[str]) -> list[Listed]:
+def drop_single(rows: list[Listed], notes: list[str]) -> list[Listed]:
     """Without people with one picture: nothing about a person can be learnt from one."""
     count = Counter(row.person for row in rows)
     single = sorted(str(person) for person, n in count.items() if n < 2)

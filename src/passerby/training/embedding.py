@@ -28,7 +28,7 @@ NOTHING = 1e-6
 """A vector shorter than this has no direction."""
 
 
-def whole_box(picture: Picture) -> Floats:
+def make_full_box(picture: Picture) -> Floats:
     """(1, 4) the box that holds a picture exactly as `perception.crop_network.stretched` rounds.
 
     By the house's coordinates a picture begins half a pixel before (0, 0); but half a pixel rounds to the even number beside
@@ -48,7 +48,7 @@ def embed_crops(crops: CropSet, embedder: Embedder, tell: Progress = silent) -> 
         if row % TOLD_EVERY == 0:
             tell(STAGE, row, len(crops))
         picture = read_picture(path)
-        vectors[row] = embedder(picture, whole_box(picture))[0]
+        vectors[row] = embedder(picture, make_full_box(picture))[0]
     tell(STAGE, len(crops), len(crops))
     return vectors
 

@@ -25,12 +25,12 @@ from passerby.common.errors import InputError
 from passerby.core.observations import Vectors
 from passerby.interchange.storage.atomic import write_bytes
 from passerby.perception.crop_network import is_recognisable, stretch_crop
-from passerby.perception.networks import IMAGENET, PREFIX, own_network
+from passerby.perception.networks import IMAGENET, PREFIX, read_own_network
 from passerby.perception.pictures import Picture
 from passerby.perception.reid import BATCH, ReidEmbedder
 from passerby.training.network import ReidNetwork
 from passerby.training.options import TrainOptions
-from passerby.training.pictures import as_batch, normalise_pictures
+from passerby.training.pictures import make_batch, normalise_pictures
 
 ORIGIN = "trained."
 """How the metadata begin that tell where a network comes from; nothing reads them but people."""
@@ -153,7 +153,7 @@ def export_network(
     with tempfile.TemporaryDirectory(prefix="passerby-") as folder:
         trial = Path(folder) / path.name
         write_bytes(trial, data)
-        embedder = ReidEmbedder(own_network(trial, "embedder", sha256))
+        embedder = ReidEmbedder(read_own_network(trial, "embedder", sha256))
         random = _compare_outputs(expected[0], embedder, noise, f"backbone {options.backbone}: on random images")
         real = (
             _compare_outputs(expected[1], embedder, large, f"backbone {options.backbone}: on the given images")
@@ -176,7 +176,7 @@ def torch_vectors(network: ReidNetwork, size: tuple[int, int], views: Sequence[V
     with torch.inference_mode():
         for start in range(0, len(crops), BATCH):
             parts.append(
-                network.embed(normalise_pictures(as_batch(crops[start : start + BATCH]).to(device))).double().cpu().numpy()
+                network.embed(normalise_pictures(make_batch(crops[start : start + BATCH]).to(device))).double().cpu().numpy()
             )
     raw = np.concatenate(parts)
     if not np.isfinite(raw).all():

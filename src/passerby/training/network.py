@@ -177,7 +177,7 @@ def open_backbone(name: str, size: tuple[int, int], weights: str = "auto", last_
     return Backbone(network, _channels(network, name, size), published, note)
 
 
-def kept_backbone(name: str, configuration: dict[str, Any], size: tuple[int, int], last_stride: int) -> Backbone:
+def make_kept_backbone(name: str, configuration: dict[str, Any], size: tuple[int, int], last_stride: int) -> Backbone:
     """The backbone of a checkpoint, which knows its architecture: its weights are yet to be loaded."""
     known = dict(configuration)
     with _silence_warnings():

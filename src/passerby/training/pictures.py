@@ -45,7 +45,7 @@ def load_picture(path: Path, size: tuple[int, int]) -> Picture:
     return stretch_crop(picture, np.array([0.0, 0.0, width, height]), size)
 
 
-def as_batch(pictures: Sequence[Picture]) -> Tensor:
+def make_batch(pictures: Sequence[Picture]) -> Tensor:
     """(N, H, W, 3) of uint8."""
     return torch.from_numpy(np.stack(pictures))
 
@@ -66,12 +66,12 @@ def embed_all(network: ReidNetwork, crops: CropSet, options: TrainOptions, batch
     with torch.no_grad():
         for start in range(0, len(crops), batch):
             pictures = [load_picture(path, (options.width, options.height)) for path in crops.paths[start : start + batch]]
-            vectors = network.embed(normalise_pictures(as_batch(pictures).to(device)))
+            vectors = network.embed(normalise_pictures(make_batch(pictures).to(device)))
             found.append(functional.normalize(vectors.float(), dim=1).cpu().numpy())
     return np.concatenate(found)
 
 
-def decoded_pictures(crops: CropSet) -> list[Picture]:
+def decode_pictures(crops: CropSet) -> list[Picture]:
     """The pictures of a set as they lie on disk, BGR, of any sizes. Raises `InputError` where one cannot be read."""
     return [read_picture(path) for path in crops.paths]
 

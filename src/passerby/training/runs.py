@@ -22,7 +22,7 @@ from passerby._version import __version__
 from passerby.calibration.calibrate import calibrate
 from passerby.calibration.calibration import Calibration
 from passerby.common.errors import InputError
-from passerby.common.parallel import local_processes
+from passerby.common.parallel import open_local_processes
 from passerby.common.progress import Progress, silent
 from passerby.core.observations import Vectors
 from passerby.evaluation.retrieval import RetrievalScore
@@ -35,7 +35,7 @@ from passerby.training.embedding import leave_one_out, score_crops
 from passerby.training.export import ExportReport, export_network
 from passerby.training.network import ReidNetwork
 from passerby.training.options import TrainOptions, train_options
-from passerby.training.pictures import decoded_pictures, embed_all
+from passerby.training.pictures import decode_pictures, embed_all
 from passerby.training.scene_people import ScenePeople, scene_people
 from passerby.training.training import Trained, train
 
@@ -135,7 +135,7 @@ def export_run(run: Path, path: Path, sets: Sequence[DataSet] = ()) -> ExportRep
     checkpoint = load_checkpoint(run)
     crops = mix_sets([part for one in sets for part in (one.query, one.gallery, one.train)])
     rows = np.unique(np.linspace(0, max(len(crops) - 1, 0), min(len(crops), COMPARED_PICTURES)).astype(np.int64))
-    pictures = decoded_pictures(crops.take(rows)) if len(crops) else None
+    pictures = decode_pictures(crops.take(rows)) if len(crops) else None
     origin = {**checkpoint.origin, "backbone": checkpoint.options.backbone, "epochs": str(checkpoint.epoch)}
     return export_network(checkpoint.restored().eval(), checkpoint.options, path, pictures=pictures, origin=origin)
 
@@ -235,7 +235,7 @@ def _calibrate_again(scene: Scene, target: Path, seed: int, tell: Progress) -> C
     """The scene calibrated with the new network."""
     table = scene.perception.model_copy(update={"embedder": str((target / NETWORK).resolve())})
     changed = scene.with_perception(table)
-    with local_processes(changed.size_bytes, len(changed.cameras), changed.n_videos) as executor:
+    with open_local_processes(changed.size_bytes, len(changed.cameras), changed.n_videos) as executor:
         return calibrate(changed, seed=seed, progress=tell, executor=executor, keep=target)
 
 

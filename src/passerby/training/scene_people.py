@@ -26,7 +26,7 @@ from passerby.perception.video import probe
 from passerby.scene.scene import Scene
 from passerby.training.agreement import ALONE, AMBIGUOUS, BEHIND, MISFIT, NEAR, REASONS, SURE, GeometricAgreement, verify_boxes
 from passerby.training.crops import CropSet
-from passerby.training.data.cutting import PER_PERSON, WantedCrops, clear_boxes, cut_crops, one_file, spread
+from passerby.training.data.cutting import PER_PERSON, WantedCrops, cut_crops, find_clear_boxes, one_file, spread_rows
 from passerby.training.sure_spans import PseudoLabels, pseudo_labels
 
 FEWEST_PEOPLE, FEWEST_CROPS = 4, 100
@@ -117,8 +117,8 @@ def _choose_boxes(calibrated: CalibratedScene, number: int, name: str, places: P
     span[places.row[mine]] = spans.span[mine]
     rows: Ints = np.zeros(0, dtype=np.int64)
     if len(boxes):
-        clear = clear_boxes(boxes.frame, boxes.ltwh, calibrated.rig[name].lens.size)
-        rows = spread(boxes.frame, span, clear, PER_PERSON)
+        clear = find_clear_boxes(boxes.frame, boxes.ltwh, calibrated.rig[name].lens.size)
+        rows = spread_rows(boxes.frame, span, clear, PER_PERSON)
     return WantedCrops(name, calibrated.videos[name], boxes.frame[rows], boxes.ltwh[rows], span[rows])
 
 

@@ -7,9 +7,9 @@ from passerby.interchange.formats.skeletons import (
     BODY_25,
     BODY_25B,
     SKELETONS,
-    known_joints,
+    find_known_joints,
+    find_other_layouts,
     ordered_joints,
-    other_layouts,
     standard_names,
 )
 
@@ -64,16 +64,16 @@ def test_every_layout_has_its_names_once_and_spelled_as_here() -> None:
 
 
 def test_the_usual_layout_comes_first() -> None:
-    assert known_joints(25) == BODY_25
-    assert known_joints(12) is None
+    assert find_known_joints(25) == BODY_25
+    assert find_known_joints(12) is None
 
 
 def test_the_other_layout_names_the_same_columns() -> None:
-    found = other_layouts(ordered_joints(BODY_25))
+    found = find_other_layouts(ordered_joints(BODY_25))
     assert found is not None
     stated, layouts = found
     assert stated == "BODY_25"
     number = [BODY_25.index(name) for name in ordered_joints(BODY_25)]
     assert layouts["BODY_25B"] == tuple(BODY_25B[index] for index in number)
-    assert other_layouts(BODY_17) is None
-    assert other_layouts(("nose", "neck")) is None
+    assert find_other_layouts(BODY_17) is None
+    assert find_other_layouts(("nose", "neck")) is None

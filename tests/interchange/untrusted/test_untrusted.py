@@ -18,7 +18,7 @@ from passerby.interchange.formats import read_rig_as
 from passerby.interchange.formats.tsai import read_tsai
 from passerby.interchange.motchallenge import read_boxes, read_embeddings
 from passerby.interchange.rig_toml import read_rig, write_rig
-from passerby.perception.networks import own_network
+from passerby.perception.networks import read_own_network
 from passerby.perception.video import probe
 from passerby.scene.inputs import read_inputs
 from passerby.scene.scene import Scene
@@ -142,7 +142,7 @@ def test_a_network_opens_no_file_outside_its_folder(tmp_path):
         path = tmp_path / "inner" / "net.onnx"
         path.write_bytes(model.SerializeToString())
         with pytest.raises(InputError, match=r"net\.onnx"):
-            own_network(path, "embedder", "0" * 64)
+            read_own_network(path, "embedder", "0" * 64)
 
 
 @pytest.fixture

@@ -11,7 +11,7 @@ from passerby.common.arrays import Floats
 from passerby.common.errors import InputError
 from passerby.interchange.video_writer import VideoWriter
 from passerby.perception.kept import video_identity
-from passerby.perception.sources.frame_times import find_frame_times, read_frame_times, timed_by
+from passerby.perception.sources.frame_times import apply_times, find_frame_times, read_frame_times
 from passerby.perception.video import VideoReader, probe
 
 FPS = 20.0
@@ -91,7 +91,7 @@ def film(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_frames_are_numbered_by_the_table(film: Path, tmp_path: Path) -> None:
     times = read_frame_times(written(tmp_path, EPOCH + SECONDS), 1 / FPS)
-    info = timed_by(probe(film), times)
+    info = apply_times(probe(film), times)
     frames = list(VideoReader(info))
     np.testing.assert_allclose([frame.seconds for frame in frames], SECONDS, atol=1e-5)
     assert [frame.number for frame in frames] == (np.rint(SECONDS * 100) + 1).astype(int).tolist()
@@ -103,7 +103,7 @@ def test_frames_are_numbered_by_the_table(film: Path, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("rate", [0.5, 2.0, 5.0])
 def test_frames_are_chosen_by_their_true_times(film: Path, tmp_path: Path, rate: float) -> None:
-    info = timed_by(probe(film), read_frame_times(written(tmp_path, SECONDS), 1 / FPS))
+    info = apply_times(probe(film), read_frame_times(written(tmp_path, SECONDS), 1 / FPS))
     ticks = np.floor((SECONDS + 0.005) * rate)
     first = np.flatnonzero(np.diff(ticks, prepend=-1) > 0)
     np.testing.assert_allclose([frame.seconds for frame in VideoReader(info, rate)], SECONDS[first], atol=1e-5)
@@ -112,7 +112,7 @@ def test_frames_are_chosen_by_their_true_times(film: Path, tmp_path: Path, rate:
 def test_as_many_times_as_frames_are_needed(film: Path, tmp_path: Path) -> None:
     times = read_frame_times(written(tmp_path, SECONDS[:5]), 1 / FPS)
     with pytest.raises(InputError, match=r"has 5 times, but a.mp4 has 10 frames"):
-        timed_by(probe(film), times)
+        apply_times(probe(film), times)
     with pytest.raises(InputError, match="camera a: has 5 times, but there are people in frame 6"):
         times.renumbered(np.array([1, 6]), "a")
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from passerby.perception.sources.name_times import NamePattern, usual_time
+from passerby.perception.sources.name_times import NamePattern, find_usual_time
 
 
 def at(*parts: int) -> float:
@@ -32,21 +32,21 @@ HALF_PAST = at(2026, 11, 22, 8, 30, 5)
     ],
 )
 def test_usual_names(path: str, utc: bool) -> None:
-    found = usual_time(Path("/x") / path)
+    found = find_usual_time(Path("/x") / path)
     assert found is not None
     assert (found.seconds, found.resolution_s, found.utc) == (HALF_PAST, 1.0, utc)
 
 
 @pytest.mark.parametrize(("name", "utc"), [("20261122083005250.jpg", False), ("20261122T083005.250Z.mkv", True)])
 def test_thousandths_count(name: str, utc: bool) -> None:
-    found = usual_time(Path(name))
+    found = find_usual_time(Path(name))
     assert found is not None
     assert (found.seconds, found.resolution_s, found.utc) == (HALF_PAST + 0.25, 0.001, utc)
 
 
 @pytest.mark.parametrize("name", ["cam1.mp4", "frame_000123.jpg", "north_20261350_083005.mp4", "1080p25.mp4", "30.05.mp4"])
 def test_names_without_a_time(name: str) -> None:
-    assert usual_time(Path("/videos") / name) is None
+    assert find_usual_time(Path("/videos") / name) is None
 
 
 def test_a_pattern_reads_the_end_of_the_path() -> None:

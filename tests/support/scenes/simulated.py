@@ -8,7 +8,7 @@ import numpy as np
 
 from passerby.core.observations import Boxes
 from passerby.simulation import SimulatedScene, SimulationOptions, simulate
-from passerby.simulation.scene import Filmed, film, without_faults
+from passerby.simulation.scene import Filmed, film, remove_faults
 
 
 @cache
@@ -28,7 +28,7 @@ def from_shared_views(options: SimulationOptions) -> SimulatedScene:
 
     For tests of what takes scenes. A test that a fault changes nothing else needs `simulate`.
     """
-    return simulate(options, _views(without_faults(options)))
+    return simulate(options, _views(remove_faults(options)))
 
 
 @cache

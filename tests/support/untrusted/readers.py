@@ -23,7 +23,7 @@ from passerby.interchange.rig_toml import read_lens, read_rig
 from passerby.interchange.trajectories_csv import read_ground_positions, read_trajectories
 from passerby.interchange.world_files import read_known_points, read_known_positions
 from passerby.perception.kept import StageCache
-from passerby.perception.networks import own_network
+from passerby.perception.networks import read_own_network
 from passerby.perception.video import VideoReader, probe
 from passerby.scene.inputs import read_inputs
 from passerby.scene.scene import Scene
@@ -97,7 +97,7 @@ def _kept_files() -> example.Files:
 def _network(path: Path) -> Any:
     from passerby.perception.crop_network import CropNetwork
 
-    own = own_network(path, "embedder", hashlib.sha256(path.read_bytes()).hexdigest())
+    own = read_own_network(path, "embedder", hashlib.sha256(path.read_bytes()).hexdigest())
     return CropNetwork(own, batch=4).probed()
 
 

@@ -19,7 +19,7 @@ from passerby.association.joints.joint_tracks import GRID_S, JointTracks, mirror
 from passerby.common.arrays import Bools, Floats
 from passerby.common.errors import EvidenceError
 from passerby.geometry.rotations import angle_between, direction_angle
-from passerby.geometry.two_view import epipolar_errors, essential_matrix, judge_pose, relative_pose
+from passerby.geometry.two_view import epipolar_errors, essential_matrix, estimate_relative_pose, judge_pose
 
 TOLERANCE = 0.04
 """Largest epipolar error of a joint that agrees, as a share of the body's size in the picture."""
@@ -180,7 +180,7 @@ def _fitted(common: _Common, rng: np.random.Generator, *, rounds: int) -> tuple[
     if len(rays_a) < MIN_RAYS:
         return None
     try:
-        view = relative_pose(
+        view = estimate_relative_pose(
             rays_a, rays_b, threshold=TOLERANCE * common.size, rng=rng, min_iterations=rounds // 5, max_iterations=rounds
         )
     except EvidenceError:

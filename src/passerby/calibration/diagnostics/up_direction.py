@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from passerby.common.arrays import Floats
-from passerby.common.text import listed
+from passerby.common.text import list_names
 from passerby.core.cameras import Rig
 from passerby.core.figures import AdjustedFigures, UpFigures
 from passerby.core.observations import Observations
@@ -46,7 +46,7 @@ def up_figures(solution: Solution, instants: Observations, rng: np.random.Genera
         return None
     assert figures.vertical_sigma_deg is not None
     if not any(camera.sightings for camera in figures.cameras):
-        direction = listed(_upright_parts(solution, instants, rng)) or "trunks"
+        direction = list_names(_upright_parts(solution, instants, rng)) or "trunks"
         return UpFigures(direction=direction, gravity_sigma_deg=figures.vertical_sigma_deg)
     found = _mean_tilt(_bodies(solution, instants, rng))
     if found is None:

@@ -13,7 +13,7 @@ from passerby.core.figures import PeopleFigures
 from passerby.core.observations import UNKNOWN, Observations
 from passerby.core.overlap import count_shared_observations, missing_overlap
 from passerby.core.solution import Solution, decide_verdict
-from passerby.core.usability import with_doubts_of_missing_cameras, with_doubts_of_uncertainty
+from passerby.core.usability import add_missing_camera_doubts, add_uncertainty_doubts
 from passerby.findings.finding import Finding, notice
 from passerby.geometry.triangulation import triangulate
 
@@ -46,10 +46,10 @@ def with_verdict(
         separate = [replace(one, severity="refusal") for one in separate]
     findings += [one for one in separate if not any(one.says_same(other) for other in findings)]
     if solution.verdict != "refused":
-        findings = with_doubts_of_missing_cameras(solution.rig, findings)
+        findings = add_missing_camera_doubts(solution.rig, findings)
     degenerate = people_not_spread(solution.rig, observations)
     findings += [] if degenerate is None else [degenerate]
-    findings = with_doubts_of_uncertainty(solution.rig, solution.figures, findings)
+    findings = add_uncertainty_doubts(solution.rig, solution.figures, findings)
     return replace(solution, verdict=decide_verdict(solution.rig, findings), findings=tuple(findings))
 
 

@@ -190,7 +190,7 @@ def compare(
     from passerby.calibration.rig_comparison import compare_rigs
     from passerby.cli.tables import show_people_comparison
     from passerby.cli.terminal import stages
-    from passerby.common.parallel import local_processes
+    from passerby.common.parallel import open_local_processes
     from passerby.interchange.calibration_json import CALIBRATION_FILE
     from passerby.interchange.output_folder import read_rig_at
     from passerby.interchange.storage.text_formats import to_json
@@ -199,7 +199,7 @@ def compare(
     rigs = read_rig_at(first), read_rig_at(second)
     source = people if (people / CALIBRATION_FILE).is_file() else Scene.load(people)
     size = (source.size_bytes, len(source.cameras), source.n_videos) if isinstance(source, Scene) else (0, 0, 0)
-    with stages(verbose or bool(context.obj)) as tell, local_processes(*size) as executor:
+    with stages(verbose or bool(context.obj)) as tell, open_local_processes(*size) as executor:
         found = compare_rigs(*rigs, source, shape=shape, seed=seed, progress=tell, executor=executor)
     if json:
         print(to_json(found.to_dict()), end="")

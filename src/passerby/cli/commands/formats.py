@@ -35,7 +35,7 @@ def formats(
     if json:
         print(to_json({"formats": [_as_plain_values(form) for form in found]}), end="")
     elif markdown:
-        print(as_markdown(found), end="")
+        print(write_markdown(found), end="")
     elif name is None:
         _list(found)
     else:
@@ -71,7 +71,7 @@ def _list(found: list[Format]) -> None:
     print("\npasserby formats FORMAT shows the details of one.")
 
 
-def as_markdown(found: Sequence[Format]) -> str:
+def write_markdown(found: Sequence[Format]) -> str:
     """Formats as a table and a section each, in Markdown."""
     lines = ["| format | what it is | target | export | import |", "|---|---|---|---|---|"]
     for form in found:

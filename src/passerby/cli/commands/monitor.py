@@ -53,7 +53,7 @@ def monitor(
     Exit status 3: a camera has moved, or there are too few people to decide.
     """
     from passerby.cli.terminal import stages
-    from passerby.common.parallel import local_processes
+    from passerby.common.parallel import open_local_processes
     from passerby.interchange.calibration_json import CALIBRATION_FILE
     from passerby.interchange.storage.text_formats import to_json
     from passerby.monitoring.monitor import monitor_groups, read_groups
@@ -68,7 +68,7 @@ def monitor(
     if budget is not None and not LEAST_BUDGET_S <= budget <= MOST_BUDGET_S:
         raise InputError(f"--budget {budget:g}: give {LEAST_BUDGET_S:g} to {MOST_BUDGET_S:g} seconds")
     groups, loaded = read_groups(rig), Scene.load(scene)
-    processes = local_processes(loaded.size_bytes, len(loaded.cameras), loaded.n_videos)
+    processes = open_local_processes(loaded.size_bytes, len(loaded.cameras), loaded.n_videos)
     options = WatchOptions(every_s=every, budget_s=budget)
     with stages(verbose, progress) as tell, processes as executor:
         done = monitor_groups(groups, loaded, options, in_step=in_step, keep=out, tell=tell, executor=executor)

@@ -111,20 +111,20 @@ def stopping(stop: threading.Event) -> Iterator[None]:
             signal.signal(number, handler)
 
 
-def recorded(streamed: StreamedScene, out: Path, verbose: bool, form: ProgressForm) -> Scene:
+def record_if_needed(streamed: StreamedScene, out: Path, verbose: bool, form: ProgressForm) -> Scene:
     """The scene of a recording that is made now, or that is there already.
 
-    Raises `InputError` as `record_scene` and `recorded_scene` do, and `typer.Exit` where the recording was stopped.
+    Raises `InputError` as `record_scene` and `make_recorded_scene` do, and `typer.Exit` where the recording was stopped.
     """
     from passerby.cli.terminal import stages
     from passerby.common.progress import tell_warning
     from passerby.interchange.storage.transaction import folder_lock
-    from passerby.recording.scene_streams import is_recorded, record_scene, recorded_scene
+    from passerby.recording.scene_streams import is_recorded, make_recorded_scene, record_scene
 
     folder, stop = streamed.folder_for(out), threading.Event()
     with stages(verbose, form) as tell, folder_lock(folder, "passerby calibrate"):
         if is_recorded(folder):
-            scene = recorded_scene(streamed, folder)
+            scene = make_recorded_scene(streamed, folder)
             tell_warning(tell, f"{folder}: the recording that is there is used; to record anew, remove that folder")
             return scene
         with stopping(stop):
@@ -132,14 +132,14 @@ def recorded(streamed: StreamedScene, out: Path, verbose: bool, form: ProgressFo
     if ended == "stopped":
         print(f"error: the recording was stopped before its time; what was recorded is kept in {folder}", file=sys.stderr)
         raise typer.Exit(INTERRUPTED)
-    return recorded_scene(streamed, folder)
+    return make_recorded_scene(streamed, folder)
 
 
-def checked(path: Path) -> SceneCheck:
+def check_streams(path: Path) -> SceneCheck:
     """What a scene holds; of one whose streams are not recorded yet, everything else, and what would be recorded."""
     from passerby.common.errors import InputError
     from passerby.interchange.storage.safe_parsing import faults_of
-    from passerby.recording.scene_streams import is_recorded, read_streamed, recorded_scene
+    from passerby.recording.scene_streams import is_recorded, make_recorded_scene, read_streamed
     from passerby.scene.check import SceneCheck, check_scene
 
     try:
@@ -147,7 +147,7 @@ def checked(path: Path) -> SceneCheck:
         if streamed is None:
             return check_scene(path)
         if streamed.folder is not None and is_recorded(streamed.folder):
-            return check_scene(recorded_scene(streamed, streamed.folder))
+            return check_scene(make_recorded_scene(streamed, streamed.folder))
     except InputError as error:
         return SceneCheck(path.stem, None, (), faults_of(error), ())
     return check_scene(streamed.plain, streamed.findings(streamed.folder))

@@ -104,7 +104,7 @@ def simulate(
         _write_site(preset, options, [name for name, present in unfit.items() if present], out)
         return
     from passerby.cli.terminal import stages
-    from passerby.common.parallel import local_processes
+    from passerby.common.parallel import open_local_processes
     from passerby.simulation import SimulationOptions, write_scene
     from passerby.simulation import simulate as run_simulation
     from passerby.simulation.rendering import RenderOptions
@@ -120,7 +120,7 @@ def simulate(
         **{name: value for name, value in faults.items() if value is not None},
     )
     rendering = RenderOptions(clothes=clothes, shadows=shadows, noise=pixel_noise) if video else None
-    processes = local_processes(0, chosen.n_cameras, chosen.n_cameras if video else 0)
+    processes = open_local_processes(0, chosen.n_cameras, chosen.n_cameras if video else 0)
     with stages() as tell, processes as executor:
         tell("simulating")
         path = write_scene(run_simulation(chosen), out, keypoints=keypoints, video=rendering, executor=executor, tell=tell)
@@ -197,7 +197,7 @@ def demo(
     from passerby.calibration.writing import write_results
     from passerby.cli.tables import show_calibration, show_comparison, tell_reasons
     from passerby.cli.terminal import stages
-    from passerby.common.parallel import local_processes
+    from passerby.common.parallel import open_local_processes
     from passerby.evaluation.metrics import compare
     from passerby.interchange.rig_toml import read_rig
     from passerby.interchange.storage.transaction import folder_lock
@@ -209,7 +209,7 @@ def demo(
     options = SimulationOptions(preset="terrace", seconds=SECONDS, fps=FPS, unrelated_ids=True)
     with tempfile.TemporaryDirectory(prefix="passerby-demo-") as temporary, stages(form=progress) as tell:
         folder = out or Path(temporary)
-        processes = local_processes(0, options.n_cameras, options.n_cameras)
+        processes = open_local_processes(0, options.n_cameras, options.n_cameras)
         with folder_lock(folder / "out", "passerby demo"), processes as executor:
             tell("simulating")
             path = write_scene(simulate(options), folder / "scene", video=RenderOptions(), executor=executor, tell=tell)
@@ -251,7 +251,7 @@ def dataset(
     are detected in its videos or images.
     """
     from passerby.cli.terminal import stages
-    from passerby.common.parallel import local_processes
+    from passerby.common.parallel import open_local_processes
     from passerby.datasets import read_published
     from passerby.datasets.scene_folder import write_scene_folder
 
@@ -264,7 +264,7 @@ def dataset(
     with stages() as tell:
         tell("reading")
         published = read_published(name, folder)
-        with local_processes(0, len(published.rig), len(published.pictures)) as executor:
+        with open_local_processes(0, len(published.rig), len(published.pictures)) as executor:
             written = write_scene_folder(published, out, folder, film=videos, executor=executor, tell=tell)
     _show(published, written, out)
 

@@ -116,7 +116,7 @@ def _evaluate_tracks(
     """The errors, by the estimated cameras in both placements, and by the true ones."""
     from passerby.calibration.following import trajectories_by_rig
     from passerby.core.cameras import Rig
-    from passerby.evaluation.trajectories import between, judge, placements
+    from passerby.evaluation.trajectories import compare_places, judge, placements
 
     tell("comparing")
     same = folder.identities_given
@@ -125,7 +125,7 @@ def _evaluate_tracks(
     shared = Rig(tuple(camera for camera in true_rig.posed() if camera.name in folder.rig.names))
     by_true = trajectories_by_rig(folder, shared, clocks, options, tell)
     out["true_cameras"] = judge(by_true, truth, same_ids=same).to_dict()
-    out["from_true_cameras"] = {name: between(found, by_true, motion).to_dict() for name, motion in motions.items()}
+    out["from_true_cameras"] = {name: compare_places(found, by_true, motion).to_dict() for name, motion in motions.items()}
     return out
 
 

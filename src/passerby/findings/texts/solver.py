@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 
-from passerby.common.text import listed
+from passerby.common.text import list_names
 from passerby.findings.finding import Severity
 from passerby.findings.texts.kinds import DOUBT, NOTICE, REFUSAL, Fields, Kind, Subject
 
@@ -101,7 +101,7 @@ def _uncertain(v: Fields) -> str:
 def _gives(v: Fields) -> str:
     """What gives scale and up direction; empty in files of an older Passerby."""
     named = [
-        f"{listed(v[key])} give {what}" for key, what in (("scale", "the scale"), ("up", "the up direction")) if v.get(key)
+        f"{list_names(v[key])} give {what}" for key, what in (("scale", "the scale"), ("up", "the up direction")) if v.get(key)
     ]
     return f"{' and '.join(named)}, but " if named else ""
 
@@ -123,7 +123,7 @@ def _unusual(v: Fields) -> str:
     low, high = f"{v['low_m']:.2f}", f"{v['high_m']:.2f}"
     tall = f"{low} m" if low == high else f"{low} to {high} m"
     numbers = [str(one) for one in v["identities"]]
-    who, are = (f"person {numbers[0]}", "is") if len(numbers) == 1 else (f"people {listed(numbers)}", "are")
+    who, are = (f"person {numbers[0]}", "is") if len(numbers) == 1 else (f"people {list_names(numbers)}", "are")
     return f"{who} {are} {tall} tall by the rig (median of all people: {v['usual_m']:.2f} m), and {are} left out of the scale"
 
 

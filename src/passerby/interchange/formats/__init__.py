@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from passerby.common.errors import InputError
-from passerby.common.text import nearest, shortened, shortened_text
+from passerby.common.text import shortened, shortened_text, suggest_name
 from passerby.core.cameras import Rig
 from passerby.interchange.formats.format import Export, Format, Given, Losses, People, sample_file
 from passerby.interchange.storage.atomic import write_bytes
@@ -70,7 +70,7 @@ FARTHEST_M = 1e12
 def find_format(name: str) -> Format:
     """The format of that name. Raises `InputError` for an unknown one, with the nearest."""
     if name not in MODULES:
-        raise InputError(f"no format is called '{name}': {nearest(name, list(MODULES))} (`passerby formats` lists them)")
+        raise InputError(f"no format is called '{name}': {suggest_name(name, list(MODULES))} (`passerby formats` lists them)")
     module = import_module(f"{__name__}.{MODULES[name]}")
     found = module.FORMATS[name] if hasattr(module, "FORMATS") else module.FORMAT
     assert isinstance(found, Format), name

@@ -20,7 +20,7 @@ from passerby.common.text import natural_key, shortened
 from passerby.core.cameras import PINHOLE_DISTORTION_LENGTHS, Camera, Lens, Rig
 from passerby.interchange.formats.format import FileSample, Format, Given
 from passerby.interchange.formats.values import rigid
-from passerby.interchange.numbers import gathered_rig
+from passerby.interchange.numbers import gather_rig
 from passerby.interchange.storage.safe_parsing import read_text
 
 METRES = 1e-3
@@ -36,7 +36,7 @@ def read(path: Path, given: Given) -> Rig:
         files = sorted(path.glob(f"*{SUFFIX}"), key=lambda file: natural_key(file.name))
     if not files:
         raise InputError(f"{path}: holds no {SUFFIX} file: give the folder of the calibrations, or one of them")
-    return gathered_rig(path, ((file.name if path.is_dir() else "the file", partial(_camera, file, given)) for file in files))
+    return gather_rig(path, ((file.name if path.is_dir() else "the file", partial(_camera, file, given)) for file in files))
 
 
 def calib_numbers(text: str) -> Floats | None:

@@ -27,8 +27,8 @@ from passerby.common.text import shortened
 from passerby.core.cameras import Camera, Lens, Pose, Rig
 from passerby.interchange.formats.format import FileSample, Format, Given
 from passerby.interchange.formats.lens_models import trim_coefficients
-from passerby.interchange.formats.values import load_json, numbers, table, whole
-from passerby.interchange.numbers import gathered_rig, rotation_of
+from passerby.interchange.formats.values import load_json, numbers, read_count, table
+from passerby.interchange.numbers import gather_rig, rotation_of
 
 MODEL = "libCalib::CameraModelOpenCV"
 NEW_KIND = 0x80000000
@@ -49,7 +49,7 @@ def read(path: Path, given: Given) -> Rig:
     given.unread.keys(content, ("Calibration",))
     given.unread.keys(calibration, ("cameras",))
     models = _models(tables)
-    return gathered_rig(
+    return gather_rig(
         path,
         (
             (f"cameras[{index}]", partial(_camera, index, values, model, given))
@@ -85,7 +85,7 @@ def _camera(index: int, values: dict[Any, Any], model: str, given: Given) -> Cam
     f, ratio, cx, cy = (_value(parameters, key) for key in FOCAL)
     coefficients = np.array([_value(parameters, key) if key in parameters else 0.0 for key in COEFFICIENTS])
     lens = Lens(
-        (whole("imageSize", size, "width"), whole("imageSize", size, "height")),
+        (read_count("imageSize", size, "width"), read_count("imageSize", size, "height")),
         np.array([[f, 0.0, cx], [0.0, f * ratio, cy], [0.0, 0.0, 1.0]]),
         trim_coefficients(coefficients, False),
     )

@@ -23,8 +23,14 @@ from passerby.common.arrays import Floats
 from passerby.common.errors import InputError
 from passerby.common.text import shortened, shortened_text
 from passerby.core.cameras import Camera, Lens, Pose, Rig
-from passerby.interchange.formats.colmap_files import ColmapCamera, ColmapImage, as_binary, as_text, read_model
-from passerby.interchange.formats.colmap_models import MODELS, WRITTEN, lens_of, nearest_to, parameters_of
+from passerby.interchange.formats.colmap_files import (
+    ColmapCamera,
+    ColmapImage,
+    read_model,
+    write_binary_model,
+    write_text_model,
+)
+from passerby.interchange.formats.colmap_models import MODELS, WRITTEN, express_in_opencv, lens_of, parameters_of
 from passerby.interchange.formats.format import Export, FileSample, Format, Given, Losses
 from passerby.interchange.formats.lens_models import express_lens
 from passerby.interchange.formats.values import tame_names
@@ -57,11 +63,11 @@ def _parts(export: Export, losses: Losses) -> tuple[list[ColmapCamera], list[Col
 
 
 def _write_text(export: Export, losses: Losses) -> Mapping[str, bytes]:
-    return as_text(*_parts(export, losses))
+    return write_text_model(*_parts(export, losses))
 
 
 def _write_binary(export: Export, losses: Losses) -> Mapping[str, bytes]:
-    return as_binary(*_parts(export, losses))
+    return write_binary_model(*_parts(export, losses))
 
 
 def _read_text(path: Path, given: Given) -> Rig:
@@ -141,7 +147,7 @@ def _lens(camera: ColmapCamera, given: Given, place: str, name: str) -> Lens | N
     except InputError as error:
         raise InputError(f"{place}: {error}") from None
     if lens is None:
-        lens, off = nearest_to(model, camera.parameters, camera.size, place)
+        lens, off = express_in_opencv(model, camera.parameters, camera.size, place)
         given.losses.add(f"camera {name}: COLMAP's model {model.name} is none of OpenCV's and is fitted, {off}")
     return lens
 

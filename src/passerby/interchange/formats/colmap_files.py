@@ -59,7 +59,7 @@ class ColmapModelFiles:
     """Names of files beside them that hold something and are not read."""
 
 
-def as_text(cameras: Sequence[ColmapCamera], images: Sequence[ColmapImage], points: Floats) -> dict[str, bytes]:
+def write_text_model(cameras: Sequence[ColmapCamera], images: Sequence[ColmapImage], points: Floats) -> dict[str, bytes]:
     """The text files of a model; `points` (N, 3), which no image sees."""
     lines = {
         "cameras.txt": [
@@ -85,7 +85,7 @@ def as_text(cameras: Sequence[ColmapCamera], images: Sequence[ColmapImage], poin
     return {name: "".join(f"{line}\n" for line in text).encode() for name, text in lines.items()}
 
 
-def as_binary(cameras: Sequence[ColmapCamera], images: Sequence[ColmapImage], points: Floats) -> dict[str, bytes]:
+def write_binary_model(cameras: Sequence[ColmapCamera], images: Sequence[ColmapImage], points: Floats) -> dict[str, bytes]:
     """The binary files of a model; `points` (N, 3), which no image sees."""
     numbers = {name: number for number, name in NAMES.items()}
     return {

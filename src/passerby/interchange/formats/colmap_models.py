@@ -22,8 +22,8 @@ from passerby.interchange.formats.lens_models import (
     RATIONAL_8,
     LensModel,
     Rays,
+    find_nearest_lens,
     how_far,
-    nearest_lens,
 )
 
 HALF_PIXEL = 0.5
@@ -104,7 +104,7 @@ def lens_of(model: ColmapModel, numbers: Sequence[float], size: tuple[int, int])
     return Lens(size, matrix, np.array([other.get(name, 0.0) for name in _OPENCV_ORDER]))
 
 
-def nearest_to(model: ColmapModel, numbers: Sequence[float], size: tuple[int, int], place: str) -> tuple[Lens, str]:
+def express_in_opencv(model: ColmapModel, numbers: Sequence[float], size: tuple[int, int], place: str) -> tuple[Lens, str]:
     """The lens of OpenCV that comes nearest to COLMAP's parameters, and how far it is off.
 
     Raises `InputError`, beginning with `place`, where none comes near.
@@ -117,7 +117,7 @@ def nearest_to(model: ColmapModel, numbers: Sequence[float], size: tuple[int, in
 
     rays = Rays.of_projection(project, size)
     start = Lens(size, matrix, np.zeros(0), model.fisheye or model.name == "FOV")
-    lens, _ = nearest_lens(rays, (FISHEYE, RATIONAL_8, PRISM_12), start, place)
+    lens, _ = find_nearest_lens(rays, (FISHEYE, RATIONAL_8, PRISM_12), start, place)
     return lens, how_far(rays, lens)
 
 

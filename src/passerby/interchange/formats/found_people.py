@@ -20,7 +20,7 @@ from passerby.common.errors import InputError
 from passerby.common.text import shortened
 from passerby.core.observations import UNKNOWN, Boxes, Keypoints
 from passerby.interchange.formats.format import People
-from passerby.interchange.formats.skeletons import known_joints, list_joint_counts, ordered_joints, standard_names
+from passerby.interchange.formats.skeletons import find_known_joints, list_joint_counts, ordered_joints, standard_names
 
 VISIBILITIES = (0.0, 1.0, 2.0)
 HIDDEN_CONFIDENCE = 0.5
@@ -190,7 +190,7 @@ def _keypoints(found: list[Found], place: str, names: tuple[str, ...] | None, vi
 
 def _names(length: int, given: tuple[str, ...] | None, place: str) -> tuple[str, ...]:
     """The joints' names for so many numbers a person. Raises `InputError`."""
-    names = known_joints(length // 3) if given is None else standard_names(given)
+    names = find_known_joints(length // 3) if given is None else standard_names(given)
     if given is not None and length != 3 * len(given):
         raise InputError(f"{place}: keypoints have {length} numbers, but the category has {len(given)} keypoints of 3 each")
     if names is None or length % 3:

@@ -32,7 +32,7 @@ from passerby.core.cameras import Camera, Lens, Rig
 from passerby.interchange.formats.format import Export, FileSample, Format, Given, Losses
 from passerby.interchange.formats.lens_models import FISHEYE, RATIONAL_8, TILTED_14, express_lens
 from passerby.interchange.formats.values import padded
-from passerby.interchange.numbers import gathered_rig
+from passerby.interchange.numbers import gather_rig
 from passerby.interchange.rig_toml import CAMERA_KEYS, METADATA, METRES_PER_UNIT, camera_of, table_of
 from passerby.interchange.storage.safe_parsing import read_toml
 
@@ -80,7 +80,7 @@ def read(path: Path, given: Given) -> Rig:
         given.unread.keys(camera, (*CAMERA_KEYS, *SAME_AGAIN))
     given.unread.keys(metadata if isinstance(metadata, dict) else {}, READ_METADATA)
     metres = given.metres_per_unit or _metres_per_unit(path, metadata if isinstance(metadata, dict) else {})
-    return gathered_rig(path, ((f"[{key}]", partial(camera_of, key, table, metres)) for key, table in tables.items()))
+    return gather_rig(path, ((f"[{key}]", partial(camera_of, key, table, metres)) for key, table in tables.items()))
 
 
 def _metres_per_unit(path: Path, metadata: dict[str, Any]) -> float:

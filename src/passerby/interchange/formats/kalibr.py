@@ -38,7 +38,7 @@ from passerby.common.arrays import Floats
 from passerby.common.errors import InputError
 from passerby.core.cameras import Camera, Lens, Pose, Rig
 from passerby.interchange.formats.format import Export, FileSample, Format, Given, Losses
-from passerby.interchange.formats.lens_models import FISHEYE, RADTAN_4, RADTAN_5, Rays, express_lens, how_far, nearest_lens
+from passerby.interchange.formats.lens_models import FISHEYE, RADTAN_4, RADTAN_5, Rays, express_lens, find_nearest_lens, how_far
 from passerby.interchange.formats.values import (
     LETTER,
     dump_yaml,
@@ -46,10 +46,10 @@ from passerby.interchange.formats.values import (
     load_yaml,
     numbers,
     padded,
+    read_count,
     rigid,
     table,
     tame_names,
-    whole,
 )
 
 CAMERA_KEY = re.compile(r"cam(\d+)")
@@ -142,7 +142,7 @@ def _lens(place: str, values: dict[Any, Any], losses: Losses) -> Lens:
             f"{', '.join(COEFFICIENTS)}"
         )
     width, height = (
-        whole(place, {"resolution": side}, "resolution") for side in numbers(place, values, "resolution", (2,)).tolist()
+        read_count(place, {"resolution": side}, "resolution") for side in numbers(place, values, "resolution", (2,)).tolist()
     )
     intrinsics = numbers(place, values, "intrinsics", (INTRINSICS[model],))
     count = COEFFICIENTS[distortion]
@@ -155,7 +155,7 @@ def _lens(place: str, values: dict[Any, Any], losses: Losses) -> Lens:
             return Lens(size, matrix, coefficients, distortion == "equidistant")
         start = Lens(size, matrix, np.zeros(0), fisheye=True)
         rays = Rays.of_projection(projection(place, model, intrinsics, distortion, coefficients), size)
-        lens, fitted = nearest_lens(rays, (FISHEYE, RADTAN_5), start, place)
+        lens, fitted = find_nearest_lens(rays, (FISHEYE, RADTAN_5), start, place)
     except InputError as error:
         raise InputError(str(error) if str(error).startswith(place) else f"{place}: {error}") from None
     losses.add(

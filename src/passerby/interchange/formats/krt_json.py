@@ -34,15 +34,15 @@ from passerby.core.cameras import Camera, Lens, Pose, Rig
 from passerby.interchange.formats.format import Export, FileSample, Format, Given, Losses
 from passerby.interchange.formats.lens_models import RADTAN_5, express_lens
 from passerby.interchange.formats.values import load_json, padded, rotation
-from passerby.interchange.numbers import gathered_rig, rotation_of
+from passerby.interchange.numbers import gather_rig, rotation_of
 from passerby.interchange.opencv_lens import (
     DISTORTION_NAMES,
     LENS_NAMES,
     MATRIX_NAMES,
-    first_value,
+    find_first_value,
     lens_in,
     numbers_of,
-    with_plain_keys,
+    simplify_keys,
 )
 from passerby.interchange.rig_toml import METRES_PER_UNIT
 
@@ -112,7 +112,7 @@ def read_krt(path: Path, given: Given) -> Rig:
     content, tables = _tables(path, given)
     if any(key in table for _, table in tables for key in PANOPTIC_ONLY):
         raise InputError(f"{path}: is a calibration of CMU Panoptic, in centimetres: import it with --format panoptic")
-    stated = first_value(content, UNITS) if isinstance(content, dict) else None
+    stated = find_first_value(content, UNITS) if isinstance(content, dict) else None
     return _gather_rig(path, tables, partial(_read_krt_camera, path, stated, given))
 
 
@@ -135,7 +135,7 @@ def _gather_rig(path: Path, tables: list[tuple[str, dict[str, Any]]], camera: Ca
         except InputError as error:
             raise InputError(str(error).removeprefix(f"{path}: ")) from None
 
-    return gathered_rig(path, ((f"camera {shortened_text(name)}", partial(read, name, table)) for name, table in tables))
+    return gather_rig(path, ((f"camera {shortened_text(name)}", partial(read, name, table)) for name, table in tables))
 
 
 def camera_tables(content: Any) -> Iterator[tuple[str, Any]]:
@@ -151,24 +151,26 @@ def is_krt(table: Any) -> bool:
     """Whether a table (with plain keys) has a camera matrix, a rotation and a translation."""
     if not isinstance(table, dict):
         return False
-    matrix = first_value(table, MATRIX_NAMES) is not None or all(key in table for key in FOCAL)
-    pose = first_value(table, ROTATION) is not None and first_value(table, TRANSLATION) is not None
+    matrix = find_first_value(table, MATRIX_NAMES) is not None or all(key in table for key in FOCAL)
+    pose = find_first_value(table, ROTATION) is not None and find_first_value(table, TRANSLATION) is not None
     return matrix and (pose or table.get("rt") is not None)
 
 
-def plain_tables(content: Any) -> list[tuple[str, Any]]:
+def simplify_tables(content: Any) -> list[tuple[str, Any]]:
     """The cameras' tables, their keys in small letters without `_`, `-` and spaces."""
-    return [(name, with_plain_keys(value, 4)) for name, value in camera_tables(content)]
+    return [(name, simplify_keys(value, 4)) for name, value in camera_tables(content)]
 
 
 def _tables(path: Path, given: Given) -> tuple[Any, list[tuple[str, dict[str, Any]]]]:
     """The content of a file, and its cameras; everything else in it is reported as not read. Raises `InputError`."""
     content = load_json(path, "cameras' K, R and t")
-    found = plain_tables(content)
+    found = simplify_tables(content)
     tables = []
     for name, value in found:
-        if isinstance(value, dict) and (first_value(value, MATRIX_NAMES) is not None or all(key in value for key in FOCAL)):
-            named = first_value(value, NAMES)
+        if isinstance(value, dict) and (
+            find_first_value(value, MATRIX_NAMES) is not None or all(key in value for key in FOCAL)
+        ):
+            named = find_first_value(value, NAMES)
             title = str(named) if isinstance(named, (str, int)) and str(named) else name
             tables.append((title, value))
         elif name not in UNITS:
@@ -188,7 +190,7 @@ def _read_krt_camera(path: Path, stated: Any, given: Given, name: str, table: di
     R, t = _rotation_and_translation(path, table)
     if R is None or t is None:
         return Camera(name, lens)
-    unit = first_value(table, UNITS) or stated
+    unit = find_first_value(table, UNITS) or stated
     if unit is not None and (not isinstance(unit, str) or unit not in METRES_PER_UNIT):
         raise InputError(f"unit is {shortened(unit)}: write one of {', '.join(METRES_PER_UNIT)}")
     metres = given.metres_per_unit or (METRES_PER_UNIT[unit] if unit else MILLIMETRES if voxelpose else None)
@@ -212,14 +214,14 @@ def _panoptic_camera(path: Path, given: Given, name: str, table: dict[str, Any])
 def _lens(path: Path, name: str, table: dict[str, Any], given: Given) -> Lens:
     """The lens. A file without distortion has none, which is reported."""
     values = dict(table)
-    if first_value(values, MATRIX_NAMES) is None or all(key in values for key in FOCAL):
+    if find_first_value(values, MATRIX_NAMES) is None or all(key in values for key in FOCAL):
         fx, fy, cx, cy = (float(_numbers(path, key, values.get(key), 1)[0]) for key in FOCAL)
         radial, tangential = (values.pop(key, None) for key in ("k", "p"))
         values["matrix"] = [fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0]
         if radial is not None and tangential is not None:
             k = _numbers(path, "k", radial, 3)
             values["distortion"] = [k[0], k[1], *_numbers(path, "p", tangential, 2), k[2]]
-    if first_value(values, DISTORTION_NAMES) is None:
+    if find_first_value(values, DISTORTION_NAMES) is None:
         given.unread.add(f"camera {shortened_text(name)} states no distortion: none is assumed")
         values["distortion"] = [0.0] * 4
     values |= {key: str(value) for key, value in values.items() if key == "model"}
@@ -230,7 +232,7 @@ def _lens(path: Path, name: str, table: dict[str, Any], given: Given) -> Lens:
 
 def _rotation_and_translation(path: Path, table: dict[str, Any]) -> tuple[Floats | None, Floats | None]:
     """(3, 3) and (3,), in the file's unit; None twice where the table has neither. Raises `InputError`."""
-    turned, moved = first_value(table, ROTATION), first_value(table, TRANSLATION)
+    turned, moved = find_first_value(table, ROTATION), find_first_value(table, TRANSLATION)
     both = None if table.get("rt") is None else _numbers(path, "RT", table["rt"], 12).reshape(3, 4)
     if both is not None:
         turned, moved = both[:, :3].tolist() if turned is None else turned, both[:, 3].tolist() if moved is None else moved
@@ -266,7 +268,7 @@ def _recognises_panoptic(sample: FileSample) -> bool:
 
 def _find_krt_tables(sample: FileSample) -> list[dict[str, Any]]:
     """The tables of cameras with K, R and t in a JSON file."""
-    return [table for _, table in plain_tables(sample.content) if is_krt(table)] if sample.suffix == ".json" else []
+    return [table for _, table in simplify_tables(sample.content) if is_krt(table)] if sample.suffix == ".json" else []
 
 
 FORMATS: Mapping[str, Format] = {

@@ -82,7 +82,7 @@ def express_lens(camera: Camera, models: Sequence[LensModel], losses: Losses, pl
         if lens is not None:
             return lens, model
     rays = Rays.of(camera.lens)
-    lens, model = nearest_lens(rays, models, camera.lens, f"camera {camera.name}")
+    lens, model = find_nearest_lens(rays, models, camera.lens, f"camera {camera.name}")
     losses.add(
         f"camera {camera.name}: its lens ({describe(camera.lens)}) is fitted by {model.name}{place}, {how_far(rays, lens)}"
     )
@@ -97,7 +97,7 @@ def reduce_to_model(lens: Lens, model: LensModel) -> Lens | None:
     return candidate if len(rays.pixels) and rays.largest_error(candidate) <= EXACT_PX else None
 
 
-def nearest_lens(rays: Rays, models: Iterable[LensModel], start: Lens, place: str) -> tuple[Lens, LensModel]:
+def find_nearest_lens(rays: Rays, models: Iterable[LensModel], start: Lens, place: str) -> tuple[Lens, LensModel]:
     """The lens among several models that comes nearest to where rays are seen, by least squares over the picture.
 
     Raises `InputError`, beginning with `place`, where no model comes near.

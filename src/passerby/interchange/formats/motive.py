@@ -32,7 +32,7 @@ from passerby.common.text import shortened_text
 from passerby.core.cameras import Camera, Lens, Pose, Rig
 from passerby.interchange.formats.format import FileSample, Format, Given
 from passerby.interchange.formats.values import attribute_numbers, load_xml, rotation
-from passerby.interchange.numbers import gathered_rig
+from passerby.interchange.numbers import gather_rig
 from passerby.interchange.storage.safe_parsing import file_bytes
 
 SUFFIX, BINARY_SUFFIX = ".mcal", ".cal"
@@ -56,7 +56,7 @@ def read(path: Path, given: Given) -> Rig:
     for part in root.findall("Calibration"):
         given.unread.keys((child.tag for child in part), ("Cameras",))
     names = [element.get("Serial") or str(number) for number, element in enumerate(elements, start=1)]
-    return gathered_rig(
+    return gather_rig(
         path,
         (
             (f"camera {shortened_text(name)}", partial(_camera, name, element, given))

@@ -34,10 +34,10 @@ from passerby.interchange.formats.values import (
     load_json,
     numbers,
     padded,
+    read_count,
     rotation,
     table,
     tame_names,
-    whole,
 )
 from passerby.interchange.storage.text_formats import to_json
 
@@ -136,7 +136,7 @@ def _lens(place: str, content: dict[Any, Any], frame: dict[Any, Any], given: Giv
         distortions = [k1, k2, p1, p2, k3]
     else:
         raise InputError(f"{place}: camera_model {shortened(model)} is not known: OPENCV and OPENCV_FISHEYE are")
-    size = (whole(place, values, "w"), whole(place, values, "h")) if "w" in values else given.size_of(place)
+    size = (read_count(place, values, "w"), read_count(place, values, "h")) if "w" in values else given.size_of(place)
     fx, fy, cx, cy = (float(numbers(place, values, key, ())) for key in ("fl_x", "fl_y", "cx", "cy"))
     try:
         matrix = np.array([[fx, 0.0, cx - HALF], [0.0, fy, cy - HALF], [0.0, 0.0, 1.0]])

@@ -56,10 +56,10 @@ from passerby.interchange.formats.values import (
     load_json,
     numbers,
     parse_yaml,
+    read_count,
     rotation,
     table,
     tame_names,
-    whole,
 )
 from passerby.interchange.storage.safe_parsing import NotParsed, parse_json, read_text
 from passerby.interchange.storage.text_formats import to_json
@@ -200,7 +200,11 @@ def _camera_file(file: Path, values: dict[Any, Any], told: dict[str, Any], given
     place = str(file)
     given.unread.keys(values, READ_FILE)
     name = told.get("name")
-    size = (whole(place, {"w": told["size"][0]}, "w"), whole(place, {"h": told["size"][1]}, "h")) if _is_pair(told) else None
+    size = (
+        (read_count(place, {"w": told["size"][0]}, "w"), read_count(place, {"h": told["size"][1]}, "h"))
+        if _is_pair(told)
+        else None
+    )
     size = size or given.size_of(place)
     metres = given.metres_per_unit or 1.0
     if "K" in values:
@@ -270,7 +274,7 @@ def _camera_sensor(place: str, values: dict[Any, Any], given: Given) -> Camera:
 def _pixels(place: str, attributes: dict[str, Any], key: str) -> int:
     """A whole number that may be text."""
     try:
-        return whole(place, {key: float(attributes[key])}, key)
+        return read_count(place, {key: float(attributes[key])}, key)
     except (TypeError, ValueError, OverflowError):
         raise InputError(f"{place}: {key} is {shortened(attributes[key])}: a whole number above 0 is needed") from None
 

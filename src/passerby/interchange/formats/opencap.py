@@ -25,7 +25,7 @@ from passerby.common.text import natural_key, shortened
 from passerby.core.cameras import Camera, Lens, Pose, Rig
 from passerby.interchange.formats.format import FileSample, Format, Given
 from passerby.interchange.formats.values import rotation
-from passerby.interchange.numbers import gathered_rig
+from passerby.interchange.numbers import gather_rig
 from passerby.interchange.storage.archives import parse_pickled_arrays
 from passerby.interchange.storage.safe_parsing import NotParsed, file_bytes
 
@@ -46,7 +46,7 @@ def read(path: Path, given: Given) -> Rig:
         files = sorted(found, key=lambda file: natural_key(str(file)))
     if not files:
         raise InputError(f"{path}: holds no {OWN_NAME}Extrinsics{SUFFIX}: give the folder of a session, or one of the files")
-    return gathered_rig(path, ((_place(file, path), partial(_camera, file, given)) for file in files))
+    return gather_rig(path, ((_place(file, path), partial(_camera, file, given)) for file in files))
 
 
 def _place(file: Path, path: Path) -> str:

@@ -37,11 +37,11 @@ from passerby.interchange.opencv_lens import (
     ENDINGS,
     LARGEST_BYTES,
     LENS_NAMES,
-    first_value,
+    find_first_value,
     lens_in,
     numbers_of,
     read_values,
-    with_plain_keys,
+    simplify_keys,
 )
 from passerby.interchange.rig_toml import METRES_PER_UNIT
 from passerby.interchange.storage.safe_parsing import FileFaults, faults_of
@@ -196,14 +196,14 @@ def _camera(path: Path, content: Mapping[str, Any], given: Given, name: str) -> 
     if stored is None:
         return None
     given.unread.keys(content, _READ)
-    named = first_value(content, _NAME)
+    named = find_first_value(content, _NAME)
     lens = stored.lens(stored.size or given.size_of(str(path)))
     return Camera(named if isinstance(named, str) and named else name, lens, _pose(path, content, given))
 
 
 def _pose(path: Path, content: Mapping[str, Any], given: Given) -> Pose | None:
     """The pose in a file; None where it has neither rotation nor translation."""
-    rotation, translation = first_value(content, _ROTATION), first_value(content, _TRANSLATION)
+    rotation, translation = find_first_value(content, _ROTATION), find_first_value(content, _TRANSLATION)
     if rotation is None and translation is None:
         return None
     if rotation is None or translation is None:
@@ -283,14 +283,14 @@ def _lens(path: Path, size: tuple[int, int], matrix: Any, distortions: Any, fish
 
 
 def _recognises(sample: FileSample) -> bool:
-    content = with_plain_keys(sample.content, DEEPEST)
+    content = simplify_keys(sample.content, DEEPEST)
     if sample.tag == "opencv_storage":
         return True
     if not isinstance(content, dict) or sample.suffix not in ENDINGS or "projectionmatrix" in content:
         return False
     tables = [content, *(value for value in content.values() if isinstance(value, dict))]
     pair = all(key in content for key in _STEREO) or all(key in content for key in _MULTIVIEW)
-    return pair or any(first_value(table, _CERTAIN) is not None for table in tables)
+    return pair or any(find_first_value(table, _CERTAIN) is not None for table in tables)
 
 
 FORMAT = Format(

@@ -32,7 +32,7 @@ from passerby.common.errors import InputError
 from passerby.common.text import shortened, shortened_text
 from passerby.core.cameras import Camera, Lens, Pose, Rig
 from passerby.interchange.formats.format import FileSample, Format, Given
-from passerby.interchange.numbers import gathered_rig
+from passerby.interchange.numbers import gather_rig
 from passerby.interchange.storage.safe_parsing import NotParsed, parse_xml, read_text
 
 METRES = 1e-3
@@ -61,7 +61,7 @@ def read(path: Path, given: Given) -> Rig:
         raise InputError(f"{path}: holds no <camera>: a calibration of Qualisys Track Manager (.qca.txt) is needed here")
     given.unread.keys((child.tag for child in root), ("cameras",))
     names = [element.get("serial") or str(number) for number, element in enumerate(elements, start=1)]
-    return gathered_rig(
+    return gather_rig(
         path,
         (
             (f"camera {shortened_text(name)}", partial(_camera, name, element, given))

@@ -44,9 +44,9 @@ from passerby.interchange.formats.values import (
     matrix_data,
     numbers,
     padded,
+    read_count,
     table,
     tame_names,
-    whole,
 )
 
 FORBIDDEN = re.compile(r"[^A-Za-z0-9_]")
@@ -182,7 +182,7 @@ def read(path: Path, given: Given) -> Rig:
 
 def _lens(place: str, values: dict[Any, Any]) -> Lens:
     """The lens of a `camera_info`, from its raw picture's matrix and distortion."""
-    size = (whole(place, values, "image_width"), whole(place, values, "image_height"))
+    size = (read_count(place, values, "image_width"), read_count(place, values, "image_height"))
     matrix = numbers(place, {"camera_matrix": matrix_data(values, "camera_matrix")}, "camera_matrix", (3, 3))
     key = "distortion_coefficients"
     coefficients = numbers(place, {key: matrix_data(values, key)}, key, (-1,))

@@ -86,12 +86,12 @@ def standard_names(names: Sequence[str]) -> tuple[str, ...]:
     )
 
 
-def known_joints(count: int) -> tuple[str, ...] | None:
+def find_known_joints(count: int) -> tuple[str, ...] | None:
     """The names of the first of so many joints, in the tool's usual order; None for a number that no skeleton here has."""
     return next(iter(SKELETONS.get(count, {}).values()), None)
 
 
-def other_layouts(names: Sequence[str]) -> tuple[str, Mapping[str, tuple[str, ...]]] | None:
+def find_other_layouts(names: Sequence[str]) -> tuple[str, Mapping[str, tuple[str, ...]]] | None:
     """The layout of these names, and their names in each other layout of as many joints; None where there is no other.
 
     The joints may stand in another order than the tool's, as `ordered_joints` puts them.

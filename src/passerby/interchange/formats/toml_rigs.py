@@ -41,7 +41,7 @@ from passerby.interchange.formats.lens_models import (
     trim_coefficients,
 )
 from passerby.interchange.formats.values import tame_names
-from passerby.interchange.numbers import gathered_rig
+from passerby.interchange.numbers import gather_rig
 from passerby.interchange.rig_toml import CAMERA_KEYS, METADATA, METRES_PER_UNIT, camera_of, table_of
 from passerby.interchange.storage.safe_parsing import read_toml
 
@@ -168,7 +168,7 @@ def _rig(path: Path, tables: Mapping[str, dict[str, Any]], given: Given, metres_
     """The cameras of all tables. Raises `FileFaults` with everything that cannot be one."""
     if not tables:
         raise InputError(f"{path}: holds no camera: one table per camera with size, matrix and distortions is needed")
-    return gathered_rig(
+    return gather_rig(
         path, ((f"[{key}]", partial(_camera, key, table, given, metres_per_unit)) for key, table in tables.items())
     )
 

@@ -148,7 +148,7 @@ class TsaiCamera:
         cx, cy = across * (self.cx + 0.5) - 0.5, down * (self.cy + 0.5) - 0.5
         corners = np.array([[x, y] for x in (-0.5, width - 0.5) for y in (-0.5, height - 0.5)])
         radius = float(np.hypot((corners[:, 0] - cx) / fx, (corners[:, 1] - cy) / fy).max())
-        distortions, miss = fitted_distortions(self.kappa1 * self.focal**2, BEYOND * radius, max(fx, fy), str(self.path))
+        distortions, miss = fit_distortions(self.kappa1 * self.focal**2, BEYOND * radius, max(fx, fy), str(self.path))
         if miss > WORST_PX:
             raise InputError(
                 f"{self.path}: kappa1 {self.kappa1:g} is a distortion that OpenCV's model misses by {miss:.2f} px "
@@ -164,7 +164,7 @@ class TsaiCamera:
             raise InputError(f"camera {shortened_text(name)}: {error}") from None
 
 
-def fitted_distortions(kappa: float, radius: float, focal_px: float, place: str = "lens") -> tuple[Floats, float]:
+def fit_distortions(kappa: float, radius: float, focal_px: float, place: str = "lens") -> tuple[Floats, float]:
     """OpenCV's radial coefficients for a lens with `u = d (1 + kappa d^2)`, d and u in units of the focal length.
 
     Args:

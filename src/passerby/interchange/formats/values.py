@@ -116,7 +116,7 @@ def load_xml(path: Path, kind: str, text: str | None = None) -> ElementTree.Elem
         raise InputError(f"{path}: is not XML: {error}: {kind} is needed here") from None
 
 
-def whole(place: str, values: dict[Any, Any], key: str) -> int:
+def read_count(place: str, values: dict[Any, Any], key: str) -> int:
     """A whole number above 0 under `key`. Raises `InputError`, beginning with `place`."""
     value = float(numbers(place, values, key, ()))
     if value < 1 or value != int(value):

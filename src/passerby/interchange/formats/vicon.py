@@ -29,10 +29,10 @@ from passerby.common.errors import InputError
 from passerby.common.text import shortened, shortened_text
 from passerby.core.cameras import Camera, Lens, Pose, Rig
 from passerby.interchange.formats.format import FileSample, Format, Given
-from passerby.interchange.formats.lens_models import RADTAN_5, RATIONAL_8, Rays, how_far, nearest_lens
+from passerby.interchange.formats.lens_models import RADTAN_5, RATIONAL_8, Rays, find_nearest_lens, how_far
 from passerby.interchange.formats.tsai import WORST_PX
 from passerby.interchange.formats.values import attribute_numbers, load_xml
-from passerby.interchange.numbers import gathered_rig
+from passerby.interchange.numbers import gather_rig
 
 METRES = 1e-3
 SUFFIX = ".xcp"
@@ -65,7 +65,7 @@ def read(path: Path, given: Given) -> Rig:
             cameras.append((f"camera {shortened_text(name)}", partial(_camera, name, element, given)))
     if not cameras:
         raise InputError(f"{path}: none of its {len(elements)} cameras has a KeyFrame: calibrate them in Vicon first")
-    return gathered_rig(path, cameras)
+    return gather_rig(path, cameras)
 
 
 def _camera(name: str, element: ElementTree.Element, given: Given) -> Camera:
@@ -99,7 +99,7 @@ def _lens(name: str, element: ElementTree.Element, frame: ElementTree.Element, g
     if radial is None or not radial[1].any():
         return plain
     rays = Rays.of_projection(partial(_project, plain, *radial), size)
-    lens, model = nearest_lens(rays, (RADTAN_5, RATIONAL_8), plain, "its distortion")
+    lens, model = find_nearest_lens(rays, (RADTAN_5, RATIONAL_8), plain, "its distortion")
     if not rays.narrow.largest_error(lens) <= WORST_PX or len(rays.narrow.pixels) < len(rays.pixels):
         given.losses.add(f"camera {name}: its distortion is fitted by {model.name}, {how_far(rays, lens)}")
     return lens

@@ -99,7 +99,7 @@ class Archive:
     @contextmanager
     def _open_array(self, name: str) -> Iterator[tuple[IO[bytes], tuple[int, ...], np.dtype[Any], int]]:
         """An array's file, its shape and type, and how many bytes follow its header."""
-        with as_not_parsed(), self._file.open(name + ENDING) as file:
+        with translate_errors(), self._file.open(name + ENDING) as file:
             version = npy.read_magic(file)
             read = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}.get(version)
             if read is None:
@@ -124,7 +124,7 @@ def is_single_array(path: Path, kind: str) -> bool:
 def open_archive(path: Path, kind: str) -> Iterator[Archive]:
     """A file of arrays. Raises `InputError` where there is no file, `NotParsed` where it is no archive."""
     check_is_file(path, kind)
-    with as_not_parsed():
+    with translate_errors():
         if path.stat().st_size == 0:
             raise NotParsed("it is empty")
         with zipfile.ZipFile(path) as file:
@@ -132,7 +132,7 @@ def open_archive(path: Path, kind: str) -> Iterator[Archive]:
 
 
 @contextmanager
-def as_not_parsed() -> Iterator[None]:
+def translate_errors() -> Iterator[None]:
     """Whatever zipfile and numpy raise becomes `NotParsed`."""
     try:
         yield

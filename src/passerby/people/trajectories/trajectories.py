@@ -15,7 +15,7 @@ from passerby.common.progress import Progress, silent
 from passerby.core.cameras import Camera, Rig
 from passerby.core.observations import UNKNOWN, Boxes, Clock, Observations
 from passerby.core.stature import PERSON_HEIGHT_M
-from passerby.core.synchronisation import common_time_steps, resample_to_common_steps
+from passerby.core.synchronisation import find_common_time_steps, resample_to_common_steps
 from passerby.core.trajectories import Trajectories
 from passerby.people.model import Priors
 from passerby.people.sightings import Sightings, box_sightings
@@ -91,7 +91,7 @@ def trajectories(
         raise EvidenceError("no camera with a pose has boxes: there is nothing to track people by")
     sizes = {name: posed[name].lens.size for name in names}
     watched = Observations({name: observations[name] for name in names}, observations.fps)
-    steps = common_time_steps(watched, clocks)
+    steps = find_common_time_steps(watched, clocks)
     clock = steps.clock
     common = resample_to_common_steps(watched, clocks, sizes=sizes, grid=clock)
     boxes = [_identified(common[name].boxes) for name in names]

@@ -19,10 +19,10 @@ import numpy as np
 
 from passerby.common.arrays import Floats
 from passerby.common.errors import InputError
-from passerby.common.text import nearest, shortened
+from passerby.common.text import shortened, suggest_name
 from passerby.perception.pictures import VideoError
 from passerby.perception.sources.files import ListedFiles, VideoSource
-from passerby.perception.sources.name_times import NamedTime, NamePattern, usual_time
+from passerby.perception.sources.name_times import NamedTime, NamePattern, find_usual_time
 
 _NUMBER = re.compile(r"(\d+)(?!.*\d)")
 """The last number of a name."""
@@ -66,7 +66,7 @@ def times_of(source: VideoSource, files: ListedFiles, heads: Sequence[PictureHea
         return _time_by_table(source.times, files.paths)
     if source.names is not None:
         return _time_by_names(_time_by_pattern(source, files.paths))
-    usual = [usual_time(path) for path in files.paths]
+    usual = [find_usual_time(path) for path in files.paths]
     known = [one for one in usual if one is not None]
     if len(known) == len(usual) and (len(known) == 1 or len({one.seconds for one in known}) > 1):
         return _time_by_names(known)
@@ -158,7 +158,7 @@ def _time_by_table(table: Path, paths: Sequence[Path]) -> FileTimes:
         times[Path(row[0].strip().replace("\\", "/")).name] = time
     missing = [path for path in paths if path.name not in times]
     if missing:
-        told = nearest(missing[0].name, list(times)[:50])
+        told = suggest_name(missing[0].name, list(times)[:50])
         raise InputError(
             f"{table}: has no time of {missing[0].name} ({len(missing)} of {len(paths)} files are missing): {told}; add them, "
             "or name other files"

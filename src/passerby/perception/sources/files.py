@@ -164,7 +164,7 @@ def follow_at_once(seconds: Floats) -> Floats:
     return np.concatenate([[0.0], np.cumsum(seconds)[:-1]])
 
 
-def begins_by_names(named: Floats, seconds: Floats, resolution_s: float) -> Floats:
+def place_by_names(named: Floats, seconds: Floats, resolution_s: float) -> Floats:
     """(N,) where pieces begin whose names tell it with fractions left off.
 
     Pieces that were recorded without a break share one phase: each begins where the one before it ends, and all of them within

@@ -89,7 +89,7 @@ def read_frame_times(path: Path, step_s: float = TYPICAL_STEP_S) -> FrameTimes:
     return FrameTimes(path, (values - values[0]) * unit, float(begin_s) if EARLIEST <= begin_s < LATEST else None)
 
 
-def timed_by(info: VideoInfo, times: FrameTimes) -> VideoInfo:
+def apply_times(info: VideoInfo, times: FrameTimes) -> VideoInfo:
     """A video of constant rate with the times of a table.
 
     Raises `InputError` where it is no single file of constant rate, or has another number of frames.

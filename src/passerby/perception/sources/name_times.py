@@ -67,7 +67,7 @@ class NamedTime:
     """Whether that clock is known to be UTC."""
 
 
-def usual_time(path: Path) -> NamedTime | None:
+def find_usual_time(path: Path) -> NamedTime | None:
     """The time in a name that is built in one of the usual ways; None where there is none."""
     return _frigate(path) or _find_in_name(path.stem) or _find_in_folders(path)
 
@@ -196,7 +196,7 @@ def chapter_name(stem: str) -> ChapterName | None:
     return None
 
 
-def without_chapter(rest: str) -> str:
+def strip_chapter(rest: str) -> str:
     """What is left of a name without its time, in small letters, without DJI's counter of chapters."""
     return _DJI_COUNTER.sub("", rest)
 

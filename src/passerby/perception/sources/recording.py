@@ -22,13 +22,13 @@ from passerby.perception.sources.files import (
     SLACK_S,
     VideoSource,
     WallSpan,
-    begins_by_names,
     differing_pieces,
     follow_at_once,
     gap_findings,
     gaps_between,
     list_files,
     long_recording,
+    place_by_names,
     unreadable_pieces,
 )
 from passerby.perception.sources.name_times import are_all_chapters
@@ -138,7 +138,7 @@ def gaps_of(info: VideoInfo) -> list[tuple[float, float]]:
     return found
 
 
-def recorded_s(info: VideoInfo) -> float:
+def count_recorded_s(info: VideoInfo) -> float:
     """Seconds of the used part of a video of known length, without the gaps in it."""
     return (info.seconds or 0.0) - sum(last - first for first, last in gaps_of(info))
 
@@ -190,9 +190,9 @@ def _join_videos(
     seconds = np.array([_length(info, variable) for info in infos])
     stated = _read_creation_times(infos, seconds) if begin is None else None
     if begin is None:
-        begins = follow_at_once(seconds) if stated is None else begins_by_names(stated, seconds, CREATED_RESOLUTION_S)
+        begins = follow_at_once(seconds) if stated is None else place_by_names(stated, seconds, CREATED_RESOLUTION_S)
     elif times is not None and times.resolution_s > 0:
-        begins = begins_by_names(begin[alike], seconds, times.resolution_s)
+        begins = place_by_names(begin[alike], seconds, times.resolution_s)
     else:
         begins = begin[alike]
     wall = None

@@ -15,7 +15,7 @@ from pathlib import Path
 from passerby.common.errors import InputError
 from passerby.common.text import natural_key
 from passerby.perception.pieces import PICTURE_ENDINGS, VIDEO_ENDINGS, files_below
-from passerby.perception.sources.frame_times import find_frame_times, read_frame_times, timed_by
+from passerby.perception.sources.frame_times import apply_times, find_frame_times, read_frame_times
 from passerby.perception.video_probe import VideoInfo, WallTime
 from passerby.scene.start.recordings import (
     COMPANIONS,
@@ -23,11 +23,11 @@ from passerby.scene.start.recordings import (
     camera_names,
     companions_note,
     find_chapters,
+    find_named_alike,
     is_numbered_series,
     match_names,
-    named_alike,
     pieces_among,
-    without_small_copies,
+    set_aside_small_copies,
 )
 from passerby.scene.start.recordings_found import (
     VIDEO_FOLDERS,
@@ -142,7 +142,7 @@ def _add_times(camera: FoundCamera, notes: list[str]) -> None:
     if path is None or camera.info is None:
         return
     try:
-        camera.info = timed_by(camera.info, read_frame_times(path, 1.0 / camera.info.average_fps))
+        camera.info = apply_times(camera.info, read_frame_times(path, 1.0 / camera.info.average_fps))
     except InputError as error:
         notes.append(f"not used: {error}")
         return
@@ -265,7 +265,7 @@ def _pieces_among(videos: list[Path], look: Look) -> list[Path]:
 
 def _note_chapters(videos: list[Path]) -> list[str]:
     """A note where the names of several groups of videos differ by a counter that may be that of chapters."""
-    groups = [paths for names, paths in named_alike(videos) if not names[0].numbers_cameras]
+    groups = [paths for names, paths in find_named_alike(videos) if not names[0].numbers_cameras]
     if len(groups) < 2:
         return []
     first, second = (path.name for path in groups[0][:2])
@@ -292,7 +292,7 @@ def _videos(folder: Path, notes: list[str]) -> list[Path]:
             usable.append(path)
         except UnicodeEncodeError:
             notes.append(f"left out: {path.name!a} in {folder}: its name is not UTF-8 text: rename it")
-    usable, copies = without_small_copies(usable)
+    usable, copies = set_aside_small_copies(usable)
     notes += companions_note(visible_files(folder, COMPANIONS), copies)
     return usable
 

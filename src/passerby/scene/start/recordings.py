@@ -19,7 +19,7 @@ from itertools import pairwise
 from pathlib import Path
 
 from passerby.interchange.rig_toml import METADATA
-from passerby.perception.sources.name_times import ChapterName, chapter_name, without_chapter
+from passerby.perception.sources.name_times import ChapterName, chapter_name, strip_chapter
 from passerby.perception.video_probe import VideoInfo
 
 Length = Callable[[Path], float | None]
@@ -58,7 +58,7 @@ def start_of(stem: str) -> tuple[str, float] | None:
             time = datetime(*(int(part or 0) for part in found.groups())).timestamp()  # type: ignore[arg-type]
         except (ValueError, OverflowError):
             return None
-        return without_chapter(_DATE_AND_TIME.sub("", stem).casefold()), time
+        return strip_chapter(_DATE_AND_TIME.sub("", stem).casefold()), time
     if found := _EPOCH.search(stem):
         return _EPOCH.sub("", stem).casefold(), int(found[1]) + int(found[2] or 0) / 1000.0
     return None
@@ -126,7 +126,7 @@ def find_chapters(videos: Sequence[Path], look: Look, one_camera: bool) -> list[
         look: asked of the first `LOOKED_INTO` chapters of each recording.
         one_camera: whether all videos are known to be of one camera.
     """
-    groups = named_alike(videos)
+    groups = find_named_alike(videos)
     return [
         Chapters(names[0].recording, tuple(paths), f"{names[0].pattern}{paths[0].suffix}")
         for names, paths in groups
@@ -134,7 +134,7 @@ def find_chapters(videos: Sequence[Path], look: Look, one_camera: bool) -> list[
     ]
 
 
-def named_alike(videos: Sequence[Path]) -> list[tuple[list[ChapterName], list[Path]]]:
+def find_named_alike(videos: Sequence[Path]) -> list[tuple[list[ChapterName], list[Path]]]:
     """Two videos or more whose names differ by a counter alone, by that counter."""
     groups: dict[tuple[str, str], list[tuple[int, Path, ChapterName]]] = {}
     for path in videos:
@@ -174,7 +174,7 @@ def _follow_by_clock(infos: Sequence[VideoInfo]) -> bool | None:
     return any(all(abs(step - lengths[which]) <= SLACK_S for step, *lengths in steps) for which in (0, 1))
 
 
-def without_small_copies(videos: Sequence[Path]) -> tuple[list[Path], list[Path]]:
+def set_aside_small_copies(videos: Sequence[Path]) -> tuple[list[Path], list[Path]]:
     """The videos, and those set aside because they are small copies of others beside them."""
     held = set(videos)
     copies = [

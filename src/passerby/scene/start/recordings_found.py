@@ -23,7 +23,7 @@ from passerby.perception.pictures import Frame
 from passerby.perception.pieces import PICTURE_ENDINGS, VIDEO_ENDINGS, walk_below
 from passerby.perception.sources.file_times import times_of
 from passerby.perception.sources.files import MOST_FILES, VideoSource, list_files
-from passerby.perception.sources.name_times import usual_time
+from passerby.perception.sources.name_times import find_usual_time
 from passerby.perception.sources.recording import open_source
 from passerby.perception.video_probe import VideoInfo, WallTime
 from passerby.perception.video_still import key_picture
@@ -34,8 +34,8 @@ from passerby.scene.start.recordings import (
     find_chapters,
     is_numbered_series,
     pieces_among,
+    set_aside_small_copies,
     time_in,
-    without_small_copies,
 )
 
 VIDEO_FOLDERS = ("video", "videos")
@@ -93,7 +93,7 @@ def find_recordings(folder: Path, look: Look, notes: list[str]) -> list[FoundRec
     videos = [path for path in files if path.suffix.lower() in VIDEO_ENDINGS]
     if not videos:
         return _find_images([path for path in files if path.suffix.lower() in PICTURE_ENDINGS])
-    videos, copies = without_small_copies(videos)
+    videos, copies = set_aside_small_copies(videos)
     notes += companions_note(files, copies)
     return _find_frigate(folder, videos) or _find_by_folders(folder, videos, look, notes) or _find_by_names(videos, look)
 
@@ -113,7 +113,7 @@ def _find_frigate(folder: Path, videos: Sequence[Path]) -> list[FoundRecording]:
     cameras: dict[str, list[Path]] = {}
     for path in videos:
         resolved = path.absolute()
-        time = usual_time(resolved) if len(resolved.parts) > 4 else None
+        time = find_usual_time(resolved) if len(resolved.parts) > 4 else None
         if time is None or not _HOUR.fullmatch(resolved.parts[-3]) or not _DAY.fullmatch(resolved.parts[-4]):
             return []
         cameras.setdefault(path.parent.name, []).append(path)
@@ -177,7 +177,7 @@ def _choose_files(one: FoundRecording, paths: Sequence[Path]) -> list[Path]:
 
 def _are_timed(paths: Sequence[Path]) -> bool:
     """Whether all names tell times, in folders of days as recorders make them."""
-    times = [usual_time(path) for path in paths]
+    times = [find_usual_time(path) for path in paths]
     known = {time.seconds for time in times if time is not None}
     return len(known) == len(paths) and len({path.parent for path in paths}) > 1
 

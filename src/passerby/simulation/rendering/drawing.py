@@ -14,7 +14,7 @@ from passerby.core.cameras import Camera
 from passerby.perception.pictures import Picture
 from passerby.simulation.body import JOINTS, body_spheres
 from passerby.simulation.lenses import before_fold
-from passerby.simulation.observe import NEAREST_M, whole_in_view
+from passerby.simulation.observe import NEAREST_M, find_whole_in_view
 from passerby.simulation.rendering.clothes import Outfit, Wardrobe, dress
 from passerby.simulation.rendering.mesh import Template, pose_surface, template
 from passerby.simulation.rendering.surroundings import SHADOW, Light
@@ -77,7 +77,7 @@ class PeoplePainter:
         self._wardrobes: dict[bool, Wardrobe] = {fine: dress(template(fine), outfits) for fine in (True, False)}
 
     def surfaces(self, joints: Floats, present: NDArray[np.bool_]) -> list[Surface]:
-        """Who is drawn, from the farthest to the nearest: those whom `observe.whole_in_view` leaves.
+        """Who is drawn, from the farthest to the nearest: those whom `observe.find_whole_in_view` leaves.
 
         Args:
             joints: (P, J, 3) world, metres.
@@ -87,7 +87,7 @@ class PeoplePainter:
         assert pose is not None
         centres, _ = body_spheres(joints[None], self._heights)
         seen = np.einsum("psk,ik->psi", centres[0], pose.R_cw) + pose.t_cw
-        here = np.flatnonzero(present & whole_in_view(self._camera, seen))
+        here = np.flatnonzero(present & find_whole_in_view(self._camera, seen))
         if not len(here):
             return []
         depth = np.linalg.norm(seen, axis=-1).mean(axis=-1)

@@ -19,7 +19,7 @@ from passerby.findings.finding import Finding, doubt, refusal
 from passerby.findings.ranking import RefusalError
 from passerby.geometry.groups import cauchy_weights, group_sums, least_of_groups, residual_scale
 from passerby.geometry.rotations import Similarity, direction_angle, rotation_between
-from passerby.geometry.triangulation import angular_residuals, depths, in_camera_frames, triangulate
+from passerby.geometry.triangulation import angular_residuals, depths, move_to_camera_frames, triangulate
 from passerby.people.segments import EXTREME_FRACTIONS, HEAD, MIN_ORDER_CORRELATION, SHOULDERS, nominal_heights
 from passerby.solver.geopose.correspondences import BOTTOM, TOP, ImagePoints, box_points, joint_points
 
@@ -159,7 +159,7 @@ def triangulate_segments(
     camera = local[points.camera]
     focal = np.array([item.lens.focal for item in rig])[points.camera]
     ends = triangulate(camera, label, points.bearing, rotations, translations, len(key), weights=(focal / points.sigma_px) ** 2)
-    seen = in_camera_frames(ends, camera, label, rotations, translations)
+    seen = move_to_camera_frames(ends, camera, label, rotations, translations)
     with np.errstate(invalid="ignore"):
         fits = angular_residuals(seen, points.bearing) * focal <= MAX_RESIDUAL_SIGMAS * points.sigma_px
         fits &= depths(seen, points.bearing) > 0

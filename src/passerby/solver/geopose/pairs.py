@@ -17,7 +17,13 @@ from passerby.core.cameras import Lens, Pose, Rig
 from passerby.findings.finding import Finding, refusal
 from passerby.findings.ranking import RefusalError
 from passerby.geometry.triangulation import parallax_angles, triangulate_two_views
-from passerby.geometry.two_view import MIN_POINTS, NoRelativePoseError, choose_by_cheirality, decompose_essential, relative_pose
+from passerby.geometry.two_view import (
+    MIN_POINTS,
+    NoRelativePoseError,
+    choose_by_cheirality,
+    decompose_essential,
+    estimate_relative_pose,
+)
 from passerby.solver.geopose.bundle import adjust_points
 from passerby.solver.geopose.correspondences import ImagePoints, match_pair, point_observations
 
@@ -141,7 +147,9 @@ def pair_essential(
     else:
         threshold = options.ransac_threshold_px / float(np.sqrt(focal.prod()))
     try:
-        view = relative_pose(rays_reference, rays_camera, threshold=threshold, rng=rng, max_points=options.max_correspondences)
+        view = estimate_relative_pose(
+            rays_reference, rays_camera, threshold=threshold, rng=rng, max_points=options.max_correspondences
+        )
     except NoRelativePoseError as error:
         raise RefusalError(_without_pose(error)) from None
     return view.essential, view.inliers

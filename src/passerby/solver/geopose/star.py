@@ -18,7 +18,7 @@ from passerby.core.cameras import Camera, PoseSigma, Rig
 from passerby.core.figures import StarFigures, StarPair, StarScale
 from passerby.core.scale_cues import KnownLength
 from passerby.core.solution import Solution, decide_verdict
-from passerby.core.usability import doubts_of_uncertainty, with_doubts_of_missing_cameras
+from passerby.core.usability import add_missing_camera_doubts, doubts_of_uncertainty
 from passerby.findings.finding import Finding, notice
 from passerby.findings.ranking import RefusalError, findings_of
 from passerby.findings.texts import texts_of
@@ -154,7 +154,7 @@ def star_solution(
         pair_disagreement=star.disagreement, rms_px=star.adjusted.rms_px, iterations=star.adjusted.iterations,
         converged=star.adjusted.converged,
     )  # fmt: skip
-    findings = with_doubts_of_missing_cameras(solved, findings)
+    findings = add_missing_camera_doubts(solved, findings)
     findings = [*findings, *doubts_of_uncertainty(solved, figures, findings)]
     verdict = decide_verdict(solved, findings)
     return Solution(method, replace(solved, verdict=verdict), verdict, tuple(findings), figures)

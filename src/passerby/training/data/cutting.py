@@ -87,7 +87,7 @@ def cut_crops(
     Boxes of pictures that a video does not have are left out, with a note.
 
     Args:
-        wanted: the boxes of each camera; see `clear_boxes` and `spread` for which.
+        wanted: the boxes of each camera; see `find_clear_boxes` and `spread` for which.
         people: the people's names; `CropSet.people` become NAME/PERSON, and `CropSet.cameras` NAME/CAMERA.
         cache: the crops are kept in a folder `name` in it.
         name: of the data set.
@@ -292,7 +292,7 @@ def _join_frames(parts: Sequence[NDArray[np.int64]]) -> Ints:
     return np.concatenate([np.zeros(0, np.int64), *parts])
 
 
-def clear_boxes(frame: Ints, ltwh: Floats, size: tuple[int, int]) -> NDArray[np.bool_]:
+def find_clear_boxes(frame: Ints, ltwh: Floats, size: tuple[int, int]) -> NDArray[np.bool_]:
     """(N,) which of one camera's boxes show a person well: large enough, for the most part in the picture, and not hidden.
 
     Args:
@@ -321,7 +321,7 @@ def clear_boxes(frame: Ints, ltwh: Floats, size: tuple[int, int]) -> NDArray[np.
     return np.asarray(clear & is_recognisable(shown, ltwh))
 
 
-def spread(frame: Ints, person: Ints, usable: NDArray[np.bool_], at_most: int = PER_PERSON) -> Ints:
+def spread_rows(frame: Ints, person: Ints, usable: NDArray[np.bool_], at_most: int = PER_PERSON) -> Ints:
     """Rows, ascending, of at most so many boxes per person (N,), evenly spread over those that are usable, by frame.
 
     People below 0 are unknown and passed over.

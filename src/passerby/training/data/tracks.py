@@ -27,7 +27,15 @@ from passerby.scene.start.folders import visible_files, visible_folders
 from passerby.scene.start.recordings_found import VIDEO_FOLDERS
 from passerby.scene.used_rows import remove_duplicates
 from passerby.training.crops import DataSet, describe_faults
-from passerby.training.data.cutting import PER_PERSON, WantedCrops, clear_boxes, cut_crops, one_file, source_size, spread
+from passerby.training.data.cutting import (
+    PER_PERSON,
+    WantedCrops,
+    cut_crops,
+    find_clear_boxes,
+    one_file,
+    source_size,
+    spread_rows,
+)
 
 TEXT_FOLDERS = ("truth", "identities", "tracks")
 """Where the text of videos is looked for, unless it lies beside them."""
@@ -120,8 +128,8 @@ def _choose_boxes(camera: TrackedCamera, person: Ints, per_person: int) -> Wante
     boxes = camera.boxes
     rows: Ints = np.zeros(0, dtype=np.int64)
     if len(boxes):
-        clear = clear_boxes(boxes.frame, boxes.ltwh, source_size(camera.source))
-        rows = spread(boxes.frame, person, clear if camera.hidden is None else clear & ~camera.hidden, per_person)
+        clear = find_clear_boxes(boxes.frame, boxes.ltwh, source_size(camera.source))
+        rows = spread_rows(boxes.frame, person, clear if camera.hidden is None else clear & ~camera.hidden, per_person)
     return WantedCrops(camera.name, camera.source, boxes.frame[rows], boxes.ltwh[rows], person[rows])
 
 
