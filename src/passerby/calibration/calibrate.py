@@ -8,7 +8,7 @@ from there to the normal equations.
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -41,6 +41,7 @@ from passerby.calibration.diagnostics.ground_planarity import ground_figures, no
 from passerby.calibration.diagnostics.smaller_pictures import doubts_of_smaller_pictures
 from passerby.calibration.diagnostics.up_direction import find_tilted_ground, up_figures, with_up
 from passerby.calibration.diagnostics.verdict import find_unusual_heights, with_verdict
+from passerby.calibration.effort import Effort, Step, is_enough, note_of_effort, sizes
 from passerby.calibration.held_out import HeldOut, hold_out, is_worse
 from passerby.calibration.kept_tracklets import FOLDER, KeptTracklets
 from passerby.calibration.known_identities import estimate_with_known_identities
@@ -70,7 +71,7 @@ from passerby.findings.finding import Finding
 from passerby.findings.texts import texts_of
 from passerby.people.ground_shape import GroundShape
 from passerby.scene.box_interpretations import adjust_for_coarse_boxes
-from passerby.scene.inputs import SceneInputs, part_of, read_inputs
+from passerby.scene.inputs import SceneInputs, complete_inputs, open_inputs, part_of
 from passerby.scene.same_content import doubts_of_same_place
 from passerby.scene.scene import Scene
 from passerby.scene.sound import measure_by_sound
@@ -87,9 +88,11 @@ SETTLED = 0.98
 
 def calibrate(
     scene: Scene | str | Path, *, seed: int = 0, progress: Progress | None = None, executor: Executor | None = None,
-    keep: str | Path | None = None,
+    keep: str | Path | None = None, effort: Effort | None = None, show: Callable[[Calibration], None] | None = None,
 ) -> Calibration:  # fmt: skip
     """Calibrate the cameras of a scene from the people in it.
+
+    Long videos are watched in stretches, those first that teach most, until the rig measures as well as `effort` asks for.
 
     Too little evidence does not raise: it is a calibration with the verdict "refused" or "doubtful" and its reasons.
 
@@ -102,9 +105,12 @@ def calibrate(
             None: one after the other. The result does not depend on it.
         keep: folder for the detections of the videos and each camera's tracklets, usually the output folder: a run that was
             stopped, or is repeated with other options, goes on from there. None: nothing is kept.
+        effort: how well the rig is to measure, and how much of the videos may be watched for it.
+        show: called with the rig of each part of the videos but the last, as soon as there is one.
 
     Raises:
         InputError: the scene file or a file that it names is missing, broken, or contradicts another.
+        CalibrationInterrupted: a `KeyboardInterrupt` that has the rig that there was.
     """
     tell = progress or silent
     began = time.perf_counter()
@@ -112,19 +118,54 @@ def calibrate(
     scene = scene if isinstance(scene, Scene) else Scene.load(scene)
     solver_options(scene)  # wrong options are reported before hours are spent on videos
     watch = SceneVideoProcessor(None if keep is None else Path(keep), executor, tell)
-    inputs = read_inputs(scene, watch, measure_by_sound)
-    for note in (_amount(inputs), *texts_of(inputs.findings)):  # the notes of `watch` were shown when they were found
-        tell_note(tell, note)
-    read = time.perf_counter()
-    executor = worthwhile(executor, scene.size_bytes, len(scene.cameras))
-    found = calibrate_inputs(scene, inputs, seed=seed, progress=tell, executor=executor, keep=keep)
+    opened, effort = open_inputs(scene), effort or Effort()
+    clocks = measure_by_sound(scene, opened)
+    stretches = watch.plan_stretches(scene, opened)
+    recorded_s, found, steps = sum(one.seconds for one in stretches), None, list[Step]()
+    try:
+        for size in sizes(len(stretches), effort):
+            watch.stretches = tuple(sorted(stretches[:size], key=lambda one: one.begin_s))
+            read = time.perf_counter()
+            inputs = complete_inputs(scene, opened, watch, lambda *_: clocks)
+            for note in (_amount(inputs), *texts_of(inputs.findings)):  # the notes of `watch` were shown when they were found
+                tell_note(tell, note)
+            reading_s = time.perf_counter() - read
+            processes = worthwhile(executor, scene.size_bytes, len(scene.cameras))
+            found = calibrate_inputs(scene, inputs, seed=seed, progress=tell, executor=processes, keep=keep)
+            steps.append(Step.of(found, sum(one.seconds for one in watch.stretches), time.perf_counter() - began))
+            found = _with_videos(scene, watch, found, {"reading": reading_s}, note_of_effort(steps, recorded_s))
+            if size >= len(stretches) or is_enough(steps, effort):
+                break
+            if show is not None:
+                show(found)
+    except KeyboardInterrupt:
+        if found is not None:
+            raise CalibrationInterrupted(found) from None
+        raise
+    assert found is not None
+    return found
+
+
+class CalibrationInterrupted(KeyboardInterrupt):
+    """A calibration was interrupted when it had a rig from a part of the videos."""
+
+    def __init__(self, calibration: Calibration) -> None:
+        super().__init__()
+        self.calibration = calibration
+
+
+def _with_videos(
+    scene: Scene, watch: SceneVideoProcessor, found: Calibration, seconds: Mapping[str, float], part: Finding | None
+) -> Calibration:
+    """A calibration with what is to be reported of the scene's videos."""
     missing = len(found.rig.posed()) < len(found.rig)
     joints = joints_remedy(scene, "refusal" if found.verdict == "refused" else "notice") if missing else None
+    first = (*([joints] if joints else []), *([part] if part else []))
     return replace(
         found,
-        diagnostics=(*found.doubts, *([joints] if joints else []), *watch.notes, *found.notices),
+        diagnostics=(*found.doubts, *first, *watch.notes, *found.notices),
         perception=watch.figures,
-        seconds={"reading": read - began, **watch.seconds, **found.seconds},
+        seconds={**seconds, **watch.seconds, **found.seconds},
         groups=tuple(replace(one, perception=watch.figures) for one in found.groups),
     )
 

@@ -167,6 +167,18 @@ def calibrate(
     ] = Path("out"),
     seed: Annotated[int, typer.Option(min=0, help="Seed of the random numbers; the same seed gives the same files.")] = 0,
     report: Annotated[bool, typer.Option("--report/--no-report", help="Whether to write report.html.")] = True,
+    target: Annotated[
+        str,
+        typer.Option(
+            metavar="LENGTH",
+            help="Uncertainty of points and of positions on the ground, such as 5cm, at which no more of the "
+            "videos is watched.",
+        ),
+    ] = "5cm",
+    everything: Annotated[bool, typer.Option("--all", help="Watch all of the videos.")] = False,
+    budget: Annotated[
+        str | None, typer.Option(metavar="TIME", help="Time, such as 2min, after which no more of the videos is begun.")
+    ] = None,
     scheduler: Scheduler = None,
     json: AsJson = False,
     progress: Form = ProgressForm.auto,
@@ -174,24 +186,32 @@ def calibrate(
 ) -> None:
     """Calibrate the cameras of a scene. Streams are recorded first if the scene has a table [recording].
 
+    Of long videos, the parts that teach most are watched first, until the rig measures to --target, or more would barely
+    improve it. Ctrl-C after the first rig writes the rig that there is.
+
     The output folder caches what was detected in videos: an interrupted run continues from there, and a run with other
     options repeats only what depends on them.
 
     Exit status 3: the verdict is doubtful (unreliable) or refused (failed); the results are written with the reasons.
     """
+    from passerby.calibration.calibrate import CalibrationInterrupted
     from passerby.calibration.calibrate import calibrate as run_calibration
+    from passerby.calibration.effort import Effort
     from passerby.calibration.writing import WORK, write_results
     from passerby.cli.commands.record import record_if_needed
-    from passerby.cli.tables import show_calibration, tell_reasons
+    from passerby.cli.quantities import parse_length, parse_seconds
+    from passerby.cli.tables import describe_rig_so_far, show_calibration, tell_reasons
     from passerby.cli.terminal import stages
     from passerby.common.cluster import cluster_workers
     from passerby.common.parallel import open_local_processes
+    from passerby.common.progress import tell_warning
     from passerby.interchange.output_folder import REPORT_FILE
     from passerby.interchange.storage.transaction import folder_lock
     from passerby.recording.scene_streams import read_streamed
     from passerby.scene.scene import Scene
 
     verbose = verbose or bool(context.obj)
+    effort = Effort(parse_length(target, "--target"), None if budget is None else parse_seconds(budget, "--budget"), everything)
     streamed = read_streamed(scene)
     loaded = Scene.load(scene) if streamed is None else record_if_needed(streamed, out, verbose, progress)
     processes: AbstractContextManager[Executor | None] = (
@@ -199,8 +219,16 @@ def calibrate(
         if scheduler is None
         else cluster_workers(scheduler, out, loaded.shared_paths)
     )
-    with stages(verbose, progress) as tell, folder_lock(out, WORK), processes as executor:
-        calibration = run_calibration(loaded, seed=seed, progress=tell, executor=executor, keep=out)
+    interrupted = False
+    with stages(verbose, progress) as tell, folder_lock(out, WORK):
+        try:
+            with processes as executor:
+                calibration = run_calibration(
+                    loaded, seed=seed, progress=tell, executor=executor, keep=out, effort=effort,
+                    show=lambda found: tell_warning(tell, describe_rig_so_far(found)),
+                )  # fmt: skip
+        except CalibrationInterrupted as stopped:
+            calibration, interrupted = stopped.calibration, True
         tell("writing")
         write_results(calibration, out, report=report, progress=tell)
     if json:
@@ -216,7 +244,7 @@ def calibrate(
         show_calibration(calibration, verbose)
         print(f"written to {out}" + (f"; report: {out / REPORT_FILE}" if report else ""))
     tell_reasons(calibration)
-    raise typer.Exit(calibration.exit_status)
+    raise typer.Exit(INTERRUPTED if interrupted else calibration.exit_status)
 
 
 @app.command()

@@ -67,13 +67,25 @@ def show_calibration(calibration: Calibration, verbose: bool) -> None:
 
 def show_measuring(measuring: MeasuringFigures | None) -> None:
     """How well the rig measures where people walked."""
-    if measuring is None:
-        return
+    if measuring is not None:
+        print(f"where people walked, 1 sigma, scale apart: {_describe_sigmas(measuring)}")
+
+
+def _describe_sigmas(measuring: MeasuringFigures) -> str:
     points, ground = measuring.points, measuring.ground
     figures = [f"points by several cameras to {points.median_mm:.0f} mm (90 %: {points.p90_mm:.0f})"]
     if ground is not None:
         figures.append(f"positions on the ground by one camera to {ground.median_mm:.0f} mm (90 %: {ground.p90_mm:.0f})")
-    print(f"where people walked, 1 sigma, scale apart: {', '.join(figures)}")
+    return ", ".join(figures)
+
+
+def describe_rig_so_far(calibration: Calibration) -> str:
+    """One line about the rig from a part of the videos."""
+    measuring = adjusted(calibration.figures).measuring
+    known = "" if measuring is None else f", {_describe_sigmas(measuring)}"
+    used = [one.values["used_s"] for one in calibration.notices if one.code == "videos_used_in_part"]
+    part = f" from {used[0]:.0f} s of the videos" if used else ""
+    return f"a rig{part}: {calibration.verdict}{known}; more of the videos follows"
 
 
 def _millimetres(metres: float | None) -> float | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
 from dataclasses import asdict, replace
 from itertools import islice
 from typing import Any, Literal
@@ -25,11 +26,15 @@ from passerby.perception.kept import StageCache, hash_of_arrays
 from passerby.perception.networks import Network
 from passerby.perception.pictures import Detections, Detector, Embedder, Frame, KeypointEstimator, VideoError
 from passerby.perception.plan import Plan
+from passerby.perception.stretches import Stretch, key_frames, spread_evenly
 from passerby.perception.video import TURNS, VideoInfo, VideoReader, expected_count
 from passerby.perception.yolox import YoloxDetector, YoloxOptions
 
 UNKNOWN_LENGTH_S = 3600.0
 """Taken for the length of a video that does not tell it: a background for every five minutes of an hour."""
+KEY_EVERY_S, FEWEST_KEYS = 2.0, 20
+"""The empty scene is learnt from key frames alone where its pictures are this far apart or more, and where there are so many:
+whatever lies between them need not be decoded."""
 PICTURES, EVERY_S = 12, 2.0
 """Pictures that are looked at, and the time between two of them where the video is long enough."""
 FEW = 0.5
@@ -82,9 +87,8 @@ def open_background(kept: StageCache, info: VideoInfo, tell: Callable[[int], Non
     """
     arrays = kept.load(0)
     if arrays is None:
-        sampling = plan_sampling(info.seconds or UNKNOWN_LENGTH_S)
         try:
-            model = learn_background(_count_frames(VideoReader(info, rate=1.0 / sampling.interval_s), tell), sampling)
+            model = _learn_background(info, tell)
         except EvidenceError as error:
             raise VideoError(info.path, str(error)) from None
         kept.save(0, model.to_arrays())
@@ -92,6 +96,20 @@ def open_background(kept: StageCache, info: VideoInfo, tell: Callable[[int], Non
     else:
         model = BackgroundModel.from_arrays(arrays)
     return BackgroundDetector(model)
+
+
+def _learn_background(info: VideoInfo, tell: Callable[[int], None]) -> BackgroundModel:
+    """Learn the empty scene of a video. Raises `EvidenceError` and `InputError` as `learn_background` does."""
+    sampling = plan_sampling(info.seconds or UNKNOWN_LENGTH_S)
+    if info.seconds is not None and sampling.interval_s >= KEY_EVERY_S:
+        counted: list[int] = []
+        times = spread_evenly(Stretch(info.begin_s, info.begin_s + info.seconds), round(info.seconds / sampling.interval_s))
+        with suppress(EvidenceError):
+            model = learn_background(_count_frames(key_frames(info, times), counted.append), sampling)
+            if len(counted) >= FEWEST_KEYS * round(info.seconds / sampling.window_s):
+                tell(len(times))
+                return model
+    return learn_background(_count_frames(VideoReader(info, rate=1.0 / sampling.interval_s), tell), sampling)
 
 
 def _count_frames(frames: Iterable[Frame], tell: Callable[[int], None]) -> Iterator[Frame]:

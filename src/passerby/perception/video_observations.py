@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
+
+import numpy as np
 
 from passerby.core.observations import Boxes, Keypoints
 from passerby.findings.finding import Finding, notice
@@ -72,6 +75,47 @@ class VideoObservations:
         if cut or failed:
             found.append(notice("pieces_broken", name, place=place, cut=cut, failed=failed, files=len(info.files)))
         return found
+
+
+def join_stretches(parts: Sequence[VideoObservations]) -> VideoObservations:
+    """What was seen in stretches of one video, in order of time."""
+    boxes, keypoints = [part.boxes for part in parts], [part.keypoints for part in parts]
+    embeddings = [one.embedding for one in boxes if one.embedding is not None]
+    joined = Boxes(
+        frame=np.concatenate([one.frame for one in boxes]),
+        identity=np.concatenate([one.identity for one in boxes]),
+        ltwh=np.concatenate([one.ltwh for one in boxes]),
+        score=np.concatenate([one.score for one in boxes]),
+        embedding=np.concatenate(embeddings) if len(embeddings) == len(boxes) else None,
+    )
+    with_joints = [one for one in keypoints if len(one)] or keypoints[:1]
+    joints = Keypoints(
+        frame=np.concatenate([one.frame for one in with_joints]),
+        identity=np.concatenate([one.identity for one in with_joints]),
+        xy=np.concatenate([one.xy for one in with_joints]),
+        score=np.concatenate([one.score for one in with_joints]),
+        joints=with_joints[0].joints,
+    )
+    summaries = [part.summary for part in parts]
+    first = [one["first_broken_s"] for one in summaries if one["first_broken_s"] is not None]
+    summary = {
+        "pictures": sum(part.pictures for part in parts),
+        "ended_early": None,
+        "broken": sum(one["broken"] for one in summaries),
+        "first_broken_s": min(first, default=None),
+        "moves": [move for one in summaries for move in one["moves"]],
+        "shake_px": max(one["shake_px"] for one in summaries),
+        "cut_pieces": sum(one.get("cut_pieces", 0) for one in summaries),
+        "failed_pieces": sum(one.get("failed_pieces", 0) for one in summaries),
+    }
+    for turned in ("rotate", "wide_shapes_rotate"):
+        turns = {one.get(turned) for one in summaries}
+        summary |= {turned: turns.pop()} if len(turns) == 1 and None not in turns else {}
+    seconds = Counter[str]()
+    for part in parts:
+        seconds.update(part.seconds)
+    made_again = any(part.made_again for part in parts)
+    return VideoObservations(joined, joints, summary["pictures"], summary, dict(seconds), made_again)
 
 
 def _zooms(move: Mapping[str, Any]) -> bool:

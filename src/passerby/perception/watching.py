@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -73,6 +73,15 @@ class CameraJob:
     """The people, where they are known; None: they are to be found."""
     rotate: int = 0
     """Degrees clockwise by which the scene turns the video's pictures, as `info` has them."""
+    surroundings: VideoInfo | None = None
+    """The part of the recording that the empty scene is learnt from, where `info` is a stretch of it; None: `info` itself."""
+    common_shelf: Path | None = None
+    """Folder of the empty scene, which other stretches use too; None: `shelf`."""
+    part: str = ""
+    """Under what name its progress is reported; by default the camera's."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "part", self.part or self.name)
 
 
 def work_of(job: CameraJob) -> int:
@@ -85,7 +94,7 @@ def _learning(job: CameraJob) -> int:
     """How much of it is learning the empty scene."""
     if job.boxes is not None or job.plan.detector is not None:
         return 0
-    return LEARNT_WORTH * (background_count(job.info) or 0)
+    return LEARNT_WORTH * (background_count(job.surroundings or job.info) or 0)
 
 
 @dataclass(eq=False)
@@ -128,22 +137,23 @@ def find_kept_results(job: CameraJob, tell: Tell) -> VideoObservations | None:
     if not any(job.shelf.glob(f"people-*/{SUMMARY}")):
         return None  # no network is opened in vain
     with cache_lock(job.shelf):
-        background = _background(job, _video(job))
+        background = _background(job)
         if job.boxes is None and job.plan.detector is None and background.summary() is None:
             return None
         return _Watch(job, tell).kept()
 
 
-def _video(job: CameraJob) -> dict[str, Any]:
-    """What decides all stages."""
-    video = {"video": video_identity(job.info), "rate": job.rate, "segment": SEGMENT, "revision": REVISION}
+def identify_video(job: CameraJob, info: VideoInfo) -> dict[str, Any]:
+    """What decides all stages that take their pictures from a video."""
+    video = {"video": video_identity(info), "rate": job.rate, "segment": SEGMENT, "revision": REVISION}
     turned = {"rotate": job.rotate} if job.rotate else {}
     return video | turned | {"versions": _versions()}
 
 
-def _background(job: CameraJob, video: Mapping[str, Any]) -> StageCache:
+def _background(job: CameraJob) -> StageCache:
     """The empty scene of background subtraction."""
-    return StageCache.of(job.shelf, "background", dict(video) | background_identity())
+    video = identify_video(job, job.surroundings or job.info)
+    return StageCache.of(job.common_shelf or job.shelf, "background", video | background_identity())
 
 
 class _Watch:
@@ -156,8 +166,8 @@ class _Watch:
         self._found = 0
         self._used: set[Path] = set()
         self._files, self._at_s = VideoFilesState(job.info), -math.inf
-        video = _video(job)
-        self._detector = self._open_detector(video)
+        video = identify_video(job, job.info)
+        self._detector = self._open_detector()
         self._embedder: Embedder | None = None if job.plan.embedder is None else open_embedder(job.plan.embedder)
         self._estimator: KeypointEstimator | None = None if job.plan.keypoints is None else open_estimator(job.plan.keypoints)
         self._looks_every = max(1, round(LOOKS_EVERY_S * job.rate))
@@ -180,16 +190,17 @@ class _Watch:
         self._used.add(stage.kept.folder)
         return stage
 
-    def _open_detector(self, video: dict[str, Any]) -> Detector:
+    def _open_detector(self) -> Detector:
         """The detector; where it is background subtraction, the empty scene is learnt first."""
         if self._job.boxes is not None:
             return GivenBoxes(self._job.boxes)
         if self._job.plan.detector is not None:
             return open_detector(self._job.plan.detector, self._job.plan)
-        kept = _background(self._job, video)
+        kept = _background(self._job)
         self._used.add(kept.folder)
-        with self._time_stage("background"):
-            return open_background(kept, self._job.info, self._tell_learnt)
+        shared = nullcontext() if self._job.common_shelf is None else cache_lock(self._job.common_shelf)
+        with self._time_stage("background"), shared:
+            return open_background(kept, self._job.surroundings or self._job.info, self._tell_learnt)
 
     def result(self) -> VideoObservations:
         """Make what is not kept, and gather all of it."""

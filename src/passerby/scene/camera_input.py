@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
@@ -59,11 +59,17 @@ class CameraInput:
     video: VideoInfo | None = None
     awaiting: bool = False
     """Whether people are still to be found in the video."""
+    unwatched: tuple[tuple[float, float], ...] = ()
+    """Parts of the video in which nobody was looked for, seconds from frame 1 by its own clock."""
     faults: list[str] = field(default_factory=list)
     findings: list[Finding] = field(default_factory=list)
     """What is odd about these files, but stops nothing."""
     doubts: list[Finding] = field(default_factory=list)
     """Evidence against any rig from these files."""
+
+    def copy(self) -> CameraInput:
+        """A reading that is completed by itself."""
+        return replace(self, faults=list(self.faults), findings=list(self.findings), doubts=list(self.doubts))
 
     @property
     def filmed_size(self) -> tuple[int, int] | None:

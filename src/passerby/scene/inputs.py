@@ -108,10 +108,26 @@ def read_inputs(
 
     Raises `FileFaults` (an `InputError`) with everything that is wrong, each with its file, place, value and fix.
     """
+    return complete_inputs(scene, open_inputs(scene), watch, measure_clocks, compare_contents=compare_contents)
+
+
+def open_inputs(scene: Scene) -> list[CameraInput]:
+    """What the files of a scene hold before any video is watched.
+
+    Raises `FileFaults` with everything that is wrong: it is reported before hours are spent on videos.
+    """
     readings = read_cameras(scene)
-    # What is wrong with a file is reported before hours are spent on videos.
     _raise_faults(scene, readings)
     add_seen_lenses(scene, readings)
+    return readings
+
+
+def complete_inputs(
+    scene: Scene, opened: Sequence[CameraInput], watch: VideoProcessor | None = None,
+    measure_clocks: ClockMeasurement | None = None, *, compare_contents: bool = True,
+) -> SceneInputs:  # fmt: skip
+    """The inputs of readings that `open_inputs` gave, which stay as they are; arguments and errors as of `read_inputs`."""
+    readings = [reading.copy() for reading in opened]
     if watch is not None and any(needs_video(scene, reading) for reading in readings):
         watch(scene, readings)
         _raise_faults(scene, readings)
@@ -141,10 +157,11 @@ def assemble_inputs(scene: Scene, readings: list[CameraInput], *, compare_conten
 
 
 def _gaps(readings: Sequence[CameraInput]) -> dict[str, tuple[tuple[float, float], ...]]:
-    """The gaps in recordings in pieces, in frame numbers."""
+    """The gaps in recordings in pieces, and what was not watched of videos, in frame numbers."""
     found = {
         reading.name: tuple(
-            (first * reading.video.clock_fps + 1, last * reading.video.clock_fps + 1) for first, last in gaps_of(reading.video)
+            (first * reading.video.clock_fps + 1, last * reading.video.clock_fps + 1)
+            for first, last in sorted((*gaps_of(reading.video), *reading.unwatched))
         )
         for reading in readings
         if reading.video is not None

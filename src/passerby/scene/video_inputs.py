@@ -22,16 +22,28 @@ from passerby.common.text import list_names
 from passerby.findings.finding import Finding, Severity
 from passerby.interchange.storage.safe_parsing import faults_of
 from passerby.perception.model_files import AUTO
+from passerby.perception.overview import look_over
 from passerby.perception.pictures import VideoError
 from passerby.perception.plan import CROPS_PER_S, Plan, keypoints_to_be_had, make_plan
+from passerby.perception.stretches import (
+    MOST_LOOKS,
+    Stretch,
+    cut_into_stretches,
+    find_window,
+    is_divisible,
+    part_of_video,
+    rank_stretches,
+)
 from passerby.perception.video import VideoInfo
-from passerby.perception.video_observations import VideoObservations
+from passerby.perception.video_observations import VideoObservations, join_stretches
 from passerby.perception.watching import CameraJob, Tell, find_kept_results, watch_camera, work_of
 from passerby.scene.camera_input import CameraInput
 from passerby.scene.reading import add_video_results, name_video_error, needs_embeddings, needs_keypoints, needs_video
 from passerby.scene.scene import Scene
 from passerby.scene.tables import WATCHED_FPS
 
+UNRANKED = 4
+"""So few stretches are watched in order of time: to look over the videos would take as long as one of them."""
 KEPT_FOLDER = "perception"
 MADE_AGAIN = "what was kept is of other videos, options or versions, and was made again"
 ENOUGH_PICTURES = 300
@@ -45,68 +57,152 @@ Found = TypeVar("Found")
 
 @dataclass(eq=False)
 class SceneVideoProcessor:
-    """Watches the videos of a scene, and remembers what is to be reported of it."""
+    """Watches the videos of a scene, all of them or stretches, and remembers what is to be reported of it."""
 
     keep: Path | None
     """Folder in which results are kept; None: nothing is kept."""
     executor: Executor | None
     tell: Progress
+    stretches: tuple[Stretch, ...] = ()
+    """Parts of the scene's time to watch, in order of time; none: all of the videos."""
     notes: list[Finding] = field(default_factory=list)
     """What could not be had."""
     figures: dict[str, Any] = field(default_factory=dict)
     """JSON-ready: what was used, and what each camera's video gave."""
     seconds: dict[str, float] = field(default_factory=dict)
     """Time of each stage, summed over the cameras."""
+    _plan: Plan | None = None
+    _found: dict[tuple[str, Stretch | None], VideoObservations | InputError] = field(default_factory=dict)
+    """What was found so far, by camera and stretch."""
+
+    def plan_stretches(self, scene: Scene, readings: Sequence[CameraInput]) -> tuple[Stretch, ...]:
+        """The stretches of a scene's videos, the one that would teach most first; none where videos are watched as a whole.
+
+        So are videos of less than a minute, of unknown length, and where the people are known. Raises `InputError` as a call.
+        """
+        filmed = [reading for reading in readings if needs_video(scene, reading) and reading.awaiting]
+        if not filmed or not all(reading.video is not None and is_divisible(reading.video) for reading in filmed):
+            return ()
+        spans = [_used_span(scene, reading) for reading in filmed]
+        stretches = cut_into_stretches(min(first for first, _ in spans), max(last for _, last in spans))
+        if len(stretches) <= UNRANKED:
+            return stretches if len(stretches) > 1 else ()
+        plan = self._make_plan(scene, readings)
+        with _shelves(self.keep) as shelf:
+            jobs = [_job(scene, reading, plan, shelf) for reading in filmed]
+            looks = self._run_all(look_over, jobs, "looking over the videos", [2 * MOST_LOOKS for _ in jobs])
+        overviews = {}
+        for reading, look in zip(filmed, looks, strict=True):
+            if isinstance(look, InputError):
+                raise look
+            pace = _pace(reading)
+            overviews[reading.name] = replace(look.people, seconds=look.people.seconds / pace)
+        return tuple(stretches[k] for k in rank_stretches(stretches, overviews))
 
     def __call__(self, scene: Scene, readings: Sequence[CameraInput]) -> None:
         """Complete the readings; faults and findings are added to them. Raises `InputError` where a model cannot be used."""
-        plan = plan_of(scene, readings, self.tell)
-        self.notes += plan.notes
+        plan = self._make_plan(scene, readings)
         wanting = [reading for reading in readings if needs_video(scene, reading)]
+        wanted = [(reading, stretch) for reading in wanting for stretch in self._stretches_of(scene, reading)]
+        left = [(reading, stretch) for reading, stretch in wanted if (reading.name, stretch) not in self._found]
         with _shelves(self.keep) as shelf:
-            jobs = [_job(scene, reading, plan, shelf) for reading in wanting]
-            results = self._watch_all(jobs)
-        again = [
-            job.name
-            for job, found in zip(jobs, results, strict=True)
-            if isinstance(found, VideoObservations) and found.made_again
-        ]
+            jobs = [_job(scene, reading, plan, shelf, stretch) for reading, stretch in left]
+            results = self._run_all(watch_camera, jobs, self._stage_name(), [work_of(job) for job in jobs], find_kept_results)
+        again = []
+        for (reading, stretch), result in zip(left, results, strict=True):
+            self._found[reading.name, stretch] = result
+            if isinstance(result, VideoObservations):
+                again += [reading.name] if result.made_again else []
+                for stage, seconds in result.seconds.items():
+                    self.seconds[stage] = self.seconds.get(stage, 0.0) + seconds
         if again and self.keep is not None:
-            tell_warning(self.tell, f"{self.keep / KEPT_FOLDER}: {MADE_AGAIN}: {list_names(again)}")
-        for reading, job, result in zip(wanting, jobs, results, strict=True):
-            if isinstance(result, InputError):
-                reading.faults += faults_of(result)
+            tell_warning(self.tell, f"{self.keep / KEPT_FOLDER}: {MADE_AGAIN}: {list_names(list(dict.fromkeys(again)))}")
+        cameras = {}
+        for reading in wanting:
+            stretches = self._stretches_of(scene, reading)
+            found = [self._found[reading.name, stretch] for stretch in stretches]
+            errors = [one for one in found if isinstance(one, InputError)]
+            if errors:
+                reading.faults += faults_of(errors[0])
                 continue
-            table = scene.cameras[reading.name]
-            used = table.from_s or 0.0, math.inf if table.until_s is None else table.until_s
-            reading.faults += result.faults(reading.name, job.info, *used, stated=table.rotate)
-            reading.findings += result.findings(reading.name, job.info)
-            add_video_results(scene, reading, result.boxes, result.keypoints)
-            for stage, seconds in result.seconds.items():
-                self.seconds[stage] = self.seconds.get(stage, 0.0) + seconds
-        self.figures = plan.figures | {
-            "cameras": {
-                reading.name: {"pictures": result.pictures, "boxes": len(result.boxes), **result.summary}
-                for reading, result in zip(wanting, results, strict=True)
-                if isinstance(result, VideoObservations)
-            }
-        }
+            seen = [one for one in found if isinstance(one, VideoObservations)]
+            result = join_stretches(seen) if len(seen) > 1 else seen[0]
+            self._complete(scene, reading, result, stretches)
+            cameras[reading.name] = {"pictures": result.pictures, "boxes": len(result.boxes), **result.summary}
+        self.figures = plan.figures | {"cameras": cameras}
 
-    def _watch_all(self, jobs: Sequence[CameraJob]) -> list[VideoObservations | InputError]:
+    def _complete(
+        self, scene: Scene, reading: CameraInput, result: VideoObservations, stretches: Sequence[Stretch | None]
+    ) -> None:
+        """Add what was seen in a video to a reading."""
+        assert reading.video is not None
+        table = scene.cameras[reading.name]
+        used = table.from_s or 0.0, math.inf if table.until_s is None else table.until_s
+        reading.faults += result.faults(reading.name, reading.video, *used, stated=table.rotate)
+        reading.findings += result.findings(reading.name, reading.video)
+        watched = [_in_video(stretch, reading) for stretch in stretches if stretch is not None]
+        if watched:
+            ends = [-math.inf, *(end for one in watched for end in (one.begin_s, one.end_s)), math.inf]
+            reading.unwatched = tuple((a, b) for a, b in zip(ends[::2], ends[1::2], strict=True) if b > a)
+        add_video_results(scene, reading, result.boxes, result.keypoints)
+
+    def _make_plan(self, scene: Scene, readings: Sequence[CameraInput]) -> Plan:
+        if self._plan is None:
+            self._plan = plan_of(scene, readings, self.tell)
+            self.notes += self._plan.notes
+        return self._plan
+
+    def _stretches_of(self, scene: Scene, reading: CameraInput) -> list[Stretch | None]:
+        """The stretches of a camera that are watched; None: all of its video."""
+        if not self.stretches or not reading.awaiting:
+            return [None]
+        first, last = _used_span(scene, reading)
+        return [one for one in self.stretches if one.begin_s < last and one.end_s > first] or [self.stretches[0]]
+
+    def _stage_name(self) -> str:
+        seconds = sum(one.seconds for one in self.stretches)
+        return "processing videos" + (f", {seconds:.0f} s" if self.stretches else "")
+
+    def _run_all(
+        self, work: Callable[[CameraJob, Tell], Found], jobs: Sequence[CameraJob], stage: str, totals: Sequence[int],
+        find_kept: Callable[[CameraJob, Tell], Found | None] | None = None,
+    ) -> list[Found | InputError]:  # fmt: skip
         """The results of all jobs, in their order; an error that names one camera's fault stops no other camera."""
-        forward = Forward(self.tell, "processing videos")
-        for job in jobs:
-            forward(job.name, 0, work_of(job))
+        forward = Forward(self.tell, stage)
+        for job, total in zip(jobs, totals, strict=True):
+            forward(job.part, 0, total)
         if self.executor is None:
             results = []
             for job in jobs:
-                results.append(_result(watch_camera, job, partial(forward, job.name)))
-                forward.finish(job.name)
+                results.append(_result(work, job, partial(forward, job.part)))
+                forward.finish(job.part)
             return results
         # What is kept is read here: processes take longer to begin.
-        kept = [_result(find_kept_results, job, partial(forward, job.name)) for job in jobs]
-        made = iter(_watch_apart([job for job, found in zip(jobs, kept, strict=True) if found is None], self.executor, forward))
+        kept = [None if find_kept is None else _result(find_kept, job, partial(forward, job.part)) for job in jobs]
+        rest = [job for job, found in zip(jobs, kept, strict=True) if found is None]
+        made = iter(_work_apart(work, rest, self.executor, forward))
         return [next(made) if found is None else found for found in kept]
+
+
+def _used_span(scene: Scene, reading: CameraInput) -> tuple[float, float]:
+    """The used part of a camera's video, seconds of the scene: frame 1 is at 0."""
+    assert reading.video is not None
+    table, pace = scene.cameras[reading.name], _pace(reading)
+    first = max(reading.video.begin_s / pace, table.from_s or 0.0)
+    last = (reading.video.begin_s + (reading.video.seconds or 0.0)) / pace
+    return first, max(first, min(last, math.inf if table.until_s is None else table.until_s))
+
+
+def _pace(reading: CameraInput) -> float:
+    """Seconds of a video's own clock in a second of the scene, which may state another rate of frames than the file."""
+    assert reading.video is not None
+    return (reading.fps or reading.video.clock_fps) / reading.video.clock_fps
+
+
+def _in_video(stretch: Stretch, reading: CameraInput) -> Stretch:
+    """A stretch of the scene's time by the video's own clock."""
+    pace = _pace(reading)
+    return Stretch(stretch.begin_s * pace, stretch.end_s * pace)
 
 
 def plan_of(scene: Scene, readings: Sequence[CameraInput], tell: Progress) -> Plan:
@@ -160,18 +256,31 @@ def picture_rate(scene: Scene, reading: CameraInput, info: VideoInfo) -> float:
     return info.average_fps / max(1, round(round(info.average_fps * pace / wanted, 6)))
 
 
-def _job(scene: Scene, reading: CameraInput, plan: Plan, shelf: Path) -> CameraJob:
+def _job(scene: Scene, reading: CameraInput, plan: Plan, shelf: Path, stretch: Stretch | None = None) -> CameraJob:
     assert reading.video is not None
     appearance = needs_embeddings(scene, reading)
     joints = plan.keypoints if needs_keypoints(scene, reading) else None
-    return CameraJob(
+    own = shelf / reading.name
+    job = CameraJob(
         name=reading.name,
         info=reading.video,
         rate=picture_rate(scene, reading, reading.video),
         plan=replace(plan, embedder=plan.embedder if appearance else None, keypoints=joints),
-        shelf=shelf / reading.name,
+        shelf=own,
         rotate=reading.rotate,
         boxes=None if reading.awaiting else reading.boxes,
+    )
+    if stretch is None:
+        return job
+    part = _in_video(stretch, reading)
+    whole = Stretch(reading.video.begin_s, reading.video.begin_s + (reading.video.seconds or 0.0))
+    return replace(
+        job,
+        info=part_of_video(reading.video, part),
+        shelf=own / f"{stretch.begin_s:09.3f}",
+        surroundings=part_of_video(reading.video, find_window(whole, part)),
+        common_shelf=own,
+        part=f"{reading.name} from {stretch.begin_s:.0f} s",
     )
 
 
@@ -185,29 +294,31 @@ def _shelves(keep: Path | None) -> Iterator[Path]:
         yield Path(folder)
 
 
-def _watch_apart(jobs: Sequence[CameraJob], executor: Executor, forward: Forward) -> list[VideoObservations | InputError]:
+def _work_apart(
+    work: Callable[[CameraJob, Tell], Found], jobs: Sequence[CameraJob], executor: Executor, forward: Forward
+) -> list[Found | InputError]:
     """The results of all jobs in their order, each made in a process of its own.
 
     Each process writes how far it is to a file that belongs to this run alone: nothing of an earlier run is taken for it, and
     it stays until all are done.
     """
     # Other machines see the folder of kept results only.
-    shared = jobs[0].shelf.parent if jobs and hasattr(executor, "least_s") else None
+    shared = (jobs[0].common_shelf or jobs[0].shelf).parent if jobs and hasattr(executor, "least_s") else None
     if shared is not None:
         shared.mkdir(parents=True, exist_ok=True)
     # Processes of a run that is interrupted may write for a moment longer.
     with tempfile.TemporaryDirectory(prefix="passerby-", dir=shared, ignore_cleanup_errors=True) as folder:
         counts = [_Counts(Path(folder) / str(number)) for number in range(len(jobs))]
         with interrupted_later():
-            futures = [executor.submit(partial(_result, watch_camera), job, own) for job, own in zip(jobs, counts, strict=True)]
-        waiting: set[Future[VideoObservations | InputError]] = set(futures)
+            futures = [executor.submit(partial(_result, work), job, own) for job, own in zip(jobs, counts, strict=True)]
+        waiting: set[Future[Found | InputError]] = set(futures)
         while waiting:
             _, waiting = wait(waiting, timeout=TOLD_EVERY_S, return_when=FIRST_COMPLETED)
             for job, own, future in zip(jobs, counts, futures, strict=True):
                 if future.done() and not future.cancelled() and future.exception() is None:
-                    forward.finish(job.name)
+                    forward.finish(job.part)
                 elif (read := own.read()) is not None:
-                    forward(job.name, *read)
+                    forward(job.part, *read)
         return [future.result() for future in futures]
 
 

@@ -237,6 +237,20 @@ def _gaps(v: Fields) -> str:
     )
 
 
+def _used_in_part(v: Fields) -> str:
+    """How much of the videos was used, and what the rest would bring."""
+    why = "when it was interrupted, " if v["stopped"] else ""
+    text = f"{why}{v['used_s']:.0f} s of {v['recorded_s']:.0f} s of the videos were used"
+    gains = [
+        f"{what} from {100 * now:.1f} to about {100 * then:.1f} cm"
+        for what, now, then in (
+            ("points", v["now_points_m"], v["points_m"]), ("positions on the ground", v["now_ground_m"], v["ground_m"]),
+        )
+        if now is not None and then is not None
+    ]  # fmt: skip
+    return text + (f"; the rest would reduce the uncertainty of {' and of '.join(gains)}" if gains else "")
+
+
 def _broken(v: Fields) -> str:
     parts = [f"{v['failed']} could not be decoded"] if v["failed"] else []
     parts += [f"{v['cut']} end before the length that they state"] if v["cut"] else []
@@ -275,6 +289,10 @@ VIDEOS: Mapping[str, Kind] = {
     ),
     "pieces_broken": Kind(
         NOTICE, "Some files of a recording in pieces turned out to be damaged while they were decoded.", _broken,
+    ),
+    "videos_used_in_part": Kind(
+        NOTICE, "The rig measures as well as was asked for from a part of the videos; the rest was not watched.", _used_in_part,
+        "`--all` uses all of the videos, `--target 2cm` as much as it takes to measure that well",
     ),
     "pieces_differ": Kind(
         NOTICE, "Some files of a recording have another image size or frame rate than most; they are left out.",

@@ -1,0 +1,86 @@
+"""A quick look at one camera's recording: the people in key frames all over it, and whether the camera stands."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from passerby.common.errors import EvidenceError
+from passerby.perception.background import BackgroundDetector, Sampling, learn_background
+from passerby.perception.kept import StageCache, cache_lock
+from passerby.perception.opening import background_identity, open_detector
+from passerby.perception.pictures import Detector, Frame
+from passerby.perception.steadiness import SteadinessWatcher
+from passerby.perception.stretches import MOST_LOOKS, Overview, Stretch, key_frames, spread_evenly
+from passerby.perception.watching import CameraJob, Tell, identify_video
+
+VERSION = 1
+"""Of what a quick look finds."""
+
+
+@dataclass(frozen=True, eq=False)
+class CameraOverview:
+    """What a quick look found in one camera's recording."""
+
+    people: Overview
+    """By the video's own seconds."""
+    moves: list[dict[str, Any]]
+    """When the camera left its place, as `VideoObservations.summary` has it."""
+
+
+def look_over(job: CameraJob, tell: Tell) -> CameraOverview:
+    """Look at key frames all over a camera's video; what was kept of an earlier run is used again.
+
+    Raises `InputError` where the video cannot be read or the shelf cannot be written.
+    """
+    info = job.info
+    times = spread_evenly(Stretch(info.begin_s, info.begin_s + (info.seconds or 0.0)), MOST_LOOKS)
+    detector = None if job.plan.detector is None else open_detector(job.plan.detector, job.plan)
+    finds = background_identity() if detector is None else dict(detector.identity)
+    looks = {"overview": VERSION, "looks": len(times), "detector": finds}
+    with cache_lock(job.shelf):
+        kept = StageCache.of(job.shelf, "overview", identify_video(job, info) | looks)
+        arrays, summary = kept.load(0), kept.summary()
+        if arrays is None or summary is None:
+            watcher = SteadinessWatcher(info.size)
+            detector = detector or _learn_detector(job, times.tolist(), lambda done: tell(done, 2 * len(times)))
+            rows = list(_look(key_frames(info, times), detector, watcher, lambda done: tell(len(times) + done, 2 * len(times))))
+            arrays = {
+                "seconds": np.array([second for second, _ in rows], dtype=np.float64),
+                "count": np.array([len(feet) for _, feet in rows], dtype=np.int64),
+                "feet": np.concatenate([feet for _, feet in rows] or [np.zeros((0, 2))]),
+            }
+            summary = {"moves": [asdict(move) for move in watcher.result().moves]}
+            kept.save(0, arrays)
+            kept.finish(summary)
+    return CameraOverview(Overview(arrays["seconds"], arrays["count"], arrays["feet"]), summary["moves"])
+
+
+def _learn_detector(job: CameraJob, times: list[float], tell: Callable[[int], None]) -> Detector | None:
+    """Background subtraction by the key frames themselves; None where they are too few."""
+    seconds = job.info.seconds or 0.0
+    sampling = Sampling(0.5 * seconds / len(times), 2.0 * seconds)
+    try:
+        return BackgroundDetector(learn_background(_counted(key_frames(job.info, times), tell), sampling))
+    except EvidenceError:
+        return None
+
+
+def _counted(frames: Iterable[Frame], tell: Callable[[int], None]) -> Iterator[Frame]:
+    for number, frame in enumerate(frames, start=1):
+        yield frame
+        tell(number)
+
+
+def _look(
+    frames: Iterable[Frame], detector: Detector | None, watcher: SteadinessWatcher, tell: Callable[[int], None]
+) -> Iterator[tuple[float, np.ndarray]]:
+    """The time of each frame, and where people stand in it, in parts of the image's width and height."""
+    for frame in _counted(frames, tell):
+        watcher.look(frame)
+        ltwh = np.zeros((0, 4)) if detector is None else detector(frame).ltwh
+        height, width = frame.picture.shape[:2]
+        yield frame.seconds, (ltwh[:, :2] + ltwh[:, 2:] * (0.5, 1.0)) / (width, height)

@@ -1,0 +1,171 @@
+"""Stretches of a recording, and which of them would teach most: a rig needs some hundred well-spread people, not every frame.
+
+A quick look decodes key frames all over the recordings and finds the people in them. A stretch is worth what its people would
+add: people whom two cameras see at the same time, at places where few were seen so far.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from av.error import FFmpegError
+from av.video.reformatter import VideoReformatter
+
+from passerby.common.arrays import Floats, Ints
+from passerby.perception.pictures import Frame
+from passerby.perception.video import convert_upright
+from passerby.perception.video_probe import Piece, VideoInfo, open_video
+
+STRETCH_S = 30.0
+"""About how long a stretch is."""
+MOST_LOOKS = 60
+"""Key frames of a quick look, evenly spread: its time does not depend on the length of the recording."""
+WINDOW_S = 300.0
+"""About how long an empty scene holds."""
+CELLS = 8, 6
+"""Columns and rows of a camera's image in which people's feet are counted."""
+INSIDE_S = 1e-6
+"""A frame at the border of two stretches belongs to the later one."""
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """A part of a recording: seconds of its own clock, the end excluded."""
+
+    begin_s: float
+    end_s: float
+
+    @property
+    def seconds(self) -> float:
+        """How long it is."""
+        return self.end_s - self.begin_s
+
+
+def cut_into_stretches(begin_s: float, end_s: float) -> tuple[Stretch, ...]:
+    """Stretches of equal length, about `STRETCH_S`, from `begin_s` to `end_s`."""
+    count = max(1, round((end_s - begin_s) / STRETCH_S))
+    edges = np.linspace(begin_s, end_s, count + 1).tolist()
+    return tuple(Stretch(*ends) for ends in pairwise(edges))
+
+
+def is_divisible(info: VideoInfo) -> bool:
+    """Whether parts of a video can be read by themselves: its length is known, and its times are those that it states."""
+    timed = any(piece.info is not None and piece.info.frame_times for piece in info.pieces) or bool(info.frame_times)
+    return info.seconds is not None and info.seconds > 0 and not timed
+
+
+def part_of_video(info: VideoInfo, stretch: Stretch) -> VideoInfo:
+    """A stretch of a video by itself, as a recording in pieces of which no more is used; frames keep their numbers."""
+    pieces = info.pieces or (Piece(info.path, 0.0, info, info.seconds or math.inf),)
+    first, last = max(info.used[0], stretch.begin_s), min(info.used[1], stretch.end_s - INSIDE_S)
+    inside = tuple(piece for piece in pieces if piece.begin_s <= last and piece.begin_s + piece.seconds > first)
+    share = max(0.0, last - first) / (info.seconds or math.inf)
+    frames = None if info.frames is None else math.ceil(info.frames * min(1.0, share))
+    return replace(info, pieces=inside, used=(first, last), seconds=max(0.0, last - first), frames=frames)
+
+
+def find_window(whole: Stretch, part: Stretch) -> Stretch:
+    """The part of a recording that the empty scene of a stretch is learnt from: light changes in minutes."""
+    count = max(1, round(whole.seconds / WINDOW_S))
+    length = whole.seconds / count
+    number = min(count - 1, max(0, int((0.5 * (part.begin_s + part.end_s) - whole.begin_s) / length)))
+    return Stretch(whole.begin_s + number * length, whole.begin_s + (number + 1) * length)
+
+
+def spread_evenly(stretch: Stretch, count: int) -> Floats:
+    """(count,) times, the middles of so many equal parts of a stretch."""
+    return np.asarray(stretch.begin_s + stretch.seconds * (np.arange(count) + 0.5) / count)
+
+
+def key_frames(info: VideoInfo, seconds: Iterable[float]) -> Iterator[Frame]:
+    """The key frames at or before some times, ascending, each once; no other frame is decoded.
+
+    A file that cannot be sought in gives none.
+    """
+    pieces = info.pieces or (Piece(info.path, 0.0, info, info.seconds or math.inf),)
+    wanted = np.sort(np.asarray(list(seconds), dtype=np.float64))
+    last = 0
+    for piece in pieces:
+        own = wanted[(wanted >= piece.begin_s) & (wanted < piece.begin_s + piece.seconds)] - piece.begin_s
+        if piece.info is None or not len(own):
+            continue
+        for frame in _key_frames_of_file(piece.info, own):
+            number = frame.number + round(piece.begin_s * info.clock_fps)
+            if number > last:
+                last = number
+                yield Frame(number, piece.begin_s + frame.seconds, frame.picture)
+
+
+def _key_frames_of_file(info: VideoInfo, seconds: Floats) -> Iterator[Frame]:
+    """Of one file, by its own seconds."""
+    reformatter = VideoReformatter()
+    with open_video(info.path) as (container, stream):
+        stream.codec_context.thread_count = 1
+        stream.codec_context.skip_frame = "NONKEY"
+        base, before = stream.time_base, -math.inf
+        if base is None:
+            return
+        origin = float((stream.start_time or 0) * base)
+        for second in seconds.tolist():
+            try:
+                container.seek(round((origin + second) / base), stream=stream, backward=True)
+                frame = next(container.decode(stream), None)
+            except (FFmpegError, OverflowError):
+                continue
+            if frame is None or frame.pts is None:
+                continue
+            shown = float(frame.pts * base) - origin
+            if shown <= before:
+                continue
+            before = shown
+            picture = convert_upright(reformatter, frame, info.rotation)
+            yield Frame(round(shown * info.clock_fps) + 1, shown, picture)
+
+
+@dataclass(frozen=True, eq=False)
+class Overview:
+    """The people whom a quick look found in one camera's recording."""
+
+    seconds: Floats
+    """(L,) times of the looks, by the scene's clock."""
+    count: Ints
+    """(L,) people in each."""
+    feet: Floats
+    """(N, 2) where they stand, in parts of the image's width and height, look after look."""
+
+
+def rank_stretches(stretches: Sequence[Stretch], overviews: Mapping[str, Overview]) -> list[int]:
+    """The stretches' numbers, the one that would teach most first; those without a look come last, in order of time.
+
+    Greedy: the value of a stretch is how much it raises the sum over cameras and cells of the image of ln(1 + n), where n are
+    the people seen there in the stretches before it. People count whom at least one other camera may see: as many as the
+    second largest number of people in any camera's looks of that stretch.
+
+    Args:
+        stretches: parts of the scene's time.
+        overviews: by camera.
+    """
+    begins = np.array([one.begin_s for one in stretches])
+    seen = np.zeros((len(stretches), len(overviews), CELLS[0] * CELLS[1]))
+    looks = np.zeros((len(stretches), len(overviews)))
+    for c, one in enumerate(overviews.values()):
+        of = np.clip(np.searchsorted(begins, one.seconds, side="right") - 1, 0, len(stretches) - 1)
+        np.add.at(looks[:, c], of, 1.0)
+        column, row = (np.clip((one.feet[:, k] * CELLS[k]).astype(np.int64), 0, CELLS[k] - 1) for k in (0, 1))
+        np.add.at(seen[:, c], (np.repeat(of, one.count), row * CELLS[0] + column), 1.0)
+    seen /= np.maximum(looks, 1.0)[:, :, None]
+    people = seen.sum(axis=2)
+    shared = np.sort(people, axis=1)[:, -2] if people.shape[1] > 1 else people[:, 0]
+    seen *= np.minimum(1.0, shared[:, None] / np.maximum(people, 1e-9))[:, :, None]
+    left, chosen, so_far = list(range(len(stretches))), list[int](), np.zeros(seen.shape[1:])
+    while left:
+        gains = [float(np.log1p(seen[k] / (1.0 + so_far)).sum()) for k in left]
+        best = left[int(np.argmax(np.round(gains, 9)))]
+        left.remove(best)
+        chosen.append(best)
+        so_far += seen[best]
+    return chosen

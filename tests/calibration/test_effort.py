@@ -1,0 +1,63 @@
+"""How much of the videos is watched."""
+
+import pytest
+
+from passerby.calibration.effort import Effort, Step, foresee, is_enough, note_of_effort, sizes
+from passerby.findings.texts import text_of
+
+
+def step(used_s, points_m=0.03, ground_m=0.2, verdict="accepted", ended_s=10.0):
+    return Step(used_s, ended_s, verdict, points_m, ground_m)
+
+
+def test_each_step_is_twice_as_long_to_the_end():
+    assert list(sizes(0, Effort())) == [0]
+    assert list(sizes(1, Effort())) == [1]
+    assert list(sizes(11, Effort())) == [1, 2, 4, 8, 11]
+    assert list(sizes(11, Effort(everything=True))) == [1, 11]
+
+
+@pytest.mark.parametrize(
+    ("steps", "enough"),
+    [
+        ([step(30, 0.01, 0.01)], False),
+        ([step(30, 0.04), step(60, 0.03, 0.2)], True),
+        ([step(30, 0.10, 0.04), step(60, 0.07, 0.03)], False),
+        ([step(30, 0.10, 0.04), step(60, 0.095, 0.03)], True),
+        ([step(30, 0.04, verdict="doubtful"), step(60, 0.03)], False),
+        ([step(30, 0.04, verdict="doubtful"), step(60, 0.03, verdict="doubtful")], False),
+        ([step(30, 0.04, verdict="doubtful"), step(60, 0.039, verdict="doubtful")], True),
+        ([step(30, None, None, "refused"), step(60, None, None, "refused")], False),
+    ],
+    ids=[
+        "not confirmed",
+        "target",
+        "still better",
+        "barely better",
+        "verdict changes",
+        "doubt, better",
+        "doubt, settled",
+        "none",
+    ],
+)
+def test_it_ends_where_the_target_is_reached_or_more_would_barely_help(steps, enough):
+    assert is_enough(steps, Effort()) is enough
+    assert not is_enough(steps, Effort(everything=True))
+
+
+def test_no_step_is_begun_that_would_take_longer_than_there_is():
+    steps = [step(30, None, None, "refused", ended_s=20.0)]
+    assert not is_enough(steps, Effort(budget_s=60.0))
+    assert is_enough(steps, Effort(budget_s=59.0))
+
+
+def test_what_more_would_bring_is_foreseen():
+    # A constant of 3 cm, and 4 cm after a minute that fall with the time.
+    steps = [step(60, 0.05, None), step(240, (0.03**2 + 0.02**2) ** 0.5, None)]
+    points, ground = foresee(steps, 960.0)
+    assert points == pytest.approx((0.03**2 + 0.01**2) ** 0.5)
+    assert ground is None
+    note = note_of_effort(steps, 960.0)
+    assert "240 s of 960 s of the videos were used" in text_of(note)
+    assert "points from 3.6 to about 3.2 cm" in text_of(note)
+    assert note_of_effort(steps, 240.0) is None
