@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from passerby.common.errors import EvidenceError
-from passerby.perception.background import BackgroundDetector, Sampling, learn_background
+from passerby.perception.background import BackgroundDetector, BackgroundOptions, Sampling, learn_background
 from passerby.perception.kept import StageCache, cache_lock
 from passerby.perception.opening import background_identity, open_detector
 from passerby.perception.pictures import Detector, Frame
@@ -19,6 +19,8 @@ from passerby.perception.watching import CameraJob, Tell, identify_video
 
 VERSION = 1
 """Of what a quick look finds."""
+WINDOW = 8
+"""Looks that share an empty scene: the light changes over a day, and fewer frames cannot outvote passers-by."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,10 +63,11 @@ def look_over(job: CameraJob, tell: Tell) -> CameraOverview:
 
 def _learn_detector(job: CameraJob, times: list[float], tell: Callable[[int], None]) -> Detector | None:
     """Background subtraction by the key frames themselves; None where they are too few."""
-    seconds = job.info.seconds or 0.0
-    sampling = Sampling(0.5 * seconds / len(times), 2.0 * seconds)
+    step_s = (job.info.seconds or 0.0) / len(times)
+    options = BackgroundOptions(window_s=WINDOW * step_s, windows=len(times))
     try:
-        return BackgroundDetector(learn_background(_counted(key_frames(job.info, times), tell), sampling))
+        frames = _counted(key_frames(job.info, times), tell)
+        return BackgroundDetector(learn_background(frames, Sampling(step_s / 2, WINDOW * step_s), options))
     except EvidenceError:
         return None
 

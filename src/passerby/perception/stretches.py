@@ -12,13 +12,11 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from av.error import FFmpegError
-from av.video.reformatter import VideoReformatter
 
 from passerby.common.arrays import Floats, Ints
 from passerby.perception.pictures import Frame
-from passerby.perception.video import convert_upright
-from passerby.perception.video_probe import Piece, VideoInfo, open_video
+from passerby.perception.video_probe import Piece, VideoInfo
+from passerby.perception.video_still import key_picture
 
 STRETCH_S = 30.0
 """About how long a stretch is."""
@@ -82,10 +80,7 @@ def spread_evenly(stretch: Stretch, count: int) -> Floats:
 
 
 def key_frames(info: VideoInfo, seconds: Iterable[float]) -> Iterator[Frame]:
-    """The key frames at or before some times, ascending, each once; no other frame is decoded.
-
-    A file that cannot be sought in gives none.
-    """
+    """The key frames at or before some times, ascending, each once; no other frame is decoded."""
     pieces = info.pieces or (Piece(info.path, 0.0, info, info.seconds or math.inf),)
     wanted = np.sort(np.asarray(list(seconds), dtype=np.float64))
     last = 0
@@ -93,37 +88,15 @@ def key_frames(info: VideoInfo, seconds: Iterable[float]) -> Iterator[Frame]:
         own = wanted[(wanted >= piece.begin_s) & (wanted < piece.begin_s + piece.seconds)] - piece.begin_s
         if piece.info is None or not len(own):
             continue
-        for frame in _key_frames_of_file(piece.info, own):
-            number = frame.number + round(piece.begin_s * info.clock_fps)
+        for second in own.tolist():
+            found = key_picture(piece.path, second, piece.info.rotation)
+            if found is None:
+                continue
+            shown_s = piece.begin_s + found[0]
+            number = round(shown_s * info.clock_fps) + 1
             if number > last:
                 last = number
-                yield Frame(number, piece.begin_s + frame.seconds, frame.picture)
-
-
-def _key_frames_of_file(info: VideoInfo, seconds: Floats) -> Iterator[Frame]:
-    """Of one file, by its own seconds."""
-    reformatter = VideoReformatter()
-    with open_video(info.path) as (container, stream):
-        stream.codec_context.thread_count = 1
-        stream.codec_context.skip_frame = "NONKEY"
-        base, before = stream.time_base, -math.inf
-        if base is None:
-            return
-        origin = float((stream.start_time or 0) * base)
-        for second in seconds.tolist():
-            try:
-                container.seek(round((origin + second) / base), stream=stream, backward=True)
-                frame = next(container.decode(stream), None)
-            except (FFmpegError, OverflowError):
-                continue
-            if frame is None or frame.pts is None:
-                continue
-            shown = float(frame.pts * base) - origin
-            if shown <= before:
-                continue
-            before = shown
-            picture = convert_upright(reformatter, frame, info.rotation)
-            yield Frame(round(shown * info.clock_fps) + 1, shown, picture)
+                yield Frame(number, shown_s, found[1])
 
 
 @dataclass(frozen=True, eq=False)

@@ -53,12 +53,13 @@ def still(info: VideoInfo, number: Ints, worth: Floats, most_pixels: float = MOS
     return _find_from_start(info, number, worth, most)
 
 
-def key_picture(path: Path, second: float) -> tuple[float, Picture] | None:
+def key_picture(path: Path, second: float, rotation: int | None = None) -> tuple[float, Picture] | None:
     """The key frame before a second of a video file, or its first one; nothing else of the file is decoded.
 
     Args:
         path: the file.
         second: from its beginning; behind the end it is the last key frame.
+        rotation: degrees counter-clockwise by which it is turned; None: as the file states.
 
     Returns:
         Its own second, and (H, W, 3) BGR, upright. None where nothing can be decoded there.
@@ -78,8 +79,8 @@ def key_picture(path: Path, second: float) -> tuple[float, Picture] | None:
         frame = next(_decode_frames(container, stream), None)
         if frame is None:
             return None
-        rotation = frame.rotation % 360 if frame.rotation % 90 == 0 else 0
-        picture = _convert_frame(frame, rotation)
+        stated = frame.rotation % 360 if frame.rotation % 90 == 0 else 0
+        picture = _convert_frame(frame, stated if rotation is None else rotation)
         return None if picture is None else ((_time(frame) or begin) - begin, picture)
 
 

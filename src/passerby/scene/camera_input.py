@@ -59,8 +59,8 @@ class CameraInput:
     video: VideoInfo | None = None
     awaiting: bool = False
     """Whether people are still to be found in the video."""
-    unwatched: tuple[tuple[float, float], ...] = ()
-    """Parts of the video in which nobody was looked for, seconds from frame 1 by its own clock."""
+    unprocessed: tuple[tuple[float, float], ...] = ()
+    """Parts of the video that were not processed, seconds from frame 1 by its own clock."""
     faults: list[str] = field(default_factory=list)
     findings: list[Finding] = field(default_factory=list)
     """What is odd about these files, but stops nothing."""

@@ -161,7 +161,7 @@ def _gaps(readings: Sequence[CameraInput]) -> dict[str, tuple[tuple[float, float
     found = {
         reading.name: tuple(
             (first * reading.video.clock_fps + 1, last * reading.video.clock_fps + 1)
-            for first, last in sorted((*gaps_of(reading.video), *reading.unwatched))
+            for first, last in sorted((*gaps_of(reading.video), *reading.unprocessed))
         )
         for reading in readings
         if reading.video is not None

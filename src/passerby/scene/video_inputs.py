@@ -143,7 +143,7 @@ class SceneVideoProcessor:
         watched = [_in_video(stretch, reading) for stretch in stretches if stretch is not None]
         if watched:
             ends = [-math.inf, *(end for one in watched for end in (one.begin_s, one.end_s)), math.inf]
-            reading.unwatched = tuple((a, b) for a, b in zip(ends[::2], ends[1::2], strict=True) if b > a)
+            reading.unprocessed = tuple((a, b) for a, b in zip(ends[::2], ends[1::2], strict=True) if b > a)
         add_video_results(scene, reading, result.boxes, result.keypoints)
 
     def _make_plan(self, scene: Scene, readings: Sequence[CameraInput]) -> Plan:

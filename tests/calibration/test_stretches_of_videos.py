@@ -1,0 +1,101 @@
+"""Calibrations from a part of the videos: the stretches that teach most come first."""
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+
+import passerby
+from passerby.calibration import calibrate as module
+from passerby.calibration.calibrate import CalibrationInterrupted
+from passerby.calibration.effort import Effort
+from passerby.evaluation.metrics import compare
+from support.scenes.puppet_videos import film, puppets, scene_file
+
+pytestmark = pytest.mark.system
+
+
+@pytest.fixture(scope="module")
+def made():
+    """Three cameras, a hundred seconds, three pictures a second."""
+    return puppets(100.0, 3.0, 3, 6)
+
+
+@pytest.fixture(scope="module")
+def scene(made, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("stretches")
+    film(made, folder, key_every=15)
+    return scene_file(folder, {name: f"{name}.mp4" for name in made.rig.names}, perception=PERCEPTION)
+
+
+PERCEPTION = 'detector = "background"\nembedder = "none"\nkeypoints = "none"\nfps = 3'
+
+
+def poses(found):
+    return [(camera.name, camera.pose.t_cw.tolist(), camera.pose.R_cw.tolist()) for camera in found.rig]
+
+
+def used_s(found):
+    return [one.values["used_s"] for one in found.notices if one.code == "videos_used_in_part"]
+
+
+@pytest.fixture(scope="module")
+def from_part(scene, tmp_path_factory):
+    """The calibration from a part, the rigs before it, and its folder."""
+    shown, out = [], tmp_path_factory.mktemp("part") / "out"
+    found = passerby.calibrate(scene, keep=out, show=shown.append)
+    return found, shown, out
+
+
+def test_a_part_is_enough(from_part, made):
+    found, shown, _ = from_part
+    assert found.verdict == "accepted", found.reasons
+    assert [used_s(one) for one in shown] == [[pytest.approx(33.3, abs=0.1)]], "the first rig"
+    assert used_s(found) == [pytest.approx(66.7, abs=0.1)]
+    assert compare(found.rig, made.rig).similarity.mean_position_mm < 80
+    frames = np.concatenate([boxes.frame for boxes in found.tracks.values()])
+    assert frames.max() <= 200, "two thirds of 300"
+
+
+def test_what_was_not_watched_is_a_gap_and_no_missed_person(from_part):
+    found, _, _ = from_part
+    assert not [one for one in found.doubts if "predict" in one.code or "missed" in one.code]
+
+
+def test_all_of_it_is_used_where_that_is_asked_for_and_goes_on_from_the_part(from_part, scene, made, tmp_path):
+    _, _, out = from_part
+    kept = tmp_path / "out"
+    shutil.copytree(out, kept)
+    before = {path.relative_to(kept) for path in kept.rglob("*.npz")}
+    everything = passerby.calibrate(scene, keep=kept, effort=Effort(everything=True))
+    assert not used_s(everything)
+    assert before < {path.relative_to(kept) for path in kept.rglob("*.npz")}
+    anew = passerby.calibrate(scene, effort=Effort(everything=True))
+    assert poses(everything) == poses(anew)
+    assert compare(everything.rig, made.rig).similarity.mean_position_mm < 60
+
+
+def test_the_same_is_made_of_what_is_kept(from_part, scene):
+    found, _, out = from_part
+    again = passerby.calibrate(scene, keep=out)
+    assert used_s(again) == used_s(found)
+    assert poses(again) == poses(found)
+
+
+def test_interrupted_after_the_first_rig_that_rig_is_there(from_part, scene, monkeypatch, tmp_path):
+    _, shown, out = from_part
+    estimates, real = [], module.calibrate_inputs
+
+    def second_is_interrupted(*given, **named):
+        estimates.append(given)
+        if len(estimates) > 1:
+            raise KeyboardInterrupt
+        return real(*given, **named)
+
+    monkeypatch.setattr(module, "calibrate_inputs", second_is_interrupted)
+    with pytest.raises(CalibrationInterrupted) as stopped:
+        passerby.calibrate(scene, keep=out)
+    assert used_s(stopped.value.calibration) == used_s(shown[0])
+    stopped.value.calibration.write(tmp_path / "written", report=False)
+    assert json.loads((tmp_path / "written" / "calibration.json").read_text())["verdict"] == shown[0].verdict
