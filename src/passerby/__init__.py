@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from passerby.calibration.alignment.world import Aligned
     from passerby.calibration.calibrate import calibrate
     from passerby.calibration.calibration import Calibration
+    from passerby.calibration.effort import Effort
     from passerby.calibration.in_memory import calibrate_observations
     from passerby.common.errors import EvidenceError, InputError, PasserbyError
     from passerby.core.cameras import Camera, Lens, Pose, PoseSigma, Rig
@@ -42,6 +43,7 @@ __all__ = [
     "Calibration",
     "Camera",
     "Comparison",
+    "Effort",
     "EvidenceError",
     "Finding",
     "GroundPoints",
@@ -82,6 +84,7 @@ _HOMES = {
     "Calibration": "calibration.calibrate",
     "Camera": "core.cameras",
     "Comparison": "evaluation.metrics",
+    "Effort": "calibration.effort",
     "EvidenceError": "common.errors",
     "Finding": "findings.finding",
     "GroundPoints": "core.ground_points",
