@@ -9,7 +9,7 @@ import pytest
 from passerby.association.result import Association
 from passerby.calibration.calibration import Calibration
 from passerby.cli.tables import show_calibration
-from passerby.cli.terminal import _Events, _Log, stages
+from passerby.cli.terminal import StageTimes, _Events, _Log, stages
 from passerby.common.progress import ProgressForm, tell_failure, tell_note, tell_warning
 from passerby.core.association_figures import AssociationFigures, TiedPair
 from passerby.core.cameras import Lens, Pose, PoseSigma, Rig
@@ -261,3 +261,25 @@ def test_only_a_stage_that_is_done_ends(capsys):
 
 def test_a_listener_without_notes_is_told_none():
     tell_note(lambda stage, done=0, total=0, *, part="": None, "nothing happens")
+
+
+def test_the_wall_time_is_the_sum_of_the_stages(capsys):
+    now, heard = [10.0], []
+
+    class Listener:
+        def __call__(self, stage, done=0, total=0, *, part=""):
+            heard.append((stage, done, total, part))
+
+        def note(self, text):
+            heard.append(text)
+
+    tell = StageTimes(Listener(), 7.0, lambda: now[0])
+    for at, stage in ((10.0, "reading"), (12.0, "solving"), (13.0, "solving"), (16.0, "reading"), (17.5, "writing")):
+        now[0] = at
+        tell(stage, 1, 2, part="C1")
+    tell.note("odd")
+    assert heard == [*((stage, 1, 2, "C1") for stage in ("reading", "solving", "solving", "reading", "writing")), "odd"]
+    now[0] = 20.0
+    tell.show()
+    shown = {row[0]: row[1] for row in lines(capsys)[2:]}
+    assert shown == {"start": "3.0", "reading": "3.5", "solving": "4.0", "writing": "2.5", "total": "13.0"}

@@ -9,6 +9,7 @@ import errno
 import os
 import sys
 import threading
+import time
 import traceback
 from collections.abc import Sequence
 from concurrent.futures import Executor
@@ -34,6 +35,8 @@ from passerby.common.progress import ProgressForm
 from passerby.common.text import remove_credentials
 
 INTERRUPTED = 130
+BEGAN = time.perf_counter()
+"""When this module was imported: the beginning of the wall time."""
 BUG = 1
 UNREAD = 141
 """Standard output is not read any more; as of a program that SIGPIPE ends."""
@@ -201,7 +204,7 @@ def calibrate(
     from passerby.cli.commands.record import record_if_needed
     from passerby.cli.quantities import parse_length, parse_seconds
     from passerby.cli.tables import describe_rig_so_far, show_calibration, tell_reasons
-    from passerby.cli.terminal import stages
+    from passerby.cli.terminal import StageTimes, stages
     from passerby.common.cluster import cluster_workers
     from passerby.common.parallel import open_local_processes
     from passerby.common.progress import tell_warning
@@ -220,7 +223,8 @@ def calibrate(
         else cluster_workers(scheduler, out, loaded.shared_paths)
     )
     interrupted = False
-    with stages(verbose, progress) as tell, folder_lock(out, WORK):
+    with stages(verbose, progress) as shown, folder_lock(out, WORK):
+        tell = StageTimes(shown, BEGAN)
         try:
             with processes as executor:
                 calibration = run_calibration(
@@ -242,6 +246,8 @@ def calibrate(
         )
     else:
         show_calibration(calibration, verbose)
+        if verbose:
+            tell.show()
         print(f"written to {out}" + (f"; report: {out / REPORT_FILE}" if report else ""))
     tell_reasons(calibration)
     raise typer.Exit(INTERRUPTED if interrupted else calibration.exit_status)

@@ -19,7 +19,6 @@ from passerby.evaluation.metrics import Comparison, Stated
 from passerby.evaluation.on_people import PeopleComparison
 from passerby.findings.ranking import describe_first_reasons
 from passerby.findings.texts import text_of
-from passerby.interchange.storage.text_formats import to_json
 from passerby.report.recommendations import good_for
 from passerby.scene.check import CameraCheck, SceneCheck
 from passerby.solver.cues import cue_in_words
@@ -59,8 +58,6 @@ def show_calibration(calibration: Calibration, verbose: bool) -> None:
                 print(f"{name}: {' '.join(text_of(why).split())}")
         for reason in calibration.reasons:
             print(f"{calibration.verdict}: {' '.join(reason.split())}")
-        print("seconds: " + ", ".join(f"{stage} {seconds:.2f}" for stage, seconds in calibration.seconds.items()))
-        print(to_json(calibration.figures), end="")
     for one in calibration.groups:
         show_calibration(one, verbose)
 

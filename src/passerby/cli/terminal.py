@@ -89,6 +89,38 @@ def is_interactive() -> bool:
     return sys.stdout.isatty() and sys.stderr.isatty()
 
 
+class StageTimes:
+    """Passes everything on to another listener, and adds up the wall time of each stage."""
+
+    def __init__(self, tell: Told, began: float, clock: Callable[[], float] = time.perf_counter) -> None:
+        self._tell, self._clock = tell, clock
+        self._stage, self._since = "start", began
+        self.seconds: dict[str, float] = {}
+        """By stage; what comes before the first one is `start`."""
+
+    def __call__(self, stage: str, done: int = 0, total: int = 0, *, part: str = "") -> None:
+        """As of `Progress`."""
+        if stage != self._stage:
+            self._count(stage)
+        self._tell(stage, done, total, part=part)
+
+    def __getattr__(self, name: str) -> Any:
+        # `note`, `warning` and `failed`, where the other listener has them.
+        return getattr(self._tell, name)
+
+    def _count(self, after: str) -> None:
+        now = self._clock()
+        self.seconds[self._stage] = self.seconds.get(self._stage, 0.0) + now - self._since
+        self._stage, self._since = after, now
+
+    def show(self) -> None:
+        """A table of the stages up to now, whose sum is the wall time."""
+        self._count(self._stage)
+        total = sum(self.seconds.values())
+        rows = [(stage, f"{seconds:.1f}", f"{100 * seconds / total:.0f}") for stage, seconds in self.seconds.items()]
+        show_table("wall time", ("stage", "seconds", "%"), [*rows, ("total", f"{total:.1f}", "100")])
+
+
 class _Lines:
     """Tells each stage once, and each thing that it works on."""
 

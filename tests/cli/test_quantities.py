@@ -1,0 +1,22 @@
+"""Lengths and times on the command line."""
+
+import pytest
+
+from passerby.cli.quantities import parse_length, parse_seconds
+from passerby.common.errors import InputError
+
+
+@pytest.mark.parametrize(("text", "metres"), [("5cm", 0.05), ("12 mm", 0.012), ("0.1m", 0.1), (".5m", 0.5)])
+def test_lengths(text, metres):
+    assert parse_length(text, "--target") == pytest.approx(metres)
+
+
+@pytest.mark.parametrize(("text", "seconds"), [("90s", 90.0), ("2min", 120.0), ("1.5h", 5400.0)])
+def test_times(text, seconds):
+    assert parse_seconds(text, "--budget") == pytest.approx(seconds)
+
+
+@pytest.mark.parametrize("text", ["5", "cm", "0cm", "-1cm", "5 km", "nan m", ""])
+def test_what_is_no_length_is_named(text):
+    with pytest.raises(InputError, match=r"--target .*give a length above 0, such as 5cm"):
+        parse_length(text, "--target")
