@@ -237,18 +237,24 @@ def _gaps(v: Fields) -> str:
     )
 
 
+NOTABLE = 0.95
+"""A larger share of an uncertainty is as good as all of it."""
+
+
 def _used_in_part(v: Fields) -> str:
     """How much of the videos was used, and what the rest would bring."""
     why = "when it was interrupted, " if v["stopped"] else ""
-    text = f"{why}{v['used_s']:.0f} s of {v['recorded_s']:.0f} s of the videos were used"
-    gains = [
-        f"{what} from {100 * now:.1f} to about {100 * then:.1f} cm"
+    known = [
+        (what, now, then)
         for what, now, then in (
             ("points", v["now_points_m"], v["points_m"]), ("positions on the ground", v["now_ground_m"], v["ground_m"]),
         )
         if now is not None and then is not None
     ]  # fmt: skip
-    return text + (f"; the rest would reduce the uncertainty of {' and of '.join(gains)}" if gains else "")
+    gains = [f"{what} from {100 * now:.1f} to about {100 * then:.1f} cm" for what, now, then in known if then < NOTABLE * now]
+    less = f"reduce the uncertainty of {' and of '.join(gains)}" if gains else "barely reduce the uncertainty"
+    used = f"{why}{v['used_s']:.0f} s of {v['recorded_s']:.0f} s of the videos were used"
+    return f"{used}; the rest would {less}" if known else used
 
 
 def _broken(v: Fields) -> str:
