@@ -18,8 +18,7 @@ def test_people_are_seen_where_they_stand(tmp_path):
     told = []
     found = look_over(job, lambda done, total: told.append(done))
     assert told == sorted(told)
-    assert not found.moves
-    seconds, count = found.people.seconds, found.people.count
+    seconds, count = found.seconds, found.count
     assert 36 <= len(seconds) <= 41, "a key frame every second"
     assert (np.diff(seconds) > 0).all()
     # Those whom it sees stand where somebody is; of all people it sees most.
@@ -28,9 +27,9 @@ def test_people_are_seen_where_they_stand(tmp_path):
     frame = np.repeat(np.rint(seconds * 3.0).astype(int) + 1, count)
     off = np.array([
         np.linalg.norm(feet[true.frame == number] - place, axis=1).min(initial=1.0)
-        for number, place in zip(frame.tolist(), found.people.feet, strict=True)
+        for number, place in zip(frame.tolist(), found.feet, strict=True)
     ])  # fmt: skip
     assert (off < 1 / CELLS[0]).mean() > 0.9
     assert count.sum() > 0.6 * np.isin(true.frame, np.rint(seconds * 3.0).astype(int) + 1).sum()
     again = look_over(job, lambda done, total: None)
-    np.testing.assert_array_equal(again.people.feet, found.people.feet)
+    np.testing.assert_array_equal(again.feet, found.feet)

@@ -1,19 +1,17 @@
-"""A quick look at one camera's recording: the people in key frames all over it, and whether the camera stands."""
+"""A quick look at one camera's recording: the people in key frames all over it."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import asdict, dataclass
-from typing import Any
 
 import numpy as np
 
+from passerby.common.arrays import Floats
 from passerby.common.errors import EvidenceError
 from passerby.perception.background import BackgroundDetector, BackgroundOptions, Sampling, learn_background
 from passerby.perception.kept import StageCache, cache_lock
 from passerby.perception.opening import background_identity, open_detector
 from passerby.perception.pictures import Detector, Frame
-from passerby.perception.steadiness import SteadinessWatcher
 from passerby.perception.stretches import MOST_LOOKS, Overview, Stretch, key_frames, spread_evenly
 from passerby.perception.watching import CameraJob, Tell, identify_video
 
@@ -23,18 +21,8 @@ WINDOW = 8
 """Looks that share an empty scene: the light changes over a day, and fewer frames cannot outvote passers-by."""
 
 
-@dataclass(frozen=True, eq=False)
-class CameraOverview:
-    """What a quick look found in one camera's recording."""
-
-    people: Overview
-    """By the video's own seconds."""
-    moves: list[dict[str, Any]]
-    """When the camera left its place, as `VideoObservations.summary` has it."""
-
-
-def look_over(job: CameraJob, tell: Tell) -> CameraOverview:
-    """Look at key frames all over a camera's video; what was kept of an earlier run is used again.
+def look_over(job: CameraJob, tell: Tell) -> Overview:
+    """Look at key frames all over a camera's video; what was kept of an earlier run is used again. Times are the video's own.
 
     Raises `InputError` where the video cannot be read or the shelf cannot be written.
     """
@@ -45,20 +33,17 @@ def look_over(job: CameraJob, tell: Tell) -> CameraOverview:
     looks = {"overview": VERSION, "looks": len(times), "detector": finds}
     with cache_lock(job.shelf):
         kept = StageCache.of(job.shelf, "overview", identify_video(job, info) | looks)
-        arrays, summary = kept.load(0), kept.summary()
-        if arrays is None or summary is None:
-            watcher = SteadinessWatcher(info.size)
+        arrays = kept.load(0)
+        if arrays is None:
             detector = detector or _learn_detector(job, times.tolist(), lambda done: tell(done, 2 * len(times)))
-            rows = list(_look(key_frames(info, times), detector, watcher, lambda done: tell(len(times) + done, 2 * len(times))))
+            rows = list(_look(key_frames(info, times), detector, lambda done: tell(len(times) + done, 2 * len(times))))
             arrays = {
                 "seconds": np.array([second for second, _ in rows], dtype=np.float64),
                 "count": np.array([len(feet) for _, feet in rows], dtype=np.int64),
                 "feet": np.concatenate([feet for _, feet in rows] or [np.zeros((0, 2))]),
             }
-            summary = {"moves": [asdict(move) for move in watcher.result().moves]}
             kept.save(0, arrays)
-            kept.finish(summary)
-    return CameraOverview(Overview(arrays["seconds"], arrays["count"], arrays["feet"]), summary["moves"])
+    return Overview(arrays["seconds"], arrays["count"], arrays["feet"])
 
 
 def _learn_detector(job: CameraJob, times: list[float], tell: Callable[[int], None]) -> Detector | None:
@@ -78,12 +63,9 @@ def _counted(frames: Iterable[Frame], tell: Callable[[int], None]) -> Iterator[F
         tell(number)
 
 
-def _look(
-    frames: Iterable[Frame], detector: Detector | None, watcher: SteadinessWatcher, tell: Callable[[int], None]
-) -> Iterator[tuple[float, np.ndarray]]:
-    """The time of each frame, and where people stand in it, in parts of the image's width and height."""
+def _look(frames: Iterable[Frame], detector: Detector | None, tell: Callable[[int], None]) -> Iterator[tuple[float, Floats]]:
+    """The time of each frame, and (N, 2) where people stand in it, in parts of the image's width and height."""
     for frame in _counted(frames, tell):
-        watcher.look(frame)
         ltwh = np.zeros((0, 4)) if detector is None else detector(frame).ltwh
         height, width = frame.picture.shape[:2]
         yield frame.seconds, (ltwh[:, :2] + ltwh[:, 2:] * (0.5, 1.0)) / (width, height)

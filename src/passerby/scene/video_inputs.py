@@ -19,6 +19,7 @@ from passerby.common.errors import InputError
 from passerby.common.parallel import interrupted_later
 from passerby.common.progress import Forward, Progress, tell_warning
 from passerby.common.text import list_names
+from passerby.core.observations import Boxes, Keypoints
 from passerby.findings.finding import Finding, Severity
 from passerby.interchange.storage.safe_parsing import faults_of
 from passerby.perception.model_files import AUTO
@@ -95,8 +96,7 @@ class SceneVideoProcessor:
         for reading, look in zip(filmed, looks, strict=True):
             if isinstance(look, InputError):
                 raise look
-            pace = _pace(reading)
-            overviews[reading.name] = replace(look.people, seconds=look.people.seconds / pace)
+            overviews[reading.name] = replace(look, seconds=look.seconds / _pace(reading))
         return tuple(stretches[k] for k in rank_stretches(stretches, overviews))
 
     def __call__(self, scene: Scene, readings: Sequence[CameraInput]) -> None:
@@ -126,6 +126,10 @@ class SceneVideoProcessor:
                 reading.faults += faults_of(errors[0])
                 continue
             seen = [one for one in found if isinstance(one, VideoObservations)]
+            if not seen:  # it films at other times than those of these stretches
+                reading.unprocessed = ((-math.inf, math.inf),)
+                add_video_results(scene, reading, Boxes.empty(), Keypoints.empty())
+                continue
             result = join_stretches(seen) if len(seen) > 1 else seen[0]
             self._complete(scene, reading, result, stretches)
             cameras[reading.name] = {"pictures": result.pictures, "boxes": len(result.boxes), **result.summary}
@@ -157,7 +161,7 @@ class SceneVideoProcessor:
         if not self.stretches or not reading.awaiting:
             return [None]
         first, last = _used_span(scene, reading)
-        return [one for one in self.stretches if one.begin_s < last and one.end_s > first] or [self.stretches[0]]
+        return [one for one in self.stretches if one.begin_s < last and one.end_s > first]
 
     def _stage_name(self) -> str:
         seconds = sum(one.seconds for one in self.stretches)
