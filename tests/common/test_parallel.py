@@ -183,7 +183,7 @@ if __name__ == "__mp_main__":
     os.kill(os.getpid(), signal.SIGINT)  # Ctrl-C reaches all processes of a terminal, this one before it is prepared.
 if __name__ == "__main__":
     os.sched_getaffinity = lambda process: {0, 1}
-    with parallel.local_processes(10**10, 8) as pool:
+    with parallel.open_local_processes(10**10, 8) as pool:
         print(parallel.side_by_side(abs, [-1, -2], pool, lambda *part: None, "numbers"))
 """
 
@@ -197,7 +197,7 @@ def test_a_process_that_is_interrupted_while_it_begins_says_nothing(tmp_path):
 
 INTERRUPTED = """
 import multiprocessing, os, time
-from passerby.common.parallel import local_processes
+from passerby.common.parallel import open_local_processes
 started = []
 def alive(pid):
     try:
@@ -206,7 +206,7 @@ def alive(pid):
         return False
     return True
 try:
-    with local_processes(10**10, 8) as pool:
+    with open_local_processes(10**10, 8) as pool:
         if pool is not None:
             asleep = pool.submit(time.sleep, 600)
             while not asleep.running():

@@ -238,7 +238,7 @@ def _gaps(v: Fields) -> str:
 
 
 NOTABLE = 0.95
-"""A larger share of an uncertainty is as good as all of it."""
+"""An uncertainty that falls to a larger share of itself has barely fallen."""
 
 
 def _used_in_part(v: Fields) -> str:
