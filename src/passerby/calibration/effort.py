@@ -98,13 +98,13 @@ def foresee(steps: Sequence[Step], seconds: float) -> tuple[float | None, float 
     return of(last.points_m, before.points_m), of(last.ground_m, before.ground_m)
 
 
-def note_of_effort(steps: Sequence[Step], recorded_s: float, *, stopped: bool = False) -> Finding | None:
+def note_of_effort(steps: Sequence[Step], recorded_s: float) -> Finding | None:
     """How much of the videos was used, and what the rest would bring; None where all was used."""
     last = steps[-1]
     if last.used_s >= recorded_s:
         return None
     points, ground = foresee(steps, recorded_s)
     return notice(
-        "videos_used_in_part", used_s=last.used_s, recorded_s=recorded_s, stopped=stopped, points_m=points, ground_m=ground,
+        "videos_used_in_part", used_s=last.used_s, recorded_s=recorded_s, points_m=points, ground_m=ground,
         now_points_m=last.points_m, now_ground_m=last.ground_m,
     )  # fmt: skip

@@ -243,7 +243,6 @@ NOTABLE = 0.95
 
 def _used_in_part(v: Fields) -> str:
     """How much of the videos was used, and what the rest would bring."""
-    why = "when it was interrupted, " if v["stopped"] else ""
     known = [
         (what, now, then)
         for what, now, then in (
@@ -253,7 +252,7 @@ def _used_in_part(v: Fields) -> str:
     ]  # fmt: skip
     gains = [f"{what} from {100 * now:.1f} to about {100 * then:.1f} cm" for what, now, then in known if then < NOTABLE * now]
     less = f"reduce the uncertainty of {' and of '.join(gains)}" if gains else "barely reduce the uncertainty"
-    used = f"{why}{v['used_s']:.0f} s of {v['recorded_s']:.0f} s of the videos were used"
+    used = f"{v['used_s']:.0f} s of {v['recorded_s']:.0f} s of the videos were used"
     return f"{used}; the rest would {less}" if known else used
 
 
