@@ -102,8 +102,22 @@ def browser() -> Iterator[Any]:
     playwright = pytest.importorskip("playwright.sync_api", reason="no playwright: install the extra dev")
     with playwright.sync_playwright() as running:
         browser = running.chromium.launch(executable_path=CHROMIUM, args=FLAGS, timeout=1000 * START_S)
+        BROWSERS.append(browser)
         yield browser
+        BROWSERS.remove(browser)
         browser.close()
+
+
+BROWSERS: list[Any] = []
+"""The one that runs, if any."""
+
+
+@pytest.fixture(scope="module", autouse=True)
+def no_page_outlives_its_file() -> Iterator[None]:
+    """Pages that stay open go on drawing."""
+    yield
+    for context in [context for browser in BROWSERS for context in browser.contexts]:
+        context.close()
 
 
 @pytest.fixture(scope="module")
