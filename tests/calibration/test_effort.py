@@ -5,16 +5,19 @@ import pytest
 from passerby.calibration.effort import Effort, Step, foresee, is_enough, note_of_effort, sizes
 from passerby.findings.texts import text_of
 
+AIMED = Effort(target_m=0.05)
+
 
 def step(used_s, points_m=0.03, ground_m=0.2, verdict="accepted", ended_s=10.0):
     return Step(used_s, ended_s, verdict, points_m, ground_m)
 
 
 def test_each_step_is_twice_as_long_to_the_end():
-    assert list(sizes(0, Effort())) == [0]
-    assert list(sizes(1, Effort())) == [1]
-    assert list(sizes(11, Effort())) == [1, 2, 4, 8, 11]
-    assert list(sizes(11, Effort(everything=True))) == [1, 11]
+    assert list(sizes(0, AIMED)) == [0]
+    assert list(sizes(1, AIMED)) == [1]
+    assert list(sizes(11, AIMED)) == [1, 2, 4, 8, 11]
+    assert list(sizes(11, Effort(budget_s=60.0))) == [1, 2, 4, 8, 11]
+    assert list(sizes(11, Effort())) == [1, 11]
 
 
 @pytest.mark.parametrize(
@@ -41,8 +44,8 @@ def test_each_step_is_twice_as_long_to_the_end():
     ],
 )
 def test_it_ends_where_the_target_is_reached_or_more_would_barely_help(steps, enough):
-    assert is_enough(steps, Effort()) is enough
-    assert not is_enough(steps, Effort(everything=True))
+    assert is_enough(steps, AIMED) is enough
+    assert not is_enough(steps, Effort())
 
 
 def test_no_step_is_begun_that_would_take_longer_than_there_is():

@@ -29,6 +29,7 @@ def scene(made, tmp_path_factory):
     return scene_file(folder, {name: f"{name}.mp4" for name in made.rig.names}, perception=PERCEPTION)
 
 
+AIMED = Effort(target_m=0.05)
 PERCEPTION = 'detector = "background"\nembedder = "none"\nkeypoints = "none"\nfps = 3'
 
 
@@ -44,7 +45,7 @@ def used_s(found):
 def from_part(scene, tmp_path_factory):
     """The calibration from a part, the rigs before it, and its folder."""
     shown, out = [], tmp_path_factory.mktemp("part") / "out"
-    found = passerby.calibrate(scene, keep=out, show=shown.append)
+    found = passerby.calibrate(scene, keep=out, show=shown.append, effort=AIMED)
     return found, shown, out
 
 
@@ -68,17 +69,17 @@ def test_all_of_it_is_used_where_that_is_asked_for_and_goes_on_from_the_part(fro
     kept = tmp_path / "out"
     shutil.copytree(out, kept)
     before = {path.relative_to(kept) for path in kept.rglob("*.npz")}
-    everything = passerby.calibrate(scene, keep=kept, effort=Effort(everything=True))
+    everything = passerby.calibrate(scene, keep=kept)
     assert not used_s(everything)
     assert before < {path.relative_to(kept) for path in kept.rglob("*.npz")}
-    anew = passerby.calibrate(scene, effort=Effort(everything=True))
+    anew = passerby.calibrate(scene)
     assert poses(everything) == poses(anew)
     assert compare(everything.rig, made.rig).similarity.mean_position_mm < 60
 
 
 def test_the_same_is_made_of_what_is_kept(from_part, scene):
     found, _, out = from_part
-    again = passerby.calibrate(scene, keep=out)
+    again = passerby.calibrate(scene, keep=out, effort=AIMED)
     assert used_s(again) == used_s(found)
     assert poses(again) == poses(found)
 

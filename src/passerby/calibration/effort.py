@@ -10,7 +10,6 @@ from passerby.calibration.calibration import Calibration
 from passerby.core.figures import adjusted
 from passerby.findings.finding import Finding, notice
 
-TARGET_M = 0.05
 WORTH = 0.1
 """Twice as much video is worth its time where it lowers an uncertainty by this share or more. One that falls with the number of
 people alone falls by 29 %; one that barely falls is of something else: of a lens, of where a foot is in a box."""
@@ -20,12 +19,11 @@ people alone falls by 29 %; one that barely falls is of something else: of a len
 class Effort:
     """What is asked for."""
 
-    target_m: float = TARGET_M
-    """Uncertainty, one sigma, of points by several cameras and of positions on the ground by one, metres."""
+    target_m: float | None = None
+    """Uncertainty, one sigma, of points by several cameras and of positions on the ground by one, metres, at which no more
+    of the videos is watched; None: all of them is."""
     budget_s: float | None = None
     """Seconds after which no further stretches are begun, if they would take longer; None: no limit."""
-    everything: bool = False
-    """Whether all of the videos is watched, however certain the rig is before."""
 
 
 @dataclass(frozen=True)
@@ -51,13 +49,13 @@ class Step:
 
 
 def sizes(count: int, effort: Effort) -> Iterator[int]:
-    """How many of so many stretches are watched in each step: one, and always twice as many; all at once after the first where
-    all are wanted.
+    """How many of so many stretches are watched in each step: one, and always twice as many; all of them after the first where
+    all are wanted and there is time.
     """
     size = 1
     while size < count:
         yield size
-        size = count if effort.everything else 2 * size
+        size = count if effort.target_m is None and effort.budget_s is None else 2 * size
     yield count
 
 
@@ -70,11 +68,12 @@ def is_enough(steps: Sequence[Step], effort: Effort) -> bool:
     spent_s = last.ended_s - (before.ended_s if before else 0.0)
     if effort.budget_s is not None and last.ended_s + 2 * spent_s > effort.budget_s:
         return True
-    if effort.everything or before is None or last.points_m is None or before.verdict != last.verdict:
+    target_m = effort.target_m
+    if target_m is None or before is None or last.points_m is None or before.verdict != last.verdict:
         return False
 
     def suffices(now: float | None, was: float | None) -> bool:
-        reached = now is None or (now <= effort.target_m and last.verdict == "accepted")
+        reached = now is None or (now <= target_m and last.verdict == "accepted")
         return reached or (now is not None and was is not None and now > (1 - WORTH) * was)
 
     return suffices(last.points_m, before.points_m) and suffices(last.ground_m, before.ground_m)

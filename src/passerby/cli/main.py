@@ -171,14 +171,13 @@ def calibrate(
     seed: Annotated[int, typer.Option(min=0, help="Seed of the random numbers; the same seed gives the same files.")] = 0,
     report: Annotated[bool, typer.Option("--report/--no-report", help="Whether to write report.html.")] = True,
     target: Annotated[
-        str,
+        str | None,
         typer.Option(
             metavar="LENGTH",
             help="Uncertainty of points and of positions on the ground, such as 5cm, at which no more of the "
             "videos is watched.",
         ),
-    ] = "5cm",
-    everything: Annotated[bool, typer.Option("--all", help="Watch all of the videos.")] = False,
+    ] = None,
     budget: Annotated[
         str | None, typer.Option(metavar="TIME", help="Time, such as 2min, after which no more of the videos is begun.")
     ] = None,
@@ -189,8 +188,8 @@ def calibrate(
 ) -> None:
     """Calibrate the cameras of a scene. Streams are recorded first if the scene has a table [recording].
 
-    Of long videos, the parts that teach most are watched first, until the rig measures to --target, or more would barely
-    improve it. Ctrl-C after the first rig writes the rig that there is.
+    Of long videos, the parts that teach most are watched first. With --target the rest is not watched once the rig measures
+    that well, or more would barely improve it. Ctrl-C after the first rig writes the rig that there is.
 
     The output folder caches what was detected in videos: an interrupted run continues from there, and a run with other
     options repeats only what depends on them.
@@ -214,7 +213,10 @@ def calibrate(
     from passerby.scene.scene import Scene
 
     verbose = verbose or bool(context.obj)
-    effort = Effort(parse_length(target, "--target"), None if budget is None else parse_seconds(budget, "--budget"), everything)
+    effort = Effort(
+        None if target is None else parse_length(target, "--target"),
+        None if budget is None else parse_seconds(budget, "--budget"),
+    )
     streamed = read_streamed(scene)
     loaded = Scene.load(scene) if streamed is None else record_if_needed(streamed, out, verbose, progress)
     processes: AbstractContextManager[Executor | None] = (

@@ -32,7 +32,7 @@ from passerby.perception.yolox import YoloxDetector, YoloxOptions
 
 UNKNOWN_LENGTH_S = 3600.0
 """Taken for the length of a video that does not tell it: a background for every five minutes of an hour."""
-KEY_EVERY_S, FEWEST_KEYS = 2.0, 20
+KEY_EVERY_S, FEWEST_KEYS = 2.0, 50
 """The empty scene is learnt from key frames alone where its pictures are this far apart or more, and where there are so many:
 whatever lies between them need not be decoded."""
 PICTURES, EVERY_S = 12, 2.0

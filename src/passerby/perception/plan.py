@@ -205,6 +205,8 @@ class JointBudget:
     """Images a second of video."""
     images: int | None
     """How many there will be; None where the video does not tell its length."""
+    share: float = 1.0
+    """The part of the recording that they are."""
     _seen: int = field(default=0, init=False)
     """Images so far,"""
     _worth: int = field(default=0, init=False)
@@ -213,9 +215,14 @@ class JointBudget:
     """and those of them that were chosen."""
 
     @property
+    def at_least(self) -> float:
+        """Crops beyond `per_s`."""
+        return CROPS_AT_LEAST * self.share
+
+    @property
     def identity(self) -> dict[str, Any]:
         """What decides the choice, the boxes aside."""
-        return {"budget": 1, "per_s": self.per_s, "at_least": CROPS_AT_LEAST, "rate": self.rate, "images": self.images}
+        return {"budget": 1, "per_s": self.per_s, "at_least": self.at_least, "rate": self.rate, "images": self.images}
 
     def choose(self, seconds: float, ltwh: Floats, score: Floats, size: tuple[int, int]) -> Ints:
         """The rows of the boxes to measure keypoints in.
@@ -229,7 +236,7 @@ class JointBudget:
         rows = np.flatnonzero(choose_for_keypoints(ltwh, score, size))
         self._seen += 1
         self._worth += len(rows)
-        allowed = CROPS_AT_LEAST + self.per_s * self._seen / self.rate
+        allowed = self.at_least + self.per_s * self._seen / self.rate
         if not len(rows) or _draw(seconds) >= self._share() or self._used + len(rows) > allowed:
             return rows[:0]
         self._used += len(rows)
@@ -237,7 +244,7 @@ class JointBudget:
 
     def _share(self) -> float:
         """The share of all slots that the budget lasts for, with as many people in each image as there were so far."""
-        per_image = self.per_s / self.rate + (CROPS_AT_LEAST / self.images if self.images else 0.0)
+        per_image = self.per_s / self.rate + (self.at_least / self.images if self.images else 0.0)
         return per_image * self._seen / self._worth
 
 

@@ -77,11 +77,8 @@ class CameraJob:
     """The part of the recording that the empty scene is learnt from, where `info` is a stretch of it; None: `info` itself."""
     common_shelf: Path | None = None
     """Folder of the empty scene, which other stretches use too; None: `shelf`."""
-    part: str = ""
-    """Under what name its progress is reported; by default the camera's."""
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "part", self.part or self.name)
+    share: float = 1.0
+    """The part of the camera's recording that `info` is."""
 
 
 def work_of(job: CameraJob) -> int:
@@ -353,7 +350,8 @@ def _budget_of(job: CameraJob) -> JointBudget | None:
     """What chooses the people whose joints are found; None: it is everybody."""
     if job.plan.keypoints is None or job.plan.keypoints_per_s is None:
         return None
-    return JointBudget(job.plan.keypoints_per_s, job.rate, expected_count(job.info, job.rate))
+    images = expected_count(job.info, job.rate)
+    return JointBudget(job.plan.keypoints_per_s, job.rate, images, job.share)
 
 
 def _joints_of(estimator: KeypointEstimator, picture: Picture, ltwh: Floats, chosen: Ints) -> Arrays:

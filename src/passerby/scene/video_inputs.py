@@ -173,18 +173,23 @@ class SceneVideoProcessor:
     ) -> list[Found | InputError]:  # fmt: skip
         """The results of all jobs, in their order; an error that names one camera's fault stops no other camera."""
         forward = Forward(self.tell, stage)
-        for job, total in zip(jobs, totals, strict=True):
-            forward(job.part, 0, total)
+        of_camera: dict[str, list[_JobProgress]] = {}
+        told = [
+            _JobProgress(job.name, total, of_camera.setdefault(job.name, []), forward)
+            for job, total in zip(jobs, totals, strict=True)
+        ]
+        for one in told:
+            one.report()
         if self.executor is None:
             results = []
-            for job in jobs:
-                results.append(_result(work, job, partial(forward, job.part)))
-                forward.finish(job.part)
+            for job, tell in zip(jobs, told, strict=True):
+                results.append(_result(work, job, tell))
+                tell.finish()
             return results
         # What is kept is read here: processes take longer to begin.
-        kept = [None if find_kept is None else _result(find_kept, job, partial(forward, job.part)) for job in jobs]
-        rest = [job for job, found in zip(jobs, kept, strict=True) if found is None]
-        made = iter(_work_apart(work, rest, self.executor, forward))
+        kept = [None if find_kept is None else _result(find_kept, job, tell) for job, tell in zip(jobs, told, strict=True)]
+        rest = [(job, tell) for job, tell, found in zip(jobs, told, kept, strict=True) if found is None]
+        made = iter(_work_apart(work, rest, self.executor))
         return [next(made) if found is None else found for found in kept]
 
 
@@ -284,7 +289,7 @@ def _job(scene: Scene, reading: CameraInput, plan: Plan, shelf: Path, stretch: S
         shelf=own / f"{stretch.begin_s:09.3f}",
         surroundings=part_of_video(reading.video, find_window(whole, part)),
         common_shelf=own,
-        part=f"{reading.name} from {stretch.begin_s:.0f} s",
+        share=part.seconds / whole.seconds,
     )
 
 
@@ -298,8 +303,39 @@ def _shelves(keep: Path | None) -> Iterator[Path]:
         yield Path(folder)
 
 
+@dataclass(eq=False)
+class _JobProgress:
+    """How far one job is. What is reported is its camera's progress, all its jobs together."""
+
+    camera: str
+    total: int
+    """0 where that is unknown."""
+    others: list[_JobProgress]
+    """The jobs of the camera, this one among them."""
+    forward: Forward
+    done: int = 0
+
+    def __post_init__(self) -> None:
+        self.others.append(self)
+
+    def __call__(self, done: int, total: int) -> None:
+        self.done, self.total = max(self.done, done), self.total or total
+        self.report()
+
+    def finish(self) -> None:
+        """All of the job is done."""
+        self.done = self.total = max(self.done, self.total)
+        self.report()
+
+    def report(self) -> None:
+        """Report how far the camera is."""
+        known = all(one.total for one in self.others)
+        total = sum(one.total for one in self.others) if known else 0
+        self.forward(self.camera, sum(one.done for one in self.others), total)
+
+
 def _work_apart(
-    work: Callable[[CameraJob, Tell], Found], jobs: Sequence[CameraJob], executor: Executor, forward: Forward
+    work: Callable[[CameraJob, Tell], Found], jobs: Sequence[tuple[CameraJob, _JobProgress]], executor: Executor
 ) -> list[Found | InputError]:
     """The results of all jobs in their order, each made in a process of its own.
 
@@ -307,22 +343,22 @@ def _work_apart(
     it stays until all are done.
     """
     # Other machines see the folder of kept results only.
-    shared = (jobs[0].common_shelf or jobs[0].shelf).parent if jobs and hasattr(executor, "least_s") else None
+    shared = (jobs[0][0].common_shelf or jobs[0][0].shelf).parent if jobs and hasattr(executor, "least_s") else None
     if shared is not None:
         shared.mkdir(parents=True, exist_ok=True)
     # Processes of a run that is interrupted may write for a moment longer.
     with tempfile.TemporaryDirectory(prefix="passerby-", dir=shared, ignore_cleanup_errors=True) as folder:
         counts = [_Counts(Path(folder) / str(number)) for number in range(len(jobs))]
         with interrupted_later():
-            futures = [executor.submit(partial(_result, work), job, own) for job, own in zip(jobs, counts, strict=True)]
+            futures = [executor.submit(partial(_result, work), job, own) for (job, _), own in zip(jobs, counts, strict=True)]
         waiting: set[Future[Found | InputError]] = set(futures)
         while waiting:
             _, waiting = wait(waiting, timeout=TOLD_EVERY_S, return_when=FIRST_COMPLETED)
-            for job, own, future in zip(jobs, counts, futures, strict=True):
+            for (_, tell), own, future in zip(jobs, counts, futures, strict=True):
                 if future.done() and not future.cancelled() and future.exception() is None:
-                    forward.finish(job.part)
+                    tell.finish()
                 elif (read := own.read()) is not None:
-                    forward(job.part, *read)
+                    tell(*read)
         return [future.result() for future in futures]
 
 
