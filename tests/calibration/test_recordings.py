@@ -80,8 +80,7 @@ def test_pieces_of_a_recorder(folder: Path, whole: float) -> None:
     cameras = {name: f"recordings/*/*/{name}/*.mp4" for name in CAMERAS}
     out, error_mm = calibrated(scene_file(folder, cameras, ASSOCIATION, name="pieces.toml"))
     print(f"\npieces: {error_mm:.1f} mm, whole files: {whole:.1f} mm")
-    # One rig of a few people is off by 5 to 12 mm, whichever way its videos are stored.
-    assert max(error_mm, whole) < 16.0
+    assert error_mm < 1.3 * whole
     document = json.loads((out / "calibration.json").read_text())
     assert document["wall_clock_origin"] == "2026-11-22T07:58:30+00:00"
     gaps = [one for one in document["diagnostics"] if one["code"] == "recording_gaps"]

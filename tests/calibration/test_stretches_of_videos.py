@@ -29,7 +29,7 @@ def scene(made, tmp_path_factory):
     return scene_file(folder, {name: f"{name}.mp4" for name in made.rig.names}, perception=PERCEPTION)
 
 
-AIMED = Effort(target_m=0.05)
+AIMED, ENDLESS = Effort(target_m=0.05), Effort(budget_s=1e9)
 PERCEPTION = 'detector = "background"\nembedder = "none"\nkeypoints = "none"\nfps = 3'
 
 
@@ -69,10 +69,10 @@ def test_all_of_it_is_used_where_that_is_asked_for_and_goes_on_from_the_part(fro
     kept = tmp_path / "out"
     shutil.copytree(out, kept)
     before = {path.relative_to(kept) for path in kept.rglob("*.npz")}
-    everything = passerby.calibrate(scene, keep=kept)
+    everything = passerby.calibrate(scene, keep=kept, effort=ENDLESS)
     assert not used_s(everything)
     assert before < {path.relative_to(kept) for path in kept.rglob("*.npz")}
-    anew = passerby.calibrate(scene)
+    anew = passerby.calibrate(scene, effort=ENDLESS)
     assert poses(everything) == poses(anew)
     assert compare(everything.rig, made.rig).similarity.mean_position_mm < 60
 
@@ -96,7 +96,7 @@ def test_interrupted_after_the_first_rig_that_rig_is_there(from_part, scene, mon
 
     monkeypatch.setattr(module, "calibrate_inputs", second_is_interrupted)
     with pytest.raises(CalibrationInterrupted) as stopped:
-        passerby.calibrate(scene, keep=out)
+        passerby.calibrate(scene, keep=out, effort=AIMED)
     assert used_s(stopped.value.calibration) == used_s(shown[0])
     stopped.value.calibration.write(tmp_path / "written", report=False)
     assert json.loads((tmp_path / "written" / "calibration.json").read_text())["verdict"] == shown[0].verdict

@@ -92,7 +92,7 @@ def calibrate(
 ) -> Calibration:  # fmt: skip
     """Calibrate the cameras of a scene from the people in it.
 
-    Long videos are watched in stretches, those first that teach most, until the rig measures as well as `effort` asks for.
+    Where `effort` has a target or a budget, long videos are watched in stretches, those first that teach most.
 
     Too little evidence does not raise: it is a calibration with the verdict "refused" or "doubtful" and its reasons.
 
@@ -120,10 +120,10 @@ def calibrate(
     watch = SceneVideoProcessor(None if keep is None else Path(keep), executor, tell)
     opened, effort = open_inputs(scene), effort or Effort()
     clocks = measure_by_sound(scene, opened)
-    stretches = watch.plan_stretches(scene, opened)
+    stretches = watch.plan_stretches(scene, opened) if effort.limited else ()
     recorded_s, found, steps = sum(one.seconds for one in stretches), None, list[Step]()
     try:
-        for size in sizes(len(stretches), effort):
+        for size in sizes(len(stretches)):
             watch.stretches = tuple(sorted(stretches[:size], key=lambda one: one.begin_s))
             read = time.perf_counter()
             inputs = complete_inputs(scene, opened, watch, lambda *_: clocks)

@@ -17,13 +17,18 @@ people alone falls by 29 %; one that barely falls is of something else: of a len
 
 @dataclass(frozen=True)
 class Effort:
-    """What is asked for."""
+    """What is asked for; without a target and a budget the videos are watched as a whole."""
 
     target_m: float | None = None
     """Uncertainty, one sigma, of points by several cameras and of positions on the ground by one, metres, at which no more
-    of the videos is watched; None: all of them is."""
+    of the videos is watched."""
     budget_s: float | None = None
     """Seconds after which no further stretches are begun, if they would take longer; None: no limit."""
+
+    @property
+    def limited(self) -> bool:
+        """Whether less than all of the videos may be enough."""
+        return self.target_m is not None or self.budget_s is not None
 
 
 @dataclass(frozen=True)
@@ -48,14 +53,12 @@ class Step:
         return cls(used_s, ended_s, found.verdict, points, ground)
 
 
-def sizes(count: int, effort: Effort) -> Iterator[int]:
-    """How many of so many stretches are watched in each step: one, and always twice as many; all of them after the first where
-    all are wanted and there is time.
-    """
+def sizes(count: int) -> Iterator[int]:
+    """How many of so many stretches are watched in each step: one, and always twice as many."""
     size = 1
     while size < count:
         yield size
-        size = count if effort.target_m is None and effort.budget_s is None else 2 * size
+        size *= 2
     yield count
 
 

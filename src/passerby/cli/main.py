@@ -188,8 +188,8 @@ def calibrate(
 ) -> None:
     """Calibrate the cameras of a scene. Streams are recorded first if the scene has a table [recording].
 
-    Of long videos, the parts that teach most are watched first. With --target the rest is not watched once the rig measures
-    that well, or more would barely improve it. Ctrl-C after the first rig writes the rig that there is.
+    With --target or --budget the parts of long videos that teach most are watched first, and the rest not once the rig
+    measures that well or more would barely improve it. Ctrl-C after the first rig then writes the rig that there is.
 
     The output folder caches what was detected in videos: an interrupted run continues from there, and a run with other
     options repeats only what depends on them.

@@ -30,7 +30,7 @@ from passerby.perception.foreground import (
 from passerby.perception.people_shapes import Stature, find_people, find_upright, learn_stature, least_height, silhouettes
 from passerby.perception.pictures import Detections, Frame, Identity, Picture
 
-VERSION = 2
+VERSION = 1
 """Of what the detector finds: raised when the same options give other boxes."""
 LEAST_PICTURES = 5
 """Fewer pictures cannot outvote a passer-by."""
@@ -149,15 +149,13 @@ def learn_background(
     """
     options = options or BackgroundOptions()
     learner = _Learner(options)
-    window, step, held, begin_s = 0, -1, 0, None
+    window, step, held = 0, -1, 0
     for frame in frames:
-        # Of a part of a recording the first picture is not at 0.
-        begin_s = frame.seconds if begin_s is None else begin_s
-        now = int((frame.seconds - begin_s) / sampling.interval_s + 1e-6)
+        now = int(frame.seconds / sampling.interval_s + 1e-6)
         if now <= step:
             continue
         step = now
-        number = int((frame.seconds - begin_s) / sampling.window_s + 1e-9)
+        number = int(frame.seconds / sampling.window_s + 1e-9)
         if number != window and held >= LEAST_PICTURES:
             learner.close()
             window, held = number, 0

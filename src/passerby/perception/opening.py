@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import asdict, replace
@@ -19,6 +20,7 @@ from passerby.perception.background import (
     BackgroundDetector,
     BackgroundModel,
     BackgroundOptions,
+    Sampling,
     learn_background,
     plan_sampling,
 )
@@ -78,7 +80,7 @@ def background_count(info: VideoInfo) -> int | None:
     return expected_count(info, 1.0 / plan_sampling(info.seconds or UNKNOWN_LENGTH_S).interval_s)
 
 
-def open_background(kept: StageCache, info: VideoInfo, tell: Callable[[int], None]) -> Detector:
+def open_background(kept: StageCache, info: VideoInfo, tell: Callable[[int], None], *, is_part: bool = False) -> Detector:
     """Background subtraction, with the empty scene that is kept, or that is learnt now and kept.
 
     `tell` is called with how many pictures were taken to learn from, after each.
@@ -88,7 +90,7 @@ def open_background(kept: StageCache, info: VideoInfo, tell: Callable[[int], Non
     arrays = kept.load(0)
     if arrays is None:
         try:
-            model = _learn_background(info, tell)
+            model = _learn_part(info, tell) if is_part else _learn_whole(info, tell)
         except EvidenceError as error:
             raise VideoError(info.path, str(error)) from None
         kept.save(0, model.to_arrays())
@@ -98,21 +100,28 @@ def open_background(kept: StageCache, info: VideoInfo, tell: Callable[[int], Non
     return BackgroundDetector(model)
 
 
-def _learn_background(info: VideoInfo, tell: Callable[[int], None]) -> BackgroundModel:
+def _learn_whole(info: VideoInfo, tell: Callable[[int], None]) -> BackgroundModel:
     """Learn the empty scene of a video. Raises `EvidenceError` and `InputError` as `learn_background` does."""
     sampling = plan_sampling(info.seconds or UNKNOWN_LENGTH_S)
-    if info.seconds is not None and sampling.interval_s >= KEY_EVERY_S:
+    return learn_background(count_frames(VideoReader(info, rate=1.0 / sampling.interval_s), tell), sampling)
+
+
+def _learn_part(info: VideoInfo, tell: Callable[[int], None]) -> BackgroundModel:
+    """Learn the empty scene of some minutes of a long video, as one; from key frames where these suffice."""
+    interval_s = plan_sampling(info.seconds or UNKNOWN_LENGTH_S).interval_s
+    sampling = Sampling(interval_s, math.inf)
+    if info.seconds is not None and interval_s >= KEY_EVERY_S:
         counted: list[int] = []
-        times = spread_evenly(Stretch(info.begin_s, info.begin_s + info.seconds), round(info.seconds / sampling.interval_s))
+        times = spread_evenly(Stretch(info.begin_s, info.begin_s + info.seconds), round(info.seconds / interval_s))
         with suppress(EvidenceError):
-            model = learn_background(_count_frames(key_frames(info, times), counted.append), sampling)
-            if len(counted) >= FEWEST_KEYS * round(info.seconds / sampling.window_s):
+            model = learn_background(count_frames(key_frames(info, times), counted.append), sampling)
+            if len(counted) >= FEWEST_KEYS:
                 tell(len(times))
                 return model
-    return learn_background(_count_frames(VideoReader(info, rate=1.0 / sampling.interval_s), tell), sampling)
+    return learn_background(count_frames(VideoReader(info, rate=1.0 / interval_s), tell), sampling)
 
 
-def _count_frames(frames: Iterable[Frame], tell: Callable[[int], None]) -> Iterator[Frame]:
+def count_frames(frames: Iterable[Frame], tell: Callable[[int], None]) -> Iterator[Frame]:
     """The frames; `tell` is called with how many have been taken."""
     for number, frame in enumerate(frames, start=1):
         yield frame

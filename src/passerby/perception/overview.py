@@ -10,7 +10,7 @@ from passerby.common.arrays import Floats
 from passerby.common.errors import EvidenceError
 from passerby.perception.background import BackgroundDetector, BackgroundOptions, Sampling, learn_background
 from passerby.perception.kept import StageCache, cache_lock
-from passerby.perception.opening import background_identity, open_detector
+from passerby.perception.opening import background_identity, count_frames, open_detector
 from passerby.perception.pictures import Detector, Frame
 from passerby.perception.stretches import MOST_LOOKS, Overview, Stretch, key_frames, spread_evenly
 from passerby.perception.watching import CameraJob, Tell, identify_video
@@ -51,21 +51,15 @@ def _learn_detector(job: CameraJob, times: list[float], tell: Callable[[int], No
     step_s = (job.info.seconds or 0.0) / len(times)
     options = BackgroundOptions(window_s=WINDOW * step_s, windows=len(times))
     try:
-        frames = _counted(key_frames(job.info, times), tell)
+        frames = count_frames(key_frames(job.info, times), tell)
         return BackgroundDetector(learn_background(frames, Sampling(step_s / 2, WINDOW * step_s), options))
     except EvidenceError:
         return None
 
 
-def _counted(frames: Iterable[Frame], tell: Callable[[int], None]) -> Iterator[Frame]:
-    for number, frame in enumerate(frames, start=1):
-        yield frame
-        tell(number)
-
-
 def _look(frames: Iterable[Frame], detector: Detector | None, tell: Callable[[int], None]) -> Iterator[tuple[float, Floats]]:
     """The time of each frame, and (N, 2) where people stand in it, in parts of the image's width and height."""
-    for frame in _counted(frames, tell):
+    for frame in count_frames(frames, tell):
         ltwh = np.zeros((0, 4)) if detector is None else detector(frame).ltwh
         height, width = frame.picture.shape[:2]
         yield frame.seconds, (ltwh[:, :2] + ltwh[:, 2:] * (0.5, 1.0)) / (width, height)

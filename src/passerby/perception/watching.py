@@ -197,7 +197,8 @@ class _Watch:
         self._used.add(kept.folder)
         shared = nullcontext() if self._job.common_shelf is None else cache_lock(self._job.common_shelf)
         with self._time_stage("background"), shared:
-            return open_background(kept, self._job.surroundings or self._job.info, self._tell_learnt)
+            part = self._job.surroundings
+            return open_background(kept, part or self._job.info, self._tell_learnt, is_part=part is not None)
 
     def result(self) -> VideoObservations:
         """Make what is not kept, and gather all of it."""

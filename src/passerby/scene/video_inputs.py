@@ -79,7 +79,7 @@ class SceneVideoProcessor:
     def plan_stretches(self, scene: Scene, readings: Sequence[CameraInput]) -> tuple[Stretch, ...]:
         """The stretches of a scene's videos, the one that would teach most first; none where videos are watched as a whole.
 
-        So are videos of less than a minute, of unknown length, and where the people are known. Raises `InputError` as a call.
+        So are videos of less than 45 s, of unknown length, and where the people are known. Raises `InputError` as a call.
         """
         filmed = [reading for reading in readings if needs_video(scene, reading) and reading.awaiting]
         if not filmed or not all(reading.video is not None and is_divisible(reading.video) for reading in filmed):
@@ -174,21 +174,21 @@ class SceneVideoProcessor:
         """The results of all jobs, in their order; an error that names one camera's fault stops no other camera."""
         forward = Forward(self.tell, stage)
         of_camera: dict[str, list[_JobProgress]] = {}
-        told = [
+        progress = [
             _JobProgress(job.name, total, of_camera.setdefault(job.name, []), forward)
             for job, total in zip(jobs, totals, strict=True)
         ]
-        for one in told:
+        for one in progress:
             one.report()
         if self.executor is None:
             results = []
-            for job, tell in zip(jobs, told, strict=True):
+            for job, tell in zip(jobs, progress, strict=True):
                 results.append(_result(work, job, tell))
                 tell.finish()
             return results
         # What is kept is read here: processes take longer to begin.
-        kept = [None if find_kept is None else _result(find_kept, job, tell) for job, tell in zip(jobs, told, strict=True)]
-        rest = [(job, tell) for job, tell, found in zip(jobs, told, kept, strict=True) if found is None]
+        kept = [None if find_kept is None else _result(find_kept, job, tell) for job, tell in zip(jobs, progress, strict=True)]
+        rest = [(job, tell) for job, tell, found in zip(jobs, progress, kept, strict=True) if found is None]
         made = iter(_work_apart(work, rest, self.executor))
         return [next(made) if found is None else found for found in kept]
 
