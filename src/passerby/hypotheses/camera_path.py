@@ -19,7 +19,7 @@ from passerby.geometry.groups import compute_cut_cauchy_cost, compute_cut_cauchy
 from passerby.geometry.rotations import exp_rotation, log_rotation
 from passerby.hypotheses.correspondences import Correspondences
 from passerby.hypotheses.pair_residuals import PairColumns, PairResiduals, residuals_at
-from passerby.people.resection import BEYOND, CENTRE_SD_M, LOSS, STILL, TURN_SD
+from passerby.people.resection import BEYOND, CENTRE_SD_M, LOSS, TURN_SD
 
 TURN, SHIFT, FOCAL = slice(0, 3), slice(3, 6), slice(6, 7)
 """Columns of a change: a rotation vector in the camera's frame, the centre in the world, the logarithm of the focal length."""
@@ -39,6 +39,8 @@ OWN_SD = np.array([*PRIOR_SD, OFFSET_SD, RATE_SD])
 MOST_COST = 0.5 * float(compute_cut_cauchy_cost(np.array(BEYOND), LOSS, BEYOND))
 """Of an observation that shows another person, nats."""
 STEPS = 12
+NEGLIGIBLE = 1e-4
+"""A fit ends where the next step would lower its cost by less, nats: a hundredth of a standard deviation."""
 
 
 @dataclass(frozen=True)
@@ -251,11 +253,12 @@ def fit_path(
         turned = log_rotation(path.pose.R_cw @ start.pose.R_cw.T)
         away = np.concatenate([turned, path.pose.centre - start.pose.centre, [path.log_focal], path.late])[fixed]
         away = np.concatenate([away, path.coefficients[:K, free].ravel()])
-        delta = -np.linalg.solve(normal + np.diag(precision), gradient + precision * away)
+        downhill = gradient + precision * away
+        delta = -np.linalg.solve(normal + np.diag(precision), downhill)
         step_of_own = np.zeros(len(OWN_SD))
         step_of_own[fixed] = delta[: len(fixed)]
         path = _stepped(path, step_of_own, delta[len(fixed) :].reshape(K, len(free)), free)
-        if wide == 1.0 and np.abs(delta).max() < STILL:
+        if wide == 1.0 and -0.5 * float(delta @ downhill) < NEGLIGIBLE:
             break
     return path
 

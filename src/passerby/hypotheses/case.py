@@ -136,6 +136,22 @@ class Case:
         variance = np.diag(self.lens_covariance()) * float(np.mean(self.problem.lens_weight))
         return np.asarray(np.sqrt(np.maximum(variance, 0.0)).reshape(self.state.lens.shape))
 
+    def costs(self) -> Floats:
+        """(B,) robust cost of the observations of each block, and of what is expected of its people."""
+        out = np.zeros(self.n_blocks)
+        problem = self.problem
+        for term in problem.terms(self.state, jacobians=True):
+            squared = np.einsum("mk,mk->m", term.residual, term.residual)
+            cost = 0.5 * squared if term.loss is None else term.loss.cost(squared)
+            if term.block is not None and term.family in (UPRIGHT, JOINT):
+                block = (self.instant_block if term.family == UPRIGHT else self.joint_block)[term.block]
+                out += np.bincount(block, cost, self.n_blocks)
+            elif term.group is not None and len(problem.person):  # statures: each instant of a person bears its share
+                instants = np.bincount(problem.person, minlength=len(cost))
+                share = cost[problem.person] / instants[problem.person]
+                out += np.bincount(self.instant_block, share, self.n_blocks)
+        return out
+
     def without(self, held_out: Bools) -> Case:
         """The case without the blocks (B,) that are held out."""
         return self._part(~held_out[self.instant_block], ~held_out[self.joint_block])
@@ -155,7 +171,7 @@ class Case:
         )  # fmt: skip
         problem = _with_rays(part.problem, self.stated, shared.lens)
         held = np.zeros(problem.layout.n_shared, dtype=bool)
-        return replace(part, problem=problem, state=minimise(problem, state, _PREDICTING, free=held).state)._costs()
+        return replace(part, problem=problem, state=minimise(problem, state, _PREDICTING, free=held).state).costs()
 
     def _part(self, instants: Bools, joints: Bools) -> Case:
         """Some of the person-instants and joints."""
@@ -173,22 +189,6 @@ class Case:
         return replace(
             self, problem=problem, state=state, instant_block=self.instant_block[instants], joint_block=self.joint_block[joints]
         )
-
-    def _costs(self) -> Floats:
-        """(B,) robust cost of the observations of each block, and of what is expected of its people."""
-        out = np.zeros(self.n_blocks)
-        problem = self.problem
-        for term in problem.terms(self.state, jacobians=True):
-            squared = np.einsum("mk,mk->m", term.residual, term.residual)
-            cost = 0.5 * squared if term.loss is None else term.loss.cost(squared)
-            if term.block is not None and term.family in (UPRIGHT, JOINT):
-                block = (self.instant_block if term.family == UPRIGHT else self.joint_block)[term.block]
-                out += np.bincount(block, cost, self.n_blocks)
-            elif term.group is not None and len(problem.person):  # statures: each instant of a person bears its share
-                instants = np.bincount(problem.person, minlength=len(cost))
-                share = cost[problem.person] / instants[problem.person]
-                out += np.bincount(self.instant_block, share, self.n_blocks)
-        return out
 
 
 def prior_precision(problem: PeopleProblem) -> Floats:

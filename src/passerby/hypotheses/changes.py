@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -33,7 +34,7 @@ from passerby.hypotheses.camera_path import (
     thinned,
 )
 from passerby.hypotheses.case import blocks_of
-from passerby.hypotheses.comparison import FOLDS, LOG_ODDS, Comparison, effect
+from passerby.hypotheses.comparison import FOLDS, LOG_ODDS, Comparison, effect, may_convince
 from passerby.hypotheses.correspondences import Correspondences
 from passerby.hypotheses.stretches import FOCALS, WINDOW_ROWS, find_stretches, is_suspicious, refine_stretch
 
@@ -218,7 +219,7 @@ class SuspectedChange:
         """The change that predicts people best; None where none is ten times as probable as a camera that stays as it is."""
         kinds: tuple[Kind, ...] = ("zoomed", "moved", "zoomed_and_moved")
         steps = [found for path in self.steps for kind in kinds if (found := self.trial.step(kind, path)) is not None]
-        drifts = [self.trial.drift(path) for path in self.drifts]
+        drifts = [found for path in self.drifts if (found := self.trial.drift(path)) is not None]
         likely = [one for family in (steps, drifts) if (one := _simplest(family)) is not None]
         return max(likely, key=lambda one: one.over_base.gain + one.log_prior, default=None)
 
@@ -233,7 +234,7 @@ class _Trial:
     n_cameras: int
 
     def step(self, kind: Kind, path: CameraPath) -> FoundChange | None:
-        """A change in a stretch of time near the first one; None where all of the time falls to one camera."""
+        """A change in a stretch of time near the first one; None where nothing speaks for one."""
         parts = PARTS[kind]
         change = np.zeros_like(path.coefficients)
         change[:, parts] = path.coefficients[:, parts]
@@ -241,7 +242,7 @@ class _Trial:
         if kind == "zoomed":
             first = replace(first, pose=self.base.pose)
         full = refine_stretch(self.m, first, parts)
-        if full is None:
+        if full is None or not self._may_convince(kind, full):
             return None
         return self._compared(kind, full, [refine_stretch(self.m, full, parts, 2, held=held) for held in self._folds()])
 
@@ -252,8 +253,10 @@ class _Trial:
         folds: list[CameraPath | None] = [fit_path(self.m.part(~held), full, own=parts) for held in self._folds()]
         return self._compared(kind, full, folds, base_held=True)
 
-    def drift(self, path: CameraPath) -> FoundChange:
-        """A drift."""
+    def drift(self, path: CameraPath) -> FoundChange | None:
+        """A drift; None where nothing speaks for one."""
+        if not self._may_convince("drifts", path):
+            return None
         folds: list[CameraPath | None] = [fit_path(self.m.part(~held), path, TURNS, own=WITH_CLOCK) for held in self._folds()]
         return self._compared("drifts", path, folds)
 
@@ -261,19 +264,33 @@ class _Trial:
         """The observations that are held out, fold by fold."""
         return [self.block % FOLDS == fold for fold in range(FOLDS) if (self.block % FOLDS == fold).any()]
 
+    @cached_property
+    def _still(self) -> list[CameraPath]:
+        """The camera that stays as it is, fitted without each fold."""
+        return [fit_path(self.m.part(~held), self.base, own=WITH_CLOCK) for held in self._folds()]
+
+    def _costs(self, path: CameraPath) -> Floats:
+        """(B,) of each block by a path that was fitted to all of them."""
+        return np.asarray(np.bincount(self.block, costs_along(self.m, path)), dtype=np.float64)
+
+    def _may_convince(self, kind: Kind, full: CameraPath) -> bool:
+        return may_convince(self._costs(full), self._costs(self.base), self._log_prior(kind))
+
+    def _log_prior(self, kind: Kind) -> float:
+        return float(np.log(CHANGED_SITES[kind] / self.n_cameras))
+
     def _compared(
         self, kind: Kind, full: CameraPath, folds: Sequence[CameraPath | None], *, base_held: bool = False
     ) -> FoundChange:
         """Each fold predicted by a path that was fitted to the others; by the base where that is None."""
         n = int(self.block.max()) + 1
         predicted, before = np.zeros(n), np.zeros(n)
-        for held, path in zip(self._folds(), folds, strict=True):
+        still_paths = [self.base] * len(folds) if base_held else self._still
+        for held, path, still in zip(self._folds(), folds, still_paths, strict=True):
             part, block = self.m.part(held), self.block[held]
-            still = self.base if base_held else fit_path(self.m.part(~held), self.base, own=WITH_CLOCK)
             before += np.bincount(block, costs_along(part, still), n)
             predicted += np.bincount(block, costs_along(part, still if path is None else path), n)
-        log_prior = float(np.log(CHANGED_SITES[kind] / self.n_cameras))
-        return FoundChange(kind, full, predicted, Comparison.of(predicted, before), log_prior)
+        return FoundChange(kind, full, predicted, Comparison.of(predicted, before), self._log_prior(kind))
 
 
 def _simplest(family: Sequence[FoundChange]) -> FoundChange | None:

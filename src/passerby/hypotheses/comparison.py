@@ -67,6 +67,19 @@ class Comparison:
         return cls(total, z, min(total, 0.5 * n * float(np.log1p(4 * z**2 / (n - 1)))))
 
 
+def may_convince(fitted: Floats, base: Floats, log_prior: float) -> bool:
+    """Whether an alternative is worth predicting held-out blocks: it explains those that it was fitted to convincingly.
+
+    Blocks that were held out gain less than those that were fitted.
+
+    Args:
+        fitted: (B,) costs of the blocks by the alternative, fitted to all of them, nats.
+        base: (B,) and by the base model.
+        log_prior: logarithm of the alternative's prior odds.
+    """
+    return Comparison.of(fitted, base).log_evidence + log_prior > LOG_ODDS
+
+
 @dataclass(frozen=True)
 class Screened:
     """What one linearisation says of an alternative."""

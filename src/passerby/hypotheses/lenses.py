@@ -15,7 +15,7 @@ from passerby.core.lens import LARGEST_FOCAL_SD, Lens
 from passerby.core.measuring import MeasuringErrors, measure_change
 from passerby.hypotheses.alternatives import LENS, WRONG, Alternative, lens_alternatives, prior_scales
 from passerby.hypotheses.case import Case
-from passerby.hypotheses.comparison import LOG_ODDS, Comparison, Refit, Screened, effect, screen
+from passerby.hypotheses.comparison import LOG_ODDS, Comparison, Refit, Screened, effect, may_convince, screen
 from passerby.solver.lens_unknowns import LENS_PARTS
 from passerby.solver.people import PeopleSolution
 
@@ -111,7 +111,7 @@ class LensResult:
     found: FoundLenses | None = None
     """The lenses of the most likely one."""
     tested: tuple[FittedAlternative, ...] = ()
-    """All that were fitted."""
+    """All whose predictions were compared."""
 
 
 def examine_lenses(solution: PeopleSolution, corrected: Sequence[Alternative] = ()) -> LensResult:
@@ -133,12 +133,15 @@ def examine_lenses(solution: PeopleSolution, corrected: Sequence[Alternative] = 
         for one in sorted(screened, key=lambda one: -one.gain)
         if one.gain >= LEAST_SCREENED and one.alternative not in corrected
     ]
-    if not likely:
+    fitted = [(one, base.with_problem(one.apply(base.problem, base.stated)).fitted()) for one in likely[:MOST_REFITS]]
+    costs = base.costs()
+    convincing = [(one, case) for one, case in fitted if may_convince(case.costs(), costs, one.log_prior)]
+    if not convincing:
         return LensResult("nothing", tuple(screened))
-    before = Refit.of(base)
+    before = Refit.of(base, fitted=True)
     tested = []
-    for alternative in likely[:MOST_REFITS]:
-        refit = Refit.of(base.with_problem(alternative.apply(base.problem, base.stated)))
+    for alternative, case in convincing:
+        refit = Refit.of(case, fitted=True)
         tested.append(FittedAlternative(alternative, refit, Comparison.of(refit.predicted, before.predicted)))
     tested.sort(key=lambda one: -(one.over_base.gain + one.alternative.log_prior))
     counted = [one for one in tested if one.log_odds > LOG_ODDS]

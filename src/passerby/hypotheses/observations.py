@@ -13,7 +13,7 @@ from typing import Literal
 
 import numpy as np
 
-from passerby.common.arrays import Ints
+from passerby.common.arrays import Floats, Ints
 from passerby.core.cameras import Lens, Pose, Rig
 from passerby.core.figures import adjusted
 from passerby.core.measuring import MOST_PLACES, measure_change
@@ -22,7 +22,7 @@ from passerby.core.solution import Solution
 from passerby.core.stature import PERSON_HEIGHT_M
 from passerby.core.synchronisation import USUAL_FPS
 from passerby.hypotheses.case import blocks_of
-from passerby.hypotheses.comparison import FOLDS, LOG_ODDS, Comparison, effect
+from passerby.hypotheses.comparison import FOLDS, LOG_ODDS, Comparison, effect, may_convince
 from passerby.hypotheses.readings import Reading, image_readings, late_clock
 from passerby.hypotheses.registration import FEWEST, SeenPeople, rows_of_keys
 from passerby.people.body_centres import PeopleRays, TriangulatedPeople, identified_body_centres
@@ -166,7 +166,12 @@ class _Camera:
         pose = read.other.anew(np.random.default_rng(0)) if reading.anew else self.pose
         if pose is None or len(read.other) < FEWEST:
             return None
-        if read.other.costs(pose).sum() >= read.stated.costs(self.pose).sum():
+        stated = read.stated.costs(self.pose)
+        if read.other.costs(pose).sum() >= stated.sum():
+            return None
+        full, block = read.other.fitted(pose), self._block_of(read.stated)
+        fitted, base = (self._by_block(block, each) for each in (read.other.costs(full), stated))
+        if not may_convince(fitted, base, reading.log_prior):
             return None
         better, worse = np.zeros(self.n_blocks), np.zeros(self.n_blocks)
         for fold in range(FOLDS):
@@ -178,10 +183,8 @@ class _Camera:
             held = block % FOLDS == fold
             if held.any() and not held.all():
                 for seen, start, costs in ((part.other, pose, better), (part.stated, self.pose, worse)):
-                    costs += np.bincount(block[held], seen.take(held).costs(seen.take(~held).fitted(start)), self.n_blocks)
-        return ReadCamera(
-            reading, self.name, Comparison.of(better, worse), read.other.fitted(pose), np.inf, read.lens, read.seen
-        )
+                    costs += self._by_block(block[held], seen.take(held).costs(seen.take(~held).fitted(start)))
+        return ReadCamera(reading, self.name, Comparison.of(better, worse), full, np.inf, read.lens, read.seen)
 
     def _read(self, reading: Reading) -> _Read:
         lens, seen = reading.read(self.lens, self.seen)
@@ -193,6 +196,10 @@ class _Camera:
         """(M,) the row of each observation among those as stated; -1 where it has none."""
         ids = int(max(seen.identity.max(initial=0), self.stated.identity.max(initial=0))) + 1
         return rows_of_keys(seen.frame * ids + seen.identity, self.stated.frame * ids + self.stated.identity)
+
+    def _by_block(self, block: Ints, costs: Floats) -> Floats:
+        """(B,) sums."""
+        return np.asarray(np.bincount(block, costs, self.n_blocks), dtype=np.float64)
 
     def _block_of(self, seen: SeenPeople) -> Ints:
         """(M,) the block of each observation; -1 where it has none."""

@@ -142,16 +142,16 @@ class LensUnknowns:
         cameras = (replace(camera, lens=self.moved(camera.lens, row)) for camera, row in zip(rig, change, strict=True))
         return replace(rig, cameras=tuple(cameras))
 
-    def by_pixel(self, lens: Lens, pixels: Floats) -> Floats:
+    def by_pixel(self, lens: Lens, pixels: Floats, rays: Floats | None = None) -> Floats:
         """(M, 2, L) how the pixels (M, 2) of fixed rays move with the unknowns: exact for every lens with a linear matrix,
-        but for the distortion, whose derivative it is.
+        but for the distortion, whose derivative it is. The rays (M, 3) are those of the pixels, where they are known.
         """
         out = np.zeros((len(pixels), 2, self.size))
         out[:, :, self.columns_of("focal")] = (pixels - lens.matrix[:2, 2])[:, :, None]
         if "principal_point" in self.parts:
             out[:, :, self.columns_of("principal_point")] = np.eye(2)
         if "distortion" in self.parts:
-            rays = np.nan_to_num(lens.bearings(pixels), nan=0.0)
+            rays = np.nan_to_num(lens.bearings(pixels) if rays is None else rays, nan=0.0)
             rays[~rays.any(axis=1)] = (0.0, 0.0, 1.0)
             out[:, :, self.columns_of("distortion")] = by_distortion(lens, rays)
         return out
@@ -177,15 +177,13 @@ class LensUnknowns:
             s = replace(s, pixels=ends, lens_at=change[s.camera])
         assert s.pixels is not None
         assert s.lens_at is not None
-        top, top_tangent = _rays(lenses, s.camera, s.pixels[:, 0])
-        bottom, bottom_tangent = _rays(lenses, s.camera, s.pixels[:, 1])
-        good = np.isfinite(np.concatenate([top, bottom], axis=1)).all(axis=1)
+        rays, tangents, by_lens, slopes = self._unproject(lenses, s.camera, s.pixels)
+        good = np.isfinite(rays).all(axis=(1, 2))
         return replace(
-            s, top=_where(good, top, s.top), bottom=_where(good, bottom, s.bottom),
-            top_tangent=_where(good, top_tangent, s.top_tangent),
-            bottom_tangent=_where(good, bottom_tangent, s.bottom_tangent),
-            lens_at=_where(good, change[s.camera], s.lens_at), by_lens=self._by_pixels(lenses, s.camera, s.pixels),
-            distortion_slope=self._slopes(lenses, s.camera, s.pixels),
+            s, top=_where(good, rays[:, 0], s.top), bottom=_where(good, rays[:, 1], s.bottom),
+            top_tangent=_where(good, tangents[:, 0], s.top_tangent),
+            bottom_tangent=_where(good, tangents[:, 1], s.bottom_tangent),
+            lens_at=_where(good, change[s.camera], s.lens_at), by_lens=by_lens, distortion_slope=slopes,
         )  # fmt: skip
 
     def points(self, o: PointObservations, rig: Rig, change: Floats) -> PointObservations:
@@ -198,33 +196,33 @@ class LensUnknowns:
             o = replace(o, pixels=pixels, lens_at=change[o.camera])
         assert o.pixels is not None
         assert o.lens_at is not None
-        bearing, tangent = _rays(lenses, o.camera, o.pixels)
-        slopes = self._slopes(lenses, o.camera, o.pixels[:, None])
-        good = np.isfinite(bearing).all(axis=1)
+        rays, tangents, by_lens, slopes = self._unproject(lenses, o.camera, o.pixels[:, None])
+        good = np.isfinite(rays).all(axis=(1, 2))
         return replace(
-            o, bearing=_where(good, bearing, o.bearing), tangent=_where(good, tangent, o.tangent),
-            lens_at=_where(good, change[o.camera], o.lens_at),
-            by_lens=self._by_pixels(lenses, o.camera, o.pixels[:, None])[:, 0],
+            o, bearing=_where(good, rays[:, 0], o.bearing), tangent=_where(good, tangents[:, 0], o.tangent),
+            lens_at=_where(good, change[o.camera], o.lens_at), by_lens=by_lens[:, 0],
             distortion_slope=None if slopes is None else slopes[:, 0],
         )  # fmt: skip
 
-    def _slopes(self, lenses: Sequence[Lens], camera: Ints, pixels: Floats) -> Floats | None:
-        """(M, E, 2, 2) of E pixels a row, (M, E, 2); None where the distortion is not refined."""
-        if "distortion" not in self.parts:
-            return None
-        out = np.zeros((*pixels.shape, 2))
-        for c, lens in enumerate(lenses):
-            own = camera == c
-            out[own] = _slope(lens, pixels[own].reshape(-1, 2)).reshape(*pixels[own].shape, 2)
-        return out
+    def _unproject(self, lenses: Sequence[Lens], camera: Ints, pixels: Floats) -> tuple[Floats, Floats, Floats, Floats | None]:
+        """What E pixels a row, (M, E, 2), say of rays and lenses; NaN rays of pixels that a lens cannot have.
 
-    def _by_pixels(self, lenses: Sequence[Lens], camera: Ints, pixels: Floats) -> Floats:
-        """(M, E, 2, L) derivatives of E pixels a row, (M, E, 2)."""
-        out = np.zeros((*pixels.shape, self.size))
+        Returns:
+            (M, E, 3) rays, (M, E, 2, 3) tangents, (M, E, 2, L) derivatives of the pixels by the lens, and (M, E, 2, 2) slopes
+            of the distortion's; None where the distortion is not refined.
+        """
+        shape = pixels.shape[:2]
+        rays, tangents = np.zeros((*shape, 3)), np.zeros((*shape, 2, 3))
+        by_lens, slopes = np.zeros((*shape, 2, self.size)), np.zeros((*shape, 2, 2))
         for c, lens in enumerate(lenses):
             own = camera == c
-            out[own] = self.by_pixel(lens, pixels[own].reshape(-1, 2)).reshape(*pixels[own].shape, self.size)
-        return out
+            at = pixels[own].reshape(-1, 2)
+            seen, number = lens.bearings(at), pixels[own].shape[:2]
+            rays[own], tangents[own] = seen.reshape(*number, 3), lens.tangents(seen).reshape(*number, 2, 3)
+            by_lens[own] = self.by_pixel(lens, at, seen).reshape(*number, 2, self.size)
+            if "distortion" in self.parts:
+                slopes[own] = _slope(lens, seen).reshape(*number, 2, 2)
+        return rays, tangents, by_lens, slopes if "distortion" in self.parts else None
 
 
 def by_distortion(lens: Lens, rays: Floats) -> Floats:
@@ -232,13 +230,12 @@ def by_distortion(lens: Lens, rays: Floats) -> Floats:
     return lens.by_intrinsics(rays)[:, :, 3:]
 
 
-def _slope(lens: Lens, pixels: Floats) -> Floats:
-    """(M, 2, 2) how the derivative of pixels (M, 2) by the first distortion coefficient k changes with the pixel.
+def _slope(lens: Lens, rays: Floats) -> Floats:
+    """(M, 2, 2) how the derivative of the pixels of rays (M, 3) by the first distortion coefficient k changes with the pixel.
 
     For square pixels and radial distortion x (1 + k r^2): 3 r^2 / (1 + 3 k r^2) along the radius, r^2 / (1 + k r^2) across. The
     radius r is the tangent of the angle with the axis, that of a fisheye the angle itself.
     """
-    rays = lens.bearings(pixels)
     if lens.fisheye:
         sine = np.linalg.norm(rays[:, :2], axis=1, keepdims=True)
         x = np.nan_to_num(rays[:, :2] * np.arctan2(sine, rays[:, 2:]) / np.maximum(sine, 1e-12))
@@ -267,16 +264,6 @@ def _pixels(lenses: Sequence[Lens], camera: Ints, rays: Floats) -> Floats:
     for c, lens in enumerate(lenses):
         out[camera == c] = lens.project_rays(rays[camera == c])
     return out
-
-
-def _rays(lenses: Sequence[Lens], camera: Ints, pixels: Floats) -> tuple[Floats, Floats]:
-    """Rays (M, 3) and tangents (M, 2, 3) of pixels (M, 2); NaN where a lens cannot have seen them."""
-    rays, tangents = np.zeros((len(pixels), 3)), np.zeros((len(pixels), 2, 3))
-    for c, lens in enumerate(lenses):
-        own = camera == c
-        rays[own] = lens.bearings(pixels[own])
-        tangents[own] = lens.tangents(rays[own])
-    return rays, tangents
 
 
 def _where(good: Any, new: Floats, old: Floats) -> Floats:
