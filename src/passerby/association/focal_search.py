@@ -1,14 +1,16 @@
 """First focal lengths of unknown lenses, from people without identities.
 
 As among identified people (`solver.focal_search`), the grounds below two cameras fit at the right focal lengths only: there the
-registration by ground tracks finds most people who walk together. Every pair of cameras is registered at every two focal
-lengths of a coarse grid, and those are taken at which the pairs together agree most. Identities come from a registration with
-the lenses found, and finer focal lengths from the identities.
+registration by ground tracks finds most people who walk together. Pairs of cameras are registered at focal lengths of a coarse
+grid, and those are taken at which the pairs together agree most. First all cameras have one focal length; then, in rounds, each
+camera is tried at every focal length with the cameras that it agrees with most, until no camera changes. Identities come from a
+registration with the lenses found, and finer focal lengths from the identities.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import itertools
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 
@@ -31,6 +33,12 @@ FOUND_SD = 0.2
 """What the focal lengths found are off by, one sigma of their logarithm: the step of the grid, and its
 neighbours where they do as well."""
 _MOST_PEOPLE = 400
+_PARTNERS = 3
+"""Cameras with which a camera is tried at every focal length: those that it agrees with most so far."""
+
+Pair = tuple[int, int]
+Entry = tuple[int, int]
+"""Indices into the focal lengths of both cameras of a pair."""
 
 
 def search_focals_by_tracks(
@@ -55,11 +63,26 @@ def search_focals_by_tracks(
     pairs = [
         (a, b) for a in range(len(rig)) for b in range(a + 1, len(rig)) if len(focals[a]) * len(focals[b]) > 1
     ]  # fmt: skip
-    jobs = [_Job(tracks[a], tracks[b], max_lag_s) for a, b in pairs]
-    tables = dict(zip(pairs, side_by_side(_costs, jobs, executor, tell, "focal lengths"), strict=True))
-    told = {pair: table for pair, table in tables.items() if table.any()}
-    shared, compared = shared_lenses(rig), {c for pair in told for c in pair}
-    chosen = choose_focals([len(one) for one in focals], told, shared)
+    counts, shared = [len(one) for one in focals], shared_lenses(rig)
+    costs = {(a, b): np.zeros((counts[a], counts[b])) for a, b in pairs}
+    known, chosen = {pair: set[Entry]() for pair in pairs}, list[int]()
+    wanted = {pair: _diagonal(counts[pair[0]], counts[pair[1]]) for pair in pairs}
+    for number in itertools.count(1):
+        jobs = [
+            _Job(pair, tracks[pair[0]], tracks[pair[1]], tuple(sorted(wanted[pair] - known[pair])), max_lag_s) for pair in pairs
+        ]
+        jobs = [job for job in jobs if job.entries]
+        if not jobs:
+            break
+        stage = "focal lengths" if number == 1 else f"focal lengths, round {number}"
+        for job, found in zip(jobs, side_by_side(_costs, jobs, executor, tell, stage), strict=True):
+            costs[job.pair][tuple(np.transpose(job.entries))] = found
+            known[job.pair].update(job.entries)
+        chosen = choose_focals(counts, costs, shared)
+        partners = _partners(costs, shared)
+        wanted = {(a, b): _cross(costs[a, b].shape, chosen[a], chosen[b]) if (a, b) in partners else set() for a, b in pairs}
+    told = {pair: table for pair, table in costs.items() if table.any()}
+    compared = {c for pair in told for c in pair}
     out = list(rig)
     for c in (c for members in shared if compared & set(members) for c in members):
         if len(focals[c]) > 1:
@@ -85,18 +108,42 @@ def _tracks(
     return tuple(out)
 
 
+def _diagonal(first: int, second: int) -> set[Entry]:
+    """Both cameras at one focal length of the grid; at all of them where one has a lens that is known."""
+    most = max(first, second)
+    return {(round(k * (first - 1) / max(most - 1, 1)), round(k * (second - 1) / max(most - 1, 1))) for k in range(most)}
+
+
+def _cross(shape: tuple[int, ...], i: int, j: int) -> set[Entry]:
+    """One camera at what was chosen, the other one at every focal length."""
+    return {(i, k) for k in range(shape[1])} | {(k, j) for k in range(shape[0])}
+
+
+def _partners(costs: Mapping[Pair, Floats], shared: Sequence[Sequence[int]]) -> set[Pair]:
+    """The pairs of each camera with those that it agrees with most; cameras of one lens need no others."""
+    lens_of = {c: number for number, members in enumerate(shared) for c in members}
+    ranked: dict[int, list[tuple[float, Pair]]] = {}
+    for pair, table in costs.items():
+        if lens_of[pair[0]] != lens_of[pair[1]]:
+            for c in pair:
+                ranked.setdefault(c, []).append((float(table.min(initial=0.0)), pair))
+    return {pair for own in ranked.values() for _, pair in sorted(own)[:_PARTNERS]}
+
+
 @dataclass(frozen=True, eq=False)
 class _Job:
+    pair: Pair
     a: tuple[GroundTracks | None, ...]
     b: tuple[GroundTracks | None, ...]
+    entries: tuple[Entry, ...]
     max_lag_s: float
 
 
 def _costs(job: _Job) -> Floats:
-    """(F_a, F_b) how little a pair agrees at every two focal lengths; 0 where nothing fits."""
-    cost = np.zeros((len(job.a), len(job.b)))
-    for i, a in enumerate(job.a):
-        for j, b in enumerate(job.b):
-            if a is not None and b is not None and len(a) and len(b):
-                cost[i, j] = -best_merit(a, b, job.max_lag_s)
-    return cost
+    """(entries,) how little a pair agrees at two focal lengths; 0 where nothing fits."""
+    out = np.zeros(len(job.entries))
+    for k, (i, j) in enumerate(job.entries):
+        a, b = job.a[i], job.b[j]
+        if a is not None and b is not None and len(a) and len(b):
+            out[k] = -best_merit(a, b, job.max_lag_s)
+    return out

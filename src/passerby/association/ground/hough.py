@@ -26,8 +26,8 @@ SAME_TURN, SAME_LAG_S, SAME_SHIFT_M = np.deg2rad(25.0), 1.6, 6.0
 # depend on how far apart the cameras are; what falls onto one spot from several rounds is separated after.
 _TURNS, _CELLS, _CELL_M = 36, 64, 1.5
 _BLUR_CELLS = 1.0
-# Instants that vote, and about how many voters they may bring for each lag; more would only say the same again.
-_INSTANTS, _VOTERS = 240, 20_000
+_INSTANTS = 240
+"""Instants that vote; more would only say the same again."""
 # Velocities agree within this (metres per second), more for the fast.
 _VELOCITY_SD = 0.5
 _LEAST_VOICE = float(np.log(0.05))
@@ -62,17 +62,18 @@ def _around(difference: int, period: int) -> int:
     return abs((difference + period // 2) % period - period // 2)
 
 
-def hough_motion_candidates(tracks: TrackPair, max_lag_s: float, most: int) -> list[GroundMotion]:
+def hough_motion_candidates(tracks: TrackPair, max_lag_s: float, most: int, most_voters: int = 20_000) -> list[GroundMotion]:
     """The motions with most votes, the best first, distinct from each other.
 
     Args:
         tracks: of both cameras.
         max_lag_s: largest difference of the two clocks, seconds.
         most: number of motions.
+        most_voters: encounters that vote at each lag, about.
     """
     peaks: list[_Spot] = []
     voters = {}
-    most_instants, blur = min(_INSTANTS, tracks.instants_of(_VOTERS)), _blur()
+    most_instants, blur = min(_INSTANTS, tracks.instants_of(most_voters)), _blur()
     for lag in _lags(tracks, max_lag_s).tolist():
         voters[lag] = _voters(tracks, lag, most_instants)
         votes = _counted(voters[lag], blur)

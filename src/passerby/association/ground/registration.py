@@ -28,10 +28,9 @@ from passerby.association.sampling import STEP_S
 from passerby.common.arrays import Floats, Ints
 from passerby.geometry.groups import least_of_groups
 
-_CANDIDATES = 6
-# Instants and encounters that the refinement looks at; more would only say the same again. They come in stretches of ten
-# seconds: of an hour at even steps, a tracklet of four seconds would be left with one or two samples and match no other.
-_INSTANTS, _ENCOUNTERS, _STRETCH = 1500, 300_000, 20
+# Instants that the refinement looks at come in stretches of ten seconds: of an hour at even steps, a tracklet of four seconds
+# would be left with one or two samples and match no other.
+_INSTANTS, _STRETCH = 1500, 20
 # Tolerances of the matching, from round to round: the likely motions are known to a cell and five degrees.
 _TOLERANCES = (2.5, 2.0, 1.5, 1.2, 1.0, 1.0)
 BELIEVED_SHARE = 0.45
@@ -41,6 +40,23 @@ place all agree on where to put a stranger."""
 # Samples of one person in two cameras miss each other by so many tolerances on the median (0.2 to 0.35 in simulation); where it
 # is more the tolerance is too tight, and is widened up to this factor.
 _USUAL_MISS, _WIDEST, _MIN_NEAREST = 0.35, 3.0, 20
+
+
+@dataclass(frozen=True)
+class Thoroughness:
+    """How much of the tracks a registration looks at; more would only say the same again."""
+
+    candidates: int
+    """Likely motions that are refined."""
+    voters: int
+    """Encounters that propose motions at each lag, about."""
+    encounters: int
+    """And that motions are refined by."""
+
+
+THOROUGH = Thoroughness(6, 20_000, 300_000)
+QUICK = Thoroughness(3, 6_000, 60_000)
+"""To tell how well two cameras agree, not where they are."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,20 +149,23 @@ def best_merit(tracks_a: GroundTracks, tracks_b: GroundTracks, max_lag_s: float)
     """How much agrees under the best motion of two cameras (`Registration.merit`); 0 where nothing does. Arguments as of
     `register_pair`.
     """
-    guesses = _guesses(TrackPair(tracks_a, tracks_b, None), max_lag_s, tracks_a)
+    guesses = _guesses(TrackPair(tracks_a, tracks_b, None), max_lag_s, tracks_a, QUICK)
     return max(guesses[0].merit, 0.0) if guesses else 0.0
 
 
-def _guesses(tracks: TrackPair, max_lag_s: float, tracks_a: GroundTracks) -> tuple[Registration, ...]:
+def _guesses(
+    tracks: TrackPair, max_lag_s: float, tracks_a: GroundTracks, effort: Thoroughness = THOROUGH
+) -> tuple[Registration, ...]:
     """The guesses for a pair, the best first."""
-    most_instants = min(_INSTANTS, tracks.instants_of(_ENCOUNTERS))
+    most_instants = min(_INSTANTS, tracks.instants_of(effort.encounters))
 
     # Guesses usually share a few lags; what is kept for one may be large.
     @lru_cache(maxsize=3)
     def met_at(lag: int) -> SynchronousPairs:
         return find_synchronous_pairs(tracks, lag, most_instants, _STRETCH)
 
-    found = [_refined(met_at, start, max_lag_s) for start in hough_motion_candidates(tracks, max_lag_s, _CANDIDATES)]
+    starts = hough_motion_candidates(tracks, max_lag_s, effort.candidates, effort.voters)
+    found = [_refined(met_at, start, max_lag_s) for start in starts]
     ranked = sorted((guess for guess in found if guess is not None), key=lambda guess: -guess.merit)
     distinct: list[Registration] = []
     for guess in ranked:
