@@ -82,6 +82,30 @@ class AdjustmentProblem:
     joint_kind: Ints
     """(J,) which joint of the body each joint of the problem is."""
 
+    def near(self, before: AdjustmentProblem, found: AdjustmentState) -> AdjustmentProblem:
+        """The same, begun at the solution `found` of an earlier round with people and joints whose sightings are the same."""
+        people, joints = self.state.people.copy(), self.state.joints.copy()
+        here, there = _common(*((one.blocks, one.problem.sightings.block, one.rows) for one in (self, before)))
+        people[here] = found.people[there]
+        here, there = _common(*((one.joints, one.problem.joints.point, one.joint_rows) for one in (self, before)))
+        joints[here] = found.joints[there]
+        return replace(self, state=replace(self.state, people=people, joints=joints))
+
+
+def _common(now: tuple[Ints, Ints, Ints], before: tuple[Ints, Ints, Ints]) -> tuple[Ints, Ints]:
+    """Places in two lists of person-instants, or joints, of those that have the same sightings in both.
+
+    Args:
+        now: (N,) unique numbers in the evidence, (M,) place of each sighting in that list, and (M,) its row of the evidence.
+        before: the same of the other list.
+    """
+    _, here, there = np.intersect1d(now[0], before[0], assume_unique=True, return_indices=True)
+    same = np.ones(len(here), dtype=bool)
+    for power in (0, 1, 2):  # number of the rows, their sum and the sum of their squares
+        sums = [np.bincount(at, rows.astype(np.float64) ** power, len(listed)) for listed, at, rows in (now, before)]
+        same &= sums[0][here] == sums[1][there]
+    return here[same], there[same]
+
 
 @dataclass(frozen=True, eq=False)
 class PriorKnowledge:

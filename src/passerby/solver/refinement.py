@@ -57,6 +57,7 @@ def refine_rig(start: Initialisation, state: RigState, options: PeopleOptions, r
     whole: Floats | None = None
     rounds: list[AdjustmentRound] = []
     growing, number, for_lenses = False, 0, 0
+    before: tuple[AdjustmentProblem, AdjustmentState] | None = None
     while True:
         last = number >= options.rounds - 1 and not (growing and number < options.rounds - 1 + _MORE_ROUNDS)
         part = number == 0 and not last
@@ -69,9 +70,11 @@ def refine_rig(start: Initialisation, state: RigState, options: PeopleOptions, r
             start.evidence, state, noise, start.knowledge, share=share, blocks=blocks, joints=joints, stance=stance,
             whole=whole, rename=number > 0,
         )  # fmt: skip
+        if before is not None:
+            model = model.near(*before)
         stopping = Stopping(options.max_iterations, options.tolerance) if last else Stopping(12, 1e-4)
         result = minimise(model.problem, model.state, stopping)
-        state = rig_of(result.state)
+        state, before = rig_of(result.state), (model, result.state)
         rounds.append(
             AdjustmentRound(
                 sightings=len(model.rows), renamed=model.renamed, joints=len(model.joint_rows),
@@ -90,8 +93,8 @@ def refine_rig(start: Initialisation, state: RigState, options: PeopleOptions, r
             continue
         judged = occlusion_weights(model, result.state, len(evidence.sightings))
         whole = judged.weight
-        before, noise = noise, learn_noise(model, result, judged.broken)
-        growing = len(model.rows) > 0 and _typical(noise, model) > _GROWTH * _typical(before, model)
+        taken, noise = noise, learn_noise(model, result, judged.broken)
+        growing = len(model.rows) > 0 and _typical(noise, model) > _GROWTH * _typical(taken, model)
         stance = _stance(model, result.state, len(evidence.person))
         share = AGREE_SIGMAS * max(noise.centre if len(model.rows) else 0.0, noise.joint if evidence.n_joints else 0.0)
         number += 1

@@ -7,7 +7,7 @@ nearly as well means that the registration cannot be trusted.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -31,8 +31,6 @@ from passerby.geometry.groups import least_of_groups
 # Instants that the refinement looks at come in stretches of ten seconds: of an hour at even steps, a tracklet of four seconds
 # would be left with one or two samples and match no other.
 _INSTANTS, _STRETCH = 1500, 20
-# Tolerances of the matching, from round to round: the likely motions are known to a cell and five degrees.
-_TOLERANCES = (2.5, 2.0, 1.5, 1.2, 1.0, 1.0)
 BELIEVED_SHARE = 0.45
 """Of what two cameras should both see. Over simulated scenes whose boxes are nearly all there, cameras that see the same place
 reach 0.63 to 0.83, and those that see different people at most 0.44. Third cameras do not help there: cameras that see one
@@ -52,10 +50,12 @@ class Thoroughness:
     """Encounters that propose motions at each lag, about."""
     encounters: int
     """And that motions are refined by."""
+    tolerances: tuple[float, ...]
+    """Of the matching, from round to round: the likely motions are known to a cell and five degrees."""
 
 
-THOROUGH = Thoroughness(6, 20_000, 300_000)
-QUICK = Thoroughness(3, 6_000, 60_000)
+THOROUGH = Thoroughness(6, 20_000, 300_000, (2.5, 2.0, 1.5, 1.2, 1.0, 1.0))
+QUICK = Thoroughness(3, 6_000, 60_000, (2.5, 1.5, 1.0))
 """To tell how well two cameras agree, not where they are."""
 
 
@@ -165,7 +165,7 @@ def _guesses(
         return find_synchronous_pairs(tracks, lag, most_instants, _STRETCH)
 
     starts = hough_motion_candidates(tracks, max_lag_s, effort.candidates, effort.voters)
-    found = [_refined(met_at, start, max_lag_s) for start in starts]
+    found = [_refined(met_at, start, max_lag_s, effort.tolerances) for start in starts]
     ranked = sorted((guess for guess in found if guess is not None), key=lambda guess: -guess.merit)
     distinct: list[Registration] = []
     for guess in ranked:
@@ -174,11 +174,13 @@ def _guesses(
     return tuple(distinct)
 
 
-def _refined(met_at: Callable[[int], SynchronousPairs], start: GroundMotion, max_lag_s: float) -> Registration | None:
+def _refined(
+    met_at: Callable[[int], SynchronousPairs], start: GroundMotion, max_lag_s: float, tolerances: Sequence[float]
+) -> Registration | None:
     """Alternate between matching tracklets and the least-squares motion, from tolerant to strict."""
     motion, latest = start, max_lag_s + STEP_S
     found: Registration | None = None
-    for factor in _TOLERANCES:
+    for factor in tolerances:
         met = met_at(round(motion.lag_s / STEP_S))
         matched = match_tracklets(met, motion, factor)
         fitted = None if matched is None else fit_motion(met, matched, motion, free_lag=max_lag_s > 0)
