@@ -29,6 +29,7 @@ def test_each_step_is_twice_as_long_to_the_end():
         ([step(30, 0.04, verdict="doubtful"), step(60, 0.03, verdict="doubtful")], False),
         ([step(30, 0.04, verdict="doubtful"), step(60, 0.039, verdict="doubtful")], True),
         ([step(30, None, None, "refused"), step(60, None, None, "refused")], False),
+        ([step(10, 0.04), step(20, 0.03)], False),
     ],
     ids=[
         "not confirmed",
@@ -39,11 +40,12 @@ def test_each_step_is_twice_as_long_to_the_end():
         "doubt, better",
         "doubt, settled",
         "none",
+        "too little",
     ],
 )
 def test_it_ends_where_the_target_is_reached_or_more_would_barely_help(steps, enough):
     assert is_enough(steps, AIMED) is enough
-    assert not is_enough(steps, Effort())
+    assert not is_enough(steps, Effort(target_m=None))
 
 
 def test_no_step_is_begun_that_would_take_longer_than_there_is():

@@ -10,6 +10,7 @@ import passerby
 from passerby.calibration import calibrate as module
 from passerby.calibration.calibrate import CalibrationInterrupted
 from passerby.calibration.effort import Effort
+from passerby.common.errors import InputError
 from passerby.evaluation.metrics import compare
 from support.scenes.puppet_videos import film, puppets, scene_file
 
@@ -29,7 +30,7 @@ def scene(made, tmp_path_factory):
     return scene_file(folder, {name: f"{name}.mp4" for name in made.rig.names}, perception=PERCEPTION)
 
 
-AIMED, ENDLESS = Effort(target_m=0.05), Effort(budget_s=1e9)
+AIMED, ENDLESS = Effort(), Effort(target_m=None, budget_s=1e9)
 PERCEPTION = 'detector = "background"\nembedder = "none"\nkeypoints = "none"\nfps = 3'
 
 
@@ -82,6 +83,15 @@ def test_the_same_is_made_of_what_is_kept(from_part, scene):
     again = passerby.calibrate(scene, keep=out, effort=AIMED)
     assert used_s(again) == used_s(found)
     assert poses(again) == poses(found)
+
+
+def test_a_file_that_was_cut_off_is_an_error(scene, tmp_path):
+    folder = tmp_path / "cut"
+    shutil.copytree(scene.parent, folder)
+    with (folder / "C2.mp4").open("r+b") as video:
+        video.truncate((folder / "C2.mp4").stat().st_size // 4)
+    with pytest.raises(InputError, match=r"C2\.mp4: camera C2: the video ends after .* it was cut off"):
+        passerby.calibrate(folder / scene.name)
 
 
 def test_interrupted_after_the_first_rig_that_rig_is_there(from_part, scene, monkeypatch, tmp_path):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from passerby.perception.pictures import Frame, Picture
-from passerby.perception.steadiness import Steadiness, SteadinessWatcher
+from passerby.perception.steadiness import Steadiness, SteadinessWatcher, find_moves_between
 from passerby.perception.video import frames, probe
 from support.tiers import thinned
 
@@ -227,6 +227,35 @@ def test_the_same_pictures_give_the_same_bits() -> None:
     rng = np.random.default_rng(0)
     pictures = [crowded(seen(0.5 * (k % 3), 0, 4.0 * (k > 20)), rng, 0.3) for k in range(COUNT)]
     assert watched(pictures) == watched(pictures)
+
+
+def view_of(pictures: Iterable[Picture]) -> Picture:
+    """What a watcher knows of a camera's place after some pictures."""
+    watcher = SteadinessWatcher(SIZE)
+    for k, picture in enumerate(pictures):
+        watcher.look(Frame(k + 1, float(k), picture))
+    assert watcher.view is not None
+    return watcher.view
+
+
+def test_a_move_between_two_stretches_is_found_once() -> None:
+    rng = np.random.default_rng(5)
+    places = [(0.0, 0.0), (0.0, 0.3), (7.0, 0.0), (7.0, 0.0), (0.0, 0.0)]
+    views = [(100.0 * k, view_of(crowded(noisy(seen(*at), rng), rng, 0.2) for _ in range(10))) for k, at in enumerate(places)]
+    moves = find_moves_between(views, SIZE)
+    assert [move.seconds for move in moves] == [200.0, 400.0]
+    assert [move.until for move in moves] == [None, None]
+    assert [move.pixels for move in moves] == [pytest.approx(7.0, abs=0.5)] * 2
+
+
+def test_another_scene_says_nothing_of_a_move() -> None:
+    """After an hour the light may be another; moves are found by what is recognised."""
+    other = texture(2)
+    pictures = [seen(), seen(scene=other), seen(9.0, scene=other)]
+    views = [(100.0 * k, view_of([picture] * 4)) for k, picture in enumerate(pictures)]
+    assert [move.seconds for move in find_moves_between(views, SIZE)] == [200.0]
+    assert find_moves_between(views[:2], SIZE) == []
+    assert find_moves_between([], SIZE) == []
 
 
 def test_real_cameras_stand(data_root: Path) -> None:

@@ -6,6 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from passerby.core.observations import Boxes, Keypoints
 from passerby.perception.stretches import (
     Overview,
     Stretch,
@@ -18,6 +19,7 @@ from passerby.perception.stretches import (
     spread_evenly,
 )
 from passerby.perception.video import VideoReader, expected_count, probe
+from passerby.perception.video_observations import VideoObservations, join_stretches
 from support.scenes.numbered_videos import number_in, written
 
 
@@ -97,3 +99,21 @@ def test_a_stretch_without_a_look_comes_last():
     stretches = tuple(Stretch(5.0 * k, 5.0 * (k + 1)) for k in range(4))
     one = looks([(0.5, 0.5)], [(0.2, 0.5)])
     assert rank_stretches(stretches, {"A": one, "B": one}) == [1, 3, 0, 2]
+
+
+def test_a_camera_that_was_moved_between_two_stretches_is_a_fault(tmp_path):
+    info = probe(written(tmp_path / "a.mp4", 24))
+    wide = np.random.default_rng(3).integers(0, 255, (30, 50)).astype(np.uint8).repeat(10, axis=0).repeat(10, axis=1)
+
+    def stretch(begin_s, shift):
+        summary = {"moves": [], "broken": 0, "first_broken_s": None, "ended_early": None, "shake_px": 0.0}
+        view = np.ascontiguousarray(wide[:270, shift : shift + 480])
+        return VideoObservations(Boxes.empty(), Keypoints.empty(), 10, summary, begin_s=begin_s, view=view)
+
+    def faults(*shifts):
+        parts = [stretch(30.0 * k, shift) for k, shift in enumerate(shifts)]
+        return join_stretches(parts, (480, 270)).faults("C1", info)
+
+    assert faults(0, 0, 1) == []
+    [fault] = faults(0, 0, 8, 8)
+    assert "the camera moves 60.0 s after the start, by 8 pixels, and stays there" in fault

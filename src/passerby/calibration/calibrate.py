@@ -92,7 +92,7 @@ def calibrate(
 ) -> Calibration:  # fmt: skip
     """Calibrate the cameras of a scene from the people in it.
 
-    Where `effort` has a target or a budget, long videos are watched in stretches, those first that teach most.
+    Long videos are watched in stretches, those first that teach most, until the rig measures as well as `effort` says.
 
     Too little evidence does not raise: it is a calibration with the verdict "refused" or "doubtful" and its reasons.
 
@@ -105,7 +105,7 @@ def calibrate(
             None: one after the other. The result does not depend on it.
         keep: folder for the detections of the videos and each camera's tracklets, usually the output folder: a run that was
             stopped, or is repeated with other options, goes on from there. None: nothing is kept.
-        effort: how well the rig is to measure, and how much of the videos may be watched for it.
+        effort: how well the rig is to measure, and how much of the videos may be watched for it; None: 5 cm.
         show: called with the rig of each part of the videos but the last, as soon as there is one.
 
     Raises:

@@ -1,4 +1,4 @@
-"""How much of the videos is watched: ever more stretches, until the rig measures as well as was asked for."""
+"""How much of the videos is watched: ever more stretches, until the rig measures as well as is wanted."""
 
 from __future__ import annotations
 
@@ -15,11 +15,18 @@ WORTH = 0.1
 people alone falls by 29 %; one that barely falls is of something else: of a lens, of where a foot is in a box."""
 
 
+TARGET_M = 0.05
+"""The usual target."""
+LEAST_S = 60.0
+"""So much of the scene's time is used for a target at least, where there is so much. What is stated of a rig from less is too
+uncertain itself: it was made of few people."""
+
+
 @dataclass(frozen=True)
 class Effort:
-    """What is asked for; without a target and a budget the videos are watched as a whole."""
+    """What is wanted; without a target and a budget the videos are watched as a whole."""
 
-    target_m: float | None = None
+    target_m: float | None = TARGET_M
     """Uncertainty, one sigma, of points by several cameras and of positions on the ground by one, metres, at which no more
     of the videos is watched."""
     budget_s: float | None = None
@@ -65,14 +72,14 @@ def sizes(count: int) -> Iterator[int]:
 def is_enough(steps: Sequence[Step], effort: Effort) -> bool:
     """Whether further stretches are not worth their time, or would take more than there is.
 
-    The first step is never enough: what it says of itself is confirmed by twice as much video.
+    The first step is never enough for a target: what it says of itself is confirmed by twice as much video.
     """
     last, before = steps[-1], steps[-2] if len(steps) > 1 else None
     spent_s = last.ended_s - (before.ended_s if before else 0.0)
     if effort.budget_s is not None and last.ended_s + 2 * spent_s > effort.budget_s:
         return True
     target_m = effort.target_m
-    if target_m is None or before is None or last.points_m is None or before.verdict != last.verdict:
+    if target_m is None or before is None or last.points_m is None or before.verdict != last.verdict or last.used_s < LEAST_S:
         return False
 
     def suffices(now: float | None, was: float | None) -> bool:

@@ -174,13 +174,14 @@ def calibrate(
         str | None,
         typer.Option(
             metavar="LENGTH",
-            help="Uncertainty of points and of positions on the ground, such as 5cm, at which no more of the "
-            "videos is watched.",
+            help="Uncertainty of points and of positions on the ground, such as 2cm, at which no more of the "
+            "videos is watched; 5cm by default.",
         ),
     ] = None,
     budget: Annotated[
         str | None, typer.Option(metavar="TIME", help="Time, such as 2min, after which no more of the videos is begun.")
     ] = None,
+    everything: Annotated[bool, typer.Option("--all", help="Watch all of the videos at once.")] = False,
     scheduler: Scheduler = None,
     json: AsJson = False,
     progress: Form = ProgressForm.auto,
@@ -188,8 +189,8 @@ def calibrate(
 ) -> None:
     """Calibrate the cameras of a scene. Streams are recorded first if the scene has a table [recording].
 
-    With --target or --budget the parts of long videos that teach most are watched first, and the rest not once the rig
-    measures that well or more would barely improve it. Ctrl-C after the first rig then writes the rig that there is.
+    The parts of long videos that teach most are watched first, and the rest not once the rig measures as well as --target
+    or more would barely improve it. Ctrl-C after the first rig writes the rig that there is.
 
     The output folder caches what was detected in videos: an interrupted run continues from there, and a run with other
     options repeats only what depends on them.
@@ -198,7 +199,7 @@ def calibrate(
     """
     from passerby.calibration.calibrate import CalibrationInterrupted
     from passerby.calibration.calibrate import calibrate as run_calibration
-    from passerby.calibration.effort import Effort
+    from passerby.calibration.effort import TARGET_M, Effort
     from passerby.calibration.writing import WORK, write_results
     from passerby.cli.commands.record import record_if_needed
     from passerby.cli.quantities import parse_length, parse_seconds
@@ -213,8 +214,10 @@ def calibrate(
     from passerby.scene.scene import Scene
 
     verbose = verbose or bool(context.obj)
+    if everything and (target is not None or budget is not None):
+        raise InputError("--all watches all of the videos: leave out --target and --budget, or --all")
     effort = Effort(
-        None if target is None else parse_length(target, "--target"),
+        parse_length(target, "--target") if target is not None else None if everything else TARGET_M,
         None if budget is None else parse_seconds(budget, "--budget"),
     )
     streamed = read_streamed(scene)

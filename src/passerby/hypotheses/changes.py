@@ -234,7 +234,7 @@ class _Trial:
     n_cameras: int
 
     def step(self, kind: Kind, path: CameraPath) -> FoundChange | None:
-        """A change in a stretch of time near the first one; None where nothing speaks for one."""
+        """A change in a stretch of time near the first one; None where the observations do not call for one."""
         parts = PARTS[kind]
         change = np.zeros_like(path.coefficients)
         change[:, parts] = path.coefficients[:, parts]
@@ -254,7 +254,7 @@ class _Trial:
         return self._compared(kind, full, folds, base_held=True)
 
     def drift(self, path: CameraPath) -> FoundChange | None:
-        """A drift; None where nothing speaks for one."""
+        """A drift; None where the observations do not call for one."""
         if not self._may_convince("drifts", path):
             return None
         folds: list[CameraPath | None] = [fit_path(self.m.part(~held), path, TURNS, own=WITH_CLOCK) for held in self._folds()]

@@ -5,10 +5,13 @@ Each picture is compared with a reference: the first one, in which what was hidd
 Small textured patches are followed from a reference to a picture, after local contrast is normalised so that lights do not
 matter. As long as enough patches are found where they were, the camera stands, even if many others are hidden by people.
 Only where they are not, a similarity that most patches agree on (RANSAC) is a motion of the camera.
+
+Stretches that are watched by themselves have a reference each. These are compared with each other.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import cv2
@@ -99,6 +102,38 @@ class _Departure:
     zooms: tuple[float, ...]
 
 
+def find_moves_between(views: Iterable[tuple[float, NDArray[np.uint8]]], size: tuple[int, int]) -> list[Move]:
+    """The moves of a camera that stood still while each of some views was made.
+
+    A view that shows nothing of the one before says nothing: the light may have changed in between.
+
+    Args:
+        views: seconds at which the camera began to see each view, and the view (`SteadinessWatcher.view`), in order of time.
+        size: (width, height) of the camera's pictures, pixels.
+    """
+    scale, centre = _scale_of(size), _centre_of(size)
+    reference: Reference | None = None
+    rest, moves = np.eye(2, 3), list[Move]()
+    for seconds, view in views:
+        found = None if reference is None else reference.motion_to(view, rest)
+        if found is None:
+            reference, rest = Reference(view), np.eye(2, 3)
+            continue
+        if (shift := found.shift_from(rest) * scale) > MOVED_PART * size[0]:
+            moves.append(Move(seconds, None, shift, found.zoom_from(rest, centre)))
+            rest = found.motion
+    return moves
+
+
+def _scale_of(size: tuple[int, int]) -> int:
+    return max(1, round(max(size) / THUMBNAIL_PX))
+
+
+def _centre_of(size: tuple[int, int]) -> Floats:
+    """(2,) thumbnail pixels."""
+    return np.array(size, dtype=np.float64) / (2 * _scale_of(size))
+
+
 class SteadinessWatcher:
     """Watches one camera: `look` at a frame every second or two, in order of time, then ask for the `result`.
 
@@ -107,9 +142,9 @@ class SteadinessWatcher:
     """
 
     def __init__(self, size: tuple[int, int]) -> None:
-        self._scale = max(1, round(max(size) / THUMBNAIL_PX))
+        self._scale = _scale_of(size)
         self._moved_px = MOVED_PART * size[0]
-        self._centre = np.array(size, dtype=np.float64) / (2 * self._scale)
+        self._centre = _centre_of(size)
         self._reference: Reference | None = None
         self._rest = np.eye(2, 3)
         self._departure: _Departure | None = None
@@ -136,6 +171,11 @@ class SteadinessWatcher:
         self._judge(
             frame.seconds, found.motion, found.shift_from(self._rest) * self._scale, found.zoom_from(self._rest, self._centre)
         )
+
+    @property
+    def view(self) -> NDArray[np.uint8] | None:
+        """What the camera sees from its first place, a grey thumbnail of normalised contrast; None before the first frame."""
+        return None if self._reference is None else self._reference.view
 
     def result(self) -> Steadiness:
         """What was seen so far."""
@@ -215,7 +255,7 @@ class Reference:
     """What the camera sees from its place, and the patches by which that is known again."""
 
     def __init__(self, view: NDArray[np.uint8]) -> None:
-        self._view = view.copy()
+        self.view = view.copy()
         rows, columns = max(1, view.shape[0] // CELL), max(1, view.shape[1] // CELL)
         self._cells = np.array([(x * CELL, y * CELL) for y in range(rows) for x in range(columns)])
         self._unseen = np.zeros(len(self._cells), dtype=int)
@@ -232,13 +272,13 @@ class Reference:
         if len(usable) < STANDING_COUNT:
             return None
         points = self._points[usable]
-        near, agreeing = _find_near_motion(self._view, view, points, rest)
-        other, others = (None, agreeing) if agreeing.mean() > 0.5 else _find_consensus(self._view, view, points, rest)
+        near, agreeing = _find_near_motion(self.view, view, points, rest)
+        other, others = (None, agreeing) if agreeing.mean() > 0.5 else _find_consensus(self.view, view, points, rest)
         if agreeing.sum() >= max(STANDING_COUNT, STANDING_PART * len(points), 0.5 * others.sum()):
             self._refresh(view, usable[agreeing], near)
             return Motion(near, points, float(agreeing.mean()))
-        if other is None and (guess := _find_far_motion(self._view, view)) is not None:
-            other, others = _find_consensus(self._view, view, points, guess)
+        if other is None and (guess := _find_far_motion(self.view, view)) is not None:
+            other, others = _find_consensus(self.view, view, points, guess)
         return None if other is None else Motion(other, points, float(others.mean()))
 
     def mostly_stands_in(self, view: NDArray[np.uint8]) -> bool:
@@ -255,8 +295,8 @@ class Reference:
             return
         placed = cv2.warpAffine(view, motion, (view.shape[1], view.shape[0]), flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP)
         for x, y in self._cells[stale]:
-            self._view[y : y + CELL, x : x + CELL] = placed[y : y + CELL, x : x + CELL]
-        self._points[stale] = _corners(self._view, self._cells[stale])
+            self.view[y : y + CELL, x : x + CELL] = placed[y : y + CELL, x : x + CELL]
+        self._points[stale] = _corners(self.view, self._cells[stale])
         self._unseen[stale] = 0
 
 

@@ -131,6 +131,7 @@ class _Recording:
         self._broken, self._cut, self._failed = 0, 0, 0
         self._first_broken_s: float | None = None
         self._why: str | None = None
+        self._early: str | None = None
 
     def pictures(self) -> Iterator[Taken]:
         """The numbers ascend: of pieces that overlap, pictures that are past already are left out."""
@@ -176,6 +177,7 @@ class _Recording:
         if found.first_broken_s is not None and self._first_broken_s is None:
             self._first_broken_s = before / clock + found.first_broken_s
         self._cut += found.ended_early is not None and found.pictures > 0
+        self._early = self._early or found.ended_early
 
     def _is_wanted_of_piece(self, before: int, number: int, seconds: float) -> bool:
         """Of a picture of the piece that has so many numbers before it: those that are past already are not wanted."""
@@ -188,10 +190,10 @@ class _Recording:
         self._why = self._why or f"{piece.path.name}: {why}"
 
     def summary(self, yielded: int) -> Decoded:
-        """What the pass came to."""
-        return Decoded(
-            self._pictures, yielded, self._seconds, self._broken, self._first_broken_s, None, self._cut, self._failed
-        )
+        """What the pass came to. A stretch of one file ends early as the file does."""
+        stretch = [piece.path for piece in self._info.pieces] == [self._info.path]
+        counts = (self._early or self._why, 0, 0) if stretch else (None, self._cut, self._failed)
+        return Decoded(self._pictures, yielded, self._seconds, self._broken, self._first_broken_s, *counts)
 
 
 def decode_picture(path: Path, size: tuple[int, int], rotation: int = 0) -> Picture | None:

@@ -5,14 +5,16 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from passerby.core.observations import Boxes, Keypoints
 from passerby.findings.finding import Finding, notice
 from passerby.interchange.storage.text_formats import key
+from passerby.perception.steadiness import find_moves_between
 from passerby.perception.video_probe import VideoInfo
 
 
@@ -31,6 +33,10 @@ class VideoObservations:
     """Time spent by each stage in this run."""
     made_again: bool = False
     """Whether there were finished results that could not be taken: of another video, other options or other versions."""
+    begin_s: float = 0.0
+    """When what was watched begins, seconds of the video,"""
+    view: NDArray[np.uint8] | None = None
+    """and what the camera saw from its place (`SteadinessWatcher.view`); of a stretch that is watched by itself only."""
 
     def faults(self, name: str, info: VideoInfo, from_s: float = 0.0, until_s: float = math.inf, stated: int = 0) -> list[str]:
         """What makes the part of the video between two times (seconds) unusable; `stated` is the scene's `rotate`."""
@@ -77,8 +83,8 @@ class VideoObservations:
         return found
 
 
-def join_stretches(parts: Sequence[VideoObservations]) -> VideoObservations:
-    """What was seen in stretches of one video, in order of time."""
+def join_stretches(parts: Sequence[VideoObservations], size: tuple[int, int]) -> VideoObservations:
+    """What was seen in stretches of one video, in order of time; `size` (width, height) of its pictures, pixels."""
     boxes, keypoints = [part.boxes for part in parts], [part.keypoints for part in parts]
     embeddings = [one.embedding for one in boxes if one.embedding is not None]
     joined = Boxes(
@@ -98,12 +104,16 @@ def join_stretches(parts: Sequence[VideoObservations]) -> VideoObservations:
     )
     summaries = [part.summary for part in parts]
     first = [one["first_broken_s"] for one in summaries if one["first_broken_s"] is not None]
+    moves = [move for one in summaries for move in one["moves"]]
+    if all(move["until"] is not None for move in moves):
+        views = [(part.begin_s, part.view) for part in parts if part.view is not None]
+        moves += [asdict(move) for move in find_moves_between(views, size)]
     summary = {
         "pictures": sum(part.pictures for part in parts),
-        "ended_early": None,
+        "ended_early": next((early for one in summaries if (early := one["ended_early"]) is not None), None),
         "broken": sum(one["broken"] for one in summaries),
         "first_broken_s": min(first, default=None),
-        "moves": [move for one in summaries for move in one["moves"]],
+        "moves": moves,
         "shake_px": max(one["shake_px"] for one in summaries),
         "cut_pieces": sum(one.get("cut_pieces", 0) for one in summaries),
         "failed_pieces": sum(one.get("failed_pieces", 0) for one in summaries),

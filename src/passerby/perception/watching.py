@@ -6,6 +6,7 @@ from those that are kept.
 
 from __future__ import annotations
 
+import base64
 import math
 import time
 from collections.abc import Callable, Iterator
@@ -18,6 +19,7 @@ import av
 import cv2
 import numpy as np
 import onnxruntime
+from numpy.typing import NDArray
 
 from passerby.common.arrays import Floats, Ints
 from passerby.common.errors import InputError
@@ -49,6 +51,8 @@ LOOKS_EVERY_S = 0.4
 """Time between two pictures of which embeddings are made: how people look changes slowly, and networks are slow."""
 STEADY_EVERY_S = 1.5
 """Time between two pictures that are compared to see whether the camera moves."""
+PLACE = "place"
+"""In the summary of a stretch: what the camera saw from its place."""
 
 LEARNT_WORTH = 3
 """A picture that the empty scene is learnt from takes as long as about three that people are looked for in (3.8 and 2.8 in
@@ -255,6 +259,8 @@ class _Watch:
         self._at_s = math.inf
         self._turn((index + SEGMENT) // SEGMENT)
         summary = _summary(index + 1, reader, watcher)
+        if job.surroundings is not None and watcher.view is not None:
+            summary |= {PLACE: _text_of_view(watcher.view)}
         if job.boxes is None and self._found < FEW * (index + 1):
             with self._time_stage("detection"):
                 turn = turn_that_shows_people(job.info, self._detector)
@@ -337,7 +343,11 @@ class _Watch:
         elif appearance is not None:
             boxes = replace(boxes, embedding=appearance)
         seen = keypoints.take(np.flatnonzero((keypoints.score > 0).any(axis=1)))
-        return VideoObservations(boxes, seen, summary["pictures"], summary, self.seconds)
+        view = _view_of_text(summary[PLACE]) if PLACE in summary else None
+        told = {name: value for name, value in summary.items() if name != PLACE}
+        return VideoObservations(
+            boxes, seen, summary["pictures"], told, self.seconds, begin_s=self._job.info.used[0], view=view
+        )
 
     @contextmanager
     def _time_stage(self, stage: str) -> Iterator[None]:
@@ -388,6 +398,16 @@ def _summary(pictures: int, reader: VideoReader, watcher: SteadinessWatcher) -> 
         "shake_px": steadiness.largest_shake_px,
         **pieces,
     }
+
+
+def _text_of_view(view: NDArray[np.uint8]) -> str:
+    """A grey picture as text for a summary: PNG in base 64."""
+    return base64.b64encode(cv2.imencode(".png", view)[1].tobytes()).decode("ascii")
+
+
+def _view_of_text(text: str) -> NDArray[np.uint8]:
+    picture = cv2.imdecode(np.frombuffer(base64.b64decode(text), dtype=np.uint8), cv2.IMREAD_GRAYSCALE)
+    return np.asarray(picture, dtype=np.uint8)
 
 
 def _versions() -> dict[str, str]:

@@ -130,7 +130,8 @@ class SceneVideoProcessor:
                 reading.unprocessed = ((-math.inf, math.inf),)
                 add_video_results(scene, reading, Boxes.empty(), Keypoints.empty())
                 continue
-            result = join_stretches(seen) if len(seen) > 1 else seen[0]
+            assert reading.video is not None
+            result = join_stretches(seen, reading.video.size) if len(seen) > 1 else seen[0]
             self._complete(scene, reading, result, stretches)
             cameras[reading.name] = {"pictures": result.pictures, "boxes": len(result.boxes), **result.summary}
         self.figures = plan.figures | {"cameras": cameras}

@@ -297,7 +297,7 @@ VIDEOS: Mapping[str, Kind] = {
     ),
     "videos_used_in_part": Kind(
         NOTICE, "The rig measures as well as was asked for from a part of the videos; the rest was not watched.", _used_in_part,
-        "without --target and --budget all of the videos are used",
+        "with --all all of the videos are used",
     ),
     "pieces_differ": Kind(
         NOTICE, "Some files of a recording have another image size or frame rate than most; they are left out.",
