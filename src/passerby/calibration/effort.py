@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from passerby.calibration.calibration import Calibration
 from passerby.core.figures import adjusted
 from passerby.findings.finding import Finding, notice
+from passerby.perception.stretches import LEAST_S
 
 WORTH = 0.1
 """Twice as much video is worth its time where it lowers an uncertainty by this share or more. One that falls with the number of
@@ -17,9 +18,6 @@ people alone falls by 29 %; one that barely falls is of something else: of a len
 
 TARGET_M = 0.05
 """The usual target."""
-LEAST_S = 60.0
-"""So much of the scene's time is used for a target at least, where there is so much. What is stated of a rig from less is too
-uncertain itself: it was made of few people."""
 
 
 @dataclass(frozen=True)

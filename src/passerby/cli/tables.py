@@ -345,8 +345,17 @@ def show_check(report: SceneCheck) -> None:
     _show_intrinsics(report.cameras)
     for finding in report.findings:
         print(f"note: {finding}")
+    if report.time_s is not None:
+        print(f"a calibration takes about {_describe_range(*report.time_s)} on this computer")
     if report.exit_status == 0:
         print("no problems found")
+
+
+def _describe_range(least_s: float, most_s: float) -> str:
+    """A range of time, as `20 to 50 s`, or in minutes from two of them on."""
+    unit, size = ("min", 60.0) if most_s >= 120.0 else ("s", 1.0)
+    ends = [f"{end / size:.1g}" if end < size else f"{end / size:.0f}" for end in (least_s, most_s)]
+    return f"{ends[0]} to {ends[1]} {unit}"
 
 
 LENS_SOURCES = {

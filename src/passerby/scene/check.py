@@ -29,6 +29,7 @@ from passerby.scene.inputs import observations_of, read_cameras, scene_doubts, s
 from passerby.scene.reading import needs_embeddings, needs_keypoints
 from passerby.scene.scene import Scene
 from passerby.scene.sound import sound_to_hear
+from passerby.scene.time_needed import foresee_time
 from passerby.scene.video_inputs import choose_keypoints, keypoints_for
 
 SHORTEST_S = MIN_TRACK_S + 2 * STEP_S
@@ -143,6 +144,8 @@ class SceneCheck:
     """Doubts, which a calibration would have as well, then what is odd, but stops nothing."""
     perception: dict[str, Any] = field(default_factory=dict)
     """What the videos would be watched with, JSON-ready; empty where none would be."""
+    time_s: tuple[float, float] | None = None
+    """The shortest and the longest time that a calibration may take on this computer, seconds; None where that is unknown."""
 
     @property
     def lacks(self) -> tuple[str, ...]:
@@ -173,6 +176,7 @@ class SceneCheck:
             "findings": list(self.findings),
             "diagnostics": [plain(diagnostic(finding)) for finding in self.diagnostics],
             **({"perception": self.perception} if self.perception else {}),
+            "time_s": None if self.time_s is None else list(self.time_s),
         }
 
 
@@ -206,6 +210,7 @@ def check_scene(source: Scene | str | Path, findings: Sequence[Finding] = ()) ->
         faults=tuple(dict.fromkeys(faults)),
         diagnostics=(*doubts, *findings, *notices),
         perception=perception,
+        time_s=None if faults else foresee_time(scene, readings, perception),
     )
 
 
