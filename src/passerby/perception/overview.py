@@ -35,7 +35,9 @@ def look_over(job: CameraJob, tell: Tell) -> Overview:
         kept = StageCache.of(job.shelf, "overview", identify_video(job, info) | looks)
         arrays = kept.load(0)
         if arrays is None:
-            detector = detector or _learn_detector(job, times.tolist(), lambda done: tell(done, 2 * len(times)))
+            if detector is None:
+                counted = count_frames(key_frames(info, times), lambda done: tell(done, 2 * len(times)))
+                detector = learn_from_looks(counted, (info.seconds or 0.0) / len(times))
             rows = list(_look(key_frames(info, times), detector, lambda done: tell(len(times) + done, 2 * len(times))))
             arrays = {
                 "seconds": np.array([second for second, _ in rows], dtype=np.float64),
@@ -46,12 +48,10 @@ def look_over(job: CameraJob, tell: Tell) -> Overview:
     return Overview(arrays["seconds"], arrays["count"], arrays["feet"])
 
 
-def _learn_detector(job: CameraJob, times: list[float], tell: Callable[[int], None]) -> Detector | None:
-    """Background subtraction by the key frames themselves; None where they are too few."""
-    step_s = (job.info.seconds or 0.0) / len(times)
-    options = BackgroundOptions(window_s=WINDOW * step_s, windows=len(times))
+def learn_from_looks(frames: Iterable[Frame], step_s: float) -> Detector | None:
+    """Background subtraction by the key frames of a quick look, `step_s` apart; None where they are too few."""
+    options = BackgroundOptions(window_s=WINDOW * step_s, windows=MOST_LOOKS)
     try:
-        frames = count_frames(key_frames(job.info, times), tell)
         return BackgroundDetector(learn_background(frames, Sampling(step_s / 2, WINDOW * step_s), options))
     except EvidenceError:
         return None

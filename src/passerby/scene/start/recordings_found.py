@@ -16,9 +16,9 @@ from pathlib import Path
 import numpy as np
 
 from passerby.common.arrays import Floats
-from passerby.common.errors import EvidenceError, InputError
+from passerby.common.errors import InputError
 from passerby.common.text import natural_key
-from passerby.perception.background import BackgroundDetector, BackgroundOptions, Sampling, learn_background
+from passerby.perception.overview import learn_from_looks
 from passerby.perception.pictures import Frame
 from passerby.perception.pieces import PICTURE_ENDINGS, VIDEO_ENDINGS, walk_below
 from passerby.perception.sources.file_times import times_of
@@ -54,8 +54,6 @@ MOST_CAMERAS, MOST_MOMENTS = 3, 96
 """That are looked at: a key frame of 1920 x 1080 takes some 50 ms, a day of three cameras a quarter of a minute."""
 LEAST_STEP_S = 60.0
 """Between two moments."""
-WINDOW = 8
-"""Moments that share an empty scene: the light changes over a day, and fewer pictures cannot outvote passers-by."""
 
 
 @dataclass(frozen=True)
@@ -340,13 +338,11 @@ def look_at(cameras: Sequence[tuple[Sequence[Path], Sequence[float]]], first: fl
     for paths, begins in cameras[:MOST_CAMERAS]:
         frames = _key_frames(paths, np.asarray(begins), moments, first)
         try:
-            sampling = Sampling(step / 2, WINDOW * step)
-            model = learn_background(frames, sampling, BackgroundOptions(window_s=WINDOW * step, windows=MOST_MOMENTS))
-            detector = BackgroundDetector(model)
-            people += [float(len(detector(frame).score)) for frame in frames]
-        except (EvidenceError, InputError):
+            detector = learn_from_looks(frames, step)
+            people += [] if detector is None else [float(len(detector(frame).score)) for frame in frames]
+        except InputError:
             continue
-        seconds += [first + frame.seconds for frame in frames]
+        seconds += [] if detector is None else [first + frame.seconds for frame in frames]
     order = np.argsort(seconds, kind="stable")
     return Glance(np.array(seconds)[order], np.array(people)[order])
 
