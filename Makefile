@@ -9,6 +9,8 @@ BENCH_VENV := .venv-bench
 BENCH_INSTALLED := $(BENCH_VENV)/.installed
 # Two test processes of one BLAS thread each are faster than threads that fight for the same cores.
 ONE_THREAD := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
+# Tests start many programs: where Python keeps no bytecode, each would compile all of the package.
+COMPILE := $(VENV)/bin/python -m compileall -q src
 # A file is one process's work, so that what its tests share is made once; the longest files come first (tests/conftest.py).
 PYTEST := $(VENV)/bin/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
 
@@ -37,12 +39,14 @@ demo: $(INSTALLED)
 ## test: the quick tests: every room, and a smoke of everything; 4 minutes of two cores
 # Every room by itself, and a smoke of everything from end to end. Needs no PyTorch.
 test: $(INSTALLED)
+	$(COMPILE)
 	$(ONE_THREAD) $(PYTEST) -m "not slow"
 
 ## test-slow: all other tests
 # All the rest: calibrations of every kind, trainings, the browser, real data, benchmarks, the documentation's examples; and
 # what has examples drawn for it once more, with more of them.
 test-slow: $(TRAINING_INSTALLED)
+	$(COMPILE)
 	$(ONE_THREAD) PASSERBY_EXAMPLES=thorough $(PYTEST) -m "slow or hypothesis or fuzz"
 
 ## lint: style, format, imports between rooms, and words that are not used
