@@ -59,9 +59,8 @@ def large_video(scenes: Path, key_every_s: float | None = None) -> Path:
     return path
 
 
-def repeated(video: Path, seconds: float, into: Path) -> Path:
-    """The video again and again, its packets as they are, until it is so long."""
-    length = LARGE_SECONDS
+def repeated(video: Path, seconds: float, into: Path, length: float = LARGE_SECONDS) -> Path:
+    """The video of some length again and again, its packets as they are, until it is so long."""
     with av.open(str(into), "w", options={"movflags": "+faststart"}) as target:
         stream = None
         for turn in range(round(seconds / length)):

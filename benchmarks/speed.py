@@ -1,4 +1,4 @@
-"""Speed and memory: the point bundle adjustment against pycolmap's, and a whole calibration of PETS 2009."""
+"""Speed and memory: the point bundle adjustment against pycolmap's, PETS 2009, and videos of any length."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+import films_in_part
 from command import ONE_THREAD, Calibrated, calibrate, run_program
 from datasets import data_set, every_second_frame, folder_of, write_scene
 from pages.records import Found
@@ -22,6 +23,7 @@ def run(scratch: Path, quick: bool) -> Found:
     tables = {"Adjustment": _race(repeats)}
     if (pets := _pets(scratch, 1 if quick else 3)) is not None:
         tables["PETS2009"] = pets
+    tables |= films_in_part.run(scratch, quick)
     note = f"Load of the machine (mean of a minute): {before:.1f} before, {load():.1f} after, this run included."
     return Found(tables, [note], f"Medians of {repeats} runs")
 

@@ -1,0 +1,91 @@
+"""How long a calibration of videos takes by their length, and how accurate it is with the part of them that is used."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from statistics import median
+
+from command import Run, judge, passerby
+from datasets import ROOT
+from pages.tables import Table, number, table, yes
+from perception_runs import WEIGHT_FREE, absolute, write
+from perception_scenes import rendered, repeated
+
+FILMS = tuple((preset, seed) for preset in ("terrace", "basketball", "construction") for seed in (61, 62, 63))
+FILM_S, MINUTE_S = 150.0, 60.0
+LENGTHS = (1, 10, 60)
+"""Minutes."""
+MOST_TIMES, MOST_ERROR = 1.5, 1.3
+"""The last length takes no longer than so many times the first; errors by a part are no larger than so many times those by
+everything, in the median."""
+
+
+def run(scratch: Path, quick: bool) -> dict[str, Table]:
+    """Both tables; rendered films are kept in build/scenes."""
+    scenes = ROOT / "build" / "scenes"
+    lengths = LENGTHS[:2] if quick else LENGTHS
+    films = FILMS[:1] if quick else FILMS
+    return {"Films by length": _by_length(scenes, scratch, lengths), "Films in part": _in_part(scenes, scratch, films)}
+
+
+def _by_length(scenes: Path, scratch: Path, lengths: tuple[int, ...]) -> Table:
+    """Four cameras that film the same minute again and again."""
+    film = rendered(scenes, "terrace", 60, MINUTE_S)
+    rows, first = [], 0.0
+    for minutes in lengths:
+        folder = scratch / f"{minutes}-min"
+        content = absolute(film / "scene.toml") | {"perception": WEIGHT_FREE}
+        for name, camera in content["cameras"].items():
+            folder.mkdir(parents=True, exist_ok=True)
+            camera["video"] = str(repeated(Path(camera["video"]), MINUTE_S * minutes, folder / f"{name}.mp4", MINUTE_S))
+        scene = write(folder / "scene.toml", content)
+        told = passerby("calibrate", str(scene), "-o", str(folder / "out"), "--no-report")
+        found = judge(folder / "out", film / "truth.toml", told)
+        first = first or told.cpu_seconds
+        times = told.cpu_seconds / first
+        used, spent = _used(found.report, MINUTE_S * minutes), f"{told.cpu_seconds:.0f} s"
+        reached, peak = yes(times <= MOST_TIMES), f"{told.peak_mb:.0f} MB"
+        rows.append([f"{minutes} min", found.verdict, used, spent, f"{times:.2f}", reached, peak, _position(found.errors)])
+    head = ("length", "verdict", "used", "processor time", "times the first", f"at most {MOST_TIMES:g}", "peak memory", "mm")
+    return table(head, rows)
+
+
+def _in_part(scenes: Path, scratch: Path, films: tuple[tuple[str, int], ...]) -> Table:
+    """Films with the usual target, and all of them."""
+    rows, ratios = [], list[tuple[float, float, float]]()
+    for preset, seed in films:
+        film = rendered(scenes, preset, seed, FILM_S)
+        scene = write(scratch / f"{preset}-{seed}.toml", absolute(film / "scene.toml") | {"perception": WEIGHT_FREE})
+        both: list[tuple[Run, dict[str, float], str]] = []
+        for options in ((), ("--all",)):
+            out = scratch / f"{preset}-{seed}{''.join(options)}"
+            told = passerby("calibrate", str(scene), "-o", str(out), "--no-report", *options)
+            found = judge(out, film / "truth.toml", told)
+            errors = found.errors
+            assert errors is not None
+            figures = {
+                "position": errors["similarity"]["mean_position_mm"], "points": errors["points"]["median_mm"],
+                "ground": errors["ground"]["median_mm"],
+            }  # fmt: skip
+            both.append((told, figures, _used(found.report, FILM_S)))
+        (part, some, used), (whole, everything, _) = both
+        ratio = tuple(some[key] / everything[key] for key in ("position", "points", "ground"))
+        ratios.append((ratio[0], ratio[1], ratio[2]))
+        compared = [f"{some[key]:.1f} / {everything[key]:.1f}" for key in ("position", "points", "ground")]
+        rows.append([f"{preset} {seed}", used, f"{part.cpu_seconds:.0f} / {whole.cpu_seconds:.0f} s", *compared])
+    medians = [median(column) for column in zip(*ratios, strict=True)]
+    rows.append(["median ratio", "", "", *(f"{number(one, 2)} ({yes(one <= MOST_ERROR)})" for one in medians)])
+    head = ("film", "used", "processor time, part / all", "position mm", "points mm", "ground mm")
+    return table(head, rows)
+
+
+def _used(report: dict[str, object], seconds: float) -> str:
+    """How much of the videos a calibration used."""
+    diagnostics = report["diagnostics"]
+    assert isinstance(diagnostics, list)
+    part = [one["values"]["used_s"] for one in diagnostics if one["code"] == "videos_used_in_part"]
+    return f"{part[0] if part else seconds:.0f} s"
+
+
+def _position(errors: dict[str, dict[str, float]] | None) -> str:
+    return "-" if errors is None else number(errors["similarity"]["mean_position_mm"])
