@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +12,11 @@ from passerby.calibration import calibrate as module
 from passerby.calibration.calibrate import CalibrationInterrupted
 from passerby.calibration.effort import Effort
 from passerby.common.errors import InputError
+from passerby.common.progress import silent
 from passerby.evaluation.metrics import compare
+from passerby.scene.inputs import open_inputs
+from passerby.scene.scene import Scene
+from passerby.scene.video_inputs import SceneVideoProcessor
 from support.scenes.puppet_videos import film, puppets, scene_file
 
 pytestmark = pytest.mark.system
@@ -83,6 +88,26 @@ def test_the_same_is_made_of_what_is_kept(from_part, scene):
     again = passerby.calibrate(scene, keep=out, effort=AIMED)
     assert used_s(again) == used_s(found)
     assert poses(again) == poses(found)
+
+
+def test_people_may_come_late(made, tmp_path):
+    later = {name: boxes.take(boxes.frame > 110) for name, boxes in made.boxes.items()}
+    film(replace(made, boxes=later), tmp_path, key_every=15)
+    late = scene_file(tmp_path, {name: f"{name}.mp4" for name in made.rig.names}, perception=PERCEPTION)
+    shown = []
+    found = passerby.calibrate(late, show=shown.append)
+    assert len(found.rig.posed()) == 3
+    assert used_s(shown[0]) == [pytest.approx(66.7, abs=0.1)], "nobody was seen before"
+
+
+def test_where_the_scene_points_at_people_all_is_watched(scene, made, tmp_path):
+    pointing = '[[scale.people]]\ncamera = "C1"\ntime_s = 80.0\nat = [100, 100]\nheight_m = 1.8\n'
+    for extra, stretches in (("", 3), (pointing, 0)):
+        files = {name: str(scene.parent / f"{name}.mp4") for name in made.rig.names}
+        path = scene_file(tmp_path, files, extra, PERCEPTION, name=f"{stretches}.toml")
+        (tmp_path / "rig.toml").write_text((scene.parent / "rig.toml").read_text())
+        loaded = Scene.load(path)
+        assert len(SceneVideoProcessor(None, None, silent).plan_stretches(loaded, open_inputs(loaded))) == stretches
 
 
 def test_a_file_that_was_cut_off_is_an_error(scene, tmp_path):

@@ -71,7 +71,7 @@ from passerby.findings.finding import Finding
 from passerby.findings.texts import texts_of
 from passerby.people.ground_shape import GroundShape
 from passerby.scene.box_interpretations import adjust_for_coarse_boxes
-from passerby.scene.inputs import SceneInputs, complete_inputs, open_inputs, part_of
+from passerby.scene.inputs import NobodySeenError, SceneInputs, complete_inputs, open_inputs, part_of
 from passerby.scene.same_content import doubts_of_same_place
 from passerby.scene.scene import Scene
 from passerby.scene.sound import measure_by_sound
@@ -126,7 +126,12 @@ def calibrate(
         for size in sizes(len(stretches)):
             watch.stretches = tuple(sorted(stretches[:size], key=lambda one: one.begin_s))
             read = time.perf_counter()
-            inputs = complete_inputs(scene, opened, watch, lambda *_: clocks)
+            try:
+                inputs = complete_inputs(scene, opened, watch, lambda *_: clocks)
+            except NobodySeenError:
+                if size >= len(stretches):
+                    raise
+                continue
             for note in (_amount(inputs), *texts_of(inputs.findings)):  # the notes of `watch` were shown when they were found
                 tell_note(tell, note)
             reading_s = time.perf_counter() - read

@@ -174,10 +174,15 @@ def check_files(scene: Scene) -> None:
     _raise_faults(scene, read_cameras(scene))
 
 
+class NobodySeenError(FileFaults):
+    """Nothing is wrong but that no two cameras saw people, in the part of the videos that was watched."""
+
+
 def _raise_faults(scene: Scene, readings: list[CameraInput]) -> None:
     faults = [fault for reading in readings for fault in reading.faults] + scene_faults(scene, readings)
     if faults:
-        raise FileFaults(list(dict.fromkeys(faults)))
+        kind = NobodySeenError if faults == _emptiness_faults(scene, readings) else FileFaults
+        raise kind(list(dict.fromkeys(faults)))
 
 
 def read_cameras(scene: Scene) -> list[CameraInput]:

@@ -77,9 +77,8 @@ def overlapped_people(scene: Scene, readings: Sequence[CameraInput]) -> list[Fin
     return findings
 
 
-def _pointings(scene: Scene, readings: Sequence[CameraInput]) -> Iterator[tuple[str, PersonAt, CameraInput]]:
-    """The place of each table that points at a person, the table, and its camera."""
-    by_name = {reading.name: reading for reading in readings}
+def pointings_of(scene: Scene) -> Iterator[tuple[str, PersonAt]]:
+    """The place of each table that points at a person in a camera's image, and the table."""
     association = scene.association
     tables: list[tuple[str, PersonAt]] = [
         (f"[[scale.people]] {number}", cue) for number, cue in enumerate(scene.scale.people, start=1)
@@ -91,8 +90,14 @@ def _pointings(scene: Scene, readings: Sequence[CameraInput]) -> Iterator[tuple[
             for row, one in enumerate(group.boxes, start=1)
         ]
     tables += [(f"[[association.not_people]] {number}", one) for number, one in enumerate(association.not_people, start=1)]
-    for place, cue in tables:
-        if cue.camera is not None and cue.camera in by_name:
+    yield from ((place, cue) for place, cue in tables if cue.camera is not None)
+
+
+def _pointings(scene: Scene, readings: Sequence[CameraInput]) -> Iterator[tuple[str, PersonAt, CameraInput]]:
+    """The place of each table that points at a person, the table, and its camera."""
+    by_name = {reading.name: reading for reading in readings}
+    for place, cue in pointings_of(scene):
+        if cue.camera in by_name:
             yield place, cue, by_name[cue.camera]
 
 

@@ -39,6 +39,7 @@ from passerby.perception.video import VideoInfo
 from passerby.perception.video_observations import VideoObservations, join_stretches
 from passerby.perception.watching import CameraJob, Tell, find_kept_results, watch_camera, work_of
 from passerby.scene.camera_input import CameraInput
+from passerby.scene.pointing import pointings_of
 from passerby.scene.reading import add_video_results, name_video_error, needs_embeddings, needs_keypoints, needs_video
 from passerby.scene.scene import Scene
 from passerby.scene.tables import WATCHED_FPS
@@ -79,9 +80,12 @@ class SceneVideoProcessor:
     def plan_stretches(self, scene: Scene, readings: Sequence[CameraInput]) -> tuple[Stretch, ...]:
         """The stretches of a scene's videos, the one that would teach most first; none where videos are watched as a whole.
 
-        So are videos of less than 45 s, of unknown length, and where the people are known. Raises `InputError` as a call.
+        So are videos of less than 45 s, of unknown length, where the people are known, or where the scene points at some of
+        them, at any time. Raises `InputError` as a call.
         """
         filmed = [reading for reading in readings if needs_video(scene, reading) and reading.awaiting]
+        if {cue.camera for _, cue in pointings_of(scene)} & {reading.name for reading in filmed}:
+            return ()
         if not filmed or not all(reading.video is not None and is_divisible(reading.video) for reading in filmed):
             return ()
         spans = [_used_span(scene, reading) for reading in filmed]
