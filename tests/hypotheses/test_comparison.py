@@ -14,7 +14,7 @@ from passerby.core.cameras import Camera, Rig
 from passerby.core.scale_cues import ScaleCues
 from passerby.hypotheses.alternatives import lens_alternatives
 from passerby.hypotheses.case import Case, blocks_of
-from passerby.hypotheses.comparison import Comparison, Refit, screen
+from passerby.hypotheses.comparison import LOG_ODDS, Comparison, Refit, may_convince, screen
 from passerby.solver.lens_unknowns import LensUnknowns
 from passerby.solver.people import PeopleSolution, solve_people
 from support.scenes.people_and_rigs import LENS, part, ring, simulated, without_poses
@@ -48,6 +48,18 @@ def test_gains_that_scatter_are_worth_less() -> None:
     sure, unsure = (Comparison.of(np.zeros(40), steady + noise) for noise in (rng.normal(0, 0.1, 40), scattered - steady))
     assert sure.log_evidence == pytest.approx(sure.gain)
     assert unsure.log_evidence < 0.25 * unsure.gain
+
+
+def test_what_would_count_where_it_was_held_out_is_never_screened_out() -> None:
+    rng, prior = np.random.default_rng(2), -3.0
+    screened = 0
+    for _ in range(300):
+        gains = rng.normal(rng.uniform(-1, 4), rng.uniform(0.2, 6), rng.integers(2, 80))
+        found = Comparison.of(np.zeros(len(gains)), gains)
+        worth = may_convince(np.zeros(len(gains)), gains, prior)
+        screened += not worth
+        assert worth or found.log_evidence + prior <= LOG_ODDS
+    assert 50 < screened < 250
 
 
 @pytest.mark.parametrize("count", [2, 4, 100])

@@ -70,14 +70,16 @@ class Comparison:
 def may_convince(fitted: Floats, base: Floats, log_prior: float) -> bool:
     """Whether an alternative is worth predicting held-out blocks: it explains those that it was fitted to convincingly.
 
-    Blocks that were held out gain less than those that were fitted.
+    Blocks that were held out gain less than those that were fitted. The scatter of few blocks is uncertain itself: nothing is
+    taken off for that here.
 
     Args:
         fitted: (B,) costs of the blocks by the alternative, fitted to all of them, nats.
         base: (B,) and by the base model.
         log_prior: logarithm of the alternative's prior odds.
     """
-    return Comparison.of(fitted, base).log_evidence + log_prior > LOG_ODDS
+    found = Comparison.of(fitted, base)
+    return min(found.gain, 2 * max(found.z, 0.0) ** 2) + log_prior > LOG_ODDS
 
 
 @dataclass(frozen=True)
