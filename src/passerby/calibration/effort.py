@@ -18,8 +18,8 @@ people alone falls by 29 %; one that barely falls is of something else: of a len
 
 TARGET_M = 0.05
 """The usual target."""
-MISSED = 4.0
-"""So many times more is used at least where a camera has no pose: its people may come later."""
+DOUBTED = 4.0
+"""So many times more is used at least where the rig is not accepted: a camera's people may come later."""
 
 
 @dataclass(frozen=True)
@@ -50,8 +50,6 @@ class Step:
     points_m: float | None
     ground_m: float | None
     """None where there is no rig, or no camera sees the ground."""
-    missing: int = 0
-    """Cameras without a pose."""
 
     @classmethod
     def of(cls, found: Calibration, used_s: float, ended_s: float) -> Step:
@@ -59,7 +57,7 @@ class Step:
         measuring = adjusted(found.figures).measuring
         points = None if measuring is None else measuring.points.median_mm / 1000
         ground = None if measuring is None or measuring.ground is None else measuring.ground.median_mm / 1000
-        return cls(used_s, ended_s, found.verdict, points, ground, len(found.rig) - len(found.rig.posed()))
+        return cls(used_s, ended_s, found.verdict, points, ground)
 
 
 def sizes(count: int) -> Iterator[int]:
@@ -83,7 +81,7 @@ def is_enough(steps: Sequence[Step], effort: Effort) -> bool:
     target_m = effort.target_m
     if target_m is None or before is None or last.points_m is None or before.verdict != last.verdict:
         return False
-    if last.used_s < (MISSED * LEAST_S if last.missing else LEAST_S):
+    if last.used_s < (LEAST_S if last.verdict == "accepted" else DOUBTED * LEAST_S):
         return False
 
     def suffices(now: float | None, was: float | None) -> bool:
