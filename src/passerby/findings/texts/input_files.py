@@ -296,7 +296,7 @@ VIDEOS: Mapping[str, Kind] = {
         NOTICE, "Some files of a recording in pieces turned out to be damaged while they were decoded.", _broken,
     ),
     "videos_used_in_part": Kind(
-        NOTICE, "The rig measures as well as was asked for from a part of the videos; the rest was not watched.", _used_in_part,
+        NOTICE, "The rig measures well enough from a part of the videos; the rest was not watched.", _used_in_part,
         "with --all all of the videos are used",
     ),
     "pieces_differ": Kind(
