@@ -52,7 +52,7 @@ def in_pieces(video: Path, folder: Path, camera: str, start_s: float) -> dict[Pa
 def calibrated(scene: Path) -> tuple[Path, float]:
     """The output folder and the mean error of the cameras' places."""
     out = scene.parent / f"out-{scene.stem}"
-    assert run(["calibrate", str(scene), "-o", str(out)]) == 0
+    assert run(["calibrate", str(scene), "-o", str(out), "--all"]) == 0
     found, truth = read_rig(out / "rig.toml"), read_rig(scene.parent / "truth.toml")
     assert len(found.posed()) == 3
     return out, compare(found, truth).similarity.mean_position_mm

@@ -9,11 +9,10 @@ import pytest
 from passerby.cli.main import run
 from passerby.core.lens import Lens
 from passerby.core.observations import Boxes
-from passerby.perception.stretches import LEAST_S
 from passerby.perception.video import probe
 from passerby.scene.camera_input import CameraInput
 from passerby.scene.scene import Scene
-from passerby.scene.time_needed import LONGEST, foresee_time
+from passerby.scene.time_needed import USED_S, foresee_time
 from support.scenes.handmade_files import write_scene
 from support.scenes.numbered_videos import written
 from support.scenes.puppet_videos import scene_file
@@ -40,9 +39,9 @@ def filmed(video, seconds, size=(1920, 1080)):
 
 def test_it_takes_no_longer_than_what_is_used_of_a_long_recording(video, scene):
     loaded = Scene.load(scene)
-    minute, ten, hour = (foresee_time(loaded, filmed(video, seconds), BACKGROUND) for seconds in (LEAST_S, 600.0, 3600.0))
+    minute, ten, hour = (foresee_time(loaded, filmed(video, seconds), BACKGROUND) for seconds in (USED_S[0], 600.0, 3600.0))
     assert minute[0] == ten[0] == hour[0]
-    assert minute[1] < ten[1] == hour[1] < 1.1 * LONGEST * minute[1]
+    assert minute[1] < ten[1] == hour[1] < 1.1 * USED_S[1] / USED_S[0] * minute[1]
 
 
 def test_what_takes_longer_is_foreseen(video, scene):

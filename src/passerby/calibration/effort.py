@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from passerby.calibration.calibration import Calibration
 from passerby.core.figures import adjusted
 from passerby.findings.finding import Finding, notice
-from passerby.perception.stretches import LEAST_S
 
 WORTH = 0.1
 """Twice as much video is worth its time where it lowers an uncertainty by this share or more. One that falls with the number of
@@ -18,8 +17,8 @@ people alone falls by 29 %; one that barely falls is of something else: of a len
 
 TARGET_M = 0.05
 """The usual target."""
-DOUBTED = 4.0
-"""So many times more is used at least where the rig is not accepted: a camera's people may come later."""
+DOUBTED_S = 180.0
+"""So much of the scene's time is used at least where the rig is not accepted: a camera's people may come later."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +80,7 @@ def is_enough(steps: Sequence[Step], effort: Effort) -> bool:
     target_m = effort.target_m
     if target_m is None or before is None or last.points_m is None or before.verdict != last.verdict:
         return False
-    if last.used_s < (LEAST_S if last.verdict == "accepted" else DOUBTED * LEAST_S):
+    if last.verdict != "accepted" and last.used_s < DOUBTED_S:
         return False
 
     def suffices(now: float | None, was: float | None) -> bool:

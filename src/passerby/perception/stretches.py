@@ -20,9 +20,6 @@ from passerby.perception.video_still import key_picture
 
 STRETCH_S = 30.0
 """About how long a stretch is."""
-LEAST_S = 60.0
-"""So much of a scene's time is used at least, where there is so much. What is stated of a rig from less is too uncertain
-itself: it was made of few people."""
 MOST_LOOKS = 60
 """Key frames of a quick look, evenly spread: its time does not depend on the length of the recording."""
 WINDOW_S = 300.0

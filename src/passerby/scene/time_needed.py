@@ -9,7 +9,7 @@ from typing import Any
 
 from passerby.common.parallel import BYTE_S, MAX_PROCESSES, PAIR_S
 from passerby.perception.plan import BACKGROUND, CROPS_AT_LEAST, CROPS_PER_S, NONE
-from passerby.perception.stretches import LEAST_S
+from passerby.perception.stretches import STRETCH_S
 from passerby.perception.video import VideoInfo
 from passerby.scene.camera_input import CameraInput
 from passerby.scene.scene import Scene
@@ -23,8 +23,8 @@ WATCHED_S = {True: (0.02, 0.03), False: (0.03, 0.05)}
 or by a network as small as YOLOX-nano."""
 CROP_S = 0.03
 """The keypoints of one person."""
-LONGEST = 4.0
-"""So many times `LEAST_S` of a long recording are used where people are few, or seldom in two cameras at once."""
+USED_S = 2 * STRETCH_S, 8 * STRETCH_S
+"""Of a long recording: usually, and where people are few, or seldom in two cameras at once."""
 BOX_S, MOST_BOXES, STARTING_S = 6e-4, 30_000, 2.0
 """The solver's time for a box, up to so many, and the start of the program."""
 BOXES_OF_IMAGE = 3.0
@@ -55,7 +55,7 @@ def foresee_time(scene: Scene, readings: Sequence[CameraInput], perception: Mapp
             continue
         if not info.seconds:
             return None
-        for k, used_s in enumerate((LEAST_S, LONGEST * LEAST_S)):
+        for k, used_s in enumerate(USED_S):
             seconds = min(info.seconds, used_s)
             pictures = seconds * picture_rate(scene, reading, info)
             times[k] += _watching_s(info, seconds, pictures, perception) / min(together, len(filmed))
