@@ -2,6 +2,8 @@
 
 import pytest
 
+from passerby.calibration.effort import Effort
+from passerby.cli.main import _effort_of, run
 from passerby.cli.quantities import parse_length, parse_seconds
 from passerby.common.errors import InputError
 
@@ -20,3 +22,23 @@ def test_times(text, seconds):
 def test_what_is_no_length_is_named(text):
     with pytest.raises(InputError, match=r"--target .*give a length above 0, such as 5cm"):
         parse_length(text, "--target")
+
+
+@pytest.mark.parametrize(
+    ("given", "effort"),
+    [
+        ((None, None, False), Effort()),
+        (("2cm", "3min", False), Effort(0.02, 180.0)),
+        ((None, "3min", False), Effort(budget_s=180.0)),
+        ((None, None, True), Effort(None)),
+    ],
+    ids=["usual", "both", "budget", "all"],
+)
+def test_options_say_how_much_is_wanted(given, effort):
+    assert _effort_of(given[0], given[1], everything=given[2]) == effort
+
+
+@pytest.mark.parametrize("options", [["--target", "2cm"], ["--budget", "2min"]])
+def test_all_and_a_limit_contradict_each_other(options, tmp_path, capsys):
+    assert run(["calibrate", str(tmp_path / "scene.toml"), "--all", *options]) == 2
+    assert "--all watches all of the videos: leave out --target and --budget, or --all" in capsys.readouterr().err

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from passerby.perception.pictures import Frame, Picture
-from passerby.perception.steadiness import Steadiness, SteadinessWatcher, find_moves_between
+from passerby.perception.places import find_moves_between
+from passerby.perception.steadiness import Steadiness, SteadinessWatcher
 from passerby.perception.video import frames, probe
 from support.tiers import thinned
 
@@ -255,6 +256,8 @@ def test_another_scene_says_nothing_of_a_move() -> None:
     views = [(100.0 * k, view_of([picture] * 4)) for k, picture in enumerate(pictures)]
     assert [move.seconds for move in find_moves_between(views, SIZE)] == [200.0]
     assert find_moves_between(views[:2], SIZE) == []
+    back = [*views[:2], (300.0, view_of([seen(7.0)] * 4))]
+    assert [move.seconds for move in find_moves_between(back, SIZE)] == [300.0], "the first place is remembered"
     assert find_moves_between([], SIZE) == []
 
 

@@ -81,8 +81,7 @@ def search_focals_by_tracks(
         chosen = choose_focals(counts, costs, shared)
         partners = _partners(costs, shared)
         wanted = {(a, b): _cross(costs[a, b].shape, chosen[a], chosen[b]) if (a, b) in partners else set() for a, b in pairs}
-    told = {pair: table for pair, table in costs.items() if table.any()}
-    compared = {c for pair in told for c in pair}
+    compared = {c for pair, table in costs.items() if table.any() for c in pair}
     out = list(rig)
     for c in (c for members in shared if compared & set(members) for c in members):
         if len(focals[c]) > 1:

@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from concurrent.futures import Executor
 from contextlib import AbstractContextManager, suppress
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -33,6 +33,9 @@ from passerby.cli.commands.track import track
 from passerby.common.errors import InputError, PasserbyError
 from passerby.common.progress import ProgressForm
 from passerby.common.text import remove_credentials
+
+if TYPE_CHECKING:
+    from passerby.calibration.effort import Effort
 
 INTERRUPTED = 130
 BEGAN = time.perf_counter()
@@ -199,10 +202,8 @@ def calibrate(
     """
     from passerby.calibration.calibrate import CalibrationInterrupted
     from passerby.calibration.calibrate import calibrate as run_calibration
-    from passerby.calibration.effort import TARGET_M, Effort
     from passerby.calibration.writing import WORK, write_results
     from passerby.cli.commands.record import record_if_needed
-    from passerby.cli.quantities import parse_length, parse_seconds
     from passerby.cli.tables import describe_rig_so_far, show_calibration, tell_reasons
     from passerby.cli.terminal import StageTimes, stages
     from passerby.common.cluster import cluster_workers
@@ -214,12 +215,7 @@ def calibrate(
     from passerby.scene.scene import Scene
 
     verbose = verbose or bool(context.obj)
-    if everything and (target is not None or budget is not None):
-        raise InputError("--all watches all of the videos: leave out --target and --budget, or --all")
-    effort = Effort(
-        parse_length(target, "--target") if target is not None else None if everything else TARGET_M,
-        None if budget is None else parse_seconds(budget, "--budget"),
-    )
+    effort = _effort_of(target, budget, everything=everything)
     streamed = read_streamed(scene)
     loaded = Scene.load(scene) if streamed is None else record_if_needed(streamed, out, verbose, progress)
     processes: AbstractContextManager[Executor | None] = (
@@ -256,6 +252,20 @@ def calibrate(
         print(f"written to {out}" + (f"; report: {out / REPORT_FILE}" if report else ""))
     tell_reasons(calibration)
     raise typer.Exit(INTERRUPTED if interrupted else calibration.exit_status)
+
+
+def _effort_of(target: str | None, budget: str | None, *, everything: bool) -> Effort:
+    """What the options of `calibrate` ask for. Raises `InputError` for options that contradict each other."""
+    from passerby.calibration.effort import TARGET_M, Effort
+    from passerby.cli.quantities import parse_length, parse_seconds
+
+    if everything and (target is not None or budget is not None):
+        raise InputError("--all watches all of the videos: leave out --target and --budget, or --all")
+    usual_m = None if everything else TARGET_M
+    return Effort(
+        usual_m if target is None else parse_length(target, "--target"),
+        None if budget is None else parse_seconds(budget, "--budget"),
+    )
 
 
 @app.command()

@@ -5,13 +5,10 @@ Each picture is compared with a reference: the first one, in which what was hidd
 Small textured patches are followed from a reference to a picture, after local contrast is normalised so that lights do not
 matter. As long as enough patches are found where they were, the camera stands, even if many others are hidden by people.
 Only where they are not, a similarity that most patches agree on (RANSAC) is a motion of the camera.
-
-Stretches that are watched by themselves have a reference each. These are compared with each other.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 import cv2
@@ -102,36 +99,14 @@ class _Departure:
     zooms: tuple[float, ...]
 
 
-def find_moves_between(views: Iterable[tuple[float, NDArray[np.uint8]]], size: tuple[int, int]) -> list[Move]:
-    """The moves of a camera that stood still while each of some views was made.
-
-    A view that shows nothing of the one before says nothing: the light may have changed in between.
-
-    Args:
-        views: seconds at which the camera began to see each view, and the view (`SteadinessWatcher.view`), in order of time.
-        size: (width, height) of the camera's pictures, pixels.
-    """
-    scale, centre = _scale_of(size), _centre_of(size)
-    reference: Reference | None = None
-    rest, moves = np.eye(2, 3), list[Move]()
-    for seconds, view in views:
-        found = None if reference is None else reference.motion_to(view, rest)
-        if found is None:
-            reference, rest = Reference(view), np.eye(2, 3)
-            continue
-        if (shift := found.shift_from(rest) * scale) > MOVED_PART * size[0]:
-            moves.append(Move(seconds, None, shift, found.zoom_from(rest, centre)))
-            rest = found.motion
-    return moves
-
-
-def _scale_of(size: tuple[int, int]) -> int:
+def scale_of(size: tuple[int, int]) -> int:
+    """By what whole factor pictures of a size (width, height) are shrunk."""
     return max(1, round(max(size) / THUMBNAIL_PX))
 
 
-def _centre_of(size: tuple[int, int]) -> Floats:
-    """(2,) thumbnail pixels."""
-    return np.array(size, dtype=np.float64) / (2 * _scale_of(size))
+def centre_of(size: tuple[int, int]) -> Floats:
+    """(2,) middle of pictures of a size (width, height), thumbnail pixels."""
+    return np.array(size, dtype=np.float64) / (2 * scale_of(size))
 
 
 class SteadinessWatcher:
@@ -142,9 +117,9 @@ class SteadinessWatcher:
     """
 
     def __init__(self, size: tuple[int, int]) -> None:
-        self._scale = _scale_of(size)
+        self._scale = scale_of(size)
         self._moved_px = MOVED_PART * size[0]
-        self._centre = _centre_of(size)
+        self._centre = centre_of(size)
         self._reference: Reference | None = None
         self._rest = np.eye(2, 3)
         self._departure: _Departure | None = None

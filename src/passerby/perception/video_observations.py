@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from passerby.core.observations import Boxes, Keypoints
 from passerby.findings.finding import Finding, notice
 from passerby.interchange.storage.text_formats import key
-from passerby.perception.steadiness import find_moves_between
+from passerby.perception.places import find_moves_between
 from passerby.perception.video_probe import VideoInfo
 
 

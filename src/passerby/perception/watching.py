@@ -6,7 +6,6 @@ from those that are kept.
 
 from __future__ import annotations
 
-import base64
 import math
 import time
 from collections.abc import Callable, Iterator
@@ -19,7 +18,6 @@ import av
 import cv2
 import numpy as np
 import onnxruntime
-from numpy.typing import NDArray
 
 from passerby.common.arrays import Floats, Ints
 from passerby.common.errors import InputError
@@ -38,6 +36,7 @@ from passerby.perception.opening import (
     turn_that_shows_people,
 )
 from passerby.perception.pictures import Detector, Embedder, Frame, KeypointEstimator, Picture, VideoError
+from passerby.perception.places import text_of_view, view_of_text
 from passerby.perception.plan import JointBudget, Plan
 from passerby.perception.steadiness import SteadinessWatcher
 from passerby.perception.video import VideoInfo, VideoReader, expected_count
@@ -260,7 +259,7 @@ class _Watch:
         self._turn((index + SEGMENT) // SEGMENT)
         summary = _summary(index + 1, reader, watcher)
         if job.surroundings is not None and watcher.view is not None:
-            summary |= {PLACE: _text_of_view(watcher.view)}
+            summary |= {PLACE: text_of_view(watcher.view)}
         if job.boxes is None and self._found < FEW * (index + 1):
             with self._time_stage("detection"):
                 turn = turn_that_shows_people(job.info, self._detector)
@@ -343,10 +342,10 @@ class _Watch:
         elif appearance is not None:
             boxes = replace(boxes, embedding=appearance)
         seen = keypoints.take(np.flatnonzero((keypoints.score > 0).any(axis=1)))
-        view = _view_of_text(summary[PLACE]) if PLACE in summary else None
-        told = {name: value for name, value in summary.items() if name != PLACE}
+        view = view_of_text(summary[PLACE]) if PLACE in summary else None
+        plain = {name: value for name, value in summary.items() if name != PLACE}
         return VideoObservations(
-            boxes, seen, summary["pictures"], told, self.seconds, begin_s=self._job.info.used[0], view=view
+            boxes, seen, summary["pictures"], plain, self.seconds, begin_s=self._job.info.used[0], view=view
         )
 
     @contextmanager
@@ -398,16 +397,6 @@ def _summary(pictures: int, reader: VideoReader, watcher: SteadinessWatcher) -> 
         "shake_px": steadiness.largest_shake_px,
         **pieces,
     }
-
-
-def _text_of_view(view: NDArray[np.uint8]) -> str:
-    """A grey picture as text for a summary: PNG in base 64."""
-    return base64.b64encode(cv2.imencode(".png", view)[1].tobytes()).decode("ascii")
-
-
-def _view_of_text(text: str) -> NDArray[np.uint8]:
-    picture = cv2.imdecode(np.frombuffer(base64.b64decode(text), dtype=np.uint8), cv2.IMREAD_GRAYSCALE)
-    return np.asarray(picture, dtype=np.uint8)
 
 
 def _versions() -> dict[str, str]:

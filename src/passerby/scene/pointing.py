@@ -93,6 +93,11 @@ def pointings_of(scene: Scene) -> Iterator[tuple[str, PersonAt]]:
     yield from ((place, cue) for place, cue in tables if cue.camera is not None)
 
 
+def is_pointed_at(scene: Scene, readings: Sequence[CameraInput]) -> bool:
+    """Whether the scene points at people of some cameras, at any time."""
+    return bool({cue.camera for _, cue in pointings_of(scene)} & {reading.name for reading in readings})
+
+
 def _pointings(scene: Scene, readings: Sequence[CameraInput]) -> Iterator[tuple[str, PersonAt, CameraInput]]:
     """The place of each table that points at a person, the table, and its camera."""
     by_name = {reading.name: reading for reading in readings}

@@ -12,12 +12,14 @@ from passerby.perception.plan import BACKGROUND, CROPS_AT_LEAST, CROPS_PER_S, NO
 from passerby.perception.stretches import STRETCH_S
 from passerby.perception.video import VideoInfo
 from passerby.scene.camera_input import CameraInput
+from passerby.scene.pointing import is_pointed_at
 from passerby.scene.scene import Scene
 from passerby.scene.video_inputs import picture_rate
 
 DECODED_S = 0.005
-"""What a frame takes to be decoded, for each million pixels; this and all below in seconds of one core, measured on the demo's
-videos. Rough figures do: another computer may be twice as fast, or half."""
+"""What a frame takes to be decoded, for each million pixels; this and all below in seconds of one core. Decoding and background
+subtraction: the demo's videos; networks and keypoints: about what `CROPS_PER_S` tells of small ones; boxes: five scenes of 4
+to 7 cameras. Rough figures do: another computer may be twice as fast, or half."""
 WATCHED_S = {True: (0.02, 0.03), False: (0.03, 0.05)}
 """What it takes to find people in an image and to describe them, and more for each million pixels: by background subtraction,
 or by a network as small as YOLOX-nano."""
@@ -49,13 +51,14 @@ def foresee_time(scene: Scene, readings: Sequence[CameraInput], perception: Mapp
     times = [0.0, 0.0]
     boxes = [float(sum(len(one.boxes) + len(one.keypoints) for one in readings))] * 2
     filmed = [one for one in readings if one.awaiting]
+    usual = (math.inf, math.inf) if is_pointed_at(scene, filmed) else USED_S
     for reading in filmed:
         info = reading.video
         if info is None:
             continue
         if not info.seconds:
             return None
-        for k, used_s in enumerate(USED_S):
+        for k, used_s in enumerate(usual):
             seconds = min(info.seconds, used_s)
             pictures = seconds * picture_rate(scene, reading, info)
             times[k] += _watching_s(info, seconds, pictures, perception) / min(together, len(filmed))

@@ -39,7 +39,7 @@ from passerby.perception.video import VideoInfo
 from passerby.perception.video_observations import VideoObservations, join_stretches
 from passerby.perception.watching import CameraJob, Tell, find_kept_results, watch_camera, work_of
 from passerby.scene.camera_input import CameraInput
-from passerby.scene.pointing import pointings_of
+from passerby.scene.pointing import is_pointed_at
 from passerby.scene.reading import add_video_results, name_video_error, needs_embeddings, needs_keypoints, needs_video
 from passerby.scene.scene import Scene
 from passerby.scene.tables import WATCHED_FPS
@@ -84,9 +84,11 @@ class SceneVideoProcessor:
         them, at any time. Raises `InputError` as a call.
         """
         filmed = [reading for reading in readings if needs_video(scene, reading) and reading.awaiting]
-        if {cue.camera for _, cue in pointings_of(scene)} & {reading.name for reading in filmed}:
-            return ()
-        if not filmed or not all(reading.video is not None and is_divisible(reading.video) for reading in filmed):
+        if (
+            not filmed
+            or is_pointed_at(scene, filmed)
+            or not all(reading.video is not None and is_divisible(reading.video) for reading in filmed)
+        ):
             return ()
         spans = [_used_span(scene, reading) for reading in filmed]
         stretches = cut_into_stretches(min(first for first, _ in spans), max(last for _, last in spans))

@@ -93,8 +93,8 @@ def refine_rig(start: Initialisation, state: RigState, options: PeopleOptions, r
             continue
         judged = occlusion_weights(model, result.state, len(evidence.sightings))
         whole = judged.weight
-        taken, noise = noise, learn_noise(model, result, judged.broken)
-        growing = len(model.rows) > 0 and _typical(noise, model) > _GROWTH * _typical(taken, model)
+        assumed, noise = noise, learn_noise(model, result, judged.broken)
+        growing = len(model.rows) > 0 and _typical(noise, model) > _GROWTH * _typical(assumed, model)
         stance = _stance(model, result.state, len(evidence.person))
         share = AGREE_SIGMAS * max(noise.centre if len(model.rows) else 0.0, noise.joint if evidence.n_joints else 0.0)
         number += 1
