@@ -17,8 +17,9 @@ people alone falls by 29 %; one that barely falls is of something else: of a len
 
 TARGET_M = 0.05
 """The usual target."""
-DOUBTED_S = 180.0
-"""So much of the scene's time is used at least where the rig is not accepted: a camera's people may come later."""
+LEAST_S = 180.0
+"""So much of the scene's time is used at least where the rig is not accepted or points miss the target: a camera's people may
+come later, and errors that no uncertainty shows, such as a detector's at one place, still fall."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +81,7 @@ def is_enough(steps: Sequence[Step], effort: Effort) -> bool:
     target_m = effort.target_m
     if target_m is None or before is None or last.points_m is None or before.verdict != last.verdict:
         return False
-    if last.verdict != "accepted" and last.used_s < DOUBTED_S:
+    if last.used_s < LEAST_S and (last.verdict != "accepted" or last.points_m > target_m):
         return False
 
     def suffices(now: float | None, was: float | None) -> bool:
