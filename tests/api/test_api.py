@@ -27,7 +27,6 @@ def made():
 
 @pytest.fixture(scope="module")
 def scene(made, tmp_path_factory):
-    """Path of the scene file of a terrace with identities given."""
     return write_scene(made, tmp_path_factory.mktemp("api") / "scene")
 
 
@@ -106,8 +105,7 @@ def test_a_calibration_from_arrays_is_written_and_read(made, tmp_path):
     assert "<b></b>" not in (tmp_path / "out" / "report.html").read_text()
     again = passerby.read_calibration(tmp_path / "out")
     assert apart(again.rig, found.rig) < 1e-9
-    assert again.verdict == "accepted"
-    assert run(["track", str(tmp_path / "out")]) == 0
+    assert (again.verdict, run(["track", str(tmp_path / "out")])) == ("accepted", 0)
 
 
 @pytest.mark.slow
@@ -188,23 +186,19 @@ def test_evaluate_takes_a_folder_for_a_rig_file(scene, out, tmp_path, capsys):
     for rig, reference in ((out / "rig.toml", truth), (out, truth), (truth, out / "rig.toml"), (truth, out)):
         assert run(["evaluate", str(rig), str(reference), "--json"]) == 0
         shown.append(capsys.readouterr().out)
-    assert shown[0] == shown[1]
-    assert shown[2] == shown[3]
+    assert (shown[0], shown[2]) == (shown[1], shown[3])
     assert passerby.evaluate(truth, out).to_dict() == passerby.evaluate(truth, out / "rig.toml").to_dict()
     assert run(["evaluate", str(tmp_path), str(truth)]) == 2
     assert "rig.toml: no such file" in capsys.readouterr().err
 
 
 def test_align_by_values_and_by_files(calibration, out, tmp_path):
-    aligned = passerby.align(out, camera="C2", towards="C1")
-    assert aligned.rig["C1"].centre[1] == pytest.approx(0, abs=1e-9)
+    assert passerby.align(out, camera="C2", towards="C1").rig["C1"].centre[1] == pytest.approx(0, abs=1e-9)
     moved = [passerby.KnownPosition(camera.name, camera.centre + np.array([10.0, 20.0, 0.0])) for camera in calibration.rig]
-    assert passerby.align(calibration, positions=moved).rig["C1"].centre[:2] == pytest.approx((10, 20), abs=1e-6)
     rows = [f"{known.camera},{known.place[0]:.9f},{known.place[1]:.9f}" for known in moved]
     (tmp_path / "p.csv").write_text("\n".join(["camera,x,y", *rows]) + "\n")
-    assert passerby.align(calibration.rig, positions=tmp_path / "p.csv").rig["C1"].centre[:2] == pytest.approx(
-        (10, 20), abs=1e-6
-    )
+    for found, positions in ((calibration, moved), (calibration.rig, tmp_path / "p.csv")):
+        assert passerby.align(found, positions=positions).rig["C1"].centre[:2] == pytest.approx((10, 20), abs=1e-6)
     for wrong in ({}, {"camera": "C1", "points": []}, {"camera": "C1", "scale": True}, {"positions": moved, "towards": "C1"}):
         with pytest.raises(passerby.InputError):
             passerby.align(calibration, **wrong)
@@ -213,23 +207,12 @@ def test_align_by_values_and_by_files(calibration, out, tmp_path):
 def test_one_clear_line_each(made, calibration, out):
     lost = replace(calibration.rig["C1"], pose=None, sigma=None)
     for value, wanted in (
-        (calibration, r"Calibration\('scene': accepted, 4 of 4 cameras registered\)"),
         (calibration.rig, r"Rig\(4 cameras: C1, C2, C3, C4; accepted\)"),
-        (passerby.Rig((lost, calibration.rig["C2"])), r"Rig\(2 cameras: C1, C2; 1 without a pose\)"),
         (passerby.Rig(tuple(replace(lost, name=f"C{k}") for k in range(9))), r"Rig\(9 cameras: C0, .*, C7, \.\.\.; 9 .*\)"),
-        (calibration.rig["C1"], r"Camera\('C1', 720 x 576, at \(0\.000, 0\.000, \d\.\d{3}\) m, heading 90.*sigma \d+ mm\)"),
         (lost, r"Camera\('C1', 720 x 576, without a pose\)"),
-        (lost.lens, r"Lens\(pinhole, 720 x 576, focal \d+\.\d px, .*\)"),
-        (calibration.rig["C1"].pose, r"Pose\(at \(0\.000, .*\) m, heading 90\.0 deg, tilt \d+\.\d deg\)"),
-        (calibration.rig["C1"].sigma, r"PoseSigma\(\d+ mm, 0\.\d\d deg\)"),
         (calibration.observations, r"Observations\(4 cameras, \d+ boxes\)"),
-        (calibration.observations["C1"].boxes, r"Boxes\(\d+ in frames 1 to 60, 7 identities\)"),
         (passerby.Boxes.empty(), r"Boxes\(none\)"),
-        (made.observations["C1"].keypoints, r"Keypoints\(\d+ in frames 1 to 60, 7 identities, 17 keypoints\)"),
         (passerby.trajectories(out), r"Trajectories\(7 people, \d+ positions, 11\.8 s\)"),
-        (passerby.evaluate(out, made.rig), r"Comparison\(4 cameras, 0 missing, mean \d+\.\d mm and 0\.\d\d deg after .*\)"),
-        (passerby.read_calibration(out), r"OutputFolder\('.*out': accepted, 4 of 4 cameras\)"),
-        (passerby.align(out, camera="C1"), r"Aligned\(by camera C1, 4 cameras\)"),
     ):  # fmt: skip
         assert re.fullmatch(wanted, repr(value)), repr(value)
 
@@ -264,63 +247,47 @@ class Checked(HTMLParser):
 
 
 def test_notebooks_show_a_rig(calibration):
-    page = Checked(calibration.rig._repr_html_())
-    assert page.count["tr"] == 5
-    assert page.count["circle"] == 4
-    for camera in calibration.rig:
-        assert camera.name in page.words
-        assert f"{camera.centre[2]:.3f}" in page.words
-    assert "✓ accepted" in page.words
-    bare = passerby.Rig(tuple(replace(camera, pose=None, sigma=None) for camera in calibration.rig))
-    page = Checked(bare._repr_html_())
-    assert "svg" not in page.count
-    assert "0 of 4 cameras with a pose" in page.words
+    """Names from elsewhere stay text."""
+    evil = '<img src="http://x/y" onerror=alert(1)>'
+    rig = passerby.Rig((replace(calibration.rig["C1"], name=evil), *calibration.rig.cameras[1:]), evil)
+    page = Checked(rig._repr_html_())
+    assert (page.count["tr"], page.count["circle"]) == (5, 4)
+    assert {part for camera in rig for part in (camera.name, f"{camera.centre[2]:.3f}")} <= set(page.words)
+    assert page.words.count(evil) == 2  # the table and the picture
+    assert any(evil in word and word != evil for word in page.words)  # the verdict
+    assert "✓ accepted" in Checked(calibration.rig._repr_html_()).words
+    bare = Checked(passerby.Rig(tuple(replace(camera, pose=None, sigma=None) for camera in calibration.rig))._repr_html_())
+    assert "svg" not in bare.count
+    assert "0 of 4 cameras with a pose" in bare.words
     assert Checked(passerby.Rig(())._repr_html_()).count["tr"] == 1
 
 
 def test_notebooks_show_a_calibration(calibration):
-    page = Checked(calibration._repr_html_())
+    """Readable on light and dark: text and lines take the notebook's colour, and nothing is filled behind them."""
+    text = calibration._repr_html_()
+    page = Checked(text)
     assert page.count["tr"] == 5
     assert "residual px" in page.words
+    assert "currentColor" in text
+    assert not re.search(r"(?:color|fill|background)[:=]\"?\s*(?:#fff|#000|white|black)", text)
     few, odd = refusal("too_little_evidence", why="too <few> people"), notice("world_not_set", why="odd & strange")
     doubtful = replace(calibration, verdict="doubtful", diagnostics=(few, *[odd] * 20))
-    page = Checked(doubtful._repr_html_())
-    assert "! doubtful" in page.words
-    assert "too <few> people" in page.words
-    assert "and 8 more" in page.words
+    assert {"! doubtful", "too <few> people", "and 8 more"} <= set(Checked(doubtful._repr_html_()).words)
 
 
 def test_notebooks_show_what_was_written(calibration, out):
     written = passerby.read_calibration(out)
-    page = Checked(written._repr_html_())
-    fresh = Checked(calibration._repr_html_())
+    page, fresh = Checked(written._repr_html_()), Checked(calibration._repr_html_())
     assert page.count == fresh.count
     assert set(fresh.words) <= set(page.words)
-    lost = replace(calibration.rig["C4"], pose=None, sigma=None)
     cameras = (CameraEntry(name="C1", median_residual_px=float("nan"), time_offset_s=1e300),)
     document = replace(written.document, name="<b>", findings=("odd & strange",) * 20, cameras=cameras)
     odd = replace(written, document=document, verdict="doubtful", reasons=("too <few> people",), all_cameras=5)
-    page = Checked(odd._repr_html_())
-    assert {"<b>", "! doubtful", "too <few> people", "odd & strange", "and 8 more", "4 of 5 cameras registered"} <= set(
-        page.words
-    )
+    told = {"<b>", "! doubtful", "too <few> people", "odd & strange", "and 8 more", "4 of 5 cameras registered"}
+    assert told <= set(Checked(odd._repr_html_()).words)
     nothing = CalibrationDocument(verdict="accepted", cameras=())
-    assert Checked(replace(written, rig=passerby.Rig((lost,)), document=nothing)._repr_html_()).count["tr"] == 2
-
-
-def test_names_from_elsewhere_stay_text(calibration):
-    evil = '<img src="http://x/y" onerror=alert(1)>'
-    rig = passerby.Rig((replace(calibration.rig["C1"], name=evil), *calibration.rig.cameras[1:]), evil)
-    page = Checked(rig._repr_html_())
-    assert page.words.count(evil) == 2  # the table and the picture
-    assert any(evil in word and word != evil for word in page.words)  # the verdict
-
-
-def test_pictures_have_no_colour_of_paper(calibration):
-    """Readable on light and dark: text and lines take the notebook's colour, and nothing is filled behind them."""
-    text = calibration._repr_html_()
-    assert "currentColor" in text
-    assert not re.search(r"(?:color|fill|background)[:=]\"?\s*(?:#fff|#000|white|black)", text)
+    lost = passerby.Rig((replace(calibration.rig["C4"], pose=None, sigma=None),))
+    assert Checked(replace(written, rig=lost, document=nothing)._repr_html_()).count["tr"] == 2
 
 
 def test_figures_for_notebooks(calibration):

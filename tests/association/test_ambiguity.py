@@ -1,7 +1,5 @@
 """People who move alike: cameras whose registrations have runners-up that are as good."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -29,16 +27,19 @@ def test_shares_are_weighed_by_what_registrations_score() -> None:
 
 
 def test_one_doubt_names_the_cameras_and_how_well_the_others_fit() -> None:
-    found = ambiguous_cameras(graph(edge(0, 1, 0.98), edge(2, 3, 0.2)), NAMES)
-    assert [(one.code, one.severity, one.cameras, one.values) for one in found] == [
-        ("arrangement_ambiguous", "doubt", ("C1", "C2"), {"runner_up": 0.98})
-    ]
+    (found,) = ambiguous_cameras(graph(edge(0, 1, 0.98), edge(2, 3, 0.2)), NAMES)
+    assert (found.code, found.severity, found.cameras) == ("arrangement_ambiguous", "doubt", ("C1", "C2"))
+    assert found.values == {"runner_up": 0.98}
 
 
-def test_a_third_camera_that_is_clear_makes_up_for_one_that_is_not() -> None:
-    assert ambiguous_cameras(graph(edge(0, 1, 0.98), edge(0, 2, 0.1), edge(1, 2, 0.1)), NAMES) == []
-
-
-@pytest.mark.parametrize("unused", [edge(0, 1, 2.0, used=False), Edge(0, 1, None, 2.0, 0.0, True)])
-def test_registrations_that_are_not_used_do_not_count(unused: Edge) -> None:
-    assert ambiguous_cameras(graph(unused, edge(2, 3, AMBIGUOUS)), NAMES) == []
+@pytest.mark.parametrize(
+    "edges",
+    [
+        [edge(0, 1, 0.98), edge(0, 2, 0.1), edge(1, 2, 0.1)],
+        [edge(0, 1, 2.0, used=False), edge(2, 3, AMBIGUOUS)],
+        [Edge(0, 1, None, 2.0, 0.0, True), edge(2, 3, AMBIGUOUS)],
+    ],
+    ids=["a clear third camera makes up for it", "not used", "not registered"],
+)
+def test_nothing_is_doubtful(edges: list[Edge]) -> None:
+    assert ambiguous_cameras(graph(*edges), NAMES) == []

@@ -1,7 +1,5 @@
 """A camera that no pair registers, registered to people whose places the others know."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 
@@ -36,10 +34,13 @@ def cameras(seed: int) -> list[CameraTracklets]:
 
 def people_without(seed: int, left_out: int) -> KnownPeople:
     """What the other cameras, at their true poses, know of everybody."""
+    return known_people(*told_of(seed, left_out))
+
+
+def told_of(seed: int, left_out: int) -> tuple:
     own = cameras(seed)
     poses = [None if c == left_out else camera.pose for c, camera in enumerate(simulated(seed).rig)]
-    person = [np.arange(camera.n_tracklets) for camera in own]
-    return known_people(own, poses, person, np.zeros(len(own)))
+    return own, poses, [np.arange(camera.n_tracklets) for camera in own], np.zeros(len(own))
 
 
 @pytest.mark.slow
@@ -65,11 +66,10 @@ def test_a_camera_among_other_people_is_not_believed(seed, other):
 
 
 def test_nobody_known_or_nobody_seen_places_no_camera():
-    camera, people = cameras(4)[0], people_without(4, 0)
+    bodies, people = cameras(4)[0].bodies, people_without(4, 0)
     nobody = KnownPeople(people.step[:0], people.person[:0], people.ground[:0], people.rate[:0])
-    assert attach_camera(camera.bodies, nobody, PERSON_HEIGHT_M, 5.0) is None
-    blind = replace(camera, bodies=camera.bodies.take(np.zeros(len(camera.bodies), dtype=bool)))
-    assert attach_camera(blind.bodies, people, PERSON_HEIGHT_M, 5.0) is None
+    assert attach_camera(bodies, nobody, PERSON_HEIGHT_M, 5.0) is None
+    assert attach_camera(bodies.take(np.zeros(len(bodies), dtype=bool)), people, PERSON_HEIGHT_M, 5.0) is None
 
 
 def test_known_people_walk_where_they_truly_are():
@@ -90,12 +90,9 @@ def test_whoever_sits_does_not_move():
 
 
 def test_on_a_site_a_camera_is_tried_by_the_people_of_those_that_may_be_near():
-    own, left_out = cameras(4), 2
-    poses = [None if c == left_out else camera.pose for c, camera in enumerate(simulated(4).rig)]
-    person = [np.arange(camera.n_tracklets) for camera in own]
-    arguments = own, poses, person, np.zeros(len(own)), PERSON_HEIGHT_M, {left_out: (0.5, 0.0)}
-    everybody = {(a, left_out) if a < left_out else (left_out, a): "stated" for a in range(len(own)) if a != left_out}
-    by_near, by_all = attach_cameras(*arguments, Candidates(len(own), everybody)), attach_cameras(*arguments)
-    assert set(by_near) == set(by_all) == {left_out}
-    np.testing.assert_array_equal(by_near[left_out].pose.centre, by_all[left_out].pose.centre)
-    assert attach_cameras(*arguments, Candidates(len(own), {(0, 1): "stated"})) == {}
+    arguments = *told_of(4, 2), PERSON_HEIGHT_M, {2: (0.5, 0.0)}
+    everybody = {(min(a, 2), max(a, 2)): "stated" for a in range(4) if a != 2}
+    by_near, by_all = attach_cameras(*arguments, Candidates(4, everybody)), attach_cameras(*arguments)
+    assert set(by_near) == set(by_all) == {2}
+    np.testing.assert_array_equal(by_near[2].pose.centre, by_all[2].pose.centre)
+    assert attach_cameras(*arguments, Candidates(4, {(0, 1): "stated"})) == {}

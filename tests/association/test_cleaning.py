@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
+import pytest
 
 from passerby.association.cleaning import reassign_detections
 from passerby.core.cameras import Rig
@@ -53,6 +54,12 @@ class Scene:
         """Rows of a person in a camera, at some frames."""
         return np.flatnonzero((self.person[c] == who) & np.isin(self.bodies[c].step, frames or FRAMES))
 
+    def only(self, whom: Mapping[int, list[int]]) -> Scene:
+        """Each camera sees those alone; all where it is not among them."""
+        rows = [np.isin(column, whom.get(c, column)) for c, column in enumerate(self.person)]
+        bodies = [own.take(on) for own, on in zip(self.bodies, rows, strict=True)]
+        return replace(self, bodies=bodies, person=[column[on] for column, on in zip(self.person, rows, strict=True)])
+
     def assert_is(self, found: list[np.ndarray], expected: list[np.ndarray]) -> None:
         for c, (name, column, truth) in enumerate(zip(self.rig.names, found, expected, strict=True)):
             np.testing.assert_array_equal(column, truth, name)
@@ -62,24 +69,22 @@ class Scene:
 PLACES = {0: (-2.0, -1.6), 1: (-1.0, 1.5), 2: (-1.8, 0.2), 7: (0.0, -0.6)}
 
 
-def test_right_names_stay() -> None:
-    scene = Scene.of(PLACES)
-    scene.assert_is(scene.cleaned(scene.person), scene.person)
-
-
-def test_a_tracklet_that_shows_somebody_else_for_a_moment() -> None:
-    """Person 1's tracklet sits on person 0, whose own box is missing: it is 0's; where 0 has a box there, it is nobody's."""
-    scene = Scene.of(PLACES)
-    person = [column.copy() for column in scene.person]
-    person[C1][scene.rows(C1, 1, 5, 6, 7)] = UNKNOWN
-    person[C1][scene.rows(C1, 0, 5, 6, 7)] = 1
-    scene.assert_is(scene.cleaned(person), scene.person)
-
-
-def test_names_exchanged_in_one_camera_are_exchanged_back() -> None:
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        [],
+        [(C1, 1, (5, 6, 7), UNKNOWN), (C1, 0, (5, 6, 7), 1)],
+        [(C1, 0, (9, 10), 2), (C1, 2, (9, 10), 0)],
+        [(C3, 2, (3, 11), UNKNOWN), (C1, 7, (), UNKNOWN)],
+    ],
+    ids=["nothing", "1's tracklet is on 0, whose box is missing", "exchanged", "single detections"],
+)
+def test_names_that_are_wrong_for_a_moment_are_put_right(wrong: list[tuple[int, int, tuple[int, ...], int]]) -> None:
+    """Of a camera, a person at some frames, or at all, has another name."""
     scene = Scene.of(PLACES)
     person = [column.copy() for column in scene.person]
-    person[C1][scene.rows(C1, 0, 9, 10)], person[C1][scene.rows(C1, 2, 9, 10)] = 2, 0
+    for c, who, frames, name in wrong:
+        person[c][scene.rows(c, who, *frames)] = name
     scene.assert_is(scene.cleaned(person), scene.person)
 
 
@@ -109,47 +114,26 @@ def test_a_person_has_one_box_a_camera() -> None:
     assert (found[C1][scene.rows(C1, 1)] == 1).all()
 
 
-def test_single_detections_go_to_whom_they_show() -> None:
-    scene = Scene.of(PLACES)
-    person = [column.copy() for column in scene.person]
-    person[C3][scene.rows(C3, 2, 3, 11)] = UNKNOWN
-    person[C1][scene.rows(C1, 7)] = UNKNOWN
-    scene.assert_is(scene.cleaned(person), scene.person)
-
-
-def test_a_single_detection_between_two_people_stays_nobodys() -> None:
+@pytest.mark.parametrize(("people", "expected"), [([4, 5], UNKNOWN), ([4], 4)])
+def test_a_single_detection_between_two_people_stays_nobodys(people: list[int], expected: int) -> None:
     """In camera C3 a box stands between 4 and 5, a little nearer to 4; the other cameras see both. Alone, 4 takes it."""
     across = RIG["C3"].pose.R_cw[0, :2]  # type: ignore[union-attr]
-    along = np.array([across[1], -across[0]])
-    places = {4: (0.0, 0.0), 5: (0.36, 0.0), 6: (0.16, 0.0)}
-    for people, expected in (((4, 5), UNKNOWN), ((4,), 4)):
-        scene = Scene.of({who: tuple(x * across + 0.0 * along) for who, (x, _) in places.items()})
-        keep = [np.isin(column, [6] if c == C3 else people) for c, column in enumerate(scene.person)]
-        bodies = [own.take(rows) for own, rows in zip(scene.bodies, keep, strict=True)]
-        names = [column[rows] for column, rows in zip(scene.person, keep, strict=True)]
-        names[C3] = np.full(len(names[C3]), UNKNOWN)
-        found = replace(scene, bodies=bodies, person=names).cleaned(names)
-        assert (found[C3] == expected).all(), people
+    scene = Scene.of({who: tuple(x * across) for who, x in ((4, 0.0), (5, 0.36), (6, 0.16))})
+    scene = scene.only({c: [6] if c == C3 else people for c in range(4)})
+    scene.person[C3][:] = UNKNOWN
+    assert (scene.cleaned(scene.person)[C3] == expected).all()
 
 
 def test_whoever_is_seen_by_one_camera_alone_keeps_the_name() -> None:
-    scene = Scene.of(PLACES)
-    hidden = [np.where(column == 7, UNKNOWN, column) if c != C1 else column for c, column in enumerate(scene.person)]
-    rows = [np.flatnonzero(column > UNKNOWN) for column in hidden]
-    bodies = [own.take(on) for own, on in zip(scene.bodies, rows, strict=True)]
-    names = [column[on] for column, on in zip(hidden, rows, strict=True)]
-    lone = replace(scene, bodies=bodies, person=names)
-    lone.assert_is(lone.cleaned(names), names)
-    assert 7 in names[C1]
+    lone = Scene.of(PLACES).only({c: [0, 1, 2] for c in range(4) if c != C1})
+    assert 7 in lone.person[C1]
+    lone.assert_is(lone.cleaned(lone.person), lone.person)
 
 
 def test_two_cameras_that_contradict_each_other_name_nobody() -> None:
     """Neither is believed: C1 and C3 alone see 7, and C3's 7 is somebody else."""
-    scene = Scene.of({7: (0.0, -1.5), 8: (0.0, 2.0)})
-    keep = [np.isin(column, {C1: [7], C3: [8]}.get(c, [])) for c, column in enumerate(scene.person)]
-    bodies = [own.take(rows) for own, rows in zip(scene.bodies, keep, strict=True)]
-    names = [np.full(len(own), 7) for own in bodies]
-    found = replace(scene, bodies=bodies, person=names).cleaned(names)
+    scene = Scene.of({7: (0.0, -1.5), 8: (0.0, 2.0)}).only({0: [7], 1: [], 2: [8], 3: []})
+    found = scene.cleaned([np.full_like(column, 7) for column in scene.person])
     assert all((column == UNKNOWN).all() for column in found)
 
 

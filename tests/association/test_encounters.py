@@ -1,8 +1,7 @@
 """Samples of two cameras at one time, against brute force."""
 
-from __future__ import annotations
-
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -27,8 +26,7 @@ def test_all_that_are_at_one_time_meet(first: list[tuple[int, int]], second: lis
     wanted = np.argwhere(tracks.a.step[:, None] + lag == tracks.b.step)
     assert sorted(zip(met.a.tolist(), met.b.tolist(), strict=True)) == [tuple(row) for row in wanted.tolist()]
     pairs = met.tracklets
-    assert pairs.size.sum() == len(met)
-    assert len(set(zip(pairs.a.tolist(), pairs.b.tolist(), strict=True))) == len(pairs)
+    assert (pairs.size.sum(), len(set(zip(pairs.a.tolist(), pairs.b.tolist(), strict=True)))) == (len(met), len(pairs))
     np.testing.assert_array_equal(pairs.a[pairs.of_encounter], tracks.a.tracklet[met.a])
     np.testing.assert_array_equal(pairs.b[pairs.of_encounter], tracks.b.tracklet[met.b])
     weight = np.arange(len(met), dtype=np.float64) + 1.0
@@ -42,22 +40,18 @@ def test_fewer_instants_are_spread_evenly() -> None:
     always = tracks_of([(step, who) for step in range(100) for who in range(3)])
     met = find_synchronous_pairs(TrackPair(always, always), 4, 10)
     instants = np.unique(always.step[met.a])
-    assert len(instants) == 10
-    assert (instants[0], instants[-1]) == (0, 95)
+    assert (len(instants), instants[0], instants[-1]) == (10, 0, 95)
     assert set(np.diff(instants)) <= {10, 11}
-    assert len(met) == 10 * 3 * 3
-    assert len(find_synchronous_pairs(TrackPair(always, always), 4, 1000)) == 96 * 3 * 3
+    assert (len(met), len(find_synchronous_pairs(TrackPair(always, always), 4, 1000))) == (10 * 3 * 3, 96 * 3 * 3)
 
 
-def test_as_many_instants_as_are_wanted_are_all_taken() -> None:
+@pytest.mark.parametrize("stretch", [1, 20])
+def test_as_many_instants_as_are_wanted_are_all_taken(stretch: int) -> None:
     """Also where neighbours stay together and their number does not divide that of the instants; of one more, some are left."""
     always = tracks_of([(step, 0) for step in range(99)])
-    for stretch in (1, 20):
-        every, some = (find_synchronous_pairs(TrackPair(always, always), 0, most, stretch) for most in (99, 98))
-        np.testing.assert_array_equal(always.step[every.a], np.arange(99))
-        assert not every.thinned
-        assert some.thinned
-        assert len(some) < 99
+    every, some = (find_synchronous_pairs(TrackPair(always, always), 0, most, stretch) for most in (99, 98))
+    np.testing.assert_array_equal(always.step[every.a], np.arange(99))
+    assert (every.thinned, some.thinned, len(some) < 99) == (False, True, True)
     assert not find_synchronous_pairs(TrackPair(always, always), 0).thinned
 
 

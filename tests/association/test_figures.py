@@ -1,7 +1,5 @@
 """The figures of an association, counted by hand."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np
@@ -40,10 +38,7 @@ def camera(name: str, station: Station, numbers: list[int], *, level: bool = Tru
 
 
 def graph_of(cameras: list[CameraTracklets]) -> ViewGraph:
-    first, second = cameras[0].tracks, cameras[1].tracks
-    assert first is not None
-    assert second is not None
-    return view_graph([register_pair(0, 1, first, second, 3.0)], len(cameras))
+    return view_graph([register_pair(0, 1, cameras[0].tracks, cameras[1].tracks, 3.0)], len(cameras))
 
 
 @pytest.fixture(scope="module")
@@ -68,43 +63,29 @@ PERSON = np.array([10, 11, 12, 13, 14, 15, 15, 14, 99, 13, 12, 77, 11, 10, 20, 2
 """Of the first two cameras' tracklets five are joined, 0 and 7, 2 and 4, 3 and 3, 4 and 1, and 5 and 0, but 1 and 5 are not."""
 
 
-def test_each_camera_is_counted(cameras: list[CameraTracklets]) -> None:
-    found = figures(cameras, PERSON, None).cameras
-    assert [entry.name for entry in found] == ["C1", "C2", "C3"]
-    for entry, own in zip(found, cameras, strict=True):
-        assert entry.tracklets == N_PEOPLE
-        assert entry.boxes == N_PEOPLE * 200 + 3
-        assert entry.tracked_boxes == N_PEOPLE * 200
+def test_cameras_and_people_are_counted(cameras: list[CameraTracklets]) -> None:
+    """People are ten to fifteen in the first camera, 77 in the second, six in the third; 99 has no box, nor has one 11."""
+    every = figures(cameras, PERSON, None)
+    assert (every.people, every.pairs) == (6 + 1 + 6, ())
+    for entry, name, own in zip(every.cameras, ("C1", "C2", "C3"), cameras, strict=True):
+        boxes = N_PEOPLE * 200
+        assert (entry.name, entry.tracklets, entry.boxes, entry.tracked_boxes) == (name, N_PEOPLE, boxes + 3, boxes)
         assert entry.walking_samples == (0 if own.tracks is None else len(own.tracks.step))
         assert entry.looks is None
-    assert found[0].walking_samples > 0
-    assert found[0].own_level == LevelFigures(height_m=4.0, residual=0.125)
-    assert found[2].own_level is None
-
-
-def test_people_are_counted_once_and_numbers_of_nobody_not_at_all(cameras: list[CameraTracklets]) -> None:
-    """Ten to fifteen in the first camera, 77 in the second, six in the third; 99 has no box, nor has one 11."""
-    assert figures(cameras, PERSON, None).people == 6 + 1 + 6
+    assert every.cameras[0].walking_samples > 0
+    level = LevelFigures(height_m=4.0, residual=0.125)
+    assert [entry.own_level for entry in every.cameras] == [level, level, None]
+    none = association_figures(cameras, Tracklets.of(cameras), None, None, PERSON, np.zeros(3))
+    assert (none.people, none.pairs) == (13, ())
 
 
 def test_a_registered_pair(cameras: list[CameraTracklets]) -> None:
     graph = graph_of(cameras)
     (pair,) = figures(cameras, PERSON, graph).pairs
     guess = graph.edges[0].guess
-    assert guess is not None
-    assert pair.cameras == ("C1", "C2")
-    assert pair.route == "tracks"
+    assert (pair.cameras, pair.route) == (("C1", "C2"), "tracks")
     assert pair.used
-    assert pair.matched_tracklets == 5
-    assert pair.offset_s == -0.8
-    assert pair.registered_offset_s == pytest.approx(-0.8, abs=0.1)
+    assert (pair.matched_tracklets, pair.offset_s, pair.registered_offset_s) == (5, -0.8, pytest.approx(-0.8, abs=0.1))
     assert (pair.score, pair.share, pair.matches) == (guess.score, guess.share, guess.samples)
     assert pair.runner_up == graph.edges[0].runner_up
     assert pair.looks is None
-
-
-def test_nothing_is_told_of_pairs_of_which_nothing_is_known(cameras: list[CameraTracklets]) -> None:
-    assert figures(cameras, PERSON, None).pairs == ()
-    none = association_figures(cameras, Tracklets.of(cameras), None, None, PERSON, np.zeros(3))
-    assert none.pairs == ()
-    assert none.people == 13

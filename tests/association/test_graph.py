@@ -1,7 +1,5 @@
 """The view graph on registrations made by hand."""
 
-from __future__ import annotations
-
 from itertools import combinations
 
 import numpy as np
@@ -42,6 +40,12 @@ def pair(a: int, b: int, *guesses: Registration) -> PairRegistration:
     return PairRegistration(a, b, tuple(sorted(guesses, key=lambda one: -one.score)))
 
 
+def among(cameras: range, rival: float = 0.0, *, but: tuple[tuple[int, int], ...] = ()) -> list[PairRegistration]:
+    """Every two cameras rightly registered, each with a wrong rival that scores so much if any."""
+    both = [two for two in combinations(cameras, 2) if two not in but]
+    return [pair(a, b, right(a, b), *([wrong(a, b, rival)] if rival else [])) for a, b in both]
+
+
 def edge(graph: ViewGraph, a: int, b: int) -> Edge:
     (found,) = (one for one in graph.edges if (one.a, one.b) == (a, b))
     return found
@@ -54,105 +58,88 @@ def assert_in_step(graph: ViewGraph, group: tuple[int, ...], seconds: float = 1e
     assert graph.offset_s[group[0]] == pytest.approx(0.0, abs=1e-9)
 
 
-def test_pairs_that_agree_are_all_kept() -> None:
-    pairs = [pair(a, b, right(a, b), wrong(a, b, 30.0)) for a, b in combinations(range(4), 2)]
-    graph = view_graph(pairs, 4)
-    assert graph.groups == ((0, 1, 2, 3),)
+def assert_right(graph: ViewGraph, *, but: tuple[tuple[int, int], ...] = ()) -> None:
+    """All edges are used, and their turns are the true ones."""
     for one in graph.edges:
-        assert one.used
-        assert one.runner_up == pytest.approx(0.3)
-        assert one.support > 0.9
+        if (one.a, one.b) not in but:
+            assert one.used
+            assert one.guess.turn == right(one.a, one.b).turn  # type: ignore[union-attr]
+
+
+def test_pairs_that_agree_are_all_kept() -> None:
+    graph = view_graph(among(range(4), 30.0), 4)
+    assert graph.groups == ((0, 1, 2, 3),)
+    assert_right(graph)
+    assert [one.runner_up for one in graph.edges] == [pytest.approx(0.3)] * 6
+    assert all(one.support > 0.9 for one in graph.edges)
     assert_in_step(graph, graph.groups[0])
 
 
-def test_third_cameras_overrule_a_pair_whose_best_is_wrong() -> None:
-    pairs = [pair(a, b, right(a, b), wrong(a, b, 30.0)) for a, b in combinations(range(4), 2) if (a, b) != (1, 2)]
-    true, false = right(1, 2, 80.0), wrong(1, 2, 100.0)
-    graph = view_graph([*pairs, pair(1, 2, false, true)], 4)
+@pytest.mark.parametrize(
+    ("false", "true"),
+    [(wrong(1, 2, 100.0), right(1, 2, 80.0)), (right(1, 2, 120.0, late_s=4.0), right(1, 2, 100.0))],
+    ids=["turn", "lag alone"],
+)
+def test_third_cameras_overrule_a_pair_whose_best_is_wrong(false: Registration, true: Registration) -> None:
+    graph = view_graph([*among(range(4), 30.0, but=((1, 2),)), pair(1, 2, false, true)], 4)
     found = edge(graph, 1, 2)
     assert found.guess is true
-    assert found.used
-    assert found.runner_up == pytest.approx(100.0 / 80.0)
+    assert (found.used, found.runner_up) == (True, pytest.approx(false.score / true.score))
     assert_in_step(graph, (0, 1, 2, 3))
 
 
-def test_a_pair_without_a_right_guess_is_not_used() -> None:
-    pairs = [pair(a, b, right(a, b), wrong(a, b, 30.0)) for a, b in combinations(range(4), 2) if (a, b) != (0, 3)]
-    false = wrong(0, 3, 90.0)
-    graph = view_graph([*pairs, pair(0, 3, false)], 4)
-    found = edge(graph, 0, 3)
-    assert not found.used
-    assert found.guess is false, "the best guess is told though it is not used"
+@pytest.mark.parametrize("score", [90.0, 400.0], ids=["quiet", "four times as loud as any other"])
+def test_a_pair_without_a_right_guess_is_not_used_and_does_not_lead_the_tree(score: float) -> None:
+    """It has no rival of its own."""
+    false = wrong(2, 3, score)
+    graph = view_graph([*among(range(4), 40.0, but=((2, 3),)), pair(2, 3, false)], 4)
+    assert not edge(graph, 2, 3).used
+    assert edge(graph, 2, 3).guess is false, "the best guess is told though it is not used"
+    assert_right(graph, but=((2, 3),))
     assert graph.groups == ((0, 1, 2, 3),)
     assert_in_step(graph, (0, 1, 2, 3))
-
-
-def test_one_loud_wrong_pair_does_not_lead_the_tree() -> None:
-    """It scores four times as much as any other and has no rival of its own."""
-    pairs = [pair(a, b, right(a, b), wrong(a, b, 40.0)) for a, b in combinations(range(4), 2) if (a, b) != (2, 3)]
-    graph = view_graph([*pairs, pair(2, 3, wrong(2, 3, 400.0))], 4)
-    assert not edge(graph, 2, 3).used
-    for a, b in combinations(range(4), 2):
-        if (a, b) != (2, 3):
-            assert edge(graph, a, b).used
-            assert abs(np.angle(edge(graph, a, b).guess.turn / right(a, b).turn)) < 1e-9  # type: ignore[union-attr]
 
 
 def test_a_louder_pair_with_a_near_rival_gives_way_to_clear_ones() -> None:
     """In a ring of four no third camera speaks: the pair that is in doubt is judged by the other three, not they by it."""
-    clear = [pair(a, b, right(a, b), wrong(a, b, 10.0)) for a, b in ((0, 1), (1, 2), (2, 3))]
-    doubtful = pair(0, 3, wrong(0, 3, 150.0), right(0, 3, 0.45 * 150.0))
-    graph = view_graph([*clear, doubtful], 4)
-    for a, b in ((0, 1), (1, 2), (2, 3), (0, 3)):
-        assert edge(graph, a, b).used
-        assert edge(graph, a, b).guess.turn == right(a, b).turn
+    clear = among(range(4), 10.0, but=((0, 2), (0, 3), (1, 3)))
+    graph = view_graph([*clear, pair(0, 3, wrong(0, 3, 150.0), right(0, 3, 0.45 * 150.0))], 4)
+    assert len(graph.edges) == 4
+    assert_right(graph)
     assert_in_step(graph, (0, 1, 2, 3))
 
 
-def test_a_wrong_lag_alone_is_noticed() -> None:
-    pairs = [pair(a, b, right(a, b)) for a, b in combinations(range(4), 2) if (a, b) != (1, 3)]
-    graph = view_graph([*pairs, pair(1, 3, right(1, 3, 120.0, late_s=4.0), right(1, 3, 100.0))], 4)
-    assert edge(graph, 1, 3).used
-    assert edge(graph, 1, 3).guess.lag_s == right(1, 3).lag_s  # type: ignore[union-attr]
-
-
 def test_two_groups_stay_apart() -> None:
-    pairs = [pair(a, b, right(a, b)) for a, b in ((0, 1), (0, 2), (1, 2), (3, 4))]
     between = [pair(0, 3), pair(1, 3, wrong(1, 3, 8.0)), pair(2, 4, wrong(2, 4, 60.0), right(2, 4, 55.0))]
-    graph = view_graph([*pairs, *between], 5)
-    assert graph.groups == ((0, 1, 2), (3, 4))
-    assert edge(graph, 0, 3).guess is None
-    assert edge(graph, 0, 3).runner_up == 1.0
+    graph = view_graph([*among(range(3)), *among(range(3, 5)), *between], 5)
+    assert (graph.groups, edge(graph, 0, 3).guess, edge(graph, 0, 3).runner_up) == (((0, 1, 2), (3, 4)), None, 1.0)
     assert not any(edge(graph, a, b).used for a, b in ((0, 3), (1, 3), (2, 4)))
     assert_in_step(graph, (0, 1, 2))
     assert_in_step(graph, (3, 4))
+    alone = view_graph([], 3)
+    assert (alone.edges, alone.groups, alone.offset_s.tolist()) == ((), ((0,), (1,), (2,)), [0.0] * 3)
 
 
 @pytest.mark.parametrize(("rival", "used"), [(0.95, False), (0.2, True)])
 def test_a_bridge_is_crossed_only_if_nothing_comes_near_it(rival: float, used: bool) -> None:
     """No third camera speaks for the one pair that joins two groups."""
     assert 0.2 < ALONE_RUNNER_UP < 0.95
-    pairs = [pair(a, b, right(a, b)) for a, b in ((0, 1), (0, 2), (1, 2), (3, 4))]
-    graph = view_graph([*pairs, pair(2, 3, right(2, 3), wrong(2, 3, 100.0 * rival))], 5)
+    bridge = pair(2, 3, right(2, 3), wrong(2, 3, 100.0 * rival))
+    graph = view_graph([*among(range(3)), *among(range(3, 5)), bridge], 5)
     assert edge(graph, 2, 3).used is used
     assert graph.groups == (((0, 1, 2, 3, 4),) if used else ((0, 1, 2), (3, 4)))
 
 
 def test_two_ambiguous_ways_that_agree_are_believed() -> None:
     """Every pair of three cameras has an equal rival, but only the right ones close the triangle."""
-    pairs = [pair(a, b, wrong(a, b, 100.0), right(a, b, 99.0)) for a, b in combinations(range(3), 2)]
-    graph = view_graph(pairs, 3)
+    graph = view_graph([pair(a, b, wrong(a, b, 100.0), right(a, b, 99.0)) for a, b in combinations(range(3), 2)], 3)
     assert graph.groups == ((0, 1, 2),)
-    for one in graph.edges:
-        assert one.used
-        assert one.guess is not None
-        assert one.guess.turn == right(one.a, one.b).turn
+    assert_right(graph)
 
 
 def test_a_lag_that_is_off_does_not_pull_the_offsets() -> None:
     """Ten lags, one of them half a second off: as little as not to be thrown out, but too much to be averaged."""
-    pairs = [pair(a, b, right(a, b, late_s=0.5 if (a, b) == (0, 4) else 0.0)) for a, b in combinations(range(5), 2)]
-    graph = view_graph(pairs, 5)
+    graph = view_graph([*among(range(5), but=((0, 4),)), pair(0, 4, right(0, 4, late_s=0.5))], 5)
     assert edge(graph, 0, 4).used
     assert_in_step(graph, (0, 1, 2, 3, 4), seconds=0.02)
 
@@ -168,10 +155,3 @@ def test_small_errors_along_a_chain_are_borne() -> None:
     graph = view_graph(pairs, 5)
     assert all(one.used for one in graph.edges)
     assert_in_step(graph, (0, 1, 2, 3, 4), seconds=0.2)
-
-
-def test_without_pairs_every_camera_is_alone() -> None:
-    graph = view_graph([], 3)
-    assert graph.edges == ()
-    assert graph.groups == ((0,), (1,), (2,))
-    np.testing.assert_array_equal(graph.offset_s, np.zeros(3))

@@ -1,8 +1,7 @@
 """Tracklets joined to people: small cases, and what must hold of all."""
 
-from __future__ import annotations
-
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -12,47 +11,40 @@ NEVER = -1e9
 """Weight of two tracklets that cannot be one person."""
 
 
+Edge = tuple[int, int, float]
+
+
 def joined(n: int, *edges: tuple[int, int, float]) -> list[int]:
     first, second, weight = (np.array(column) for column in zip(*edges, strict=True)) if edges else (np.zeros(0),) * 3
     return cluster_tracklets(n, first.astype(np.int64), second.astype(np.int64), weight.astype(np.float64)).tolist()
 
 
-def test_without_edges_all_are_alone() -> None:
-    assert joined(3) == [0, 1, 2]
-    assert joined(0) == []
+SQUARE = [(0, 1, 5.0), (2, 3, 5.0), (1, 2, 2.0)]
+"""0 with 1 and 2 with 3 join first; then the sum between the two groups decides."""
 
 
-def test_what_is_above_zero_joins_and_what_is_below_does_not() -> None:
-    assert joined(4, (0, 3, 0.1), (1, 2, -0.1)) == [0, 1, 2, 0]
+@pytest.mark.parametrize(
+    ("edges", "people"),
+    [
+        ([], [0, 1, 2]),
+        ([(0, 3, 0.1), (1, 2, -0.1)], [0, 1, 2, 0]),
+        (SQUARE, [0, 0, 0, 0]),
+        ([*SQUARE, (0, 3, -2.5)], [0, 0, 1, 1]),
+        ([*SQUARE, (0, 3, -1.5)], [0, 0, 0, 0]),
+        # Tracklet 1 fits both 0 and 2, who are two people: the stronger joins first.
+        ([(0, 1, 1.0), (1, 2, 3.0), (0, 2, NEVER)], [0, 1, 1]),
+        ([(0, 1, 3.0), (1, 2, 1.0), (0, 2, NEVER)], [0, 0, 1]),
+        # Edges that stand twice are added, and loops say nothing.
+        ([(0, 1, 1.0), (1, 0, -2.0)], [0, 1]),
+        ([(0, 1, -1.0), (1, 0, 2.0), (0, 0, NEVER)], [0, 0]),
+        # Never reaches through a chain; one cut is enough, at the weakest link.
+        ([(0, 5, NEVER), *((i, i + 1, 10.0 - i) for i in range(5))], [0, 0, 0, 0, 0, 1]),
+    ],
+)  # fmt: skip
+def test_small_cases(edges: list[Edge], people: list[int]) -> None:
+    assert joined(len(people), *edges) == people
 
 
-def test_the_sum_between_groups_decides() -> None:
-    # 0-1 and 2-3 join first; between the two groups more speaks against than for one person.
-    square = [(0, 1, 5.0), (2, 3, 5.0), (1, 2, 2.0)]
-    assert joined(4, *square) == [0, 0, 0, 0]
-    assert joined(4, *square, (0, 3, -2.5)) == [0, 0, 1, 1]
-    assert joined(4, *square, (0, 3, -1.5)) == [0, 0, 0, 0]
-
-
-def test_the_strongest_join_first() -> None:
-    # Tracklet 1 fits both 0 and 2, who are two people.
-    assert joined(3, (0, 1, 1.0), (1, 2, 3.0), (0, 2, NEVER)) == [0, 1, 1]
-    assert joined(3, (0, 1, 3.0), (1, 2, 1.0), (0, 2, NEVER)) == [0, 0, 1]
-
-
-def test_edges_that_stand_twice_are_added_and_loops_say_nothing() -> None:
-    assert joined(2, (0, 1, 1.0), (1, 0, -2.0)) == [0, 1]
-    assert joined(2, (0, 1, -1.0), (1, 0, 2.0), (0, 0, NEVER)) == [0, 0]
-
-
-def test_never_reaches_through_a_chain() -> None:
-    chain = [(i, i + 1, 10.0 - i) for i in range(5)]
-    found = joined(6, *chain, (0, 5, NEVER))
-    assert found[0] != found[5]
-    assert len(set(found)) == 2, "one cut is enough"
-
-
-Edge = tuple[int, int, float]
 EDGES = st.lists(st.tuples(st.integers(0, 8), st.integers(0, 8), st.floats(-10, 10)), max_size=40)
 PAIRS = st.lists(st.tuples(st.integers(0, 8), st.integers(0, 8)).filter(lambda pair: pair[0] != pair[1]), max_size=12)
 
@@ -78,10 +70,7 @@ def test_no_two_groups_are_left_that_gain_by_joining(edges: list[Edge]) -> None:
     assert list(dict.fromkeys(group)) == list(range(max(group) + 1))
 
 
-@given(
-    sizes=st.lists(st.integers(1, 4), min_size=1, max_size=5),
-    seed=st.integers(0, 1000),
-)
+@given(sizes=st.lists(st.integers(1, 4), min_size=1, max_size=5), seed=st.integers(0, 1000))
 def test_clear_people_are_found_as_they_are(sizes: list[int], seed: int) -> None:
     rng = np.random.default_rng(seed)
     person = rng.permutation(np.repeat(np.arange(len(sizes)), sizes))
@@ -92,8 +81,7 @@ def test_clear_people_are_found_as_they_are(sizes: list[int], seed: int) -> None
 
 
 @given(
-    spans=st.lists(st.tuples(st.integers(0, 20), st.integers(0, 12)), max_size=14),
-    slack=st.sampled_from([0.0, 0.3, 1.5, 4.0]),
+    spans=st.lists(st.tuples(st.integers(0, 20), st.integers(0, 12)), max_size=14), slack=st.sampled_from([0.0, 0.3, 1.5, 4.0])
 )
 def test_overlaps_are_those_that_brute_force_finds(spans: list[tuple[int, int]], slack: float) -> None:
     start = np.array([begin for begin, _ in spans], dtype=np.float64)
@@ -101,5 +89,4 @@ def test_overlaps_are_those_that_brute_force_finds(spans: list[tuple[int, int]],
     i, j = find_overlaps(start, end, slack)
     found = list(zip(i.tolist(), j.tolist(), strict=True))
     wanted = {(m, n) for n in range(len(spans)) for m in range(n) if min(end[m], end[n]) - max(start[m], start[n]) > slack}
-    assert len(found) == len(set(found))
-    assert set(found) == wanted
+    assert (len(found), set(found)) == (len(set(found)), wanted)

@@ -32,17 +32,25 @@ def registration(a, b, *, gain=0.8, wrong=None, mirrored=False, lag_s=0.0):
     return JointRegistration(a, b, R_ba, np.array([1.0, 0, 0]), 0.9, gain, 0.0, people, 100, lag_s, used=True)
 
 
-def test_a_registration_that_contradicts_better_ones_is_dropped():
-    right = [registration(0, 1), registration(1, 2), registration(2, 3), registration(0, 2)]
-    wrong = registration(0, 3, gain=0.55, wrong=[0.0, 1.5, 0.0])
-    assert [one.used for one in joint_graph.consistent_registrations([*right, wrong], 4)] == [True, True, True, True, False]
+# Two pairs are sure, then what joins them, and last what closes the loop.
+LOOP = [registration(0, 1, gain=0.9), registration(2, 3, gain=0.85), registration(1, 2), registration(0, 3, gain=0.6)]
+WRONG = {"wrong": [0.0, 1.5, 0.0]}
 
 
-def test_registrations_that_close_a_loop_of_two_joined_pairs_are_kept():
-    """Two pairs are sure, then what joins them, and last what closes the loop: all are right, in whatever order they are."""
-    loop = [registration(0, 1, gain=0.9), registration(2, 3, gain=0.85), registration(1, 2), registration(0, 3, gain=0.6)]
-    for one in (loop, loop[::-1]):
-        assert all(found.used for found in joint_graph.consistent_registrations(one, 4))
+@pytest.mark.parametrize(
+    ("given", "used"),
+    [
+        (LOOP, [True] * 4),
+        (LOOP[::-1], [True] * 4),
+        # Contradicts better ones.
+        ([registration(*two) for two in ((0, 1), (1, 2), (2, 3), (0, 2))] + [registration(0, 3, gain=0.55, **WRONG)],
+         [True, True, True, True, False]),
+        # Of two equally good neither is believed.
+        ([registration(0, 1, gain=0.7), registration(1, 2), registration(0, 2, gain=0.69, **WRONG)], [False, True, False]),
+    ],
+)  # fmt: skip
+def test_registrations_that_contradict_better_or_equal_ones_are_dropped(given, used):
+    assert [one.used for one in joint_graph.consistent_registrations(given, 4)] == used
 
 
 def test_only_cameras_that_are_apart_and_may_share_ground_are_tried(monkeypatch):
@@ -61,11 +69,6 @@ def test_only_cameras_that_are_apart_and_may_share_ground_are_tried(monkeypatch)
         tried.clear()
         joint_graph.register_by_joints([found, found, found, nobody, found], graph, rng, None, silent, candidates)
         assert tried == wanted
-
-
-def test_of_two_equally_good_neither_is_believed():
-    loop = [registration(0, 1, gain=0.7), registration(1, 2), registration(0, 2, gain=0.69, wrong=[0.0, 1.5, 0.0])]
-    assert [one.used for one in joint_graph.consistent_registrations(loop, 3)] == [False, True, False]
 
 
 def test_groups_that_joints_join_bring_their_clocks():

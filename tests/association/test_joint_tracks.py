@@ -18,6 +18,11 @@ def moving(frames, identity=0, score=0.9):
     return Keypoints(frames, np.full(len(frames), identity), xy, np.full((len(frames), 17), score))
 
 
+def together(*parts):
+    columns = ("frame", "identity", "xy", "score")
+    return Keypoints(*(np.concatenate([getattr(part, name) for part in parts]) for name in columns))
+
+
 @pytest.mark.parametrize("fps", [8.0, 25.0, 60.0])
 def test_joints_are_where_they_were_at_each_grid_time(fps):
     tracks = joint_tracks(moving(np.arange(1, 61)), LENS, Clock(fps))
@@ -36,36 +41,25 @@ def test_nobody_is_carried_over_a_gap():
 
 def test_tracklets_are_kept_apart_and_nobody_is_left_out():
     a, b, nobody = moving(np.arange(1, 30), 0), moving(np.arange(10, 50), 3), moving(np.arange(1, 9), -1)
-    whole = Keypoints(
-        *(np.concatenate([getattr(part, n) for part in (b, nobody, a)]) for n in ("frame", "identity", "xy", "score"))
-    )
-    tracks = joint_tracks(whole, LENS, Clock(25.0))
+    tracks = joint_tracks(together(b, nobody, a), LENS, Clock(25.0))
     assert set(tracks.tracklet.tolist()) == {0, 3}
     assert len(tracks.step[tracks.rows(0)]) == len(joint_tracks(a, LENS, Clock(25.0)))
-    assert tracks.rows(1).start == tracks.rows(1).stop
+    assert (tracks.rows(1).start, len(joint_tracks(Keypoints.empty(), LENS, Clock(25.0)))) == (tracks.rows(1).stop, 0)
 
 
 def test_a_joint_is_found_where_both_neighbours_have_it():
-    joints = moving(np.arange(1, 40))
-    score = joints.score.copy()
+    score = np.full((39, 17), 0.9)
     score[20, 5] = 0.1
-    tracks = joint_tracks(Keypoints(joints.frame, joints.identity, joints.xy, score), LENS, Clock(25.0))
+    tracks = joint_tracks(moving(np.arange(1, 40), score=score), LENS, Clock(25.0))
     lost = tracks.step[~tracks.found[:, 5]] * GRID_S * 25 + 1
     assert len(lost)
     assert (np.abs(lost - 21) < 1).all()
     assert tracks.found[:, 6].all()
 
 
-def test_nobody_at_all():
-    assert len(joint_tracks(Keypoints.empty(), LENS, Clock(25.0))) == 0
-
-
 def test_left_and_right_change_sides_in_the_named_tracklets_only():
     order = mirrored_order(BODY_17)
-    assert [BODY_17[k] for k in order[5:7]] == ["right_shoulder", "left_shoulder"]
-    assert order[0] == 0
-    a, b = moving([1, 2], 0), moving([1, 2], 1)
-    both = Keypoints(*(np.concatenate([getattr(part, n) for part in (a, b)]) for n in ("frame", "identity", "xy", "score")))
+    assert ([BODY_17[k] for k in order[5:7]], order[0]) == (["right_shoulder", "left_shoulder"], 0)
+    both = together(moving([1, 2], 0), moving([1, 2], 1))
     fixed = swap_left_and_right(both, np.array([False, True]))
-    np.testing.assert_array_equal(fixed.xy[:2], both.xy[:2])
-    np.testing.assert_array_equal(fixed.xy[2:], both.xy[2:][:, order])
+    np.testing.assert_array_equal(fixed.xy, np.concatenate([both.xy[:2], both.xy[2:][:, order]]))

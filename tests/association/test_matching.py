@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from itertools import permutations
 
 import numpy as np
@@ -41,19 +39,18 @@ def test_as_by_trying_all() -> None:
     assert 60 < seen < 240
 
 
-def test_two_ways_alike_are_none() -> None:
-    assert found(np.array([[-5.0, -5.0], [-5.0, -5.0]]), 1.0) == []
-    assert found(np.array([[-5.0, -5.0], [-5.0, -3.0]]), 1.0) == [(0, 1), (1, 0)]
-
-
-def test_the_whole_decides_not_the_best_link() -> None:
-    """The best link alone would leave the other two with nothing."""
-    assert found(np.array([[-6.0, -5.0], [-5.0, 0.0]]), 2.0) == [(0, 1), (1, 0)]
-
-
-def test_no_links() -> None:
-    none = np.zeros(0, np.int64)
-    assert [len(column) for column in clear_matches(3, none, none, np.zeros(0), 1.0)] == [0, 0]
+@pytest.mark.parametrize(
+    ("table", "margin", "matches"),
+    [
+        ([[-5.0, -5.0], [-5.0, -5.0]], 1.0, []),
+        ([[-5.0, -5.0], [-5.0, -3.0]], 1.0, [(0, 1), (1, 0)]),
+        ([[-6.0, -5.0], [-5.0, 0.0]], 2.0, [(0, 1), (1, 0)]),
+        (np.zeros((3, 3)), 1.0, []),
+    ],
+    ids=["two ways alike", "one is better", "the best link alone would leave the other two with nothing", "no links"],
+)
+def test_the_whole_decides(table: list[list[float]], margin: float, matches: list[tuple[int, int]]) -> None:
+    assert found(np.array(table), margin) == matches
 
 
 @pytest.mark.slow

@@ -1,7 +1,5 @@
 """Broken tracklets that are fixed, and those that are not."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -61,16 +59,13 @@ def test_hidden_behind_a_pillar_for_two_seconds() -> None:
     passing = walker(0, frames, (100.0, 100.0), (80.0, 0.0))
     seen = passing.take((frames < 30) | (frames > 50))
     broken = replace(seen, identity=np.where(seen.frame < 40, 4, 9))
-    assert numbers(broken, 4, 9) == [[4], [4]]
-    assert [column.tolist() for column in find_stitches(broken, FPS)] == [[4], [9]]
+    assert (numbers(broken, 4, 9), [column.tolist() for column in find_stitches(broken, FPS)]) == ([[4], [4]], [[4], [9]])
 
 
 def test_another_who_comes_out_on_the_other_side_is_another() -> None:
     """At the moment at which the one would reappear somebody comes from there at a run: no walker turned round like that."""
-    hidden, running = (
-        walker(4, np.arange(30), (100.0, 100.0), (80.0, 0.0)),
-        walker(9, np.arange(50, 80), (1500.0, 100.0), (-200.0, 0.0)),
-    )
+    hidden = walker(4, np.arange(30), (100.0, 100.0), (80.0, 0.0))
+    running = walker(9, np.arange(50, 80), (1500.0, 100.0), (-200.0, 0.0))
     assert numbers(together(hidden, running), 4, 9) == [[4], [9]]
 
 
@@ -103,38 +98,29 @@ def merging(appearance: dict[int, int] | None = None) -> Boxes:
     return boxes if appearance is None else worn(boxes, appearance)
 
 
-def test_two_who_merge_and_part_are_not_guessed() -> None:
-    assert numbers(merging(), 10, 11, 20, 21) == [[10], [11], [20], [21]]
+@pytest.mark.parametrize(
+    ("appearance", "after"),
+    [(None, (20, 21)), ({10: 1, 11: 1, 20: 1, 21: 1}, (20, 21)), ({20: 10, 21: 11}, (10, 11)), ({20: 11, 21: 10}, (11, 10))],
+    ids=["no looks", "all look alike", "back", "past each other"],
+)
+def test_two_who_merge_and_part_are_told_by_looks_or_not_guessed(appearance, after):
+    assert numbers(merging(appearance), 10, 11, 20, 21) == [[10], [11], [after[0]], [after[1]]]
 
 
-@pytest.mark.parametrize("way", [(10, 11), (11, 10)])
-def test_looks_tell_who_left_which_way(way: tuple[int, int]) -> None:
-    assert numbers(merging({20: way[0], 21: way[1]}), 10, 11, 20, 21) == [[10], [11], [way[0]], [way[1]]]
-
-
-def test_those_who_look_alike_are_not_guessed() -> None:
-    assert numbers(merging({10: 1, 11: 1, 20: 1, 21: 1}), 10, 11, 20, 21) == [[10], [11], [20], [21]]
-
-
-def test_one_who_looks_alike_much_later_is_not_the_same() -> None:
-    """Neither ten seconds later at the very place, nor after two at the other end of the picture."""
-    early, late = (
-        walker(1, np.arange(30), (100.0, 100.0), (80.0, 0.0)),
-        walker(2, np.arange(130, 160), (100.0, 100.0), (80.0, 0.0)),
-    )
-    assert numbers(worn(together(early, late, others()), {1: 7, 2: 7}), 1, 2) == [[1], [2]]
-    elsewhere = walker(2, np.arange(50, 80), (1900.0, 100.0), (-80.0, 0.0))
-    assert numbers(worn(together(early, elsewhere, others()), {1: 7, 2: 7}), 1, 2) == [[1], [2]]
-
-
-def test_nobody_is_joined_with_whom_he_was_seen() -> None:
-    boxes = worn(
-        together(
-            walker(1, np.arange(40), (0.0, 0.0), (50.0, 0.0)), walker(2, np.arange(38, 80), (10.0, 0.0), (50.0, 0.0)), others()
-        ),
-        {1: 7, 2: 7},
-    )
-    assert numbers(boxes, 1, 2) == [[1], [2]]
+@pytest.mark.parametrize(
+    ("early", "late"),
+    [
+        ((30, (100.0, 100.0), 80.0), (130, (100.0, 100.0), 80.0)),
+        ((30, (100.0, 100.0), 80.0), (50, (1900.0, 100.0), -80.0)),
+        ((40, (0.0, 0.0), 50.0), (38, (10.0, 0.0), 50.0)),
+    ],
+    ids=["ten seconds later at the very place", "after two at the other end of the picture", "seen together"],
+)
+def test_one_who_looks_alike_elsewhere_or_at_another_time_is_not_the_same(early, late):
+    """Frame of the end or begin, place and pixels per second."""
+    first = walker(1, np.arange(early[0]), early[1], (early[2], 0.0))
+    second = walker(2, np.arange(late[0], late[0] + 30), late[1], (late[2], 0.0))
+    assert numbers(worn(together(first, second, others()), {1: 7, 2: 7}), 1, 2) == [[1], [2]]
 
 
 @pytest.mark.slow
@@ -173,20 +159,14 @@ def test_simulated_people_are_followed(preset: str, embeddings: str, people: int
     assert np.mean(pure) > purity
 
 
-def test_neither_the_order_of_the_rows_nor_the_numbers_matter() -> None:
+def test_neither_the_order_of_the_rows_nor_the_numbers_of_people_or_frames_matter() -> None:
     boxes = merging({20: 11, 21: 10})
     shuffle = np.random.default_rng(0).permutation(len(boxes))
     found = stitch_tracklets(boxes, FPS).identity
     np.testing.assert_array_equal(stitch_tracklets(boxes.take(shuffle), FPS).identity, found[shuffle])
-    np.testing.assert_array_equal(stitch_tracklets(boxes, FPS).identity, found)
     renamed = replace(boxes, identity=boxes.identity * 3 + 5)
     np.testing.assert_array_equal(stitch_tracklets(renamed, FPS).identity, found * 3 + 5)
-
-
-def test_only_time_counts_not_the_frame_numbers() -> None:
-    boxes = crossing(0.8, np.pi / 2)
-    sparse = replace(boxes, frame=boxes.frame * 5 + 3)
-    np.testing.assert_array_equal(stitch_tracklets(sparse, 5 * FPS).identity, stitch_tracklets(boxes, FPS).identity)
+    np.testing.assert_array_equal(stitch_tracklets(replace(boxes, frame=boxes.frame * 5 + 3), 5 * FPS).identity, found)
 
 
 def test_boxes_of_no_tracklet_stay_alone() -> None:
@@ -200,9 +180,8 @@ def test_boxes_of_no_tracklet_stay_alone() -> None:
 
 
 def test_options_out_of_range() -> None:
-    with pytest.raises(InputError, match="max_gap_s = 0"):
-        StitchingOptions(max_gap_s=0.0)
-    with pytest.raises(InputError, match="margin = nan"):
-        StitchingOptions(margin=float("nan"))
+    for named, value in (("max_gap_s", 0.0), ("margin", float("nan"))):
+        with pytest.raises(InputError, match=f"{named} = {value:g}"):
+            StitchingOptions(**{named: value})
     with pytest.raises(InputError, match="fps"):
         stitch_tracklets(crossing(0.8, 1.0), 0.0)

@@ -1,7 +1,5 @@
 """Whether offsets are whole frames."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -31,9 +29,22 @@ def test_offsets_that_are_whole_within_their_sigmas_become_so() -> None:
     np.testing.assert_allclose(found, 0.7 + frames * FRAME_S, atol=1e-12)
 
 
-@pytest.mark.parametrize("share", [0.5, 0.3, -0.4])
-def test_one_camera_between_two_frames_leaves_all_as_they_are(share: float) -> None:
-    assert snap_to_whole_frames(np.array([0.0, 0.08, (2 + share) * FRAME_S, -0.04]), SIGMA_S, FPS) is None
+WHOLE = np.array([0.0, 0.04, 0.08, -0.04])
+
+
+@pytest.mark.parametrize(
+    ("offset_s", "sigma_s", "fps"),
+    [
+        *((np.array([0.0, 0.08, (2 + share) * FRAME_S, -0.04]), SIGMA_S, FPS) for share in (0.5, 0.3, -0.4)),
+        (WHOLE, np.array([0.0, 0.002, 0.3 * FRAME_S, 0.002]), FPS),
+        (WHOLE, SIGMA_S, np.array([25.0, 25.0, 50.0, 25.0])),
+        (np.array([0.0, 0.4]), np.array([0.0, np.nan]), FPS[:2]),
+        (np.array([0.0, 0.4]), np.array([np.nan, np.nan]), FPS[:2]),
+    ],
+    ids=["between frames", "nearer", "before", "whole within too large a sigma", "other rates", "one camera", "none"],
+)
+def test_offsets_that_are_not_surely_whole_stay_as_they_are(offset_s: np.ndarray, sigma_s: np.ndarray, fps: np.ndarray) -> None:
+    assert snap_to_whole_frames(offset_s, sigma_s, fps) is None
 
 
 def test_many_small_strays_speak_together() -> None:
@@ -55,26 +66,9 @@ def test_offsets_that_are_drawn_whole_are_mostly_found_so_and_others_never() -> 
     assert between == 0
 
 
-def test_a_sigma_too_large_says_nothing() -> None:
-    """Everything is whole within a third of a frame."""
-    offset_s = np.array([0.0, 0.04, 0.08, -0.04])
-    assert snap_to_whole_frames(offset_s, SIGMA_S, FPS) is not None
-    assert snap_to_whole_frames(offset_s, np.array([0.0, 0.002, 0.3 * FRAME_S, 0.002]), FPS) is None
-
-
-def test_frames_of_different_rates_are_not_counted_together() -> None:
-    offset_s = np.array([0.0, 0.04, 0.08, -0.04])
-    assert snap_to_whole_frames(offset_s, SIGMA_S, np.array([25.0, 25.0, 50.0, 25.0])) is None
-
-
 def test_a_camera_that_is_not_registered_keeps_its_offset_and_says_nothing() -> None:
     offset_s, fps = np.array([0.013, 0.2, 0.2801, 0.1601]), np.array([30.0, 25.0, 25.0, 25.0])
     sigma_s = np.array([np.nan, 0.0, 0.002, 0.003])
     found = snap_to_whole_frames(offset_s, sigma_s, fps)
     assert found is not None
     np.testing.assert_allclose(found, [0.013, 0.2, 0.28, 0.16], atol=1e-12)
-
-
-def test_nothing_is_whole_of_one_camera_alone() -> None:
-    assert snap_to_whole_frames(np.array([0.0, 0.4]), np.array([0.0, np.nan]), np.array([25.0, 25.0])) is None
-    assert snap_to_whole_frames(np.array([0.0, 0.4]), np.array([np.nan, np.nan]), np.array([25.0, 25.0])) is None

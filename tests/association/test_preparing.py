@@ -1,7 +1,5 @@
 """What association starts from, against the truth of simulated cameras."""
 
-from __future__ import annotations
-
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
@@ -34,10 +32,7 @@ def seen(scene: SimulatedScene, *, boxes: bool = True, joints: bool = True) -> C
 
 
 def nameless(found: CameraObservations) -> CameraObservations:
-    boxes, joints = found.boxes, found.keypoints
-    return CameraObservations(
-        replace(boxes, identity=np.full(len(boxes), UNKNOWN)), replace(joints, identity=np.full(len(joints), UNKNOWN))
-    )
+    return CameraObservations(*(replace(own, identity=np.full(len(own), UNKNOWN)) for own in (found.boxes, found.keypoints)))
 
 
 def prepared(scene: SimulatedScene, found: CameraObservations, *, given: bool = False) -> CameraTracklets:
@@ -54,23 +49,15 @@ def assert_people(tracklet: np.ndarray, truth: np.ndarray, least: float) -> None
     assert known.sum() > 10 * len(np.unique(tracklet[known])), "seconds long"
 
 
-def test_detections_are_tracked(scene: SimulatedScene) -> None:
+def test_detections_are_tracked_and_the_camera_is_levelled(scene: SimulatedScene) -> None:
     true = seen(scene, joints=False)
     found = prepared(scene, nameless(true))
-    np.testing.assert_array_equal(found.seen.boxes.ltwh, true.boxes.ltwh)
-    assert_people(found.seen.boxes.identity, true.boxes.identity, 0.8)
-    numbers = np.unique(found.seen.boxes.identity[found.seen.boxes.identity > UNKNOWN])
-    np.testing.assert_array_equal(numbers, np.arange(found.n_tracklets))
     assert found.name == scene.rig.names[0]
-
-
-def test_the_camera_is_levelled_and_its_people_have_tracks(scene: SimulatedScene) -> None:
-    found = prepared(scene, nameless(seen(scene, joints=False)))
-    pose = scene.rig.cameras[0].pose
-    assert pose is not None
-    assert found.level is not None
-    assert found.tracks is not None
-    np.testing.assert_allclose(found.level.height, pose.centre[2], rtol=0.2)
+    own = found.seen.boxes
+    np.testing.assert_array_equal(own.ltwh, true.boxes.ltwh)
+    assert_people(own.identity, true.boxes.identity, 0.8)
+    np.testing.assert_array_equal(np.unique(own.identity[own.identity > UNKNOWN]), np.arange(found.n_tracklets))
+    np.testing.assert_allclose(found.level.height, scene.rig.cameras[0].pose.centre[2], rtol=0.2)
     assert len(found.tracks) > 100
     assert set(found.tracks.tracklet.tolist()) <= set(range(found.n_tracklets))
     np.testing.assert_array_equal(found.bodies.seconds, Clock(FPS).seconds(found.bodies.step))
@@ -83,8 +70,7 @@ def test_known_people_are_left_as_they_are(scene: SimulatedScene) -> None:
     found = prepared(scene, mixed, given=True)
     np.testing.assert_array_equal(found.seen.boxes.identity, mixed.boxes.identity)
     np.testing.assert_array_equal(found.seen.keypoints.identity, mixed.keypoints.identity)
-    assert [len(column) for column in found.continued] == [0, 0]
-    assert found.n_tracklets == 61
+    assert ([len(column) for column in found.continued], found.n_tracklets) == ([0, 0], 61)
 
 
 def test_given_tracklets_are_numbered_from_nought_and_the_rest_is_tracked(scene: SimulatedScene) -> None:
@@ -122,15 +108,13 @@ def test_joints_belong_to_the_boxes_that_they_lie_in(scene: SimulatedScene) -> N
     keys = zip(true.boxes.frame.tolist(), true.boxes.identity.tolist(), strict=True)
     tracklet_of = dict(zip(keys, found.boxes.identity.tolist(), strict=True))
     joints = found.keypoints
-    expected = np.array(
-        [tracklet_of.get(key, UNKNOWN) for key in zip(joints.frame.tolist(), true.keypoints.identity.tolist(), strict=True)]
-    )
+    own = zip(joints.frame.tolist(), true.keypoints.identity.tolist(), strict=True)
+    expected = np.array([tracklet_of.get(key, UNKNOWN) for key in own])
     known = joints.identity > UNKNOWN
     assert known.mean() > 0.8
     assert np.mean(joints.identity[known] == expected[known]) > 0.98
-    for number in np.unique(joints.identity[known]).tolist():
-        frames = joints.frame[joints.identity == number]
-        assert len(np.unique(frames)) == len(frames), "two on one box"
+    each = set(zip(joints.frame[known].tolist(), joints.identity[known].tolist(), strict=True))
+    assert len(each) == known.sum(), "two on one box"
 
 
 def test_joints_are_held_against_the_boxes_of_their_own_frame() -> None:
@@ -150,29 +134,23 @@ def test_joints_far_from_every_box_are_nobodys(scene: SimulatedScene) -> None:
     assert (prepared(scene, moved).seen.keypoints.identity == UNKNOWN).all()
 
 
-def test_joints_alone_are_tracked(scene: SimulatedScene) -> None:
+def test_joints_alone_are_tracked_but_for_those_that_were_not_found(scene: SimulatedScene) -> None:
     true = seen(scene, boxes=False)
     found = prepared(scene, nameless(true))
     assert_people(found.seen.keypoints.identity, true.keypoints.identity, 0.8)
     assert len(found.seen.boxes) == 0
     assert found.bodies.from_joints.all()
     assert found.n_tracklets == found.seen.keypoints.identity.max() + 1
-
-
-def test_joints_that_were_not_found_are_in_no_tracklet(scene: SimulatedScene) -> None:
-    true = nameless(seen(scene, boxes=False)).keypoints
-    score = true.score.copy()
-    score[::3] = 0.0
-    found = prepared(scene, CameraObservations(Boxes.empty(), replace(true, score=score))).seen.keypoints.identity
-    assert (found[::3] == UNKNOWN).all()
-    assert (found > UNKNOWN).mean() > 0.3
+    joints = nameless(true).keypoints
+    score = np.where(np.arange(len(joints))[:, None] % 3 == 0, 0.0, joints.score)
+    some = prepared(scene, CameraObservations(Boxes.empty(), replace(joints, score=score))).seen.keypoints.identity
+    assert (some[::3] == UNKNOWN).all()
+    assert (some > UNKNOWN).mean() > 0.3
 
 
 def test_nobody_seen_is_no_error(scene: SimulatedScene) -> None:
     found = prepared(scene, CameraObservations())
-    assert found.n_tracklets == len(found.bodies) == 0
-    assert found.level is None
-    assert found.tracks is None
+    assert (found.n_tracklets, len(found.bodies), found.level, found.tracks) == (0, 0, None, None)
 
 
 @pytest.mark.slow
@@ -209,6 +187,4 @@ def test_a_camera_is_prepared_again_only_where_what_it_saw_has_changed(scene: Si
     for one, same, other in zip(first, again, alone, strict=True):
         assert (one is same) == (one.name != changed)
         np.testing.assert_array_equal(same.seen.boxes.identity, other.seen.boxes.identity)
-        assert same.level is not None
-        assert other.level is not None
         assert same.level.height == other.level.height

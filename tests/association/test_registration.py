@@ -1,7 +1,5 @@
 """Two cameras registered by people on common ground, against known motions."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -45,26 +43,14 @@ def test_turn_and_shift_are_found(degrees: float) -> None:
     assert found.runner_up < 0.3
 
 
-@pytest.mark.parametrize("lag_s", [-5.0, -3.3, 0.0, 0.26, 1.9, 4.8])
-def test_the_lag_is_found_within_a_tenth_of_a_second(lag_s: float) -> None:
+@pytest.mark.parametrize(("lag_s", "fps"), [(-5.0, 5.0), (-3.3, 5.0), (0.0, 5.0), (0.26, 5.0), (1.37, 25.0), (4.8, 5.0)])
+def test_the_lag_is_found_within_a_tenth_of_a_second(lag_s: float, fps: float) -> None:
+    """Whatever the frame rate of the other camera."""
     rng = np.random.default_rng(2)
-    b = facing(120.0, delay_s=lag_s)
+    b = facing(120.0, delay_s=lag_s, fps=fps)
     found = registered(b, walkers(6, rng), rng, 5.0, cut_s=6.0)
     assert_found(found.candidates[0], b)
     assert found.runner_up < 0.4
-
-
-def test_the_lag_stays_within_what_is_searched() -> None:
-    rng = np.random.default_rng(2)
-    found = registered(facing(120.0, delay_s=3.9), walkers(6, rng), rng, 3.0)
-    assert found.candidates
-    assert max(abs(guess.lag_s) for guess in found.candidates) <= 3.0 + STEP_S
-
-
-def test_cameras_of_different_frame_rates_meet() -> None:
-    rng = np.random.default_rng(3)
-    b = facing(80.0, delay_s=1.37, fps=25.0)
-    assert_found(registered(b, walkers(5, rng), rng, 3.0).candidates[0], b)
 
 
 def test_people_whom_only_one_camera_sees_do_not_mislead() -> None:
@@ -179,10 +165,8 @@ def test_a_crowd_is_registered_by_a_part_of_its_encounters() -> None:
 def test_far_cameras_are_told_apart_from_near_ones() -> None:
     """Shifts are counted on a torus 96 metres round; beyond, the round must be found as well."""
     rng = np.random.default_rng(11)
-    b = Station(A.turn + 1.0, 90.0 + 90.0j)
-    people = walkers(6, rng)
-    tracks_a = seen_by(A, people, rng)
-    tracks_b = seen_by(b, people, rng, height=12.0, noise_share=0.005)
+    b, people = Station(A.turn + 1.0, 90.0 + 90.0j), walkers(6, rng)
+    tracks_a, tracks_b = seen_by(A, people, rng), seen_by(b, people, rng, height=12.0, noise_share=0.005)
     assert abs(A.motion_to(b)[1]) > 96.0
     assert_found(register_pair(0, 1, tracks_a, tracks_b, 0.0).candidates[0], b, metres=2.0)
 
@@ -190,25 +174,23 @@ def test_far_cameras_are_told_apart_from_near_ones() -> None:
 def test_without_tracks_or_common_time_there_is_no_guess() -> None:
     rng = np.random.default_rng(12)
     people = walkers(3, rng)
-    some = seen_by(A, people, rng)
-    none = seen_by(A, people, rng, seconds=0.5)
+    some, none = seen_by(A, people, rng), seen_by(A, people, rng, seconds=0.5)
     assert len(none) == 0
     later = seen_by(Station(0.4, delay_s=600.0), people, rng)
     for pair in ((some, none), (none, some), (none, none), (some, later), (later, some)):
         found = register_pair(0, 1, *pair, 5.0)
-        assert found.candidates == ()
-        assert found.runner_up == 1.0
+        assert (found.candidates, found.runner_up) == ((), 1.0)
+        assert [len(column) for column in score_motion(*pair, 1 + 0j, 0j, 0.0)] == [0, 0, 0, 0]
 
 
 def test_the_same_tracks_give_the_same_registration_bit_for_bit() -> None:
     rng = np.random.default_rng(13)
     people, b = walkers(5, rng), facing(10.0)
     tracks_a, tracks_b = seen_by(A, people, rng), seen_by(b, people, rng)
-    first, second = (register_pair(0, 1, tracks_a, tracks_b, 2.0) for _ in range(2))
-    assert [(g.turn, g.shift, g.lag_s, g.score) for g in first.candidates] == [
-        (g.turn, g.shift, g.lag_s, g.score) for g in second.candidates
-    ]
-    assert [g.score for g in first.candidates] == sorted((g.score for g in first.candidates), reverse=True)
+    first, second = (
+        [(g.score, g.turn, g.shift, g.lag_s) for g in register_pair(0, 1, tracks_a, tracks_b, 2.0).candidates] for _ in range(2)
+    )
+    assert first == second == sorted(first, key=lambda guess: -guess[0])
 
 
 @given(seed=st.integers(0, 10_000), spread=st.sampled_from([0.5, 6.0, 60.0]), max_lag_s=st.sampled_from([0.0, 2.0]))
@@ -249,17 +231,8 @@ def test_agreement_between_the_grid_follows_the_walk() -> None:
     """A lag of a fraction of a step: the samples are not of the same time, but their velocities tell where they go."""
     rng = np.random.default_rng(15)
     b, people = facing(25.0, delay_s=0.77), walkers(1, rng)
-    tracks_a, tracks_b = (seen_by(station, people, rng, noise_m=0.0, noise_share=0.0) for station in (A, b))
+    tracks = [seen_by(station, people, rng, noise_m=0.0, noise_share=0.0) for station in (A, b)]
     turn, shift, lag_s = A.motion_to(b)
-    right = score_motion(tracks_a, tracks_b, turn, shift, lag_s)
-    late = score_motion(tracks_a, tracks_b, turn, shift, lag_s + 4.0)
+    right, late = (score_motion(*tracks, turn, shift, lag_s + more) for more in (0.0, 4.0))
     assert right[2][0] > 0.97 * right[3][0]
     assert late[2][0] < 0.2 * late[3][0]
-
-
-def test_agreement_of_nobody_is_empty() -> None:
-    rng = np.random.default_rng(16)
-    people = walkers(2, rng)
-    some, none = seen_by(A, people, rng), seen_by(A, people, rng, seconds=0.5)
-    for pair in ((some, none), (none, some)):
-        assert [len(column) for column in score_motion(*pair, 1 + 0j, 0j, 0.0)] == [0, 0, 0, 0]

@@ -1,7 +1,5 @@
 """Sampling on the grid of time, against lines that are known."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -56,25 +54,6 @@ def test_a_sample_is_the_line_of_least_squares_through_the_rows_about_it() -> No
     np.testing.assert_allclose([found.value[k, 0], found.rate[k, 0]], [level, slope], atol=1e-9)
 
 
-def test_nothing_is_told_of_a_long_gap() -> None:
-    seconds = np.concatenate([np.arange(0, 5, 0.1), np.arange(15, 20, 0.1)])
-    at = one(seconds, seconds[:, None]).step * STEP_S
-    assert at.min() == 0.0
-    assert at.max() == 19.5
-    assert not ((at > 5.5) & (at < 14.5)).any()
-    assert ((at > 4.2) & (at < 5)).any()
-
-
-def test_neighbouring_tracklets_are_not_mixed() -> None:
-    """The one stands at 0, the other walks from where and when the first ends."""
-    seconds = np.concatenate([np.arange(0, 5.05, 0.1), np.arange(5, 10, 0.1)])
-    tracklet = (np.arange(len(seconds)) >= 51).astype(np.int64)
-    found = interpolate_samples(tracklet, seconds, np.where(tracklet == 1, 3.0 * seconds, 0.0)[:, None])
-    np.testing.assert_allclose(found.value[:, 0], 3.0 * found.tracklet * found.step * STEP_S, atol=1e-9)
-    np.testing.assert_allclose(found.rate[:, 0], 3.0 * found.tracklet, atol=1e-9)
-    assert np.count_nonzero(found.step == 10) == 2
-
-
 def test_three_rows_are_needed_and_two_do_only_where_they_are_asked_to() -> None:
     seconds = np.array([0.8, 1.2])
     assert len(one(seconds, seconds[:, None]).step) == 0
@@ -86,24 +65,10 @@ def test_three_rows_are_needed_and_two_do_only_where_they_are_asked_to() -> None
     assert one(three, three[:, None]).step.tolist() == [2]
 
 
-def test_two_rows_must_lie_on_either_side_and_far_apart() -> None:
+@pytest.mark.parametrize(("pair", "there"), [((0.99, 1.01), False), ((0.7, 1.2), True)])
+def test_two_rows_must_lie_on_either_side_and_far_apart(pair: tuple[float, float], there: bool) -> None:
     """Otherwise noise of the place becomes a large error of the pace."""
-    often = np.arange(10.0, 20.0, 0.1)
-    for pair, there in (((0.99, 1.01), False), ((0.7, 1.2), True)):
-        seconds = np.concatenate([pair, often])
-        tracklet = np.repeat([0, 1], [2, len(often)])
-        found = interpolate_samples(tracklet, seconds, seconds[:, None], two_suffice=True)
-        assert (found.tracklet == 0).any() == there, pair
-
-
-def test_short_tracklets_are_left_out() -> None:
-    seconds = np.concatenate([np.arange(0, 0.95, 0.1), np.arange(0, 1.55, 0.1)])
-    tracklet = np.repeat([2, 7], [10, 16])
-    assert set(interpolate_samples(tracklet, seconds, seconds[:, None], shortest_s=1.2).tracklet.tolist()) == {7}
-    assert set(interpolate_samples(tracklet, seconds, seconds[:, None]).tracklet.tolist()) == {2, 7}
-
-
-def test_nothing_gives_nothing() -> None:
-    found = one(np.zeros(0), np.zeros((0, 3)))
-    assert len(found.step) == len(found.tracklet) == 0
-    assert found.value.shape == found.rate.shape == (0, 3)
+    seconds = np.concatenate([pair, np.arange(10.0, 20.0, 0.1)])
+    tracklet = (seconds >= 10).astype(int)
+    found = interpolate_samples(tracklet, seconds, seconds[:, None], two_suffice=True)
+    assert (found.tracklet == 0).any() == there

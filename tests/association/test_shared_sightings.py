@@ -1,8 +1,7 @@
 """People at an instant, by the cameras that may see them together."""
 
-from __future__ import annotations
-
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -36,25 +35,21 @@ def rows_of(observations: Observations) -> dict[str, list[tuple[int, int]]]:
     }
 
 
-def test_what_a_chain_of_cameras_sees_stays_together() -> None:
-    rows = {"A": [(1, 7)], "B": [(1, 7)], "C": [(1, 7)], "D": [(2, 7)], "E": [(2, 7)]}
-    assert rows_of(joined_sightings(seen(**rows), CHAIN)) == rows
+BOTH = [(1, 7), (1, 8)]
 
 
-def test_a_person_in_two_places_stays_where_more_cameras_see_them() -> None:
-    found = joined_sightings(seen(A=[(1, 7)], B=[(1, 7)], C=[(1, 7), (1, 8)], D=[(1, 7), (1, 8)], E=[(1, 7), (1, 8)]), CHAIN)
-    assert rows_of(found) == {
-        "A": [(1, 7)], "B": [(1, 7)], "C": [(1, 7)], "D": [(1, 8)], "E": [(1, 8)],
-    }  # fmt: skip
-
-
-def test_cameras_that_nothing_joins_have_nobody_in_common() -> None:
-    found = rows_of(joined_sightings(seen(A=[(1, 7), (2, 7)], C=[(1, 7)]), CHAIN))
-    assert found == {"A": [(1, 7), (2, 7)], "C": []}
-
-
-def test_nobody_is_no_error() -> None:
-    assert rows_of(joined_sightings(seen(A=[], B=[]), CHAIN)) == {"A": [], "B": []}
+@pytest.mark.parametrize(
+    ("rows", "kept"),
+    [
+        ({"A": [(1, 7)], "B": [(1, 7)], "C": [(1, 7)], "D": [(2, 7)], "E": [(2, 7)]}, {}),
+        ({"A": [(1, 7)], "B": [(1, 7)], "C": BOTH, "D": BOTH, "E": BOTH}, {"C": [(1, 7)], "D": [(1, 8)], "E": [(1, 8)]}),
+        ({"A": [(1, 7), (2, 7)], "C": [(1, 7)]}, {"C": []}),
+        ({"A": [], "B": []}, {}),
+    ],
+    ids=["a chain stays together", "in two places: where more cameras see them", "nothing joins two", "nobody"],
+)
+def test_a_person_stays_where_most_cameras_that_are_joined_see_them(rows: dict, kept: dict) -> None:
+    assert rows_of(joined_sightings(seen(**rows), CHAIN)) == rows | kept
 
 
 sightings = st.dictionaries(
@@ -94,14 +89,12 @@ def test_who_is_seen_as_one_by_cameras_at_one_time_has_their_say() -> None:
     """Cameras 0 and 1 see person 7 at the same steps of the common clock, camera 2 sees them before; camera 3 has no pose."""
 
     def track(steps: list[int], tracklet: int) -> RayTracks:
-        n = len(steps)
-        own = np.array(steps), np.full(n, tracklet)
-        return RayTracks(*own, np.zeros((n, 3)), np.zeros((n, 3)), np.ones(n), Pose(np.eye(3), np.zeros(3)))
+        n, pose = len(steps), Pose(np.eye(3), np.zeros(3))
+        return RayTracks(np.array(steps), np.full(n, tracklet), np.zeros((n, 3)), np.zeros((n, 3)), np.ones(n), pose)
 
     first = np.array([0, 2, 3, 4, 5])  # camera 0 has two tracklets, the others one each
     tracklets = Tracklets(first, np.zeros(5), np.ones(5), (np.zeros(0, np.int64), np.zeros(0, np.int64)))
     tracks = [track([10, 11, 12], 1), track([0, 1, 2], 0), track([5, 6], 0), None]
-    offset_s = np.array([0.0, 10 * STEP_S, 0.0, 0.0])
-    assert _seeing_one(tracklets, tracks, offset_s, np.array([3, 7, 7, 7, 7])) == [(0, 1)]
-    assert _seeing_one(tracklets, tracks, np.zeros(4), np.array([3, 7, 7, 7, 7])) == []
-    assert _seeing_one(tracklets, tracks, offset_s, np.array([7, 3, 7, 7, 7])) == []
+    late, in_step = np.array([0.0, 10 * STEP_S, 0.0, 0.0]), np.zeros(4)
+    for offset_s, who, pairs in ((late, [3, 7], [(0, 1)]), (in_step, [3, 7], []), (late, [7, 3], [])):
+        assert _seeing_one(tracklets, tracks, offset_s, np.array([*who, 7, 7, 7])) == pairs

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 
@@ -118,16 +116,12 @@ def test_scores_that_say_nothing_do_not_matter() -> None:
     assert covered(found, boxes.identity) > 0.85
 
 
-def test_the_order_of_the_rows_does_not_matter() -> None:
+def test_neither_the_order_of_the_rows_nor_the_numbers_of_frames_matter() -> None:
     boxes = forgotten(seen("terrace", 10.0))
+    found = track(boxes, 10.0).identity
     shuffle = np.random.default_rng(0).permutation(len(boxes))
-    np.testing.assert_array_equal(track(boxes.take(shuffle), 10.0).identity, track(boxes, 10.0).identity[shuffle])
-
-
-def test_only_time_counts_not_the_frame_numbers() -> None:
-    boxes = forgotten(seen("terrace", 5.0))
-    every_tenth = replace(boxes, frame=boxes.frame * 10 + 3)
-    np.testing.assert_array_equal(track(every_tenth, 50.0).identity, track(boxes, 5.0).identity)
+    np.testing.assert_array_equal(track(boxes.take(shuffle), 10.0).identity, found[shuffle])
+    np.testing.assert_array_equal(track(replace(boxes, frame=boxes.frame * 10 + 3), 100.0).identity, found)
 
 
 @pytest.mark.parametrize("nearest", [0.0, 16.0])
@@ -157,40 +151,6 @@ def test_a_crowd_is_not_guessed() -> None:
     assert covered(found, boxes.identity) > 0.5
 
 
-def test_two_who_pass_at_different_distances_go_on() -> None:
-    frames = np.arange(60)
-    one = walker((100, 50), (60, 0), frames, 1, 10.0)
-    two = walker((400, 200), (-60, 0), frames, 2, 10.0)
-    found = track(forgotten(together(one, two)), 10.0).identity
-    np.testing.assert_array_equal(found, np.repeat([0, 1], 60))
-
-
-def test_a_short_gap_is_bridged_and_a_long_one_is_not() -> None:
-    frames = np.arange(60)
-    there = np.ones(60, dtype=bool)
-    there[20:26] = False
-    there[40:53] = False
-    found = track(forgotten(walker((100, 50), (60, 0), frames[there], 1, 10.0)), 10.0).identity
-    np.testing.assert_array_equal(found, np.repeat([0, 1], [34, 7]))
-
-
-def test_a_person_found_twice_counts_once() -> None:
-    one = walker((100, 50), (60, 0), np.arange(20), 1, 10.0)
-    twin = replace(one, ltwh=one.ltwh + [2.0, 1.0, 0.0, 0.0], score=np.full(20, 0.9))
-    found = track(forgotten(together(twin, one)), 10.0).identity
-    np.testing.assert_array_equal(found, np.repeat([-1, 0], 20))
-
-
-def test_weak_boxes_continue_a_tracklet_but_begin_none() -> None:
-    one = walker((100, 50), (60, 0), np.arange(30), 1, 10.0)
-    other = walker((100, 400), (60, 0), np.arange(30), 2, 10.0)
-    score = np.concatenate([np.where(np.isin(np.arange(30), (12, 13)), 0.4, 1.0), np.full(30, 0.4)])
-    low = walker((700, 700), (0, 0), np.arange(10), -1, 10.0)
-    boxes = together(replace(together(one, other), score=score), replace(low, score=np.full(10, 0.3)))
-    found = track(forgotten(boxes), 10.0).identity
-    np.testing.assert_array_equal(found, np.repeat([0, -1, -1], [30, 30, 10]))
-
-
 def test_embeddings_help_where_people_differ_and_harm_nowhere() -> None:
     boxes = seen("terrace", 5.0)
     plain = track(forgotten(boxes), 5.0).identity
@@ -212,25 +172,78 @@ def test_resemblance_is_measured_and_noise_is_seen_through() -> None:
     assert learn_similarity(boxes) is None
 
 
-def test_nothing_and_little_to_track() -> None:
-    assert len(track(Boxes.empty(), 5.0)) == 0
-    assert len(split_tracklets(Boxes.empty(), 5.0)) == 0
-    lone = walker((0, 0), (0, 0), np.arange(1), -1, 5.0)
-    assert track(lone, 5.0).identity.tolist() == [-1]
-    crowd = together(lone, lone, walker((300, 0), (0, 0), np.arange(1), -1, 5.0))
-    assert track(crowd, 5.0).identity.tolist() == [-1, -1, -1]
+LONE = walker((0, 0), (0, 0), np.arange(1), -1, 5.0)
+
+
+def going(left: float, top: float, pace: float, frames: np.ndarray, number: int = -1, score: float = 1.0) -> Boxes:
+    return replace(walker((left, top), (pace, 0), frames, number, 10.0), score=np.full(len(frames), score))
+
+
+FRAMES = np.arange(60)
+DIM = replace(going(100, 50, 60, FRAMES[:30]), score=np.where(np.isin(FRAMES[:30], (12, 13)), 0.4, 1.0))
+
+
+@pytest.mark.parametrize(
+    ("boxes", "numbers"),
+    [
+        ([going(100, 50, 60, FRAMES), going(400, 200, -60, FRAMES)], {0: 60, 1: 60}),
+        # A gap of 0.6 s is bridged, one of 1.3 s is not.
+        ([going(100, 50, 60, np.setdiff1d(FRAMES, [*range(20, 26), *range(40, 53)]))], {0: 34, 1: 7}),
+        # Found twice.
+        ([going(102, 51, 60, FRAMES[:20], score=0.9), going(100, 50, 60, FRAMES[:20])], {-1: 20, 0: 20}),
+        # Weak boxes continue a tracklet but begin none.
+        ([DIM, going(100, 400, 60, FRAMES[:30], score=0.4), going(700, 700, 0, FRAMES[:10], score=0.3)], {0: 30, -1: 40}),
+        ([Boxes.empty()], {}),
+        ([LONE], {-1: 1}),
+        ([LONE, LONE, walker((300, 0), (0, 0), np.arange(1), -1, 5.0)], {-1: 3}),
+    ],
+    ids=["pass at different distances", "gaps", "twice", "weak", "nothing", "one box", "three boxes"],
+)
+def test_a_few_people_are_followed(boxes: list[Boxes], numbers: dict[int, int]) -> None:
+    """So many boxes of each number follow one another."""
+    wanted = np.repeat(np.array(list(numbers), dtype=int), np.array(list(numbers.values()), dtype=int))
+    np.testing.assert_array_equal(track(together(*boxes), 10.0).identity, wanted)
+
+
+STEADY = going(100, 50, 30, FRAMES[:20], 3)
+GROWN = going(60, 0, 30, FRAMES[20:40], 3)
+
+
+@pytest.mark.parametrize(
+    ("boxes", "numbers"),
+    [
+        ([STEADY, going(400, 50, 30, FRAMES[20:40], 3)], {3: 20, 4: 20}),
+        ([STEADY, going(100, 50, 30, FRAMES[31:51], 3)], {3: 20, 4: 20}),
+        ([STEADY, replace(GROWN, ltwh=GROWN.ltwh * [1, 1, 2, 2])], {3: 20, 4: 20}),
+        # Unknown rows are left, and numbers stay unique.
+        ([going(100, 50, 30, FRAMES[:20], 7), going(600, 50, 30, FRAMES[40:], 7), going(100, 400, 30, FRAMES, 2),
+          going(500, 500, 0, FRAMES[:5])], {7: 20, 8: 20, 2: 60, -1: 5}),
+        ([Boxes.empty()], {}),
+    ],
+    ids=["jump", "gap", "change of size", "numbers", "nothing"],
+)  # fmt: skip
+def test_tracklets_are_split(boxes: list[Boxes], numbers: dict[int, int]) -> None:
+    wanted = np.repeat(np.array(list(numbers), dtype=int), np.array(list(numbers.values()), dtype=int))
+    np.testing.assert_array_equal(split_tracklets(together(*boxes), 10.0).identity, wanted)
+
+
+def test_one_misplaced_box_and_a_half_hidden_person_do_not_split() -> None:
+    whole = going(100, 50, 30, FRAMES[:40], 3)
+    ltwh = np.array(whole.ltwh)
+    ltwh[20, 0] += 300
+    ltwh[30:34, 3] = 45
+    np.testing.assert_array_equal(split_tracklets(replace(whole, ltwh=ltwh), 10.0).identity, whole.identity)
 
 
 def test_bad_input_is_named() -> None:
-    lone = walker((0, 0), (0, 0), np.arange(1), -1, 5.0)
-    with pytest.raises(InputError, match="fps = 0"):
-        track(lone, 0.0)
-    with pytest.raises(InputError, match="fps = nan"):
-        split_tracklets(lone, float("nan"))
-    with pytest.raises(InputError, match="max_gap_s = -1"):
-        TrackingOptions(max_gap_s=-1.0)
-    with pytest.raises(InputError, match=r"size_ratio = 0\.5"):
-        SplittingOptions(size_ratio=0.5)
+    for act, told in (
+        (lambda: track(LONE, 0.0), "fps = 0"),
+        (lambda: split_tracklets(LONE, float("nan")), "fps = nan"),
+        (lambda: TrackingOptions(max_gap_s=-1.0), "max_gap_s = -1"),
+        (lambda: SplittingOptions(size_ratio=0.5), r"size_ratio = 0\.5"),
+    ):
+        with pytest.raises(InputError, match=told):
+            act()
 
 
 def test_true_tracklets_stay_whole_whatever_the_embeddings() -> None:
@@ -256,26 +269,6 @@ def test_swapped_tracklets_are_split(preset: str) -> None:
     assert count(by_both) <= pieces + 3 * swaps
 
 
-def test_split_at_a_jump_a_gap_and_a_change_of_size() -> None:
-    fps = 10.0
-    early, late = np.arange(20), np.arange(20, 40)
-    steady = walker((100, 50), (30, 0), early, 3, fps)
-    jumped = together(steady, walker((400, 50), (30, 0), late, 3, fps))
-    grown = walker((60, 0), (30, 0), late, 3, fps)
-    grown = together(steady, replace(grown, ltwh=grown.ltwh * [1, 1, 2, 2]))
-    gone = together(steady, walker((100, 50), (30, 0), late + 11, 3, fps))
-    for boxes in (jumped, grown, gone):
-        np.testing.assert_array_equal(split_tracklets(boxes, fps).identity, np.repeat([3, 4], 20))
-
-
-def test_one_misplaced_box_and_a_half_hidden_person_do_not_split() -> None:
-    whole = walker((100, 50), (30, 0), np.arange(40), 3, 10.0)
-    ltwh = np.array(whole.ltwh)
-    ltwh[20, 0] += 300
-    ltwh[30:34, 3] = 45
-    np.testing.assert_array_equal(split_tracklets(replace(whole, ltwh=ltwh), 10.0).identity, whole.identity)
-
-
 @pytest.mark.parametrize("frame", [1, 20])
 def test_a_single_box_with_somebody_elses_number_does_not_split(frame: int) -> None:
     """Not even as the second of all, though what came before it is the very first box."""
@@ -283,14 +276,6 @@ def test_a_single_box_with_somebody_elses_number_does_not_split(frame: int) -> N
     one = replace(one, identity=np.where(one.frame == frame, 1, 0))
     boxes = together(one, two.take(two.frame != frame))
     np.testing.assert_array_equal(split_tracklets(boxes, 10.0).identity, boxes.identity)
-
-
-def test_split_leaves_unknown_rows_and_numbers_stay_unique() -> None:
-    first = together(walker((100, 50), (30, 0), np.arange(20), 7, 10.0), walker((600, 50), (30, 0), np.arange(40, 60), 7, 10.0))
-    other = walker((100, 400), (30, 0), np.arange(60), 2, 10.0)
-    loose = walker((500, 500), (0, 0), np.arange(5), -1, 10.0)
-    found = split_tracklets(together(first, other, loose), 10.0).identity
-    np.testing.assert_array_equal(found, np.repeat([7, 8, 2, -1], [20, 20, 60, 5]))
 
 
 def test_a_change_of_appearance_alone_splits_where_it_is() -> None:
@@ -306,11 +291,9 @@ def test_a_change_of_appearance_alone_splits_where_it_is() -> None:
 
 def test_boxes_without_an_embedding_say_nothing_of_looks() -> None:
     """Every tenth box has one: these tell people apart, and where a tracklet changes, as well as if there were no others."""
-    people, frames = np.eye(4), np.arange(120)
-    tracklets = [walker((100 + 200 * number, 50), (0, 0), frames, number, 10.0) for number in range(3)]
-    wears = np.concatenate([np.repeat([0, 3], 60), np.repeat([1, 2], 120)])
-    boxes = together(*tracklets)
-    rare = replace(boxes, embedding=np.where(boxes.frame % 10 == 0, 1.0, 0.0)[:, None] * people[wears])
+    wears = np.repeat([0, 3, 1, 2], [60, 60, 120, 120])
+    boxes = together(*(going(100 + 200 * number, 50, 0, np.arange(120), number) for number in range(3)))
+    rare = replace(boxes, embedding=np.where(boxes.frame % 10 == 0, 1.0, 0.0)[:, None] * np.eye(4)[wears])
     np.testing.assert_array_equal(split_tracklets(rare, 10.0).identity, np.where(wears == 3, 3, boxes.identity))
 
 

@@ -26,13 +26,9 @@ AWKWARD = "[cameras.C1] [/] [bold] :car: [[scale.lengths]]"
 
 def commands(group: typer.Typer = app, path: tuple[str, ...] = ()) -> list[tuple[tuple[str, ...], Callable[..., Any]]]:
     """The words and the function of every command."""
-    found = [
-        ((*path, one.name or one.callback.__name__.rstrip("_")), one.callback)
-        for one in group.registered_commands
-        if one.callback is not None
-    ]
+    registered = [one for one in group.registered_commands if one.callback is not None]
+    found = [((*path, one.name or one.callback.__name__.rstrip("_")), one.callback) for one in registered]
     for below in group.registered_groups:
-        assert below.typer_instance is not None
         found += commands(below.typer_instance, (*path, str(below.name)))
     return found
 
@@ -43,7 +39,6 @@ def bracketed(text: str) -> list[str]:
 
 @pytest.fixture
 def wide_terminal(monkeypatch: pytest.MonkeyPatch) -> io.StringIO:
-    """What a terminal is shown."""
     shown = io.StringIO()
     monkeypatch.setattr(
         terminal, "Console", lambda **_: Console(file=shown, force_terminal=True, width=1000, no_color=True, highlight=False)
@@ -52,9 +47,7 @@ def wide_terminal(monkeypatch: pytest.MonkeyPatch) -> io.StringIO:
 
 
 @pytest.mark.parametrize("words", [words for words, _ in commands()], ids=" ".join)
-def test_help_shows_all_that_is_in_brackets(
-    words: tuple[str, ...], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_help_shows_all_that_is_in_brackets(words, capsys, monkeypatch):
     monkeypatch.setenv("FORCE_COLOR", "1")  # as on a terminal
     assert run([*words, "--help"]) == 0
     shown = " ".join(capsys.readouterr().out.split())
@@ -68,11 +61,8 @@ def test_help_shows_all_that_is_in_brackets(
         assert text.replace(" ", "") in shown.replace(" ", "")
 
 
-def test_there_is_help_with_brackets() -> None:
-    assert bracketed(" ".join(inspect.getdoc(function) or "" for _, function in commands()))
-
-
 def test_the_list_of_commands_cuts_no_sentence(capsys: pytest.CaptureFixture[str]) -> None:
+    assert bracketed(" ".join(inspect.getdoc(function) or "" for _, function in commands()))
     assert run(["--help"]) == 0
     shown = capsys.readouterr().out
     assert "a table [recording]." in " ".join(shown.split())

@@ -1,7 +1,9 @@
 """What the command line shows of a calibration, and of the way to it."""
 
 import json
+import time
 from dataclasses import replace
+from unittest.mock import Mock, call
 
 import numpy as np
 import pytest
@@ -30,105 +32,69 @@ PAIR = TiedPair(
 )  # fmt: skip
 
 
-@pytest.fixture
-def calibration(tmp_path):
-    """Two cameras, their clocks searched for; the second is not registered where `lost`."""
-
-    def made(association, lost=False):
-        scene = Scene.load(write_scene(tmp_path, extra="[scene]\nfps = 7", association=association))
-        inputs = read_inputs(scene)
-        pose, sigma = Pose(np.eye(3), np.array([0, 0, 2.0])), PoseSigma(0.01, 0.2)
-        cameras = [camera if lost and camera.name == "B" else replace(camera, pose=pose, sigma=sigma) for camera in inputs.rig]
-        clocks = {"A": Clock(7.0), "B": Clock(7.0, -1.4142)}
-        association = Association(
-            inputs.observations, inputs.observations, clocks, {"A": 0.0, "B": 0.0123}, AssociationFigures(pairs=(PAIR, LOOKS))
-        )
-        return Calibration(
-            scene,
-            Rig(tuple(cameras)),
-            "accepted",
-            (),
-            inputs.observations,
-            0,
-            {},
-            AdjustedFigures(foot_shift=0.5),
-            association,
-            {"solving": 1.0},
-        )
-
-    return made
-
-
 LOOKS = replace(PAIR, score=None, share=None, runner_up=None, matches=None, registered_offset_s=None, route="looks")
 SEARCHED = 'mode = "given"\nmax_offset_s = 3'
 
 
-def lines(capsys):
-    return [line.split() for line in capsys.readouterr().out.splitlines()]
+@pytest.fixture
+def calibration(tmp_path):
+    """Two cameras, their clocks searched for; the second is not registered where `lost`."""
+
+    def made(association=SEARCHED, lost=False):
+        scene = Scene.load(write_scene(tmp_path, extra="[scene]\nfps = 7", association=association))
+        inputs = read_inputs(scene)
+        pose, sigma = Pose(np.eye(3), np.array([0, 0, 2.0])), PoseSigma(0.01, 0.2)
+        cameras = [camera if lost and camera.name == "B" else replace(camera, pose=pose, sigma=sigma) for camera in inputs.rig]
+        clocks, seen = {"A": Clock(7.0), "B": Clock(7.0, -1.4142)}, inputs.observations
+        association = Association(seen, seen, clocks, {"A": 0.0, "B": 0.0123}, AssociationFigures(pairs=(PAIR, LOOKS)))
+        figures = AdjustedFigures(foot_shift=0.5)
+        return Calibration(scene, Rig(tuple(cameras)), "accepted", (), seen, 0, {}, figures, association, {"solving": 1.0})
+
+    return made
 
 
-def test_clocks_that_were_searched_for_are_shown(calibration, capsys):
-    show_calibration(calibration(SEARCHED), verbose=False)
-    _, head, first, second, *_ = lines(capsys)
-    assert (
-        " ".join(head) == "camera x m y m height m points std mm ground std mm position std mm rotation std deg time offset s "
-        "offset std s boxes keypoints"
-    )
-    assert first[8:10] == ["0.000", "0.000"]
-    assert second[8:10] == ["-1.414", "0.012"]
+def shown(capsys, calibration, verbose=False):
+    show_calibration(calibration, verbose=verbose)
+    return capsys.readouterr().out
 
 
-def test_a_camera_without_a_pose_has_no_clock(calibration, capsys):
-    show_calibration(calibration(SEARCHED, lost=True), verbose=False)
-    assert lines(capsys)[3][1:10] == ["-"] * 9
-
-
-def test_clocks_that_agree_are_not_shown(calibration, capsys):
-    show_calibration(calibration('mode = "given"'), verbose=False)
-    assert "clock" not in capsys.readouterr().out
+def test_clocks_are_shown_where_they_were_searched_for_and_a_camera_has_a_pose(calibration, capsys):
+    head, first, second = shown(capsys, calibration()).splitlines()[1:4]
+    assert "time offset s offset std s" in " ".join(head.split())
+    assert (first.split()[8:10], second.split()[8:10]) == (["0.000", "0.000"], ["-1.414", "0.012"])
+    assert shown(capsys, calibration(lost=True)).splitlines()[3].split()[1:10] == ["-"] * 9
+    assert "offset" not in shown(capsys, calibration('mode = "given"'))
 
 
 def test_pairs_are_for_those_who_want_to_know_more(calibration, capsys):
-    show_calibration(calibration(SEARCHED), verbose=False)
-    assert "second-best" not in capsys.readouterr().out
-    show_calibration(calibration(SEARCHED), verbose=True)
-    table = lines(capsys)
-    start = table.index(["pairs", "of", "cameras"])
-    assert table[start + 1] == ["pair", "route", "score", "share", "second-best", "matches", "offset", "s", "used"]
-    assert table[start + 2] == ["A", "+", "B", "tracks", "91.2", "0.89", "0.00", "120", "-1.40", "yes"]
-    assert table[start + 3] == ["A", "+", "B", "appearance", "-", "-", "-", "-", "-", "yes"]
+    assert "second-best" not in shown(capsys, calibration())
+    table = [" ".join(line.split()) for line in shown(capsys, calibration(), verbose=True).splitlines()]
+    start = table.index("pairs of cameras")
+    assert table[start + 1 : start + 4] == [
+        "pair route score share second-best matches offset s used",
+        "A + B tracks 91.2 0.89 0.00 120 -1.40 yes",
+        "A + B appearance - - - - - yes",
+    ]
 
 
 def test_reasons_are_for_those_who_want_to_know_more(calibration, capsys):
-    found = calibration(SEARCHED, lost=True)
+    found = calibration(lost=True)
     why, lost = notice("nobody_seen_whole", "B"), doubt("camera_without_pose", "B", why=None)
     association = replace(found.association, lost={"B": why})
     found = replace(found, association=association, verdict="doubtful", diagnostics=(lost,))
-    show_calibration(found, verbose=False)
-    assert "head to feet" not in capsys.readouterr().out
-    show_calibration(found, verbose=True)
-    shown = capsys.readouterr().out.splitlines()
-    assert f"B: {text_of(why)}" in shown
-    assert f"doubtful: {text_of(lost)}" in shown
+    assert text_of(why) not in shown(capsys, found)
+    assert {f"B: {text_of(why)}", f"doubtful: {text_of(lost)}"} <= set(shown(capsys, found, verbose=True).splitlines())
 
 
-def test_what_a_measured_length_would_mend(calibration, capsys):
-    found = calibration(SEARCHED)
-    cues = (
-        CueFigures(
-            cue="population of 3", kind="population", count=3, stated_m=1.7, measured_m=1.7, sd_m=0.1, residual_sigmas=0.0,
-            share=0.9,
-        ),
-        CueFigures(cue="height of A", stated_m=1.7, measured_m=1.7, sd_m=0.1, residual_sigmas=0.0, share=0.1),
-    )  # fmt: skip
-    scale = ScaleFigures(relative_sigma=0.047, cues=cues)
-    for within, told in ((2.0, True), (8.0, False)):
-        sigmas = {"A": 1.0, "B": within}
-        cameras = tuple(SolvedCamera(name=name, shape_position_sigma_mm=sigma) for name, sigma in sigmas.items())
-        show_calibration(replace(found, figures=AdjustedFigures(scale=scale, cameras=cameras)), verbose=False)
-        shown = capsys.readouterr().out
-        assert "scale known to 4.7 %, from heights of 3 people (90 %), height of A (10 %)" in shown
-        assert ("relative positions are known to 2 mm" in shown) is told
+@pytest.mark.parametrize(("within_mm", "told"), [(2.0, True), (8.0, False)])
+def test_what_a_measured_length_would_mend(calibration, capsys, within_mm, told):
+    usual = {"stated_m": 1.7, "measured_m": 1.7, "sd_m": 0.1, "residual_sigmas": 0.0}
+    crowd = CueFigures(cue="population of 3", kind="population", count=3, share=0.9, **usual)
+    scale = ScaleFigures(relative_sigma=0.047, cues=(crowd, CueFigures(cue="height of A", share=0.1, **usual)))
+    cameras = tuple(SolvedCamera(name=name, shape_position_sigma_mm=mm) for name, mm in (("A", 1.0), ("B", within_mm)))
+    said = shown(capsys, replace(calibration(), figures=AdjustedFigures(scale=scale, cameras=cameras)))
+    assert "scale known to 4.7 %, from heights of 3 people (90 %), height of A (10 %)" in said
+    assert ("relative positions are known to 2 mm" in said) is told
 
 
 def test_each_cue_says_its_own_scale_to_those_who_want_to_know_more(calibration, capsys):
@@ -136,29 +102,23 @@ def test_each_cue_says_its_own_scale_to_those_who_want_to_know_more(calibration,
         cue="length 1", kind="length", stated_m=3.6, measured_m=3.5, sd_m=0.02, residual_sigmas=-5.0, share=0.9,
         own_scale=1.031, own_sigma=0.008, disagrees_with=("height of camera A",),
     )  # fmt: skip
-    second = CueFigures(
-        cue="height of camera A", kind="camera_height", stated_m=2.0, measured_m=2.0, sd_m=0.05, residual_sigmas=0.0, share=0.1
-    )
+    second = replace(first, cue="height of camera A", kind="camera_height", own_scale=None, own_sigma=None, disagrees_with=())
     cameras = (SolvedCamera(name="A", shape_position_sigma_mm=1.0),)
 
-    def shown(cues, verbose):
+    def rows(cues, verbose):
         figures = AdjustedFigures(scale=ScaleFigures(relative_sigma=0.01, cues=cues), cameras=cameras)
-        show_calibration(replace(calibration(SEARCHED), figures=figures), verbose=verbose)
-        return lines(capsys)
+        said = shown(capsys, replace(calibration(), figures=figures), verbose)
+        return [row for line in said.splitlines() if (row := " ".join(line.split())).startswith("length 1 ")]
 
-    assert [row for row in shown((first, second), True) if row[:2] == ["length", "1"]] == [
-        ["length", "1", "3.600", "3.500", "+3.1", "0.8", "90", "height", "of", "camera", "A"]
-    ]
-    assert not [row for row in shown((first, second), False) if row[:2] == ["length", "1"]]
-    assert not [row for row in shown((first,), True) if row[:2] == ["length", "1"]]
+    assert rows((first, second), True) == ["length 1 3.600 3.500 +3.1 0.8 90 height of camera A"]
+    assert rows((first, second), False) == rows((first,), True) == []
 
 
 def test_lenses_that_were_estimated_are_shown(calibration, capsys):
-    found = calibration(SEARCHED)
+    found, states = calibration(), {"far": False, "people_share": 1.0}
     focal = FocalFigures(
-        stated_px=400.0, refined_px=500.0, sigma_px=10.0, people_sigma_px=12.0, far=False, told=True, prior="search",
-        people_share=1.0,
-    )  # fmt: skip
+        stated_px=400.0, refined_px=500.0, sigma_px=10.0, people_sigma_px=12.0, told=True, prior="search", **states
+    )
     point = PrincipalPointFigures(
         stated_px=(320.0, 240.0), refined_px=(321.0, 238.0), sigma_px=(6.0, 7.0), people_sigma_px=(50.0, 60.0), far=False,
         told=False, prior_sigma_px=(6.4, 6.4), prior="assumed", people_share=(0.02, 0.01),
@@ -167,14 +127,11 @@ def test_lenses_that_were_estimated_are_shown(calibration, capsys):
     lens = Lens((640, 480), np.array([[500.0, 0, 321], [0, 500, 238], [0, 0, 1]]), np.array([-0.12, 0, 0, 0]))
     rig = Rig(tuple(replace(camera, lens=lens) if camera.name == "B" else camera for camera in found.rig))
     figures = AdjustedFigures(lenses={"B": LensFigures(focal=focal, principal_point=point, distortion=bent)})
-    show_calibration(replace(found, rig=rig, figures=figures), verbose=False)
-    shown = capsys.readouterr().out.splitlines()
-    row = shown[shown.index("intrinsics estimated from people") + 2].split()
+    said = shown(capsys, replace(found, rig=rig, figures=figures)).splitlines()
     across, down = field_of_view_deg(lens)
-    numbers = ["500.0", "2.0", f"{across:.0f}", "x", f"{down:.0f}", "321", "238", "7.0", "-0.120", "0.030"]
-    assert row == ["B", *numbers, "principal", "point"]
-    show_calibration(found, verbose=False)
-    assert "intrinsics estimated" not in capsys.readouterr().out
+    expected = f"B 500.0 2.0 {across:.0f} x {down:.0f} 321 238 7.0 -0.120 0.030 principal point"
+    assert said[said.index("intrinsics estimated from people") + 2].split() == expected.split()
+    assert "intrinsics estimated" not in shown(capsys, found)
 
 
 def test_stages_are_lines_for_those_who_want_them_where_there_is_no_terminal(capsys):
@@ -190,19 +147,16 @@ def test_stages_are_a_bar_on_a_terminal(monkeypatch, capsys):
     monkeypatch.setenv("FORCE_COLOR", "1")
     monkeypatch.setenv("COLUMNS", "100")
     with stages() as tell:
-        tell("reading [odd name]")
-        tell("pairs of cameras", 0, 21)
-        tell("pairs of cameras", 5, 21)
-        tell_note(tell, "camera [C1] saw nobody")
+        for done in (0, 5):
+            tell("pairs of cameras", done, 21)
         tell("solving")
     shown = capsys.readouterr().err
-    assert "reading [odd name]" in shown
-    assert "camera [C1] saw nobody" in shown
     assert "•" in shown
     assert "0 of 21" in shown
 
 
-def test_a_long_run_tells_now_and_then_how_far_it_is_where_there_is_no_terminal(capsys):
+def test_a_long_run_tells_now_and_then_how_far_it_is_where_there_is_no_terminal(monkeypatch, capsys):
+    monkeypatch.setattr(time, "time", lambda: pytest.fail("the clock of the day, which jumps"))
     now = [0.0]
     log = _Log(lambda: now[0])
     log("reading")
@@ -214,14 +168,21 @@ def test_a_long_run_tells_now_and_then_how_far_it_is_where_there_is_no_terminal(
     log("solving")
     now[0] = 200.0
     log("solving")
-    told = capsys.readouterr().err.splitlines()
-    assert told == [
+    assert capsys.readouterr().err.splitlines() == [
         "watching: 1 of 240 (0 %)",
         "watching: 61 of 240 (25 %), about 90 s left",
         "watching: 121 of 240 (50 %), about 60 s left",
         "watching: 181 of 240 (75 %), about 30 s left",
         "solving",
     ]
+
+
+def test_a_slow_run_has_minutes_left(capsys):
+    now = iter([0.0, 31.0, 62.0])
+    log = _Log(lambda: next(now))
+    for done in (10, 20):
+        log("watching", done, 100)
+    assert capsys.readouterr().err.splitlines()[-1] == "watching: 20 of 100 (20 %), about 4 min left"
 
 
 def test_a_program_reads_how_far_a_run_is(capsys):
@@ -245,41 +206,25 @@ def test_a_program_reads_how_far_a_run_is(capsys):
 
 
 def test_only_a_stage_that_is_done_ends(capsys):
-    def interrupted():
-        with stages(form=ProgressForm.json) as tell:
-            tell("reading")
-            tell("solving")
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        interrupted()
+    with pytest.raises(KeyboardInterrupt), stages(form=ProgressForm.json) as tell:  # noqa: PT012
+        tell("reading")
+        tell("solving")
+        raise KeyboardInterrupt
     events = [json.loads(line) for line in capsys.readouterr().err.splitlines()]
-    assert [(event["event"], event["stage"]) for event in events] == [
-        ("begin", "reading"), ("end", "reading"), ("begin", "solving"),
-    ]  # fmt: skip
-
-
-def test_a_listener_without_notes_is_told_none():
-    tell_note(lambda stage, done=0, total=0, *, part="": None, "nothing happens")
+    told = [(event["event"], event["stage"]) for event in events]
+    assert told == [("begin", "reading"), ("end", "reading"), ("begin", "solving")]
 
 
 def test_the_wall_time_is_the_sum_of_the_stages(capsys):
-    now, heard = [10.0], []
-
-    class Listener:
-        def __call__(self, stage, done=0, total=0, *, part=""):
-            heard.append((stage, done, total, part))
-
-        def note(self, text):
-            heard.append(text)
-
-    tell = StageTimes(Listener(), 7.0, lambda: now[0])
+    now, listener = [10.0], Mock()
+    tell = StageTimes(listener, 7.0, lambda: now[0])
     for at, stage in ((10.0, "reading"), (12.0, "solving"), (13.0, "solving"), (16.0, "reading"), (17.5, "writing")):
         now[0] = at
         tell(stage, 1, 2, part="C1")
     tell.note("odd")
-    assert heard == [*((stage, 1, 2, "C1") for stage in ("reading", "solving", "solving", "reading", "writing")), "odd"]
+    told = ("reading", "solving", "solving", "reading", "writing")
+    assert listener.mock_calls == [*(call(stage, 1, 2, part="C1") for stage in told), call.note("odd")]
     now[0] = 20.0
     tell.show()
-    shown = {row[0]: row[1] for row in lines(capsys)[2:]}
-    assert shown == {"start": "3.0", "reading": "3.5", "solving": "4.0", "writing": "2.5", "total": "13.0"}
+    rows = (line.split()[:2] for line in capsys.readouterr().out.splitlines()[2:])
+    assert dict(rows) == {"start": "3.0", "reading": "3.5", "solving": "4.0", "writing": "2.5", "total": "13.0"}

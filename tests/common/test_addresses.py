@@ -16,11 +16,9 @@ from passerby.scene.tables import CameraTable, SceneTable
 
 ADDRESSES = [
     "rtsp://walter:hunter2@10.0.0.5:554/Streaming/Channels/101",
-    "RTSPS://walter:hunter2@10.0.0.5/",
     "rtsp://walter:hunter2 with@signs@10.0.0.5/live",
     "rtsp://10.0.0.5:554/user=walter_password=hunter2_channel=1_stream=0.sdp",
     "http://10.0.0.5/video.cgi?user=walter&pwd=hunter2",
-    "https://walter:hunter2@cams.example.org/index.m3u8",
     "rtmp://10.0.0.5/bcs/channel0.bcs?channel=0&token=hunter2&user=walter",
     "ffmpeg:rtsp://walter:hunter2@10.0.0.5/live",
     "srt://10.0.0.5:9000?passphrase=x&user=walter&password=hunter2",
@@ -29,7 +27,6 @@ SECRETS = ("hunter2", "walter")
 
 
 def scene_with(folder, line, table="cameras.C1"):
-    """A scene file with a line in one of its tables."""
     text = {"cameras.C1": 'intrinsics = "rig.toml"\n', "cameras.C2": 'intrinsics = "rig.toml"\ntracks = "C2.txt"\n'}
     text[table] = text.get(table, "") + f"{line}\n"
     path = folder / "scene.toml"

@@ -19,18 +19,14 @@ FULL = Table(np.arange(4), np.arange(8.0).reshape(4, 2), np.arange(4) / 2)
 
 def test_rows():
     taken = FULL.take(np.array([3, 1]))
-    assert taken.number.tolist() == [3, 1]
-    assert taken.place.tolist() == [[6, 7], [2, 3]]
-    assert taken.speed.tolist() == [1.5, 0.5]
-    assert FULL.take(FULL.number > 2).number.tolist() == [3]
-    assert FULL.take(slice(1, 3)).number.tolist() == [1, 2]
+    assert (taken.number.tolist(), taken.place.tolist(), taken.speed.tolist()) == ([3, 1], [[6, 7], [2, 3]], [1.5, 0.5])
+    assert (FULL.take(FULL.number > 2).number.tolist(), FULL.take(slice(1, 3)).number.tolist()) == ([3], [1, 2])
     assert Table(FULL.number, FULL.place).take(np.array([0])).speed is None
 
 
 def test_joined():
     joined = Table.joined([FULL.take(slice(0, 1)), FULL.take(slice(2, 4))])
-    assert joined.number.tolist() == [0, 2, 3]
-    assert joined.speed.tolist() == [0, 1, 1.5]
+    assert (joined.number.tolist(), joined.speed.tolist()) == ([0, 2, 3], [0, 1, 1.5])
     assert Table.joined([FULL, Table(FULL.number, FULL.place)]).speed is None
 
 
@@ -42,6 +38,5 @@ class Named(Columns):
 
 def test_a_tuple_is_shared_by_all_rows():
     table = Named(np.array([1, 0, 1]), ("a", "b"))
-    assert table.take(np.array([0])).names == ("a", "b")
-    assert Named.joined([table, table]).names == ("a", "b")
+    assert (table.take(np.array([0])).names, Named.joined([table, table]).names) == (("a", "b"), ("a", "b"))
     assert len(Named.joined([table, table]).number) == 6

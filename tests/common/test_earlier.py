@@ -1,7 +1,5 @@
 """Results that are used again while their jobs are the same."""
 
-from __future__ import annotations
-
 from passerby.common.parallel import EarlierResults
 from passerby.common.progress import silent
 

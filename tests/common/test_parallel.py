@@ -61,8 +61,7 @@ class Dying(ThreadPoolExecutor):
 def test_jobs_whose_workers_died_are_given_once_more_one_by_one():
     executor = Dying({3: 1})
     results = side_by_side(squared, list(range(6)), executor, lambda *part: None, "squares", job_s=1.0)
-    assert results == [0, 1, 4, 9, 16, 25]
-    assert executor.given == [[0, 1], [2, 3], [4, 5], [2], [3]]
+    assert (results, executor.given) == ([0, 1, 4, 9, 16, 25], [[0, 1], [2, 3], [4, 5], [2], [3]])
     with pytest.raises(ConnectionError):
         side_by_side(squared, list(range(6)), Dying({3: 2}), lambda *part: None, "squares", job_s=1.0)
 
@@ -156,8 +155,6 @@ def test_a_pool_that_breaks_reports_nothing_else(monkeypatch):
 
 
 class InterruptedExecutor(Executor):
-    """Is interrupted while it takes each job."""
-
     def __init__(self):
         self.futures = []
 

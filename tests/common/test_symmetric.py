@@ -1,7 +1,5 @@
 """Inverses of large symmetric matrices are those that all eigenvalues give."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

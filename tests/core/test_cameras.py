@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import FrozenInstanceError
-
 import cv2
 import numpy as np
 import pytest
@@ -47,19 +45,13 @@ def directions(rng: np.random.Generator, count: int, largest: float) -> np.ndarr
 
 @settings(max_examples=15)
 @given(seeds, st.sampled_from(sorted(PINHOLES)))
-def test_pinhole_pixels_come_back_through_their_rays(seed: int, coefficients: int) -> None:
-    lens = pinhole(coefficients)
-    pixels = np.random.default_rng(seed).uniform((0, 0), SIZE, (50, 2))
-    rays = lens.bearings(pixels)
-    np.testing.assert_allclose(np.linalg.norm(rays, axis=1), 1, atol=1e-12)
-    np.testing.assert_allclose(lens.project_rays(rays * 7.3), pixels, atol=1e-5)
-
-
-@settings(max_examples=15)
-@given(seeds, st.sampled_from(sorted(PINHOLES)))
-def test_pinhole_rays_come_back_through_their_pixels(seed: int, coefficients: int) -> None:
+def test_pinhole_pixels_and_rays_lead_to_each_other(seed: int, coefficients: int) -> None:
     """OpenCV's own inversion stops half a pixel short at the border of such lenses."""
-    lens, rays = pinhole(coefficients), directions(np.random.default_rng(seed), 50, 0.7)
+    lens, rng = pinhole(coefficients), np.random.default_rng(seed)
+    pixels, rays = rng.uniform((0, 0), SIZE, (50, 2)), directions(rng, 50, 0.7)
+    found = lens.bearings(pixels)
+    np.testing.assert_allclose(np.linalg.norm(found, axis=1), 1, atol=1e-12)
+    np.testing.assert_allclose(lens.project_rays(found * 7.3), pixels, atol=1e-5)
     np.testing.assert_allclose(lens.bearings(lens.project_rays(rays)), rays, atol=1e-7)
 
 
@@ -81,48 +73,32 @@ def test_fisheye_projects_as_opencv_does_before_ninety_degrees() -> None:
     np.testing.assert_allclose(lens.project_rays(rays), expected[:, 0], atol=1e-9)
 
 
-def test_the_axis_itself_is_the_principal_point() -> None:
-    axis = np.array([[0.0, 0.0, 2.0]])
-    for lens, point in ((pinhole(5), (650, 350)), (fisheye(), (640, 360))):
-        np.testing.assert_allclose(lens.project_rays(axis), [point], atol=1e-9)
-        np.testing.assert_allclose(lens.bearings(np.array([point])), [[0, 0, 1]], atol=1e-9)
+@pytest.mark.parametrize(("lens", "point"), [(pinhole(5), (650, 350)), (fisheye(), (640, 360))])
+def test_the_axis_itself_is_the_principal_point_and_no_points_are_no_pixels(lens: Lens, point: tuple[int, int]) -> None:
+    np.testing.assert_allclose(lens.project_rays(np.array([[0.0, 0.0, 2.0]])), [point], atol=1e-9)
+    np.testing.assert_allclose(lens.bearings(np.array([point])), [[0, 0, 1]], atol=1e-9)
+    none = np.zeros((0, 3))
+    assert (lens.project_rays(none).shape, lens.tangents(none).shape) == ((0, 2), (0, 2, 3))
+    assert lens.bearings(np.zeros((0, 2))).shape == (0, 3)
 
 
-def test_behind_a_pinhole_is_nowhere() -> None:
+def test_what_a_lens_does_not_show_is_nowhere() -> None:
     pixels = pinhole(5).project_rays(np.array([[0.1, 0.1, 1.0], [0.1, 0.1, -1.0], [1.0, 0.0, 0.0]]))
     assert np.isfinite(pixels).all(axis=1).tolist() == [True, False, False]
-
-
-def test_a_pixel_that_no_ray_reaches_has_no_bearing() -> None:
-    """With strong barrel distortion the model folds back: no ray lands in the corner of a large picture."""
+    # With strong barrel distortion the model folds back: no ray lands in the corner of a large picture.
     lens = Lens((4000, 3000), np.array([[800.0, 0, 2000], [0, 800.0, 1500], [0, 0, 1]]), np.array([-0.3, 0.0, 0.0, 0.0]))
     found = lens.bearings(np.array([[2100.0, 1500.0], [10.0, 10.0]]))
     assert np.isfinite(found).all(axis=1).tolist() == [True, False]
 
 
-def test_no_points_are_no_pixels() -> None:
-    for lens in (pinhole(5), fisheye()):
-        assert lens.project_rays(np.zeros((0, 3))).shape == (0, 2)
-        assert lens.bearings(np.zeros((0, 2))).shape == (0, 3)
-        assert lens.tangents(np.zeros((0, 3))).shape == (0, 2, 3)
-
-
 @pytest.mark.parametrize("lens", [*(pinhole(n) for n in PINHOLES), fisheye(0), fisheye(4)])
 def test_tangents_are_the_derivatives_of_the_pixel(lens: Lens) -> None:
-    rng = np.random.default_rng(3)
-    rays = directions(rng, 40, np.deg2rad(115) if lens.fisheye else 0.6)
-    tangents = lens.tangents(rays)
+    rays = directions(np.random.default_rng(3), 40, np.deg2rad(115) if lens.fisheye else 0.6)
+    tangents, h = lens.tangents(rays), 1e-5
     np.testing.assert_allclose(np.einsum("nki,ni->nk", tangents, rays), 0, atol=1e-6)
     for axis in np.eye(3):
-        h = 1e-5
         numerical = (lens.project_rays(rays + h * axis) - lens.project_rays(rays - h * axis)) / (2 * h)
         np.testing.assert_allclose(tangents @ axis, numerical, rtol=1e-5, atol=1e-3)
-    # As a residual: a point one and a half centimetres off its ray at five metres, to first order.
-    off = rng.normal(size=(40, 3)) * 0.003
-    points = 5 * (rays + off)
-    residual = np.einsum("nki,ni->nk", tangents, points) / np.einsum("ni,ni->n", rays, points)[:, None]
-    true = lens.project_rays(points) - lens.project_rays(rays)
-    assert np.linalg.norm(residual - true, axis=1).max() < 0.05 * np.linalg.norm(true, axis=1).max()
 
 
 @pytest.mark.parametrize(
@@ -137,8 +113,6 @@ def test_tangents_are_the_derivatives_of_the_pixel(lens: Lens) -> None:
         ({"distortions": np.array([0.1, np.inf, 0, 0])}, "finite"),
         ({"distortions": np.zeros(5), "fisheye": True}, "distortions has 5 values; a fisheye lens takes 0, 4"),
         ({"distortions": np.zeros((2, 2))}, r"distortions has the shape \(2, 2\): give one list of coefficients"),
-        ({"distortions": np.zeros((1, 1, 5))}, r"distortions has the shape \(1, 1, 5\)"),
-        ({"distortions": np.zeros((1, 3))}, "distortions has 3 values; a pinhole lens takes"),
     ],
 )
 def test_what_cannot_be_a_lens_is_refused(changes: dict[str, object], message: str) -> None:
@@ -147,27 +121,21 @@ def test_what_cannot_be_a_lens_is_refused(changes: dict[str, object], message: s
         Lens(**values)  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("shape", [(5,), (1, 5), (5, 1)])
-def test_distortions_come_as_a_list_a_row_or_a_column(shape: tuple[int, ...]) -> None:
+@pytest.mark.parametrize("shape", [(1, 5), (5, 1)])
+def test_distortions_come_as_a_row_or_a_column_too(shape: tuple[int, ...]) -> None:
     """As `cv2.calibrateCamera` and `cv2.FileStorage` return them."""
-    lens = Lens(SIZE, SQUARE, np.array(PINHOLES[5]).reshape(shape))
-    assert lens.distortions.shape == (5,)
-    pixels = np.array([[100.0, 80.0], [1200.0, 700.0]])
-    np.testing.assert_array_equal(lens.bearings(pixels), pinhole(5).bearings(pixels))
-    assert Lens(SIZE, SQUARE, np.array(FISHEYE).reshape(4, 1), fisheye=True).distortions.shape == (4,)
+    given_lens = Lens(SIZE, SQUARE, np.array(PINHOLES[5]).reshape(shape))
+    np.testing.assert_array_equal(given_lens.distortions, PINHOLES[5])
 
 
 def test_values_cannot_be_changed() -> None:
-    lens, pose = pinhole(5), Pose(np.eye(3), np.ones(3))
+    given_array = np.zeros(3)
+    lens, pose = pinhole(5), Pose(np.eye(3), given_array)
     for array in (lens.matrix, lens.distortions, pose.R_cw, pose.t_cw, pose.centre):
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 0
-    with pytest.raises(FrozenInstanceError):
-        lens.size = (1, 1)  # type: ignore[misc]
-    given_array = np.zeros(3)
-    kept = Pose(np.eye(3), given_array)
     given_array[0] = 5
-    assert kept.t_cw[0] == 0
+    assert pose.t_cw[0] == 0
 
 
 @given(seeds, st.floats(0.1, 10))
@@ -182,20 +150,10 @@ def test_a_moved_world_looks_the_same(seed: int, scale: float) -> None:
     assert rig["B"].pose is None
 
 
-def test_the_centre_projects_nowhere_and_the_target_into_the_middle() -> None:
-    camera = Camera("A", pinhole(5), looking_at((4.0, -3.0, 2.0), (0, 0, 1)))
-    np.testing.assert_allclose(camera.centre, (4, -3, 2), atol=1e-12)
-    np.testing.assert_allclose(camera.project(np.array([[0.0, 0, 1]])), [[650, 350]], atol=1e-9)
-    higher = camera.project(np.array([[0.0, 0, 1.5]]))
-    assert higher[0, 1] < 350
-
-
 def test_a_rig_knows_its_cameras() -> None:
     posed = Camera("A", pinhole(0), Pose(np.eye(3), np.zeros(3)))
     rig = Rig((posed, Camera("B", pinhole(0))))
-    assert rig.names == ("A", "B")
-    assert len(rig) == 2
-    assert rig.posed().names == ("A",)
+    assert (rig.names, len(rig), rig.posed().names) == (("A", "B"), 2, ("A",))
     with pytest.raises(KeyError, match="no camera C in this rig; it has A, B"):
         rig["C"]
     with pytest.raises(InputError, match="camera B has no pose"):
@@ -212,17 +170,10 @@ def three_cameras() -> Rig:
                      for name, lens, centre in zip("ABC", lenses, centres, strict=True)))  # fmt: skip
 
 
-def test_projection_matrices_give_the_undistorted_pixels() -> None:
-    rig, points = three_cameras(), np.random.default_rng(5).uniform(-1, 1, (20, 3)) + (0, 0, 1)
-    for camera in rig:
-        lens = camera.lens
-        assert (lens.matrix == camera.K).all()
-        assert camera.P.shape == (3, 4)
-        homogeneous = np.column_stack([points, np.ones(20)]) @ camera.P.T
-        rays = lens.bearings(camera.project(points)) @ camera.K.T
-        np.testing.assert_allclose(homogeneous[:, :2] / homogeneous[:, 2:], rays[:, :2] / rays[:, 2:], atol=1e-4)
-    seen = cv2.undistortPoints(rig["A"].project(points)[:, None], rig["A"].K, rig["A"].lens.distortions, P=rig["A"].K)[:, 0]
-    homogeneous = np.column_stack([points, np.ones(20)]) @ rig["A"].P.T
+def test_a_projection_matrix_gives_the_pixels_that_opencv_undistorts() -> None:
+    camera, points = three_cameras()["A"], np.random.default_rng(5).uniform(-1, 1, (20, 3)) + (0, 0, 1)
+    seen = cv2.undistortPoints(camera.project(points)[:, None], camera.K, camera.lens.distortions, P=camera.K)[:, 0]
+    homogeneous = np.column_stack([points, np.ones(20)]) @ camera.P.T
     np.testing.assert_allclose(homogeneous[:, :2] / homogeneous[:, 2:], seen, atol=0.1)  # OpenCV stops after five rounds
     with pytest.raises(InputError, match="camera A has no pose"):
         _ = Camera("A", pinhole(5)).P
@@ -302,18 +253,14 @@ def test_where_a_camera_looks():
     assert (down.heading_deg, down.tilt_deg, down.roll_deg) == (None, 90, None)
 
 
-@pytest.mark.parametrize("distortions", [[], [-0.2, 0.05, 0.001, -0.002, 0.01]])
+@pytest.mark.parametrize("distortions", [[], [-0.2, 0.05, 0.001, -0.002]])
 @pytest.mark.parametrize("fisheye", [False, True])
 def test_skew_is_part_of_every_lens(distortions, fisheye):
-    coefficients = np.array(distortions[: 4 if fisheye else 5]) * (0.1 if fisheye else 1)
-    straight, skewed = (
-        np.array([[500.0, 0, 310], [0, 480, 250], [0, 0, 1]]),
-        np.array([[500.0, 7, 310], [0, 480, 250], [0, 0, 1]]),
-    )
+    coefficients = np.array(distortions) * (0.1 if fisheye else 1)
+    straight = np.array([[500.0, 0, 310], [0, 480, 250], [0, 0, 1]])
     points = np.array([[0.2, -0.3, 1.5], [-0.4, 0.3, 2.0], [0.0, 0.0, 1.0]])
-    lens = Lens((640, 480), skewed, coefficients, fisheye)
+    lens = Lens((640, 480), straight + [[0, 7, 0], [0, 0, 0], [0, 0, 0]], coefficients, fisheye)
     without = Lens((640, 480), straight, coefficients, fisheye).project_rays(points)
     expected = without + np.column_stack([7 * (without[:, 1] - 250) / 480, np.zeros(3)])
     np.testing.assert_allclose(lens.project_rays(points), expected, atol=1e-9)
-    back = lens.bearings(expected)
-    np.testing.assert_allclose(back, points / np.linalg.norm(points, axis=1, keepdims=True), atol=1e-7)
+    np.testing.assert_allclose(lens.bearings(expected), points / np.linalg.norm(points, axis=1, keepdims=True), atol=1e-7)

@@ -40,9 +40,7 @@ def test_ground_and_projection_are_inverse(lens: Lens) -> None:
     one, points = camera(lens), on_ground()
     pixels = one.project(points)
     assert one.sees_ground(pixels).all()
-    found = one.ground(pixels)
-    np.testing.assert_allclose(found.xyz, points, atol=1e-6)
-    assert len(found) == len(points)
+    np.testing.assert_allclose(one.ground(pixels).xyz, points, atol=1e-6)
     np.testing.assert_allclose(one.ground(pixels[0]).xy, points[:1, :2], atol=1e-6)
 
 
@@ -68,14 +66,11 @@ def test_the_covariance_is_that_of_moved_cameras_and_pixels(lens: Lens) -> None:
     one, rng = camera(lens), np.random.default_rng(3)
     pixels = one.project(np.array([[0.0, 0.0, 0.0], [1.5, 3.0, 0.0]]))
     found = one.ground(pixels, pixel_sd_px=2.0)
-    assert one.pose is not None
-    assert SIGMA.covariance is not None
     drawn = []
     for error in rng.multivariate_normal(np.zeros(6), SIGMA.covariance, 4000):
         pose = Pose.from_centre(exp_rotation(error[3:]) @ one.pose.R_cw, one.pose.centre + error[:3])
         drawn.append(replace(one, pose=pose).ground(pixels + 2.0 * rng.standard_normal(pixels.shape)).xy)
     moved = np.array(drawn)
-    assert found.covariance is not None
     for row in range(2):
         measured = np.cov(moved[:, row].T)
         np.testing.assert_allclose(measured, found.covariance[row], rtol=0.12, atol=0.05 * np.trace(measured))
@@ -83,28 +78,20 @@ def test_the_covariance_is_that_of_moved_cameras_and_pixels(lens: Lens) -> None:
     distances = np.linalg.norm(moved[:, 0] - moved[:, 1], axis=1)
     assert metres == pytest.approx(np.hypot(1.5, 3.0), abs=1e-6)
     assert sigma == pytest.approx(distances.std(), rel=0.08)
-    assert found.sigma_m is not None
     assert sigma < np.hypot(*found.sigma_m)  # what both have in common has cancelled
 
 
-def test_without_a_covariance_the_sigma_is_unknown() -> None:
+def test_without_a_covariance_the_sigma_is_unknown_and_no_pixels_give_no_points() -> None:
     found = replace(camera(), sigma=None).ground([[640.0, 600.0], [600.0, 700.0]])
-    assert found.sigma_m is None
-    assert found.covariance is None
-    assert found.distance(0, 1)[1] is None
-
-
-def test_no_pixels_give_no_points() -> None:
-    found = camera().ground(np.zeros((0, 2)), pixel_sd_px=1.0)
-    assert len(found) == 0
-    assert found.xyz.shape == (0, 3)
+    assert (found.sigma_m, found.covariance, found.distance(0, 1)[1]) == (None, None, None)
+    assert camera().ground(np.zeros((0, 2)), pixel_sd_px=1.0).xyz.shape == (0, 3)
 
 
 @pytest.mark.parametrize("lens", [BENT, FISHEYE])
 def test_undistorted_pixels_are_those_of_the_projection_matrix(lens: Lens) -> None:
     one, points = camera(lens), on_ground()
     homogeneous = np.column_stack([points, np.ones(len(points))]) @ one.P.T
-    np.testing.assert_allclose(one.undistort(one.project(points)), homogeneous[:, :2] / homogeneous[:, 2:], atol=1e-3)
+    np.testing.assert_allclose(one.undistort(one.project(points)), homogeneous[:, :2] / homogeneous[:, 2:], atol=1e-4)
 
 
 def test_a_pixel_without_a_place_in_the_undistorted_image_is_an_error() -> None:
@@ -126,7 +113,6 @@ def test_a_rig_projects_into_the_images_that_show_a_point() -> None:
 def test_a_point_that_a_distortion_folds_into_the_image_is_not_seen() -> None:
     strong = Lens((1280, 720), np.array([[600.0, 0, 640], [0, 600, 360], [0, 0, 1]]), np.array([-0.4, 0.0, 0.0, 0.0]))
     one = camera(strong)
-    assert one.pose is not None
     aside = np.array([np.tan(np.radians(55)), 0.0, 1.0])
     world = (5 * aside - one.pose.t_cw) @ one.pose.R_cw
     assert 0 < one.project(world)[0, 0] < 1280

@@ -23,9 +23,16 @@ def walker(clock: Clock, frames: np.ndarray, identity: int = 4) -> Boxes:
     return Boxes(frames, np.full(len(frames), identity), ltwh, 0.5 + 0.01 * (frames % 10), embedding)
 
 
+def as_seen(boxes: dict[str, Boxes]) -> Observations:
+    return Observations({name: CameraObservations(rows) for name, rows in boxes.items()})
+
+
 def brought(clocks: dict[str, Clock], boxes: dict[str, Boxes], **options: object) -> Observations:
-    seen = Observations({name: CameraObservations(rows) for name, rows in boxes.items()})
-    return resample_to_common_steps(seen, clocks, **options)  # type: ignore[arg-type]
+    return resample_to_common_steps(as_seen(boxes), clocks, **options)  # type: ignore[arg-type]
+
+
+def steps_of(clocks: dict[str, Clock], boxes: dict[str, Boxes]) -> TimeSteps:
+    return find_common_time_steps(as_seen(boxes), clocks)
 
 
 def walkers(clocks: dict[str, Clock], seconds: float = 8.0) -> dict[str, Boxes]:
@@ -34,7 +41,6 @@ def walkers(clocks: dict[str, Clock], seconds: float = 8.0) -> dict[str, Boxes]:
 
 def assert_true_everywhere(found: Observations) -> None:
     """Every box is where the walker is at its instant."""
-    assert found.fps is not None
     for name, seen in found.cameras.items():
         clock = found.clocks[name]
         assert clock.fps == found.fps
@@ -62,18 +68,17 @@ def test_an_even_motion_is_met_exactly_and_no_sample_counts_twice(offsets: list[
 
 
 def test_cameras_whole_frames_apart_keep_every_bit() -> None:
-    clocks = {"A": Clock(10.0), "B": Clock(10.0, -0.7), "C": Clock(10.0, 12.3)}
-    frames = np.array([2, 3, 9, 40, 41])
+    shifts, frames = {"A": 0, "B": -7, "C": 123}, np.array([2, 3, 9, 40, 41])
+    clocks = {name: Clock(10.0, shift / 10) for name, shift in shifts.items()}
     rows = {
         name: Boxes(frames, [5, 5, -1, 5, 6], FIRST + np.random.default_rng(n).uniform(0, 9, (5, 4)), np.full(5, 0.3 + n))
         for n, name in enumerate(clocks)
     }
     found = brought(clocks, rows)
-    for name, shift in (("A", 0), ("B", -7), ("C", 123)):
-        boxes = found[name].boxes
-        np.testing.assert_array_equal(boxes.frame, frames + shift)
+    for name, shift in shifts.items():
+        np.testing.assert_array_equal(found[name].boxes.frame, frames + shift)
         for column in ("identity", "ltwh", "score"):
-            np.testing.assert_array_equal(getattr(boxes, column), getattr(rows[name], column))
+            np.testing.assert_array_equal(getattr(found[name].boxes, column), getattr(rows[name], column))
 
 
 def test_without_clock_errors_nothing_changes() -> None:
@@ -87,17 +92,13 @@ def test_without_clock_errors_nothing_changes() -> None:
 
 def test_the_grid_is_the_usual_rate_and_the_busiest_camera_of_it() -> None:
     clocks = {"A": Clock(25.0, 0.013), "B": Clock(25.0, 0.2), "C": Clock(1.0, 0.4), "D": Clock(50.0, 0.1), "E": Clock(1.0)}
-    boxes = walkers(clocks)
-    boxes["B"] = walker(clocks["B"], np.arange(1, 400))
-    boxes["E"] = Boxes.empty()
-    seen = Observations({name: CameraObservations(rows) for name, rows in boxes.items()})
-    assert find_common_time_steps(seen, clocks) == TimeSteps(clocks["B"])
-    assert find_common_time_steps(seen, clocks).clock == clocks["B"]
-    found = resample_to_common_steps(seen, clocks)
+    boxes = walkers(clocks) | {"B": walker(clocks["B"], np.arange(1, 400)), "E": Boxes.empty()}
+    assert steps_of(clocks, boxes) == TimeSteps(clocks["B"])
+    found = brought(clocks, boxes)
     np.testing.assert_array_equal(found["B"].boxes.ltwh, boxes["B"].ltwh)
     assert len(found["C"].boxes) == len(boxes["C"])  # each sample at its nearest instant, but none turned into many
     # Of rates that are equally usual the slower.
-    assert find_common_time_steps(seen, {**clocks, "A": Clock(1.0)}).clock.fps == 1.0
+    assert steps_of({**clocks, "A": Clock(1.0)}, boxes).clock.fps == 1.0
 
 
 @settings(max_examples=80, deadline=None)
@@ -107,9 +108,7 @@ def test_the_grid_is_the_usual_rate_and_the_busiest_camera_of_it() -> None:
     offsets=st.lists(st.floats(-5, 5), min_size=3, max_size=3),
     phases=st.lists(st.integers(0, 11), min_size=3, max_size=3),
 )
-def test_cameras_sampled_at_every_nth_frame_meet_at_the_samples(
-    fps: float, every: int, offsets: list[float], phases: list[int]
-) -> None:
+def test_cameras_sampled_at_every_nth_frame_meet_at_the_samples(fps, every, offsets, phases):
     clocks = {f"C{n}": Clock(fps, offset) for n, offset in enumerate(offsets)}
     boxes = {
         name: walker(clock, np.arange(1 + phase, int(30 * fps), every))
@@ -129,7 +128,7 @@ def test_cameras_sampled_at_every_nth_frame_meet_at_the_samples(
 def test_samples_whole_steps_apart_keep_every_bit_and_are_counted_by_the_step() -> None:
     clocks = {"A": Clock(30.0), "B": Clock(30.0, -0.2), "C": Clock(30.0, 0.6)}
     boxes = {name: walker(clock, np.arange(3, 300, 6)) for name, clock in clocks.items()}
-    steps = find_common_time_steps(Observations({name: CameraObservations(rows) for name, rows in boxes.items()}), clocks)
+    steps = steps_of(clocks, boxes)
     assert steps == TimeSteps(clocks["A"], 6, 3)
     np.testing.assert_array_equal(steps.frames(np.array([1, 2, 10])), [3, 9, 57])
     found = brought(clocks, boxes)
@@ -144,13 +143,11 @@ def test_samples_whole_steps_apart_keep_every_bit_and_are_counted_by_the_step() 
     ids=["steps of 6 and 7", "steps of 40, some of 39", "as somebody chose"],
 )  # fmt: skip
 def test_people_marked_in_the_same_frames_of_all_cameras_keep_every_bit(frames: np.ndarray) -> None:
-    frames = frames.astype(np.int64)
-    clocks = {"A": Clock(25.0), "B": Clock(25.0), "C": Clock(25.0, 0.4)}
+    frames, clocks = frames.astype(np.int64), {"A": Clock(25.0), "B": Clock(25.0), "C": Clock(25.0, 0.4)}
     own = {"A": frames, "B": frames[1:-2], "C": np.delete(frames, 3) - 10}
     boxes = {name: walker(clock, own[name]) for name, clock in clocks.items()}
-    seen = Observations({name: CameraObservations(rows) for name, rows in boxes.items()})
-    assert find_common_time_steps(seen, clocks) == TimeSteps(clocks["A"])
-    found = resample_to_common_steps(seen, clocks)
+    assert steps_of(clocks, boxes) == TimeSteps(clocks["A"])
+    found = brought(clocks, boxes)
     for name in clocks:
         np.testing.assert_array_equal(found[name].boxes.ltwh, boxes[name].ltwh)
         np.testing.assert_array_equal(found[name].boxes.frame, own[name] + (10 if name == "C" else 0))
@@ -161,15 +158,13 @@ def test_frames_that_only_some_cameras_share_are_brought_together() -> None:
     frames = np.linspace(1, 400, 60).round().astype(np.int64)
     boxes = {name: walker(clock, frames + shift) for (name, clock), shift in zip(clocks.items(), (0, 0, 3), strict=True)}
     assert_true_everywhere(brought(clocks, boxes))
-    steps = find_common_time_steps(Observations({name: CameraObservations(rows) for name, rows in boxes.items()}), clocks)
-    assert steps.every > 1
+    assert steps_of(clocks, boxes).every > 1
 
 
 def test_every_second_sample_shared_leaves_the_slower_rate() -> None:
     clocks = {"A": Clock(30.0), "B": Clock(30.0)}
     boxes = {"A": walker(clocks["A"], np.arange(1, 600, 6)), "B": walker(clocks["B"], np.arange(1, 600, 3))}
-    seen = Observations({name: CameraObservations(rows) for name, rows in boxes.items()})
-    assert find_common_time_steps(seen, clocks) == TimeSteps(clocks["A"], 6, 1)
+    assert steps_of(clocks, boxes) == TimeSteps(clocks["A"], 6, 1)
 
 
 def test_pictures_at_uneven_times_meet_at_most_steps() -> None:
@@ -187,8 +182,7 @@ def test_few_samples_between_others_do_not_make_a_camera_fast() -> None:
     clocks = {"A": Clock(30.0), "B": Clock(30.0, 0.05)}
     frames = np.unique(np.concatenate([np.arange(1, 600, 6), [10, 11, 300]]))
     boxes = {"A": walker(clocks["A"], frames), "B": walker(clocks["B"], np.arange(1, 600, 6))}
-    seen = Observations({name: CameraObservations(rows) for name, rows in boxes.items()})
-    assert find_common_time_steps(seen, clocks).every == 6
+    assert steps_of(clocks, boxes).every == 6
     found = brought(clocks, boxes)
     assert_true_everywhere(found)
     assert len(found["A"].boxes) == 100
@@ -197,12 +191,12 @@ def test_few_samples_between_others_do_not_make_a_camera_fast() -> None:
 def test_nobody_is_interpolated_over_a_long_gap() -> None:
     clocks = {"A": Clock(10.0), "B": Clock(10.0, 0.05)}
     frames = np.array([1, 2, 6, 7, 13, 14])
-    found = brought(clocks, {"A": walker(clocks["A"], np.arange(1, 30)), "B": walker(clocks["B"], frames)})
+    boxes = {"A": walker(clocks["A"], np.arange(1, 30)), "B": walker(clocks["B"], frames)}
+    found = brought(clocks, boxes)
     # Frame f of B lies halfway between instants f and f + 1. Frames 2 and 6 are 0.4 s apart, 7 and 13 are 0.6 s.
     np.testing.assert_array_equal(found["B"].boxes.frame, [2, 3, 7, 14])
     assert_true_everywhere(found)
-    fewer = brought(clocks, {"A": walker(clocks["A"], np.arange(1, 30)), "B": walker(clocks["B"], frames)}, max_gap_s=0.3)
-    np.testing.assert_array_equal(fewer["B"].boxes.frame, [2, 7, 14])
+    np.testing.assert_array_equal(brought(clocks, boxes, max_gap_s=0.3)["B"].boxes.frame, [2, 7, 14])
 
 
 def test_people_are_not_mixed_and_the_unknown_is_left_out() -> None:

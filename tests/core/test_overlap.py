@@ -29,9 +29,6 @@ def test_shared_people_and_sightings_are_as_defined() -> None:
         for second, shared in others.items():
             common = rows[first] & rows[second]
             assert shared == Shared(len({who for _, who in common}), len(common))
-    assert find_connected_groups(found) == [["C0", "C2", "C4", "C6"], ["C1", "C3", "C5"]]
-
-
-def test_cameras_that_saw_nobody_share_nothing() -> None:
     empty = Observations({name: CameraObservations() for name in ("A", "B")})
     assert count_shared_observations(empty) == {"A": {"B": Shared(0, 0)}, "B": {"A": Shared(0, 0)}}
+    assert find_connected_groups(found) == [["C0", "C2", "C4", "C6"], ["C1", "C3", "C5"]]

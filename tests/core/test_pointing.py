@@ -27,11 +27,8 @@ def test_of_two_who_overlap_it_is_the_one_whose_box_reaches_lowest(order):
     at = (160.0, 150.0)
     assert len(people_in_frame(camera, 11).holding(at)) == 2
     assert find_pointed(camera, 11, at) == ("boxes", order.index(NEAR))
-
-
-def test_of_two_that_reach_equally_low_it_is_the_smallest():
-    small = [120.0, 200.0, 40.0, 100.0]
-    assert find_pointed(seen([NEAR, small]), 11, (130.0, 250.0)) == ("boxes", 1)
+    # Of two that reach equally low it is the smallest.
+    assert find_pointed(seen([NEAR, [120.0, 200.0, 40.0, 100.0]]), 11, (130.0, 250.0)) == ("boxes", 1)
 
 
 def test_people_without_boxes_are_found_by_their_keypoints():
@@ -47,29 +44,20 @@ def test_people_without_boxes_are_found_by_their_keypoints():
 
 
 def test_the_nearest_frame_with_people():
-    frames = np.array([1, 6, 11, 16, 60])
-    boxes = Boxes(frames, np.zeros(5), np.tile(NEAR, (5, 1)), np.ones(5))
-    camera = CameraObservations(boxes)
-    assert find_nearest_frame(camera, 8.0, 25.0) == 6
-    assert find_nearest_frame(camera, 9.0, 25.0) == 11
-    assert find_nearest_frame(camera, 35.0, 25.0) is None
-    assert find_nearest_frame(camera, 65.0, None) == 60
-    assert find_nearest_frame(camera, 66.0, None) is None
-    assert find_nearest_frame(camera, 66.0, 25.0) == 60  # a quarter of a second is 6.25 frames
-    assert find_nearest_frame(camera, float("nan"), 25.0) is None
+    camera = CameraObservations(Boxes(np.array([1, 6, 11, 16, 60]), np.zeros(5), np.tile(NEAR, (5, 1)), np.ones(5)))
+    # A quarter of a second is 6.25 frames.
+    for frame, fps, found in ((8.0, 25.0, 6), (9.0, 25.0, 11), (35.0, 25.0, None), (65.0, None, 60), (66.0, None, None),
+                              (66.0, 25.0, 60), (float("nan"), 25.0, None)):  # fmt: skip
+        assert find_nearest_frame(camera, frame, fps) == found
     assert find_nearest_frame(CameraObservations(), 1.0, 25.0) is None
 
 
 def test_heights_of_one_person_are_combined():
     alone = PersonHeight(2, 1.6, 0.02)
-    twice = PersonHeight(7, 1.80, 0.01, "one"), PersonHeight(7, 1.84, 0.01, "two")
-    both = combine_heights([twice[0], alone, twice[1]])
-    assert both[1] == alone
-    assert both[0].identity == 7
-    assert both[0].metres == pytest.approx(1.82)
-    assert both[0].sd_m == pytest.approx(np.hypot(0.01, 0.02))
-    assert both[0].place == "one and two"
+    both, other = combine_heights([PersonHeight(7, 1.80, 0.01, "one"), alone, PersonHeight(7, 1.84, 0.01, "two")])
+    assert (other, both.identity, both.place) == (alone, 7, "one and two")
+    assert (both.metres, both.sd_m) == pytest.approx((1.82, np.hypot(0.01, 0.02)))
     (same,) = combine_heights([alone, alone])
-    assert (same.metres, same.sd_m) == (pytest.approx(1.6), pytest.approx(0.02))
-    unequal = combine_heights([PersonHeight(7, 1.80, 0.01), PersonHeight(7, 1.90, 0.1)])
-    assert unequal[0].metres == pytest.approx(1.80, abs=0.002)
+    assert (same.metres, same.sd_m) == pytest.approx((1.6, 0.02))
+    (unequal,) = combine_heights([PersonHeight(7, 1.80, 0.01), PersonHeight(7, 1.90, 0.1)])
+    assert unequal.metres == pytest.approx(1.80, abs=0.002)

@@ -43,31 +43,23 @@ def test_only_what_may_be_is_tried():
     assert set(near.round(6)) == {round(share, 6) for share in GRID if abs(np.log(share / 0.5)) <= 0.5}
     for known in (Lens.unknown((1280, 720), hfov_deg=90.0, focal_sd=0.05), Lens((1280, 720), unknown.matrix, np.zeros(5))):
         assert focals_to_try(known, GRID).tolist() == [0.0]
+    fisheye = Lens.unknown((1280, 720), fisheye=True)
+    np.testing.assert_allclose(np.exp(focals_to_try(fisheye, GRID)) * fisheye.focal, 0.5 * GRID * 1280)
 
 
 def test_the_next_estimate_begins_with_the_focal_length_alone():
     """The rest is found anew each time, about what is known beforehand."""
     unknown, known = Lens.unknown((640, 480)), Lens((640, 480), np.diag([500.0, 500.0, 1.0]), np.zeros(5))
     stated = Rig((Camera("A", unknown), Camera("B", known), Camera("C", unknown)))
-    assert needs_focal_search(stated)
-    matrix = np.array([[700.0, 0, 333], [0, 700, 222], [0, 0, 1]])
+    matrix, pose = np.array([[700.0, 0, 333], [0, 700, 222], [0, 0, 1]]), Pose(np.eye(3), np.zeros(3))
     found = Lens((640, 480), matrix, np.array([-0.2, 0, 0, 0]), focal_sd=0.02)
-    pose = Pose(np.eye(3), np.zeros(3))
     begun = begin_with(stated, Rig((Camera("A", found, pose), Camera("B", known, pose), Camera("C", unknown))))
-    assert begun["A"].lens.focal == pytest.approx(700.0)
-    assert begun["A"].lens.matrix[:2, 2].tolist() == [320.0, 240.0]
-    assert not begun["A"].lens.distortions.any()
-    assert begun["A"].lens.uncalibrated
+    first = begun["A"].lens
+    assert (first.focal, first.matrix[:2, 2].tolist(), first.uncalibrated) == (pytest.approx(700.0), [320.0, 240.0], True)
+    assert not first.distortions.any()
     assert begun["B"].lens is known
     assert begun["C"].lens is unknown, "it has no pose"
-    assert not needs_focal_search(Rig(begun.cameras[:2]))
-
-
-def test_a_field_of_view_is_a_focal_length():
-    lens = Lens.unknown((1000, 500), hfov_deg=90.0)
-    assert lens.focal == pytest.approx(500.0)
-    assert lens.matrix[:2, 2].tolist() == [500.0, 250.0]
-    assert Lens.unknown((500, 1000)).focal == 1000.0
+    assert [needs_focal_search(rig) for rig in (stated, Rig(begun.cameras[:2]))] == [True, False]
 
 
 def test_cameras_of_one_model_choose_together():
@@ -101,9 +93,3 @@ def test_a_camera_without_a_pose_begins_with_the_lens_of_its_model():
     ))  # fmt: skip
     focals = [camera.lens.focal for camera in begin_with(stated, found)]
     assert focals == pytest.approx([640 * np.sqrt(1.2 * 1.25)] * 3)
-
-
-def test_a_fisheye_is_sought_among_shorter_focal_lengths():
-    pinhole, fisheye = Lens.unknown((1280, 720)), Lens.unknown((1280, 720), fisheye=True)
-    tried = [np.exp(focals_to_try(lens, GRID)) * lens.focal for lens in (pinhole, fisheye)]
-    np.testing.assert_allclose(tried[1], 0.5 * tried[0])

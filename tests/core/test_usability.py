@@ -19,7 +19,6 @@ from passerby.core.usability import (
     find_usable_m,
 )
 from passerby.findings.finding import Finding, notice
-from passerby.findings.texts import text_of
 
 LENS = Lens((800, 600), np.array([[700.0, 0, 400], [0, 700, 300], [0, 0, 1]]), np.zeros(0))
 CENTRES = np.array([[0.0, 0, 3], [8.0, 0, 3], [0.0, 8, 3]])
@@ -46,22 +45,16 @@ def figures(own: MeasuringFigures | None = None, **others: object) -> AdjustedFi
 SOUND = figures(measuring(0.01, 0.01, 0.01, ground_m=0.1))
 
 
-def test_nothing_is_said_of_a_rig_that_measures_well() -> None:
+def test_nothing_is_said_of_a_rig_that_measures_well_or_not_at_all() -> None:
     assert doubts_of_uncertainty(rig(), SOUND, [notice("few_observations", "C1", agreeing=12)]) == []
-
-
-def test_a_rig_without_poses_measures_nothing() -> None:
     nowhere = Rig(tuple(replace(camera, pose=None) for camera in rig()))
     assert doubts_of_uncertainty(nowhere, figures(), []) == []
 
 
 def test_a_camera_that_measures_points_too_vaguely() -> None:
-    vague = measuring(0.01, 1.0, 0.01)
-    (doubt,) = doubts_of_uncertainty(rig(), figures(vague), [])
+    (doubt,) = doubts_of_uncertainty(rig(), figures(measuring(0.01, 1.0, 0.01)), [])
     assert (doubt.cameras, doubt.values["what"], doubt.values["sigma"]) == (("C2",), "points", pytest.approx(1000.0))
-
-
-def test_a_camera_that_sees_no_shared_place_counts_by_its_position() -> None:
+    # One that sees no shared place counts by its position.
     cameras = tuple(SolvedCamera(name=f"C{k}", shape_position_sigma_mm=10.0 if k < 3 else 900.0) for k in (1, 2, 3))
     (doubt,) = doubts_of_uncertainty(rig(), figures(None, cameras=cameras), [])
     assert (doubt.cameras, doubt.values["sigma"]) == (("C3",), 900.0)
@@ -86,10 +79,10 @@ def test_the_height_of_the_ground_counts_not_how_flat_a_camera_looks(reach: floa
         assert all(one.values["sigma"] == pytest.approx(1000 * ground_m) for one in found)
 
 
-def test_lengths() -> None:
-    for sigma, whats in ((0.9 * USABLE_SCALE, []), (1.1 * USABLE_SCALE, ["scale"])):
-        found = doubts_of_uncertainty(rig(), replace(SOUND, scale=replace(SOUND.scale, relative_sigma=sigma)), [])
-        assert [one.values["what"] for one in found] == whats
+@pytest.mark.parametrize(("share", "whats"), [(0.9, []), (1.1, ["scale"])])
+def test_lengths(share: float, whats: list[str]) -> None:
+    scaled = replace(SOUND, scale=replace(SOUND.scale, relative_sigma=share * USABLE_SCALE))
+    assert [one.values["what"] for one in doubts_of_uncertainty(rig(), scaled, [])] == whats
 
 
 def test_what_nothing_fixes_has_no_sigma() -> None:
@@ -97,10 +90,6 @@ def test_what_nothing_fixes_has_no_sigma() -> None:
     found = doubts_of_uncertainty(rig(), free, [])
     assert [(one.values["what"], one.values["sigma"], one.values["lacks"], one.cameras) for one in found] == [
         ("world", None, ["scale", "vertical"], ()), ("points", None, [], ("C2",)),
-    ]  # fmt: skip
-    assert [text_of(one).split(":")[0] for one in found] == [
-        "nothing fixes the scale and the up direction",
-        "the pose of camera C2 relative to the others is not determined",
     ]  # fmt: skip
 
 
@@ -117,16 +106,12 @@ def test_an_adjustment_that_ended_too_early_says_nothing_of_how_well_it_measures
 
 
 @pytest.mark.parametrize(
-    ("why", "text"),
-    [
-        (notice("people_not_spread", shape="line", length_m=14.2), "one straight line"),
-        (notice("boxes_noisy", noise_percent=40.0), "of their own height"),
-    ],
+    "why", [notice("people_not_spread", shape="line", length_m=14.2), notice("boxes_noisy", noise_percent=40.0)]
 )
-def test_beside_these_the_sigmas_say_too_little(why: Finding, text: str) -> None:
+def test_beside_these_the_sigmas_say_too_little(why: Finding) -> None:
     (doubt,) = doubts_of_uncertainty(rig(), SOUND, [why])
     assert (doubt.cameras, doubt.values["what"], doubt.values["sigma"]) == ((), "points", None)
-    assert text in text_of(doubt)
+    assert doubt.values["why"]["code"] == why.code
 
 
 def test_a_doubt_says_why_and_the_notice_is_not_said_twice() -> None:
@@ -135,7 +120,6 @@ def test_a_doubt_says_why_and_the_notice_is_not_said_twice() -> None:
     found = add_uncertainty_doubts(rig(), vague, [uneven, few])
     assert [one.code for one in found] == ["ground_uneven", "rig_uncertain"]
     assert found[-1].values["why"]["code"] == "few_observations"
-    assert "12 supporting" in text_of(found[-1])
     # A notice of another camera explains nothing of this one.
     found = add_uncertainty_doubts(rig(), vague, [notice("few_observations", "C1", agreeing=12)])
     assert found[-1].values["why"] is None

@@ -1,7 +1,5 @@
 """Published data sets as they are fetched, made into a scene folder and calibrated: the cameras are those of the truth."""
 
-from __future__ import annotations
-
 from functools import partial
 from pathlib import Path
 

@@ -42,8 +42,7 @@ def test_scene_of_boxes_and_scene_of_videos(sequence, tmp_path, capsys, monkeypa
     monkeypatch.setenv("PASSERBY_OFFLINE", "1")
     assert run(["dataset", "epfl", str(sequence), "-o", str(tmp_path / "scene")]) == 0
     scene = tomllib.loads((tmp_path / "scene" / "scene.toml").read_text())
-    assert scene["association"]["mode"] == "given"
-    assert scene["scene"] == {"name": "terrace1", "fps": 5.0}
+    assert (scene["association"]["mode"], scene["scene"]) == ("given", {"name": "terrace1", "fps": 5.0})
     videos = tomllib.loads((tmp_path / "scene" / "videos.toml").read_text())
     assert videos["association"]["mode"] == "combined"
     assert videos["cameras"]["c1"]["video"] == str(sequence / "terrace1-c1.avi")
@@ -87,8 +86,7 @@ def test_lists_the_sets(capsys):
     assert run(["dataset"]) == 0
     listed = capsys.readouterr().out
     assert all(name in listed and reader.where in listed for name, reader in READERS.items())
-    assert run(["dataset", "--list"]) == 0
-    assert capsys.readouterr().out == listed
+    assert (run(["dataset", "--list"]), capsys.readouterr().out) == (0, listed)
 
 
 @pytest.mark.parametrize(
@@ -110,6 +108,5 @@ def test_what_cannot_be_is_one_line_and_status_2(sequence, tmp_path, capsys, arg
     assert run(["dataset", *(argument.format(**places) for argument in arguments)]) == 2
     error = capsys.readouterr().err
     assert told in error
-    assert error.count("\n") == 1
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["full"]
+    assert (error.count("\n"), sorted(path.name for path in tmp_path.iterdir())) == (1, ["full"])
     assert (tmp_path / "full" / "letter.txt").read_text() == "mine"

@@ -1,12 +1,17 @@
 """EPFL's sequences: cameras, positions on the grid, boxes, and what is missing or broken."""
 
+import re
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from passerby.common.errors import InputError
-from passerby.datasets.epfl import read, read_grid
+from passerby.core.cameras import Rig
+from passerby.datasets.epfl import read
 from passerby.interchange.rig_toml import write_rig
 from support.datasets import tsai as tsai_sets
+from support.refusals import refused
 
 
 @pytest.fixture(scope="module")
@@ -21,31 +26,26 @@ def published(sequence):
 
 @pytest.fixture
 def broken(tmp_path):
-    """A sequence of its own, to be broken."""
     return tsai_sets.write_epfl(tmp_path / "set", views=False)
 
 
 def test_cameras_are_those_of_the_set(published):
-    assert published.name == "terrace1"
-    assert published.rig.names == ("c0", "c1", "c2", "c3")
+    assert (published.name, published.rig.names, published.fps) == ("terrace1", ("c0", "c1", "c2", "c3"), 5.0)
+    people = np.random.default_rng(0).uniform((1, 2, 0), (5.5, 6.5, 1.8), (200, 3))
     for camera, true in zip(published.rig, tsai_sets.cameras().values(), strict=True):
         assert camera.lens.size == (true.size[0] // 2, true.size[1] // 2)
         assert np.allclose(camera.centre, true.pose.centre, atol=1e-6)
         assert np.allclose(camera.pose.R_cw, true.pose.R_cw, atol=1e-9)
-        people = np.random.default_rng(0).uniform((1, 2, 0), (5.5, 6.5, 1.8), (200, 3))
         pixels = camera.project(people)
         inside = (pixels > 0).all(axis=1) & (pixels < np.array(camera.lens.size) - 1).all(axis=1)
         assert inside.sum() > 50
         assert np.abs(pixels - ((true.project(people) + 0.5) / 2 - 0.5))[inside].max() < 0.02
     assert {camera: path.name for camera, path in published.videos.items()} == {f"c{n}": f"terrace1-c{n}.avi" for n in range(4)}
-    assert published.fps == 5.0
 
 
 def test_positions_are_within_half_a_cell_of_the_truth_under_the_boxes_numbers(published):
-    scene, ground = tsai_sets.scene(), published.ground
-    true = scene.ground_positions + tsai_sets.SHIFT[:2]
-    there = np.array([true[frame - 1, identity - 1] for frame, identity in zip(ground.frame, ground.identity, strict=True)])
-    assert np.abs(there - ground.xy).max() <= 0.125 + 1e-9
+    ground, true = published.ground, tsai_sets.scene().ground_positions + tsai_sets.SHIFT[:2]
+    assert np.abs(true[ground.frame - 1, ground.identity - 1] - ground.xy).max() <= 0.125 + 1e-9
     assert set(ground.frame.tolist()) == set(range(1, 101, 5))
     (left, near), (wide, deep) = tsai_sets.AREA
     inside = (true[::5] >= (left, near)).all(axis=2) & (true[::5] < (left + wide, near + deep)).all(axis=2)
@@ -76,9 +76,7 @@ def test_homographies_alone_tell_neither_lens_nor_pose(broken):
     (broken / "calibration-6p.txt").write_text("# Camera 0\n# Ground plane homography\n1 0 0\n0 1 0\n0 0 1\n")
     with pytest.raises(InputError, match=r"calibration-6p.txt has homographies.*intrinsics.toml with the tables \[c0\]"):
         read(broken)
-    sequence = tsai_sets.scene().rig
-    rig = sequence.__class__(tuple(camera.__class__(f"c{n}", camera.lens, camera.pose) for n, camera in enumerate(sequence)))
-    write_rig(broken / "intrinsics.toml", rig)
+    write_rig(broken / "intrinsics.toml", Rig(tuple(replace(one, name=f"c{n}") for n, one in enumerate(tsai_sets.scene().rig))))
     published = read(broken)
     assert [camera.pose for camera in published.rig] == [None] * 4
     assert any("no true poses" in note for note in published.notes)
@@ -106,6 +104,10 @@ def copy(name, to):
     return lambda folder: (folder / to).write_bytes(next(folder.rglob(name)).read_bytes())
 
 
+def boxes_of(rows):
+    return lambda folder: (folder / "terrace1-c1.txt").write_text(rows + "\n")
+
+
 @pytest.mark.parametrize(
     ("harm", "told"),
     [
@@ -120,42 +122,19 @@ def copy(name, to):
         (change("gt_terrace1.txt", "100 7 30 44", "100 8 30 44"), "7 numbers, but line 2 says 8 people"),
         (change("gt_terrace1.txt", "100 7 30 44", "100 7 3 4"), "cells are 0 to 11"),
         (change("gt_terrace1.txt", "\t-1", "\tx"), "whole numbers are needed"),
+        (boxes_of("1 2 3 4"), "terrace1-c1.txt: line 1: 4 columns"),
+        (boxes_of('1 2 3 1 9 5 0 0 0 "PERSON"'), "a box -1 wide"),
+        (boxes_of('1 2 3 4 9 -5 0 0 0 "PERSON"'), "frames before the first image"),
+        (boxes_of('1 2 3 4 9 5 0 0 0 "PERSON"\n1 2 3 4 9 5 0 0 0 "PERSON"'), "identity 1 has two boxes in frame 6"),
+        (boxes_of('one 2 3 4 9 5 0 0 0 "PERSON"'), "'one' is not a finite number"),
     ],
 )
 def test_what_is_missing_or_broken_is_told(broken, harm, told):
     harm(broken)
-    with pytest.raises(InputError) as error:
+    with refused(re.escape(told), broken):
         read(broken)
-    assert told in str(error.value)
-    assert str(broken) in str(error.value)
-
-
-@pytest.mark.parametrize(
-    ("row", "told"),
-    [
-        ("1 2 3 4", "line 1: 4 columns"),
-        ('1 2 3 1 9 5 0 0 0 "PERSON"', "a box -1 wide"),
-        ('1 2 3 4 9 -5 0 0 0 "PERSON"', "frames before the first image"),
-        ('1 2 3 4 9 5 0 0 0 "PERSON"\n1 2 3 4 9 5 0 0 0 "PERSON"', "identity 1 has two boxes in frame 6"),
-        ('one 2 3 4 9 5 0 0 0 "PERSON"', "'one' is not a finite number"),
-    ],
-)
-def test_broken_boxes_are_told(broken, row, told):
-    (broken / "terrace1-c1.txt").write_text(row + "\n")
-    with pytest.raises(InputError) as error:
-        read(broken)
-    assert told in str(error.value)
-    assert "terrace1-c1.txt" in str(error.value)
 
 
 def test_empty_folder(tmp_path):
     with pytest.raises(InputError, match=r"holds no videos SEQUENCE-cN.avi"):
         read(tmp_path)
-
-
-def test_cells_are_counted_row_by_row(tmp_path):
-    path = tmp_path / "gt_terrace1.txt"
-    path.write_text("1\n2 2 3 4 1 0 1\n0 -2\n11 -1\n")
-    header, cells = read_grid(path)
-    assert (header.columns, header.rows, header.step) == (3, 4, 1)
-    assert cells.tolist() == [[0, -2], [11, -1]]

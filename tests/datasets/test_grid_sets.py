@@ -1,9 +1,6 @@
 """WILDTRACK and MultiviewX: cameras, people and boxes come out as they were put in; what is broken is told."""
 
-from __future__ import annotations
-
 import json
-import re
 import shutil
 from pathlib import Path
 
@@ -29,7 +26,6 @@ def example(request, tmp_path_factory) -> tuple[str, Path, Walk]:
 
 @pytest.fixture
 def broken(example, tmp_path) -> tuple[str, Path]:
-    """A copy to break."""
     name, folder, _ = example
     shutil.copytree(folder, tmp_path / name)
     return name, tmp_path / name
@@ -38,8 +34,6 @@ def broken(example, tmp_path) -> tuple[str, Path]:
 def assert_cameras(found: Published, walk: Walk) -> None:
     assert found.rig.names == walk.rig.names
     for camera, true in zip(found.rig, walk.rig, strict=True):
-        assert camera.pose is not None
-        assert true.pose is not None
         assert camera.lens.size == true.lens.size
         np.testing.assert_allclose(camera.lens.matrix, true.lens.matrix, rtol=1e-9)
         np.testing.assert_allclose(camera.pose.R_cw, true.pose.R_cw, atol=1e-9)
@@ -48,17 +42,16 @@ def assert_cameras(found: Published, walk: Walk) -> None:
         np.testing.assert_allclose(camera.project(points), true.project(points), atol=1e-6)
 
 
-def test_cameras_are_those_put_in(example) -> None:
+def test_cameras_positions_and_times_are_those_put_in(example) -> None:
     name, folder, walk = example
-    assert_cameras(read_published(name, folder), walk)
-
-
-def test_positions_are_those_put_in(example) -> None:
-    name, folder, walk = example
-    ground = read_published(name, folder).ground
-    assert ground is not None
-    assert len(ground) == walk.positions.shape[0] * walk.positions.shape[1]
-    np.testing.assert_allclose(ground.xy, walk.positions[ground.frame - 1, ground.identity], atol=1e-9)
+    found = read_published(name, folder)
+    assert_cameras(found, walk)
+    assert len(found.ground) == walk.positions.shape[0] * walk.positions.shape[1]
+    np.testing.assert_allclose(found.ground.xy, walk.positions[found.ground.frame - 1, found.ground.identity], atol=1e-9)
+    assert found.fps == 2.0
+    assert set(found.boxes["C1"].frame) <= set(range(1, len(walk.positions) + 1))
+    assert {camera: found.frames_of_pictures(camera) for camera in found.pictures} == dict.fromkeys(walk.rig.names, (1, 2))
+    assert any("left-handed" in note for note in found.notes) == (name == "multiviewx")
 
 
 def test_boxes_are_those_put_in_cut_at_the_border(example) -> None:
@@ -83,43 +76,12 @@ def test_boxes_are_those_put_in_cut_at_the_border(example) -> None:
     assert any(note.startswith(f"{cut} boxes reach beyond") for note in found.notes)
 
 
-def test_positions_project_to_the_middle_of_the_lower_edges(example) -> None:
-    """What box bottoms say of the conventions: hand of the world, axes, units, origin of the grid."""
-    name, folder, _ = example
-    found = read_published(name, folder)
-    assert found.ground is not None
-    at = {(f, p): xy for f, p, xy in zip(found.ground.frame, found.ground.identity, found.ground.xy, strict=True)}
-    for camera in found.rig:
-        boxes = found.boxes[camera.name]
-        feet = camera.project(np.array([[*at[key], 0.0] for key in zip(boxes.frame, boxes.identity, strict=True)]))
-        edges = boxes.ltwh[:, :2] + boxes.ltwh[:, 2:]
-        whole = (boxes.ltwh[:, 0] > 0) & (edges < camera.lens.size).all(axis=1)
-        assert whole.sum() > 50
-        assert (np.abs(feet[whole, 1] - edges[whole, 1]) <= 1).all()
-        assert (np.abs(feet[whole, 0] - (boxes.ltwh[whole, 0] + edges[whole, 0]) / 2) < 0.1 * boxes.ltwh[whole, 3]).all()
-
-
-def test_what_the_sets_tell_of_time_and_pictures(example) -> None:
-    name, folder, walk = example
-    found = read_published(name, folder)
-    assert found.fps == 2.0
-    assert set(found.boxes["C1"].frame) <= set(range(1, len(walk.positions) + 1))
-    assert {camera: found.frames_of_pictures(camera) for camera in found.pictures} == dict.fromkeys(walk.rig.names, (1, 2))
-
-
-def test_only_multiviewx_is_mirrored(example) -> None:
-    name, folder, _ = example
-    told = any("left-handed" in note for note in read_published(name, folder).notes)
-    assert told == (name == "multiviewx")
-
-
 def test_a_right_handed_copy_of_multiviewx_is_left_as_it_is(tmp_path) -> None:
     """Somebody who fixed the calibration, and mirrored the cells with it, is not mirrored once more."""
     walk = write_multiviewx(tmp_path / "set", pictures=0)
     for camera in walk.rig:
         path = tmp_path / "set" / "calibrations" / "extrinsic" / f"extr_Camera{camera.name[1]}.xml"
         pose = camera.pose
-        assert pose is not None
         # The world turned by half a turn about z, and shifted: cells stay within the grid.
         moved = pose.moved(np.diag([-1.0, -1.0, 1.0]), np.array([0.0, 16.0, 0.0]))
         storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
@@ -134,7 +96,6 @@ def test_a_right_handed_copy_of_multiviewx_is_left_as_it_is(tmp_path) -> None:
         path.write_text(json.dumps(content))
     found = read_published("multiviewx", tmp_path / "set")
     assert not any("left-handed" in note for note in found.notes)
-    assert found.ground is not None
     np.testing.assert_allclose(
         found.ground.xy, [0, 16] - walk.positions[found.ground.frame - 1, found.ground.identity], atol=1e-9
     )
@@ -143,8 +104,7 @@ def test_a_right_handed_copy_of_multiviewx_is_left_as_it_is(tmp_path) -> None:
 def test_annotations_from_1_are_of_pictures_from_0(tmp_path) -> None:
     write_multiviewx(tmp_path / "set", frames=3, pictures=3, annotated_from=1)
     found = read_published("multiviewx", tmp_path / "set")
-    assert sorted(set(found.boxes["C1"].frame)) == [1, 2, 3]
-    assert found.frames_of_pictures("C1") == (1, 2, 3)
+    assert (sorted(set(found.boxes["C1"].frame)), found.frames_of_pictures("C1")) == ([1, 2, 3], (1, 2, 3))
     assert any("numbered from 1" in note for note in found.notes)
 
 
@@ -152,7 +112,6 @@ def test_a_missing_annotation_leaves_its_frame_out(broken) -> None:
     name, folder = broken
     annotation(folder, 3).unlink()
     found = read_published(name, folder)
-    assert found.ground is not None
     assert 4 not in found.ground.frame
     assert {3, 5} <= set(found.ground.frame)
 
@@ -178,14 +137,12 @@ def test_a_box_that_ends_before_it_begins_is_left_out(broken) -> None:
 
 
 def change(path: Path, **values: object) -> None:
-    """Change the first person of an annotation."""
     people = json.loads(path.read_text())
     people[0] |= values
     path.write_text(json.dumps(people))
 
 
 def view(path: Path, **values: object) -> None:
-    """Change the first view of the first person."""
     people = json.loads(path.read_text())
     people[0]["views"][0] |= values
     path.write_text(json.dumps(people))
@@ -198,10 +155,8 @@ def replace(path: Path, old: str, new: str) -> None:
 
 BREAKS = {
     "no annotations": (lambda f: shutil.rmtree(f / "annotations_positions"), "annotations_positions.*no annotations"),
-    "empty file": (lambda f: annotation(f).write_text(""), "0000.*json: is not JSON"),
     "cut short": (lambda f: annotation(f).write_text(annotation(f).read_text()[:200]), "0000.*json: is not JSON"),
     "no list": (lambda f: annotation(f).write_text("{}"), "is not a list of people"),
-    "no cell": (lambda f: change(annotation(f), positionID=None), "person 1: positionID is None"),
     "a broken cell": (lambda f: change(annotation(f), positionID=3.5), "person 1: positionID is 3.5: a whole number"),
     "a cell outside": (lambda f: change(annotation(f), positionID=691200), "positionID is 691200, but the grid"),
     "a nameless person": (lambda f: change(annotation(f), personID="Ann"), "personID is 'Ann'"),
@@ -209,7 +164,6 @@ BREAKS = {
     "no views": (lambda f: change(annotation(f), views=None), "views is None"),
     "a camera too many": (lambda f: view(annotation(f), viewNum=9), "viewNum is 9, but there are"),
     "a camera twice": (lambda f: view(annotation(f), viewNum=1), "viewNum 1: occurs twice"),
-    "a box without a number": (lambda f: view(annotation(f), xmin=float("nan")), "viewNum 0: xmin is nan"),
     "nobody": (lambda f: [p.write_text("[]") for p in (f / "annotations_positions").iterdir()], "no person is annotated"),
     "an image of another size": (
         lambda f: cv2.imwrite(str(next(iter(sorted((f / "Image_subsets" / "C2").iterdir())))), np.zeros((540, 960), np.uint8)),
@@ -233,17 +187,14 @@ def test_what_is_broken_is_told_in_one_line(broken, what) -> None:
 
 CALIBRATION_BREAKS = {
     "no lens": ("intr", lambda p: p.unlink(), "no such file"),
-    "no pose": ("extr", lambda p: p.unlink(), "no such file"),
     "no XML": ("intr", lambda p: p.write_text("camera_matrix: 1"), "is not XML"),
     "no rotation": ("extr", lambda p: p.write_text(p.read_text().replace("rvec", "other")), "<rvec> is missing"),
-    "a word": ("extr", lambda p: p.write_text(re.sub(r"(<tvec.*?)\d\.", r"\1x.", p.read_text(), flags=re.DOTALL)), "<tvec>"),
     "not finite": ("intr", lambda p: p.write_text(p.read_text().replace("0. 0. 1.", "0. 0. .Nan")), "<camera_matrix>"),
     "no focal length": ("intr", lambda p: p.write_text(spoiled_focal(p.read_text())), "is not a camera matrix"),
 }  # fmt: skip
 
 
 def spoiled_focal(text: str) -> str:
-    """The same storage with a focal length of 0."""
     before, rest = text.split("<data>", 1)
     words = rest.lstrip().split(None, 1)
     return f"{before}<data>\n    0. {words[1]}"

@@ -1,7 +1,5 @@
 """CMU Panoptic and TUM Shelf and Campus: cameras and joints come out as they were put in; what is broken is told."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from pathlib import Path
@@ -57,7 +55,6 @@ def in_picture(pixels: np.ndarray, size: tuple[int, int]) -> bool:
 
 
 def assert_ground(found: Published, truth: People, first: int, first_id: int) -> None:
-    assert found.ground is not None
     ankles = [BODY_17.index("left_ankle"), BODY_17.index("right_ankle")]
     true = truth.joints[found.ground.frame - first, found.ground.identity - first_id][:, ankles, :2].mean(axis=1)
     np.testing.assert_allclose(found.ground.xy, true, atol=1e-6)
@@ -67,9 +64,7 @@ def assert_ground(found: Published, truth: People, first: int, first_id: int) ->
 def test_panoptic_is_what_was_put_in(tmp_path) -> None:
     truth = write_panoptic(tmp_path / "170101_walk1")
     found = read_published("panoptic", tmp_path / "170101_walk1")
-    assert found.name == "170101_walk1"
-    assert found.fps == 29.97
-    assert found.rig.names == truth.rig.names
+    assert (found.name, found.fps, found.rig.names) == ("170101_walk1", 29.97, truth.rig.names)
     assert_cameras(found, truth)
     assert_joints(found, truth, BODY_17, FIRST + 1, 0)
     assert_ground(found, truth, FIRST + 1, 0)
@@ -78,16 +73,13 @@ def test_panoptic_is_what_was_put_in(tmp_path) -> None:
     assert any("projected through its cameras" in note for note in found.notes)
 
 
-def test_panoptic_takes_the_cameras_whose_pictures_are_there(tmp_path) -> None:
+def test_panoptic_takes_the_cameras_whose_pictures_or_videos_are_there(tmp_path) -> None:
     truth = write_panoptic(tmp_path / "set", media="pictures")
     found = read_published("panoptic", tmp_path / "set")
     assert found.rig.names == (truth.rig.names[0], truth.rig.names[2])
     assert {name: found.frames_of_pictures(name) for name in found.rig.names} == dict.fromkeys(found.rig.names, (FIRST + 1,))
-
-
-def test_panoptic_videos(tmp_path) -> None:
-    write_panoptic(tmp_path / "set", media="videos")
-    found = read_published("panoptic", tmp_path / "set")
+    write_panoptic(tmp_path / "filmed", media="videos")
+    found = read_published("panoptic", tmp_path / "filmed")
     assert [path.name for path in found.videos.values()] == ["hd_00_00.mp4", "hd_00_02.mp4"]
 
 
@@ -154,7 +146,6 @@ def campus(tmp_path_factory) -> Path:
 
 
 def camera(folder: Path, **values: object) -> None:
-    """Change the first HD camera of Panoptic's calibration."""
     path = folder / "calibration_sequence.json"
     content = json.loads(path.read_text())
     content["cameras"][1] |= values
@@ -162,7 +153,6 @@ def camera(folder: Path, **values: object) -> None:
 
 
 def every_camera(folder: Path, **values: object) -> None:
-    """Change all cameras of Panoptic's calibration."""
     path = folder / "calibration_sequence.json"
     content = json.loads(path.read_text())
     path.write_text(json.dumps({"cameras": [table | values for table in content["cameras"]]}))
@@ -173,7 +163,6 @@ def poses(folder: Path, number: int = 0) -> Path:
 
 
 def body(folder: Path, **values: object) -> None:
-    """Change the first person of Panoptic's first instant."""
     content = json.loads(poses(folder).read_text())
     content["bodies"][0] |= values
     poses(folder).write_text(json.dumps(content))
@@ -201,15 +190,12 @@ def packed(folder: Path) -> None:
 PANOPTIC_BREAKS = {
     "still packed": (packed, "unpack the [.]tar first"),
     "no name": (lambda f: every_camera(f, name=None), "name is .*: a text is needed"),
-    "an empty name": (lambda f: every_camera(f, name=" "), "name is .*: a text is needed"),
     "an endless rotation": (lambda f: every_camera(f, R=[[1e300, -1e300, 0], [1e300, 1e300, 0], [0, 0, 1]]), "not a rotation"),
-    "a shear": (lambda f: every_camera(f, R=[[1, 1, 0], [0, 1, 0], [0, 0, 1]]), "is not a rotation"),
     "no calibration": (lambda f: (f / "calibration_sequence.json").unlink(), "no calibration_SEQUENCE.json"),
     "two calibrations": (
         lambda f: shutil.copy(f / "calibration_sequence.json", f / "calibration_other.json"),
         "calibration_other.json and calibration_sequence.json",
     ),
-    "empty": (lambda f: (f / "calibration_sequence.json").write_text(""), "sequence.json: line 1: is not JSON"),
     "no cameras": (lambda f: (f / "calibration_sequence.json").write_text('{"cameras": []}'), "holds no camera"),
     "no hd camera": (lambda f: every_camera(f, type="vga"), "no camera is of the type hd"),
     "a camera twice": (lambda f: camera(f, name="00_01"), "00_01 occurs twice"),
@@ -240,7 +226,6 @@ def test_a_broken_sequence_is_told_in_one_line(panoptic, tmp_path, what) -> None
 
 
 def actors(folder: Path, change) -> None:
-    """Change the cells of actorsGT.mat."""
     content = loadmat(folder / "actorsGT.mat")["actor3D"]
     change(content)
     savemat(folder / "actorsGT.mat", {"actor3D": content})
@@ -286,7 +271,6 @@ TUM_BREAKS = {
 
 
 def set_axes(actor) -> None:
-    """Heights negated."""
     for frame in range(len(actor)):
         if actor[frame, 0].size:
             actor[frame, 0] = actor[frame, 0] * [1, 1, -1] + [0, 0, 2]

@@ -1,7 +1,5 @@
 """A data set as a scene folder: what is in it by what the set tells, and nothing where it cannot be made."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 
@@ -106,8 +104,7 @@ def test_pictures_become_videos_where_a_scene_cannot_do_without(tmp_path: Path, 
         assert [frame.shape for frame in frames] == [(48, 64, 3)] * 3
         assert [round(float(frame.mean()), -1) for frame in frames] == [20.0, 80.0, 140.0]
     listed = (tmp_path / "scene" / "pictures.csv").read_text().splitlines()
-    assert len(listed) == 10
-    assert listed[-1] == f"C3,4,{shown['C3'][2].resolve().as_posix()}"
+    assert (len(listed), listed[-1]) == (10, f"C3,4,{shown['C3'][2].resolve().as_posix()}")
 
 
 def test_videos_beside_identities_make_a_second_scene(tmp_path: Path, source: Path) -> None:
@@ -130,27 +127,17 @@ def test_keypoints_alone_make_a_scene(tmp_path: Path, source: Path) -> None:
 
 
 def test_too_little_for_a_scene_is_told_with_why(tmp_path: Path, source: Path) -> None:
+    gap, shown = (source / "1.png", source / "3.png"), {"C1": pictures(source, "C1"), "C2": pictures(source, "C2")}
+    two = ("C1", "C2")
     for published, told in (
-        (
-            Published("yard", RIG, 25.0),
-            "has people in no cameras of 3: two are needed with boxes, keypoints, a video or images;",
-        ),
-        (
-            Published(
-                "yard",
-                RIG,
-                9.0,
-                pictures=dict.fromkeys(("C1", "C2"), (source / "1.png", source / "3.png")),
-                picture_frames={"C1": (1, 3), "C2": (1, 3)},
-            ),
-            "No video is made of the images of C1: they do not go from frame 1 on without a gap",
-        ),
+        (Published("yard", RIG, 25.0),
+         "has people in no cameras of 3: two are needed with boxes, keypoints, a video or images;"),
+        (Published("yard", RIG, 9.0, pictures=dict.fromkeys(two, gap), picture_frames=dict.fromkeys(two, (1, 3))),
+         "No video is made of the images of C1: they do not go from frame 1 on without a gap"),
         (Published("yard", RIG, 25.0, {"C1": boxes()}), "has people in 1 camera of 3: two are needed"),
-        (
-            Published("yard", RIG, None, pictures={"C1": pictures(source, "C1"), "C2": pictures(source, "C2")}),
-            r"\(No video is made of the images of C1: the set states no frame rate\); fetch more of the set",
-        ),
-    ):
+        (Published("yard", RIG, None, pictures=shown),
+         r"\(No video is made of the images of C1: the set states no frame rate\); fetch more of the set"),
+    ):  # fmt: skip
         with pytest.raises(InputError, match=told):
             write_scene_folder(published, tmp_path / "scene", source)
     with pytest.raises(InputError, match=r"inside: lies in the folder of the data set, .*: give one outside of it"):
@@ -163,12 +150,10 @@ def test_too_little_for_a_scene_is_told_with_why(tmp_path: Path, source: Path) -
     ("change", "told"),
     [
         (lambda path: path.write_bytes(b"broken"), r"0002\.png: is not an image that can be read: fetch it again"),
-        (
-            lambda path: cv2.imwrite(str(path), np.zeros((20, 64, 3), np.uint8)),
-            r"0002\.png: has another size than .*0000\.png: images of one camera must be alike",
-        ),
+        (lambda path: cv2.imwrite(str(path), np.zeros((20, 64, 3), np.uint8)),
+         r"0002\.png: has another size than .*0000\.png: images of one camera must be alike"),
     ],
-)
+)  # fmt: skip
 def test_a_picture_that_fits_no_video_leaves_the_scene_before(tmp_path: Path, source: Path, change: object, told: str) -> None:
     given = Published("yard", RIG, 10.0, {"C1": boxes(), "C2": boxes()})
     write_scene_folder(given, tmp_path / "scene", source)

@@ -21,30 +21,30 @@ def scene():
 
 
 def turned(rig, name, degrees):
-    angle = np.radians(degrees)
-    about_up = np.array([[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]])
-    camera = rig[name]
+    c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+    camera, about_up = rig[name], np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]])
     pose = Pose.from_centre(about_up @ camera.pose.R_cw, camera.pose.centre)
     return Rig(tuple(replace(one, pose=pose) if one.name == name else one for one in rig.cameras))
 
 
+def until(scene, frame):
+    cameras = {name: replace(seen, boxes=seen.boxes.take(seen.boxes.frame < frame), keypoints=seen.keypoints.take(slice(0)))
+               for name, seen in scene.observations.cameras.items()}  # fmt: skip
+    return replace(scene.observations, cameras=cameras)
+
+
 def test_the_turned_camera_is_the_worse_rig_whichever_comes_first(scene):
     good, bad = scene.rig, turned(scene.rig, "C2", 0.5)
-    found = compare_on_people(good, bad, scene.observations, HEIGHT_M)
-    assert found.better == "first"
-    assert found.stretches == 6
+    found, other, same = (
+        compare_on_people(*rigs, scene.observations, HEIGHT_M) for rigs in ((good, bad), (bad, good), (good, good))
+    )
+    assert (found.better, other.better, found.stretches) == ("first", "second", 6)
     assert found.difference_px > 5 * found.sigma_px > 0
     assert found.cameras["C2"].second_px > 1.3 * found.cameras["C2"].first_px
-    other = compare_on_people(bad, good, scene.observations, HEIGHT_M)
-    assert other.better == "second"
     assert other.difference_px == pytest.approx(-found.difference_px)
-
-
-def test_a_rig_and_itself(scene):
-    found = compare_on_people(scene.rig, scene.rig, scene.observations, HEIGHT_M)
-    assert found.better == "neither"
-    assert found.difference_px == 0
-    assert found.first == found.second
+    assert (same.better, same.difference_px, same.first) == ("neither", 0, same.second)
+    short = compare_on_people(good, turned(good, "C2", 2.0), until(scene, 100), HEIGHT_M)
+    assert (short.sigma_px, short.better) == (None, "neither"), "a short recording has no sigma"
 
 
 def test_another_frame_counts_unless_the_shape_alone_is_asked_for(scene):
@@ -62,15 +62,5 @@ def test_what_cannot_be_compared(scene):
     alone = Rig(tuple(camera if camera.name == "C1" else replace(camera, pose=None) for camera in rig.cameras))
     with pytest.raises(InputError, match=r"have one camera in common .* two are needed"):
         compare_on_people(rig, alone, scene.observations, HEIGHT_M)
-    few = {name: replace(seen, boxes=seen.boxes.take(seen.boxes.frame < 3), keypoints=seen.keypoints.take(slice(0)))
-           for name, seen in scene.observations.cameras.items()}  # fmt: skip
     with pytest.raises(EvidenceError, match=r"too few people whom two cameras see at once"):
-        compare_on_people(rig, rig, replace(scene.observations, cameras=few), HEIGHT_M)
-
-
-def test_a_short_recording_has_no_sigma(scene):
-    short = {name: replace(seen, boxes=seen.boxes.take(seen.boxes.frame < 100), keypoints=seen.keypoints.take(slice(0)))
-             for name, seen in scene.observations.cameras.items()}  # fmt: skip
-    found = compare_on_people(scene.rig, turned(scene.rig, "C2", 2.0), replace(scene.observations, cameras=short), HEIGHT_M)
-    assert found.sigma_px is None
-    assert found.better == "neither"
+        compare_on_people(rig, rig, until(scene, 3), HEIGHT_M)

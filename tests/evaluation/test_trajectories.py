@@ -29,9 +29,8 @@ def truth(people=(1, 2, 3)):
 
 def ways(places, sigma=0.1, cameras=3):
     """Trajectories from identity -> (times, (T, 2))."""
-    identity = np.concatenate([np.full(len(times), one) for one, (times, _) in places.items()])
-    times = np.concatenate([times for times, _ in places.values()])
-    xy = np.concatenate([xy for _, xy in places.values()])
+    times, xy = (np.concatenate(column) for column in zip(*places.values(), strict=True))
+    identity = np.repeat(list(places), [len(one) for one, _ in places.values()])
     n = len(identity)
     return Trajectories(
         identity, np.round(times * 5).astype(int) + 1, times, np.column_stack([xy, np.full(n, 0.9)]), np.full(n, sigma),
@@ -42,25 +41,21 @@ def ways(places, sigma=0.1, cameras=3):
 def test_distances_are_those_that_were_put_in():
     found = ways({number: (TIMES, line(number) + (0.0, 0.1 * number)) for number in (1, 2, 3)}, sigma=0.12)
     judged = judge(found, truth(), same_ids=True)
-    assert judged.distances.mean_m == pytest.approx(0.2)
-    assert judged.distances.median_m == pytest.approx(0.2)
+    assert (judged.distances.mean_m, judged.distances.median_m) == pytest.approx((0.2, 0.2))
     assert judged.distances.within == {"0.15": pytest.approx(1 / 3), "0.26": pytest.approx(2 / 3), "0.59": 1.0}
     assert judged.distances.within_sigma == pytest.approx(1 / 3)
     assert judged.covered == 1.0
     assert judged.missing == judged.unmatched == ()
 
 
-def test_between_two_true_instants_the_way_is_straight():
-    times = TIMES[:-1] + 0.07
+@pytest.mark.parametrize(
+    ("times", "places"),
+    [(TIMES[:-1] + 0.07, len(TIMES) - 1), (np.concatenate([TIMES, TIMES + 100.0]), len(TIMES))],
+    ids=["straight between two true instants", "nothing is compared outside the truth"],
+)
+def test_the_true_way(times, places):
     judged = judge(ways({1: (times, line(1, times))}), truth(), same_ids=True)
-    assert judged.distances.places == len(times)
-    assert judged.distances.mean_m == pytest.approx(0.0, abs=1e-9)
-
-
-def test_outside_the_truth_nothing_is_compared():
-    times = np.concatenate([TIMES, TIMES + 100.0])
-    judged = judge(ways({1: (times, line(1, times))}), truth(), same_ids=True)
-    assert judged.distances.places == len(TIMES)
+    assert (judged.distances.places, judged.distances.mean_m) == (places, pytest.approx(0.0, abs=1e-9))
 
 
 def test_people_are_matched_one_to_one_by_where_they_are():
@@ -79,12 +74,9 @@ def test_people_are_matched_one_to_one_by_where_they_are():
 
 
 def test_two_who_changed_their_names_half_way_are_half_wrong():
-    half = len(TIMES) // 2
-    first = np.concatenate([line(1)[:half], line(2)[half:]])
-    second = np.concatenate([line(2)[:half], line(1)[half:]])
-    found = ways({1: (TIMES, first), 2: (TIMES, second)})
-    judged = judge(found, truth((1, 2)))
-    assert judged.distances.mean_m == pytest.approx(1.5)
+    late = (TIMES[len(TIMES) // 2] <= TIMES)[:, None]
+    first, second = np.where(late, line(2), line(1)), np.where(late, line(1), line(2))
+    assert judge(ways({1: (TIMES, first), 2: (TIMES, second)}), truth((1, 2))).distances.mean_m == pytest.approx(1.5)
 
 
 def test_places_are_told_apart_by_how_many_cameras_saw_them():

@@ -1,7 +1,5 @@
 """Findings as values and in words: `finding_texts.json` pins the sentence and the remedy of an example of every code."""
 
-from __future__ import annotations
-
 import json
 import pickle
 from pathlib import Path

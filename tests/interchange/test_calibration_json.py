@@ -86,10 +86,8 @@ def test_what_is_written_is_read(tmp_path, figures):
 
 def test_keys_are_those_of_the_file():
     tables = plain(WHOLE)
-    assert tables["schema_version"] == 1
-    assert tables["figures"]["lenses"]["A"] == {"focal": plain(FOCAL)}
-    assert tables["scene"] == SCENE | {"association": {}, "scale": {}}
-    assert tables["world"]["rotation"] == [0.0, 0.0, 1.0]
+    assert (tables["schema_version"], tables["figures"]["lenses"]["A"]) == (1, {"focal": plain(FOCAL)})
+    assert (tables["scene"], tables["world"]["rotation"]) == (SCENE | {"association": {}, "scale": {}}, [0.0, 0.0, 1.0])
     assert tables["world"]["residuals"][0]["off_px"] is None
     assert plain(STAR)["scale"] == {"from": "known lengths", "factor": 1.2, "relative_sd": 0.02, "lengths": 2}
     assert not {"undetermined", "clock_rates"} & set(plain(AdjustedFigures()))
@@ -102,6 +100,7 @@ def test_an_older_file_is_read():
     assert document.files is None
     assert document.entries["A"].boxes is None
     assert type(document.figures) is SolverFigures
+    assert document.entry("C9") == CameraEntry(name="C9")
 
 
 def test_a_pose_that_is_not_known_has_no_figures():
@@ -120,17 +119,15 @@ def test_a_pose_that_is_not_known_has_no_figures():
     [
         ({"verdict": None}, "verdict is None, which should be 'accepted', 'doubtful' or 'refused'"),
         ({"cameras": 3}, "cameras is 3, which should be a valid list"),
-        ({"cameras": [3]}, "cameras.0 is 3, which should be a table"),
-        ({"cameras": [{"fps": 5.0}]}, "camera number 1 has no name"),
         ({"cameras": [{"name": "A", "fps": -1}]}, "camera A has fps -1, which should be greater than 0"),
         ({"cameras": [{"name": "A", "time_offset_s": True}]}, "camera A has time_offset_s True"),
+        ({"cameras": [{"fps": 5.0}]}, "camera number 1 has no name"),
+        ({"figures": 3}, "figures is 3"),
         ({"files": ["rig.toml"]}, "files is ['rig.toml'], which should be a table"),
         ({"figures": {"scale": {"relative_sigma": "3 %"}}}, "figures.scale.relative_sigma is '3 %'"),
-        ({"figures": {"scale": {"relative_sigma": float("inf")}}}, "figures.scale.relative_sigma is inf"),
         ({"figures": {"scale": {}, "people": {"identities": 1, "heights_m": {"7": ""}}}}, "figures.people.heights_m.7 is ''"),
         ({"seed": 10**300}, "it holds a number of 300 digits"),
         ({"schema_version": "1.0"}, "schema_version is '1.0'"),
-        ({"figures": 3}, "figures is 3"),
     ],
 )  # fmt: skip
 def test_what_is_wrong_is_told_with_key_and_value(tables, says):
@@ -156,8 +153,3 @@ def test_a_file_that_is_missing_or_holds_something_else_is_told(tmp_path):
     (tmp_path / "calibration.json").write_text("[1, 2]")
     with pytest.raises(InputError, match=r"calibration.json: is not what .*: it is not a table: calibrate again"):
         read_document(tmp_path)
-
-
-def test_a_camera_that_is_not_told_of_has_an_entry_without_figures():
-    assert WHOLE.entry("A").boxes == 3
-    assert WHOLE.entry("C9") == CameraEntry(name="C9")

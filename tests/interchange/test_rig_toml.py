@@ -35,8 +35,7 @@ def test_what_is_read(tmp_path):
     rig = read_rig(
         write(tmp_path, f'[left]\nname = "L"\n{LENS}{POSE}fisheye = false\n[right]\n{LENS}[metadata]\nunits = "m"\n')
     )
-    assert rig.names == ("L", "right")
-    assert rig["L"].lens.size == (1920, 1080)
+    assert (rig.names, rig["L"].lens.size) == (("L", "right"), (1920, 1080))
     np.testing.assert_allclose(rig["L"].pose.R_cw, cv2.Rodrigues(np.array([0.1, 0.2, 0.3]))[0])
     assert rig["L"].pose.t_cw.tolist() == [1, 2, 3]
     assert rig["right"].pose is None
@@ -49,22 +48,15 @@ def test_millimetres_become_metres(tmp_path):
         read_rig(write(tmp_path, f'[a]\n{LENS}{POSE}[metadata]\nunits = "ft"\n'))
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        # Anipose
-        f'[cam_0]\nname = "A"\n{LENS}{POSE}\n[metadata]\nadjusted = false\nerror = 0.3\n',
-        # Pose2Sim
-        f'[cam_01]\nname = "cam_01"\n{LENS}{POSE}fisheye = false\n\n[metadata]\nadjusted = false\nerror = 0.0\n',
-        # Caliscope
-        "save_path = 'x'\n[overlays]\nsize = 3\n"
-        f"[cam_1]\ncam_id = 1\n{LENS}{POSE}rotation_count = 0\nerror = 0.2\ngrid_count = 20\n"
-        "ignore = false\nexposure = -4\nfisheye = false\n",
-    ],
-)
-def test_files_of_other_tools_are_opened(tmp_path, text):
-    rig = read_rig(write(tmp_path, text))
-    assert len(rig) == 1
+def test_a_file_of_another_tool_is_opened(tmp_path):
+    """Caliscope's, which has tables that are no cameras and keys that nobody else has."""
+    rig = read_rig(
+        write(
+            tmp_path,
+            f"save_path = 'x'\n[overlays]\nsize = 3\n[cam_1]\ncam_id = 1\n{LENS}{POSE}rotation_count = 0\nignore = false\n",
+        )
+    )
+    assert rig.names == ("cam_1",)
     assert rig.cameras[0].pose is not None
 
 
@@ -74,40 +66,24 @@ def test_files_of_other_tools_are_opened(tmp_path, text):
         ("x = ", "is not TOML"),
         ("[metadata]\nunits = 'm'", "holds no camera"),
         (f"[a]\n{LENS}".replace("size = [1920, 1080]\n", ""), r"\[a\]: size is missing: give \[width, height\]"),
-        (f"[a]\n{LENS}".replace("1920,", "0,"), r"\[a\]: size \[0, 1080\]"),
         (f"[a]\n{LENS}".replace("1920,", "1920.5,"), r"whole numbers of pixels"),
-        (f"[a]\n{LENS}".replace("1920, 1080", "1920, 1080, 3"), r"size is \[1920, 1080, 3\]"),
         (f"[a]\n{LENS}".replace("[0.0, 0.0, 1.0]]", "[0.0, 0.0]]"), r"matrix is .*three rows of three"),
         (f"[a]\n{LENS}".replace("[0.0, 0.0, 1.0]]", "[0.0, 0.0, 2.0]]"), r"is not a camera matrix"),
-        (f"[a]\n{LENS}".replace("[[1000.0", "[[-1000.0"), r"is not a camera matrix"),
         (f"[a]\n{LENS}".replace("0.1,", "nan,"), r"distortions is .*finite"),
-        (f"[a]\n{LENS}".replace("0.1,", '"x",'), r"distortions is .*OpenCV's coefficients"),
-        (
-            f"[a]\n{LENS}".replace("0.1, 0.0,", "0.1,").replace("0.0, 0.0]\n", "0.0]\n"),
-            r"distortions has 3 values; a pinhole lens",
-        ),
+        (f"[a]\n{LENS}".replace("0.1, 0.0, 0.0, 0.0,", "0.1, 0.0,"), r"distortions has 3 values; a pinhole lens"),
         (f"[a]\n{LENS}fisheye = true", r"distortions has 5 values; a fisheye lens takes 0, 4"),
         (f'[a]\n{LENS}fisheye = "no"', r"fisheye is 'no': write true or false"),
         (f"[a]\n{LENS}rotation = [0.1, 0.2, 0.3]", r"has a rotation but no translation"),
-        (
-            f"[a]\n{LENS}rotation = [0.1, 0.2, 1e6]\ntranslation = [0, 0, 0]",
-            r"\[a\]: .*a Rodrigues vector in radians is needed",
-        ),
+        (f"[a]\n{LENS}rotation = [0, 0, 1e6]\ntranslation = [0, 0, 0]", r"\[a\]: .*a Rodrigues vector in radians is needed"),
         (f"[a]\n{LENS}rotation = [0.1, 0.2]\ntranslation = [0, 0, 0]", r"rotation is \[0.1, 0.2\]"),
         (f"[a]\n{LENS}rotation = [[1,0,0],[0,1,0],[0,0,2]]\ntranslation = [0, 0, 0]", r"is not a rotation"),
         (f'[a]\nname = "n"\n{LENS}[b]\nname = "n"\n{LENS}', r"camera n occurs twice"),
         (f'[a]\nname = ""\n{LENS}', r"\[a\]: name is '': give the camera's name in quotes"),
-        (f"[a]\nname = [1]\n{LENS}", r"\[a\]: name is \[1\]: give the camera's name in quotes"),
         (f"[a]\n{LENS}focal_sd_percent = 0", r"\[a\]: focal_sd_percent is 0: give a number above 0, up to"),
-        (f"[a]\n{LENS}focal_sd_percent = 5000", r"\[a\]: focal_sd_percent is 5000: .* or delete it"),
         (f"[a]\n{LENS}position_sigma_mm = -1", r"\[a\]: position_sigma_mm is -1: give a number from 0 on"),
-        (f"[a]\n{LENS}orientation_sigma_deg = -0.1", r"\[a\]: orientation_sigma_deg is -0.1: give a number"),
         (f"[a]\n{LENS}{SIGMAS}covariance = {np.arange(36).reshape(6, 6).tolist()}", r"\[a\]: covariance is not symmetric"),
         (f"[a]\n{LENS}{SIGMAS}covariance = {(1e300 * np.eye(6)).tolist()}", r"\[a\]: covariance has a value of 1e\+300"),
-        (
-            f"[a]\n{LENS}{SIGMAS}covariance = {np.diag([1, 1, 1, 1, 1, -1]).tolist()}",
-            r"covariance has a negative variance \(-1\)",
-        ),
+        (f"[a]\n{LENS}{SIGMAS}covariance = {np.diag([1, 1, 1, 1, 1, -1]).tolist()}", r"has a negative variance \(-1\)"),
     ],
 )
 def test_a_fault_names_file_table_value_and_mend(tmp_path, text, told):
@@ -117,8 +93,7 @@ def test_a_fault_names_file_table_value_and_mend(tmp_path, text, told):
 
 def test_one_lens_is_found_by_table_or_by_name(tmp_path):
     path = write(tmp_path, f'[cam_0]\nname = "left"\n{LENS}[broken]\nmatrix = 3\n')
-    assert read_lens(path, "cam_0").size == (1920, 1080)
-    assert read_lens(path, "left").size == (1920, 1080)
+    assert (read_lens(path, "cam_0").size, read_lens(path, "left").size) == ((1920, 1080), (1920, 1080))
     with pytest.raises(InputError, match=r"no table \[right\]: .*the file has cam_0, broken"):
         read_lens(path, "right")
     with pytest.raises(InputError, match=r"\[broken\]: size is missing"):
@@ -138,26 +113,21 @@ def test_round_trip(tmp_path_factory, turn, shift, count, with_sigma):
     path = tmp_path_factory.mktemp("rig") / "rig.toml"
     write_rig(path, Rig((posed, fisheye), "doubtful", {"source": "test"}))
     back = read_rig(path)
-    assert back.names == ("a b.c", "2")
-    assert back.verdict == "doubtful"
-    assert back.metadata == {"source": "test"}
+    assert (back.names, back.verdict, back.metadata) == (("a b.c", "2"), "doubtful", {"source": "test"})
     assert back["2"].pose is None
     assert back["2"].lens.fisheye
     np.testing.assert_allclose(back["a b.c"].pose.R_cw, posed.pose.R_cw, atol=1e-12)
-    assert back["a b.c"].pose.t_cw.tolist() == list(shift)
-    assert back["a b.c"].lens.matrix.tolist() == lens.matrix.tolist()
+    assert (back["a b.c"].pose.t_cw.tolist(), back["a b.c"].lens.matrix.tolist()) == (list(shift), lens.matrix.tolist())
     # No coefficients are written as zeros, which other tools need: the same lens.
     assert back["a b.c"].lens.distortions.tolist() == (lens.distortions.tolist() or [0.0] * 5)
     if sigma is not None:
-        assert back["a b.c"].sigma.position_m == pytest.approx(0.0123)
-        assert back["a b.c"].sigma.orientation_deg == 0.45
+        assert (back["a b.c"].sigma.position_m, back["a b.c"].sigma.orientation_deg) == (pytest.approx(0.0123), 0.45)
         assert back["a b.c"].sigma.covariance.tolist() == sigma.covariance.tolist()
 
 
 def test_a_reserved_name_is_refused(tmp_path):
-    lens = Lens((640, 480), np.array([[500.0, 0, 320], [0, 510, 240], [0, 0, 1]]), np.zeros(5))
     with pytest.raises(InputError, match="cannot be called metadata"):
-        write_rig(tmp_path / "rig.toml", Rig((Camera("metadata", lens),)))
+        write_rig(tmp_path / "rig.toml", Rig((Camera("metadata", Lens.unknown((640, 480))),)))
     assert not (tmp_path / "rig.toml").exists()
 
 
@@ -168,22 +138,12 @@ def test_real_rigs_are_read(data_root):
 
 
 def test_a_lens_that_is_still_to_be_filled_in_says_so(tmp_path):
-    path = tmp_path / "intrinsics.toml"
-    path.write_text(
-        '[A]\nsize = [640, 480]\nmatrix = [["FX", 0.0, 320.0], [0.0, "FY", 240.0], [0.0, 0.0, 1.0]]\ndistortions = []\n'
-    )
-    with pytest.raises(InputError, match=r"intrinsics.toml: \[A\]: matrix still says FX and FY: put the lens's numbers there"):
+    path = write(tmp_path, "[A]\n" + LENS.replace("[1000.0", '["FX"').replace(" 1000.0", ' "FY"'))
+    with pytest.raises(InputError, match=r"rig.toml: \[A\]: matrix still says FX and FY: put the lens's numbers there"):
         read_rig(path)
 
 
-@pytest.mark.parametrize(
-    "lens",
-    [
-        Lens.unknown((1280, 720)),
-        Lens.unknown((640, 480), hfov_deg=80.0),
-        Lens.unknown((640, 480), hfov_deg=200.0, fisheye=True),
-    ],
-)
+@pytest.mark.parametrize("lens", [Lens.unknown((1280, 720)), Lens.unknown((640, 480), hfov_deg=200.0, fisheye=True)])
 def test_a_lens_that_nobody_knows_comes_back_as_one(tmp_path, lens):
     """The stand-in for it is no intrinsics: a calibration that reads the file estimates it."""
     path = tmp_path / "rig.toml"
@@ -200,10 +160,8 @@ def test_a_lens_that_nobody_knows_comes_back_as_one(tmp_path, lens):
 
 def test_sigmas_that_are_infinite_are_not_written(tmp_path):
     """TOML's inf is no sigma that another tool could use; a camera without any has none when it is read."""
-    lens = Lens((640, 480), np.array([[500.0, 0, 320], [0, 510, 240], [0, 0, 1]]), np.zeros(5))
-    pose = Pose(np.eye(3), np.zeros(3))
+    lens, pose, covariance = Lens.unknown((640, 480)), Pose(np.eye(3), np.zeros(3)), np.full((6, 6), np.inf)
     sigmas = {"a": (np.inf, 0.5), "b": (0.25, np.inf), "c": (np.inf, np.inf)}
-    covariance = np.full((6, 6), np.inf)
     write_rig(tmp_path / "rig.toml", Rig(tuple(Camera(n, lens, pose, PoseSigma(*s, covariance)) for n, s in sigmas.items())))
     assert "inf" not in (tmp_path / "rig.toml").read_text()
     back = read_rig(tmp_path / "rig.toml")
@@ -214,5 +172,4 @@ def test_sigmas_that_are_infinite_are_not_written(tmp_path):
 
 def test_a_lens_that_is_uncalibrated_without_a_sigma_may_be_anything(tmp_path):
     rig = read_rig(write(tmp_path, f"[a]\n{LENS}uncalibrated = true\n[b]\n{LENS}focal_sd_percent = 5\n"))
-    assert rig["a"].lens.focal_sd == LARGEST_FOCAL_SD
-    assert rig["b"].lens.focal_sd == pytest.approx(0.05)
+    assert (rig["a"].lens.focal_sd, rig["b"].lens.focal_sd) == (LARGEST_FOCAL_SD, pytest.approx(0.05))

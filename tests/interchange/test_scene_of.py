@@ -1,7 +1,5 @@
 """The scene file of an output folder that was copied, moved, or written somewhere else."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 

@@ -18,13 +18,9 @@ def write(tmp_path, text, ending="csv"):
 
 def test_sightings_of_one_point_are_one_point(tmp_path):
     """By its name, or by its place."""
-    for rows in (
-        POINTS + "A,10,20,1,2,0,kerb,0.05\nB,30,40,1,2,0,kerb,0.01\n",
-        WITHOUT_NAMES + "A,10,20,1,2\nB,30,40,1,2\n",
-    ):
+    for rows in (POINTS + "A,10,20,1,2,0,kerb,0.05\nB,30,40,1,2,0,kerb,0.01\n", WITHOUT_NAMES + "A,10,20,1,2\nB,30,40,1,2\n"):
         (point,) = read_known_points(write(tmp_path, rows))
-        assert point.pixels == {"A": (10.0, 20.0), "B": (30.0, 40.0)}
-        assert point.xyz.tolist() == [1, 2, 0]
+        assert (point.pixels, point.xyz.tolist()) == ({"A": (10.0, 20.0), "B": (30.0, 40.0)}, [1, 2, 0])
         assert point.sd_m == (0.01 if "kerb" in rows else POINT_SD_M)
 
 

@@ -1,7 +1,6 @@
 """A budget of processor time: the least that is needed of the footage is left out, the same everywhere, and it is said."""
 
 import json
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -26,28 +25,23 @@ def seconds_of(observations):
     return np.unique(observations.clocks["C1"].seconds(observations["C1"].boxes.frame))
 
 
-def test_nothing_is_left_out_where_the_budget_is_large():
-    assert not plan_thinning(footage(), OPTIONS, 10.0).is_thinned
-
-
 def test_a_smaller_budget_leaves_out_more_and_is_kept():
-    plans = [plan_thinning(footage(), OPTIONS, budget) for budget in (1.0, 0.5, 0.3, 0.2, 0.1, 0.06)]
+    budgets = (1.0, 0.5, 0.3, 0.2, 0.1, 0.06)
+    plans = [plan_thinning(footage(), OPTIONS, budget) for budget in budgets]
     used = [len(thin(footage(), plan, 60.0)["C1"].boxes) for plan in plans]
     assert used == sorted(used, reverse=True)
     assert len(set(used)) > 3
-    assert all(plan.predicted_s <= budget for plan, budget in zip(plans, (1.0, 0.5, 0.3, 0.2, 0.1, 0.06), strict=True))
+    assert all(plan.predicted_s <= budget for plan, budget in zip(plans, budgets, strict=True))
+    assert not plan_thinning(footage(), OPTIONS, 10.0).is_thinned
 
 
 def test_samples_are_thinned_before_windows_are_left_out():
     plans = [plan_thinning(footage(), OPTIONS, budget) for budget in np.geomspace(1.0, 0.02, 30)]
     assert any(plan.every_s > 0 and plan.one_window_in == 1 for plan in plans)
     assert all(plan.every_s == 1.0 for plan in plans if plan.one_window_in > 1)
-
-
-def test_a_budget_that_reading_alone_exceeds_is_told():
+    # A budget that reading alone exceeds is told.
     plan = plan_thinning(footage(people=100), OPTIONS, 0.001)
-    assert plan.predicted_s > 0.001
-    assert plan.one_window_in == 1000
+    assert (plan.predicted_s > 0.001, plan.one_window_in) == (True, 1000)
 
 
 @pytest.mark.parametrize("step", [1, 5])
@@ -105,7 +99,9 @@ def test_a_senseless_budget_is_one_line(tmp_path, capsys, budget):
 
 
 def test_thinning_does_not_depend_on_the_order_of_cameras():
-    both = footage()
-    other = replace(both, cameras={"C2": both["C1"], "C1": both["C1"]}, clocks={"C2": Clock(10.0), "C1": Clock(10.0)})
-    turned = replace(other, cameras=dict(reversed(other.cameras.items())))
-    assert plan_thinning(other, OPTIONS, 0.1) == plan_thinning(turned, OPTIONS, 0.1)
+    one = footage()["C1"]
+    plans = [
+        plan_thinning(Observations(dict.fromkeys(names, one), 10.0, dict.fromkeys(names, Clock(10.0))), OPTIONS, 0.1)
+        for names in (("C2", "C1"), ("C1", "C2"))
+    ]
+    assert plans[0] == plans[1]

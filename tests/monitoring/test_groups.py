@@ -57,13 +57,15 @@ def test_the_json_has_all_groups(site, capsys):
 
 def test_groups_without_footage_are_left_out(site, tmp_path, capsys):
     seen = walkers_in_rooms(RIG, 90)
-    part = Observations({name: seen[name] for name in RIG.names[4:]}, seen.fps)
     (tmp_path / "half").mkdir()
-    _, scene = write_watched(tmp_path / "half", GIVEN, part)
+    _, scene = write_watched(tmp_path / "half", GIVEN, Observations({name: seen[name] for name in RIG.names[4:]}, seen.fps))
     assert run(["monitor", str(site[0]), str(scene), "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
-    assert told["folder"] == "groups/2"
-    assert "groups" not in told
+    assert (told["folder"], "groups" in told) == ("groups/2", False)
+    # A folder of one group is a rig as before.
+    shutil.rmtree(site[0] / "groups")
+    run(["monitor", *map(str, site)])
+    assert "group" not in capsys.readouterr().out
 
 
 @pytest.mark.slow
@@ -75,23 +77,13 @@ def test_cameras_without_news_are_those_of_each_group(site, tmp_path, capsys):
     assert all(one["carried"] for part in (told, *told["groups"]) for one in part["cameras"])
 
 
-def test_one_camera_of_each_group_is_one_line(site, tmp_path, capsys):
+def test_one_camera_of_each_group_or_of_none_is_one_line(site, tmp_path, capsys):
     (tmp_path / "two").mkdir()
     seen = Observations({name: CameraObservations() for name in ("C1", "C5")}, 2.0)
     _, scene = write_watched(tmp_path / "two", GIVEN, seen)
-    assert run(["monitor", str(site[0]), str(scene)]) == 2
-    assert capsys.readouterr().err.count("\n") == 1
-
-
-def test_a_camera_of_no_group_is_one_line(site, capsys):
     site[1].write_text(site[1].read_text().replace("[cameras.C8]", "[cameras.C80]"))
-    assert run(["monitor", *map(str, site)]) == 2
-    printed = capsys.readouterr().err
-    assert "camera C80 is not in the rig, which has C1, C2" in printed
-    assert printed.count("\n") == 1
-
-
-def test_a_folder_of_one_group_is_a_rig_as_before(site, capsys):
-    shutil.rmtree(site[0] / "groups")
-    run(["monitor", *map(str, site)])
-    assert "group" not in capsys.readouterr().out
+    for path, told in ((scene, ""), (site[1], "camera C80 is not in the rig, which has C1, C2")):
+        assert run(["monitor", str(site[0]), str(path)]) == 2
+        printed = capsys.readouterr().err
+        assert told in printed
+        assert printed.count("\n") == 1

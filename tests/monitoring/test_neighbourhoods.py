@@ -34,6 +34,11 @@ def watched(knocks=None, given=GIVEN, **kwargs):
 def test_neighbours_are_the_cameras_of_one_room():
     assert {(a // 4, b // 4) for a, b in neighbours_by_rig(RIG, GROUND)} == {(0, 0), (1, 1), (2, 2), (3, 3)}
     assert connect_cameras(neighbours_by_rig(RIG, GROUND), 16) == [list(range(k, k + 4)) for k in (0, 4, 8, 12)]
+    saw_somebody = {name: 0.0 for name in RIG.names if name != "C2"}
+    assert all(1 not in pair for pair in neighbours_by_rig(RIG, saw_somebody))
+    # No more neighbours for more cameras.
+    crowd = Rig(tuple(replace(RIG["C1"], name=f"N{k}") for k in range(60)))
+    assert len(neighbours_by_rig(crowd, dict.fromkeys(crowd.names, 0.0))) <= 12 * 60
 
 
 def test_cameras_above_each_other_on_two_floors_are_no_neighbours():
@@ -42,16 +47,6 @@ def test_cameras_above_each_other_on_two_floors_are_no_neighbours():
     pairs = neighbours_by_rig(both, GROUND | {camera.name: 4.0 for camera in above})
     assert pairs
     assert all((a < 16) == (b < 16) for a, b in pairs)
-
-
-def test_a_camera_that_saw_nobody_has_no_neighbours():
-    heights = {name: 0.0 for name in RIG.names if name != "C2"}
-    assert all(1 not in pair for pair in neighbours_by_rig(RIG, heights))
-
-
-def test_a_camera_has_no_more_neighbours_for_more_cameras():
-    crowd = Rig(tuple(replace(RIG["C1"], name=f"N{k}") for k in range(60)))
-    assert len(neighbours_by_rig(crowd, dict.fromkeys(crowd.names, 0.0))) <= 12 * 60
 
 
 @pytest.mark.slow

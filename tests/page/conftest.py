@@ -1,9 +1,11 @@
 """A scene of four cameras with its true rig in the output folder: nothing needs to be calibrated."""
 
+import json
 import re
 import shutil
 import subprocess
 import sys
+import tomllib
 
 import pytest
 
@@ -25,7 +27,6 @@ def simulated(tmp_path_factory):
 
 @pytest.fixture
 def session(simulated, tmp_path):
-    """The session of a copy."""
     scene = tmp_path / "scene"
     shutil.copytree(simulated, scene)
     (tmp_path / "out").mkdir()
@@ -71,3 +72,13 @@ def served():
     for server in servers:
         server.terminate()
         server.communicate()
+
+
+def act(client, session, version=None, **content):
+    """The answer to an act, on the scene file as it is or as it was seen."""
+    body = {"version": session.version if version is None else version, **content}
+    return client.post("/api/act", json.dumps(body).encode())
+
+
+def scene_of(session):
+    return tomllib.loads(session.scene_file.read_text())

@@ -56,14 +56,12 @@ def monitored(folder, *, turned=True):
 
 
 def film(path, size, greys):
-    """A film of one grey value a picture."""
     with VideoWriter(path, size, FPS) as video:
         for grey in greys:
             video.write(np.full((size[1], size[0], 3), grey, np.uint8))
 
 
 def rewrite(folder, change):
-    """Change the values of a `monitor.json`."""
     path = folder / "monitor.json"
     told = json.loads(path.read_text())
     change(told)

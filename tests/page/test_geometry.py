@@ -62,9 +62,12 @@ def test_a_length_and_its_sigma_are_those_of_noisy_clicks(rig):
 
 
 def test_a_pixel_of_the_ground_is_where_it_is_on_the_ground(rig):
-    assert ground_point(rig, rig.names[0], tuple(rig[rig.names[0]].project(POINTS[0])[0])) == pytest.approx(POINTS[0], abs=1e-6)
+    name = rig.names[0]
+    assert ground_point(rig, name, tuple(rig[name].project(POINTS[0])[0])) == pytest.approx(POINTS[0], abs=1e-6)
     with pytest.raises(InputError, match="above the horizon"):
-        ground_point(rig, rig.names[0], (640.0, 0.0))
+        ground_point(rig, name, (640.0, 0.0))
+    with pytest.raises(EvidenceError, match="no pose yet"):
+        epipolar_lines(without_poses(rig), name, (1.0, 1.0))
 
 
 def test_the_heading_of_an_axis_and_its_sigma_are_those_of_noisy_clicks(rig):
@@ -78,11 +81,6 @@ def test_the_heading_of_an_axis_and_its_sigma_are_those_of_noisy_clicks(rig):
         along = np.diff([ground_point(rig, name, tuple(at)) for at in clicks], axis=0)[0]
         headings.append(np.degrees(np.arctan2(along[1], along[0])))
     assert np.std(headings) == pytest.approx(found.heading_sigma_deg, rel=0.2)
-
-
-def test_without_a_pose_there_is_no_line(rig):
-    with pytest.raises(EvidenceError, match="no pose yet"):
-        epipolar_lines(without_poses(rig), rig.names[0], (1.0, 1.0))
 
 
 def _distance(curve, at):

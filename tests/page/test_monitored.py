@@ -35,8 +35,6 @@ def checked(checked_once, tmp_path):
 
 
 class MonitorClient(Client):
-    """A browser that was opened with the token."""
-
     def __init__(self, folder):
         self.app = make_monitor_app(MonitoredSession(folder), TOKEN, PORT)
 
@@ -46,7 +44,6 @@ class MonitorClient(Client):
         return {one["label"]: one for one in told["pictures"]}, told["notes"]
 
     def grey(self, name, view):
-        """Mean of a picture."""
         answer = self.get("/picture", f"camera={name}&of={view['source']}&frame={view['frame']}")
         assert answer.status == 200
         return cv2.imdecode(np.frombuffer(answer.body, np.uint8), cv2.IMREAD_COLOR).mean()
@@ -207,16 +204,6 @@ def test_what_is_opened(checked, session, capsys):
     error = capsys.readouterr().err
     assert "monitor.json: is not what `passerby monitor` writes: from_s is" in error
     assert error.count("\n") == 1
-
-
-@pytest.mark.parametrize("text", ["", "[", "[]", '{"from_s": NaN}', "[" * 5000, '{"from_s": 1}', "\udcff"])
-def test_what_is_no_monitor_file_is_one_clear_line(tmp_path, text):
-    (tmp_path / "monitor.json").write_bytes(text.encode("utf-8", "surrogateescape"))
-    with pytest.raises(InputError, match=r"monitor\.json: ") as told:
-        read_monitor(tmp_path)
-    assert "\n" not in str(told.value)
-    with pytest.raises(InputError, match="no such file"):
-        read_monitor(tmp_path / "nowhere")
 
 
 @pytest.mark.slow

@@ -1,29 +1,20 @@
 """A camera that was moved while it filmed: one part of its recording is kept, with undo and Remove."""
 
-import json
-import tomllib
-
 import pytest
 
 from passerby.scene.check import check_scene
 
-
-def act(client, session, **content):
-    return client.post("/api/act", json.dumps({"version": session.version, **content}).encode())
-
-
-def table(session, name="C2"):
-    return tomllib.loads(session.scene_file.read_text())["cameras"][name]
+from .conftest import act, scene_of
 
 
 @pytest.mark.parametrize(("keep", "key", "frames"), [("before", "until_s", (1, 11)), ("after", "from_s", (11, 20))])
 def test_the_part_that_is_kept_is_all_that_is_read(client, session, keep, key, frames):
     """At 2 s and 5 frames a second the camera is at its frame 11; the recording has 20 frames."""
     before = session.scene_file.read_bytes()
-    answer = act(client, session, act="moved", camera="C2", at_s=2, keep=keep)
+    answer = act(client, session, act="moved", camera="C2", at_s=2.004, keep=keep)
     assert answer.status == 200
     assert answer.json()["limits"] == {"C1": {}, "C2": {key: 2.0}, "C3": {}, "C4": {}}
-    assert table(session)[key] == 2.0
+    assert scene_of(session)["cameras"]["C2"][key] == 2.0
     read = next(one for one in check_scene(session.scene_file).cameras if one.name == "C2")
     assert (read.first_frame, read.last_frame) == frames
     assert act(client, session, act="undo").status == 200

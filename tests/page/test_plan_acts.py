@@ -1,17 +1,15 @@
 """A plan through the server: a draft is tried on the rig, saved into the scene file, undone, refused where it is none."""
 
 import json
-import tomllib
 
 import numpy as np
 import pytest
 
-from passerby.calibration.alignment.scene_world import align_rig
 from passerby.interchange.rig_toml import read_rig, write_rig
 from passerby.page.session import Session
 from passerby.scene.scene import Scene
 
-from .conftest import Client
+from .conftest import Client, act, scene_of
 from .plan_support import UNIT, DrawnPlan
 
 
@@ -31,53 +29,26 @@ def spot(plan):
     return np.mean([camera.centre for camera in plan.truth], axis=0) * [1, 1, 0]
 
 
-def act(client, session, version=None, **content):
-    return client.post("/api/act", json.dumps({"version": version or session.version, **content}).encode())
-
-
 def fit(client, draft):
     return client.post("/api/plan/fit", json.dumps(draft).encode())
 
 
-def world_of(session):
-    return tomllib.loads(session.scene_file.read_text()).get("world")
-
-
 def draft_of(plan, image, spot):
-    return {
-        "image": image,
-        "metres_per_pixel": UNIT,
-        "cameras": plan.cameras("C1", "C3"),
-        "points": [plan.point(spot, "C1", "C2")],
-    }
+    cameras, points = plan.cameras("C1", "C3"), [plan.point(spot, "C1", "C2")]
+    return {"image": image, "metres_per_pixel": UNIT, "cameras": cameras, "points": points}
 
 
-def test_a_saved_plan_is_in_the_file_and_in_the_state(client, session, plan, image, spot):
+def test_a_saved_plan_is_in_the_file_and_in_the_state_until_it_is_undone(client, session, plan, image, spot):
+    before = session.scene_file.read_bytes()
     answer = act(client, session, act="plan", plan=draft_of(plan, image, spot))
     assert answer.status == 200
-    told = Scene.load(session.scene_file).world.plan
-    assert told.image.name == image
-    assert set(told.cameras) == {"C1", "C3"}
-    state = answer.json()
-    assert state["world"] == "plan"
-    assert state["plan"]["name"] == image
+    told, state = Scene.load(session.scene_file).world.plan, answer.json()
+    assert (told.image.name, set(told.cameras)) == (image, {"C1", "C3"})
+    assert (state["world"], state["plan"]["name"]) == ("plan", image)
     assert state["plan"]["cameras"]["C1"] == plan.cameras("C1")["C1"]
     assert str(session.scene_file.parent) not in answer.body.decode()
-
-
-def test_the_saved_plan_lays_a_rig_where_the_cameras_are(client, session, plan, image, spot):
-    """A rig in a frame of its own, half as large again: the plan sets scale, origin and heading."""
-    act(client, session, act="plan", plan=draft_of(plan, image, spot))
-    scene = Scene.load(session.scene_file)
-    turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-    elsewhere = plan.truth.moved(turn, np.array([30.0, -7.0, 0.0]), 1.5)
-    table = scene.world.model_copy(
-        update={"scale": True, "plan": scene.world.plan.model_copy(update={"image": scene.resolve(scene.world.plan.image)})}
-    )
-    aligned = align_rig(elsewhere, table).rig
-    corner = np.array([plan.corner[0], plan.corner[1] - plan.size[1] * UNIT])
-    for camera in plan.truth:
-        assert aligned[camera.name].centre[:2] == pytest.approx(camera.centre[:2] - corner, abs=0.02)
+    assert act(client, session, act="undo").status == 200
+    assert session.scene_file.read_bytes() == before
 
 
 def test_a_draft_shows_every_camera_on_the_plan_before_it_is_saved(client, session, plan, image, spot):
@@ -89,12 +60,8 @@ def test_a_draft_shows_every_camera_on_the_plan_before_it_is_saved(client, sessi
     for one in told["cameras"]:
         assert one["at"] == pytest.approx(plan.pixel(plan.truth[one["name"]].centre), abs=2)
         assert len(one["seen"]) > 3
-    assert {(one["point"], one["camera"]) for one in told["placements"]} == {
-        (None, "C1"),
-        (None, "C3"),
-        ("1", "C1"),
-        ("1", "C2"),
-    }
+    placed = {(one["point"], one["camera"]) for one in told["placements"]}
+    assert placed == {(None, "C1"), (None, "C3"), ("1", "C1"), ("1", "C2")}
     assert all(one["off_m"] < 0.05 and one["used"] for one in told["placements"])
 
 
@@ -113,29 +80,11 @@ def test_placements_are_changed_and_removed_and_the_picture_stays(client, sessio
     act(client, session, act="plan", plan=draft_of(plan, image, spot))
     draft = {**draft_of(plan, None, spot), "points": [], "cameras": plan.cameras("C1", "C2", "C3")}
     assert act(client, session, act="plan", plan=draft).status == 200
-    assert world_of(session)["plan"]["image"] == image
-    assert set(world_of(session)["plan"]["cameras"]) == {"C1", "C2", "C3"}
-    assert "points" not in world_of(session)["plan"]
+    told = scene_of(session)["world"]["plan"]
+    assert (told["image"], set(told["cameras"]), "points" in told) == (image, {"C1", "C2", "C3"}, False)
     assert act(client, session, act="remove_plan").status == 200
-    assert world_of(session) is None
+    assert "world" not in scene_of(session)
     assert act(client, session, act="remove_plan").status == 422
-
-
-def test_undo_takes_a_plan_back_byte_for_byte(client, session, plan, image, spot):
-    before = session.scene_file.read_bytes()
-    act(client, session, act="plan", plan=draft_of(plan, image, spot))
-    assert session.scene_file.read_bytes() != before
-    assert act(client, session, act="undo").status == 200
-    assert session.scene_file.read_bytes() == before
-
-
-def test_a_stale_plan_changes_nothing(client, session, plan, image, spot):
-    seen = session.version
-    session.scene_file.write_text(session.scene_file.read_text() + "\n# by an editor\n")
-    before = session.scene_file.read_bytes()
-    answer = act(client, session, seen, act="plan", plan=draft_of(plan, image, spot))
-    assert answer.status == 409
-    assert session.scene_file.read_bytes() == before
 
 
 @pytest.mark.parametrize(
@@ -146,10 +95,8 @@ def test_a_stale_plan_changes_nothing(client, session, plan, image, spot):
         ({"metres_per_pixel": -1}, "greater than 0"),
         ({"metres_per_pixel": None, "distance": {"between": [[5, 5], [5, 5]], "metres": 3}}, "twice"),
         ({"cameras": {}}, "place two or more"),
-        ({"cameras": {"C1": [5, 5], "C3": [5, 5]}}, "at the same pixel"),
         ({"cameras": {"C1": [5, 5], "C3": [99_000, 5]}}, "outside"),
         ({"cameras": {"C1": [5, 5], "C9": [50, 5]}}, "C9"),
-        ({"points": [{"at": [5, 5], "pixels": {}}]}, "at least 1"),
         ({"points": [{"at": [5, 5], "pixels": {"C1": [9000, 9000]}}]}, "outside"),
         ({"image": "../truth.toml"}, "no such plan"),
         ({"image": "plan-" + "0" * 20 + ".png"}, "plan-0"),
@@ -165,11 +112,6 @@ def test_what_is_no_plan_is_refused_with_a_sentence(client, session, plan, image
     assert str(session.scene_file.parent) not in answer.json()["error"]
     assert session.scene_file.read_bytes() == before
     assert fit(client, {**draft_of(plan, image, spot), **change}).status == 422
-
-
-@pytest.mark.parametrize("body", [b"[", b"1", b"[]", b"null", b"[" * 5000])
-def test_a_draft_that_is_no_draft_is_refused(client, body):
-    assert client.post("/api/plan/fit", body).status == 422
 
 
 def test_a_draft_without_a_rig_says_so_and_can_be_saved(client, session, plan, image, spot):

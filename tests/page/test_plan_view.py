@@ -74,11 +74,12 @@ def test_everything_is_drawn_where_the_rig_has_it(view, truth, ways):
     assert (everything <= [x + width, y + height]).all()
 
 
-def test_ellipses_are_one_sigma_times_what_the_caption_says(view):
+def test_ellipses_and_the_scale_bar_are_as_large_as_they_say(view):
     times = int(re.search(r"drawn (\d+) times", caption(view))[1]) if "times as large" in caption(view) else 1
     for outline in of_kind(view, "sigma"):
-        half = np.ptp(outline, axis=0) / 2
-        assert half == pytest.approx(times * np.array([0.2, 0.1]), rel=0.01)
+        assert np.ptp(outline, axis=0) / 2 == pytest.approx(times * np.array([0.2, 0.1]), rel=0.01)
+    (bar,), (label,) = of_kind(view, "bar"), [one["text"] for one in shapes(view) if one["kind"] == "bar-label"]
+    assert label == f"{bar[1][0] - bar[0][0]:g} m"
 
 
 def test_fields_of_view_are_ground_that_the_camera_sees(view, truth):
@@ -90,11 +91,6 @@ def test_fields_of_view_are_ground_that_the_camera_sees(view, truth):
         assert -1 < pixel[0] < camera.lens.size[0] + 1
 
 
-def test_the_scale_bar_is_as_long_as_it_says(view):
-    (bar,), (label,) = of_kind(view, "bar"), [one["text"] for one in shapes(view) if one["kind"] == "bar-label"]
-    assert label == f"{bar[1][0] - bar[0][0]:g} m"
-
-
 def test_the_plan_lies_where_its_pixels_say(on_plan, truth):
     plan = DrawnPlan(truth)
     x, y, width, height = drawing(on_plan)["backdrop"]
@@ -103,6 +99,8 @@ def test_the_plan_lies_where_its_pixels_say(on_plan, truth):
         pixel = (np.array(at) - (x, y)) / UNIT - 0.5
         assert pixel == pytest.approx(plan.pixel(camera.centre), abs=0.1)
     assert of_kind(on_plan, "grid") == []
+    told = json.loads(geojson_text(on_plan))["plan"]
+    assert (told["metres_per_pixel"], len(told["origin_px"])) == (UNIT, 2)
 
 
 def test_the_saved_drawing_is_whole_and_holds_its_plan(on_plan, truth):
@@ -189,12 +187,6 @@ def test_geojson_of_a_rig_by_positions_in_degrees_has_longitude_and_latitude(tru
         assert one["properties"]["azimuth_deg"] == pytest.approx((90 - camera.pose.heading_deg) % 360, abs=0.1)
 
 
-def test_a_plan_and_its_pixels_are_told_in_geojson(on_plan):
-    told = json.loads(geojson_text(on_plan))["plan"]
-    assert told["metres_per_pixel"] == UNIT
-    assert len(told["origin_px"]) == 2
-
-
 def test_the_page_gets_the_view_and_its_files(client, session):
     told = client.get("/api/plan/view").json()
     assert sum(one["kind"] == "camera" for one in told["shapes"]) == 4
@@ -210,19 +202,18 @@ def test_the_page_gets_the_view_and_its_files(client, session):
 
 
 def test_the_view_follows_the_rig(client, session, truth):
-    before = client.get("/api/plan/view").json()
+    def cameras():
+        return [one["points"] for one in client.get("/api/plan/view").json()["shapes"] if one["kind"] == "camera"]
+
+    before = cameras()
     write_rig(session.out / "rig.toml", truth.moved(np.eye(3), np.array([5.0, 0.0, 0.0])))
-    after = client.get("/api/plan/view").json()
-    assert [a["points"] for a in after["shapes"] if a["kind"] == "camera"] != [
-        a["points"] for a in before["shapes"] if a["kind"] == "camera"
-    ]
+    assert cameras() != before
 
 
 def test_cameras_without_a_pose_or_a_sigma_are_told(truth, ways):
     first, second, *others = truth
-    found = view_of(
-        Rig((Camera(first.name, first.lens), Camera(second.name, second.lens, second.pose), *others)), ways, None, []
-    )
+    rig = Rig((Camera(first.name, first.lens), Camera(second.name, second.lens, second.pose), *others))
+    found = view_of(rig, ways, None, [])
     assert f"not registered: {first.name}" in caption(found)
     assert len(of_kind(found, "sigma")) == len(of_kind(found, "camera")) - 1 == 2
     properties = [one["properties"] for one in json.loads(geojson_text(found))["features"]]

@@ -13,7 +13,6 @@ from support.report.sites import site
 
 @pytest.fixture(scope="module")
 def written(tmp_path_factory):
-    """A report of many cameras."""
     page = tmp_path_factory.mktemp("site") / "report.html"
     write_report(site(56, seconds=4), page)
     return page

@@ -7,7 +7,6 @@ import shutil
 import subprocess
 import sys
 import time
-import tomllib
 
 import cv2
 import numpy as np
@@ -30,16 +29,7 @@ from passerby.scene.scene import Scene
 from passerby.scene.world_tables import WorldTable
 from support.scenes.output_folders import written_output
 
-from .conftest import Client
-
-
-def act(client, session, version=None, **content):
-    body = {"version": session.version if version is None else version, **content}
-    return client.post("/api/act", json.dumps(body).encode())
-
-
-def scene_of(session):
-    return tomllib.loads(session.scene_file.read_text())
+from .conftest import Client, act, scene_of
 
 
 @pytest.fixture
@@ -60,27 +50,24 @@ def middle(rig):
 
 
 def test_corrections_of_identities_are_in_the_file_and_can_be_removed(client, session):
-    boxes = [{"camera": "C1", "frame": 5, "at": [10.0, 20.0]}, {"camera": "C2", "frame": 6, "at": [30.0, 20.0]}]
+    boxes = [{"camera": "C1", "frame": 5, "at": [10.0, 20.125]}, {"camera": "C2", "frame": 6, "at": [30.0, 20.0]}]
     given = act(client, session, act="identities", key="same", boxes=boxes)
     assert (given.status, "correct the ids there" in given.body.decode()) == (422, True)
-    session.scene_file.write_text(session.scene_file.read_text().replace('mode = "given"', 'mode = "combined"'))
-    assert act(client, session, act="identities", key="same", boxes=boxes).status == 200
-    state = json.loads(act(client, session, act="not_people", box=boxes[0]).body)
-    assert (state["same"], state["not_people"]) == ([{"boxes": boxes}], boxes[:1])
-    assert scene_of(session)["association"]["same"] == [{"boxes": boxes}]
+    session.scene_file.write_text(session.scene_file.read_text().replace('mode = "given"', 'mode = "combined" # no ids'))
+    lines = session.scene_file.read_text().splitlines()
+    for key in ("same", "different"):
+        assert act(client, session, act="identities", key=key, boxes=boxes).status == 200
+    state = act(client, session, act="not_people", box=boxes[0]).json()
+    boxes[0]["at"][1] = 20.12
+    corrected = {"same": [{"boxes": boxes}], "different": [{"boxes": boxes}], "not_people": boxes[:1]}
+    assert (state["same"], state["not_people"]) == (corrected["same"], corrected["not_people"])
+    assert scene_of(session)["association"] == {"mode": "combined"} | corrected
+    assert set(lines) <= set(session.scene_file.read_text().splitlines())
     assert act(client, session, act="identities", key="same", boxes=boxes[:1]).status == 422
     assert act(client, session, act="identities", key="all", boxes=boxes).status == 422
-    for key in ("same", "not_people"):
+    for key in corrected:
         assert act(client, session, act="remove", key=key, number=1).status == 200
-    assert "same" not in scene_of(session).get("association", {})
-
-
-def test_a_length_may_only_check_the_rig(client, session, truth):
-    state = json.loads(act(client, session, **length(truth), check=True).body)
-    assert state["lengths"] == []
-    assert [one["metres"] for one in state["checks"]] == [one["metres"] for one in scene_of(session)["scale"]["checks"]]
-    assert act(client, session, act="remove", key="checks", number=1).status == 200
-    assert "checks" not in scene_of(session).get("scale", {})
+    assert scene_of(session)["association"] == {"mode": "combined"}
 
 
 def test_a_line_is_measured_and_written(client, session, truth):
@@ -96,23 +83,18 @@ def test_a_line_is_measured_and_written(client, session, truth):
     assert "world" not in scene_of(session)
 
 
-def test_an_acknowledged_length_is_in_the_file_and_in_the_state(client, session, truth):
-    answer = act(client, session, **length(truth))
-    assert answer.status == 200
-    assert len(scene_of(session)["scale"]["lengths"]) == 1
-    assert answer.json()["version"] == session.version
-    assert answer.json()["lengths"][0]["metres"] == scene_of(session)["scale"]["lengths"][0]["metres"]
-    assert len(Scene.load(session.scene_file).scale.lengths) == 1
-
-
-def test_a_stale_act_changes_nothing_and_says_so(client, session, truth):
-    seen = session.version
-    session.scene_file.write_text(session.scene_file.read_text() + "\n# by an editor\n")
-    before = session.scene_file.read_bytes()
-    answer = act(client, session, seen, **length(truth))
-    assert answer.status == 409
-    assert "changed meanwhile" in answer.json()["error"]
-    assert session.scene_file.read_bytes() == before
+@pytest.mark.parametrize(("key", "check"), [("lengths", False), ("checks", True)])
+def test_an_acknowledged_length_is_in_the_file_and_in_the_state(client, session, truth, key, check):
+    """It may only check the rig."""
+    answer = act(client, session, **length(truth), check=check)
+    (told,) = scene_of(session)["scale"][key]
+    assert (answer.status, answer.json()["version"]) == (200, session.version)
+    assert {name: [one["metres"] for one in answer.json()[name]] for name in ("lengths", "checks")} == (
+        {"lengths": [], "checks": []} | {key: [told["metres"]]}
+    )
+    assert len(getattr(Scene.load(session.scene_file).scale, key)) == 1
+    assert act(client, session, act="remove", key=key, number=1).status == 200
+    assert key not in scene_of(session).get("scale", {})
 
 
 @pytest.mark.parametrize(
@@ -140,7 +122,7 @@ def test_a_wrong_act_is_refused_with_a_sentence(client, session, content, why):
 
 @pytest.mark.parametrize("body", [b"[", b"1", b"[]", b"null", b'{"act": {}}', b"[" * 5000])
 def test_what_is_no_act_is_refused(client, body):
-    for path in ("/api/act", "/api/epipolar", "/api/length", "/api/ground", "/api/axis"):
+    for path in ("/api/act", "/api/epipolar", "/api/length", "/api/ground", "/api/axis", "/api/person", "/api/plan/fit"):
         assert client.post(path, body).status == 422
 
 
@@ -156,11 +138,17 @@ def test_undo_takes_back_act_after_act_byte_for_byte(client, session, truth):
     assert not client.get("/api/state").json()["can_undo"]
 
 
-def test_what_an_editor_wrote_is_never_undone(client, session, truth):
+def test_a_stale_act_changes_nothing_and_what_an_editor_wrote_is_never_undone(client, session, truth):
     act(client, session, **length(truth))
+    seen = session.version
     session.scene_file.write_text(session.scene_file.read_text() + "\n# by an editor\n")
+    before = session.scene_file.read_bytes()
+    answer = act(client, session, seen, **length(truth))
+    assert answer.status == 409
+    assert "changed meanwhile" in answer.json()["error"]
     assert not client.get("/api/state").json()["can_undo"]
     assert act(client, session, act="undo").status == 422
+    assert session.scene_file.read_bytes() == before
 
 
 def test_a_camera_is_left_out_and_comes_back(client, session):
@@ -173,10 +161,12 @@ def test_a_camera_is_left_out_and_comes_back(client, session):
 def test_two_clicks_set_the_frame_that_the_command_line_then_finds(client, session, truth):
     origin, along = middle(truth) + [0.3, -1.0, 0], middle(truth) + [1.0, 2.0, 0]
     clicks = [{"camera": truth.names[0], "at": truth[truth.names[0]].project(one)[0].tolist()} for one in (origin, along)]
+    same = act(client, session, act="world", origin=clicks[0], along_x=clicks[0])
+    assert (same.status, "farther away" in same.json()["error"]) == (422, True)
     assert act(client, session, act="world", origin=clicks[0], along_x=clicks[1]).status == 200
     points = session.scene_file.parent / scene_of(session)["world"]["points"]
-    aligned = align_rig(truth, WorldTable(points=points))
-    moved = [aligned.motion.scale * aligned.motion.rotation @ one + aligned.motion.translation for one in (origin, along)]
+    motion = align_rig(truth, WorldTable(points=points)).motion
+    moved = [motion.scale * motion.rotation @ one + motion.translation for one in (origin, along)]
     assert moved[0] == pytest.approx([0, 0, 0], abs=2e-3)
     assert moved[1] == pytest.approx([np.linalg.norm(along - origin), 0, 0], abs=2e-3)
 
@@ -194,14 +184,6 @@ def test_a_marked_length_corrects_the_distance_of_the_two_clicks(client, session
         assert act(client, session, **one).status == 200
     rows = (session.scene_file.parent / scene_of(session)["world"]["points"]).read_text().splitlines()
     assert float(rows[2].split(",")[4]) == pytest.approx(np.linalg.norm(ends[1] - ends[0]), rel=2e-3)
-
-
-def test_clicks_on_one_spot_set_no_frame(client, session, truth):
-    first = truth.names[0]
-    click = {"camera": first, "at": truth[first].project(middle(truth))[0].tolist()}
-    answer = act(client, session, act="world", origin=click, along_x=click)
-    assert answer.status == 422
-    assert "farther away" in answer.json()["error"]
 
 
 def test_geometry_is_answered_by_the_rig(client, truth):
@@ -223,35 +205,29 @@ def test_check_is_told_beside_each_camera(client, session):
 
 def test_people_of_the_nearest_frame_and_of_the_fullest_are_told(client, session):
     (session.out / "tracks").mkdir()
-    (session.out / "tracks" / "C1.txt").write_text(
-        "4,1,10,20,30,60,1,-1,-1,-1\n9,1,11,20,30,60,1,-1,-1,-1\n9,2,50,20,30,60,1,-1,-1,-1\n"
-    )
+    rows = ((4, 1, 10), (9, 1, 11), (9, 2, 50))
+    text = "".join(f"{frame},{who},{left},20,30,60,1,-1,-1,-1\n" for frame, who, left in rows)
+    (session.out / "tracks" / "C1.txt").write_text(text)
     told = client.get("/api/people", "camera=C1&frame=5").json()
     assert (told["frame"], told["boxes"]) == (4, [[10.0, 20.0, 30.0, 60.0]])
     most = client.get("/api/people", "camera=C1").json()
-    assert (most["frame"], len(most["boxes"]), most["first"], most["last"]) == (9, 2, 4, 9)
+    assert (most["frame"], len(most["boxes"]), most["first"], most["last"], most["fps"]) == (9, 2, 4, 9, 5.0)
     assert "has no video" in most["why"]
-    assert most["fps"] == 5.0
 
 
 def test_a_run_is_found_by_its_files_after_the_server_was_ended(tmp_path):
     work = Work(tmp_path)
     work.folder.mkdir()
     assert work.status()["state"] == "none"
-    events = [
-        {"event": "begin", "stage": "processing videos"},
-        {"event": "progress", "stage": "processing videos", "part": "north", "done": 64, "total": 300, "seconds": 4.1},
-        {"event": "note", "text": "odd"},
-    ]
-    (work.folder / EVENTS).write_text("".join(f"{json.dumps(one)}\n" for one in events))
+    progress = {"part": "north", "done": 64, "total": 300, "seconds": 4.1}
+    events = [{"event": "begin"}, {"event": "progress", **progress}, {"event": "note", "text": "odd"}]
+    (work.folder / EVENTS).write_text("".join(f"{json.dumps({'stage': 'processing videos', **one})}\n" for one in events))
     hold = "f = open(sys.argv[1], 'a'); fcntl.flock(f, fcntl.LOCK_EX); print('held', flush=True); sys.stdin.read()"
-    holder = f"import sys, fcntl; {hold}"
-    command = [sys.executable, "-c", holder, str(work.folder / RUN_LOCK)]
+    command = [sys.executable, "-c", f"import sys, fcntl; {hold}", str(work.folder / RUN_LOCK)]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as other:
         other.stdout.readline()
         told = work.status()
-        assert (told["state"], told["notes"]) == ("running", ["odd"])
-        assert told["stages"][0]["parts"] == {"north": [64, 300]}
+        assert (told["state"], told["notes"], told["stages"][0]["parts"]) == ("running", ["odd"], {"north": [64, 300]})
         with pytest.raises(InputError, match="running already"):
             work.start(tmp_path / "scene.toml", "v")
         other.stdin.close()
@@ -288,46 +264,38 @@ def test_without_the_extra_the_command_names_it(monkeypatch, capsys, session):
     assert not (session.out / FOLDER).exists()
 
 
-def test_a_picture_is_that_of_its_frame(simulated, tmp_path):
+def videos(folder, names, greys=(40,) * 20):
+    """A film of 20 pictures a second for each name, each brighter than the one before."""
+    for number, name in enumerate(names):
+        with VideoWriter(folder / name, (64, 48), 20.0) as video:
+            for grey in greys:
+                video.write(np.full((48, 64, 3), grey + 30 * number, np.uint8))
+
+
+def of_two(folder, first="A.mp4", second="B.mp4"):
+    scene = folder / "scene.toml"
+    scene.write_text(f'[cameras.A]\nvideo = "{first}"\n[cameras.B]\nvideo = "{second}"\n')
+    return Session(scene, folder / "out")
+
+
+def test_a_picture_is_that_of_its_frame(tmp_path):
     """The frame that is named is the one that is shown: a person is pointed at in it."""
-    for name in ("A", "B"):
-        with VideoWriter(tmp_path / f"{name}.mp4", (64, 48), 10.0) as video:
-            for number in range(1, 41):
-                video.write(np.full((48, 64, 3), 5 * number, np.uint8))
-    scene = tmp_path / "scene.toml"
-    scene.write_text('[cameras.A]\nvideo = "A.mp4"\n[cameras.B]\nvideo = "B.mp4"\n')
-    client = Client(Session(scene, tmp_path / "out"))
+    videos(tmp_path, ("A.mp4", "B.mp4"), range(5, 205, 5))
+    client = Client(of_two(tmp_path))
     told = client.get("/api/people", "camera=A&frame=30").json()
-    assert (told["frame"], told["first"], told["last"], told["size"], told["why"]) == (30, 1, 40, [64, 48], None)
-    assert told["fps"] == 10.0
+    assert [told[key] for key in ("frame", "first", "last", "size", "why", "fps")] == [30, 1, 40, [64, 48], None, 20.0]
     answer = client.get("/picture", "camera=A&frame=30")
     assert (answer.headers["content-type"], answer.headers["x-frame"]) == ("image/jpeg", "30")
     picture = cv2.imdecode(np.frombuffer(answer.body, np.uint8), cv2.IMREAD_COLOR)
     assert picture.mean() == pytest.approx(150, abs=4)
 
 
-def videos(folder, names, frames=20):
-    """A film for each name, one second of 20 frames."""
-    for number, name in enumerate(names):
-        with VideoWriter(folder / name, (64, 48), 20.0) as video:
-            for _ in range(frames):
-                video.write(np.full((48, 64, 3), 40 + 30 * number, np.uint8))
-
-
 def test_a_picture_of_one_camera_waits_for_no_other_camera(tmp_path, monkeypatch):
     videos(tmp_path, ("A.mp4", "B.mp4"))
-    scene = tmp_path / "scene.toml"
-    scene.write_text('[cameras.A]\nvideo = "A.mp4"\n[cameras.B]\nvideo = "B.mp4"\n')
     opened = []
-
-    def recorded(source, name=""):
-        opened.append(name)
-        return open_source(source, name)
-
-    monkeypatch.setattr(pictures, "open_source", recorded)
-    client = Client(Session(scene, tmp_path / "out"))
+    monkeypatch.setattr(pictures, "open_source", lambda source, name="": opened.append(name) or open_source(source, name))
+    client = Client(of_two(tmp_path))
     assert client.get("/picture", "camera=A&frame=1").status == 200
-    assert opened == ["A"]
     assert client.get("/api/people", "camera=A&frame=3").json()["why"] is None
     assert opened == ["A"]
 
@@ -335,15 +303,12 @@ def test_a_picture_of_one_camera_waits_for_no_other_camera(tmp_path, monkeypatch
 def test_first_pictures_are_there_before_a_browser_asks(tmp_path):
     """One that cannot be had keeps no other camera's back."""
     videos(tmp_path, ("B.mp4",))
-    scene = tmp_path / "scene.toml"
-    scene.write_text('[cameras.A]\nvideo = "A.mp4"\n[cameras.B]\nvideo = "B.mp4"\n')
-    session = Session(scene, tmp_path / "out")
+    session = of_two(tmp_path)
     assert session.pictures.known(session.version, "B", 1) is None
     prepare_pictures(session)
     known = session.pictures.known(session.version, "B", 1)
-    assert known is not None
     assert Client(session).get("/picture", "camera=B&frame=1").body == known.jpeg
-    scene.write_text("[cameras")
+    session.scene_file.write_text("[cameras")
     prepare_pictures(session)
 
 
@@ -352,9 +317,7 @@ def test_recordings_in_pieces_count_from_their_common_wall_time(tmp_path):
     for name in ("A", "B"):
         (tmp_path / name).mkdir()
     videos(tmp_path, ("A/2024-05-01_10-00-00.mp4", "B/2024-05-01_10-00-02.mp4"))
-    scene = tmp_path / "scene.toml"
-    scene.write_text('[cameras.A]\nvideo = "A"\n[cameras.B]\nvideo = "B"\n')
-    client = Client(Session(scene, tmp_path / "out"))
+    client = Client(of_two(tmp_path, "A", "B"))
     first, second = (client.get("/api/people", f"camera={name}").json()["first"] for name in ("A", "B"))
     assert second - first == 40
 
@@ -416,14 +379,11 @@ def test_a_prepared_process_that_has_ended_is_replaced(session, tmp_path):
 def test_a_run_that_cannot_be_noted_on_a_full_disk_does_not_go_on(tmp_path, monkeypatch):
     begun = []
 
-    def begin(*_):
-        begun.append(subprocess.Popen([sys.executable, "-c", "import time; time.sleep(100)"]))
-        return begun[0]
-
     def full(path, _):
         raise cannot_write(path, OSError(errno.ENOSPC, os.strerror(errno.ENOSPC)))
 
-    monkeypatch.setattr(work, "_begin", begin)
+    lasting = [sys.executable, "-c", "import time; time.sleep(100)"]
+    monkeypatch.setattr(work, "_begin", lambda *_: begun.append(subprocess.Popen(lasting)) or begun[0])
     monkeypatch.setattr(work, "write_text", full)
     one = Work(tmp_path / "out")
     with pytest.raises(InputError, match=r"run\.json: cannot be written .*: make room there"):

@@ -40,44 +40,36 @@ def test_the_budget_is_spent_and_not_overdrawn(count: int, known: bool) -> None:
     assert spent >= 0.75 * min(allowed, count * images)
 
 
-@pytest.mark.parametrize("count", [2, 9])
-def test_nobody_is_left_out_at_a_chosen_time(count: int) -> None:
-    assert set(chosen(count).values()) == {count}
+def steps_of(times: dict[float, int]) -> list[int]:
+    return np.round(np.array(list(times)) * FPS).astype(int).tolist()
 
 
-def test_the_times_are_spread_over_the_recording() -> None:
-    seconds = np.array(list(chosen(6)))
-    parts = np.histogram(seconds, bins=10, range=(0.0, 1500 / FPS))[0]
+def test_the_times_are_spread_over_the_recording_and_neighbouring_images_are_chosen_together() -> None:
+    """Between the two, a camera whose clock differs by part of a step is interpolated."""
+    steps = steps_of(chosen(6))
+    parts = np.histogram(steps, bins=10, range=(0.0, 1500.0))[0]
     assert parts.min() > 0.3 * parts.mean()
+    assert SLOT_S * FPS == 2
+    assert sum(not {step - 1, step + 1} & set(steps) for step in steps) < 0.1 * len(steps)
 
 
 def test_a_short_recording_has_keypoints_at_all_times() -> None:
     assert len(chosen(1, 100, fps=60.0)) == 100
     assert len(chosen(6, 10)) > 5
-
-
-def test_the_same_images_give_the_same_choice() -> None:
-    assert chosen(5) == chosen(5)
+    assert chosen(0, 10) == {}
 
 
 def test_cameras_with_more_people_choose_among_the_times_of_those_with_fewer() -> None:
-    """The first and last seconds aside, where the estimate of how many people there are differs."""
-    few, many = set(chosen(3)), set(chosen(9))
-    assert len(many - few) < 0.1 * len(many)
+    """The first and last seconds aside, where the estimate of how many people there are differs; nobody is left out then."""
+    few, many = chosen(3), chosen(9)
+    assert (set(few.values()), set(many.values())) == ({3}, {9})
+    assert len(set(many) - set(few)) < 0.1 * len(many)
 
 
 def test_clocks_that_differ_have_times_in_common_whatever_the_difference() -> None:
-    first = set(np.round(np.array(list(chosen(4, 3000))) * FPS).astype(int).tolist())
+    first = set(steps_of(chosen(4, 3000)))
     common = [len(first & {step + shift for step in first}) for shift in range(1, 40)]
     assert min(common) > 0.3 * len(first) ** 2 / 3000
-
-
-def test_neighbouring_images_are_chosen_together() -> None:
-    """Between the two, a camera whose clock differs by part of a step is interpolated."""
-    steps = np.round(np.array(list(chosen(6))) * FPS).astype(int)
-    alone = [step for step in steps if not {step - 1, step + 1} & set(steps.tolist())]
-    assert SLOT_S * FPS == 2
-    assert len(alone) < 0.1 * len(steps)
 
 
 @pytest.mark.parametrize(
@@ -101,7 +93,3 @@ def test_people_who_are_cut_off_count_where_nobody_is_whole() -> None:
     cut = np.array([[100.0, 200, 100, 280]])
     assert choose_for_keypoints(cut, np.ones(1), SIZE).tolist() == [True]
     assert choose_for_keypoints(np.vstack([cut, people(1)]), np.ones(2), SIZE).tolist() == [False, True]
-
-
-def test_nobody() -> None:
-    assert len(JointBudget(CROPS_PER_S, FPS, 100).choose(0.0, np.zeros((0, 4)), np.zeros(0), SIZE)) == 0

@@ -65,17 +65,14 @@ def test_a_spot_of_light_is_found_where_it_is(tmp_path, box, kind):
 
 def test_black_around_the_picture_does_not_move_what_is_in_it(tmp_path):
     estimator = Unchecked(network(brightest(tmp_path / "m.onnx", 192), "keypoints", "movenet", **MOVENET))
-    truth = np.array([31.2, 447.6])
-    found = estimator.where(spot(*truth, sigma=4.0), np.array([-60.0, 330.0, 140.0, 200.0]))
-    np.testing.assert_allclose(found, truth, atol=0.01)
+    found = estimator.where(spot(31.2, 447.6, sigma=4.0), np.array([-60.0, 330.0, 140.0, 200.0]))
+    np.testing.assert_allclose(found, (31.2, 447.6), atol=0.01)
 
 
-def test_colours_are_in_the_networks_order(tmp_path):
-    model = brightest(tmp_path / "m.onnx", 192)
-    truth = np.array([243.0, 207.0])
-    for colour, channel in (("rgb", 0), ("bgr", 2)):
-        estimator = Unchecked(network(model, "keypoints", "movenet", colour=colour, padding=0.0))
-        np.testing.assert_allclose(estimator.where(spot(*truth, 5.0, channel), BOX[0]), truth, atol=0.01)
+@pytest.mark.parametrize(("colour", "channel"), [("rgb", 0), ("bgr", 2)])
+def test_colours_are_in_the_networks_order(tmp_path, colour, channel):
+    model = network(brightest(tmp_path / "m.onnx", 192), "keypoints", "movenet", colour=colour, padding=0.0)
+    np.testing.assert_allclose(Unchecked(model).where(spot(243.0, 207.0, 5.0, channel), BOX[0]), (243.0, 207.0), atol=0.01)
 
 
 def person() -> np.ndarray:
@@ -175,8 +172,7 @@ def test_nobody_and_boxes_that_show_nothing(tmp_path):
     model = fixed(tmp_path / "m.onnx", {"joints": movenet_answer(person())}, [1, 64, 64, 3])
     estimator = open_keypoints(network(model, "keypoints", "movenet", **MOVENET))
     xy, score = estimator(PICTURE, np.zeros((0, 4)))
-    assert xy.shape == (0, 17, 2)
-    assert score.shape == (0, 17)
+    assert (xy.shape, score.shape) == ((0, 17, 2), (0, 17))
     _, score = estimator(PICTURE, np.array([[10, 10, 5, 40], [-100, 10, 120, 160], BOX[0]]))
     assert not score[:2].any()
     assert score[2].any()
@@ -208,17 +204,11 @@ def test_joints_outside_of_the_picture_are_dropped():
     np.testing.assert_array_equal(score > 0, inside)
 
 
-def test_unsure_joints_are_dropped():
+def test_unsure_joints_are_dropped_and_a_few_or_such_that_fill_little_of_the_box_are_nobody():
     sure = np.where(np.arange(17) % 3 == 0, MIN_SCORE - 0.01, MIN_SCORE + 0.01)
     np.testing.assert_array_equal(checked(standing(), sure), np.where(sure > MIN_SCORE, sure, 0.0))
-
-
-def test_joints_that_fill_little_of_the_box_are_nobody():
     assert not checked(BOX[0, :2] + (0.3 + 0.25 * person()) * BOX[0, 2:]).any()
     assert checked(BOX[0, :2] + (0.3 + 0.4 * person()) * BOX[0, 2:]).all()
-
-
-def test_a_few_joints_are_nobody():
     few = np.where(np.isin(np.arange(17), (0, 13, 16)), 0.9, 0.0)
     assert (few > 0).sum() == MIN_JOINTS - 1
     assert not checked(standing(), few).any()
@@ -226,16 +216,16 @@ def test_a_few_joints_are_nobody():
     np.testing.assert_array_equal(checked(standing(), few), few)
 
 
-@pytest.mark.parametrize("output", ["movenet", "simcc", "heatmaps"])
-def test_a_network_of_another_kind_is_refused(tmp_path, output):
-    model = stripe_means(tmp_path / "m.onnx")
-    with pytest.raises(InputError, match=rf"m\.onnx: gives mean \[1, 3, 4, 1\]: {output} needs (one|two) output"):
-        open_keypoints(network(model, "keypoints", output))
-
-
-def test_an_output_that_has_no_joints_is_refused(tmp_path):
-    with pytest.raises(InputError, match=r"m\.onnx: its output is embedding: keypoints need one of movenet, simcc, heatmaps"):
-        open_keypoints(network(stripe_means(tmp_path / "m.onnx"), "keypoints", "embedding"))
+@pytest.mark.parametrize(
+    ("output", "told"),
+    [
+        *((kind, rf"gives mean \[1, 3, 4, 1\]: {kind} needs (one|two) output") for kind in ("movenet", "simcc", "heatmaps")),
+        ("embedding", "its output is embedding: keypoints need one of movenet, simcc, heatmaps"),
+    ],
+)
+def test_a_network_of_another_kind_is_refused(tmp_path, output, told):
+    with pytest.raises(InputError, match=rf"m\.onnx: {told}"):
+        open_keypoints(network(stripe_means(tmp_path / "m.onnx"), "keypoints", output))
 
 
 def test_identity_tells_networks_and_conventions_apart(tmp_path):

@@ -21,18 +21,22 @@ FACTOR = 2.0
 
 
 def network(
-    path: Path, shape: tuple[object, ...] = (1, 3, "h", "w"), *, axes: tuple[int, ...] = (0, 1, 2, 3), factor: float = FACTOR
+    path: Path, shape: tuple[object, ...] = (1, 3, "h", "w"), *, axes: tuple[int, ...] = (0, 1, 2, 3), factor: float = FACTOR,
+    channels: tuple[int, ...] | None = None,
 ) -> Path:  # fmt: skip
-    """Says `factor` times the mean of a picture's values: of a grey picture of 0.5 one radian."""
+    """Says `factor` times the mean of a picture's values, or of some channels': of a grey picture of 0.5 one radian."""
     keep = 0 if len(axes) == 4 else 1
     nodes = [
-        helper.make_node("ReduceMean", ["picture"], ["mean"], axes=list(axes), keepdims=keep),
+        helper.make_node("ReduceMean", ["some" if channels else "picture"], ["mean"], axes=list(axes), keepdims=keep),
         helper.make_node("Mul", ["mean", "factor"], ["fov"]),
     ]
+    if channels:
+        nodes.insert(0, helper.make_node("Gather", ["picture", "channels"], ["some"], axis=1))
     graph = helper.make_graph(
         nodes, "g", [helper.make_tensor_value_info("picture", TensorProto.FLOAT, shape)],
         [helper.make_tensor_value_info("fov", TensorProto.FLOAT, None)],
-        [helper.make_tensor("factor", TensorProto.FLOAT, [], [factor])],
+        [helper.make_tensor("factor", TensorProto.FLOAT, [], [factor]),
+         helper.make_tensor("channels", TensorProto.INT64, [len(channels or ())], channels or ())],
     )  # fmt: skip
     onnx.save(helper.make_model(graph, opset_imports=[helper.make_opsetid("", 13)], ir_version=8), path)
     return path
@@ -46,40 +50,23 @@ def grey(value: float, size: tuple[int, int] = (120, 200)) -> np.ndarray:
 def test_values_from_0_to_1_enter_and_one_number_comes_out(tmp_path, shape):
     opened = LensNetwork(network(tmp_path / "lens.onnx", shape))
     assert opened.vertical_fov(grey(0.4)) == pytest.approx(FACTOR * 0.4, abs=0.005)
-
-
-def test_the_median_of_several_pictures(tmp_path):
-    opened = LensNetwork(network(tmp_path / "lens.onnx"))
     assert median_vertical_fov(opened, [grey(0.2), grey(0.9), grey(0.3)]) == pytest.approx(FACTOR * 0.3, abs=0.01)
 
 
 def test_colours_are_red_green_blue(tmp_path):
-    path = tmp_path / "lens.onnx"
-    nodes = [
-        helper.make_node("Gather", ["picture", "first"], ["red"], axis=1),
-        helper.make_node("ReduceMean", ["red"], ["fov"], keepdims=0),
-    ]
-    graph = helper.make_graph(
-        nodes, "g", [helper.make_tensor_value_info("picture", TensorProto.FLOAT, (1, 3, 32, 32))],
-        [helper.make_tensor_value_info("fov", TensorProto.FLOAT, None)],
-        [helper.make_tensor("first", TensorProto.INT64, [], [0])],
-    )  # fmt: skip
-    onnx.save(helper.make_model(graph, opset_imports=[helper.make_opsetid("", 13)], ir_version=8), path)
     picture = np.zeros((40, 40, 3), dtype=np.uint8)
     picture[..., 2] = 255  # red, as OpenCV has it
-    assert LensNetwork(path).vertical_fov(picture) == pytest.approx(1.0)
+    opened = LensNetwork(network(tmp_path / "lens.onnx", factor=1.0, channels=(0,)))
+    assert opened.vertical_fov(picture) == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize("shape", [(1, 3, 64), (1, 1, 64, 64), (2, 3, 64, 64)])
-def test_another_input_is_an_error(tmp_path, shape):
-    path = network(tmp_path / "lens.onnx", shape, axes=tuple(range(len(shape))) if len(shape) == 4 else (0, 1, 2))
+def test_another_input_or_output_is_an_error(tmp_path, shape):
+    path = network(tmp_path / "lens.onnx", shape, axes=tuple(range(len(shape))))
     with pytest.raises(InputError, match=r"lens\.onnx: its inputs are .*takes one \[1, 3, height, width\] of float"):
         LensNetwork(path)
-
-
-def test_another_output_is_an_error(tmp_path):
     with pytest.raises(InputError, match=r"lens\.onnx: its first output .*one number, the vertical field of view"):
-        LensNetwork(network(tmp_path / "lens.onnx", (1, 3, 64, 64), axes=(1,))).vertical_fov(grey(0.5))
+        LensNetwork(network(path, (1, 3, 64, 64), axes=(1,))).vertical_fov(grey(0.5))
 
 
 @pytest.mark.parametrize("factor", [0.0, 100.0, math.inf])
@@ -116,18 +103,11 @@ def test_a_scene_that_names_one(scene):
     assert inputs.rig["A"].lens.focal == pytest.approx(60 / math.tan(0.5), rel=0.03)
     assert inputs.rig["B"].lens.focal == pytest.approx(100 / math.tan(math.radians(40)))
     assert [one.cameras for one in inputs.findings if one.code == "field_of_view_seen"] == [("A",)]
-
-
-def test_cameras_of_one_model_share_what_is_seen(scene):
-    network(scene.parent / "lens.onnx")
+    # Cameras of one model share what is seen: the median of what the network sees in both videos, 1.0 and 0.6 radians.
     scene.write_text(scene.read_text().replace("hfov_deg = 80.0", 'lens = "same as A"'))
-    a, b = read_inputs(Scene.load(scene)).rig
-    assert a.lens.focal == b.lens.focal
-    # the median of what the network sees in both videos, 1.0 and 0.6 radians
-    assert a.lens.focal == pytest.approx(0.5 * (60 / math.tan(0.5) + 60 / math.tan(0.3)), rel=0.03)
-
-
-def test_without_one_nothing_is_seen(scene):
+    a, b = (camera.lens.focal for camera in read_inputs(Scene.load(scene)).rig)
+    assert a == b == pytest.approx(0.5 * (60 / math.tan(0.5) + 60 / math.tan(0.3)), rel=0.03)
+    # Without one nothing is seen.
     scene.write_text(scene.read_text().replace('lens_network = "lens.onnx"\n', ""))
     assert read_inputs(Scene.load(scene)).rig["A"].lens.focal == 200.0
 

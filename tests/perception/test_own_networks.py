@@ -4,12 +4,13 @@ import re
 
 import onnx
 import pytest
-from onnx import TensorProto, helper
+from onnx import helper
 
 from passerby.common.errors import InputError
 from passerby.perception.fetching import sha256_of
 from passerby.perception.model_files import find_model
 from passerby.perception.networks import InputConvention
+from support.networks.crop_networks import port, saved
 from support.networks.model_server import keep_to
 
 
@@ -20,14 +21,9 @@ def _nothing_else(tmp_path, monkeypatch):
 
 def write(path, shapes=((1, 4),), metadata=None):
     """A network whose outputs, copies of its inputs, have these shapes."""
-    names = range(len(shapes))
-    graph = helper.make_graph(
-        [helper.make_node("Identity", [f"x{n}"], [f"y{n}"]) for n in names],
-        "copies",
-        [helper.make_tensor_value_info(f"x{n}", TensorProto.FLOAT, shapes[n]) for n in names],
-        [helper.make_tensor_value_info(f"y{n}", TensorProto.FLOAT, shapes[n]) for n in names],
-    )
-    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 13)], ir_version=8)
+    nodes = [helper.make_node("Identity", [f"x{n}"], [f"y{n}"]) for n in range(len(shapes))]
+    ports = [[port(f"{side}{n}", list(shape)) for n, shape in enumerate(shapes)] for side in "xy"]
+    model = onnx.load(saved(path, nodes, *ports))
     helper.set_model_props(model, metadata or {})
     onnx.save(model, str(path))
     return path
@@ -42,19 +38,17 @@ def test_the_usual_of_a_role(tmp_path):
     embedder = find_model(file, "embedder").network
     assert embedder.output == "embedding"
     assert (embedder.input.colour, embedder.input.fit, embedder.input.scale) == ("rgb", "stretch", 1 / 255)
-    assert embedder.input.mean == (0.485, 0.456, 0.406)
-    assert embedder.input.std == (0.229, 0.224, 0.225)
+    assert (embedder.input.mean, embedder.input.std) == ((0.485, 0.456, 0.406), (0.229, 0.224, 0.225))
 
 
 @pytest.mark.parametrize(
-    ("shapes", "output"),
-    [([(1, 1, 17, 3)], "movenet"), ([("n", 17, 384), ("n", 17, 512)], "simcc"), ([(1, 17, 64, 48)], "heatmaps")],
-)
-def test_what_keypoints_are_like_is_seen_from_the_outputs(tmp_path, shapes, output):
+    ("shapes", "output", "scale"),
+    [([(1, 1, 17, 3)], "movenet", 1.0), ([("n", 17, 384), ("n", 17, 512)], "simcc", 1 / 255),
+     ([(1, 17, 64, 48)], "heatmaps", 1 / 255)],
+)  # fmt: skip
+def test_what_keypoints_are_like_is_seen_from_the_outputs(tmp_path, shapes, output, scale):
     network = find_model(write(tmp_path / "mine.onnx", shapes), "keypoints").network
-    assert network.output == output
-    assert network.input.colour == "rgb"
-    assert network.input.scale == (1.0 if output == "movenet" else 1 / 255)
+    assert (network.output, network.input.colour, network.input.scale) == (output, "rgb", scale)
 
 
 def test_outputs_of_no_known_kind(tmp_path):
@@ -66,16 +60,9 @@ def test_outputs_of_no_known_kind(tmp_path):
 
 
 def test_the_file_tells_and_the_note_does_not_overrule_it(tmp_path):
-    told = {
-        "passerby.role": "embedder",
-        "passerby.colour": "bgr",
-        "passerby.scale": "0.5",
-        "passerby.mean": "[1, 2.5, 3]",
-        "passerby.std": "4 5 6",
-        "passerby.licence": "MIT",
-        "somebody.else": "1",
-    }
-    file = write(tmp_path / "mine.onnx", metadata=told)
+    told = {"role": "embedder", "colour": "bgr", "scale": "0.5", "mean": "[1, 2.5, 3]", "std": "4 5 6", "licence": "MIT"}
+    metadata = {f"passerby.{key}": value for key, value in told.items()} | {"somebody.else": "1"}
+    file = write(tmp_path / "mine.onnx", metadata=metadata)
     (tmp_path / "mine.toml").write_text('licence = "none"')
     network = find_model(file, "embedder").network
     assert network.input == InputConvention("bgr", 0.5, (1.0, 2.5, 3.0), (4.0, 5.0, 6.0), "stretch")
@@ -107,19 +94,18 @@ def test_a_note_beside_it(tmp_path):
     ],
 )
 def test_notes_that_cannot_be(tmp_path, note, message):
-    file = write(tmp_path / "mine.onnx")
+    write(tmp_path / "mine.onnx")
     (tmp_path / "mine.toml").write_text(note)
+    refused(tmp_path, message)
+
+
+def refused(folder, message):
     with pytest.raises(InputError, match=re.escape(message)):
-        find_model(file, "detector")
+        find_model(folder / "mine.onnx", "detector")
 
 
-def test_metadata_that_cannot_be(tmp_path):
-    file = write(tmp_path / "mine.onnx", metadata={"passerby.mean": "1, 2"})
-    with pytest.raises(InputError, match=r"mine\.onnx: metadata passerby\.\*: input\.mean"):
-        find_model(file, "detector")
-
-
-def test_no_onnx_file_at_all(tmp_path):
+def test_metadata_and_files_that_cannot_be(tmp_path):
+    write(tmp_path / "mine.onnx", metadata={"passerby.mean": "1, 2"})
+    refused(tmp_path, "mine.onnx: metadata passerby.*: input.mean")
     (tmp_path / "mine.onnx").write_bytes(b"hello")
-    with pytest.raises(InputError, match=r"mine\.onnx: this is not an ONNX file"):
-        find_model(tmp_path / "mine.onnx", "detector")
+    refused(tmp_path, "mine.onnx: this is not an ONNX file")

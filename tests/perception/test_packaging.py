@@ -35,13 +35,11 @@ def packed(packaging: Packaging, folder: Path, camera: str = CAMERA) -> VideoInf
 @pytest.mark.parametrize("packaging", [PLAIN, *PACKAGINGS], ids=lambda packaging: packaging.key)
 def test_pictures_times_and_size(packaging: Packaging, tmp_path: Path) -> None:
     info, expected = packed(packaging, tmp_path), shown(packaging, COUNT, FPS)
-    assert info.size == (SIZE[0] - packaging.less, SIZE[1] - packaging.less)
-    assert info.rotation == packaging.rotation
+    assert (info.size, info.rotation) == ((SIZE[0] - packaging.less, SIZE[1] - packaging.less), packaging.rotation)
     assert info.variable == (packaging.share < 1)
     assert info.variable or info.clock_fps == pytest.approx(FPS)
     if packaging.codec and packaging.share == 1:
-        assert info.frames == len(expected)
-        assert info.seconds == pytest.approx(len(expected) / FPS, abs=0.05)
+        assert (info.frames, info.seconds) == (len(expected), pytest.approx(len(expected) / FPS, abs=0.05))
     read = list(VideoReader(info))
     times = [float((number - expected[0]) / Fraction(FPS)) for number in expected]
     np.testing.assert_allclose([frame.seconds for frame in read], times, atol=0.006)
@@ -58,18 +56,18 @@ def test_packagings_are_what_they_say(tmp_path: Path) -> None:
     import av
 
     by_key = {packaging.key: packaging for packaging in PACKAGINGS}
-    with av.open(str(packed(by_key["hdr"], tmp_path / "hdr").path)) as container:
-        frame = next(container.decode(video=0))
+
+    def opened(key: str, camera: str = CAMERA):  # type: ignore[no-untyped-def]
+        return av.open(str(packed(by_key[key], tmp_path / key, camera).path))
+
+    with opened("hdr") as hdr, opened("rotated") as rotated, opened("edited") as edited:
+        frame = next(hdr.decode(video=0))
         assert (frame.format.name, frame.colorspace) == ("yuv420p10le", 9)
-    with av.open(str(packed(by_key["rotated"], tmp_path / "rotated").path)) as container:
-        frame = next(container.decode(video=0))
+        frame = next(rotated.decode(video=0))
         assert (frame.width, frame.height) == SIZE[::-1]
-    with av.open(str(packed(by_key["edited"], tmp_path / "edited").path)) as container:
-        assert sum(packet.is_discard for packet in container.demux(video=0)) == 10
-    with av.open(str(packed(by_key["sound"], tmp_path / "sound").path)) as container:
-        assert len(container.streams.audio) == 1
-    with av.open(str(packed(by_key["sound"], tmp_path / "silent", "C2").path)) as container:
-        assert len(container.streams.audio) == 0
+        assert sum(packet.is_discard for packet in edited.demux(video=0)) == 10
+    with opened("sound") as sound, opened("sound", "C2") as silent:
+        assert [len(container.streams.audio) for container in (sound, silent)] == [1, 0]
 
 
 def test_a_piece_with_an_edit_list_is_as_long_as_it_shows(tmp_path: Path) -> None:

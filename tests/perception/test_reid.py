@@ -6,7 +6,7 @@ import pytest
 from onnx import TensorProto, helper
 
 from passerby.common.errors import InputError
-from passerby.perception.reid import ReidEmbedder
+from passerby.perception.reid import ReidEmbedder, StripesEmbedder
 from support.networks.crop_networks import fixed, network, port, saved, stripe_means
 from support.paths import MODELS
 
@@ -27,23 +27,23 @@ def unit(colours: np.ndarray) -> np.ndarray:
     return vector / np.linalg.norm(vector)
 
 
+def embedder_of(model: Path, batch: int = 16, **convention: object) -> ReidEmbedder:
+    return ReidEmbedder(network(model, "embedder", "embedding", **convention), batch=batch)
+
+
 @pytest.mark.parametrize("channels_first", [True, False])
 @pytest.mark.parametrize("kind", [TensorProto.FLOAT, TensorProto.UINT8])
 @pytest.mark.parametrize("size", [(16, 32), (64, 128)])
-def test_colours_of_the_stripes_in_the_networks_order(tmp_path, channels_first, kind, size):
-    model = stripe_means(tmp_path / "m.onnx", channels_first=channels_first, kind=kind)
-    picture = striped(100, 50, *size)
-    for colour, order in (("bgr", [0, 1, 2]), ("rgb", [2, 1, 0])):
-        embedder = ReidEmbedder(network(model, "embedder", "embedding", colour=colour))
-        got = embedder(picture, np.array([[100.0, 50.0, *size]]))
-        assert got.dtype == np.float32
-        assert got.shape == (1, embedder.dimensions) == (1, 12)
-        np.testing.assert_allclose(got[0], unit(COLOURS[:, order].astype(float)), atol=1e-6)
+@pytest.mark.parametrize(("colour", "order"), [("bgr", [0, 1, 2]), ("rgb", [2, 1, 0])])
+def test_colours_of_the_stripes_in_the_networks_order(tmp_path, channels_first, kind, size, colour, order):
+    embedder = embedder_of(stripe_means(tmp_path / "m.onnx", channels_first=channels_first, kind=kind), colour=colour)
+    got = embedder(striped(100, 50, *size), np.array([[100.0, 50.0, *size]]))
+    assert (got.dtype, got.shape, embedder.dimensions) == (np.float32, (1, 12), 12)
+    np.testing.assert_allclose(got[0], unit(COLOURS[:, order].astype(float)), atol=1e-6)
 
 
 def test_scale_mean_and_deviation_in_the_networks_order(tmp_path):
-    model = stripe_means(tmp_path / "m.onnx")
-    embedder = ReidEmbedder(network(model, "embedder", "embedding", colour="rgb", **IMAGENET))
+    embedder = embedder_of(stripe_means(tmp_path / "m.onnx"), colour="rgb", **IMAGENET)
     got = embedder(striped(100, 50, 32, 64), np.array([[100.0, 50.0, 32.0, 64.0]]))
     wanted = (COLOURS[:, ::-1] / 255 - IMAGENET["mean"]) / IMAGENET["std"]
     np.testing.assert_allclose(got[0], unit(wanted), atol=1e-6)
@@ -51,86 +51,71 @@ def test_scale_mean_and_deviation_in_the_networks_order(tmp_path):
 
 @pytest.mark.parametrize("batch", [1, 4, "n"])
 def test_any_number_of_boxes_in_any_batch(tmp_path, batch):
-    model = stripe_means(tmp_path / "m.onnx", batch=batch)
     rng = np.random.default_rng(5)
     picture = cv2.GaussianBlur(rng.integers(0, 256, (240, 320, 3), dtype=np.uint8), (0, 0), 5)
     boxes = np.hstack([rng.uniform(0, 100, (11, 2)), rng.uniform((20, 40), (80, 130), (11, 2))])
-    embedder = ReidEmbedder(network(model, "embedder", "embedding"), batch=3)
+    embedder = embedder_of(stripe_means(tmp_path / "m.onnx", batch=batch), batch=3)
     together = embedder(picture, boxes)
-    apart = np.vstack([embedder(picture, box[None]) for box in boxes])
-    np.testing.assert_allclose(together, apart, atol=1e-6)
+    np.testing.assert_allclose(together, np.vstack([embedder(picture, box[None]) for box in boxes]), atol=1e-6)
     np.testing.assert_allclose(np.linalg.norm(together, axis=1), 1.0, atol=1e-6)
-    assert embedder(picture, np.zeros((0, 4))).shape == (0, 12)
 
 
 def test_a_part_outside_of_the_picture_is_not_shown(tmp_path):
-    model = stripe_means(tmp_path / "m.onnx")
-    embedder = ReidEmbedder(network(model, "embedder", "embedding"))
-    picture = striped(0, 50, 40, 128)
-    got = embedder(picture, np.array([[-24.0, 50.0, 64.0, 128.0]]))
+    got = embedder_of(stripe_means(tmp_path / "m.onnx"))(striped(0, 50, 40, 128), np.array([[-24.0, 50.0, 64.0, 128.0]]))
     np.testing.assert_allclose(got[0], unit(COLOURS.astype(float)), atol=1e-6)
 
 
-def test_boxes_that_show_nothing_are_rows_of_zeros(tmp_path):
-    embedder = ReidEmbedder(network(stripe_means(tmp_path / "m.onnx"), "embedder", "embedding"))
+@pytest.mark.parametrize("kind", ["network", "stripes"])
+def test_boxes_that_show_nothing_are_rows_of_zeros(tmp_path, kind):
+    embedder = StripesEmbedder() if kind == "stripes" else embedder_of(stripe_means(tmp_path / "m.onnx"))
     boxes = np.array([[10, 10, 5, 40], [10, 10, 40, 12], [-70, 10, 80, 160], [500, 10, 80, 160], [10, 10, 40, 80.0]])
-    got = embedder(striped(10, 10, 40, 80), boxes)
+    picture = striped(10, 10, 40, 80)
+    got = embedder(picture, boxes)
+    assert (got.dtype, got.shape) == (np.float32, (5, embedder.dimensions))
     assert not got[:4].any()
     np.testing.assert_allclose(np.linalg.norm(got[4]), 1.0, atol=1e-6)
+    assert embedder(picture, np.zeros((0, 4))).shape == (0, embedder.dimensions)
+    with pytest.raises(InputError, match=r"\(2, 3\)"):
+        embedder(picture, np.ones((2, 3)))
 
 
 def test_an_answer_that_is_not_a_number_is_a_row_of_zeros(tmp_path):
     model = fixed(tmp_path / "m.onnx", {"v": np.array([[1.0, np.nan, 2.0]])}, ["n", 3, 32, 16])
-    embedder = ReidEmbedder(network(model, "embedder", "embedding"))
-    assert not embedder(striped(10, 10, 40, 80), np.array([[10, 10, 40, 80.0]])).any()
+    assert not embedder_of(model)(striped(10, 10, 40, 80), np.array([[10, 10, 40, 80.0]])).any()
 
 
 def test_an_open_size_is_the_usual_one(tmp_path):
     nodes = [helper.make_node("GlobalAveragePool", ["crop"], ["mean"])]
-    model = saved(tmp_path / "m.onnx", nodes, [port("crop", ["n", 3, "h", "w"])], [port("mean", ["n", 3, 1, 1])])
-    embedder = ReidEmbedder(network(model, "embedder", "embedding"))
-    assert embedder.dimensions == 3
-    assert embedder(striped(10, 10, 40, 80), np.array([[10, 10, 40, 80.0]])).shape == (1, 3)
+    ports = [port("crop", ["n", 3, "h", "w"])], [port("mean", ["n", 3, 1, 1])]
+    embedder = embedder_of(saved(tmp_path / "m.onnx", nodes, *ports))
+    assert (embedder.dimensions, embedder(striped(10, 10, 40, 80), np.array([[10, 10, 40, 80.0]])).shape) == (3, (1, 3))
 
 
 def test_what_decides_the_result_is_in_the_identity(tmp_path):
     model = stripe_means(tmp_path / "m.onnx")
-    first = ReidEmbedder(network(model, "embedder", "embedding")).identity
-    second = ReidEmbedder(network(model, "embedder", "embedding", colour="rgb")).identity
+    first, second = embedder_of(model).identity, embedder_of(model, colour="rgb").identity
     assert first["sha256"] == "0" * 64
     assert first != second
 
 
+def relu(path: Path, *shape: int | str) -> Path:
+    return saved(path, [helper.make_node("Relu", ["a"], ["b"])], [port("a", list(shape))], [port("b", list(shape))])
+
+
 @pytest.mark.parametrize(
-    ("inputs", "outputs", "found"),
+    ("make", "found"),
     [
-        ([4, "n"], [4, "n"], r"m\.onnx: takes a \[4, \?\] of float.*height, width"),
-        (["n", 5, 32, 16], ["n", 5, 32, 16], r"takes a \[\?, 5, 32, 16\] of float.*role embedder"),
+        (lambda path: relu(path, 4, "n"), r"takes a \[4, \?\] of float.*height, width"),
+        (lambda path: relu(path, "n", 5, 32, 16), r"takes a \[\?, 5, 32, 16\] of float.*role embedder"),
+        (lambda path: fixed(path, {"v": np.ones((1, 3)), "w": np.ones((1, 4))}, [1, 3, 32, 16]),
+         r"gives v \[1, 3\] of float; w \[1, 4\].*one output"),
+        (lambda path: fixed(path, {"v": np.ones((1, 1))}, [1, 3, 32, 16]), r"gives the shape \[1, 1\]"),
     ],
-)
-def test_a_network_that_takes_no_crops_is_refused(tmp_path, inputs, outputs, found):
-    nodes = [helper.make_node("Relu", ["a"], ["b"])]
-    model = saved(tmp_path / "m.onnx", nodes, [port("a", inputs)], [port("b", outputs)])
-    with pytest.raises(InputError, match=found):
-        ReidEmbedder(network(model, "embedder", "embedding"))
-
-
-def test_a_network_of_two_outputs_is_refused(tmp_path):
-    model = fixed(tmp_path / "m.onnx", {"v": np.ones((1, 3)), "w": np.ones((1, 4))}, [1, 3, 32, 16])
-    with pytest.raises(InputError, match=r"m\.onnx: gives v \[1, 3\] of float; w \[1, 4\].*one output"):
-        ReidEmbedder(network(model, "embedder", "embedding"))
-
-
-def test_a_network_of_a_single_number_is_refused(tmp_path):
-    model = fixed(tmp_path / "m.onnx", {"v": np.ones((1, 1))}, [1, 3, 32, 16])
-    with pytest.raises(InputError, match=r"m\.onnx: gives the shape \[1, 1\]"):
-        ReidEmbedder(network(model, "embedder", "embedding"))
-
-
-def test_boxes_of_another_shape_are_refused(tmp_path):
-    embedder = ReidEmbedder(network(stripe_means(tmp_path / "m.onnx"), "embedder", "embedding"))
-    with pytest.raises(InputError, match=r"\(2, 3\)"):
-        embedder(striped(10, 10, 40, 80), np.ones((2, 3)))
+    ids=["no picture", "five channels", "two outputs", "a single number"],
+)  # fmt: skip
+def test_a_network_of_another_kind_is_refused(tmp_path, make, found):
+    with pytest.raises(InputError, match=rf"m\.onnx: {found}"):
+        embedder_of(make(tmp_path / "m.onnx"))
 
 
 def test_a_real_network_finds_the_same_people_in_another_camera(data_root):

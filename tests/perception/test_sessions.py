@@ -1,7 +1,5 @@
 """Network files that open, and files that do not: the message names the file and the remedy."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +8,8 @@ import pytest
 from onnx import TensorProto, helper
 
 from passerby.common.errors import InputError
-from passerby.perception.sessions import CPU, inputs_of, open_session, outputs_of, provider_of
+from passerby.perception.sessions import inputs_of, open_session, outputs_of, provider_of
+from support.refusals import refused
 
 
 def doubling(opset: int = 13, operator: str = "Add") -> onnx.ModelProto:
@@ -32,7 +31,7 @@ def saved(model: onnx.ModelProto, folder: Path) -> Path:
 
 def test_a_session_computes_on_one_thread_and_says_on_what(tmp_path):
     session = open_session(saved(doubling(), tmp_path), allow_cuda=False)
-    assert provider_of(session) == CPU.removesuffix("ExecutionProvider") == "CPU"
+    assert provider_of(session) == "CPU"
     options = session.get_session_options()
     assert options.intra_op_num_threads == options.inter_op_num_threads == 1
     assert options.get_session_config_entry("session.intra_op.allow_spinning") == "0"
@@ -43,47 +42,34 @@ def test_a_session_computes_on_one_thread_and_says_on_what(tmp_path):
 def test_open_dimensions_are_none(tmp_path):
     session = open_session(saved(doubling(), tmp_path))
     (taken,), (given,) = inputs_of(session), outputs_of(session)
-    assert (taken.name, taken.shape, taken.kind) == ("x", (None, 3), "tensor(float)")
-    assert given.name == "y"
-    assert str(taken) == "x [?, 3] of float"
+    assert (taken.name, taken.shape, taken.kind, given.name) == ("x", (None, 3), "tensor(float)", "y")
 
 
-def test_missing_file(tmp_path):
-    with pytest.raises(InputError, match=r"absent\.onnx: no such file: give"):
-        open_session(tmp_path / "absent.onnx")
+WHOLE = doubling().SerializeToString()
 
 
-@pytest.mark.parametrize("content", [b"", b"<html>404</html>", b"\x00" * 1000])
+@pytest.mark.parametrize("content", [b"", b"<html>404</html>", bytes(1000), WHOLE[: len(WHOLE) // 2]])
 def test_no_onnx_file(tmp_path, content, capfd):
     path = tmp_path / "network.onnx"
-    path.write_bytes(content)
-    with pytest.raises(InputError, match=r"network\.onnx: .*fetch it again") as caught:
+    with pytest.raises(InputError, match=r"network\.onnx: no such file: give"):
         open_session(path)
-    assert "\n" not in str(caught.value)
+    path.write_bytes(content)
+    with refused(r".*fetch it again", path):
+        open_session(path)
     assert capfd.readouterr() == ("", "")
 
 
-def test_half_a_file(tmp_path):
-    whole = saved(doubling(), tmp_path)
-    whole.write_bytes(whole.read_bytes()[: whole.stat().st_size // 2])
-    with pytest.raises(InputError, match=r"network\.onnx: .*fetch it again"):
-        open_session(whole)
-
-
-@pytest.mark.parametrize("name", ["x", "y"])
+@pytest.mark.parametrize("name", [b"x", b"y"])
 def test_names_that_are_no_text(name, tmp_path):
     path = saved(doubling(), tmp_path)
-    path.write_bytes(
-        path.read_bytes()
-        .replace(b"\n\x01" + name.encode(), b"\n\x01\xee")
-        .replace(b"\x12\x01" + name.encode(), b"\x12\x01\xee")
-    )
-    with pytest.raises(InputError, match=r"network\.onnx: its names are not text: the file is damaged; fetch it again"):
+    content = path.read_bytes()
+    path.write_bytes(content.replace(b"\n\x01" + name, b"\n\x01\xee").replace(b"\x12\x01" + name, b"\x12\x01\xee"))
+    with refused(r"network\.onnx: its names are not text: the file is damaged; fetch it again", path):
         open_session(path)
 
 
 @pytest.mark.parametrize("model", [doubling(opset=999), doubling(operator="NoSuchOperator")])
 def test_operators_that_are_not_known(tmp_path, model):
-    with pytest.raises(InputError, match=r"network\.onnx: needs operators .*older opset") as caught:
-        open_session(saved(model, tmp_path))
-    assert "\n" not in str(caught.value)
+    path = saved(model, tmp_path)
+    with refused(r"network\.onnx: needs operators .*older opset", path):
+        open_session(path)

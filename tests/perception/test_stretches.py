@@ -26,9 +26,7 @@ from support.scenes.numbered_videos import number_in, written
 @pytest.mark.parametrize(("seconds", "count"), [(10.0, 1), (44.0, 1), (60.0, 2), (3600.0, 120)])
 def test_stretches_cover_a_recording_once(seconds, count):
     stretches = cut_into_stretches(5.0, 5.0 + seconds)
-    assert len(stretches) == count
-    assert stretches[0].begin_s == 5.0
-    assert stretches[-1].end_s == 5.0 + seconds
+    assert (len(stretches), stretches[0].begin_s, stretches[-1].end_s) == (count, 5.0, 5.0 + seconds)
     assert all(one.end_s == after.begin_s for one, after in pairwise(stretches))
 
 
@@ -51,30 +49,28 @@ def test_the_parts_of_a_video_have_the_frames_of_the_whole(tmp_path, rate):
 
 def test_key_frames_are_found_without_what_lies_between(tmp_path):
     info = probe(written(tmp_path / "a.mp4", 240))
-    wanted = [0.2, 0.21, 3.0, 5.5, 9.55]
-    for video in (info, part_of_video(info, Stretch(0.0, 20.0))):
-        frames = list(key_frames(video, wanted))
+    wanted, inside = [0.2, 0.21, 3.0, 5.5, 9.55], Stretch(4.0, 8.0)
+    part = part_of_video(info, inside)
+    for video, seconds in ((info, wanted), (part_of_video(info, Stretch(0.0, 20.0)), wanted), (part, spread_evenly(inside, 4))):
+        frames = list(key_frames(video, seconds))
         assert [number_in(frame.picture) for frame in frames] == [frame.number for frame in frames]
         assert len(frames) == 4, "each once"
-        # There is a key frame every second at least.
-        assert all(0 <= second - frame.seconds <= 1 for frame, second in zip(frames, np.delete(wanted, 1), strict=True))
-    inside = list(key_frames(part_of_video(info, Stretch(4.0, 8.0)), spread_evenly(Stretch(4.0, 8.0), 4)))
-    assert [number_in(frame.picture) for frame in inside] == [frame.number for frame in inside]
-    assert len(inside) == 4
+        if video is not part:  # There is a key frame every second at least.
+            assert all(0 <= second - frame.seconds <= 1 for frame, second in zip(frames, np.delete(wanted, 1), strict=True))
 
 
 def test_a_video_of_unknown_length_is_not_divided(tmp_path):
     info = probe(written(tmp_path / "a.mp4", 50))
-    assert is_divisible(info)
-    assert not is_divisible(replace(info, seconds=None))
-    assert not is_divisible(replace(info, frame_times=(0.0, 0.04)))
+    unknown, timed = replace(info, seconds=None), replace(info, frame_times=(0.0, 0.04))
+    assert [is_divisible(one) for one in (info, unknown, timed)] == [True, False, False]
 
 
-def test_the_empty_scene_is_learnt_near_a_stretch():
-    whole = Stretch(0.0, 3600.0)
-    assert find_window(whole, Stretch(0.0, 30.0)) == Stretch(0.0, 300.0)
-    assert find_window(whole, Stretch(3570.0, 3600.0)) == Stretch(3300.0, 3600.0)
-    assert find_window(Stretch(10.0, 70.0), Stretch(40.0, 70.0)) == Stretch(10.0, 70.0)
+@pytest.mark.parametrize(
+    ("whole", "stretch", "window"),
+    [((0, 3600), (0, 30), (0, 300)), ((0, 3600), (3570, 3600), (3300, 3600)), ((10, 70), (40, 70), (10, 70))],
+)
+def test_the_empty_scene_is_learnt_near_a_stretch(whole, stretch, window):
+    assert find_window(Stretch(*whole), Stretch(*stretch)) == Stretch(*window)
 
 
 def looks(*people):
@@ -84,21 +80,17 @@ def looks(*people):
 
 
 def test_people_whom_two_cameras_see_count_and_new_places_count_more():
+    """The second of two alike comes after a place that is new; one camera's people teach nothing; nor does an empty room.
+    A stretch without a look comes last."""
     stretches = tuple(Stretch(10.0 * k, 10.0 * (k + 1)) for k in range(5))
     here, there, far, middle = (0.1, 0.9), (0.9, 0.9), (0.5, 0.1), (0.5, 0.5)
     overviews = {
         "A": looks([], [here, there], [here, there], [here], [far, middle]),
         "B": looks([], [here, there], [here, there], [], [far, middle]),
     }
-    order = rank_stretches(stretches, overviews)
-    # The second of two alike comes after a place that is new; one camera's people teach nothing; nor does an empty room.
-    assert order == [1, 4, 2, 0, 3]
-
-
-def test_a_stretch_without_a_look_comes_last():
-    stretches = tuple(Stretch(5.0 * k, 5.0 * (k + 1)) for k in range(4))
-    one = looks([(0.5, 0.5)], [(0.2, 0.5)])
-    assert rank_stretches(stretches, {"A": one, "B": one}) == [1, 3, 0, 2]
+    assert rank_stretches(stretches, overviews) == [1, 4, 2, 0, 3]
+    halves = tuple(Stretch(5.0 * k, 5.0 * (k + 1)) for k in range(4))
+    assert rank_stretches(halves, dict.fromkeys("AB", looks([middle], [(0.2, 0.5)]))) == [1, 3, 0, 2]
 
 
 def test_a_camera_that_was_moved_between_two_stretches_is_a_fault(tmp_path):

@@ -2,7 +2,6 @@ import cv2
 import numpy as np
 import pytest
 
-from passerby.common.errors import InputError
 from passerby.perception.reid import StripesEmbedder
 
 BACKGROUND = ((90, 120, 90), (150, 150, 160))
@@ -40,15 +39,6 @@ def similarities(first: list[np.ndarray], second: list[np.ndarray]) -> np.ndarra
     return a @ b.T
 
 
-def test_unit_vectors_of_the_promised_length():
-    embed = StripesEmbedder()
-    vectors = embed(person(*PEOPLE[0]), np.array([[60.0, 40, 40, 100], [50, 30, 90, 150], [0, 0, 30, 60]]))
-    assert vectors.dtype == np.float32
-    assert vectors.shape == (3, embed.dimensions)
-    np.testing.assert_allclose(np.linalg.norm(vectors, axis=1), 1.0, atol=1e-6)
-    assert embed(person(*PEOPLE[0]), np.zeros((0, 4))).shape == (0, embed.dimensions)
-
-
 def test_boxes_together_are_boxes_apart_bit_for_bit():
     embed, picture = StripesEmbedder(), person(*PEOPLE[1])
     rng = np.random.default_rng(2)
@@ -57,25 +47,23 @@ def test_boxes_together_are_boxes_apart_bit_for_bit():
     np.testing.assert_array_equal(embed(picture, boxes), apart)
 
 
-def test_the_same_clothes_before_another_background_are_the_most_similar():
+@pytest.mark.parametrize("exposed", [False, True], ids=["another background", "other exposure and white balance"])
+def test_the_same_clothes_in_another_camera_are_the_most_similar(exposed):
     first = [person(*clothes, seed=k) for k, clothes in enumerate(PEOPLE)]
-    second = [person(*clothes, background=BACKGROUND[1], seed=100 + k) for k, clothes in enumerate(PEOPLE)]
+    gain = np.array([1.25, 1.0, 0.8]) * 0.75
+    if exposed:
+        second = [np.clip(person(*c, seed=50 + k) * gain + 12, 0, 255).astype(np.uint8) for k, c in enumerate(PEOPLE)]
+    else:
+        second = [person(*clothes, background=BACKGROUND[1], seed=100 + k) for k, clothes in enumerate(PEOPLE)]
     similar = similarities(first, second)
     np.testing.assert_array_equal(similar.argmax(axis=1), np.arange(len(PEOPLE)))
-    np.testing.assert_array_equal(similar.argmax(axis=0), np.arange(len(PEOPLE)))
+    if not exposed:
+        np.testing.assert_array_equal(similar.argmax(axis=0), np.arange(len(PEOPLE)))
 
 
 def test_jacket_and_trousers_exchanged_are_another_person():
     similar = similarities([person(*PEOPLE[4])], [person(*PEOPLE[4], seed=9), person(*PEOPLE[5], seed=9)])[0]
     assert similar[0] > similar[1] + 0.2
-
-
-def test_a_camera_of_other_exposure_and_white_balance():
-    first = [person(*clothes, seed=k) for k, clothes in enumerate(PEOPLE)]
-    gain = np.array([1.25, 1.0, 0.8]) * 0.75
-    second = [np.clip(person(*clothes, seed=50 + k) * gain + 12, 0, 255).astype(np.uint8) for k, clothes in enumerate(PEOPLE)]
-    similar = similarities(first, second)
-    np.testing.assert_array_equal(similar.argmax(axis=1), np.arange(len(PEOPLE)))
 
 
 def test_a_person_nearer_and_farther_looks_the_same():
@@ -86,19 +74,7 @@ def test_a_person_nearer_and_farther_looks_the_same():
     assert similar > 0.95
 
 
-def test_boxes_that_show_nothing_are_rows_of_zeros():
-    boxes = np.array([[10, 10, 5, 40], [10, 10, 40, 12], [-70, 10, 80, 160], [500, 10, 80, 160], [60, 40, 40, 100.0]])
-    vectors = StripesEmbedder()(person(*PEOPLE[2]), boxes)
-    assert not vectors[:4].any()
-    assert vectors[4].any()
-
-
 def test_black_and_white_pictures_have_vectors_too():
     for grey in (0, 255):
         vectors = StripesEmbedder()(np.full((200, 200, 3), grey, dtype=np.uint8), box())
         np.testing.assert_allclose(np.linalg.norm(vectors, axis=1), 1.0, atol=1e-6)
-
-
-def test_boxes_of_another_shape_are_refused():
-    with pytest.raises(InputError, match=r"\(2, 3\)"):
-        StripesEmbedder()(person(*PEOPLE[0]), np.ones((2, 3)))

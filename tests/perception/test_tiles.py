@@ -1,7 +1,5 @@
 """Tiles cover a picture, and what is found in several of them is each person once."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np
@@ -19,19 +17,16 @@ NETWORK = (416, 416)
 
 def boxes(*rows):
     """From left, top, width, height to left, top, right, bottom."""
-    ltwh = np.array(rows, dtype=float)
+    ltwh = np.array(rows, dtype=float).reshape(-1, 4)
     return np.concatenate([ltwh[:, :2], ltwh[:, :2] + ltwh[:, 2:]], axis=1)
 
 
 @pytest.mark.parametrize(
-    ("picture", "count"),
-    [((416, 520), 0), ((480, 640), 2), ((576, 768), 4), ((720, 1280), 6), ((1080, 1920), 6), ((1920, 1080), 6)],
+    ("picture", "count"), [((416, 520), 0), ((480, 640), 2), ((576, 768), 4), ((720, 1280), 6), ((1920, 1080), 6)]
 )
 def test_number_of_tiles_by_the_size_of_the_picture(picture, count):
     assert len(tile_windows(picture, NETWORK)) == count
-
-
-def test_cost_is_bounded_for_pictures_however_large():
+    # The cost is bounded for pictures however large.
     assert len(tile_windows((4320, 7680), NETWORK)) == len(tile_windows((2160, 3840), NETWORK)) <= 8
     assert len(tile_windows((4320, 7680), (64, 64))) <= 20
 
@@ -47,8 +42,7 @@ def test_tiles_cover_the_picture_and_stay_in_it(height, width, tiling):
         return
     for start, length, whole in ((0, 2, width), (1, 3, height)):
         spans = sorted({(tile[start], tile[start] + tile[length]) for tile in tiles})
-        assert spans[0][0] == 0
-        assert spans[-1][1] == whole
+        assert (spans[0][0], spans[-1][1]) == (0, whole)
         assert all(second[0] <= first[1] for first, second in pairwise(spans))
     if tiling != "auto":
         assert len(tiles) == tiling[0] * tiling[1]
@@ -79,20 +73,19 @@ def test_boxes_cut_by_an_inner_border_go_and_those_at_the_pictures_border_stay()
     assert is_untruncated(found, tile, picture, (0.6, 0.6)).tolist() == [True, False, False, False, True]
 
 
-def test_duplicates_leave_the_most_certain():
-    found = boxes([100, 100, 40, 100], [102, 101, 40, 100], [300, 100, 40, 100])
-    assert merge(found, np.array([0.6, 0.8, 0.5]), 0.55).tolist() == [1, 2]
-
-
-@pytest.mark.parametrize("score", [0.5, 0.9])
-def test_legs_and_heads_go(score):
-    found = boxes([100, 100, 40, 100], [102, 150, 36, 50], [103, 101, 36, 40])
-    assert merge(found, np.array([0.8, score, score]), 0.55).tolist() == [0]
-
-
-def test_a_person_behind_another_stays():
-    nearer, farther, beside = [100, 100, 60, 180], [110, 95, 34, 100], [140, 105, 60, 180]
-    assert sorted(merge(boxes(nearer, farther, beside), np.array([0.9, 0.5, 0.7]), 0.55)) == [0, 1, 2]
+@pytest.mark.parametrize(
+    ("found", "score", "kept"),
+    [
+        ([[100, 100, 40, 100], [102, 101, 40, 100], [300, 100, 40, 100]], [0.6, 0.8, 0.5], [1, 2]),
+        ([[100, 100, 40, 100], [102, 150, 36, 50], [103, 101, 36, 40]], [0.8, 0.5, 0.5], [0]),
+        ([[100, 100, 40, 100], [102, 150, 36, 50], [103, 101, 36, 40]], [0.8, 0.9, 0.9], [0]),
+        ([[100, 100, 60, 180], [110, 95, 34, 100], [140, 105, 60, 180]], [0.9, 0.5, 0.7], [0, 1, 2]),
+        (np.zeros((0, 4)), [], []),
+    ],
+    ids=["the most certain", "legs and heads go", "sure ones too", "a person behind another stays", "nobody"],
+)
+def test_each_person_is_left_once(found, score, kept):
+    assert sorted(merge(boxes(*found), np.array(score), 0.55).tolist()) == kept
 
 
 def test_an_unsure_box_around_two_people_takes_none_of_them():
@@ -108,14 +101,9 @@ def test_the_order_of_boxes_decides_nothing(order):
     assert found[rows][merge(found[rows], score[rows], 0.55)].tolist() == found[merge(found, score, 0.55)].tolist()
 
 
-def test_nobody_at_all():
-    assert len(merge(np.zeros((0, 4)), np.zeros(0), 0.55)) == 0
-
-
 def test_hinted_tiles():
     tiles = ((0, 0, 100, 100), (80, 0, 100, 100), (160, 0, 100, 100))
-    assert hinted(tiles, np.array([[90.0, 50.0]])) == tiles[:2]
-    assert hinted(tiles, np.zeros((0, 2))) == ()
+    assert (hinted(tiles, np.array([[90.0, 50.0]])), hinted(tiles, np.zeros((0, 2)))) == (tiles[:2], ())
 
 
 def bright_picture(*centres):
@@ -126,23 +114,22 @@ def bright_picture(*centres):
     return Frame(1, 0.0, picture)
 
 
+def found_in(path, frame, score, tiles):
+    return YoloxDetector(network(path), YoloxOptions(score=score, tiles=tiles))(frame)
+
+
 def test_a_person_too_small_for_the_whole_picture_is_found_in_a_tile(tmp_path):
     path = bright_file(tmp_path / "bright.onnx", 6.0, 12.0)
     frame = bright_picture((96, 100))
     # In the whole picture a quarter of a cell is bright at most, in a tile more than a third of one or more cells.
-    assert len(YoloxDetector(network(path), YoloxOptions(score=0.3, tiles="none"))(frame)) == 0
+    assert len(found_in(path, frame, 0.3, "none")) == 0
     for tiles in ("auto", (3, 3)):
-        found = YoloxDetector(network(path), YoloxOptions(score=0.3, tiles=tiles))(frame)
+        found = found_in(path, frame, 0.3, tiles)
         assert 1 <= len(found) <= 4
         assert np.allclose(found.ltwh[:, :2] + found.ltwh[:, 2:] / 2, (96, 100), atol=28)
         # The box of 12 pixels of the input would be 96 pixels tall in the whole picture.
         assert (found.ltwh[:, 3] < 70).all()
-
-
-def test_no_tile_is_looked_at_where_nothing_hints_at_small_people(tmp_path):
-    path = bright_file(tmp_path / "bright.onnx", 6.0, 12.0)
-    frame = bright_picture((96, 100))
+    # Where nothing hints at small people no tile is looked at.
     frame.picture[:] //= 10
-    detector = YoloxDetector(network(path), YoloxOptions(score=0.03, tiles=(3, 3)))
-    assert len(detector(frame)) >= 1
-    assert len(YoloxDetector(network(path), YoloxOptions(score=0.03, tiles="auto"))(frame)) == 0
+    assert len(found_in(path, frame, 0.03, (3, 3))) >= 1
+    assert len(found_in(path, frame, 0.03, "auto")) == 0

@@ -8,17 +8,15 @@ import cv2
 import numpy as np
 import pytest
 
-from passerby.common.errors import InputError
 from passerby.core.observations import UNKNOWN, Boxes
 from passerby.findings.texts import text_of
-from passerby.interchange.video_writer import VideoWriter
 from passerby.perception import plan as joint_budget
 from passerby.perception import watching
 from passerby.perception.networks import Network
 from passerby.perception.pictures import Detections
 from passerby.perception.plan import Plan
 from passerby.perception.video import probe
-from passerby.perception.watching import CameraJob, find_kept_results, watch_camera
+from passerby.perception.watching import CameraJob
 from support.scenes.puppet_videos import wall, write_video
 
 SIZE, FPS, COUNT = (160, 120), 10.0, 50
@@ -31,6 +29,10 @@ class Calls:
 
     def __init__(self):
         self.pictures, self.appearance, self.joints = [], 0, 0
+
+    @property
+    def counts(self):
+        return len(self.pictures), self.appearance, self.joints
 
 
 class Finds:
@@ -116,6 +118,14 @@ def silent(done, total):
     pass
 
 
+def watch_camera(job, tell=silent):
+    return watching.watch_camera(job, tell)
+
+
+def find_kept_results(job):
+    return watching.find_kept_results(job, silent)
+
+
 def facts(watched):
     """All that decides what follows."""
     boxes, joints = watched.boxes, watched.keypoints
@@ -142,46 +152,30 @@ def test_what_is_seen(job, calls):
     np.testing.assert_allclose(left, watched.boxes.ltwh[looked, 0], rtol=1e-5)
     # Joints of those who have any.
     np.testing.assert_array_equal(watched.keypoints.frame, numbers[numbers % 3 > 0])
-    assert watched.keypoints.joints == Points.joints
-    assert watched.pictures == COUNT
-    assert progress[-1] == (COUNT, COUNT)
+    assert (watched.keypoints.joints, watched.pictures, progress[-1]) == (Points.joints, COUNT, (COUNT, COUNT))
     assert [done for done, _ in progress] == sorted(done for done, _ in progress)
 
 
-def test_nothing_is_made_twice(job, calls):
-    first = watch_camera(job, silent)
-    before = (len(calls.pictures), calls.appearance, calls.joints)
-    again = watch_camera(job, silent)
-    assert (len(calls.pictures), calls.appearance, calls.joints) == before
-    assert facts(again) == facts(first)
-
-
 def test_what_is_kept_is_read_without_anything_being_made(job, calls):
-    assert find_kept_results(job, silent) is None
+    assert find_kept_results(job) is None
     assert not calls.pictures
-    first = watch_camera(job, silent)
-    before = (len(calls.pictures), calls.appearance, calls.joints)
-    assert facts(find_kept_results(job, silent)) == facts(first)
-    assert find_kept_results(replace(job, rate=job.rate / 2), silent) is None
-    assert (len(calls.pictures), calls.appearance, calls.joints) == before
+    first = watch_camera(job)
+    before = calls.counts
+    assert (facts(watch_camera(job)), facts(find_kept_results(job))) == (facts(first), facts(first))
+    assert find_kept_results(replace(job, rate=job.rate / 2)) is None
+    assert calls.counts == before
 
 
-def test_the_same_video_is_known_wherever_it_lies(job, calls, tmp_path):
-    first = watch_camera(job, silent)
+def test_the_same_video_is_known_wherever_it_lies_and_another_of_the_same_name_is_not(job, calls, tmp_path):
+    first = watch_camera(job)
     copy = tmp_path / "elsewhere" / "b.mp4"
     copy.parent.mkdir()
     shutil.copyfile(job.info.path, copy)
     os.utime(copy, (1, 1))
-    assert facts(watch_camera(replace(job, info=probe(copy)), silent)) == facts(first)
+    assert facts(watch_camera(replace(job, info=probe(copy)))) == facts(first)
     assert len(calls.pictures) == COUNT
-
-
-def test_another_video_of_the_same_name_is_not(job, calls, tmp_path):
-    path = tmp_path / "a.mp4"
-    shutil.copyfile(job.info.path, path)
-    watch_camera(replace(job, info=probe(path)), silent)
-    write_video(path, (255 - picture for picture in pictures()), FPS)
-    watched = watch_camera(replace(job, info=probe(path)), silent)
+    write_video(copy, (255 - picture for picture in pictures()), FPS)
+    watched = watch_camera(replace(job, info=probe(copy)))
     assert len(calls.pictures) == 2 * COUNT
     np.testing.assert_allclose(watched.boxes.ltwh[0, 1], 19.5 + 25.5, atol=0.3)
 
@@ -191,48 +185,37 @@ def stages(job):
 
 
 def times(folder):
-    return {path.name: path.stat().st_mtime_ns for path in folder.iterdir()}
+    return {path.name: path.stat().st_mtime_ns for path in folder.glob("*.npz")}
 
 
 def test_another_embedder_keeps_people_and_joints(job, calls, tmp_path):
-    watch_camera(job, silent)
-    kept = stages(job)
-    written, appearance, joints = times(kept["people"]), calls.appearance, calls.joints
-    other = replace(job, plan=replace(job.plan, embedder=network("other", tmp_path)))
-    watch_camera(other, silent)
+    watch_camera(job)
+    kept, (seen, appearance, joints) = stages(job), calls.counts
+    parts = times(kept["people"])
+    watch_camera(replace(job, plan=replace(job.plan, embedder=network("other", tmp_path))))
     after = stages(job)
-    assert len(calls.pictures) == COUNT
-    assert calls.joints == joints
-    assert calls.appearance == 2 * appearance
+    assert calls.counts == (seen, 2 * appearance, joints)
     assert {name for name in after if after[name] != kept[name]} == {"looks"}
     # A stage that is used again gets its summary again, but none of its parts.
-    assert {n: t for n, t in times(after["people"]).items() if n.endswith("npz")} == {
-        n: t for n, t in written.items() if n.endswith("npz")
-    }
+    assert times(after["people"]) == parts
     assert not kept["looks"].exists(), "the other embedder's results are forgotten"
 
 
 def test_embeddings_and_joints_that_are_not_wanted_any_more_are_forgotten(job, calls):
-    full = watch_camera(job, silent)
-    less = watch_camera(replace(job, plan=replace(job.plan, embedder=None, keypoints=None)), silent)
-    assert len(calls.pictures) == COUNT
-    assert less.boxes.embedding is None
-    assert len(less.keypoints) == 0
+    full = watch_camera(job)
+    less = watch_camera(replace(job, plan=replace(job.plan, embedder=None, keypoints=None)))
+    assert (len(calls.pictures), less.boxes.embedding, len(less.keypoints), set(stages(job))) == (COUNT, None, 0, {"people"})
     np.testing.assert_array_equal(less.boxes.ltwh, full.boxes.ltwh)
-    assert set(stages(job)) == {"people"}
 
 
 @pytest.mark.parametrize("change", ["detector", "rate", "revision"])
 def test_what_decides_the_people_makes_all_anew(job, calls, monkeypatch, change):
-    watch_camera(job, silent)
+    watch_camera(job)
     before, kept = calls.appearance, stages(job)
-    if change == "detector":
-        job = replace(job, plan=replace(job.plan, min_score=0.5))
-    elif change == "rate":
-        job = replace(job, rate=5.0)
-    else:
+    if change == "revision":
         monkeypatch.setattr(watching, "REVISION", watching.REVISION + 1)
-    watch_camera(job, silent)
+    job = {"detector": replace(job, plan=replace(job.plan, min_score=0.5)), "rate": replace(job, rate=5.0)}.get(change, job)
+    watch_camera(job)
     assert len(calls.pictures) == COUNT + (25 if change == "rate" else COUNT)
     assert calls.appearance > before
     assert set(stages(job).values()).isdisjoint(kept.values())
@@ -258,22 +241,21 @@ def thrifty(job, monkeypatch):
 
 
 def test_a_budget_of_joints(job, thrifty, calls):
-    everybody = watch_camera(job, silent)
-    some = watch_camera(thrifty, silent)
+    everybody, some = watch_camera(job), watch_camera(thrifty)
     np.testing.assert_array_equal(some.boxes.ltwh, everybody.boxes.ltwh)
     assert 0 < len(some.keypoints) < 0.7 * len(everybody.keypoints)
     same = np.isin(everybody.keypoints.frame, some.keypoints.frame)
     np.testing.assert_array_equal(everybody.keypoints.xy[same], some.keypoints.xy)
     other = replace(thrifty, plan=replace(thrifty.plan, keypoints_per_s=4.0))
-    assert len(watch_camera(other, silent).keypoints) > len(some.keypoints)
+    assert len(watch_camera(other).keypoints) > len(some.keypoints)
 
 
 def test_what_is_kept_changes_no_choice(thrifty, calls):
-    whole = facts(watch_camera(thrifty, silent))
+    whole = facts(watch_camera(thrifty))
     for stage, names in (("joints", ["000002.npz"]), ("people", ["000001.npz"]), ("joints", ["000003.npz", "000005.npz"])):
         for name in names:
             (stages(thrifty)[stage] / name).unlink()
-        assert facts(watch_camera(thrifty, silent)) == whole
+        assert facts(watch_camera(thrifty)) == whole
 
 
 @pytest.mark.slow
@@ -301,7 +283,7 @@ def test_what_is_damaged_or_lost_is_made_again_and_no_more(job, calls):
 
 @pytest.mark.parametrize("calls_until", range(1, COUNT, 7))
 def test_a_stop_in_any_segment(job, calls, monkeypatch, tmp_path, calls_until):
-    whole = facts(watch_camera(replace(job, shelf=tmp_path / "whole"), silent))
+    whole = facts(watch_camera(replace(job, shelf=tmp_path / "whole")))
     calls.pictures.clear()
 
     class StopError(BaseException):
@@ -313,7 +295,7 @@ def test_a_stop_in_any_segment(job, calls, monkeypatch, tmp_path, calls_until):
 
     with pytest.raises(StopError):
         watch_camera(job, stop)
-    assert facts(watch_camera(job, silent)) == whole
+    assert facts(watch_camera(job)) == whole
     # What was done of the segment at work was lost.
     assert len(calls.pictures) == COUNT + (calls_until - 1) % SEGMENT + 1
 
@@ -324,7 +306,7 @@ def test_given_boxes_get_embeddings_in_the_order_of_their_file(job, calls):
     left = rng.uniform(0, 100, len(frame))
     ltwh = np.column_stack([left, np.full((len(frame), 1), 10.0), np.full((len(frame), 2), 30.0)])
     boxes = Boxes(frame, np.arange(len(frame)), ltwh, np.ones(len(frame)))
-    watched = watch_camera(replace(job, boxes=boxes), silent)
+    watched = watch_camera(replace(job, boxes=boxes))
     assert not calls.pictures
     for name in ("frame", "identity", "ltwh", "score"):
         np.testing.assert_array_equal(getattr(watched.boxes, name), getattr(boxes, name))
@@ -343,18 +325,20 @@ def test_given_boxes_get_embeddings_in_the_order_of_their_file(job, calls):
 
 def test_other_given_boxes_are_looked_at_anew(job, calls):
     boxes = Boxes(np.arange(1, 11), np.zeros(10, int), np.tile([5.0, 5, 20, 40], (10, 1)), np.ones(10))
-    watch_camera(replace(job, boxes=boxes), silent)
-    before = calls.appearance
-    watch_camera(replace(job, boxes=replace(boxes, score=np.full(10, 0.5), identity=np.arange(10))), silent)
-    assert calls.appearance == before, "ids and scores decide nothing of how people look"
-    watch_camera(replace(job, boxes=replace(boxes, ltwh=boxes.ltwh + 1)), silent)
-    assert calls.appearance == 2 * before
+    # Ids and scores decide nothing of how people look.
+    other = replace(boxes, score=np.full(10, 0.5), identity=np.arange(10)), replace(boxes, ltwh=boxes.ltwh + 1)
+    asked = []
+    for given in (boxes, *other):
+        watch_camera(replace(job, boxes=given))
+        asked.append(calls.appearance)
+    assert asked == [asked[0], asked[0], 2 * asked[0]]
+    assert asked[0]
 
 
 def test_nobody_in_the_whole_video(job, calls, monkeypatch):
     monkeypatch.setattr(Finds, "__call__", lambda self, frame: Detections.none())
     for _ in range(2):
-        watched = watch_camera(job, silent)
+        watched = watch_camera(job)
         assert len(watched.boxes) == len(watched.keypoints) == 0
         assert watched.boxes.embedding.shape == (0, 3)
     assert calls.appearance == 0
@@ -406,26 +390,17 @@ def test_a_camera_that_zooms_is_told_and_when(job, calls, tmp_path, zoom):
     assert 9.0 <= float(fault.split(" s after the start")[0].split()[-1]) <= 10.6
 
 
-def test_the_shelf_cannot_be_made(job, calls, tmp_path):
-    (tmp_path / "file").write_text("")
-    with pytest.raises(InputError, match=r"file.*: cannot be written"):
-        watch_camera(replace(job, shelf=tmp_path / "file" / "A"), silent)
-
-
 def test_the_threads_of_opencv_are_as_before(job, calls):
     before = cv2.getNumThreads()
     cv2.setNumThreads(3)
     try:
-        watch_camera(job, silent)
+        watch_camera(job)
         assert cv2.getNumThreads() == 3
     finally:
         cv2.setNumThreads(before)
 
 
 def test_a_rate_below_the_videos(job, calls, tmp_path):
-    path = tmp_path / "fast.mp4"
-    with VideoWriter(path, SIZE, 25.0) as video:
-        for picture in pictures():
-            video.write(picture)
-    watch_camera(replace(job, info=probe(path), rate=5.0), silent)
+    info = probe(write_video(tmp_path / "fast.mp4", pictures(), 25.0))
+    watch_camera(replace(job, info=info, rate=5.0))
     assert calls.pictures == list(range(1, COUNT + 1, 5))

@@ -1,7 +1,5 @@
 """Pieces of a recording: where they begin and end, what they are called, and what is left where they cannot be written."""
 
-from __future__ import annotations
-
 import errno
 import time
 from collections.abc import Callable
@@ -62,8 +60,7 @@ def left_in(folder: Path) -> list[str]:
 
 def test_every_packet_is_in_one_piece_and_each_begins_with_a_key_frame(film: Path, tmp_path: Path) -> None:
     pieces = recorded(film, tmp_path)
-    assert [piece.packets for piece in pieces] == [20, 20, 20]
-    assert [round(piece.begin_s - BEGIN, 3) for piece in pieces] == [0.0, 2.0, 4.0]
+    assert ([piece.packets for piece in pieces], begins(pieces)) == ([20, 20, 20], [0.0, 2.0, 4.0])
     assert [piece.size_bytes for piece in pieces] == [piece.path.stat().st_size for piece in pieces]
     assert left_in(tmp_path) == [piece.path.name for piece in pieces]
     for piece in pieces:
@@ -71,27 +68,29 @@ def test_every_packet_is_in_one_piece_and_each_begins_with_a_key_frame(film: Pat
             assert next(container.demux(video=0)).is_keyframe
 
 
+def begins(pieces: list[Piece]) -> list[float]:
+    return [round(piece.begin_s - BEGIN, 3) for piece in pieces]
+
+
 def test_a_name_that_is_taken_is_that_of_the_next_thousandth(film: Path, tmp_path: Path) -> None:
     """A camera whose clock was set back, or two runs at once: no piece is written over."""
-    first = recorded(film, tmp_path, 60.0)
-    before = first[0].path.read_bytes()
-    second = recorded(film, tmp_path, 60.0)
-    assert [piece.path.name for piece in (*first, *second)] == ["20260304T050607.250Z.mkv", "20260304T050607.251Z.mkv"]
-    assert first[0].path.read_bytes() == before
+    (first,) = recorded(film, tmp_path, 60.0)
+    before = first.path.read_bytes()
+    (second,) = recorded(film, tmp_path, 60.0)
+    assert [piece.path.name for piece in (first, second)] == ["20260304T050607.250Z.mkv", "20260304T050607.251Z.mkv"]
+    assert first.path.read_bytes() == before
 
 
-def test_what_comes_before_the_first_key_frame_is_left_out(film: Path, tmp_path: Path) -> None:
+def test_what_comes_before_the_first_key_frame_is_left_out_and_all_of_an_unknown_time(film: Path, tmp_path: Path) -> None:
+    assert (recorded(film, tmp_path, wall=None), left_in(tmp_path)) == ([], [])
     (piece,) = recorded(film, tmp_path, 60.0, changed=lambda number, packet: number >= 4)
-    assert piece.packets == SECONDS * FPS - KEY_EVERY
-    assert piece.begin_s == pytest.approx(BEGIN + KEY_EVERY / FPS)
+    assert (piece.packets, piece.begin_s) == (SECONDS * FPS - KEY_EVERY, pytest.approx(BEGIN + KEY_EVERY / FPS))
 
 
 def test_without_key_frames_a_piece_ends_at_last(film: Path, tmp_path: Path) -> None:
     """And the next one begins where one comes."""
-    length_s = 1.2
-    pieces = recorded(film, tmp_path, length_s, changed=lambda number, packet: number in (0, 50) or not packet.is_keyframe)
-    assert [round(piece.begin_s - BEGIN, 3) for piece in pieces] == [0.0, 5.0]
-    assert pieces[0].seconds == pytest.approx(LONGEST * length_s, abs=1.5 / FPS)
+    pieces = recorded(film, tmp_path, 1.2, changed=lambda number, packet: number in (0, 50) or not packet.is_keyframe)
+    assert (begins(pieces), pieces[0].seconds) == ([0.0, 5.0], pytest.approx(LONGEST * 1.2, abs=1.5 / FPS))
 
 
 def test_a_clock_that_jumps_back_begins_a_new_piece(film: Path, tmp_path: Path) -> None:
@@ -102,42 +101,33 @@ def test_a_clock_that_jumps_back_begins_a_new_piece(film: Path, tmp_path: Path) 
         return True
 
     pieces = recorded(film, tmp_path, 60.0, changed=changed)
-    assert [piece.packets for piece in pieces] == [30, 30]
-    assert [round(piece.begin_s - BEGIN, 3) for piece in pieces] == [0.0, 0.5]
+    assert ([piece.packets for piece in pieces], begins(pieces)) == ([30, 30], [0.0, 0.5])
 
 
-def test_nothing_is_kept_of_a_connection_whose_time_is_not_known(film: Path, tmp_path: Path) -> None:
-    assert recorded(film, tmp_path, wall=None) == []
+def failing(error: Exception) -> Callable[..., None]:
+    def fail(*_: Any, **__: Any) -> None:
+        raise error
+
+    return fail
+
+
+@pytest.mark.parametrize("where", ["while a piece is written", "when it is to get its name"])
+def test_a_disk_that_is_full_is_told_with_its_remedy(film, tmp_path, monkeypatch, where):
+    """No piece is told of that is not there."""
+    full = failing(OSError(errno.ENOSPC, "No space left on device"))
+    with monkeypatch.context() as patch:
+        patch.setattr(*((PieceWriter, "_mux") if "written" in where else (module.os, "fsync")), full)
+        told = r"\.recording-\d+\.part: cannot be written \(No space left on device\): make room there"
+        with pytest.raises(InputError, match=told):
+            recorded(film, tmp_path)
+    assert all(name.startswith(".recording-") for name in left_in(tmp_path))
+    make_folder(tmp_path)  # as the next recording does
     assert left_in(tmp_path) == []
 
 
-def full(*arguments: Any, **named: Any) -> None:
-    raise OSError(errno.ENOSPC, "No space left on device")
-
-
-def invalid(*arguments: Any, **named: Any) -> None:
-    raise av.error.InvalidDataError(errno.EINVAL, "Invalid data found when processing input")
-
-
-def test_a_disk_that_is_full_is_told_with_its_remedy(film: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """While a piece is written, and when it is to get its name; then no piece is told of that is not there."""
-    told = r"\.recording-\d+\.part: cannot be written \(No space left on device\): make room there"
-    with monkeypatch.context() as patch:
-        patch.setattr(PieceWriter, "_mux", full)
-        with pytest.raises(InputError, match=told):
-            recorded(film, tmp_path / "a")
-    with monkeypatch.context() as patch:
-        patch.setattr(module.os, "fsync", full)
-        with pytest.raises(InputError, match=told):
-            recorded(film, tmp_path / "b")
-    for folder in (tmp_path / "a", tmp_path / "b"):
-        assert all(name.startswith(".recording-") for name in left_in(folder))
-        make_folder(folder)  # as the next recording does
-        assert left_in(folder) == []
-
-
 def test_what_no_file_can_hold_is_a_fault_of_the_camera(film: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(PieceWriter, "_mux", invalid)
+    invalid = av.error.InvalidDataError(errno.EINVAL, "Invalid data found when processing input")
+    monkeypatch.setattr(PieceWriter, "_mux", failing(invalid))
     with pytest.raises(ValueError, match=r"sends what a Matroska file cannot hold \(Invalid data found"):
         recorded(film, tmp_path)
     assert left_in(tmp_path) == []
@@ -164,22 +154,15 @@ def test_names_are_read_back_as_utc(film: Path, tmp_path: Path, monkeypatch: pyt
     monkeypatch.setenv("TZ", zone)
     time.tzset()
     try:
-        pieces = recorded(film, tmp_path / "a", wall=AUTUMN)
-        assert [piece.path.name for piece in pieces] == [f"20261101T05595{n}.250Z.mkv" for n in (7, 9)] + [
-            "20261101T060001.250Z.mkv"
-        ]
-        found = open_source(VideoSource((tmp_path / "a",)), "a").info
-        assert found.wall is not None
-        assert found.wall.utc
-        assert found.wall.seconds == pytest.approx(AUTUMN_S, abs=1e-3)
-        recorded(film, tmp_path / "b", wall=AUTUMN)
+        pieces, _ = (recorded(film, tmp_path / name, wall=AUTUMN) for name in "ab")
+        names = [piece.path.name for piece in pieces]
+        assert names == [f"20261101T{second}.250Z.mkv" for second in ("055957", "055959", "060001")]
+        wall = open_source(VideoSource((tmp_path / "a",)), "a").info.wall
+        assert (wall.utc, wall.seconds) == (True, pytest.approx(AUTUMN_S, abs=1e-3))
         cameras = "".join(f'[cameras.{name}]\nvideo = "{name}"\nhfov_deg = 60\n' for name in "ab")
         (tmp_path / "scene.toml").write_text(f'[scene]\nfrom = "2026-11-01 01:59:59-04:00"\n{cameras}')
         scene = Scene.load(tmp_path / "scene.toml")
-        clock = wall_clock_of(scene, read_cameras(scene))
-        assert clock is not None
-        assert clock.first is not None
-        assert clock.first.text == "2026-11-01T05:59:59+00:00"
+        assert wall_clock_of(scene, read_cameras(scene)).first.text == "2026-11-01T05:59:59+00:00"
     finally:
         monkeypatch.undo()
         time.tzset()

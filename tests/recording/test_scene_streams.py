@@ -53,9 +53,13 @@ def recorded(folder, filmed, cameras=("C1", "C2")):
     for name in cameras:
         (folder / name).mkdir(parents=True)
         shutil.copy(filmed / f"{name}.mp4", folder / name / "20261122T080000.000.mp4")
-    rows = [{"name": name, "pieces": [{"file": "x"}]} for name in cameras]
-    (folder / RECORDING_FILE).write_text(json.dumps({"cameras": rows}))
+    listed(folder, {name: [{"file": "x"}] for name in cameras})
     return folder
+
+
+def listed(folder, pieces):
+    rows = [{"name": name, "pieces": own} for name, own in pieces.items()]
+    (folder / RECORDING_FILE).write_text(json.dumps({"cameras": rows}))
 
 
 def assert_kept_secret(folder, *texts):
@@ -143,17 +147,11 @@ def recorder(filmed, made, monkeypatch):
     def record(streams, place, options, tell, stop):
         made.append([stream.address for stream in streams])
         assert (options.seconds, options.without_missing) == (30.0, False)
-        for name in ("C1", "C2"):
-            (place / name).mkdir(parents=True)
-            shutil.copy(filmed / f"{name}.mp4", place / name / "20261122T080000.000.mp4")
-        rows = tuple(CameraRecording(stream.camera, (), None, None, None) for stream in streams)
-        return Recording(rows, "time")
-
-    def write(found, place):
-        (place / RECORDING_FILE).write_text(json.dumps({"cameras": [{"name": name, "pieces": [{}]} for name in ("C1", "C2")]}))
+        recorded(place, filmed)
+        return Recording(tuple(CameraRecording(stream.camera, (), None, None, None) for stream in streams), "time")
 
     monkeypatch.setattr(scene_streams, "record", record)
-    monkeypatch.setattr(scene_streams, "write_recording", write)
+    monkeypatch.setattr(scene_streams, "write_recording", lambda *_: None)
 
 
 def test_a_recording_is_made_once(folder, filmed, capsys, monkeypatch):
@@ -161,8 +159,7 @@ def test_a_recording_is_made_once(folder, filmed, capsys, monkeypatch):
     recorder(filmed, made, monkeypatch)
     streamed = read_streamed(scene(folder))
     first, second = (make_recording(streamed, folder / "out", False, ProgressForm.auto) for _ in range(2))
-    assert made == [[ADDRESS, "/dev/video0"]]
-    assert first.cameras == second.cameras
+    assert (made, first.cameras) == ([[ADDRESS, "/dev/video0"]], second.cameras)
     assert "the recording that is there is used; to record anew, remove that folder" in capsys.readouterr().err
 
 
@@ -191,14 +188,16 @@ def test_a_recording_that_was_stopped_is_kept_and_not_calibrated(folder, capsys,
 def test_a_recording_of_other_cameras(folder, filmed):
     streamed = read_streamed(scene(folder))
     place = recorded(folder / "out" / "recording", filmed, ("C1",))
-    with pytest.raises(InputError, match="a recording without camera C2 is there: to record anew, remove"):
-        make_recorded_scene(streamed, place)
-    (place / RECORDING_FILE).write_text('{"cameras": [{"name": "C1", "pieces": [1]}, {"name": "C2", "pieces": []}]}')
-    with pytest.raises(InputError, match="nothing was recorded of camera C2"):
-        make_recorded_scene(streamed, place)
+
+    def refused(told):
+        with pytest.raises(InputError, match=told):
+            make_recorded_scene(streamed, place)
+
+    refused("a recording without camera C2 is there: to record anew, remove")
+    listed(place, {"C1": [1], "C2": []})
+    refused("nothing was recorded of camera C2")
     (place / RECORDING_FILE).write_text("[]")
-    with pytest.raises(InputError, match="is not the list of a recording"):
-        make_recorded_scene(streamed, place)
+    refused("is not the list of a recording")
 
 
 def test_functions_and_monitor_refuse_streams_in_one_line(folder, capsys, monkeypatch):

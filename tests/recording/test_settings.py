@@ -4,26 +4,26 @@ from passerby.common.errors import InputError
 from passerby.recording.capture import CaptureOptions
 from passerby.recording.pieces import MOST_APART_S, WallClock
 from passerby.recording.scene_streams import write_scene_file
-from passerby.recording.settings import Stream, read_plan
+from passerby.recording.settings import read_plan
 from passerby.scene.scene import Scene
 
 SECRET = "s3cr&t@pw"
 
 
-def written(tmp_path, text):
-    path = tmp_path / "cameras.toml"
+def plan_of(folder, text, environment=None):
+    path = folder / "cameras.toml"
     path.write_text(text)
-    return path
+    return read_plan(path, environment or {})
 
 
 def test_user_names_and_passwords_come_from_the_environment_or_a_file(tmp_path):
     (tmp_path / "secrets.env").write_text(f"# of the cameras\nPASSWORD='{SECRET}'\n\n")
-    path = written(
+    plan = plan_of(
         tmp_path,
         '[recording]\nsecrets = "secrets.env"\n[cameras.north]\nstream = "rtsp://${USER_NAME}:${PASSWORD}@host:554/a?b=1"\n'
         'hfov_deg = 90\n[cameras.gate]\nstream = "/dev/video0"\n[scene]\nname = "yard"\n',
+        {"USER_NAME": "admin"},
     )
-    plan = read_plan(path, {"USER_NAME": "admin"})
     north, gate = plan.streams
     assert north.address == f"rtsp://admin:{SECRET}@host:554/a?b=1"
     assert (north.shown, gate.shown) == ("rtsp://host:554", "/dev/video0")
@@ -33,62 +33,52 @@ def test_user_names_and_passwords_come_from_the_environment_or_a_file(tmp_path):
     assert plan.cameras["north"] == {"hfov_deg": 90}
 
 
+CAMERA = "[cameras.a]\nstream = 'rtsp://h/a'\n"
+
+
 @pytest.mark.parametrize(
     ("text", "told"),
     [
         ("", "names no cameras"),
         ("[cameras.a]\nstrem = 'rtsp://h/a'\n", "has no stream"),
-        (
-            "[cameras.a]\nstream = 'rtsp://h/a'\n[cameras.b]\nstream = 'rtsp://h/a'\n",
-            r"\[cameras.b\] stream: its address is that of camera a: give each camera its own",
-        ),
+        (f"{CAMERA}[cameras.b]\nstream = 'rtsp://h/a'\n", r"\[cameras.b\] stream: its address is that of camera a: give each"),
         ("[cameras.a]\nstream = 'rtsp://u:hidden@'\n", "names no host"),
         ("[cameras.a]\nstream = 'ftp://u:hidden@h/a'\n", "is no address that can be recorded"),
         ("[cameras.a]\nstream = 'hidden.mp4'\n", "is no address that can be recorded"),
         ("[cameras.a]\nstream = 3\n", "is not a text"),
         ("[cameras.a]\nstream = 'rtsp://${NOBODY}@h/a'\n", r"\$\{NOBODY\} is not set"),
-        ("[cameras.a]\nstream = 'rtsp://h/a'\ntransport = 'pigeon'\n", 'write "tcp" or "udp"'),
+        (f"{CAMERA}transport = 'pigeon'\n", 'write "tcp" or "udp"'),
         ("[cameras.'../a']\nstream = 'rtsp://h/a'\n", "cannot be that of a folder"),
-        ("[recording]\nsecret = 'x'\n[cameras.a]\nstream = 'rtsp://h/a'\n", "unknown; the only key is secrets"),
-        ("[recording]\nsecrets = 'none.env'\n[cameras.a]\nstream = 'rtsp://h/a'\n", "none.env"),
+        (f"[recording]\nsecret = 'x'\n{CAMERA}", "unknown; the only key is secrets"),
+        (f"[recording]\nsecrets = 'none.env'\n{CAMERA}", "none.env"),
+        (f"[recording]\nsecrets = 's.env'\n{CAMERA}", "line 2 is not NAME=VALUE"),
     ],
 )
 def test_what_is_wrong_with_a_file_of_cameras_is_told_without_its_secrets(tmp_path, text, told):
-    with pytest.raises(InputError, match=told) as raised:
-        read_plan(written(tmp_path, text), {})
-    assert "hidden" not in str(raised.value)
-
-
-def test_a_secret_that_is_no_assignment(tmp_path):
     (tmp_path / "s.env").write_text("A=1\nhidden\n")
-    with pytest.raises(InputError, match="line 2 is not NAME=VALUE") as raised:
-        read_plan(written(tmp_path, "[recording]\nsecrets = 's.env'\n[cameras.a]\nstream = 'rtsp://h/a'\n"), {})
+    with pytest.raises(InputError, match=told) as raised:
+        plan_of(tmp_path, text)
     assert "hidden" not in str(raised.value)
 
 
 def test_the_scene_file_is_there_before_anything_is_recorded(tmp_path):
     text = "[cameras.a]\nstream='rtsp://u:hidden@h/a'\nhfov_deg=90\n[cameras.b]\nstream='rtsp://h/b'\n[scene]\nname='yard'\n"
-    plan = read_plan(written(tmp_path, text), {})
+    plan = plan_of(tmp_path, text)
     path = write_scene_file(plan, tmp_path / "out")
     scene = Scene.load(path)
-    assert scene.name == "yard"
-    assert list(scene.cameras) == ["a", "b"]
-    assert scene.cameras["a"].hfov_deg == 90
+    assert (scene.name, list(scene.cameras), scene.cameras["a"].hfov_deg) == ("yard", ["a", "b"], 90)
     assert "hidden" not in path.read_text()
     path.write_text(path.read_text().replace('name = "yard"', 'name = "court"'))
-    assert write_scene_file(plan, tmp_path / "out") == path
-    assert Scene.load(path).name == "court"
-    more = read_plan(written(tmp_path, "[cameras.c]\nstream='rtsp://h/c'\n"), {})
+    assert (write_scene_file(plan, tmp_path / "out"), Scene.load(path).name) == (path, "court")
     with pytest.raises(InputError, match="without camera c"):
-        write_scene_file(more, tmp_path / "out")
+        write_scene_file(plan_of(tmp_path, "[cameras.c]\nstream='rtsp://h/c'\n"), tmp_path / "out")
 
 
 def test_intrinsics_are_found_from_the_recordings_folder(tmp_path):
     """The file of cameras may lie anywhere, and so may what it names."""
     (tmp_path / "plans").mkdir()
-    text = "[cameras.a]\nstream='rtsp://h/a'\nintrinsics='../lens.toml'\n[cameras.b]\nstream='rtsp://h/b'\nhfov_deg=90\n"
-    path = write_scene_file(read_plan(written(tmp_path / "plans", text), {}), tmp_path / "out" / "deep")
-    scene = Scene.load(path)
+    text = f"{CAMERA}intrinsics='../lens.toml'\n[cameras.b]\nstream='rtsp://h/b'\nhfov_deg=90\n"
+    scene = Scene.load(write_scene_file(plan_of(tmp_path / "plans", text), tmp_path / "out" / "deep"))
     assert scene.resolve(scene.cameras["a"].intrinsics) == (tmp_path / "lens.toml").resolve()
 
 
@@ -97,15 +87,14 @@ def test_intrinsics_are_found_from_the_recordings_folder(tmp_path):
     [("hfov = 90\n", "hfov"), ("[solver]\nmethod = 'guess'\n", "method"), ("[perception]\nfps = 3\n", "has no place here")],
 )
 def test_a_wrong_scene_is_told_before_the_recording(tmp_path, text, told):
-    plan = read_plan(written(tmp_path, f"[cameras.b]\nstream='rtsp://h/b'\n[cameras.a]\nstream='rtsp://h/a'\n{text}"), {})
+    plan = plan_of(tmp_path, f"[cameras.b]\nstream='rtsp://h/b'\n{CAMERA}{text}")
     with pytest.raises(InputError, match=told):
         write_scene_file(plan, tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize(
-    "options",
-    [{"seconds": 0}, {"seconds": float("nan")}, {"seconds": 9, "piece_s": 0}, {"seconds": 9, "most_bytes": 0}],
+    "options", [{"seconds": 0}, {"seconds": float("nan")}, {"seconds": 9, "piece_s": 0}, {"seconds": 9, "most_bytes": 0}]
 )
 def test_options_that_cannot_be(options):
     with pytest.raises(InputError, match="give"):
@@ -123,17 +112,10 @@ def test_wall_time_is_the_senders_where_that_can_be():
     clock.arrived(4.0, 1004.0, None)
     assert clock.settled() == arrival
     clock.arrived(5.0, 1005.0, 999.8)
-    assert clock.settled().source == "sender"
-    assert clock.settled().at(5.0) == pytest.approx(1004.8)
-    assert clock.settled().sigma_s < arrival.sigma_s
-
-
-def test_a_senders_clock_that_was_never_set_is_not_believed():
-    clock = WallClock()
-    clock.arrived(0.0, 5000.0, 5000.0 + 2 * MOST_APART_S)
-    assert clock.settled().source == "arrival"
-    assert clock.unset_s == pytest.approx(2 * MOST_APART_S)
-
-
-def test_a_stream_has_no_address_in_its_words():
-    assert "pw" not in repr(Stream("a", "rtsp://u:pw@host/x?password=pw"))
+    sender = clock.settled()
+    assert (sender.source, sender.at(5.0)) == ("sender", pytest.approx(1004.8))
+    assert sender.sigma_s < arrival.sigma_s
+    # A sender's clock that was never set is not believed.
+    unset = WallClock()
+    unset.arrived(0.0, 5000.0, 5000.0 + 2 * MOST_APART_S)
+    assert (unset.settled().source, unset.unset_s) == ("arrival", pytest.approx(2 * MOST_APART_S))

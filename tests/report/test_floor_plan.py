@@ -30,10 +30,8 @@ def drawing(image: str, tmp_path) -> tuple[str, dict]:
     world = WorldEntry(by="plan plan.png", plan=PlanEntry(image=image, metres_per_pixel=UNIT, origin=ORIGIN), residuals=ROWS)
     told = replace(told, document=replace(told.document, world=world, scene_file=str(tmp_path / "scene.toml")))
     drawn = plan_drawing(told, fit_people(told))
-    assert drawn is not None
     html = render("rig.html", site=False, plan=drawn, plots=[drawn.plot])
     figure = re.search(r'<script[^>]*id="rig-plan-figure"[^>]*>(.*?)</script>', html, re.DOTALL)
-    assert figure is not None
     return html, json.loads(figure[1])
 
 
@@ -76,9 +74,5 @@ def test_without_the_picture_the_rest_is_drawn_and_the_page_says_so(tmp_path) ->
     assert "is not where it was" in html
     assert figure["layout"]["images"] == []
     assert any(one.get("mode") == "markers" for one in figure["data"])
-
-
-def test_a_world_without_a_plan_has_no_such_drawing() -> None:
-    made = simulated("terrace")
-    told = contents(made, seen=only_boxes(made))
-    assert plan_drawing(told, fit_people(told)) is None
+    told = contents(simulated("terrace"))
+    assert plan_drawing(told, fit_people(told)) is None, "a world without a plan"

@@ -53,8 +53,7 @@ def test_a_wrong_focal_length_points_outwards_or_inwards_everywhere(preset, fact
 
 def test_the_true_lens_shows_no_such_pattern():
     made = simulated()
-    _, outwards, _, _ = cells_of(made, longer(1.0), made.rig.names[1], only_boxes(made))
-    _, wrong, _, _ = cells_of(made, longer(1.05), made.rig.names[1], only_boxes(made))
+    outwards, wrong = (cells_of(made, longer(factor), made.rig.names[1], only_boxes(made))[1] for factor in (1.0, 1.05))
     assert abs(outwards.mean()) < 0.1 * abs(wrong.mean())
 
 
@@ -84,9 +83,8 @@ def test_cells_hold_means_and_scatter():
     assert cells.sure.mean() > 0.9
     chance = residual_cells(Residuals(at, miss - (2.0, -1.0), "joints"), (600, 400))
     assert chance.sure.mean() < 0.25
-    one = residual_cells(
-        Residuals(np.array([[0.0, 0.0], [599.0, 399.0]]), np.array([[1.0, 0.0], [0.0, 2.0]]), "joints"), (600, 400)
-    )
+    corners = np.array([[0.0, 0.0], [599.0, 399.0]])
+    one = residual_cells(Residuals(corners, np.array([[1.0, 0.0], [0.0, 2.0]]), "joints"), (600, 400))
     assert one.count[0, 0] == one.count[-1, -1] == 1
     assert one.rms[-1, -1] == pytest.approx(2.0)
 

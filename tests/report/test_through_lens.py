@@ -148,8 +148,7 @@ def test_plumb_lines_are_few(kind, pitch):
 
 
 def test_straight_lines_lose_their_corners():
-    line = np.column_stack([np.linspace(0, 100, 50), np.linspace(0, 30, 50)])
-    assert len(simplify_polyline(line)) == 2
+    assert len(simplify_polyline(np.column_stack([np.linspace(0, 100, 50), np.linspace(0, 30, 50)]))) == 2
     angle = np.linspace(0, np.pi, 200)
     arc = 100 * np.column_stack([np.cos(angle), np.sin(angle)])
     kept = simplify_polyline(arc, 0.5)
@@ -158,7 +157,4 @@ def test_straight_lines_lose_their_corners():
 
 
 def test_grids_stay_coarse_enough():
-    assert spacing_of(10) == 1
-    assert spacing_of(30) == 2
-    assert spacing_of(130) == 10
-    assert spacing_of(1e9) == 500
+    assert [spacing_of(metres) for metres in (10, 30, 130, 1e9)] == [1, 2, 10, 500]

@@ -16,9 +16,7 @@ from support.scenes.people_to_track import POLES, clocks_of, ring, watched
 def drawn(html):
     """The traces that plotly is given."""
     text = html[html.rindex("Plotly.newPlot(") :]
-    start = text.index("[")
-    traces, _ = json.JSONDecoder().raw_decode(text[start:])
-    return traces
+    return json.JSONDecoder().raw_decode(text[text.index("[") :])[0]
 
 
 def example(people=3, seconds=12.0):
@@ -30,14 +28,10 @@ def test_one_line_a_person_in_each_view_and_the_cameras():
     found, rig = example()
     html = trajectories_page(found, rig, "a <title>", "a note")
     traces = drawn(html)
-    lines = [trace for trace in traces if trace["name"].startswith("person")]
-    assert sorted((trace["type"], trace["name"]) for trace in lines) == sorted(
-        (kind, f"person {number}") for kind in ("scatter", "scatter3d") for number in (1, 2, 3)
-    )
-    first = next(trace for trace in lines if trace["name"] == "person 1" and trace["type"] == "scatter3d")
-    own = found.identity == 1
-    assert np.allclose(first["x"], found.xyz[own, 0], atol=0.006)
-    assert np.allclose(first["z"], found.xyz[own, 2], atol=0.006)
+    lines = {(trace["type"], trace["name"]): trace for trace in traces if trace["name"].startswith("person")}
+    assert set(lines) == {(kind, f"person {number}") for kind in ("scatter", "scatter3d") for number in (1, 2, 3)}
+    first, own = lines["scatter3d", "person 1"], found.identity == 1
+    assert np.allclose(np.column_stack([first["x"], first["z"]]), found.xyz[own][:, [0, 2]], atol=0.006)
     for kind in ("scatter", "scatter3d"):
         named = [trace for trace in traces if "text" in trace and trace["type"] == kind]
         assert [trace["text"][0] for trace in named] == ["C1", "C2", "C3"]
@@ -45,6 +39,11 @@ def test_one_line_a_person_in_each_view_and_the_cameras():
             assert np.allclose((trace["x"][0], trace["y"][0]), camera.centre[:2], atol=0.006)
     assert "a &lt;title&gt;" in html
     assert "a note" in html
+    assert html == trajectories_page(found, rig, "a <title>", "a note")
+    assert not re.search(r"<(script|link|img)[^>]+(src|href)=", html), "it needs no network"
+    colours = {trace["name"]: trace["line"]["color"] for trace in traces if "line" in trace}
+    assert [colours[f"person {number}"] for number in (1, 2, 3)] == [person_colour(number) for number in (1, 2, 3)]
+    assert [colours[camera.name] for camera in rig] == [camera_colour(place) for place in range(3)]
 
 
 def test_names_are_no_markup():
@@ -55,30 +54,11 @@ def test_names_are_no_markup():
         assert not any("<b>" in text or "&lt;" in text for text in shown)
 
 
-def test_everybody_has_the_colour_of_the_report():
-    found, rig = example()
-    colours = {trace["name"]: trace["line"]["color"] for trace in drawn(trajectories_page(found, rig, "t")) if "line" in trace}
-    for number in (1, 2, 3):
-        assert colours[f"person {number}"] == person_colour(number)
-    for place, camera in enumerate(rig):
-        assert colours[camera.name] == camera_colour(place)
-
-
-def test_it_needs_no_network_and_is_the_same_again():
-    found, rig = example()
-    html = trajectories_page(found, rig, "t")
-    assert html == trajectories_page(found, rig, "t")
-    assert not re.search(r"<(script|link|img)[^>]+(src|href)=", html)
-
-
 def test_parts_are_not_joined():
     found, rig = example()
     keep = (found.frame < 20) | (found.frame > 40)
-    part = np.where(found.frame > 40, 2, 1)
-    cut = type(found)(
-        found.identity[keep], found.frame[keep], found.time_s[keep], found.xyz[keep], found.sigma_m[keep],
-        found.cameras[keep], part[keep], found.clock,
-    )  # fmt: skip
+    columns = {name: getattr(found, name)[keep] for name in ("identity", "frame", "time_s", "xyz", "sigma_m", "cameras")}
+    cut = replace(found, **columns, part=np.where(found.frame > 40, 2, 1)[keep])
     line = next(trace for trace in drawn(trajectories_page(cut, rig, "t")) if trace["name"] == "person 2")
     assert line["x"].count(None) == 1
 

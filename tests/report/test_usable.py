@@ -17,13 +17,8 @@ def uncertain(what: str, *cameras: str, sigma: float | None = None, lacks: tuple
     return doubt("rig_uncertain", *cameras, what=what, sigma=sigma, lacks=list(lacks), why=None)
 
 
-SCALE, UP, FEW = (
-    uncertain("scale", sigma=14.0),
-    uncertain("ground", lacks=("vertical",)),
-    uncertain("points", "C1", sigma=600.0),
-)
-
-
+SCALE, UP = uncertain("scale", sigma=14.0), uncertain("ground", lacks=("vertical",))
+FEW = uncertain("points", "C1", sigma=600.0)
 LAYOUT = "Still good for the rough layout of the cameras and for counting people."
 
 
@@ -33,10 +28,7 @@ LAYOUT = "Still good for the rough layout of the cameras and for counting people
         ([FEW], "Still good for what cameras C2, C3 see: points to 3 cm, positions on the ground to 9 cm (1 sigma)."),
         ([SCALE], "Still good for what the cameras see, up to the scale; not for the scale."),
         ([UP], "Still good for what the cameras see: points to 3 cm (1 sigma); not for the up direction and the ground."),
-        (
-            [FEW, uncertain("points", "C2", sigma=700.0)],
-            "Still good for the rough layout of the cameras and for counting people.",
-        ),
+        ([FEW, uncertain("points", "C2", sigma=700.0)], LAYOUT),
         ([uncertain("points")], LAYOUT),
     ],
 )

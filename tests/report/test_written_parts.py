@@ -6,6 +6,7 @@ import errno
 import os
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import pytest
 
@@ -62,9 +63,7 @@ def test_a_full_disk_leaves_the_files_before(tmp_path: Path, monkeypatch: pytest
     write(tmp_path / "report.html", c1=1)
     before = files(tmp_path)
 
-    def full(handle: int) -> None:
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
+    full = Mock(side_effect=OSError(errno.ENOSPC, os.strerror(errno.ENOSPC)))
     monkeypatch.setattr(module.os, "fsync", full)
     with pytest.raises(InputError, match=r"report_files: cannot be written \(No space left on device\): make room there"):
         write(tmp_path / "report.html", c1=2)

@@ -1,7 +1,5 @@
 """The map between two cameras' boxes against least squares by the library."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from passerby.scene.content_matching import _lines, _quantiles

@@ -1,7 +1,5 @@
 """A person twice in one frame of a camera: the better row is used and it is told; where that is the rule, it is an error."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -30,7 +28,6 @@ def boxes(*given: tuple[float, ...]) -> Boxes:
 def test_the_row_of_the_higher_score_is_kept() -> None:
     kept, doubled = remove_duplicates(boxes((1, 1, 100, 0.9), (2, 1, 300, 0.4), (2, 1, 102, 0.8), (3, 1, 104, 0.9)))
     assert kept.ltwh[:, 0].tolist() == [100, 102, 104]
-    assert doubled is not None
     assert (doubled.second, doubled.repeated, doubled.first) == (1, 0, (2, 1))
 
 
@@ -48,9 +45,7 @@ def test_without_neighbours_the_first_row_is_kept() -> None:
 
 def test_unknown_people_may_be_many_in_a_frame_but_not_the_same_row_twice() -> None:
     kept, doubled = remove_duplicates(boxes((1, -1, 100, 1), (1, -1, 200, 1), (1, -1, 100, 1), (2, -1, 100, 1)))
-    assert kept.ltwh[:, 0].tolist() == [100, 200, 100]
-    assert doubled is not None
-    assert (doubled.second, doubled.repeated) == (0, 1)
+    assert (kept.ltwh[:, 0].tolist(), (doubled.second, doubled.repeated)) == ([100, 200, 100], (0, 1))
 
 
 def test_joints_of_the_higher_confidence_are_kept() -> None:
@@ -63,7 +58,7 @@ def test_joints_of_the_higher_confidence_are_kept() -> None:
     assert doubled is not None
 
 
-def test_rows_that_stand_once_are_left_alone() -> None:
+def test_rows_that_stand_once_are_left_alone():
     sound = boxes((1, 1, 100, 1), (1, 2, 100, 1), (2, 1, 100, 1))
     kept, doubled = remove_duplicates(sound)
     assert kept is sound
@@ -72,18 +67,14 @@ def test_rows_that_stand_once_are_left_alone() -> None:
 
 def test_a_class_number_for_an_id_is_an_error() -> None:
     _, doubled = remove_duplicates(boxes(*[(frame, 1, 100 * one, 1) for frame in range(100) for one in range(2)]))
-    assert doubled is not None
     assert doubled.is_rule
     _, doubled = remove_duplicates(boxes(*[(frame, 1, 100, 1) for frame in range(100)], (7, 1, 100, 1)))
-    assert doubled is not None
     assert doubled.second == 1 < MOST_DOUBLED * 101
     assert not doubled.is_rule
 
 
 @pytest.mark.parametrize("association", ['mode = "given"', 'mode = "combined"'])
-def test_one_row_too_many_in_a_file_is_told_by_check(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], association: str
-) -> None:
+def test_one_row_too_many_in_a_file_is_told_by_check(tmp_path, capsys, association):
     files = {"A.txt": rows(frames=30) + "30,2,700,300,40,110,1,-1,-1,-1\n"}
     scene = write_scene(tmp_path, files=files, association=association)
     assert run(["check", str(scene), "--json"]) == 0
@@ -104,7 +95,6 @@ def test_embeddings_stay_with_their_rows(tmp_path: Path) -> None:
     scene.write_text(text)
     reading = read_camera(Scene.load(scene), "A")
     assert not reading.faults
-    assert reading.boxes.embedding is not None
     assert reading.boxes.embedding.argmax(axis=1).tolist() == list(range(60))
 
 

@@ -1,7 +1,5 @@
 """Creation times and timecodes of video files: read, compared, and used where the ordinary search does not reach."""
 
-from __future__ import annotations
-
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -23,7 +21,6 @@ SEARCH_S = 5.0
 
 
 def film(path: Path, created_s: float | None = None, timecode: str | None = None, fps: int = 10, shade: int = 0) -> VideoInfo:
-    """Two seconds of a grey video."""
     with av.open(str(path), "w") as container:
         if created_s is not None:
             time = datetime.fromtimestamp(created_s, UTC)
@@ -105,25 +102,18 @@ def test_times_under_which_nothing_was_filmed_together_are_not_used(tmp_path: Pa
     assert "max_offset_s = 455" in texts_of([found])[0]
 
 
-def test_a_creation_time_may_be_that_of_the_end(tmp_path: Path) -> None:
+def test_a_creation_time_may_be_that_of_the_end_and_timecodes_go_on_past_midnight(tmp_path):
     loaded = scene(tmp_path, "a", "b")
     readings = [reading("a", BEGIN + LONG_S), reading("b", BEGIN + LONG_S + 60.0, seconds=LONG_S + 60.0)]
     assert offsets(loaded, *readings) == {("a", "b"): [60.0, 0.0]}
+    assert offsets(loaded, reading("a", None, 86300.0), reading("b", None, 100.0)) == {("a", "b"): [200.0]}
 
 
-def test_timecodes_go_on_past_midnight(tmp_path: Path) -> None:
+def test_two_clocks_that_agree_are_told_once(tmp_path):
     loaded = scene(tmp_path, "a", "b")
-    readings = [reading("a", None, 86300.0), reading("b", None, 100.0)]
-    assert offsets(loaded, *readings) == {("a", "b"): [200.0]}
-
-
-def test_two_clocks_that_agree_are_told_once(tmp_path: Path) -> None:
-    loaded = scene(tmp_path, "a", "b")
-    readings = [reading("a", BEGIN, 1000.0), reading("b", BEGIN + 450, 1450.4)]
-    (found,) = file_clock_findings(loaded, readings)
+    (found,) = file_clock_findings(loaded, [reading("a", BEGIN, 1000.0), reading("b", BEGIN + 450, 1450.4)])
     assert found.values["found_by"] == "timecode"
-    apart = [reading("a", BEGIN, 1000.0), reading("b", BEGIN + 450, 1100.0)]
-    assert len(file_clock_findings(loaded, apart)) == 2
+    assert len(file_clock_findings(loaded, [reading("a", BEGIN, 1000.0), reading("b", BEGIN + 450, 1100.0)])) == 2
 
 
 def test_times_in_names_come_first(tmp_path: Path) -> None:

@@ -1,7 +1,5 @@
 """`times`: a camera's video, boxes and keypoints by the times of a table, and how `init` finds it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -53,7 +51,6 @@ def test_init_finds_the_table_and_the_video_is_read_by_it(folder: Path) -> None:
     first, second = read_cameras(scene)
     assert not first.faults + second.faults
     assert (first.fps, second.fps) == (100.0, FPS)
-    assert first.video is not None
     assert first.video.average_fps == pytest.approx((FRAMES - 1) / seconds(1)[-1])
     np.testing.assert_allclose([frame.seconds for frame in VideoReader(first.video)], seconds(1), atol=1e-6)
     assert not check_scene(started.scene).faults

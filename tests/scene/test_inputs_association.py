@@ -10,6 +10,7 @@ from passerby.common.errors import InputError
 from passerby.core.observations import Clock
 from passerby.findings.texts import texts_of
 from passerby.interchange.motchallenge import write_embeddings
+from passerby.interchange.storage.safe_parsing import faults_of
 from passerby.scene.inputs import read_inputs
 from passerby.scene.scene import Scene
 from support.scenes.handmade_files import lens, rows, write_scene
@@ -23,10 +24,14 @@ def read(folder, *arguments, **named):
     return read_inputs(Scene.load(write_scene(folder, *arguments, **{"association": COMBINED, **named})))
 
 
-def with_looks(folder, *names, dimensions=4, count=20, frame=None):
+def looks(seed, dimensions=4, count=20):
+    vectors = np.random.default_rng(seed).normal(size=(count, dimensions))
+    return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+
+
+def with_looks(folder, *names, frame=None, **named):
     for index, name in enumerate(names):
-        vectors = np.random.default_rng(index).normal(size=(count, dimensions))
-        write_embeddings(folder / f"{name}.npz", vectors, frame)
+        write_embeddings(folder / f"{name}.npz", looks(index, **named), frame)
 
 
 CAMERA_C = '[cameras.C]\nintrinsics = "c.toml"\n'
@@ -39,19 +44,16 @@ def test_rows_without_an_id_are_kept(tmp_path):
     assert found.observations["B"].boxes.identity.tolist() == [-1] * 20
 
 
-@pytest.mark.parametrize("text", [DETECTIONS, rows(identities=(7, 9))])
-def test_detections_are_read_where_there_are_no_tracks(tmp_path, text):
-    extra = CAMERA_C + 'detections = "C.txt"'
-    found = read(tmp_path, extra=extra, files={"C.txt": text, **TWO_AND_C})
-    assert [str(who) for who in found.observations["C"].boxes.identity] == [row.split(",")[1] for row in text.splitlines()]
+def test_detections_are_read_where_there_are_no_tracks(tmp_path):
+    text = rows(identities=(7, -1))
+    found = read(tmp_path, extra=CAMERA_C + 'detections = "C.txt"', files={"C.txt": text, **TWO_AND_C})
+    assert found.observations["C"].boxes.identity.tolist() == [7, -1] * 10
 
 
 def test_tracks_go_before_detections(tmp_path):
     found = read(tmp_path, extra='detections = "C.txt"', files={"C.txt": DETECTIONS})
     assert (found.observations["B"].boxes.identity > 0).all()
-    assert [(notice.code, notice.cameras) for notice in found.findings if notice.code == "detections_unused"] == [
-        ("detections_unused", ("B",))
-    ]
+    assert ("detections_unused", ("B",)) in [(notice.code, notice.cameras) for notice in found.findings]
 
 
 @pytest.mark.parametrize(
@@ -60,9 +62,7 @@ def test_tracks_go_before_detections(tmp_path):
         (COMBINED, "", {}, "frame_rate_missing"),
         (COMBINED + "\nmax_offset_s = 0", "", {}, None),
         (COMBINED, "[scene]\nfps = 25", {"A": 25, "B": 25}, None),
-        (COMBINED, "fps = 50\n[scene]\nfps = 25", {"A": 25, "B": 50}, "recordings_differ"),
         (GIVEN, "", {}, None),
-        (GIVEN, "[scene]\nfps = 25", {}, None),
         (GIVEN, "fps = 25\n[scene]\nfps = 25", {}, None),
         (GIVEN, "fps = 28\n[scene]\nfps = 25", {"A": 25, "B": 28}, None),
         (GIVEN + "\nmax_offset_s = 2", "[scene]\nfps = 25", {"A": 25, "B": 25}, None),
@@ -78,10 +78,8 @@ def test_clocks_by_frame_rate(tmp_path, association, extra, clocks, noted):
 @pytest.mark.parametrize(
     ("rates", "odd"),
     [
-        ((25, 25, 25, 25), None),
         ((25, 25, 25, 30), None),
         ((25, 25, 25, 50), "D 0.8 s (frames 1 to 41 at 50 fps); the other cameras have about 1.6 s: check fps"),
-        ((50, 50, 50, 25), "D 1.6 s (frames 1 to 41 at 25 fps); the other cameras have about 0.8 s: check fps"),
     ],
 )
 def test_a_frame_rate_that_contradicts_the_others_is_named(tmp_path, rates, odd):
@@ -103,9 +101,7 @@ def test_embeddings_stay_with_their_boxes(tmp_path):
     scene.write_text(scene.read_text().replace('tracks = "A.txt"', 'tracks = "A.txt"\nembeddings = "A.npz"'))
     found = read_inputs(Scene.load(scene))
     for index, name in enumerate("AC"):
-        vectors = np.random.default_rng(index).normal(size=(20, 4))
-        unit = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
-        np.testing.assert_allclose(found.observations[name].boxes.embedding, unit, atol=1e-6)
+        np.testing.assert_allclose(found.observations[name].boxes.embedding, looks(index), atol=1e-6)
     assert found.observations["B"].boxes.embedding is None
     assert ("embeddings_missing", ("B",)) in [(notice.code, notice.cameras) for notice in found.findings]
 
@@ -114,9 +110,7 @@ def test_embeddings_follow_the_known_people_in_mode_given(tmp_path):
     with_looks(tmp_path, "B", count=21)
     files = {"B.txt": "1,-1,9,9,9,9,1,-1,-1,-1\n" + rows()}
     found = read(tmp_path, association=GIVEN, extra='embeddings = "B.npz"', files=files)
-    vectors = np.random.default_rng(0).normal(size=(21, 4))[1:]
-    unit = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
-    np.testing.assert_allclose(found.observations["B"].boxes.embedding, unit, atol=1e-6)
+    np.testing.assert_allclose(found.observations["B"].boxes.embedding, looks(0, count=21)[1:], atol=1e-6)
     (unused,) = [notice for notice in found.findings if notice.code == "unused_with_identities"]
     assert (unused.cameras, unused.values["key"]) == (("B",), "embeddings")
 
@@ -130,53 +124,47 @@ def test_embeddings_follow_the_known_people_in_mode_given(tmp_path):
         ({"dimensions": 7}, "[cameras.B] embeddings have 7 dimensions, those of camera A 4: take them from the same network"),
     ],
 )
-@pytest.mark.parametrize("command", ["calibrate", "check"])
-def test_embeddings_that_do_not_fit(tmp_path, capsys, appearance, told, command):
+def test_embeddings_that_do_not_fit(tmp_path, capsys, appearance, told):
     with_looks(tmp_path, "A")
     if appearance is not None:
         with_looks(tmp_path, "B", **appearance)
     scene = write_scene(tmp_path, association=COMBINED, extra='embeddings = "B.npz"')
     scene.write_text(scene.read_text().replace('tracks = "A.txt"', 'tracks = "A.txt"\nembeddings = "A.npz"'))
-    assert run([command, str(scene), *(["-o", str(tmp_path / "out")] if command == "calibrate" else [])]) == 2
-    assert told.format(tmp_path) in capsys.readouterr().err
+    for command in (["check", str(scene)], ["calibrate", str(scene), "-o", str(tmp_path / "out")]):
+        assert run(command) == 2
+        assert told.format(tmp_path) in capsys.readouterr().err
 
 
 def test_appearance_needs_embeddings(tmp_path):
-    mode = 'mode = "appearance"'
-    with pytest.raises(
-        InputError, match=r"no camera has any: give each camera embeddings .*: under \[association\] set mode = .combined."
-    ):
+    mode, extra = 'mode = "appearance"', 'embeddings = "B.npz"\n'
+    told = r"no camera has any: give each camera embeddings .*: under \[association\] set mode = .combined."
+    with pytest.raises(InputError, match=told):
         read(tmp_path, association=mode)
     with_looks(tmp_path, "B")
-    with pytest.raises(InputError, match=r"\[cameras.A\] mode .appearance. needs embeddings: give each camera"):
-        read(tmp_path, association=mode, extra='embeddings = "B.npz"')
-    files = {"C.txt": "", **TWO_AND_C}
-    with pytest.raises(InputError, match="embeddings") as caught:
-        read(tmp_path, association=mode, extra='embeddings = "B.npz"\n' + CAMERA_C + 'tracks = "C.txt"', files=files)
-    assert len(caught.value.faults) == 1  # A's; who saw nobody needs none
+    with pytest.raises(InputError, match=r"\[cameras.A\] mode .appearance. needs embeddings: give each camera") as caught:
+        read(tmp_path, association=mode, extra=extra + CAMERA_C + 'tracks = "C.txt"', files={"C.txt": "", **TWO_AND_C})
+    assert len(faults_of(caught.value)) == 1  # A's; who saw nobody needs none
 
 
 def test_a_camera_that_saw_nobody_is_told_and_the_others_go_on(tmp_path):
     found = read(tmp_path, ("A", "B", "C"), files={"C.txt": ""})
-    assert len(found.observations["C"].boxes) == 0
-    assert found.rig.names == ("A", "B", "C")
+    assert (len(found.observations["C"].boxes), found.rig.names) == (0, ("A", "B", "C"))
     (blind,) = [notice for notice in found.findings if notice.code == "camera_saw_nobody"]
     assert (blind.cameras, blind.values["watched"]) == (("C",), False)
 
 
 @pytest.mark.parametrize(
     ("files", "told"),
-    [({"B.txt": ""}, "only camera A saw anybody: a calibration needs"), ({"A.txt": "", "B.txt": ""}, "no camera saw anybody")],
+    [
+        ({"B.txt": ""}, "only camera A saw anybody: a calibration needs"),
+        ({"A.txt": "", "B.txt": ""}, "no camera saw anybody"),
+        ({"B.txt": None}, "no such file"),
+    ],
 )
 def test_fewer_than_two_cameras_that_saw_anybody(tmp_path, files, told):
-    with pytest.raises(InputError, match=told):
+    with pytest.raises(InputError, match=told) as caught:
         read(tmp_path, files=files)
-
-
-def test_a_missing_file_is_not_told_as_an_empty_camera(tmp_path):
-    with pytest.raises(InputError, match="no such file") as caught:
-        read(tmp_path, files={"B.txt": None})
-    assert len(caught.value.faults) == 1
+    assert len(faults_of(caught.value)) == 1
 
 
 def test_check_tells_tracklets_and_detections(tmp_path, capsys):
@@ -197,8 +185,7 @@ def test_check_tells_tracklets_and_detections(tmp_path, capsys):
 
     assert run(["check", str(scene), "--json"]) == 0
     report = json.loads(capsys.readouterr().out)
-    assert report["mode"] == "combined"
-    assert report["cameras"][1]["embedding_dimensions"] == 4
+    assert (report["mode"], report["cameras"][1]["embedding_dimensions"]) == ("combined", 4)
     assert all(camera["shared"] == {} and camera["fps"] == 2.5 for camera in report["cameras"])
 
 
@@ -208,9 +195,3 @@ def test_check_counts_who_is_shared_at_the_same_time_not_the_same_number(tmp_pat
     scene = write_scene(tmp_path, files=files, extra="fps = 20\n[scene]\nfps = 10")
     assert run(["check", str(scene), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["cameras"][0]["shared"] == {"B": {"people": 1, "sightings": 5}}
-
-
-def test_scale_by_identity_needs_given_identities(tmp_path, capsys):
-    scene = write_scene(tmp_path, association=COMBINED, extra="[[scale.people]]\nidentity = 1\nheight_m = 1.8")
-    assert run(["check", str(scene)]) == 2
-    assert "[[scale.people]]: names identities, but mode 'combined' does not know them" in capsys.readouterr().err

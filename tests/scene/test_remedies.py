@@ -5,8 +5,6 @@ where only the user knows the value. Each is followed literally, in the scene fi
 cameras alone.
 """
 
-from __future__ import annotations
-
 import ast
 import json
 import re
@@ -159,14 +157,9 @@ def test_the_generated_scene_has_every_table_and_every_key(started: Path) -> Non
     text = started.read_text(encoding="utf-8")
     for table in ("scene", "perception", "association", "solver", "scale", "solver.options", "world"):
         assert len(re.findall(rf"(?m)^#?\[{re.escape(table)}\]", text)) == 1, table
-    for table, model in (
-        ("association", "association"),
-        ("solver", "solver"),
-        ("perception", "perception"),
-        ("scale", "scale"),
-    ):
+    for table in ("association", "solver", "perception", "scale"):
         own = text.split(f"\n[{table}]\n")[1].split("\n[")[0]
-        for key, field in TABLES[(model,)].model_fields.items():
+        for key, field in TABLES[(table,)].model_fields.items():
             if "Table" not in str(field.annotation) and key != "options":
                 assert len(re.findall(rf"(?m)^#?{key} = ", own)) == 1, (table, key)
 
@@ -224,11 +217,10 @@ def put_model(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_check_tells_that_videos_are_too_short(brief: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     report = check_scene(brief)
-    (lack,) = report.lacks
     assert report.exit_status == 3
-    assert lack == (
+    assert report.lacks == (
         f"{brief}: the recordings of cameras C1 (1.7 s), C2 (1.7 s) are too short to register cameras by how people walk, "
-        f"which takes more than {SHORTEST_S:g} s: record longer"
+        f"which takes more than {SHORTEST_S:g} s: record longer",
     )
     put_model(tmp_path, monkeypatch)
     (lack,) = check_scene(brief).lacks

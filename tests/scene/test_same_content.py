@@ -1,7 +1,5 @@
 """One camera under two names is told, whatever became of the copy; two cameras that are two are not accused."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from dataclasses import replace
@@ -99,7 +97,6 @@ def test_cameras_of_a_scene_are_not_accused(preset: str, seed: int) -> None:
 def beside(rig: Rig, shift: tuple[float, float, float]) -> Rig:
     """The first camera and one of its kind beside it, metres in its own frame."""
     own = rig["C1"]
-    assert own.pose is not None
     other = Pose.from_centre(own.pose.R_cw, own.pose.centre + own.pose.R_cw.T @ np.array(shift))
     return Rig((own, Camera("C2", own.lens, other)))
 
@@ -179,9 +176,7 @@ def test_check_tells_of_a_copy_and_exits_as_for_want_of_evidence(tmp_path: Path,
 
 
 @pytest.mark.parametrize("command", ["check", "calibrate"])
-def test_a_copied_file_is_an_error_that_names_both_cameras(
-    tmp_path: Path, command: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_copied_file_is_an_error_that_names_both_cameras(tmp_path, command, capsys):
     first, second = (scene().observations[name].boxes for name in ("C1", "C2"))
     path = written_scene(tmp_path, {"C1": first, "C2": second, "C3": first})
     assert run([command, str(path), *(["-o", str(tmp_path / "out")] if command == "calibrate" else [])]) == 2

@@ -1,7 +1,6 @@
 """Videos with sound: their clock offsets are measured before people are, and what is wrong with the sound is said once."""
 
-from __future__ import annotations
-
+from dataclasses import replace
 from pathlib import Path
 
 import av
@@ -11,7 +10,7 @@ import pytest
 import passerby
 from passerby.common.arrays import Floats
 from passerby.common.errors import InputError
-from passerby.core.cameras import Camera, Lens, Pose, Rig
+from passerby.core.cameras import Rig
 from passerby.perception.video import probe
 from passerby.scene.camera_input import CameraInput
 from passerby.scene.check import check_scene
@@ -19,12 +18,12 @@ from passerby.scene.inputs import read_inputs
 from passerby.scene.scene import Scene
 from passerby.scene.sound import measure_by_sound, sound_to_hear
 from sources.sound import RATE, SoundCase, simulated_pair
+from support.scenes.people_and_rigs import ring
 
 FPS = 5
 
 
 def film(path: Path, sound: Floats | None, *, seconds: int = 40) -> CameraInput:
-    """A grey video, with sound that begins with its first frame."""
     with av.open(str(path), "w") as container:
         video = container.add_stream("mpeg4", rate=FPS)
         video.width, video.height, video.pix_fmt = 32, 32, "yuv420p"
@@ -71,9 +70,7 @@ def test_nothing_is_listened_to_where_no_offset_is_wanted(key: str, films: tuple
     assert measure_by_sound(scene(folder, key), readings) == ((), ())
 
 
-def test_silence_is_named_once_and_sound_of_one_camera_passed_over(
-    films: tuple[Path, list[CameraInput], float], tmp_path: Path
-) -> None:
+def test_silence_is_named_once_and_sound_of_one_camera_passed_over(films, tmp_path):
     folder, (first, _), _ = films
     silent, without = film(tmp_path / "silent.mp4", np.zeros(15 * RATE)), film(tmp_path / "without.mp4", None)
     measured, findings = measure_by_sound(scene(folder), [first, silent, without])
@@ -82,9 +79,7 @@ def test_silence_is_named_once_and_sound_of_one_camera_passed_over(
     assert measure_by_sound(scene(folder), [first, without]) == ((), ())
 
 
-def test_who_only_checks_or_monitors_decodes_no_sound(
-    films: tuple[Path, list[CameraInput], float], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_who_only_checks_or_monitors_decodes_no_sound(films, tmp_path, monkeypatch):
     folder, readings, lag_s = films
 
     def nobody_listens(_: object) -> None:
@@ -115,9 +110,7 @@ def test_who_only_checks_or_monitors_decodes_no_sound(
     ("command", "listener"),
     [("calibrate", "passerby.calibration.calibrate.measure_by_sound"), ("monitor", "passerby.monitoring.monitor.read_inputs")],
 )
-def test_only_a_calibration_measures_clocks_by_sound(
-    command: str, listener: str, films: tuple[Path, list[CameraInput], float], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_only_a_calibration_measures_clocks_by_sound(command, listener, films, monkeypatch):
     asked = []
 
     def read(*arguments: object, **_: object) -> None:
@@ -125,13 +118,8 @@ def test_only_a_calibration_measures_clocks_by_sound(
         raise InputError("read")
 
     monkeypatch.setattr(listener, read)
-    loaded = scene(films[0])
-    rig = Rig(
-        tuple(
-            Camera(name, Lens((32, 32), np.diag([30.0, 30.0, 1.0]), np.zeros(5)), Pose(np.eye(3), np.zeros(3))) for name in "ab"
-        )
-    )
+    rig = Rig(tuple(replace(camera, name=name) for camera, name in zip(ring(2), "ab", strict=True)))
     with pytest.raises(InputError, match="read"):
-        passerby.calibrate(loaded) if command == "calibrate" else passerby.monitor(rig, loaded)
+        passerby.calibrate(scene(films[0])) if command == "calibrate" else passerby.monitor(rig, scene(films[0]))
     assert len(asked) == 1
     assert measure_by_sound not in asked[0]

@@ -29,7 +29,7 @@ def video(tmp_path_factory):
 def scene(tmp_path):
     for name in ("A.mp4", "B.mp4"):
         written(tmp_path / name, 50)
-    return scene_file(tmp_path, {"A": "A.mp4", "B": "B.mp4"})
+    return Scene.load(scene_file(tmp_path, {"A": "A.mp4", "B": "B.mp4"}))
 
 
 def filmed(video, seconds, size=(1920, 1080)):
@@ -38,23 +38,21 @@ def filmed(video, seconds, size=(1920, 1080)):
 
 
 def test_it_takes_no_longer_than_what_is_used_of_a_long_recording(video, scene):
-    loaded = Scene.load(scene)
-    minute, ten, hour = (foresee_time(loaded, filmed(video, seconds), BACKGROUND) for seconds in (USED_S[0], 600.0, 3600.0))
+    minute, ten, hour = (foresee_time(scene, filmed(video, seconds), BACKGROUND) for seconds in (USED_S[0], 600.0, 3600.0))
     assert minute[0] == ten[0] == hour[0]
     assert minute[1] < ten[1] == hour[1] < 1.1 * USED_S[1] / USED_S[0] * minute[1]
 
 
 def test_what_takes_longer_is_foreseen(video, scene):
-    loaded = Scene.load(scene)
-    usual = foresee_time(loaded, filmed(video, 60.0), BACKGROUND)
+    usual = foresee_time(scene, filmed(video, 60.0), BACKGROUND)
     for inputs, perception in (
         (filmed(video, 60.0, (3840, 2160)), BACKGROUND),
         (filmed(video, 60.0), {"detector": {"network": "yolox-nano"}}),
         (filmed(video, 60.0), BACKGROUND | {"keypoints": {"network": "movenet-thunder"}}),
         ([replace(one, lens=Lens.unknown((1920, 1080))) for one in filmed(video, 60.0)], BACKGROUND),
     ):
-        assert all(longer > short for longer, short in zip(foresee_time(loaded, inputs, perception), usual, strict=True))
-    assert foresee_time(loaded, filmed(video, None), BACKGROUND) is None
+        assert all(longer > short for longer, short in zip(foresee_time(scene, inputs, perception), usual, strict=True))
+    assert foresee_time(scene, filmed(video, None), BACKGROUND) is None
 
 
 def test_boxes_take_as_long_as_there_are_many(tmp_path):

@@ -1,12 +1,9 @@
 """`from_s` and `until_s`: a part of a recording is used, of boxes and joints alike."""
 
-from __future__ import annotations
-
 import tomllib
 from functools import cache
 from pathlib import Path
 
-import numpy as np
 import pytest
 import tomli_w
 
@@ -78,8 +75,3 @@ def test_seconds_need_a_frame_rate(tmp_path):
         InputError, match=r"\[cameras.C2\] from_s: its frame rate is not known: set fps there, or under \[scene\] set fps to it"
     ):
         read_inputs(Scene.load(path))
-
-
-def test_nothing_named_leaves_all(tmp_path):
-    seen = read_inputs(Scene.load(written(tmp_path))).observations
-    np.testing.assert_array_equal(np.unique(seen["C2"].boxes.frame), np.unique(simulated().observations["C2"].boxes.frame))

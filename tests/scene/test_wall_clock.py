@@ -1,7 +1,5 @@
 """`video` as pieces and pictures, `from` and `until`, and the second that frame numbers of all cameras count from."""
 
-from __future__ import annotations
-
 import json
 from datetime import UTC, datetime
 from pathlib import Path
@@ -55,23 +53,18 @@ def scene(folder: Path, *cameras: str, span: str = "", name: str = "scene.toml",
     return folder / name
 
 
-def test_frames_count_from_one_second(folder: Path) -> None:
+def test_frames_count_from_one_second(folder):
     loaded = Scene.load(scene(folder, "north", "south"))
     north, south = read_cameras(loaded)
     assert not north.faults + south.faults
-    assert north.video is not None
-    assert south.video is not None
-    first, later = (next(iter(VideoReader(video))).number for video in (north.video, south.video))
+    first, later = (next(iter(VideoReader(one.video))).number for one in (north, south))
     assert 1 <= first <= 1 + FPS
     assert later - first == 120 * FPS
-    clock = wall_clock_of(loaded, [north, south])
-    assert clock is not None
-    assert clock.origin.text == "2026-11-22T08:05:00+00:00"
+    assert wall_clock_of(loaded, [north, south]).origin.text == "2026-11-22T08:05:00+00:00"
 
 
-def test_cameras_without_wall_times_are_told(folder: Path) -> None:
+def test_cameras_without_wall_times_are_told(folder):
     _, east = read_cameras(Scene.load(scene(folder, "north", "east")))
-    assert east.video is not None
     assert next(iter(VideoReader(east.video))).number == 1
     (text,) = texts_of(east.findings)
     assert "camera east: it is not known when the recording began" in text
@@ -97,15 +90,13 @@ def test_a_fault_of_one_camera_is_all_that_is_said_of_it(folder: Path, tmp_path:
     assert [one.code for one in found.diagnostics if one.code in ("wall_clock_missing", "frame_rate_missing")] == []
 
 
-def test_files_of_people_keep_their_numbers(folder: Path) -> None:
+def test_files_of_people_keep_their_numbers(folder):
     path = scene(folder, "north", "south")
     (folder / "north.txt").write_text("3,-1,5,5,10,30,1,-1,-1,-1\n")
     path.write_text(path.read_text().replace("[cameras.south]", 'tracks = "north.txt"\n[cameras.south]'))
-    north, south = read_cameras(Scene.load(path))
-    assert north.video is not None
-    assert next(iter(VideoReader(north.video))).number == 1
-    assert south.video is not None
-    assert next(iter(VideoReader(south.video))).number <= 1 + FPS
+    north, south = (next(iter(VideoReader(one.video))).number for one in read_cameras(Scene.load(path)))
+    assert north == 1
+    assert south <= 1 + FPS
 
 
 @pytest.mark.parametrize(
@@ -114,24 +105,17 @@ def test_files_of_people_keep_their_numbers(folder: Path) -> None:
         'from = "08:05:03"\nuntil = "08:07:10"',
         "from = 08:05:03\nuntil = 08:07:10",
         'from = "2026-11-22 08:05:03"\nuntil = "2026-11-22T08:07:10"',
-        "from = 2026-11-22T08:05:03\nuntil = 2026-11-22T08:07:10",
         "from = 2026-11-22T09:05:03+01:00\nuntil = 2026-11-22T09:07:10+01:00",
     ],
 )
-def test_a_span_of_wall_time(folder: Path, span: str) -> None:
+def test_a_span_of_wall_time(folder, span):
     loaded = Scene.load(scene(folder, "north", "south", span=span))
     north, south = read_cameras(loaded)
     assert not north.faults + south.faults
-    assert north.video is not None
     assert [path.name for path in north.video.files] == ["05.00.mp4", "05.04.mp4", "05.08.mp4"]
-    numbers = [frame.number for frame in VideoReader(north.video)]
+    assert next(iter(VideoReader(north.video))).number <= 2
     clock = wall_clock_of(loaded, [north, south])
-    assert clock is not None
-    assert clock.origin.seconds == BEGIN + 303
-    assert numbers[0] <= 2
-    assert clock.first is not None
-    assert clock.first.seconds == BEGIN + 303
-    assert south.video is not None
+    assert clock.origin.seconds == clock.first.seconds == BEGIN + 303
     assert VideoReader(south.video).info.seconds == pytest.approx(10.0, abs=1.0)
 
 
@@ -139,8 +123,8 @@ def test_a_span_of_wall_time(folder: Path, span: str) -> None:
     ("span", "why"),
     [
         ('from = "09:00"\nuntil = "08:00"', "is not before until"),
-        ('from = "soon"', "'soon' is no time"),
         ('from = "08:00"\nuntil = "2026-11-22 09:00"', "both have a date"),
+        ('from = "soon"', "'soon' is no time"),
         ("from = 8", "8 is no time"),
         ('from = "08:00"\nfrom_s = 3', "'from_s': did you mean 'from'"),
     ],
@@ -157,9 +141,8 @@ def test_spans_that_are_none(folder: Path, span: str, why: str) -> None:
         ('from = "2026-11-21 11:00"\nuntil = "2026-11-21 12:00"', "has no file in the span"),
     ],
 )
-def test_spans_with_nothing_in_them(folder: Path, span: str, why: str) -> None:
-    faults = check_scene(scene(folder, "north", "south", span=span)).faults
-    assert any(why in fault for fault in faults)
+def test_spans_with_nothing_in_them(folder, span, why):
+    assert any(why in fault for fault in check_scene(scene(folder, "north", "south", span=span)).faults)
 
 
 def test_a_span_needs_wall_times(folder: Path) -> None:
@@ -198,13 +181,10 @@ def test_check_shows_pieces_and_pictures(folder: Path, capsys: pytest.CaptureFix
     run(["check", str(path), "--json"])
     told = json.loads(capsys.readouterr().out)
     north, east = (camera["video"] for camera in told["cameras"])
-    assert (north["pieces"], east["pieces"]) == (3, 4)
-    assert north["from"] == "2026-11-22T08:05:00+00:00"
+    assert ((north["pieces"], east["pieces"]), north["from"]) == ((3, 4), "2026-11-22T08:05:00+00:00")
     assert east["seconds"] == pytest.approx(8.0)
     assert any("1 gap between its images" in text for text in told["findings"])
     run(["check", str(path)])
-    shown = capsys.readouterr().out
-    assert "3 files" in " ".join(shown.split())
 
 
 def test_two_cameras_with_one_piece_in_common(folder: Path) -> None:

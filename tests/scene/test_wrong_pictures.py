@@ -1,7 +1,5 @@
 """Boxes from images of another size, crop or rotation than the lens is for."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
@@ -114,7 +112,6 @@ def walkers(size: tuple[int, int], cut: float) -> np.ndarray:
 
 def test_people_cut_off_at_the_border_of_a_second_stream_tell_its_size() -> None:
     found = smaller_picture(walkers((1920, 1080), 0.5), (1920, 1080))
-    assert found is not None
     assert found[1] == (960, 540)
     assert smaller_picture(walkers((1920, 1080), 1.0), (1920, 1080)) is None
 

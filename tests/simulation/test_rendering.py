@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from dataclasses import replace
+from unittest.mock import Mock
 
 import av
 import numpy as np
@@ -28,7 +29,6 @@ NO_GRAIN = np.zeros((128, 128), dtype=np.float32)
 
 
 def small(simulated, factor=0.5):
-    """The same scene in smaller pictures."""
     cameras = []
     for camera in simulated.rig:
         matrix = np.diag((factor, factor, 1.0)) @ camera.lens.matrix
@@ -45,13 +45,9 @@ def standing(*places):
     return pose_joints(BodyState(xy=np.array([places], dtype=float), **zeros), heights), heights
 
 
-def overcast():
-    return Light(np.array([0.0, 0.0, 1.0]), sunny=False)
-
-
 def painter(camera: Camera, heights, clothes="individual", light=None):
     outfits = draw_outfits(clothes, len(heights), np.random.default_rng(4))
-    return PeoplePainter(camera, heights, outfits, light or overcast(), NO_GRAIN)
+    return PeoplePainter(camera, heights, outfits, light or Light(np.array([0.0, 0.0, 1.0]), sunny=False), NO_GRAIN)
 
 
 def blank(camera: Camera, level=0):
@@ -108,10 +104,7 @@ def test_who_is_near_hides_who_is_far():
         solid = shown & (np.roll(shown, 2, 0) & np.roll(shown, -2, 0) & np.roll(shown, 2, 1) & np.roll(shown, -2, 1))
         np.testing.assert_array_equal(together[solid], alone[solid])
         assert (together.any(axis=-1) & ~shown).sum() > 0  # the far one's head over the near one's
-
-
-def test_nobody_behind_the_camera_is_drawn():
-    camera = scene(seconds=1.0).rig["C1"]
+    # Nobody behind the camera is drawn.
     joints, heights = standing(1.5 * camera.centre[:2], camera.centre[:2])
     assert painter(camera, heights).surfaces(joints[0], np.array([True, True])) == []
 
@@ -177,16 +170,15 @@ def test_cameras_see_the_same_ground():
 
 
 def test_clothes_tell_people_apart_or_not():
-    shape, colours = template(True), {}
-    for clothes in ("individual", "alike"):
-        simulated = scene(seconds=1.0)
-        artist = painter(simulated.rig["C1"], np.full(12, 1.7), clothes)
-        colours[clothes] = artist._wardrobes[True].colours
+    shape, camera = template(True), scene(seconds=1.0).rig["C1"]
+    individual, alike = (
+        painter(camera, np.full(12, 1.7), clothes)._wardrobes[True].colours for clothes in ("individual", "alike")
+    )
     for part in ("trunk", "leg", "arm"):
-        means = {clothes: value[:, shape.faces(part)].mean(axis=1) for clothes, value in colours.items()}
-        np.testing.assert_array_equal(means["alike"], np.broadcast_to(means["alike"][0], (12, 3)))
-        assert np.ptp(means["individual"], axis=0).min() > 60
-    assert np.ptp(colours["alike"][:, shape.faces("head")].mean(axis=1), axis=0).min() > 20
+        own, same = (colours[:, shape.faces(part)].mean(axis=1) for colours in (individual, alike))
+        np.testing.assert_array_equal(same, np.broadcast_to(same[0], (12, 3)))
+        assert np.ptp(own, axis=0).min() > 60
+    assert np.ptp(alike[:, shape.faces("head")].mean(axis=1), axis=0).min() > 20
 
 
 def test_videos_hold_the_scene(tmp_path):
@@ -225,10 +217,7 @@ def test_a_scene_folder_with_videos(tmp_path):
 
 
 def test_a_video_that_cannot_be_written_leaves_nothing(tmp_path, monkeypatch):
-    def broken(*_: object) -> None:
-        raise InputError("no space left")
-
-    monkeypatch.setattr("passerby.simulation.write.write_videos", broken)
+    monkeypatch.setattr("passerby.simulation.write.write_videos", Mock(side_effect=InputError("no space left")))
     with pytest.raises(InputError, match="no space"):
         write_scene(scene(seconds=1.0), tmp_path / "s", video=RenderOptions())
     assert list(tmp_path.iterdir()) == []

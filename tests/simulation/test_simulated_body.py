@@ -26,13 +26,16 @@ def extent(body: BodyState) -> tuple[np.ndarray, np.ndarray]:
     return (centres[..., 2] - radii).min(axis=2), (centres[..., 2] + radii).max(axis=2)
 
 
-def test_standing_people_are_exactly_as_tall_as_declared():
+def test_standing_people_are_exactly_as_tall_as_declared_and_runners_leave_the_ground():
     low, high = extent(state())
     np.testing.assert_allclose(low, 0, atol=1e-9)
     np.testing.assert_allclose(high[0], HEIGHTS, atol=1e-9)
+    low, _ = extent(state(200, speed=3.5, phase=np.linspace(0, 2, 200)[:, None]))
+    assert (low.max(axis=0) > 0.03).all()
+    assert (low > -1e-6).all()
 
 
-@pytest.mark.parametrize("speed", [0.5, 0.8, 1.2, 1.6])
+@pytest.mark.parametrize("speed", [0.5, 1.2, 1.6])
 def test_walkers_keep_a_foot_on_the_ground_and_bob_by_a_few_centimetres(speed):
     low, high = extent(state(200, speed=speed, phase=np.linspace(0, 3, 200)[:, None]))
     np.testing.assert_allclose(low, 0, atol=1e-6)
@@ -45,22 +48,16 @@ def test_walkers_keep_a_foot_on_the_ground_and_bob_by_a_few_centimetres(speed):
 
 def test_planted_feet_do_not_slide():
     """While the body walks straight at 1.3 m/s, the flat left foot stays where it is."""
-    speed, step = 1.3, 0.01
-    phase = np.arange(150)[:, None] * step * speed / stride_length(np.full(3, speed), HEIGHTS)
+    speed, seconds = 1.3, 0.01 * np.arange(150)[:, None]
+    phase = seconds * speed / stride_length(np.full(3, speed), HEIGHTS)
     joints = pose_joints(state(150, speed=speed, phase=phase), HEIGHTS)
-    toe = joints[:, :, JOINTS.index("left_toe"), 0] + (np.arange(150) * step * speed)[:, None]
-    flat = (np.mod(phase, 1) > 0.1) & (np.mod(phase, 1) < 0.3)
+    toe = joints[:, :, JOINTS.index("left_toe"), 0] + seconds * speed
     for person in range(3):
-        first = np.flatnonzero(flat[:, person])
-        first = first[: np.argmax(np.diff(first) > 1) + 1] if (np.diff(first) > 1).any() else first
+        share = np.mod(phase[:, person], 1)
+        flat = np.flatnonzero((share > 0.1) & (share < 0.3))
+        first = np.split(flat, np.flatnonzero(np.diff(flat) > 1) + 1)[0]
         assert len(first) > 5
         assert np.ptp(toe[first, person]) < 1e-6
-
-
-def test_runners_leave_the_ground():
-    low, _ = extent(state(200, speed=3.5, phase=np.linspace(0, 2, 200)[:, None]))
-    assert (low.max(axis=0) > 0.03).all()
-    assert (low > -1e-6).all()
 
 
 def test_bones_keep_their_length():
@@ -78,24 +75,18 @@ def test_bones_keep_their_length():
 
 
 def test_crouching_shortens_and_a_raised_arm_lengthens():
-    _, standing = extent(state())
-    _, squatting = extent(state(crouch=1.0, lean=0.5))
-    _, sitting = extent(state(crouch=0.8, seat=1.0))
-    _, reaching = extent(state(raised_right=1.0))
+    poses = {}, {"crouch": 1.0, "lean": 0.5}, {"crouch": 0.8, "seat": 1.0}, {"raised_right": 1.0}
+    standing, squatting, sitting, reaching = (extent(state(**pose))[1] for pose in poses)
     assert (squatting < 0.68 * standing).all()
     assert (sitting < 0.78 * standing).all()
     assert (reaching > 1.15 * standing).all()
 
 
-def test_knees_point_where_the_body_faces():
+def test_knees_point_where_the_body_faces_and_left_is_on_the_left():
     joints = pose_joints(state(heading=np.pi / 2, crouch=0.7), HEIGHTS)
     knees, pelvis = joints[0, :, JOINTS.index("left_knee")], joints[0, :, JOINTS.index("pelvis")]
     assert (knees[:, 1] - pelvis[:, 1] > 0.15).all()
-
-
-def test_left_is_on_the_left():
-    joints = pose_joints(state(), HEIGHTS)
-    assert (joints[0, :, JOINTS.index("left_shoulder"), 1] > 0.1).all()
+    assert (pose_joints(state(), HEIGHTS)[0, :, JOINTS.index("left_shoulder"), 1] > 0.1).all()
 
 
 @pytest.mark.parametrize("distortion", [(0.0, 0.0, 0.0, 0.0), (-0.15, 0.0135, 0.0, 0.0)])

@@ -30,13 +30,10 @@ def test_box_noise_has_the_stated_deviation_on_each_edge():
     np.testing.assert_allclose(np.corrcoef(relative.T), np.eye(4), atol=0.12)
 
 
-def test_corner_noise_is_uniform_within_its_bound():
+def test_corner_noise_is_uniform_within_its_bound_and_slack_moves_every_edge_outwards():
     moved, _ = differences({"corner_noise_px": 5.0})
     assert np.abs(moved).max() <= 5.0
     np.testing.assert_allclose(moved.std(axis=0), 5 / np.sqrt(3), rtol=0.1)
-
-
-def test_slack_moves_every_edge_outwards():
     moved, height = differences({"box_slack": 0.05})
     np.testing.assert_allclose(moved / height[:, None], np.array([[-0.05, -0.05, 0.05, 0.05]]).repeat(len(moved), 0), atol=1e-9)
 

@@ -11,7 +11,6 @@ import pytest
 
 from passerby.common.errors import InputError
 from passerby.core.observations import UNKNOWN
-from passerby.simulation import SimulationOptions
 from passerby.simulation.lenses import draw_lenses
 from passerby.simulation.sites import SiteOptions, simulate_site, write_site
 from passerby.simulation.sites.plan import airport
@@ -26,7 +25,7 @@ def small():
     return simulate_site(SMALL)
 
 
-@pytest.mark.parametrize("count", [8, 13, 14, 100, 1000])
+@pytest.mark.parametrize("count", [8, 13, 14, 1000])
 def test_every_camera_has_a_place_and_floors_are_chained_by_stairs(count):
     plan = airport(count, np.random.default_rng(0))
     floors = plan.floors
@@ -35,8 +34,8 @@ def test_every_camera_has_a_place_and_floors_are_chained_by_stairs(count):
     for mount in plan.mounts:
         zone = plan.zones[mount.zone]
         assert zone.floor == mount.floor
-        assert np.all(np.array(zone.low) < mount.ground)
-        assert np.all(np.array(zone.high) > mount.ground)
+        assert (np.array(zone.low) < mount.ground).all()
+        assert (np.array(zone.high) > mount.ground).all()
     stairs = {tuple(sorted(plan.zones[zone].floor for zone in link.zones)) for link in plan.links if link.seconds > 0}
     assert stairs == {(floor, floor + 1) for floor in range(floors.max())}
 
@@ -125,20 +124,21 @@ def test_a_quick_lens_has_the_pixels_of_the_lens():
 
 
 def test_the_folder_holds_the_truth_of_overlaps_floors_and_clocks(tmp_path):
-    options = SiteOptions(cameras=8, people=6, seconds=4.0, seed=804, embeddings="distinct")
-    site = simulate_site(options)
+    site = simulate_site(SiteOptions(cameras=8, people=6, seconds=4.0, seed=804, embeddings="distinct"))
     path = write_site(site, tmp_path / "site")
     scene = tomllib.loads(path.read_text())
     assert scene["association"] == {"mode": "combined", "max_offset_s": 10.0}
-    assert len(scene["cameras"]) == 8
-    with (tmp_path / "site" / "overlaps.csv").open() as file:
-        rows = {(row["camera_a"], row["camera_b"]): float(row["shared_m2"]) for row in csv.DictReader(file)}
-    assert rows == {(f"C{a + 1}", f"C{b + 1}"): area for (a, b), area in site.shared_m2.items()}
-    with (tmp_path / "site" / "cameras.csv").open() as file:
-        offsets = [float(row["clock_offset_s"]) for row in csv.DictReader(file)]
+
+    def rows(name):
+        with path.with_name(name).open() as file:
+            return list(csv.DictReader(file))
+
+    shared = {(row["camera_a"], row["camera_b"]): float(row["shared_m2"]) for row in rows("overlaps.csv")}
+    assert shared == {(f"C{a + 1}", f"C{b + 1}"): area for (a, b), area in site.shared_m2.items()}
+    offsets = [float(row["clock_offset_s"]) for row in rows("cameras.csv")]
     assert np.allclose(offsets, site.clock_offsets_s, atol=1e-6)
     assert offsets[0] == 0.0
-    assert len(list((tmp_path / "site" / "embeddings").iterdir())) == len(list((tmp_path / "site" / "tracks").iterdir())) == 8
+    assert [len(list((path.parent / name).iterdir())) for name in ("embeddings", "tracks")] == [8, len(scene["cameras"])]
 
 
 @pytest.mark.parametrize(
@@ -149,8 +149,3 @@ def test_the_folder_holds_the_truth_of_overlaps_floors_and_clocks(tmp_path):
 def test_bad_options_are_named(name, value):
     with pytest.raises(InputError, match=name):
         SiteOptions(**{name: value})
-
-
-def test_a_scene_of_a_sites_preset_says_what_it_is():
-    with pytest.raises(InputError, match="airport for a site"):
-        SimulationOptions(preset="airport")

@@ -1,7 +1,5 @@
 """Crops cut out of videos by tracks: the right pixels of the right people, cut once."""
 
-from __future__ import annotations
-
 import os
 import shutil
 
@@ -15,72 +13,69 @@ from passerby.perception.crop_network import stretch_crop
 from passerby.perception.video import VideoReader
 from passerby.training.data import cutting, read_data
 from passerby.training.data.cutting import PER_PERSON, WantedCrops, cut_crops, find_clear_boxes, spread_rows
+from passerby.training.embedding import make_full_box
 from support.datasets.pictures_of_people import SIZE, film, picture, scene, tracks, two_walkers
 
 
-def pictures_of(video):
-    return {frame.number: frame.picture for frame in VideoReader(video)}
+def yard(tmp_path, rows=None, **how):
+    """A folder of one video and its tracks, read."""
+    tracks(tmp_path / "yard" / "C1.txt", two_walkers() if rows is None else rows)
+    if not (tmp_path / "yard" / "C1.mp4").exists():
+        film(tmp_path / "yard" / "C1.mp4", **how)
+    return again(tmp_path)
+
+
+def again(tmp_path, cache="cache"):
+    return read_data(tmp_path / "yard", tmp_path / cache)
 
 
 @pytest.mark.parametrize("layout", ["beside", "videos and truth"])
 def test_a_folder_of_videos_and_text(tmp_path, layout):
     folder = tmp_path / "yard"
-    videos = folder if layout == "beside" else folder / "videos"
-    text = folder if layout == "beside" else folder / "truth"
+    videos, text = (folder, folder) if layout == "beside" else (folder / "videos", folder / "truth")
+    shown, boxes = {}, {}
     for seed, camera in enumerate(("C1", "C2")):
-        film(videos / f"{camera}.mp4", seed=100 * seed)
+        video = film(videos / f"{camera}.mp4", seed=100 * seed)
+        shown[camera] = {frame.number: frame.picture for frame in VideoReader(video)}
         tracks(text / f"{camera}.txt", two_walkers(ids=(4, 9 if seed == 0 else 5)))
+        boxes[camera] = read_boxes(text / f"{camera}.txt")
     if layout != "beside":  # identities of each camera's own, which are not to be taken
         tracks(folder / "tracks" / "C1.txt", two_walkers(ids=(1, 2)))
     data = read_data(folder, tmp_path / "cache")
     train = data.train
-    assert train.people == ("yard/4", "yard/5", "yard/9")
-    assert train.cameras == ("yard/C1", "yard/C2")
-    assert train.apart is None
-    assert data.notes == ()
+    assert (train.people, train.cameras) == (("yard/4", "yard/5", "yard/9"), ("yard/C1", "yard/C2"))
+    assert (train.apart, data.notes) == (None, ())
     assert np.bincount(train.person).tolist() == [2 * PER_PERSON, PER_PERSON, PER_PERSON]
-    shown = {camera: pictures_of(videos / f"{camera}.mp4") for camera in ("C1", "C2")}
-    boxes = {camera: read_boxes(text / f"{camera}.txt") for camera in ("C1", "C2")}
     for path, person, camera in zip(train.paths, train.person, train.camera, strict=True):
         name, identity = train.cameras[camera][5:], int(train.people[person][5:])
         frame = int(path.stem.split("_")[-1])
         row = np.flatnonzero((boxes[name].frame == frame) & (boxes[name].identity == identity))[0]
         crop = cv2.imread(str(path))
-        whole = np.array([0.0, 0, crop.shape[1], crop.shape[0]])
         # What a network sees of the crop is what it would see of the box, pixel by pixel.
-        np.testing.assert_array_equal(
-            stretch_crop(crop, whole, (24, 48)), stretch_crop(shown[name][frame], boxes[name].ltwh[row], (24, 48))
-        )
+        seen = stretch_crop(crop, make_full_box(crop)[0], (24, 48))
+        np.testing.assert_array_equal(seen, stretch_crop(shown[name][frame], boxes[name].ltwh[row], (24, 48)))
 
 
 def test_crops_are_cut_once(tmp_path, monkeypatch):
-    tracks(tmp_path / "yard" / "C1.txt", two_walkers())
-    video = film(tmp_path / "yard" / "C1.mp4")
-    first = read_data(tmp_path / "yard", tmp_path / "cache").train
+    first = yard(tmp_path).train
     before = {path: path.read_bytes() for path in first.paths}
     opened = []
     original = cutting.VideoReader
     monkeypatch.setattr(cutting, "VideoReader", lambda *args, **kwargs: opened.append(1) or original(*args, **kwargs))
-    assert read_data(tmp_path / "yard", tmp_path / "cache").train.paths == first.paths
+    assert again(tmp_path).train.paths == first.paths
     assert not opened
     first.paths[3].write_bytes(b"damaged")
     first.paths[5].unlink()
-    assert read_data(tmp_path / "yard", tmp_path / "cache").train.paths == first.paths
-    assert {path: path.read_bytes() for path in first.paths} == before
+    assert (again(tmp_path).train.paths, {path: path.read_bytes() for path in first.paths}) == (first.paths, before)
     assert len(opened) == 1
-    film(video, seed=50)
-    again = read_data(tmp_path / "yard", tmp_path / "cache").train
-    assert len(opened) == 2
-    assert set(again.paths).isdisjoint(first.paths)
-    tracks(tmp_path / "yard" / "C1.txt", two_walkers(last=20))
-    assert len(read_data(tmp_path / "yard", tmp_path / "cache").train) == 40
-    assert len(opened) == 3
+    film(tmp_path / "yard" / "C1.mp4", seed=50)
+    assert set(again(tmp_path).train.paths).isdisjoint(first.paths)
+    assert (len(opened), len(yard(tmp_path, two_walkers(last=20)).train), len(opened)) == (2, 40, 3)
 
 
 def test_an_interrupted_cutting_leaves_nothing_that_is_taken_for_crops(tmp_path, monkeypatch):
-    tracks(tmp_path / "yard" / "C1.txt", two_walkers())
-    film(tmp_path / "yard" / "C1.mp4")
-    whole = read_data(tmp_path / "yard", tmp_path / "elsewhere").train
+    whole = yard(tmp_path).train
+    cut = tmp_path / "other"
 
     def breaks(_, after):
         for frame in VideoReader(tmp_path / "yard" / "C1.mp4", after=after):
@@ -91,12 +86,12 @@ def test_an_interrupted_cutting_leaves_nothing_that_is_taken_for_crops(tmp_path,
     with monkeypatch.context() as patch:
         patch.setattr(cutting, "VideoReader", breaks)
         with pytest.raises(KeyboardInterrupt):
-            read_data(tmp_path / "yard", tmp_path / "cache")
-    assert not [*(tmp_path / "cache").rglob("*.png")]
-    (tmp_path / "cache" / "yard" / "C1" / ".killed.part").mkdir()
-    again = read_data(tmp_path / "yard", tmp_path / "cache").train
-    assert [path.name for path in again.paths] == [path.name for path in whole.paths]
-    assert not (tmp_path / "cache" / "yard" / "C1" / ".killed.part").exists()
+            again(tmp_path, "other")
+    assert not [*cut.rglob("*.png")]
+    killed = cut / "yard" / "C1" / ".killed.part"
+    killed.mkdir()
+    assert [path.name for path in again(tmp_path, "other").train.paths] == [path.name for path in whole.paths]
+    assert not killed.exists()
 
 
 def scene_file(folder, mode):
@@ -130,17 +125,14 @@ def test_a_scene_file_with_given_identities(tmp_path, filmed):
 
 def test_identities_of_each_camera_s_own(tmp_path, filmed):
     data = read_data(scene_file(filmed, "combined"), tmp_path / "cache")
-    assert data.name == "yard"
     people = data.train.people
-    assert people == ("yard/C1-4", "yard/C1-5", "yard/C1-9", "yard/C2-4")
-    assert data.train.apart is not None
+    assert (data.name, people) == ("yard", ("yard/C1-4", "yard/C1-5", "yard/C1-9", "yard/C2-4"))
     pairs = {(people[a][5:], people[b][5:]) for a, b in np.argwhere(data.train.apart)}
     assert pairs == {("C1-4", "C1-9"), ("C1-9", "C1-4"), ("C1-5", "C1-9"), ("C1-9", "C1-5")}
     assert any("camera C3 has no tracks: left out" in note for note in data.notes)
 
 
 def test_what_is_not_worth_cutting():
-    large, frame = (SIZE[0], SIZE[1]), 7
     boxes = {
         "clear": (20, 10, 20, 50, True),
         "behind the next": (60, 10, 20, 50, False),
@@ -151,53 +143,41 @@ def test_what_is_not_worth_cutting():
         "mostly outside": (-12, 10, 20, 50, False),
         "half outside": (150, 60, 19, 40, True),
     }
-    ltwh = np.array([box[:4] for box in boxes.values()], dtype=float)
-    clear = find_clear_boxes(np.full(len(boxes), frame), ltwh, large)
-    assert dict(zip(boxes, clear.tolist(), strict=True)) == {name: box[4] for name, box in boxes.items()}
+    table = np.array(list(boxes.values()), dtype=float)
+    ltwh, clear = table[:, :4], table[:, 4] == 1
+    one_frame, order = np.full(len(boxes), 7), np.random.default_rng(0).permutation(len(boxes))
+    assert dict(zip(boxes, find_clear_boxes(one_frame, ltwh, SIZE), strict=True)) == dict(zip(boxes, clear, strict=True))
+    np.testing.assert_array_equal(find_clear_boxes(one_frame, ltwh[order], SIZE), clear[order])
     # In frames of their own nobody is before anybody.
-    alone = find_clear_boxes(np.arange(len(boxes)), ltwh, large)
-    assert alone[list(boxes).index("behind the next")]
-    order = np.random.default_rng(0).permutation(len(boxes))
-    np.testing.assert_array_equal(find_clear_boxes(np.full(len(boxes), frame), ltwh[order], large), clear[order])
+    assert find_clear_boxes(np.arange(len(boxes)), ltwh, SIZE)[list(boxes).index("behind the next")]
 
 
 def test_a_few_of_many_boxes_evenly_spread():
-    frame = np.tile(np.arange(1, 101), 3)
-    person = np.repeat([0, 1, -1], 100)
+    frame, person = np.tile(np.arange(1, 101), 3), np.repeat([0, 1, -1], 100)
     usable = np.ones(300, dtype=bool)
     usable[100:197] = False
     rows = spread_rows(frame, person, usable, at_most=10)
-    first, second = frame[rows[person[rows] == 0]], frame[rows[person[rows] == 1]]
-    np.testing.assert_array_equal(first, np.arange(6, 106, 10))
-    np.testing.assert_array_equal(second, [98, 99, 100])
-    assert (person[rows] >= 0).all()
+    shown = {who: frame[rows[person[rows] == who]].tolist() for who in (0, 1, -1)}
+    assert shown == {0: list(range(6, 106, 10)), 1: [98, 99, 100], -1: []}
     assert not len(spread_rows(frame, person, ~np.ones(300, dtype=bool)))
 
 
-def test_boxes_beyond_the_end_of_the_video_are_told(tmp_path):
-    tracks(tmp_path / "yard" / "C1.txt", two_walkers(11, 34))
-    film(tmp_path / "yard" / "C1.mp4")
-    data = read_data(tmp_path / "yard", tmp_path / "cache")
+def test_boxes_beyond_the_end_of_the_video_and_people_of_whom_nothing_can_be_seen_are_told(tmp_path):
+    data = yard(tmp_path, two_walkers(11, 34))
     assert len(data.train) == 40
     assert "8 of 48 boxes are of frames that it does not have" in data.notes[0]
     assert "frames 31 to 34" in data.notes[0]
-
-
-def test_people_of_whom_nothing_can_be_seen_are_told(tmp_path):
-    tiny = [(frame, 7, 70.0, 90.0, 5.0, 10.0) for frame in range(1, 31)]
-    tracks(tmp_path / "yard" / "C1.txt", two_walkers() + tiny)
-    film(tmp_path / "yard" / "C1.mp4")
-    data = read_data(tmp_path / "yard", tmp_path / "cache")
+    data = yard(tmp_path, two_walkers() + [(frame, 7, 70.0, 90.0, 5.0, 10.0) for frame in range(1, 31)])
     assert data.train.people == ("yard/4", "yard/9")
     assert data.notes == ("1 people without two clear frames, kept out of the training: yard/7",)
 
 
 def mot(folder, rows):
     """A MOT17 sequence of 10 pictures, the rows of its gt.txt as they are given."""
+    for part in ("img1", "gt"):
+        (folder / part).mkdir(parents=True)
     for frame in range(1, 11):
-        (folder / "img1").mkdir(parents=True, exist_ok=True)
         assert cv2.imwrite(str(folder / "img1" / f"{frame:06d}.png"), scene(frame))
-    (folder / "gt").mkdir()
     (folder / "gt" / "gt.txt").write_text("".join(",".join(map(str, row)) + "\n" for row in rows))
     (folder / "seqinfo.ini").write_text(f"[Sequence]\nname={folder.name}\nimDir=img1\nframeRate=30\nseqLength=10\nimExt=.png\n")
     return folder
@@ -212,76 +192,83 @@ def mot_rows():
 
 
 def test_a_motchallenge_sequence(tmp_path):
-    folder = mot(tmp_path / "MOT17-02-FRCNN", mot_rows())
-    data = read_data(folder, tmp_path / "cache")
-    assert [name.split("/")[1] for name in data.train.people] == ["MOT17-02-FRCNN-1", "MOT17-02-FRCNN-2"]
-    assert np.bincount(data.train.person).tolist() == [10, 5]
-    assert data.train.apart is not None
-    assert data.train.apart[0, 1]
+    train = read_data(mot(tmp_path / "MOT17-02-FRCNN", mot_rows()), tmp_path / "cache").train
+    assert [name.split("/")[1] for name in train.people] == ["MOT17-02-FRCNN-1", "MOT17-02-FRCNN-2"]
+    assert np.bincount(train.person).tolist() == [10, 5]
+    assert train.apart[0, 1]
     # The first pixel counts as 1 there: the box of frame 1 begins at column 11, row 20.
-    np.testing.assert_array_equal(cv2.imread(str(data.train.paths[0])), scene(1)[20:70, 11:31])
+    np.testing.assert_array_equal(cv2.imread(str(train.paths[0])), scene(1)[20:70, 11:31])
 
 
 def test_every_motchallenge_sequence_once(tmp_path):
     for name in ("MOT17-02-DPM", "MOT17-02-FRCNN", "MOT17-04-DPM"):
         mot(tmp_path / "MOT17" / name, mot_rows())
-    data = read_data(tmp_path / "MOT17", tmp_path / "cache")
-    assert data.train.cameras == ("MOT17/MOT17-02-DPM", "MOT17/MOT17-04-DPM")
-    assert data.train.apart is not None
-    assert int(data.train.apart.sum()) == 4  # who is in two sequences may be one person
+    train = read_data(tmp_path / "MOT17", tmp_path / "cache").train
+    assert train.cameras == ("MOT17/MOT17-02-DPM", "MOT17/MOT17-04-DPM")
+    assert int(train.apart.sum()) == 4  # who is in two sequences may be one person
+
+
+def mot_without(folder, part):
+    shutil.rmtree(mot(folder, mot_rows()) / part)
+
+
+def videos(folder, rows):
+    film(folder / "C1.mp4", count=5)
+    for camera in ("C1", "C2"):
+        tracks(folder / f"{camera}.txt", rows)
+    return folder
+
+
+def without_text(folder):
+    for text in videos(folder, two_walkers(1, 5)).glob("*.txt"):
+        text.unlink()
+
+
+def with_content(folder, name, content):
+    (videos(folder, two_walkers(1, 5)) / name).write_bytes(content)
+
+
+def scene_of(folder, tracks):
+    path = scene_file(videos(folder, two_walkers(1, 5)), "combined")
+    path.write_text(path.read_text().replace("tracks", tracks))
+    (folder / "C1.mp4").unlink()
+    return path
 
 
 @pytest.mark.parametrize(
-    ("what", "message"),
+    ("make", "message"),
     [
-        ("no text", "yard: holds videos, but no tracks of people"),
-        ("video", "C1.mp4: .* no such file|C1.mp4: no such file"),
-        ("scene without tracks", "no camera has both `video` and `tracks`"),
-        ("nobody", "none is left to learn from"),
-        ("all beyond", "none is left to learn from"),
-        ("gt", "gt.txt: no such file"),
-        ("gt text", "gt.txt: is not MOTChallenge text"),
-        ("twice", "gt.txt: identity 1 is in frame 1 twice"),
-        ("img1", "img1: no such folder"),
-        ("broken text", "C1.txt: line 1"),
-        ("broken video", "C1.mp4"),
+        (without_text, "yard: holds videos, but no tracks of people"),
+        (lambda folder: scene_of(folder, "tracks"), "C1.mp4: .* no such file|C1.mp4: no such file"),
+        (lambda folder: scene_of(folder, "detections"), "no camera has both `video` and `tracks`"),
+        (lambda folder: videos(folder, [(1, -1, 10.0, 10.0, 20.0, 50.0)]), "none is left to learn from"),
+        (lambda folder: videos(folder, two_walkers(50, 60)), "none is left to learn from"),
+        (lambda folder: mot_without(folder, "gt"), "gt.txt: no such file"),
+        (lambda folder: mot_without(folder, "img1"), "img1: no such folder"),
+        (lambda folder: mot(folder, ["abc"]), "gt.txt: is not MOTChallenge text"),
+        (lambda folder: mot(folder, mot_rows()[:1] * 2), "gt.txt: identity 1 is in frame 1 twice"),
+        (lambda folder: with_content(folder, "C1.txt", b"1,2,3\n"), "C1.txt: line 1"),
+        (lambda folder: with_content(folder, "C1.mp4", b"no video"), "C1.mp4"),
     ],
 )
-def test_what_is_wrong_is_told(tmp_path, what, message):
-    folder = tmp_path / "yard"
-    if what in ("gt", "gt text", "twice", "img1"):
-        mot(folder, mot_rows()[:1] * 2 if what == "twice" else ["abc"] if what == "gt text" else mot_rows())
-        if what in ("gt", "img1"):
-            shutil.rmtree(folder / what)
-    else:
-        film(folder / "C1.mp4", count=5)
-        rows = {"nobody": [(1, -1, 10.0, 10.0, 20.0, 50.0)], "all beyond": two_walkers(50, 60)}.get(what, two_walkers(1, 5))
-        tracks(folder / "C1.txt", rows)
-        tracks(folder / "C2.txt", rows)
-        if what == "no text":
-            (folder / "C1.txt").unlink()
-            (folder / "C2.txt").unlink()
-        elif what == "broken text":
-            (folder / "C1.txt").write_text("1,2,3\n")
-        elif what == "broken video":
-            (folder / "C1.mp4").write_bytes(b"no video")
-        elif what in ("video", "scene without tracks"):
-            scene_file(folder, "combined")
-            text = (folder / "scene.toml").read_text()
-            (folder / "scene.toml").write_text(text if what == "video" else text.replace("tracks", "detections"))
-            (folder / "C1.mp4").unlink()
-            folder = folder / "scene.toml"
+def test_what_is_wrong_is_told(tmp_path, make, message):
+    made = make(tmp_path / "yard")
     with pytest.raises(InputError, match=message):
-        read_data(folder, tmp_path / "cache")
+        read_data(made if made and made.is_file() else tmp_path / "yard", tmp_path / "cache")
 
 
-@pytest.mark.parametrize("name", ["i" * 5000, "i - " * 500, "a/" * 300])
-def test_a_folder_name_that_no_folder_can_have_is_told(name, tmp_path):
-    mot(tmp_path / "yard", mot_rows())
-    (tmp_path / "yard" / "seqinfo.ini").write_text(f"[Sequence]\nimDir={name}\n")
-    with pytest.raises(InputError, match=r"yard/seqinfo\.ini: imDir is [ai].*\.\.\.: no such folder") as told:
-        read_data(tmp_path / "yard", tmp_path / "cache")
-    assert len(str(told.value).replace(str(tmp_path), "")) < 250
+@pytest.mark.parametrize(
+    ("lines", "told"),
+    [
+        *((f"imDir={name}\n", r"imDir is [ai].*\.\.\.: no such folder") for name in ("i" * 5000, "i - " * 500, "a/" * 300)),
+        (f"{'a ' * 500}=1\n" * 2, "is not a description of a sequence: .* a a"),
+    ],
+)
+def test_what_is_no_description_of_a_sequence_is_told_in_short(lines, told, tmp_path):
+    (mot(tmp_path / "yard", mot_rows()) / "seqinfo.ini").write_text(f"[Sequence]\n{lines}")
+    with pytest.raises(InputError, match=rf"yard/seqinfo\.ini: {told}") as raised:
+        again(tmp_path)
+    assert len(str(raised.value).replace(str(tmp_path), "")) < 250
 
 
 @pytest.mark.parametrize("row", ["-1,1,10,10,20,50,1,1,1", "1.5,1,10,10,20,50,1,1,1", "1,0.5,10,10,20,50,1,1,1"])
@@ -291,37 +278,29 @@ def test_frames_and_identities_of_a_sequence_are_whole_numbers(row, tmp_path):
         read_data(tmp_path / "yard", tmp_path / "cache")
 
 
-def test_what_is_no_description_of_a_sequence_is_shown_in_short(tmp_path):
-    mot(tmp_path / "yard", mot_rows())
-    (tmp_path / "yard" / "seqinfo.ini").write_text("[Sequence]\n" + f"{'a ' * 500}=1\n" * 2)
-    with pytest.raises(InputError, match=r"is not a description of a sequence: .* a a") as told:
-        read_data(tmp_path / "yard", tmp_path / "cache")
-    assert len(str(told.value).replace(str(tmp_path), "")) < 250
-
-
 def test_what_cut_crops_refuses(tmp_path):
     video = film(tmp_path / "C1.mp4", count=3)
     box = np.array([[10.0, 10, 20, 50]] * 2)
 
-    def cut(frame, person, ltwh=box, people=("a b", "a/b")):
+    def cut(frame, person, ltwh=box, people=("a b", "a/b"), place="cache"):
         wanted = WantedCrops("C 1", video, np.array(frame), ltwh, np.array(person))
-        return cut_crops([wanted], people, tmp_path / "cache", name="set").crops
+        return cut_crops([wanted], people, tmp_path / place, name="set").crops
 
-    with pytest.raises(InputError, match="a b is in frame 2 twice"):
-        cut([2, 2], [0, 0])
-    with pytest.raises(InputError, match="a row each"):
-        cut([2], [0])
-    with pytest.raises(InputError, match="rows 1 to 2 are not of 2 people"):
-        cut([2, 2], [1, 2])
+    for frame, person, told in (
+        ([2, 2], [0, 0], "a b is in frame 2 twice"),
+        ([2], [0], "a row each"),
+        ([2, 2], [1, 2], "rows 1 to 2 are not of 2 people"),
+    ):
+        with pytest.raises(InputError, match=told):
+            cut(frame, person)
     crops = cut([2, 2], [0, 1])
     assert len({path.name for path in crops.paths}) == 2  # names that are alike as names of files
-    assert crops.people == ("set/a b", "set/a/b")
-    assert crops.cameras == ("set/C 1",)
+    assert (crops.people, crops.cameras) == (("set/a b", "set/a/b"), ("set/C 1",))
     assert not len(cut([], [], np.zeros((0, 4))))
     if os.geteuid():
         (tmp_path / "closed").mkdir(mode=0o500)
         with pytest.raises(InputError, match="cannot be written"):
-            cut_crops([WantedCrops("C", video, np.array([1]), box[:1], np.array([0]))], ("a",), tmp_path / "closed", name="s")
+            cut([1], [0], box[:1], place="closed")
 
 
 def test_pictures_that_cannot_be_read_are_as_if_they_were_not_there(tmp_path):

@@ -1,7 +1,5 @@
 """Labels that geometry confirms: what changed hands, is hidden, or is seen by a wrong clock must not come through."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 from itertools import combinations
@@ -56,6 +54,23 @@ def purity(places, spans, true):
     return right / total
 
 
+def judged_scene(made, boxes=None, clocks=None):
+    """And whom the places really show."""
+    places, agreed, spans = judged(made.rig, boxes or labelled(made), clocks)
+    return places, agreed, spans, truth_of(made, places)
+
+
+def exchanged(boxes):
+    """From frame 61 on 1 is called 2, and 2 is called 1."""
+    return {
+        name: replace(one, identity=np.where(one.frame > 60, 3 - one.identity, one.identity)) for name, one in boxes.items()
+    }
+
+
+def shown_in(rig, boxes, places):
+    return np.array([boxes[rig.names[c]].identity[r] for c, r in zip(places.camera, places.row, strict=True)])
+
+
 def people_of_spans(spans, true):
     """Of each span the set of people whom its boxes really show."""
     return [set(true[spans.span == number].tolist()) for number in range(len(spans.identity))]
@@ -71,11 +86,10 @@ def assert_apart_is_right(spans, true):
 
 def test_right_labels_are_confirmed_where_people_are_not_hidden():
     made = scene()
-    places, agreed, spans = judged(made.rig, labelled(made))
-    true = truth_of(made, places)
+    places, agreed, spans, true = judged_scene(made)
     kept = spans.span >= 0
     assert purity(places, spans, true) == 1.0
-    together = {(s, who) for s, who, c in set(zip(places.step.tolist(), true.tolist(), places.camera.tolist(), strict=True))}
+    together = set(zip(places.step.tolist(), true.tolist(), strict=True))
     instants = set(zip(places.step[kept].tolist(), true[kept].tolist(), strict=True))
     assert len(instants) > 0.3 * len(together)
     assert set(true[kept].tolist()) == set(made.identities.tolist())
@@ -89,14 +103,9 @@ def test_right_labels_are_confirmed_where_people_are_not_hidden():
 def test_labels_that_changed_hands_in_one_camera_do_not_come_through():
     made = scene()
     boxes = labelled(made)
-    swapped = boxes["C2"].identity.copy()
-    later = boxes["C2"].frame > 60
-    for one, other in ((1, 2), (3, 4)):
-        swapped[later & (boxes["C2"].identity == one)] = other
-        swapped[later & (boxes["C2"].identity == other)] = one
-    boxes["C2"] = replace(boxes["C2"], identity=swapped)
-    places, agreed, spans = judged(made.rig, boxes)
-    true = truth_of(made, places)
+    own = boxes["C2"]
+    swapped = np.where(own.frame > 60, np.array([0, 2, 1, 4, 3, 5, 6])[own.identity], own.identity)
+    places, agreed, spans, true = judged_scene(made, boxes | {"C2": replace(own, identity=swapped)})
     wrong = places.identity != true
     assert wrong.sum() > 300
     assert not (spans.span[wrong] >= 0).any()
@@ -107,11 +116,9 @@ def test_labels_that_changed_hands_in_one_camera_do_not_come_through():
 
 
 def test_labels_that_are_exchanged_at_random():
-    made = scene(identity_swaps=0.05)
-    places, _, spans = judged(made.rig, labelled(made))
-    true = truth_of(made, places)
-    before = cross_camera(places.step, places.camera, places.identity, true)
-    assert before[0] / before[1] < 0.95
+    places, _, spans, true = judged_scene(scene(identity_swaps=0.05))
+    right, total = cross_camera(places.step, places.camera, places.identity, true)
+    assert right / total < 0.95
     assert (spans.span >= 0).sum() > 200
     assert purity(places, spans, true) >= 0.99
     assert_apart_is_right(spans, true)
@@ -142,21 +149,12 @@ def two_who_meet(distance, frames=120):
     return np.stack([np.column_stack([x, y]), np.column_stack([-x, -y])], axis=1)
 
 
-@pytest.mark.parametrize("exchanged", [False, True])
-def test_who_meets_somebody_becomes_another_person(exchanged):
-    frames = np.arange(1, 121)
-    rig, boxes = poles(two_who_meet(0.4), np.array([1, 2]), frames)
-    true = {name: one.identity for name, one in boxes.items()}
-    if exchanged:
-        boxes = {
-            name: replace(one, identity=np.where(one.frame > 60, 3 - one.identity, one.identity)) for name, one in boxes.items()
-        }
-    places, agreed, spans = judged(rig, boxes)
-    shown = np.array([true[rig.names[c]][r] for c, r in zip(places.camera, places.row, strict=True)])
-    people = people_of_spans(spans, shown)
-    assert sorted(spans.identity.tolist()) == [1, 1, 2, 2]
-    assert sorted(spans.number.tolist()) == [1, 1, 2, 2]
-    assert all(len(who) == 1 for who in people)
+@pytest.mark.parametrize("mixed", [False, True])
+def test_who_meets_somebody_becomes_another_person(mixed):
+    rig, boxes = poles(two_who_meet(0.4), np.array([1, 2]), np.arange(1, 121))
+    places, agreed, spans = judged(rig, exchanged(boxes) if mixed else boxes)
+    assert (sorted(spans.identity.tolist()), sorted(spans.number.tolist())) == ([1, 1, 2, 2], [1, 1, 2, 2])
+    assert all(len(who) == 1 for who in people_of_spans(spans, shown_in(rig, boxes, places)))
     assert agreed.near.any()
     # Seen at one time they are two people; of two times nothing is known, be it one person or two.
     for a, b in combinations(range(4), 2):
@@ -166,91 +164,65 @@ def test_who_meets_somebody_becomes_another_person(exchanged):
 
 
 def test_labels_that_jump_from_one_to_another_are_cut():
-    frames = np.arange(1, 121)
     ground = np.stack([np.column_stack([np.linspace(-2, 2, 120), np.full(120, y)]) for y in (-2.0, 2.0)], axis=1)
-    rig, boxes = poles(ground, np.array([1, 2]), frames)
-    true = {name: one.identity for name, one in boxes.items()}
-    boxes = {
-        name: replace(one, identity=np.where(one.frame > 60, 3 - one.identity, one.identity)) for name, one in boxes.items()
-    }
-    places, _, spans = judged(rig, boxes)
-    shown = np.array([true[rig.names[c]][r] for c, r in zip(places.camera, places.row, strict=True)])
-    assert len(spans.identity) == 4
-    assert all(len(who) == 1 for who in people_of_spans(spans, shown))
+    rig, boxes = poles(ground, np.array([1, 2]), np.arange(1, 121))
+    places, _, spans = judged(rig, exchanged(boxes))
+    assert [len(who) for who in people_of_spans(spans, shown_in(rig, boxes, places))] == [1, 1, 1, 1]
 
 
 @pytest.mark.parametrize("both_found", [True, False])
 def test_who_is_hidden_in_one_camera_is_carried_through_by_the_others(both_found):
     """Somebody walks across the view of camera C1, close before it; a person farther off stands still."""
-    frames = np.arange(1, 121)
-    rig = ring(4)
-    towards = rig["C1"].centre[:2] / np.linalg.norm(rig["C1"].centre[:2])
+    centre = ring(4)["C1"].centre[:2]
+    towards = centre / np.linalg.norm(centre)
     aside = np.array([-towards[1], towards[0]])
     ground = np.stack([np.zeros((120, 2)), 2.5 * towards + np.linspace(-2.5, 2.5, 120)[:, None] * aside], axis=1)
-    rig, boxes = poles(ground, np.array([1, 2]), frames)
-    seen = boxes["C1"]
-    middle = np.abs(seen.frame - 60.5) < 6
+    rig, boxes = poles(ground, np.array([1, 2]), np.arange(1, 121))
     if not both_found:  # the one behind has the only box, which is the nearer one's
-        gone = middle & (seen.identity == 1)
-        ltwh = seen.ltwh[~gone]
-        identity = np.where(middle & (seen.identity == 2), 1, seen.identity)[~gone]
-        boxes["C1"] = Boxes(seen.frame[~gone], identity, ltwh, seen.score[~gone])
+        seen = boxes["C1"]
+        middle = np.abs(seen.frame - 60.5) < 6
+        renamed = replace(seen, identity=np.where(middle & (seen.identity == 2), 1, seen.identity))
+        boxes["C1"] = renamed.take(~(middle & (seen.identity == 1)))
     places, agreed, spans = judged(rig, boxes)
-    behind = (places.camera == 0) & (places.identity == 1) & (np.abs(places.step - 59.5) < 6)
+    mine = (places.camera == 0) & (places.identity == 1)
+    behind = mine & (np.abs(places.step - 59.5) < 6)
     assert behind.sum() >= 10
     assert not (spans.span[behind] >= 0).any()
     assert np.isin(agreed.reason[behind], (BEHIND, MISFIT, NEAR)).any()
     assert spans.identity.tolist() == [1, 2]
     assert spans.seconds[0][1] - spans.seconds[0][0] > 23.0
     # Before and after, the same camera's boxes count.
-    mine = spans.span[(places.camera == 0) & (places.identity == 1)]
-    assert (mine == 0).sum() > 60
+    assert (spans.span[mine] == 0).sum() > 60
 
 
 def test_a_wrong_clock_leaves_nothing_of_its_camera_and_nothing_wrong():
     made = scene()
     clocks = {name: Clock(FPS, 1.5 if name == "C3" else 0.0) for name in made.rig.names}
-    places, _, spans = judged(made.rig, labelled(made), clocks)
-    true = truth_of(made, places)
-    right = judged(made.rig, labelled(made))
-    late = (spans.span[places.camera == 2] >= 0).sum()
-    on_time = (right[2].span[right[0].camera == 2] >= 0).sum()
-    assert late < 0.35 * on_time
+    places, _, spans, true = judged_scene(made, None, clocks)
+    on_time, _, right = judged(made.rig, labelled(made))
+    assert (spans.span[places.camera == 2] >= 0).sum() < 0.35 * (right.span[on_time.camera == 2] >= 0).sum()
     assert purity(places, spans, true) >= 0.99
     assert_apart_is_right(spans, true)
 
 
 def test_cameras_of_different_rates_meet_at_common_instants():
-    ground = two_who_meet(3.0, 240)
-    rig, fine = poles(ground, np.array([1, 2]), np.arange(1, 241))
-    clocks = {name: Clock(10.0) for name in rig.names}
-    boxes = dict(fine)
-    every = fine["C2"].take(fine["C2"].frame % 3 == 1)  # 3.33 pictures a second, counted by themselves, two seconds late
-    boxes["C2"] = replace(every, frame=(every.frame - 1) // 3 + 1)
-    clocks["C2"] = Clock(10.0 / 3, 0.0)
-    shifted = fine["C3"].take(fine["C3"].frame > 20)
-    boxes["C3"] = replace(shifted, frame=shifted.frame - 20)
-    clocks["C3"] = Clock(10.0, 2.0)
-    places, _, spans = judged(rig, boxes, clocks)
-    assert places.step_s == pytest.approx(0.3)
-    assert spans.identity.tolist() == [1, 2]
-    for camera in range(4):
-        mine = places.camera == camera
-        assert (spans.span[mine] >= 0).mean() > 0.6
+    rig, fine = poles(two_who_meet(3.0, 240), np.array([1, 2]), np.arange(1, 241))
+    every = fine["C2"].take(fine["C2"].frame % 3 == 1)  # 3.33 pictures a second, counted by themselves
+    late = fine["C3"].take(fine["C3"].frame > 20)  # by two seconds
+    others = {"C2": replace(every, frame=(every.frame - 1) // 3 + 1), "C3": replace(late, frame=late.frame - 20)}
+    clocks = {name: Clock(10.0) for name in rig.names} | {"C2": Clock(10.0 / 3), "C3": Clock(10.0, 2.0)}
+    places, _, spans = judged(rig, fine | others, clocks)
+    assert (places.step_s, spans.identity.tolist()) == (pytest.approx(0.3), [1, 2])
+    assert all((spans.span[places.camera == camera] >= 0).mean() > 0.6 for camera in range(4))
 
 
-def test_nobody_known_nobody_sure():
+@pytest.mark.parametrize("seen", [lambda one: replace(one, identity=np.full(len(one), -1)), lambda one: Boxes.empty()])
+def test_nobody_known_nobody_sure(seen):
     made = scene()
-    for boxes in (
-        {name: replace(one, identity=np.full(len(one), -1)) for name, one in labelled(made).items()},
-        {name: Boxes.empty() for name in made.rig.names},
-    ):
-        places, agreed, spans = judged(made.rig, boxes)
-        assert len(spans.identity) == 0
-        assert spans.apart.shape == (0, 0)
-        assert not (agreed.reason == SURE).any()
-        assert (spans.span == -1).all()
-        assert len(places) == len(spans.span)
+    places, agreed, spans = judged(made.rig, {name: seen(one) for name, one in labelled(made).items()})
+    assert (len(spans.identity), spans.apart.shape, len(places)) == (0, (0, 0), len(spans.span))
+    assert not (agreed.reason == SURE).any()
+    assert (spans.span == -1).all()
 
 
 def test_parts_of_a_long_recording_are_judged_as_the_whole(monkeypatch):

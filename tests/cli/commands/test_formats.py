@@ -62,16 +62,14 @@ def test_what_is_lost_is_an_error_unless_it_is_allowed(rig, tmp_path, capsys):
 
 
 def test_peoples_ways_go_along(rig, tmp_path, capsys):
-    frame = np.arange(1, 6)
-    clock, ones = Clock(5.0), np.ones(5, dtype=int)
+    frame, clock, ones = np.arange(1, 6), Clock(5.0), np.ones(5, dtype=int)
     ways = Trajectories(7 * ones, frame, clock.seconds(frame), np.full((5, 3), 0.5), np.full(5, 0.1), 2 * ones, ones, clock)
     write_trajectories(tmp_path / "trajectories.csv", ways)
-    with_ways, without = tmp_path / "with.ply", tmp_path / "without.ply"
-    tracks = ["--tracks", str(tmp_path / "trajectories.csv")]
-    assert run(["export", str(rig), "--format", "ply", "-o", str(with_ways), "--lossy", *tracks]) == 0
-    assert run(["export", str(rig), "--format", "ply", "-o", str(without), "--lossy"]) == 0
-    assert len(with_ways.read_bytes()) > len(without.read_bytes())
-    assert run(["export", str(rig), "--format", "ply", "-o", str(without), "--tracks", str(tmp_path / "none.csv")]) == 2
+    export = ["export", str(rig), "--format", "ply", "--lossy", "-o"]
+    assert run([*export, str(tmp_path / "with.ply"), "--tracks", str(tmp_path / "trajectories.csv")]) == 0
+    assert run([*export, str(tmp_path / "without.ply")]) == 0
+    assert (tmp_path / "with.ply").stat().st_size > (tmp_path / "without.ply").stat().st_size
+    assert run([*export, str(tmp_path / "no.ply"), "--tracks", str(tmp_path / "none.csv")]) == 2
     assert "give trajectories.csv" in capsys.readouterr().err
 
 
@@ -149,13 +147,13 @@ def test_one_line_tells_what_is_wrong(rig, tmp_path, monkeypatch, capsys, argume
 
 
 def test_people_are_no_cameras(tmp_path, capsys):
-    folder = tmp_path / "joints"
-    folder.mkdir()
-    person = {"pose_keypoints_2d": [10.0, 20.0, 0.9] * 25}
-    (folder / "a_000000000000_keypoints.json").write_text(json.dumps({"people": [person]}))
-    assert run(["import", str(folder), "--format", "openpose", "-o", str(tmp_path / "C1.toml")]) == 2
+    (tmp_path / "joints").mkdir()
+    text = json.dumps({"people": [{"pose_keypoints_2d": [10.0, 20.0, 0.9] * 25}]})
+    (tmp_path / "joints" / "a_000000000000_keypoints.json").write_text(text)
+    command = ["import", str(tmp_path / "joints"), "--format", "openpose", "-o"]
+    assert run([*command, str(tmp_path / "C1.toml")]) == 2
     assert "there are 1 skeletons, which a .json file takes" in capsys.readouterr().err
-    assert run(["import", str(folder), "--format", "openpose", "-o", str(tmp_path / "C1.json")]) == 0
+    assert run([*command, str(tmp_path / "C1.json")]) == 0
     assert read_keypoints(tmp_path / "C1.json").frame.tolist() == [1]
 
 

@@ -39,7 +39,6 @@ def one_thread():
 
 
 def answer(capsys, *arguments, status=0):
-    """What a command prints on standard output and on standard error."""
     assert run([str(one) for one in arguments]) == status
     return capsys.readouterr()
 

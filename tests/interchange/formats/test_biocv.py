@@ -20,8 +20,7 @@ def calib(path, distortion=(0, 0, 0, 0, 0), rotation=LOOKING_NORTH):
 
 def test_points_by_hand(tmp_path):
     rig, losses = read_rig_as("biocv", calib(tmp_path / "00.calib"))
-    assert (rig.names, losses) == (("00",), ())
-    assert rig["00"].lens.size == SIZE
+    assert ((rig.names, losses), rig["00"].lens.size) == ((("00",), ()), SIZE)
     np.testing.assert_allclose(rig["00"].project(POINTS), PIXELS, atol=1e-6)
 
 

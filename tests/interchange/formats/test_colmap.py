@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 
 from passerby.common.errors import InputError
-from passerby.core.cameras import Camera, Lens, Pose, Rig
+from passerby.core.cameras import Rig
 from passerby.core.observations import Clock
 from passerby.core.trajectories import Trajectories
 from passerby.interchange.formats import Export, Given, export, read_rig_as
 from support.refusals import refused
+from support.scenes.handmade_rigs import facing
 from support.tiers import thinned
 
 RAYS = np.array([[0.3, -0.2, 1.0], [-0.5, 0.1, 1.1]])
@@ -67,13 +68,12 @@ def write_binary_model(folder, model, parameters):
 
 
 @pytest.mark.parametrize("model", EXACT)
-@pytest.mark.parametrize("binary", [False, True], ids=["text", "binary"])
-def test_models_that_opencv_has(model, binary, tmp_path):
-    parameters, pixels = EXACT[model]
-    (write_binary_model if binary else write_text_model)(tmp_path, model, parameters)
-    rig, told = read_rig_as("colmap-bin" if binary else "colmap", tmp_path)
+def test_models_that_opencv_has(model, tmp_path):
+    """As binary files; the next tests read text."""
+    write_binary_model(tmp_path, model, EXACT[model][0])
+    rig, told = read_rig_as("colmap-bin", tmp_path)
     assert told == ()
-    np.testing.assert_allclose(rig["C1"].project(RAYS), np.array(pixels) - 0.5, atol=1e-8)
+    np.testing.assert_allclose(rig["C1"].project(RAYS), np.array(EXACT[model][1]) - 0.5, atol=1e-8)
 
 
 @thinned("model", FITTED, every=2)
@@ -99,8 +99,8 @@ def test_an_equirectangular_camera_is_left_out(tmp_path):
     write_text_model(tmp_path, "EQUIRECTANGULAR", (1280, 720))
     with pytest.raises(InputError, match="holds no camera with a lens"):
         read_rig_as("colmap", tmp_path, lossy=True)
-    text = (tmp_path / "cameras.txt").read_text()
-    (tmp_path / "cameras.txt").write_text(text + "8 PINHOLE 640 480 500 500 320 240\n")
+    with (tmp_path / "cameras.txt").open("a") as file:
+        file.write("8 PINHOLE 640 480 500 500 320 240\n")
     with pytest.raises(InputError, match=r"camera C1: COLMAP's model EQUIRECTANGULAR.*--lossy"):
         read_rig_as("colmap", tmp_path)
     assert read_rig_as("colmap", tmp_path, lossy=True)[0].names == ("camera8",)
@@ -108,15 +108,14 @@ def test_an_equirectangular_camera_is_left_out(tmp_path):
 
 def test_images_of_one_camera_and_cameras_without_images(tmp_path):
     images = "2 0.8 0.6 0 0 1 2 3 7 yard/a.JPG\n1.0 2.0 -1 5 6 3\n1 1 0 0 0 0 0 0.5 7 two words.png\n\n"
-    write_text_model(tmp_path, *("PINHOLE", EXACT["PINHOLE"][0]), images=images)
-    text = (tmp_path / "cameras.txt").read_text()
-    (tmp_path / "cameras.txt").write_text(text + "9 PINHOLE 640 480 500 500 320 240\n")
+    write_text_model(tmp_path, "PINHOLE", EXACT["PINHOLE"][0], images=images)
+    with (tmp_path / "cameras.txt").open("a") as file:
+        file.write("9 PINHOLE 640 480 500 500 320 240\n")
     rig, _ = read_rig_as("colmap", tmp_path, Given(metres_per_unit=0.5))
     assert rig.names == ("two words", "yard_a", "camera9")
     np.testing.assert_allclose(rig["yard_a"].pose.R_cw, [[1, 0, 0], [0, 0.28, -0.96], [0, 0.96, 0.28]], atol=1e-12)
     np.testing.assert_allclose(rig["yard_a"].pose.t_cw, [0.5, 1, 1.5])
-    assert rig["camera9"].pose is None
-    assert rig["camera9"].lens.matrix[0, 2] == 319.5
+    assert (rig["camera9"].pose, rig["camera9"].lens.matrix[0, 2]) == (None, 319.5)
 
 
 def test_either_name_reads_what_lies_there(tmp_path):
@@ -130,15 +129,12 @@ def test_either_name_reads_what_lies_there(tmp_path):
     [
         ("cameras.txt", "7 PINHOLE 1280\n", "line 1: has 3 values: CAMERA_ID"),
         ("cameras.txt", "7 PINHOLE 1280 720 1 2 x 4\n", "line 1: '1 2 x 4': finite numbers"),
-        ("cameras.txt", "7 PINHOLE 1280 720 nan 2 3 4\n", "finite numbers are needed"),
         ("cameras.txt", "7 PINHOLE 1280 7.5 1 2 3 4\n", "whole numbers are needed"),
         ("cameras.txt", "7 PINHOLE 1280 720 1 2 3\n", "has 3 parameters, but model PINHOLE takes 4"),
-        ("cameras.txt", "7 PINHOLE 1280 720 -1 2 3 4\n", "camera C1: matrix"),
         ("cameras.txt", "7 PINHOLES 1280 720 1 2 3 4\n", "'PINHOLES' is not known"),
         ("cameras.txt", "8 PINHOLE 1280 720 1 2 3 4\n", "image C1.png is of camera 7"),
         ("images.txt", "1 1 0 0 0 0 0 0 7\n", "line 1: has 9 values: IMAGE_ID"),
         ("images.txt", "1 0 0 0 0 0 0 0 7 C1.png\n", "is not a rotation"),
-        ("images.txt", "1 1 0 0 0 0 inf 0 7 C1.png\n", "finite numbers are needed"),
     ],
 )
 def test_faults_of_text(name, text, said, tmp_path):
@@ -150,14 +146,17 @@ def test_faults_of_text(name, text, said, tmp_path):
 
 def test_faults_of_binary_files(tmp_path):
     write_binary_model(tmp_path, "PINHOLE", EXACT["PINHOLE"][0])
+    whole = (tmp_path / "images.bin").read_bytes()
     (tmp_path / "cameras.bin").write_bytes(struct.pack("<QIiQQ", 1, 7, 99, 1280, 720))
     with pytest.raises(InputError, match=r"cameras\.bin: camera 7: COLMAP's model number 99 is not known"):
         read_rig_as("colmap-bin", tmp_path)
     (tmp_path / "cameras.bin").write_bytes(struct.pack("<Q", 2**60))
     with pytest.raises(InputError, match="ends at byte 8, in the middle of an entry"):
         read_rig_as("colmap-bin", tmp_path)
+    write_binary_model(tmp_path, "PINHOLE", (float("nan"), 1010.0, 640.5, 360.25))
+    with pytest.raises(InputError, match=r"cameras\.bin: camera 7: parameters \(nan, .*: finite numbers are needed"):
+        read_rig_as("colmap-bin", tmp_path)
     write_binary_model(tmp_path, "PINHOLE", EXACT["PINHOLE"][0])
-    whole = (tmp_path / "images.bin").read_bytes()
     (tmp_path / "images.bin").write_bytes(whole[:-24] + struct.pack("<Q", 2**61))
     with pytest.raises(InputError, match="in the middle of an entry"):
         read_rig_as("colmap-bin", tmp_path)
@@ -166,31 +165,13 @@ def test_faults_of_binary_files(tmp_path):
 
 
 def test_people_are_points(tmp_path):
-    lens = Lens((640, 480), np.array([[500.0, 0, 320], [0, 500, 240], [0, 0, 1]]), np.zeros(5))
-    rig = Rig((Camera("A", lens, Pose(np.eye(3), np.zeros(3))),))
     whole = np.arange(5)
     xyz = np.column_stack([whole, 2.0 * whole, np.full(5, 0.9)])
     people = Trajectories(whole, whole, whole / 10, xyz, np.full(5, 0.1), whole, whole, Clock(10.0))
-    export(Export(rig, "x", people), "colmap", tmp_path / "text")
-    export(Export(rig, "x", people), "colmap-bin", tmp_path / "bin")
-    lines = [line for line in (tmp_path / "text/points3D.txt").read_text().splitlines() if not line.startswith("#")]
+    for form in ("colmap", "colmap-bin"):
+        export(Export(Rig((facing(),)), "x", people), form, tmp_path)
+    lines = [line for line in (tmp_path / "points3D.txt").read_text().splitlines() if not line.startswith("#")]
     np.testing.assert_allclose([[float(word) for word in line.split()[1:4]] for line in lines], xyz)
-    packed = (tmp_path / "bin/points3D.bin").read_bytes()
-    assert struct.unpack_from("<Q", packed) == (5,)
-    assert len(packed) == 8 + 5 * (8 + 24 + 3 + 8 + 8)
+    packed = (tmp_path / "points3D.bin").read_bytes()
+    assert (struct.unpack_from("<Q", packed), len(packed)) == ((5,), 8 + 5 * (8 + 24 + 3 + 8 + 8))
     np.testing.assert_allclose(struct.unpack_from("<Q3d", packed, 8 + 51), [2, *xyz[1]])
-
-
-def test_a_lens_of_no_number_in_a_binary_file_is_told(tmp_path):
-    write_binary_model(tmp_path, "PINHOLE", (float("nan"), 1010.0, 640.5, 360.25))
-    with pytest.raises(InputError, match=r"cameras\.bin: camera 7: parameters \(nan, .*: finite numbers are needed"):
-        read_rig_as("colmap-bin", tmp_path)
-
-
-def test_a_name_of_many_words_is_not_shown_at_length(tmp_path):
-    write_text_model(tmp_path, "PINHOLE", EXACT["PINHOLE"][0])
-    (tmp_path / "cameras.txt").write_text("8 PINHOLE 1280 720 1 2 3 4\n")
-    (tmp_path / "images.txt").write_text(f"1 1 0 0 0 0 0 0 7 {'- ' * 400}C1.png\n\n")
-    with pytest.raises(InputError, match=r"image (- )+.*\.\.\. is of camera 7") as told:
-        read_rig_as("colmap", tmp_path)
-    assert len(str(told.value)) < len(str(tmp_path)) + 200

@@ -7,13 +7,7 @@ import pytest
 from passerby.common.errors import InputError
 from passerby.core.cameras import Rig
 from support.refusals import refused
-from support.scenes.handmade_rigs import (
-    SIZE,
-    facing,
-    read_back,
-    turned_rig,
-    written,
-)
+from support.scenes.handmade_rigs import SIZE, facing, read_back, turned_rig, written
 
 # As FreeMoCap 1.8.2 dumps a group of cameras (toml 0.10.2).
 DUMPED = """\
@@ -53,9 +47,7 @@ def test_a_camera_at_a_known_place(tmp_path):
     np.testing.assert_allclose(table["world_position"], [4000, -3000, 2500], atol=1e-9)
     # Columns: the camera's right, down and forward in the world.
     np.testing.assert_allclose(table["world_orientation"], [[1, 0, 0], [0, 0, 1], [0, -1, 0]], atol=1e-12)
-    assert table["distortions"] == [-0.1, 0.02, 0.001, -0.002, 0.0]
-    assert table["name"] == "north"
-    assert table["size"] == list(SIZE)
+    assert (table["name"], table["size"], table["distortions"]) == ("north", list(SIZE), [-0.1, 0.02, 0.001, -0.002, 0.0])
     assert content["metadata"]["groundplane_calibration"] is True
 
 
@@ -72,14 +64,9 @@ def test_a_file_of_freemocap(tmp_path):
     (tmp_path / "c.toml").write_text(DUMPED)
     rig, _ = read_back("freemocap", tmp_path / "c.toml")
     assert rig.names == ("Camera_000_synchronized", "Camera_001_synchronized")
-    np.testing.assert_allclose(rig["Camera_001_synchronized"].pose.t_cw, [-0.5, 0, 0.25])
-    np.testing.assert_allclose(rig["Camera_001_synchronized"].pose.R_cw, cv2.Rodrigues(np.array([0, 0.5, 0]))[0])
-    np.testing.assert_allclose(
-        read_back("freemocap", tmp_path / "c.toml", metres_per_unit=0.01)[0]["Camera_001_synchronized"].pose.t_cw, [-5, 0, 2.5]
-    )
-
-
-def test_a_board_without_a_unit(tmp_path):
+    pose = rig["Camera_001_synchronized"].pose
+    np.testing.assert_allclose(pose.t_cw, [-0.5, 0, 0.25])
+    np.testing.assert_allclose(pose.R_cw, cv2.Rodrigues(np.array([0, 0.5, 0]))[0])
     (tmp_path / "c.toml").write_text(DUMPED.replace("= 54.0", "= 1"))
     with pytest.raises(InputError, match=r"c.toml: lengths are in squares of the board.*--units"):
         read_back("freemocap", tmp_path / "c.toml")
@@ -91,10 +78,7 @@ def test_a_board_without_a_unit(tmp_path):
     ("old", "new", "match"),
     [
         (DUMPED, "", "is not a calibration of FreeMoCap"),
-        (DUMPED, "[a]\nb = 1", "is not a calibration of FreeMoCap"),
         ("[cam_0]", "[cam_0", "is not TOML"),
-        ("size = [ 1280, 720,]", "size = [ 1280 ]", r"\[cam_0\]: size is \[1280\]"),
-        ("rotation = [ 0.0, 0.5, 0.0,]", "", r"\[cam_1\]: has a translation but no rotation"),
         ("Camera_001", "Camera_000", "camera Camera_000_synchronized occurs twice"),
         ("[metadata]", '[metadata]\nunits = "ft"', r"\[metadata\] units is 'ft': write one of m, cm, mm"),
     ],

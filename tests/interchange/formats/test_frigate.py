@@ -11,7 +11,6 @@ from passerby.interchange.formats.frigate import (
     metres_per_pixel,
     propose_zone,
     side_lengths,
-    speed_errors,
     zone_at,
 )
 from support.scenes.handmade_rigs import SIZE, facing, written
@@ -53,17 +52,6 @@ def test_metres_per_pixel_as_frigate_interpolates_them():
     np.testing.assert_allclose(metres_per_pixel(corners, sides, pixels), [0.11, 0.14, 0.125])
     # Whatever corner comes first.
     np.testing.assert_allclose(metres_per_pixel(np.roll(corners, 2, 0), np.roll(sides, 2), pixels), [0.11, 0.14, 0.125])
-
-
-def test_speeds_are_right_straight_down_and_wrong_along_a_low_view():
-    down = looking(90)
-    square = np.array([[660.0, 390], [1260, 390], [1260, 690], [660, 690]])
-    # The lens has 10 % more pixels a degree downwards than across.
-    assert np.abs(speed_errors(down, square, side_lengths(down, square))).max() < 0.06
-    low = looking(15)
-    errors = speed_errors(low, square + [0, 200], side_lengths(low, square + [0, 200]))
-    assert errors.min() < -0.2
-    assert errors.max() > 0.3
 
 
 def test_the_proposed_zone_is_good_where_that_is_possible():

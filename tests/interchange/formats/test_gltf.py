@@ -17,8 +17,6 @@ Y_UP = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
 
 
 class Scene:
-    """A parsed file."""
-
     def __init__(self, path):
         data = path.read_bytes()
         if path.suffix == ".glb":
@@ -100,25 +98,19 @@ def in_view(made):
     return rng.uniform((-1, 5, 0), (2, 7, 2), (50, 3)) if made.name != "C2" else rng.uniform((-1, 4, 0), (1, 7, 1.5), (50, 3))
 
 
-def test_a_level_camera_by_hand(write):
+def test_camera_nodes_see_what_the_cameras_see(write):
     # At (1, 2, 3), looking along +y: glTF's world has it at (1, 3, -2), looking along -z with y up, which is no turn at all.
-    scene, losses = write(rig())
+    made = rig()
+    scene, losses = write(made)
     node, matrix = scene.named(NASTY)
     assert losses == ()
     np.testing.assert_allclose(matrix, [[1, 0, 0, 1], [0, 1, 0, 3], [0, 0, 1, -2], [0, 0, 0, 1]], atol=1e-12)
     perspective = scene.content["cameras"][node["camera"]]["perspective"]
-    assert perspective["yfov"] == pytest.approx(2 * np.arctan(0.6))
-    assert perspective["aspectRatio"] == pytest.approx(0.64 / 0.6)
-
-
-def test_camera_nodes_see_what_the_cameras_see(write):
-    made = rig()
-    scene, _ = write(made)
+    assert (perspective["yfov"], perspective["aspectRatio"]) == pytest.approx((2 * np.arctan(0.6), 0.64 / 0.6))
     for camera in made:
-        points = in_view(camera)
-        pixels = camera.project(points)
+        pixels = camera.project(in_view(camera))
         assert np.isfinite(pixels).all()
-        np.testing.assert_allclose(scene.project(camera.name, points), pixels, atol=1e-6)
+        np.testing.assert_allclose(scene.project(camera.name, in_view(camera)), pixels, atol=1e-6)
 
 
 @pytest.mark.parametrize("lens", [BENT, FISHEYE])
@@ -144,17 +136,13 @@ def test_another_lens_is_a_loss_of_the_camera_but_not_of_its_frustum(write, lens
 
 def test_the_true_lens_is_kept_beside(write):
     scene, _ = write(rig(CENTRED, FISHEYE), lossy=True)
-    extras = scene.named("C2")[0]["extras"]
-    assert extras == {
-        "size": [640, 480],
-        "matrix": FISHEYE.matrix.tolist(),
-        "distortions": [0.02, -0.01, 0.0, 0.0],
-        "fisheye": True,
-    }
+    matrix = FISHEYE.matrix.tolist()
+    expected = {"size": [640, 480], "matrix": matrix, "distortions": [0.02, -0.01, 0.0, 0.0], "fisheye": True}
+    assert scene.named("C2")[0]["extras"] == expected
 
 
 def test_an_axis_off_the_middle_is_a_loss(write):
-    shifted = type(CENTRED)((640, 480), np.array([[500.0, 0, 329.5], [0, 500.0, 239.5], [0, 0, 1]]), np.zeros(0))
+    shifted = type(CENTRED)(CENTRED.size, CENTRED.matrix + np.array([[0, 0, 10], [0, 0, 0], [0, 0, 0]]), np.zeros(0))
     _, (told,) = write(rig(CENTRED, shifted), lossy=True)
     assert 9 < float(told.split("up to ")[1].split(" px")[0]) < 12
 
@@ -181,23 +169,12 @@ def test_everything_hangs_below_the_turned_root(write):
     np.testing.assert_allclose((points @ matrix[:3, :3].T)[:, 1], 0, atol=1e-6)
 
 
-@pytest.mark.parametrize("form", ["gltf", "glb"])
-def test_trimesh_opens_it(tmp_path, form):
+def test_trimesh_opens_it(tmp_path):
     trimesh = pytest.importorskip("trimesh", reason="trimesh is not installed: pip install trimesh")
-    export(Export(rig(), "hall", ways()), form, tmp_path / f"rig.{form}")
-    scene = trimesh.load(tmp_path / f"rig.{form}")
+    export(Export(rig(), "hall", ways()), "glb", tmp_path / "rig.glb")
+    scene = trimesh.load(tmp_path / "rig.glb")
     matrix, _ = scene.graph["C2: what it sees"]
     np.testing.assert_allclose(matrix[:3, 3], Y_UP @ rig()["C2"].centre, atol=1e-6)
     # What trimesh draws reaches from below the ground's grid to the top of the frusta.
     assert scene.bounds[0][1] == pytest.approx(0, abs=1e-6)
     assert scene.bounds[1][1] > 4
-
-
-@pytest.mark.parametrize("form", ["gltf", "glb"])
-def test_pygltflib_opens_it(tmp_path, form):
-    pygltflib = pytest.importorskip("pygltflib", reason="pygltflib is not installed: pip install pygltflib")
-    export(Export(rig(), "hall", ways()), form, tmp_path / f"rig.{form}")
-    scene = pygltflib.GLTF2().load(tmp_path / f"rig.{form}")
-    assert [camera.name for camera in scene.cameras] == [NASTY, "C2"]
-    assert scene.cameras[0].perspective.yfov == pytest.approx(2 * np.arctan(0.6))
-    assert {node.name for node in scene.nodes} >= {"person 3", "person 11", "C2", NASTY}

@@ -3,7 +3,6 @@ import numpy as np
 import pytest
 import yaml
 
-from passerby.common.errors import InputError
 from passerby.core.cameras import Rig
 from support.refusals import refused
 from support.scenes.handmade_rigs import (
@@ -48,44 +47,36 @@ cam1:
 
 
 def test_cameras_at_known_places(tmp_path):
+    """`CameraParameters` of kalibr_common/ConfigReader.py checks types so; every key at the top is a camera to it."""
     fisheye = facing("b", (6.0, -3.0, 2.5), (0.1, 0.2, 0.3, 0.4), fisheye=True)
-    written("kalibr", Rig((facing("a", distortions=(-0.1, 0.02, 0.001, -0.002)), fisheye)), tmp_path / "chain.yaml")
+    written("kalibr", Rig((facing("1", distortions=(-0.1, 0.02, 0.001, -0.002)), fisheye)), tmp_path / "chain.yaml")
     chain = yaml.safe_load((tmp_path / "chain.yaml").read_text())
     assert list(chain) == ["cam0", "cam1"]
     one, two = chain.values()
-    world = np.eye(4)
+    world, step = np.eye(4), np.eye(4)
     world[:3, :3], world[:3, 3] = LOOKING_NORTH, TRANSLATION
     np.testing.assert_allclose(one["T_cam_world"], world, atol=1e-12)
     assert "T_cn_cnm1" not in one
-    step = np.eye(4)
     step[0, 3] = -2.0  # the second camera stands two metres to the right of the first, so points lie two farther left
     np.testing.assert_allclose(two["T_cn_cnm1"], step, atol=1e-12)
     assert (one["camera_model"], one["distortion_model"]) == ("pinhole", "radtan")
     assert (two["camera_model"], two["distortion_model"]) == ("pinhole", "equidistant")
-    assert one["distortion_coeffs"] == [-0.1, 0.02, 0.001, -0.002]
-    assert two["distortion_coeffs"] == [0.1, 0.2, 0.3, 0.4]
-    assert one["intrinsics"] == [1000.0, 1100.0, 960.0, 540.0]
-    assert one["resolution"] == list(SIZE)
+    assert (one["distortion_coeffs"], two["distortion_coeffs"]) == ([-0.1, 0.02, 0.001, -0.002], [0.1, 0.2, 0.3, 0.4])
+    assert (one["intrinsics"], one["resolution"]) == ([1000.0, 1100.0, 960.0, 540.0], list(SIZE))
+    assert {type(number) for number in one["intrinsics"]} == {float}
+    assert {type(number) for number in one["resolution"]} == {int}
+    assert (one["rostopic"], two["rostopic"]) == ("/camera_1/image_raw", "/b/image_raw")
 
 
-def test_what_kalibr_asks_of_values(tmp_path):
-    """`CameraParameters` of kalibr_common/ConfigReader.py checks types so; every key at the top is a camera to it."""
-    written("kalibr", turned_rig(("1", "b")), tmp_path / "chain.yaml")
-    chain = yaml.safe_load((tmp_path / "chain.yaml").read_text())
-    assert list(chain) == [f"cam{index}" for index in range(len(chain))]
-    for values in chain.values():
-        assert all(isinstance(number, float) for number in values["intrinsics"])
-        assert all(isinstance(number, int) for number in values["resolution"])
-        assert len(values["distortion_coeffs"]) == 4
-        assert isinstance(values["rostopic"], str)
-    assert chain["cam0"]["rostopic"] == "/camera_1/image_raw"
+def test_a_camera_without_distortion_has_four_zeros(tmp_path):
+    written("kalibr", turned_rig(("a",)), tmp_path / "chain.yaml")
+    assert yaml.safe_load((tmp_path / "chain.yaml").read_text())["cam0"]["distortion_coeffs"] == [0.0] * 4
 
 
 def test_a_chain_of_kalibr(tmp_path):
     (tmp_path / "chain.yaml").write_text(CHAIN)
     rig, losses = read_back("kalibr", tmp_path / "chain.yaml")
-    assert rig.names == ("cam0", "cam1")
-    assert rig["cam0"].lens.size == (752, 480)
+    assert (rig.names, rig["cam0"].lens.size) == (("cam0", "cam1"), (752, 480))
     np.testing.assert_array_equal(rig["cam0"].pose.R_cw, np.eye(3))
     np.testing.assert_allclose(rig["cam1"].centre, (0.1, 0, 0), atol=1e-12)
     np.testing.assert_array_equal(rig["cam0"].lens.distortions, [-0.27695497, 0.06712482, 0.00087538, 0.00011556])
@@ -101,6 +92,14 @@ def test_a_chain_of_kalibr(tmp_path):
     np.testing.assert_allclose(rig["cam1"].lens.project_rays(point)[0], seen, atol=largest_told_px(losses))
 
 
+def write_camera(path, model, intrinsics, distortion, coefficients):
+    camera = {
+        "camera_model": model, "intrinsics": [*intrinsics, 400.0, 410.0, 640.0, 480.0], "distortion_model": distortion,
+        "distortion_coeffs": coefficients, "resolution": [1280, 960],
+    }  # fmt: skip
+    path.write_text(yaml.safe_dump({"cam0": camera}))
+
+
 @pytest.mark.parametrize(
     ("model", "intrinsics", "distortion", "coefficients", "plane"),
     [
@@ -112,11 +111,7 @@ def test_a_chain_of_kalibr(tmp_path):
     ],
 )
 def test_models_that_are_fitted(tmp_path, model, intrinsics, distortion, coefficients, plane):
-    camera = {
-        "camera_model": model, "intrinsics": [*intrinsics, 400.0, 410.0, 640.0, 480.0], "distortion_model": distortion,
-        "distortion_coeffs": coefficients, "resolution": [1280, 960],
-    }  # fmt: skip
-    (tmp_path / "chain.yaml").write_text(yaml.safe_dump({"cam0": camera}))
+    write_camera(tmp_path / "chain.yaml", model, intrinsics, distortion, coefficients)
     rig, losses = read_back("kalibr", tmp_path / "chain.yaml")
     assert rig["cam0"].pose is None
     seen = rig["cam0"].lens.project_rays(np.array([[1.0, 0, 1]]))[0]
@@ -128,20 +123,14 @@ def test_models_that_are_fitted(tmp_path, model, intrinsics, distortion, coeffic
     ("old", "new", "match"),
     [
         ("camera_model: pinhole", "camera_model: fancy", "cam0: camera_model fancy"),
-        ("resolution: [752, 480]", "resolution: 752", "cam0: resolution is 752: 2 numbers"),
         ("intrinsics: [461.629,", "intrinsics: [", "cam0: intrinsics is .*: 4 numbers"),
-        ("[1.0, 0.0, 0.0, -0.1]", "[2.0, 0.0, 0.0, -0.1]", "cam1: T_cn_cnm1: .* is not a rotation"),
+        ("intrinsics: [461.629,", "intrinsics: [-461.629,", "cam0: matrix .* focal lengths"),
+        ("cam1:\n", "cam1:\n  camera_name: cam0\n", "camera cam0 occurs twice"),
         ("[0.8, 833.006", "[.nan, 833.006", "cam1: intrinsics .* finite"),
-        ("cam0:", "cam7:", "cam1: T_cn_cnm1 is there, but no camera before it"),
         ("cam0:", "cam0: [", "is not YAML"),
         (CHAIN, "[]", "holds no camera chain"),
         (CHAIN, "a: {}", "has no table cam0"),
-        (CHAIN, "cam0: 3", "cam0: holds no camera"),
-        (CHAIN, "[" * 1100, "is not YAML"),
         ("distortion_model: radtan", "distortion_model: fov", "cam0: distortion_coeffs is .*: 1 numbers"),
-        ("camera_model: omni", "camera_model: ds", "cam1: intrinsics is .*: 6 numbers"),
-        ("intrinsics: [461.629,", "intrinsics: [-461.629,", "cam0: matrix .* focal lengths"),
-        ("cam1:\n", "cam1:\n  camera_name: cam0\n", "camera cam0 occurs twice"),
     ],
 )
 def test_bad_files(tmp_path, old, new, match):
@@ -152,11 +141,6 @@ def test_bad_files(tmp_path, old, new, match):
 
 
 def test_models_that_kalibr_has_not_either(tmp_path):
-    camera = {
-        "camera_model": "ds", "intrinsics": [-0.2, 0.6, 400.0, 410.0, 640.0, 480.0], "distortion_model": "radtan",
-        "distortion_coeffs": [0.0, 0.0, 0.0, 0.0], "resolution": [1280, 960],
-    }  # fmt: skip
-    (tmp_path / "chain.yaml").write_text(yaml.safe_dump({"cam0": camera}))
-    with pytest.raises(InputError, match=r"cam0: camera_model ds with distortion_model radtan does not exist") as error:
+    write_camera(tmp_path / "chain.yaml", "ds", [-0.2, 0.6], "radtan", [0.0, 0.0, 0.0, 0.0])
+    with refused(r"cam0: camera_model ds with distortion_model radtan does not exist", tmp_path / "chain.yaml"):
         read_back("kalibr", tmp_path / "chain.yaml")
-    assert str(error.value).count("chain.yaml") == 1

@@ -41,8 +41,7 @@ def flat(table):
 )  # fmt: skip
 def test_points_by_hand_in_every_layout(tmp_path, content, name):
     rig, unread = read(tmp_path, content, metres_per_unit=1.0)
-    assert rig.names == (name,)
-    assert unread == ()
+    assert (rig.names, unread) == ((name,), ())
     np.testing.assert_allclose(rig[name].project(POINTS), PIXELS, atol=1e-6)
 
 
@@ -104,8 +103,6 @@ def test_what_is_written_is_what_the_tools_read(tmp_path):
     [
         ({"R": [[1, 0, 0], [0, 1, 0], [0, 0, -1]]}, "camera a: R: .*not a rotation"),
         ({"R": None}, "camera a: has no R"),
-        ({"t": [1, 2]}, r"camera a: t is \[1, 2\]: 3 numbers are needed"),
-        ({"K": [1, 2]}, "camera a: the camera matrix has 2 numbers"),
         ({"imgSize": None}, "states no image size.*--size"),
         ({"RT": [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0]}, "R and T are not those in RT"),
     ],

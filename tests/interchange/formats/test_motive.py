@@ -1,5 +1,7 @@
 """OptiTrack Motive's .mcal: UTF-16, axes with y up, the standard and the own lens model, the binary .cal."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -36,14 +38,10 @@ def test_a_camera_at_a_known_place(tmp_path, encoding):
 
 
 def test_the_orientation_is_from_camera_to_world_row_by_row(tmp_path):
-    """Turned to look along Motive's +x: its right is +z, its backward is -x. The rows of the matrix are the world's axes."""
-    numbers = iter((0, 0, -1, 0, 1, 0, 1, 0, 0))
     turned = CAMERA
-    for index in range(9):
-        value = next(numbers)
-        for old in ("0", "1"):
-            turned = turned.replace(f'OrientMatrix{index}="{old}"', f'OrientMatrix{index}="x{value}"')
-    camera = read_rig_as("motive", mcal(tmp_path, camera=turned.replace('="x', '="')))[0]["M7"]
+    for index, value in enumerate((0, 0, -1, 0, 1, 0, 1, 0, 0)):
+        turned = re.sub(rf'OrientMatrix{index}="\d"', f'OrientMatrix{index}="{value}"', turned)
+    camera = read_rig_as("motive", mcal(tmp_path, camera=turned))[0]["M7"]
     ahead = np.array(CENTRE) + [10.0, 0, 0]
     np.testing.assert_allclose(camera.project(ahead[None]), [[960, 540]], atol=1e-6)
     np.testing.assert_allclose(camera.project(ahead[None] + [0, -1.0, 0]), [[1060, 540]], atol=1e-6)

@@ -7,14 +7,7 @@ import pytest
 from passerby.common.errors import InputError
 from passerby.core.cameras import Rig
 from support.refusals import refused
-from support.scenes.handmade_rigs import (
-    SIZE,
-    facing,
-    largest_told_px,
-    read_back,
-    same_cameras,
-    written,
-)
+from support.scenes.handmade_rigs import SIZE, facing, largest_told_px, read_back, same_cameras, written
 
 # As docs/quickstart/data_conventions.md of nerfstudio shows it: one lens at the top, for all frames.
 DOCUMENTED = {
@@ -42,20 +35,16 @@ DOCUMENTED = {
 def test_a_camera_at_a_known_place(tmp_path):
     written("nerfstudio", Rig((facing("north", distortions=(-0.1, 0.02, 0.001, -0.002, 0.003)),)), tmp_path / "t.json")
     content = json.loads((tmp_path / "t.json").read_text())
-    frame = content["frames"][0]
+    # nerfstudio takes numbers at the top for all cameras, so none may stand there.
+    (frame,) = content.pop("frames")
+    assert content == {"camera_model": "OPENCV", "orientation_override": "none"}
     # Columns: right, up, backward, place.
     np.testing.assert_allclose(
-        frame["transform_matrix"], [[1, 0, 0, 4], [0, 0, -1, -3], [0, 1, 0, 2.5], [0, 0, 0, 1]], atol=1e-12
+        frame.pop("transform_matrix"), [[1, 0, 0, 4], [0, 0, -1, -3], [0, 1, 0, 2.5], [0, 0, 0, 1]], atol=1e-12
     )
-    assert (frame["fl_x"], frame["fl_y"], frame["cx"], frame["cy"]) == (1000.0, 1100.0, 960.5, 540.5)
-    assert (frame["w"], frame["h"]) == SIZE
-    assert (frame["k1"], frame["k2"], frame["p1"], frame["p2"]) == (-0.1, 0.02, 0.001, -0.002)
-    assert (frame["k3"], frame["k4"]) == (0.003, 0.0)
-    assert content["camera_model"] == "OPENCV"
-    assert content["orientation_override"] == "none"
-    assert frame["file_path"] == "images/north.png"
-    # nerfstudio takes numbers at the top for all cameras, so none may stand there.
-    assert set(content) == {"camera_model", "orientation_override", "frames"}
+    numbers = {"fl_x": 1000.0, "fl_y": 1100.0, "cx": 960.5, "cy": 540.5, "w": SIZE[0], "h": SIZE[1]}
+    bent = {"k1": -0.1, "k2": 0.02, "p1": 0.001, "p2": -0.002, "k3": 0.003, "k4": 0.0}
+    assert {"file_path": "images/north.png", **numbers, **bent}.items() <= frame.items()
 
 
 def test_the_documented_file(tmp_path):
@@ -101,25 +90,20 @@ def test_size_and_unit_as_told(tmp_path):
     (tmp_path / "t.json").write_text(json.dumps(content))
     with pytest.raises(InputError, match="states no image size"):
         read_back("nerfstudio", tmp_path / "t.json")
-    rig, _ = read_back("nerfstudio", tmp_path / "t.json", size=(3008, 2000), metres_per_unit=0.01)
-    np.testing.assert_allclose(rig["frame_00002"].centre, (0.02, 0, 0))
+    assert read_back("nerfstudio", tmp_path / "t.json", size=(3008, 2000))[0]["frame_00002"].lens.size == (3008, 2000)
 
 
 @pytest.mark.parametrize(
     ("change", "match"),
     [
-        ({"frames": []}, "has no list `frames`"),
         ({"frames": [3]}, r"frames\[0\]: holds no frame"),
+        ({"frames": []}, "has no list `frames`"),
         ({"camera_model": "EQUIRECTANGULAR"}, "camera_model 'EQUIRECTANGULAR' is not known"),
-        ({"fl_x": None}, "fl_x is missing"),
         ({"fl_x": -5}, "focal lengths above 0"),
-        ({"fl_x": True}, "fl_x is True: a number is needed"),
-        ({"cx": float("nan")}, "cx is nan"),
         ({"w": 12.5}, "w is 12.5: a whole number"),
         ({"p1": 0.1}, "a fisheye has no tangential"),
         ({"camera_model": "OPENCV"}, "k4 = 0.00010067: OpenCV's pinhole has no such"),
         ({"frames": [{"file_path": "a", "transform_matrix": [[1, 0, 0, 0]] * 4}]}, "is not a rotation"),
-        ({"frames": [{"file_path": "a", "transform_matrix": 5}]}, "16 numbers are needed"),
         ({"frames": [{"file_path": "a"}]}, "transform_matrix is missing"),
         ({"frames": 2 * DOCUMENTED["frames"][:1]}, r"camera .*frame_00001.* occurs twice"),
     ],

@@ -27,12 +27,10 @@ def dumped(path, values, protocol=4):
     return path
 
 
-@pytest.mark.parametrize("protocol", range(6))
-def test_points_by_hand(tmp_path, protocol):
+def test_points_by_hand(tmp_path):
     given = Given()
-    rig, _ = read_rig_as("opencap", dumped(tmp_path / "cam.pickle", VALUES, protocol), given)
-    assert rig.names == ("cam",)
-    assert rig["cam"].lens.size == SIZE
+    rig, _ = read_rig_as("opencap", dumped(tmp_path / "cam.pickle", VALUES), given)
+    assert (rig.names, rig["cam"].lens.size) == (("cam",), SIZE)
     np.testing.assert_allclose(rig["cam"].project(POINTS), PIXELS, atol=1e-6)
     assert given.unread.told == ()
 

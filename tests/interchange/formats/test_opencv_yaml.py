@@ -31,16 +31,16 @@ def projected(turn=TURN, move=MOVE, matrix=MATRIX, distortions=DISTORTIONS):
     return cv2.projectPoints(POINTS, cv2.Rodrigues(np.array(turn))[0], np.array(move), matrix, distortions)[0][:, 0]
 
 
-@pytest.mark.parametrize("ending", [".yml", ".xml", ".json"])
-@pytest.mark.parametrize("rotation", [TURN, cv2.Rodrigues(TURN)[0]], ids=["matrix", "vector"])
+@pytest.mark.parametrize(
+    ("ending", "rotation"), [(".yml", TURN), (".xml", cv2.Rodrigues(TURN)[0]), (".json", TURN)], ids=["yml", "xml", "json"]
+)
 def test_one_file(ending, rotation, tmp_path):
     path = tmp_path / f"yard{ending}"
     write(path, K=MATRIX, dist=DISTORTIONS, image_width=1280, image_height=720, rvec=rotation, tvec=1000 * MOVE)
     with pytest.raises(InputError, match="does not state the unit of its translation"):
         read_rig_as("opencv", path)
     rig, told = read_rig_as("opencv", path, Given(metres_per_unit=0.001))
-    assert told == ()
-    assert rig.names == ("yard",)
+    assert (told, rig.names) == ((), ("yard",))
     np.testing.assert_allclose(rig["yard"].project(POINTS), projected(), atol=1e-9)
 
 
@@ -96,9 +96,7 @@ def test_the_file_of_the_multi_view_sample(tmp_path):
         ({"R": TURN}, r"has no translation \(T\): give both"),
         ({"T": MOVE}, r"has no rotation \(R\): give both"),
         ({"R": np.ones((3, 3)), "T": MOVE}, "the rotation .* is none"),
-        ({"R": -np.eye(3), "T": MOVE}, "the rotation .* is none"),
         ({"R": np.eye(2), "T": MOVE}, "has 4 and 3 numbers"),
-        ({"R": "north", "T": MOVE}, "the rotation is 'north': finite numbers"),
     ],
 )
 def test_poses_that_are_none(values, said, tmp_path):
@@ -107,18 +105,9 @@ def test_poses_that_are_none(values, said, tmp_path):
         read_rig_as("opencv", tmp_path, Given(metres_per_unit=1.0))
 
 
-def test_what_is_written_is_found_as_a_lens_by_its_file_alone(tmp_path):
-    lens = Lens((1280, 720), MATRIX, np.array([0.03, -0.01, 0.002, 0.0]), fisheye=True)
-    export(Export(Rig((Camera("C1", lens, Pose(TURN, MOVE)),))), "opencv", tmp_path / "calib")
-    stored = read_opencv_lens(tmp_path / "calib" / "C1.yml")
-    assert stored.size == (1280, 720)
-    assert stored.fisheye
-    np.testing.assert_array_equal(stored.distortions, lens.distortions)
-
-
-@pytest.mark.parametrize("distortions", [(), (-0.1, 0.01, 0.001, 0.0, 0.0)])
-def test_what_opencv_makes_of_a_skewed_pinhole_is_as_near_as_told(distortions, tmp_path):
+def test_what_opencv_makes_of_a_skewed_pinhole_is_as_near_as_told(tmp_path):
     """Its functions take no skew from the matrix, so that none may be written to come nearer."""
+    distortions = (-0.1, 0.01, 0.001, 0.0, 0.0)
     skewed = MATRIX + np.array([[0, 30.0, 0], [0, 0, 0], [0, 0, 0]])
     camera = Camera("yard", Lens((1280, 720), skewed, np.array(distortions)), Pose(TURN, MOVE))
     (told,) = export(Export(Rig((camera,))), "opencv", tmp_path, lossy=True)
@@ -141,14 +130,12 @@ def test_names_that_opencv_cannot_bear_are_those_of_the_files(tmp_path):
 
 def test_a_whole_rig_in_one_file(tmp_path):
     lens = Lens((1280, 720), MATRIX, DISTORTIONS)
-    wide = Lens((640, 480), np.diag([300.0, 300, 1]) + np.array([[0, 0, 320], [0, 0, 240], [0, 0, 0]]), np.zeros(4), True)
-    names = ("gate 2", "Öst", "true", "bare")
     rig = Rig(
         (
-            Camera(names[0], lens, Pose(TURN, MOVE)),
-            Camera(names[1], wide, Pose(TURN.T, -MOVE)),
-            Camera(names[2], lens, Pose(np.eye(3), MOVE)),
-            Camera(names[3], lens),
+            Camera("gate 2", lens, Pose(TURN, MOVE)),
+            Camera("Öst", Lens((640, 480), np.diag([0.5, 0.5, 1]) @ MATRIX, np.zeros(4), True), Pose(TURN.T, -MOVE)),
+            Camera("true", lens, Pose(np.eye(3), MOVE)),
+            Camera("bare", lens),
         )
     )
     path = tmp_path / "rig.yml"
@@ -174,13 +161,13 @@ def test_folders_and_files_without_a_camera_are_told(tmp_path):
     write(tmp_path / "other.yml", threshold=3.0)
     with pytest.raises(InputError, match="holds no camera: a camera_matrix and distortion_coefficients are needed"):
         read_rig_as("opencv", tmp_path)
-
-
-def test_files_that_are_the_same_camera_are_told(tmp_path):
     for name in ("C1.yml", "C1.xml"):
         write(tmp_path / name, K=MATRIX, D=DISTORTIONS, image_width=1280, image_height=720)
     with pytest.raises(InputError, match=f"^{tmp_path}: camera C1 occurs twice"):
         read_rig_as("opencv", tmp_path)
+    write(tmp_path / "C1.xml", M1=np.eye(2), D1=DISTORTIONS, M2=MATRIX, D2=DISTORTIONS, R=TURN, T=MOVE[:, None])
+    with pytest.raises(InputError, match="the camera matrix has 4 numbers: 3 x 3 are needed"):
+        read_rig_as("opencv", tmp_path, Given((1280, 720), 1.0))
 
 
 @pytest.mark.parametrize(
@@ -201,10 +188,3 @@ def test_a_multi_view_file_that_contradicts_itself(tmp_path, changed, said):
     write(tmp_path / "rig.yaml", **(told | changed))
     with refused(said, tmp_path / "rig.yaml"):
         read_rig_as("opencv", tmp_path / "rig.yaml", Given(metres_per_unit=1.0))
-
-
-def test_a_stereo_pair_whose_matrix_is_none(tmp_path):
-    write(tmp_path / "intrinsics.yml", M1=np.eye(2), D1=DISTORTIONS, M2=MATRIX, D2=DISTORTIONS)
-    write(tmp_path / "extrinsics.yml", R=TURN, T=MOVE[:, None])
-    with pytest.raises(InputError, match="the camera matrix has 4 numbers: 3 x 3 are needed"):
-        read_rig_as("opencv", tmp_path, Given((1280, 720), 1.0))

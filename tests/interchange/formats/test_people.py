@@ -38,19 +38,16 @@ def imported(form, source, out):
 
 
 def places(keypoints):
-    """Number of the column that each keypoint's name came from."""
     numbers = keypoints.xy[0, :, 0] - 100
     np.testing.assert_array_equal(keypoints.xy[0, :, 1], 200 + numbers)
     return dict(zip(keypoints.joints, numbers.astype(int).tolist(), strict=True))
 
 
 def walker(values, identity=-1):
-    """A person of OpenPose."""
     return {"person_id": [identity], "pose_keypoints_2d": values, "face_keypoints_2d": [], "hand_left_keypoints_2d": []}
 
 
 def alpha(image, count=17, start=100.0, **other):
-    """A person of AlphaPose."""
     return {"image_id": image, "category_id": 1, "keypoints": body(count, start), "score": 2.9, **other}
 
 
@@ -59,7 +56,6 @@ PEOPLE = [{"id": 1, "name": "person", "keypoints": list(BODY_17)}]
 
 
 def coco(image=51, box=(10, 20, 30, 40), **other):
-    """A person of COCO."""
     return {"id": 900, "image_id": image, "category_id": 1, "bbox": list(box), **other}
 
 
@@ -95,8 +91,7 @@ def test_keypoints_are_those_of_the_columns(tmp_path, form, count, known, kept):
         "coco": annotations([coco(keypoints=values)]),
     }[form]  # fmt: skip
     found = places(read(form, tmp_path, content).keypoints)
-    assert tuple(found)[:17] == BODY_17
-    assert len(found) == kept
+    assert (tuple(found)[:17], len(found)) == (BODY_17, kept)
     assert known.items() <= found.items()
     assert known or list(found.values()) == list(range(17))
 
@@ -107,17 +102,14 @@ def test_keypoints_are_those_of_the_columns(tmp_path, form, count, known, kept):
         ("openpose", {"w_000000000000_keypoints.json": [], "w_000000000011_keypoints.json": [walker(body(25))]}, [12],
          COUNTED_FROM_0),
         *(("openpose", {name.format(n): [walker(body(25))] for n in (3, 10)}, [3, 10], ())
-          for name in ("cam1_{:06d}.json", "{}_keypoints.json", "picture {}_keypoints.json", "C1.{:04d}.json")),
+          for name in ("cam1_{:06d}.json", "picture {}_keypoints.json", "C1.{:04d}.json")),
         ("alphapose", [alpha("0.jpg"), alpha("12.jpg")], [1, 13], COUNTED_FROM_0),
-        ("alphapose", [alpha("000007.jpg")], [7], ()),
         ("alphapose", [alpha(17), alpha(3)], [3, 17], ()),
     ],
 )  # fmt: skip
 def test_frames_are_from_the_names_of_files(tmp_path, form, content, frames, notes):
     found = read(form, tmp_path, content)
-    assert found.keypoints.frame.tolist() == frames
-    assert found.notes == notes
-    assert len(found.boxes) == 0
+    assert (found.keypoints.frame.tolist(), found.notes, len(found.boxes)) == (frames, notes, 0)
 
 
 @pytest.mark.parametrize(
@@ -148,36 +140,28 @@ def test_what_openpose_did_not_find_is_not_there(tmp_path):
     values[3 * 15 : 3 * 15 + 3] = [-1, -1, -0.01]  # the right eye, as RTMLib leaves it out
     values[3 * 18 + 2] = 1.07
     found = read("openpose", tmp_path, {"a_0.json": [walker(values), walker([0.0] * 75), walker([])]})
-    score = dict(zip(found.keypoints.joints, found.keypoints.score[0], strict=True))
     assert len(found.keypoints) == 1
-    assert score["nose"] == score["left_eye"] == score["right_eye"] == 0
-    assert (score["left_ear"], score["right_ear"]) == (1, 0.5)
+    score = dict(zip(found.keypoints.joints, found.keypoints.score[0], strict=True))
+    assert [score[name] for name in ("nose", "left_eye", "right_eye", "left_ear", "right_ear")] == [0, 0, 0, 1, 0.5]
     assert {"one keypoint has the confidence 1.07: it becomes 1", "one person without a keypoint is left out"} <= {*found.notes}
-    assert len(read("openpose", tmp_path, {"a_0.json": [walker([0] * 75)]}).keypoints) == 0
 
 
 def test_identities_of_openpose_are_kept_and_nobody_is_twice(tmp_path):
-    people = [walker(body(25), 7), walker(body(25, 300.0, 0.9), 7), walker(body(25, 500.0), 2)]
+    people = [walker(body(25), 7), walker(body(25, 300.0, 0.9), 7), walker(body(25, 500.0), 2), *2 * [walker(body(25, 9.0))]]
     found = read("openpose", tmp_path, {"a_0.json": people})
     by = {float(xy[0, 0]): identity for xy, identity in zip(found.keypoints.xy, found.keypoints.identity, strict=True)}
-    assert by == {100.0: -1, 300.0: 7, 500.0: 2}
-    assert any("twice" in note for note in found.notes)
-    again = read("openpose", tmp_path, {"a_0.json": 2 * [walker(body(25))]})
-    assert len(again.keypoints) == 1
-    assert "one of the people occurs twice" in again.notes
+    assert by == {100.0: -1, 300.0: 7, 500.0: 2, 9.0: -1}
+    assert len(found.keypoints) == 4
+    assert {"one of the people occurs twice"} < {note for note in found.notes if "twice" in note}
 
 
 def test_boxes_and_tracks_of_alphapose(tmp_path):
-    people = [
-        alpha("0.jpg", box=[90.0, 180.0, 60.0, 170.0], idx=3),
-        alpha("0.jpg", start=400.0, box=[390.0, 480.0, 61.0, 171.0], idx=1),
-        alpha("12.jpg", start=105.0, box=[95.0, 185.0, 60.0, 170.0], idx=3),
-    ]
-    found = read("alphapose", tmp_path, people)
+    first, second = [90.0, 180.0, 60.0, 170.0], [390.0, 480.0, 61.0, 171.0]
+    people = [("0.jpg", 100.0, first, 3), ("0.jpg", 400.0, second, 1), ("12.jpg", 105.0, first, 3)]
+    found = read("alphapose", tmp_path, [alpha(image, start=start, box=box, idx=who) for image, start, box, who in people])
     assert found.keypoints.frame.tolist() == [1, 1, 13]
     assert found.keypoints.identity.tolist() == found.boxes.identity.tolist() == [1, 3, 3]
-    np.testing.assert_array_equal(found.boxes.ltwh[0], (390, 480, 61, 171))
-    assert found.boxes.score.tolist() == [2.9] * 3
+    assert (found.boxes.ltwh[0].tolist(), found.boxes.score.tolist()) == (second, [2.9] * 3)
 
 
 @pytest.mark.parametrize(
@@ -192,18 +176,13 @@ def test_tracks_of_alphapose_in_lists(tmp_path, indices, identities, tracked):
 
 def test_the_command_writes_what_a_scene_takes(tmp_path):
     (tmp_path / "C1").mkdir()
-    read(
-        "openpose",
-        tmp_path / "C1",
-        {"w_000000000000_keypoints.json": [walker(body(25))], "w_000000000005_keypoints.json": [walker(body(25, 300.0), 4)]},
-    )
+    people = {0: walker(body(25)), 5: walker(body(25, 300.0), 4)}
+    read("openpose", tmp_path / "C1", {f"w_{frame:012d}_keypoints.json": [one] for frame, one in people.items()})
     imported("openpose", tmp_path / "C1", tmp_path / "keypoints/C1.json")
     found = read_keypoints(tmp_path / "keypoints/C1.json")
     assert (found.frame.tolist(), found.identity.tolist()) == ([1, 6], [-1, 4])
     np.testing.assert_array_equal(found.xy[1, found.joints.index("left_ankle")], (314, 414))
-    read(
-        "alphapose", tmp_path, [alpha("4.jpg", box=[90.0, 180.0, 60.0, 170.0], idx=3), alpha("6.jpg", box=[1, 2, 0, 4], idx=3)]
-    )
+    read("alphapose", tmp_path, [alpha("4.jpg", box=[90.0, 180, 60, 170], idx=3), alpha("6.jpg", box=[1, 2, 0, 4], idx=3)])
     assert "one flat box is left out" in imported("alphapose", tmp_path / "people.json", tmp_path / "tracks/C1.txt")
     boxes = read_boxes(tmp_path / "tracks/C1.txt")
     assert (boxes.frame.tolist(), boxes.identity.tolist()) == ([5], [3])
@@ -217,32 +196,30 @@ def test_annotations_of_coco(tmp_path):
         coco(51, (1, 1, 2, 2)),
     ]
     found = read("coco", tmp_path, annotations(people))
-    assert found.boxes.frame.tolist() == [3, 3, 4]
-    assert found.boxes.identity.tolist() == [-1, 5, 3]
+    assert (found.boxes.frame.tolist(), found.boxes.identity.tolist()) == ([3, 3, 4], [-1, 5, 3])
     assert found.boxes.score.tolist() == [1.0, 1.0, 0.8]
     np.testing.assert_array_equal(found.boxes.ltwh[1], (50, 60, 7, 8))
-    assert found.keypoints.frame.tolist() == [3, 4]
-    assert found.keypoints.score[0, 0] == 0.25
-    assert found.notes == ()
+    assert (found.keypoints.frame.tolist(), found.keypoints.score[0, 0], found.notes) == ([3, 4], 0.25, ())
 
 
 def test_results_of_coco_without_images(tmp_path):
     results = [coco(12, score=0.5, keypoints=body(third=1.02)), coco(2, score=0.25, keypoints=body(third=0))]
     found = read("coco", tmp_path, results)
-    assert found.boxes.frame.tolist() == [2, 12]
-    assert found.boxes.score.tolist() == [0.25, 0.5]
+    assert (found.boxes.frame.tolist(), found.boxes.score.tolist()) == ([2, 12], [0.25, 0.5])
     assert found.keypoints.frame.tolist() == [12]
     assert (found.keypoints.score == 1).all()
     assert len(found.notes) == 2
     assert read("coco", tmp_path, [coco("cam_0012.jpg")]).boxes.frame.tolist() == [12]
 
 
-def test_visibilities_of_coco_become_confidences(tmp_path):
+def test_visibilities_of_coco_become_confidences_and_names_are_those_of_the_category(tmp_path):
     values = body(third=2)
     values[2], values[5] = 0, 1
     found = read("coco", tmp_path, annotations([coco(keypoints=values)]))
-    assert found.keypoints.score[0, :4].tolist() == [0.0, 0.5, 1.0, 1.0]
-    assert found.notes == ()
+    assert (found.keypoints.score[0, :4].tolist(), found.notes) == ([0.0, 0.5, 1.0, 1.0], ())
+    categories = [{"id": 1, "name": "person", "keypoints": ["Head-Top", "left ankle", "nose"]}]
+    found = read("coco", tmp_path, annotations([coco(keypoints=body(3))], categories=categories)).keypoints
+    assert list(places(found).items()) == [("nose", 2), ("left_ankle", 1), ("head_top", 0)]
 
 
 def test_only_people_of_coco_count(tmp_path):
@@ -257,12 +234,6 @@ def test_only_people_of_coco_count(tmp_path):
     assert "walker" in alone.notes[0]
 
 
-def test_keypoints_of_coco_have_the_names_of_their_category(tmp_path):
-    categories = [{"id": 1, "name": "person", "keypoints": ["Head-Top", "left ankle", "nose"]}]
-    found = read("coco", tmp_path, annotations([coco(keypoints=body(3))], categories=categories)).keypoints
-    assert list(places(found).items()) == [("nose", 2), ("left_ankle", 1), ("head_top", 0)]
-
-
 def test_what_passerby_writes_is_read_as_coco(tmp_path):
     xy = np.random.default_rng(0).uniform(0, 900, (2, 17, 2)).round(3)
     write_keypoints(tmp_path / "C1.json", Keypoints(np.array([0, 4]), np.array([2, -1]), xy, np.full((2, 17), 0.5)))
@@ -272,26 +243,19 @@ def test_what_passerby_writes_is_read_as_coco(tmp_path):
 
 
 def one(**values):
-    """A folder of OpenPose with one person."""
     return {"a_1.json": [walker(body(25)) | values]}
 
 
 BROKEN = {
     "openpose": [
         ({}, "holds no JSON file"),
-        ({"notes.json": "{}"}, "does not end with a frame number"),
         ({"a_99999999999999999999.json": "{}"}, "does not end with a frame number"),
-        ({"a_1.json": "{}", "b_2.json": "{}"}, "differ in more than the number"),
-        ({"a_1_2.json": "{}", "a_2_2.json": "{}"}, "differ in more than the number"),
         ({"a_1.json": "{}", "a_01.json": "{}"}, "are both frame 1"),
         ({"a_1.json": "{"}, r"a_1.json: line 1: is not JSON"),
         ({"a_1.json": "[]"}, r"a_1.json: has no list `people`"),
         ({"a_1.json": [{}]}, r"people\[0\]: has no pose_keypoints_2d"),
-        (one(pose_keypoints_2d=[1, 2]), "2 numbers per person"),
-        (one(pose_keypoints_2d=[1, 2, "3"]), "holds '3': finite numbers"),
         (one(pose_keypoints_2d=[1, 2, float("inf")]), "holds inf: finite numbers"),
         (one(pose_keypoints_2d=[10**400, 1, 1]), "finite numbers"),
-        (one(pose_keypoints_2d=body(15)), "45 numbers per person"),
         ({"a_1.json": [walker(body(25)), walker(body(18))]}, "54 numbers.* others 75"),
         (one(pose_keypoints_2d=[0.5, 0.25, 0.9] * 25), "--keypoint_scale 0"),
         (one(person_id=["x"]), r"person_id is \['x'\]"),
@@ -300,22 +264,15 @@ BROKEN = {
     "alphapose": [
         ({"0.jpg": {"people": []}}, "sep-json"),
         ("text", "is not a list of people"),
-        ([3], r"\[0\]: has no keypoints"),
         ([{"image_id": "0.jpg"}], r"\[0\]: has no keypoints"),
         ([alpha(None)], "image_id is None"),
         ([alpha("first.jpg")], "does not end with a frame number"),
-        ([alpha("a1.jpg"), alpha("b2.jpg")], "differ in more than the number"),
-        ([alpha("1.jpg"), alpha("1.png")], "are both frame 1"),
         ([alpha("1.jpg"), alpha(2)], "some image_id are names"),
         ([alpha(-1)], "image_id is -1"),
         ([alpha(10**30)], "image_id is 10000"),
         ([alpha("1.jpg", count=21)], "63 numbers per person"),
-        ([alpha("1.jpg"), alpha("2.jpg", count=26)], "51 numbers of keypoints and others 78"),
         ([alpha("1.jpg", box=[1, 2, 3])], "box has 3 numbers: 4"),
-        ([alpha("1.jpg", box=[1, 2, 3, "x"])], "box holds 'x'"),
-        ([alpha("1.jpg", idx="seven")], "idx is 'seven'"),
         ([alpha("1.jpg", idx=1.5)], "idx is 1.5"),
-        ([alpha("1.jpg", score=None)], "score holds None"),
     ],
     "coco": [
         ({"images": []}, "has neither annotations"),
@@ -323,7 +280,6 @@ BROKEN = {
         (annotations([coco(3)]), "image_id 3 is none of the images"),
         (annotations([coco([1])]), r"image_id \[1\] is none of the images"),
         (annotations([], [{"file_name": "1.jpg"}]), r"images\[0\]: needs an `id`"),
-        (annotations([], [{"id": 1, "file_name": "one.jpg"}]), "does not end with a frame number"),
         (annotations([], [{"id": 1, "file_name": "a/1.jpg"}, {"id": 2, "file_name": "b/2.jpg"}]), "differ in more"),
         (annotations([], [{"id": 1, "file_name": "1.jpg"}, {"id": 2}]), "others none"),
         (annotations([], [{"id": 1, "frame": 4}, {"id": 2, "frame": 4}]), "frame 4 is that of image 1 too"),
@@ -332,21 +288,17 @@ BROKEN = {
         (annotations([], [{"id": 1, "frame": 10**30}]), "frame is 10000"),
         (annotations([coco(box=(10**400, 2, 3, 4))]), "bbox holds 10000.*finite numbers"),
         (annotations([coco(keypoints=body(4))]), "keypoints have 12 numbers, but the category has 17"),
-        (annotations([coco(box=(1, 2, 3))]), "bbox has 3 numbers"),
         (annotations([coco() | {"bbox": 3}]), "bbox is 3: a list of numbers is needed"),
         (annotations([coco(box=(float("nan"), 2, 3, 4))]), r"a box of frame 3 is \[nan, .*: not finite numbers"),
         (annotations([coco(score=float("nan"))]), "score nan: not finite numbers"),
-        (annotations([coco(track_id="x")]), "track_id is 'x'"),
         (annotations([], categories=[{"id": 1, "name": "a"}, {"id": 2, "name": "b"}]), "none of the categories is called"),
         (annotations([], categories=[{"id": 1, "name": "person", "keypoints": ["a", "A"]}]), "a keypoint occurs twice"),
         (annotations([], categories={"id": 1}), "categories is not a list"),
         (annotations([], categories=[{"id": "1", "name": "person"}]), r"categories\[0\]: needs a whole number `id`"),
-        (annotations([], categories=[{"id": 1, "name": "person", "keypoints": "nose"}]), "must be a list of keypoint names"),
         (annotations([], categories=[{"id": 1, "name": "person", "keypoints": [1]}]), "must be a list of keypoint names"),
         (annotations([coco(keypoints=body()), coco(7, category_id=2, keypoints=body(1))],
                      categories=[*PEOPLE, {"id": 2, "name": "pedestrian", "keypoints": ["top"]}]),
          "several categories of people have different keypoints: keep one of them"),
-        ([coco(-2)], "image_id is -2"),
         ([coco(1), coco("2.jpg")], "some image_id are names"),
         ([7], r"\[0\]: is not an object"),
     ],
@@ -359,14 +311,16 @@ def test_broken_files_are_told(tmp_path, form, content, told):
         read(form, tmp_path, content)
 
 
-def test_a_file_for_a_folder_and_a_folder_for_a_file_are_told(tmp_path):
+@pytest.mark.parametrize(
+    ("form", "place", "told"),
+    [
+        ("openpose", "a_1.json", "give the folder of --write_json"),
+        ("alphapose", ".", "is a folder: give the file alphapose-results.json in it"),
+        ("coco", ".", "is a folder: give the JSON file in it"),
+        ("kalibr", ".", r"format kalibr holds no people: .*coco.* do"),
+    ],
+)
+def test_a_file_for_a_folder_and_a_folder_for_a_file_are_told(tmp_path, form, place, told):
     (tmp_path / "a_1.json").write_text("{}")
-    for form, place, told in (
-        ("openpose", tmp_path / "a_1.json", "give the folder of --write_json"),
-        ("alphapose", tmp_path, "is a folder: give the file alphapose-results.json in it"),
-        ("coco", tmp_path, "is a folder: give the JSON file in it"),
-    ):
-        with refused(told, place):
-            read_people_as(form, place)
-    with refused(r"format kalibr holds no people: .*coco.* do", ""):
-        read_people_as("kalibr", tmp_path)
+    with refused(told, "" if form == "kalibr" else tmp_path):
+        read_people_as(form, tmp_path / place)

@@ -12,7 +12,7 @@ from passerby.common.errors import InputError
 from passerby.core.cameras import Camera, Lens, Pose, Rig
 from passerby.interchange.formats import Export, Given, all_formats, export, read_rig_as
 from passerby.interchange.formats.format import Losses
-from support.scenes.handmade_rigs import NASTY_NAMES, facing, looking_down, read_back, written
+from support.scenes.handmade_rigs import NASTY_NAMES, facing, read_back, written
 from support.scenes.rigs_to_draw import ways
 from support.tiers import thinned
 
@@ -147,10 +147,6 @@ def there_and_back(name, rig, folder, lossy=False):
     return back, told
 
 
-def test_every_format_that_is_written_and_read_is_tested():
-    assert set(HOLDS) == set(ROUND_TRIPS)
-
-
 HELD = [(name, kind) for name in FORMATS for kind in KINDS if kind in HOLDS.get(name, ())]
 LOST = [(name, kind) for name in FORMATS for kind in KINDS if kind not in HOLDS.get(name, ())]
 
@@ -189,7 +185,7 @@ def test_a_loss_is_an_error(name, kind, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("name", FORMATS)
+@pytest.mark.parametrize("name", sorted(WRITTEN.keys() - {"frigate"}))
 def test_a_camera_without_a_pose(name, tmp_path):
     posed = rig_of("pinhole")
     rig = Rig((*posed, Camera("later", lens("pinhole", np.random.default_rng(3)))))
@@ -201,10 +197,16 @@ def test_a_camera_without_a_pose(name, tmp_path):
         assert later.pose is None
         np.testing.assert_allclose(later.lens.project_rays(rays), rig["later"].lens.project_rays(rays), atol=TOLERANCE_PX)
         return
-    back, told = there_and_back(name, rig, tmp_path, lossy=True)
-    assert told == ("camera later has no pose and is left out",)
-    assert len(back) == 2
-    assert max(largest_difference(camera, counterpart(camera, posed, back)) for camera in posed) < TOLERANCE_PX
+    with pytest.raises(InputError, match=r"camera later has no pose.*--lossy"):
+        export(Export(rig), name, target(name, tmp_path))
+    assert not list(tmp_path.iterdir())
+    with pytest.raises(InputError, match="none of the 1 cameras has a pose"):
+        export(Export(Rig((rig["later"],))), name, target(name, tmp_path), lossy=True)
+    assert "camera later has no pose and is left out" in export(Export(rig), name, target(name, tmp_path), lossy=True)
+    if name in ROUND_TRIPS:
+        back, _ = read_rig_as(name, target(name, tmp_path), Given(SIZE))
+        assert len(back) == 2
+        assert max(largest_difference(camera, counterpart(camera, posed, back)) for camera in posed) < TOLERANCE_PX
 
 
 @pytest.mark.parametrize("name", sorted(KEEPS_UNPOSED))
@@ -233,8 +235,7 @@ def test_odd_names(name, tmp_path):
     rig = rig_of("pinhole", names=ODD_NAMES)
     inside = tmp_path / "below" / "below"
     back, told = there_and_back(name, rig, inside)
-    assert told == ()
-    assert len(back) == len(rig)
+    assert (told, len(back)) == ((), len(rig))
     assert all(inside in path.parents for path in tmp_path.rglob("*") if path.is_file())
     for camera in rig:
         nearest = min(back, key=lambda other: np.linalg.norm(other.centre - camera.centre))
@@ -251,39 +252,9 @@ def test_a_rig_makes_one_set_of_files_below_its_target(name, tmp_path):
     assert all(not Path(below).is_absolute() and ".." not in Path(below).parts for below in first)
 
 
-@pytest.mark.parametrize("name", sorted(WRITTEN.keys() - KEEPS_UNPOSED - {"frigate"}))
-def test_a_camera_without_a_pose_is_a_loss(name, tmp_path):
-    rig = Rig((looking_down("here"), Camera("later", facing().lens)))
-    with pytest.raises(InputError, match=r"camera later has no pose.*--lossy"):
-        export(Export(rig), name, target(name, tmp_path))
-    assert not list(tmp_path.iterdir())
-    told = export(Export(rig), name, target(name, tmp_path), lossy=True)
-    assert "camera later has no pose and is left out" in told
-
-
 @pytest.mark.parametrize("name", FORMATS)
 def test_lengths_are_in_the_given_unit(name, tmp_path):
     written(name, Rig((facing(),)), target(name, tmp_path))
     places = [read_back(name, target(name, tmp_path), metres_per_unit=unit, size=(1920, 1080))[0] for unit in (1.0, 0.5)]
     (one,), (half,) = places
     np.testing.assert_allclose(half.centre, one.centre / 2, atol=1e-9)
-
-
-@pytest.mark.parametrize("name", FORMATS)
-def test_broken_files_are_told_of(name, tmp_path):
-    """Whatever is cut off or is something else ends in an `InputError` that names the place, or in fewer cameras."""
-    rig = rig_of("pinhole")
-    export(Export(rig), name, target(name, tmp_path))
-    for path in sorted(path for path in tmp_path.rglob("*") if path.is_file()):
-        whole = path.read_bytes()
-        for broken in (b"", whole[: len(whole) // 2], whole[: len(whole) - 3], b"\xff\xfe\x00 nonsense", b"{}\n", b"[1, 2]\n"):
-            path.write_bytes(broken)
-            fault, cameras = "", 0
-            try:
-                cameras = len(read_rig_as(name, target(name, tmp_path), Given(SIZE, 1.0), lossy=True)[0])
-            except InputError as error:
-                fault = str(error)
-            assert bool(fault) != bool(cameras)
-            assert cameras <= len(rig)
-            assert not fault or (str(tmp_path) in fault and "\n" not in fault)
-        path.write_bytes(whole)

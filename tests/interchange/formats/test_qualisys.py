@@ -32,8 +32,7 @@ def written(folder, *cameras):
 def test_axes_units_and_pixels_by_hand(tmp_path):
     rig, losses = read_rig_as("qualisys", written(tmp_path, CAMERA))
     camera = rig["26580"]
-    assert losses == ()
-    assert camera.lens.size == (1920, 1088)
+    assert (losses, camera.lens.size) == ((), (1920, 1088))
     np.testing.assert_allclose(camera.centre, (4, 0, 2), atol=1e-12)
     np.testing.assert_allclose(camera.pose.R_cw, [[0, 1, 0], [0, 0, -1], [-1, 0, 0]], atol=1e-12)
     # 4 m ahead, 1 m to the right and 0.5 m down: 400 pixels right of the centre and 200 below.
@@ -61,9 +60,13 @@ def test_the_video_may_show_a_part_of_the_sensor(tmp_path):
     camera = read_rig_as("qualisys", written(tmp_path, part))[0]["26580"]
     assert camera.lens.size == (1820, 1080)
     np.testing.assert_allclose(camera.lens.matrix[:2, 2], (859.5, 535.5))
+    bare = part.replace("fov_video ", "fov_other ")
+    assert read_rig_as("qualisys", written(tmp_path, bare))[0]["26580"].lens.size == (1920, 1088)
 
 
 def test_smaller_videos_cover_the_sensor(tmp_path):
+    path = written(tmp_path, CAMERA.replace('viewrotation="0"', f'viewrotation="0" video_resolution="{"5" * 5000}p"'))
+    assert read_rig_as("qualisys", path)[0].names == ("26580",)  # a height of too many digits says nothing
     path = written(tmp_path, CAMERA.replace('viewrotation="0"', 'viewrotation="0" video_resolution="540p"'))
     with pytest.raises(InputError, match="its videos are 540p: give their size with --size"):
         read_rig_as("qualisys", path)
@@ -73,16 +76,6 @@ def test_smaller_videos_cover_the_sensor(tmp_path):
     np.testing.assert_allclose(camera.project(points), (full.project(points) + 0.5) / 2 - 0.5, atol=1e-9)
     with pytest.raises(InputError, match="another shape"):
         read_rig_as("qualisys", path, Given(size=(544, 960)))
-
-
-def test_a_height_of_videos_of_too_many_digits_says_nothing(tmp_path):
-    path = written(tmp_path, CAMERA.replace('viewrotation="0"', f'viewrotation="0" video_resolution="{"5" * 5000}p"'))
-    assert read_rig_as("qualisys", path)[0].names == read_rig_as("qualisys", written(tmp_path, CAMERA))[0].names
-
-
-def test_without_a_field_of_the_video_the_sensor_counts(tmp_path):
-    bare = CAMERA.replace("fov_video ", "fov_other ")
-    assert read_rig_as("qualisys", written(tmp_path, bare))[0]["26580"].lens.size == (1920, 1088)
 
 
 def test_cameras_out_of_use_have_no_pose(tmp_path):
@@ -102,23 +95,14 @@ def test_skew_is_a_loss(tmp_path):
     assert len(read_rig_as("qualisys", path, lossy=True)[1]) == 1
 
 
-def test_metres_in_the_file(tmp_path):
-    camera = read_rig_as("qualisys", written(tmp_path, CAMERA), Given(metres_per_unit=1.0))[0]["26580"]
-    np.testing.assert_allclose(camera.centre, (4000, 0, 2000))
-
-
 @pytest.mark.parametrize(
     ("old", "new", "match"),
     [
         ("<transform", "<transformation", "camera 26580: <transform> is missing"),
         ('r23="1"', 'r23="0.9"', "is not a rotation"),
-        ('r12="1"', 'r12="-1"', "is not a rotation"),  # a mirrored camera
         ('x="4000"', 'x="far"', "<transform> x is 'far'"),
         ('x="4000"', "", "<transform> has no x"),
-        ('focalLengthU="102400"', 'focalLengthU="nan"', "<intrinsic> focalLengthU is 'nan'"),
-        ('focalLengthU="102400"', 'focalLengthU="-3"', "is not a camera matrix"),
         ('fov_video left="0"', 'fov_video left="4000"', "is not an image"),
-        ("</camera>", "", "is not XML"),
         ("camera ", "kamera ", "is not XML"),
         (CAMERA, "", "holds no <camera>"),
         (CAMERA, 2 * CAMERA, "camera 26580 occurs twice"),

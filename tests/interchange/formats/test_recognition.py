@@ -17,7 +17,6 @@ READERS = [form for form in all_formats() if form.read is not None]
 
 
 def laid_out(form, folder):
-    """A sound example of a format; the path that recognition takes."""
     if form.target == "folder":
         for name, content in example.exported(form.name, "").items():
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
@@ -32,7 +31,6 @@ def laid_out(form, folder):
 def test_a_format_recognises_its_files_and_reads_what_it_recognises(form, tmp_path):
     path = laid_out(form, tmp_path)
     found = recognise_format(path)
-    assert found is not None
     assert found.name == form.name
     size = None if form.name in example.READ_ONLY else (640, 480)
     assert len(read_rig_as(found.name, path, Given(size, 1.0), lossy=True)[0])

@@ -24,19 +24,15 @@ def rig():
     return Rig((facing("01"), facing("02", (0.0, 0.0, 3.0))))
 
 
-def test_poses_of_cameras_that_have_no_intrinsics_are_an_error(rig, tmp_path):
-    written("easymocap", rig, tmp_path)
-    poses = (tmp_path / "extri.yml").read_text()
-    (tmp_path / "extri.yml").write_text(poses.replace("_01:", "_1:").replace("_02:", "_2:"))
-    with pytest.raises(InputError, match=r"extri.yml: has poses of cameras 1, 2, but intri.yml has cameras 01, 02: give each"):
-        read_rig_as("easymocap", tmp_path)
-
-
-def test_easymocap_lenses_of_cameras_that_are_not_listed(rig, tmp_path):
+def test_easymocaps_poses_and_lenses_of_cameras_that_are_not_listed(rig, tmp_path):
     written("easymocap", rig, tmp_path)
     with (tmp_path / "intri.yml").open("a") as file:
         file.write("H_03: 1080\nccm_01: 5\n")
     assert unread("easymocap", tmp_path) == ("not read: H_03, ccm_01",)
+    poses = (tmp_path / "extri.yml").read_text()
+    (tmp_path / "extri.yml").write_text(poses.replace("_01:", "_1:").replace("_02:", "_2:"))
+    with pytest.raises(InputError, match=r"extri.yml: has poses of cameras 1, 2, but intri.yml has cameras 01, 02: give each"):
+        read_rig_as("easymocap", tmp_path)
 
 
 def test_kalibr_and_nerfstudio(rig, tmp_path):
@@ -51,20 +47,15 @@ def test_kalibr_and_nerfstudio(rig, tmp_path):
     assert unread("nerfstudio", tmp_path / "transforms.json") == ("not read: applied_transform",)
 
 
-def test_colmaps_points_and_frames(rig, tmp_path):
+def test_colmaps_points_and_frames_and_ros_transforms_of_no_camera(rig, tmp_path):
     written("colmap", rig, tmp_path)
     (tmp_path / "points3D.txt").write_text("# a comment\n1 0 0 0 9 9 9 0.1\n")
     (tmp_path / "rigs.txt").write_text("1 1 CAMERA 1\n")
-    images = (tmp_path / "images.txt").read_text().splitlines()
-    images[images.index("")] = "10 20 1"
-    (tmp_path / "images.txt").write_text("\n".join(images) + "\n")
+    (tmp_path / "images.txt").write_text((tmp_path / "images.txt").read_text().replace("\n\n", "\n10 20 1\n", 1))
     assert unread("colmap", tmp_path) == ("not read: points3D.txt, rigs.txt, 2D points of the images",)
-
-
-def test_ros_transforms_of_cameras_that_are_not_there(rig, tmp_path):
-    written("ros", rig, tmp_path)
-    (tmp_path / "camera_info" / "camera_02.yaml").unlink()
-    assert unread("ros", tmp_path) == ("not read: the transform of camera_02_optical_frame",)
+    written("ros", rig, tmp_path / "ros")
+    (tmp_path / "ros" / "camera_info" / "camera_02.yaml").unlink()
+    assert unread("ros", tmp_path / "ros") == ("not read: the transform of camera_02_optical_frame",)
 
 
 def test_tables_of_toml_and_files_of_a_folder(rig, tmp_path):
@@ -83,9 +74,8 @@ def test_people(tmp_path):
     person = {"person_id": [-1], "pose_keypoints_2d": [100.5, 50, 0.9] * 136, "hand_left_keypoints_2d": [1, 2, 0.5] * 21}
     (tmp_path / "a_000000000000_keypoints.json").write_text(json.dumps({"version": 1.3, "people": [person]}))
     given = Given()
-    assert (
-        "110 keypoints per person, of the face and the hands, are left out" in read_people_as("openpose", tmp_path, given).notes
-    )
+    notes = read_people_as("openpose", tmp_path, given).notes
+    assert "110 keypoints per person, of the face and the hands, are left out" in notes
     assert given.unread.told == ("not read: hand_left_keypoints_2d",)
 
 

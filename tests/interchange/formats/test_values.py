@@ -26,10 +26,6 @@ def test_names_are_valid_and_differ(names):
             assert led[name] == name
 
 
-def test_names_that_differ_in_case_alone():
-    assert tame_names(["a", "A", "A_2"], ROS) == {"a": "a", "A": "A_3", "A_2": "A_2"}
-
-
 PLAIN = st.one_of(st.text(max_size=8), st.floats(allow_nan=False), st.integers())
 
 
@@ -37,8 +33,7 @@ PLAIN = st.one_of(st.text(max_size=8), st.floats(allow_nan=False), st.integers()
 @given(st.dictionaries(st.text(max_size=5), PLAIN, max_size=3))
 def test_yaml_comes_back_here_and_elsewhere(values):
     text = dump_yaml(values).decode()
-    assert parse_yaml(Path("a"), text) == values
-    assert yaml.safe_load(text) == values
+    assert (parse_yaml(Path("a"), text), yaml.safe_load(text)) == (values, values)
 
 
 @pytest.mark.parametrize("text", ["1e5", "-1e-05", "1.5E+3", ".5e1", "3.e2"])

@@ -34,9 +34,9 @@ def test_a_camera_at_a_known_place(tmp_path):
     np.testing.assert_allclose(camera.project(POINTS), [[960, 540], [1060, 540], [960, 440]], atol=1e-6)
 
 
-@pytest.mark.parametrize("centre", [(960, 540), (948, 551)])
-def test_pixels_undistort_to_the_rays_that_vicon_has(tmp_path, centre):
+def test_pixels_undistort_to_the_rays_that_vicon_has(tmp_path):
     """The truth is Vicon's own direction: from a pixel to its ray."""
+    centre = (948, 551)
     words = " ".join(map(repr, [*map(float, centre), *RADIAL.tolist()]))
     camera = read_rig_as("vicon", xcp(tmp_path, f'VICON_RADIAL2="Vicon3Parameter {words}"'))[0]["21"]
     pixels = np.stack(np.meshgrid(np.linspace(0, 1919, 15), np.linspace(0, 1079, 9)), axis=-1).reshape(-1, 2)
@@ -82,6 +82,7 @@ def test_what_is_not_read_is_told(tmp_path):
     ("old", "new", "match"),
     [
         ('FOCAL_LENGTH="1000"', "", "camera 21: <KeyFrame> FOCAL_LENGTH is missing: 1 finite number is needed"),
+        ('FOCAL_LENGTH="1000"', 'FOCAL_LENGTH="wide"', "FOCAL_LENGTH is 'wide': 1 finite number is needed"),
         ('SENSOR_SIZE="1920 1080"', 'SENSOR_SIZE="1920"', "SENSOR_SIZE is '1920': 2 finite numbers are needed"),
         ('ORIENTATION="', 'ORIENTATION="9', "a unit quaternion x y z w is needed"),
         ("<Camera ", "<Lens ", "is not XML"),

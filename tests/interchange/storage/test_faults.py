@@ -11,5 +11,4 @@ from passerby.interchange.storage.safe_parsing import LISTED_FAULTS, FileFaults
 def test_faults_survive_pickling(count: int) -> None:
     error = FileFaults([f"/data/a.txt: line {k} is wrong" for k in range(count)])
     again = pickle.loads(pickle.dumps(error))
-    assert str(again) == str(error)
-    assert again.faults == error.faults
+    assert (str(again), again.faults) == (str(error), error.faults)

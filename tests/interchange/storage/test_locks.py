@@ -194,17 +194,10 @@ def test_a_process_that_the_machine_let_wait_tries_again(tmp_path, monkeypatch):
 def test_a_lock_that_can_never_be_made_is_a_fault(tmp_path, monkeypatch):
     monkeypatch.setattr(transaction, "GONE_FOR_S", 0.01)
     (tmp_path / FOLDER_LOCK).symlink_to(tmp_path / "nowhere" / "lock")
-    with pytest.raises(InputError, match="cannot be written"), lock_folder(tmp_path, "a test"):
-        raise AssertionError
     (tmp_path / "file").write_text("")
-    with pytest.raises(InputError, match="cannot be written"), lock_folder(tmp_path / "file", "a test"):
-        raise AssertionError
-
-
-def test_a_folder_that_was_there_stays(tmp_path):
-    with lock_folder(tmp_path, "a test"), pytest.raises(InputError, match="is running there"), lock_folder(tmp_path, "another"):
-        raise AssertionError
-    assert tmp_path.is_dir()
+    for folder in (tmp_path, tmp_path / "file"):
+        with pytest.raises(InputError, match="cannot be written"), lock_folder(folder, "a test"):
+            raise AssertionError
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no limit of a file's size")

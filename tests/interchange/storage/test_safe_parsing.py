@@ -57,9 +57,10 @@ def test_a_path_with_a_zero_byte_is_none():
         (parse_toml, f"a = {'1' * 1000}", "a number of a thousand digits"),
         (parse_json, f'{{"a": {"1" * 5000}}}', "a number of a thousand digits"),
         (parse_safe_yaml, "a" * (LARGEST_YAML + 1), "more than 1000000 characters"),
+        (parse_safe_yaml, "[" * 1100, "is not YAML: it is nested too deep"),
         (parse_safe_yaml, "a: &a {b: 1}\nc:\n  <<: *a\n", r"line 3: is not YAML: tables that are merged \(<<\)"),
     ],
-    ids=["dots", "digits of TOML", "digits of JSON", "long YAML", "merged YAML"],
+    ids=["dots", "digits of TOML", "digits of JSON", "long YAML", "deep YAML", "merged YAML"],
 )
 def test_text_that_would_take_gigabytes_or_minutes_is_refused(parse, text, told):
     with pytest.raises(NotParsed, match=told) as error:

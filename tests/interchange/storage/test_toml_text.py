@@ -15,8 +15,7 @@ PLAIN = st.one_of(st.text(), st.integers(-(2**63), 2**63 - 1), st.booleans(), st
 @given(st.text(st.characters(codec="utf-8")), st.one_of(PLAIN, st.lists(PLAIN, max_size=4), st.lists(st.lists(PLAIN))))
 def test_keys_and_values_come_back(name, content):
     line = f"{text_formats.key(name)} = {text_formats.value(content)}\n"
-    assert line.count("\n") == 1
-    assert tomllib.loads(line) == {name: content}
+    assert (line.count("\n"), tomllib.loads(line)) == (1, {name: content})
 
 
 def test_numbers_of_a_whole_file_end_where_people_would_end_them():
@@ -51,10 +50,3 @@ def test_a_path_on_another_drive_is_absolute(tmp_path, monkeypatch):
     monkeypatch.setattr(text_formats.os.path, "relpath", other_drive)
     assert text_formats.relative(tmp_path / "b.mp4", tmp_path / "scene.toml") == (tmp_path.resolve() / "b.mp4").as_posix()
     assert Path(text_formats.relative(tmp_path / "b.mp4", tmp_path / "scene.toml")).is_absolute()
-
-
-@pytest.mark.parametrize(
-    ("name", "written"), [("cam_1-a", "cam_1-a"), ("a b", '"a b"'), ("", '""'), ("é", '"é"'), ("a.b", '"a.b"')]
-)
-def test_names_are_in_quotes_where_they_need_them(name, written):
-    assert text_formats.key(name) == written

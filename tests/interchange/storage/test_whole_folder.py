@@ -33,8 +33,7 @@ def test_an_exception_leaves_everything_as_it_was(tmp_path):
     write(tmp_path / "thing", "one")
     with pytest.raises(RuntimeError, match="halfway"):
         half_written(tmp_path / "thing")
-    assert (tmp_path / "thing" / "mark").read_text() == "one"
-    assert [path.name for path in tmp_path.iterdir()] == ["thing"]
+    assert ((tmp_path / "thing" / "mark").read_text(), [path.name for path in tmp_path.iterdir()]) == ("one", ["thing"])
 
 
 def test_other_folders_and_files_are_left_alone(tmp_path):
@@ -85,8 +84,7 @@ def test_the_old_folder_is_never_lost_where_the_new_one_cannot_take_its_place(tm
     assert (tmp_path / "thing").exists() == comes_back
     with pytest.raises(RuntimeError, match="halfway"):
         half_written(tmp_path / "thing")
-    assert (tmp_path / "thing" / "mark").read_text() == "one"
-    assert [path.name for path in tmp_path.iterdir()] == ["thing"]
+    assert ((tmp_path / "thing" / "mark").read_text(), [path.name for path in tmp_path.iterdir()]) == ("one", ["thing"])
 
 
 def test_what_a_killed_process_left_goes_and_other_hidden_files_stay(tmp_path):
@@ -110,5 +108,4 @@ def test_a_disk_that_takes_nothing_is_told(tmp_path, monkeypatch, fails):
         patch.setattr(*((Path, "glob", full) if fails == "glob" else (module.tempfile, "mkdtemp", full)))
         with pytest.raises(InputError, match=r"thing: cannot be written .No space left on device.: make room there"):
             write(tmp_path / "thing", "two")
-    assert (tmp_path / "thing" / "mark").read_text() == "one"
-    assert [path.name for path in tmp_path.iterdir()] == ["thing"]
+    assert ((tmp_path / "thing" / "mark").read_text(), [path.name for path in tmp_path.iterdir()]) == ("one", ["thing"])

@@ -14,7 +14,6 @@ FAULTS = pytest.mark.parametrize("fault", ["kill", "full"])
 
 
 def as_told(ended, fault):
-    """Whether the process ended as this fault ends one."""
     return ended == (-signal.SIGKILL if fault == "kill" else TOLD) and ended != BUG
 
 
@@ -32,14 +31,12 @@ def test_a_file(tmp_path, fault):
 
 
 def set_up(folder):
-    """A folder as it was before."""
     (folder / "deep").mkdir(parents=True, exist_ok=True)
     for name in ("a", "deep/b", "going", "mine"):
         (folder / name).write_text("old")
 
 
 def put(folder, text="new"):
-    """Change most of it, together."""
     with folder_lock(folder, "a test"), transaction(folder, ["going", "never there"]) as new:
         for name in ("a", "deep/b", "more/c"):
             write_text(new / name, text)
@@ -139,13 +136,11 @@ def test_what_a_killed_process_had_decided_is_ended_by_the_next_one(tmp_path):
 
 
 def lock(folder):
-    """Take a folder's lock, and let it go."""
     with folder_lock(folder, "a test"):
         pass
 
 
 def read(folder):
-    """What whoever reads a folder does first."""
     recover(folder, "reads")
 
 
@@ -162,8 +157,7 @@ def test_a_decision_that_is_damaged_is_told_and_changes_nothing(tmp_path, come, 
     told = f"{GONE}: is damaged .*: delete {tmp_path / WRITTEN} and run the last command again"
     with pytest.raises(InputError, match=told):
         come(tmp_path)
-    assert (tmp_path / "a").read_text() == "old"
-    assert (tmp_path / "going").read_text() == "old"
+    assert ((tmp_path / "a").read_text(), (tmp_path / "going").read_text()) == ("old", "old")
 
 
 @COMERS
@@ -203,7 +197,6 @@ def test_what_is_to_go_stays_in_the_folder(tmp_path):
 
 
 def make(target, text="new"):
-    """A folder that is replaced as a whole."""
     with whole_folder(target, "mark", "a made thing") as new:
         for name in ("mark", "a", "b"):
             write_text(new / name, text)

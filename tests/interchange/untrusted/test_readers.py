@@ -51,7 +51,6 @@ def guarded():
 
 
 def laid_out(reader: Reader, folder: Path) -> tuple[dict[str, bytes], Path]:
-    """A reader's sound example in a folder, and the path that the reader takes."""
     files = dict(reader.files())
     for name, content in files.items():
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
@@ -79,13 +78,11 @@ def tried(reader: Reader, main: Path, told: list[str]) -> str:
 
 
 def record_of(reader: Reader) -> Path:
-    """The file that a reader's count is kept in."""
     assert RECORDS is not None
     return Path(RECORDS) / f"{reader.name.replace('/', '-')}.json"
 
 
 def is_recorded(reader: Reader, cases: int) -> bool:
-    """Whether all cases of a reader were tried already, without a fault."""
     if RECORDS is None or not record_of(reader).is_file():
         return False
     record = json.loads(record_of(reader).read_text())
@@ -105,12 +102,7 @@ def test_damaged_files_are_read_or_refused(reader, tmp_path_factory):
     told: list[str] = []
     faulthandler.dump_traceback_later(120 * HANGS_S, exit=True)
 
-    @settings(
-        max_examples=cases,
-        database=None,
-        phases=(Phase.generate, Phase.shrink),
-        suppress_health_check=list(HealthCheck),
-    )
+    @settings(max_examples=cases, database=None, phases=(Phase.generate, Phase.shrink), suppress_health_check=list(HealthCheck))
     @given(st.integers(0, len(broken) - 1), st.binary(min_size=CHOICES, max_size=CHOICES))
     def a_case(which: int, choices: bytes) -> None:
         path = folder / broken[which]

@@ -38,16 +38,18 @@ def test_a_break_begins_anew() -> None:
     found = place_by_names(np.floor(true), np.full(10, 10.0), 1.0)
     assert np.abs(found - true).max() < 0.75
     gaps = gaps_between(found, np.full(10, 10.0))
-    assert gaps.count == 1
-    assert gaps.longest_s == pytest.approx(5003.9 - 1050.5, abs=1.5)
+    assert (gaps.count, gaps.longest_s) == (1, pytest.approx(5003.9 - 1050.5, abs=1.5))
 
 
 def test_gaps_and_overlaps() -> None:
-    seconds = np.full(4, 10.0)
-    gaps = gaps_between(np.array([0.0, 10.0, 25.0, 33.0]), seconds)
+    gaps = gaps_between(np.array([0.0, 10.0, 25.0, 33.0]), np.full(4, 10.0))
     assert (gaps.count, gaps.seconds, gaps.longest_at_s) == (1, 5.0, 20.0)
     assert (gaps.overlaps, gaps.overlap_s, gaps.inside) == (1, 2.0, 0)
-    assert gaps_between(np.array([0.0, 0.0, 10.0, 10.0]), seconds).inside == 2
+    assert gaps_between(np.array([0.0, 0.0, 10.0, 10.0]), np.full(4, 10.0)).inside == 2
+    # Recorders that begin early cover no piece wholly.
+    gaps = gaps_between(np.arange(0.0, 200.0, 8.0), np.full(25, 10.0), 1.0)
+    assert (gaps.overlaps, gaps.overlap_s, gaps.inside, gaps.irregular) == (24, 48.0, 0, False)
+    np.testing.assert_array_equal(follow_at_once(np.array([3.0, 4.0, 5.0])), [0.0, 3.0, 7.0])
 
 
 @pytest.mark.parametrize("length", [6.0, 9.3])
@@ -61,12 +63,3 @@ def test_a_clock_that_is_set_back_puts_pieces_into_the_time_of_others(length: fl
     assert gaps.overlap_s == pytest.approx(back_s, abs=2)
     assert back_s < 30 or 0.9 * back_s / length < gaps.inside <= 2 * back_s / length
     assert 1000.4 + 15 * length - back_s - 1.0 <= gaps.longest_overlap_at_s <= 1000.4 + 15 * length + 1.0
-
-
-def test_recorders_that_begin_early_cover_no_piece_wholly() -> None:
-    gaps = gaps_between(np.arange(0.0, 200.0, 8.0), np.full(25, 10.0), 1.0)
-    assert (gaps.overlaps, gaps.overlap_s, gaps.inside, gaps.irregular) == (24, 48.0, 0, False)
-
-
-def test_without_times_one_follows_the_other() -> None:
-    np.testing.assert_array_equal(follow_at_once(np.array([3.0, 4.0, 5.0])), [0.0, 3.0, 7.0])

@@ -1,6 +1,7 @@
 """Recordings in pieces, and pictures: every picture of these films carries its number in its pixels."""
 
 import os
+import shutil
 import struct
 from datetime import UTC, datetime
 from pathlib import Path
@@ -20,21 +21,12 @@ from passerby.perception.sources.files import VideoSource, WallSpan
 from passerby.perception.sources.recording import open_source, rebased, wall_extent
 from passerby.perception.video import VideoReader, expected_count
 from passerby.perception.video_still import still
+from support.scenes.numbered_videos import SIZE, number_in, numbered
 
-SIZE, BITS, FPS = (96, 64), 8, 10
+FPS = 10
+
+
 BEGIN = datetime(2026, 11, 22, 8, 0, 0, tzinfo=UTC).timestamp()
-
-
-def numbered(number: int, size: tuple[int, int] = SIZE) -> np.ndarray:
-    """A picture whose eight vertical stripes are the bits of its number."""
-    picture = np.zeros((size[1], size[0], 3), dtype=np.uint8)
-    for bit in range(BITS):
-        picture[:, bit * size[0] // BITS : (bit + 1) * size[0] // BITS] = 215 if number >> bit & 1 else 40
-    return picture
-
-
-def number_in(picture: np.ndarray) -> int:
-    return sum(int(part.mean() > 128) << bit for bit, part in enumerate(np.array_split(picture, BITS, axis=1)))
 
 
 def film(path: Path, first: int, count: int, fps: float = FPS, size: tuple[int, int] = SIZE) -> Path:
@@ -66,11 +58,6 @@ def codes(findings: tuple[Finding, ...]) -> list[str]:
 
 
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return film(tmp_path_factory.mktemp("whole") / "whole.mp4", 1, 100)
-
-
-@pytest.fixture(scope="module")
 def layout(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Five pieces of two seconds, from 0.4 s after a whole second on."""
     folder = tmp_path_factory.mktemp("frigate") / "recordings"
@@ -86,87 +73,70 @@ def north(folder: Path) -> VideoSource:
 @pytest.fixture(scope="module")
 def untimed(layout: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The same pieces, called part9 to part13."""
-    folder = tmp_path_factory.mktemp("untimed")
-    for number, path in enumerate(sorted(layout.rglob("*.mp4")), start=9):
-        (folder / f"part{number}.mp4").write_bytes(path.read_bytes())
+    return renamed(layout, tmp_path_factory.mktemp("untimed"), [f"part{number}" for number in range(9, 14)])
+
+
+def renamed(layout: Path, folder: Path, names: list[str]) -> Path:
+    for name, path in zip(names, sorted(layout.rglob("*.mp4")), strict=True):
+        shutil.copy(path, folder / f"{name}.mp4")
     return folder
 
 
-def test_one_file_stays_one_file(whole: Path) -> None:
+def copied(folder: Path, tmp_path: Path) -> Path:
+    return shutil.copytree(folder, tmp_path, dirs_exist_ok=True)
+
+
+def test_one_file_stays_one_file(tmp_path: Path) -> None:
+    whole = film(tmp_path / "whole.mp4", 1, 100)
     found = open_source(VideoSource((whole,)))
-    assert (found.info.pieces, found.info.files, found.findings) == ((), (whole,), ())
-    assert read(found.info) == same(1, 100)
+    assert (found.info.pieces, found.info.files, found.findings, read(found.info)) == ((), (whole,), (), same(1, 100))
 
 
-@pytest.mark.parametrize("named", ["folder", "pattern", "numbered", "list"])
-def test_pieces_without_times_follow_at_once(untimed: Path, named: str) -> None:
+@pytest.mark.parametrize("named", [("",), ("part*.mp4",), ("part%d.mp4",), tuple(f"part{n}.mp4" for n in (13, 9, 10, 11, 12))])
+def test_pieces_without_times_follow_at_once(untimed: Path, named: tuple[str, ...]) -> None:
     """All their frames are those of the whole film, whatever rate is asked for."""
-    paths = {
-        "folder": (untimed,),
-        "pattern": (untimed / "part*.mp4",),
-        "numbered": (untimed / "part%d.mp4",),
-        "list": tuple(untimed / f"part{number}.mp4" for number in (13, 9, 10, 11, 12)),
-    }[named]
-    found = open_source(VideoSource(paths), "north")
+    found = open_source(VideoSource(tuple(untimed / name for name in named)), "north")
     assert codes(found.findings) == ["pieces_untimed"]
     info = found.info
     assert (info.size, info.clock_fps, info.variable, info.frames, info.seconds) == (SIZE, FPS, False, 100, 10.0)
-    assert read(info) == same(1, 100)
-    assert read(info, after=47) == same(48, 100)
+    assert (read(info), read(info, after=47)) == (same(1, 100), same(48, 100))
     assert read(info, rate=2.0) == [(number, number) for number in range(1, 101, 5)]
-    assert expected_count(info, 2.0) == 20
-    assert expected_count(info) == 100
+    assert (expected_count(info, 2.0), expected_count(info)) == (20, 100)
 
 
 def test_names_tell_where_pieces_lie(layout: Path) -> None:
     found = open_source(north(layout), "north")
-    assert found.findings == ()
-    assert read(found.info) == same(1, 100)
-    assert found.info.wall is not None
+    assert (found.findings, read(found.info)) == ((), same(1, 100))
     assert found.info.wall.utc
     assert abs(found.info.wall.seconds - (BEGIN + 0.4)) <= 0.5
-    extent = wall_extent(north(layout))
-    assert extent is not None
-    assert extent.begins == tuple(BEGIN + 2 * piece for piece in range(5))
-
-
-def test_a_common_origin_moves_all_numbers(layout: Path) -> None:
-    info = rebased(open_source(north(layout)).info, BEGIN - 60)
-    later = 10 * 60 + round(10 * (open_source(north(layout)).info.wall.seconds - BEGIN))  # type: ignore[union-attr]
-    assert read(info) == same(1, 100, later)
-    assert info.wall is not None
+    assert wall_extent(north(layout)).begins == tuple(BEGIN + 2 * piece for piece in range(5))
+    # A common origin moves all numbers.
+    info = rebased(found.info, BEGIN - 60)
+    assert read(info) == same(1, 100, 10 * 60 + round(10 * (found.info.wall.seconds - BEGIN)))
     assert info.wall.text == "2026-11-22T07:59:00+00:00"
 
 
 def test_missing_broken_and_cut_pieces_leave_gaps(layout: Path, tmp_path: Path) -> None:
-    for piece, path in enumerate(sorted(layout.rglob("*.mp4"))):
-        if piece == 1:
-            continue
-        copy = tmp_path / path.relative_to(layout)
-        copy.parent.mkdir(parents=True, exist_ok=True)
-        copy.write_bytes(b"" if piece == 3 else path.read_bytes())
+    pieces = sorted(copied(layout, tmp_path).rglob("*.mp4"))
+    pieces[1].unlink()
+    pieces[3].write_bytes(b"")
     found = open_source(north(tmp_path), "north")
     assert codes(found.findings) == ["pieces_unreadable", "recording_gaps"]
-    unreadable, gaps = found.findings
-    assert (unreadable.values["count"], unreadable.values["files"]) == (1, 4)
-    assert (gaps.values["count"], gaps.values["seconds"]) == (2, 4.0)
-    assert read(found.info) == same(1, 20) + same(41, 60) + same(81, 100)
-    assert found.info.seconds == 10.0
+    unreadable, gaps = (finding.values for finding in found.findings)
+    assert (unreadable["count"], unreadable["files"], gaps["count"], gaps["seconds"]) == (1, 4, 2, 4.0)
+    assert (read(found.info), found.info.seconds) == (same(1, 20) + same(41, 60) + same(81, 100), 10.0)
 
 
 def test_a_piece_that_breaks_while_it_is_read_is_counted(untimed: Path, tmp_path: Path) -> None:
-    for path in untimed.iterdir():
-        (tmp_path / path.name).write_bytes(path.read_bytes())
-    info = open_source(VideoSource((tmp_path,))).info
+    info = open_source(VideoSource((copied(untimed, tmp_path),))).info
     content = bytearray((tmp_path / "part10.mp4").read_bytes())
     begin = content.index(b"mdat") + 4
     content[begin : begin + len(content) // 2] = bytes(len(content) // 2)
     (tmp_path / "part10.mp4").write_bytes(content)
     (tmp_path / "part12.mp4").write_bytes(b"")
     reader = VideoReader(info)
-    shown = [frame.number for frame in reader]
-    assert set(range(1, 21)) | set(range(41, 61)) | set(range(81, 101)) <= set(shown)
-    assert reader.decoded is not None
+    shown = {frame.number for frame in reader}
+    assert {*range(1, 21), *range(41, 61), *range(81, 101)} <= shown
     assert reader.decoded.failed_pieces >= 1
     assert reader.decoded.failed_pieces + reader.decoded.broken >= 2
 
@@ -180,35 +150,26 @@ def test_overlapping_pieces_show_each_picture_once(tmp_path: Path) -> None:
 
 
 def test_pieces_of_another_size_or_rate_are_left_out(layout: Path, tmp_path: Path) -> None:
-    for path in sorted(layout.rglob("*.mp4")):
-        copy = tmp_path / path.relative_to(layout)
-        copy.parent.mkdir(parents=True, exist_ok=True)
-        copy.write_bytes(path.read_bytes())
+    copied(layout, tmp_path)
     film(frigate(tmp_path, 2), 21, 20, size=(48, 32))
     film(frigate(tmp_path, 6), 61, 40, fps=20)
     found = open_source(north(tmp_path), "north")
-    assert codes(found.findings) == ["pieces_differ", "recording_gaps"]
-    assert found.findings[0].values["count"] == 2
+    assert (codes(found.findings), found.findings[0].values["count"]) == (["pieces_differ", "recording_gaps"], 2)
     assert read(found.info) == same(1, 20) + same(41, 60) + same(81, 100)
 
 
 def test_mixed_cameras_are_an_error(layout: Path, tmp_path: Path) -> None:
-    for piece, path in enumerate(sorted(layout.rglob("*.mp4"))):
-        (tmp_path / f"part{piece}.mp4").write_bytes(path.read_bytes())
-        if piece < 3:
-            film(tmp_path / f"side{piece}.mp4", 1, 5, size=(48, 32))
+    """Of different sizes, or at the same times."""
+    (tmp_path / "mixed").mkdir()
+    renamed(layout, tmp_path / "mixed", [f"part{piece}" for piece in range(5)])
+    for piece in range(3):
+        film(tmp_path / "mixed" / f"side{piece}.mp4", 1, 5, size=(48, 32))
     with pytest.raises(InputError, match=r"5 of 96 x 64 .* and 3 of 48 x 32 .* several cameras"):
-        open_source(VideoSource((tmp_path,)))
-
-
-def test_two_cameras_at_the_same_times_are_an_error(layout: Path, tmp_path: Path) -> None:
-    for path in sorted(layout.rglob("*.mp4")):
-        for camera in ("north", "south"):
-            copy = tmp_path / path.relative_to(layout).parent.parent / camera / path.name
-            copy.parent.mkdir(parents=True, exist_ok=True)
-            copy.write_bytes(path.read_bytes())
+        open_source(VideoSource((tmp_path / "mixed",)))
+    for path in copied(layout, tmp_path / "two").glob("*/*/north"):
+        shutil.copytree(path, path.with_name("south"))
     with pytest.raises(InputError, match="several cameras"):
-        open_source(VideoSource((tmp_path,)))
+        open_source(VideoSource((tmp_path / "two",)))
 
 
 def test_all_broken_videos_and_pictures_beside_them_are_errors(tmp_path: Path) -> None:
@@ -224,8 +185,7 @@ def test_all_broken_videos_and_pictures_beside_them_are_errors(tmp_path: Path) -
 
 
 def test_a_file_that_grows_is_an_error(untimed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for path in untimed.iterdir():
-        (tmp_path / path.name).write_bytes(path.read_bytes())
+    copied(untimed, tmp_path)
     probe = recordings.probe
 
     def growing(path: Path):  # type: ignore[no-untyped-def]
@@ -259,7 +219,6 @@ def test_a_span_of_a_long_piece_is_entered_by_a_key_frame(tmp_path: Path, monkey
     film(folder / "20261122_080000.mp4", 1, 250, fps=5)
     film(folder / "20261122_080050.mp4", 1, 5, fps=5)
     whole = open_source(VideoSource((folder,))).info
-    assert whole.wall is not None
     begin = whole.wall.seconds
     span = WallSpan(begin + 40.0, begin + 44.0)
     decoded = []
@@ -274,8 +233,7 @@ def test_a_span_of_a_long_piece_is_entered_by_a_key_frame(tmp_path: Path, monkey
 
 
 def test_names_by_a_pattern(layout: Path, tmp_path: Path) -> None:
-    for piece, path in enumerate(sorted(layout.rglob("*.mp4"))):
-        (tmp_path / f"x080{0}{2 * piece:02}-22.11.26.mp4").write_bytes(path.read_bytes())
+    renamed(layout, tmp_path, [f"x0800{2 * piece:02}-22.11.26" for piece in range(5)])
     found = open_source(VideoSource((tmp_path,), names="x%H%M%S-%d.%m.%y.mp4"))
     assert read(found.info) == same(1, 100)
     with pytest.raises(InputError, match="is not built as video_names"):
@@ -295,43 +253,34 @@ def images(folder: Path, names: dict[str, int], size: tuple[int, int] = SIZE) ->
 def test_numbered_pictures_keep_their_numbers(tmp_path: Path) -> None:
     folder = images(tmp_path / "north", {f"frame_{n:06}.jpg": n for n in range(3, 60) if n not in range(20, 40)})
     found = open_source(VideoSource((folder,), fps=10.0), "north")
-    assert codes(found.findings) == ["recording_gaps"]
-    assert found.findings[0].values["seconds"] == pytest.approx(2.0)
+    assert (codes(found.findings), found.findings[0].values["seconds"]) == (["recording_gaps"], pytest.approx(2.0))
     assert read(found.info) == same(3, 19) + same(40, 59)
     assert (found.info.size, found.info.variable, found.info.clock_fps) == (SIZE, False, 10.0)
     assert read(found.info, rate=2.0) == [(n, n) for n in (3, 6, 11, 16, 40, 41, 46, 51, 56)]
     with pytest.raises(InputError, match=r"37 numbered images, and their rate is not known: set fps"):
         open_source(VideoSource((folder,)))
-
-
-def test_numbers_from_zero_count_from_one(tmp_path: Path) -> None:
-    folder = images(tmp_path, {f"{n:08}.png": n for n in range(10)})
+    # Those from zero count from one.
+    folder = images(tmp_path / "south", {f"{n:08}.png": n for n in range(10)})
     assert read(open_source(VideoSource((folder,), fps=5.0)).info) == [(n + 1, n) for n in range(10)]
 
 
 def test_a_table_tells_times(tmp_path: Path) -> None:
     folder = images(tmp_path / "images", {f"{name}.jpg": n for n, name in enumerate("abcd", start=1)})
     table = tmp_path / "times.csv"
-    table.write_text("file,time\nimages/b.jpg,10.5\na.jpg,10.0\nc.jpg,11.25\nd.jpg,13\n")
-    found = open_source(VideoSource((folder,), times=table))
-    assert read(found.info) == [(1, 1), (51, 2), (126, 3), (301, 4)]
-    assert found.info.wall is None
-    table.write_text("a.jpg,2026-11-22T08:00:00.5\nb.jpg,2026-11-22T08:00:01\n")
+
+    def opened(rows: str, *names: str):  # type: ignore[no-untyped-def]
+        table.write_text(rows)
+        return open_source(VideoSource(tuple(folder / name for name in names or ("",)), times=table)).info
+
+    info = opened("file,time\nimages/b.jpg,10.5\na.jpg,10.0\nc.jpg,11.25\nd.jpg,13\n")
+    assert read(info) == [(1, 1), (51, 2), (126, 3), (301, 4)]
+    assert info.wall is None
     with pytest.raises(InputError, match=r"has no time of c\.jpg \(2 of 4"):
-        open_source(VideoSource((folder,), times=table))
-    table.write_text("a.jpg,2026-11-22T08:00:00.5\nb.jpg,soon\n")
+        opened("a.jpg,2026-11-22T08:00:00.5\nb.jpg,2026-11-22T08:00:01\n")
     with pytest.raises(InputError, match="row 2"):
-        open_source(VideoSource((folder,), times=table))
-    found = open_source(
-        VideoSource((folder / "a.jpg", folder / "b.jpg"), times=_table(table, "a.jpg,2026-11-22T09:00:00+01:00"))
-    )
-    assert found.info.wall is not None
-    assert (found.info.wall.seconds, found.info.wall.utc) == (BEGIN, True)
-
-
-def _table(path: Path, first: str) -> Path:
-    path.write_text(f"{first}\nb.jpg,2026-11-22T08:00:01Z\n")
-    return path
+        opened("a.jpg,2026-11-22T08:00:00.5\nb.jpg,soon\n")
+    wall = opened("a.jpg,2026-11-22T09:00:00+01:00\nb.jpg,2026-11-22T08:00:01Z\n", "a.jpg", "b.jpg").wall
+    assert (wall.seconds, wall.utc) == (BEGIN, True)
 
 
 def with_exif(path: Path, taken: str, below: str, orientation: int = 1) -> None:
@@ -348,76 +297,52 @@ def with_exif(path: Path, taken: str, below: str, orientation: int = 1) -> None:
     path.write_bytes(jpeg[:2] + b"\xff\xe1" + struct.pack(">H", len(segment) + 2) + segment + jpeg[2:])
 
 
-def test_exif_tells_times(tmp_path: Path) -> None:
-    folder = images(tmp_path, {"IMG_8812.jpg": 1, "IMG_8815.jpg": 2, "IMG_0001.jpg": 3})
+def test_exif_tells_times_and_which_way_up_pictures_stand(tmp_path: Path) -> None:
+    folder = images(tmp_path / "a", {"IMG_8812.jpg": 1, "IMG_8815.jpg": 2, "IMG_0001.jpg": 3})
     for name, second, below in (("IMG_8812.jpg", 0, "25"), ("IMG_8815.jpg", 0, "75"), ("IMG_0001.jpg", 2, "25")):
         with_exif(folder / name, f"2026:11:22 08:00:{second:02}", below)
     info = open_source(VideoSource((folder,))).info
     assert read(info) == [(1, 1), (51, 2), (201, 3)]
-    assert info.wall is not None
-    assert (info.wall.seconds, info.wall.utc) == (BEGIN + 0.25, False)
-    assert info.camera.focal_35mm == 28.0
-
-
-def test_pictures_stand_upright(tmp_path: Path) -> None:
-    folder = images(tmp_path, {"1.jpg": 1, "2.jpg": 2})
+    assert (info.wall.seconds, info.wall.utc, info.camera.focal_35mm) == (BEGIN + 0.25, False, 28.0)
+    folder = images(tmp_path / "b", {"1.jpg": 1, "2.jpg": 2})
     for name in ("1.jpg", "2.jpg"):
         with_exif(folder / name, "2026:11:22 08:00:00", "25", orientation=6)
     info = open_source(VideoSource((folder,), fps=1.0)).info
-    assert info.size == SIZE[::-1]
-    assert [frame.picture.shape[:2] for frame in VideoReader(info)] == [SIZE, SIZE]
+    assert (info.size, [frame.picture.shape[:2] for frame in VideoReader(info)]) == (SIZE[::-1], [SIZE, SIZE])
 
 
 def test_broken_pictures_and_others_sizes_are_left_out(tmp_path: Path) -> None:
     folder = images(tmp_path, {f"{n:03}.png": n for n in range(1, 9)})
     (folder / "003.png").write_bytes(b"")
-    cv2.imwrite(str(folder / "005.png"), numbered(5, (48, 32)))
+    images(folder, {"005.png": 5}, (48, 32))
     (folder / "007.png").write_bytes((folder / "007.png").read_bytes()[:60])
     found = open_source(VideoSource((folder,), fps=1.0), "north")
     assert codes(found.findings) == ["pieces_unreadable", "pieces_differ"]
     reader = VideoReader(found.info)
-    assert [frame.number for frame in reader] == [1, 2, 4, 6, 8]
-    assert reader.decoded is not None
-    assert reader.decoded.failed_pieces == 1
+    assert ([frame.number for frame in reader], reader.decoded.failed_pieces) == ([1, 2, 4, 6, 8], 1)
 
 
 # --- what others make of them -----------------------------------------------------------------------------------------------
 
 
-def test_a_still_of_a_piece(layout: Path) -> None:
+def test_a_still_of_a_piece_and_of_pictures(layout: Path, tmp_path: Path) -> None:
     info = rebased(open_source(north(layout)).info, BEGIN - 60)
     first = read(info)[0][0]
     number = np.arange(first, first + 100)
     found = still(info, number, np.where(number == first + 66, 2.0, 1.0))
-    assert found is not None
     assert (found.number, number_in(found.picture)) == (first + 66, 67)
-
-
-def test_a_still_of_pictures(tmp_path: Path) -> None:
     folder = images(tmp_path, {f"{n:03}.png": n for n in range(1, 9)})
     found = still(open_source(VideoSource((folder,), fps=1.0)).info, np.arange(1, 9), np.arange(8.0))
-    assert found is not None
     assert (found.number, number_in(found.picture)) == (8, 8)
 
 
-def test_kept_results_know_their_pieces(untimed: Path, tmp_path: Path) -> None:
-    folder = tmp_path / "copy"
-    folder.mkdir()
-    for path in untimed.iterdir():
-        (folder / path.name).write_bytes(path.read_bytes())
-    info = open_source(VideoSource((untimed,))).info
-    copy = open_source(VideoSource((folder,))).info
+def test_kept_results_know_their_pieces_and_notice_one_that_changes(untimed: Path, tmp_path: Path) -> None:
+    info, copy = (open_source(VideoSource((folder,))).info for folder in (untimed, copied(untimed, tmp_path)))
     assert video_identity(info) == video_identity(copy)
-    (folder / "part13.mp4").unlink()
-    assert video_identity(open_source(VideoSource((folder,))).info) != video_identity(info)
-
-
-def test_a_piece_that_changes_is_noticed(untimed: Path, tmp_path: Path) -> None:
-    for path in untimed.iterdir():
-        (tmp_path / path.name).write_bytes(path.read_bytes())
-    info = open_source(VideoSource((tmp_path,))).info
-    state = VideoFilesState(info)
+    state = VideoFilesState(copy)
     assert state.changed(3.0) is None
     os.utime(tmp_path / "part12.mp4", (1, 1))
     assert state.changed(5.0) is None
     assert state.changed(float("inf")) == tmp_path / "part12.mp4"
+    (tmp_path / "part13.mp4").unlink()
+    assert video_identity(open_source(VideoSource((tmp_path,))).info) != video_identity(info)

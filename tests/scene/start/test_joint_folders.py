@@ -1,7 +1,5 @@
 """Folders with a JSON file of people per frame, as OpenPose and Pose2Sim write them, become cameras or belong to them."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

