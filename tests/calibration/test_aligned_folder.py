@@ -1,7 +1,5 @@
 """An output folder in another frame of the world: nothing of the old one stays in it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

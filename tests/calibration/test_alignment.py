@@ -1,6 +1,5 @@
 """A rig laid upon points or positions: truth from rigs that were moved by a known motion."""
 
-import re
 from dataclasses import replace
 
 import numpy as np
@@ -13,19 +12,15 @@ from passerby.common.errors import EvidenceError, InputError
 from passerby.core.cameras import Camera, Lens, Pose, PoseSigma, Rig
 from passerby.core.scale_cues import KnownPoint, KnownPosition
 from passerby.geometry.alignment import KnownPositions, fit_world
-from passerby.geometry.geodesy import east_north_up, mean_place
 from passerby.geometry.rotations import exp_rotation
+from support.scenes.people_and_rigs import looking_at
 
 LENS = Lens((1280, 720), np.array([[900.0, 0, 640], [0, 900, 360], [0, 0, 1]]), np.array([-0.1, 0.02, 0, 0, 0]))
 SPOTS = ((-9.0, -8.0, 3.1), (9.0, -7.0, 2.7), (8.0, 9.0, 4.2), (-8.0, 8.0, 3.6))
 
 
-def looking(spot, at=(0.0, 0.0, 0.5), lens=LENS, name="C1", **rest):
-    z = np.subtract(at, spot)
-    z /= np.linalg.norm(z)
-    x = np.cross(z, (0, 0, 1.0))
-    x /= np.linalg.norm(x)
-    return Camera(name, lens, Pose.from_centre(np.array([x, np.cross(z, x), z]), np.array(spot)), **rest)
+def looking(spot, at=(0.0, 0.0, 0.5), name="C1", **rest):
+    return Camera(name, LENS, looking_at(spot, at), **rest)
 
 
 def square(sigma=None):
@@ -61,8 +56,9 @@ def positions_in(rig, rng=None, sd=0.0):
 
 def apart(a, b):
     """Largest difference of two rigs: centres in metres, rotations."""
+    pairs = zip(a, b, strict=True)
     return max(
-        max(np.abs(x.centre - y.centre).max(), np.abs(x.pose.R_cw - y.pose.R_cw).max()) for x, y in zip(a, b, strict=True)
+        np.abs(np.subtract(getattr(x.pose, of), getattr(y.pose, of))).max() for x, y in pairs for of in ("centre", "R_cw")
     )
 
 
@@ -111,11 +107,13 @@ def test_any_rotation_and_height_too(turn, shift, scale, by_points):
 
 
 def test_coordinates_of_a_national_grid():
-    """Millions of metres from the origin, to a tenth of a millimetre."""
+    """Millions of metres from the origin, to a tenth of a millimetre; the same digits each time."""
     wanted = square().moved(*turned(2.0, (465_000.0, 5_822_000.0, 0.0)))
     assert apart(align_to_positions(square(), positions_in(wanted)).rig, wanted) < 1e-4
     points = points_in(wanted, 5, np.random.default_rng(3), 1.0)
-    assert apart(align_to_points(square(), points, with_scale=True).rig, wanted) < 1e-4
+    first, second = (align_to_points(square(), points, with_scale=True) for _ in range(2))
+    assert apart(first.rig, wanted) < 1e-4
+    assert first.figures == second.figures
 
 
 def test_tilt_without_scale_from_single_sightings():
@@ -144,12 +142,9 @@ def test_origin_and_heading_by_a_camera():
     rig = square().moved(*turned(0.7, (3, 4, 0)))
     aligned = align_to_camera(rig, "C2")
     assert aligned.rig["C2"].centre == pytest.approx((0, 0, SPOTS[1][2]), abs=1e-12)
-    appearance = aligned.rig["C2"].pose.R_cw[2]
-    assert appearance[1] == pytest.approx(0, abs=1e-12)
-    assert appearance[0] > 0
-    towards = align_to_camera(rig, "C2", "C4").rig["C4"].centre
-    assert towards[1] == pytest.approx(0, abs=1e-12)
-    assert towards[0] > 0
+    for along in (aligned.rig["C2"].pose.R_cw[2], align_to_camera(rig, "C2", "C4").rig["C4"].centre):
+        assert along[1] == pytest.approx(0, abs=1e-12)
+        assert along[0] > 0
     assert aligned.rig.metadata == {"a": "b", "world": "camera C2"}
     assert aligned.rig.verdict == "accepted"
 
@@ -275,7 +270,7 @@ def test_a_wrong_point_is_named():
     assert apart(aligned.rig, wanted) < 0.1
 
 
-@pytest.mark.parametrize(("with_scale", "tilt"), [(False, False), (True, False), (False, True), (True, True)])
+@pytest.mark.parametrize(("with_scale", "tilt"), [(False, False), (True, True)])
 def test_left_handed_coordinates_are_named(with_scale, tilt):
     flipped = [KnownPoint(p.name, p.xyz * (1, -1, 1), p.pixels) for p in points_in(square(), 6, np.random.default_rng(8), 1.0)]
     with pytest.raises(InputError, match="left-handed"):
@@ -328,37 +323,21 @@ def test_cameras_without_a_pose_are_left_out_and_told():
         align_to_points(rig, [KnownPoint("a", np.zeros(3), {"C1": (1500.0, 5.0)})])
 
 
-def test_another_scale_is_told():
+def test_positions_that_fit_poorly_are_told_with_the_scale_that_would_fit():
     wanted = square().moved(*turned(0.5, (1, 2, 0), 1.06))
-    aligned = align_to_positions(square(), positions_in(wanted, sd=0.02))
-    assert "residual of the positions is 0.7" in aligned.notes[0]
-    assert re.search(r"should be (5.9|6.[01]) % larger .*`scale`", aligned.notes[1])
+    poor, scale = align_to_positions(square(), positions_in(wanted, sd=0.02)).diagnostics[:2]
+    assert (poor.code, scale.code, scale.values["larger"]) == ("places_fit_poorly", "places_want_scale", True)
+    assert poor.values["off_m"] == pytest.approx(0.7, abs=0.05)
+    assert scale.values["percent"] == pytest.approx(6.0, abs=0.15)
 
 
-@pytest.mark.parametrize(("count", "told"), [(2, False), (3, True), (4, True)])
+@pytest.mark.parametrize(("count", "told"), [(2, False), (3, True)])
 def test_three_places_tell_another_scale_and_two_do_not(count, told):
     """Two that are apart by another length than in the rig may as well be wrong themselves."""
     wanted = square().moved(*turned(0.5, (1, 2, 0), 1.06))
     aligned = align_to_positions(square(), [replace(one, sd_m=0.3) for one in positions_in(wanted)[:count]])
-    assert [one.values["percent"] for one in aligned.diagnostics if one.code == "places_want_scale"] == [
-        pytest.approx(6.0, abs=0.1)
-    ] * told
-
-
-def test_geodetic_positions():
-    """Known answer: one second of latitude and longitude at 52 degrees north, from the radii of curvature of WGS 84."""
-    origin = np.array([52.0, 13.0, 100.0])
-    second = 1 / 3600
-    moved = east_north_up(np.array([[52 + second, 13, 100], [52, 13 + second, 100], [52, 13, 107.0]]), origin)
-    a, e2 = 6378137.0, 0.00669437999014
-    w = np.sqrt(1 - e2 * np.sin(np.radians(52)) ** 2)
-    meridian, across = a * (1 - e2) / w**3 + 100, (a / w + 100) * np.cos(np.radians(52))
-    assert moved[0] == pytest.approx((0, meridian * np.radians(second), 0), abs=1e-3)
-    assert moved[1] == pytest.approx((across * np.radians(second), 0, 0), abs=1e-3)
-    assert moved[2] == pytest.approx((0, 0, 7), abs=1e-6)
-    assert mean_place(np.array([[1.0, 179.9, 0], [1, -179.9, 2]])) == pytest.approx((1, -180, 1)) or mean_place(
-        np.array([[1.0, 179.9, 0], [1, -179.9, 2]])
-    ) == pytest.approx((1, 180, 1))
+    percents = [one.values["percent"] for one in aligned.diagnostics if one.code == "places_want_scale"]
+    assert percents == [pytest.approx(6.0, abs=0.1)] * told
 
 
 @pytest.mark.parametrize("tilt", [False, True])
@@ -375,12 +354,6 @@ def test_a_rig_by_latitude_and_longitude(tilt):
     assert latitude == pytest.approx(0, abs=1e-5)
     assert altitude == pytest.approx(80, abs=0.01)
     assert aligned.rig.metadata["geodetic_origin"].endswith(" 80.000")
-
-
-def test_the_same_digits_each_time():
-    points = points_in(square(), 6, np.random.default_rng(11), noise_px=2.0)
-    first, second = (align_to_points(square(), points).figures for _ in range(2))
-    assert first == second
 
 
 def test_what_all_cameras_are_unsure_of_together_is_the_scale():

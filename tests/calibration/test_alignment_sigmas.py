@@ -1,7 +1,5 @@
 """Sigmas in a world that known places set: errors drawn from what a rig and a survey state are as large as stated."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,7 +14,7 @@ from passerby.common.arrays import Floats
 from passerby.core.cameras import Camera, Lens, Pose, PoseSigma, Rig
 from passerby.core.scale_cues import FloorPlan, KnownPoint, KnownPosition, PlannedCamera
 from passerby.geometry.rotations import angle_between, exp_rotation
-from passerby.simulation.lenses import looking_at
+from support.scenes.people_and_rigs import looking_at
 
 LENS = Lens((1280, 720), np.array([[900.0, 0, 640], [0, 900, 360], [0, 0, 1]]), np.zeros(4))
 SPOTS = ((-9.0, -8.0, 3.1), (9.0, -7.0, 2.7), (8.0, 9.0, 4.2), (-8.0, 8.0, 3.6), (0.5, -11.0, 3.0))
@@ -26,12 +24,7 @@ OWN = np.diag([OWN_M**2] * 3 + [OWN_RAD**2] * 3)
 
 
 def truth() -> Rig:
-    aim = np.array([0.0, 0.0, 0.8])
-    cameras = []
-    for number, spot in enumerate(SPOTS, start=1):
-        centre = np.array(spot)
-        cameras.append(Camera(f"C{number}", LENS, Pose.from_centre(looking_at(centre, aim), centre)))
-    return Rig(tuple(cameras))
+    return Rig(tuple(Camera(f"C{n}", LENS, looking_at(spot, (0.0, 0.0, 0.8))) for n, spot in enumerate(SPOTS, start=1)))
 
 
 def scale_move(rig: Rig, name: str) -> Floats:
@@ -101,16 +94,15 @@ def test_errors_in_the_known_world_are_as_large_as_stated(count: int) -> None:
 
 @pytest.mark.parametrize("count", [3, 5])
 def test_errors_on_a_plan_are_as_large_as_stated(count: int) -> None:
-    rng = np.random.default_rng(count)
+    rng, unit = np.random.default_rng(count), 0.001
     position, orientation = list[float](), list[float]()
     for _ in range(25):
-        unit, some = 0.001, rng.permutation(len(SPOTS))[:count].tolist()
-        places = {f"C{k + 1}": np.array(SPOTS[k][:2]) + SURVEYED_M * rng.standard_normal(2) for k in some}
+        places = {f"C{k + 1}": np.array(SPOTS[k][:2]) + SURVEYED_M * rng.standard_normal(2)
+                  for k in rng.permutation(len(SPOTS))[:count].tolist()}  # fmt: skip
         cameras = tuple(PlannedCamera(name, (xy[0] / unit, -xy[1] / unit), SURVEYED_M) for name, xy in places.items())
         aligned = align_to_plan(estimated(rng), FloorPlan("hall", unit, 1e-4, cameras), Path("hall.png"), with_scale=True)
-        found = errors_in_sigmas(aligned.rig)
-        position += found[0]
-        orientation += found[1]
+        for every, found in zip((position, orientation), errors_in_sigmas(aligned.rig), strict=True):
+            every += found
     assert 0.75 < rms(position) < 1.15
     assert 0.75 < rms(orientation) < 1.15
 
@@ -137,23 +129,17 @@ def test_points_say_the_scale_too() -> None:
 
 def test_what_is_common_is_taken_off_and_no_more() -> None:
     rig = stated(truth(), tilt=np.radians(0.5))
-    own = own_covariances(rig, with_scale=True, tilt=True)
-    for camera in rig:
-        left = own[camera.name]
+    for name, left in own_covariances(rig, with_scale=True, tilt=True).items():
         assert (np.linalg.eigvalsh(left) > -1e-12).all()
         assert np.sqrt(np.trace(left[:3, :3])) < 2.0 * np.sqrt(3) * OWN_M
-        assert np.sqrt(np.trace(left[3:, 3:])) < 0.6 * np.radians(camera.sigma.orientation_deg)
+        assert np.sqrt(np.trace(left[3:, 3:])) < 0.6 * np.radians(rig[name].sigma.orientation_deg)
     kept = own_covariances(rig, with_scale=False, tilt=False)
     assert all((kept[camera.name] == camera.sigma.covariance).all() for camera in rig)
-
-
-@pytest.mark.parametrize("count", [2, 3, 5])
-def test_what_is_a_cameras_own_stays_but_for_one_direction(count: int) -> None:
-    """Of three equal variances the scale can take one off at most, with two cameras as with many."""
-    rig = stated(Rig(truth().cameras[:count]))
-    for left in own_covariances(rig, with_scale=True, tilt=False).values():
-        assert 0.66 * 3 * OWN_M**2 < np.trace(left[:3, :3]) < 1.5 * 3 * OWN_M**2
-        np.testing.assert_allclose(left[3:, 3:], OWN[3:, 3:], rtol=1e-6, atol=1e-9)
+    # Of three equal variances the scale can take one off at most, with two cameras as with many.
+    for count in (2, 5):
+        for left in own_covariances(stated(Rig(truth().cameras[:count])), with_scale=True, tilt=False).values():
+            assert 0.66 * 3 * OWN_M**2 < np.trace(left[:3, :3]) < 1.5 * 3 * OWN_M**2
+            np.testing.assert_allclose(left[3:, 3:], OWN[3:, 3:], rtol=1e-6, atol=1e-9)
 
 
 def test_one_camera_that_is_sure_holds_the_common_scale_down() -> None:
@@ -166,18 +152,20 @@ def test_one_camera_that_is_sure_holds_the_common_scale_down() -> None:
 
 
 def test_sigmas_without_covariances_and_rigs_without_sigmas() -> None:
+    """What they leave does not depend on the origin of the world."""
     bare = truth()
-    assert position_sds(bare, True) == dict.fromkeys(bare.names, 0.0)
     single = stated(bare)
     plain = Rig(tuple(replace(c, sigma=replace(c.sigma, covariance=None)) for c in single))
     by_size, by_covariance = position_sds(plain, True), position_sds(single, True)
     for name in bare.names:
         assert by_covariance[name] < 2.0 * OWN_M
         assert by_size[name] < 0.5 * single[name].sigma.position_m / np.sqrt(3)
-    infinite = Rig(tuple(replace(c, sigma=PoseSigma(np.inf, 1.0)) for c in bare))
-    assert position_sds(infinite, True) == dict.fromkeys(bare.names, 0.0)
+    for none in (bare, Rig(tuple(replace(c, sigma=PoseSigma(np.inf, 1.0)) for c in bare))):
+        assert position_sds(none, True) == position_sds(none, False) == dict.fromkeys(bare.names, 0.0)
     known = align_to_positions(plain, surveyed(np.random.default_rng(3), 4)).rig["C1"].sigma
     assert (known.position_m, known.covariance) == (plain["C1"].sigma.position_m, None)
+    far = plain.moved(exp_rotation(np.array([0.0, 0.0, 2.0])), np.array([150.0, -80.0, 0.0]))
+    assert position_sds(far, True) == pytest.approx(by_size, rel=1e-6)
 
 
 @pytest.mark.parametrize("tilt", [False, True])
@@ -192,10 +180,3 @@ def test_moves_are_the_derivatives_of_the_motion(tilt: bool) -> None:
         turned = pose.R_cw @ turn.T @ pose.R_cw.T
         seen = np.array([turned[2, 1] - turned[1, 2], turned[0, 2] - turned[2, 0], turned[1, 0] - turned[0, 1]]) / 2
         np.testing.assert_allclose(moves[3:, column], seen / step, atol=1e-5)
-
-
-def test_what_sigmas_without_covariances_leave_does_not_depend_on_the_origin_of_the_world() -> None:
-    plain = Rig(tuple(replace(c, sigma=replace(c.sigma, covariance=None)) for c in stated(truth())))
-    far = plain.moved(exp_rotation(np.array([0.0, 0.0, 2.0])), np.array([150.0, -80.0, 0.0]))
-    here, there = position_sds(plain, True), position_sds(far, True)
-    assert there == pytest.approx(here, rel=1e-6)

@@ -1,7 +1,5 @@
 """What is told of a camera that moved or zoomed, and what of its people is left out."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -36,7 +34,6 @@ def motion(first: int, last: int, *, fps: float | None = FPS, zoom: float = 1.0,
 def test_a_move_is_told_with_when_it_was_or_with_there_and_back(
     moved: DetectedMotion, frames: list[int], seconds: list[float], left_out: str
 ) -> None:
-    """The moment of the move is where the part that is left out ends or begins, not the recording."""
     told = moved.finding
     severity = "notice" if left_out == "between" else "doubt"  # the rig is right before and after
     assert (told.code, told.severity, told.cameras) == ("camera_moved", severity, ("B",))
@@ -50,18 +47,14 @@ def test_a_move_is_told_with_when_it_was_or_with_there_and_back(
     assert seconds[1] + MARGIN_S <= told.values["from_s"] < seconds[1] + MARGIN_S + 1
 
 
-def test_without_a_frame_rate_a_move_is_told_in_frames_alone() -> None:
-    told = motion(501, 1000, fps=None, at_end=True).finding.values
-    assert told["frames"] == [501, 501]
-    assert told["seconds"] is told["until_s"] is told["from_s"] is None
-
-
 @pytest.mark.parametrize(("ends", "factor"), [({"at_end": True}, 1.25), ({}, 1.25), ({"at_start": True}, 0.8)])
 def test_a_zoom_is_told_as_the_picture_changed_in_the_course_of_time(ends: dict[str, bool], factor: float) -> None:
-    """1.25 times the focal length before is 0.8 times after."""
-    told = motion(501, 1000, zoom=1.25, **ends).finding
+    """1.25 times the focal length before is 0.8 times after; without a frame rate it is told in frames alone."""
+    told = motion(501, 1000, fps=None, zoom=1.25, **ends).finding
     assert told.code == "camera_moved"
     assert told.values["factor"] == pytest.approx(factor)
+    assert told.values["frames"] == ([501, 1000] if not ends else [501, 501] if "at_end" in ends else [1001, 1001])
+    assert told.values["seconds"] is told.values["until_s"] is told.values["from_s"] is None
 
 
 @pytest.mark.parametrize(("fps", "margin"), [(20.0, 10), (4.0, 2)])

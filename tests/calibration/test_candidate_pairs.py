@@ -1,7 +1,5 @@
 """Which pairs of cameras a calibration compares: all in small scenes, candidates in large ones, or what the user says."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import pytest
@@ -11,23 +9,6 @@ from passerby.calibration.association_run import AssociationOptions
 from passerby.calibration.association_start import _find_candidates
 from passerby.common.progress import silent
 from passerby.simulation import SimulationOptions, simulate
-
-
-class Listener:
-    """Takes notes."""
-
-    def __init__(self) -> None:
-        self.notes: list[str] = []
-
-    def __call__(self, stage: str, done: int = 0, total: int = 0, *, part: str = "") -> None:
-        pass
-
-    def note(self, text: str) -> None:
-        self.notes.append(text)
-
-
-def cameras(count: int) -> list:
-    return [SimpleNamespace(name=f"C{number + 1}", tracks=None) for number in range(count)]
 
 
 @pytest.mark.parametrize(
@@ -42,16 +23,11 @@ def cameras(count: int) -> list:
     ],
 )
 def test_when_all_pairs_are_compared(count, search_s, options, all_pairs):
-    found = _find_candidates(cameras(count), search_s, options, silent)
+    cameras = [SimpleNamespace(name=f"C{number + 1}", tracks=None) for number in range(count)]
+    found = _find_candidates(cameras, search_s, options, silent)
     assert (found is None) == all_pairs
     if options.groups:
         assert list(found.found_by) == [(0, 2)]
-
-
-def test_the_number_of_pairs_is_told():
-    heard = Listener()
-    _find_candidates(cameras(4), 5.0, AssociationOptions(groups=(("C1", "C2"), ("C2", "C3"))), heard)
-    assert heard.notes == ["2 of 6 pairs of cameras are tried"]
 
 
 @pytest.mark.slow

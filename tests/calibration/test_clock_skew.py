@@ -1,7 +1,5 @@
 """What drifts of clocks change in the frame rates, and what is too little or too unsure to change them."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import pytest
@@ -27,15 +25,14 @@ def rates(correction):
     return {name: clock.fps for name, clock in correction.inputs.observations.clocks.items()}
 
 
-def test_the_rate_is_corrected_by_what_the_clock_runs_ahead():
+@pytest.mark.parametrize("rate", [0.04, -0.04])
+def test_the_rate_is_corrected_by_what_the_clock_runs_ahead(rate):
     """A clock that counts 25 frames a second, where there are 26, shows 1.04 s each second."""
-    found = correct_clock_rates(INPUTS, estimated(C2=(0.04, 1e-4)))
-    assert rates(found) == {"C1": FPS, "C2": pytest.approx(1.04 * FPS, rel=0.002), "C3": FPS}
-    found = correct_clock_rates(INPUTS, estimated(C2=(-0.04, 1e-4)))
-    assert rates(found) == {"C1": FPS, "C2": pytest.approx(0.96 * FPS, rel=0.002), "C3": FPS}
+    found = correct_clock_rates(INPUTS, estimated(C2=(rate, 1e-4)))
+    assert rates(found) == {"C1": FPS, "C2": pytest.approx((1 + rate) * FPS, rel=0.002), "C3": FPS}
 
 
-@pytest.mark.parametrize(("rate", "sigma"), [(0.04, 0.02), (-0.04, 0.02), (2e-4, 1e-6), (-2e-4, 1e-6)])
+@pytest.mark.parametrize(("rate", "sigma"), [(0.04, 0.02), (-2e-4, 1e-6)])
 def test_a_drift_that_is_unsure_or_of_milliseconds_changes_no_rate(rate, sigma):
     """2e-4 is 20 ms over the recording, less than sound clocks seem to drift by."""
     assert correct_clock_rates(INPUTS, estimated(C2=(rate, sigma))) is None

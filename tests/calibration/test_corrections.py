@@ -1,7 +1,5 @@
 """Corrections of the input: in which order, how often at most, and which of them are dropped."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 
@@ -82,20 +80,15 @@ def corrected(
     return (*ended.value.args, estimates)  # type: ignore[return-value]
 
 
-def test_sound_inputs_are_estimated_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    corrections, _, estimates = corrected(monkeypatch, {})
-    assert (corrections.made, estimates) == ((), [""])
-
-
 def test_faults_are_sought_in_one_order_and_from_the_first_again_after_each_correction(monkeypatch: pytest.MonkeyPatch) -> None:
     corrections, estimate, estimates = corrected(monkeypatch, {"m": 1, "c": 1, "r": 2})
     assert estimates == ["", "r", "rr", "rrc", "rrcm"]
     assert estimate.solution.method == "rrcm"
     assert [type(one) for one in corrections.made] == [*2 * [ClockRateCorrection], ClockCorrection, MotionCorrection]
-
-
-def test_clock_rates_are_corrected_where_the_scene_asks_for_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert corrected(monkeypatch, {"r": 2}, refined=())[2] == [""]
+    # Sound inputs are estimated once, and clock rates are corrected only where the scene asks for it.
+    for faults, refined in (({}, ("clock_rate",)), ({"r": 2}, ())):
+        corrections, _, estimates = corrected(monkeypatch, faults, refined=refined)
+        assert (corrections.made, estimates) == ((), [""])
 
 
 def test_a_tentative_correction_that_makes_it_worse_is_dropped_and_not_tried_again(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,7 +1,5 @@
 """Clocks that drift: told in every mode, and set right by the people where that is asked for."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import pytest

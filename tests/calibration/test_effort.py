@@ -3,7 +3,6 @@
 import pytest
 
 from passerby.calibration.effort import Effort, Step, foresee, is_enough, note_of_effort, sizes
-from passerby.findings.texts import text_of
 
 AIMED = Effort(target_m=0.05)
 
@@ -13,9 +12,7 @@ def step(used_s, points_m=0.03, ground_m=0.2, verdict="accepted", ended_s=10.0):
 
 
 def test_each_step_is_twice_as_long_to_the_end():
-    assert list(sizes(0)) == [0]
-    assert list(sizes(1)) == [1]
-    assert list(sizes(11)) == [1, 2, 4, 8, 11]
+    assert [list(sizes(count)) for count in (0, 1, 11)] == [[0], [1], [1, 2, 4, 8, 11]]
 
 
 @pytest.mark.parametrize(
@@ -32,19 +29,9 @@ def test_each_step_is_twice_as_long_to_the_end():
         ([step(30, None, None, "refused"), step(60, None, None, "refused")], False),
         ([step(60, 0.04, verdict="doubtful"), step(120, 0.039, verdict="doubtful")], False),
     ],
-    ids=[
-        "not confirmed",
-        "target",
-        "still better",
-        "too little for a missed target",
-        "barely better",
-        "verdict changes",
-        "doubt, better",
-        "doubt, settled",
-        "none",
-        "too little for a doubt",
-    ],
-)
+    ids=["not confirmed", "target", "still better", "too little for a missed target", "barely better", "verdict changes",
+         "doubt, better", "doubt, settled", "none", "too little for a doubt"],
+)  # fmt: skip
 def test_it_ends_where_the_target_is_reached_or_more_would_barely_help(steps, enough):
     assert is_enough(steps, AIMED) is enough
     assert not is_enough(steps, Effort(target_m=None))
@@ -63,6 +50,6 @@ def test_what_more_would_bring_is_foreseen():
     assert points == pytest.approx((0.03**2 + 0.01**2) ** 0.5)
     assert ground is None
     note = note_of_effort(steps, 960.0)
-    assert "240 s of 960 s of the videos were used" in text_of(note)
-    assert "points from 3.6 to about 3.2 cm" in text_of(note)
+    assert (note.values["used_s"], note.values["recorded_s"]) == (240, 960.0)
+    assert (note.values["now_points_m"], note.values["points_m"]) == (steps[-1].points_m, points)
     assert note_of_effort(steps, 240.0) is None

@@ -1,7 +1,5 @@
 """A calibration of recordings that begin minutes apart."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

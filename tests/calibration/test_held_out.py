@@ -1,7 +1,5 @@
 """People held out of the adjustment: what is held out, and what they say of a rig."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -24,7 +22,6 @@ def scene():
 
 def figures_of(rig, instants, seed=0) -> HeldOutFigures:
     found = hold_out(rig, instants, HEIGHT_M, seed)
-    assert found is not None
     assert found.figures is not None
     return found.figures
 
@@ -61,7 +58,6 @@ def test_a_camera_that_was_elsewhere_in_the_stretch_held_out(scene):
 
 
 def test_two_cameras_hold_people_out_of_each_other(scene):
-    """One alone has nobody to be held against."""
     for count in (1, 2):
         rig = Rig(scene.rig.cameras[:count])
         boxes = {name: scene.observations[name].boxes for name in rig.names}
@@ -98,7 +94,6 @@ def test_too_short_or_too_few(scene):
 
 
 def test_one_camera_against_the_others_by_hand(scene):
-    """A camera that is turned by a degree sees everybody a degree from where the others put them, and nobody else does more."""
     rig, instants = scene.rig, scene.observations
     before = disagreements(rig, instants, HEIGHT_M)
     turn = np.radians(1.0)

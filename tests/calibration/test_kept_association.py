@@ -1,7 +1,5 @@
 """A run that uses the tracklets of the run before it writes what a run in an empty folder writes."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

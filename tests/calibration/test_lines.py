@@ -41,17 +41,28 @@ def middle(rig):
     return np.mean([camera.centre for camera in rig], axis=0) * [1, 1, 0]
 
 
+ALONG = np.array([np.cos(0.7), np.sin(0.7), 0.0])
+
+
+def heading_deg(found):
+    """Of `ALONG` in the world that lines have set."""
+    there = found.motion.rotation @ ALONG
+    return np.degrees(np.arctan2(there[1], there[0]))
+
+
 def posts(truth):
     return [np.array([[x, y, 0.0], [x, y, 2.2]]) + middle(truth) for x, y in ((1.0, 0.0), (-1.0, 1.5), (0.5, -1.5))]
 
 
 def test_door_frames_set_a_vertical_that_people_left_open(truth):
+    """The ground stays amid the cameras."""
     wrong = tilted(truth, 2.0)
-    lines = [marked(truth, "vertical", post, truth.names[:3]) for post in posts(truth)]
-    found = align_to_lines(wrong, lines, 30.0)
+    found = align_to_lines(wrong, [marked(truth, "vertical", post, truth.names[:3]) for post in posts(truth)], 30.0)
     assert off_vertical(found.rig, truth) < 0.02
     assert found.figures["tilt_deg"] == pytest.approx(2.0, abs=0.02)
     assert not found.diagnostics
+    moved = found.motion.rotation @ middle(wrong) + found.motion.translation
+    assert moved[2] == pytest.approx(0.0, abs=1e-9)
 
 
 def test_the_error_is_as_large_as_it_is_stated(truth):
@@ -92,21 +103,13 @@ def test_a_wrong_line_is_named_and_left_out(truth):
 @pytest.mark.parametrize("cameras", [1, 3])
 @pytest.mark.parametrize("height", [0.0, 2.5])
 def test_x_runs_along_a_line_at_any_height(truth, cameras, height):
-    along = np.array([np.cos(0.7), np.sin(0.7), 0.0])
-    ends = middle(truth) + np.array([-2.0 * along, 2.0 * along]) + [0, 0, height]
+    """Two lines of one heading are surer than one by the root of two."""
+    ends = middle(truth) + np.array([-2.0 * ALONG, 2.0 * ALONG]) + [0, 0, height]
     line = marked(truth, "x", ends, truth.names[:cameras])
-    found = align_to_lines(truth, [line], 0.01)
-    there = found.motion.rotation @ along
-    assert np.degrees(np.arctan2(there[1], there[0])) == pytest.approx(0.0, abs=0.05)
-    assert found.figures["heading_sigma_deg"] > 0
-
-
-def test_the_ground_stays_amid_the_cameras(truth):
-    lines = [marked(truth, "vertical", post, truth.names[:3]) for post in posts(truth)]
-    found = align_to_lines(tilted(truth, 1.0), lines, 5.0)
-    pivot = np.append(np.mean([camera.centre[:2] for camera in tilted(truth, 1.0)], axis=0), 0.0)
-    moved = found.motion.rotation @ pivot + found.motion.translation
-    assert moved[2] == pytest.approx(0.0, abs=1e-9)
+    one, two = (align_to_lines(truth, [line] * count, 0.01) for count in (1, 2))
+    assert heading_deg(one) == pytest.approx(0.0, abs=0.05)
+    assert one.figures["heading_sigma_deg"] == pytest.approx(np.sqrt(2) * two.figures["heading_sigma_deg"])
+    assert two.figures["heading_sigma_deg"] > 0
 
 
 def test_a_line_is_measured_before_it_is_saved(truth):
@@ -115,9 +118,8 @@ def test_a_line_is_measured_before_it_is_saved(truth):
     told = measure_line(tilted(truth, 3.0), line)
     assert 0.5 < told.off_deg < 3.01
     assert told.sigma_deg > 0
-    assert (
-        measure_line(truth, marked(truth, "x", posts(truth)[0] * [1, 1, 0] + [[0, 0, 0], [2, 0, 0]], truth.names[:1])) is None
-    )
+    along_x = marked(truth, "x", posts(truth)[0] * [1, 1, 0] + [[0, 0, 0], [2, 0, 0]], truth.names[:1])
+    assert measure_line(truth, along_x) is None
 
 
 def test_lines_without_cameras_are_refused(truth):
@@ -146,18 +148,9 @@ def test_the_angle_of_one_line_in_one_camera_scatters_as_it_is_stated(truth):
 def test_the_heading_along_a_line_scatters_as_it_is_stated(truth, cameras, times):
     """By clicks alone: the cameras' orientations are known."""
     known = Rig(tuple(replace(one, sigma=PoseSigma(1e-6, 1e-6)) for one in truth))
-    along = np.array([np.cos(0.7), np.sin(0.7), 0.0])
-    ends = middle(truth) + np.array([-2.0 * along, 2.0 * along])
+    ends = middle(truth) + np.array([-2.0 * ALONG, 2.0 * ALONG])
     ratios = []
     for seed in range(times):
         found = align_to_lines(known, [marked(truth, "x", ends, truth.names[:cameras], CLICK_SD_PX, seed)], 1e-5)
-        there = found.motion.rotation @ along
-        ratios.append(np.degrees(np.arctan2(there[1], there[0])) / found.figures["heading_sigma_deg"])
+        ratios.append(heading_deg(found) / found.figures["heading_sigma_deg"])
     assert 0.75 < np.sqrt(np.mean(np.square(ratios))) < 1.35
-
-
-def test_two_lines_of_one_heading_are_surer_than_one_by_the_root_of_two(truth):
-    ends = middle(truth) + np.array([[-2.0, 0.0, 0.0], [2.0, 0.0, 0.0]])
-    line = marked(truth, "x", ends, truth.names[:1])
-    one, two = (align_to_lines(truth, [line] * count, 0.01).figures["heading_sigma_deg"] for count in (1, 2))
-    assert one == pytest.approx(np.sqrt(2) * two)

@@ -39,10 +39,7 @@ def calibrations(tmp_path_factory):
 def calibration(scene, lenses, height, seeing):
     """As the solver could have made it."""
     people = Boxes(np.array([1, 2]), np.array([1, 2]), np.full((2, 4), 100.0 * height), np.ones(2))
-    seen = {
-        camera.name: CameraObservations(people if camera.name in seeing else Boxes.empty(), Keypoints.empty())
-        for camera in lenses
-    }
+    seen = {name: CameraObservations(people if name in seeing else Boxes.empty(), Keypoints.empty()) for name in lenses.names}
     posed = tuple(replace(camera, pose=Pose(np.eye(3), np.array([0.0, 0, height]))) for camera in lenses)
     rig = Rig(posed, verdict="accepted")
     return Calibration(scene, rig, "accepted", (), Observations(seen), 0, {}, SolverFigures())
@@ -81,38 +78,30 @@ def test_a_rig_of_another_calibration_is_told(calibrations, out, tmp_path, capsy
     for command in (["track", "OUT"], ["report", "OUT"], ["export", "OUT", "-f", "colmap", "-o", str(tmp_path / "colmap")],
                     ["align", "OUT", "-o", "OUT", "--camera", "A"]):  # fmt: skip
         assert run([str(out) if part == "OUT" else part for part in command]) == 2
-        assert capsys.readouterr().err == (
-            f"error: {out / 'rig.toml'}: is not the file that calibration.json beside it describes: it was changed, is "
-            f"damaged, "
-            "or is of another calibration: put the right one back, or calibrate again\n"
-        )
+        (line,) = capsys.readouterr().err.splitlines()
+        assert line.startswith(f"error: {out / 'rig.toml'}: is not the file that calibration.json beside it describes: ")
+        assert line.endswith("put the right one back, or calibrate again")
     assert read_rig(out / "rig.toml")["A"].pose is not None, "by itself it is a rig as any"
 
 
-@pytest.mark.parametrize("name", ["tracks/A.txt", "tracks/B.txt"])
-def test_damaged_tracks_are_told(out, name):
-    change_text(out / name)
-    with pytest.raises(InputError, match=f"{name}: is not the file that calibration.json beside it describes"):
+@pytest.mark.parametrize("name", ["A", "B"])
+def test_damaged_tracks_and_those_that_no_calibration_wrote_are_told(calibrations, out, name):
+    if name == "A":
+        change_text(out / "tracks" / "A.txt")
+    else:
+        write_calibration(calibrations[1], out, report=False)
+        assert len(read_output(out).boxes["B"]) == 0
+        (out / "tracks" / "B.txt").write_bytes((out / "tracks" / "A.txt").read_bytes())
+    with pytest.raises(InputError, match=rf"tracks/{name}\.txt: is not the file that calibration.json beside it describes"):
         read_output(out)
 
 
-def test_tracks_that_no_calibration_wrote_are_told(calibrations, out):
-    write_calibration(calibrations[1], out, report=False)
-    assert len(read_output(out).boxes["B"]) == 0
-    (out / "tracks" / "B.txt").write_bytes((out / "tracks" / "A.txt").read_bytes())
-    with pytest.raises(InputError, match=r"B\.txt: is not the file"):
-        read_output(out)
-
-
-def test_a_folder_of_an_older_passerby_is_read(out):
+def test_a_folder_of_an_older_passerby_and_one_with_a_rig_alone_are_read(out, tmp_path):
     told = json.loads((out / "calibration.json").read_text())
     del told["files"]
     (out / "calibration.json").write_text(json.dumps(told))
     change_text(out / "tracks" / "A.txt")
     assert len(read_output(out).rig) == 2
-
-
-def test_a_folder_with_a_rig_alone_is_read(out, tmp_path):
     write_rig(tmp_path / "rigs" / "rig.toml", read_rig(out / "rig.toml"))
     assert read_folder_rig(tmp_path / "rigs").names == ("A", "B")
 
@@ -177,7 +166,6 @@ def test_a_file_that_cannot_be_read_is_told(out, monkeypatch):
 
 
 def test_files_of_an_earlier_report_go_and_those_of_the_user_stay(tmp_path):
-    """Names that are none of ours are nobody's business, nor are files that cannot be deleted."""
     page, folder = tmp_path / "report.html", tmp_path / "report_files"
     old, new = "0123456789abcdef", "fedcba9876543210"
     for name in (f"{old}/a.js", f"{old}/b.js", f"{new}/a.js", "mine/a.js", f"{new}/notes.txt"):
@@ -190,25 +178,11 @@ def test_files_of_an_earlier_report_go_and_those_of_the_user_stay(tmp_path):
     assert sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*.*")) == [f"{new}/notes.txt", "mine/a.js"]
 
 
-def test_a_calibration_and_its_folder_say_in_a_line_what_they_are(calibrations, out):
-    first = calibrations[0]
-    lost = replace(first.rig, cameras=(first.rig.cameras[0], replace(first.rig.cameras[1], pose=None)))
-    assert repr(replace(first, rig=lost, verdict="doubtful")) == (
-        f"Calibration({first.scene.name!r}: doubtful, 1 of 2 cameras registered)"
-    )
-    assert repr(read_output(out)) == f"OutputFolder({str(out)!r}: accepted, 2 of 2 cameras)"
-    assert read_output(out).report["verdict"] == "accepted"
-    for html in (first._repr_html_(), read_output(out)._repr_html_()):
-        assert "accepted" in html
-        assert "<td>A" in html or ">A<" in html
-
-
 def test_only_a_further_group_has_a_number_in_its_file_and_its_name(calibrations):
     first = calibrations[0]
     assert (first.document().group, first.document().name) == (None, first.scene.name)
-    for number in (2, 3):
-        told = replace(first, group=number).document()
-        assert (told.group, told.name) == (number, f"{first.scene.name}, group {number}")
+    told = replace(first, group=2).document()
+    assert (told.group, told.name) == (2, f"{first.scene.name}, group 2")
 
 
 def test_a_calibration_is_drawn_and_reported(calibrations, tmp_path):
@@ -235,11 +209,8 @@ def test_the_file_tells_the_wall_time_that_was_chosen_and_the_libraries_that_are
 
     monkeypatch.setattr(metadata, "version", version)
     origin = WallTime(1000.0, utc=True)
-    for chosen, expected in (
-        ((None, None), None),
-        ((origin, None), (origin.text, None)),
-        ((None, origin), (None, origin.text)),
-    ):
+    chosen_and_told = ((None, None), None), ((origin, None), (origin.text, None)), ((None, origin), (None, origin.text))
+    for chosen, expected in chosen_and_told:
         document = replace(first, wall_clock=WallClock(origin, *chosen)).document()
         assert (document.wall_clock_origin, document.wall_clock_span) == (origin.text, expected)
     assert (document.versions["av"], document.versions["numpy"]) == (None, "1.0")

@@ -1,7 +1,5 @@
 """A floor plan sets scale, origin and heading; wrong placements are named; contradictions let no rig be accepted."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 from itertools import product
@@ -215,7 +213,6 @@ def test_placements_of_cameras_without_a_pose_are_left_out(image) -> None:
 
 
 def test_a_camera_that_is_placed_wrongly_is_named_and_no_other(image) -> None:
-    """Four cameras and two points agree, so that the one that does not is known."""
     sound = plan_of(points=2, cameras=scene().rig.names)
     assert align_to_plan(scene().rig, sound, image).diagnostics == ()
     off = [replace(one, at=(one.at[0] + 90.0, one.at[1])) if one.camera == "C3" else one for one in sound.cameras]

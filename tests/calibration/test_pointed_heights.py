@@ -109,10 +109,7 @@ def test_heights_by_boxes_are_those_of_the_people(small):
 @pytest.mark.parametrize(
     ("changed", "message"),
     [
-        (
-            {"at": [5.0, 5.0]},
-            r"1 at: no person at \[5, 5\] in camera C1 at frame \d+ .*; the nearest box, \d+ px away",
-        ),
+        ({"at": [5.0, 5.0]}, r"1 at: no person at \[5, 5\] in camera C1 at frame \d+ .*; the nearest box, \d+ px away"),
         ({"at": [5000.0, 5.0]}, r"at: \[5000, 5\] lies outside the \d+ x \d+ image of camera C1: give a pixel"),
         ({"frame": 4000}, r"frame: camera C1 sees people in frames 1 to \d+ \(0.0 to .* s\), not at frame 4000"),
         ({"camera": "C9"}, r"\[\[scale.people\]\] 1 camera: camera 'C9' is not declared"),
@@ -132,11 +129,11 @@ def test_bad_input_is_one_clear_error(small, changed, message):
 
 
 def test_a_time_without_a_frame_rate_is_an_error(small):
-    _, table = pointed_at(small, "C1")
-    del table["frame"]
+    _, table = pointed_at(small, "C1", time_s=1.0)
     boxes = {name: small.observations[name].boxes for name in small.rig.names}
+    people = [{key: value for key, value in table.items() if key != "frame"}]
     with pytest.raises(InputError, match="time_s: no frame rate of camera C1 is known: use frame"):
-        calibrate_observations(small.rig, boxes, association={"mode": "given"}, scale={"people": [{**table, "time_s": 1.0}]})
+        calibrate_observations(small.rig, boxes, association={"mode": "given"}, scale={"people": people})
 
 
 @pytest.mark.slow
@@ -170,17 +167,13 @@ def test_a_row_that_association_left_out_gets_the_identity_of_its_tracklet():
     assert identity_at(PointedPerson(1, "C1", 2, (200.0, 30.0), 1.8, 0.01), seen_by_one(5), np.full(4, 8), nobody) is None
 
 
-def test_whoever_is_nobody_is_a_notice_and_not_used():
-    one = PointedPerson(2, "C1", 2, (20.0, 30.0), 1.8, 0.01)
-    heights = pointed_heights([one], lambda _: None)
-    assert heights.people == ()
-    (found,) = heights.findings
-    assert (found.code, found.severity, found.cameras) == ("pointed_person_unmatched", "notice", ("C1",))
-    assert pointed_heights([one, one], lambda _: 4).findings == ()
-
-
-def test_heights_of_one_person_contradict_each_other_beyond_their_sigmas():
+def test_heights_of_one_person_contradict_each_other_beyond_their_sigmas_and_of_nobody_none_is_used():
     stated = [PointedPerson(n, "C1", 2, (20.0, 30.0), metres, 0.01) for n, metres in enumerate((1.8, 1.81, 1.6), start=1)]
+    nobody = pointed_heights(stated[:1], lambda _: None)
+    assert nobody.people == ()
+    assert [(one.code, one.severity, one.cameras) for one in nobody.findings] == [
+        ("pointed_person_unmatched", "notice", ("C1",))
+    ]
     assert pointed_heights(stated[:2], lambda _: 4).findings == ()
     assert pointed_heights(stated, lambda one: one.number).findings == ()
     (found,) = pointed_heights(stated, lambda _: 4).findings

@@ -1,7 +1,5 @@
 """Cameras that keep turning while they film: reported as a drift, which is taken out of what they saw."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np
@@ -45,7 +43,6 @@ def matched(scene: SimulatedScene, camera: str) -> tuple[Correspondences, Pose]:
 def compared(m: Correspondences, pose: Pose) -> FoundChange:
     """What is found."""
     suspect = suspect_change(m, pose, OPTIONS.fps, 4)
-    assert suspect is not None
     found = suspect.compared()
     assert found is not None
     return found
@@ -69,17 +66,16 @@ def test_a_steady_turn_is_measured() -> None:
 
 
 @pytest.mark.parametrize(
-    ("moves", "drifts"),
+    "move",
     [
-        (turning("C2", DEGREES), True),
-        ((Move("C2", 18.0, turn_deg=(0.0, 1.0, 0.0)),), False),
-        ((Move("C2", 16.0, turn_deg=(0.0, 2.0, 0.0), until_s=26.0),), False),
-        ((Move("C2", 20.0, turn_deg=(0.0, 6.0, 0.0), shift_m=(0.3, 0.0, 0.0)),), False),
+        Move("C2", 18.0, turn_deg=(0.0, 1.0, 0.0)),
+        Move("C2", 16.0, turn_deg=(0.0, 2.0, 0.0), until_s=26.0),
+        Move("C2", 20.0, turn_deg=(0.0, 6.0, 0.0), shift_m=(0.3, 0.0, 0.0)),
     ],
-    ids=["steady", "step", "there and back", "knock"],
+    ids=["step", "there and back", "knock"],
 )
-def test_a_step_is_no_drift_and_a_drift_is_no_step(moves: tuple[Move, ...], drifts: bool) -> None:
-    assert compared(*matched(filmed(moves), "C2")).kind == ("drifts" if drifts else "moved")
+def test_a_step_is_no_drift(move: Move) -> None:
+    assert compared(*matched(filmed((move,)), "C2")).kind == "moved"
 
 
 def test_taking_a_drift_out_of_the_observations_stops_the_camera() -> None:

@@ -1,7 +1,5 @@
 """People whom cameras predict in each other's images: a small crowd before true cameras, turned ones, and other footage."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -13,7 +11,7 @@ from passerby.core.figures import NoiseFigures
 from passerby.core.observations import Boxes, CameraObservations, Observations
 from passerby.findings.finding import Finding
 from passerby.simulation import SimulationOptions, simulate
-from passerby.simulation.lenses import looking_at
+from support.scenes.people_and_rigs import looking_at
 
 LENS = Lens((1280, 720), np.array([[900.0, 0.0, 640.0], [0.0, 900.0, 360.0], [0.0, 0.0, 1.0]]), np.zeros(0))
 CLOSE = 0.08
@@ -23,13 +21,13 @@ CLOSE = 0.08
 @pytest.fixture(scope="module")
 def rig() -> Rig:
     """Three cameras around a square, 4 m up."""
-    places = [(-9.0, -8.0), (9.0, -8.5), (0.0, 11.0)]
-    aim = np.array([0.0, 0.0, 0.9])
-    cameras = []
-    for number, place in enumerate(places, start=1):
-        centre = np.array([*place, 4.0])
-        cameras.append(Camera(f"C{number}", LENS, Pose.from_centre(looking_at(centre, aim), centre)))
-    return Rig(tuple(cameras))
+    places = [(-9.0, -8.0, 4.0), (9.0, -8.5, 4.0), (0.0, 11.0, 4.0)]
+    return Rig(tuple(Camera(f"C{n}", LENS, looking_at(place, (0.0, 0.0, 0.9))) for n, place in enumerate(places, start=1)))
+
+
+@pytest.fixture(scope="module")
+def seen(rig: Rig, walked: np.ndarray) -> Observations:
+    return seen_by(rig, walked)
 
 
 @pytest.fixture(scope="module")
@@ -74,38 +72,46 @@ def in_camera(outcomes: Outcomes, camera: int) -> Outcomes:
     return outcomes.take(outcomes.within == camera)
 
 
-def test_everyone_is_detected_where_the_true_rig_predicts(rig: Rig, walked: np.ndarray) -> None:
-    outcomes = predict_people(rig, seen_by(rig, walked), {})
+def test_everyone_is_detected_where_the_true_rig_predicts(rig: Rig, seen: Observations) -> None:
+    outcomes = predict_people(rig, seen, {})
     assert len(np.unique(np.column_stack([outcomes.by, outcomes.within]), axis=0)) == 6
     assert len(outcomes) > 1500
     assert (outcomes.residual < CLOSE).mean() > 0.99
     assert (outcomes.by_chance < CLOSE).mean() < 0.3
     assert set(outcomes.part) == set(range(PARTS))
-    assert findings(rig, seen_by(rig, walked)) == []
+    assert findings(rig, seen) == []
+
+
+def turned(degrees: float) -> np.ndarray:
+    """About the vertical."""
+    c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
 @pytest.mark.parametrize(("share", "poor"), [(0.15, True), (0.4, True), (0.9, False)])
 def test_a_camera_that_films_other_people_most_of_the_time(rig: Rig, walked: np.ndarray, share: float, poor: bool) -> None:
-    found = findings(rig, films_others(rig, walked, "C2", np.arange(200) % 20 < 20 * share))
+    """Wherever the origin and the heading of the world are."""
+    elsewhere = films_others(rig, walked, "C2", np.arange(200) % 20 < 20 * share)
+    moved = rig.moved(turned(57.3), np.array([60.0, -35.0, 0.0]), 1.0)
+    found, other = findings(rig, elsewhere), findings(moved, elsewhere)
     assert [(one.code, one.severity, one.cameras) for one in found] == [("people_not_predicted", "doubt", ("C2",))] * poor
+    assert [(one.cameras, one.values["share"]) for one in other] == [
+        (one.cameras, pytest.approx(one.values["share"], abs=1e-6)) for one in found
+    ]
     for one in found:
         assert one.values["share"] == pytest.approx(share, abs=0.12)
         assert one.values["expected"] > 0.8
 
 
-def test_the_part_of_the_recording_that_disagrees_is_named(rig: Rig, walked: np.ndarray) -> None:
+def test_the_part_of_the_recording_that_disagrees_and_a_turned_camera_are_named(
+    rig: Rig, walked: np.ndarray, seen: Observations
+) -> None:
     (one,) = findings(rig, films_others(rig, walked, "C2", np.arange(200) < 100))
     assert one.cameras == ("C2",)
     assert (one.values["from_percent"], one.values["to_percent"]) == (50.0, 100.0)
-
-
-def test_a_turned_camera(rig: Rig, walked: np.ndarray) -> None:
-    c, s = np.cos(np.radians(4)), np.sin(np.radians(4))
-    turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
     pose = rig["C3"].pose
-    assert pose is not None
-    turned = Rig((*rig.cameras[:2], replace(rig["C3"], pose=Pose.from_centre(pose.R_cw @ turn, pose.centre))))
-    (one,) = findings(turned, seen_by(rig, walked))
+    bent = Rig((*rig.cameras[:2], replace(rig["C3"], pose=Pose.from_centre(pose.R_cw @ turned(4), pose.centre))))
+    (one,) = findings(bent, seen)
     assert one.cameras == ("C3",)
     assert one.values["share"] < 0.2
 
@@ -121,21 +127,19 @@ def test_where_all_cameras_disagree_it_is_said_once_of_the_rig(rig: Rig, walked:
     assert one.cameras == ()
 
 
-def test_a_rig_that_most_boxes_miss_by_far_more_than_its_noise_is_doubtful(rig: Rig, walked: np.ndarray) -> None:
+def test_a_rig_that_most_boxes_miss_by_far_more_than_its_noise_is_doubtful(rig: Rig, seen: Observations) -> None:
     """A wrong rig can fit some of the people well and be near the others: its noise says how near is near enough."""
-    outcomes = predict_people(rig, seen_by(rig, walked), {})
+    outcomes = predict_people(rig, seen, {})
     off = np.where(np.arange(len(outcomes)) % 4 == 0, 0.02, 0.15)
     outcomes = replace(outcomes, residual=off, by_chance=np.full(len(off), np.inf))
     noise = NoiseFigures(floor_px=0.5, box_px=0.5, centre=0.01, height=0.03, joint=0.02, broken_edges=0.0)
     (one,) = findings_of_predictions(rig, outcomes, noise)
     assert one.cameras == ()
     assert one.values["share"] == pytest.approx(0.25, abs=0.1)
-    assert findings_of_predictions(rig, outcomes, replace(noise, centre=0.03)) == []
-    assert findings_of_predictions(rig, outcomes) == []
+    assert findings_of_predictions(rig, outcomes, replace(noise, centre=0.03)) == findings_of_predictions(rig, outcomes) == []
 
 
-def test_detectors_that_miss_people_are_no_fault_of_the_rig(rig: Rig, walked: np.ndarray) -> None:
-    seen = seen_by(rig, walked)
+def test_detectors_that_miss_people_are_no_fault_of_the_rig(rig: Rig, seen: Observations) -> None:
     for shares in ((0.6, 0.6, 0.6), (0.95, 0.95, 0.8)):
         rng = np.random.default_rng(1)
         boxes = {name: seen[name].boxes for name in rig.names}
@@ -143,8 +147,7 @@ def test_detectors_that_miss_people_are_no_fault_of_the_rig(rig: Rig, walked: np
         assert findings(rig, with_boxes(seen, **kept)) == []
 
 
-def test_names_do_not_matter_where_people_are_detected(rig: Rig, walked: np.ndarray) -> None:
-    seen = seen_by(rig, walked)
+def test_names_do_not_matter_where_people_are_detected(rig: Rig, seen: Observations) -> None:
     boxes = seen["C2"].boxes
     swapped = with_boxes(seen, C2=replace(boxes, identity=(boxes.identity + 1) % 3))
     assert findings(rig, swapped) == []
@@ -154,9 +157,8 @@ def test_names_do_not_matter_where_people_are_detected(rig: Rig, walked: np.ndar
     assert (in_camera(outcomes, 1).residual < CLOSE).mean() > 0.99
 
 
-def test_a_place_where_a_camera_never_detects_anyone_is_not_predicted(rig: Rig, walked: np.ndarray) -> None:
+def test_a_place_where_a_camera_never_detects_anyone_is_not_predicted(rig: Rig, seen: Observations) -> None:
     """As behind a wall."""
-    seen = seen_by(rig, walked)
     boxes = seen["C2"].boxes
     open_side = boxes.ltwh[:, 0] > 600
     assert 0.2 < open_side.mean() < 0.8
@@ -169,22 +171,17 @@ def test_a_place_where_a_camera_never_detects_anyone_is_not_predicted(rig: Rig, 
     assert findings_of_predictions(rig, outcomes) == []
 
 
-def test_people_hidden_by_a_nearer_one_are_not_predicted(rig: Rig, walked: np.ndarray) -> None:
-    seen = seen_by(rig, walked)
+def test_people_hidden_by_a_nearer_one_are_not_predicted(rig: Rig, seen: Observations) -> None:
     boxes = seen["C2"].boxes
     early = boxes.frame <= 100
     wide = np.array([100.0, 100.0, 1100.0, 600.0])
-    hidden = with_boxes(
-        seen,
-        C2=replace(boxes, ltwh=np.where(early[:, None], wide, boxes.ltwh), identity=np.where(early, -1, boxes.identity)),
-    )
-    outcomes = in_camera(predict_people(rig, hidden, {}), 1)
+    near = replace(boxes, ltwh=np.where(early[:, None], wide, boxes.ltwh), identity=np.where(early, -1, boxes.identity))
+    outcomes = in_camera(predict_people(rig, with_boxes(seen, C2=near), {}), 1)
     assert len(outcomes) > 100
     assert (outcomes.part >= PARTS // 2).mean() > 0.95
 
 
-def test_a_camera_is_not_blamed_for_frames_that_it_lacks(rig: Rig, walked: np.ndarray) -> None:
-    seen = seen_by(rig, walked)
+def test_a_camera_is_not_blamed_for_frames_that_it_lacks(rig: Rig, seen: Observations) -> None:
     boxes = seen["C2"].boxes
     slower = with_boxes(seen, C2=boxes.take(boxes.frame % 2 == 1))
     silent = with_boxes(seen, C2=boxes.take((boxes.frame < 60) | (boxes.frame > 140)))
@@ -227,12 +224,3 @@ def test_too_little_says_nothing(rig: Rig, walked: np.ndarray) -> None:
     empty = replace(few, cameras={**few.cameras, "C2": CameraObservations()})
     outcomes = predict_people(rig, empty, {})
     assert {*outcomes.by, *outcomes.within} == {0, 2}
-
-
-def test_the_origin_and_the_heading_of_the_world_do_not_matter(rig: Rig, walked: np.ndarray) -> None:
-    seen = films_others(rig, walked, "C2", np.arange(200) % 20 < 8)
-    c, s = np.cos(1.0), np.sin(1.0)
-    moved = rig.moved(np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]), np.array([60.0, -35.0, 0.0]), 1.0)
-    (one,), (other,) = findings(rig, seen), findings(moved, seen)
-    assert one.cameras == other.cameras
-    assert one.values["share"] == pytest.approx(other.values["share"], abs=1e-6)

@@ -1,7 +1,5 @@
 """The same scene as whole files and as a recorder's pieces of ten seconds, and the same film as images."""
 
-from __future__ import annotations
-
 import json
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -102,8 +100,6 @@ def late_s(scene: Path, name: str, begins: dict[Path, float]) -> float:
     """By how much most of a camera's pieces are taken to begin later than they do."""
     readings = {reading.name: reading for reading in read_cameras(Scene.load(scene))}
     video = readings[name].video
-    assert video is not None
-    assert video.wall is not None
     return float(np.median([video.wall.seconds + piece.begin_s - begins[piece.path] for piece in video.pieces]))
 
 

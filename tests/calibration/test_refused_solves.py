@@ -1,7 +1,5 @@
 """An inner solve that is refused, in whatever round, ends in a refusal that is written like any other result."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -130,7 +128,6 @@ def test_rates_of_a_solve_that_is_refused_after_a_clock_was_corrected() -> None:
     drifts = {name: Drift(rate, 1e-5, 8.0) for name, rate in zip(whole.rig.names, (0.0, 0.02, 0.0), strict=True)}
     first = Estimate(Solution("people", scene(True).rig, "accepted"), Association(seen, seen, seen.clocks, drifts=drifts))
     correction = correct_clock_rates(whole, first)
-    assert correction is not None
     after = Estimate(refused(whole.rig), Association(seen, seen, seen.clocks))
     assert correct_clock_rates(correction.inputs, after) is None
     assert clock_rate_figures(whole, correction.inputs, after) == {}
@@ -141,7 +138,6 @@ def test_rates_of_a_solve_that_is_refused_after_a_clock_was_corrected() -> None:
 def test_the_size_of_a_move_where_the_solve_after_it_is_refused(given: bool) -> None:
     whole = inputs()
     seen, pose = whole.observations, scene(True).rig["C2"].pose
-    assert pose is not None
     other = Pose.from_centre(pose.R_cw, pose.centre + 1.0)
     change = PoseChange(20, 40, False, True, pose, other, 99.0, 99.0, 0.5)
     corrections = Corrections((MotionCorrection(whole, DetectedMotion("C2", 20, 40, 5.0, change)),))

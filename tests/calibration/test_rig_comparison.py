@@ -1,7 +1,5 @@
 """Whose people two rigs are held against: those of a calibration's folder, or of a scene that is calibrated for it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -13,12 +11,15 @@ from passerby.common.errors import EvidenceError, InputError
 from support.scenes.people_and_rigs import part, ring, simulated
 
 
-def test_a_scene_whose_people_cannot_be_associated_is_told(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_a_scene_whose_people_cannot_be_associated_and_a_damaged_folder_are_told(monkeypatch, tmp_path: Path) -> None:
     refused = SimpleNamespace(verdict="refused", reasons=("nobody walks: film people", "B saw nobody: point it at them"))
     monkeypatch.setattr(rig_comparison, "calibrate", lambda *_, **named: refused)
     rig = ring(3)
     with pytest.raises(EvidenceError, match="nobody walks: film people; B saw nobody: point it at them"):
         compare_rigs(rig, rig, tmp_path / "scene.toml")
+    (tmp_path / "calibration.json").write_text("{}")
+    with pytest.raises(InputError, match=r"calibration\.json: is not what `passerby calibrate` writes"):
+        compare_rigs(rig, rig, tmp_path)
 
 
 def test_the_people_of_a_scene_are_those_of_its_calibration(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -36,10 +37,3 @@ def test_the_people_of_a_scene_are_those_of_its_calibration(monkeypatch: pytest.
     assert asked == [(tmp_path / "scene.toml", 5)]
     assert found.difference_px > 0
     assert set(found.cameras) == set(scene.rig.names)
-
-
-def test_a_folder_that_is_damaged_is_told(tmp_path: Path) -> None:
-    (tmp_path / "calibration.json").write_text("{}")
-    rig = ring(3)
-    with pytest.raises(InputError, match=r"calibration\.json: is not what `passerby calibrate` writes"):
-        compare_rigs(rig, rig, tmp_path)

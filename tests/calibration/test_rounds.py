@@ -1,7 +1,5 @@
 """Association and solver in turns: whose clock corrections count, and when the turns end."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np
@@ -90,17 +88,16 @@ def estimated(monkeypatch, mode, solver, search_s=1.0):
     graph = SimpleNamespace(groups=[[0, 1, 2]], edges=[])
     monkeypatch.setattr(calibrate, "start_association", begun)
     monkeypatch.setattr(calibrate, "solve_scene", solver)
-    monkeypatch.setattr(known_identities, "solve_scene", solver)
-    monkeypatch.setattr(known_identities, "build_tracklets", lambda rig, *_, **__: [
-        SimpleNamespace(name=name, clock=Clock(FPS)) for name in rig.names
-    ])  # fmt: skip
-    monkeypatch.setattr(known_identities, "_begin", lambda *_: InitialAssociation(PERSON, BEGUN.copy(), graph))
-    monkeypatch.setattr(known_identities, "unregistered_cameras", lambda *_, **__: {})
-    monkeypatch.setattr(known_identities, "synchronise", lambda rig, cameras, seen, offset_s: np.array(offset_s))
-    monkeypatch.setattr(
-        known_identities, "_association",
-        lambda rig, seen, cameras, initial, offset_s, solution: Association(seen, seen, {}, dict(enumerate(offset_s))),
-    )  # fmt: skip
+    stand_ins = {
+        "solve_scene": solver,
+        "build_tracklets": lambda rig, *_, **__: [SimpleNamespace(name=name, clock=Clock(FPS)) for name in rig.names],
+        "_begin": lambda *_: InitialAssociation(PERSON, BEGUN.copy(), graph),
+        "unregistered_cameras": lambda *_, **__: {},
+        "synchronise": lambda rig, cameras, seen, offset_s: np.array(offset_s),
+        "_association": lambda rig, seen, *_: Association(seen, seen, {}, dict(enumerate(_[2]))),
+    }
+    for name, stand_in in stand_ins.items():
+        monkeypatch.setattr(known_identities, name, stand_in)
     seen = Observations({name: CameraObservations() for name in RIG.names}, clocks=dict.fromkeys(RIG.names, Clock(FPS)))
     inputs = SceneInputs(without_poses(RIG), seen, ())
     found = calibrate.estimate_rig(CalibrationRun(scene_of(mode, search_s), PeopleOptions()), inputs)
@@ -153,11 +150,8 @@ def test_clocks_that_agree_are_not_refined(monkeypatch):
 def test_starts_of_recordings_are_sought_where_offsets_are_not_searched_in_full(monkeypatch):
     monkeypatch.setattr(association_start, "find_starts", lambda *_: "sought")
     measured = AssociationOptions(measured=("a clap",))
-    found = [
-        _find_starts([], search_s, one, {}, silent)
-        for search_s in (0.0, 5.0, 600.0)
-        for one in (AssociationOptions(), measured)
-    ]
+    options = (AssociationOptions(), measured)
+    found = [_find_starts([], search_s, one, {}, silent) for search_s in (0.0, 5.0, 600.0) for one in options]
     assert found == [None, None, None, "sought", "sought", "sought"]
 
 
@@ -191,11 +185,7 @@ def test_heights_are_those_of_the_people_at_the_pixels_by_the_identities_that_ar
     """People are numbered from 0 within, and from 1 in what is written; a camera may be one of another group."""
     ltwh = np.array([[100.0, 100.0, 50.0, 120.0], [400.0, 100.0, 50.0, 120.0]])
     seen = CameraObservations(Boxes(np.array([3, 3]), np.array([0, 1]), ltwh, np.ones(2)))
-    cameras = [
-        SimpleNamespace(seen=CameraObservations()),
-        SimpleNamespace(seen=seen),
-        SimpleNamespace(seen=CameraObservations()),
-    ]
+    cameras = [SimpleNamespace(seen=one) for one in (CameraObservations(), seen, CameraObservations())]
     at = {"C2": (425.0, 160.0), "U1": (425.0, 160.0)}
     pointed = tuple(PointedPerson(n, name, 3, pixel, 1.9, 0.01) for n, (name, pixel) in enumerate(at.items(), start=1))
     run = AssociationRun(RIG, cameras, SimpleNamespace(), None, AssociationOptions(pointed=pointed))

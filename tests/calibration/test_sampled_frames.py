@@ -1,7 +1,5 @@
 """Cameras of which a detector looked at every n-th frame: calibrate, track and monitor meet at the samples that exist."""
 
-from __future__ import annotations
-
 import tomllib
 from dataclasses import replace
 

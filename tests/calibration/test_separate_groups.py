@@ -1,7 +1,5 @@
 """Groups of cameras that share nobody: each a rig of its own, in files of its own."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 

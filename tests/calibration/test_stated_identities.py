@@ -67,7 +67,6 @@ def test_two_people_stated_to_be_one_and_one_person_to_be_two(small):
 
 
 def test_statements_join_and_separate_tracklets_against_other_evidence():
-    """Two cameras of two tracklets each, which all else would pair the other way round."""
     frames, left = np.repeat([1, 2], 2), np.tile([10.0, 200.0], 2)
     ltwh = np.column_stack([left, np.full(4, 50.0), np.full(4, 40.0), np.full(4, 100.0)])
     seen = CameraObservations(Boxes(frames, np.tile([0, 1], 2), ltwh, np.ones(4)))
@@ -86,11 +85,14 @@ def test_statements_join_and_separate_tracklets_against_other_evidence():
     assert stated_pairs(tracklets, cameras, StatedIdentities()) is None
 
 
-def test_what_cannot_be_is_told(small):
+def test_what_cannot_be_is_told_and_statements_go_with_their_cameras(small):
     one, other = alone_in(small, "C1", 3), alone_in(small, "C2", 3)
     told = found_by(small, same=[{"boxes": [one, other]}], different=[{"boxes": [one, other]}])
     (finding,) = [finding for finding in told.notices if finding.code == "stated_identity_unfulfilled"]
     assert finding.values["place"].startswith("[[association.")
+    boxes = tuple(Sighting(name, 1, (0.0, 0.0), "") for name in ("A", "B", "C"))
+    stated = StatedIdentities((boxes,), (boxes[:2],), boxes[2:])
+    assert stated.within(["A", "C"]) == StatedIdentities((boxes[::2],), (), boxes[2:])
 
 
 def with_poster(simulated, camera):
@@ -144,25 +146,14 @@ def test_a_poster_is_no_person_in_given_identities(small):
 
 
 def test_the_tracklet_of_a_box_goes_and_what_stays_in_its_place():
-    def rows(first, identity, left):
-        frames = np.arange(first, first + 10)
-        return frames, np.full(10, identity), np.column_stack([left, np.full(10, 50.0), np.full(10, 40.0), np.full(10, 100.0)])
-
-    stays = np.full(10, 20.0)
-    parts = [rows(1, 0, stays), rows(20, 1, stays + 3), rows(40, 2, stays + 60 * np.arange(10)), rows(60, -1, stays - 2)]
-    frame, identity, ltwh = (np.concatenate(columns) for columns in zip(*parts, strict=True))
-    seen = CameraObservations(Boxes(frame, identity, ltwh, np.ones(len(frame))))
-    left = without_people(seen, [Sighting("C1", 3, (40.0, 90.0), "")]).boxes
-    assert set(left.identity.tolist()) == {2}
-    assert len(left) == 10
-    nobody = without_people(seen, [Sighting("C1", 3, (400.0, 90.0), "")]).boxes
-    assert len(nobody) == len(frame)
-
-
-def test_statements_of_some_cameras():
-    boxes = tuple(Sighting(name, 1, (0.0, 0.0), "") for name in ("A", "B", "C"))
-    stated = StatedIdentities((boxes,), (boxes[:2],), boxes[2:])
-    assert stated.within(["A", "C"]) == StatedIdentities((boxes[::2],), (), boxes[2:])
+    moves, still = 80 + 60 * np.arange(10), np.full(10, 20.0)
+    left = np.concatenate([still, still + 3, moves, still - 2])
+    frame = np.concatenate([first + np.arange(10) for first in (1, 20, 40, 60)])
+    ltwh = np.column_stack([left, np.tile([50.0, 40.0, 100.0], (40, 1))])
+    seen = CameraObservations(Boxes(frame, np.repeat([0, 1, 2, -1], 10), ltwh, np.ones(40)))
+    rest = without_people(seen, [Sighting("C1", 3, (40.0, 90.0), "")]).boxes
+    assert rest.identity.tolist() == [2] * 10
+    assert len(without_people(seen, [Sighting("C1", 3, (400.0, 90.0), "")]).boxes) == 40
 
 
 HERE, THERE = {"camera": "C1", "frame": 1, "at": [1, 1]}, {"camera": "C2", "frame": 1, "at": [1, 1]}

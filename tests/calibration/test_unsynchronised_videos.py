@@ -1,7 +1,5 @@
 """Videos of 25 frames a second that did not start together, looked at every few frames: calibrate, track and monitor."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

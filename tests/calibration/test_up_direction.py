@@ -1,7 +1,5 @@
 """What z is: the normal of the ground, and what people's bodies say of gravity."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np
@@ -46,7 +44,6 @@ def off_gravity(found: Calibration) -> float:
 def test_a_ramp_is_reported_and_z_is_its_normal() -> None:
     found = calibrated(3.0)
     up = found.figures.up
-    assert up is not None
     assert up.direction == "ground normal"
     assert off_gravity(found) == pytest.approx(3.0, abs=0.3)
     assert up.tilt_deg == pytest.approx(3.0, abs=3 * up.tilt_sigma_deg)

@@ -7,10 +7,8 @@ from importlib.util import find_spec
 import numpy as np
 import pytest
 
-from passerby.calibration.diagnostics.verdict import people_positions, with_verdict
 from passerby.cli.main import run
 from passerby.core.observations import CameraObservations, Observations
-from passerby.core.solution import Solution
 from passerby.simulation import SimulationOptions, simulate, write_scene
 from support.scenes.boxes_of_walks import boxes_of
 
@@ -58,32 +56,6 @@ def test_people_on_one_straight_line_are_told(terrace, tmp_path, capsys, method)
     assert status == WANT_OF_EVIDENCE
     assert any("line" in reason for reason in report["reasons"]), report["reasons"]
     assert "line" in capsys.readouterr().err
-
-
-def test_people_on_one_spot_are_told(terrace):
-    rng = np.random.default_rng(2)
-    walks = {identity: (rng.normal(0.0, 0.03, (60, 2)), 1.7) for identity in (1, 2)}
-    observations = boxes_of(terrace.rig, walks, rng)
-    solution = with_verdict(Solution("people", terrace.rig, "accepted"), observations)
-    assert solution.verdict == "doubtful"
-    assert solution.findings[0].code == "rig_uncertain"
-    assert solution.findings[0].values["why"]["code"] == "people_not_spread"
-    assert "one spot" in solution.reasons[0]
-
-
-def test_positions_of_people_are_where_they_walked(terrace):
-    rng = np.random.default_rng(3)
-    path = rng.uniform(-1.5, 1.5, (60, 2))
-    positions = people_positions(terrace.rig, boxes_of(terrace.rig, {1: (path, 1.7)}, rng, noise=0.0))
-    assert len(positions) == 60
-    # A box's centre in the picture is not quite that of the body.
-    np.testing.assert_allclose(positions[:, :2], path, atol=0.1)
-    np.testing.assert_allclose(positions[:, 2], 0.85, atol=0.15)
-
-
-def test_joints_need_no_walk(terrace):
-    still = {name: CameraObservations(keypoints=seen.keypoints) for name, seen in terrace.observations.cameras.items()}
-    assert with_verdict(Solution("people", terrace.rig, "accepted"), Observations(still)).verdict == "accepted"
 
 
 @pytest.mark.slow

@@ -1,7 +1,5 @@
 """Whatever joints people show: a verdict with reasons that hold, and no number that is none, in values, files and texts."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Mapping

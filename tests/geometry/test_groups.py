@@ -8,16 +8,13 @@ from passerby.geometry.groups import expanded_ranges, group_medians, group_numbe
 RNG = np.random.default_rng(3)
 
 
-@pytest.mark.parametrize("shape", [(), (4,), (2, 3)])
+@pytest.mark.parametrize("shape", [(), (2, 3)])
 def test_sums_of_groups(shape):
     group, values = RNG.integers(0, 6, 50), RNG.standard_normal((50, *shape))
     expected = [values[group == g].sum(axis=0) for g in range(7)]
     np.testing.assert_allclose(group_sums(group, values, 7), expected, atol=1e-12)
-
-
-def test_sums_of_nothing():
-    assert group_sums(np.zeros(0, np.int64), np.zeros((0, 2, 3)), 4).tolist() == np.zeros((4, 2, 3)).tolist()
-    assert group_sums(np.zeros(0, np.int64), np.zeros((0, 2)), 0).shape == (0, 2)
+    np.testing.assert_array_equal(group_sums(group[:0], values[:0], 4), np.zeros((4, *shape)))
+    assert group_sums(group[:0], values[:0], 0).shape == (0, *shape)
 
 
 def test_medians_of_groups():
@@ -32,19 +29,15 @@ def test_numbers_of_equal_rows():
     assert group_numbers(a[:0], b[:0]).tolist() == []
 
 
-def test_the_least_of_each_group():
-    key, cost = np.array([5, 1, 5, 1, 9]), np.array([2.0, 3.0, 1.0, 4.0, 0.0])
-    assert least_of_groups(key, cost).tolist() == [1, 2, 4]
-    assert least_of_groups(key, np.zeros(5)).tolist() == [1, 0, 4]
-
-
-def test_expanded_ranges():
-    owner, number = expanded_ranges(np.array([7, 3, 5]), np.array([2, 0, 3]))
-    assert owner.tolist() == [0, 0, 2, 2, 2]
-    assert number.tolist() == [7, 8, 5, 6, 7]
-
-
 def test_rows_of_equal():
     ascending, wanted = np.sort(RNG.integers(0, 8, 30)), RNG.integers(-1, 9, 20)
     expected = [(i, j) for i, value in enumerate(wanted) for j in range(30) if ascending[j] == value]
     assert list(zip(*(rows.tolist() for rows in rows_of_equal(wanted, ascending)), strict=True)) == expected
+
+
+def test_expanded_ranges_and_the_least_of_each_group():
+    owner, number = expanded_ranges(np.array([7, 3, 5]), np.array([2, 0, 3]))
+    assert (owner.tolist(), number.tolist()) == ([0, 0, 2, 2, 2], [7, 8, 5, 6, 7])
+    key = np.array([5, 1, 5, 1, 9])
+    assert least_of_groups(key, np.array([2.0, 3.0, 1.0, 4.0, 0.0])).tolist() == [1, 2, 4]
+    assert least_of_groups(key, np.zeros(5)).tolist() == [1, 0, 4]

@@ -1,7 +1,5 @@
 """A rig laid upon a plan: the similarity comes back, its sigma holds, and wrong placements are found."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -88,7 +86,7 @@ def test_of_three_the_scale_of_people_decides_and_without_it_all_are_suspects() 
     assert unsure.suspects == (0, 1, 2)
 
 
-@pytest.mark.parametrize(("count", "told"), [(3, False), (4, True), (5, True)])
+@pytest.mark.parametrize(("count", "told"), [(3, False), (4, True)])
 def test_a_mirrored_plan_is_recognised_by_four_placements(count: int, told: bool) -> None:
     sound = placed(count)
     mirrored = sound.mirrored()
@@ -96,7 +94,7 @@ def test_a_mirrored_plan_is_recognised_by_four_placements(count: int, told: bool
     assert not fits_mirrored(sound, choose_placements(sound, ScalePrior()), ScalePrior())
 
 
-@pytest.mark.parametrize("scale", [1e-3, 0.1, 10.0, 1e3])
+@pytest.mark.parametrize("scale", [1e-3, 1e3])
 def test_a_wrong_unit_of_the_plan_makes_no_placement_less_sure(scale: float) -> None:
     """Sigmas in metres of the plan are as wrong as the plan: what they are as shares of it stays."""
     right, wrong = fit_plan(placed(4)), fit_plan(placed(4, scale))
@@ -106,7 +104,6 @@ def test_a_wrong_unit_of_the_plan_makes_no_placement_less_sure(scale: float) -> 
 
 
 def test_one_wrong_row_of_a_placement_that_several_show_is_left_out_alone() -> None:
-    """Two points, the second seen by three cameras of which one was clicked 1.5 m beside it."""
     target = SPOTS[[0, 1, 1, 1]]
     place = target.copy()
     place[3] += (0.0, 1.5)

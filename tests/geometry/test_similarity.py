@@ -1,7 +1,5 @@
 """Similarities: exact where the points are exact, least squares where they are not."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

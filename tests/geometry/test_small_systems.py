@@ -1,7 +1,5 @@
 """Many small systems at once against one after the other."""
 
-from __future__ import annotations
-
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st

@@ -1,7 +1,5 @@
 """Triangulation against points that are known."""
 
-from __future__ import annotations
-
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
@@ -17,22 +15,15 @@ from passerby.geometry.triangulation import (
     triangulate,
     triangulate_two_views,
 )
+from support.scenes.people_and_rigs import ring
 
 seeds = st.integers(0, 2**32 - 1)
 
 
-def cameras_around(rng: np.random.Generator, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """World-to-camera rotations and translations of cameras on a circle of 8 m that look at its middle."""
-    rotations, translations = [], []
-    for yaw in 2 * np.pi * (np.arange(count) + rng.uniform(-0.3, 0.3, count)) / count:
-        centre = 8 * np.array([np.cos(yaw), np.sin(yaw), 0.25])
-        z = -centre / np.linalg.norm(centre)
-        x = np.cross(z, [0, 0, 1])
-        x /= np.linalg.norm(x)
-        R = np.stack([x, np.cross(z, x), z])
-        rotations.append(R)
-        translations.append(-R @ centre)
-    return np.stack(rotations), np.stack(translations)
+def cameras_around(count: int) -> tuple[np.ndarray, np.ndarray]:
+    """World-to-camera rotations and translations."""
+    poses = [camera.pose for camera in ring(count)]
+    return np.stack([pose.R_cw for pose in poses]), np.stack([pose.t_cw for pose in poses])
 
 
 def rays_of(points: np.ndarray, R: np.ndarray, t: np.ndarray) -> np.ndarray:
@@ -43,7 +34,7 @@ def rays_of(points: np.ndarray, R: np.ndarray, t: np.ndarray) -> np.ndarray:
 @given(seeds)
 def test_exact_rays_give_the_exact_points_however_few_cameras_see_them(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    R, t = cameras_around(rng, 5)
+    R, t = cameras_around(5)
     points = rng.uniform(-2, 2, (12, 3))
     seen = rng.random((5, 12)) < 0.6
     camera, point = np.nonzero(seen)
@@ -52,15 +43,6 @@ def test_exact_rays_give_the_exact_points_however_few_cameras_see_them(seed: int
     enough = seen.sum(axis=0) >= 2
     np.testing.assert_allclose(found[enough], points[enough], atol=1e-6)
     assert np.isnan(found[~enough]).all()
-
-
-@given(seeds, st.floats(0.01, 100))
-def test_two_views_scale_with_the_baseline(seed: int, scale: float) -> None:
-    rng = np.random.default_rng(seed)
-    R, t = exp_rotation(rng.uniform(-0.5, 0.5, 3)), np.array([1.0, 0.2, 0.1])
-    points = rng.uniform((-2, -2, 4), (2, 2, 9), (10, 3))
-    found = triangulate_two_views(rays_of(points, np.eye(3), np.zeros(3)), rays_of(points, R, t), R, scale * t)
-    np.testing.assert_allclose(found, scale * points, rtol=1e-6)
 
 
 def test_angles_count_not_distances_to_the_rays(rng: np.random.Generator) -> None:
@@ -82,7 +64,7 @@ def test_angles_count_not_distances_to_the_rays(rng: np.random.Generator) -> Non
 
 
 def test_a_heavy_ray_pulls_the_point(rng: np.random.Generator) -> None:
-    R, t = cameras_around(rng, 3)
+    R, t = cameras_around(3)
     point = np.array([[0.5, -0.2, 0.9]])
     bearing = np.concatenate([rays_of(point, R[c], t[c]) for c in range(3)])
     bearing[2] += 0.02
@@ -93,16 +75,10 @@ def test_a_heavy_ray_pulls_the_point(rng: np.random.Generator) -> None:
     assert np.linalg.norm(trusting - point) < 1e-3 < np.linalg.norm(plain - point)
 
 
-def test_parallel_rays_have_no_point() -> None:
-    ray = np.array([[0.0, 0.0, 1.0]])
-    assert np.isnan(triangulate_two_views(ray, ray, np.eye(3), np.array([1.0, 0, 0]))).all()
-
-
 def test_no_rays_no_points() -> None:
     nothing = np.zeros(0, dtype=int)
     found = triangulate(nothing, nothing, np.zeros((0, 3)), np.eye(3)[None], np.zeros((1, 3)), 2)
-    assert found.shape == (2, 3)
-    assert np.isnan(found).all()
+    np.testing.assert_array_equal(found, np.full((2, 3), np.nan))
 
 
 @given(seeds)
@@ -118,7 +94,7 @@ def test_parallax_is_the_angle_at_the_point(seed: int) -> None:
 
 def test_residuals_are_pixels_of_the_lens(rng: np.random.Generator) -> None:
     lens = Lens((800, 600), np.array([[500.0, 0, 400], [0, 510, 300], [0, 0, 1]]), np.array([-0.1, 0.02, 0, 0]))
-    R, t = cameras_around(rng, 1)
+    R, t = cameras_around(1)
     points = rng.uniform(-1.5, 1.5, (20, 3))
     seen = move_to_camera_frames(points, np.zeros(20, dtype=int), np.arange(20), R, t)
     measured = lens.project_rays(seen) + rng.normal(size=(20, 2))
@@ -133,7 +109,7 @@ def test_residuals_are_pixels_of_the_lens(rng: np.random.Generator) -> None:
 @given(seeds)
 def test_points_of_two_views_are_those_of_the_general_solution(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    (R_a, R_b), (t_a, t_b) = cameras_around(rng, 2)
+    (R_a, R_b), (t_a, t_b) = cameras_around(2)
     R_ba = R_b @ R_a.T
     t_ba = t_b - R_ba @ t_a
     points = rng.uniform(-2, 2, (40, 3)) + [0.0, 0.0, 8.0]

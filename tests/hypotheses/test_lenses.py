@@ -1,7 +1,5 @@
 """Stated lenses: wrong ones are found where they harm, right ones are left alone."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -213,7 +211,6 @@ def misplaced(observations: Observations, joints3d: np.ndarray, rig: Rig, level:
         seen = observations[camera.name]
         joints = joints3d[seen.keypoints.frame - 1, np.maximum(seen.keypoints.identity - 1, 0)]
         across = joints[:, 6, :2] - joints[:, 5, :2]
-        assert camera.pose is not None
         ray = joints[:, 11, :2] - camera.pose.centre[:2]
         heading = np.arctan2(across[:, 0], -across[:, 1]) - np.arctan2(ray[:, 1], ray[:, 0])
         own = alike + rng.normal(0, 0.3 * level, (17, 2))

@@ -1,24 +1,21 @@
 """What one camera's observations are: another reading is found where it is right, and none where the stated one is."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from passerby.core.cameras import Camera, Rig
 from passerby.core.observations import Boxes, CameraObservations, Observations
 from passerby.core.quarter_turns import turn_seen
 from passerby.core.solution import Solution
 from passerby.core.stature import PERSON_HEIGHT_M
 from passerby.hypotheses.observations import examine_readings
-from passerby.hypotheses.readings import mirrored, possible_share, smaller
+from passerby.hypotheses.readings import mirrored
 from passerby.hypotheses.registration import SeenPeople
 from passerby.people.body_centres import PeopleRays, identified_body_centres
 from passerby.simulation import SimulationOptions, simulate
 from support.datasets.cmc import write_cmc
-from support.scenes.people_and_rigs import part, simulated
+from support.scenes.people_and_rigs import part, simulated, without_poses
 from support.scenes.walking_area import Walk
 
 NAME = "C2"
@@ -41,14 +38,6 @@ def halved(seen: CameraObservations) -> CameraObservations:
     return CameraObservations(replace(seen.boxes, ltwh=0.5 * seen.boxes.ltwh))
 
 
-def later(seen: CameraObservations, steps: int) -> CameraObservations:
-    return CameraObservations(replace(seen.boxes, frame=seen.boxes.frame + steps))
-
-
-def test_right_observations_raise_nothing() -> None:
-    assert examined(lambda seen, lens: seen) == []
-
-
 @pytest.mark.parametrize(
     ("code", "change"),
     [
@@ -59,19 +48,18 @@ def test_right_observations_raise_nothing() -> None:
     ],
 )
 def test_a_misread_camera_is_found_and_put_where_it_stands(code: str, change) -> None:  # type: ignore[no-untyped-def]
-    truth = simulated("terrace").rig[NAME].pose
-    assert truth is not None
     found = examined(change)
     assert [(one.name, one.reading.code, one.decision) for one in found] == [(NAME, code, "doubt")]
-    assert np.linalg.norm(found[0].pose.centre - truth.centre) < 0.3
+    assert np.linalg.norm(found[0].pose.centre - simulated("terrace").rig[NAME].pose.centre) < 0.3
 
 
-def test_a_late_clock_is_found_with_its_offset() -> None:
-    found = examined(lambda seen, lens: later(seen, 3))
+def test_a_late_clock_is_found_with_its_offset_and_right_observations_and_rigs_without_poses_raise_nothing() -> None:
+    scene = simulated("terrace")
+    found = examined(lambda seen, lens: CameraObservations(replace(seen.boxes, frame=seen.boxes.frame + 3)))
     assert [(one.name, one.reading.code, one.decision) for one in found] == [(NAME, "clock_late", "correct")]
-    fps = simulated("terrace").observations.fps
-    assert fps is not None
-    assert found[0].reading.late_s == pytest.approx(3 / fps, abs=0.3 / fps)
+    assert found[0].reading.late_s == pytest.approx(3 / scene.observations.fps, abs=0.3 / scene.observations.fps)
+    for rig in (scene.rig, without_poses(scene.rig)):
+        assert examined(lambda seen, lens: seen, rig) == []
 
 
 def test_a_mirrored_image_mirrored_again_is_the_image() -> None:
@@ -80,20 +68,6 @@ def test_a_mirrored_image_mirrored_again_is_the_image() -> None:
     again = mirrored(mirrored(seen, size), size)
     assert np.allclose(again.boxes.ltwh, seen.boxes.ltwh)
     assert np.allclose(again.keypoints.xy, seen.keypoints.xy)
-
-
-def test_a_smaller_image_is_possible_only_where_people_keep_to_a_part_of_it() -> None:
-    scene = simulated("terrace")
-    seen, lens = scene.observations[NAME], scene.rig[NAME].lens
-    assert possible_share(seen, lens.size) is None
-    assert possible_share(halved(seen), lens.size) == 0.5
-    assert smaller(lens, 0.5).size == (lens.size[0] // 2, lens.size[1] // 2)
-
-
-def test_without_a_rig_nothing_is_examined() -> None:
-    scene = simulated("terrace")
-    unposed = Rig(tuple(Camera(camera.name, camera.lens) for camera in scene.rig))
-    assert examined(lambda seen, lens: seen, unposed) == []
 
 
 def boxed(walk: Walk, fps: float) -> Observations:
@@ -126,6 +100,5 @@ def test_a_low_camera_is_not_taken_for_an_overturned_one_below_the_ground(tmp_pa
 
 @pytest.mark.parametrize("seed", range(4811, 4815))
 def test_nothing_is_found_in_short_recordings(seed: int) -> None:
-    """Three seconds and four people."""
     scene = simulate(SimulationOptions(preset="construction", seed=seed, cameras=3, people=4, seconds=3.0))
     assert examine_readings(Solution("people", scene.rig, "accepted"), scene.observations, clocks=True) == []

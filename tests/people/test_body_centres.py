@@ -1,7 +1,5 @@
 """Where people are by several cameras, where hardly anybody is seen."""
 
-from __future__ import annotations
-
 import pytest
 
 from passerby.core.observations import Boxes, CameraObservations, Keypoints, Observations

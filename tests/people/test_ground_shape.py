@@ -1,7 +1,5 @@
 """People on stairs, on a slope and on level ground."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -9,7 +7,7 @@ import passerby
 from passerby.calibration.calibration import Calibration
 from passerby.evaluation.metrics import compare
 from passerby.people.body_centres import TriangulatedPeople
-from passerby.people.ground_shape import ground_shape
+from passerby.people.ground_shape import GroundShape, ground_shape
 from passerby.simulation import SimulatedScene, SimulationOptions, simulate
 from passerby.simulation.disturbances import Ground, film_disturbed, level
 
@@ -43,50 +41,38 @@ def test_level_ground_and_an_even_slope_are_planes(ground):
     assert calibration.figures.ground.rise_m < 0.1
 
 
-def people(height: np.ndarray, places: np.ndarray) -> TriangulatedPeople:
-    n = len(places)
-    instant = np.arange(n) // 4  # two seconds apart: who is elsewhere each time walks
-    place = np.column_stack([places, height])
-    return TriangulatedPeople(instant, np.arange(n) % 4, place, np.tile(np.diag([0.01, 0.01, 0.02]) ** 2, (n, 1, 1)))
+def shape_of(height: np.ndarray, places: np.ndarray) -> GroundShape | None:
+    """By people at these places, four at a time, two seconds apart: who is elsewhere each time walks."""
+    n, place = len(places), np.column_stack([places, height])
+    spread = np.tile(np.diag([0.01, 0.01, 0.02]) ** 2, (n, 1, 1))
+    return ground_shape(TriangulatedPeople(np.arange(n) // 4, np.arange(n) % 4, place, spread), 0.5)
 
 
-def test_heights_of_people_are_no_shape_of_the_ground():
+def test_heights_of_people_and_who_works_near_the_ground_are_no_shape_of_it():
     """Who is tall stays on one side."""
-    rng = np.random.default_rng(0)
-    n = 4000
+    n, rng = 4000, np.random.default_rng(0)
     who = np.arange(n) % 4
     places = rng.uniform(-5, 5, (n, 2)) + np.column_stack([2.0 * (who - 1.5), np.zeros(n)])
-    shape = ground_shape(people(0.8 + 0.04 * who + rng.normal(0, 0.02, n), places), 0.5)
-    assert shape is not None
-    assert not shape.sure
-    assert shape.rise_m < 0.05
+    by_stature = shape_of(0.8 + 0.04 * who + rng.normal(0, 0.02, n), places)
+    rng, low = np.random.default_rng(0), np.zeros(n, dtype=bool)
+    places = rng.uniform(-5, 5, (n, 2))
+    low[400:600] = low[1200:1500] = True
+    places[low] = [3.0, -3.0]
+    by_work = shape_of(np.where(low, 0.4, 0.86) + rng.normal(0, 0.03, n), places)
+    for shape in (by_stature, by_work):
+        assert not shape.sure
+        assert shape.rise_m < 0.05
+    assert shape_of(np.full(30, 0.86), np.zeros((30, 2))) is None, "too few places tell nothing"
 
 
 def test_a_ridge_is_measured():
     rng = np.random.default_rng(0)
     places = rng.uniform(-5, 5, (4000, 2))
     ridge = 0.6 * (1 - np.abs(places[:, 0]) / 5)
-    shape = ground_shape(people(0.86 + ridge + rng.normal(0, 0.03, 4000), places), 0.5)
-    assert shape is not None
+    shape = shape_of(0.86 + ridge + rng.normal(0, 0.03, 4000), places)
     assert shape.sure
     assert shape.rise_m == pytest.approx(0.5, abs=0.1)
     assert abs(shape.high[0]) < 2 < abs(shape.low[0])
-
-
-def test_people_who_work_near_the_ground_make_no_hole():
-    rng = np.random.default_rng(0)
-    places = rng.uniform(-5, 5, (4000, 2))
-    low = np.zeros(4000, dtype=bool)
-    low[400:600] = low[1200:1500] = True
-    places[low] = [3.0, -3.0]
-    shape = ground_shape(people(np.where(low, 0.4, 0.86) + rng.normal(0, 0.03, 4000), places), 0.5)
-    assert shape is not None
-    assert not shape.sure
-    assert shape.rise_m < 0.05
-
-
-def test_too_few_places_tell_nothing():
-    assert ground_shape(people(np.full(30, 0.86), np.zeros((30, 2))), 0.5) is None
 
 
 def test_people_who_each_keep_to_a_level_slope_against_the_plane_through_both():
@@ -96,10 +82,8 @@ def test_people_who_each_keep_to_a_level_slope_against_the_plane_through_both():
     who = np.arange(n) % 4
     places = rng.uniform(-2, 2, (n, 2)) + np.column_stack([np.where(who < 2, -2.5, 2.5), np.zeros(n)])
     height = 0.8 + 0.05 * who + np.where(who < 2, 0.0, 0.5) - slope * places[:, 0] + rng.normal(0, 0.02, n)
-    shape = ground_shape(people(height, places), 0.5)
-    assert shape is not None
+    shape = shape_of(height, places)
     assert shape.slope_deg == pytest.approx(np.degrees(np.arctan(slope)), abs=3 * shape.slope_sigma_deg)
     assert shape.slope_sigma_deg < 0.2
-    level = ground_shape(people(height + slope * places[:, 0], places), 0.5)
-    assert level is not None
+    level = shape_of(height + slope * places[:, 0], places)
     assert level.slope_deg < 3 * level.slope_sigma_deg

@@ -37,7 +37,7 @@ def rolled(scene, name, degrees):
     return camera, Boxes(time + 1, np.full(len(time), -1), ltwh, np.ones(len(time)))
 
 
-@pytest.mark.parametrize("degrees", [-45, -25, 18, 35, 45])
+@pytest.mark.parametrize("degrees", [-45, 18, 45])
 def test_the_vertical_of_a_rolled_camera_is_found(filmed, degrees):
     camera, boxes = rolled(filmed, "C2", degrees)
     bodies, level = levelled_people(

@@ -1,7 +1,5 @@
 """The table of sightings: blocks stay numbered without gaps, and the fits that share its equations agree."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -24,10 +22,14 @@ BODY = np.column_stack([PLACES[WHO], np.zeros(len(WHO)), HEIGHTS[WHO]])
 """x, y, ground and height of each person at each time step."""
 
 
+SEEN = observe(RIG, BODY[:, :2], BODY[:, 3], WHEN, WHO)
+BOXES = {name: one.boxes for name, one in SEEN.items()}
+
+
 @pytest.fixture(scope="module")
 def seen() -> Sightings:
     """Poles without any error, in all four cameras at all five seconds."""
-    found = gather_sightings(RIG, Observations(observe(RIG, BODY[:, :2], BODY[:, 3], WHEN, WHO), 1.0))
+    found = gather_sightings(RIG, Observations(SEEN, 1.0))
     assert len(found) == 4 * len(WHO)
     return found
 
@@ -41,7 +43,7 @@ def test_a_block_is_one_person_at_one_time_step(seen: Sightings) -> None:
         assert sorted(own.camera) == [0, 1, 2, 3]
 
 
-def test_parts_number_their_blocks_anew(seen: Sightings) -> None:
+def test_parts_number_their_blocks_and_cameras_anew(seen: Sightings) -> None:
     early = seen.between(0.0, float(np.median(seen.seconds)))
     assert 0 < early.n_blocks < seen.n_blocks
     assert (early.seconds < np.median(seen.seconds)).all()
@@ -52,9 +54,6 @@ def test_parts_number_their_blocks_anew(seen: Sightings) -> None:
         assert part.n_blocks == blocks == len(part.block_identity)
     assert set(tall.identity) == {2}
     assert set(others.camera) == {1, 2}
-
-
-def test_cameras_of_a_part_are_numbered_by_their_new_order(seen: Sightings) -> None:
     rows = np.flatnonzero(np.isin(seen.camera, [1, 3]))
     part = seen.of_cameras(("C4", "C2"), rows)
     assert part.names == ("C4", "C2")
@@ -79,7 +78,7 @@ def test_exact_sightings_leave_no_residual_at_their_bodies(seen: Sightings) -> N
 def test_boxes_become_the_same_rays_by_either_way(seen: Sightings) -> None:
     world = seen.in_world(*poses_of(RIG, seen.names))
     for number, camera in enumerate(RIG):
-        boxes = observe(RIG, BODY[:, :2], BODY[:, 3], WHEN, WHO)[camera.name].boxes
+        boxes = BOXES[camera.name]
         found = box_sightings(camera, number, boxes.frame, boxes.identity, boxes.ltwh)
         own = world.take(world.camera == number)
         order, own_order = (np.lexsort((one.identity, one.step)) for one in (found, own))
@@ -88,13 +87,8 @@ def test_boxes_become_the_same_rays_by_either_way(seen: Sightings) -> None:
 
 
 def test_report_and_monitoring_place_a_body_alike(seen: Sightings) -> None:
-    """Two fits share the equations: people are at the same places by both, as far as their priors leave them there."""
     by_monitoring = fit_people(seen, *poses_of(RIG, seen.names), heights=dict(enumerate(HEIGHTS.tolist()))).body
-    boxes = observe(RIG, BODY[:, :2], BODY[:, 3], WHEN, WHO)
-    parts = [
-        Sightings(np.full(len(one.boxes), c), one.boxes.frame, one.boxes.identity, ltwh=one.boxes.ltwh)
-        for c, one in enumerate(boxes[name] for name in RIG.names)
-    ]
+    parts = [Sightings(np.full(len(one), c), one.frame, one.identity, ltwh=one.ltwh) for c, one in enumerate(BOXES.values())]
     model = BodyModel(Noise(), Priors().foot_shift, {}, dict(enumerate(HEIGHTS.tolist())), 1.72)
     bodies, _, agrees = fit_bodies(RIG, Sightings.joined(parts), model)
     assert agrees.all()

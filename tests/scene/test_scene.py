@@ -85,6 +85,7 @@ def test_how_far_clocks_are_searched(tmp_path, association, seconds):
         ("[scene]\nfps = 'fast'", r"\[scene\] fps is 'fast': "),
         ("[solver]\nmethod = 'magic'", r"\[solver\] method is 'magic': .*'people' or 'geopose'"),
         ("[solver]\nmethod = 'geopose'", r"geopose. needs a reference camera"),
+        ("[solver]\nmethod = 'geopose'\nreference = 'A'\nrefine = ['focal']", r"geopose. refines nothing"),
         ("[solver]\nreference = 'C'", r"\[solver\] reference: camera 'C' is not declared: there are A, B"),
         ("[association]\nmode = 'guess'", r"\[association\] mode is 'guess': .*'combined', .* or 'given'"),
         ("[association]\nmax_offset_s = -1", r"\[association\] max_offset_s is -1: "),

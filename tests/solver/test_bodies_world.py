@@ -1,7 +1,5 @@
 """A rig of joints alone in the world of the bodies it sees: what bodies place, and what is left to what was measured."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -10,41 +8,27 @@ from passerby.solver.body_segments import GROUND_SD_M, HIP_SHARE, Bodies, BodySc
 from passerby.solver.body_vertical import BodyVertical
 from passerby.solver.cue_terms import CueRows, WorldRows
 from passerby.solver.people_state import AdjustmentState
+from support.scenes.exact_sightings import poses_of
 from support.scenes.people_and_rigs import ring
 
 HALF, FLOOR_M, STATURE_M = 0.5, -0.6, 1.7
 """The rig's own unit is two metres; the floor lies a little below its origin."""
 HIPS_M = FLOOR_M + HIP_SHARE * STATURE_M
-BODIES = Bodies(
-    np.zeros(8, int),
-    np.arange(8),
-    np.tile([[[1.0, 0.1, HALF * HIPS_M], [1.0, -0.1, HALF * HIPS_M]]], (8, 1, 1)),
-    ("left_hip", "right_hip"),
-)
+BODIES = Bodies(np.zeros(8, int), np.arange(8), np.tile([[[1.0, 0.1, HALF * HIPS_M], [1.0, -0.1, HALF * HIPS_M]]], (8, 1, 1)),
+                ("left_hip", "right_hip"))  # fmt: skip
 DOUBLED = BodyScale(np.log(2.0), 0.1, 1, ("trunks",))
 UPRIGHT = BodyVertical(np.array([0.0, 0.0, 1.0]), np.diag([1e-3, 4e-3]), np.eye(3)[:2], ("trunks",))
 
 
 def state() -> AdjustmentState:
     """Three cameras and a joint, in the rig's own unit."""
-    poses = [camera.pose for camera in ring(3) if camera.pose is not None]
-    centre = np.array([pose.centre for pose in poses])
-    return AdjustmentState(
-        np.array([pose.R_cw for pose in poses]), HALF * centre, np.zeros(3), np.zeros(1), np.zeros(0), np.zeros((0, 4)),
-        np.array([[1.0, 0.0, 0.5]]),
-    )  # fmt: skip
+    R, centre = poses_of(ring(3))
+    joint = np.array([[1.0, 0.0, 0.5]])
+    return AdjustmentState(R, HALF * centre, np.zeros(3), np.zeros(1), np.zeros(0), np.zeros((0, 4)), joint)
 
 
 def placed(rows: CueRows | None, scale: BodyScale | None = DOUBLED) -> tuple[AdjustmentState, WorldRows]:
     return _placed(state(), np.arange(3), rows, BODIES, scale, UPRIGHT, np.zeros(1, int), np.array([STATURE_M]))
-
-
-def test_bodies_alone_tell_scale_and_ground() -> None:
-    found, world = placed(None)
-    np.testing.assert_allclose(found.centre, state().centre / HALF - [0, 0, FLOOR_M])
-    np.testing.assert_allclose(found.joints, state().joints / HALF - [0, 0, FLOOR_M])
-    assert (world.people, world.scale_off, world.ground_sd_m) == (1, 0.0, GROUND_SD_M)
-    assert len(world.rows) == 4  # the scale, two tilts and the ground
 
 
 def test_the_height_of_a_camera_replaces_the_hips_and_leaves_the_scale_to_bodies() -> None:
@@ -75,6 +59,9 @@ def test_without_a_scale_hips_tell_no_ground() -> None:
 def test_rows_hold_each_freedom_as_surely_as_bodies_do() -> None:
     """A rig that grows, rises or tilts by one sigma has a residual of one."""
     found, world = placed(None)
+    np.testing.assert_allclose(found.centre, state().centre / HALF - [0, 0, FLOOR_M])
+    np.testing.assert_allclose(found.joints, state().joints / HALF - [0, 0, FLOOR_M])
+    assert (world.people, world.scale_off, world.ground_sd_m) == (1, 0.0, GROUND_SD_M)
     middle = found.centre.mean(axis=0)
     grown, risen = found.centre + DOUBLED.sd * (found.centre - middle), found.centre + [0, 0, GROUND_SD_M]
     still = np.zeros((3, 3))

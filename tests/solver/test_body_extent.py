@@ -1,7 +1,5 @@
 """What people's bodies say about vertical, ground and scale."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -133,18 +131,23 @@ def test_with_true_cameras_the_true_world_comes_out(workers: SimulatedScene, ext
     assert abs(ground) < 0.04
 
 
+LENS = Lens((640, 480), np.array([[600.0, 0, 320], [0, 600, 240], [0, 0, 1]]), np.zeros(4))
+RIG = Rig((Camera("A", LENS), Camera("B", LENS)))
+TALL = np.repeat([0.94, 0.82, 0.6, 0.52, 0.28, 0.04], [5, 2, 4, 2, 2, 2])
+"""Of each joint, as a share of a standing person's height."""
+
+
+def extents_of(v: np.ndarray, score: np.ndarray, names: tuple[str, ...] = BODY_17):
+    """Of joints in these rows of the picture of one camera; a camera without anybody in it says nothing of names."""
+    xy = np.stack([np.full(v.shape, 300.0), v], axis=2)
+    seen = Keypoints(np.arange(len(v)), np.zeros(len(v), int), xy, score, names)
+    return joint_extents(RIG, Observations({"A": CameraObservations(keypoints=seen), "B": CameraObservations()}))
+
+
 @pytest.mark.parametrize("right", [True, False])
 def test_heads_and_ankles_are_the_ends_of_people_unless_their_names_contradict_the_pictures(right: bool) -> None:
-    """A camera without anybody in it says nothing of names."""
-    rng = np.random.default_rng(0)
-    tall = np.array([0.94 if j < 5 else 0.82 if j < 7 else 0.6 if j < 11 else 0.52 if j < 13 else 0.28 if j < 15 else 0.04
-                     for j in range(len(BODY_17))])  # fmt: skip
-    xy = np.stack([np.full((20, 17), 300.0), np.tile(400 - 300 * tall, (20, 1))], axis=2) + rng.normal(0, 1, (20, 17, 2))
-    names = BODY_17 if right else BODY_17[::-1]
-    seen = Keypoints(np.arange(20), np.zeros(20, int), xy, np.ones((20, 17)), names)
-    lens = Lens((640, 480), np.array([[600.0, 0, 320], [0, 600, 240], [0, 0, 1]]), np.zeros(4))
-    rig = Rig((Camera("A", lens), Camera("B", lens)))
-    found = joint_extents(rig, Observations({"A": CameraObservations(keypoints=seen), "B": CameraObservations()}))
+    v = 400 - 300 * np.tile(TALL, (20, 1)) + np.random.default_rng(0).normal(0, 1, (20, 17))
+    found = extents_of(v, np.ones((20, 17)), BODY_17 if right else BODY_17[::-1])
     assert (found.finding is None) == right
     top, bottom = np.flatnonzero(found.is_top).tolist(), np.flatnonzero(found.is_bottom).tolist()
     assert set(top) <= set(range(5))
@@ -156,14 +159,9 @@ def test_heads_and_ankles_are_the_ends_of_people_unless_their_names_contradict_t
 
 def test_the_names_of_joints_hold_for_people_near_and_far() -> None:
     """Near people without faces fill the lower half of the picture, far ones stand small in the upper half."""
-    tall = np.repeat([0.94, 0.82, 0.6, 0.52, 0.28, 0.04], [5, 2, 4, 2, 2, 2])
-    near, far = (np.tile(foot - size * tall, (20, 1)) for foot, size in ((470.0, 250.0), (130.0, 30.0)))
-    xy = np.stack([np.full((40, 17), 300.0), np.concatenate([near, far])], axis=2)
     score = np.ones((40, 17))
     score[:20, :5] = 0.0
-    lens = Lens((640, 480), np.array([[600.0, 0, 320], [0, 600, 240], [0, 0, 1]]), np.zeros(4))
-    seen = Keypoints(np.arange(40), np.zeros(40, int), xy, score, BODY_17)
-    found = joint_extents(Rig((Camera("A", lens),)), Observations({"A": CameraObservations(keypoints=seen)}))
+    found = extents_of(np.repeat([470.0 - 250.0 * TALL, 130.0 - 30.0 * TALL], 20, axis=0), score)
     assert found.finding is None
     assert found.is_top[:5].all()
     assert np.flatnonzero(found.is_bottom).tolist() == [15, 16]
@@ -204,8 +202,5 @@ def test_one_camera_alone_measures_nobody(workers: SimulatedScene) -> None:
 
 
 def test_no_keypoints_no_segments() -> None:
-    lens = Lens((640, 480), np.array([[600.0, 0, 320], [0, 600, 240], [0, 0, 1]]), np.zeros(4))
-    rig = Rig((Camera("A", lens), Camera("B", lens)))
-    extents = joint_extents(rig, Observations({"A": CameraObservations(), "B": CameraObservations()}))
-    found = triangulate_segments(rig, extents, np.arange(2), np.stack([np.eye(3)] * 2), np.zeros((2, 3)))
-    assert len(found) == 0
+    extents = joint_extents(RIG, Observations({"A": CameraObservations(), "B": CameraObservations()}))
+    assert len(triangulate_segments(RIG, extents, np.arange(2), np.stack([np.eye(3)] * 2), np.zeros((2, 3)))) == 0

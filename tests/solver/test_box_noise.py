@@ -1,7 +1,5 @@
 """Boxes that are off by pixels rather than by a share of their size: what is learnt of them, and what is said of the result."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

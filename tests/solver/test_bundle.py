@@ -1,14 +1,12 @@
 """Bundle adjustment of points: derivatives, recovery of the truth, held cameras, honest sigmas."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np
 import pytest
 
 from passerby.core.cameras import Lens, Pose, Rig
-from passerby.geometry.rotations import angle_between, exp_rotation, log_rotation, skew
+from passerby.geometry.rotations import angle_between, exp_rotation, log_rotation
 from passerby.geometry.triangulation import PointObservations, pose_jacobian, project_near, retract_poses
 from passerby.solver.geopose import bundle
 from passerby.solver.geopose.bundle import adjust_points
@@ -35,16 +33,12 @@ def sightings(rig: Rig, points: np.ndarray, rng: np.random.Generator, noise_px: 
     return PointObservations(camera, point, bearing, tangent, np.full(len(camera), max(noise_px, 0.1)))
 
 
-def disturbed(poses: Sequence[Pose], rng: np.random.Generator, *, keep: int = 0) -> list[Pose]:
-    out = []
-    for index, pose in enumerate(poses):
-        if index == keep:
-            out.append(pose)
-            continue
-        out.append(
-            Pose.from_centre(exp_rotation(0.05 * rng.normal(size=3)) @ pose.R_cw, pose.centre + 0.3 * rng.normal(size=3))
-        )
-    return out
+def disturbed(poses: Sequence[Pose], rng: np.random.Generator) -> list[Pose]:
+    """All but the first."""
+    return [poses[0]] + [
+        Pose.from_centre(exp_rotation(0.05 * rng.normal(size=3)) @ pose.R_cw, pose.centre + 0.3 * rng.normal(size=3))
+        for pose in poses[1:]
+    ]
 
 
 def cloud(rng: np.random.Generator, count: int) -> np.ndarray:
@@ -79,27 +73,13 @@ def test_pose_jacobian_matches_central_differences() -> None:
     R, centre = exp_rotation(rng.normal(size=(20, 3))), rng.normal(size=(20, 3))
     point, by_d = rng.normal(size=(20, 3)) * 5, rng.normal(size=(20, 2, 3))
 
-    def value(step: np.ndarray, move: np.ndarray) -> np.ndarray:
-        turned, moved = retract_poses(R, centre, np.tile(step, (20, 1)))
-        d = np.einsum("mij,mj->mi", turned, point + move - moved)
-        return np.einsum("mki,mi->mk", by_d, d)
+    def value(step: np.ndarray) -> np.ndarray:
+        turned, moved = retract_poses(R, centre, np.tile(step[:6], (20, 1)))
+        return np.einsum("mki,mij,mj->mk", by_d, turned, point + step[6:] - moved)
 
-    by_pose, by_point = pose_jacobian(by_d, np.einsum("mij,mj->mi", R, point - centre), R)
-    for k in range(6):
-        h = 1e-6 * np.eye(6)[k]
-        np.testing.assert_allclose(
-            by_pose[:, :, k], (value(h, np.zeros(3)) - value(-h, np.zeros(3))) / 2e-6, rtol=1e-6, atol=1e-6
-        )
-    for k in range(3):
-        h = 1e-6 * np.eye(3)[k]
-        np.testing.assert_allclose(
-            by_point[:, :, k], (value(np.zeros(6), h) - value(np.zeros(6), -h)) / 2e-6, rtol=1e-6, atol=1e-6
-        )
-
-
-def test_skew_is_the_cross_product() -> None:
-    v, w = np.random.default_rng(0).normal(size=(2, 5, 3))
-    np.testing.assert_allclose(np.einsum("mij,mj->mi", skew(v), w), np.cross(v, w))
+    found = np.concatenate(pose_jacobian(by_d, np.einsum("mij,mj->mi", R, point - centre), R), axis=2)
+    numerical = np.stack([(value(h) - value(-h)) / 2e-6 for h in 1e-6 * np.eye(9)], axis=2)
+    np.testing.assert_allclose(found, numerical, rtol=1e-6, atol=1e-6)
 
 
 def test_exact_sightings_give_back_the_truth() -> None:
@@ -123,20 +103,34 @@ def test_exact_sightings_give_back_the_truth() -> None:
     np.testing.assert_allclose(found.points, first + scale * (points - first), atol=1e-5)
 
 
-@pytest.mark.parametrize("unit", [1.0, 1e-5])
-def test_the_unit_of_lengths_does_not_matter(unit: float) -> None:
-    """Of a rig in hundreds of kilometres as of one in metres the farthest camera keeps its distance, and the shape is found."""
-    rng = np.random.default_rng(9)
-    rig = ring(4)
+def test_the_unit_of_lengths_does_not_matter() -> None:
+    rng, rig, unit = np.random.default_rng(9), ring(4), 1e-5
     points = cloud(rng, 40)
     seen = sightings(rig, points, rng, 0.0)
     start = [Pose.from_centre(pose.R_cw, unit * pose.centre) for pose in disturbed(poses_of(rig), rng)]
     found = adjust_points(start, unit * points, seen)
-    centre, before, true = (np.array([pose.centre for pose in poses]) for poses in (found.poses, start, poses_of(rig)))
-    away, held, truly = (np.linalg.norm(at - at[0], axis=1) for at in (centre, before, true))
+    away, held, truly = (
+        np.linalg.norm([pose.centre - poses[0].centre for pose in poses], axis=1)
+        for poses in (found.poses, start, poses_of(rig))
+    )
     far = int(np.argmax(held))
     assert away[far] == pytest.approx(held[far], rel=1e-9)
     np.testing.assert_allclose(away / away[far], truly / truly[far], rtol=1e-4)
+
+
+@pytest.mark.parametrize("fixed", [(0,), (2,), (3, 1)])
+def test_held_cameras_stay_to_the_last_digit_and_the_others_move(fixed: tuple[int, ...]) -> None:
+    """Also where one of two is not the farthest: two that are held fix the scale themselves."""
+    rng, rig = np.random.default_rng(8), ring(4)
+    points = cloud(rng, 40)
+    start = disturbed(poses_of(rig), rng)
+    found = adjust_points(start, points, sightings(rig, points, rng, 0.5), fixed_cameras=fixed)
+    for c, (before, after) in enumerate(zip(start, found.poses, strict=True)):
+        if c in fixed:
+            np.testing.assert_array_equal(after.R_cw, before.R_cw)
+            np.testing.assert_allclose(after.centre, before.centre, rtol=1e-12)
+        else:
+            assert np.abs(before.R_cw - after.R_cw).max() + np.abs(before.centre - after.centre).max() > 1e-12
 
 
 def test_one_sighting_in_eight_far_off_is_let_go() -> None:
@@ -160,32 +154,6 @@ def test_one_sighting_in_eight_far_off_is_let_go() -> None:
     assert np.median(length[right]) < 1.0
     assert np.median(length[wrong]) > 20
     assert found.rms_px < 2.0
-
-
-@pytest.mark.parametrize("fixed", [(0,), (2,), (0, 3)])
-def test_held_cameras_stay_to_the_bit(fixed: tuple[int, ...]) -> None:
-    rng = np.random.default_rng(4)
-    rig = ring(4)
-    points = cloud(rng, 30)
-    start = disturbed(poses_of(rig), rng)
-    found = adjust_points(start, points, sightings(rig, points, rng, 1.0), fixed_cameras=fixed)
-    for c, (before, after) in enumerate(zip(start, found.poses, strict=True)):
-        moved = np.abs(before.R_cw - after.R_cw).max() + np.abs(before.centre - after.centre).max()
-        assert (moved < 1e-12) == (c in fixed)
-
-
-def test_cameras_that_are_held_stay_to_the_last_digit() -> None:
-    """Also where one of two is not the farthest: two that are held fix the scale themselves."""
-    rng = np.random.default_rng(8)
-    rig = ring(4)
-    points = cloud(rng, 40)
-    start = disturbed(poses_of(rig), rng)
-    seen = sightings(rig, points, rng, 0.5)
-    for held in ((0,), (0, 1), (3, 1)):
-        found = adjust_points(start, points, seen, fixed_cameras=held)
-        for camera in held:
-            np.testing.assert_array_equal(found.poses[camera].R_cw, start[camera].R_cw)
-            np.testing.assert_allclose(found.poses[camera].centre, start[camera].centre, rtol=1e-12)
 
 
 def test_residuals_stand_in_the_order_of_the_sightings() -> None:
@@ -223,7 +191,7 @@ def test_sigmas_hold_over_forty_draws_of_the_noise() -> None:
     assert np.mean(squared) == pytest.approx(6.0, abs=2.0)
 
 
-@pytest.mark.parametrize("unknowns", [0, 30, 79])
+@pytest.mark.parametrize("unknowns", [0, 79])
 def test_without_outliers_the_variance_is_that_of_the_residuals_that_the_unknowns_leave(unknowns: int) -> None:
     """Forty sightings have eighty residuals, and each unknown takes one of them."""
     squared = np.random.default_rng(8).chisquare(2, 40)

@@ -1,7 +1,5 @@
 """What a rig would measure of a distance or a height that had not been stated: misstated cues pull their own cameras."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Scale cues: each pulls the scale to its value, together by their weights, and what contradicts is told."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 
@@ -12,14 +10,7 @@ from passerby.calibration.diagnostics.verdict import find_unusual_heights
 from passerby.common.errors import InputError
 from passerby.core.figures import CueFigures
 from passerby.core.observations import CameraObservations, Observations
-from passerby.core.scale_cues import (
-    CameraDistance,
-    CameraHeight,
-    KnownLength,
-    PersonHeight,
-    PopulationHeight,
-    ScaleCues,
-)
+from passerby.core.scale_cues import CameraDistance, CameraHeight, KnownLength, PersonHeight, PopulationHeight, ScaleCues
 from passerby.core.solution import Solution
 from passerby.evaluation.metrics import compare
 from passerby.solver.cues import (
@@ -68,6 +59,9 @@ def scale_of(solution: Solution) -> float:
 @cache
 def vague_scale() -> float:
     return scale_of(solved(ScaleCues(VAGUE)))
+
+
+POSES = [np.array([getattr(camera.pose, name) for camera in TRUTH.rig]) for name in ("R_cw", "centre")]
 
 
 def person(share: float = 1.0) -> PersonHeight:
@@ -147,12 +141,14 @@ def test_the_scales_sigma_shrinks_with_each_cue() -> None:
     assert sigmas[2] < 0.01
 
 
-def test_expected_heights_are_those_of_the_named() -> None:
-    mean, sd = expected_heights(ScaleCues(people=(PersonHeight(7, 1.9, 0.01),)), np.array([3, 7, 9]))
+def test_expected_heights_are_those_of_the_named_who_are_not_of_the_population() -> None:
+    cues, identities = ScaleCues(people=(PersonHeight(7, 1.9, 0.01),)), np.array([3, 7, 9])
+    mean, sd = expected_heights(cues, identities)
     assert mean.tolist() == [1.72, 1.9, 1.72]
     assert sd[1] == 0.01
     # The mean of the two others is known to their own spread and to what all people have in common.
     assert sd[0] / np.sqrt(2) == pytest.approx(np.hypot(0.09 / np.sqrt(2), POPULATION_BIAS * 1.72))
+    assert np.isnan(population_spread(cues, identities)).tolist() == [False, True, False]
 
 
 def test_cues_on_cameras_outside_the_rig_are_left_out() -> None:
@@ -162,7 +158,6 @@ def test_cues_on_cameras_outside_the_rig_are_left_out() -> None:
         camera_heights=(CameraHeight("Z", 5.0, 0.1),),
     )
     rows = cue_rows(cues, TRUTH.rig)
-    assert rows is not None
     assert len(rows.lengths) == 1
     assert len(rows.distances) == len(rows.heights) == 0
     assert cue_rows(ScaleCues(), TRUTH.rig) is None
@@ -176,22 +171,17 @@ def test_rows_measure_the_true_rig() -> None:
         camera_heights=(CameraHeight("C2", 1.0, 0.1),),
     )
     rows = cue_rows(cues, TRUTH.rig)
-    R, centre = (np.array([getattr(c.pose, name) for c in TRUTH.rig]) for name in ("R_cw", "centre"))
-    marks = triangulate_marks(rows, R, centre)
+    marks = triangulate_marks(rows, *POSES)
     np.testing.assert_allclose(marks, ENDS, atol=0.03)
-    values = [value for _, value, _, _ in scale_cue_lengths(rows, R, centre, marks)]
+    values = [value for _, value, _, _ in scale_cue_lengths(rows, *POSES, marks)]
     np.testing.assert_allclose(values, [3.6, TRUE_DISTANCE, TRUE_HEIGHT], atol=0.03)
 
 
 def test_first_scale_weighs_people_against_cues() -> None:
-    """A precise cue wins over a few people, many people over a vague cue."""
-    cue = ScaleCues(distances=(CameraDistance(("C1", "C3"), 2 * TRUE_DISTANCE, 0.001),))
-    vague = ScaleCues(distances=(CameraDistance(("C1", "C3"), 2 * TRUE_DISTANCE, 100.0),))
-    R, centre = (np.array([getattr(c.pose, name) for c in TRUTH.rig]) for name in ("R_cw", "centre"))
-    marks = np.zeros((0, 3))
-    assert initial_scale(cue_rows(cue, TRUTH.rig), R, centre, marks, 5, 0.05) == pytest.approx(2, abs=0.01)
-    assert initial_scale(cue_rows(vague, TRUTH.rig), R, centre, marks, 5, 0.05) == pytest.approx(1, abs=0.01)
-    assert initial_scale(None, R, centre, marks, 0, 0.05) == 1.0
+    for sd_m, scale in ((0.001, 2), (100.0, 1)):
+        rows = cue_rows(ScaleCues(distances=(CameraDistance(("C1", "C3"), 2 * TRUE_DISTANCE, sd_m),)), TRUTH.rig)
+        assert initial_scale(rows, *POSES, np.zeros((0, 3)), 5, 0.05) == pytest.approx(scale, abs=0.01)
+    assert initial_scale(None, *POSES, np.zeros((0, 3)), 0, 0.05) == 1.0
 
 
 def test_a_mark_that_the_lens_cannot_see_is_refused() -> None:
@@ -201,31 +191,25 @@ def test_a_mark_that_the_lens_cannot_see_is_refused() -> None:
         cue_rows(ScaleCues(lengths=(KnownLength(1.0, 0.1, marks),)), TRUTH.rig)
 
 
-def test_who_is_far_taller_than_most_is_unusual():
-    heights = np.array([1.45, 1.41, 1.52, 1.48, 1.44, 1.56, 2.32, 2.11, 3.0])
-    known = np.array([True] * 8 + [False])
-    found = unusual_people(heights, known, np.full(9, 0.052))
-    assert found.tolist() == [False] * 6 + [True, True, False]
+TALL = [1.45, 1.41, 1.52, 1.48, 1.44, 1.56, 2.32, 2.11, 3.0]
 
 
-@pytest.mark.parametrize("heights", [[1.7, 1.72, 3.0, 1.69], [1.2, 1.25, 1.3, 1.7, 1.75, 1.8, 1.72]])
-def test_without_a_majority_nobody_is_unusual(heights):
-    """Too few people; and nearly as many children as adults."""
-    assert not unusual_people(np.array(heights), np.ones(len(heights), dtype=bool), np.full(len(heights), 0.052)).any()
-
-
-def test_a_mixed_population_has_room_for_children():
-    heights = np.array([1.2, 1.72, 1.7, 1.75, 1.68, 1.8])
-    assert not unusual_people(heights, np.ones(6, dtype=bool), np.full(6, 0.22 / 1.52)).any()
-
-
-def test_stated_heights_are_not_of_the_population():
-    cues = ScaleCues(people=(PersonHeight(4, 1.8),))
-    assert np.isnan(population_spread(cues, np.array([3, 4, 5]))).tolist() == [False, True, False]
+@pytest.mark.parametrize(
+    ("heights", "spread", "unusual"),
+    [
+        (TALL, 0.052, [6, 7]),  # the last is of unknown height
+        ([1.7, 1.72, 3.0, 1.69, np.nan], 0.052, []),
+        ([1.2, 1.25, 1.3, 1.7, 1.75, 1.8, 1.72, np.nan], 0.052, []),
+        ([1.2, 1.72, 1.7, 1.75, 1.68, 1.8, np.nan], 0.22 / 1.52, []),
+    ],
+    ids=["giants", "too few people", "nearly as many children as adults", "a mixed population"],
+)
+def test_who_is_far_taller_than_most_is_unusual(heights, spread, unusual):
+    known = np.arange(len(heights)) < len(heights) - 1
+    assert np.flatnonzero(unusual_people(np.array(heights), known, np.full(len(heights), spread))).tolist() == unusual
 
 
 def test_a_poster_among_people_does_not_change_the_metre():
-    """One of five is half as tall again as people are, in all cameras."""
     cameras = {}
     for name, seen in SEEN.cameras.items():
         ltwh = seen.boxes.ltwh.copy()

@@ -1,7 +1,5 @@
 """What makes an optimum uncertain: each figure beyond its limit is a notice that names the camera, and no other is."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 from typing import Any
 
@@ -22,12 +20,11 @@ COVARIANCE = RigCovariance(
     metric=np.stack([SURE] * 3), shape=np.stack([SURE] * 3), vertical_deg=0.2, scale=0.01, inflation=1.0,
     distances=np.full((3, 3), 0.01),
 )  # fmt: skip
-AGREEING = (480, 480, 480)
 
 
 def told(
     monkeypatch: pytest.MonkeyPatch,
-    agreeing: tuple[int, ...] = AGREEING,
+    agreeing: tuple[int, ...] = (480, 480, 480),
     *,
     noise: float = 0.02,
     converged: bool = True,
@@ -36,26 +33,19 @@ def told(
     """What is said of an optimum with these figures."""
     monkeypatch.setattr(findings, "height_noise", lambda fit, evidence: noise)
     cues = SimpleNamespace(world=SimpleNamespace(ground_sd_m=ground_sd_m, ground_by="hips", upright=("trunks",), segments=()))
-    seen = SimpleNamespace(camera=np.repeat([0, 1, 2], agreeing)), SimpleNamespace(camera=np.zeros(0, np.int64))
-    problem = SimpleNamespace(cues=cues, sightings=seen[0], joints=seen[1])
-    result = SimpleNamespace(converged=converged)
-    fit: Any = SimpleNamespace(result=result, model=SimpleNamespace(problem=problem))
+    cameras = SimpleNamespace(camera=np.repeat([0, 1, 2], agreeing)), SimpleNamespace(camera=np.zeros(0, np.int64))
+    problem = SimpleNamespace(cues=cues, sightings=cameras[0], joints=cameras[1])
+    fit: Any = SimpleNamespace(result=SimpleNamespace(converged=converged), model=SimpleNamespace(problem=problem))
     start: Any = SimpleNamespace(rig=RIG, evidence=None)
     found = findings.notices_about(start, fit)
     assert all(one.severity == "notice" for one in found)
     return found
 
 
-def test_nothing_speaks_against_a_sound_optimum(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_wrong_with_a_camera_the_boxes_the_ground_or_the_adjustment(monkeypatch: pytest.MonkeyPatch) -> None:
     assert told(monkeypatch) == []
-
-
-def test_few_sightings_say_nothing_of_agreement(monkeypatch: pytest.MonkeyPatch) -> None:
-    (found,) = told(monkeypatch, agreeing=(480, 480, 12))
-    assert (found.code, found.cameras, found.values) == ("few_observations", ("C3",), {"agreeing": 12})
-
-
-def test_what_is_wrong_with_the_boxes_the_ground_or_the_adjustment(monkeypatch: pytest.MonkeyPatch) -> None:
+    (few,) = told(monkeypatch, agreeing=(480, 480, 12))
+    assert (few.code, few.cameras, few.values) == ("few_observations", ("C3",), {"agreeing": 12})
     found = told(monkeypatch, noise=0.31, converged=False, ground_sd_m=0.05)
     assert [(one.code, one.cameras, one.values) for one in found] == [
         ("ground_by_hips", (), {"sigma_m": 0.05, "by": "hips", "up": ["trunks"], "scale": []}),
@@ -99,7 +89,6 @@ class Sightings(SimpleNamespace):
 
 
 def test_each_camera_counts_what_was_seen_in_it() -> None:
-    """Four boxes in the first camera, one in the second, none in the third; those that agree are 1, 2, 6 and 5 pixels off."""
     residual = np.array([[0.1, 0.0], [0.0, 0.2], [0.0, -0.6], [0.3, 0.4]])
     problem = SimpleNamespace(
         sightings=Sightings(camera=np.array([0, 0, 0, 1])), joints=SimpleNamespace(camera=np.array([1, 2, 2])),

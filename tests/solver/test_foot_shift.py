@@ -1,7 +1,5 @@
 """Where joints fix how cameras are pitched, a detector that errs by a pixel does not move the ground."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest

@@ -1,7 +1,5 @@
 """What no evidence constrains has an infinite sigma and a doubt of its own, and nothing else has."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -114,7 +112,7 @@ def test_the_threshold_lies_in_a_wide_gap(
 
 def test_the_scale_of_a_long_rig_is_known() -> None:
     """Its share is the smallest eigenvalue's, which falls with the third power of the number of cameras."""
-    for cameras, share in ((20, 5.8e-8), (75, 1.5e-9), (150, 1.8e-10), (300, 2.3e-11)):
+    for cameras, share in ((20, 5.8e-8), (300, 2.3e-11)):
         system = HeldSystem(np.eye(1), np.ones(1), np.zeros((1, 3)), np.arange(6 * cameras), np.arange(cameras))
         assert 50 * 1.8e-14 < system.null_share < share / 5
     assert HeldSystem(np.eye(1), np.ones(1), np.zeros((1, 3)), np.arange(60), np.arange(10)).null_share == NULL_SHARE

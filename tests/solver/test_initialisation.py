@@ -1,7 +1,5 @@
 """How many rounds the adjustment goes, by what it learns of the boxes."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -25,7 +23,6 @@ def test_rounds_go_on_while_the_noise_grows(box_noise: float, more: bool) -> Non
 
 
 def test_nobody_is_renamed_by_the_first_rough_rig() -> None:
-    """A fifth of the identities are swapped: once the cameras stand better, sightings go to whom they show."""
     truth = simulated("terrace", seconds=6.0, identity_swaps=0.2)
     options, rng = PeopleOptions(coarse_people=100, rounds=2), np.random.default_rng(0)
     start = Initialisation.prepare(without_poses(truth.rig), part(truth.observations), ScaleCues(), options, rng)

@@ -1,7 +1,5 @@
 """What people alone say of lenses: the same whatever was stated of these."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -42,7 +40,6 @@ def exact(instants: int = 60) -> tuple[PeopleProblem, AdjustmentState]:
 @pytest.mark.parametrize("unknown", range(3))
 def test_what_people_say_of_a_lens_does_not_go_by_what_was_stated_of_it(unknown: int) -> None:
     problem, state = exact()
-    assert problem.lens_core is not None
     found = []
     for looser in (30.0, 100.0, 1e4):
         core = problem.lens_core.copy()

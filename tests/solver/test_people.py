@@ -1,7 +1,5 @@
 """The person-model solver as a whole against simulated truth."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 
@@ -50,9 +48,7 @@ def assert_metric(found: Comparison, *, ground_mm: float = 50.0, gravity_deg: fl
     """Scale, vertical and ground as they are to be."""
     assert found.missing == ()
     assert found.scale_ratio == pytest.approx(1, abs=0.05)
-    assert found.gravity_error_deg is not None
     assert found.gravity_error_deg < gravity_deg
-    assert found.ground_error_mm is not None
     assert found.ground_error_mm < ground_mm
 
 
@@ -99,12 +95,8 @@ def test_not_worse_than_the_faithful_solver(preset: str, scenes: int) -> None:
 def test_the_same_input_and_seed_give_the_same_bits() -> None:
     first, second = solved("terrace"), solve(*boxes_only("terrace"))
     for a, b in zip(first.rig, second.rig, strict=True):
-        assert a.pose is not None
-        assert b.pose is not None
         np.testing.assert_array_equal(a.pose.R_cw, b.pose.R_cw)
         np.testing.assert_array_equal(a.pose.t_cw, b.pose.t_cw)
-        assert a.sigma is not None
-        assert b.sigma is not None
         assert a.sigma.position_m == b.sigma.position_m
     assert first.figures == second.figures
 
@@ -174,8 +166,6 @@ def test_of_two_groups_the_larger_is_registered_and_the_others_are_named() -> No
 
 def true_guess(rig: Rig, a: int, b: int) -> PairHypothesis:
     first, second = rig.cameras[a].pose, rig.cameras[b].pose
-    assert first is not None
-    assert second is not None
     R_ba = second.R_cw @ first.R_cw.T
     return PairHypothesis(a, b, R_ba, second.t_cw - R_ba @ first.t_cw, "tracks", 3, 3)
 
@@ -209,14 +199,12 @@ def test_cameras_that_share_nobody_are_no_rig() -> None:
     apart = Observations({name: renamed(camera, 100 * n) for n, (name, camera) in enumerate(seen.cameras.items())})
     with pytest.raises(EvidenceError, match="no two cameras share 8 observations"):
         solve(rig, apart)
-
-
-def test_nobody_at_all_is_no_rig() -> None:
-    rig, seen = boxes_only("terrace")
-    with pytest.raises(EvidenceError):
-        solve(rig, Observations({name: CameraObservations() for name in seen.cameras}))
-    with pytest.raises(EvidenceError):
-        solve(Rig((rig["C1"],)), seen)
+    for cameras, observations in (
+        (rig, Observations({name: CameraObservations() for name in rig.names})),
+        (Rig((rig["C1"],)), seen),
+    ):
+        with pytest.raises(EvidenceError):
+            solve(cameras, observations)
 
 
 def test_two_cameras_are_enough() -> None:
@@ -287,8 +275,6 @@ def test_sigmas_and_figures_are_whole() -> None:
     figures = {camera.name: camera for camera in solution.figures.cameras}
     assert 0 < solution.figures.measuring.points.median_mm < 30
     for camera in solution.rig:
-        assert camera.sigma is not None
-        assert camera.sigma.covariance is not None
         by_scale_m = solution.figures.scale.relative_sigma * np.linalg.norm(camera.pose.centre - middle)
         assert camera.sigma.position_m == pytest.approx(by_scale_m, rel=0.03), "the shape is known far better"
         assert 0 < figures[camera.name].shape_position_sigma_mm < 1000 * by_scale_m
@@ -299,12 +285,8 @@ def test_sigmas_and_figures_are_whole() -> None:
     heights = solution.figures.people.heights_m
     truth = simulated("construction").heights
     scale = compare(solution.rig, simulated("construction").rig).scale_ratio
-    assert scale is not None
     miss = [height / scale - truth[int(identity)] for identity, height in heights.items()]
     assert np.median(np.abs(miss)) < 0.04
-
-
-def test_single_heights_are_found() -> None:
     truth, heights = simulated("terrace").heights, solved("terrace").figures.people.heights_m
     assert np.corrcoef([truth[int(i)] for i in heights], list(heights.values()))[0, 1] > 0.95  # measured 0.999
 

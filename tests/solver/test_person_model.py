@@ -5,54 +5,42 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from passerby.core.cameras import Lens
+from passerby.core.cameras import Camera, Rig
 from passerby.geometry.triangulation import PointObservations
 from passerby.people.sightings import Sightings
 from passerby.solver.cue_terms import CueRows
+from passerby.solver.lens_unknowns import LensUnknowns
 from passerby.solver.optimizer.least_squares import NormalEquations, Step
 from passerby.solver.people_state import AdjustmentState
 from passerby.solver.person_model import PeopleProblem
+from support.scenes.people_and_rigs import LENS, looking_at
 
-LENS = Lens((1280, 720), np.array([[900.0, 0, 640], [0, 905.0, 360], [0, 0, 1]]), np.array([-0.1, 0.02, 0.001, -0.001, 0.0]))
-
-
-def looking_at(centre, target):
-    z = (target - centre) / np.linalg.norm(target - centre)
-    x = np.cross(z, [0, 0, 1.0])
-    x /= np.linalg.norm(x)
-    return np.array([x, np.cross(z, x), z])
+BOTH, NAMES = LensUnknowns(("focal", "principal_point")), "ABC"
+STATED = Rig(tuple(Camera(name, LENS) for name in NAMES))
+POSES = [looking_at(centre, (0, 0, 1)) for centre in ((6.0, 0, 2.5), (-5, 3, 3.0), (0, -7, 2.0))]
+R, CENTRE = np.array([pose.R_cw for pose in POSES]), np.array([pose.centre for pose in POSES])
 
 
 @pytest.fixture(scope="module")
 def case():
-    rng = np.random.default_rng(5)
-    n_cameras, _n_people, n_blocks, n_joints = 3, 2, 5, 4
-    centre = np.array([[6.0, 0, 2.5], [-5, 3, 3.0], [0, -7, 2.0]])
-    R = np.array([looking_at(c, np.array([0, 0, 1.0])) for c in centre])
+    """Three cameras, two people at five places, four joints, the ends of a length that is marked, and cues."""
+    rng, n_blocks = np.random.default_rng(5), 5
     people = np.column_stack(
         [rng.uniform(-1.5, 1.5, (n_blocks, 2)), rng.normal(0, 0.05, n_blocks), rng.normal(1.7, 0.1, n_blocks)]
     )
-    joints = rng.uniform([-1, -1, 0], [1, 1, 1.8], (n_joints, 3))
-    points = rng.uniform([-1, -1, 0], [1, 1, 1.8], (6, 3))
-    state = AdjustmentState(
-        R,
-        centre,
-        rng.normal(0, 0.02, 3),
-        np.array([0.12]),
-        np.array([1.7, 1.8]),
-        people,
-        joints,
-        lengths=points.reshape(-1, 6),
-    )
-    camera, block = (a.ravel() for a in np.meshgrid(np.arange(n_cameras), np.arange(n_blocks), indexing="ij"))
+    joints, points = (rng.uniform([-1, -1, 0], [1, 1, 1.8], (count, 3)) for count in (4, 6))
+    slack, heights = rng.normal(0, 0.02, 3), np.array([1.7, 1.8])
+    state = AdjustmentState(R, CENTRE, slack, np.array([0.12]), heights, people, joints, lengths=points.reshape(-1, 6))
 
-    def rays(world):
-        d = np.einsum("mij,mj->mi", R[camera[: len(world)]], world - centre[camera[: len(world)]])
-        px = LENS.project_rays(d) + rng.normal(0, 4, (len(world), 2))
-        return LENS.bearings(px)
+    def rays(camera, world, noise_px):
+        d = np.einsum("mij,mj->mi", R[camera], world - CENTRE[camera])
+        return LENS.bearings(LENS.project_rays(d) + rng.normal(0, noise_px, (len(world), 2)))
 
-    top = rays(np.column_stack([people[block, :2], people[block, 3]]))
-    bottom = rays(np.column_stack([people[block, :2], people[block, 2]]))
+    def each(count):
+        return (grid.ravel() for grid in np.meshgrid(np.arange(3), np.arange(count), indexing="ij"))
+
+    camera, block = each(n_blocks)
+    top, bottom = (rays(camera, people[block][:, [0, 1, end]], 4) for end in (3, 2))
     n = len(camera)
     sightings = Sightings(
         camera, np.zeros(n, np.int64), block, block=block, top=top, bottom=bottom, top_tangent=LENS.tangents(top),
@@ -61,31 +49,18 @@ def case():
     )  # fmt: skip
 
     def sight(world):
-        c, p = (a.ravel() for a in np.meshgrid(np.arange(n_cameras), np.arange(len(world)), indexing="ij"))
-        d = np.einsum("mij,mj->mi", R[c], world[p] - centre[c])
-        b = LENS.bearings(LENS.project_rays(d) + rng.normal(0, 2, (len(c), 2)))
-        return PointObservations(c, p, b, LENS.tangents(b), rng.uniform(1, 2, len(c)))
+        c, p = each(len(world))
+        bearing = rays(c, world[p], 2)
+        return PointObservations(c, p, bearing, LENS.tangents(bearing), rng.uniform(1, 2, len(c)))
 
     cues = CueRows(
-        sight(points),
-        np.array([[1.2, 0.02], [0.8, 0.01], [0.8, 0.01]]),
-        np.array([0, 1, 1]),
-        np.array([[0, 1]]),
-        np.array([[11.0, 0.1]]),
-        np.array([2]),
-        np.array([[2.1, 0.05]]),
-    )
+        sight(points), np.array([[1.2, 0.02], [0.8, 0.01], [0.8, 0.01]]), np.array([0, 1, 1]), np.array([[0, 1]]),
+        np.array([[11.0, 0.1]]), np.array([2]), np.array([[2.1, 0.05]]),
+    )  # fmt: skip
     return PeopleProblem(
-        n_cameras,
-        sightings,
-        sight(joints),
-        np.array([0, 0, 1, 1, 1]),
-        n_joints,
-        np.full(2, 1.72),
-        np.full(2, 0.09),
-        rng.uniform(0.2, 1, n_blocks),
-        cues=cues,
-    ), state
+        3, sightings, sight(joints), np.array([0, 0, 1, 1, 1]), len(joints), np.full(2, 1.72), np.full(2, 0.09),
+        rng.uniform(0.2, 1, n_blocks), cues=cues,
+    ), state  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -98,29 +73,42 @@ def timed_case(case):
     return replace(problem, sightings=sightings, joints=joints), replace(state, time=np.array([0.05, -0.1, 0.02]))
 
 
+def with_lenses(problem, change, **rest):
+    """The rays of lenses that are changed by this (C, 3)."""
+    sightings, joints = BOTH.sightings(problem.sightings, STATED, change), BOTH.points(problem.joints, STATED, change)
+    return replace(problem, sightings=sightings, joints=joints, **rest)
+
+
+@pytest.fixture(scope="module")
+def lens_case(case):
+    """The same without cues, and with lenses between those of the rays and those stated."""
+    problem, state = case
+    rng = np.random.default_rng(3)
+    lens = np.column_stack([[0.03, -0.02, 0.01], rng.normal(0, 5, (3, 2))])
+    core = {"lens_core": BOTH.core(STATED), "lens_weight": rng.uniform(1, 5, (3, 3))}
+    return with_lenses(replace(problem, cues=None), np.zeros((3, 3)), **core), replace(
+        state, lens=lens, lengths=np.zeros((0, 6))
+    )
+
+
 def unit_step(problem, level, index, size):
     layout = problem.layout
-    step = Step(
-        np.zeros(layout.n_shared), np.zeros(layout.n_groups), tuple(np.zeros((f.count, f.size)) for f in layout.families)
-    )
-    if level == "shared":
-        step.shared[index] = size
-    elif level == "group":
-        step.groups[index] = size
-    else:
-        step.blocks[level][index] = size
+    blocks = tuple(np.zeros((family.count, family.size)) for family in layout.families)
+    step = Step(np.zeros(layout.n_shared), np.zeros(layout.n_groups), blocks)
+    {"shared": step.shared, "group": step.groups}.get(level, blocks[level] if isinstance(level, int) else None)[index] = size
     return step
 
 
-def numerical(problem, state, level, index, term):
-    h = 1e-6
-    plus = problem.terms(problem.retract(state, unit_step(problem, level, index, h)), jacobians=False)[term].residual
-    minus = problem.terms(problem.retract(state, unit_step(problem, level, index, -h)), jacobians=False)[term].residual
-    return (plus - minus) / (2 * h)
+def numerical(problem, state, level, index):
+    """The column of one unknown in each term's Jacobian (M, k)."""
+    plus, minus = (
+        problem.terms(problem.retract(state, unit_step(problem, level, index, h)), jacobians=False) for h in (1e-6, -1e-6)
+    )
+    return [(one.residual - other.residual) / 2e-6 for one, other in zip(plus, minus, strict=True)]
 
 
 def dense(problem, term, level, index):
-    """The column of one unknown in a term's Jacobian (M, k)."""
+    """The same by the term itself."""
     layout = problem.layout
     out = np.zeros_like(term.residual)
     first = layout.n_cameras * layout.camera_size
@@ -149,28 +137,33 @@ def all_unknowns(problem):
         yield from ((f, (i, j)) for i in range(family.count) for j in range(family.size))
 
 
-@pytest.mark.parametrize(("which", "count"), [("case", 15), ("timed_case", 16)])
+@pytest.mark.parametrize(("which", "count"), [("case", 15), ("timed_case", 16), ("lens_case", 12)])
 def test_every_jacobian_matches_central_differences(which, count, request):
     problem, state = request.getfixturevalue(which)
     terms = problem.terms(state, jacobians=True)
     assert len(terms) == count
     seen = np.zeros(len(terms), dtype=bool)
     for level, index in all_unknowns(problem):
-        for number, term in enumerate(terms):
-            expected = numerical(problem, state, level, index, number)
+        for number, (term, expected) in enumerate(zip(terms, numerical(problem, state, level, index), strict=True)):
             seen[number] |= bool(np.abs(expected).max() > 1e-3)
-            np.testing.assert_allclose(
-                dense(problem, term, level, index),
-                expected,
-                rtol=2e-5,
-                atol=2e-5,
-                err_msg=f"term {number}, unknown {level} {index}",
-            )
+            said = f"term {number}, unknown {level} {index}"
+            np.testing.assert_allclose(dense(problem, term, level, index), expected, rtol=2e-5, atol=2e-5, err_msg=said)
     assert seen.all(), "a term depends on nothing"
 
 
+def test_residuals_follow_a_lens_to_first_order_however_large_they_are(lens_case):
+    """Half the change leaves a quarter of the difference to rays made anew: none is of the size of residual times change."""
+    problem, state = lens_case
+    misses = []
+    for size in (0.02, 0.01):
+        change = size * np.array([[1.0, 100.0, -200.0], [-1.0, 50.0, 100.0], [0.5, -100.0, 0.0]])
+        moved = [one.terms(replace(state, lens=change), jacobians=False) for one in (problem, with_lenses(problem, change))]
+        misses.append(max(float(np.abs(one.residual - exact.residual).max()) for one, exact in zip(*moved, strict=True)))
+    assert misses[0] > 1e-6
+    assert misses[1] < 0.35 * misses[0]
+
+
 def test_reduced_step_solves_the_full_normal_equations(case):
-    """The Schur complement over blocks and people gives the step of the full dense system."""
     problem, state = case
     terms = problem.terms(state, jacobians=True)
     unknowns = list(all_unknowns(problem))
@@ -181,8 +174,7 @@ def test_reduced_step_solves_the_full_normal_equations(case):
         rows.append(np.stack([(dense(problem, term, *u) * root[:, None]).ravel() for u in unknowns], axis=1))
         rhs.append((term.residual * root[:, None]).ravel())
     J, r = np.concatenate(rows), np.concatenate(rhs)
-    H = J.T @ J
-    damping = 1e-3
+    H, damping = J.T @ J, 1e-3
     full = -np.linalg.solve(H + damping * np.diag(np.diag(H)), J.T @ r)
     step = NormalEquations(problem.layout, terms).reduce(damping).solve(np.ones(problem.layout.n_shared, dtype=bool))
     flat = np.concatenate([step.shared, step.groups, *(b.ravel() for b in step.blocks)])

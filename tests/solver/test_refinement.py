@@ -1,7 +1,5 @@
 """The steps of the descent's rounds: what people are expected to look like, and what is learnt from residuals."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -55,7 +53,6 @@ def test_who_stands_where_rays_meet_is_expected_as_large_as_seen_or_as_the_body_
 
 
 def test_rays_of_a_clock_that_is_wrong_go_where_they_would_have_been_seen() -> None:
-    """Pixels that move on while the clock is wrong; where it is right nothing moves."""
     rng = np.random.default_rng(1)
     pixels = rng.uniform([100, 100], [1100, 600], (20, 2))
     velocity, seconds = rng.normal(0, 30, (20, 2)), rng.uniform(-0.2, 0.2, 20)
@@ -82,7 +79,6 @@ def test_half_of_what_a_joint_is_off_by_is_learnt_from_the_own_camera() -> None:
     normal: Any = SimpleNamespace(families=[None, SimpleNamespace(V=np.tile(1e9 * np.eye(3), (n, 1, 1)))])
     term = Term(residual, Cauchy(1e6), by_block=np.ones((n, 2, 3)), block=np.arange(n))
     learnt = _learn_joints(model, term, normal)
-    assert learnt.kinds is not None
     sigma = learnt.joint * learnt.kinds / Noise().joint
     # Where both cameras are alike it is the truth itself.
     assert sigma[0, 0] == pytest.approx(1.0, rel=0.05)

@@ -1,7 +1,5 @@
 """Sigmas: free of the world's placement, smaller with more evidence, and true."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 
@@ -86,19 +84,9 @@ def test_covariances_are_symmetric_and_positive(optimum: tuple[PeopleProblem, Ad
         assert (np.einsum("cii->ci", blocks) > 0).all()
     # The metric world knows all the shape does not, and scale, vertical and ground besides.
     for c in range(4):
-        assert found.sigma(c).position_m > found.shape_sigma(c).position_m
-        assert found.sigma(c).orientation_deg > found.shape_sigma(c).orientation_deg
-
-
-def test_sigmas_of_distances_are_those_of_sampled_rigs() -> None:
-    """Cameras that err by far more here than there, together and each on its own, against many draws of their errors."""
-    rng = np.random.default_rng(3)
-    centre = np.array([[0.0, 0.0, 3.0], [8.0, 1.0, 2.5], [2.0, 9.0, 4.0]])
-    root = rng.normal(size=(18, 18)) * np.repeat([1e-3, 1e-2, 3e-2], 6)[:, None]
-    drawn = centre + (rng.normal(size=(40_000, 18)) @ root.T).reshape(-1, 3, 6)[:, :, :3]
-    sampled = np.linalg.norm(drawn[:, :, None] - drawn[:, None], axis=-1).std(axis=0)
-    found = uncertainty._distance_sigmas(root @ root.T, centre)
-    np.testing.assert_allclose(found, sampled, rtol=0.03, atol=1e-9)
+        metric, shape = found.sigma(c), found.shape_sigma(c)
+        assert metric.position_m > shape.position_m
+        assert metric.orientation_deg > shape.orientation_deg
 
 
 def test_inflation_and_scale_go_where_they_belong(optimum: tuple[PeopleProblem, AdjustmentState]) -> None:
@@ -114,32 +102,33 @@ def test_inflation_and_scale_go_where_they_belong(optimum: tuple[PeopleProblem, 
     assert plain.scale >= 0.02
 
 
-@pytest.mark.parametrize("about", [TILT_X, TILT_Y])
-def test_a_vertical_that_may_lean_any_way_is_unknown(about: int) -> None:
-    """By more than `VAGUE`; the scale likewise."""
-    for sigma, unknown in ((0.9 * VAGUE, False), (1.1 * VAGUE, True)):
-        of_freedoms = np.diag(np.full(7, 1e-6))
-        of_freedoms[about, about] = sigma**2
-        assert uncertainty._with_vague(Free(), of_freedoms) == Free(vertical=unknown)
-        of_freedoms = np.diag(np.full(7, 1e-6))
-        of_freedoms[SCALE, SCALE] = sigma**2
-        assert uncertainty._with_vague(Free(), of_freedoms) == Free(scale=unknown)
+def test_a_vertical_that_may_lean_any_way_and_a_scale_likewise_are_unknown() -> None:
+    for freedom, kind in ((TILT_X, "vertical"), (TILT_Y, "vertical"), (SCALE, "scale")):
+        for sigma, unknown in ((0.9 * VAGUE, False), (1.1 * VAGUE, True)):
+            of_freedoms = np.diag(np.full(7, 1e-6))
+            of_freedoms[freedom, freedom] = sigma**2
+            assert uncertainty._with_vague(Free(), of_freedoms) == Free(**{kind: unknown})
 
 
-def test_clocks_are_as_sure_as_they_differ_from_the_first_cameras() -> None:
-    """An error that all clocks have in common is none; each camera's own adds to the first camera's."""
+def test_sigmas_of_distances_and_clocks_are_those_of_sampled_rigs() -> None:
+    """Cameras that err by far more here than there, together and each on its own, against many draws of their errors."""
+    rng = np.random.default_rng(3)
+    centre = np.array([[0.0, 0.0, 3.0], [8.0, 1.0, 2.5], [2.0, 9.0, 4.0]])
+    root = rng.normal(size=(18, 18)) * np.repeat([1e-3, 1e-2, 3e-2], 6)[:, None]
+    drawn = centre + (rng.normal(size=(40_000, 18)) @ root.T).reshape(-1, 3, 6)[:, :, :3]
+    sampled = np.linalg.norm(drawn[:, :, None] - drawn[:, None], axis=-1).std(axis=0)
+    np.testing.assert_allclose(uncertainty._distance_sigmas(root @ root.T, centre), sampled, rtol=0.03, atol=1e-9)
+    # An error that all clocks have in common is none; each camera's own adds to the first camera's.
     size, own = TIME + 1, np.array([0.01, 0.03, 0.05])
-    covariance = 7.0 * np.eye(3 * size)
-    clocks = np.arange(3) * size + TIME
+    covariance, clocks = 7.0 * np.eye(3 * size), np.arange(3) * size + TIME
     covariance[np.ix_(clocks, clocks)] = 2.0**2 + np.diag(own**2)
-    found = uncertainty._time_sigmas(covariance, size, 3)
-    np.testing.assert_allclose(found, TIME_EXCESS * np.array([0.0, *np.hypot(own[1:], own[0])]), atol=1e-9)
+    expected = TIME_EXCESS * np.array([0.0, *np.hypot(own[1:], own[0])])
+    np.testing.assert_allclose(uncertainty._time_sigmas(covariance, size, 3), expected, atol=1e-9)
 
 
 def test_lower_edges_of_boxes_move_cameras_as_their_consider_parameter_says(
     optimum: tuple[PeopleProblem, AdjustmentState],
 ) -> None:
-    """All boxes reach lower by a share of their height: camera heights change by the predicted amounts."""
     problem, state = optimum
     terms, share = problem.terms(state, jacobians=True), 0.005
     weighted = partial(uncertainty.downweight, inflation=1.0)

@@ -118,19 +118,6 @@ def test_a_searched_focal_length_is_a_start_and_no_knowledge():
     assert UNKNOWN.core(started, near_start=True)[0, 0] == pytest.approx(0.1)
 
 
-def test_rays_follow_the_distortion():
-    """The derivative by the distortion is that of the lens itself."""
-    matrix = np.array([[500.0, 0, 330], [0, 500, 250], [0, 0, 1]])
-    lens = Lens((640, 480), matrix, np.array([-0.1, 0.02, 0, 0]), uncalibrated=True)
-    rng = np.random.default_rng(1)
-    pixels = rng.uniform((20, 20), (620, 460), (50, 2))
-    step = np.zeros(UNKNOWN.size)
-    step[UNKNOWN.columns_of("distortion")] = 1e-4
-    rays = lens.bearings(pixels)
-    numeric = (UNKNOWN.moved(lens, step).project_rays(rays) - UNKNOWN.moved(lens, -step).project_rays(rays)) / 2e-4
-    np.testing.assert_allclose(UNKNOWN.by_pixel(lens, pixels)[:, :, 3], numeric, atol=1e-3)
-
-
 def test_only_free_parts_leave_what_is_stated():
     rig = Rig((Camera("A", Lens.unknown((1000, 800))), Camera("B", replace(Lens.unknown((1000, 800)), uncalibrated=False))))
     free, focal_only = UNKNOWN.core(rig), UNKNOWN.core(rig, free=("focal",))

@@ -1,7 +1,5 @@
 """Nobody is seen from head to feet: segments tell the scale, trunks the up direction, and the ground is a guess or stated."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 
@@ -13,9 +11,11 @@ from passerby.core.observations import CameraObservations, Observations
 from passerby.core.scale_cues import CameraDistance, CameraHeight, ScaleCues
 from passerby.core.solution import Solution
 from passerby.evaluation.metrics import compare
+from passerby.geometry.rotations import exp_rotation
 from passerby.simulation import SimulatedScene, SimulationOptions, simulate
 from passerby.solver.body_segments import HIP_SHARE, SEGMENTS, Bodies, bodies_in_space, body_scale, ground_below, segments_agree
 from passerby.solver.body_vertical import LEAN_SD, SAME_POSTURE, SIDEWAYS_SD, SWAY_SD, body_vertical
+from support.scenes.exact_sightings import poses_of
 from support.scenes.operating_room import NAMES, identities_of_one_frame, operating_room
 from support.scenes.people_and_rigs import solve
 from support.scenes.upper_bodies import office_joints, without_joints
@@ -115,17 +115,15 @@ def bodies(trunks: np.ndarray, identity: np.ndarray) -> Bodies:
 
 def test_somebody_who_leans_and_turns_shows_up_all_the_same() -> None:
     """All lean forwards by 0.3; those who face one way only are the less sure the way that they lean."""
-    lean = np.array([[np.cos(0.3), 0, np.sin(0.3)], [0, 1, 0], [-np.sin(0.3), 0, np.cos(0.3)]])
-    turns = np.linspace(0, 2 * np.pi, 60, endpoint=False)
-    spin = np.array([[[np.cos(a), -np.sin(a), 0], [np.sin(a), np.cos(a), 0], [0, 0, 1]] for a in turns])
+    leaning = STANDING @ exp_rotation(np.array([0.0, 0.3, 0.0])).T
+    turns = np.linspace(0, 2 * np.pi, 60, endpoint=False)[:, None] * [0.0, 0.0, 1.0]
     person = np.zeros(60, dtype=np.int64)
-    turning = body_vertical(bodies(np.einsum("nij,jk,lk->nli", spin, lean, STANDING), person))
-    facing = body_vertical(bodies(np.einsum("jk,lk->lj", lean, STANDING)[None].repeat(60, axis=0), person))
-    assert turning is not None
-    assert facing is not None
+    turning, facing = (
+        body_vertical(bodies(leaning @ exp_rotation(turn).transpose(0, 2, 1), person)) for turn in (turns, 0 * turns)
+    )
     assert np.degrees(np.arccos(turning.up[2])) < 0.5
     assert np.degrees(np.arccos(facing.up[2])) > 5
-    by_way = np.einsum("ij,jk,kl->il", facing.basis.T, facing.covariance, facing.basis)
+    by_way = facing.basis.T @ facing.covariance @ facing.basis
     assert by_way[0, 0] > 4 * by_way[1, 1]
     assert np.trace(turning.covariance) < 0.5 * np.trace(facing.covariance)
 
@@ -136,7 +134,6 @@ def test_who_faces_one_way_tells_the_up_direction_as_well_as_trunks_are_known_to
     each = 3 * SAME_POSTURE
     person = np.repeat(np.arange(people), each)
     found = body_vertical(Bodies(person, np.tile(np.arange(each), people), STANDING[None].repeat(len(person), axis=0), JOINTS))
-    assert found is not None
     by_way = found.basis.T @ found.covariance @ found.basis
     forwards, sideways = ((sd**2 + SWAY_SD**2 / 3) / people for sd in (LEAN_SD, SIDEWAYS_SD))
     np.testing.assert_allclose(by_way, np.diag([forwards, sideways, 0.0]), atol=1e-9)
@@ -144,24 +141,18 @@ def test_who_faces_one_way_tells_the_up_direction_as_well_as_trunks_are_known_to
 
 def test_a_side_of_the_trunk_alone_is_known_no_better_sideways_than_forwards() -> None:
     """Two shoulders and one hip: the line between them slants, and so the trunk seems to lean."""
-    person = np.zeros(60, dtype=np.int64)
-    half = Bodies(person, np.arange(60), STANDING[None, :3].repeat(60, axis=0), JOINTS[:3])
+    half = Bodies(np.zeros(60, dtype=np.int64), np.arange(60), STANDING[None, :3].repeat(60, axis=0), JOINTS[:3])
     found = body_vertical(half)
-    assert found is not None
-    by_way = found.basis.T @ found.covariance @ found.basis
-    assert np.sqrt(np.linalg.eigvalsh(by_way)[1:]) == pytest.approx(
-        np.full(2, np.hypot(LEAN_SD, SWAY_SD / np.sqrt(3))), rel=0.02
-    )
+    sigmas = np.sqrt(np.linalg.eigvalsh(found.basis.T @ found.covariance @ found.basis)[1:])
+    assert sigmas == pytest.approx(np.full(2, np.hypot(LEAN_SD, SWAY_SD / np.sqrt(3))), rel=0.02)
 
 
 def test_a_person_who_is_measured_once_counts_and_moves_little() -> None:
-    """The first of three people, who is a giant, is measured once, the others eight times each."""
     person = np.repeat(np.arange(3), (1, 8, 8))
     seen = np.where(person == 0, 1.5, 1.0)[:, None, None] * STANDING
     frame, mean, sd = np.arange(len(person)), np.full(3, 1.72), np.full(3, 0.1)
     shoulders = Bodies(person, frame, seen[:, :2], JOINTS[:2])
     found = body_scale(shoulders, mean, sd, np.arange(3))
-    assert found is not None
     assert (found.people, found.segments) == (3, ("shoulders",))
     assert found.log_factor == pytest.approx(np.log(SEGMENTS[1].share * 1.72 / 0.4), abs=0.05)
     assert body_scale(shoulders, mean[:1], sd[:1], np.arange(1)) is not None
@@ -169,7 +160,6 @@ def test_a_person_who_is_measured_once_counts_and_moves_little() -> None:
     ground = ground_below(bodies(seen, person), up, 1.0, np.arange(3), mean)
     assert ground == (pytest.approx(0.95 - HIP_SHARE * 1.72), "hips")
     vertical = body_vertical(bodies(seen[:1], person[:1]))
-    assert vertical is not None
     assert np.sqrt(np.linalg.eigvalsh(vertical.covariance)) == pytest.approx(
         np.hypot((SIDEWAYS_SD, LEAN_SD), SWAY_SD), rel=0.02
     )
@@ -184,20 +174,23 @@ def test_ids_of_one_time_step_are_no_more_people_than_are_there_at_once() -> Non
     assert unknown == pytest.approx(known)
 
 
-def test_without_hips_shoulders_and_heads_show_the_ground() -> None:
-    person, mean = np.zeros(5, dtype=np.int64), np.array([1.72])
-    up = np.array([0.0, 0.0, 1.0])
-    half = Bodies(person, np.arange(5), STANDING[None, :2].repeat(5, axis=0), JOINTS[:2])
-    assert ground_below(half, up, 1.0, np.array([0]), mean) == (pytest.approx(1.45 - 0.82 * 1.72), "shoulders")
-    head = Bodies(person, np.arange(5), np.full((5, 1, 3), [0.0, 0.0, 1.6]), ("head",))
-    assert ground_below(head, up, 1.0, np.array([0]), mean) == (pytest.approx(1.6 - 0.95 * 1.72), "heads")
-    assert ground_below(replace(head, joints=("left_wrist",)), up, 1.0, np.array([0]), mean) is None
+@pytest.mark.parametrize(
+    ("points", "joints", "expected"),
+    [
+        (STANDING[:2], JOINTS[:2], (pytest.approx(1.45 - 0.82 * 1.72), "shoulders")),
+        (np.array([[0.0, 0.0, 1.6]]), ("head",), (pytest.approx(1.6 - 0.95 * 1.72), "heads")),
+        (np.array([[0.0, 0.0, 1.6]]), ("left_wrist",), None),
+    ],
+    ids=["shoulders", "heads", "a wrist"],
+)
+def test_without_hips_shoulders_and_heads_show_the_ground(points, joints, expected) -> None:
+    seen = Bodies(np.zeros(5, dtype=np.int64), np.arange(5), points[None].repeat(5, axis=0), joints)
+    assert ground_below(seen, np.array([0.0, 0.0, 1.0]), 1.0, np.array([0]), np.array([1.72])) == expected
 
 
 @pytest.mark.parametrize("lost", [(), ("hip",), ("hip", "elbow", "wrist"), ("hip", "head", "neck")])
 @pytest.mark.parametrize("ids", ["hold", "of one time step"])
 def test_ten_keypoints_under_the_ceiling_fix_the_world(lost: tuple[str, ...], ids: str) -> None:
-    """An operating room: each answer says how uncertain it is, and what it rests on."""
     rig, seen = operating_room(4711)
     if ids != "hold":
         seen = identities_of_one_frame(seen)
@@ -218,49 +211,35 @@ def test_ten_keypoints_under_the_ceiling_fix_the_world(lost: tuple[str, ...], id
     assert abs(off) < 2 * world["values"]["sigma_m"]
 
 
-def test_shoulders_named_hips_turn_no_world_upside_down() -> None:
-    rig, seen = operating_room(4711)
-    names = tuple(name.replace("hip", "?").replace("shoulder", "hip").replace("?", "shoulder") for name in NAMES)
-    renamed = {name: CameraObservations(keypoints=replace(one.keypoints, joints=names)) for name, one in seen.cameras.items()}
-    solution = solve(rig, Observations(renamed, seen.fps))
-    assert solution.figures.undetermined == ("scale", "vertical", "height of the ground")
-
-
 def test_cameras_may_list_their_keypoints_in_different_orders() -> None:
-    """Bodies in space are the same, joint by joint."""
     rig, seen = operating_room(4711)
-    other = {
-        name: CameraObservations(keypoints=office_joints(one.keypoints, NAMES[::-1] if name == "C2" else NAMES))
-        for name, one in seen.cameras.items()
-    }
-    R, centre = (np.array([getattr(camera.pose, name) for camera in rig]) for name in ("R_cw", "centre"))
-    first, second = (
-        bodies_in_space(rig, R, centre, each, np.random.default_rng(0)) for each in (seen, Observations(other, seen.fps))
-    )
-    assert first is not None
-    assert second is not None
-    np.testing.assert_allclose(first.points, second.points)
+    backwards = CameraObservations(keypoints=office_joints(seen["C2"].keypoints, NAMES[::-1]))
+    found = [
+        bodies_in_space(rig, *poses_of(rig), each, np.random.default_rng(0)).points
+        for each in (seen, Observations({**seen.cameras, "C2": backwards}, seen.fps))
+    ]
+    np.testing.assert_allclose(*found)
 
 
 def test_segments_that_contradict_each_other_tell_no_scale() -> None:
     """Shoulders as wide as the trunk is long: the names are of other joints."""
-    person, mean, sd = np.zeros(20, dtype=np.int64), np.array([1.72]), np.array([0.1])
+    person, mean, sd, who = np.zeros(20, dtype=np.int64), np.array([1.72]), np.array([0.1]), np.array([0])
     usual, odd = STANDING.copy(), STANDING.copy()
     usual[:2, 1] *= 0.9
     odd[:2, 1] *= 2.5
-    found = body_scale(bodies(usual[None].repeat(20, axis=0), person), mean, sd, np.array([0]))
-    assert found is not None
-    assert abs(found.log_factor) < 0.05
-    assert segments_agree(bodies(usual[None].repeat(20, axis=0), person), mean, np.array([0]))
-    assert not segments_agree(bodies(odd[None].repeat(20, axis=0), person), mean, np.array([0]))
+    right, wrong = (bodies(points[None].repeat(20, axis=0), person) for points in (usual, odd))
+    assert abs(body_scale(right, mean, sd, who).log_factor) < 0.05
+    assert segments_agree(right, mean, who)
+    assert not segments_agree(wrong, mean, who)
 
 
-def test_joints_under_wrong_names_place_no_rig() -> None:
-    """Hips as elbows and elbows as hips: neither trunks nor arms are what they are called."""
-    truth, seen = room("terrace", 1)
-    wrong = tuple(name.replace("hip", "?").replace("elbow", "hip").replace("?", "elbow") for name in UPPER)
-    renamed = {
-        name: CameraObservations(keypoints=replace(one.keypoints, joints=wrong)) for name, one in seen.cameras.items()
-    }  # fmt: skip
-    solution = solve(truth.rig, Observations(renamed, seen.fps))
-    assert solution.figures.undetermined == ("scale", "vertical", "height of the ground")
+@pytest.mark.parametrize("kind", ["terrace", "operating room"])
+def test_joints_under_wrong_names_place_no_rig(kind: str) -> None:
+    """Hips as elbows and elbows as hips: neither trunks nor arms are what they are called. Shoulders as hips: upside down."""
+    if kind == "terrace":
+        rig, seen, names, other = room("terrace", 1)[0].rig, room("terrace", 1)[1], UPPER, "elbow"
+    else:
+        rig, seen, names, other = *operating_room(4711), NAMES, "shoulder"
+    wrong = tuple(name.replace("hip", "?").replace(other, "hip").replace("?", other) for name in names)
+    renamed = {name: CameraObservations(keypoints=replace(one.keypoints, joints=wrong)) for name, one in seen.cameras.items()}
+    assert solve(rig, Observations(renamed, seen.fps)).figures.undetermined == ("scale", "vertical", "height of the ground")

@@ -1,7 +1,5 @@
 """A carried stick of known length: the scale and its sigma, false ends, and people who contradict it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -32,8 +30,8 @@ WAND = Wand(("tip", "grip"), 1.0, 0.002)
 POSES = tuple(np.array([getattr(camera.pose, name) for camera in TRUTH.rig]) for name in ("R_cw", "centre"))
 
 
-def seen(noise_px: float = 1.0) -> Observations:
-    return with_wands(part(TRUTH.observations), carried_wand(TRUTH, np.random.default_rng(3), noise_px=noise_px))
+def seen(noise_px: float = 1.0, seed: int = 3) -> Observations:
+    return with_wands(part(TRUTH.observations), carried_wand(TRUTH, np.random.default_rng(seed), noise_px=noise_px))
 
 
 def solved(observations: Observations, wand: Wand = WAND, population: PopulationHeight | None = None) -> Solution:
@@ -57,7 +55,6 @@ def test_a_wand_sets_the_scale() -> None:
     solution = solved(seen())
     sigma = solution.figures.scale.relative_sigma
     ratio = compare(solution.rig, TRUTH.rig).scale_ratio
-    assert sigma is not None
     assert sigma < 0.01
     assert ratio == pytest.approx(1.0, abs=3 * sigma)
     wand = next(cue for cue in solution.figures.scale.cues if cue.kind == "length")
@@ -69,33 +66,28 @@ def test_a_wand_sets_the_scale() -> None:
 @pytest.mark.parametrize("noise_px", [1.0, 4.0])
 def test_noise_makes_a_length_neither_longer_nor_surer_than_it_is(noise_px: float) -> None:
     """By the true rig, over many draws: the mean of the lengths is the true one, and their spread is the stated sigma."""
-    off, sigmas = [], []
-    for seed in range(25):
-        observations = with_wands(part(TRUTH.observations), carried_wand(TRUTH, np.random.default_rng(seed), noise_px=noise_px))
-        rows = cue_rows(ScaleCues(lengths=lengths_of_wands((WAND,), observations)), TRUTH.rig)
-        assert rows is not None
-        found = measure_cues(rows, *POSES, triangulate_marks(rows, *POSES))
-        off.append(found.metres[0] - 1.0)
-        sigmas.append(found.sigma_m[0])
-    ratio = np.array(off) / np.array(sigmas)
+    found = [measured(seen(noise_px, seed)) for seed in range(25)]
+    ratio = np.array([(one.metres[0] - 1.0) / one.sigma_m[0] for one in found])
     assert abs(np.mean(ratio)) < 1.0
     assert 0.4 < np.sqrt(np.mean(ratio**2)) < 1.4
+
+
+def measured(observations: Observations):
+    """The wand, by the true rig."""
+    rows = cue_rows(ScaleCues(lengths=lengths_of_wands((WAND,), observations)), TRUTH.rig)
+    return measure_cues(rows, *POSES, triangulate_marks(rows, *POSES))
 
 
 def test_false_ends_do_not_count() -> None:
     """One mark in eight of a camera is somewhere else."""
     observations, rng = seen(), np.random.default_rng(5)
-    rows = cue_rows(ScaleCues(lengths=lengths_of_wands((WAND,), observations)), TRUTH.rig)
     false = {}
     for name, camera in observations.cameras.items():
         xy = camera.wands.xy.copy()
         wrong = rng.random(len(xy)) < 0.125
         xy[wrong] = rng.uniform(0, 300, (int(wrong.sum()), 2, 2))
         false[name] = replace(camera.wands, xy=xy)
-    spoilt = cue_rows(ScaleCues(lengths=lengths_of_wands((WAND,), with_wands(observations, false))), TRUTH.rig)
-    assert rows is not None
-    assert spoilt is not None
-    right, found = (measure_cues(one, *POSES, triangulate_marks(one, *POSES)) for one in (rows, spoilt))
+    right, found = measured(observations), measured(with_wands(observations, false))
     assert found.metres[0] == pytest.approx(right.metres[0], abs=2 * right.sigma_m[0])
 
 
@@ -121,7 +113,6 @@ def test_marks_of_one_name_are_one_object() -> None:
     lengths = lengths_of_wands((WAND,), seen(0.0))
     by_hand = tuple(KnownLength(1.0, 0.01, one.points, "length stick") for one in lengths[:3])
     rows = cue_rows(ScaleCues(lengths=by_hand), TRUTH.rig)
-    assert rows is not None
     assert rows.names == ("length stick",)
     assert np.sum(1 / rows.lengths[:, 1] ** 2) == pytest.approx(1 / 0.01**2)
 
@@ -146,10 +137,6 @@ def test_a_turning_wand_keeps_its_length_between_samples() -> None:
     truth = simulated("terrace", seconds=8.0, clock_offsets=0.4)
     exact = with_wands(part(truth.observations), carried_wand(truth, np.random.default_rng(3), noise_px=0.0))
     clocks = {name: Clock(truth.options.fps, offset) for name, offset in truth.clock_offsets.items()}
-    lengths = lengths_of_wands((WAND,), resample_to_common_steps(exact, clocks))
-    rows = cue_rows(ScaleCues(lengths=lengths), truth.rig)
-    assert rows is not None
-    R, centre = (np.array([getattr(camera.pose, name) for camera in truth.rig]) for name in ("R_cw", "centre"))
-    found = measure_cues(rows, R, centre, triangulate_marks(rows, R, centre))
-    assert len(lengths) > 10
-    assert found.metres[0] == pytest.approx(1.0, abs=0.005)
+    steps = resample_to_common_steps(exact, clocks)
+    assert len(lengths_of_wands((WAND,), steps)) > 10
+    assert measured(steps).metres[0] == pytest.approx(1.0, abs=0.005)

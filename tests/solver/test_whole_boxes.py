@@ -1,7 +1,5 @@
 """Boxes that show a part of a person only: told from whole ones, and borne by the solver."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -14,32 +12,23 @@ from support.scenes.people_and_rigs import part, simulated, solve
 from support.tiers import thinned
 
 
-def test_clean_edges_are_weighed_alike() -> None:
-    rng = np.random.default_rng(0)
-    judged = weight_truncated_boxes(rng.normal(size=3000) * 0.02, rng.normal(size=3000) * 0.03)
-    assert (judged.weight == 1).all()
-    assert judged.broken == 0
-
-
-@pytest.mark.parametrize("share", [0.05, 0.15, 0.3])
+@pytest.mark.parametrize("share", [0.0, 0.05, 0.3])
 def test_broken_edges_are_found_and_counted(share: float) -> None:
     rng = np.random.default_rng(1)
     top, bottom = rng.normal(size=(2, 4000)) * 0.02
     broken = rng.uniform(size=4000) < share
     bottom[broken] -= rng.uniform(0.1, 0.3, np.count_nonzero(broken))
     judged = weight_truncated_boxes(top, bottom)
+    if not share:
+        assert (judged.weight == 1).all()
+        assert judged.broken == 0
+        return
     assert np.median(judged.weight[~broken]) > 0.85
     assert np.median(judged.weight[broken]) == LEAST_WEIGHT
     assert share / 2 - CLEAN <= judged.broken <= share
 
 
-def test_few_boxes_are_not_judged() -> None:
-    judged = weight_truncated_boxes(np.full(12, 0.3), np.zeros(12))
-    assert (judged.weight == 1).all()
-
-
 def test_as_many_boxes_as_it_takes_are_judged() -> None:
-    """One in ten has lost a quarter of the person below."""
     rng = np.random.default_rng(4)
     top, bottom = rng.normal(size=(2, MIN_BOXES)) * 0.01
     bottom[::10] -= 0.25
@@ -70,7 +59,6 @@ def test_lost_heads_of_those_far_away_do_not_tilt_the_cameras(preset: str, degre
     solution = solve(truth.rig, replace(seen, cameras=faulty))
     found = compare(solution.rig, truth.rig)
     assert found.missing == ()
-    assert found.similarity.mean_orientation_deg is not None
     assert found.similarity.mean_orientation_deg < degrees
     assert found.scale_ratio == pytest.approx(1, abs=0.04)
     assert solution.figures.noise.broken_edges > 0.02

@@ -1,7 +1,5 @@
 """Rigs of many cameras: how they are cut, put together, and what becomes of a corridor of forty cameras."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -11,17 +9,10 @@ from passerby.core.observations import Boxes, CameraObservations, Keypoints, Obs
 from passerby.core.scale_cues import ScaleCues
 from passerby.evaluation.metrics import compare
 from passerby.solver import people, zones
-from passerby.solver.evidence import OVERLAPPING_ALL, gather_evidence
+from passerby.solver.evidence import OVERLAPPING_ALL, Evidence, gather_evidence
 from passerby.solver.initialisation import Initialisation
 from passerby.solver.people import PeopleOptions, solve_people
-from passerby.solver.zones import (
-    CORE_CAMERAS,
-    IN_COMMON,
-    ZONE_CAMERAS,
-    cut_zones,
-    initial_rig_by_zones,
-    restricted,
-)
+from passerby.solver.zones import CORE_CAMERAS, IN_COMMON, ZONE_CAMERAS, cut_zones, initial_rig_by_zones, restricted
 from support.scenes.people_and_rigs import LENS, looking_at, poles, without_poses
 
 COUNT, EVERY_M, REACH_M = 40, 5.0, 13.0
@@ -29,11 +20,8 @@ COUNT, EVERY_M, REACH_M = 40, 5.0, 13.0
 
 def corridor(count: int = COUNT) -> Rig:
     """Cameras on alternating sides of a corridor along x, which all look a little ahead."""
-    cameras = []
-    for k in range(count):
-        side = 4.0 if k % 2 else -4.0
-        cameras.append(Camera(f"C{k + 1}", LENS, looking_at((EVERY_M * k, side, 3.0), (EVERY_M * k + 5.0, 0.0, 0.9))))
-    return Rig(tuple(cameras))
+    spots = [(EVERY_M * k, 4.0 if k % 2 else -4.0, 3.0) for k in range(count)]
+    return Rig(tuple(Camera(f"C{k + 1}", LENS, looking_at(at, (at[0] + 5.0, 0.0, 0.9))) for k, at in enumerate(spots)))
 
 
 def people_in(rig: Rig, rng: np.random.Generator, instants: int = 120, noise: float = 0.01) -> Observations:
@@ -44,7 +32,6 @@ def people_in(rig: Rig, rng: np.random.Generator, instants: int = 120, noise: fl
     frame, identity = np.repeat(np.arange(1, instants + 1), n), np.tile(np.arange(1, n + 1), instants)
     out = {}
     for camera, ltwh in zip(rig, poles(rig, ground, heights).values(), strict=True):
-        assert camera.pose is not None
         ltwh = ltwh + noise * ltwh[:, 3:] * rng.normal(size=ltwh.shape)
         w, h = camera.lens.size
         with np.errstate(invalid="ignore"):
@@ -61,10 +48,15 @@ def chain(count: int, reach: int = 3) -> np.ndarray:
     return np.where((apart > 0) & (apart <= reach), 100 * (reach + 1 - apart), 0)
 
 
-@pytest.mark.parametrize("count", [31, 100, 400])
-def test_zones_cover_all_cameras_and_overlap(count: int) -> None:
+def shuffled_zones(count: int) -> tuple[list[tuple[int, ...]], np.ndarray]:
+    """The zones of a row of cameras in any order, and where each camera stands in the row."""
     order = np.random.default_rng(count).permutation(count)
-    found = cut_zones(chain(count)[np.ix_(order, order)])
+    return cut_zones(chain(count)[np.ix_(order, order)]), order
+
+
+@pytest.mark.parametrize("count", [31, 400])
+def test_zones_cover_all_cameras_and_overlap(count: int) -> None:
+    found, _ = shuffled_zones(count)
     assert sorted({c for zone in found for c in zone}) == list(range(count))
     assert max(len(zone) for zone in found) <= ZONE_CAMERAS
     assert len(found) <= 2 * count / CORE_CAMERAS + 2
@@ -77,9 +69,7 @@ def test_zones_cover_all_cameras_and_overlap(count: int) -> None:
 @pytest.mark.parametrize("times", [2, 3])
 def test_a_row_of_cameras_is_cut_into_zones_of_equal_length(times: int) -> None:
     """Each has its own cameras and, at most, those that it has in common with a neighbour on either side."""
-    count = times * CORE_CAMERAS
-    order = np.random.default_rng(times).permutation(count)
-    found = cut_zones(chain(count)[np.ix_(order, order)])
+    found, order = shuffled_zones(times * CORE_CAMERAS)
     assert len(found) == times
     for zone in found:
         assert CORE_CAMERAS <= len(zone) <= CORE_CAMERAS + 2 * IN_COMMON
@@ -90,9 +80,7 @@ def test_a_row_of_cameras_is_cut_into_zones_of_equal_length(times: int) -> None:
 @pytest.mark.parametrize(("left", "more"), [(1, 0), (2 * IN_COMMON - 1, 0), (2 * IN_COMMON, 1)])
 def test_the_few_cameras_that_are_left_over_join_their_neighbours(left: int, more: int) -> None:
     """Unless they are enough for a zone of their own: twice what it has in common with another."""
-    count = 2 * CORE_CAMERAS + left
-    order = np.random.default_rng(left).permutation(count)
-    found = cut_zones(chain(count)[np.ix_(order, order)])
+    found, _ = shuffled_zones(2 * CORE_CAMERAS + left)
     assert len(found) == 2 + more
     assert sum(len(zone) >= CORE_CAMERAS for zone in found) == 2
 
@@ -114,24 +102,21 @@ def test_cameras_that_share_nothing_are_zones_of_their_own() -> None:
 
 
 def test_what_a_zone_knows_is_what_its_cameras_saw() -> None:
-    rig = corridor(14)
+    rig, cameras = corridor(14), [3, 4, 5, 6]
+    names, blank = [rig.names[c] for c in cameras], without_poses(rig)
     seen = people_in(rig, np.random.default_rng(1), 40)
-    options, rng = PeopleOptions(), np.random.default_rng(0)
-    start = Initialisation.prepare(without_poses(rig), seen, ScaleCues(), options, rng)
-    cameras = [3, 4, 5, 6]
-    zone = restricted(start, cameras)
-    alone = Observations({rig.names[c]: seen[rig.names[c]] for c in cameras})
-    part = Rig(tuple(without_poses(rig).cameras[c] for c in cameras))
-    expected = gather_evidence(part, alone, np.random.default_rng(0))
-    s, e = zone.evidence.sightings, expected.sightings
-    key = lambda evidence, rows: sorted(  # noqa: E731
-        zip(
-            rows.camera.tolist(), evidence.frame[rows.block].tolist(),
-            evidence.identities[evidence.person[rows.block]].tolist(), rows.extent_px.tolist(), strict=True,
-        )
-    )  # fmt: skip
-    assert key(zone.evidence, s) == key(expected, e)
-    assert [camera.name for camera in zone.rig] == [rig.names[c] for c in cameras]
+    zone = restricted(Initialisation.prepare(blank, seen, ScaleCues(), PeopleOptions(), np.random.default_rng(0)), cameras)
+    alone = Observations({name: seen[name] for name in names})
+    expected = gather_evidence(Rig(tuple(blank[name] for name in names)), alone, np.random.default_rng(0))
+
+    def rows(evidence: Evidence) -> list[tuple[int, int, int, float]]:
+        s = evidence.sightings
+        identity = evidence.identities[evidence.person[s.block]]
+        columns = (s.camera, evidence.frame[s.block], identity, s.extent_px)
+        return sorted(zip(*(column.tolist() for column in columns), strict=True))
+
+    assert rows(zone.evidence) == rows(expected)
+    assert [camera.name for camera in zone.rig] == names
     assert all(h.a < 4 and h.b < 4 for h in zone.hypotheses)
     assert len(zone.knowledge.height_mean) == len(zone.evidence.identities)
 
@@ -139,17 +124,12 @@ def test_what_a_zone_knows_is_what_its_cameras_saw() -> None:
 def test_evidence_of_large_rigs_is_drawn_overlap_by_overlap() -> None:
     """Of two corridors full of people and a door that few pass, those at the door stay."""
     rig = corridor(OVERLAPPING_ALL + 2)
-    seen = people_in(rig, np.random.default_rng(2), 60)
-    few = {rig.names[-1]}
-    rare = {}
-    for name in rig.names:
-        boxes = seen[name].boxes
-        rare[name] = CameraObservations(boxes.take(boxes.frame <= 5) if name in few else boxes, seen[name].keypoints)
-    blank = without_poses(rig)
-    whole = gather_evidence(blank, Observations(rare), np.random.default_rng(0))
-    drawn = gather_evidence(blank, Observations(rare), np.random.default_rng(0), max_sightings=len(whole.sightings) // 4)
-    last = len(rig) - 1
-    of_last = [int((evidence.sightings.camera == last).sum()) for evidence in (whole, drawn)]
+    seen, last = people_in(rig, np.random.default_rng(2), 60), rig.names[-1]
+    door = CameraObservations(seen[last].boxes.take(seen[last].boxes.frame <= 5), seen[last].keypoints)
+    given = without_poses(rig), Observations({**seen.cameras, last: door})
+    whole = gather_evidence(*given, np.random.default_rng(0))
+    drawn = gather_evidence(*given, np.random.default_rng(0), max_sightings=len(whole.sightings) // 4)
+    of_last = [int((evidence.sightings.camera == len(rig) - 1).sum()) for evidence in (whole, drawn)]
     assert len(drawn.sightings) <= len(whole.sightings) // 4 + len(rig)
     assert of_last[1] > 0.9 * of_last[0]
 
