@@ -225,6 +225,28 @@ def test_a_poster_is_clicked_once_and_the_click_taken_back(browser, address, cal
     assert hand.errors == []
 
 
+def test_an_answer_of_before_an_act_does_not_undo_it_on_the_page(browser, address, calibrated_scene):
+    """The page asks for the state again and again. An answer that was under way during an act is older than the act's own."""
+    scene = calibrated_scene[0] / "scene.toml"
+    before = scene.read_text()
+    hand, held = Hand(browser, address, 5), []
+    hand.page.route("**/api/state", lambda route: held.append((route, route.fetch())))
+    end = time.monotonic() + PATIENCE_S
+    while not held:
+        assert time.monotonic() < end, "the page does not ask for the state"
+        hand.page.wait_for_timeout(50)
+    hand.save("Leave camera C1 out")
+    assert scene.read_text() != before
+    route, answer = held.pop()
+    with hand.page.expect_response("**/api/state"):
+        route.fulfill(response=answer)
+    hand.page.unroute("**/api/state")
+    hand.page.wait_for_timeout(50)
+    hand.save("Undo")
+    assert tomllib.loads(scene.read_text()) == tomllib.loads(before)
+    assert hand.errors == []
+
+
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_axe_finds_nothing_serious_whatever_is_shown(browser, address, scheme):
     """At every tool, since each has a form of its own."""

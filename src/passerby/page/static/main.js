@@ -28,6 +28,7 @@ class Page {
       moved: new MovedTool(this),
     };
     this.tool = null;
+    this.answered = 0;
     for (const button of document.querySelectorAll("[data-tool]")) {
       button.addEventListener("click", () => this.choose(button.dataset.tool));
     }
@@ -42,12 +43,19 @@ class Page {
   boxes(name) { return this.cameras.cards.get(name)?.boxes ?? []; }
 
   async poll() {
+    const answered = this.answered;
     try {
-      this.update(await ask("/api/state"));
+      const state = await ask("/api/state");
+      if (answered === this.answered) this.update(state); // else an act was answered meanwhile: this state may be older
     } catch (error) {
       this.tell(error.message === "Failed to fetch" ? "The server does not answer: is `passerby open` still running?" : error.message);
     }
     setTimeout(() => this.poll(), this.state?.run.state === "running" ? FAST_MS : SLOW_MS);
+  }
+
+  accept(state) {
+    this.answered += 1;
+    this.update(state);
   }
 
   update(state) {
@@ -123,18 +131,18 @@ class Page {
   // Whether it was done. An act on an older scene file is not: the page shows what was changed.
   async act(content) {
     try {
-      this.update(await send("/api/act", { ...content, version: this.state.version }));
+      this.accept(await send("/api/act", { ...content, version: this.state.version }));
       this.tell("");
       return true;
     } catch (error) {
       this.tell(error.message);
-      if (error.stale) this.update(await ask("/api/state"));
+      if (error.stale) this.accept(await ask("/api/state"));
       return false;
     }
   }
 
   async command(path) {
-    await send(path).then((state) => this.update(state), (error) => this.tell(error.message));
+    await send(path).then((state) => this.accept(state), (error) => this.tell(error.message));
   }
 
   tell(text) {
