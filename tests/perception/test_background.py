@@ -14,6 +14,7 @@ from passerby.perception.background import (
     learn_background,
     plan_sampling,
 )
+from passerby.perception.foreground import find_usual_colours
 from passerby.perception.pictures import Frame
 from support.scenes.pictures_of_figures import COLOURS, HEIGHT, WIDTH, Figure, ground, picture, recording
 
@@ -239,3 +240,23 @@ def test_what_cannot_be_learnt_from_is_said() -> None:
         BackgroundOptions(pictures=2)
     with pytest.raises(InputError, match="recording of 0"):
         plan_sampling(0.0)
+
+
+def test_usual_colours_are_the_half_sample_modes_of_each_pixel() -> None:
+    rng = np.random.default_rng(4)
+    for count in (1, 2, 3, 5, 20, 61, 300):
+        usual = rng.integers(0, 256, (6, 5, 3))
+        people = (rng.random((count, 6, 5, 1)) < 0.3) * rng.integers(-200, 200, (count, 6, 5, 1))
+        pictures = np.clip(usual + rng.normal(0, 6, (count, 6, 5, 3)) + people, 0, 255).astype(np.uint8)
+        colour, noise = find_usual_colours(list(pictures))
+        for at in np.ndindex(6, 5, 3):
+            samples = np.sort(pictures[(slice(None), *at)].astype(int))
+            median = samples[count // 2]
+            for _ in range(2):
+                half = (len(samples) + 1) // 2
+                pieces = [samples[first : first + half] for first in range(len(samples) - half + 1)]
+                samples = min(pieces, key=lambda piece: (piece[-1] - piece[0], abs(piece[(half - 1) // 2] - median)))
+            assert colour[at] == samples[(len(samples) - 1) // 2]
+            away = np.sort(np.abs(pictures[(slice(None), *at)].astype(int) - int(colour[at])))
+            sigma = max(np.median(away) / 0.6745, away[: max(count // 2, 1)].mean() / 0.3247)
+            assert abs(int(noise[at]) - min(8 * sigma, 255)) <= 0.51

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, cast
 
 import cv2
@@ -154,28 +155,71 @@ def find_usual_colours(pictures: Sequence[Picture]) -> tuple[Picture, Levels]:
 
 def _find_usual_colours(samples: Picture) -> tuple[Levels, Levels]:
     """`find_usual_colours` of samples (n, ...), n first."""
-    ordered, count = np.sort(samples, axis=0), len(samples)
-    middle = ordered[count // 2].astype(np.int32)
-    for _ in range(ROUNDS):
-        ordered = _shortest_half(ordered, middle)
-    usual = ordered[(len(ordered) - 1) // 2]
-    deviation = np.sort(np.abs(samples.astype(np.int16) - usual.astype(np.int16)), axis=0)
-    half = 0.5 * (deviation[(count - 1) // 2] + deviation[count // 2]).astype(np.float32)
+    count = len(samples)
+    ordered = _sorted(list(samples.copy()))
+    start, held = _densest(ordered)
+    usual = np.empty_like(ordered[0])
+    middle = start + start.dtype.type((held - 1) // 2)
+    for position, level in enumerate(ordered):
+        np.copyto(usual, level, where=middle == position)
+    deviation = _sorted([np.maximum(sample, usual) - np.minimum(sample, usual) for sample in samples])
+    half = 0.5 * (deviation[(count - 1) // 2].astype(np.int16) + deviation[count // 2]).astype(np.float32)
     # Values are rounded to whole grey levels: the mean deviation of the nearer half tells finer than its limit alone.
-    nearer = deviation[: max(count // 2, 1)].mean(axis=0, dtype=np.float32)
+    near = deviation[: max(count // 2, 1)]
+    nearer = np.add.reduce(near, dtype=np.uint32).astype(np.float32) / np.float32(len(near))
     sigma = np.maximum(half / 0.6745, nearer / 0.3247)
     return usual, np.minimum(np.rint(sigma * 8.0), 255).astype(np.uint8)
 
 
-def _shortest_half(ordered: Levels, middle: NDArray[np.int32]) -> Levels:
-    """The half of samples (n, ...), ascending along n, that lies closest together; among equals the one nearest to `middle`."""
-    held = max((len(ordered) + 1) // 2, 1)
-    starts = len(ordered) - held + 1
-    spread = (ordered[held - 1 :] - ordered[:starts]).astype(np.int32)
-    away = np.abs(ordered[(held - 1) // 2 : (held - 1) // 2 + starts].astype(np.int32) - middle)
-    best = np.argmin(spread * 256 + away, axis=0)
-    rows = best[None] + np.arange(held).reshape(-1, *(1,) * best.ndim)
-    return np.take_along_axis(ordered, rows, axis=0)
+def _densest(ordered: Sequence[Levels]) -> tuple[NDArray[np.unsignedinteger], int]:
+    """The samples that lie closest together: the half, and of it the half, `ROUNDS` times; among equals the nearest to the
+    median. Where they begin among the n `ordered` (...) samples, ascending, and how many they are.
+    """
+    median, held = ordered[len(ordered) // 2], len(ordered)
+    start = np.zeros(median.shape, np.min_scalar_type(len(ordered)))
+    for _ in range(ROUNDS):
+        half = max((held + 1) // 2, 1)
+        last = start + start.dtype.type(held - half)
+        best, found = np.full(median.shape, np.iinfo(np.uint16).max, np.uint16), start.copy()
+        for position in range(len(ordered) - half + 1):
+            middle = ordered[position + (half - 1) // 2]
+            badness = (ordered[position + half - 1] - ordered[position]).astype(np.uint16) << 8
+            badness |= np.maximum(middle, median) - np.minimum(middle, median)
+            better = (badness < best) & (start <= position) & (position <= last)
+            np.copyto(best, badness, where=better)
+            np.copyto(found, position, where=better)
+        start, held = found, half
+    return start, held
+
+
+def _sorted(planes: list[Levels]) -> list[Levels]:
+    """Planes with each pixel's n values ascending; works in place on the list and the planes.
+
+    A sorting network (Batcher 1968, *Sorting Networks and Their Applications*): every step compares two whole planes, which is
+    several times faster than sorting each pixel's few values.
+    """
+    spare = np.empty_like(planes[0])
+    for low, high in _comparators(len(planes)):
+        np.minimum(planes[low], planes[high], out=spare)
+        np.maximum(planes[low], planes[high], out=planes[high])
+        planes[low], spare = spare, planes[low]
+    return planes
+
+
+@cache
+def _comparators(n: int) -> tuple[tuple[int, int], ...]:
+    """The pairs of places that Batcher's odd-even merge sort of n values compares, in order."""
+    out, merged = [], 1
+    while merged < n:
+        apart = merged
+        while apart >= 1:
+            for first in range(apart % merged, n - apart, 2 * apart):
+                for low in range(first, first + min(apart, n - first - apart)):
+                    if low // (2 * merged) == (low + apart) // (2 * merged):
+                        out.append((low, low + apart))
+            apart //= 2
+        merged *= 2
+    return tuple(out)
 
 
 def measure_local_contrast(picture: Picture) -> Levels:
