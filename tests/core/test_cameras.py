@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -25,6 +27,7 @@ PINHOLES = {
 }
 FISHEYE = [-0.02, 0.004, -0.001, 0.0002]
 SIZE = (1280, 720)
+SKEWED = np.array([[700.0, 3.0, 630.0], [0.0, 690.0, 350.0], [0.0, 0.0, 1.0]])
 seeds = st.integers(0, 2**32 - 1)
 
 
@@ -99,6 +102,18 @@ def test_tangents_are_the_derivatives_of_the_pixel(lens: Lens) -> None:
     for axis in np.eye(3):
         numerical = (lens.project_rays(rays + h * axis) - lens.project_rays(rays - h * axis)) / (2 * h)
         np.testing.assert_allclose(tangents @ axis, numerical, rtol=1e-5, atol=1e-3)
+
+
+@pytest.mark.parametrize("lens", [*(pinhole(n) for n in PINHOLES), fisheye(0), fisheye(4), replace(pinhole(4), matrix=SKEWED)])
+def test_derivatives_are_by_the_point_and_by_the_lens(lens: Lens) -> None:
+    rng = np.random.default_rng(3)
+    points = directions(rng, 40, np.deg2rad(115) if lens.fisheye else 0.6) * rng.uniform(1, 9, (40, 1))
+    pixels, by_point, by_lens = lens.derivatives(points)
+    np.testing.assert_allclose(pixels, lens.project_rays(points), atol=1e-8)
+    for k, axis in enumerate(np.eye(3)):
+        numerical = (lens.project_rays(points + 1e-5 * axis) - lens.project_rays(points - 1e-5 * axis)) / 2e-5
+        np.testing.assert_allclose(by_point[:, :, k], numerical, rtol=1e-5, atol=1e-3)
+    np.testing.assert_allclose(by_lens, lens.by_intrinsics(points), rtol=1e-5, atol=1e-3)
 
 
 @pytest.mark.parametrize(

@@ -230,6 +230,28 @@ class Lens:
         d2 = (self.project_rays(b + step * e2) - self.project_rays(b - step * e2)) / (2 * step)
         return np.asarray(d1[:, :, None] * e1[:, None, :] + d2[:, :, None] * e2[:, None, :])
 
+    def derivatives(self, points: Floats) -> tuple[Floats, Floats, Floats]:
+        """Pixels of points before the camera, and how they move with the points and with the lens.
+
+        Args:
+            points: (N, 3) in the camera frame, any unit.
+
+        Returns:
+            (N, 2) pixels, (N, 2, 3) derivatives by the points, and (N, 2, 4) as of `by_intrinsics`.
+        """
+        points = np.asarray(points, dtype=np.float64).reshape(-1, 3)
+        if not len(points) or self.fisheye or self.matrix[0, 1] != 0:
+            away = np.maximum(np.linalg.norm(points, axis=1, keepdims=True), 1e-12)
+            rays = points / away
+            return self.project_rays(points), self.tangents(rays) / away[:, :, None], self.by_intrinsics(rays)
+        zero, few = np.zeros(3), np.zeros(max(len(self.distortions), 4))
+        few[: len(self.distortions)] = self.distortions
+        found = cv2.projectPoints(points[:, None], zero, zero, self.matrix, few)
+        pixels, by = (np.asarray(part, dtype=np.float64).reshape(len(points), 2, -1) for part in found)
+        # By the rotation, the translation, both focal lengths, the principal point, and the distortion coefficients.
+        focal = by[:, :, 6:8] @ np.diag(self.matrix)[:2, None]
+        return pixels[:, :, 0], by[:, :, 3:6], np.concatenate([focal, by[:, :, 8:11]], axis=2)
+
     def by_intrinsics(self, rays: Floats) -> Floats:
         """How the pixels of rays move with the lens.
 

@@ -205,8 +205,6 @@ class PointObservations(Columns):
     """(M, L) the camera's lens that the ray was made with, as what is added to the stated one."""
     by_lens: Floats | None = None
     """(M, 2, L) how the pixel moves with it."""
-    distortion_slope: Floats | None = None
-    """(M, 2, 2) how that by the distortion changes with the pixel; None where the distortion is not refined."""
 
 
 def hold_depth(depth: Floats, square: Floats) -> Floats:

@@ -16,6 +16,7 @@ from passerby.hypotheses.alternatives import LENS, stated_scales
 from passerby.solver.adjustment_problem import AGREE_SIGMAS, build_problem, rig_of
 from passerby.solver.cue_terms import CueRows
 from passerby.solver.initialisation import people_for_all
+from passerby.solver.lens_unknowns import LensModel
 from passerby.solver.optimizer.least_squares import NormalEquations, Stopping, minimise
 from passerby.solver.people import PeopleSolution
 from passerby.solver.people_state import AdjustmentState
@@ -94,7 +95,8 @@ class Case:
         every = max(len(fit.model.rows) + len(fit.model.joint_rows), rows)
         weight = max(1.0, solution.covariance.inflation * rows / every)
         problem = replace(
-            model.problem, lens_core=stated_scales(start.rig), lens_weight=np.array(weight), lens_normal=True, lens_groups=()
+            model.problem, lens_core=stated_scales(start.rig), lens_weight=np.array(weight), lens_normal=True, lens_groups=(),
+            lens_model=LensModel(LENS, start.rig),
         )  # fmt: skip
         problem = _with_rays(problem, start.rig, first)
         n = len(model.blocks)

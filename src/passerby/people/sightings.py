@@ -82,8 +82,6 @@ class Sightings(Columns):
     """(N, L) the camera's lens, as `AdjustmentState.lens`, that the rays were made with."""
     by_lens: Floats | None = None
     """(N, 2, 2, L) how the two points' pixels move with it."""
-    distortion_slope: Floats | None = None
-    """(N, 2, 2, 2) how that by the distortion changes with the two pixels; None where the distortion is not refined."""
     names: tuple[str, ...] = ()
     """The C cameras that `camera` numbers, where a table is of other cameras than its rig."""
 

@@ -17,6 +17,7 @@ from passerby.people.sightings import Sightings
 from passerby.solver.cue_terms import CueRows
 from passerby.solver.cues import settle_cues, unusual_people
 from passerby.solver.evidence import Evidence
+from passerby.solver.lens_unknowns import LensModel
 from passerby.solver.occlusion import Wholeness, weight_truncated_boxes
 from passerby.solver.optimizer.least_squares import NormalEquations, Result, Term
 from passerby.solver.people_state import AdjustmentState
@@ -125,6 +126,8 @@ class PriorKnowledge:
     """Cameras of one model (`PeopleProblem`)."""
     lens_far: Floats | None = None
     """(C, L) how the tails of the scales' distributions fall (`PeopleProblem`)."""
+    lens_model: LensModel | None = None
+    """The lenses whose unknowns these are (`PeopleProblem`)."""
     height_spread: Floats | None = None
     """(P,) how much people differ if only their population is known, as a share; NaN for all others."""
     unusual: NDArray[np.bool_] | None = None
@@ -217,6 +220,7 @@ def build_problem(
         np.ones(len(used)) if stance is None else stance[used], noise, knowledge.priors, cues,
         None if whole is None else whole[rows], expected, knowledge.lens_core,
         knowledge.lens_weight, knowledge.lens_normal, knowledge.lens_groups, lens_far=knowledge.lens_far,
+        lens_model=knowledge.lens_model,
     )  # fmt: skip
     people = np.column_stack([consensus.points[used, :2], np.zeros(len(used)), rig.heights[person]])
     state = AdjustmentState(

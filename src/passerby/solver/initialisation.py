@@ -40,13 +40,14 @@ from passerby.solver.cues import (
 from passerby.solver.evidence import Evidence, draw_blocks, gather_evidence
 from passerby.solver.focal_search import search_focals
 from passerby.solver.lens_sigmas import lens_evidence
-from passerby.solver.lens_unknowns import LensPart, LensUnknowns
+from passerby.solver.lens_unknowns import LensModel, LensPart, LensUnknowns
 from passerby.solver.optimizer.least_squares import Result, Stopping, minimise
 from passerby.solver.pairs import ALL_PAIRS_UP_TO, pair_hypotheses, verify_guesses
 from passerby.solver.people_state import AdjustmentState
 from passerby.solver.pose_graph import gravity_aligned, poses_of_tree, spanning_trees
 from passerby.solver.registrations import contradicted
-from passerby.solver.uncertainty import design_effect
+from passerby.solver.systematic import ConsiderParameters
+from passerby.solver.uncertainty import design_effect, joint_design_effect
 
 # Descents from different trees that end with at least this share of the best one's agreeing sightings are rivals of it, and
 # rivals are the same rig when no relative rotation of two cameras differs by more than this angle.
@@ -56,8 +57,6 @@ _RIVAL_ANGLE = np.deg2rad(4.0)
 _SOUND_SHARE = 0.9
 # A first guess that was made with focal lengths farther off than this is made anew.
 _MISLEADING_FOCAL = 0.25
-# What boxes are off by alike makes priors of the lenses count more by this at most.
-_MOST_EXCESS = 30.0
 # Observations of a camera in the coarse descents and in the round that learns the noise, in the mean, where there are many
 # cameras: in rooms of eight of which half see each person, the default numbers of people give 200 and 750.
 _COARSE_OF_CAMERA, LEARNING_OF_CAMERA = 60, 200
@@ -155,6 +154,7 @@ class Initialisation:
         knowledge = PriorKnowledge(
             mean, sd, usual_priors(evidence), cue_rows(cues, rig), lens_core, lens_normal=never_calibrated, lens_groups=groups,
             height_spread=population_spread(cues, evidence.identities),
+            lens_model=LensModel(unknowns, stated) if unknowns.parts else None,
         )  # fmt: skip
         return cls(rig, evidence, levels, hypotheses, knowledge, stated, unknowns, lens).with_lenses(lens)
 
@@ -172,7 +172,7 @@ class Initialisation:
         unknowns = LensUnknowns(tuple(parts))
         core, far = unknowns.first_core(self.stated), unknowns.uncalibrated_sd(self.stated)
         nothing = np.zeros((len(self.stated), unknowns.size))
-        knowledge = replace(self.knowledge, lens_core=core, lens_far=far)
+        knowledge = replace(self.knowledge, lens_core=core, lens_far=far, lens_model=LensModel(unknowns, self.stated))
         return replace(self, unknowns=unknowns, knowledge=knowledge).with_lenses(nothing)
 
     def weighed(self, model: AdjustmentProblem, result: Result[AdjustmentState]) -> Initialisation:
@@ -180,8 +180,10 @@ class Initialisation:
         if not self.unknowns.parts:
             return self
         problem, state = model.problem, result.state
-        inflation = design_effect(model, self.evidence, problem.terms(state, jacobians=False))
-        weight = inflation * np.clip(lens_evidence(problem, state, inflation).excess, 1.0, _MOST_EXCESS)
+        terms = problem.terms(state, jacobians=False)
+        effects = design_effect(model, self.evidence, terms), joint_design_effect(model, self.evidence, terms)
+        held = ConsiderParameters.of_lenses(self.rig, problem, state, self.unknowns.parts)
+        weight = lens_evidence(problem, state, *effects, held).prior_weight
         core = self.unknowns.core(self.stated)
         return replace(self, knowledge=replace(self.knowledge, lens_core=core, lens_weight=weight))
 

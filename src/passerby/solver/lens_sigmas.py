@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from passerby.common.arrays import Floats
 from passerby.common.symmetric import inverse_of
-from passerby.solver.optimizer.least_squares import NormalEquations
+from passerby.solver.optimizer.least_squares import NormalEquations, Term
 from passerby.solver.people_state import AdjustmentState
 from passerby.solver.person_model import PeopleProblem
 from passerby.solver.systematic import ConsiderParameters
@@ -28,6 +28,9 @@ do mislead by, refining right focal lengths made the rig of a simulated scene (b
 less than twice. Over 30 scenes whose stated focal lengths are off as stated ones are (seeds from 113600) it costs 7 % of the
 accuracy."""
 
+MOST_EXCESS = 30.0
+"""What sightings are off by alike makes priors of the lenses count more by this at most."""
+
 
 @dataclass(frozen=True, eq=False)
 class LensEvidence:
@@ -37,40 +40,51 @@ class LensEvidence:
     """Where they would put them."""
     sd: Floats
     """How well, with the common error of boxes."""
-    excess: Floats
-    """How many times more the priors must count against residuals that do not know what boxes are off by alike."""
+    prior_weight: Floats
+    """How many times more the priors must count against residuals that count as independent, and do not know what they are
+    off by alike."""
 
 
-def lens_evidence(problem: PeopleProblem, state: AdjustmentState, inflation: float) -> LensEvidence:
+def lens_evidence(
+    problem: PeopleProblem, state: AdjustmentState, inflation: float, of_joints: float | None, held: ConsiderParameters
+) -> LensEvidence:
     """What the sightings alone say of the lenses at an optimum; the priors, as they were linearised, are taken off again.
 
     Args:
         problem: the person model, lenses refined.
         state: its optimum.
         inflation: how many times less the sightings tell than as many independent ones would.
+        of_joints: the same of joints; None where there are none.
+        held: the parts of the lenses that are not refined.
     """
     assert problem.lens_core is not None
-    weighted = partial(downweight, inflation=inflation)
+    weighted = partial(downweight, inflation=inflation, of_joints=of_joints)
     terms = replace(problem, lens_weight=np.ones(())).terms(state, jacobians=True)
-    inverse = inverse_of(NormalEquations(problem.layout, [weighted(term) for term in terms]).reduce().H)
-    alike = ConsiderParameters.of_lower_edges(problem, state), ConsiderParameters.of_each_camera(problem, state)
-    moved = np.concatenate([one.moved(inverse, problem, terms, weighted) for one in alike], axis=1)
     at = lens_places(problem.n_cameras, problem.layout.camera_size, problem.n_lens)
-    variance, biased = np.diag(inverse)[at], (moved[at] ** 2).sum(axis=2)
     prior = 1 / (problem.lens_core**2 + (0.0 if problem.lens_normal else state.lens**2))
     if problem.lens_far is not None:
         prior = prior + 1 / problem.lens_far**2
-    # The share of what sightings say that is left beside the prior.
-    share = np.clip(1 - prior * variance, 1e-3, 1.0)
-    information = share / variance
-    seen = state.lens * (1 + problem.lens_weight / inflation * prior / information)
+
+    def told(weighed: list[Term]) -> tuple[Floats, Floats, Floats]:
+        """The inverse of the normal equations; the share of what is known that sightings say, and their information."""
+        inverse = inverse_of(NormalEquations(problem.layout, weighed).reduce().H)
+        share = np.clip(1 - prior * np.diag(inverse)[at], 1e-3, 1.0)
+        return inverse, share, share / np.diag(inverse)[at]
+
+    inverse, share, information = told([weighted(term) for term in terms])
+    effect = told([downweight(term, 1.0) for term in terms])[2] / information
+    alike = ConsiderParameters.of_lower_edges(problem, state), ConsiderParameters.of_each_camera(problem, state), held
+    moved = np.concatenate([one.moved(inverse, problem, terms, weighted) for one in alike], axis=1)
+    biased = (moved[at] ** 2).sum(axis=2)
+    seen = state.lens * (1 + problem.lens_weight / effect * prior / information)
     random, total = np.sqrt(1 / information), np.sqrt(1 / information + biased / share**2)
     # Where nothing of a lens is stated, its principal point turns with the vertical, and that depends on how upright
     # people are.
     boxes = by_boxes(problem)
-    held = np.where(boxes | problem.lens_normal, BOXES_COUNT_LESS, 1.0)[:, None]
+    counted = np.where(boxes | problem.lens_normal, BOXES_COUNT_LESS, 1.0)[:, None]
     misled = np.where(boxes & (not problem.lens_normal), BOXES_MISLEAD, 1.0)[:, None]
-    return LensEvidence(seen, misled * total, (held * total / random) ** 2)
+    excess = np.clip((counted * total / random) ** 2, 1.0, MOST_EXCESS)
+    return LensEvidence(seen, misled * total, effect * excess)
 
 
 def by_boxes(problem: PeopleProblem) -> NDArray[np.bool_]:

@@ -190,10 +190,10 @@ def _estimate_uncertainty(
     more = weigh_cues(known_cues(report)).more_variance
     sigma = float(np.linalg.norm([sigma, height_noise(fit, start.evidence) ** 2, np.sqrt(more)]))
     terms = add_learnt_stance(terms, fit.result.normal)
-    lenses = decide_refined_lenses(start.unknowns, start.stated, fit.model.problem, state, inflation)
     estimated = start.unknowns.parts
     held = ConsiderParameters.of_lenses(start.rig, fit.model.problem, state, estimated)
     of_joints = joint_design_effect(fit.model, start.evidence, terms)
+    lenses = decide_refined_lenses(start.unknowns, start.stated, fit.model.problem, state, inflation, of_joints, held)
     # Without intrinsics the adjustment's own covariance of lenses and poses together holds what boxes are off by alike.
     lens_sigma = None if lenses is None or fit.model.problem.lens_normal else lenses.sigma
     covariance = rig_covariance(terms, fit.model.problem, state, inflation, sigma, lens_sigma, held, of_joints, estimated)

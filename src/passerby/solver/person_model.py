@@ -27,12 +27,11 @@ from passerby.people.model import GAIT_SHARE, HEIGHT_PER_CENTRE, Noise, Priors
 from passerby.people.sightings import Sightings
 from passerby.people.upright_body import HIGH, LOW, body_ends, by_low_and_high
 from passerby.solver.cue_terms import LENGTH, CueRows
+from passerby.solver.lens_unknowns import LensModel
 from passerby.solver.optimizer.least_squares import Cauchy, Family, Layout, Step, Term
 from passerby.solver.people_state import AdjustmentState
 
 CAMERA_SIZE = POSE_SIZE + 1
-PRINCIPAL_POINT_SIZE = 2
-"""Unknowns of a lens of which only the principal point is refined."""
 SLACK = POSE_SIZE
 # One unknown more a camera where the clocks are refined. Those of the lens, where it is refined, come last.
 TIME = POSE_SIZE + 1
@@ -91,6 +90,8 @@ class PeopleProblem:
     """(L,) standard deviation of an error that the lenses of all cameras share, beside their own. Where priors are normal."""
     lens_far: Floats | None = None
     """(C, L) the tails of the Cauchy distributions fall like those of normal ones of these standard deviations."""
+    lens_model: LensModel | None = None
+    """The lenses whose unknowns these are; None where they are not refined."""
 
     @property
     def timed(self) -> bool:
@@ -156,15 +157,15 @@ class PeopleProblem:
         top, bottom, toward, distance = body_ends(C, body, moved, s.top_fraction, s.bottom_fraction)
         d_top = (R @ (top - C)[:, :, None])[:, :, 0]
         d_bottom = (R @ (bottom - C)[:, :, None])[:, :, 0]
-        r_top, top_by_d = project_near(s.top, s.top_tangent, d_top)
-        r_bottom, bottom_by_d = project_near(s.bottom, s.bottom_tangent, d_bottom)
-        top_by_lens, bottom_by_lens = (None, None) if s.by_lens is None else (s.by_lens[:, 0], s.by_lens[:, 1])
-        if top_by_lens is not None and bottom_by_lens is not None and s.lens_at is not None:
-            change = state.lens[s.camera] - s.lens_at
-            slope = s.distortion_slope
-            at_top, at_bottom = (None, None) if slope is None else (slope[:, 0], slope[:, 1])
-            r_top, top_by_d, top_by_lens = self._by_lens(r_top, top_by_d, top_by_lens, change, at_top)
-            r_bottom, bottom_by_d, bottom_by_lens = self._by_lens(r_bottom, bottom_by_d, bottom_by_lens, change, at_bottom)
+        (r_top, top_by_d, top_by_lens), (r_bottom, bottom_by_d, bottom_by_lens) = (
+            self._seen(
+                state, s.camera, ray, tangent, None if s.pixels is None else s.pixels[:, end], d, s.lens_at,
+                None if s.by_lens is None else s.by_lens[:, end],
+            )
+            for end, (ray, tangent, d) in enumerate(
+                ((s.top, s.top_tangent, d_top), (s.bottom, s.bottom_tangent, d_bottom))
+            )
+        )  # fmt: skip
         centre_weight = 0.5 / self.centre_sigma()
         height_weight = 1.0 / self.height_sigma()
         centre = (r_top + r_bottom) * centre_weight[:, None]
@@ -219,25 +220,21 @@ class PeopleProblem:
             )  # fmt: skip
         return terms
 
-    def _by_lens(
-        self, residual: Floats, by_d: Floats, by_lens: Floats, change: Floats, slope: Floats | None
-    ) -> tuple[Floats, Floats, Floats]:
-        """Residuals (M, 2), their derivatives (M, 2, 3) by points, and by the changes (M, L) of the lenses, after them.
-
-        A focal length that grows moves the predicted point away from the principal point. `by_lens` (M, 2, L) is of the
-        observed pixel, which lacks the residual: with it the noise's own square would count for a longer lens. So it would for
-        a distortion: `slope` (M, 2, 2) is how its derivative changes with the pixel.
+    def _seen(
+        self, state: AdjustmentState, camera: Ints, bearing: Floats, tangent: Floats, pixels: Floats | None, d: Floats,
+        lens_at: Floats | None, by_lens: Floats | None,
+    ) -> tuple[Floats, Floats, Floats | None]:  # fmt: skip
+        """Residuals (M, 2) of points `d` (M, 3) in the cameras' frames, pixels; their derivatives by the points (M, 2, 3), and
+        by the lenses (M, 2, L) where they are refined.
         """
-        if slope is not None:
-            by_lens = by_lens.copy()
-            by_lens[:, :, -1] += (slope @ residual[:, :, None])[:, :, 0]
-        moved = residual + (by_lens @ change[:, :, None])[:, :, 0]
-        if self.n_lens == PRINCIPAL_POINT_SIZE:  # no focal length among the unknowns
-            return moved, by_d, by_lens
+        residual, by_d = project_near(bearing, tangent, d)
+        if by_lens is None or lens_at is None:
+            return residual, by_d, None
         by_lens = by_lens.copy()
-        by_lens[:, :, 0] += residual
-        longer = 1 + change[:, 0]
-        return moved + residual * change[:, :1], by_d * longer[:, None, None], by_lens
+        residual += (by_lens @ (state.lens[camera] - lens_at)[:, :, None])[:, :, 0]
+        if self.lens_model is not None and pixels is not None:
+            self.lens_model.make_exact(state.lens, camera, pixels, d, residual, by_d, by_lens)
+        return residual, by_d, by_lens
 
     def _stance_terms(self, state: AdjustmentState) -> list[Term]:
         """Feet on the ground; the highest point at the person's standing height, as far as the person may be standing.
@@ -272,17 +269,12 @@ class PeopleProblem:
         o, loss = self.joints, Cauchy(self.noise.loss)
         R = state.R[o.camera]
         d = (R @ (state.joints[o.point] - state.centre[o.camera])[:, :, None])[:, :, 0]
-        residual, by_d = project_near(o.bearing, o.tangent, d)
-        by_lens = o.by_lens
-        if by_lens is not None and o.lens_at is not None:
-            residual, by_d, by_lens = self._by_lens(
-                residual, by_d, by_lens, state.lens[o.camera] - o.lens_at, o.distortion_slope
-            )  # fmt: skip
+        residual, by_d, by_lens = self._seen(state, o.camera, o.bearing, o.tangent, o.pixels, d, o.lens_at, o.by_lens)
         residual = residual / o.sigma_px[:, None]
         if o.velocity is not None:
             residual = residual + (o.velocity / o.sigma_px[:, None]) * state.time[o.camera, None]
         if not jacobians:
-            return Term(residual, loss)
+            return Term(residual, loss, family=JOINT, block=o.point)
         by_pose, by_point = pose_jacobian(by_d / o.sigma_px[:, None, None], d, R)
         by_camera = np.concatenate([by_pose, np.zeros((len(d), 2, self.camera_size - POSE_SIZE))], axis=2)
         if o.velocity is not None:

@@ -16,6 +16,7 @@ from passerby.solver.lens_sigmas import lens_evidence, refined_sigmas
 from passerby.solver.lens_unknowns import FAR_SIGMAS, NORMAL_HALF, LensUnknowns
 from passerby.solver.people_state import AdjustmentState
 from passerby.solver.person_model import PeopleProblem
+from passerby.solver.systematic import ConsiderParameters
 
 KNOWN_FOCAL = 0.04
 """A focal length without intrinsics that is known no better than this is shown as uncertain."""
@@ -35,8 +36,9 @@ class RefinedLenses:
 
 
 def decide_refined_lenses(
-    unknowns: LensUnknowns, stated: Rig, problem: PeopleProblem, state: AdjustmentState, inflation: float
-) -> RefinedLenses | None:
+    unknowns: LensUnknowns, stated: Rig, problem: PeopleProblem, state: AdjustmentState, inflation: float,
+    of_joints: float | None, held: ConsiderParameters,
+) -> RefinedLenses | None:  # fmt: skip
     """The uncertainty of the lenses; None where none is refined.
 
     Args:
@@ -45,11 +47,13 @@ def decide_refined_lenses(
         problem: the person model.
         state: its optimum.
         inflation: how many times less the sightings tell than as many independent ones would.
+        of_joints: the same of joints; None where there are none.
+        held: the parts of the lenses that are not refined.
     """
     if not unknowns.parts:
         return None
     core = unknowns.core(stated)
-    seen = lens_evidence(problem, state, inflation)
+    seen = lens_evidence(problem, state, inflation, of_joints, held)
     sigma = refined_sigmas(seen, core, state.lens, problem.lens_far, normal=problem.lens_normal)
     return RefinedLenses(unknowns, sigma, seen.sd)
 

@@ -229,6 +229,7 @@ def restricted(start: Initialisation, cameras: Sequence[int]) -> Initialisation:
         knowledge.height_mean[people], knowledge.height_sd[people], knowledge.priors, None,
         None if knowledge.lens_core is None else knowledge.lens_core[index], weight if weight.ndim == 0 else weight[index],
         knowledge.lens_normal, tuple(group for group in groups if len(group) > 1),
+        lens_model=None if knowledge.lens_model is None else knowledge.lens_model.among(index),
     )  # fmt: skip
     hypotheses = [inside for h in start.hypotheses if (inside := h.among(index)) is not None]
     return Initialisation(
