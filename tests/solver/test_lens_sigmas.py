@@ -7,10 +7,11 @@ import pytest
 
 from passerby.geometry.triangulation import PointObservations
 from passerby.people.model import Noise
-from passerby.solver.lens_sigmas import BOXES_COUNT_LESS, lens_evidence
+from passerby.solver.lens_sigmas import BOXES_COUNT_LESS, LensEvidence, lens_evidence
 from passerby.solver.lens_unknowns import LensUnknowns
 from passerby.solver.people_state import AdjustmentState
 from passerby.solver.person_model import PeopleProblem
+from passerby.solver.systematic import ConsiderParameters
 from support.scenes.exact_sightings import poses_of, standing
 from support.scenes.people_and_rigs import ring
 
@@ -37,6 +38,12 @@ def exact(instants: int = 60) -> tuple[PeopleProblem, AdjustmentState]:
     return problem, state
 
 
+def evidence_of(problem: PeopleProblem, state: AdjustmentState, held_sd: float = 0.0, inflation: float = 2.0) -> LensEvidence:
+    """With held distortions that are off by 0.01 times `held_sd`."""
+    held = ConsiderParameters.of_lenses(RIG, problem, state, UNKNOWNS.parts)
+    return lens_evidence(problem, state, inflation, None, replace(held, root=held_sd * held.root))
+
+
 @pytest.mark.parametrize("unknown", range(3))
 def test_what_people_say_of_a_lens_does_not_go_by_what_was_stated_of_it(unknown: int) -> None:
     problem, state = exact()
@@ -44,13 +51,26 @@ def test_what_people_say_of_a_lens_does_not_go_by_what_was_stated_of_it(unknown:
     for looser in (30.0, 100.0, 1e4):
         core = problem.lens_core.copy()
         core[1, unknown] *= looser
-        found.append(lens_evidence(replace(problem, lens_core=core), state, 2.0).sd[1, unknown])
+        found.append(evidence_of(replace(problem, lens_core=core), state).sd[1, unknown])
     np.testing.assert_allclose(found, found[-1], rtol=1e-3)
 
 
 def test_priors_count_by_what_boxes_are_off_by_beyond_chance() -> None:
     """Hardly beyond it here: sixty instants leave much to chance, and the factor that boxes count less by is left."""
     problem, state = exact()
-    excess = lens_evidence(problem, state, 2.0).excess
+    excess = evidence_of(problem, state, inflation=1.0).prior_weight
     assert (excess >= BOXES_COUNT_LESS**2).all()
     np.testing.assert_allclose(excess, BOXES_COUNT_LESS**2, rtol=0.1)
+    # Where sightings that follow one another count as independent, the priors count more, but hardly where other priors tell
+    # (how high a principal point is, by how upright people are).
+    weight = evidence_of(problem, state, inflation=2.0).prior_weight
+    assert (weight[:, 0] > 1.7 * excess[:, 0]).all()
+    assert (weight < 2 * excess).all()
+
+
+def test_what_is_held_of_a_lens_adds_to_what_is_refined() -> None:
+    problem, state = exact()
+    alone, with_held = (evidence_of(problem, state, held_sd) for held_sd in (0.0, 100.0))
+    assert (with_held.sd >= alone.sd).all()
+    assert (with_held.sd[:, 0] > 1.05 * alone.sd[:, 0]).any(), "a distortion looks like a focal length where people walk"
+    assert (with_held.prior_weight >= alone.prior_weight).all()
