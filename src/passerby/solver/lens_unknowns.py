@@ -49,20 +49,17 @@ FAR_SIGMAS = 3.0
 UNKNOWN_PRINCIPAL_POINT, UNKNOWN_DISTORTION = 0.02, 0.15
 """What lenses that were never calibrated are off by, one standard deviation of a normal distribution: the principal point from
 the image centre, as a share of the width, and the first distortion coefficient from 0. Calibrations of phones and of fixed
-cameras state principal points 0.5 to 2 % of the width off the centre, those of older industrial cameras more. A Cauchy
-distribution would let the principal point of a camera go that turns instead: among joints with 2 px of noise it went by half a
-width."""
+cameras state principal points 0.5 to 2 % of the width off the centre, those of older industrial cameras more."""
 HELD = 1e-5
 """The same of calibrated lenses beside lenses that were not: shares of the focal length and of the width, and the
 coefficient."""
 
-# Rays are made anew until the lenses move by no more than this. The linear columns leave over half of its square: 0.005 px at
-# the border of an image 2,000 px wide.
+# Rays are made anew until the lenses move by no more than this: who agrees is decided by rays.
 SETTLED_FOCAL, SETTLED_PX, SETTLED_DISTORTION = 3e-3, 3.0, 4e-3
 
 NEAR = 0.1
-"""Residuals are exact up to this share of the focal length: whoever is farther off is an outlier, or the rig is a first guess.
-The polynomial of a lens says nothing of points far outside the image."""
+"""Residuals are exact up to this share of the focal length: a point that is farther off is an outlier, or the rig is a first
+guess. The polynomial of a lens says nothing of points far outside the image."""
 
 
 @dataclass(frozen=True)
