@@ -25,6 +25,7 @@ def test_a_step_is_told_and_the_cameras_stand_right_to_each_other():
     simulated, calibration = calibrated(lambda xy: np.where(xy[..., 0] > 0, 1.0, 0.0))
     flat = calibrated(level)[1].figures.measuring.ground
     assert "ground_uneven" in [one.code for one in calibration.notices]
+    assert not any("lens" in one.code for one in calibration.diagnostics), "a step looks like a wrong principal point"
     assert (
         calibration.figures.measuring.ground.median_mm > 1.5 * flat.median_mm
     )  # positions on it are as uncertain as it is uneven

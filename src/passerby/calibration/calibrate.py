@@ -221,7 +221,9 @@ def calibrate_together(run: CalibrationRun, inputs: SceneInputs) -> Calibration:
             if correction is None:
                 break
             after = estimate_rig(run, correction.inputs)
-            if correction.tentative and is_worse(after, estimate, height_m, run.seed):
+            if not correction.explains(after, estimate, height_m) or (
+                correction.tentative and is_worse(after, estimate, height_m, run.seed)
+            ):
                 corrections = replace(corrections, dropped=(*corrections.dropped, correction))
                 continue
             corrections = replace(corrections, made=(*corrections.made, correction))
@@ -383,7 +385,7 @@ def find_correction(
         motion = correct_motion(motions, inputs, estimate)
         if motion is not None:
             return motion, LensExamination()
-    return examine_stated_lenses(inputs, estimate, corrections)
+    return examine_stated_lenses(inputs, estimate, corrections, run.scene.scale.person_height_m)
 
 
 def add_figures(

@@ -1,7 +1,8 @@
 """Stated lenses that people contradict: corrected where that is clear, and the rig estimated again; else a doubt.
 
 The test is that of `hypotheses`; it runs on finished estimates only. A correction stands where the new estimate keeps all
-cameras and predicts held-out people no worse.
+cameras and predicts held-out people no worse, and where people's ground does not stay as uneven as it was: a step in the ground
+looks like a wrong principal point.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from passerby.calibration.diagnostics.ground_planarity import shape_of
 from passerby.calibration.readings import findings_of_readings
 from passerby.calibration.run import Correction, Corrections, Estimate
 from passerby.core.figures import AdjustedFigures
@@ -35,6 +37,10 @@ class LensCorrection(Correction):
     """What was corrected with it."""
     tentative: ClassVar[bool] = True
 
+    def explains(self, after: Estimate, before: Estimate, person_height_m: float) -> bool:
+        """Whether the ground is even with the new lens, if it was not before."""
+        return not all(_is_uneven(one, person_height_m) for one in (after, before))
+
 
 @dataclass(frozen=True, eq=False)
 class LensExamination:
@@ -49,7 +55,7 @@ class LensExamination:
 
 
 def examine_stated_lenses(
-    inputs: SceneInputs, estimate: Estimate, corrections: Corrections
+    inputs: SceneInputs, estimate: Estimate, corrections: Corrections, person_height_m: float
 ) -> tuple[LensCorrection | None, LensExamination]:
     """Do people contradict a lens? The correction where that is clear; and what is reported if the estimate stands.
 
@@ -57,6 +63,7 @@ def examine_stated_lenses(
         inputs: of the estimate.
         estimate: in which no other fault of the input is found.
         corrections: so far.
+        person_height_m: typical standing height.
     """
     solution = estimate.solution
     if not isinstance(solution, PeopleSolution) or solution.verdict == "refused":
@@ -74,10 +81,18 @@ def examine_stated_lenses(
         one = lens_differs(found) if result.decision == "notice" else lens_doubtful(result)
         return None, LensExamination((one, *known), result)
     if not corrections.allows(LensCorrection, MOST_CORRECTIONS):  # tried, and the estimate was worse
+        if _is_uneven(estimate, person_height_m):  # which looks like a wrong lens, and is reported
+            return None, LensExamination(known, result)
         return None, LensExamination((lens_doubtful(result, "not_better"), *known), result)
     corrected = replace(inputs, rig=found.corrected(inputs.rig))
     suspects = tuple(one.alternative for one in result.suspects)
     return LensCorrection(corrected, found, suspects), LensExamination(known, result)
+
+
+def _is_uneven(estimate: Estimate, person_height_m: float) -> bool:
+    """Whether the ground that people walk on is no plane by this estimate."""
+    shape = shape_of(estimate.solution, estimate.association.instants, person_height_m)
+    return shape is not None and shape.sure
 
 
 def with_focal_changes(figures: AdjustedFigures, result: LensResult) -> AdjustedFigures:

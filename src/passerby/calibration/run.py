@@ -65,6 +65,10 @@ class Correction:
     tentative: ClassVar[bool] = False
     """Whether it is dropped where the estimate after it is worse than that before."""
 
+    def explains(self, after: Estimate, before: Estimate, person_height_m: float) -> bool:
+        """Whether what looked like this fault before is gone after."""
+        return True
+
 
 Kind = TypeVar("Kind", bound=Correction)
 
