@@ -89,6 +89,24 @@ def test_what_makes_it_worse_or_is_not_corrected_is_reported(monkeypatch: pytest
         assert [one.code for one in found.findings] == [code]
 
 
+@pytest.mark.parametrize(("uneven", "stands"), [((True, True), False), ((False, True), True), ((True, False), True)])
+def test_a_lens_is_not_why_the_ground_is_uneven_where_it_stays_so(
+    monkeypatch: pytest.MonkeyPatch, uneven: tuple[bool, bool], stands: bool
+) -> None:
+    """`uneven`: after and before the correction."""
+    wrong_lens(monkeypatch)
+    inputs = SceneInputs(STATED, NOBODY, ())
+    correction, _ = examine_stated_lenses(inputs, estimated(STATED), Corrections(), 1.72)
+    assert correction is not None
+    shapes = iter(uneven)
+    monkeypatch.setattr(lens_corrections, "shape_of", lambda *_: SimpleNamespace(sure=next(shapes)))
+    assert correction.explains(estimated(correction.inputs.rig), estimated(STATED), 1.72) == stands
+    if not stands:  # the sigmas hold how differently the rig would measure with that lens
+        monkeypatch.setattr(lens_corrections, "shape_of", lambda *_: SimpleNamespace(sure=True))
+        _, found = examine_stated_lenses(inputs, estimated(STATED), Corrections(dropped=(correction,)), 1.72)
+        assert (found.findings, found.result.decision) == ((), "unsettled")
+
+
 def test_corrections_are_bounded_and_the_last_contradiction_is_a_doubt(monkeypatch: pytest.MonkeyPatch) -> None:
     wrong_lens(monkeypatch, times=np.inf)
     _, found = corrected()

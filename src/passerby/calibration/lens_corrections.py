@@ -81,8 +81,8 @@ def examine_stated_lenses(
         one = lens_differs(found) if result.decision == "notice" else lens_doubtful(result)
         return None, LensExamination((one, *known), result)
     if not corrections.allows(LensCorrection, MOST_CORRECTIONS):  # tried, and the estimate was worse
-        if _is_uneven(estimate, person_height_m):  # which looks like a wrong lens, and is reported
-            return None, LensExamination(known, result)
+        if _is_uneven(estimate, person_height_m):  # the ground, which is reported, or the lens: the sigmas hold the difference
+            return None, LensExamination(known, replace(result, decision="unsettled"))
         return None, LensExamination((lens_doubtful(result, "not_better"), *known), result)
     corrected = replace(inputs, rig=found.corrected(inputs.rig))
     suspects = tuple(one.alternative for one in result.suspects)

@@ -65,14 +65,14 @@ def lens_evidence(
     if problem.lens_far is not None:
         prior = prior + 1 / problem.lens_far**2
 
-    def told(weighed: list[Term]) -> tuple[Floats, Floats, Floats]:
+    def measure_information(weighed: list[Term]) -> tuple[Floats, Floats, Floats]:
         """The inverse of the normal equations; the share of what is known that sightings say, and their information."""
         inverse = inverse_of(NormalEquations(problem.layout, weighed).reduce().H)
         share = np.clip(1 - prior * np.diag(inverse)[at], 1e-3, 1.0)
         return inverse, share, share / np.diag(inverse)[at]
 
-    inverse, share, information = told([weighted(term) for term in terms])
-    effect = told([downweight(term, 1.0) for term in terms])[2] / information
+    inverse, share, information = measure_information([weighted(term) for term in terms])
+    effect = measure_information([downweight(term, 1.0) for term in terms])[2] / information
     alike = ConsiderParameters.of_lower_edges(problem, state), ConsiderParameters.of_each_camera(problem, state), held
     moved = np.concatenate([one.moved(inverse, problem, terms, weighted) for one in alike], axis=1)
     biased = (moved[at] ** 2).sum(axis=2)

@@ -7,9 +7,9 @@ that were never calibrated (`Lens.uncalibrated`); lenses that were are held then
 
 Residuals of an adjustment with such lenses are exact: a point is projected with the lens as it is now, and compared with its
 pixel. Residuals that are linear around the ray of that pixel, as with known lenses, have the noise in the ray as well. Its
-square moves what only the borders of images tell: of 4,000 joints in three cameras, seen with 2 px of noise, focal lengths
-come out up to 30 % too short. Where a point is far from its pixel, the residual is linear still, and what is searched among
-rays (who agrees, first guesses) needs them: rays are made anew with the lens found, in rounds.
+square is a bias of what only the borders of images determine: focal lengths and principal points. The residual of a point that
+is far from its pixel is still linear. Rays are also used to find who agrees and for first guesses. They are made anew with the
+lens found, in rounds.
 """
 
 from __future__ import annotations
@@ -225,12 +225,9 @@ class LensUnknowns:
         return rays, tangents, by_lens
 
 
-_EVERY = LensUnknowns(LENS_PARTS)
-
-
 @dataclass(frozen=True, eq=False)
 class LensModel:
-    """Lenses of which some parts are unknown: what an exact residual needs."""
+    """Refined lenses, for exact residuals."""
 
     unknowns: LensUnknowns
     stated: Rig
@@ -254,7 +251,8 @@ class LensModel:
             by_d: (M, 2, 3) derivative by the points.
             by_lens: (M, 2, L) by the unknowns.
         """
-        columns = np.concatenate([np.arange(INTRINSICS)[_EVERY.columns_of(part)] for part in self.unknowns.parts])
+        all_parts = LensUnknowns(LENS_PARTS)
+        columns = np.concatenate([np.arange(INTRINSICS)[all_parts.columns_of(part)] for part in self.unknowns.parts])
         apart = np.linalg.norm(residual, axis=1)
         for c, own in enumerate(self.unknowns.rig(self.stated, change)):
             rows = np.flatnonzero((camera == c) & (apart < NEAR * own.lens.focal) & (own.lens.fisheye | (d[:, 2] > 0)))
