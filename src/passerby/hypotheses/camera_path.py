@@ -38,7 +38,8 @@ PRIOR_SD = np.array([TURN_SD] * 3 + [CENTRE_SD_M] * 3 + [FOCAL_SD])
 OWN_SD = np.array([*PRIOR_SD, OFFSET_SD, RATE_SD])
 MOST_COST = 0.5 * float(compute_cut_cauchy_cost(np.array(BEYOND), LOSS, BEYOND))
 """Of an observation that shows another person, nats."""
-STEPS = 12
+STEPS, STEPS_WITHOUT = 12, 3
+"""Of a fit, and of one without a fifth of the observations, from where it is with them."""
 NEGLIGIBLE = 1e-4
 """A fit ends where the next step would lower its cost by less, nats: a hundredth of a standard deviation."""
 

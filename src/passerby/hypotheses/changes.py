@@ -20,6 +20,7 @@ from passerby.core.measuring import MeasuringFigures, measure_change
 from passerby.geometry.rotations import angle_between, exp_rotation
 from passerby.hypotheses.camera_path import (
     MOVES,
+    STEPS_WITHOUT,
     TURN,
     TURNS,
     WITH_CLOCK,
@@ -193,16 +194,16 @@ def suspect_change(m: Correspondences, pose: Pose, per_second: float, n_cameras:
     base = fit_path(few, CameraPath(pose, origin=float(few.own.step.mean())), own=WITH_CLOCK)
     if not is_suspicious(few, base):
         return None
-    steps = find_stretches(few, base)
-    drifts = [path for pieces in PIECES if (path := fit_drift(few, base, pieces)) is not None]
+    trial = _Trial(few, base, blocks_of(few.own.step, few.own.identity, per_second)[0], n_cameras)
+    # With all parts free, and with the most pieces: where these cannot convince, nothing simpler can.
+    steps = tuple(path for path in find_stretches(few, base) if trial.may_convince("moved", path))
+    finest = next((path for pieces in reversed(PIECES) if (path := fit_drift(few, base, pieces)) is not None), None)
+    drift = finest if finest is not None and trial.may_convince("drifts", finest) else None
+    if not steps and drift is None:
+        return None
     before = float(costs_along(few, base).sum())
-    gain = max((before - float(costs_along(few, path).sum()) for path in (*steps, *drifts)), default=0.0)
-    return SuspectedChange(
-        _Trial(few, base, blocks_of(few.own.step, few.own.identity, per_second)[0], n_cameras),
-        tuple(steps),
-        tuple(drifts),
-        gain,
-    )
+    gain = max(before - float(costs_along(few, path).sum()) for path in (*steps, *([drift] if drift else [])))
+    return SuspectedChange(trial, steps, drift, gain)
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,7 +212,8 @@ class SuspectedChange:
 
     trial: _Trial
     steps: tuple[CameraPath, ...]
-    drifts: tuple[CameraPath, ...]
+    drift: CameraPath | None
+    """Of the most pieces."""
     gain: float
     """How much better the best of them fits, nats; people who are held out gain less."""
 
@@ -219,9 +221,17 @@ class SuspectedChange:
         """The change that predicts people best; None where none is ten times as probable as a camera that stays as it is."""
         kinds: tuple[Kind, ...] = ("zoomed", "moved", "zoomed_and_moved")
         steps = [found for path in self.steps for kind in kinds if (found := self.trial.step(kind, path)) is not None]
-        drifts = [found for path in self.drifts if (found := self.trial.drift(path)) is not None]
+        drifts = [found for path in self._drifts() if (found := self.trial.drift(path)) is not None]
         likely = [one for family in (steps, drifts) if (one := _simplest(family)) is not None]
         return max(likely, key=lambda one: one.over_base.gain + one.log_prior, default=None)
+
+    def _drifts(self) -> list[CameraPath]:
+        """Of all numbers of pieces."""
+        if self.drift is None:
+            return []
+        fewer = (pieces for pieces in PIECES if pieces < self.drift.times.size)
+        coarse = (fit_drift(self.trial.m, self.trial.base, pieces) for pieces in fewer)
+        return [*(path for path in coarse if path is not None), self.drift]
 
 
 @dataclass(frozen=True, eq=False)
@@ -242,23 +252,21 @@ class _Trial:
         if kind == "zoomed":
             first = replace(first, pose=self.base.pose)
         full = refine_stretch(self.m, first, parts)
-        if full is None or not self._may_convince(kind, full):
+        if full is None or not self.may_convince(kind, full):
             return None
-        return self._compared(kind, full, [refine_stretch(self.m, full, parts, 2, held=held) for held in self._folds()])
+        return self._compared(kind, full, [refine_stretch(self.m, full, parts, held=held) for held in self._folds()])
 
     def elsewhere(self, kind: Kind, start: CameraPath) -> FoundChange:
         """A camera that differs from the base all of the time, near a first one; the base is held."""
         parts = PARTS[kind]
         full = fit_path(self.m, start, own=parts, widening=4.0)
-        folds: list[CameraPath | None] = [fit_path(self.m.part(~held), full, own=parts) for held in self._folds()]
-        return self._compared(kind, full, folds, base_held=True)
+        return self._compared(kind, full, self._without_folds(full, own=parts), base_held=True)
 
     def drift(self, path: CameraPath) -> FoundChange | None:
         """A drift; None where the observations do not call for one."""
-        if not self._may_convince("drifts", path):
+        if not self.may_convince("drifts", path):
             return None
-        folds: list[CameraPath | None] = [fit_path(self.m.part(~held), path, TURNS, own=WITH_CLOCK) for held in self._folds()]
-        return self._compared("drifts", path, folds)
+        return self._compared("drifts", path, self._without_folds(path, TURNS))
 
     def _folds(self) -> list[np.ndarray]:
         """The observations that are held out, fold by fold."""
@@ -267,13 +275,20 @@ class _Trial:
     @cached_property
     def _still(self) -> list[CameraPath]:
         """The camera that stays as it is, fitted without each fold."""
-        return [fit_path(self.m.part(~held), self.base, own=WITH_CLOCK) for held in self._folds()]
+        return self._without_folds(self.base)
+
+    def _without_folds(
+        self, path: CameraPath, parts: tuple[int, ...] = (), own: tuple[int, ...] = WITH_CLOCK
+    ) -> list[CameraPath]:  # fmt: skip
+        """A path that was fitted to all observations, fitted without each fold."""
+        return [fit_path(self.m.part(~held), path, parts, own=own, steps=STEPS_WITHOUT) for held in self._folds()]
 
     def _costs(self, path: CameraPath) -> Floats:
         """(B,) of each block by a path that was fitted to all of them."""
         return np.asarray(np.bincount(self.block, costs_along(self.m, path)), dtype=np.float64)
 
-    def _may_convince(self, kind: Kind, full: CameraPath) -> bool:
+    def may_convince(self, kind: Kind, full: CameraPath) -> bool:
+        """Whether a change that was fitted to all observations is worth predicting those of each fold."""
         return may_convince(self._costs(full), self._costs(self.base), self._log_prior(kind))
 
     def _log_prior(self, kind: Kind) -> float:

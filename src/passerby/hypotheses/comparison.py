@@ -36,7 +36,7 @@ class Refit:
         predicted = np.zeros(case.n_blocks)
         for fold in range(min(FOLDS, case.n_blocks)):
             held_out = np.arange(case.n_blocks) % FOLDS == fold
-            predicted += case.predicted(case.without(held_out).fitted(), held_out)
+            predicted += case.predicted(case.without(held_out), held_out)
         return cls(case, predicted)
 
 

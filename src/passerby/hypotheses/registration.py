@@ -34,8 +34,8 @@ WIDENING, STEPS = 16.0, 12
 
 
 @dataclass(frozen=True, eq=False)
-class SeenPeople(Columns):
-    """M observations by one camera of people that other cameras place."""
+class SeenBodies(Columns):
+    """M bodies that a camera saw, from their lower to their upper end."""
 
     frame: Ints
     identity: Ints
@@ -52,6 +52,32 @@ class SeenPeople(Columns):
     """(M,) distance of the two ends of a body of usual height."""
     low_m: Floats
     """(M,) height of the lower end above the ground."""
+
+    @classmethod
+    def of(cls, seen: CameraObservations, lens: Lens) -> SeenBodies:
+        """The observations of people with identities."""
+        ends = upright_segments(seen, lens)
+        ends = ends.take(ends.identity >= 0)
+        top, bottom = lens.bearings(ends.top), lens.bearings(ends.bottom)
+        found = cls(
+            ends.frame, ends.identity, top, bottom, lens.tangents(top), lens.tangents(bottom),
+            np.linalg.norm(ends.bottom - ends.top, axis=1), (ends.top_fraction - ends.bottom_fraction) * PERSON_HEIGHT_M,
+            ends.bottom_fraction * PERSON_HEIGHT_M,
+        )  # fmt: skip
+        return found.take(np.isfinite(np.concatenate([top, bottom], axis=1)).all(axis=1))
+
+    def placed(self, people: TriangulatedPeople, later: int = 0) -> SeenPeople:
+        """Those whose people other cameras place, `later` time steps after the time of the observation."""
+        ids = max(int(each.max(initial=0)) for each in (self.identity, people.identity)) + 1
+        at = rows_of_keys((self.frame + later) * ids + self.identity, people.instant * ids + people.identity)
+        own = self.take(at >= 0)
+        return SeenPeople(**vars(own), place=people.place[at[at >= 0]], covariance=people.covariance[at[at >= 0]])
+
+
+@dataclass(frozen=True, eq=False)
+class SeenPeople(SeenBodies):
+    """Bodies that a camera saw, of people whom other cameras place."""
+
     place: Floats
     """(M, 3) middle of the two ends by the other cameras, world, metres."""
     covariance: Floats
@@ -59,22 +85,6 @@ class SeenPeople(Columns):
 
     def __len__(self) -> int:
         return len(self.frame)
-
-    @classmethod
-    def of(cls, seen: CameraObservations, lens: Lens, people: TriangulatedPeople, later: int = 0) -> SeenPeople:
-        """The observations whose people are placed; those `later` time steps after its own are taken for an observation."""
-        ends = upright_segments(seen, lens)
-        ids = max(int(each.max(initial=0)) for each in (ends.identity, people.identity)) + 1
-        at = rows_of_keys((ends.frame + later) * ids + ends.identity, people.instant * ids + people.identity)
-        rows = np.flatnonzero((at >= 0) & (ends.identity >= 0))
-        top, bottom = lens.bearings(ends.top[rows]), lens.bearings(ends.bottom[rows])
-        fractions = ends.top_fraction[rows], ends.bottom_fraction[rows]
-        found = cls(
-            ends.frame[rows], ends.identity[rows], top, bottom, lens.tangents(top), lens.tangents(bottom),
-            np.linalg.norm(ends.bottom[rows] - ends.top[rows], axis=1), (fractions[0] - fractions[1]) * PERSON_HEIGHT_M,
-            fractions[1] * PERSON_HEIGHT_M, people.place[at[rows]], people.covariance[at[rows]],
-        )  # fmt: skip
-        return found.take(np.isfinite(np.concatenate([top, bottom], axis=1)).all(axis=1))
 
     def thinned(self) -> SeenPeople:
         """`MOST_ROWS` of them at most."""

@@ -19,6 +19,8 @@ from passerby.hypotheses.camera_path import (
     MOST_COST,
     PRIOR_SD,
     SHIFT,
+    STEPS,
+    STEPS_WITHOUT,
     TURN,
     WITH_CLOCK,
     CameraPath,
@@ -31,8 +33,8 @@ from passerby.hypotheses.correspondences import Correspondences
 
 WINDOWS, WINDOW_ROWS = 10, 24
 """Windows of time at most, and observations in each at least."""
-ROUNDS = 4
-"""Times that the path and its stretch are fitted by turns."""
+ROUNDS, ROUNDS_WITHOUT = 4, 2
+"""Times that the path and its stretch are fitted by turns: with all observations, and from there without a fifth."""
 FOCALS = np.linspace(-0.8, 0.8, 9)
 """Logarithms of focal lengths from which a window's is sought."""
 POORLY = 4.0
@@ -90,7 +92,7 @@ def find_stretches(m: Correspondences, whole: CameraPath) -> list[CameraPath]:
 
 
 def refine_stretch(
-    m: Correspondences, path: CameraPath, parts: tuple[int, ...], rounds: int = ROUNDS, *, held: Bools | None = None
+    m: Correspondences, path: CameraPath, parts: tuple[int, ...], *, held: Bools | None = None
 ) -> CameraPath | None:
     """A path and its stretch, fitted by turns; None where all of the time falls to one pose.
 
@@ -98,17 +100,17 @@ def refine_stretch(
         m: the camera's observations with the people of their instants.
         path: first path, with a stretch.
         parts: columns of the change that are free.
-        rounds: at most.
-        held: (M,) observations that are not to be used.
+        held: (M,) observations that are not to be used, of those that the first path was fitted to.
     """
     assert isinstance(path.times, Stretch)
     used = m if held is None else m.part(~held)
     middle = np.isfinite(path.times.first) and np.isfinite(path.times.last)
+    rounds, steps = (ROUNDS, STEPS) if held is None else (ROUNDS_WITHOUT, STEPS_WITHOUT)
     for _ in range(rounds):
         inside = path.times.at(used.own.step)[:, 0] > 0
         if min(np.count_nonzero(inside), np.count_nonzero(~inside)) < WINDOW_ROWS:
             return None
-        path = fit_path(used, path, parts, own=WITH_CLOCK)
+        path = fit_path(used, path, parts, own=WITH_CLOCK, steps=steps)
         costs = np.array([costs_along(used, one) for one in (path.constant(np.zeros(7)), path.constant(path.coefficients[0]))])
         best = best_stretch(costs, middle=bool(middle), swap=False)
         if best is None:
