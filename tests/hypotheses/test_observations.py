@@ -11,7 +11,7 @@ from passerby.core.solution import Solution
 from passerby.core.stature import PERSON_HEIGHT_M
 from passerby.hypotheses.observations import examine_readings
 from passerby.hypotheses.readings import mirrored
-from passerby.hypotheses.registration import SeenPeople
+from passerby.hypotheses.registration import find_bodies
 from passerby.people.body_centres import PeopleRays, identified_body_centres
 from passerby.simulation import SimulationOptions, simulate
 from support.datasets.cmc import write_cmc
@@ -94,8 +94,8 @@ def test_a_low_camera_is_not_taken_for_an_overturned_one_below_the_ground(tmp_pa
     for index, camera in enumerate(walk.rig):
         people = rays.triangulated(PERSON_HEIGHT_M, rays.camera != index)
         overturned = turn_seen(mirrored(seen[camera.name], camera.lens.size), camera.lens.size, 180)
-        assert SeenPeople.of(overturned, camera.lens, people).anew(np.random.default_rng(0)) is None
-        assert SeenPeople.of(seen[camera.name], camera.lens, people).anew(np.random.default_rng(0)) is not None
+        assert find_bodies(overturned, camera.lens).placed(people).anew(np.random.default_rng(0)) is None
+        assert find_bodies(seen[camera.name], camera.lens).placed(people).anew(np.random.default_rng(0)) is not None
 
 
 @pytest.mark.parametrize("seed", range(4811, 4815))

@@ -32,7 +32,7 @@ WIDE_SHARE = 0.15
 image whose lens is wrong are not left out."""
 RAY_ROUNDS = 4
 """Times that rays of cues are made again with the lenses found; those of people are exact."""
-_FITTING, _PREDICTING = Stopping(20, 1e-5), Stopping(40, 1e-6)
+_FITTING, _PREDICTING = Stopping(20, 1e-5), Stopping(10, 1e-4)
 _NEAR_OPTIMUM = Stopping(2, 1e-5)
 """From the optimum of all blocks to that without a fifth of them: Newton's steps are enough."""
 

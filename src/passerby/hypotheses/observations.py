@@ -24,7 +24,7 @@ from passerby.core.synchronisation import USUAL_FPS
 from passerby.hypotheses.case import blocks_of
 from passerby.hypotheses.comparison import FOLDS, LOG_ODDS, Comparison, effect, may_convince
 from passerby.hypotheses.readings import Reading, image_readings, late_clock
-from passerby.hypotheses.registration import FEWEST, SeenBodies, SeenPeople, rows_of_keys
+from passerby.hypotheses.registration import FEWEST, SeenPeople, find_bodies, rows_of_keys
 from passerby.people.body_centres import PeopleRays, TriangulatedPeople, identified_body_centres
 
 MOST_LATE_S = 8.0
@@ -126,7 +126,7 @@ class _Camera:
         assert camera.pose is not None
         self.index, self.n_cameras, self.name, self.lens = index, len(rig), camera.name, camera.lens
         self.people, self.seen, self.fps = people, instants[camera.name], instants.fps or USUAL_FPS
-        self.bodies = SeenBodies.of(self.seen, self.lens)
+        self.bodies = find_bodies(self.seen, self.lens)
         self.stated = self.bodies.placed(people)
         self.block, self.n_blocks = blocks_of(self.stated.frame, self.stated.identity, self.fps)
         self.pose = self.stated.fitted(camera.pose) if len(self.stated) >= FEWEST else camera.pose
@@ -189,7 +189,7 @@ class _Camera:
 
     def _read(self, reading: Reading) -> _Read:
         lens, seen = reading.read(self.lens, self.seen)
-        every = SeenBodies.of(seen, lens).placed(self.people)
+        every = find_bodies(seen, lens).placed(self.people)
         at = self._rows(every)
         return _Read(lens, seen, every.take(at >= 0), self.stated.take(at[at >= 0]))
 

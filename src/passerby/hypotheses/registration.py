@@ -53,19 +53,6 @@ class SeenBodies(Columns):
     low_m: Floats
     """(M,) height of the lower end above the ground."""
 
-    @classmethod
-    def of(cls, seen: CameraObservations, lens: Lens) -> SeenBodies:
-        """The observations of people with identities."""
-        ends = upright_segments(seen, lens)
-        ends = ends.take(ends.identity >= 0)
-        top, bottom = lens.bearings(ends.top), lens.bearings(ends.bottom)
-        found = cls(
-            ends.frame, ends.identity, top, bottom, lens.tangents(top), lens.tangents(bottom),
-            np.linalg.norm(ends.bottom - ends.top, axis=1), (ends.top_fraction - ends.bottom_fraction) * PERSON_HEIGHT_M,
-            ends.bottom_fraction * PERSON_HEIGHT_M,
-        )  # fmt: skip
-        return found.take(np.isfinite(np.concatenate([top, bottom], axis=1)).all(axis=1))
-
     def placed(self, people: TriangulatedPeople, later: int = 0) -> SeenPeople:
         """Those whose people other cameras place, `later` time steps after the time of the observation."""
         ids = max(int(each.max(initial=0)) for each in (self.identity, people.identity)) + 1
@@ -161,6 +148,19 @@ class SeenPeople(SeenBodies):
         centre = np.array([move.real, move.imag, abs(turn) * level.height])
         found = part.fitted(Pose.from_centre(level.R_lc.T @ to_world.T, centre))
         return found if found.centre[2] > 0 else None
+
+
+def find_bodies(seen: CameraObservations, lens: Lens) -> SeenBodies:
+    """The bodies of people with identities."""
+    ends = upright_segments(seen, lens)
+    ends = ends.take(ends.identity >= 0)
+    top, bottom = lens.bearings(ends.top), lens.bearings(ends.bottom)
+    found = SeenBodies(
+        ends.frame, ends.identity, top, bottom, lens.tangents(top), lens.tangents(bottom),
+        np.linalg.norm(ends.bottom - ends.top, axis=1), (ends.top_fraction - ends.bottom_fraction) * PERSON_HEIGHT_M,
+        ends.bottom_fraction * PERSON_HEIGHT_M,
+    )  # fmt: skip
+    return found.take(np.isfinite(np.concatenate([top, bottom], axis=1)).all(axis=1))
 
 
 @dataclass(frozen=True, eq=False)
