@@ -30,6 +30,8 @@ tracklet that ends on another person, must not keep everything else of two group
 GOES_ON = 3.0
 """The evidence for one person where a tracklet continues as another: links are 20 times more likely than the next best
 (3 nats)."""
+MOST_CONTRADICTIONS = 6
+"""Times that tracklets are joined anew without what contradicts itself."""
 SAMPLE_WORTH = 0.5
 """Of the agreement of one sample: neighbours, half a second apart, tell partly the same."""
 
@@ -162,12 +164,25 @@ def cluster_by_rig(
     if candidates is None:
         return person
     # Who is one person with two others may be in two places at once: pairs of cameras that see them there have their say.
-    for a, b in _seeing_one(tracklets, tracks, offset_s, person):
-        if (a, b) not in compared and (found := meetings(a, b)) is not None:
-            i, j, weight = found
-            same = person[i] == person[j]
-            edges.add(i[same], j[same], weight[same])
-    return _joined(tracklets, edges)
+    known_pairs = set[tuple[int, int]]()
+    met: dict[tuple[int, int], Pairs | None] = {}
+    for _ in range(MOST_CONTRADICTIONS):
+        before = len(known_pairs)
+        for a, b in _seeing_one(tracklets, tracks, offset_s, person):
+            if (a, b) in compared:
+                continue
+            if (a, b) not in met:
+                met[a, b] = meetings(a, b)
+            if (found := met[a, b]) is not None:
+                i, j, weight = found
+                new = np.array([pair not in known_pairs for pair in zip(i.tolist(), j.tolist(), strict=True)], dtype=bool)
+                new &= person[i] == person[j]
+                known_pairs.update(zip(i[new].tolist(), j[new].tolist(), strict=True))
+                edges.add(i[new], j[new], weight[new])
+        if len(known_pairs) == before:
+            break
+        person = _joined(tracklets, edges)
+    return person
 
 
 def compared_pairs(
