@@ -14,7 +14,7 @@ import numpy as np
 from pages.cases import Outcomes
 from pages.records import Found
 from pages.tables import Table, table
-from passerby.calibration import calibrate as pipeline
+from passerby.calibration import group_figures as pipeline
 from passerby.calibration.calibration import Calibration
 from passerby.calibration.prediction import HARMFUL_SHARE, LEAST_ODDS, worst_part
 from passerby.core.cameras import Rig

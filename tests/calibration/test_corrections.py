@@ -76,7 +76,7 @@ def corrected(
     monkeypatch.setattr(calibrate, "is_worse", lambda after, before, *_: after.solution.method[-1] in worse)
     monkeypatch.setattr(calibrate, "measure_motions", end)
     with pytest.raises(Ended) as ended:
-        calibrate.calibrate_together(CalibrationRun(scene_of(*refined), PeopleOptions()), INPUTS)
+        calibrate.correct_inputs(CalibrationRun(scene_of(*refined), PeopleOptions()), INPUTS)
     return (*ended.value.args, estimates)  # type: ignore[return-value]
 
 

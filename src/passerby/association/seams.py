@@ -14,6 +14,7 @@ from passerby.association.ground.passages import Passage
 from passerby.association.ground.registration import Registration
 from passerby.common.arrays import Ints
 from passerby.core.cameras import Pose
+from passerby.findings.finding import Finding, notice
 from passerby.geometry.single_view import Level
 
 MOST_EDGES = 3
@@ -42,27 +43,41 @@ class SeamEdge:
 
 @dataclass(frozen=True, eq=False)
 class Seam:
-    """Where two groups are joined."""
+    """Where people pass between two groups."""
 
     cameras: tuple[tuple[str, ...], tuple[str, ...]]
     """Names of either group."""
     people: int
     """People who pass from one to the other."""
+    needed: int
+    """So many would be clear of chance."""
     edges: tuple[SeamEdge, ...]
+    """The pairs of cameras that see most of them; one or more."""
+
+    @property
+    def clear(self) -> bool:
+        """Whether the groups are joined."""
+        return self.people >= self.needed
+
+    @property
+    def finding(self) -> Finding:
+        """The notice that two groups are one rig."""
+        nearest = self.edges[0]
+        return notice("groups_joined", nearest.a, nearest.b, people=self.people, sizes=[len(group) for group in self.cameras])
 
     @classmethod
     def of(cls, passage: Passage, first: Sequence[GroupCamera], second: Sequence[GroupCamera]) -> Seam:
         """The seam of two groups whose cameras are in the order of the passage."""
-        edges = []
+        edges = list[SeamEdge]()
         for at in np.argsort(-passage.cameras, axis=None, kind="stable")[:MOST_EDGES].tolist():
             a, b = first[at // len(second)], second[at % len(second)]
             people = int(passage.cameras.flat[at])
-            if people < LEAST_SHARE * passage.people:
+            if edges and people < LEAST_SHARE * passage.people:
                 break
             motion = replace(passage.motion, lag_s=passage.motion.lag_s + a.offset_s - b.offset_s)
             edges.append(SeamEdge(a.name, b.name, a.pose, b.pose, motion, passage.place, people))
         names = tuple(one.name for one in first), tuple(one.name for one in second)
-        return cls(names, passage.people, tuple(edges))
+        return cls(names, passage.votes, passage.needed, tuple(edges))
 
 
 @dataclass(frozen=True, eq=False)

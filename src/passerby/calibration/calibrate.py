@@ -1,8 +1,9 @@
 """The whole calibration: from a scene to the cameras' poses, in the order in which it happens.
 
-`calibrate` reads the scene and calibrates each group of cameras that shares people. `calibrate_together` is one group in five
-stages. `estimate_rig` is one estimate: rounds of association and solver. CONTRIBUTING.md, "How a box becomes a rig", continues
-from there to the normal equations.
+`calibrate` reads the scene. `calibrate_inputs` estimates each group of cameras that shares people, and joins groups between
+which people pass. `correct_inputs` is the estimate of one group with the corrections of its inputs, `estimate_rig` one estimate:
+rounds of association and solver. `calibrate_together` makes the result of a group in four stages. CONTRIBUTING.md, "How a box
+becomes a rig", continues from there to the normal equations.
 """
 
 from __future__ import annotations
@@ -13,55 +14,75 @@ from concurrent.futures import Executor
 from dataclasses import asdict, replace
 from pathlib import Path
 
+import numpy as np
 from threadpoolctl import threadpool_limits
 
-from passerby.association.result import Association
+from passerby.association.attachment import Attached
+from passerby.association.clocks.offsets import clock_corrections, snap_to_whole_frames
+from passerby.association.clocks.starts import FULL_SEARCH_S, WALL_CLOCK
 from passerby.calibration.alignment.known_scale import check_known_scale
 from passerby.calibration.alignment.lengths import check_lengths, findings_of_checks
 from passerby.calibration.alignment.scene_world import align_to_scene
+from passerby.calibration.association_run import AssociationOptions, share_of_same_pairs
+from passerby.calibration.association_start import start_association
 from passerby.calibration.calibration import Calibration
 from passerby.calibration.camera_motion import (
-    DetectedMotion,
-    Motion,
+    MotionCorrection,
+    MotionSearch,
+    correct_motion,
     findings_of_motions,
+    measure_motions,
 )
-from passerby.calibration.clock_skew import clock_rate_figures, clock_skew_findings
-from passerby.calibration.corrections import CorrectedEstimate
-from passerby.calibration.diagnostics.ground_planarity import ground_figures, notices_of_ground, on_ground, shape_of
-from passerby.calibration.diagnostics.smaller_pictures import doubts_of_smaller_pictures
-from passerby.calibration.diagnostics.up_direction import find_tilted_ground, up_figures, with_up
+from passerby.calibration.clock_skew import MOST_CORRECTIONS as MOST_RATE_CORRECTIONS
+from passerby.calibration.clock_skew import ClockRateCorrection, clock_skew_findings, correct_clock_rates
+from passerby.calibration.diagnostics.ground_planarity import notices_of_ground, shape_of
+from passerby.calibration.diagnostics.up_direction import find_tilted_ground, with_up
 from passerby.calibration.diagnostics.verdict import find_unusual_heights, with_verdict
 from passerby.calibration.effort import Effort, Step, is_enough, note_of_effort, sizes
-from passerby.calibration.held_out import HeldOut, hold_out
+from passerby.calibration.group_figures import add_figures, check_image_sizes, check_predictions, hold_out_people
+from passerby.calibration.held_out import is_worse
 from passerby.calibration.kept_tracklets import FOLDER, KeptTracklets
+from passerby.calibration.known_identities import estimate_with_known_identities
 from passerby.calibration.lens_corrections import (
     LensExamination,
-    with_focal_changes,
-    with_unsettled_lenses,
+    examine_stated_lenses,
 )
-from passerby.calibration.lens_priors import with_lens_priors
-from passerby.calibration.prediction import findings_of_predictions, predict_people
-from passerby.calibration.readings import findings_of_corrected_clocks
-from passerby.calibration.run import CalibrationRun, Estimate
-from passerby.calibration.scene_solver import solver_options
-from passerby.calibration.separate_groups import estimate_groups, join_groups, stated_parts
-from passerby.calibration.unrecorded import Spans, unrecorded_instants
+from passerby.calibration.readings import MOST_CORRECTIONS as MOST_CLOCK_CORRECTIONS
+from passerby.calibration.readings import ClockCorrection, correct_late_clock, findings_of_corrected_clocks
+from passerby.calibration.run import CalibrationRun, Correction, Corrections, Estimate
+from passerby.calibration.scene_solver import solve_scene, solver_options
+from passerby.calibration.separate_groups import (
+    FEWEST,
+    GroupEstimate,
+    find_seams,
+    join_groups,
+    join_numbers,
+    nearest_seam,
+    stated_parts,
+    unplaced_groups,
+)
 from passerby.common.parallel import worthwhile
 from passerby.common.progress import Progress, silent, tell_note
-from passerby.core.figures import AdjustedFigures, adjusted
-from passerby.core.measuring import add_measuring_sigmas
+from passerby.core.association_figures import AssociationRound
+from passerby.core.figures import adjusted
 from passerby.core.quarter_turns import turn_observations, turn_rig, undone
 from passerby.core.solution import Solution
+from passerby.core.unknown_focals import begin_with
 from passerby.findings.finding import Finding
 from passerby.findings.texts import texts_of
-from passerby.people.ground_shape import GroundShape
-from passerby.scene.box_interpretations import adjust_for_coarse_boxes
 from passerby.scene.inputs import NobodySeenError, SceneInputs, complete_inputs, open_inputs, part_of
 from passerby.scene.same_content import doubts_of_same_place
 from passerby.scene.scene import Scene
 from passerby.scene.sound import measure_by_sound
 from passerby.scene.video_inputs import SceneVideoProcessor, joints_remedy
 from passerby.solver.refined_lenses import lens_notes
+
+MAX_ROUNDS = 4
+"""Rounds of association and solver in one estimate."""
+SEARCHED_ROUNDS = 2
+"""Rounds in which cameras without a pose are searched by the rig's people."""
+SETTLED = 0.98
+"""Identities have settled when this share of the pairs of tracklets that are one person stays the same in a round."""
 
 
 def calibrate(
@@ -165,13 +186,74 @@ def calibrate_inputs(
     run = CalibrationRun(scene, solver_options(scene), seed, progress or silent, executor, kept)
     stated = scene.sites.groups if scene.solver.method == "people" else ()
     parts = stated_parts(inputs.rig.names, stated)
-    separate = [inputs] if len(parts) == 1 else [part_of(inputs, part) for part in parts]
-    found = [one for part in separate for one in estimate_groups(run, part)]
-    groups = [calibrate_together(run, one) for one in found]
-    return join_groups(groups if len(parts) == 1 else sorted(groups, key=lambda one: -len(one.rig.posed())), run.progress)
+    found = list[GroupEstimate]()
+    for whole in [inputs] if len(parts) == 1 else [part_of(inputs, part) for part in parts]:
+        waiting, groups = [whole], list[GroupEstimate]()
+        while waiting:
+            part = waiting.pop(0)
+            one = correct_inputs(run, part)
+            left = unplaced_groups(run, one)
+            for names in left:
+                tell_note(run.progress, f"{', '.join(names)} share no people with the other cameras: calibrated separately")
+            waiting = [*(part_of(part, names) for names in left), *waiting]
+            if not groups or len(one.rig.posed()) >= FEWEST:
+                groups.append(one)
+        found += join_by_passages(run, whole, groups)
+    if len(parts) > 1:
+        found.sort(key=lambda one: -len(one.rig.posed()))
+    return join_groups([(one, calibrate_together(run, one)) for one in found], run.progress)
 
 
-def calibrate_together(run: CalibrationRun, found: CorrectedEstimate) -> Calibration:
+def join_by_passages(run: CalibrationRun, inputs: SceneInputs, found: Sequence[GroupEstimate]) -> list[GroupEstimate]:
+    """The groups of cameras, those between which people pass as one; as they were where that makes no rig of all of them."""
+    if len(found) < 2 or run.scene.association.given or run.scene.solver.method != "people":
+        return list(found)
+    seams = find_seams(run, found)
+    out = {number: replace(one, nearest=nearest_seam(number, seams)) for number, one in enumerate(found)}
+    for members in join_numbers([pair for pair, seam in seams.items() if seam.clear], len(found)):
+        own = [found[number] for number in members]
+        cameras = [camera.name for one in own for camera in one.rig.posed()]
+        tell_note(run.progress, f"people pass between groups of {', '.join(str(len(one.rig.posed())) for one in own)} cameras")
+        between = tuple(seam for pair, seam in seams.items() if seam.clear and set(pair) <= set(members))
+        names = {name for one in own for name in one.rig.names}
+        one = correct_inputs(replace(run, seams=between), part_of(inputs, names))
+        if all(one.rig[name].pose is not None for name in cameras):
+            out[members[0]] = replace(one, seams=between)
+            for number in members[1:]:
+                del out[number]
+    return list(out.values())
+
+
+def correct_inputs(run: CalibrationRun, inputs: SceneInputs) -> GroupEstimate:
+    """Estimate a rig. While the estimate shows a fault of the input, correct the fault and estimate again.
+
+    An estimate is six solves at most. There is one estimate, and one more for each correction: as many as there are cameras
+    (motion), three of clock offsets, three of lenses, and six of clock rates where these are refined. The check of image sizes
+    adds one solve for each camera whose people stay in a part of the image, and one.
+    """
+    height_m, stated = run.scene.scale.person_height_m, inputs
+    motions = MotionSearch(stated, run.scene.association.given, height_m)
+    began = time.perf_counter()
+    # The systems are small: more BLAS threads only wait for each other, and the number of them would change the last bits.
+    with threadpool_limits(limits=1, user_api="blas"):
+        estimate, corrections = estimate_rig(run, inputs), Corrections()
+        while True:
+            correction, lenses = find_correction(run, motions, inputs, estimate, corrections)
+            if correction is None:
+                break
+            after = estimate_rig(run, correction.inputs)
+            if not correction.explains(after, estimate, height_m) or (
+                correction.tentative and is_worse(after, estimate, height_m, run.seed)
+            ):
+                corrections = replace(corrections, dropped=(*corrections.dropped, correction))
+                continue
+            corrections = replace(corrections, made=(*corrections.made, correction))
+            inputs, estimate = correction.inputs, after
+        moved = measure_motions(motions, corrections, estimate)
+    return GroupEstimate(stated, inputs, estimate, corrections, lenses, moved, time.perf_counter() - began)
+
+
+def calibrate_together(run: CalibrationRun, found: GroupEstimate) -> Calibration:
     """The calibration of cameras as one rig; those that share no people with its largest group have no pose."""
     scene, tell, stated, inputs = run.scene, run.progress, found.stated, found.inputs
     estimate, corrections, lenses, moved = found.estimate, found.corrections, found.lenses, found.moved
@@ -181,7 +263,7 @@ def calibrate_together(run: CalibrationRun, found: CorrectedEstimate) -> Calibra
         # 1. Figures: how certain the rig is, and how well it predicts people who were held out.
         association = estimate.association
         shape = shape_of(estimate.solution, association.instants, height_m)
-        held_out = _hold_out(run, estimate)
+        held_out = hold_out_people(run, estimate)
         solution = add_figures(run, stated, inputs, estimate, lenses, moved, shape, held_out)
 
         # 2. The world frame. Pixels that the scene states, and all results, are of the images as filmed.
@@ -194,9 +276,9 @@ def calibrate_together(run: CalibrationRun, found: CorrectedEstimate) -> Calibra
         unsettled = tuple(one for one in lenses.of("notice") if one.code == "lens_doubtful")  # may explain an uncertainty
         causes = (*stated.doubts, *findings_of_motions(moved, solution.rig), *lenses.of("doubt"), *unsettled)
         doubts = (
-            *_findings_of_predictions(solution, held_out, association, stated.gaps),
+            *check_predictions(solution, held_out, association, found),
             *doubts_of_same_place(solution.rig, inputs.observations),
-            *_doubts_of_smaller_images(run, inputs, solution, association, lenses),
+            *check_image_sizes(run, inputs, solution, association, lenses),
             *association.doubts,
             *(one for one in association.height_findings if one.severity != "notice"),
             *(one for one in of_world if one.severity == "doubt"),
@@ -214,6 +296,7 @@ def calibrate_together(run: CalibrationRun, found: CorrectedEstimate) -> Calibra
         *clock_skew_findings(rates),
         *find_tilted_ground(solution.figures.up, up_stated=_states_up(scene)),
         *find_unusual_heights(adjusted(solution.figures).people),
+        *(seam.finding for seam in found.seams),
     )
     unused = tuple(one for one in association.height_findings if one.severity == "notice")
     frame = tuple(one for one in of_world if one.severity == "notice")
@@ -244,65 +327,101 @@ def calibrate_together(run: CalibrationRun, found: CorrectedEstimate) -> Calibra
     )
 
 
-def add_figures(
-    run: CalibrationRun, stated: SceneInputs, inputs: SceneInputs, estimate: Estimate, lenses: LensExamination,
-    motions: Sequence[Motion], shape: GroundShape | None, held_out: HeldOut | None,
-) -> Solution:  # fmt: skip
-    """The solution, its figures with those of corrections, lenses, the ground, the up direction and people held out."""
-    scene, solution = run.scene, estimate.solution
-    rates = None
-    if "clock_rate" in scene.solver.refine and (stated.observations.clocks or stated.observations.fps is not None):
-        rates = clock_rate_figures(stated, inputs, estimate)
-    figures = replace(
-        solution.figures,
-        moved=tuple(one.figures for one in motions if isinstance(one, DetectedMotion)),
-        drifts=tuple(one.figures for one in motions if not isinstance(one, DetectedMotion)) or None,
-        ground=ground_figures(shape),
-        up=up_figures(solution, estimate.association.instants, run.rng()),
-        clock_rates=rates,
-        held_out=None if held_out is None else held_out.figures,
+def estimate_rig(run: CalibrationRun, inputs: SceneInputs) -> Estimate:
+    """One estimate: identities and clocks where they are unknown, and the rig; six solves at most.
+
+    Identities make a rig, and the rig improves the identities, until both settle.
+    """
+    scene, rig = run.scene, inputs.rig
+    search_s = scene.association.search_s if inputs.observations.clocks else 0.0
+    # The recorders' clocks are within the offsets that are searched in full.
+    measured = tuple(one for one in inputs.measured if one.found_by != WALL_CLOCK or search_s > FULL_SEARCH_S)
+    if scene.association.given:
+        return estimate_with_known_identities(run, inputs, search_s, measured)
+    wanted = AssociationOptions(
+        scene.association.mode, search_s, scene.scale.person_height_m, inputs.pointed, measured, inputs.stated,
+        scene.sites.groups,
+    )  # fmt: skip
+    rng, refine_time = run.rng(), search_s > 0  # one stream of random numbers for association and solver
+
+    # 1. Tracklets of each camera, pairs of cameras that their people register, first identities and clocks.
+    start = start_association(run, rig, inputs.observations, wanted, rng)
+    state, initial = start.run, start.initial
+    if initial is None:
+        singles = np.arange(len(state.tracklets.start_s))
+        association = state.association(singles, np.zeros(len(state.cameras)), None, None, [])
+        return Estimate(Solution("association", state.rig, "refused", start.refusal), association)
+    person, offset_s = initial.person, initial.offset_s
+    lenses = state.rig if any(camera.lens.uncalibrated for camera in state.rig) else None
+    rounds, attached, solution = list[AssociationRound](), dict[int, Attached](), None
+
+    # 2. Rounds: solve with these identities and clocks, then identify people by the rig.
+    for number in range(MAX_ROUNDS):
+        run.progress(f"round {number + 1}")
+        rows = state.rows(person, offset_s, solution)
+        instants, known = state.instants(state.identified(rows), offset_s), state.known(rows).people
+        solution = solve_scene(
+            run, rig, instants, rng, guesses=initial.guesses, known=known, passing=True, refine_time=refine_time, lenses=lenses
+        )
+        if solution.verdict == "refused":
+            return Estimate(solution, state.association(person, offset_s, None, initial, rounds))
+        offset_s = offset_s + clock_corrections(solution)[0]
+        if lenses is not None:
+            state, lenses = state.with_lenses(solution.rig), begin_with(lenses, solution.rig)
+        before = person
+        person, registered = state.identify_by_rig(
+            person, offset_s, solution, initial, attached, search=number < SEARCHED_ROUNDS, executor=run.executor,
+            tell=run.progress,
+        )  # fmt: skip
+        rounds.append(AssociationRound(registered=registered, unchanged=share_of_same_pairs(before, person)))
+        tell_note(run.progress, f"{registered} of {len(rig)} cameras have poses")
+        if rounds[-1].unchanged > SETTLED:
+            break
+
+    # 3. The last solve, with all of the evidence; a second one where all clocks turn out to differ by whole frames.
+    run.progress("solving")
+    rows = state.rows(person, offset_s, solution)
+    identified, known = state.identified(rows), state.known(rows).people
+    instants = state.instants(identified, offset_s)
+    solution = solve_scene(
+        run, rig, instants, rng, guesses=initial.guesses, known=known, refine_time=refine_time, lenses=lenses
     )
-    if isinstance(figures, AdjustedFigures):
-        figures = replace(figures, lenses=with_lens_priors(figures.lenses, stated.rig))
-        figures = with_unsettled_lenses(with_focal_changes(figures, lenses.result), lenses.result)
-        figures = adjust_for_coarse_boxes(figures, stated.doubts)
-        if shape is not None and not (scene.world is not None and scene.world.tilt):
-            figures = on_ground(figures, shape)
-        solution = replace(solution, rig=add_measuring_sigmas(solution.rig, figures.measuring))
-    return replace(solution, figures=figures)
+    sigma_s = None
+    if refine_time and solution.verdict != "refused":
+        correction_s, sigma_s = clock_corrections(solution)
+        offset_s = offset_s + correction_s
+        whole = snap_to_whole_frames(offset_s, sigma_s, np.array([camera.clock.fps for camera in state.cameras]))
+        if whole is not None:
+            offset_s, instants = whole, state.instants(identified, whole)
+            solution = solve_scene(run, rig, instants, rng, guesses=initial.guesses, known=known, lenses=lenses)
+    return Estimate(solution, state.association(person, offset_s, solution, initial, rounds, sigma_s, attached))
+
+
+def find_correction(
+    run: CalibrationRun, motions: MotionSearch, inputs: SceneInputs, estimate: Estimate, corrections: Corrections
+) -> tuple[Correction | None, LensExamination]:
+    """The first fault of the input that an estimate shows, corrected; and what is found of the lenses where there is none.
+
+    Faults are looked for in this order, so that a lens is not blamed for a clock or a motion.
+    """
+    if "clock_rate" in run.scene.solver.refine and corrections.allows(ClockRateCorrection, MOST_RATE_CORRECTIONS):
+        rates = correct_clock_rates(inputs, estimate)
+        if rates is not None:
+            return rates, LensExamination()
+    if corrections.allows(ClockCorrection, MOST_CLOCK_CORRECTIONS):
+        clock = correct_late_clock(inputs, estimate)
+        if clock is not None:
+            return clock, LensExamination()
+    if corrections.allows(MotionCorrection, len(inputs.rig)):
+        motion = correct_motion(motions, inputs, estimate)
+        if motion is not None:
+            return motion, LensExamination()
+    return examine_stated_lenses(inputs, estimate, corrections, run.scene.scale.person_height_m)
 
 
 def _states_up(scene: Scene) -> bool:
     """Whether `[world]` sets the up direction, by points, positions or lines."""
     return scene.world is not None and (scene.world.tilt or bool(scene.world.lines))
-
-
-def _hold_out(run: CalibrationRun, estimate: Estimate) -> HeldOut | None:
-    """Hold out people of a rig of the person model; the published method has no other adjustment."""
-    if estimate.solution.method != "people":
-        return None
-    return hold_out(estimate.solution.rig, estimate.association.instants, run.scene.scale.person_height_m, run.seed)
-
-
-def _findings_of_predictions(
-    solution: Solution, held_out: HeldOut | None, association: Association, gaps: Mapping[str, Spans]
-) -> list[Finding]:
-    """The cameras that predict people poorly, by the rig that was adjusted without some of them."""
-    if solution.method != "people":
-        return []
-    rig = solution.rig if held_out is None else held_out.rig
-    outcomes = predict_people(rig, association.instants, unrecorded_instants(gaps, association))
-    boxed = any(len(seen.boxes) for seen in association.instants.cameras.values())
-    return findings_of_predictions(rig, outcomes, adjusted(solution.figures).noise if boxed else None)
-
-
-def _doubts_of_smaller_images(
-    run: CalibrationRun, inputs: SceneInputs, solution: Solution, association: Association, lenses: LensExamination
-) -> list[Finding]:
-    """Images that are smaller than the lens is for; not tried for several cameras at once where one was found by itself."""
-    if any(one.code == "smaller_image_fits" for one in lenses.findings):
-        return []
-    return doubts_of_smaller_pictures(run, inputs, solution, association)
 
 
 def _amount(inputs: SceneInputs) -> str:

@@ -6,35 +6,62 @@ Groups between which people pass are joined first.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 from passerby.association.ground.passages import find_track_ends, register_by_passages
 from passerby.association.result import Association
 from passerby.association.seams import GroupCamera, Seam
 from passerby.calibration.calibration import Calibration
-from passerby.calibration.corrections import CorrectedEstimate, correct_inputs
-from passerby.calibration.run import CalibrationRun
+from passerby.calibration.camera_motion import Motion
+from passerby.calibration.lens_corrections import LensExamination
+from passerby.calibration.run import CalibrationRun, Corrections, Estimate
 from passerby.common.progress import Progress, tell_note
 from passerby.core.cameras import Rig
 from passerby.core.overlap import count_shared_observations, find_connected_groups
 from passerby.findings.finding import Finding, notice
 from passerby.interchange.output_folder import group_folder
-from passerby.scene.inputs import SceneInputs, part_of
+from passerby.scene.inputs import SceneInputs
 
 FEWEST = 2
 """Cameras of a rig."""
 
 
-def join_groups(found: Sequence[Calibration], tell: Progress) -> Calibration:
+@dataclass(frozen=True, eq=False)
+class GroupEstimate:
+    """An estimate of a group of cameras, after the corrections of the inputs that it asked for."""
+
+    stated: SceneInputs
+    """As they were read."""
+    inputs: SceneInputs
+    estimate: Estimate
+    corrections: Corrections
+    lenses: LensExamination
+    moved: tuple[Motion, ...]
+    """The motions of cameras, measured by the final rig."""
+    seconds: float
+    """Wall time."""
+    seams: tuple[Seam, ...] = ()
+    """Where people pass between the groups of cameras that it joins."""
+    nearest: Seam | None = None
+    """Where most people may pass to a group that it does not join."""
+
+    @property
+    def rig(self) -> Rig:
+        """Names, lenses, and the poses that were found."""
+        return self.estimate.solution.rig
+
+
+def join_groups(found: Sequence[tuple[GroupEstimate, Calibration]], tell: Progress) -> Calibration:
     """The first calibration, with those of all other groups in it."""
-    main, *others = found
+    (_, main), *others = found
     if not others:
         return main
-    groups = tuple(replace(one, group=number) for number, one in enumerate(others, start=2))
+    groups = tuple(replace(one, group=number) for number, (_, one) in enumerate(others, start=2))
     for one in groups:
         tell_note(tell, f"group {one.group}: {len(one.rig.posed())} of {len(one.rig)} cameras registered, {one.verdict}")
-    return replace(main, groups=groups, diagnostics=(*main.diagnostics, *map(_finding, groups)))
+    findings = (_finding(one, estimate.nearest) for (estimate, _), one in zip(others, groups, strict=True))
+    return replace(main, groups=groups, diagnostics=(*main.diagnostics, *findings))
 
 
 def stated_parts(names: Sequence[str], stated: Sequence[Sequence[str]]) -> list[list[str]]:
@@ -48,25 +75,7 @@ def stated_parts(names: Sequence[str], stated: Sequence[Sequence[str]]) -> list[
     return [[name for name in names if part[name] == number] for number in sorted(set(part.values()))]
 
 
-def estimate_groups(run: CalibrationRun, inputs: SceneInputs) -> list[CorrectedEstimate]:
-    """The rig of all cameras that share people, then those of the groups that it leaves without a pose.
-
-    Groups between which people pass are one rig.
-    """
-    waiting, found = [inputs], list[CorrectedEstimate]()
-    while waiting:
-        part = waiting.pop(0)
-        one = correct_inputs(run, part)
-        left = _unplaced_groups(run, one)
-        for names in left:
-            tell_note(run.progress, f"{', '.join(names)} share no people with the other cameras: calibrated separately")
-        waiting = [*(part_of(part, names) for names in left), *waiting]
-        if not found or len(one.rig.posed()) >= FEWEST:
-            found.append(one)
-    return _join_by_passages(run, inputs, found)
-
-
-def _unplaced_groups(run: CalibrationRun, found: CorrectedEstimate) -> list[list[str]]:
+def unplaced_groups(run: CalibrationRun, found: GroupEstimate) -> list[list[str]]:
     """Groups of cameras without a pose that share people with each other; none where there is no rig at all."""
     rig, seen = found.rig, found.estimate.association.instants
     without = [camera.name for camera in rig if camera.pose is None]
@@ -76,30 +85,8 @@ def _unplaced_groups(run: CalibrationRun, found: CorrectedEstimate) -> list[list
     return [group for group in find_connected_groups(shared) if len(group) >= FEWEST]
 
 
-def _join_by_passages(run: CalibrationRun, inputs: SceneInputs, found: Sequence[CorrectedEstimate]) -> list[CorrectedEstimate]:
-    """The groups of cameras, those between which people pass as one; as they were where that makes no rig of all of them."""
-    out = list(found)
-    if len(found) < 2 or run.scene.association.given or run.scene.solver.method != "people":
-        return out
-    seams = _find_seams(run, found)
-    for members in _joined(seams, len(found)):
-        own = [found[number] for number in members]
-        cameras = [camera.name for one in own for camera in one.rig.posed()]
-        tell_note(
-            run.progress, f"people pass between the groups of {', '.join(one.rig.posed().names[0] for one in own)}: one rig"
-        )
-        between = tuple(seam for pair, seam in seams.items() if set(pair) <= set(members))
-        names = {name for one in own for name in one.rig.names}
-        one = correct_inputs(replace(run, seams=between), part_of(inputs, names))
-        if all(one.rig[name].pose is not None for name in cameras):
-            out[out.index(own[0])] = one
-            for other in own[1:]:
-                out.remove(other)
-    return out
-
-
-def _find_seams(run: CalibrationRun, found: Sequence[CorrectedEstimate]) -> dict[tuple[int, int], Seam]:
-    """Where people pass between two groups, by their numbers."""
+def find_seams(run: CalibrationRun, found: Sequence[GroupEstimate]) -> dict[tuple[int, int], Seam]:
+    """Where people may pass between two groups, by their numbers."""
     run.progress("groups of cameras")
     height_m, search_s = run.scene.scale.person_height_m, run.scene.association.search_s
     rigs = [one.rig.posed() for one in found]
@@ -111,9 +98,15 @@ def _find_seams(run: CalibrationRun, found: Sequence[CorrectedEstimate]) -> dict
     for a in range(len(found)):
         for b in range(a + 1, len(found)):
             passage = register_by_passages(ends[a], ends[b], _possible_lags(cameras[a], cameras[b], search_s))
-            if passage is not None and passage.clear:
+            if passage is not None:
                 out[a, b] = Seam.of(passage, cameras[a], cameras[b])
     return out
+
+
+def nearest_seam(number: int, seams: Mapping[tuple[int, int], Seam]) -> Seam | None:
+    """Of a group's seams that with most of the people who are needed."""
+    own = [seam for pair, seam in seams.items() if number in pair]
+    return max(own, key=lambda seam: seam.people / seam.needed, default=None)
 
 
 def _group_cameras(rig: Rig, association: Association) -> list[GroupCamera]:
@@ -132,7 +125,7 @@ def _possible_lags(a: Sequence[GroupCamera], b: Sequence[GroupCamera], search_s:
     return min(second) - max(first) - search_s, max(second) - min(first) + search_s
 
 
-def _joined(pairs: Iterable[tuple[int, int]], n: int) -> list[list[int]]:
+def join_numbers(pairs: Iterable[tuple[int, int]], n: int) -> list[list[int]]:
     """The numbers below n that chains of pairs join, those of two or more, each in ascending order."""
     label = list(range(n))
     for a, b in pairs:
@@ -142,9 +135,13 @@ def _joined(pairs: Iterable[tuple[int, int]], n: int) -> list[list[int]]:
     return [group for group in groups if len(group) > 1]
 
 
-def _finding(one: Calibration) -> Finding:
-    """The notice in the main result that a group has one of its own."""
+def _finding(one: Calibration, nearest: Seam | None) -> Finding:
+    """The notice in the main result that a group has one of its own, and what is nearest to joining it."""
+    edge = None if nearest is None else nearest.edges[0]
+    joint = {} if nearest is None or edge is None else {
+        "nearest": [edge.a, edge.b], "people": nearest.people, "needed": nearest.needed,
+    }  # fmt: skip
     return notice(
         "separate_group", *one.rig.names, group=one.group, folder=group_folder(one.group), verdict=one.verdict,
-        registered=len(one.rig.posed()),
+        registered=len(one.rig.posed()), **joint,
     )  # fmt: skip

@@ -99,7 +99,14 @@ def _nobody_shared(v: Fields) -> str:
 
 def _separate(v: Fields) -> str:
     among = "" if v["registered"] == len(v["names"]) else f", {v['registered']} of them with a pose"
-    return f"{v['who']} are group {v['group']}, calibrated by themselves in {v['folder']} ({v['verdict']}{among})"
+    found = f"{v['who']} are group {v['group']}, calibrated by themselves in {v['folder']} ({v['verdict']}{among})"
+    if "nearest" not in v:
+        return found
+    first, second = v["nearest"]
+    return (
+        f"{found}; people who may pass to another group do so between {first} and {second}: {v['people']} of the "
+        f"{v['needed']} that would join the groups"
+    )
 
 
 _JOIN = "give known positions of cameras of each group under [world], or record people where their views overlap"
@@ -126,6 +133,11 @@ ASSOCIATION: Mapping[str, Kind] = {
     "separate_group": Kind(
         NOTICE, "A group of cameras that shares no people with the main rig has a rig of its own, in `folder`.",
         _separate, "its frame, scale and clock are its own; to join it, " + _JOIN, joint="; ",
+    ),
+    "groups_joined": Kind(
+        NOTICE, "Groups of cameras that share too little ground to be registered are one rig, by people who pass between them.",
+        "{people} people who pass between {camera} and {second} join two groups of {sizes[0]} and {sizes[1]} cameras; the standard "
+        "deviations include how well their relative pose is known", "",
     ),
     "no_pair_registered": Kind(
         REFUSAL, "The ground tracks of no two cameras fit each other.",

@@ -1,0 +1,72 @@
+"""Two groups of cameras registered by people who pass from one to the other: the motion, its chance, and strangers."""
+
+import numpy as np
+import pytest
+
+from passerby.association.ground.pair_matching import GroundMotion
+from passerby.association.ground.passages import TrackEnds, register_by_passages
+
+TRUE = GroundMotion(np.exp(1j * np.deg2rad(70.0)), 12.0 - 5.0j, 1.7)
+DOOR = 3.0 + 4.0j
+LAGS = (-5.0, 5.0)
+
+
+def joined(parts: list[TrackEnds]) -> TrackEnds:
+    return TrackEnds.joined(parts)
+
+
+def ends(rng: np.random.Generator, count: int, *, seconds: float = 600.0) -> TrackEnds:
+    """People who come and go at other places of a hall of 20 by 20 m."""
+    place = rng.uniform(-10, 10, (count, 2)) @ np.array([1, 1j]) + DOOR
+    heading = np.exp(2j * np.pi * rng.uniform(size=count))
+    return TrackEnds(
+        rng.choice([-1.0, 1.0], count), np.sort(rng.uniform(0, seconds, count)), place, 1.3 * heading, np.ones((count, 2), dtype=bool)
+    )  # fmt: skip
+
+
+def passing(rng: np.random.Generator, count: int, motion: GroundMotion, gap_s: float) -> tuple[TrackEnds, TrackEnds]:
+    """People who walk through a door, the ends of their tracks `gap_s` apart, seen by either side with noise."""
+    time, out = np.sort(rng.uniform(0, 600, count)), rng.choice([-1.0, 1.0], count)
+    door = DOOR + 0.5j * rng.normal(size=count)
+    velocity = 1.3 * out * np.exp(1j * np.deg2rad(rng.normal(0, 20, count)))
+    noise = [0.15 * rng.normal(size=(count, 2)) @ np.array([1, 1j]) for _ in range(2)]
+    turned = [velocity * np.exp(1j * np.deg2rad(rng.normal(0, 15, count))) for _ in range(2)]
+    # Half of the gap on either side: who walks out is last seen by the first group, and then seen by the second.
+    first = TrackEnds(
+        out, time - out * gap_s / 2, door - velocity * out * gap_s / 2 + noise[0], turned[0], np.tile([True, False], (count, 1))
+    )
+    there = motion.turn * (door + velocity * out * gap_s / 2) + motion.shift
+    second = TrackEnds(
+        -out, time + out * gap_s / 2 + motion.lag_s, there + noise[1], motion.turn * turned[1], np.tile([False, True], (count, 1))
+    )  # fmt: skip
+    return first, second
+
+
+@pytest.mark.parametrize("gap_s", [-1.0, 0.8])
+def test_people_who_pass_a_door_register_two_groups(gap_s: float) -> None:
+    rng = np.random.default_rng(3)
+    first, second = passing(rng, 60, TRUE, gap_s)
+    found = register_by_passages(joined([first, ends(rng, 120)]), joined([second, ends(rng, 120)]), LAGS)
+    assert found is not None
+    assert found.votes >= found.needed
+    assert found.motion.lag_s == pytest.approx(TRUE.lag_s, abs=0.2)
+    there = found.motion.turn * DOOR + found.motion.shift
+    assert abs(there - TRUE.turn * DOOR - TRUE.shift) < 0.3
+    assert abs(np.angle(found.motion.turn / TRUE.turn)) < np.deg2rad(12)
+    assert abs(found.place - DOOR) < 1.0
+    assert found.cameras.argmax() == 1  # the first group's first camera, and the second group's second one
+    assert found.cameras[0, 1] > 40
+
+
+def test_strangers_are_not_joined() -> None:
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        found = register_by_passages(ends(rng, 150), ends(rng, 150), LAGS)
+        assert found is None or found.votes < found.needed
+
+
+def test_nobody_at_all_is_no_passage() -> None:
+    rng = np.random.default_rng(0)
+    nobody = ends(rng, 0)
+    assert register_by_passages(nobody, ends(rng, 50), LAGS) is None
+    assert register_by_passages(ends(rng, 50), nobody, LAGS) is None
