@@ -20,7 +20,8 @@ def ends(rng: np.random.Generator, count: int, *, seconds: float = 600.0) -> Tra
     place = rng.uniform(-10, 10, (count, 2)) @ np.array([1, 1j]) + DOOR
     heading = np.exp(2j * np.pi * rng.uniform(size=count))
     return TrackEnds(
-        rng.choice([-1.0, 1.0], count), np.sort(rng.uniform(0, seconds, count)), place, 1.3 * heading, np.ones((count, 2), dtype=bool)
+        rng.choice([-1.0, 1.0], count), np.sort(rng.uniform(0, seconds, count)), place, 1.3 * heading,
+        np.ones((count, 2), dtype=bool),
     )  # fmt: skip
 
 
@@ -37,7 +38,8 @@ def passing(rng: np.random.Generator, count: int, motion: GroundMotion, gap_s: f
     )
     there = motion.turn * (door + velocity * out * gap_s / 2) + motion.shift
     second = TrackEnds(
-        -out, time + out * gap_s / 2 + motion.lag_s, there + noise[1], motion.turn * turned[1], np.tile([False, True], (count, 1))
+        -out, time + out * gap_s / 2 + motion.lag_s, there + noise[1], motion.turn * turned[1],
+        np.tile([False, True], (count, 1)),
     )  # fmt: skip
     return first, second
 

@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ import pytest
 import passerby
 from passerby.calibration.alignment.folder import write_aligned
 from passerby.calibration.alignment.world import align_to_camera
+from passerby.calibration.calibrate import calibrate
 from passerby.calibration.calibration import Calibration
 from passerby.calibration.separate_groups import stated_parts
 from passerby.calibration.writing import write_calibration
@@ -17,9 +19,11 @@ from passerby.core.cameras import Rig
 from passerby.core.observations import Boxes
 from passerby.evaluation.metrics import compare
 from passerby.interchange.output_folder import read_output
+from passerby.interchange.rig_toml import read_rig
 from passerby.report.contents import contents_from
 from passerby.scene.inputs import SceneInputs, part_of
 from passerby.simulation import SimulatedScene, SimulationOptions, simulate
+from passerby.simulation.sites.site import SiteOptions, simulate_site, write_site
 
 ANOTHER_FLOOR = 1000
 """Added to the identities of the people of the second room."""
@@ -147,6 +151,39 @@ def test_stated_groups_do_not_doubt_each_other():
     assert found.rig.names == tuple(groups[0])
     assert [one.rig.names for one in found.groups] == [tuple(groups[1])]
     assert "camera_without_pose" not in {one.code for one in found.diagnostics}
+
+
+def hall_and_corridor(seed: int, folder: Path) -> Calibration:
+    """A corridor of four cameras and a hall of four, behind a door two metres wide; five minutes of tracklets."""
+    options = SiteOptions(cameras=8, seed=seed, seconds=300.0, box_noise=0.02, missing=0.1, tracklet_seconds=20.0)
+    return calibrate(write_site(simulate_site(options), folder / "site"))
+
+
+@pytest.mark.slow
+def test_a_hall_and_a_corridor_are_one_rig_where_people_pass_the_door(tmp_path):
+    found = hall_and_corridor(11, tmp_path)
+    assert found.verdict == "accepted"
+    assert not found.groups
+    (joint,) = (one for one in found.notices if one.code == "groups_joined")
+    assert joint.values["people"] > 25
+    assert joint.values["sizes"] == [4, 4]
+    truth = read_rig(tmp_path / "site" / "truth.toml")
+    errors = compare(found.rig, truth)
+    assert errors.similarity.mean_position_mm < 350
+    assert errors.similarity.mean_orientation_deg < 1.0
+    for names in (truth.names[:4], truth.names[4:]):  # each side is as good as by itself
+        side = Rig(tuple(found.rig[name] for name in names))
+        assert compare(side, truth).similarity.mean_position_mm < 80
+
+
+@pytest.mark.slow
+def test_groups_that_a_joint_would_make_doubtful_stay_as_they_are(tmp_path):
+    found = hall_and_corridor(804, tmp_path)
+    (hall,) = found.groups
+    assert hall.accepted
+    (told,) = (one for one in found.notices if one.code == "separate_group")
+    assert told.values["people"] >= told.values["needed"]
+    assert "do not determine the relative pose" in " ".join(found.findings)
 
 
 @pytest.mark.parametrize(

@@ -1,9 +1,9 @@
 """The whole calibration: from a scene to the cameras' poses, in the order in which it happens.
 
 `calibrate` reads the scene. `calibrate_inputs` estimates each group of cameras that shares people, and joins groups between
-which people pass. `correct_inputs` is the estimate of one group with the corrections of its inputs, `estimate_rig` one estimate:
-rounds of association and solver. `calibrate_together` makes the result of a group in four stages. CONTRIBUTING.md, "How a box
-becomes a rig", continues from there to the normal equations.
+which people pass. `correct_inputs` is the estimate of one group with the corrections of its inputs, `estimate_rig` one
+estimate: rounds of association and solver. `calibrate_together` makes the result of a group in four stages. CONTRIBUTING.md,
+"How a box becomes a rig", continues from there to the normal equations.
 """
 
 from __future__ import annotations
@@ -205,7 +205,11 @@ def calibrate_inputs(
 
 
 def join_by_passages(run: CalibrationRun, inputs: SceneInputs, found: Sequence[GroupEstimate]) -> list[GroupEstimate]:
-    """The groups of cameras, those between which people pass as one; as they were where that makes no rig of all of them."""
+    """The groups of cameras, those between which people pass as one.
+
+    They stay as they were where not all of their cameras get a pose, or where their common rig is doubtful for another reason
+    than theirs: what they measure would be known worse.
+    """
     if len(found) < 2 or run.scene.association.given or run.scene.solver.method != "people":
         return list(found)
     seams = find_seams(run, found)
@@ -217,7 +221,8 @@ def join_by_passages(run: CalibrationRun, inputs: SceneInputs, found: Sequence[G
         between = tuple(seam for pair, seam in seams.items() if seam.clear and set(pair) <= set(members))
         names = {name for one in own for name in one.rig.names}
         one = correct_inputs(replace(run, seams=between), part_of(inputs, names))
-        if all(one.rig[name].pose is not None for name in cameras):
+        doubted = {code for group in own for code in group.doubted}
+        if one.doubted <= doubted and all(one.rig[name].pose is not None for name in cameras):
             out[members[0]] = replace(one, seams=between)
             for number in members[1:]:
                 del out[number]

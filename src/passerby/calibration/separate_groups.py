@@ -51,6 +51,12 @@ class GroupEstimate:
         """Names, lenses, and the poses that were found."""
         return self.estimate.solution.rig
 
+    @property
+    def doubted(self) -> set[str]:
+        """Codes of the doubts about its cameras with poses."""
+        found = (*self.estimate.solution.findings, *self.estimate.association.doubts)
+        return {one.code for one in found if one.severity == "doubt" and one.code != "camera_without_pose"}
+
 
 def join_groups(found: Sequence[tuple[GroupEstimate, Calibration]], tell: Progress) -> Calibration:
     """The first calibration, with those of all other groups in it."""

@@ -103,6 +103,8 @@ def _separate(v: Fields) -> str:
     if "nearest" not in v:
         return found
     first, second = v["nearest"]
+    if v["people"] >= v["needed"]:
+        return f"{found}; people pass to another group between {first} and {second}, but do not determine the relative pose"
     return (
         f"{found}; people who may pass to another group do so between {first} and {second}: {v['people']} of the "
         f"{v['needed']} that would join the groups"
@@ -136,8 +138,8 @@ ASSOCIATION: Mapping[str, Kind] = {
     ),
     "groups_joined": Kind(
         NOTICE, "Groups of cameras that share too little ground to be registered are one rig, by people who pass between them.",
-        "{people} people who pass between {camera} and {second} join two groups of {sizes[0]} and {sizes[1]} cameras; the standard "
-        "deviations include how well their relative pose is known", "",
+        "{people} people who pass between {camera} and {second} join two groups of {sizes[0]} and {sizes[1]} cameras; the "
+        "standard deviations include how well their relative pose is known", "",
     ),
     "no_pair_registered": Kind(
         REFUSAL, "The ground tracks of no two cameras fit each other.",
