@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
+from passerby.association.clocks.starts import FULL_SEARCH_S
 from passerby.association.ground.passages import find_track_ends, register_by_passages
 from passerby.association.result import Association
 from passerby.association.seams import GroupCamera, Seam
@@ -92,9 +93,13 @@ def unplaced_groups(run: CalibrationRun, found: GroupEstimate) -> list[list[str]
 
 
 def find_seams(run: CalibrationRun, found: Sequence[GroupEstimate]) -> dict[tuple[int, int], Seam]:
-    """Where people may pass between two groups, by their numbers."""
-    run.progress("groups of cameras")
+    """Where people may pass between two groups, by their numbers; nowhere where clocks may differ by more than a full search
+    tries.
+    """
     height_m, search_s = run.scene.scale.person_height_m, run.scene.association.search_s
+    if search_s > FULL_SEARCH_S:
+        return {}
+    run.progress("groups of cameras")
     rigs = [one.rig.posed() for one in found]
     ends = [
         find_track_ends(rig, one.estimate.association.instants, height_m) for rig, one in zip(rigs, found, strict=True)

@@ -18,7 +18,7 @@ from passerby.common.arrays import Bools, Columns, Floats, Ints
 from passerby.core.cameras import Rig
 from passerby.core.observations import Observations
 from passerby.core.synchronisation import clocks_of
-from passerby.geometry.groups import least_of_groups
+from passerby.geometry.groups import expanded_ranges, least_of_groups
 from passerby.people.body_centres import PeopleRays, identified_body_centres
 
 Complexes = NDArray[np.complex128]
@@ -59,6 +59,11 @@ class TrackEnds(Columns):
 
     def __len__(self) -> int:
         return len(self.time_s)
+
+    @property
+    def by_time(self) -> TrackEnds:
+        """In the order of time."""
+        return self.take(np.argsort(self.time_s, kind="stable"))
 
     @property
     def backwards(self) -> TrackEnds:
@@ -140,10 +145,11 @@ def register_by_passages(a: TrackEnds, b: TrackEnds, lags_s: tuple[float, float]
         b: of the second one's.
         lags_s: from the least to the largest by which the second group's clock may show more.
     """
+    b = b.by_time
     spot = _most_voted(a, b, lags_s)
     if spot is None:
         return None
-    backwards = _most_voted(a, b.backwards, lags_s)
+    backwards = _most_voted(a, b.backwards.by_time, lags_s)
     by_chance = 0 if backwards is None else backwards.votes
     fits = [_fit(a, b, spot, turn) for turn in np.exp(2j * np.pi * np.arange(STARTS) / STARTS).tolist()]
     best = max((fit for fit in fits if fit is not None), key=lambda fit: fit.gain, default=None)
@@ -167,10 +173,15 @@ class _Spot:
 
 
 def _pairs(a: TrackEnds, b: TrackEnds, lag_s: float) -> tuple[Ints, Ints, Floats]:
-    """Ends of opposite senses that are near in time: rows of `a`, rows of `b`, and how much later b's are, seconds."""
-    later = b.time_s[None] - a.time_s[:, None] - lag_s
-    i, j = np.nonzero((np.abs(later) < APART_S) & (a.sense[:, None] == -b.sense[None]))
-    return i, j, later[i, j]
+    """Ends of opposite senses that are near in time: rows of `a`, rows of `b`, and how much later b's are, seconds.
+
+    Those of `b` are in the order of their times.
+    """
+    low, high = (np.searchsorted(b.time_s, a.time_s + lag_s + apart) for apart in (-APART_S, APART_S))
+    i, j = expanded_ranges(low, high - low)
+    opposite = a.sense[i] == -b.sense[j]
+    i, j = i[opposite], j[opposite]
+    return i, j, b.time_s[j] - a.time_s[i] - lag_s
 
 
 def _most_voted(a: TrackEnds, b: TrackEnds, lags_s: tuple[float, float]) -> _Spot | None:
