@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import os
 import subprocess
@@ -21,6 +22,8 @@ from passerby.interchange.output_folder import read_folder_rig
 from passerby.interchange.rig_toml import read_rig
 from sites.cases import FIRST_SEED, SiteCase
 
+SHARED_M2 = 5.0
+"""Ground that two cameras share, from which they belong into one rig."""
 HALL_SECONDS = 60.0
 """Of the hall that all cameras see: more would only be thinned out."""
 
@@ -64,11 +67,14 @@ def measure_site(case: SiteCase) -> dict[str, Any]:
         f"{options.seconds:g}", "--box-noise", str(options.box_noise), "--missing", str(options.missing),
         "--tracklet-seconds", str(options.tracklet_seconds),
     ]  # fmt: skip
-    return {"cameras": case.cameras, **_calibrated(arguments)}
+    return {"cameras": case.cameras, **_calibrated(arguments, with_overlaps=True)}
 
 
-def _calibrated(arguments: Sequence[str]) -> dict[str, Any]:
-    """Simulate, then calibrate; times and memory are of the calibration with all its processes, without the report."""
+def _calibrated(arguments: Sequence[str], *, with_overlaps: bool = False) -> dict[str, Any]:
+    """Simulate, then calibrate; times and memory are of the calibration with all its processes, without the report.
+
+    `with_overlaps`: the share of cameras in their group is that of the simulation's overlaps.
+    """
     with tempfile.TemporaryDirectory(prefix="passerby-site-") as folder:
         site, out = Path(folder) / "site", Path(folder) / "out"
         program = [sys.executable, "-m", "passerby"]
@@ -81,23 +87,38 @@ def _calibrated(arguments: Sequence[str]) -> dict[str, Any]:
             raise RuntimeError(f"{' '.join(command)} ended with status {status}")
         return {
             "cpu_s": used.ru_utime + used.ru_stime, "wall_s": time.perf_counter() - began,
-            "memory_mb": used.ru_maxrss / 1024, **outcome_of(out, site / "truth.toml"),
+            "memory_mb": used.ru_maxrss / 1024,
+            **outcome_of(out, site / "truth.toml", site / "overlaps.csv" if with_overlaps else None),
         }  # fmt: skip
 
 
-def outcome_of(out: Path, truth: Path) -> dict[str, Any]:
+def outcome_of(out: Path, truth: Path, overlaps: Path | None = None) -> dict[str, Any]:
     """The groups of an output folder, with verdicts and errors of their shape.
 
     Args:
         out: of `passerby calibrate`.
         truth: rig file with the true poses.
+        overlaps: table of the ground that pairs of cameras share; None: the share of cameras in their group is left out.
     """
     main = json.loads((out / "calibration.json").read_text(encoding="utf-8"))
     folders = [out, *(out / one["folder"] for one in main.get("groups", ()))]
     true = read_rig(truth)
     groups = [found for folder in folders if (found := _group(folder, true)) is not None]
     moved = sum(one["code"] == "camera_moved" for one in _diagnostics(folders))
-    return {"registered": sum(len(group["position_mm"]) for group in groups), "groups": groups, "moved": moved}
+    share = {} if overlaps is None else {"in_group": _share_in_group([group["cameras"] for group in groups], overlaps)}
+    return {"registered": sum(len(group["position_mm"]) for group in groups), "groups": groups, "moved": moved, **share}
+
+
+def _share_in_group(rigs: Sequence[Sequence[str]], overlaps: Path) -> float:
+    """Share of the cameras that are in one rig with most of those with which pairs that share ground connect them."""
+    with overlaps.open(encoding="utf-8", newline="") as file:
+        pairs = [(row["camera_a"], row["camera_b"]) for row in csv.DictReader(file) if float(row["shared_m2"]) >= SHARED_M2]
+    label = {name: name for pair in pairs for name in pair}
+    for a, b in pairs:
+        old, new = label[a], label[b]
+        label = {name: new if own == old else own for name, own in label.items()}
+    wanted = [{name for name in label if label[name] == one} for one in set(label.values())]
+    return sum(max((len(one & set(rig)) for rig in rigs), default=0) for one in wanted) / max(len(label), 1)
 
 
 def _group(folder: Path, truth: Rig) -> dict[str, Any] | None:
@@ -109,6 +130,7 @@ def _group(folder: Path, truth: Rig) -> dict[str, Any] | None:
     return {
         "verdict": json.loads((folder / "calibration.json").read_text(encoding="utf-8"))["verdict"],
         "position_mm": list(errors.position_mm.values()), "orientation_deg": list(errors.orientation_deg.values()),
+        "cameras": list(rig.names),
     }  # fmt: skip
 
 

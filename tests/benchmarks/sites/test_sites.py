@@ -88,7 +88,7 @@ def calibrated(cameras: int, cpu_s: float, wall_s: float = 600.0) -> dict[str, o
     ]
     return {
         "cameras": cameras, "cpu_s": cpu_s, "wall_s": wall_s, "memory_mb": 2048.0, "registered": 5, "moved": 0,
-        "groups": groups,
+        "groups": groups, "in_group": 0.97,
     }  # fmt: skip
 
 
@@ -99,9 +99,22 @@ def test_growth_of_time_is_judged_only_where_both_sizes_are_run():
     assert goals_of[1][0][1] == "not run"
     assert goals_of[2][0][1::3] == ["4.4 x", "acceptable"]
     found = sites_page.tabulate_sites({}, {"a": calibrated(25, 300.0), "b": calibrated(100, 1600.0)})
-    assert [goal[1] for goal in found.goals] == ["10 min, 2.0 GB", "5.3 x"]
-    assert [goal[-1] for goal in found.goals] == ["acceptable", "**missed**"]
+    assert [goal[1] for goal in found.goals] == ["97 %", "20 mm", "10 min, 2.0 GB", "5.3 x"]
+    assert [goal[-1] for goal in found.goals] == ["acceptable", "aim", "acceptable", "**missed**"]
     assert "2 (1 doubtful, 1 accepted)" in found.text
+    assert "50 mm" in found.text
+
+
+def test_cameras_count_in_the_rig_of_most_of_those_with_which_they_share_ground(tmp_path):
+    overlaps = tmp_path / "overlaps.csv"
+    overlaps.write_text("camera_a,camera_b,shared_m2\nA,B,40\nB,C,5\nC,D,4.9\nD,E,9\n")
+    for rigs, share in (
+        ([["A", "B", "C"], ["D", "E"]], 1.0),
+        ([["A", "B"], ["C", "D", "E"]], 0.8),
+        ([["A"], ["D"]], 0.4),
+        ([], 0.0),
+    ):
+        assert calibrations._share_in_group(rigs, overlaps) == pytest.approx(share)
 
 
 def test_errors_are_medians_over_the_cameras_of_all_groups():
