@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from passerby.association.ground.pair_matching import GroundMotion
-from passerby.association.ground.passages import TrackEnds, register_by_passages
+from passerby.association.ground.passages import TrackEnds, find_track_ends, register_by_passages
+from passerby.core.observations import CameraObservations, Observations
+from passerby.simulation import SimulationOptions, simulate
 
 TRUE = GroundMotion(np.exp(1j * np.deg2rad(70.0)), 12.0 - 5.0j, 1.7)
 DOOR = 3.0 + 4.0j
@@ -44,6 +46,20 @@ def passing(rng: np.random.Generator, count: int, motion: GroundMotion, gap_s: f
     return first, second
 
 
+def test_ends_are_where_people_are_first_and_last_seen() -> None:
+    scene = simulate(SimulationOptions(seed=3, seconds=20.0, cameras=3))
+    found = find_track_ends(scene.rig, scene.observations, 1.72)
+    assert len(found) >= 2 * scene.ground_positions.shape[1]
+    assert found.sense.sum() == 0
+    assert found.seen_by.any(axis=1).all()
+    true = scene.ground_positions @ np.array([1, 1j])  # (T, P)
+    at = np.round(found.time_s * 5.0).astype(int)
+    apart = np.nanmin(np.abs(true[at] - found.place[:, None]), axis=1)
+    assert np.median(apart) < 0.15
+    nobody = Observations({name: CameraObservations() for name in scene.rig.names}, scene.observations.fps)
+    assert len(find_track_ends(scene.rig, nobody, 1.72)) == 0
+
+
 @pytest.mark.parametrize("gap_s", [-1.0, 0.8])
 def test_people_who_pass_a_door_register_two_groups(gap_s: float) -> None:
     rng = np.random.default_rng(3)
@@ -65,6 +81,24 @@ def test_strangers_are_not_joined() -> None:
         rng = np.random.default_rng(seed)
         found = register_by_passages(ends(rng, 150), ends(rng, 150), LAGS)
         assert found is None or found.votes < found.needed
+
+
+def test_crowds_that_come_and_go_together_are_not_joined() -> None:
+    """Trains: people leave a hall by one door when others, whom nobody saw before, enter another hall by one door."""
+    rng = np.random.default_rng(1)
+    crowd = np.repeat(np.arange(30.0, 600.0, 60.0), 8)
+
+    def at_door(sense: float, door: complex) -> TrackEnds:
+        count = len(crowd)
+        place = door + 0.4 * rng.normal(size=(count, 2)) @ np.array([1, 1j])
+        velocity = 1.3 * np.exp(1j * np.deg2rad(rng.normal(0, 20, count)))
+        seen = np.ones((count, 2), dtype=bool)
+        return TrackEnds(np.full(count, sense), np.sort(crowd + rng.uniform(-15, 15, count)), place, velocity, seen)
+
+    found = register_by_passages(at_door(1.0, DOOR), at_door(-1.0, 5.0 + 1.0j), LAGS)
+    assert found is not None
+    assert found.votes > 40
+    assert found.votes < found.needed
 
 
 def test_nobody_at_all_is_no_passage() -> None:

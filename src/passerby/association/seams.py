@@ -20,7 +20,7 @@ from passerby.geometry.single_view import Level
 MOST_EDGES = 3
 """Pairs of cameras of one seam, those that see most of the people who pass."""
 LEAST_SHARE = 0.25
-"""Of the people who pass, seen by both cameras of a pair."""
+"""Of those whom the pair sees that sees most."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +72,7 @@ class Seam:
         for at in np.argsort(-passage.cameras, axis=None, kind="stable")[:MOST_EDGES].tolist():
             a, b = first[at // len(second)], second[at % len(second)]
             people = int(passage.cameras.flat[at])
-            if edges and people < LEAST_SHARE * passage.people:
+            if edges and people < LEAST_SHARE * int(passage.cameras.max()):
                 break
             motion = replace(passage.motion, lag_s=passage.motion.lag_s + a.offset_s - b.offset_s)
             edges.append(SeamEdge(a.name, b.name, a.pose, b.pose, motion, passage.place, people))

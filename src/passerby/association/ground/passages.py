@@ -3,12 +3,14 @@
 Each group is a rig of its own: scale and vertical are known, and what is missing is a turn, a shift and a lag of the clocks.
 Where a track of one group ends, one of the other begins at about that time and place, seen by both for a moment or by neither.
 Every two such ends propose a shift for each turn and lag, and every person has one vote. Chance is what the same ends reach
-when one group walks backwards (surrogate data: Theiler et al., Physica D 1992).
+when one group walks backwards (surrogate data: Theiler et al., Physica D 1992), or with other lags: where people come and go in
+crowds, as with trains, ends are near in time whoever they are.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +37,8 @@ PLACE_SD_M, SPEED_SD_M_S = 0.3, 0.6
 """One standard deviation of a place by a track, and of how a person's velocity changes after its end: people turn in doors."""
 MOST_SQUARE = 9.0
 """Squared miss, in standard deviations, from which an end belongs to another person."""
+OTHER_LAGS_S = 20.0
+"""Lags up to so much beyond those that are possible are tried as well, to know what chance reaches."""
 STARTS, STEPS = 18, 12
 """Turns from which the motion about the place found is fitted, and steps of each fit."""
 CLEAR, FEWEST = 1.8, 12
@@ -80,14 +84,12 @@ class Passage:
     """From the first group's ground and clock to the second one's; `turn` has the length 1."""
     place: complex
     """Where people pass, in the first group's world, metres."""
-    people: int
-    """People who pass there."""
     votes: int
-    """People who vote for that place."""
+    """People who pass there."""
     by_chance: int
     """Votes that chance reaches."""
     cameras: Ints
-    """(C, C') people who pass and are seen by each camera of the first and each of the second group."""
+    """(C, C') times that one of them is seen by each camera of the first and each of the second group."""
 
     @property
     def needed(self) -> int:
@@ -112,12 +114,11 @@ def find_track_ends(rig: Rig, instants: Observations, person_height_m: float) ->
     order = np.lexsort((seconds, people.identity))
     identity, seconds, seen_by = people.identity[order], seconds[order], seen_by[order]
     place = people.place[order, 0] + 1j * people.place[order, 1]
-    new = (np.diff(identity, prepend=-1) != 0) | (np.diff(seconds, prepend=0.0) > GAP_S)
-    first = np.flatnonzero(new)
-    last = np.append(first[1:], len(identity)) - 1
+    new = np.flatnonzero((np.diff(identity, prepend=-1) != 0) | (np.diff(seconds, prepend=0.0) > GAP_S))
     senses, times, places, velocities, cameras = [], [], [], [], []
-    for begin, end in zip(first.tolist(), last.tolist(), strict=True):
-        if len(identity) == 0 or seconds[end] - seconds[begin] < SHORTEST_S:
+    for begin, end in pairwise([*new.tolist(), len(identity)]):
+        end -= 1
+        if seconds[end] - seconds[begin] < SHORTEST_S:
             continue
         for sense, at in ((-1.0, begin), (1.0, end)):
             near = np.arange(begin, end + 1)
@@ -125,11 +126,11 @@ def find_track_ends(rig: Rig, instants: Observations, person_height_m: float) ->
             if len(near) < 3:
                 continue
             since = seconds[near] - seconds[at]
-            rate, here = np.polyfit(since, place[near].real, 1), np.polyfit(since, place[near].imag, 1)
+            (velocity_x, x), (velocity_y, y) = (np.polyfit(since, part, 1) for part in (place[near].real, place[near].imag))
             senses.append(sense)
             times.append(seconds[at])
-            places.append(complex(rate[1], here[1]))
-            velocities.append(complex(rate[0], here[0]))
+            places.append(complex(x, y))
+            velocities.append(complex(velocity_x, velocity_y))
             cameras.append(seen_by[near].any(axis=0))
     return TrackEnds(
         np.array(senses), np.array(times), np.array(places, dtype=np.complex128), np.array(velocities, dtype=np.complex128),
@@ -146,30 +147,37 @@ def register_by_passages(a: TrackEnds, b: TrackEnds, lags_s: tuple[float, float]
         lags_s: from the least to the largest by which the second group's clock may show more.
     """
     b = b.by_time
-    spot = _most_voted(a, b, lags_s)
-    if spot is None:
+    steps, beyond = int(np.ceil((lags_s[1] - lags_s[0]) / LAG_STEP_S)), int(OTHER_LAGS_S / LAG_STEP_S)
+    possible = (lags_s[0] + LAG_STEP_S * np.arange(steps + 1)).tolist()
+    most = max((_count_votes(a, b, lag_s) for lag_s in possible), key=lambda one: one.votes)
+    if not most.votes:
         return None
-    backwards = _most_voted(a, b.backwards.by_time, lags_s)
-    by_chance = 0 if backwards is None else backwards.votes
-    fits = [_fit(a, b, spot, turn) for turn in np.exp(2j * np.pi * np.arange(STARTS) / STARTS).tolist()]
-    best = max((fit for fit in fits if fit is not None), key=lambda fit: fit.gain, default=None)
-    if best is None:
-        return None
-    i, j = best.pairs
-    return Passage(
-        best.motion, complex(np.mean(a.place[i])), len(i), spot.votes, by_chance,
+    backwards = b.backwards.by_time
+    by_chance = max(_count_votes(a, backwards, lag_s).votes for lag_s in possible)
+    if most.votes > CLEAR * by_chance:
+        every = (lags_s[0] + LAG_STEP_S * np.arange(-beyond, steps + beyond + 1)).tolist()
+        others = (lag_s for lag_s in every if abs(lag_s - most.lag_s) >= 2 * APART_S)
+        by_chance = max([by_chance, *(_count_votes(a, b, lag_s).votes for lag_s in others)])
+    i, j, here, there = _voters(a, b, most)
+    found = Passage(
+        GroundMotion(most.turn, there - most.turn * here, most.lag_s), here, most.votes, by_chance,
         a.seen_by[i].astype(np.int64).T @ b.seen_by[j].astype(np.int64),
     )  # fmt: skip
+    if most.votes < found.needed:
+        return found
+    fits = [_fit(a, b, found, turn) for turn in np.exp(2j * np.pi * np.arange(STARTS) / STARTS).tolist()]
+    best = max((fit for fit in fits if fit is not None), key=lambda fit: fit.gain, default=None)
+    return found if best is None else replace(found, motion=best.motion)
 
 
-@dataclass(frozen=True, eq=False)
-class _Spot:
-    """A place of either group where most people pass."""
+@dataclass(frozen=True)
+class _Votes:
+    """The turn and the shift for which most people of one group meet one of the other, at one lag."""
 
     votes: int
     lag_s: float
-    place_a: complex
-    place_b: complex
+    turn: complex
+    cell: int
 
 
 def _pairs(a: TrackEnds, b: TrackEnds, lag_s: float) -> tuple[Ints, Ints, Floats]:
@@ -184,27 +192,27 @@ def _pairs(a: TrackEnds, b: TrackEnds, lag_s: float) -> tuple[Ints, Ints, Floats
     return i, j, b.time_s[j] - a.time_s[i] - lag_s
 
 
-def _most_voted(a: TrackEnds, b: TrackEnds, lags_s: tuple[float, float]) -> _Spot | None:
-    """The turn, the shift and the lag for which most people of the first group meet one of the second."""
-    turns = np.exp(2j * np.pi * np.arange(TURNS) / TURNS).tolist()
-    best: tuple[int, float, complex, int] | None = None
-    for lag_s in np.linspace(*lags_s, int(np.ceil((lags_s[1] - lags_s[0]) / LAG_STEP_S)) + 1).tolist():
-        i, j, later = _pairs(a, b, lag_s)
-        here, there = _meeting(a, b, i, j, later)
-        for turn in turns if len(i) else []:
-            votes = _count(there - turn * here, i, len(a))
-            top = int(votes.argmax())
-            if best is None or votes.flat[top] > best[0]:
-                best = int(votes.flat[top]), lag_s, turn, top
-    if best is None:
-        return None
-    votes_, lag_s, turn, top = best
+def _count_votes(a: TrackEnds, b: TrackEnds, lag_s: float) -> _Votes:
+    """The votes at one lag."""
     i, j, later = _pairs(a, b, lag_s)
     here, there = _meeting(a, b, i, j, later)
-    shift = there - turn * here
-    apart = np.column_stack([shift.real, shift.imag]) / CELL_M - np.array(divmod(top, CELLS)) - 1.0
+    best = _Votes(0, lag_s, 1.0, 0)
+    for turn in np.exp(2j * np.pi * np.arange(TURNS) / TURNS).tolist() if len(i) else []:
+        votes = _count(there - turn * here, i, len(a))
+        top = int(votes.argmax())
+        if votes.flat[top] > best.votes:
+            best = _Votes(int(votes.flat[top]), lag_s, turn, top)
+    return best
+
+
+def _voters(a: TrackEnds, b: TrackEnds, most: _Votes) -> tuple[Ints, Ints, complex, complex]:
+    """Rows of `a` and of `b` that vote for a turn and a shift, and where they are, in either world."""
+    i, j, later = _pairs(a, b, most.lag_s)
+    here, there = _meeting(a, b, i, j, later)
+    shift = there - most.turn * here
+    apart = np.column_stack([shift.real, shift.imag]) / CELL_M - np.array(divmod(most.cell, CELLS)) - 1.0
     near = (np.abs(apart - CELLS * np.round(apart / CELLS)) <= 1.0).all(axis=1)
-    return _Spot(votes_, lag_s, _median(here[near]), _median(there[near]))
+    return i[near], j[near], _median(here[near]), _median(there[near])
 
 
 def _meeting(a: TrackEnds, b: TrackEnds, i: Ints, j: Ints, later: Floats) -> tuple[Complexes, Complexes]:
@@ -230,16 +238,15 @@ class _Fit:
     motion: GroundMotion
     gain: float
     """How much better the passages fit than ends of other people would, nats."""
-    pairs: tuple[Ints, Ints]
-    """Ends of `a` and of `b` that are passages."""
 
 
-def _fit(a: TrackEnds, b: TrackEnds, spot: _Spot, turn: complex) -> _Fit | None:
-    """The motion about a spot that the passages fit best, from a first turn: robust Gauss-Newton steps."""
-    motion = GroundMotion(turn, spot.place_b - turn * spot.place_a, spot.lag_s)
+def _fit(a: TrackEnds, b: TrackEnds, found: Passage, turn: complex) -> _Fit | None:
+    """The motion about a place that the passages fit best, from a first turn: robust Gauss-Newton steps."""
+    there = found.motion.turn * found.place + found.motion.shift
+    motion = GroundMotion(turn, there - turn * found.place, found.motion.lag_s)
     for step in range(STEPS):
-        i, j, miss, at, velocity, sd = _matched(a, b, motion, 4.0 if step < STEPS // 4 else 1.0)
-        if len(i) < FEWEST // 2:
+        miss, at, velocity, sd = _matched(a, b, motion, 4.0 if step < STEPS // 4 else 1.0)
+        if len(miss) < FEWEST // 2:
             return None
         weight = (1.0 / (1.0 + np.abs(miss / sd) ** 2) / sd**2).ravel()
         by_turn, ones = (1j * motion.turn * at).ravel(), np.ones(miss.size)
@@ -249,19 +256,17 @@ def _fit(a: TrackEnds, b: TrackEnds, spot: _Spot, turn: complex) -> _Fit | None:
         gradient = (x * weight[:, None]).T @ miss.real.ravel() + (y * weight[:, None]).T @ miss.imag.ravel()
         turned, *shifted, later = (-np.linalg.solve(normal, gradient)).tolist()
         motion = GroundMotion(motion.turn * np.exp(1j * turned), motion.shift + complex(*shifted), motion.lag_s + later)
-    i, j, miss, _, _, sd = _matched(a, b, motion, 1.0)
+    miss, _, _, sd = _matched(a, b, motion, 1.0)
     square = np.mean(np.abs(miss / sd) ** 2, axis=1)
-    return _Fit(motion, float(np.log((1 + MOST_SQUARE) / (1 + square)).sum()), (i, j))
+    return _Fit(motion, float(np.log((1 + MOST_SQUARE) / (1 + square)).sum()))
 
 
-def _matched(
-    a: TrackEnds, b: TrackEnds, motion: GroundMotion, wider: float
-) -> tuple[Ints, Ints, Complexes, Complexes, Complexes, Floats]:
+def _matched(a: TrackEnds, b: TrackEnds, motion: GroundMotion, wider: float) -> tuple[Complexes, Complexes, Complexes, Floats]:
     """Each end of `a` with the end of `b` that fits it best, where one does.
 
     Returns:
-        (K,) rows of `a`, (K,) rows of `b`, and at five times around each meeting, (K, 5) each: by how much they miss each
-        other, metres; the place by `a`; the velocity by `b`; and the standard deviation of the miss.
+        At five times around each meeting, (K, 5) each: by how much they miss each other, metres; the place by `a`; the velocity
+        by `b`; and the standard deviation of the miss.
     """
     i, j, later = _pairs(a, b, motion.lag_s)
     here, there = _meeting(a, b, i, j, later)
@@ -284,4 +289,4 @@ def _matched(
     best = least_of_groups(i, square)
     best = best[square[best] < wider * MOST_SQUARE]
     velocity = np.broadcast_to(b.velocity[j, None], miss.shape)
-    return i[best], j[best], miss[best], at[best], velocity[best], sd[best]
+    return miss[best], at[best], velocity[best], sd[best]
