@@ -4,8 +4,15 @@ import numpy as np
 import pytest
 
 from passerby.association.ground.pair_matching import GroundMotion
-from passerby.association.ground.passages import TrackEnds, find_track_ends, register_by_passages
+from passerby.association.ground.passages import (
+    Passage,
+    TrackEnds,
+    find_track_ends,
+    refine_by_sightings,
+    register_by_passages,
+)
 from passerby.core.observations import CameraObservations, Observations
+from passerby.people.ground_positions import Places
 from passerby.simulation import SimulationOptions, simulate
 
 TRUE = GroundMotion(np.exp(1j * np.deg2rad(70.0)), 12.0 - 5.0j, 1.7)
@@ -106,3 +113,37 @@ def test_nobody_at_all_is_no_passage() -> None:
     nobody = ends(rng, 0)
     assert register_by_passages(nobody, ends(rng, 50), LAGS) is None
     assert register_by_passages(ends(rng, 50), nobody, LAGS) is None
+
+
+def seen_at(rng: np.random.Generator, person: np.ndarray, time_s: np.ndarray, place: np.ndarray, start_s: float) -> Places:
+    """Boxes of one camera at instants 0.2 s apart."""
+    step = np.round((time_s - start_s) / 0.2).astype(np.int64)
+    order = np.argsort(step, kind="stable")
+    noisy = place[order] + 0.15 * rng.normal(size=(len(order), 2)) @ np.array([1, 1j])
+    n = len(order)
+    return Places(
+        step[order], np.zeros(n, np.int64), np.arange(n), np.full(n, -1), np.column_stack([noisy.real, noisy.imag]),
+        np.tile(0.15**2 * np.eye(2), (n, 1, 1)), np.ones(n, dtype=bool), np.zeros((n, 4)), 0.2, np.zeros((1, 3)), start_s,
+    )  # fmt: skip
+
+
+def test_what_both_sides_see_of_a_door_tells_the_turn() -> None:
+    rng = np.random.default_rng(7)
+    begin = np.sort(rng.uniform(0, 600, 60)).repeat(8)
+    since = np.tile(np.arange(8) * 0.2, 60)
+    direction = np.exp(1j * np.deg2rad(rng.normal(0, 30, 60))).repeat(8)
+    path = DOOR + 0.5j * rng.normal(size=60).repeat(8) + 1.3 * direction * (since - 0.7)
+    person = np.arange(60).repeat(8)
+    a = seen_at(rng, person, begin + since, path, 0.0)
+    b = seen_at(rng, person, begin + since + TRUE.lag_s, TRUE.turn * path + TRUE.shift, 1.7)
+    wrong = TRUE.turn * np.exp(1j * np.deg2rad(-25.0))
+    first = GroundMotion(wrong, TRUE.turn * DOOR + TRUE.shift - wrong * DOOR, TRUE.lag_s)
+    found = refine_by_sightings(Passage(first, DOOR, 60, 10, np.ones((1, 1), np.int64)), a, b)
+    assert abs(np.angle(found.motion.turn / TRUE.turn)) < np.deg2rad(2)
+    assert abs(found.motion.turn * DOOR + found.motion.shift - TRUE.turn * DOOR - TRUE.shift) < 0.1
+    # Whoever stands on one spot tells no turn.
+    spot = DOOR + 0 * path
+    still = [seen_at(rng, person, begin + since + lag, place, start) for lag, place, start in (
+        (0.0, spot, 0.0), (TRUE.lag_s, TRUE.turn * spot + TRUE.shift, 1.7))]  # fmt: skip
+    found = refine_by_sightings(Passage(first, DOOR, 60, 10, np.ones((1, 1), np.int64)), *still)
+    assert found.motion is first

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from passerby.association.clocks.starts import FULL_SEARCH_S
-from passerby.association.ground.passages import find_track_ends, register_by_passages
+from passerby.association.ground.passages import find_track_ends, refine_by_sightings, register_by_passages
 from passerby.association.result import Association
 from passerby.association.seams import GroupCamera, Seam
 from passerby.calibration.calibration import Calibration
@@ -20,8 +20,10 @@ from passerby.calibration.run import CalibrationRun, Corrections, Estimate
 from passerby.common.progress import Progress, tell_note
 from passerby.core.cameras import Rig
 from passerby.core.overlap import count_shared_observations, find_connected_groups
+from passerby.core.synchronisation import clocks_of
 from passerby.findings.finding import Finding, notice
 from passerby.interchange.output_folder import group_folder
+from passerby.people.ground_positions import Places, places_of
 from passerby.scene.inputs import SceneInputs
 
 FEWEST = 2
@@ -109,9 +111,20 @@ def find_seams(run: CalibrationRun, found: Sequence[GroupEstimate]) -> dict[tupl
     for a in range(len(found)):
         for b in range(a + 1, len(found)):
             passage = register_by_passages(ends[a], ends[b], _possible_lags(cameras[a], cameras[b], search_s))
+            if passage is not None and passage.votes >= passage.needed:
+                passage = refine_by_sightings(
+                    passage, _places(rigs[a], found[a], height_m), _places(rigs[b], found[b], height_m)
+                )
             if passage is not None:
                 out[a, b] = Seam.of(passage, cameras[a], cameras[b])
     return out
+
+
+def _places(rig: Rig, found: GroupEstimate, person_height_m: float) -> Places:
+    """The places of all boxes of a group, by the clocks that were found."""
+    seen, clocks = found.inputs.observations, found.estimate.association.clocks
+    known = {name: clocks.get(name) or clocks_of(seen, [name])[name] for name in rig.names}
+    return places_of(rig, {name: seen[name].boxes for name in rig.names}, known, person_height_m)
 
 
 def nearest_seam(number: int, seams: Mapping[tuple[int, int], Seam]) -> Seam | None:

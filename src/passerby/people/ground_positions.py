@@ -58,13 +58,20 @@ class Places:
     step_s: float
     centre: Floats
     """(C, 3) the cameras' centres, metres."""
+    start_s: float = 0.0
+    """The rig's time of instant 0."""
 
     def __len__(self) -> int:
         return len(self.step)
 
     def take(self, rows: NDArray[np.generic]) -> Places:
         """The boxes of the given rows (indices or a mask)."""
-        return Places(**{name: getattr(self, name)[rows] for name in COLUMNS}, step_s=self.step_s, centre=self.centre)
+        return Places(
+            **{name: getattr(self, name)[rows] for name in COLUMNS},
+            step_s=self.step_s,
+            centre=self.centre,
+            start_s=self.start_s,
+        )
 
 
 COLUMNS = ("step", "camera", "row", "identity", "place", "covariance", "whole", "ltwh")
@@ -89,7 +96,7 @@ def places_of(
     ]
     centres = np.array([camera.centre for camera in rig])
     joined = {name: np.concatenate([getattr(part, name) for part in parts]) for name in COLUMNS}
-    found = Places(**joined, step_s=step_s, centre=centres)
+    found = Places(**joined, step_s=step_s, centre=centres, start_s=start_s)
     return found.take(np.lexsort((found.row, found.camera, found.step)))
 
 
