@@ -46,8 +46,8 @@ NEAR_M = 3.0
 """About the place where people pass, within which boxes of both groups are compared."""
 SAME_PLACE_M, APART_DEG, RIVAL = 1.0, 20.0, 0.8
 """Motions that differ by more at the place where people pass, or in the turn, are different, and the turn is open if another
-one gains more than this share of the best one. Simulated airports (seeds 801, 804, 806): at three doors with 23 to 25 m2 of common
-ground the turn is then known to 2 degrees, by the ends of tracks alone to 2, 11 and 20."""
+one gains more than this share of the best one. Simulated airports (seeds 801, 804, 806): at three doors with 23 to 25 m2 of
+common ground the turn is then known to 2 degrees, by the ends of tracks alone to 2, 11 and 20."""
 TO_COMPLEX = np.array([1.0, 1.0j])
 CLEAR, FEWEST = 1.8, 12
 """Votes from which groups are joined: so many times those that chance reaches, and people. Simulated airports of 25 cameras
