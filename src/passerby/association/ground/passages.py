@@ -4,7 +4,7 @@ Each group is a rig of its own: scale and vertical are known, and what is missin
 Where a track of one group ends, one of the other begins at about that time and place, seen by both for a moment or by neither.
 Every two such ends propose a shift for each turn and lag, and every person has one vote. Chance is what the same ends reach
 when one group walks backwards (surrogate data: Theiler et al., Physica D 1992), or with other lags: where people come and go in
-crowds, as with trains, ends are near in time whoever they are.
+crowds, as with trains, ends of different people are near in time.
 """
 
 from __future__ import annotations
@@ -301,7 +301,7 @@ def _matched(a: TrackEnds, b: TrackEnds, motion: GroundMotion, wider: float) -> 
 
 
 def refine_by_sightings(found: Passage, a: Places, b: Places) -> Passage:
-    """The motion by everybody whom both groups see near the passage at one time, whoever it is, cut-off boxes included.
+    """The motion by the boxes of both groups near the passage at one time, cut-off boxes and unknown people included.
 
     As it was found where that leaves the turn open: if another one fits nearly as well, or the best one is elsewhere.
 
