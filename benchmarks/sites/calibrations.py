@@ -105,11 +105,11 @@ def outcome_of(out: Path, truth: Path, overlaps: Path | None = None) -> dict[str
     true = read_rig(truth)
     groups = [found for folder in folders if (found := _group(folder, true)) is not None]
     moved = sum(one["code"] == "camera_moved" for one in _diagnostics(folders))
-    share = {} if overlaps is None else {"in_group": _share_in_group([group["cameras"] for group in groups], overlaps)}
+    share = {} if overlaps is None else {"in_group": share_in_group([group["cameras"] for group in groups], overlaps)}
     return {"registered": sum(len(group["position_mm"]) for group in groups), "groups": groups, "moved": moved, **share}
 
 
-def _share_in_group(rigs: Sequence[Sequence[str]], overlaps: Path) -> float:
+def share_in_group(rigs: Sequence[Sequence[str]], overlaps: Path) -> float:
     """Share of the cameras that are in one rig with most of those with which pairs that share ground connect them."""
     with overlaps.open(encoding="utf-8", newline="") as file:
         pairs = [(row["camera_a"], row["camera_b"]) for row in csv.DictReader(file) if float(row["shared_m2"]) >= SHARED_M2]

@@ -183,7 +183,7 @@ def test_groups_that_a_joint_would_make_doubtful_stay_as_they_are(tmp_path):
     assert hall.accepted
     (told,) = (one for one in found.notices if one.code == "separate_group")
     assert told.values["people"] >= told.values["needed"]
-    assert "do not determine the relative pose" in " ".join(found.findings)
+    assert "a common rig would be doubtful" in " ".join(found.findings)
 
 
 @pytest.mark.parametrize(

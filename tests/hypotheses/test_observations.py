@@ -94,8 +94,8 @@ def test_a_low_camera_is_not_taken_for_an_overturned_one_below_the_ground(tmp_pa
     for index, camera in enumerate(walk.rig):
         people = rays.triangulated(PERSON_HEIGHT_M, rays.camera != index)
         overturned = turn_seen(mirrored(seen[camera.name], camera.lens.size), camera.lens.size, 180)
-        assert find_bodies(overturned, camera.lens).placed(people).anew(np.random.default_rng(0)) is None
-        assert find_bodies(seen[camera.name], camera.lens).placed(people).anew(np.random.default_rng(0)) is not None
+        assert find_bodies(overturned, camera.lens).with_places(people).anew(np.random.default_rng(0)) is None
+        assert find_bodies(seen[camera.name], camera.lens).with_places(people).anew(np.random.default_rng(0)) is not None
 
 
 @pytest.mark.parametrize("seed", range(4811, 4815))

@@ -20,7 +20,7 @@ from passerby.geometry.single_view import Level
 MOST_EDGES = 3
 """Pairs of cameras of one seam, those that see most of the people who pass."""
 LEAST_SHARE = 0.25
-"""Of those whom the pair sees that sees most."""
+"""Of the people that the pair with the most sees."""
 
 
 @dataclass(frozen=True, eq=False)

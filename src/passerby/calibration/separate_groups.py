@@ -9,6 +9,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components
+
 from passerby.association.clocks.starts import FULL_SEARCH_S
 from passerby.association.ground.passages import find_track_ends, refine_by_sightings, register_by_passages
 from passerby.association.result import Association
@@ -111,7 +115,7 @@ def find_seams(run: CalibrationRun, found: Sequence[GroupEstimate]) -> dict[tupl
     for a in range(len(found)):
         for b in range(a + 1, len(found)):
             passage = register_by_passages(ends[a], ends[b], _possible_lags(cameras[a], cameras[b], search_s))
-            if passage is not None and passage.votes >= passage.needed:
+            if passage is not None and passage.clear:
                 passage = refine_by_sightings(
                     passage, _places(rigs[a], found[a], height_m), _places(rigs[b], found[b], height_m)
                 )
@@ -151,11 +155,9 @@ def _possible_lags(a: Sequence[GroupCamera], b: Sequence[GroupCamera], search_s:
 
 def join_numbers(pairs: Iterable[tuple[int, int]], n: int) -> list[list[int]]:
     """The numbers below n that chains of pairs join, those of two or more, each in ascending order."""
-    label = list(range(n))
-    for a, b in pairs:
-        old, new = max(label[a], label[b]), min(label[a], label[b])
-        label = [new if value == old else value for value in label]
-    groups = [[number for number in range(n) if label[number] == value] for value in sorted(set(label))]
+    a, b = np.array(list(pairs), dtype=np.int64).reshape(-1, 2).T
+    count, label = connected_components(csr_array((np.ones(len(a)), (a, b)), shape=(n, n)), directed=False)
+    groups = [np.flatnonzero(label == number).tolist() for number in range(count)]
     return [group for group in groups if len(group) > 1]
 
 

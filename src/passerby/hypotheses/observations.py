@@ -127,7 +127,7 @@ class _Camera:
         self.index, self.n_cameras, self.name, self.lens = index, len(rig), camera.name, camera.lens
         self.people, self.seen, self.fps = people, instants[camera.name], instants.fps or USUAL_FPS
         self.bodies = find_bodies(self.seen, self.lens)
-        self.stated = self.bodies.placed(people)
+        self.stated = self.bodies.with_places(people)
         self.block, self.n_blocks = blocks_of(self.stated.frame, self.stated.identity, self.fps)
         self.pose = self.stated.fitted(camera.pose) if len(self.stated) >= FEWEST else camera.pose
 
@@ -142,7 +142,7 @@ class _Camera:
 
         def cost(late: int) -> float:
             if late not in costs:
-                moved = self.bodies.placed(self.people, -late)
+                moved = self.bodies.with_places(self.people, -late)
                 if fold is not None:
                     moved = moved.take(self._block_of(moved) % FOLDS != fold)
                 part = moved.thinned()
@@ -189,7 +189,7 @@ class _Camera:
 
     def _read(self, reading: Reading) -> _Read:
         lens, seen = reading.read(self.lens, self.seen)
-        every = find_bodies(seen, lens).placed(self.people)
+        every = find_bodies(seen, lens).with_places(self.people)
         at = self._rows(every)
         return _Read(lens, seen, every.take(at >= 0), self.stated.take(at[at >= 0]))
 

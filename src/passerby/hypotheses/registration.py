@@ -53,7 +53,7 @@ class SeenBodies(Columns):
     low_m: Floats
     """(M,) height of the lower end above the ground."""
 
-    def placed(self, people: TriangulatedPeople, later: int = 0) -> SeenPeople:
+    def with_places(self, people: TriangulatedPeople, later: int = 0) -> SeenPeople:
         """Those whose people other cameras place, `later` time steps after the time of the observation."""
         ids = max(int(each.max(initial=0)) for each in (self.identity, people.identity)) + 1
         at = rows_of_keys((self.frame + later) * ids + self.identity, people.instant * ids + people.identity)
@@ -63,7 +63,7 @@ class SeenBodies(Columns):
 
 @dataclass(frozen=True, eq=False)
 class SeenPeople(SeenBodies):
-    """Bodies that a camera saw, of people whom other cameras place."""
+    """Bodies that a camera saw, with the positions of these people by other cameras."""
 
     place: Floats
     """(M, 3) middle of the two ends by the other cameras, world, metres."""

@@ -114,7 +114,7 @@ def test_cameras_count_in_the_rig_of_most_of_those_with_which_they_share_ground(
         ([["A"], ["D"]], 0.4),
         ([], 0.0),
     ):
-        assert calibrations._share_in_group(rigs, overlaps) == pytest.approx(share)
+        assert calibrations.share_in_group(rigs, overlaps) == pytest.approx(share)
 
 
 def test_errors_are_medians_over_the_cameras_of_all_groups():

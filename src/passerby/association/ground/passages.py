@@ -40,6 +40,8 @@ MOST_SQUARE = 9.0
 """Squared miss, in standard deviations, from which an end belongs to another person."""
 OTHER_LAGS_S = 20.0
 """Lags up to so much beyond those that are possible are tried as well, to know what chance reaches."""
+DAMPING = (1.0, 1e-6, 1e-6, 1.0)
+"""Added to the information on the steps of turn, shift and lag: people who all stand on one spot, or never walk, tell less."""
 STARTS, STEPS = 18, 12
 """Turns from which the motion about the place found is fitted, and steps of each fit."""
 NEAR_M = 3.0
@@ -51,7 +53,7 @@ common ground the turn is then known to 2 degrees, by the ends of tracks alone t
 TO_COMPLEX = np.array([1.0, 1.0j])
 CLEAR, FEWEST = 1.8, 12
 """Votes from which groups are joined: so many times those that chance reaches, and people. Simulated airports of 25 cameras
-(seeds 801, 804, 806): 2.2 to 3.3 times at six doors, 0.8 to 1.2 times for twelve pairs of groups that share no ground."""
+(seeds 801, 804, 806): 2.1 to 3.1 times at six doors, 0.8 to 1.1 times for twelve pairs of groups that share no ground."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,6 +105,11 @@ class Passage:
     def needed(self) -> int:
         """Votes that are clear of chance."""
         return max(int(np.floor(CLEAR * self.by_chance)) + 1, FEWEST)
+
+    @property
+    def clear(self) -> bool:
+        """Whether more people pass than by chance."""
+        return self.votes >= self.needed
 
 
 def find_track_ends(rig: Rig, instants: Observations, person_height_m: float) -> TrackEnds:
@@ -171,7 +178,7 @@ def register_by_passages(a: TrackEnds, b: TrackEnds, lags_s: tuple[float, float]
         GroundMotion(most.turn, there - most.turn * here, most.lag_s), here, most.votes, by_chance,
         a.seen_by[i].astype(np.int64).T @ b.seen_by[j].astype(np.int64),
     )  # fmt: skip
-    if most.votes < found.needed:
+    if not found.clear:
         return found
     fits = [_fit(a, b, found, turn) for turn in np.exp(2j * np.pi * np.arange(STARTS) / STARTS).tolist()]
     best = max((fit for fit in fits if fit is not None), key=lambda fit: fit.gain, default=None)
@@ -260,7 +267,7 @@ def _fit(a: TrackEnds, b: TrackEnds, found: Passage, turn: complex) -> _Fit | No
         by_turn, ones = (1j * motion.turn * at).ravel(), np.ones(miss.size)
         x = np.column_stack([by_turn.real, ones, 0 * ones, -velocity.real.ravel()])
         y = np.column_stack([by_turn.imag, 0 * ones, ones, -velocity.imag.ravel()])
-        normal = x.T @ (x * weight[:, None]) + y.T @ (y * weight[:, None]) + np.diag([1e-9, 1e-9, 1e-9, 1.0])
+        normal = x.T @ (x * weight[:, None]) + y.T @ (y * weight[:, None]) + np.diag(DAMPING)
         gradient = (x * weight[:, None]).T @ miss.real.ravel() + (y * weight[:, None]).T @ miss.imag.ravel()
         turned, *shifted, later = (-np.linalg.solve(normal, gradient)).tolist()
         motion = GroundMotion(motion.turn * np.exp(1j * turned), motion.shift + complex(*shifted), motion.lag_s + later)
@@ -317,7 +324,7 @@ def refine_by_sightings(found: Passage, a: Places, b: Places) -> Passage:
     i, j = _at_one_time(near_a, near_b, found.motion.lag_s)
     turns = found.motion.turn * np.exp(1j * np.deg2rad(np.arange(-60.0, 61.0, 15.0)))
     pairs = _Sighted(near_a.place[i], near_b.place[j], near_a.covariance[i], near_b.covariance[j], i, j)
-    fits = [fit for turn in turns.tolist() if (fit := pairs.fitted(found, turn)) is not None]
+    fits = [fit for turn in turns.tolist() if (fit := pairs.fit(found, turn)) is not None]
     best = max(fits, key=lambda fit: fit.gain, default=None)
     if best is None or abs(best.motion.turn * found.place + best.motion.shift - there) > SAME_PLACE_M:
         return found
@@ -347,7 +354,7 @@ class _Sighted:
     """(K,) which boxes they are."""
     row_b: Ints
 
-    def fitted(self, found: Passage, turn: complex) -> _Fit | None:
+    def fit(self, found: Passage, turn: complex) -> _Fit | None:
         """The motion that most pairs fit, from a first turn; each box has one partner at most."""
         there = found.motion.turn * found.place + found.motion.shift
         shift = there - turn * found.place
@@ -364,7 +371,7 @@ class _Sighted:
             turned = 1j * turn * (self.a[mutual] @ TO_COMPLEX)
             J = np.zeros((len(mutual), 2, 3))
             J[:, 0, 0], J[:, 1, 0], J[:, 0, 1], J[:, 1, 2] = turned.real, turned.imag, 1.0, 1.0
-            normal = np.einsum("kia,kij,kjb->ab", J, weighed, J)
+            normal = np.einsum("kia,kij,kjb->ab", J, weighed, J) + np.diag(DAMPING[:3])
             delta = np.linalg.solve(normal, np.einsum("kia,kij,kj->a", J, weighed, miss[mutual])).tolist()
             turn, shift = turn * np.exp(-1j * delta[0]), shift - complex(delta[1], delta[2])
         gain = float(np.log((1 + MOST_SQUARE) / (1 + square[mutual])).sum())

@@ -104,7 +104,7 @@ def _separate(v: Fields) -> str:
         return found
     first, second = v["nearest"]
     if v["people"] >= v["needed"]:
-        return f"{found}; people pass to another group between {first} and {second}, but do not determine the relative pose"
+        return f"{found}; people pass to another group between {first} and {second}, but a common rig would be doubtful"
     return (
         f"{found}; people who may pass to another group do so between {first} and {second}: {v['people']} of the "
         f"{v['needed']} that would join the groups"
