@@ -16,7 +16,6 @@ from passerby.core.observations import Boxes, CameraObservations, Observations
 from passerby.core.solution import Solution
 from passerby.findings.finding import Finding
 from passerby.hypotheses.readings import possible_share, smaller
-from passerby.scene.inputs import SceneInputs
 from passerby.scene.scene import Scene
 from passerby.solver.people import PeopleOptions
 
@@ -56,16 +55,17 @@ def solving(errors: Mapping[tuple[str, ...], float], lost: bool = False) -> Call
     return solve
 
 
-def found_by(solve: Callable[[Rig], Solution], seen: Mapping[str, float], method: str = "people") -> list[Finding]:
+def found_by(
+    solve: Callable[[Rig], Solution], seen: Mapping[str, float], method: str = "people", estimated: Rig | None = None
+) -> list[Finding]:
     """What is found where other lenses are solved so, and people reach so far into the images of these cameras."""
     observations = Observations({name: people(seen.get(name, 1.0)) for name in RIG.names})
     association = Association(observations, observations, {})
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(smaller_pictures, "solve_scene", lambda run, rig, *_, **__: solve(rig))
         return doubts_of_smaller_pictures(
-            CalibrationRun(SCENE, PeopleOptions()), SceneInputs(RIG, observations, ()),
-            solution(RIG, 0.1, method), association,
-        )  # fmt: skip
+            CalibrationRun(SCENE, PeopleOptions()), RIG, observations, solution(estimated or RIG, 0.1, method), association
+        )
 
 
 def told(seen: Mapping[str, float], errors: Mapping[tuple[str, ...], float], **named: bool) -> list[tuple[str, object, object]]:
@@ -89,6 +89,20 @@ def test_of_several_only_those_are_told_whose_own_size_makes_a_difference() -> N
     assert told({"A": 0.5, "B": 0.25}, errors) == [("A", [400, 300], [800, 600])]
     errors = {("A", "B"): 0.03, ("A",): 0.08, ("B",): 0.09}
     assert [name for name, *_ in told({"A": 0.5, "B": 0.25}, errors)] == ["A", "B"]
+
+
+def test_a_focal_length_that_was_corrected_may_be_that_of_a_smaller_image() -> None:
+    """The sizes that are tried are of the lens as stated: half the corrected focal length would be a quarter of it."""
+    corrected = replace(RIG["B"], lens=replace(LENS, matrix=np.diag([0.5, 0.5, 1.0]) @ LENS.matrix))
+    tried = list[Rig]()
+
+    def solve(rig: Rig) -> Solution:
+        tried.append(rig)
+        return solving({("B",): 0.03})(rig)
+
+    found = found_by(solve, {"B": 0.5}, estimated=replace(RIG, cameras=(RIG["A"], corrected, *list(RIG)[2:])))
+    assert [one.cameras for one in found] == [("B",)]
+    assert tried[0]["B"].lens.focal == pytest.approx(LENS.focal / 2)
 
 
 def test_nothing_is_solved_again_without_need() -> None:

@@ -283,7 +283,7 @@ def calibrate_together(run: CalibrationRun, found: GroupEstimate) -> Calibration
         doubts = (
             *check_predictions(solution, held_out, association, found),
             *doubts_of_same_place(solution.rig, inputs.observations),
-            *check_image_sizes(run, inputs, solution, association, lenses),
+            *check_image_sizes(run, found, solution, association),
             *association.doubts,
             *(one for one in association.height_findings if one.severity != "notice"),
             *(one for one in of_world if one.severity == "doubt"),

@@ -83,10 +83,8 @@ def check_predictions(
     return findings_of_predictions(rig, outcomes, adjusted(solution.figures).noise if boxed else None)
 
 
-def check_image_sizes(
-    run: CalibrationRun, inputs: SceneInputs, solution: Solution, association: Association, lenses: LensExamination
-) -> list[Finding]:
-    """Images that are smaller than the lens is for; not tried for several cameras at once where one was found by itself."""
-    if any(one.code == "smaller_image_fits" for one in lenses.findings):
-        return []
-    return doubts_of_smaller_pictures(run, inputs, solution, association)
+def check_image_sizes(run: CalibrationRun, found: GroupEstimate, solution: Solution, association: Association) -> list[Finding]:
+    """Images that are smaller than the lens is for, besides those that were found camera by camera."""
+    known = {name for one in found.lenses.findings if one.code == "smaller_image_fits" for name in one.cameras}
+    doubts = doubts_of_smaller_pictures(run, found.stated.rig, found.inputs.observations, solution, association)
+    return [one for one in doubts if not known.issuperset(one.cameras)]

@@ -17,10 +17,10 @@ from passerby.calibration.run import CalibrationRun
 from passerby.calibration.scene_solver import solve_scene
 from passerby.core.cameras import Rig
 from passerby.core.figures import adjusted
+from passerby.core.observations import Observations
 from passerby.core.solution import Solution
 from passerby.findings.finding import Finding, doubt
 from passerby.hypotheses.readings import possible_share, smaller
-from passerby.scene.inputs import SceneInputs
 
 BETTER = 1.4
 """The errors with the stated sizes over those with smaller ones: 1.6 to 5 where the smaller ones are right, and 0.05 to 0.5
@@ -30,17 +30,17 @@ AS_GOOD = 1.1
 
 
 def doubts_of_smaller_pictures(
-    run: CalibrationRun, inputs: SceneInputs, solution: Solution, association: Association
+    run: CalibrationRun, rig: Rig, observations: Observations, solution: Solution, association: Association
 ) -> list[Finding]:
     """A doubt about each of the cameras whose people were found in smaller pictures than the lens is for.
 
     Args:
         run: the scene and its options.
-        inputs: the lenses as stated, and people in the cameras' own pixels.
-        solution: the rig by the stated lenses.
+        rig: the lenses as stated; a focal length that was corrected may be that of smaller pictures.
+        observations: people in the cameras' own pixels.
+        solution: the rig as it was estimated, with corrected lenses where there are any.
         association: of that rig; its people are solved with other lenses.
     """
-    rig, observations = inputs.rig, inputs.observations
     shares = {
         camera.name: share
         for camera in rig
