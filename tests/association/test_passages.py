@@ -129,25 +129,63 @@ def seen_at(rng: np.random.Generator, person: np.ndarray, time_s: np.ndarray, pl
     )  # fmt: skip
 
 
-def test_what_both_sides_see_of_a_door_tells_the_turn() -> None:
-    rng = np.random.default_rng(7)
-    begin = np.sort(rng.uniform(0, 600, 60)).repeat(8)
-    since = np.tile(np.arange(8) * 0.2, 60)
-    direction = np.exp(1j * np.deg2rad(rng.normal(0, 30, 60))).repeat(8)
-    path = DOOR + 0.5j * rng.normal(size=60).repeat(8) + 1.3 * direction * (since - 0.7)
-    person = np.arange(60).repeat(8)
-    a = seen_at(rng, person, begin + since, path, 0.0)
-    b = seen_at(rng, person, begin + since + TRUE.lag_s, TRUE.turn * path + TRUE.shift, 1.7)
+def walks_through(rng: np.random.Generator, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Persons, times and places of people who are in a door for a moment."""
+    person, since = np.arange(count).repeat(8), np.tile(np.arange(8) * 0.2, count)
+    begin = np.sort(rng.uniform(0, 600, count)).repeat(8)
+    direction = np.exp(1j * np.deg2rad(rng.normal(0, 30, count))).repeat(8)
+    return person, begin + since, DOOR + 0.5j * rng.normal(size=count).repeat(8) + 1.3 * direction * (since - 0.7)
+
+
+def turned_wrongly() -> Passage:
     wrong = TRUE.turn * np.exp(1j * np.deg2rad(-25.0))
     first = GroundMotion(wrong, TRUE.turn * DOOR + TRUE.shift - wrong * DOOR, TRUE.lag_s)
-    found = refine_by_sightings(Passage(first, DOOR, 60, 10, np.ones((1, 1), np.int64)), a, b)
+    return Passage(first, DOOR, 60, 10, np.ones((1, 1), np.int64))
+
+
+def both_see(rng: np.random.Generator, person: np.ndarray, time_s: np.ndarray, place: np.ndarray) -> tuple[Places, Places]:
+    there = TRUE.turn * place + TRUE.shift
+    return seen_at(rng, person, time_s, place, 0.0), seen_at(rng, person, time_s + TRUE.lag_s, there, 1.7)
+
+
+def assert_right(found: Passage) -> None:
     assert abs(np.angle(found.motion.turn / TRUE.turn)) < np.deg2rad(2)
     assert abs(found.motion.turn * DOOR + found.motion.shift - TRUE.turn * DOOR - TRUE.shift) < 0.1
-    # Whoever stands on one spot tells no turn.
-    spot = DOOR + 0 * path
-    still = [seen_at(rng, person, begin + since + lag, place, start) for lag, place, start in (
-        (0.0, spot, 0.0), (TRUE.lag_s, TRUE.turn * spot + TRUE.shift, 1.7))]  # fmt: skip
-    found = refine_by_sightings(Passage(first, DOOR, 60, 10, np.ones((1, 1), np.int64)), *still)
-    assert found.motion is first
+
+
+def test_what_both_sides_see_of_a_door_tells_the_turn() -> None:
+    rng = np.random.default_rng(7)
+    assert_right(refine_by_sightings(turned_wrongly(), *both_see(rng, *walks_through(rng, 60))))
+
+
+def test_people_who_wait_on_either_side_do_not_turn_it() -> None:
+    """Ten wait on each side for minutes, seen by one group each: their boxes meet at any time."""
+    rng = np.random.default_rng(8)
+    (person, time_s, place), n = walks_through(rng, 60), 3000
+
+    def waiting(side: complex) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        who = rng.integers(0, 10, n)
+        spot = DOOR + side + 0.7 * rng.normal(size=(10, 2)) @ np.array([1, 1j])
+        return who + 100, rng.uniform(0, 600, n), spot[who]
+
+    def seen(side: complex, turn: complex, shift: complex, lag_s: float, start_s: float) -> Places:
+        others, when, where = waiting(side)
+        all_places = np.concatenate([place, where])
+        return seen_at(
+            rng, np.concatenate([person, others]), np.concatenate([time_s, when]) + lag_s, turn * all_places + shift, start_s
+        )
+
+    assert_right(
+        refine_by_sightings(turned_wrongly(), seen(-2.0, 1.0, 0.0, 0.0, 0.0), seen(2.0, TRUE.turn, TRUE.shift, TRUE.lag_s, 1.7))
+    )
+
+
+def test_the_turn_stays_open_where_nobody_tells_it() -> None:
+    rng, passage = np.random.default_rng(7), turned_wrongly()
+    person, time_s, place = walks_through(rng, 60)
+    still = both_see(rng, person, time_s, DOOR + 0 * place)
+    assert refine_by_sightings(passage, *still).motion is passage.motion
     exact = [replace(side, place=np.tile(side.place[:1], (len(side), 1))) for side in still]
-    assert refine_by_sightings(Passage(first, DOOR, 60, 10, np.ones((1, 1), np.int64)), *exact).motion is first
+    assert refine_by_sightings(passage, *exact).motion is passage.motion
+    nobody = still[1].take(np.zeros(0, np.int64))
+    assert refine_by_sightings(passage, still[0], nobody).motion is passage.motion

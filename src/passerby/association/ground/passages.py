@@ -341,7 +341,7 @@ def refine_by_sightings(found: Passage, a: Places, b: Places) -> Passage:
     number, x, y = np.unravel_index(int(more.argmax()), more.shape)
     turn, shift = complex(turns[number]), complex(*((np.array([x, y]) + 1.5) * SIGHTED_CELL_M - FARTHEST_M))
     rivals = np.abs(np.angle(turns / turn)) > np.deg2rad(APART_DEG)
-    if more[rivals].max() > RIVAL * more.max():
+    if more[rivals].max() >= RIVAL * more.max():
         return found
     i, j = _at_one_time(near_a, near_b, found.motion.lag_s)
     alike = np.abs(seen[j] - turn * here[i] - shift) < NEAR_CELLS * SIGHTED_CELL_M
