@@ -11,11 +11,13 @@ from scipy.spatial.transform import Rotation
 from passerby.core.cameras import Camera, Lens, Pose, PoseSigma, Rig
 from passerby.core.lens_figures import border_rays
 from passerby.core.observations import CameraObservations, Observations
+from passerby.findings.finding import notice
 from passerby.report.fitted import fit_people
 from passerby.report.rig_geometry import density, frustum, magnification, stage_of, wedge
 from passerby.report.rig_geometry import escape_name as told_name
 from passerby.report.rig_plots import rig_from_above, rig_in_space
 from support.report.drawings import contents, only_boxes, simulated
+from support.report.pages import changed, diagnosed
 
 HOSTILE = ('<a href="javascript:alert(1)">A</a>', "<b>B</b>&lt;i&gt;&#60;", "%{x}$\\frac{1}{2}$", "x" * 300 + "\n\x00")
 
@@ -84,6 +86,20 @@ def test_sigmas_without_directions_are_circles_and_said_to_be(made):
     assert radius == pytest.approx(0.3 / np.sqrt(3) * plan["layout"]["meta"]["magnification"], abs=2e-4)
     without = contents(made, rig=Rig(tuple(replace(one, sigma=None) for one in made.rig)), seen=only_boxes(made))
     assert not [one for one in rig_from_above(without, fit_people(without))["data"] if one["name"].startswith("1 sigma")]
+
+
+def test_groups_that_people_join_have_a_dashed_line_between_them(made):
+    joint = notice("groups_joined", "C2", "C3", people=40, sizes=[2, 2])
+    told = contents(made, seen=only_boxes(made))
+    assert not [one for one in rig_from_above(told, fit_people(told))["data"] if one["name"].startswith("joined by")]
+    joined = changed(told, **diagnosed(joint))
+    plan = rig_from_above(joined, fit_people(told))
+    line = points(trace(plan, "joined by people"))
+    assert line[:2] == pytest.approx(np.array([made.rig[name].centre[:2] for name in ("C2", "C3")]), abs=0.05)
+    # A camera without a pose has no place on the plan.
+    lost = Rig(tuple(replace(one, pose=None) if one.name == "C3" else one for one in made.rig))
+    without = replace(joined, rig=lost)
+    assert not [one for one in rig_from_above(without, fit_people(told))["data"] if one["name"].startswith("joined by")]
 
 
 def test_magnification_is_a_whole_factor():

@@ -38,6 +38,7 @@ from passerby.report.rig_geometry import (
 
 Figure = dict[str, Any]
 Trace = dict[str, Any]
+PASSED = "#8e4ec6"
 CROWD = "76,141,246"
 """Red, green, blue of where people were."""
 FEW_PLACES = 40
@@ -62,7 +63,8 @@ def rig_from_above(contents: Contents, fit: Fitted) -> Figure:
     rig, stage = contents.rig, stage_of(contents.rig, fit.ways.xy)
     ellipses = sigma_ellipses(rig, stage.extent)
     cameras = draw_cameras_from_above(rig, stage)
-    data = [*draw_crowd(fit, stage), *draw_ground_seen(rig, stage), *draw_ellipses(ellipses), *cameras]
+    ground = draw_ground_seen(rig, stage)
+    data = [*draw_crowd(fit, stage), *ground, *draw_passages(contents), *draw_ellipses(ellipses), *cameras]
     missing = unregistered(rig)
     layout: dict[str, Any] = {
         **layout_from_above(stage), "height": 620,
@@ -161,6 +163,21 @@ def draw_cameras_from_above(rig: Rig, stage: Stage) -> list[Trace]:
             "name": escape_name(camera.name), "legendgroup": f"camera {place}", "showlegend": False, "cliponaxis": False,
         })  # fmt: skip
     return out
+
+
+def draw_passages(contents: Contents) -> list[Trace]:
+    """Dashed lines between groups of cameras that are one rig only by people who pass from one to the other."""
+    at = {camera.name: camera.centre[:2] for _, camera in find_posed_cameras(contents.rig)}
+    joined = [
+        one for one in contents.document.diagnostics or () if one.code == "groups_joined" and set(one.cameras) <= at.keys()
+    ]  # fmt: skip
+    if not joined:
+        return []
+    x, y = join_stretches([np.stack([at[name] for name in one.cameras]) for one in joined], 1)
+    return [{
+        "type": "scatter", "mode": "lines", "x": x, "y": y, "hoverinfo": "skip", "name": "joined by people who pass",
+        "line": {"color": PASSED, "width": 3, "dash": "dash"},
+    }]  # fmt: skip
 
 
 def rig_in_space(contents: Contents, fit: Fitted) -> Figure:

@@ -44,6 +44,7 @@ from passerby.report.rig_plots import (
     draw_crowd,
     draw_ellipses,
     draw_ground_seen,
+    draw_passages,
     layout_from_above,
 )
 from passerby.report.seen import zone_colour
@@ -93,6 +94,7 @@ def site_map(
         *draw_crowd(fit, stage, CELLS),
         *ground,
         *_links(contents, links),
+        *draw_passages(contents),
         *draw_ellipses(ellipses),
         *cameras,
         *_mark_problems(contents, marked),
