@@ -177,13 +177,13 @@ def test_a_hall_and_a_corridor_are_one_rig_where_people_pass_the_door(tmp_path):
 
 
 @pytest.mark.slow
-def test_groups_that_a_joint_would_make_doubtful_stay_as_they_are(tmp_path):
+def test_groups_that_see_too_few_people_at_one_time_stay_as_they_are(tmp_path):
     found = hall_and_corridor(804, tmp_path)
     (hall,) = found.groups
     assert hall.accepted
     (told,) = (one for one in found.notices if one.code == "separate_group")
     assert told.values["people"] >= told.values["needed"]
-    assert "a common rig would be doubtful" in " ".join(found.findings)
+    assert "both groups see too few of them at one time" in " ".join(found.findings)
 
 
 @pytest.mark.parametrize(

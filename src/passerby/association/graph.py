@@ -93,14 +93,6 @@ def view_graph(pairs: Sequence[PairRegistration], n_cameras: int) -> ViewGraph:
     return ViewGraph(tuple(edges), groups, _offsets(edges, groups, n_cameras))
 
 
-def with_edges(graph: ViewGraph, edges: Sequence[Edge]) -> ViewGraph:
-    """The graph with edges between cameras that it leaves apart, in place of those of the same pairs."""
-    replaced = {(edge.a, edge.b) for edge in edges}
-    every = (*(edge for edge in graph.edges if (edge.a, edge.b) not in replaced), *edges)
-    groups = _groups(every, len(graph.offset_s))
-    return ViewGraph(every, groups, _offsets(every, groups, len(graph.offset_s)))
-
-
 def _belief(pair: PairRegistration, guess: Registration, support: float) -> float:
     """The weight of a guess in the spanning tree; 0 without support."""
     rest = max([other.score for other in pair.candidates if other is not guess], default=0.0)

@@ -32,7 +32,6 @@ from passerby.association.joints.joint_graph import (
 from passerby.association.joints.joint_pairs import JointRegistration
 from passerby.association.joints.joint_tracks import joint_tracks
 from passerby.association.registration_failures import fit_of, fixed_by, sees_too_little, what_would_fit
-from passerby.association.seams import Seam, add_seams
 from passerby.common.arrays import Bools, Floats, Ints
 from passerby.common.parallel import EarlierResults
 from passerby.common.progress import Progress, silent
@@ -90,7 +89,7 @@ def associate_by_ground_tracks(
     cameras: Sequence[CameraTracklets], tracklets: Tracklets, max_lag_s: float, affinity: Mapping[tuple[int, int], Floats],
     executor: Executor | None = None, tell: Progress = silent, joints: JointEvidence | None = None,
     starts: Starts | None = None, candidates: Candidates | None = None, earlier: EarlierPairs | None = None,
-    stated: Pairs | None = None, seams: Sequence[Seam] = (),
+    stated: Pairs | None = None,
 ) -> InitialAssociation:  # fmt: skip
     """Register all pairs by their ground tracks, keep what agrees, and join the tracklets by it.
 
@@ -108,7 +107,6 @@ def associate_by_ground_tracks(
         candidates: the pairs that are tried; None: all.
         earlier: registrations of other estimates of the scene: pairs of the same tracks are taken from there.
         stated: identities that the user corrects.
-        seams: where people pass between groups that nothing else registers.
 
     Raises:
         RefusalError: no two cameras can be registered.
@@ -125,7 +123,7 @@ def associate_by_ground_tracks(
     keys = [(cameras[job.a].name, cameras[job.b].name) for job in jobs]
     found = earlier.side_by_side(_registered, jobs, keys, executor, tell, "registering camera pairs", job_s=PAIR_S)
     pairs = [replace(pair, a=job.a, b=job.b) for pair, job in zip(found, jobs, strict=True)]
-    graph = _with_starts(add_seams(view_graph(pairs, len(cameras)), seams, cameras), starts)
+    graph = _with_starts(view_graph(pairs, len(cameras)), starts)
     by_joints = [] if joints is None else _registered_by_joints(cameras, graph, joints, executor, tell, candidates)
     graph = add_joint_edges(graph, by_joints)
     if len(graph.groups[0]) < 2:

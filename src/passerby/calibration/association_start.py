@@ -87,7 +87,7 @@ def start_association(
         starts = _find_starts(cameras, options.search_s, options, affinity, tell)
         initial = associate_by_ground_tracks(
             cameras, tracklets, options.search_s, affinity, executor, tell, joints, starts, candidates, run.earlier.pairs,
-            stated, run.seams,
+            stated,
         )  # fmt: skip
     except EvidenceError as error:
         return AssociationStart(found, None, tuple(findings_of(error)))

@@ -41,6 +41,7 @@ from passerby.calibration.diagnostics.verdict import find_unusual_heights, with_
 from passerby.calibration.effort import Effort, Step, is_enough, note_of_effort, sizes
 from passerby.calibration.group_figures import add_figures, check_image_sizes, check_predictions, hold_out_people
 from passerby.calibration.held_out import is_worse
+from passerby.calibration.joined_groups import find_seams, join_estimates, join_numbers, nearest_seam
 from passerby.calibration.kept_tracklets import FOLDER, KeptTracklets
 from passerby.calibration.known_identities import estimate_with_known_identities
 from passerby.calibration.lens_corrections import (
@@ -54,10 +55,7 @@ from passerby.calibration.scene_solver import solve_scene, solver_options
 from passerby.calibration.separate_groups import (
     FEWEST,
     GroupEstimate,
-    find_seams,
     join_groups,
-    join_numbers,
-    nearest_seam,
     stated_parts,
     unplaced_groups,
 )
@@ -207,25 +205,30 @@ def calibrate_inputs(
 def join_by_passages(run: CalibrationRun, inputs: SceneInputs, found: Sequence[GroupEstimate]) -> list[GroupEstimate]:
     """The groups of cameras, those between which people pass as one.
 
-    They stay as they were where not all of their cameras get a pose, or where their common rig is doubtful for another reason
-    than theirs: what they measure would be known worse.
+    Where a common rig contradicts its groups, it is tried without the passage that is seen least: what they measure would be
+    known worse.
     """
     if len(found) < 2 or run.scene.association.given or run.scene.solver.method != "people":
         return list(found)
     seams = find_seams(run, found)
+    between = {pair: seam for pair, seam in seams.items() if seam.passage.turn_known}
     out = {number: replace(one, nearest=nearest_seam(number, seams)) for number, one in enumerate(found)}
-    for members in join_numbers([pair for pair, seam in seams.items() if seam.clear], len(found)):
+    waiting = join_numbers(list(between), len(found))
+    while waiting:
+        members = waiting.pop()
         own = [found[number] for number in members]
-        cameras = [camera.name for one in own for camera in one.rig.posed()]
         tell_note(run.progress, f"people pass between groups of {', '.join(str(len(one.rig.posed())) for one in own)} cameras")
-        between = tuple(seam for pair, seam in seams.items() if seam.clear and set(pair) <= set(members))
-        names = {name for one in own for name in one.rig.names}
-        one = correct_inputs(replace(run, seams=between), part_of(inputs, names))
-        doubted = {code for group in own for code in group.doubted}
-        if one.doubted <= doubted and all(one.rig[name].pose is not None for name in cameras):
-            out[members[0]] = replace(one, seams=between)
+        inside = {pair: seam for pair, seam in between.items() if pair[0] in members}
+        place = {number: rank for rank, number in enumerate(members)}
+        one = join_estimates(run, inputs, own, {(place[a], place[b]): seam for (a, b), seam in inside.items()})
+        if one is not None:
+            out[members[0]] = one
             for number in members[1:]:
                 del out[number]
+        else:
+            weakest = min(inside, key=lambda pair: inside[pair].passage.votes)
+            del between[weakest], inside[weakest]
+            waiting += join_numbers(list(inside), len(found))
     return list(out.values())
 
 

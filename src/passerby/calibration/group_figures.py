@@ -76,7 +76,7 @@ def check_predictions(
     rig = solution.rig if held_out is None else held_out.rig
     outcomes = predict_people(rig, association.instants, unrecorded_instants(found.stated.gaps, association))
     for seam in found.seams:
-        first, second = (np.isin(np.array(rig.names), group) for group in seam.cameras)
+        first, second = (np.isin(np.array(rig.names), group) for group in (seam.first, seam.second))
         across = (first[outcomes.by] & second[outcomes.within]) | (second[outcomes.by] & first[outcomes.within])
         outcomes = outcomes.take(~across)
     boxed = any(len(seen.boxes) for seen in association.instants.cameras.values())

@@ -11,7 +11,6 @@ import numpy as np
 from passerby.association.camera_tracklets import EarlierTracklets, earlier_tracklets
 from passerby.association.initial_association import EarlierPairs, earlier_pairs
 from passerby.association.result import Association
-from passerby.association.seams import Seam
 from passerby.calibration.kept_tracklets import KeptTracklets
 from passerby.common.progress import Progress, silent
 from passerby.core.solution import Solution
@@ -44,8 +43,6 @@ class CalibrationRun:
     kept: KeptTracklets | None = None
     """Tracklets of earlier runs, and of this one for the next."""
     earlier: EarlierAssociation = field(default_factory=EarlierAssociation)
-    seams: tuple[Seam, ...] = ()
-    """Where people pass between groups of cameras that nothing else registers."""
 
     def rng(self) -> np.random.Generator:
         """Random numbers of one estimate, from their beginning: no estimate depends on another one."""

@@ -21,6 +21,7 @@ from passerby.findings.ranking import RefusalError, findings_of
 from passerby.geometry.two_view import PairHypothesis
 from passerby.scene.scene import Scene
 from passerby.solver.geopose.geopose import GeoPoseOptions, solve_geopose
+from passerby.solver.initialisation import JoinedRig
 from passerby.solver.lens_unknowns import LENS_PARTS
 from passerby.solver.people import PeopleOptions, solve_people
 
@@ -33,7 +34,7 @@ PASSING_TOLERANCE = 1e-5
 def solve_scene(
     run: CalibrationRun, rig: Rig, synchronised: Observations, rng: np.random.Generator,
     *, guesses: Sequence[PairHypothesis] = (), known: Sequence[PersonHeight] = (), passing: bool = False,
-    refine_time: bool = False, lenses: Rig | None = None,
+    refine_time: bool = False, lenses: Rig | None = None, begin: JoinedRig | None = None,
 ) -> Solution:  # fmt: skip
     """Solve a rig by the method of the scene; insufficient evidence gives the verdict `refused`, without poses.
 
@@ -47,10 +48,11 @@ def solve_scene(
         passing: another solve follows, so that a part of the evidence is enough.
         refine_time: whether the errors of the clocks are unknowns.
         lenses: names and lenses to begin with, where they are known better than as stated.
+        begin: a rig that is put together from groups; else all poses are sought.
     """
     scene, options = run.scene, _options_of_solve(run.options, rig, passing=passing, refine_time=refine_time)
-    begin = lenses or rig
-    cues = turn_cues(scene.scale_cues(), begin, scene.turns)
+    rig = lenses or rig
+    cues = turn_cues(scene.scale_cues(), rig, scene.turns)
     lengths = (*cues.lengths, *lengths_of_wands(cues.wands, synchronised))
     cues = replace(cues, people=combine_heights((*cues.people, *known)), lengths=lengths)
     shared = count_shared_observations(synchronised)
@@ -58,10 +60,10 @@ def solve_scene(
         if len(find_connected_groups(shared)[0]) == 1:
             raise RefusalError(missing_overlap(shared, given=scene.association.given))
         if isinstance(options, GeoPoseOptions):
-            return solve_geopose(begin, synchronised, cues, options, rng=rng)
-        return solve_people(begin, synchronised, cues, options, rng=rng, guesses=guesses, executor=run.executor)
+            return solve_geopose(rig, synchronised, cues, options, rng=rng)
+        return solve_people(rig, synchronised, cues, options, rng=rng, guesses=guesses, executor=run.executor, begin=begin)
     except EvidenceError as error:
-        return Solution(scene.solver.method, begin, "refused", findings_of(error))
+        return Solution(scene.solver.method, rig, "refused", findings_of(error))
 
 
 def _options_of_solve(options: SolverOptions, rig: Rig, *, passing: bool, refine_time: bool) -> SolverOptions:

@@ -37,6 +37,8 @@ class Priors:
     high: float = 0.06
     """The highest point's distance from standing height, the same: gait, a bent neck, shoes."""
     slack: float = 0.05
+    group_slack: float = 0.01
+    """Of the mean slack of cameras that were a rig by themselves: one detector differs little from one group to another."""
     foot_shift: float = 0.08
     """How much nearer to the camera the lowest visible point is than the body's axis, as a share of the person's height."""
     foot_shift_sd: float = 0.04

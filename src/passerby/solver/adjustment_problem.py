@@ -25,6 +25,8 @@ from passerby.solver.person_model import JOINT, PeopleProblem
 
 # A sighting agrees within so many sigmas of its centre: the Cauchy loss deals with what is nearer.
 AGREE_SIGMAS = 6.0
+GROUPS_COUNT_MORE = 10.0
+"""Residuals follow one another, and count as if they did not: so does what is known of groups (as `JOINED_FOOT_SHIFT_SD`)."""
 # A box cannot know its height better than this many times its centre: the difference of two edges against their mean. What a
 # detector does to people's heights is not white either (over PETS2009 and simulated scenes 2 to 3 measured best).
 MIN_HEIGHT_RATIO = 2.5
@@ -128,6 +130,8 @@ class PriorKnowledge:
     """(C, L) how the tails of the scales' distributions fall (`PeopleProblem`)."""
     lens_model: LensModel | None = None
     """The lenses whose unknowns these are (`PeopleProblem`)."""
+    groups: tuple[tuple[int, ...], ...] = ()
+    """Cameras that were rigs by themselves before (`PeopleProblem`)."""
     height_spread: Floats | None = None
     """(P,) how much people differ if only their population is known, as a share; NaN for all others."""
     unusual: NDArray[np.bool_] | None = None
@@ -220,7 +224,7 @@ def build_problem(
         np.ones(len(used)) if stance is None else stance[used], noise, knowledge.priors, cues,
         None if whole is None else whole[rows], expected, knowledge.lens_core,
         knowledge.lens_weight, knowledge.lens_normal, knowledge.lens_groups, lens_far=knowledge.lens_far,
-        lens_model=knowledge.lens_model,
+        lens_model=knowledge.lens_model, groups=knowledge.groups, group_weight=GROUPS_COUNT_MORE,
     )  # fmt: skip
     people = np.column_stack([consensus.points[used, :2], np.zeros(len(used)), rig.heights[person]])
     state = AdjustmentState(

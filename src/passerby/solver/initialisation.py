@@ -127,9 +127,11 @@ class Initialisation:
     @classmethod
     def prepare(
         cls, stated: Rig, observations: Observations, cues: ScaleCues, options: PeopleOptions, rng: np.random.Generator,
-        guesses: Sequence[PairHypothesis] = (),
+        guesses: Sequence[PairHypothesis] = (), begin: JoinedRig | None = None,
     ) -> Initialisation:  # fmt: skip
-        """Gather the evidence, level each camera, and guess at all pairs; `guesses` are more of the same."""
+        """Gather the evidence, level each camera, and guess at all pairs; `guesses` are more of the same, and all there is for
+        a rig that is known.
+        """
         unknowns = LensUnknowns(options.refine_lens)
         searched = "distortion" in unknowns.parts and needs_focal_search(stated)
         lens = np.zeros((len(stated), unknowns.size))
@@ -146,7 +148,7 @@ class Initialisation:
             stated = rig
         levels = [level_of(evidence, c, person_height_m, rng) for c in range(len(rig))]
         focal = np.array([camera.lens.focal for camera in rig])
-        hypotheses = pair_hypotheses(evidence, levels, focal, person_height_m, rng)
+        hypotheses = [] if begin is not None else pair_hypotheses(evidence, levels, focal, person_height_m, rng)
         hypotheses += verify_guesses(guesses, evidence, focal, person_height_m)
         lens_core = unknowns.first_core(stated) if unknowns.parts else None
         never_calibrated = "distortion" in unknowns.parts
@@ -155,6 +157,7 @@ class Initialisation:
             mean, sd, usual_priors(evidence), cue_rows(cues, rig), lens_core, lens_normal=never_calibrated, lens_groups=groups,
             height_spread=population_spread(cues, evidence.identities),
             lens_model=LensModel(unknowns, stated) if unknowns.parts else None,
+            groups=() if begin is None else begin.places_among(stated),
         )  # fmt: skip
         return cls(rig, evidence, levels, hypotheses, knowledge, stated, unknowns, lens).with_lenses(lens)
 
@@ -207,6 +210,21 @@ class Initialisation:
         )  # fmt: skip
         knowledge = replace(self.knowledge, cues=cues)
         return replace(self, rig=unknowns.rig(stated, lens), evidence=evidence, knowledge=knowledge, lens=lens)
+
+
+@dataclass(frozen=True, eq=False)
+class JoinedRig:
+    """A rig that is put together from groups of cameras that were rigs by themselves."""
+
+    rig: Rig
+    """Cameras that stand about right."""
+    groups: tuple[tuple[str, ...], ...]
+    """Their names, group by group."""
+
+    def places_among(self, rig: Rig) -> tuple[tuple[int, ...], ...]:
+        """Where the cameras of each group are in a rig; those that are not in it are left out."""
+        found = (tuple(c for c, name in enumerate(rig.names) if name in group) for group in self.groups)
+        return tuple(group for group in found if group)
 
 
 @dataclass(frozen=True, eq=False)
@@ -304,6 +322,17 @@ def select_initial_rig(start: Initialisation, options: PeopleOptions, rng: np.ra
     ]
     doubts = [doubt("arrangement_ambiguous")] if rivals else []
     return InitialRig(state, best.tree, best.agreeing, tuple(tried for tried, _ in found), doubts)
+
+
+def start_at(start: Initialisation, begin: JoinedRig, options: PeopleOptions, rng: np.random.Generator) -> InitialRig:
+    """The rig that is known, with the scale of the people; no other arrangement is sought."""
+    placed = [pose for name in start.rig.names if (pose := begin.rig[name].pose) is not None]
+    R, centre = np.array([pose.R_cw for pose in placed]), np.array([pose.centre for pose in placed])
+    state = rescaled(start, R, centre)
+    blocks = draw_blocks(start.evidence, people_for_all(start.evidence, options.coarse_people, _COARSE_OF_CAMERA), rng)
+    joints = np.sort(rng.permutation(start.evidence.n_joints)[: options.coarse_joints])
+    model = build_problem(start.evidence, state, Noise(), start.knowledge, share=0.1, blocks=blocks, joints=joints)
+    return InitialRig(state, "groups", len(model.rows) + len(model.joint_rows), (), [])
 
 
 def rescaled(start: Initialisation, R: Floats, centre: Floats) -> RigState:

@@ -9,11 +9,13 @@ complete cameras, with all correlations, is propagated to the places where peopl
 - *across*: how far beside the points a camera's rays to them pass.
 
 To first order the estimated camera with parameters off by `d` shows a point X at `J_X (X' - X) + J d = 0`. As in
-`core.measuring`, one similarity of the whole rig is taken off, the least-squares one of the points.
+`core.measuring`, one similarity of the whole rig is taken off, the least-squares one of the points; of a rig that is put
+together from groups, one of each group.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -64,9 +66,11 @@ class _Views:
 
 
 def measuring_uncertainty(
-    rig: Rig, complete: Floats, people: Floats, person_height_m: float, free: Free
+    rig: Rig, complete: Floats, people: Floats, person_height_m: float, free: Free, groups: Sequence[Sequence[int]] = ()
 ) -> MeasuringFigures | None:
     """The uncertainty of what a rig measures where people walked.
+
+    Cameras that were rigs by themselves measure by themselves: how well their relative pose is known is in the poses' sigmas.
 
     Args:
         rig: C cameras with poses; world of the adjustment, z up, the ground at z = 0, metres.
@@ -74,6 +78,7 @@ def measuring_uncertainty(
         people: (N, 2) places of people on the ground, metres.
         person_height_m: of theirs, typical.
         free: what no evidence constrains.
+        groups: places in the rig of cameras that were rigs by themselves; none: all are one.
 
     Returns:
         The figures; None where cameras are free to go anywhere, or fewer than two see the places.
@@ -81,21 +86,48 @@ def measuring_uncertainty(
     if free.cameras or not len(people):
         return None
     rows = np.linspace(0, len(people) - 1, min(len(people), MOST_PLACES)).round().astype(np.int64)
-    places = people[rows]
+    places, root = people[rows], _root(complete, len(rig))
+    sees_ground = not (free.vertical or free.ground)
+    found = [
+        one for group in groups or [range(len(rig))]
+        if (one := _measured([rig.cameras[c] for c in group], root[list(group)], places, sees_ground=sees_ground)) is not None
+    ]  # fmt: skip
+    if not found:
+        return None
+    grounds = [ground for one in found for ground in one.grounds]
+    return MeasuringFigures(
+        places=len(places), points=MeasuringSigma.of(np.concatenate([one.points for one in found])),
+        ground=MeasuringSigma.of(np.concatenate(grounds)) if grounds else None,
+        ground_height_mm=1000 * LOWER_EDGE * person_height_m if sees_ground else None,
+        cameras={name: measuring for one in found for name, measuring in one.cameras.items()},
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class _Measured:
+    """One sigma of what cameras measure together, metres."""
+
+    points: Floats
+    """(N,) of points that two of them see."""
+    grounds: list[Floats]
+    """(M,) of the places that each sees."""
+    cameras: dict[str, CameraMeasuring]
+
+
+def _measured(group: Sequence[Camera], root: Floats, places: Floats, *, sees_ground: bool) -> _Measured | None:
+    """What cameras measure at places (P, 2); None where fewer than two see them."""
     points = points_above(places)
-    views = [_Views.of(camera, points) for camera in rig]
+    views = [_Views.of(camera, points) for camera in group]
     known = (np.sum([view.seen for view in views], axis=0) > 1) & _determined(views)
     if np.count_nonzero(known) < len(HEIGHTS_M):
         return None
-    root = _root(complete, len(rig))
     moved = _triangulated(views, known, root)
     basis = _similarities(points)
     fit = np.linalg.lstsq(basis[known].reshape(-1, 7), moved[known].reshape(-1, root.shape[2]), rcond=None)[0]
     of_points = np.zeros(len(points))
     of_points[known] = _sigmas(moved[known] - basis[known] @ fit)
-    sees_ground = not (free.vertical or free.ground)
     cameras, grounds = {}, []
-    for camera, view, own in zip(rig, views, root, strict=True):
+    for camera, view, own in zip(group, views, root, strict=True):
         both, on = view.seen & known, np.flatnonzero(view.seen[: len(places)])
         if not both.any():
             continue
@@ -108,11 +140,7 @@ def measuring_uncertainty(
         cameras[camera.name] = CameraMeasuring(
             points=MeasuringSigma.of(of_points[both]), across=across, ground=ground, reach=reach
         )  # fmt: skip
-    return MeasuringFigures(
-        places=len(places), points=MeasuringSigma.of(of_points[known]),
-        ground=MeasuringSigma.of(np.concatenate(grounds)) if grounds else None,
-        ground_height_mm=1000 * LOWER_EDGE * person_height_m if sees_ground else None, cameras=cameras,
-    )  # fmt: skip
+    return _Measured(of_points[known], grounds, cameras)
 
 
 def _root(complete: Floats, n_cameras: int) -> Floats:

@@ -33,7 +33,15 @@ from passerby.solver.cue_agreement import check_cue_consistency, known_cues, wei
 from passerby.solver.cue_leverage import freed_measurements
 from passerby.solver.cues import scale_cue_weights, settle_cues, triangulate_marks
 from passerby.solver.findings import figures_of, find_separate_groups, height_noise, notices_about
-from passerby.solver.initialisation import Initialisation, InitialRig, PeopleOptions, check_units, select_initial_rig
+from passerby.solver.initialisation import (
+    Initialisation,
+    InitialRig,
+    JoinedRig,
+    PeopleOptions,
+    check_units,
+    select_initial_rig,
+    start_at,
+)
 from passerby.solver.measuring_uncertainty import measuring_uncertainty
 from passerby.solver.pairs import MIN_MATCHES
 from passerby.solver.people_cues import people_cues
@@ -70,7 +78,7 @@ class PeopleSolution(Solution):
 
 def solve_people(
     rig: Rig, observations: Observations, cues: ScaleCues, options: PeopleOptions | None = None, *, rng: np.random.Generator,
-    guesses: Sequence[PairHypothesis] = (), executor: Executor | None = None,
+    guesses: Sequence[PairHypothesis] = (), executor: Executor | None = None, begin: JoinedRig | None = None,
 ) -> Solution:  # fmt: skip
     """Calibrate a rig with the person model.
 
@@ -82,6 +90,7 @@ def solve_people(
         rng: drives RANSAC and the choice among too many observations.
         guesses: relative poses of pairs of cameras, found before; they count by the observations that agree.
         executor: solves zones of a large rig side by side; one after the other where it is None.
+        begin: a rig that is put together from groups; then `guesses` are between all of its cameras, and none are sought.
 
     Returns:
         The rig in a world with z up, the ground at z = 0, the first registered camera above the origin and looking along +y.
@@ -96,7 +105,7 @@ def solve_people(
         options = replace(options, refine_lens=())
 
     # 1. Evidence, the vertical of each camera, and hypotheses of pairs; the largest group of cameras that they connect.
-    start = Initialisation.prepare(rig, observations, cues, options, rng, guesses)
+    start = Initialisation.prepare(rig, observations, cues, options, rng, guesses, begin)
     groups = connected_components(len(rig), start.hypotheses, MIN_MATCHES)
     if len(groups[0]) < 2:
         raise RefusalError(refusal("no_pair_fits", least=MIN_MATCHES))
@@ -104,20 +113,20 @@ def solve_people(
     if len(groups[0]) < len(rig):
         inside = Rig(tuple(rig.cameras[c] for c in groups[0]))
         among = [h for guess in guesses if (h := guess.among(groups[0])) is not None]
-        start = Initialisation.prepare(inside, observations, cues, options, rng, among)
+        start = Initialisation.prepare(inside, observations, cues, options, rng, among, begin)
     check_units(start)
 
     # 2. The initial rig, refined to the optimum; again where the lenses turn out to be quite different.
-    choice, zoned = _initial_rig(start, options, rng, executor)
+    choice, zoned = _initial_rig(start, options, rng, executor, begin)
     fit = refine_rig(start, choice.state, options, rng)
     for _ in range(_RESTARTS):
         if start.near(fit.start):
             break
         # An initial rig with quite wrong lenses may be another arrangement, or have left people out.
         better = begin_with(start.stated, _observed(fit))
-        start = Initialisation.prepare(better, observations, cues, options, rng, among)
+        start = Initialisation.prepare(better, observations, cues, options, rng, among, begin)
         try:
-            choice, zoned = _initial_rig(start, options, rng, executor)
+            choice, zoned = _initial_rig(start, options, rng, executor, begin)
         except EvidenceError:
             findings.append(doubt("reinitialisation_failed"))
             break
@@ -161,9 +170,15 @@ def solve_people(
 
 
 def _initial_rig(
-    start: Initialisation, options: PeopleOptions, rng: np.random.Generator, executor: Executor | None
+    start: Initialisation,
+    options: PeopleOptions,
+    rng: np.random.Generator,
+    executor: Executor | None,
+    begin: JoinedRig | None,
 ) -> tuple[InitialRig, ZonedRig | None]:
     """The rough rig, and the zones that it was put together from where there are many cameras."""
+    if begin is not None:
+        return start_at(start, begin, options, rng), None
     zoned = initial_rig_by_zones(start, options, rng, executor) if len(start.rig) > ZONE_CAMERAS else None
     return (select_initial_rig(start, options, rng), None) if zoned is None else (zoned.rig, zoned)
 
@@ -174,7 +189,7 @@ def _estimate_uncertainty(
     """The covariance of the cameras, what the scale depends on, and what became of the lenses."""
     state, knowledge = fit.result.state, start.knowledge
     seen = np.unique(fit.model.problem.person)
-    terms = replace(fit.model.problem, lens_weight=np.ones(())).terms(state, jacobians=True)
+    terms = replace(fit.model.problem, lens_weight=np.ones(()), group_weight=1.0).terms(state, jacobians=True)
     inflation = design_effect(fit.model, start.evidence, terms)
     expected = knowledge.height_mean[seen], knowledge.height_weight_sd[seen]
     rows = settle_cues(knowledge.cues, state.R, state.centre, state.heights[seen], *expected)
@@ -205,7 +220,9 @@ def _measuring(start: Initialisation, fit: Fit, covariance: RigCovariance) -> Me
     state = fit.result.state
     places = state.people[:, :2] if len(state.people) else state.joints[:, :2]
     height_m = float(np.median(state.heights)) if len(state.heights) else 0.0
-    return measuring_uncertainty(_posed(start.rig, state), covariance.complete, places, height_m, covariance.free)
+    return measuring_uncertainty(
+        _posed(start.rig, state), covariance.complete, places, height_m, covariance.free, start.knowledge.groups
+    )
 
 
 def _observed(fit: Fit) -> Rig:

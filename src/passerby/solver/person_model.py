@@ -92,6 +92,10 @@ class PeopleProblem:
     """(C, L) the tails of the Cauchy distributions fall like those of normal ones of these standard deviations."""
     lens_model: LensModel | None = None
     """The lenses whose unknowns these are; None where they are not refined."""
+    groups: tuple[tuple[int, ...], ...] = ()
+    """Cameras that were rigs by themselves before: the scale of each is that of its own people, and its mean slack near 0."""
+    group_weight: float = 1.0
+    """How many times more that counts."""
 
     @property
     def timed(self) -> bool:
@@ -295,12 +299,23 @@ class PeopleProblem:
         people = np.arange(len(self.height_mean))
         return [
             slack,
+            *self._group_priors(state),
             *time,
             *self._lens_priors(state),
             Term(np.array([[shift]]), by_shared=by_shift),
             Term(((state.heights - self.height_mean) / self.height_sd)[:, None], group=people,
                  by_group=(1 / self.height_sd)[:, None]),
         ]  # fmt: skip
+
+    def _group_priors(self, state: AdjustmentState) -> list[Term]:
+        """The mean slack of cameras that were a rig by themselves is about 0."""
+        out = []
+        for cameras in self.groups:
+            J = np.zeros((1, 1, self.layout.n_shared))
+            sd = self.priors.group_slack / np.sqrt(self.group_weight)
+            J[0, 0, np.array(cameras) * self.camera_size + SLACK] = 1 / (len(cameras) * sd)
+            out.append(Term(np.array([[state.slack[list(cameras)].mean() / sd]]), by_shared=J))
+        return out
 
     def _lens_priors(self, state: AdjustmentState) -> list[Term]:
         """Each lens is about what it is stated to be, or quite another one."""

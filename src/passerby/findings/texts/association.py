@@ -104,7 +104,8 @@ def _separate(v: Fields) -> str:
         return found
     first, second = v["nearest"]
     if v["people"] >= v["needed"]:
-        return f"{found}; people pass to another group between {first} and {second}, but a common rig would be doubtful"
+        but = "both groups see too few of them at one time" if v["open"] else "a common rig contradicts the groups"
+        return f"{found}; people pass to another group between {first} and {second}, but {but}"
     return (
         f"{found}; people who may pass to another group do so between {first} and {second}: {v['people']} of the "
         f"{v['needed']} that would join the groups"
