@@ -9,12 +9,13 @@ from passerby.association.ground.pair_matching import GroundMotion
 from passerby.association.ground.passages import (
     Passage,
     TrackEnds,
+    compare_people,
     find_track_ends,
     refine_by_sightings,
     register_by_passages,
 )
 from passerby.core.observations import CameraObservations, Observations
-from passerby.people.ground_positions import Places
+from passerby.people.ground_positions import COLUMNS, Places
 from passerby.simulation import SimulationOptions, simulate
 
 TRUE = GroundMotion(np.exp(1j * np.deg2rad(70.0)), 12.0 - 5.0j, 1.7)
@@ -189,3 +190,46 @@ def test_the_turn_stays_open_where_nobody_tells_it() -> None:
     assert refine_by_sightings(passage, *exact).motion is passage.motion
     nobody = still[1].take(np.zeros(0, np.int64))
     assert refine_by_sightings(passage, still[0], nobody).motion is passage.motion
+
+
+def of_camera(places: Places, camera: int, identity: np.ndarray) -> Places:
+    """Boxes, in the order in which they were made, as those of one of two cameras, with identities."""
+    order = np.argsort(places.step, kind="stable")
+    return replace(places, camera=np.full(len(order), camera), identity=identity, centre=np.zeros((2, 3)))
+
+
+def both(first: Places, second: Places) -> Places:
+    """All boxes of two cameras, in the order of time."""
+    rows = {name: np.concatenate([getattr(first, name), getattr(second, name)]) for name in COLUMNS}
+    found = replace(first, **rows)
+    return found.take(np.argsort(found.step, kind="stable"))
+
+
+def test_people_are_one_who_are_at_one_place_whenever_both_groups_see_them() -> None:
+    rng, known = np.random.default_rng(9), turned_wrongly()
+    passage = replace(known, motion=TRUE)
+    person, time_s, place = walks_through(rng, 12)
+    a, b = both_see(rng, person, time_s, place)
+    first = of_camera(a, 0, person)
+    # Whom the second group knows as 105 is seen far away from 5 at other times: two people whom it takes for one.
+    elsewhere = np.full(60, 5), np.linspace(300.0, 310.0, 60), np.full(60, DOOR + 8.0)
+    far, near = both_see(rng, *elsewhere)
+    wrong = replace(near, place=near.place + 20.0)
+    first = both(first, of_camera(far, 0, elsewhere[0]))
+    second = both(of_camera(b, 0, person + 100), of_camera(wrong, 0, elsewhere[0] + 100))
+    # The other camera of the second group shows a stranger beside one of them for a second.
+    stranger = both_see(rng, np.full(5, 7), time_s[person == 7][:5], place[person == 7][:5] + 0.2)[1]
+    alike = compare_people(passage, first, both(second, of_camera(stranger, 1, np.full(5, 200))))
+    assert sorted(alike.pairs.tolist()) == sorted([[k, k + 100] for k in range(12) if k != 5] + [[7, 200]])
+    assert alike.pairs.tolist().index([7, 107]) < alike.pairs.tolist().index([7, 200])
+    assert alike.cameras.tolist() == [[0, 0]]
+
+
+def test_nobody_is_anybody_where_the_groups_see_nobody_at_one_time() -> None:
+    rng = np.random.default_rng(10)
+    person, time_s, place = walks_through(rng, 12)
+    a, b = both_see(rng, person, time_s, place)
+    later = replace(b, step=b.step + 10_000)
+    alike = compare_people(replace(turned_wrongly(), motion=TRUE), of_camera(a, 0, person), of_camera(later, 0, person + 100))
+    assert alike.pairs.shape == (0, 2)
+    assert not len(alike.cameras)

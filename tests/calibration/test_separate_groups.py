@@ -8,22 +8,33 @@ import numpy as np
 import pytest
 
 import passerby
+import passerby.calibration.calibrate as calibrate_module
+from passerby.association.ground.pair_matching import GroundMotion
+from passerby.association.ground.passages import Passage
+from passerby.association.result import Association
+from passerby.association.seams import Seam
 from passerby.calibration.alignment.folder import write_aligned
 from passerby.calibration.alignment.world import align_to_camera
 from passerby.calibration.calibrate import calibrate
 from passerby.calibration.calibration import Calibration
-from passerby.calibration.separate_groups import stated_parts
+from passerby.calibration.joined_groups import join_numbers
+from passerby.calibration.lens_corrections import LensExamination
+from passerby.calibration.run import CalibrationRun, Corrections, Estimate
+from passerby.calibration.separate_groups import GroupEstimate, stated_parts
 from passerby.calibration.writing import write_calibration
 from passerby.cli.tables import show_calibration, tell_reasons
-from passerby.core.cameras import Rig
+from passerby.core.cameras import Camera, Lens, Pose, Rig
 from passerby.core.observations import Boxes
+from passerby.core.solution import Solution
 from passerby.evaluation.metrics import compare
 from passerby.interchange.output_folder import read_output
 from passerby.interchange.rig_toml import read_rig
 from passerby.report.contents import contents_from
 from passerby.scene.inputs import SceneInputs, part_of
+from passerby.scene.scene import Scene
 from passerby.simulation import SimulatedScene, SimulationOptions, simulate
 from passerby.simulation.sites.site import SiteOptions, simulate_site, write_site
+from passerby.solver.people import PeopleOptions
 
 ANOTHER_FLOOR = 1000
 """Added to the identities of the people of the second room."""
@@ -206,3 +217,46 @@ def test_a_part_has_its_own_cameras_and_names_the_others(rooms):
     part = part_of(inputs, ["U1", "U2"])
     assert part.rig.names == tuple(part.observations.cameras) == ("U1", "U2")
     assert [camera.name for camera in part.elsewhere] == ["C1", "C2", "C3"]
+
+
+@pytest.mark.parametrize(
+    ("pairs", "groups"),
+    [([], []), ([(0, 2)], [[0, 2]]), ([(3, 1), (0, 4), (1, 2)], [[0, 4], [1, 2, 3]])],
+)
+def test_numbers_that_chains_of_pairs_join(pairs, groups):
+    assert join_numbers(pairs, 5) == groups
+
+
+def group_of(names: tuple[str, ...]) -> GroupEstimate:
+    """An estimate of which nothing but the cameras matters."""
+    lens = Lens((640, 480), np.array([[500.0, 0, 320], [0, 500, 240], [0, 0, 1]]), np.zeros(0))
+    rig = Rig(tuple(Camera(name, lens, Pose(np.eye(3), np.zeros(3))) for name in names))
+    seen = passerby.Observations({})
+    inputs = SceneInputs(rig, seen, findings=())
+    estimate = Estimate(Solution("people", rig, "accepted"), Association(seen, seen, {}))
+    return GroupEstimate(inputs, inputs, estimate, Corrections(), LensExamination(), (), 0.0)
+
+
+def test_a_joint_that_contradicts_its_groups_is_tried_without_the_passage_that_is_seen_least(monkeypatch):
+    groups = [group_of(names) for names in (("a", "b"), ("c", "d"), ("e", "f"))]
+
+    def seam(first: int, second: int, votes: int, known: bool = True) -> Seam:
+        passage = Passage(GroundMotion(1.0, 0.0, 0.0), 0.0, votes, 5, np.ones((2, 2), np.int64), known)
+        return Seam(groups[first].rig.names, groups[second].rig.names, passage)
+
+    seams = {(0, 1): seam(0, 1, 20), (1, 2): seam(1, 2, 50), (0, 2): seam(0, 2, 90, known=False)}
+    tried = []
+
+    def joined(run, inputs, own, between):
+        tried.append((len(own), sorted(between)))
+        return group_of(tuple(name for one in own for name in one.rig.names)) if len(own) == 2 else None
+
+    monkeypatch.setattr(calibrate_module, "find_seams", lambda run, found: seams)
+    monkeypatch.setattr(calibrate_module, "join_estimates", joined)
+    scene = Scene.model_validate(
+        {"scene": {"name": "s"}, "cameras": {name: {"tracks": "t.txt", "intrinsics": "rig.toml"} for name in "abcdef"}}
+    )
+    found = calibrate_module.join_by_passages(CalibrationRun(scene, PeopleOptions()), groups[0].stated, groups)
+    assert tried == [(3, [(0, 1), (1, 2)]), (2, [(0, 1)])]
+    assert [one.rig.names for one in found] == [("a", "b"), ("c", "d", "e", "f")]
+    assert found[0].nearest is seams[0, 2]  # with most of the people who are needed

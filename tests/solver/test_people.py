@@ -14,6 +14,7 @@ from passerby.core.solution import Solution
 from passerby.evaluation.metrics import Comparison, compare
 from passerby.geometry.two_view import PairHypothesis
 from passerby.solver.geopose.geopose import GeoPoseOptions, solve_geopose
+from passerby.solver.initialisation import JoinedRig
 from passerby.solver.people import PeopleOptions, solve_people
 from support.scenes.people_and_rigs import part, simulated, solve, without_poses
 from support.tiers import thinned
@@ -303,3 +304,50 @@ def test_a_limit_on_sightings_is_kept_and_costs_little() -> None:
     solution = solve(rig, seen, options=PeopleOptions(max_sightings=1500))
     assert solution.figures.rounds[-1].sightings <= 1500
     assert errors(solution, rig)[0] < WORST["construction"][0]  # measured 17.4, with all of them 15.3
+
+
+def guesses_of(rig: Rig) -> list[PairHypothesis]:
+    """The relative poses of all pairs of cameras."""
+    poses = [camera.pose for camera in rig]
+    return [
+        PairHypothesis(a, b, R, second.t_cw - R @ first.t_cw, "tracks", 0, 0)
+        for a, first in enumerate(poses) for b, second in enumerate(poses) if a < b for R in [second.R_cw @ first.R_cw.T]
+    ]  # fmt: skip
+
+
+def test_a_rig_of_groups_begins_where_they_are() -> None:
+    truth, seen = boxes_only("terrace")
+    begin = JoinedRig(truth, (truth.names[:2], truth.names[2:]))
+    found = solve_people(
+        without_poses(truth), seen, ScaleCues(), rng=np.random.default_rng(0), guesses=guesses_of(truth), begin=begin
+    )
+    assert found.verdict == "accepted"
+    assert found.figures.tree == "groups"
+    errors = compare(found.rig, truth).similarity
+    assert errors.mean_position_mm < WORST["terrace"][0]
+    assert errors.mean_orientation_deg < WORST["terrace"][1]
+
+
+def test_each_group_keeps_the_scale_of_its_own_people() -> None:
+    """Boxes of the second group are 4 % taller, and it has few people in common with the first: the slack of its cameras would
+    make them fit for next to nothing.
+    """
+    truth, seen = boxes_only("terrace")
+    groups = (truth.names[:2], truth.names[2:])
+    cameras = dict(seen.cameras)
+    for name in groups[1]:
+        boxes = seen[name].boxes
+        identity = boxes.identity + np.where(boxes.frame > 5, 100, 0)
+        ltwh = boxes.ltwh + boxes.ltwh[:, 3:] * [0, -0.02, 0, 0.04]
+        cameras[name] = replace(seen[name], boxes=replace(boxes, identity=identity, ltwh=ltwh))
+    taller = replace(seen, cameras=cameras)
+
+    def slack_of_second(**begin: JoinedRig) -> float:
+        found = solve_people(
+            without_poses(truth), taller, ScaleCues(), rng=np.random.default_rng(0), guesses=guesses_of(truth), **begin
+        )
+        return float(np.mean([one.slack for one in found.figures.cameras[2:]]))
+
+    free = slack_of_second()
+    assert free > 0.01
+    assert abs(slack_of_second(begin=JoinedRig(truth, groups))) < 0.5 * free
