@@ -156,8 +156,8 @@ def _is_bent(one: GroupEstimate, together: Rig) -> bool:
     names, sigma = one.rig.posed().names, adjusted(one.estimate.solution.figures).scale.relative_sigma
     if any(together[name].pose is None for name in names):
         return True
-    ratio = np.log(pdist([together[name].centre for name in names]) / pdist([one.rig[name].centre for name in names]))
-    return sigma is not None and bool(abs(np.median(ratio)) > LARGER_SIGMAS * sigma)
+    after, before = (float(pdist([rig[name].centre for name in names]).sum()) for rig in (together, one.rig))
+    return sigma is not None and abs(float(np.log(after / before))) > LARGER_SIGMAS * sigma
 
 
 def _estimate(
@@ -189,17 +189,9 @@ def _estimate(
         run.progress("solving")
         instants = _instants(rig, observations, clocks, pairs)
         solution = solve_scene(
-            run,
-            rig,
-            instants,
-            rng,
-            guesses=_guesses(first),
-            known=known,
-            passing=passing,
-            refine_time=refine_time,
-            lenses=lenses,
+            run, rig, instants, rng, guesses=_guesses(first), known=known, passing=passing, refine_time=refine_time, lenses=lenses,
             begin=joined,
-        )
+        )  # fmt: skip
         if solution.verdict == "refused":
             return None
         if refine_time:
