@@ -189,8 +189,8 @@ def _estimate(
         run.progress("solving")
         instants = _instants(rig, observations, clocks, pairs)
         solution = solve_scene(
-            run, rig, instants, rng, guesses=_guesses(first), known=known, passing=passing, refine_time=refine_time, lenses=lenses,
-            begin=joined,
+            run, rig, instants, rng, guesses=_guesses(first), known=known, passing=passing, refine_time=refine_time,
+            lenses=lenses, begin=joined,
         )  # fmt: skip
         if solution.verdict == "refused":
             return None
