@@ -5,13 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from passerby.association.ground.common_sightings import compare_people, refine_by_sightings
 from passerby.association.ground.pair_matching import GroundMotion
 from passerby.association.ground.passages import (
     Passage,
     TrackEnds,
-    compare_people,
     find_track_ends,
-    refine_by_sightings,
     register_by_passages,
 )
 from passerby.core.observations import CameraObservations, Observations

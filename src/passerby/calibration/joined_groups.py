@@ -20,11 +20,10 @@ from threadpoolctl import threadpool_limits
 
 from passerby.association.clocks.offsets import clock_corrections
 from passerby.association.clocks.starts import FULL_SEARCH_S
+from passerby.association.ground.common_sightings import compare_people, refine_by_sightings
 from passerby.association.ground.pair_matching import GroundMotion
 from passerby.association.ground.passages import (
-    compare_people,
     find_track_ends,
-    refine_by_sightings,
     register_by_passages,
 )
 from passerby.association.result import Association

@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from passerby.association.ground.pair_matching import GroundMotion
@@ -23,7 +22,6 @@ from passerby.core.observations import Observations
 from passerby.core.synchronisation import clocks_of
 from passerby.geometry.groups import expanded_ranges, least_of_groups
 from passerby.people.body_centres import PeopleRays, identified_body_centres
-from passerby.people.ground_positions import Places
 
 Complexes = NDArray[np.complex128]
 
@@ -45,22 +43,6 @@ DAMPING = (1.0, 1e-6, 1e-6, 1.0)
 """Added to the information on the steps of turn, shift and lag: people who all stand on one spot, or never walk, tell less."""
 STARTS, STEPS = 18, 12
 """Turns from which the motion about the place found is fitted, and steps of each fit."""
-NEAR_M = 5.0
-"""About the place where people pass, within which boxes of both groups are compared."""
-SIGHTED_TURNS, SIGHTED_CELL_M, FARTHEST_M, NEAR_CELLS = 72, 0.25, 2.0, 3
-"""Turns that are compared, the size of the cells in which their shifts are counted, how far these are from the one found by
-ends of tracks at most, and the cells within which pairs of boxes are fitted."""
-CERTAIN, APART_DEG, RIVAL = 5.0, 20.0, 0.8
-"""The turn is open where its votes are beyond those of other lags by less than so many times their scatter, or where a turn
-that differs by more has more than this share of them. Simulated airports (seeds 801, 804, 806, 811): at five doors with 10 to
-25 m2 of common ground 8 to 34 times, and the turn is then within 2 degrees (by the ends of tracks alone: 2 to 20); at three
-with 3 to 7 m2, where the two groups see few people at one time, twice."""
-SAME_PERSON = 3.0
-"""Nats of what is gained by a person of one group being one of the other: twenty times as probable."""
-TOGETHER = 0.25
-"""Two cameras see people together where these gain so much of what they do by the best two. (Simulated airports, seeds 804 and
-806: 59 to 100 % for eight pairs of cameras at four doors, 4 % at most for others.)"""
-TO_COMPLEX = np.array([1.0, 1.0j])
 CLEAR, FEWEST = 1.8, 12
 """Votes from which groups are joined: so many times those that chance reaches, and people. Simulated airports of 25 cameras
 (seeds 801, 804, 806): 2.1 to 3.1 times at six doors, 0.8 to 1.1 times for twelve pairs of groups that share no ground."""
@@ -317,127 +299,3 @@ def _matched(a: TrackEnds, b: TrackEnds, motion: GroundMotion, wider: float) -> 
     best = best[square[best] < wider * MOST_SQUARE]
     velocity = np.broadcast_to(b.velocity[j, None], miss.shape)
     return miss[best], at[best], velocity[best], sd[best]
-
-
-def refine_by_sightings(found: Passage, a: Places, b: Places) -> Passage:
-    """The motion by the boxes of both groups near the passage at one time, cut-off boxes and unknown people included.
-
-    Every two boxes at one time propose a shift for each turn. What other lags reach on the mean is taken off: boxes of
-    different people meet at any time, and the more so where a turn and a shift lay one group's people over the other's.
-
-    As it was found where that leaves the turn open: other lags reach as much, or another turn has nearly as many votes.
-
-    Args:
-        found: clear of chance.
-        a: boxes of the first group's cameras.
-        b: of the second one's.
-    """
-    there = found.motion.turn * found.place + found.motion.shift
-    near_a, near_b = (
-        side.take(np.abs(side.place @ TO_COMPLEX - at) < NEAR_M) for side, at in ((a, found.place), (b, there))
-    )  # fmt: skip
-    here, seen = near_a.place @ TO_COMPLEX - found.place, near_b.place @ TO_COMPLEX - there
-    turns = np.exp(2j * np.pi * np.arange(SIGHTED_TURNS) / SIGHTED_TURNS)
-
-    def votes(later_s: float) -> Floats:
-        i, j = _at_one_time(near_a, near_b, found.motion.lag_s + later_s)
-        return np.array([_count_shifts(seen[j] - turn * here[i]) for turn in turns.tolist()])
-
-    away = np.arange(2 * APART_S, OTHER_LAGS_S, APART_S)
-    by_chance = np.array([votes(later_s) for later_s in np.concatenate([-away, away]).tolist()])
-    more = votes(0.0) - by_chance.mean(axis=0)
-    number, x, y = np.unravel_index(int(more.argmax()), more.shape)
-    turn, shift = complex(turns[number]), complex(*((np.array([x, y]) + 1.5) * SIGHTED_CELL_M - FARTHEST_M))
-    rivals = np.abs(np.angle(turns / turn)) > np.deg2rad(APART_DEG)
-    scatter = np.sqrt(by_chance.var(axis=0) + by_chance.mean(axis=0) + 1.0)[number, x, y]
-    if more[rivals].max() >= RIVAL * more.max() or more.max() < CERTAIN * scatter:
-        return found
-    i, j = _at_one_time(near_a, near_b, found.motion.lag_s)
-    alike = np.abs(seen[j] - turn * here[i] - shift) < NEAR_CELLS * SIGHTED_CELL_M
-    i, j = i[alike], j[alike]
-    pairs = _Sighted(near_a.place[i], near_b.place[j], near_a.covariance[i], near_b.covariance[j], i, j)
-    motion = pairs.fit(GroundMotion(turn, there + shift - turn * found.place, found.motion.lag_s))
-    return replace(found, motion=motion, turn_known=True)
-
-
-@dataclass(frozen=True, eq=False)
-class Alike:
-    """People of two groups who may be one."""
-
-    pairs: Ints
-    """(K, 2) their identities, the most likely first."""
-    cameras: Ints
-    """(M, 2) numbers of the cameras of either group that see them at one place."""
-
-
-def compare_people(passage: Passage, a: Places, b: Places) -> Alike:
-    """Who of two groups may be one person: those who are at one place whenever both groups see them.
-
-    Cameras count that see much of them together: by the others a single stranger would pass for a person of the group.
-
-    Args:
-        passage: with the motion between the groups.
-        a: boxes with identities of the first group's cameras.
-        b: of the second one's.
-    """
-    i, j = _at_one_time(a, b, passage.motion.lag_s)
-    turn, shift = passage.motion.turn, passage.motion.shift
-    R = np.array([[turn.real, -turn.imag], [turn.imag, turn.real]])
-    miss = a.place[i] @ R.T + (shift.real, shift.imag) - b.place[j]
-    square = np.einsum("ki,kij,kj->k", miss, np.linalg.inv(R @ a.covariance[i] @ R.T + b.covariance[j]), miss)
-    pairs, number = np.unique(np.column_stack([a.identity[i], b.identity[j]]), axis=0, return_inverse=True)
-    gain = np.zeros((len(pairs), len(a.centre), len(b.centre)))
-    np.add.at(gain, (number.reshape(-1), a.camera[i], b.camera[j]), np.log((1 + MOST_SQUARE) / (1 + square)))
-    total = gain.sum(axis=(1, 2))
-    seen = gain[total > SAME_PERSON].sum(axis=0)
-    together = (seen > TOGETHER * seen.max()) & (seen > 0)
-    surest = np.argsort(-total, kind="stable")[: np.count_nonzero(total > SAME_PERSON)]
-    return Alike(pairs[surest], np.argwhere(together))
-
-
-def _at_one_time(a: Places, b: Places, lag_s: float) -> tuple[Ints, Ints]:
-    """Rows of `a` and rows of `b` that are half a time step apart at most."""
-    seconds_a, seconds_b = a.start_s + a.step * a.step_s + lag_s, b.start_s + b.step * b.step_s
-    half = 0.5 * max(a.step_s, b.step_s)
-    low, high = (np.searchsorted(seconds_b, seconds_a + apart) for apart in (-half, half))
-    return expanded_ranges(low, high - low)
-
-
-def _count_shifts(shift: Complexes) -> Floats:
-    """(n, n) the shifts of at most `FARTHEST_M` in each square of three by three cells."""
-    edges = np.arange(-FARTHEST_M, FARTHEST_M + 0.5 * SIGHTED_CELL_M, SIGHTED_CELL_M)
-    votes = np.histogram2d(shift.real, shift.imag, bins=(edges, edges))[0]
-    return np.asarray(sliding_window_view(votes, (3, 3)).sum(axis=(2, 3)))
-
-
-@dataclass(frozen=True, eq=False)
-class _Sighted:
-    """K pairs of boxes of two groups at one time."""
-
-    a: Floats
-    """(K, 2) places, metres."""
-    b: Floats
-    covariance_a: Floats
-    """(K, 2, 2)"""
-    covariance_b: Floats
-    row_a: Ints
-    """(K,) which boxes they are."""
-    row_b: Ints
-
-    def fit(self, motion: GroundMotion) -> GroundMotion:
-        """The motion that most pairs fit, near a first one; each box has one partner at most."""
-        turn, shift = motion.turn, motion.shift
-        for _ in range(STEPS):
-            R = np.array([[turn.real, -turn.imag], [turn.imag, turn.real]])
-            miss = self.a @ R.T + (shift.real, shift.imag) - self.b
-            information = np.linalg.inv(R @ self.covariance_a @ R.T + self.covariance_b)
-            square = np.einsum("ki,kij,kj->k", miss, information, miss)
-            mutual = np.intersect1d(least_of_groups(self.row_a, square), least_of_groups(self.row_b, square))
-            weighed = information[mutual] / (1.0 + square[mutual] / 2.0)[:, None, None]
-            turned = 1j * turn * (self.a[mutual] @ TO_COMPLEX)
-            J = np.zeros((len(mutual), 2, 3))
-            J[:, 0, 0], J[:, 1, 0], J[:, 0, 1], J[:, 1, 2] = turned.real, turned.imag, 1.0, 1.0
-            normal = np.einsum("kia,kij,kjb->ab", J, weighed, J) + np.diag(DAMPING[:3])
-            delta = np.linalg.solve(normal, np.einsum("kia,kij,kj->a", J, weighed, miss[mutual])).tolist()
-            turn, shift = turn * np.exp(-1j * delta[0]), shift - complex(delta[1], delta[2])
-        return GroundMotion(turn, shift, motion.lag_s)
