@@ -30,7 +30,7 @@ from passerby.association.result import Association
 from passerby.association.seams import Seam
 from passerby.association.shared_sightings import joined_sightings
 from passerby.calibration.camera_motion import MotionSearch, measure_motions
-from passerby.calibration.lens_corrections import LensCorrection, LensExamination, examine_stated_lenses
+from passerby.calibration.lens_corrections import LensExamination
 from passerby.calibration.run import CalibrationRun, Corrections, Estimate
 from passerby.calibration.scene_solver import solve_scene
 from passerby.calibration.separate_groups import GroupEstimate
@@ -43,6 +43,7 @@ from passerby.core.synchronisation import clocks_of, resample_to_common_steps
 from passerby.core.unknown_focals import begin_with
 from passerby.geometry.rotations import exp_rotation
 from passerby.geometry.two_view import PairHypothesis
+from passerby.hypotheses.lenses import LensResult
 from passerby.people.ground_positions import Places, places_of
 from passerby.scene.inputs import SceneInputs, part_of
 from passerby.solver.initialisation import JoinedRig
@@ -129,19 +130,21 @@ def join_estimates(
         estimate = _estimate(run, inputs.rig, own, seams)
         if estimate is None or any(_is_bent(one, estimate.solution.rig) for one in own):
             return None
-        # Lenses that were corrected in a group count as stated here.
-        of_lenses = [correction for one in own for correction in one.corrections.made if isinstance(correction, LensCorrection)]
-        made = [correction for one in own for correction in one.corrections.made if correction not in of_lenses]
-        correction, lenses = examine_stated_lenses(inputs, estimate, Corrections(), height_m)
-        if correction is not None:
-            return None
-        moved = measure_motions(MotionSearch(stated, run.scene.association.given, height_m), Corrections(tuple(made)), estimate)
-    corrected = tuple(finding for one in own for finding in one.lenses.findings if finding.code == "lens_corrected")
-    together = GroupEstimate(
-        stated, inputs, estimate, Corrections(tuple(made)), LensExamination((*corrected, *lenses.findings), lenses.result),
-        moved, time.perf_counter() - began, tuple(seams.values()),
-    )  # fmt: skip
+        made = Corrections(tuple(correction for one in own for correction in one.corrections.made))
+        moved = measure_motions(MotionSearch(stated, run.scene.association.given, height_m), made, estimate)
+    seconds = time.perf_counter() - began
+    together = GroupEstimate(stated, inputs, estimate, made, _lenses(own), moved, seconds, tuple(seams.values()))
     return together if together.doubted <= {code for one in own for code in one.doubted} else None
+
+
+def _lenses(own: Sequence[GroupEstimate]) -> LensExamination:
+    """What the groups found of their lenses: a door tells no more of them."""
+    results = [one.lenses.result for one in own]
+    unsettled = next((one for one in results if one.decision == "unsettled"), LensResult("nothing"))
+    return LensExamination(
+        tuple(finding for one in own for finding in one.lenses.findings),
+        replace(unsettled, screened=tuple(screened for one in results for screened in one.screened)),
+    )
 
 
 def _home(own: Sequence[GroupEstimate]) -> dict[str, int]:
