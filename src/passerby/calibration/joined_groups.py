@@ -1,8 +1,8 @@
 """Groups of cameras between which people pass become one rig.
 
-Each group has its people, its clocks and its poses already. What is new is who of one group is who of another: those whom both
-see near the door at one time, by the motion between the groups. One solve of all cameras then finds what the groups tell of
-each other, and how little that may be.
+Each group has its identities, its clocks and its poses already. Common identities are new: people who are at one place, by the
+motion between the groups, whenever both groups see them. One solve of all cameras then determines the relative pose of the
+groups, and how well it is known.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ from passerby.scene.inputs import SceneInputs, part_of
 from passerby.solver.initialisation import JoinedRig
 
 PRESENT_S = 0.5
-"""Two people whom one group sees within this time are two."""
+"""Two identities that one group sees within this time are two people."""
 LARGER_SIGMAS = 3.0
 """A group that has another size in the common rig, by more standard deviations of its scale, is bent by the joint."""
 
@@ -278,9 +278,9 @@ class _People:
 
 
 def _identify(own: Sequence[GroupEstimate], seams: Mapping[tuple[int, int], Seam], person_height_m: float) -> _People | None:
-    """Who of one group is who of another; None where a seam has no person whom both groups know.
+    """Common identities of the people of all groups; None where a seam has no common person.
 
-    Of two people whom one group sees at one time, only the one who fits better is a person of another group.
+    Of two identities that one group sees at the same time, only the one that fits better is a person of another group.
     """
     present, together = [_present(one.estimate.association) for one in own], list[tuple[str, str]]()
     persons = _Persons({(g, person): {(g, person)} for g, group in enumerate(present) for person in group})
