@@ -85,6 +85,19 @@ def test_people_who_pass_a_door_register_two_groups(gap_s: float) -> None:
     assert found.cameras[0, 1] > 40
 
 
+def test_a_door_is_found_in_a_long_corridor() -> None:
+    """Of 1,500 ends of tracks in a corridor of 200 m, 15 are at the door of a hall, where 15 of 200 end."""
+    rng = np.random.default_rng(4)
+    first, second = passing(rng, 15, TRUE, 0.8)
+    corridor = ends(rng, 1500)
+    corridor = replace(corridor, place=DOOR + rng.uniform(-100, 100, 1500) + 1j * rng.uniform(-4, 4, 1500))
+    found = register_by_passages(joined([first, corridor]), joined([second, ends(rng, 200)]), LAGS)
+    assert found is not None
+    assert found.clear
+    assert abs(found.place - DOOR) < 1.0
+    assert abs(np.angle(found.motion.turn / TRUE.turn)) < np.deg2rad(20)
+
+
 def test_strangers_are_not_joined() -> None:
     for seed in range(4):
         rng = np.random.default_rng(seed)

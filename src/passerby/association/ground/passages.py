@@ -2,13 +2,15 @@
 
 Each group is a rig of its own: scale and vertical are known, and what is missing is a turn, a shift and a lag of the clocks.
 Where a track of one group ends, one of the other begins at about that time and place, seen by both for a moment or by neither.
-Every two such ends propose a shift for each turn and lag, and every person has one vote. Chance is what the same ends reach
+A door is one place in either world: first come pairs of squares of ground in which more ends are near in time, at one lag, than
+at others. There every two ends propose a shift for each turn, and every person has one vote. Chance is what the same ends reach
 when one group walks backwards (surrogate data: Theiler et al., Physica D 1992), or with other lags: where people come and go in
 crowds, as with trains, ends of different people are near in time.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -31,8 +33,15 @@ WINDOW_S = 1.0
 """Part of a track by which the place and the velocity of its end are fitted."""
 APART_S = 3.0
 """Two ends of one passage are no farther apart in time: what both groups see of it, or neither."""
-LAG_STEP_S, TURNS, CELL_M, CELLS = 0.5, 90, 1.0, 128
-"""Grid of the search; shifts are counted on a torus of so many cells, as those of `hough`."""
+LAG_STEP_S, TURNS, CELL_M = 0.5, 90, 1.0
+"""Grid of the search."""
+HALF_SQUARE_M, MOST_PLACES = 4.0, 64
+"""Squares of ground have twice this side, and overlap by it: ends of tracks of people who pass a door are within 8 m. How many
+pairs of squares, each at one lag, are searched for the turn."""
+CELLS = 2 * int(np.ceil(2 * HALF_SQUARE_M * np.sqrt(2.0) / CELL_M))
+"""On each axis, of the shifts between two squares."""
+NUMBERS = 1 << 15
+"""A square's number is this times its number on the x axis and that on the y axis: 130 km of ground."""
 PLACE_SD_M, SPEED_SD_M_S = 0.3, 0.6
 """One standard deviation of a place by a track, and of how a person's velocity changes after its end: people turn in doors."""
 MOST_SQUARE = 9.0
@@ -45,7 +54,7 @@ STARTS, STEPS = 18, 12
 """Turns from which the motion about the place found is fitted, and steps of each fit."""
 CLEAR, FEWEST = 1.8, 12
 """Votes from which groups are joined: so many times those that chance reaches, and people. Simulated airports of 25 cameras
-(seeds 801, 804, 806): 2.1 to 3.1 times at six doors, 0.8 to 1.1 times for twelve pairs of groups that share no ground."""
+(seeds 801, 804, 806, 811): 5 to 20 times at eight doors, 0.1 to 1.2 times for sixteen pairs of groups that share no ground."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,19 +166,21 @@ def register_by_passages(a: TrackEnds, b: TrackEnds, lags_s: tuple[float, float]
     """
     b = b.by_time
     steps, beyond = int(np.ceil((lags_s[1] - lags_s[0]) / LAG_STEP_S)), int(OTHER_LAGS_S / LAG_STEP_S)
-    possible = (lags_s[0] + LAG_STEP_S * np.arange(steps + 1)).tolist()
-    most = max((_count_votes(a, b, lag_s) for lag_s in possible), key=lambda one: one.votes)
+    lag_s: Floats = lags_s[0] + LAG_STEP_S * np.arange(-beyond, steps + beyond + 1, dtype=np.float64)
+    possible = np.arange(len(lag_s))[beyond : beyond + steps + 1]
+    places = _find_places(a, b, lag_s)
+    most = _count_most_votes(a, b, places.densest(possible))
     if not most.votes:
         return None
     backwards = b.backwards.by_time
-    by_chance = max(_count_votes(a, backwards, lag_s).votes for lag_s in possible)
-    if most.votes > CLEAR * by_chance:
-        every = (lags_s[0] + LAG_STEP_S * np.arange(-beyond, steps + beyond + 1)).tolist()
-        others = (lag_s for lag_s in every if abs(lag_s - most.lag_s) >= 2 * APART_S)
-        by_chance = max([by_chance, *(_count_votes(a, b, lag_s).votes for lag_s in others)])
+    others = np.flatnonzero(np.abs(lag_s - most.place.lag_s) >= 2 * APART_S)
+    by_chance = max(
+        _count_most_votes(a, backwards, _find_places(a, backwards, lag_s).densest(possible)).votes,
+        _count_most_votes(a, b, places.densest(others)).votes,
+    )
     i, j, here, there = _voters(a, b, most)
     found = Passage(
-        GroundMotion(most.turn, there - most.turn * here, most.lag_s), here, most.votes, by_chance,
+        GroundMotion(most.turn, there - most.turn * here, most.place.lag_s), here, most.votes, by_chance,
         a.seen_by[i].astype(np.int64).T @ b.seen_by[j].astype(np.int64),
     )  # fmt: skip
     if not found.clear:
@@ -180,13 +191,89 @@ def register_by_passages(a: TrackEnds, b: TrackEnds, lags_s: tuple[float, float]
 
 
 @dataclass(frozen=True)
+class _Place:
+    """A square of ground in either world, in which people may pass, at one lag."""
+
+    here: complex
+    """Middles of the squares."""
+    there: complex
+    lag_s: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Places:
+    """Pairs of squares with ends that are near in time; a row for each lag."""
+
+    square: Ints
+    """(K, 2) numbers of the squares."""
+    lag: Ints
+    """(K,) number of the lag,"""
+    lag_s: Floats
+    """(L,) and all lags."""
+    beyond: Floats
+    """(K,) pairs of ends beyond the mean of all lags, by the standard deviation of chance."""
+
+    def densest(self, lags: Ints) -> list[_Place]:
+        """Those with most pairs beyond chance at some of the lags."""
+        rows = np.flatnonzero(np.isin(self.lag, lags))
+        rows = rows[np.argsort(-self.beyond[rows], kind="stable")[:MOST_PLACES]]
+        x, y = np.divmod(self.square[rows], NUMBERS)
+        here, there = (HALF_SQUARE_M * (x + 1j * y - (1 + 1j) * (NUMBERS // 2))).T.tolist()
+        return [_Place(*one) for one in zip(here, there, self.lag_s[self.lag[rows]].tolist(), strict=True)]
+
+
+def _find_places(a: TrackEnds, b: TrackEnds, lag_s: Floats) -> _Places:
+    """In which squares ends are near in time at each lag."""
+    found = []
+    for number, one in enumerate(lag_s.tolist()):
+        i, j, later = _pairs(a, b, one)
+        here, there = (_squares(at) for at in _meeting(a, b, i, j, later))
+        both = NUMBERS**2 * here[:, :, None] + there[:, None, :]
+        pair, count = np.unique(both, return_counts=True)
+        found.append(np.column_stack([pair, np.full(len(pair), number), count]))
+    pair, lag, count = np.concatenate(found).T
+    _, which = np.unique(pair, return_inverse=True)
+    mean = np.bincount(which, count)[which] / len(lag_s)
+    return _Places(np.column_stack(np.divmod(pair, NUMBERS**2)), lag, lag_s, (count - mean) / np.sqrt(mean + 1.0))
+
+
+def _squares(at: Complexes) -> Ints:
+    """(K, 4) the numbers of the four squares that have each place."""
+    x, y = (np.floor(part / HALF_SQUARE_M).astype(np.int64) + NUMBERS // 2 for part in (at.real, at.imag))
+    return np.column_stack([NUMBERS * (x + right) + y + up for right in (0, 1) for up in (0, 1)])
+
+
+@dataclass(frozen=True)
 class _Votes:
-    """The turn and the shift for which most people of one group meet one of the other, at one lag."""
+    """The turn and the shift of a place for which most people of one group meet one of the other."""
 
     votes: int
-    lag_s: float
+    place: _Place
     turn: complex
-    cell: int
+    shift: complex
+    """Of the middle of the first square, turned, to that of the second."""
+
+
+def _count_most_votes(a: TrackEnds, b: TrackEnds, places: Sequence[_Place]) -> _Votes:
+    """The most votes of any place."""
+    none = _Votes(0, _Place(0.0, 0.0, 0.0), 1.0, 0.0)
+    return max((_count_votes(a, b, place) for place in places), key=lambda one: one.votes, default=none)
+
+
+def _count_votes(a: TrackEnds, b: TrackEnds, place: _Place) -> _Votes:
+    """The votes at one place."""
+    i, _, here, there = _near(a, b, place)
+    turns = np.exp(2j * np.pi * np.arange(TURNS) / TURNS)
+    shift = (there - place.there) - turns[:, None] * (here - place.here)
+    x, y = (np.floor(part / CELL_M).astype(np.int64) + CELLS // 2 for part in (shift.real, shift.imag))
+    cell = (np.arange(TURNS)[:, None] * CELLS + x) * CELLS + y
+    voter = np.unique(cell * len(a) + i)
+    votes = np.bincount(voter // len(a), minlength=TURNS * CELLS * CELLS).reshape(TURNS, CELLS, CELLS)
+    square = votes[:, :-1] + votes[:, 1:]
+    square = square[:, :, :-1] + square[:, :, 1:]
+    turn, *corner = np.unravel_index(int(square.argmax()), square.shape)
+    right, up = (CELL_M * (int(at) + 1 - CELLS // 2) for at in corner)
+    return _Votes(int(square.max()), place, complex(turns[turn]), complex(right, up))
 
 
 def _pairs(a: TrackEnds, b: TrackEnds, lag_s: float) -> tuple[Ints, Ints, Floats]:
@@ -201,41 +288,30 @@ def _pairs(a: TrackEnds, b: TrackEnds, lag_s: float) -> tuple[Ints, Ints, Floats
     return i, j, b.time_s[j] - a.time_s[i] - lag_s
 
 
-def _count_votes(a: TrackEnds, b: TrackEnds, lag_s: float) -> _Votes:
-    """The votes at one lag."""
-    i, j, later = _pairs(a, b, lag_s)
+def _near(a: TrackEnds, b: TrackEnds, place: _Place) -> tuple[Ints, Ints, Complexes, Complexes]:
+    """Rows of `a` and of `b` that meet in the squares of a place, and where, in either world."""
+    i, j, later = _pairs(a, b, place.lag_s)
     here, there = _meeting(a, b, i, j, later)
-    best = _Votes(0, lag_s, 1.0, 0)
-    for turn in np.exp(2j * np.pi * np.arange(TURNS) / TURNS).tolist() if len(i) else []:
-        votes = _count(there - turn * here, i, len(a))
-        top = int(votes.argmax())
-        if votes.flat[top] > best.votes:
-            best = _Votes(int(votes.flat[top]), lag_s, turn, top)
-    return best
+    near = (_farther(here, place.here) < HALF_SQUARE_M) & (_farther(there, place.there) < HALF_SQUARE_M)
+    return i[near], j[near], here[near], there[near]
+
+
+def _farther(at: Complexes, middle: complex) -> Floats:
+    """The larger distance along x or y."""
+    return np.maximum(np.abs((at - middle).real), np.abs((at - middle).imag))
 
 
 def _voters(a: TrackEnds, b: TrackEnds, most: _Votes) -> tuple[Ints, Ints, complex, complex]:
     """Rows of `a` and of `b` that vote for a turn and a shift, and where they are, in either world."""
-    i, j, later = _pairs(a, b, most.lag_s)
-    here, there = _meeting(a, b, i, j, later)
-    shift = there - most.turn * here
-    apart = np.column_stack([shift.real, shift.imag]) / CELL_M - np.array(divmod(most.cell, CELLS)) - 1.0
-    near = (np.abs(apart - CELLS * np.round(apart / CELLS)) <= 1.0).all(axis=1)
+    i, j, here, there = _near(a, b, most.place)
+    shift = (there - most.place.there) - most.turn * (here - most.place.here)
+    near = _farther(shift, most.shift) <= CELL_M
     return i[near], j[near], _median(here[near]), _median(there[near])
 
 
 def _meeting(a: TrackEnds, b: TrackEnds, i: Ints, j: Ints, later: Floats) -> tuple[Complexes, Complexes]:
     """Where pairs of ends are halfway between their times."""
     return a.place[i] + a.velocity[i] * (later / 2), b.place[j] - b.velocity[j] * (later / 2)
-
-
-def _count(shift: Complexes, person: Ints, n: int) -> Ints:
-    """(cells, cells) people who vote for a shift in each square of two by two cells."""
-    x, y = (np.floor(part / CELL_M).astype(np.int64) & (CELLS - 1) for part in (shift.real, shift.imag))
-    voter = np.unique((x * CELLS + y) * n + person)
-    votes = np.bincount(voter // n, minlength=CELLS * CELLS).reshape(CELLS, CELLS)
-    votes = votes + np.roll(votes, -1, axis=0)
-    return np.asarray(votes + np.roll(votes, -1, axis=1))
 
 
 def _median(places: Complexes) -> complex:
