@@ -52,9 +52,10 @@ DAMPING = (1.0, 1e-6, 1e-6, 1.0)
 """Added to the information on the steps of turn, shift and lag: people who all stand on one spot, or never walk, tell less."""
 STARTS, STEPS = 18, 12
 """Turns from which the motion about the place found is fitted, and steps of each fit."""
-CLEAR, FEWEST = 1.8, 12
-"""Votes from which groups are joined: so many times those that chance reaches, and people. Simulated airports of 25 cameras
-(seeds 801, 804, 806, 811): 5 to 20 times at eight doors, 0.1 to 1.2 times for sixteen pairs of groups that share no ground."""
+CLEAR, FEWEST = 1.5, 12
+"""Votes from which groups are joined: so many times those that chance reaches, and people. Simulated airports (seeds 801, 804,
+806, 811 of 25 cameras, 820 of 100): 1.7 to 3 times at 18 doors, 1.3 times at most for pairs of groups that share no ground and
+have so many."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,15 +173,16 @@ def register_by_passages(a: TrackEnds, b: TrackEnds, lags_s: tuple[float, float]
     most = _count_most_votes(a, b, places.densest(possible))
     if not most.votes:
         return None
-    backwards = b.backwards.by_time
-    others = np.flatnonzero(np.abs(lag_s - most.place.lag_s) >= 2 * APART_S)
+    backwards, there = b.backwards.by_time, most.place
+    others = np.flatnonzero(np.abs(lag_s - there.lag_s) >= 2 * APART_S)
     by_chance = max(
-        _count_most_votes(a, backwards, _find_places(a, backwards, lag_s).densest(possible)).votes,
+        _count_most_votes(a, backwards, [replace(there, lag_s=one) for one in lag_s[possible].tolist()]).votes,
+        _count_most_votes(a, b, [replace(there, lag_s=one) for one in lag_s[others].tolist()]).votes,
         _count_most_votes(a, b, places.densest(others)).votes,
     )
-    i, j, here, there = _voters(a, b, most)
+    i, j, here, shift = _voters(a, b, most)
     found = Passage(
-        GroundMotion(most.turn, there - most.turn * here, most.place.lag_s), here, most.votes, by_chance,
+        GroundMotion(most.turn, shift, most.place.lag_s), here, most.votes, by_chance,
         a.seen_by[i].astype(np.int64).T @ b.seen_by[j].astype(np.int64),
     )  # fmt: skip
     if not found.clear:
@@ -302,11 +304,12 @@ def _farther(at: Complexes, middle: complex) -> Floats:
 
 
 def _voters(a: TrackEnds, b: TrackEnds, most: _Votes) -> tuple[Ints, Ints, complex, complex]:
-    """Rows of `a` and of `b` that vote for a turn and a shift, and where they are, in either world."""
+    """Rows of `a` and of `b` that vote, where they are in the first world, and the shift from it to the second one."""
     i, j, here, there = _near(a, b, most.place)
     shift = (there - most.place.there) - most.turn * (here - most.place.here)
     near = _farther(shift, most.shift) <= CELL_M
-    return i[near], j[near], _median(here[near]), _median(there[near])
+    at = _median(here[near])
+    return i[near], j[near], at, _median(there[near]) - most.turn * at
 
 
 def _meeting(a: TrackEnds, b: TrackEnds, i: Ints, j: Ints, later: Floats) -> tuple[Complexes, Complexes]:
