@@ -9,10 +9,10 @@ import pytest
 
 import passerby
 import passerby.calibration.calibrate as calibrate_module
+from passerby.association.doors import Door
 from passerby.association.ground.pair_matching import GroundMotion
 from passerby.association.ground.passages import Passage
 from passerby.association.result import Association
-from passerby.association.seams import Seam
 from passerby.calibration.alignment.folder import write_aligned
 from passerby.calibration.alignment.world import align_to_camera
 from passerby.calibration.calibrate import calibrate
@@ -240,18 +240,18 @@ def group_of(names: tuple[str, ...]) -> GroupEstimate:
 def test_a_joint_that_contradicts_its_groups_is_tried_without_the_passage_that_is_seen_least(monkeypatch):
     groups = [group_of(names) for names in (("a", "b"), ("c", "d"), ("e", "f"))]
 
-    def seam(first: int, second: int, votes: int, known: bool = True) -> Seam:
+    def door(first: int, second: int, votes: int, known: bool = True) -> Door:
         passage = Passage(GroundMotion(1.0, 0.0, 0.0), 0.0, votes, 5, np.ones((2, 2), np.int64), known)
-        return Seam(groups[first].rig.names, groups[second].rig.names, passage)
+        return Door(groups[first].rig.names, groups[second].rig.names, passage)
 
-    seams = {(0, 1): seam(0, 1, 20), (1, 2): seam(1, 2, 50), (0, 2): seam(0, 2, 90, known=False)}
+    doors = {(0, 1): door(0, 1, 20), (1, 2): door(1, 2, 50), (0, 2): door(0, 2, 90, known=False)}
     tried = []
 
     def joined(run, inputs, own, between):
         tried.append((len(own), sorted(between)))
         return group_of(tuple(name for one in own for name in one.rig.names)) if len(own) == 2 else None
 
-    monkeypatch.setattr(calibrate_module, "find_seams", lambda run, found: seams)
+    monkeypatch.setattr(calibrate_module, "find_doors", lambda run, found: doors)
     monkeypatch.setattr(calibrate_module, "join_estimates", joined)
     scene = Scene.model_validate(
         {"scene": {"name": "s"}, "cameras": {name: {"tracks": "t.txt", "intrinsics": "rig.toml"} for name in "abcdef"}}
@@ -259,4 +259,4 @@ def test_a_joint_that_contradicts_its_groups_is_tried_without_the_passage_that_i
     found = calibrate_module.join_by_passages(CalibrationRun(scene, PeopleOptions()), groups[0].stated, groups)
     assert tried == [(3, [(0, 1), (1, 2)]), (2, [(0, 1)])]
     assert [one.rig.names for one in found] == [("a", "b"), ("c", "d", "e", "f")]
-    assert found[0].nearest is seams[0, 2]  # with most of the people who are needed
+    assert found[0].nearest is doors[0, 2]  # with most of the people who are needed

@@ -41,7 +41,7 @@ from passerby.calibration.diagnostics.verdict import find_unusual_heights, with_
 from passerby.calibration.effort import Effort, Step, is_enough, note_of_effort, sizes
 from passerby.calibration.group_figures import add_figures, check_image_sizes, check_predictions, hold_out_people
 from passerby.calibration.held_out import is_worse
-from passerby.calibration.joined_groups import find_seams, join_estimates, join_numbers, nearest_seam
+from passerby.calibration.joined_groups import find_doors, join_estimates, join_numbers, nearest_door
 from passerby.calibration.kept_tracklets import FOLDER, KeptTracklets
 from passerby.calibration.known_identities import estimate_with_known_identities
 from passerby.calibration.lens_corrections import (
@@ -210,17 +210,17 @@ def join_by_passages(run: CalibrationRun, inputs: SceneInputs, found: Sequence[G
     """
     if len(found) < 2 or run.scene.association.given or run.scene.solver.method != "people":
         return list(found)
-    seams = find_seams(run, found)
-    between = {pair: seam for pair, seam in seams.items() if seam.passage.turn_known}
-    out = {number: replace(one, nearest=nearest_seam(number, seams)) for number, one in enumerate(found)}
+    doors = find_doors(run, found)
+    between = {pair: door for pair, door in doors.items() if door.passage.turn_known}
+    out = {number: replace(one, nearest=nearest_door(number, doors)) for number, one in enumerate(found)}
     waiting = join_numbers(list(between), len(found))
     while waiting:
         members = waiting.pop()
         own = [found[number] for number in members]
         tell_note(run.progress, f"people pass between groups of {', '.join(str(len(one.rig.posed())) for one in own)} cameras")
-        inside = {pair: seam for pair, seam in between.items() if pair[0] in members}
+        inside = {pair: door for pair, door in between.items() if pair[0] in members}
         place = {number: rank for rank, number in enumerate(members)}
-        one = join_estimates(run, inputs, own, {(place[a], place[b]): seam for (a, b), seam in inside.items()})
+        one = join_estimates(run, inputs, own, {(place[a], place[b]): door for (a, b), door in inside.items()})
         if one is not None:
             out[members[0]] = one
             for number in members[1:]:
@@ -304,7 +304,7 @@ def calibrate_together(run: CalibrationRun, found: GroupEstimate) -> Calibration
         *clock_skew_findings(rates),
         *find_tilted_ground(solution.figures.up, up_stated=_states_up(scene)),
         *find_unusual_heights(adjusted(solution.figures).people),
-        *(seam.finding for seam in found.seams),
+        *(door.finding for door in found.doors),
     )
     unused = tuple(one for one in association.height_findings if one.severity == "notice")
     frame = tuple(one for one in of_world if one.severity == "notice")

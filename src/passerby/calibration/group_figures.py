@@ -69,14 +69,14 @@ def check_predictions(
 ) -> list[Finding]:
     """The cameras that predict people poorly, by the rig that was adjusted without some of them.
 
-    Across a seam cameras predict each other only as well as the seam is known, which is in the standard deviations.
+    Across a door cameras predict each other only as well as the relative pose of their groups is known, which is in the sigmas.
     """
     if solution.method != "people":
         return []
     rig = solution.rig if held_out is None else held_out.rig
     outcomes = predict_people(rig, association.instants, unrecorded_instants(found.stated.gaps, association))
-    for seam in found.seams:
-        first, second = (np.isin(np.array(rig.names), group) for group in (seam.first, seam.second))
+    for door in found.doors:
+        first, second = (np.isin(np.array(rig.names), group) for group in (door.first, door.second))
         across = (first[outcomes.by] & second[outcomes.within]) | (second[outcomes.by] & first[outcomes.within])
         outcomes = outcomes.take(~across)
     boxed = any(len(seen.boxes) for seen in association.instants.cameras.values())

@@ -20,14 +20,11 @@ from threadpoolctl import threadpool_limits
 
 from passerby.association.clocks.offsets import clock_corrections
 from passerby.association.clocks.starts import FULL_SEARCH_S
+from passerby.association.doors import Door
 from passerby.association.ground.common_sightings import compare_people, refine_by_sightings
 from passerby.association.ground.pair_matching import GroundMotion
-from passerby.association.ground.passages import (
-    find_track_ends,
-    register_by_passages,
-)
+from passerby.association.ground.passages import find_track_ends, register_by_passages
 from passerby.association.result import Association
-from passerby.association.seams import Seam
 from passerby.association.shared_sightings import joined_sightings
 from passerby.calibration.camera_motion import MotionSearch, measure_motions
 from passerby.calibration.lens_corrections import LensExamination
@@ -54,7 +51,7 @@ LARGER_SIGMAS = 3.0
 """A group that has another size in the common rig, by more standard deviations of its scale, is bent by the joint."""
 
 
-def find_seams(run: CalibrationRun, found: Sequence[GroupEstimate]) -> dict[tuple[int, int], Seam]:
+def find_doors(run: CalibrationRun, found: Sequence[GroupEstimate]) -> dict[tuple[int, int], Door]:
     """Where people pass between two groups, by their numbers; nowhere where clocks may differ by more than a full search
     tries.
     """
@@ -79,7 +76,7 @@ def find_seams(run: CalibrationRun, found: Sequence[GroupEstimate]) -> dict[tupl
                 seen = [_places(rigs[one], found[one].inputs.observations, found[one], height_m) for one in (a, b)]
                 passage = refine_by_sightings(passage, *seen)
             if passage is not None:
-                out[a, b] = Seam(rigs[a].names, rigs[b].names, passage)
+                out[a, b] = Door(rigs[a].names, rigs[b].names, passage)
     return out
 
 
@@ -90,10 +87,10 @@ def _places(rig: Rig, seen: Observations, found: GroupEstimate, person_height_m:
     return places_of(rig, {name: seen[name].boxes for name in rig.names}, known, person_height_m)
 
 
-def nearest_seam(number: int, seams: Mapping[tuple[int, int], Seam]) -> Seam | None:
-    """Of a group's seams that with most of the people who are needed."""
-    own = [seam for pair, seam in seams.items() if number in pair]
-    return max(own, key=lambda seam: seam.passage.votes / seam.passage.needed, default=None)
+def nearest_door(number: int, doors: Mapping[tuple[int, int], Door]) -> Door | None:
+    """Of a group's doors that with most of the people who are needed."""
+    own = [door for pair, door in doors.items() if number in pair]
+    return max(own, key=lambda door: door.passage.votes / door.passage.needed, default=None)
 
 
 def join_numbers(pairs: Sequence[tuple[int, int]], n: int) -> list[list[int]]:
@@ -105,7 +102,7 @@ def join_numbers(pairs: Sequence[tuple[int, int]], n: int) -> list[list[int]]:
 
 
 def join_estimates(
-    run: CalibrationRun, inputs: SceneInputs, own: Sequence[GroupEstimate], seams: Mapping[tuple[int, int], Seam]
+    run: CalibrationRun, inputs: SceneInputs, own: Sequence[GroupEstimate], doors: Mapping[tuple[int, int], Door]
 ) -> GroupEstimate | None:
     """One rig of groups between which people pass; None where that cannot be, or contradicts what the groups are.
 
@@ -115,7 +112,7 @@ def join_estimates(
         run: the scene and its options.
         inputs: of all cameras, as they were read.
         own: the groups.
-        seams: between them, by their numbers; all groups are joined by chains of these.
+        doors: between them, by their numbers; all groups are joined by chains of these.
     """
     began, height_m = time.perf_counter(), run.scene.scale.person_height_m
     home = _home(own)
@@ -127,13 +124,13 @@ def join_estimates(
         ),
     )  # fmt: skip
     with threadpool_limits(limits=1, user_api="blas"):
-        estimate = _estimate(run, inputs.rig, own, seams)
+        estimate = _estimate(run, inputs.rig, own, doors)
         if estimate is None or any(_is_bent(one, estimate.solution.rig) for one in own):
             return None
         made = Corrections(tuple(correction for one in own for correction in one.corrections.made))
         moved = measure_motions(MotionSearch(stated, run.scene.association.given, height_m), made, estimate)
     seconds = time.perf_counter() - began
-    together = GroupEstimate(stated, inputs, estimate, made, _lenses(own), moved, seconds, tuple(seams.values()))
+    together = GroupEstimate(stated, inputs, estimate, made, _lenses(own), moved, seconds, tuple(doors.values()))
     return together if together.doubted <= {code for one in own for code in one.doubted} else None
 
 
@@ -163,13 +160,13 @@ def _is_bent(one: GroupEstimate, together: Rig) -> bool:
 
 
 def _estimate(
-    run: CalibrationRun, rig: Rig, own: Sequence[GroupEstimate], seams: Mapping[tuple[int, int], Seam]
+    run: CalibrationRun, rig: Rig, own: Sequence[GroupEstimate], doors: Mapping[tuple[int, int], Door]
 ) -> Estimate | None:
     """The rig of all cameras, by the people of the groups; None where no person is known to be in two, or there is no rig."""
-    people = _identify(own, seams, run.scene.scale.person_height_m)
+    people = _identify(own, doors, run.scene.scale.person_height_m)
     if people is None:
         return None
-    motions = _motions_to_first(seams, len(own))
+    motions = _motions_to_first(doors, len(own))
     parts, home = [one.estimate.association for one in own], _home(own)
     clocks = {
         name: replace(clock, offset_s=clock.offset_s + motions[g].lag_s)
@@ -222,13 +219,13 @@ def _instants(
     return joined_sightings(resample_to_common_steps(observations, clocks, sizes=sizes), pairs)
 
 
-def _motions_to_first(seams: Mapping[tuple[int, int], Seam], n: int) -> list[GroundMotion]:
-    """From the ground and the clock of each of n groups to those of the first, by the seams with most people."""
+def _motions_to_first(doors: Mapping[tuple[int, int], Door], n: int) -> list[GroundMotion]:
+    """From the ground and the clock of each of n groups to those of the first, by the doors with most people."""
     found = {0: GroundMotion(1.0, 0.0, 0.0)}
-    by_people = sorted(seams.items(), key=lambda item: -item[1].passage.votes)
+    by_people = sorted(doors.items(), key=lambda item: -item[1].passage.votes)
     while len(found) < n:
         (a, b), motion = next(
-            (pair, seam.passage.motion) for pair, seam in by_people if (pair[0] in found) != (pair[1] in found)
+            (pair, door.passage.motion) for pair, door in by_people if (pair[0] in found) != (pair[1] in found)
         )
         if a in found:
             found[b] = motion.inverse.then(found[a])
@@ -277,22 +274,22 @@ class _People:
     """Names of cameras of two groups that see people at one place."""
 
 
-def _identify(own: Sequence[GroupEstimate], seams: Mapping[tuple[int, int], Seam], person_height_m: float) -> _People | None:
-    """Common identities of the people of all groups; None where a seam has no common person.
+def _identify(own: Sequence[GroupEstimate], doors: Mapping[tuple[int, int], Door], person_height_m: float) -> _People | None:
+    """Common identities of the people of all groups; None where a door has no common person.
 
     Of two identities that one group sees at the same time, only the one that fits better is a person of another group.
     """
     present, together = [_present(one.estimate.association) for one in own], list[tuple[str, str]]()
     persons = _Persons({(g, person): {(g, person)} for g, group in enumerate(present) for person in group})
-    for (a, b), seam in seams.items():
+    for (a, b), door in doors.items():
         places = [
             _places(own[g].rig.posed(), own[g].estimate.association.observations, own[g], person_height_m) for g in (a, b)
         ]  # fmt: skip
-        alike = compare_people(seam.passage, *places)
+        alike = compare_people(door.passage, *places)
         joined = [persons.join((a, i), (b, j), present) for i, j in alike.pairs.tolist()]
         if not any(joined):
             return None
-        together += [(seam.first[c], seam.second[d]) for c, d in alike.cameras.tolist()]
+        together += [(door.first[c], door.second[d]) for c, d in alike.cameras.tolist()]
     return _People(persons.numbers([max(group, default=0) + 1 for group in present]), together)
 
 

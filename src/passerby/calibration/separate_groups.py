@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from passerby.association.seams import Seam
+from passerby.association.doors import Door
 from passerby.calibration.calibration import Calibration
 from passerby.calibration.camera_motion import Motion
 from passerby.calibration.lens_corrections import LensExamination
@@ -39,9 +39,9 @@ class GroupEstimate:
     """The motions of cameras, measured by the final rig."""
     seconds: float
     """Wall time."""
-    seams: tuple[Seam, ...] = ()
+    doors: tuple[Door, ...] = ()
     """Where people pass between the groups of cameras that it joins."""
-    nearest: Seam | None = None
+    nearest: Door | None = None
     """Where most people may pass to a group that it does not join."""
 
     @property
@@ -89,7 +89,7 @@ def unplaced_groups(run: CalibrationRun, found: GroupEstimate) -> list[list[str]
     return [group for group in find_connected_groups(shared) if len(group) >= FEWEST]
 
 
-def _finding(one: Calibration, nearest: Seam | None) -> Finding:
+def _finding(one: Calibration, nearest: Door | None) -> Finding:
     """The notice in the main result that a group has one of its own, and what is nearest to joining it."""
     joint = {} if nearest is None else {
         "nearest": list(nearest.nearest), "people": nearest.passage.votes, "needed": nearest.passage.needed,

@@ -11,7 +11,7 @@ from passerby.findings.finding import Finding, notice
 
 
 @dataclass(frozen=True, eq=False)
-class Seam:
+class Door:
     """Two groups between which people pass."""
 
     first: tuple[str, ...]
