@@ -10,6 +10,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from itertools import combinations
 
 import numpy as np
@@ -67,16 +68,18 @@ def find_doors(run: CalibrationRun, found: Sequence[GroupEstimate]) -> dict[tupl
         [clock.offset_s for name, clock in one.estimate.association.clocks.items() if name in rig.names] or [0.0]
         for rig, one in zip(rigs, found, strict=True)
     ]
+
+    @cache
+    def seen(number: int) -> Places:
+        return _places(rigs[number], found[number].inputs.observations, found[number], height_m)
+
     out = {}
-    for a in range(len(found)):
-        for b in range(a + 1, len(found)):
-            lags_s = min(offsets[b]) - max(offsets[a]) - search_s, max(offsets[b]) - min(offsets[a]) + search_s
-            passage = register_by_passages(ends[a], ends[b], lags_s)
-            if passage is not None and passage.clear:
-                seen = [_places(rigs[one], found[one].inputs.observations, found[one], height_m) for one in (a, b)]
-                passage = refine_by_sightings(passage, *seen)
-            if passage is not None:
-                out[a, b] = Door(rigs[a].names, rigs[b].names, passage)
+    for a, b in combinations(range(len(found)), 2):
+        lags_s = min(offsets[b]) - max(offsets[a]) - search_s, max(offsets[b]) - min(offsets[a]) + search_s
+        passage = register_by_passages(ends[a], ends[b], lags_s)
+        if passage is not None:
+            known = refine_by_sightings(passage, seen(a), seen(b)) if passage.clear else passage
+            out[a, b] = Door(rigs[a].names, rigs[b].names, known)
     return out
 
 
@@ -281,11 +284,9 @@ def _identify(own: Sequence[GroupEstimate], doors: Mapping[tuple[int, int], Door
     """
     present, together = [_present(one.estimate.association) for one in own], list[tuple[str, str]]()
     persons = _Persons({(g, person): {(g, person)} for g, group in enumerate(present) for person in group})
+    places = [_places(one.rig.posed(), one.estimate.association.observations, one, person_height_m) for one in own]
     for (a, b), door in doors.items():
-        places = [
-            _places(own[g].rig.posed(), own[g].estimate.association.observations, own[g], person_height_m) for g in (a, b)
-        ]  # fmt: skip
-        alike = compare_people(door.passage, *places)
+        alike = compare_people(door.passage, places[a], places[b])
         joined = [persons.join((a, i), (b, j), present) for i, j in alike.pairs.tolist()]
         if not any(joined):
             return None
