@@ -74,3 +74,16 @@ def test_what_is_held_of_a_lens_adds_to_what_is_refined() -> None:
     assert (with_held.sd >= alone.sd).all()
     assert (with_held.sd[:, 0] > 1.05 * alone.sd[:, 0]).any(), "a distortion looks like a focal length where people walk"
     assert (with_held.prior_weight >= alone.prior_weight).all()
+
+
+def test_a_wrong_person_far_beyond_a_picture_says_nothing_of_its_lens() -> None:
+    problem, state = exact()
+    before = ConsiderParameters.of_lenses(RIG, problem, state).columns["centres"]
+    people = state.people.copy()
+    people[0, :2] = (state.centre[0] + 8.0 * state.R[0, 0] + 0.3 * state.R[0, 2])[:2]  # nearly beside the first camera
+    after = ConsiderParameters.of_lenses(RIG, problem, replace(state, people=people)).columns["centres"]
+    own = (problem.sightings.block == 0) & (problem.sightings.camera == 0)
+    assert np.abs(before[own]).max() > 0
+    assert not after[own].any()
+    others = problem.sightings.block > 0
+    np.testing.assert_array_equal(after[others], before[others])

@@ -59,11 +59,11 @@ def test_groups_measure_by_themselves_whatever_is_known_of_their_relative_pose()
     shared = np.zeros((4, 4))
     shared[2:, 2:] = 1.0
     whole = covariance(4) + np.kron(shared, np.diag([1.0, 1.0, *np.zeros(COMPLETE - 2)]))
-    groups = [(0, 1), (2, 3)]
+    groups = [((0, 1), PLACES[::2]), ((2, 3), PLACES[1::2])]
     found = measuring_uncertainty(RIG, whole, PLACES, 1.75, Free(), groups)
-    for group in groups:
+    for group, places in groups:
         own = Rig(tuple(RIG.cameras[c] for c in group))
-        alone = measuring_uncertainty(own, covariance(2), PLACES, 1.75, Free())
+        alone = measuring_uncertainty(own, covariance(2), places, 1.75, Free())
         for name in own.names:
             assert found.cameras[name].points.median_mm == pytest.approx(alone.cameras[name].points.median_mm, rel=1e-6)
     assert measuring_uncertainty(RIG, whole, PLACES, 1.75, Free()).points.median_mm > 5 * found.points.median_mm

@@ -66,11 +66,13 @@ class _Views:
 
 
 def measuring_uncertainty(
-    rig: Rig, complete: Floats, people: Floats, person_height_m: float, free: Free, groups: Sequence[Sequence[int]] = ()
-) -> MeasuringFigures | None:
+    rig: Rig, complete: Floats, people: Floats, person_height_m: float, free: Free,
+    groups: Sequence[tuple[Sequence[int], Floats]] = (),
+) -> MeasuringFigures | None:  # fmt: skip
     """The uncertainty of what a rig measures where people walked.
 
-    Cameras that were rigs by themselves measure by themselves: how well their relative pose is known is in the poses' sigmas.
+    Cameras that were rigs by themselves measure by themselves, whom they saw: how well their relative pose is known is in the
+    poses' sigmas, and people behind the walls of a hall are in the pictures of its cameras by geometry alone.
 
     Args:
         rig: C cameras with poses; world of the adjustment, z up, the ground at z = 0, metres.
@@ -78,29 +80,34 @@ def measuring_uncertainty(
         people: (N, 2) places of people on the ground, metres.
         person_height_m: of theirs, typical.
         free: what no evidence constrains.
-        groups: places in the rig of cameras that were rigs by themselves; none: all are one.
+        groups: places in the rig of cameras that were rigs by themselves, and (N, 2) where the people are whom they saw, each;
+            none: all are one.
 
     Returns:
         The figures; None where cameras are free to go anywhere, or fewer than two see the places.
     """
     if free.cameras or not len(people):
         return None
-    rows = np.linspace(0, len(people) - 1, min(len(people), MOST_PLACES)).round().astype(np.int64)
-    places, root = people[rows], _root(complete, len(rig))
-    sees_ground = not (free.vertical or free.ground)
+    root, sees_ground = _root(complete, len(rig)), not (free.vertical or free.ground)
+    parts = [(list(group), _thinned(places)) for group, places in groups or [(range(len(rig)), people)]]
     found = [
-        one for group in groups or [range(len(rig))]
-        if (one := _measured([rig.cameras[c] for c in group], root[list(group)], places, sees_ground=sees_ground)) is not None
+        one for group, places in parts if len(places)
+        and (one := _measured([rig.cameras[c] for c in group], root[group], places, sees_ground=sees_ground)) is not None
     ]  # fmt: skip
     if not found:
         return None
     grounds = [ground for one in found for ground in one.grounds]
     return MeasuringFigures(
-        places=len(places), points=MeasuringSigma.of(np.concatenate([one.points for one in found])),
+        places=sum(len(places) for _, places in parts), points=MeasuringSigma.of(np.concatenate([one.points for one in found])),
         ground=MeasuringSigma.of(np.concatenate(grounds)) if grounds else None,
         ground_height_mm=1000 * LOWER_EDGE * person_height_m if sees_ground else None,
         cameras={name: measuring for one in found for name, measuring in one.cameras.items()},
     )  # fmt: skip
+
+
+def _thinned(people: Floats) -> Floats:
+    """Some of many places, by even steps."""
+    return people[np.linspace(0, len(people) - 1, min(len(people), MOST_PLACES)).round().astype(np.int64)]
 
 
 @dataclass(frozen=True, eq=False)

@@ -217,12 +217,13 @@ def _estimate_uncertainty(
 
 def _measuring(start: Initialisation, fit: Fit, covariance: RigCovariance) -> MeasuringFigures | None:
     """The uncertainty of points and of the ground where people walked, or where their joints were."""
-    state = fit.result.state
-    places = state.people[:, :2] if len(state.people) else state.joints[:, :2]
-    height_m = float(np.median(state.heights)) if len(state.heights) else 0.0
-    return measuring_uncertainty(
-        _posed(start.rig, state), covariance.complete, places, height_m, covariance.free, start.knowledge.groups
+    state, boxes, joints = fit.result.state, fit.model.problem.sightings, fit.model.problem.joints
+    whose, camera, at = (
+        (boxes.block, boxes.camera, state.people) if len(state.people) else (joints.point, joints.camera, state.joints)
     )
+    height_m = float(np.median(state.heights)) if len(state.heights) else 0.0
+    groups = [(group, at[np.unique(whose[np.isin(camera, group)]), :2]) for group in start.knowledge.groups]
+    return measuring_uncertainty(_posed(start.rig, state), covariance.complete, at[:, :2], height_m, covariance.free, groups)
 
 
 def _observed(fit: Fit) -> Rig:
