@@ -19,6 +19,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import KDTree
 
 from passerby.common.arrays import Bools, Floats, Ints
 from passerby.core.cameras import Camera, Rig
@@ -27,7 +28,8 @@ from passerby.solver.gauge import Free
 from passerby.solver.systematic import LOWER_EDGE
 from passerby.solver.uncertainty import COMPLETE
 
-MOST_PLACES = 200
+MOST_PLACES, NEAR_M = 200, 2.0
+"""Places of each group of cameras, and how far they are at most from people whom a camera saw."""
 LEAST_CROSSING = 1e-9
 """Share of what is known across a point's rays that has to be known along them: rays that cross at a hundredth of a degree."""
 
@@ -44,11 +46,11 @@ class _Views:
     """(N, 2, 10) pixels by the complete camera; 0 where it does not see the point."""
 
     @classmethod
-    def of(cls, camera: Camera, points: Floats) -> _Views:
-        """Of a camera with a pose, and points (N, 3)."""
+    def of(cls, camera: Camera, points: Floats, near: Bools) -> _Views:
+        """Of a camera with a pose, and those of points (N, 3) that are `near` (N,) people whom it saw."""
         pose = camera.pose
         assert pose is not None
-        seen = np.isfinite(camera.project(points)).all(axis=1)
+        seen = near & np.isfinite(camera.project(points)).all(axis=1)
         pixels = np.nan_to_num(camera.project(points), nan=-1.0)
         seen &= ((pixels >= 0) & (pixels <= np.array(camera.lens.size) - 1.0)).all(axis=1)
         d = points @ pose.R_cw.T + pose.t_cw
@@ -66,22 +68,23 @@ class _Views:
 
 
 def measuring_uncertainty(
-    rig: Rig, complete: Floats, people: Floats, person_height_m: float, free: Free,
-    groups: Sequence[tuple[Sequence[int], Floats]] = (),
+    rig: Rig, complete: Floats, people: Floats, seen: Bools, person_height_m: float, free: Free,
+    groups: Sequence[Sequence[int]] = (),
 ) -> MeasuringFigures | None:  # fmt: skip
     """The uncertainty of what a rig measures where people walked.
 
-    Cameras that were rigs by themselves measure by themselves, whom they saw: how well their relative pose is known is in the
-    poses' sigmas, and people behind the walls of a hall are in the pictures of its cameras by geometry alone.
+    A camera measures no farther than people were whom it saw: what is behind the walls of a hall is in its picture by geometry
+    alone. Cameras that were rigs by themselves measure by themselves: how well their relative pose is known is in the poses'
+    sigmas.
 
     Args:
         rig: C cameras with poses; world of the adjustment, z up, the ground at z = 0, metres.
         complete: (10 C, 10 C) covariance of the complete cameras (`RigCovariance.complete`).
         people: (N, 2) places of people on the ground, metres.
+        seen: (C, N) whether each camera saw them there.
         person_height_m: of theirs, typical.
         free: what no evidence constrains.
-        groups: places in the rig of cameras that were rigs by themselves, and (N, 2) where the people are whom they saw, each;
-            none: all are one.
+        groups: places in the rig of cameras that were rigs by themselves; none: all are one.
 
     Returns:
         The figures; None where cameras are free to go anywhere, or fewer than two see the places.
@@ -89,25 +92,30 @@ def measuring_uncertainty(
     if free.cameras or not len(people):
         return None
     root, sees_ground = _root(complete, len(rig)), not (free.vertical or free.ground)
-    parts = [(list(group), _thinned(places)) for group, places in groups or [(range(len(rig)), people)]]
-    found = [
-        one for group, places in parts if len(places)
-        and (one := _measured([rig.cameras[c] for c in group], root[group], places, sees_ground=sees_ground)) is not None
-    ]  # fmt: skip
+    found, count = list[_Measured](), 0
+    for group in [list(one) for one in groups] or [list(range(len(rig)))]:
+        rows = np.flatnonzero(seen[group].any(axis=0))
+        rows = rows[np.linspace(0, len(rows) - 1, min(len(rows), MOST_PLACES)).round().astype(np.int64)]
+        near = np.array([_near(people[rows], people[seen[c]]) for c in group])
+        one = _measured([rig.cameras[c] for c in group], root[group], people[rows], near, sees_ground=sees_ground)
+        found += [] if one is None else [one]
+        count += len(rows)
     if not found:
         return None
     grounds = [ground for one in found for ground in one.grounds]
     return MeasuringFigures(
-        places=sum(len(places) for _, places in parts), points=MeasuringSigma.of(np.concatenate([one.points for one in found])),
+        places=count, points=MeasuringSigma.of(np.concatenate([one.points for one in found])),
         ground=MeasuringSigma.of(np.concatenate(grounds)) if grounds else None,
         ground_height_mm=1000 * LOWER_EDGE * person_height_m if sees_ground else None,
         cameras={name: measuring for one in found for name, measuring in one.cameras.items()},
     )  # fmt: skip
 
 
-def _thinned(people: Floats) -> Floats:
-    """Some of many places, by even steps."""
-    return people[np.linspace(0, len(people) - 1, min(len(people), MOST_PLACES)).round().astype(np.int64)]
+def _near(places: Floats, seen: Floats) -> Bools:
+    """(P,) whether a camera saw somebody (K, 2) near places (P, 2)."""
+    if not len(seen):
+        return np.zeros(len(places), dtype=bool)
+    return np.isfinite(KDTree(seen).query(places, distance_upper_bound=NEAR_M)[0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,10 +129,10 @@ class _Measured:
     cameras: dict[str, CameraMeasuring]
 
 
-def _measured(group: Sequence[Camera], root: Floats, places: Floats, *, sees_ground: bool) -> _Measured | None:
-    """What cameras measure at places (P, 2); None where fewer than two see them."""
+def _measured(group: Sequence[Camera], root: Floats, places: Floats, near: Bools, *, sees_ground: bool) -> _Measured | None:
+    """What cameras measure at places (P, 2) that each saw people `near` (C, P); None where fewer than two see them."""
     points = points_above(places)
-    views = [_Views.of(camera, points) for camera in group]
+    views = [_Views.of(camera, points, np.tile(own, len(HEIGHTS_M))) for camera, own in zip(group, near, strict=True)]
     known = (np.sum([view.seen for view in views], axis=0) > 1) & _determined(views)
     if np.count_nonzero(known) < len(HEIGHTS_M):
         return None

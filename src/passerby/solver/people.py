@@ -222,8 +222,10 @@ def _measuring(start: Initialisation, fit: Fit, covariance: RigCovariance) -> Me
         (boxes.block, boxes.camera, state.people) if len(state.people) else (joints.point, joints.camera, state.joints)
     )
     height_m = float(np.median(state.heights)) if len(state.heights) else 0.0
-    groups = [(group, at[np.unique(whose[np.isin(camera, group)]), :2]) for group in start.knowledge.groups]
-    return measuring_uncertainty(_posed(start.rig, state), covariance.complete, at[:, :2], height_m, covariance.free, groups)
+    seen = np.zeros((len(start.rig), len(at)), dtype=bool)
+    seen[camera, whose] = True
+    rig, groups = _posed(start.rig, state), start.knowledge.groups
+    return measuring_uncertainty(rig, covariance.complete, at[:, :2], seen, height_m, covariance.free, groups)
 
 
 def _observed(fit: Fit) -> Rig:
