@@ -112,7 +112,7 @@ def measuring_uncertainty(
 
 
 def _near(places: Floats, seen: Floats) -> Bools:
-    """(P,) whether a camera saw somebody (K, 2) near places (P, 2)."""
+    """(P,) whether a camera saw people at places `seen` (K, 2) near places (P, 2)."""
     if not len(seen):
         return np.zeros(len(places), dtype=bool)
     return np.isfinite(KDTree(seen).query(places, distance_upper_bound=NEAR_M)[0])

@@ -29,9 +29,10 @@ ends of tracks at most, and the cells within which pairs of boxes are fitted."""
 CERTAIN, LIKELY, APART_DEG, RIVAL = 2.5, 0.5, 20.0, 0.8
 """The turn is open where its votes have less than so many times the largest log-likelihood of any other lag, or where a turn
 that differs by more has more than this share of them. Of turns and shifts with at least this share of the largest
-log-likelihood, that with most votes counts. Simulated airports (seeds 801, 804, 806, 811 of 25 cameras, 820 of 100): at 15
-doors 2.7 to 37 times, and the turn is then within 7 degrees, mostly 2 (by the ends of tracks alone: up to 35); at three more,
-where the two groups see few people at one time, 0.5 to 2.1 times; between groups without common ground 0.3 to 1.5."""
+log-likelihood, that with most votes counts. Simulated airports (seeds 801, 804, 806, 811 of 25 cameras, 820 of 100): at 14 of
+18 doors 3.1 to 37 times, and the turn is then within 7 degrees, at 11 of them within 2.1 (by the ends of tracks alone: up to
+35); at three, where the two groups see few people at one time, 0.5 to 2.1 times; at one another turn has as many votes; between
+groups without common ground 0.3 to 1.5 times."""
 SAME_PERSON = 3.0
 """Nats of what is gained by a person of one group being one of the other: twenty times as probable."""
 TOGETHER = 0.25
