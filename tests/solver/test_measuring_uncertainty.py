@@ -47,6 +47,9 @@ def test_cameras_measure_no_farther_than_people_were_whom_they_saw() -> None:
     alone = measuring_uncertainty(RIG, covariance(4), PLACES, everywhere(4), 1.75, Free())
     walled = measuring_uncertainty(RIG, covariance(4), places, seen, 1.75, Free())
     assert walled == alone
+    assert set(
+        measuring_uncertainty(RIG, covariance(4), places, seen & [[1], [1], [0], [0]], 1.75, Free(), [(0, 1), (2, 3)]).cameras
+    ) == {*RIG.names[:2]}
     through = measuring_uncertainty(RIG, covariance(4), places, np.ones_like(seen), 1.75, Free())
     assert through.ground.p90_mm > 3 * alone.ground.p90_mm
 

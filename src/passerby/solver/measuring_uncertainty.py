@@ -95,6 +95,8 @@ def measuring_uncertainty(
     found, count = list[_Measured](), 0
     for group in [list(one) for one in groups] or [list(range(len(rig)))]:
         rows = np.flatnonzero(seen[group].any(axis=0))
+        if not len(rows):
+            continue
         rows = rows[np.linspace(0, len(rows) - 1, min(len(rows), MOST_PLACES)).round().astype(np.int64)]
         near = np.array([_near(people[rows], people[seen[c]]) for c in group])
         one = _measured([rig.cameras[c] for c in group], root[group], people[rows], near, sees_ground=sees_ground)
