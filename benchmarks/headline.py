@@ -84,6 +84,9 @@ def headlines(file: Path, name: str, records: Path = RECORDS) -> str:
         if not shown:
             raise ValueError(f"no table {headline.caption!r} in the records of {headline.page}")
         whole = [one.found.tables[headline.caption] for one in shown]
+        # Parts of different age may have other columns beside those that are shown.
+        columns = list(dict.fromkeys((*headline.columns, *headline.rows))) if headline.columns else []
+        whole = [one.choose(columns) for one in whole]
         joined = table(whole[0].head, [row for one in whole for row in one.rows])
         link = (DOCS / "results").relative_to(file.parent).as_posix()
         source = f"By `{shown[0].command}`: [{headline.page}]({link}/{headline.page}.md)."
