@@ -85,23 +85,53 @@ def test_people_who_pass_a_door_register_two_groups(gap_s: float) -> None:
     assert found.cameras[0, 1] > 40
 
 
+def in_corridor(rng: np.random.Generator, count: int) -> TrackEnds:
+    """Ends of tracks all along a corridor of 200 m."""
+    place = DOOR + rng.uniform(-100, 100, count) + 1j * rng.uniform(-4, 4, count)
+    return replace(ends(rng, count), place=place)
+
+
 def test_a_door_is_found_in_a_long_corridor() -> None:
-    """Of 1,500 ends of tracks in a corridor of 200 m, 15 are at the door of a hall, where 15 of 200 end."""
+    """Beside 1,500 other ends of tracks in the corridor, and 200 in a hall, 15 people pass between them."""
     rng = np.random.default_rng(4)
     first, second = passing(rng, 15, TRUE, 0.8)
-    corridor = ends(rng, 1500)
-    corridor = replace(corridor, place=DOOR + rng.uniform(-100, 100, 1500) + 1j * rng.uniform(-4, 4, 1500))
-    found = register_by_passages(joined([first, corridor]), joined([second, ends(rng, 200)]), LAGS)
+    found = register_by_passages(joined([first, in_corridor(rng, 1500)]), joined([second, ends(rng, 200)]), LAGS)
     assert found is not None
     assert found.clear
     assert abs(found.place - DOOR) < 1.0
     assert abs(np.angle(found.motion.turn / TRUE.turn)) < np.deg2rad(20)
 
 
+def test_a_door_is_found_among_twice_as_many_strangers() -> None:
+    """As many votes as the whole corridor's ends have by chance: only those at the door count."""
+    rng = np.random.default_rng(4)
+    first, second = passing(rng, 20, TRUE, 0.8)
+    found = register_by_passages(joined([first, in_corridor(rng, 3000)]), joined([second, ends(rng, 400)]), LAGS)
+    assert found is not None
+    assert found.clear
+    assert abs(found.place - DOOR) < 1.0
+
+
 def test_strangers_are_not_joined() -> None:
     for seed in range(4):
         rng = np.random.default_rng(seed)
         found = register_by_passages(ends(rng, 150), ends(rng, 150), LAGS)
+        assert found is None or found.votes < found.needed
+
+
+def test_busy_doors_of_two_groups_that_share_none_are_not_joined() -> None:
+    """Three doors each, where 80 tracks end at any time: chance is what the same two doors reach at other lags."""
+
+    def with_doors(rng: np.random.Generator, first: complex) -> TrackEnds:
+        parts = [ends(rng, 300)]
+        for number in range(3):
+            busy, spread = ends(rng, 80), 0.5 * rng.normal(size=(80, 2)) @ np.array([1, 1j])
+            parts.append(replace(busy, place=first + 12.0 * number + spread))
+        return joined(parts)
+
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        found = register_by_passages(with_doors(rng, DOOR), with_doors(rng, 40.0 - 30.0j), LAGS)
         assert found is None or found.votes < found.needed
 
 

@@ -29,7 +29,7 @@ from passerby.solver.systematic import LOWER_EDGE
 from passerby.solver.uncertainty import COMPLETE
 
 MOST_PLACES, NEAR_M = 200, 2.0
-"""Places of each group of cameras, and how far they are at most from people whom a camera saw."""
+"""Places of each group of cameras, and how far they are at most from where a camera saw people."""
 LEAST_CROSSING = 1e-9
 """Share of what is known across a point's rays that has to be known along them: rays that cross at a hundredth of a degree."""
 
@@ -47,7 +47,7 @@ class _Views:
 
     @classmethod
     def of(cls, camera: Camera, points: Floats, near: Bools) -> _Views:
-        """Of a camera with a pose, and those of points (N, 3) that are `near` (N,) people whom it saw."""
+        """Of a camera with a pose, and those of points (N, 3) that are `near` (N,) where it saw people."""
         pose = camera.pose
         assert pose is not None
         seen = near & np.isfinite(camera.project(points)).all(axis=1)
@@ -73,7 +73,7 @@ def measuring_uncertainty(
 ) -> MeasuringFigures | None:  # fmt: skip
     """The uncertainty of what a rig measures where people walked.
 
-    A camera measures no farther than people were whom it saw: what is behind the walls of a hall is in its picture by geometry
+    A camera measures only near the places where it saw people. Places behind the walls of a hall are in its picture by geometry
     alone. Cameras that were rigs by themselves measure by themselves: how well their relative pose is known is in the poses'
     sigmas.
 

@@ -68,14 +68,13 @@ def refine_by_sightings(found: Passage, a: Places, b: Places) -> Passage:
     away = np.arange(2 * APART_S, OTHER_LAGS_S, APART_S)
     by_chance = np.array([votes(later_s) for later_s in np.concatenate([-away, away]).tolist()])
     together = votes(0.0)
-    likelihood, at_others = _log_likelihood(together, by_chance), [
-        _log_likelihood(one, np.delete(by_chance, n, axis=0)).max() for n, one in enumerate(by_chance)
-    ]  # fmt: skip
+    likelihood = _log_likelihood(together, by_chance)
+    at_others = max(_log_likelihood(one, np.delete(by_chance, n, axis=0)).max() for n, one in enumerate(by_chance))
     more = np.where(likelihood >= LIKELY * likelihood.max(), together - by_chance.mean(axis=0), 0.0)
     number, x, y = np.unravel_index(int(more.argmax()), more.shape)
     turn, shift = complex(turns[number]), complex(*((np.array([x, y]) + 1.5) * SIGHTED_CELL_M - FARTHEST_M))
     rivals = np.abs(np.angle(turns / turn)) > np.deg2rad(APART_DEG)
-    if likelihood.max() <= CERTAIN * max(at_others) or more[rivals].max() >= RIVAL * more.max():
+    if likelihood.max() <= CERTAIN * at_others or more[rivals].max() >= RIVAL * more.max():
         return found
     i, j = _at_one_time(near_a, near_b, found.motion.lag_s)
     alike = np.abs(seen[j] - turn * here[i] - shift) < NEAR_CELLS * SIGHTED_CELL_M
@@ -129,7 +128,7 @@ def _at_one_time(a: Places, b: Places, lag_s: float) -> tuple[Ints, Ints]:
 
 
 def _log_likelihood(votes: Floats, by_chance: Floats) -> Floats:
-    """Nats by which votes beyond those of other lags (L, ...) are better explained by people whom both groups see.
+    """Nats by which votes beyond those of other lags (L, ...) are better explained by people that both groups see.
 
     Of Poisson's distribution, divided by how much more than that the other lags scatter: boxes of people who stand come in
     hundreds. (Quasi-likelihood: Wedderburn, Biometrika 1974.)
