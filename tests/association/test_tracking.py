@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from passerby.association.tracking.embedding_model import learn_similarity
-from passerby.association.tracking.splitting import SplittingOptions, split_tracklets
+from passerby.association.tracking.splitting import SplittingOptions, find_continuations, find_motion_links, split_tracklets
 from passerby.association.tracking.tracking import TrackingOptions, track
 from passerby.common.errors import InputError
 from passerby.core.observations import Boxes
@@ -276,6 +276,20 @@ def test_a_single_box_with_somebody_elses_number_does_not_split(frame: int) -> N
     one = replace(one, identity=np.where(one.frame == frame, 1, 0))
     boxes = together(one, two.take(two.frame != frame))
     np.testing.assert_array_equal(split_tracklets(boxes, 10.0).identity, boxes.identity)
+
+
+def test_a_tracklet_that_broke_goes_on_as_the_next_whatever_the_order_of_the_rows() -> None:
+    """The other person stays one, boxes without a number are left out, and links that are known change nothing."""
+    one, two = (walker((100, top), (10, 0), np.arange(40), number, 10.0) for number, top in ((3, 50), (7, 900)))
+    broken = replace(one, identity=np.where(one.frame < 20, 3, 9)).take((one.frame < 18) | (one.frame > 21))
+    nobody = replace(two, ltwh=two.ltwh + [800, 0, 0, 0], identity=np.full(len(two), -1))
+    boxes = together(broken, nobody, two)
+    shuffled = boxes.take(np.random.default_rng(0).permutation(len(boxes)))
+    for rows in (boxes, shuffled):
+        links = find_motion_links(rows, 10.0)
+        before, after = find_continuations(rows, links)
+        assert (before.tolist(), after.tolist()) == ([3], [9])
+        np.testing.assert_array_equal(split_tracklets(rows, 10.0, links=links).identity, split_tracklets(rows, 10.0).identity)
 
 
 def test_a_change_of_appearance_alone_splits_where_it_is() -> None:

@@ -12,7 +12,7 @@ from scipy.optimize import linear_sum_assignment
 
 from passerby.association.ground.ground_tracks import GroundTracks, ground_tracks
 from passerby.association.not_people import without_people
-from passerby.association.tracking.splitting import find_continuations, split_tracklets
+from passerby.association.tracking.splitting import find_continuations, find_motion_links, split_tracklets
 from passerby.association.tracking.stitching import StitchingOptions, find_stitches
 from passerby.association.tracking.tracking import overlaps, track
 from passerby.common.arrays import Floats, Ints
@@ -205,10 +205,12 @@ def _tracklets(boxes: Boxes, fps: float) -> tuple[Boxes, tuple[Ints, Ints]]:
     """
     known = boxes.identity > UNKNOWN
     identity = np.full(len(boxes), UNKNOWN)
-    given = split_tracklets(boxes.take(known), fps)
+    given = boxes.take(known)
+    links = find_motion_links(given, fps)
+    given = split_tracklets(given, fps, links=links)
     numbers, identity[known] = np.unique(given.identity, return_inverse=True)
     given = replace(given, identity=identity[known])
-    continued = find_continuations(given, fps)
+    continued = find_continuations(given, links)
     if not known.all():
         found = track(boxes.take(~known), fps)
         identity[~known] = np.where(found.identity > UNKNOWN, found.identity + len(numbers), UNKNOWN)

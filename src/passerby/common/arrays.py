@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import fields
+from functools import cache
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
@@ -44,12 +45,15 @@ class Columns(DataclassInstance):
     @classmethod
     def joined(cls, parts: Sequence[Self]) -> Self:
         """The rows of several tables, one after the other; a column that one of them lacks is None, tuples are the first's."""
-        tables = [part._columns() for part in parts]
-        columns: dict[str, list[Any]] = {item.name: [table[item.name] for table in tables] for item in fields(cls)}
-        return cls(**{name: _joined(each) for name, each in columns.items()})
+        return cls(**{name: _joined([getattr(part, name) for part in parts]) for name in _names(cls)})
 
     def _columns(self) -> dict[str, Any]:
-        return {item.name: getattr(self, item.name) for item in fields(self)}
+        return {name: getattr(self, name) for name in _names(type(self))}
+
+
+@cache
+def _names(table: type[DataclassInstance]) -> tuple[str, ...]:
+    return tuple(item.name for item in fields(table))
 
 
 def _joined(parts: list[Any]) -> Any:

@@ -58,16 +58,30 @@ class Tracks(Columns):
     """(T,) row of the last box; -1 where the person may have been in another box since."""
     time: Floats
     """(T,) seconds."""
-    centre: Floats
-    """(T, 2) pixels."""
-    velocity: Floats
-    """(T, 2) pixels per second."""
-    covariance: Floats
-    """(T, 3) position-position, position-velocity, velocity-velocity of either axis; body heights and seconds."""
-    shape: Floats
-    """(T, 2) logarithms of height and width in pixels."""
+    state: Floats
+    """(T, 9) centre, velocity, covariance and shape, in one array: it is moved and joined at every frame."""
     appearance: Vectors
     """(T, D) sum of the embeddings so far; D = 0 without any."""
+
+    @property
+    def centre(self) -> Floats:
+        """(T, 2) pixels."""
+        return self.state[:, 0:2]
+
+    @property
+    def velocity(self) -> Floats:
+        """(T, 2) pixels per second."""
+        return self.state[:, 2:4]
+
+    @property
+    def covariance(self) -> Floats:
+        """(T, 3) position-position, position-velocity, velocity-velocity of either axis; body heights and seconds."""
+        return self.state[:, 4:7]
+
+    @property
+    def shape(self) -> Floats:
+        """(T, 2) logarithms of height and width in pixels."""
+        return self.state[:, 7:9]
 
     def put(self, rows: Ints, other: Tracks) -> None:
         """Replace the tracks of the given rows."""
@@ -100,11 +114,13 @@ def link(boxes: Boxes, seconds: Floats, weak: Mask, costs: LinkCosts, similarity
         similarity: what the embeddings tell; None to leave them out.
     """
     following = np.full(len(boxes), -1, dtype=np.int64)
-    everything = first_seen(boxes, seconds, similarity is not None)
-    tracks = everything.take(np.zeros(0, dtype=np.int64))
     order = np.argsort(seconds, kind="stable")
-    for rows in np.split(order, np.flatnonzero(np.diff(seconds[order])) + 1) if len(order) else ():
-        now, seen = seconds[rows[0]], everything.take(rows)
+    everything = first_seen(boxes, seconds, similarity is not None).take(order)
+    tracks = everything.take(slice(0))
+    first = np.flatnonzero(np.diff(everything.time, prepend=-np.inf))
+    for frame in map(slice, first, np.append(first[1:], len(order))):
+        seen = everything.take(frame)
+        rows, now = seen.row, seen.time[0]
         tracks = tracks.take(now - tracks.time <= costs.max_gap_s * (1 + 1e-9))
         predicted = predict(tracks, now)
         gain = _gains(tracks, predicted, seen, weak[rows], costs, similarity)
@@ -122,16 +138,11 @@ def link(boxes: Boxes, seconds: Floats, weak: Mask, costs: LinkCosts, similarity
 def first_seen(boxes: Boxes, seconds: Floats, with_embeddings: bool = False) -> Tracks:
     """Every box as a track of its own: at rest, but for all that is known of its speed."""
     centre = boxes.ltwh[:, :2] + boxes.ltwh[:, 2:] / 2
+    certainty = np.tile([POSITION_SD**2, 0.0, START_SPEED_SD**2], (len(boxes), 1))
+    state = np.column_stack([centre, np.zeros_like(centre), certainty, np.log(boxes.ltwh[:, [3, 2]])])
     without = np.zeros((len(boxes), 0), np.float32)
-    return Tracks(
-        row=np.arange(len(boxes)),
-        time=seconds,
-        centre=centre,
-        velocity=np.zeros_like(centre),
-        covariance=np.tile([POSITION_SD**2, 0.0, START_SPEED_SD**2], (len(boxes), 1)),
-        shape=np.log(boxes.ltwh[:, [3, 2]]),
-        appearance=boxes.embedding if with_embeddings and boxes.embedding is not None else without,
-    )
+    appearance = boxes.embedding if with_embeddings and boxes.embedding is not None else without
+    return Tracks(np.arange(len(boxes)), seconds, state, appearance)
 
 
 def predict(tracks: Tracks, now: float | Floats) -> Tracks:
@@ -141,33 +152,39 @@ def predict(tracks: Tracks, now: float | Floats) -> Tracks:
     """
     dt = now - tracks.time
     pp, pv, vv = tracks.covariance.T
-    covariance = np.stack(
-        [
-            pp + 2 * dt * pv + dt**2 * vv + TURN_DENSITY * dt**3 / 3,
-            pv + dt * vv + TURN_DENSITY * dt**2 / 2,
-            vv + TURN_DENSITY * dt,
-        ],
-        axis=1,
-    )
-    ahead = tracks.centre + dt[:, None] * tracks.velocity
-    return Tracks(tracks.row, dt, ahead, tracks.velocity, covariance, tracks.shape, tracks.appearance)
+    state = tracks.state.copy()
+    state[:, 0:2] += dt[:, None] * tracks.velocity
+    state[:, 4] = pp + 2 * dt * pv + dt**2 * vv + TURN_DENSITY * dt**3 / 3
+    state[:, 5] = pv + dt * vv + TURN_DENSITY * dt**2 / 2
+    state[:, 6] = vv + TURN_DENSITY * dt
+    return Tracks(tracks.row, dt, state, tracks.appearance)
 
 
 def _gains(
     tracks: Tracks, predicted: Tracks, seen: Tracks, weak: Mask, costs: LinkCosts, similarity: EmbeddingSimilarity | None
 ) -> Floats:
     """(T, D) how much more likely each link is than leaving both unlinked, as -2 log likelihood: negative, or 0 for no link."""
-    height = np.exp(tracks.shape[:, 0])[:, None]
+    height = np.exp(tracks.shape[:, :1])
     variance = predicted.covariance[:, :1] + POSITION_SD**2
-    apart = np.sum((seen.centre - predicted.centre[:, None]) ** 2, axis=-1) / height**2 / variance
-    moved = np.sqrt(np.sum((seen.centre - tracks.centre[:, None]) ** 2, axis=-1)) / height
+    apart = _squares(seen.centre, predicted.centre) / height**2 / variance
+    moved = np.sqrt(_squares(seen.centre, tracks.centre)) / height
     possible = (apart < FARTHEST) & (moved < costs.max_speed * predicted.time[:, None] + SLACK)
-    reshaped = ((seen.shape - tracks.shape[:, None]) / SHAPE_SD) ** 2
+    if not possible.any():
+        return np.zeros(possible.shape)
     cost = (TAIL + 2) * np.log1p(apart / TAIL) + 2 * np.log(2 * np.pi * variance)
-    cost = cost + (TAIL + 1) * np.log1p(reshaped / TAIL).sum(axis=-1) + np.where(weak, WEAK_COST, 0.0)
+    for axis, sd in enumerate(SHAPE_SD):
+        reshaped = (seen.shape[:, axis] - tracks.shape[:, axis, None]) / sd
+        cost += (TAIL + 1) * np.log1p(reshaped**2 / TAIL)
+    cost += np.where(weak, WEAK_COST, 0.0)
     if similarity is not None:
-        cost = cost + similarity.cost(tracks.appearance, seen.appearance)
+        cost += similarity.cost(tracks.appearance, seen.appearance)
     return np.asarray(np.where(possible, np.minimum(cost - costs.unlinked, 0.0), 0.0))
+
+
+def _squares(seen: Floats, expected: Floats) -> Floats:
+    """(T, D) squared distances of points (D, 2) from points (T, 2)."""
+    across, down = seen.T[:, None, :] - expected.T[:, :, None]
+    return np.asarray(across**2 + down**2)
 
 
 def _decide(gain: Floats, margin: float) -> tuple[Ints, Ints, Mask]:
@@ -201,12 +218,9 @@ def update(predicted: Tracks, seen: Tracks) -> Tracks:
     apart = np.sum(off**2, axis=1) / height**2 / (pp + POSITION_SD**2)
     noise = POSITION_SD**2 * np.maximum(1.0, (TAIL + apart) / (TAIL + 2))
     gain_p, gain_v = pp / (pp + noise), pv / (pp + noise)
-    return Tracks(
-        row=seen.row,
-        time=seen.time,
-        centre=predicted.centre + gain_p[:, None] * off,
-        velocity=predicted.velocity + gain_v[:, None] * off,
-        covariance=np.stack([(1 - gain_p) * pp, (1 - gain_p) * pv, vv - gain_v * pv], axis=1),
-        shape=predicted.shape + np.clip(SHAPE_GAIN * (seen.shape - predicted.shape), -SHAPE_STEP, SHAPE_STEP),
-        appearance=predicted.appearance + seen.appearance,
-    )
+    state = predicted.state.copy()
+    state[:, 0:2] += gain_p[:, None] * off
+    state[:, 2:4] += gain_v[:, None] * off
+    state[:, 4], state[:, 5], state[:, 6] = (1 - gain_p) * pp, (1 - gain_p) * pv, vv - gain_v * pv
+    state[:, 7:9] += np.clip(SHAPE_GAIN * (seen.shape - predicted.shape), -SHAPE_STEP, SHAPE_STEP)
+    return Tracks(seen.row, seen.time, state, predicted.appearance + seen.appearance)

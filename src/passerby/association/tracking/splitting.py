@@ -62,13 +62,31 @@ def sample_interval_s(frame: Ints, fps: float) -> float:
     return sampling_step(frame) / fps
 
 
-def split_tracklets(boxes: Boxes, fps: float, options: SplittingOptions | None = None) -> Boxes:
+def find_motion_links(boxes: Boxes, fps: float, options: SplittingOptions | None = None) -> tuple[Ints, Ints]:
+    """(L,) and (L,) the rows of boxes that belong to tracklets, and of those that continue them by tracking of our own.
+
+    By motion alone, whatever the tracklets are: splitting them does not change it. Arguments as of `split_tracklets`.
+    """
+    options = options or SplittingOptions()
+    order = np.lexsort((boxes.frame, boxes.identity))
+    order = order[boxes.identity[order] != UNKNOWN]
+    rows = boxes.take(order)
+    costs = LinkCosts(max_gap_s=max(options.max_gap_s, sample_interval_s(boxes.frame, fps)))
+    here, there = agreed_links(rows, rows.frame / fps, np.zeros(len(rows), dtype=np.bool_), costs, None)
+    by_row = np.argsort(order[here])
+    return order[here[by_row]], order[there[by_row]]
+
+
+def split_tracklets(
+    boxes: Boxes, fps: float, options: SplittingOptions | None = None, links: tuple[Ints, Ints] | None = None
+) -> Boxes:
     """Split the tracklets of one camera where they may change person.
 
     Args:
         boxes: N boxes in any order, with tracklet numbers; -1 belongs to none.
         fps: frames per second of the frame numbers.
         options: the defaults where None.
+        links: of `find_motion_links`, where they are known.
 
     Returns:
         The same rows in the same order. The first stretch of a tracklet keeps its number, the others get new ones above the
@@ -85,7 +103,10 @@ def split_tracklets(boxes: Boxes, fps: float, options: SplittingOptions | None =
     max_gap_s = max(options.max_gap_s, interval)
     cut = _motion_cuts(rows, fps, max_gap_s, options) & ~begins
     if options.cross_check:
-        cut |= _contradicted(rows, fps, LinkCosts(max_gap_s=max_gap_s)) & ~begins
+        place = np.empty(len(boxes), dtype=np.int64)
+        place[order] = np.arange(len(order))
+        here, there = find_motion_links(boxes, fps, options) if links is None else links
+        cut |= _contradicted(rows.identity, place[here], place[there]) & ~begins
     if rows.embedding is not None:
         stretch = np.cumsum(begins | cut)
         cut |= _appearance_cuts(rows.frame, stretch, rows.embedding)
@@ -98,31 +119,25 @@ def split_tracklets(boxes: Boxes, fps: float, options: SplittingOptions | None =
     return replace(boxes, identity=identity)
 
 
-def find_continuations(boxes: Boxes, fps: float, options: SplittingOptions | None = None) -> tuple[Ints, Ints]:
+def find_continuations(boxes: Boxes, links: tuple[Ints, Ints]) -> tuple[Ints, Ints]:
     """Tracklets of one camera that significantly continue as another one: a user's tracker lost the person for a moment.
 
     Args:
         boxes: boxes with tracklet numbers; -1 belongs to none.
-        fps: frames per second of the frame numbers.
-        options: as for `split_tracklets`.
+        links: of `find_motion_links`.
 
     Returns:
         (K,) tracklets and (K,) those that continue them.
     """
-    options = options or SplittingOptions()
-    rows = boxes.take(boxes.identity != UNKNOWN)
-    if len(rows) == 0:
-        return np.zeros(0, np.int64), np.zeros(0, np.int64)
-    costs = LinkCosts(max_gap_s=max(options.max_gap_s, sample_interval_s(boxes.frame, fps)))
-    here, there = agreed_links(rows, rows.frame / fps, np.zeros(len(rows), dtype=np.bool_), costs, None)
-    n = int(rows.identity.max()) + 1
-    first, last = np.full(n, rows.frame.max() + 1), np.full(n, rows.frame.min() - 1)
-    np.minimum.at(first, rows.identity, rows.frame)
-    np.maximum.at(last, rows.identity, rows.frame)
-    ends = rows.frame[here] == last[rows.identity[here]]
-    begins = rows.frame[there] == first[rows.identity[there]]
-    use = ends & begins & (rows.identity[here] != rows.identity[there])
-    return rows.identity[here[use]], rows.identity[there[use]]
+    here, there = links
+    before, after = boxes.identity[here], boxes.identity[there]
+    known = boxes.take(boxes.identity != UNKNOWN)
+    n = int(known.identity.max(initial=-1)) + 1
+    first, last = np.full(n, np.iinfo(np.int64).max), np.full(n, np.iinfo(np.int64).min)
+    np.minimum.at(first, known.identity, known.frame)
+    np.maximum.at(last, known.identity, known.frame)
+    use = (boxes.frame[here] == last[before]) & (boxes.frame[there] == first[after]) & (before != after)
+    return before[use], after[use]
 
 
 def _motion_cuts(rows: Boxes, fps: float, max_gap_s: float, options: SplittingOptions) -> Mask:
@@ -147,19 +162,23 @@ def _motion_cuts(rows: Boxes, fps: float, max_gap_s: float, options: SplittingOp
     return np.asarray(lasting | gap)
 
 
-def _contradicted(rows: Boxes, fps: float, costs: LinkCosts) -> Mask:
+def _contradicted(identity: Ints, here: Ints, there: Ints) -> Mask:
     """(N,) before which rows (sorted by tracklet and frame) the person came from, or went on to, another tracklet's box.
 
     By motion alone: what appearance shows is found by `_appearance_cuts`. A single box that is numbered wrongly, between two
     that agree, does not cut a tracklet.
+
+    Args:
+        identity: (N,) tracklet of each row.
+        here: (L,) rows.
+        there: (L,) rows that continue them.
     """
-    here, there = agreed_links(rows, rows.frame / fps, np.zeros(len(rows), dtype=np.bool_), costs, None)
-    after, before = np.full(len(rows), -1), np.full(len(rows), -1)
+    after, before = np.full(len(identity), -1), np.full(len(identity), -1)
     after[here], before[there] = there, here
-    stays = (after < 0) | (rows.identity[after] == rows.identity)
-    stayed = (before < 0) | (rows.identity[before] == rows.identity)
-    changes = (rows.identity[here] != rows.identity[there]) & stayed[here] & stays[there]
-    cut = np.zeros(len(rows) + 1, dtype=np.bool_)
+    stays = (after < 0) | (identity[after] == identity)
+    stayed = (before < 0) | (identity[before] == identity)
+    changes = (identity[here] != identity[there]) & stayed[here] & stays[there]
+    cut = np.zeros(len(identity) + 1, dtype=np.bool_)
     cut[here[changes] + 1] = True
     cut[there[changes]] = True
     return cut[:-1]

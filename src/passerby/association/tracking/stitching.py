@@ -118,7 +118,8 @@ class _Ends:
     def of(cls, boxes: Boxes, seconds: Floats) -> _Ends:
         """Of the tracklets 0 to T - 1."""
         last, first = _last_states(boxes, seconds), _last_states(boxes, -seconds)
-        return cls(replace(first, velocity=-first.velocity), last, -first.time, last.time)
+        first.velocity[:] *= -1
+        return cls(first, last, -first.time, last.time)
 
 
 def _links(boxes: Boxes, fps: float, options: StitchingOptions) -> tuple[Ints, Ints]:
