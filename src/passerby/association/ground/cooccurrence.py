@@ -23,7 +23,7 @@ class TrackPair:
 
     def instants_of(self, encounters: int) -> int:
         """About how many instants have so many encounters, at any lag."""
-        crowd_a, crowd_b = (len(side) / max(1, len(np.unique(side.step))) for side in (self.a, self.b))
+        crowd_a, crowd_b = (len(side) / max(1, len(side.instants[0])) for side in (self.a, self.b))
         return int(np.ceil(encounters / max(crowd_a * crowd_b, 1.0)))
 
 
@@ -96,16 +96,16 @@ def find_synchronous_pairs(tracks: TrackPair, lag: int, most_instants: int | Non
         most_instants: of more instants with people in both cameras, so many are taken at even steps,
         stretch: so many neighbours each time. Tracklets can be matched only by several samples of both.
     """
-    steps = np.intersect1d(tracks.a.step, tracks.b.step - lag)
-    thinned = most_instants is not None and len(steps) > most_instants
-    if most_instants is not None and len(steps) > most_instants:
+    (steps_a, low_a, n_a), (steps_b, low_b, n_b) = tracks.a.instants, tracks.b.instants
+    in_b = np.searchsorted(steps_b, steps_a + lag)
+    in_a = np.flatnonzero(np.append(steps_b, np.iinfo(np.int64).max)[in_b] == steps_a + lag)
+    thinned = most_instants is not None and len(in_a) > most_instants
+    if most_instants is not None and len(in_a) > most_instants:
         together = min(stretch, most_instants)
-        begins = np.linspace(0, len(steps) - together, most_instants // together).astype(np.int64)
-        steps = steps[(begins[:, None] + np.arange(together)).ravel()]
-    # The columns are sorted by step.
-    low_a, high_a = (np.searchsorted(tracks.a.step, steps, side=side) for side in ("left", "right"))
-    low_b, high_b = (np.searchsorted(tracks.b.step, steps + lag, side=side) for side in ("left", "right"))
-    n_a, n_b = high_a - low_a, high_b - low_b
+        begins = np.linspace(0, len(in_a) - together, most_instants // together).astype(np.int64)
+        in_a = in_a[(begins[:, None] + np.arange(together)).ravel()]
+    in_b = in_b[in_a]
+    low_a, n_a, low_b, n_b = low_a[in_a], n_a[in_a], low_b[in_b], n_b[in_b]
     count = n_a * n_b
     instant, within = expanded_ranges(np.zeros_like(count), count)
     return SynchronousPairs(

@@ -67,6 +67,11 @@ class GroundTracks:
         return len(self.step)
 
     @cached_property
+    def instants(self) -> tuple[Ints, Ints, Ints]:
+        """(I,) the grid times at which people are seen, ascending, (I,) the first sample of each, and (I,) their number."""
+        return np.unique(self.step, return_index=True, return_counts=True)
+
+    @cached_property
     def _walked(self) -> Ints:
         """Keys of the cells in which people were seen, and of their neighbours, sorted."""
         around = np.array([x + 1j * y for x in (-CELL_M, 0, CELL_M) for y in (-CELL_M, 0, CELL_M)])
@@ -80,7 +85,7 @@ class GroundTracks:
         at = np.minimum(np.searchsorted(self._walked, key), len(self._walked) - 1)
         return np.asarray(self._walked[at] == key)
 
-    @property
+    @cached_property
     def sigma(self) -> tuple[Floats, Floats]:
         """(N,) how far off a position may be along its ray and (N,) across it, metres."""
         reach, t = np.abs(self.position), self.tolerance

@@ -179,7 +179,7 @@ def _refined(
 ) -> Registration | None:
     """Alternate between matching tracklets and the least-squares motion, from tolerant to strict."""
     motion, latest = start, max_lag_s + STEP_S
-    found: Registration | None = None
+    last: tuple[SynchronousPairs, TrackletMatches] | None = None
     for factor in tolerances:
         met = met_at(round(motion.lag_s / STEP_S))
         matched = match_tracklets(met, motion, factor)
@@ -187,8 +187,8 @@ def _refined(
         if matched is None or fitted is None:
             return None
         motion = GroundMotion(fitted.turn, fitted.shift, float(np.clip(fitted.lag_s, -latest, latest)))
-        found = _registration(met, matched, motion)
-    return found
+        last = met, matched
+    return None if last is None else _registration(*last, motion)
 
 
 def _registration(met: SynchronousPairs, matched: TrackletMatches, motion: GroundMotion) -> Registration:
