@@ -15,6 +15,7 @@ from passerby.common.arrays import Floats, Ints
 from passerby.core.cameras import Rig
 from passerby.core.figures import CueFigures
 from passerby.core.observations import Observations
+from passerby.geometry.groups import group_numbers
 from passerby.people.body_centres import locate_people
 from passerby.solver.cue_agreement import MOST_SIGMAS
 
@@ -183,7 +184,7 @@ def _later(code: Floats, step: int) -> tuple[Ints, Ints]:
 
 def _placed(rows: Floats, keys: Floats) -> tuple[Ints, Ints]:
     """Rows (K,) whose frame and identity are among the keys (N, 2), and which key (K,) it is."""
-    number = np.unique(np.concatenate([keys, rows]), axis=0, return_inverse=True)[1].ravel()
+    number = group_numbers(*np.concatenate([keys, rows]).T)
     key_of = np.full(int(number.max()) + 1, -1)
     key_of[number[: len(keys)]] = np.arange(len(keys))
     key = key_of[number[len(keys) :]]

@@ -18,7 +18,7 @@ from passerby.association.ground.passages import (
     Passage,
 )
 from passerby.common.arrays import Floats, Ints
-from passerby.geometry.groups import expanded_ranges, least_of_groups
+from passerby.geometry.groups import expanded_ranges, group_numbers, least_of_groups
 from passerby.people.ground_positions import Places
 
 NEAR_M = 5.0
@@ -109,9 +109,12 @@ def compare_people(passage: Passage, a: Places, b: Places) -> Alike:
     R = np.array([[turn.real, -turn.imag], [turn.imag, turn.real]])
     miss = a.place[i] @ R.T + (shift.real, shift.imag) - b.place[j]
     square = np.einsum("ki,kij,kj->k", miss, np.linalg.inv(R @ a.covariance[i] @ R.T + b.covariance[j]), miss)
-    pairs, number = np.unique(np.column_stack([a.identity[i], b.identity[j]]), axis=0, return_inverse=True)
+    both = np.column_stack([a.identity[i], b.identity[j]])
+    number = group_numbers(*both.T)
+    pairs = np.empty((number.max(initial=-1) + 1, 2), dtype=np.int64)
+    pairs[number] = both
     gain = np.zeros((len(pairs), len(a.centre), len(b.centre)))
-    np.add.at(gain, (number.reshape(-1), a.camera[i], b.camera[j]), np.log((1 + MOST_SQUARE) / (1 + square)))
+    np.add.at(gain, (number, a.camera[i], b.camera[j]), np.log((1 + MOST_SQUARE) / (1 + square)))
     total = gain.sum(axis=(1, 2))
     seen = gain[total > SAME_PERSON].sum(axis=0)
     together = (seen > TOGETHER * seen.max()) & (seen > 0)

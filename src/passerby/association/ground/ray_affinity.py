@@ -9,12 +9,13 @@ side by side.)
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from passerby.association.sampling import STEP_S, interpolate_samples
-from passerby.common.arrays import Floats, Ints
+from passerby.common.arrays import Bools, Floats, Ints
 from passerby.core.cameras import Pose
 from passerby.geometry.groups import least_of_groups, rows_of_equal
 from passerby.people.sightings import Sightings
@@ -102,11 +103,11 @@ def pairwise_ray_affinity(a: RayTracks, b: RayTracks, lag_s: float, person_heigh
     i, j = rows_of_equal(a.step, b.step - lag)
     if not len(i):
         return np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0)
-    ray_b = b.ray[j] + b.rate[j] * (lag_s - lag * STEP_S)
+    meetings = _meetings(a, b, i, j, b.ray[j] + b.rate[j] * (lag_s - lag * STEP_S), person_height_m)
     spread = Spread()
     for _ in range(2):
-        spread = _learnt(_residuals(a, b, i, j, ray_b, person_height_m, spread), i, j, spread)
-    cost = _cost(_residuals(a, b, i, j, ray_b, person_height_m, spread))
+        spread = _learnt(*_best_residuals(meetings, spread), i, j, spread)
+    _, cost = _best_residuals(meetings, spread)
     value = np.maximum(1.0 - cost / AGAINST, -1.0)
     n_b = int(b.tracklet.max()) + 1
     pair, which = np.unique(a.tracklet[i] * n_b + b.tracklet[j], return_inverse=True)
@@ -114,24 +115,23 @@ def pairwise_ray_affinity(a: RayTracks, b: RayTracks, lag_s: float, person_heigh
 
 
 def _cost(residuals: Floats) -> Floats:
-    """(K,) what residuals (K, 5) count against one person.
+    """(K,) what residuals (5, K) count against one person.
 
     Rays must meet; but people crouch, climb and are half hidden, so that height and sizes have long tails.
     """
-    rays, rest = residuals[:, :2] ** 2, residuals[:, 2:] ** 2
-    return np.asarray(rays.sum(axis=1) + (TAIL * np.log1p(rest / TAIL)).sum(axis=1))
+    squares = residuals**2
+    return np.asarray(squares[:2].sum(axis=0) + (TAIL * np.log1p(squares[2:] / TAIL)).sum(axis=0))
 
 
-def _learnt(residuals: Floats, i: Ints, j: Ints, spread: Spread) -> Spread:
+def _learnt(residuals: Floats, cost: Floats, i: Ints, j: Ints, spread: Spread) -> Spread:
     """The spread of samples that are each other's nearest."""
-    cost = _cost(residuals)
     near = np.flatnonzero(cost < 4 * AGAINST)
     mutual = near[np.intersect1d(least_of_groups(i[near], cost[near]), least_of_groups(j[near], cost[near]))]
     if len(mutual) < NEAREST:
         return spread
     # Median absolute deviations as sigmas of a normal distribution.
     middle, height, size = (
-        float(np.median(np.abs(residuals[mutual][:, columns]))) / 0.6745 for columns in ([0, 1], [2], [3, 4])
+        float(np.median(np.abs(residuals[columns][:, mutual]))) / 0.6745 for columns in ([0, 1], [2], [3, 4])
     )
     low, high = Spread.limits()
     return Spread(
@@ -141,11 +141,39 @@ def _learnt(residuals: Floats, i: Ints, j: Ints, spread: Spread) -> Spread:
     )
 
 
-def _residuals(a: RayTracks, b: RayTracks, i: Ints, j: Ints, ray_b: Floats, person_height_m: float, spread: Spread) -> Floats:
-    """(K, 5) the evidence against one person at the best of the three places, in sigmas.
+@dataclass(frozen=True, eq=False)
+class _View:
+    """A camera's K samples and a place for each, where the person may be."""
 
-    The two rays' misses, the height of the place, and the two sizes.
-    """
+    sine: Floats
+    """(K,) of the angle between the sample's ray and the place."""
+    behind: Bools
+    """(K,) whether the place is behind the camera."""
+    larger: Floats
+    """(K,) logarithm of how much larger the sample is than a person there."""
+    size: Floats
+    """(K,) angular height of the sample."""
+
+    @classmethod
+    def of(cls, place: Floats, centre: Floats, ray: Floats, size: Floats, person_height_m: float) -> _View:
+        """Of places (K, 3), seen from a centre (3,) along rays (K, 3)."""
+        to = place - centre
+        reach = np.linalg.norm(to, axis=1)
+        sine = np.linalg.norm(np.cross(ray, to), axis=1) / reach
+        return cls(sine, np.einsum("ki,ki->k", ray, to) <= 0, np.log(reach * size / person_height_m), size)
+
+
+@dataclass(frozen=True, eq=False)
+class _Meeting:
+    """One of the three places where each of K pairs of samples may meet."""
+
+    rise_m: Floats
+    """(K,) height above that of the middle of a standing body."""
+    views: tuple[_View, _View]
+
+
+def _meetings(a: RayTracks, b: RayTracks, i: Ints, j: Ints, ray_b: Floats, person_height_m: float) -> list[_Meeting]:
+    """The three: where the rays are nearest, where a body stands on the ground, and where it is as far as it looks small."""
     from_a, from_b, ray_a = a.pose.centre, b.pose.centre, a.ray[i]
     apart = from_b - from_a
     cosine = np.einsum("ki,ki->k", ray_a, ray_b)
@@ -155,20 +183,35 @@ def _residuals(a: RayTracks, b: RayTracks, i: Ints, j: Ints, ray_b: Floats, pers
         reach_b = (cosine * along_a - along_b) / (1 - cosine**2)
         nearest = 0.5 * (from_a + reach_a[:, None] * ray_a + from_b + reach_b[:, None] * ray_b)
         level = from_a + ((0.5 * person_height_m - from_a[2]) / ray_a[:, 2])[:, None] * ray_a
-    sized = from_a + (person_height_m / a.size[i])[:, None] * ray_a
-    best = np.full((len(i), 5), 1e3)
-    for place in (nearest, level, sized):
-        found = np.empty((len(i), 5))
-        found[:, 2] = (place[:, 2] - 0.5 * person_height_m) / spread.height_m
-        for k, (centre, ray, size) in enumerate(((from_a, ray_a, a.size[i]), (from_b, ray_b, b.size[j]))):
-            to = place - centre
-            reach = np.linalg.norm(to, axis=1)
-            with np.errstate(divide="ignore", invalid="ignore"):
-                sine = np.linalg.norm(np.cross(ray, to), axis=1) / reach
-                found[:, k] = sine / np.hypot(spread.middle * size, MIDDLE_FLOOR_RAD)
-                found[:, 3 + k] = np.log(reach * size / person_height_m) / spread.size
-            found[np.einsum("ki,ki->k", ray, to) <= 0, k] = 1e3
+        sized = from_a + (person_height_m / a.size[i])[:, None] * ray_a
+        return [
+            _Meeting(
+                place[:, 2] - 0.5 * person_height_m,
+                (
+                    _View.of(place, from_a, ray_a, a.size[i], person_height_m),
+                    _View.of(place, from_b, ray_b, b.size[j], person_height_m),
+                ),
+            )
+            for place in (nearest, level, sized)
+        ]
+
+
+def _best_residuals(meetings: Sequence[_Meeting], spread: Spread) -> tuple[Floats, Floats]:
+    """(5, K) the evidence against one person at the best of the three places, in sigmas, and (K,) what it counts.
+
+    The two rays' misses, the height of the place, and the two sizes.
+    """
+    best = np.full((5, len(meetings[0].rise_m)), 1e3)
+    least = _cost(best)
+    for meeting in meetings:
+        found = np.empty_like(best)
+        found[2] = meeting.rise_m / spread.height_m
+        for k, view in enumerate(meeting.views):
+            found[k] = view.sine / np.hypot(spread.middle * view.size, MIDDLE_FLOOR_RAD)
+            found[k, view.behind] = 1e3
+            found[3 + k] = view.larger / spread.size
         found = np.where(np.isfinite(found), found, 1e3)
-        better = _cost(found) < _cost(best)
-        best[better] = found[better]
-    return best
+        cost = _cost(found)
+        better = cost < least
+        best, least = np.where(better, found, best), np.where(better, cost, least)
+    return best, least
