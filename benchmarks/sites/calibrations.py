@@ -17,13 +17,17 @@ from typing import Any
 import numpy as np
 
 from passerby.core.cameras import Rig
+from passerby.core.observations import UNKNOWN
 from passerby.evaluation.metrics import compare
+from passerby.interchange.motchallenge import read_boxes
 from passerby.interchange.output_folder import read_folder_rig
 from passerby.interchange.rig_toml import read_rig
 from sites.cases import FIRST_SEED, SiteCase
 
 SHARED_M2 = 5.0
 """Ground that two cameras share, from which they belong into one rig."""
+FEWEST_COMMON = 3
+"""People in common, from which an overlap is used."""
 HALL_SECONDS = 60.0
 """Of the hall that all cameras see: more would only be thinned out."""
 
@@ -105,20 +109,44 @@ def outcome_of(out: Path, truth: Path, overlaps: Path | None = None) -> dict[str
     true = read_rig(truth)
     groups = [found for folder in folders if (found := _group(folder, true)) is not None]
     moved = sum(one["code"] == "camera_moved" for one in _diagnostics(folders))
-    share = {} if overlaps is None else {"in_group": share_in_group([group["cameras"] for group in groups], overlaps)}
+    share = {} if overlaps is None else {
+        "in_group": share_in_group([group["cameras"] for group in groups], overlaps),
+        "used_overlaps": share_of_used_overlaps(folders, overlaps),
+    }  # fmt: skip
     return {"registered": sum(len(group["position_mm"]) for group in groups), "groups": groups, "moved": moved, **share}
 
 
 def share_in_group(rigs: Sequence[Sequence[str]], overlaps: Path) -> float:
     """Share of the cameras that are in one rig with most of those with which pairs that share ground connect them."""
-    with overlaps.open(encoding="utf-8", newline="") as file:
-        pairs = [(row["camera_a"], row["camera_b"]) for row in csv.DictReader(file) if float(row["shared_m2"]) >= SHARED_M2]
+    pairs = _sharing(overlaps)
     label = {name: name for pair in pairs for name in pair}
     for a, b in pairs:
         old, new = label[a], label[b]
         label = {name: new if own == old else own for name, own in label.items()}
     wanted = [{name for name in label if label[name] == one} for one in set(label.values())]
     return sum(max((len(one & set(rig)) for rig in rigs), default=0) for one in wanted) / max(len(label), 1)
+
+
+def share_of_used_overlaps(folders: Sequence[Path], overlaps: Path) -> float:
+    """Share of the pairs of cameras with common ground that have at least `FEWEST_COMMON` people in common in a calibration.
+
+    Args:
+        folders: of each group's results.
+        overlaps: table of the ground that pairs of cameras share.
+    """
+    pairs, used = _sharing(overlaps), set[tuple[str, str]]()
+    for folder in folders:
+        people = {file.stem: set(read_boxes(file).identity.tolist()) - {UNKNOWN} for file in (folder / "tracks").glob("*.txt")}
+        used |= {
+            (a, b) for a, b in pairs if a in people and b in people and len(people[a] & people[b]) >= FEWEST_COMMON
+        }  # fmt: skip
+    return len(used) / max(len(pairs), 1)
+
+
+def _sharing(overlaps: Path) -> list[tuple[str, str]]:
+    """The pairs of cameras that share ground."""
+    with overlaps.open(encoding="utf-8", newline="") as file:
+        return [(row["camera_a"], row["camera_b"]) for row in csv.DictReader(file) if float(row["shared_m2"]) >= SHARED_M2]
 
 
 def _group(folder: Path, truth: Rig) -> dict[str, Any] | None:

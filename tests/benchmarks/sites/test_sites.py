@@ -88,7 +88,7 @@ def calibrated(cameras: int, cpu_s: float, wall_s: float = 600.0) -> dict[str, o
     ]
     return {
         "cameras": cameras, "cpu_s": cpu_s, "wall_s": wall_s, "memory_mb": 2048.0, "registered": 5, "moved": 0,
-        "groups": groups, "in_group": 0.97,
+        "groups": groups, "in_group": 0.97, "used_overlaps": 0.989,
     }  # fmt: skip
 
 
@@ -99,8 +99,8 @@ def test_growth_of_time_is_judged_only_where_both_sizes_are_run():
     assert goals_of[1][0][1] == "not run"
     assert goals_of[2][0][1::3] == ["4.4 x", "acceptable"]
     found = sites_page.tabulate_sites({}, {"a": calibrated(25, 300.0), "b": calibrated(100, 1600.0)})
-    assert [goal[1] for goal in found.goals] == ["97 %", "20 mm", "10 min, 2.0 GB", "5.3 x"]
-    assert [goal[-1] for goal in found.goals] == ["acceptable", "aim", "acceptable", "**missed**"]
+    assert [goal[1] for goal in found.goals] == ["97 %", "20 mm", "10 min, 2.0 GB", "5.3 x", "98.9 %"]
+    assert [goal[-1] for goal in found.goals] == ["acceptable", "aim", "acceptable", "**missed**", "acceptable"]
     assert "2 (1 doubtful, 1 accepted)" in found.text
     assert "50 mm" in found.text
 
@@ -115,6 +115,21 @@ def test_cameras_count_in_the_rig_of_most_of_those_with_which_they_share_ground(
         ([], 0.0),
     ):
         assert calibrations.share_in_group(rigs, overlaps) == pytest.approx(share)
+
+
+def test_an_overlap_is_used_where_both_cameras_of_a_group_have_people_in_common(tmp_path):
+    """Not where the same number is that of another group's person, and not by boxes of no person."""
+    overlaps = tmp_path / "overlaps.csv"
+    overlaps.write_text("camera_a,camera_b,shared_m2\nA,B,40\nB,C,5\nC,D,4.9\nD,E,9\n")
+    people = {"A": (1, 2, 3, 4), "B": (2, 3, 4), "C": (4, -1, -1, -1), "D": (1, 2, 3), "E": (1, 2, 3)}
+    for names, share in (("ABC DE", 2 / 3), ("AB D E", 1 / 3)):
+        folders = [tmp_path / names / str(number) for number in range(len(names.split()))]
+        for folder, group in zip(folders, names.split(), strict=True):
+            (folder / "tracks").mkdir(parents=True)
+            for name in group:
+                rows = [f"{frame},{identity},0,0,10,20,1\n" for frame, identity in enumerate(people[name], start=1)]
+                (folder / "tracks" / f"{name}.txt").write_text("".join(rows))
+        assert calibrations.share_of_used_overlaps(folders, overlaps) == pytest.approx(share)
 
 
 def test_errors_are_medians_over_the_cameras_of_all_groups():
