@@ -3,6 +3,8 @@
 import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -20,13 +22,17 @@ from passerby.calibration.calibration import Calibration
 from passerby.calibration.joined_groups import join_numbers
 from passerby.calibration.lens_corrections import LensExamination
 from passerby.calibration.run import CalibrationRun, Corrections, Estimate
-from passerby.calibration.separate_groups import GroupEstimate, stated_parts
+from passerby.calibration.separate_groups import GroupEstimate, join_groups, stated_parts
 from passerby.calibration.writing import write_calibration
 from passerby.cli.tables import show_calibration, tell_reasons
+from passerby.common.progress import silent
 from passerby.core.cameras import Camera, Lens, Pose, Rig
 from passerby.core.observations import Boxes
 from passerby.core.solution import Solution
+from passerby.core.usability import doubt_missing_pose
 from passerby.evaluation.metrics import compare
+from passerby.findings.finding import notice
+from passerby.findings.texts import text_of
 from passerby.interchange.output_folder import read_output
 from passerby.interchange.rig_toml import read_rig
 from passerby.report.contents import contents_from
@@ -76,6 +82,22 @@ def test_each_group_is_a_rig_of_its_own(rooms, found):
     assert [one.code for one in found.notices] == ["separate_group"]
     assert found.verdict == "doubtful"
     assert [one.values["why"]["code"] for one in found.doubts if one.code == "camera_without_pose"] == ["cameras_share_nobody"]
+
+
+def test_cameras_of_other_groups_are_one_reason_however_they_were_apart_before(found):
+    """U1 and U2 shared nobody with each other either, and were joined since; C3 is in no group, and is told by itself."""
+    apart = [notice("cameras_share_nobody", name, main=["C1", "C2"], given=False) for name in ("U1", "C3", "U2")]
+    before = tuple(doubt_missing_pose(one) for one in apart)
+    rig = replace(found.rig, cameras=tuple(replace(one, pose=None) if one.name == "C3" else one for one in found.rig))
+    main = replace(found, rig=rig, groups=(), diagnostics=(*before, notice("groups_unused")))
+    estimate = cast(GroupEstimate, SimpleNamespace(nearest=None))
+    joined = join_groups([(estimate, main), (estimate, found.groups[0])], silent)
+    whole, alone, kept, separate = joined.diagnostics
+    assert (whole.cameras, alone.cameras) == (("U1", "U2"), ("C3",))
+    assert whole.values["why"]["values"] == {"main": ["C1", "C2"], "given": False, "groups": 1}
+    assert text_of(whole).startswith("cameras U1, U2 share no people with C1, C2 and form a separate group: ")
+    assert (alone, kept.code, separate.code) == (before[1], "groups_unused", "separate_group")
+    assert join_groups([(estimate, found), (estimate, found.groups[0])], silent).doubts == found.doubts
 
 
 @pytest.mark.slow

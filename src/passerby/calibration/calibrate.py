@@ -61,6 +61,7 @@ from passerby.calibration.separate_groups import (
 )
 from passerby.common.parallel import worthwhile
 from passerby.common.progress import Progress, silent, tell_note
+from passerby.common.text import list_names
 from passerby.core.association_figures import AssociationRound
 from passerby.core.figures import adjusted
 from passerby.core.quarter_turns import turn_observations, turn_rig, undone
@@ -192,7 +193,7 @@ def calibrate_inputs(
             one = correct_inputs(run, part)
             left = unplaced_groups(run, one)
             for names in left:
-                tell_note(run.progress, f"{', '.join(names)} share no people with the other cameras: calibrated separately")
+                tell_note(run.progress, f"{list_names(names)} share no people with the other cameras: calibrated separately")
             waiting = [*(part_of(part, names) for names in left), *waiting]
             if not groups or len(one.rig.posed()) >= FEWEST:
                 groups.append(one)

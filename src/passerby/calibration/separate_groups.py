@@ -17,6 +17,7 @@ from passerby.calibration.run import CalibrationRun, Corrections, Estimate
 from passerby.common.progress import Progress, tell_note
 from passerby.core.cameras import Rig
 from passerby.core.overlap import count_shared_observations, find_connected_groups
+from passerby.core.usability import MISSING, doubt_missing_pose
 from passerby.findings.finding import Finding, notice
 from passerby.interchange.output_folder import group_folder
 from passerby.scene.inputs import SceneInputs
@@ -65,7 +66,30 @@ def join_groups(found: Sequence[tuple[GroupEstimate, Calibration]], tell: Progre
     for one in groups:
         tell_note(tell, f"group {one.group}: {len(one.rig.posed())} of {len(one.rig)} cameras registered, {one.verdict}")
     findings = (_finding(one, estimate.nearest) for (estimate, _), one in zip(others, groups, strict=True))
-    return replace(main, groups=groups, diagnostics=(*main.diagnostics, *findings))
+    return replace(main, groups=groups, diagnostics=(*_doubt_groups_once(main, groups), *findings))
+
+
+def _doubt_groups_once(main: Calibration, groups: Sequence[Calibration]) -> list[Finding]:
+    """The findings of the main group, with one doubt about the cameras of all other groups, some of which were joined since."""
+    elsewhere = {name for one in groups for name in one.rig.posed().names}
+    causes = {
+        number: why
+        for number, one in enumerate(main.diagnostics)
+        if one.code == MISSING and one.values["why"] and elsewhere.issuperset(one.cameras)
+        if (why := Finding.of_value(one.values["why"])).code == "cameras_share_nobody"
+    }
+    if len(causes) < 2:
+        return list(main.diagnostics)
+    first, names = min(causes), {name for why in causes.values() for name in why.cameras}
+    cause = replace(
+        causes[first], cameras=tuple(name for name in main.rig.names if name in names),
+        values={**causes[first].values, "main": list(main.rig.posed().names), "groups": len(groups)},
+    )  # fmt: skip
+    return [
+        doubt_missing_pose(cause) if number == first else one
+        for number, one in enumerate(main.diagnostics)
+        if number == first or number not in causes
+    ]
 
 
 def stated_parts(names: Sequence[str], stated: Sequence[Sequence[str]]) -> list[list[str]]:

@@ -11,6 +11,7 @@ from typing import Any
 
 LISTED = 50
 """So many names are listed in a message: a site has hundreds of cameras."""
+FEWEST_MERGED = 4
 Drawing = Callable[[object], str]
 _drawing: list[Drawing] = []
 _KNOWN = "rtsps?|rtspu|rtmps?|rtmpe|rtmpt|https?|ftps?|sftp|udp|tcp|rtp|srtp?|mms[ht]?|wss?|smb|file"
@@ -35,9 +36,28 @@ def suggest_name(key: str, known: list[str]) -> str:
 
 
 def list_names(names: Sequence[str]) -> str:
-    """Names in a message, the first of very many."""
-    more = len(names) - LISTED
-    return ", ".join(names[:LISTED]) + (f" and {more} more" if more > 0 else "")
+    """Names in a message, those numbered in sequence as `C1 to C9`; the first of very many."""
+    runs = merge_numbered(names)
+    more = len(runs) - LISTED
+    return ", ".join(runs[:LISTED]) + (f" and {more} more" if more > 0 else "")
+
+
+def merge_numbered(names: Sequence[str]) -> list[str]:
+    """The names, but `C1 to C9` in place of `FEWEST_MERGED` or more that follow each other and differ by 1 in their number."""
+    runs: list[list[str]] = []
+    for name in names:
+        if runs and _next_name(runs[-1][-1]) == name:
+            runs[-1].append(name)
+        else:
+            runs.append([name])
+    merged = ([f"{run[0]} to {run[-1]}"] if len(run) >= FEWEST_MERGED else run for run in runs)
+    return [text for run in merged for text in run]
+
+
+def _next_name(name: str) -> str | None:
+    """The name with the next number at its end, as `C10` after `C9` and `cam02` after `cam01`; None without a number."""
+    digits = re.search(r"[0-9]+$", name)
+    return None if digits is None else f"{name[: digits.start()]}{int(digits[0]) + 1:0{len(digits[0])}d}"
 
 
 def shortened(value: Any) -> str:

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from passerby.common.errors import EvidenceError
+from passerby.common.text import merge_numbered
 from passerby.findings.finding import Finding, refusal
 from passerby.findings.texts import KINDS, problem_of, remedy_of, text_of
 from passerby.findings.texts.kinds import RANKS
@@ -105,7 +106,8 @@ def describe_first_reasons(findings: Sequence[Finding], where: str) -> str:
 
 def _listed(names: Sequence[str]) -> str:
     """Names as a sentence has them."""
-    return " and ".join([", ".join(names[:-1]), names[-1]]) if len(names) > 1 else names[0]
+    runs = merge_numbered(names)
+    return " and ".join([", ".join(runs[:-1]), runs[-1]]) if len(runs) > 1 else runs[0]
 
 
 class RefusalError(EvidenceError):

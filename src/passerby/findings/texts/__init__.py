@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+from passerby.common.text import list_names
 from passerby.findings.finding import Finding
 from passerby.findings.texts.association import ASSOCIATION
 from passerby.findings.texts.calibration import ALIGNMENT, CALIBRATION, MONITORING
@@ -66,11 +67,12 @@ def _said(finding: Finding, who: str | None = None) -> Said:
 
 def _fields(finding: Finding, who: str | None) -> Fields:
     names = finding.cameras
-    several = f"camera{'s' if len(names) > 1 else ''} {', '.join(names)}"
+    listed = list_names(names)
+    several = f"camera{'s' if len(names) > 1 else ''} {listed}"
     values = {key: _said(Finding.of_value(one)) if _is_finding(one) else one for key, one in finding.values.items()}
     about = dict(zip(("camera", "second"), names, strict=False))
     who = several if who is None else who
-    return {"severity": finding.severity, "names": names, "cameras": ", ".join(names), "who": who, **about, **values}
+    return {"severity": finding.severity, "names": names, "cameras": listed, "who": who, **about, **values}
 
 
 def _is_finding(value: Any) -> bool:

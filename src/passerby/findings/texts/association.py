@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from passerby.common.text import list_names
 from passerby.findings.finding import Severity
 from passerby.findings.texts.kinds import DOUBT, NOTICE, REFUSAL, Fields, Kind, Said
 
@@ -93,8 +94,9 @@ def _start_contradicted(v: Fields) -> str:
 
 def _nobody_shared(v: Fields) -> str:
     several = len(v["names"]) > 1
-    separate = " and form a separate group" if several else ""
-    return f"{v['who']} share{'' if several else 's'} no people with {', '.join(v['main'])}{separate}"
+    groups = v.get("groups", 1)
+    separate = f" and form {'a separate group' if groups == 1 else f'{groups} separate groups'}" if several else ""
+    return f"{v['who']} share{'' if several else 's'} no people with {list_names(v['main'])}{separate}"
 
 
 def _separate(v: Fields) -> str:
@@ -130,7 +132,7 @@ ASSOCIATION: Mapping[str, Kind] = {
         "no two cameras see the same person at the same time", _to_share,
     ),
     "cameras_share_nobody": Kind(
-        _ANY, "No person connects a group of cameras to the largest group, `main`.",
+        _ANY, "No person connects a group of cameras, or several `groups`, to the largest group, `main`.",
         _nobody_shared, lambda v: f"record people where their views overlap, or {_to_share(v)}",
     ),
     "separate_group": Kind(

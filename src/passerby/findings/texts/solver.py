@@ -195,7 +195,7 @@ SOLVER: Mapping[str, Kind] = {
     ),
     "cameras_disconnected": Kind(
         NOTICE, "Too few people seen by both connect a group of cameras to the largest one, `main`.",
-        lambda v: f"{v['who']} could not be connected to {', '.join(v['main'])}: too few people were seen by both at the "
+        lambda v: f"{v['who']} could not be connected to {list_names(v['main'])}: too few people were seen by both at the "
         f"same time",
         "record people who walk through both views", joint="; ", common=True, rank="symptom",
     ),
