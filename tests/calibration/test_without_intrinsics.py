@@ -37,7 +37,7 @@ def short(tmp_path_factory):
 def test_check_says_that_they_are_estimated(short, tmp_path, capsys):
     path = without_intrinsics(short)
     assert run(["check", str(path)]) in (0, 3)
-    assert "cameras C1, C2, C3, C4: no intrinsics: focal length, principal point and distortion" in capsys.readouterr().out
+    assert "cameras C1 to C4: no intrinsics: focal length, principal point and distortion" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
