@@ -23,3 +23,6 @@ def test_numbered_names_are_told_by_the_first_and_the_last(names: list[str], tol
 def test_the_first_of_very_many_names_are_told():
     told = list_names([f"hall-{number}-north" for number in range(LISTED + 7)])
     assert told.endswith(f"hall-{LISTED - 1}-north and 7 more")
+    assert list_names([f"C{number}" for number in range(1, 1001)]) == "C1 to C1000"
+    several = [f"hall-{number}-north" for number in range(LISTED)] + [f"C{number}" for number in range(1, 10)]
+    assert list_names(several).endswith(f"hall-{LISTED - 1}-north and 9 more")

@@ -70,7 +70,7 @@ def join_groups(found: Sequence[tuple[GroupEstimate, Calibration]], tell: Progre
 
 
 def _doubt_groups_once(main: Calibration, groups: Sequence[Calibration]) -> list[Finding]:
-    """The findings of the main group, with one doubt about the cameras of all other groups, some of which were joined since."""
+    """The findings of the main group. The cameras of the other groups are one doubt: groups may have been joined meanwhile."""
     elsewhere = {name for one in groups for name in one.rig.posed().names}
     causes = {
         number: why
@@ -83,7 +83,8 @@ def _doubt_groups_once(main: Calibration, groups: Sequence[Calibration]) -> list
     first, names = min(causes), {name for why in causes.values() for name in why.cameras}
     cause = replace(
         causes[first], cameras=tuple(name for name in main.rig.names if name in names),
-        values={**causes[first].values, "main": list(main.rig.posed().names), "groups": len(groups)},
+        values={**causes[first].values, "main": list(main.rig.posed().names),
+                "groups": sum(not names.isdisjoint(one.rig.names) for one in groups)},
     )  # fmt: skip
     return [
         doubt_missing_pose(cause) if number == first else one

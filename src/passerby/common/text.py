@@ -37,21 +37,30 @@ def suggest_name(key: str, known: list[str]) -> str:
 
 def list_names(names: Sequence[str]) -> str:
     """Names in a message, those numbered in sequence as `C1 to C9`; the first of very many."""
-    runs = merge_numbered(names)
-    more = len(runs) - LISTED
-    return ", ".join(runs[:LISTED]) + (f" and {more} more" if more > 0 else "")
+    runs = _numbered_runs(names)
+    more = sum(len(run) for run in runs[LISTED:])
+    return ", ".join(map(_run_in_words, runs[:LISTED])) + (f" and {more} more" if more else "")
 
 
 def merge_numbered(names: Sequence[str]) -> list[str]:
     """The names, but `C1 to C9` in place of `FEWEST_MERGED` or more that follow each other and differ by 1 in their number."""
+    return [_run_in_words(run) for run in _numbered_runs(names)]
+
+
+def _run_in_words(run: Sequence[str]) -> str:
+    return run[0] if len(run) == 1 else f"{run[0]} to {run[-1]}"
+
+
+def _numbered_runs(names: Sequence[str]) -> list[list[str]]:
+    """The names in order: long runs together, each other name by itself."""
     runs: list[list[str]] = []
     for name in names:
         if runs and _next_name(runs[-1][-1]) == name:
             runs[-1].append(name)
         else:
             runs.append([name])
-    merged = ([f"{run[0]} to {run[-1]}"] if len(run) >= FEWEST_MERGED else run for run in runs)
-    return [text for run in merged for text in run]
+    parts = ([run] if len(run) >= FEWEST_MERGED else [[name] for name in run] for run in runs)
+    return [part for each in parts for part in each]
 
 
 def _next_name(name: str) -> str | None:

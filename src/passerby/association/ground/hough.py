@@ -165,7 +165,7 @@ def _blur() -> Singles:
     """(cells, cells) symmetric matrix that smooths one axis of the torus."""
     from_first = np.minimum(np.arange(_CELLS), _CELLS - np.arange(_CELLS))
     kernel = np.exp(-0.5 * (from_first / _BLUR_CELLS) ** 2)
-    kernel[kernel < 1e-12] = 0.0  # processors take 40 times as long for products below the smallest normal number
+    kernel[kernel < 1e-12] = 0.0  # products below the smallest normal number take processors many times as long
     return np.stack([np.roll(kernel / kernel.sum(), shift) for shift in range(_CELLS)]).astype(np.float32)
 
 

@@ -50,6 +50,10 @@ class LinkCosts:
     unlinked: float = 16.0
 
 
+CENTRE, VELOCITY, COVARIANCE, SHAPE = slice(0, 2), slice(2, 4), slice(4, 7), slice(7, 9)
+"""Columns of a track's state."""
+
+
 @dataclass(eq=False)
 class Tracks(Columns):
     """The tracklets that may go on, T of them, as they were when last seen."""
@@ -66,22 +70,22 @@ class Tracks(Columns):
     @property
     def centre(self) -> Floats:
         """(T, 2) pixels."""
-        return self.state[:, 0:2]
+        return self.state[:, CENTRE]
 
     @property
     def velocity(self) -> Floats:
         """(T, 2) pixels per second."""
-        return self.state[:, 2:4]
+        return self.state[:, VELOCITY]
 
     @property
     def covariance(self) -> Floats:
         """(T, 3) position-position, position-velocity, velocity-velocity of either axis; body heights and seconds."""
-        return self.state[:, 4:7]
+        return self.state[:, COVARIANCE]
 
     @property
     def shape(self) -> Floats:
         """(T, 2) logarithms of height and width in pixels."""
-        return self.state[:, 7:9]
+        return self.state[:, SHAPE]
 
     def put(self, rows: Ints, other: Tracks) -> None:
         """Replace the tracks of the given rows."""
@@ -153,10 +157,11 @@ def predict(tracks: Tracks, now: float | Floats) -> Tracks:
     dt = now - tracks.time
     pp, pv, vv = tracks.covariance.T
     state = tracks.state.copy()
-    state[:, 0:2] += dt[:, None] * tracks.velocity
-    state[:, 4] = pp + 2 * dt * pv + dt**2 * vv + TURN_DENSITY * dt**3 / 3
-    state[:, 5] = pv + dt * vv + TURN_DENSITY * dt**2 / 2
-    state[:, 6] = vv + TURN_DENSITY * dt
+    state[:, CENTRE] += dt[:, None] * tracks.velocity
+    covariance = state[:, COVARIANCE].T
+    covariance[0] = pp + 2 * dt * pv + dt**2 * vv + TURN_DENSITY * dt**3 / 3
+    covariance[1] = pv + dt * vv + TURN_DENSITY * dt**2 / 2
+    covariance[2] = vv + TURN_DENSITY * dt
     return Tracks(tracks.row, dt, state, tracks.appearance)
 
 
@@ -219,8 +224,9 @@ def update(predicted: Tracks, seen: Tracks) -> Tracks:
     noise = POSITION_SD**2 * np.maximum(1.0, (TAIL + apart) / (TAIL + 2))
     gain_p, gain_v = pp / (pp + noise), pv / (pp + noise)
     state = predicted.state.copy()
-    state[:, 0:2] += gain_p[:, None] * off
-    state[:, 2:4] += gain_v[:, None] * off
-    state[:, 4], state[:, 5], state[:, 6] = (1 - gain_p) * pp, (1 - gain_p) * pv, vv - gain_v * pv
-    state[:, 7:9] += np.clip(SHAPE_GAIN * (seen.shape - predicted.shape), -SHAPE_STEP, SHAPE_STEP)
+    state[:, CENTRE] += gain_p[:, None] * off
+    state[:, VELOCITY] += gain_v[:, None] * off
+    covariance = state[:, COVARIANCE].T
+    covariance[0], covariance[1], covariance[2] = (1 - gain_p) * pp, (1 - gain_p) * pv, vv - gain_v * pv
+    state[:, SHAPE] += np.clip(SHAPE_GAIN * (seen.shape - predicted.shape), -SHAPE_STEP, SHAPE_STEP)
     return Tracks(seen.row, seen.time, state, predicted.appearance + seen.appearance)
