@@ -14,7 +14,7 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from passerby.common.text import shortened_text
+from passerby.common.text import list_names, shortened_text
 from passerby.interchange.storage.text_formats import plain
 from passerby.report.parts import Parts
 
@@ -29,7 +29,7 @@ def environment() -> Environment:
         loader=PackageLoader("passerby.report"), autoescape=True, undefined=StrictUndefined, auto_reload=False,
         trim_blocks=True, lstrip_blocks=True,
     )  # fmt: skip
-    made.filters |= {"short": short, "shortened": shortened_text}
+    made.filters |= {"short": short, "shortened": shortened_text, "listed": list_names}
     made.policies["json.dumps_kwargs"] = {"ensure_ascii": True, "allow_nan": False, "separators": (",", ":")}
     return made
 
