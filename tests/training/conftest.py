@@ -2,5 +2,5 @@
 
 from importlib.util import find_spec
 
-NEEDING_TORCH = ("checkpoints", "export", "losses", "sampling", "training")
+NEEDING_TORCH = ("augmentation", "checkpoints", "export", "losses", "sampling", "training")
 collect_ignore = [] if find_spec("torch") else [f"test_{name}.py" for name in NEEDING_TORCH]
