@@ -134,7 +134,7 @@ def test_lower_edges_of_boxes_move_cameras_as_their_consider_parameter_says(
     weighted = partial(uncertainty.downweight, inflation=1.0)
     H = NormalEquations(problem.layout, [weighted(term) for term in terms]).reduce().H
     system, _ = held_system(H, state, problem.camera_size)
-    sigma = ConsiderParameters.of_lower_edges(problem, state).moved(system.inverse(), problem, terms, weighted)
+    sigma = ConsiderParameters.of_boxes(problem, state).moved(system.inverse(), problem, terms, weighted)
     predicted = sigma[np.arange(problem.n_cameras) * problem.camera_size + 5, 0] * share / LOWER_EDGE
     s = problem.sightings
     down = np.linalg.pinv(s.bottom_tangent)[:, :, 1] * (share * s.extent_px)[:, None]

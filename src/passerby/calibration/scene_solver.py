@@ -25,8 +25,9 @@ from passerby.solver.initialisation import JoinedRig
 from passerby.solver.lens_unknowns import LENS_PARTS
 from passerby.solver.people import PeopleOptions, solve_people
 
-PASSING_SIGHTINGS = 8000
-"""Observations in the solutions between two rounds of association: enough to place people to a fraction of their width."""
+PASSING_SIGHTINGS, PASSING_JOINTS = 8000, 4000
+"""Observations of people, and of their joints, in the solutions between two rounds of association: enough to place people to a
+fraction of their width."""
 PASSING_TOLERANCE = 1e-5
 """Relative gain at which such a solution ends: the last one is more exact."""
 
@@ -75,8 +76,10 @@ def _options_of_solve(options: SolverOptions, rig: Rig, *, passing: bool, refine
     if refine_time:
         options = replace(options, refine_time=True)
     if passing:
-        sightings = min(options.max_sightings, PASSING_SIGHTINGS)
-        options = replace(options, max_sightings=sightings, tolerance=max(options.tolerance, PASSING_TOLERANCE))
+        options = replace(
+            options, max_sightings=min(options.max_sightings, PASSING_SIGHTINGS),
+            max_joints=min(options.max_joints, PASSING_JOINTS), tolerance=max(options.tolerance, PASSING_TOLERANCE),
+        )  # fmt: skip
     return options
 
 

@@ -51,6 +51,45 @@ def vote_points(
         centre: (C, 3) metres.
         height: expected height of the points above the ground and its tolerance, metres; None where it may be anything.
     """
+    translation = -np.einsum("cij,cj->ci", R, centre)
+    # Where all sightings of a block agree with their common point, there is nothing to vote on.
+    best = triangulate(camera, block, bearing, R, translation, n_blocks)
+    inlier = _agree(best, block, _Lines.of(camera, bearing, tangent, R, centre), tolerance_px)
+    count = np.bincount(block, minlength=n_blocks)
+    rest = np.flatnonzero(((np.bincount(block[inlier], minlength=n_blocks) < count) | (count < 2))[block])
+    if len(rest):
+        c, b, tolerance = camera[rest], block[rest], tolerance_px[rest]
+        lines = _Lines.of(c, bearing[rest], tangent[rest], R, centre)
+        voted = _vote(c, b, bearing[rest], lines, tolerance, n_blocks, R, centre, height)
+        inlier[rest] = _agree(voted, b, lines, tolerance)
+        agreed = np.bincount(b[inlier[rest]], minlength=n_blocks) >= 2
+        inlier[rest] &= agreed[b]
+        chosen = rest[inlier[rest]]
+        refined = triangulate(camera[chosen], block[chosen], bearing[chosen], R, translation, n_blocks)
+        voted[~agreed] = np.nan
+        anew = np.unique(b)
+        best[anew] = np.where(np.isfinite(refined[anew]), refined[anew], voted[anew])
+    return Consensus(best, inlier)
+
+
+def _agree(points: Floats, block: Ints, lines: _Lines, tolerance_px: Floats) -> Bools:
+    """(M,) which sightings agree with the points (N, 3) of their blocks; False where a block has none."""
+    known = np.isfinite(points[block]).all(axis=1)
+    agrees = np.zeros(len(block), dtype=bool)
+    of_axis, rows = np.ascontiguousarray(points.T), np.flatnonzero(known)
+    near = np.sqrt(lines.squares(of_axis, block[rows], rows)) < tolerance_px[rows]
+    agrees[rows] = near & (lines.depths(of_axis, block[rows], rows) > 0)
+    return agrees
+
+
+def _vote(
+    camera: Ints, block: Ints, bearing: Floats, lines: _Lines, tolerance_px: Floats, n_blocks: int, R: Floats, centre: Floats,
+    height: tuple[float, float] | None,
+) -> Floats:  # fmt: skip
+    """(N, 3) of each block the point that a pair of its rays proposes and most of its sightings are near; NaN without any.
+
+    Arguments as of `vote_points`.
+    """
     order = np.argsort(block, kind="stable")
     cam, blk = camera[order], block[order]
     ray = np.einsum("mji,mj->mi", R[cam], bearing[order])
@@ -60,25 +99,13 @@ def vote_points(
     point = _midpoints(centre[cam[first]], ray[first], centre[cam[second]], ray[second])
     sound = np.isfinite(point).all(axis=1)
     first, second, point = first[sound], second[sound], point[sound]
-    lines = _Lines.of(cam, bearing[order], tangent[order], R, centre)
-    cost = _votes(point, blk[first], lines, tolerance_px[order], start, count)
+    cost = _votes(point, blk[first], lines.take(order), tolerance_px[order], start, count)
     if height is not None:
         cost = cost + 0.5 * np.log1p(((point[:, 2] - height[0]) / height[1]) ** 2)
     best = np.full((n_blocks, 3), np.nan)
     winner = least_of_groups(blk[first], cost)
     best[blk[first[winner]]] = point[winner]
-    inlier = np.zeros(len(camera), dtype=bool)
-    known = np.isfinite(best[block]).all(axis=1)
-    inlier[known] = (
-        ray_reprojection_errors(best[block[known]], camera[known], bearing[known], tangent[known], R, centre)
-        < tolerance_px[known]
-    )
-    agreed = np.bincount(block[inlier], minlength=n_blocks) >= 2
-    inlier &= agreed[block]
-    translation = -np.einsum("cij,cj->ci", R, centre)
-    refined = triangulate(camera[inlier], block[inlier], bearing[inlier], R, translation, n_blocks)
-    best[~agreed] = np.nan
-    return Consensus(np.where(np.isfinite(refined), refined, best), inlier)
+    return best
 
 
 def reassign_outliers(
@@ -220,6 +247,14 @@ class _Lines:
         rows = bearing.T, tangent[:, 0].T, tangent[:, 1].T
         ray, across, down = (row[0] * turn[0] + row[1] * turn[1] + row[2] * turn[2] for row in rows)
         return cls(ray, np.array([across, down]), centre.T[:, camera])
+
+    def take(self, rows: Ints) -> _Lines:
+        """Some of them, in this order."""
+        return _Lines(self.ray[:, rows], self.tangent[:, :, rows], self.centre[:, rows])
+
+    def depths(self, point: Floats, of_point: Ints, rows: Ints) -> Floats:
+        """(K,) how far along their rays points lie, metres; arguments as of `squares`."""
+        return _dot([axis[rows] for axis in self.ray], [point[k][of_point] - self.centre[k][rows] for k in range(3)])
 
     def squares(self, point: Floats, of_point: Ints | slice, rows: Ints | slice) -> Floats:
         """(K,) squared pixels between points (3, N), of which those at `of_point` (K,) are compared with `rows` (K,)."""

@@ -116,6 +116,16 @@ class CameraPath:
         """(N, 7) how the camera differs from its pose at instants (N,)."""
         return self.times.at(instants) @ self.coefficients
 
+    def turns(self, instants: Ints | Floats) -> Floats | None:
+        """(N, 3, 3) by which the camera is turned from its pose at instants (N,); None where it never is."""
+        turn = self.coefficients[:, TURN]
+        if not turn.any():
+            return None
+        amount = self.times.at(instants)
+        if isinstance(self.times, Stretch):  # two orientations
+            return np.asarray(exp_rotation(np.vstack([np.zeros(3), turn]))[amount[:, 0].astype(np.int64)])
+        return np.asarray(exp_rotation(amount @ turn))
+
     def constant(self, change: Floats) -> CameraPath:
         """A camera that always is as this one is with a change (7,)."""
         pose = Pose.from_centre(exp_rotation(change[TURN]) @ self.pose.R_cw, self.pose.centre + change[SHIFT])
@@ -134,8 +144,8 @@ class Residuals:
 
     found: PairResiduals
     """In the frame of the path's own pose."""
-    rotation: Floats
-    """(K, 3, 3) by which the camera is turned from it."""
+    rotation: Floats | None
+    """(K, 3, 3) by which the camera is turned from it; None where it never is."""
     amount: Floats
     """(K, B) basis of the path."""
     velocity: Floats
@@ -145,9 +155,8 @@ class Residuals:
 
     def take(self, pairs: Ints) -> Residuals:
         """Of some of the pairs."""
-        return Residuals(
-            self.found.take(pairs), self.rotation[pairs], self.amount[pairs], self.velocity[:, pairs], self.instant[pairs]
-        )
+        turned = None if self.rotation is None else self.rotation[pairs]
+        return Residuals(self.found.take(pairs), turned, self.amount[pairs], self.velocity[:, pairs], self.instant[pairs])
 
     def by_change(self) -> tuple[Floats, Floats]:
         """Derivatives (2, 9, K) by the path's own unknowns, and (2, 7, K) by a change at the pair's time.
@@ -155,32 +164,39 @@ class Residuals:
         A zoomed lens sees a point d of the camera's frame where the lens sees `(f d_x, f d_y, d_z)`.
         """
         by_pose, R = self.found.by_pose(), self.rotation
-        at = np.einsum("nij,jn->ni", R, self.found.at) * (1.0, 1.0, 0.0)
-        by_focal = np.einsum("ajn,nij,ni->an", self.found.by_at, R, at, optimize=True)[:, None]
+        by_turn = by_pose[:, TURN]
+        if R is None:
+            by_focal = np.einsum("ajn,jn->an", self.found.by_at[:, :2], self.found.at[:2])[:, None]
+        else:
+            at = np.einsum("nij,jn->ni", R, self.found.at) * (1.0, 1.0, 0.0)
+            by_focal = np.einsum("ajn,nij,ni->an", self.found.by_at, R, at, optimize=True)[:, None]
+            by_turn = np.einsum("ajn,nij->ain", by_turn, R)
         by_late = np.einsum("ajn,jn->an", self.found.by_place, self.velocity)[:, None]
         own = np.concatenate([by_pose, by_focal, by_late, by_late * self.instant], axis=1)
-        turned = np.einsum("ajn,nij->ain", by_pose[:, TURN], R)
-        return own, np.concatenate([turned, by_pose[:, SHIFT], by_focal], axis=1)
+        return own, np.concatenate([by_turn, by_pose[:, SHIFT], by_focal], axis=1)
 
 
 def residuals_along(m: Correspondences, path: CameraPath) -> Residuals:
     """The residuals of all pairs, each by the camera of its time."""
     own, amount = m.own, path.times.at(m.own.step)
     changed = amount @ path.coefficients
-    R, focal = exp_rotation(changed[:, TURN]), np.exp(path.log_focal + changed[:, 6])
+    focal = np.exp(path.log_focal + changed[:, 6])
     lengthened = np.column_stack([focal, focal, np.ones(len(focal))])
     ray = own.middle / lengthened
     length = np.linalg.norm(ray, axis=1)
     tangent = length[:, None, None] * own.middle_tangent * lengthened[:, None]
     grown = np.log(np.linalg.norm(tangent, axis=(1, 2)) / np.linalg.norm(own.middle_tangent, axis=(1, 2)))
-    ray, tangent = np.einsum("nji,nj->ni", R, ray / length[:, None]), tangent @ R
+    ray, R = ray / length[:, None], path.turns(own.step)
+    if R is not None:
+        ray, tangent = np.einsum("nji,nj->ni", R, ray), tangent @ R
     columns, row, late = m.columns, m.row, path.late[0] + path.late[1] * (own.step - path.origin)
     place = columns.place - changed[row, SHIFT].T + late[row] * m.velocity
     seen = PairColumns(
         ray.T[:, row], tangent.transpose(1, 2, 0)[:, :, row], place, columns.covariance,
         columns.variance, columns.size - grown[row],
     )  # fmt: skip
-    return Residuals(residuals_at(seen, path.pose), R[row], amount[row], m.velocity, np.asarray(own.step[row] - path.origin))
+    turned = None if R is None else R[row]
+    return Residuals(residuals_at(seen, path.pose), turned, amount[row], m.velocity, np.asarray(own.step[row] - path.origin))
 
 
 def best_pairs(m: Correspondences, square: Floats) -> Ints:

@@ -14,7 +14,7 @@ from passerby.hypotheses.pair_residuals import PairColumns
 from passerby.people.body_centres import TriangulatedPeople
 from passerby.people.sightings import Sightings
 
-MOST_ROWS = 4000
+MOST_ROWS = 2000
 """Sightings of a camera at most: of more, even steps are taken."""
 FOLLOWED = 3
 """Velocities are those between the places so many observations of a person before and after; noise of a place is 5 cm."""

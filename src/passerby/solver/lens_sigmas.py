@@ -73,7 +73,7 @@ def lens_evidence(
 
     inverse, share, information = measure_information([weighted(term) for term in terms])
     effect = measure_information([downweight(term, 1.0) for term in terms])[2] / information
-    alike = ConsiderParameters.of_lower_edges(problem, state), ConsiderParameters.of_each_camera(problem, state), held
+    alike = ConsiderParameters.of_boxes(problem, state), held
     moved = np.concatenate([one.moved(inverse, problem, terms, weighted) for one in alike], axis=1)
     biased = (moved[at] ** 2).sum(axis=2)
     seen = state.lens * (1 + problem.lens_weight / effect * prior / information)

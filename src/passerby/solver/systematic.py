@@ -66,28 +66,26 @@ class ConsiderParameters:
     """(C u, K) a root of the numbers' covariance."""
 
     @classmethod
-    def of_lower_edges(cls, problem: PeopleProblem, state: AdjustmentState) -> ConsiderParameters:
-        """How much too low the lower ends of people are, edges of boxes or ankles: one number for all cameras, `LOWER_EDGE`.
+    def of_boxes(cls, problem: PeopleProblem, state: AdjustmentState) -> ConsiderParameters:
+        """What boxes are off by alike. How much too low the lower ends of people are, edges of boxes or ankles: one number for all
+        cameras, `LOWER_EDGE`; and what the boxes of each camera are off by on their own, `OWN_SHIFT` and `OWN_GROWTH`.
 
         Where a camera's boxes are taller or shorter than people by far more than boxes are (`state.slack`), one end is cut off
         or too long, and it is not known which: half of that, one sigma, is the camera's own.
         """
-        longer = (problem.sightings.extent_px / problem.scale_px)[:, None, None]
-        middle = np.zeros((len(longer), 2, 1))
-        middle[:, 1:] = -0.5 * longer * (problem.scale_px / problem.centre_sigma())[:, None, None]
-        tall = -longer / problem.height_sigma()[:, None, None]
-        own = np.diag(np.where(np.abs(state.slack) > FAR * problem.priors.slack, 0.5 * state.slack, 0.0))
-        root = np.column_stack([np.full(problem.n_cameras, LOWER_EDGE), own[:, own.any(axis=0)]])
-        return cls({"centres": middle, "heights": tall}, root)
-
-    @classmethod
-    def of_each_camera(cls, problem: PeopleProblem, state: AdjustmentState) -> ConsiderParameters:
-        """What the boxes of each camera are off by on their own: `OWN_SHIFT` and `OWN_GROWTH`."""
-        rows = len(problem.sightings)
-        middle, tall = np.zeros((rows, 2, 2)), np.zeros((rows, 1, 2))
-        middle[:, 1, 0] = problem.scale_px / problem.centre_sigma()
-        tall[:, 0, 1] = _log_distances(problem, state) / problem.height_sigma()
-        return cls({"centres": middle, "heights": tall}, np.diag(np.tile([OWN_SHIFT, OWN_GROWTH], problem.n_cameras)))
+        n, rows = problem.n_cameras, len(problem.sightings)
+        longer, up = problem.sightings.extent_px / problem.scale_px, problem.scale_px / problem.centre_sigma()
+        middle, tall = np.zeros((rows, 2, 3)), np.zeros((rows, 1, 3))
+        middle[:, 1, 0], tall[:, 0, 0] = -0.5 * longer * up, -longer / problem.height_sigma()
+        middle[:, 1, 1] = up
+        tall[:, 0, 2] = _log_distances(problem, state) / problem.height_sigma()
+        cut = np.flatnonzero(np.abs(state.slack) > FAR * problem.priors.slack)
+        root = np.zeros((n, 3, 1 + len(cut) + 2 * n))
+        root[:, 0, 0] = LOWER_EDGE
+        root[cut, 0, 1 + np.arange(len(cut))] = 0.5 * state.slack[cut]
+        for part, sd in ((1, OWN_SHIFT), (2, OWN_GROWTH)):
+            root[np.arange(n), part, len(cut) + 2 * np.arange(n) + part] = sd
+        return cls({"centres": middle, "heights": tall}, root.reshape(3 * n, -1))
 
     @classmethod
     def of_lenses(
@@ -115,7 +113,8 @@ class ConsiderParameters:
                 covariance[c, 3, c, 3] = sd["distortion"] ** 2
         size = len(rig) * INTRINSICS
         value, vector = np.linalg.eigh(covariance.reshape(size, size))
-        return cls(lens_columns(rig, problem, state, Lens.by_intrinsics), vector * np.sqrt(np.maximum(value, 0.0)))
+        columns = lens_columns(rig, problem, state, Lens.by_intrinsics) if covariance.any() else {}
+        return cls(columns, vector * np.sqrt(np.maximum(value, 0.0)))
 
     def moved(self, inverse: Floats, problem: PeopleProblem, terms: Sequence[Term], weighted: Weighted) -> Floats:
         """(n_shared, K) what the numbers, as large as their sigmas, do to the problem's shared unknowns.
@@ -126,6 +125,8 @@ class ConsiderParameters:
             terms: linearised at the optimum, not weighted yet.
             weighted: weights a term as those are that `inverse` is made of.
         """
+        if not self.root.any():
+            return np.zeros((len(inverse), self.root.shape[1]))
         wide = WidenedLayout.of(problem, len(self.root) // problem.n_cameras)
         widened = [weighted(wide.widen(term, self.columns)) for term in terms]
         H = NormalEquations(wide.layout, widened).reduce().H

@@ -120,8 +120,7 @@ def rig_covariance(
     freedom = np.linalg.inv(system.constraint.T @ constraint)
     # What the constraint itself adds along the freedoms (see the module's source) is not the cameras' uncertainty.
     covariance = inverse - constraint @ (freedom @ freedom.T) @ constraint.T
-    boxes = ConsiderParameters.of_lower_edges(problem, state), ConsiderParameters.of_each_camera(problem, state)
-    by_boxes = np.concatenate([one.moved(inverse, problem, terms, weighted) for one in boxes], axis=1)
+    by_boxes = ConsiderParameters.of_boxes(problem, state).moved(inverse, problem, terms, weighted)
     covariance = covariance + by_boxes @ by_boxes.T
     if lens_sigma is not None:
         covariance = _with_lens_sigmas(covariance, lens_sigma, size)
