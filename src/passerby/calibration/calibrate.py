@@ -49,7 +49,13 @@ from passerby.calibration.lens_corrections import (
     examine_stated_lenses,
 )
 from passerby.calibration.readings import MOST_CORRECTIONS as MOST_CLOCK_CORRECTIONS
-from passerby.calibration.readings import ClockCorrection, correct_late_clock, findings_of_corrected_clocks
+from passerby.calibration.readings import (
+    ClockCorrection,
+    correct_late_clock,
+    findings_of_corrected_clocks,
+    findings_of_readings,
+    read_cameras,
+)
 from passerby.calibration.run import CalibrationRun, Correction, Corrections, Estimate
 from passerby.calibration.scene_solver import solve_scene, solver_options
 from passerby.calibration.separate_groups import (
@@ -417,15 +423,17 @@ def find_correction(
         rates = correct_clock_rates(inputs, estimate)
         if rates is not None:
             return rates, LensExamination()
+    read = read_cameras(inputs, estimate)
     if corrections.allows(ClockCorrection, MOST_CLOCK_CORRECTIONS):
-        clock = correct_late_clock(inputs, estimate)
+        clock = correct_late_clock(inputs, read)
         if clock is not None:
             return clock, LensExamination()
     if corrections.allows(MotionCorrection, len(inputs.rig)):
         motion = correct_motion(motions, inputs, estimate)
         if motion is not None:
             return motion, LensExamination()
-    return examine_stated_lenses(inputs, estimate, corrections, run.scene.scale.person_height_m)
+    misread = findings_of_readings(estimate, read)
+    return examine_stated_lenses(inputs, estimate, corrections, run.scene.scale.person_height_m, misread)
 
 
 def _states_up(scene: Scene) -> bool:

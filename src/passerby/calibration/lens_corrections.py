@@ -14,7 +14,6 @@ from typing import ClassVar
 import numpy as np
 
 from passerby.calibration.diagnostics.ground_planarity import shape_of
-from passerby.calibration.readings import findings_of_readings
 from passerby.calibration.run import Correction, Corrections, Estimate
 from passerby.core.figures import AdjustedFigures
 from passerby.findings.finding import Finding
@@ -55,7 +54,7 @@ class LensExamination:
 
 
 def examine_stated_lenses(
-    inputs: SceneInputs, estimate: Estimate, corrections: Corrections, person_height_m: float
+    inputs: SceneInputs, estimate: Estimate, corrections: Corrections, person_height_m: float, misread: Sequence[Finding] = ()
 ) -> tuple[LensCorrection | None, LensExamination]:
     """Do people contradict a lens? The correction where that is clear; and what is reported if the estimate stands.
 
@@ -64,12 +63,12 @@ def examine_stated_lenses(
         estimate: in which no other fault of the input is found.
         corrections: so far.
         person_height_m: typical standing height.
+        misread: what is found of cameras whose observations another reading explains better.
     """
     solution = estimate.solution
     if not isinstance(solution, PeopleSolution) or solution.verdict == "refused":
         return None, LensExamination()
     made = corrections.of(LensCorrection)
-    misread = findings_of_readings(inputs, estimate)
     known = (*misread, *_findings_of_corrections([one.found for one in made]))
     if any(one.severity != "notice" for one in misread):  # lenses would be blamed for what they did not do
         return None, LensExamination(known)

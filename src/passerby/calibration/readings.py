@@ -6,6 +6,7 @@ them would not be one for the images that there are.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -31,10 +32,26 @@ class ClockCorrection(Correction):
     tentative: ClassVar[bool] = True
 
 
-def correct_late_clock(inputs: SceneInputs, estimate: Estimate) -> ClockCorrection | None:
-    """Correct the clock offset that the people of the other cameras contradict most; None where they contradict none."""
-    found = _examined(inputs, estimate, only_clocks=True)
-    one = next((one for one in found if one.decision == "correct"), None)
+def read_cameras(inputs: SceneInputs, estimate: Estimate) -> list[ReadCamera]:
+    """The cameras whose observations another reading explains better.
+
+    None where people walk on one line: an image and its mirror image are the same there.
+    """
+    seen = inputs.observations
+    rig, instants = estimate.solution.rig, estimate.association.instants
+    if estimate.solution.verdict == "refused" or people_not_spread(rig, instants) is not None:
+        return []
+    return examine_readings(estimate.solution, instants, clocks=bool(seen.clocks) or seen.fps is not None)
+
+
+def correct_late_clock(inputs: SceneInputs, read: Sequence[ReadCamera]) -> ClockCorrection | None:
+    """Correct the clock offset that the people of the other cameras contradict most; None where they contradict none.
+
+    Args:
+        inputs: of the estimate.
+        read: of `read_cameras`.
+    """
+    one = next((one for one in read if one.decision == "correct"), None)
     if one is None or one.reading.late_s is None:
         return None
     seen = inputs.observations
@@ -43,24 +60,20 @@ def correct_late_clock(inputs: SceneInputs, estimate: Estimate) -> ClockCorrecti
     return ClockCorrection(replace(inputs, observations=replace(seen, clocks=clocks)), one)
 
 
-def findings_of_readings(inputs: SceneInputs, estimate: Estimate) -> tuple[Finding, ...]:
-    """What is found of cameras whose observations another reading explains better, in an estimate that stands."""
-    found = tuple(misread(one) for one in _examined(inputs, estimate))
-    solution = estimate.solution
-    shifted = find_shifted_boxes(solution) if isinstance(solution, PeopleSolution) else None
+def findings_of_readings(estimate: Estimate, read: Sequence[ReadCamera]) -> tuple[Finding, ...]:
+    """What is found of cameras whose observations another reading explains better, in an estimate that stands.
+
+    Args:
+        estimate: in which no other fault of the input is found.
+        read: of `read_cameras`.
+    """
+    found, solution = tuple(misread(one) for one in read), estimate.solution
+    if not isinstance(solution, PeopleSolution) or solution.verdict == "refused":
+        return found
+    shifted = find_shifted_boxes(solution)
     return found if shifted is None else (*found, boxes_in_other_format(shifted))
 
 
 def findings_of_corrected_clocks(corrections: Corrections) -> tuple[Finding, ...]:
     """A notice about each clock that was corrected."""
     return tuple(misread(one.found, corrected=True) for one in corrections.of(ClockCorrection))
-
-
-def _examined(inputs: SceneInputs, estimate: Estimate, *, only_clocks: bool = False) -> list[ReadCamera]:
-    seen = inputs.observations
-    rig, instants = estimate.solution.rig, estimate.association.instants
-    # From people on one line, an image and its mirror image are the same.
-    if estimate.solution.verdict == "refused" or people_not_spread(rig, instants) is not None:
-        return []
-    known = bool(seen.clocks) or seen.fps is not None
-    return examine_readings(estimate.solution, instants, clocks=known, only_clocks=only_clocks)

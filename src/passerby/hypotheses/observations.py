@@ -71,23 +71,20 @@ class ReadCamera:
         return "doubt" if self.effect > 1 else "notice"
 
 
-def examine_readings(
-    solution: Solution, instants: Observations, *, clocks: bool, only_clocks: bool = False
-) -> list[ReadCamera]:  # fmt: skip
+def examine_readings(solution: Solution, instants: Observations, *, clocks: bool) -> list[ReadCamera]:
     """The readings that explain cameras' observations better, at most one of a camera, in the order in which they were found.
 
     Args:
         solution: world z up, the ground at z = 0.
         instants: people at common time steps, with identities over all cameras.
         clocks: whether clocks can be corrected.
-        only_clocks: whether images are left aside.
     """
     rig = solution.rig.posed()
     found: list[ReadCamera] = []
     if solution.method != "people" or len(rig) < 2:
         return found
     seen = instants
-    while better := _better(rig, seen, {one.name for one in found}, clocks, only_clocks):
+    while better := _better(rig, seen, {one.name for one in found}, clocks):
         one = min(better, key=_by_gain)
         found.append(_with_effect(one, solution, instants))
         # What is misread spoils where the others are taken to see people: they are examined again without it.
@@ -95,7 +92,7 @@ def examine_readings(
     return found
 
 
-def _better(rig: Rig, instants: Observations, known: Set[str], clocks: bool, only_clocks: bool) -> list[ReadCamera]:
+def _better(rig: Rig, instants: Observations, known: Set[str], clocks: bool) -> list[ReadCamera]:
     """The most probable reading of each camera that counts, but of those that are known."""
     rays = PeopleRays.of(rig, identified_body_centres(rig, instants))
     found = []
@@ -105,7 +102,7 @@ def _better(rig: Rig, instants: Observations, known: Set[str], clocks: bool, onl
         camera = _Camera(rig, index, instants, rays.triangulated(PERSON_HEIGHT_M, rays.camera != index))
         if len(camera.stated) < FEWEST:
             continue
-        readings = [] if only_clocks else image_readings(index, len(rig), camera.lens, camera.seen)
+        readings = image_readings(index, len(rig), camera.lens, camera.seen)
         if late_s := camera.late_s():
             readings.append(late_clock(index, len(rig), late_s, camera.fps, correctable=clocks))
         compared = [one for reading in readings if (one := camera.compared(reading)) is not None and one.log_odds > LOG_ODDS]

@@ -30,12 +30,12 @@ from passerby.perception.foreground import (
 from passerby.perception.people_shapes import Stature, find_people, find_upright, learn_stature, least_height, silhouettes
 from passerby.perception.pictures import Detections, Frame, Identity, Picture
 
-VERSION = 1
+VERSION = 2
 """Of what the detector finds: raised when the same options give other boxes."""
 LEAST_PICTURES = 5
 """Fewer pictures cannot outvote a passer-by."""
-SHADOW_PIXELS = 1000
-"""At most about so many pixels of a picture tell how dark shadows are."""
+SHADOW_PIXELS, SHADOWS_EVERY = 1000, 3
+"""At most about so many pixels of a picture tell how dark shadows are, and every third picture does."""
 
 
 @dataclass(frozen=True)
@@ -206,7 +206,7 @@ class _Learner:
 
     def _learn_tone(self, reference: Reference) -> None:
         """Learn how dark shadows are, from the window's pictures and those before."""
-        for picture in self.pictures:
+        for picture in self.pictures[::SHADOWS_EVERY]:
             shadows = foreground(picture, reference, self.options.shadows, None).shadows
             pixels = shadows.ratio[shadows.core > 0]
             self.ratios.append(pixels[:: max(len(pixels) // SHADOW_PIXELS, 1)])

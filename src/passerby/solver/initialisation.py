@@ -54,9 +54,9 @@ from passerby.solver.uncertainty import design_effect, joint_design_effect
 _RIVAL_SHARE = 0.97
 _RIVAL_ANGLE = np.deg2rad(4.0)
 # A descent that begins as near as this to where another one ended ends there as well, so that it is left out: the angle of
-# rivals twice, and a share of the distance of the cameras from their middle. Of 40 descents in twelve simulated scenes (three to
-# six cameras, seeds 990001 to 990003 of four kinds in benchmarks/reliability/other_inputs.py) those that began within 5.5 degrees
-# and 0.13 ended within 0.2 degrees of each other; one began at 9.3 degrees and 0.22, and ended 4 degrees away.
+# rivals twice, and a share of the distance of the cameras from their middle. Of 40 descents in twelve simulated scenes (three
+# to six cameras, seeds 990001 to 990003 of four kinds in benchmarks/reliability/other_inputs.py) those that began within 5.5
+# degrees and 0.13 ended within 0.2 degrees of each other; one began at 9.3 degrees and 0.22, and ended 4 degrees away.
 _SAME_ANGLE, _SAME_SHIFT = np.deg2rad(8.0), 0.2
 # A rig that fewer agree with than this share of what most agree with is not taken for the registrations that it keeps.
 _SOUND_SHARE = 0.9
@@ -304,7 +304,7 @@ def select_initial_rig(start: Initialisation, options: PeopleOptions, rng: np.ra
         poses = gravity_aligned(poses_of_tree(tree, 0), start.levels)
         R, centre = np.array([poses[c].R_cw for c in range(n)]), np.array([poses[c].centre for c in range(n)])
         state, here = rescaled(start, R, centre), start
-        if any(_leads_to(state, other) for _, other in found):
+        if any(tried.agreeing and _leads_to(state, other) for tried, other in found):
             continue
         for noise, share in ((Noise(loss=30.0), 0.4), (Noise(), 0.2)):
             model = build_problem(here.evidence, state, noise, here.knowledge, share=share, blocks=blocks, joints=joints)

@@ -67,8 +67,10 @@ class ConsiderParameters:
 
     @classmethod
     def of_boxes(cls, problem: PeopleProblem, state: AdjustmentState) -> ConsiderParameters:
-        """What boxes are off by alike. How much too low the lower ends of people are, edges of boxes or ankles: one number for all
-        cameras, `LOWER_EDGE`; and what the boxes of each camera are off by on their own, `OWN_SHIFT` and `OWN_GROWTH`.
+        """What boxes are off by alike.
+
+        How much too low the lower ends of people are, edges of boxes or ankles: one number for all cameras, `LOWER_EDGE`; and
+        what the boxes of each camera are off by on their own, `OWN_SHIFT` and `OWN_GROWTH`.
 
         Where a camera's boxes are taller or shorter than people by far more than boxes are (`state.slack`), one end is cut off
         or too long, and it is not known which: half of that, one sigma, is the camera's own.
