@@ -258,6 +258,8 @@ def test_pictures_to_look_at_unless_somebody_says(place, seconds, clock_fps, bel
     reading.fps = believed or clock_fps
     info = replace(reading.video, seconds=seconds, clock_fps=clock_fps, average_fps=clock_fps)
     assert picture_rate(scene, reading, info) == pytest.approx(rate)
+    if seconds == 20.0:  # a network takes longer: half as many
+        assert picture_rate(scene, reading, info, by_network=True) == pytest.approx(rate / 2)
 
 
 @pytest.mark.slow

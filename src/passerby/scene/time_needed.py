@@ -60,7 +60,7 @@ def foresee_time(scene: Scene, readings: Sequence[CameraInput], perception: Mapp
             return None
         for k, used_s in enumerate(usual):
             seconds = min(info.seconds, used_s)
-            pictures = seconds * picture_rate(scene, reading, info)
+            pictures = seconds * picture_rate(scene, reading, info, by_network=perception.get("detector") != BACKGROUND)
             times[k] += _watching_s(info, seconds, pictures, perception) / min(together, len(filmed))
             boxes[k] += BOXES_OF_IMAGE * pictures
     pairs = 0.0 if scene.association.given else len(readings) * (len(readings) - 1) / 2 * PAIR_S

@@ -146,15 +146,20 @@ def _misfit(x: Complexes, y: Complexes, first: Ints, second: Ints) -> float:
     turn = turn[sound] / np.abs(turn[sound])
     shift = y[first[sound]] - turn * x[first[sound]]
     few = np.flatnonzero(good[:_TRIED])
-    miss = np.abs(turn[:, None] * x[few] + shift[:, None] - y[few]) / sigma[few]
-    best = int(np.argmin(np.log1p(miss**2).sum(axis=1)))
+    miss = _squares(turn[:, None] * x[few] + shift[:, None] - y[few]) / sigma[few] ** 2
+    best = int(np.argmin(np.log1p(miss).sum(axis=1)))
     T, S = turn[best], shift[best]
     for _ in range(8):
-        weight = np.where(good, cauchy_weights((np.abs(T * x + S - y) / sigma) ** 2) / sigma**2, 0.0)
+        weight = np.where(good, cauchy_weights(_squares(T * x + S - y) / sigma**2) / sigma**2, 0.0)
         total = weight.sum()
         middle_x, middle_y = (weight * x).sum() / total, (weight * y).sum() / total
         T = (weight * (y - middle_y) * np.conj(x - middle_x)).sum()
         T = T / max(abs(T), 1e-12)
         S = middle_y - T * middle_x
-    cost = np.where(good, np.log1p((np.abs(T * x + S - y) / sigma) ** 2), _NOWHERE)
+    cost = np.where(good, np.log1p(_squares(T * x + S - y) / sigma**2), _NOWHERE)
     return float(cost.sum())
+
+
+def _squares(z: Complexes) -> Floats:
+    """The squares of absolute values, without their roots."""
+    return np.asarray(z.real**2 + z.imag**2)
