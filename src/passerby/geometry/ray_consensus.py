@@ -20,6 +20,9 @@ _MAX_OFFSETS = 7
 # So many rows of a block begin pairs at most, at even steps: with all of them the time would grow with the square of the
 # cameras that see one person. Blocks of up to so many cameras, as in all small rigs, propose all they can.
 _MAX_FIRST = 12
+_ALL_NEAR = 0.5
+"""Share of the tolerance: sightings that are all this near to one point are within the tolerance of each other. Of two people
+who stand side by side and share a name, all sightings may be within the tolerance of the place between them."""
 STEP = 500_000
 """Votes that are counted at once, and pairs of a sighting and a point that are looked at: it bounds the memory."""
 
@@ -52,9 +55,9 @@ def vote_points(
         height: expected height of the points above the ground and its tolerance, metres; None where it may be anything.
     """
     translation = -np.einsum("cij,cj->ci", R, centre)
-    # Where all sightings of a block agree with their common point, there is nothing to vote on.
+    # Where all sightings of a block are near to their common point, there is nothing to vote on.
     best = triangulate(camera, block, bearing, R, translation, n_blocks)
-    inlier = _agree(best, block, _Lines.of(camera, bearing, tangent, R, centre), tolerance_px)
+    inlier = _agree(best, block, _Lines.of(camera, bearing, tangent, R, centre), _ALL_NEAR * tolerance_px)
     count = np.bincount(block, minlength=n_blocks)
     rest = np.flatnonzero(((np.bincount(block[inlier], minlength=n_blocks) < count) | (count < 2))[block])
     if len(rest):
