@@ -53,6 +53,38 @@ def test_exchanged_people_are_thrown_out_of_one_camera_only_and_go_back_to_whom_
         np.testing.assert_array_equal(given, expected)
 
 
+def test_one_of_four_who_sees_another_head_is_left_out() -> None:
+    """All four sightings are within the tolerance of a place between the heads, but not of each other."""
+    rig = ring(4)
+    points, camera, block, bearing, tangent = case(rig, np.random.default_rng(4), noise_px=0.0)
+    points[0] = [0.0, 0.0, GROUND]
+    above = points[:1] + [0.0, 0.0, 1.25 * TOLERANCE * 8.0 / rig.cameras[0].lens.focal]
+    for c, item in enumerate(rig):
+        bearing[c * N] = item.lens.bearings(item.project(points[:1] if c < 3 else above))[0]
+    tangent = rig.cameras[0].lens.tangents(bearing)
+    between = 0.75 * points[0] + 0.25 * above[0]
+    for c, item in enumerate(rig):
+        off = np.linalg.norm(item.project(between[None]) - item.project(points[:1] if c < 3 else above))
+        assert off < TOLERANCE
+    found = run(rig, camera, block, bearing, tangent)
+    np.testing.assert_array_equal(np.flatnonzero(~found.inlier), [3 * N])
+    np.testing.assert_allclose(found.points[0], points[0], atol=1e-6)
+    np.testing.assert_allclose(found.points[1:], points[1:], atol=1e-6)
+
+
+def test_rays_that_meet_behind_their_cameras_do_not_agree() -> None:
+    rig = ring(4)
+    _, camera, block, bearing, tangent = case(rig, np.random.default_rng(5), noise_px=0.0)
+    two = (block == 0) & (camera < 2)
+    others = block > 0
+    bearing[two] *= -1.0
+    seen = two | others
+    found = run(rig, camera[seen], block[seen], bearing[seen], tangent[seen])
+    assert np.isnan(found.points[0]).all()
+    assert not found.inlier[block[seen] == 0].any()
+    assert np.isfinite(found.points[1:]).all()
+
+
 def test_a_third_of_wrong_sightings_is_borne() -> None:
     rig, rng = ring(6), np.random.default_rng(2)
     points, camera, block, bearing, tangent = case(rig, rng)
