@@ -211,7 +211,7 @@ def _by_epipolar(
     """The essential matrix of matched rays, its baseline scaled by the people's height."""
     try:
         view = estimate_relative_pose(
-            rays_a, rays_b, threshold=angle, rng=rng, max_points=500, min_iterations=200, max_iterations=3000
+            rays_a, rays_b, threshold=angle, rng=rng, max_points=1000, min_iterations=200, max_iterations=3000
         )
     except EvidenceError:
         return None
