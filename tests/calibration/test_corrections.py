@@ -16,6 +16,7 @@ from passerby.core.cameras import Rig
 from passerby.core.observations import Observations
 from passerby.core.solution import Solution
 from passerby.findings.finding import notice
+from passerby.hypotheses.observations import ReadCamera
 from passerby.scene.inputs import SceneInputs
 from passerby.scene.scene import Scene
 from passerby.solver.people import PeopleOptions
@@ -51,9 +52,14 @@ def corrected(
         estimates.append(letters)
         return Estimate(Solution(letters, inputs.rig, "accepted"), Association(NOBODY, NOBODY, {}))
 
+    def read(inputs: SceneInputs, estimated: Estimate) -> list[ReadCamera]:
+        assert estimated.solution.method == "".join(one.code for one in inputs.findings), "the estimate is of these inputs"
+        return []
+
     def correct(letter: str, inputs: SceneInputs, estimated: Estimate | None = None) -> SceneInputs | None:
+        if estimated is not None:
+            read(inputs, estimated)
         letters = "".join(one.code for one in inputs.findings)
-        assert estimated is None or estimated.solution.method == letters, "the estimate is of these inputs"
         if letters.count(letter) >= faults.get(letter, 0):
             return None
         return replace(inputs, findings=(*inputs.findings, notice(letter)))
@@ -70,7 +76,7 @@ def corrected(
 
     monkeypatch.setattr(calibrate, "estimate_rig", estimate)
     monkeypatch.setattr(calibrate, "correct_clock_rates", looking("r", ClockRateCorrection))
-    monkeypatch.setattr(calibrate, "read_cameras", lambda inputs, estimated: [])
+    monkeypatch.setattr(calibrate, "read_cameras", read)
     monkeypatch.setattr(calibrate, "correct_late_clock", looking("c", ClockCorrection, None))
     monkeypatch.setattr(calibrate, "correct_motion", looking("m", MotionCorrection, None))
     monkeypatch.setattr(calibrate, "examine_stated_lenses", lambda *_: (None, LensExamination()))

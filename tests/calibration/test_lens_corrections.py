@@ -56,7 +56,7 @@ def corrected(*, worse: bool = False) -> tuple[Rig, LensExamination]:
     """The lenses and what is found of them in the end, where a correction makes the estimate `worse` or not."""
     inputs, corrections = SceneInputs(STATED, NOBODY, ()), Corrections()
     while True:
-        correction, found = examine_stated_lenses(inputs, estimated(inputs.rig), corrections, 1.72)
+        correction, found = examine_stated_lenses(inputs, estimated(inputs.rig), corrections, 1.72, ())
         if correction is None:
             return inputs.rig, found
         assert correction.tentative
@@ -84,7 +84,7 @@ def test_what_makes_it_worse_or_is_not_corrected_is_reported(monkeypatch: pytest
     assert rig["C2"].lens.focal == STATED["C2"].lens.focal
     for decision, code in (("notice", "lens_differs"), ("doubt", "lens_doubtful")):
         wrong_lens(monkeypatch, decision)
-        correction, found = examine_stated_lenses(SceneInputs(STATED, NOBODY, ()), estimated(STATED), Corrections(), 1.72)
+        correction, found = examine_stated_lenses(SceneInputs(STATED, NOBODY, ()), estimated(STATED), Corrections(), 1.72, ())
         assert correction is None
         assert [one.code for one in found.findings] == [code]
 
@@ -96,14 +96,14 @@ def test_a_lens_is_not_why_the_ground_is_uneven_where_it_stays_so(
     """`uneven`: after and before the correction."""
     wrong_lens(monkeypatch)
     inputs = SceneInputs(STATED, NOBODY, ())
-    correction, _ = examine_stated_lenses(inputs, estimated(STATED), Corrections(), 1.72)
+    correction, _ = examine_stated_lenses(inputs, estimated(STATED), Corrections(), 1.72, ())
     assert correction is not None
     shapes = iter(uneven)
     monkeypatch.setattr(lens_corrections, "shape_of", lambda *_: SimpleNamespace(sure=next(shapes)))
     assert correction.explains(estimated(correction.inputs.rig), estimated(STATED), 1.72) == stands
     if not stands:  # the sigmas hold how differently the rig would measure with that lens
         monkeypatch.setattr(lens_corrections, "shape_of", lambda *_: SimpleNamespace(sure=True))
-        _, found = examine_stated_lenses(inputs, estimated(STATED), Corrections(dropped=(correction,)), 1.72)
+        _, found = examine_stated_lenses(inputs, estimated(STATED), Corrections(dropped=(correction,)), 1.72, ())
         assert (found.findings, found.result.decision) == ((), "unsettled")
 
 

@@ -54,7 +54,7 @@ class LensExamination:
 
 
 def examine_stated_lenses(
-    inputs: SceneInputs, estimate: Estimate, corrections: Corrections, person_height_m: float, misread: Sequence[Finding] = ()
+    inputs: SceneInputs, estimate: Estimate, corrections: Corrections, person_height_m: float, misread: Sequence[Finding]
 ) -> tuple[LensCorrection | None, LensExamination]:
     """Do people contradict a lens? The correction where that is clear; and what is reported if the estimate stands.
 

@@ -63,7 +63,7 @@ def vote_points(
     if len(rest):
         c, b, tolerance = camera[rest], block[rest], tolerance_px[rest]
         lines = _Lines.of(c, bearing[rest], tangent[rest], R, centre)
-        voted = _vote(c, b, bearing[rest], lines, tolerance, n_blocks, R, centre, height)
+        voted = _choose_points(c, b, bearing[rest], lines, tolerance, n_blocks, R, centre, height)
         inlier[rest] = _agree(voted, b, lines, tolerance)
         agreed = np.bincount(b[inlier[rest]], minlength=n_blocks) >= 2
         inlier[rest] &= agreed[b]
@@ -85,7 +85,7 @@ def _agree(points: Floats, block: Ints, lines: _Lines, tolerance_px: Floats) -> 
     return agrees
 
 
-def _vote(
+def _choose_points(
     camera: Ints, block: Ints, bearing: Floats, lines: _Lines, tolerance_px: Floats, n_blocks: int, R: Floats, centre: Floats,
     height: tuple[float, float] | None,
 ) -> Floats:  # fmt: skip
@@ -226,12 +226,6 @@ def _midpoints(c1: Floats, d1: Floats, c2: Floats, d2: Floats) -> Floats:
     return np.asarray(point)
 
 
-def ray_reprojection_errors(point: Floats, camera: Ints, bearing: Floats, tangent: Floats, R: Floats, centre: Floats) -> Floats:
-    """(M,) pixels between points and sightings."""
-    lines = _Lines.of(camera, bearing, tangent, R, centre)
-    return np.sqrt(lines.squares(np.ascontiguousarray(point.T), slice(None), slice(None)))
-
-
 @dataclass(frozen=True, eq=False)
 class _Lines:
     """M sightings as lines of the world, by component: points are compared with them without a rotation for each."""
@@ -259,7 +253,7 @@ class _Lines:
         """(K,) how far along their rays points lie, metres; arguments as of `squares`."""
         return _dot([axis[rows] for axis in self.ray], [point[k][of_point] - self.centre[k][rows] for k in range(3)])
 
-    def squares(self, point: Floats, of_point: Ints | slice, rows: Ints | slice) -> Floats:
+    def squares(self, point: Floats, of_point: Ints, rows: Ints) -> Floats:
         """(K,) squared pixels between points (3, N), of which those at `of_point` (K,) are compared with `rows` (K,)."""
         d = [point[k][of_point] - self.centre[k][rows] for k in range(3)]
         ray = [self.ray[k][rows] for k in range(3)]

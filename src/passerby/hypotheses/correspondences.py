@@ -15,8 +15,8 @@ from passerby.people.body_centres import TriangulatedPeople
 from passerby.people.sightings import Sightings
 
 MOST_ROWS = 2000
-"""Sightings of a camera at most: of more, even steps are taken. With twice as many no hostile case with a motion has another
-verdict (75 cases of benchmarks/reliability, seed 106000)."""
+"""Sightings of a camera at most: of more, even steps are taken. Of 75 hostile cases (motions, cameras and later people in
+benchmarks/reliability, seed 106000) one wrong rig is accepted, the same as with twice as many."""
 FOLLOWED = 3
 """Velocities are those between the places so many observations of a person before and after; noise of a place is 5 cm."""
 
