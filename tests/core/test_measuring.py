@@ -65,6 +65,24 @@ def test_a_camera_that_is_elsewhere_errs_on_its_ground(made: SimulatedScene) -> 
     assert 100 < found.cameras[name].median_mm < 500
 
 
+def test_boxes_that_end_near_the_horizon_are_at_no_place_that_counts(made: SimulatedScene) -> None:
+    """False boxes whose lower edges show ground 60 m away that two cameras see."""
+    rig, camera = changed(made.rig, made.rig.names[1], turn_deg=0.2), made.rig.cameras[0]
+    people = {name: made.observations[name].boxes for name in made.rig.names}
+    feet = camera.project(np.column_stack([np.linspace(4.0, 6.0, 60), np.full(60, 60.0), np.zeros(60)]))
+    seen = people[camera.name]
+    with_far = Boxes(
+        np.concatenate([seen.frame, np.arange(1, 61)]),
+        np.concatenate([seen.identity, np.full(60, -1)]),
+        np.concatenate([seen.ltwh, np.column_stack([feet - [5.0, 30.0], np.tile([10.0, 30.0], (60, 1))])]),
+        np.ones(len(seen) + 60),
+    )
+    usual, found = (
+        measuring_errors(rig, made.rig, {**people, camera.name: boxes}).points.median_mm for boxes in (seen, with_far)
+    )
+    assert found == pytest.approx(usual, rel=0.05)
+
+
 def test_without_two_cameras_a_common_ground_or_people_nothing_is_measured(made: SimulatedScene) -> None:
     below = made.rig.moved(np.eye(3), np.array([0.0, 0.0, -50.0]))
     assert len(find_common_ground(below)) == 0

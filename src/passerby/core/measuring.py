@@ -15,7 +15,7 @@ Figures of how well a rig measures: what `calibration.json` has as `figures.meas
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -33,8 +33,8 @@ MOST_PLACES = 400
 GRID = 64
 """Places along each side of the area that a grid is laid over, where no people are given."""
 FARTHEST = 10.0
-"""Places of a grid lie no farther from a camera than so many times its height: a person there appears a tenth as tall as right
-below the camera."""
+"""Places lie no farther from a camera than so many times its height: a person there appears a tenth as tall as right below the
+camera."""
 LEAST_POINTS = 8
 
 
@@ -46,13 +46,16 @@ class Distances:
     p90_mm: float
     """Nine of ten are no larger."""
     count: int
+    each_mm: Floats | None = field(default=None, repr=False, compare=False)
+    """(count,)"""
 
     @classmethod
     def of(cls, metres: Floats) -> Distances | None:
         """Of (N,) distances, metres; None where there are none."""
         if not len(metres):
             return None
-        return cls(float(1000 * np.median(metres)), float(1000 * np.quantile(metres, 0.9)), len(metres))
+        each = 1000 * metres
+        return cls(float(np.median(each)), float(np.quantile(each, 0.9)), len(metres), each)
 
     def to_dict(self) -> dict[str, Any]:
         """As plain values for JSON."""
@@ -152,6 +155,9 @@ def find_common_ground(rig: Rig) -> Floats:
 def places_of_people(rig: Rig, people: Mapping[str, Boxes]) -> Floats:
     """(N, 2) places on the ground z = 0, metres, that cameras see at the lower edges of whole boxes.
 
+    None is farther away than `FARTHEST`: a box that ends near the horizon, often not a person's, would be at a place that no
+    rig measures, and the similarity would be fitted to it.
+
     Args:
         rig: the cameras.
         people: boxes by camera, pixels; those of other cameras are left out.
@@ -161,7 +167,8 @@ def places_of_people(rig: Rig, people: Mapping[str, Boxes]) -> Floats:
         boxes = people.get(camera.name, Boxes.empty())
         ltwh = boxes.ltwh[boxes.inside(camera.lens.size)]
         feet = ltwh[:, :2] + ltwh[:, 2:] * (0.5, 1.0)
-        found.append(_thin_places(camera.ground(feet[camera.sees_ground(feet)]).xy, MOST_PLACES // max(len(rig), 1) + 1))
+        on_ground = camera.ground(feet[camera.sees_ground(feet)]).xy
+        found.append(_thin_places(on_ground[_find_nearby(on_ground, camera.centre)], MOST_PLACES // max(len(rig), 1) + 1))
     return np.concatenate(found) if found else np.zeros((0, 2))
 
 
