@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 from passerby.core.cameras import Rig
+from passerby.core.scale_cues import ScaleCues
+from passerby.core.stature import PERSON_HEIGHT_M
 from passerby.people.model import HEIGHT_PER_CENTRE, Noise, Priors
 from passerby.solver.adjustment_problem import (
     MIN_FOR_NOISE,
@@ -17,9 +19,11 @@ from passerby.solver.adjustment_problem import (
     _learn_joints,
     _on_time,
 )
+from passerby.solver.initialisation import Initialisation, PeopleOptions, select_initial_rig
 from passerby.solver.optimizer.least_squares import Cauchy, Term
+from passerby.solver.refinement import refine_rig
 from support.scenes.exact_sightings import poses_of, standing
-from support.scenes.people_and_rigs import LENS, ring
+from support.scenes.people_and_rigs import LENS, part, ring, simulated, without_poses
 
 HEIGHTS = np.array([1.6, 1.9])
 GROUND = np.array([[0.5, -0.4], [-1.0, 0.8], [0.2, 1.5]])
@@ -85,3 +89,20 @@ def test_half_of_what_a_joint_is_off_by_is_learnt_from_the_own_camera() -> None:
     np.testing.assert_allclose(sigma[:, 0] / sigma[0, 0], [1.0, 1.0], rtol=0.05)
     assert sigma[1, 1] / sigma[0, 1] == pytest.approx(np.sqrt(4.0 / 2.0), rel=0.05)
     np.testing.assert_allclose(sigma[:, 2], [3.0, 3.0], rtol=0.05)
+
+
+def test_the_scale_is_the_best_even_where_the_adjustment_ends_early() -> None:
+    """From a rig that is a quarter too small: one step for each round, damped by thousands of sightings."""
+    truth = simulated("terrace", seconds=6.0)
+    options = PeopleOptions(coarse_people=100, rounds=1, max_iterations=1)
+    rng = np.random.default_rng(0)
+    start = Initialisation.prepare(without_poses(truth.rig), part(truth.observations), ScaleCues(), options, rng)
+    rough = select_initial_rig(start, options, rng).state
+    small = replace(rough, centre=0.75 * rough.centre, heights=0.75 * rough.heights)
+    fit = refine_rig(start, small, options, rng)
+    at, below, above = (
+        sum(term.cost() for term in fit.model.problem.terms(fit.result.state.scaled(scale), jacobians=False))
+        for scale in (1.0, 0.99, 1.01)
+    )
+    assert at < min(below, above)
+    assert np.mean(fit.result.state.heights) == pytest.approx(PERSON_HEIGHT_M, rel=0.02)

@@ -152,6 +152,10 @@ class PeopleProblem:
             out += self.cues.terms(state, self.layout)
         return out
 
+    def scale_terms(self, state: AdjustmentState) -> list[Term]:
+        """The residuals that a scaled world changes (`AdjustmentState.scaled`): people's heights, and scale cues."""
+        return [self._height_prior(state), *([] if self.cues is None else self.cues.terms(state, self.layout))]
+
     def _sighting_terms(self, state: AdjustmentState, jacobians: bool) -> list[Term]:
         s, shift = self.sightings, state.globals[FOOT_SHIFT]
         R, C, body = state.R[s.camera], state.centre[s.camera], state.people[s.block]
@@ -296,16 +300,19 @@ class PeopleProblem:
         by_shift = np.zeros((1, 1, self.layout.n_shared))
         by_shift[0, 0, self.n_cameras * self.camera_size + FOOT_SHIFT] = 1 / self.priors.foot_shift_sd
         shift = (state.globals[FOOT_SHIFT] - self.priors.foot_shift) / self.priors.foot_shift_sd
-        people = np.arange(len(self.height_mean))
         return [
             slack,
             *self._group_priors(state),
             *time,
             *self._lens_priors(state),
             Term(np.array([[shift]]), by_shared=by_shift),
-            Term(((state.heights - self.height_mean) / self.height_sd)[:, None], group=people,
-                 by_group=(1 / self.height_sd)[:, None]),
-        ]  # fmt: skip
+            self._height_prior(state),
+        ]
+
+    def _height_prior(self, state: AdjustmentState) -> Term:
+        by_height = (1 / self.height_sd)[:, None]
+        residual = ((state.heights - self.height_mean) / self.height_sd)[:, None]
+        return Term(residual, group=np.arange(len(self.height_mean)), by_group=by_height)
 
     def _group_priors(self, state: AdjustmentState) -> list[Term]:
         """The mean slack of cameras that were a rig by themselves is about 0."""
