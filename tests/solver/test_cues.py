@@ -21,6 +21,7 @@ from passerby.solver.cues import (
     population_spread,
     scale_cue_lengths,
     triangulate_marks,
+    unexplained_spread,
     unusual_people,
 )
 from passerby.solver.people import PeopleOptions
@@ -207,6 +208,17 @@ TALL = [1.45, 1.41, 1.52, 1.48, 1.44, 1.56, 2.32, 2.11, 3.0]
 def test_who_is_far_taller_than_most_is_unusual(heights, spread, unusual):
     known = np.arange(len(heights)) < len(heights) - 1
     assert np.flatnonzero(unusual_people(np.array(heights), known, np.full(len(heights), spread))).tolist() == unusual
+
+
+def test_people_who_differ_by_more_than_a_population_make_the_scale_unsure():
+    """Chance is allowed for; of four people on stilts among seven no one can say who is as expected."""
+    spread, rng = np.full(7, 0.052), np.random.default_rng(5)
+    ordinary = [unexplained_spread(1.72 * np.exp(rng.normal(0.0, np.hypot(0.052, 0.04), 7)), spread) for _ in range(400)]
+    assert np.mean(np.array(ordinary) == 0.0) > 0.95
+    assert max(ordinary) < 0.08
+    stilts = np.array([1.7, 1.65, 1.8, 2.45, 2.4, 2.5, 2.44])
+    assert 0.1 < unexplained_spread(stilts, spread) < np.log(stilts).std(ddof=1)
+    assert unexplained_spread(stilts[:1], spread[:1]) == unexplained_spread(stilts[:0], spread[:0]) == 0.0
 
 
 def test_a_poster_among_people_does_not_change_the_metre():

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import chdtri
 
 from passerby.common.arrays import Floats, Ints
 from passerby.common.errors import InputError
@@ -45,6 +46,8 @@ UNUSUAL_SIGMAS, MEASURED_SD = 3.0, 0.04
 adults) and of what the height of one of them is measured by. What other limits make of the scale: docs/results/limits.md."""
 FEWEST_COMPARED, MOST_UNUSUAL = 5, 1 / 3
 """People that make a majority, and the share of them that may be unusual: beyond it none is."""
+CHANCE = 0.975
+"""Quantile of a sample variance up to which people differ by chance."""
 
 LEAST_PEOPLE_SD = 0.02
 """Relative, of the scale by people as far as it decides which of a plan's placements is wrong: the best that boxes allow."""
@@ -87,6 +90,23 @@ def unusual_people(heights: Floats, known: NDArray[np.bool_], spread: Floats) ->
     away = np.abs(np.log(heights[known] / np.median(heights[known])))
     far[known] = away > UNUSUAL_SIGMAS * np.hypot(spread[known], MEASURED_SD)
     return far if np.count_nonzero(far) <= MOST_UNUSUAL * np.count_nonzero(known) else np.zeros(len(heights), dtype=bool)
+
+
+def unexplained_spread(heights: Floats, spread: Floats) -> float:
+    """By how much people differ beyond what their population and chance explain, as a share; 0 where they do not.
+
+    Stilts, loads on heads, or children among adults make some people far taller or shorter. Too many for `unusual_people`, and
+    nothing says which of them are as expected: the scale may be off by as much as they differ.
+
+    Args:
+        heights: (P,) by the rig, metres, without those who are unusual.
+        spread: (P,) how much such people differ, as a share.
+    """
+    if len(heights) < 2:
+        return 0.0
+    expected = float(np.mean(spread**2)) + MEASURED_SD**2
+    by_chance = expected * float(chdtri(len(heights) - 1, 1 - CHANCE)) / (len(heights) - 1)
+    return float(np.sqrt(max(np.var(np.log(heights), ddof=1) - by_chance, 0.0)))
 
 
 def cue_rows(cues: ScaleCues, rig: Rig) -> CueRows | None:
@@ -357,7 +377,7 @@ def initial_scale(rows: CueRows | None, R: Floats, centre: Floats, marks: Floats
 def scale_cue_weights(
     cues: ScaleCues, rows: CueRows | None, R: Floats, centre: Floats, marks: Floats, heights: Floats, mean: Floats, sd: Floats,
     seen: Ints, segments: float = 1.0, by_boxes: Mapping[int, float] | None = None, freed: Floats | None = None,
-    unusual: NDArray[np.bool_] | None = None,
+    unusual: NDArray[np.bool_] | None = None, population: Floats | None = None,
 ) -> tuple[list[CueFigures], float]:  # fmt: skip
     """What each cue says about the scale: stated, measured, residual in sigmas and share of the weight; and the scale's sigma.
 
@@ -367,8 +387,9 @@ def scale_cue_weights(
 
     The weight of a cue is its information on the logarithm of the scale, (length / standard deviation)^2; the scale's sigma has
     what the rig's own measurement adds besides. The people of the
-    population count as one cue, without those who are `unusual` (P,), and so do segments of bodies, which came out `segments`
-    times as long as expected. The sigma is infinite where there is no cue.
+    population count as one cue, without those who are `unusual` (P,), and with what they differ beyond their `population` (P,)
+    (`population_spread`). So do segments of bodies, which came out `segments` times as long as expected. The sigma is infinite
+    where there is no cue.
     """
     places = {cue.identity: f", {cue.place}" if cue.place else "" for cue in cues.people}
     named = np.array([identity in places for identity in seen], dtype=bool)
@@ -378,6 +399,8 @@ def scale_cue_weights(
     if counted.any():
         count = int(np.count_nonzero(counted))
         spread = float(np.mean(sd[counted]) / np.sqrt(count))
+        if population is not None:
+            spread = float(np.hypot(spread, np.mean(mean[counted]) * unexplained_spread(heights[counted], population[counted])))
         kinds.append({"kind": "population", "count": count})
         found.append((f"population of {count}", float(np.mean(heights[counted])), float(np.mean(mean[counted])), spread))
     for i in np.flatnonzero(named):

@@ -199,6 +199,7 @@ def _estimate_uncertainty(
         _heights_by_boxes(start, state, observations) if cues.people else None,
         None if rows is None else freed_measurements(rows, state, fit.model.problem.layout, fit.result.normal, inflation),
         None if knowledge.unusual is None else knowledge.unusual[seen],
+        None if knowledge.height_spread is None else knowledge.height_spread[seen],
     )  # fmt: skip
     # What is found from noisy boxes is biased by about the variance of their heights: 7 % too small a scale at 27 % of noise.
     report += people_cues(_posed(start.rig, state), observations)
