@@ -18,7 +18,7 @@ from passerby.calibration.calibration import Calibration
 from passerby.calibration.in_memory import calibrate_observations
 from passerby.core.cameras import Camera, Rig
 from passerby.core.figures import adjusted
-from passerby.core.measuring import measuring_errors
+from passerby.core.measuring import Distances, MeasuringSigma, measuring_errors
 from passerby.core.observations import Boxes
 from passerby.evaluation.metrics import compare
 from passerby.simulation import PRESETS, SimulatedScene, SimulationOptions, simulate
@@ -42,6 +42,8 @@ FLOORS = {
 identities differ from them by. WILDTRACK's boxes were made from its cameras."""
 CLOCKED = 4
 """Every so-manieth scene has clocks that are off, which the calibration has to find."""
+MEASURED = 20
+"""Points of a rig, or of a camera on the ground, that count."""
 KINDS = ("points", "ground", "position", "orientation", "shape position", "shape orientation", "distance", "scale", "clock")
 
 
@@ -120,10 +122,10 @@ def in_sigmas(found: Calibration, scene: SimulatedScene, clocked: bool) -> dict[
     seen = {name: camera.boxes for name, camera in scene.observations.cameras.items()}
     measured = measuring_errors(found.rig, scene.rig, seen)
     if measured is not None and figures.measuring is not None:
-        out["points"].append(measured.points.median_mm / figures.measuring.points.median_mm)
+        out["points"] = measurements(measured.points, figures.measuring.points)
         for name, one in measured.cameras.items():
             own = figures.measuring.cameras[name].ground if name in figures.measuring.cameras else None
-            out["ground"] += [] if own is None else [one.median_mm / own.median_mm]
+            out["ground"] += [] if own is None else measurements(one, own)
     if placed is not None:
         out["position"], out["orientation"] = [*placed.position_sigmas.values()], [*placed.orientation_sigmas.values()]
     for name in comparison.names if comparison.scale_ratio is not None else ():
@@ -137,6 +139,12 @@ def in_sigmas(found: Calibration, scene: SimulatedScene, clocked: bool) -> dict[
     if clocked and found.association is not None:
         out["clock"] = _clock_errors(found, scene)
     return out
+
+
+def measurements(errors: Distances, stated: MeasuringSigma) -> list[float]:
+    """Errors of single points over the sigma that is stated of all: evenly spread quantiles, as many for each rig."""
+    assert errors.each_mm is not None
+    return [float(mm) / stated.median_mm for mm in np.quantile(errors.each_mm, (np.arange(MEASURED) + 0.5) / MEASURED)]
 
 
 def _clock_errors(found: Calibration, scene: SimulatedScene) -> list[float]:
