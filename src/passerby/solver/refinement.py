@@ -108,9 +108,7 @@ def refine_rig(start: Initialisation, state: RigState, options: PeopleOptions, r
     return Fit(model, result, noise, stance, start, tuple(rounds))
 
 
-def _at_best_scale(
-    problem: PeopleProblem, result: Result[AdjustmentState], stopping: Stopping
-) -> Result[AdjustmentState]:
+def _at_best_scale(problem: PeopleProblem, result: Result[AdjustmentState], stopping: Stopping) -> Result[AdjustmentState]:
     """The optimum, found again from the best scale where the scale had not converged.
 
     Only people's heights and scale cues depend on it. Beside thousands of sightings they are so little that damped steps can
