@@ -106,7 +106,7 @@ def unexplained_spread(heights: Floats, spread: Floats) -> float:
         return 0.0
     expected = float(np.mean(spread**2)) + MEASURED_SD**2
     by_chance = expected * float(chdtri(len(heights) - 1, 1 - CHANCE)) / (len(heights) - 1)
-    return float(np.sqrt(max(np.var(np.log(heights), ddof=1) - by_chance, 0.0)))
+    return float(np.sqrt(max(float(np.var(np.log(heights), ddof=1)) - by_chance, 0.0)))
 
 
 def cue_rows(cues: ScaleCues, rig: Rig) -> CueRows | None:
