@@ -63,7 +63,6 @@ def changes(scene: SimulatedScene, *, given: bool = True) -> dict[str, PoseChang
         Move("C3", 12.0, shift_m=(0.15, 0.0, 0.0)),
         Move("C1", 16.0, turn_deg=(4.0, 8.0, 3.0)),
     ],
-    quick=2,
 )
 @pytest.mark.parametrize("given", [True, False])
 def test_a_move_is_dated_and_measured(move, given):

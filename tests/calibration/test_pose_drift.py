@@ -15,6 +15,7 @@ from passerby.hypotheses.correspondences import Correspondences, match_people
 from passerby.people.body_centres import identified_body_centres, triangulate_people
 from passerby.simulation import SimulatedScene, SimulationOptions, simulate
 from passerby.simulation.disturbances import Move, film_disturbed
+from support.tiers import thinned
 
 OPTIONS = SimulationOptions(seconds=40.0, people=6, box_noise=0.02, seed=3)
 BODY_M = 1.72
@@ -65,7 +66,7 @@ def test_a_steady_turn_is_measured() -> None:
     assert drift.turn[-1, 1] - drift.turn[0, 1] == pytest.approx(np.radians(DEGREES), rel=0.1)
 
 
-@pytest.mark.parametrize(
+@thinned(
     "move",
     [
         Move("C2", 18.0, turn_deg=(0.0, 1.0, 0.0)),

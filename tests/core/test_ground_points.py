@@ -67,7 +67,7 @@ def test_the_covariance_is_that_of_moved_cameras_and_pixels(lens: Lens) -> None:
     pixels = one.project(np.array([[0.0, 0.0, 0.0], [1.5, 3.0, 0.0]]))
     found = one.ground(pixels, pixel_sd_px=2.0)
     drawn = []
-    for error in rng.multivariate_normal(np.zeros(6), SIGMA.covariance, 4000):
+    for error in rng.multivariate_normal(np.zeros(6), SIGMA.covariance, 2000):
         pose = Pose.from_centre(exp_rotation(error[3:]) @ one.pose.R_cw, one.pose.centre + error[:3])
         drawn.append(replace(one, pose=pose).ground(pixels + 2.0 * rng.standard_normal(pixels.shape)).xy)
     moved = np.array(drawn)

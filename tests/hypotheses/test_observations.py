@@ -17,6 +17,7 @@ from passerby.simulation import SimulationOptions, simulate
 from support.datasets.cmc import write_cmc
 from support.scenes.people_and_rigs import part, simulated, without_poses
 from support.scenes.walking_area import Walk
+from support.tiers import thinned
 
 NAME = "C2"
 
@@ -38,7 +39,7 @@ def halved(seen: CameraObservations) -> CameraObservations:
     return CameraObservations(replace(seen.boxes, ltwh=0.5 * seen.boxes.ltwh))
 
 
-@pytest.mark.parametrize(
+@thinned(
     ("code", "change"),
     [
         ("image_mirrored", lambda seen, lens: mirrored(boxes_only(seen), lens.size)),
@@ -46,6 +47,7 @@ def halved(seen: CameraObservations) -> CameraObservations:
         ("image_overturned", lambda seen, lens: turn_seen(mirrored(boxes_only(seen), lens.size), lens.size, 180)),
         ("smaller_image", lambda seen, lens: halved(seen)),
     ],
+    every=3,
 )
 def test_a_misread_camera_is_found_and_put_where_it_stands(code: str, change) -> None:  # type: ignore[no-untyped-def]
     found = examined(change)
@@ -98,7 +100,7 @@ def test_a_low_camera_is_not_taken_for_an_overturned_one_below_the_ground(tmp_pa
         assert find_bodies(seen[camera.name], camera.lens).with_places(people).anew(np.random.default_rng(0)) is not None
 
 
-@pytest.mark.parametrize("seed", range(4811, 4815))
+@thinned("seed", range(4811, 4815), quick=2)
 def test_nothing_is_found_in_short_recordings(seed: int) -> None:
     scene = simulate(SimulationOptions(preset="construction", seed=seed, cameras=3, people=4, seconds=3.0))
     assert examine_readings(Solution("people", scene.rig, "accepted"), scene.observations, clocks=True) == []

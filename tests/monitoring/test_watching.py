@@ -14,6 +14,7 @@ from passerby.people.held_cameras import GroundPlane, equations_of, fit_people
 from passerby.people.resection import resect, resect_observations
 from passerby.people.sightings import gather_sightings, poses_of
 from support.scenes.walkers_for_monitor import calibrated, knocked, only, true_rig, walkers
+from support.tiers import thinned
 
 RIG = true_rig()
 GIVEN = calibrated(RIG)
@@ -42,7 +43,7 @@ def test_nothing_moves(still):
     assert max(test.score for test in whole.tests) < 3
 
 
-@pytest.mark.parametrize("camera", RIG.names)
+@thinned("camera", RIG.names, quick=2)
 def test_a_turn_before_the_footage_that_no_window_shows_is_found_by_all_of_it(camera):
     """About the vertical, by a degree; two people, five minutes."""
     before = RIG[camera].pose
@@ -69,10 +70,11 @@ def test_all_footage_after_a_move_is_compared_with_the_new_pose():
     assert max(test.score for test in whole.tests) < 3
 
 
-@pytest.mark.parametrize(
+@thinned(
     ("camera", "turn", "shift"),
     [("C2", (0, 1, 0), (0, 0, 0)), ("C4", (0.8, 0, 0.6), (0, 0, 0)), ("C1", (0, 0, 0), (0.06, 0, 0.08)),
      ("C3", (0, 9, 3), (0.3, 0, 0))],
+    every=2,
 )  # fmt: skip
 def test_a_knock_is_named_dated_and_measured(camera, turn, shift):
     before = RIG[camera].pose

@@ -112,7 +112,7 @@ LIGHTS: dict[str, Callable[[Picture, int], np.ndarray]] = {
 }
 
 
-@thinned("light", LIGHTS, quick=3)
+@thinned("light", LIGHTS, quick=2)
 def test_lights_are_no_move(light: str) -> None:
     rng = np.random.default_rng(0)
     changed = (np.asarray(np.clip(LIGHTS[light](seen(), k), 0, 255), dtype=np.uint8) for k in range(COUNT))
@@ -124,7 +124,7 @@ def test_lights_are_no_move(light: str) -> None:
 @thinned(
     ("dx", "dy", "degrees"),
     [(0.0075 * 480, 0, 0), (-3, 3, 0), (0, -15, 0), (60, 25, 0), (150, 0, 0), (0, 0, 2), (20, 10, 6), (-40, 10, -3)],
-    quick=4,
+    quick=2,
 )
 @thinned("crowd", [0.0, 0.35])
 def test_a_camera_that_is_moved_for_good(dx: float, dy: float, degrees: float, crowd: float) -> None:
@@ -140,7 +140,7 @@ def test_a_camera_that_is_moved_for_good(dx: float, dy: float, degrees: float, c
     assert move.pixels == pytest.approx(float(np.median(shift)), rel=0.25, abs=0.4)
 
 
-@thinned(("zoom", "until"), [(1.03, None), (1.1, None), (1.1, 21.0), (1.3, None), (0.8, None)], quick=3)
+@thinned(("zoom", "until"), [(1.03, None), (1.1, None), (1.1, 21.0), (1.3, None), (0.8, None)], every=2)
 def test_a_zoom_is_named_and_measured(zoom: float, until: float | None) -> None:
     rng = np.random.default_rng(0)
     (move,) = watched(noisy(seen(zoom=zoom if 17 <= k < (until or COUNT) else 1.0), rng) for k in range(COUNT)).moves

@@ -22,6 +22,7 @@ from passerby.scene.reading import input_from_memory
 from passerby.scene.scene import Scene
 from passerby.simulation import SimulatedScene, SimulationOptions, simulate
 from passerby.simulation.write import write_scene as write_simulated
+from support.tiers import thinned
 
 
 @pytest.fixture(scope="module")
@@ -186,7 +187,7 @@ def rewrite(folder: Path, into: Path, size: Callable[[str], tuple[int, int]], bo
     return into / "scene.toml"
 
 
-@pytest.mark.parametrize("key", ["corners", "centers", "normalized centres", "normalised corners"])
+@thinned("key", ["corners", "normalized centres", "centers", "normalised corners"], quick=2)
 def test_a_scene_file_states_the_format(folder: Path, tmp_path: Path, scene: SimulatedScene, key: str) -> None:
     path = rewrite(folder, tmp_path, lambda name: scene.rig[name].lens.size, BoxFormat.of_text(key), key)
     assert run(["check", str(path)]) == 0

@@ -188,7 +188,7 @@ def test_without_hips_shoulders_and_heads_show_the_ground(points, joints, expect
     assert ground_below(seen, np.array([0.0, 0.0, 1.0]), 1.0, np.array([0]), np.array([1.72])) == expected
 
 
-@pytest.mark.parametrize("lost", [(), ("hip",), ("hip", "elbow", "wrist"), ("hip", "head", "neck")])
+@thinned("lost", [(), ("hip",), ("hip", "elbow", "wrist"), ("hip", "head", "neck")], every=3)
 @pytest.mark.parametrize("ids", ["hold", "of one time step"])
 def test_ten_keypoints_under_the_ceiling_fix_the_world(lost: tuple[str, ...], ids: str) -> None:
     rig, seen = operating_room(4711)
