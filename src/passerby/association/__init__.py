@@ -1,4 +1,4 @@
-"""From observations to identities and clocks: who in one camera is who in another, and at what time.
+"""From observations to identities and clocks: the same people in different cameras, and the cameras' time offsets.
 
 `tracking/` within one camera; `appearance/`, `ground/`, `joints/` between cameras; `clocks/`. Imports `people` and below, and
 no solver: only `calibration` knows both.

@@ -1,4 +1,4 @@
-"""Identities, from what is known at the time: first from pairs of cameras, then from a calibrated rig."""
+"""Identities of tracklets: first from registered pairs of cameras, later from a calibrated rig."""
 
 from __future__ import annotations
 
@@ -20,37 +20,37 @@ from passerby.common.arrays import Floats, Ints
 from passerby.core.cameras import Pose
 
 Pairs = tuple[Ints, Ints, Floats]
-"""(E,) tracklets, numbered through, (E,) tracklets, and (E,) the evidence for their being one person."""
+"""(E,) tracklets, numbered over all cameras, (E,) tracklets, and (E,) the evidence that they are one person, nats."""
 
 OVERLAP_S = 0.3
-"""Tracklets of one camera that overlap by more are two people; less may be a tracker's late end."""
+"""Overlap, seconds, above which tracklets of one camera are two people; a shorter one may be a tracker's late end."""
 TWO_PEOPLE = 2.0
-"""The evidence for two people while one camera sees two tracklets, per grid time. Not infinite: a box found twice, or a
-tracklet that ends on another person, must not keep everything else of two groups apart."""
+"""Evidence for two people while one camera sees two tracklets, per grid time. It is finite: a box detected twice, or a tracklet
+that ends on another person, must not keep two groups apart against all other evidence."""
 GOES_ON = 3.0
-"""The evidence for one person where a tracklet continues as another: links are 20 times more likely than the next best
+"""Evidence for one person where a tracklet continues as another: links are 20 times more likely than the next best
 (3 nats)."""
 MOST_CONTRADICTIONS = 6
-"""Times that tracklets are joined anew without what contradicts itself."""
+"""Largest number of times that tracklets are joined again with evidence against contradictory joins."""
 SAMPLE_WORTH = 0.5
-"""Of the agreement of one sample: neighbours, half a second apart, tell partly the same."""
+"""Weight of the agreement of one sample: neighbouring samples, half a second apart, are partly redundant."""
 
 
 @dataclass(frozen=True, eq=False)
 class Tracklets:
-    """The tracklets of all cameras, numbered through: camera c's tracklet t is `first[c] + t`."""
+    """The tracklets of all cameras, in one numbering: camera c's tracklet t is `first[c] + t`."""
 
     first: Ints
     """(C + 1,)"""
     start_s: Floats
-    """(T,) first and last time by the camera's own clock; infinite for numbers without a body."""
+    """(T,) first time by the camera's own clock; `end_s` is the last. Infinite for numbers without a body."""
     end_s: Floats
     continued: tuple[Ints, Ints]
-    """(K,) tracklets and (K,) those that go on where they end."""
+    """(K,) tracklets and (K,) the tracklets that continue them."""
 
     @classmethod
     def of(cls, cameras: Sequence[CameraTracklets]) -> Tracklets:
-        """The tracklets of the cameras."""
+        """Number the tracklets of all cameras."""
         first = np.concatenate([[0], np.cumsum([camera.n_tracklets for camera in cameras])]).astype(np.int64)
         start, end = np.full(first[-1], np.inf), np.full(first[-1], -np.inf)
         ends, begins = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
@@ -63,7 +63,7 @@ class Tracklets:
         return cls(first, start, end, (np.concatenate(ends), np.concatenate(begins)))
 
     def together(self) -> tuple[Ints, Ints, Floats]:
-        """Pairs of tracklets of one camera that overlap in time, and for how long, seconds."""
+        """Find pairs of tracklets of one camera that overlap in time, and the length of the overlap, seconds."""
         first, second, seconds = [], [], []
         for c in range(len(self.first) - 1):
             part = slice(int(self.first[c]), int(self.first[c + 1]))
@@ -77,7 +77,7 @@ class Tracklets:
 
 
 def joined_pairs(*parts: Pairs | None) -> Pairs | None:
-    """All pairs of the parts; None where there are none."""
+    """Concatenate the pairs of all parts; return None where there are none."""
     known = [part for part in parts if part is not None]
     if not known:
         return None
@@ -102,7 +102,7 @@ def cluster_by_pairwise_poses(
     tracklets: Tracklets, tracks: Sequence[GroundTracks | None], graph: ViewGraph,
     affinity: Mapping[tuple[int, int], Floats] | None = None, known: Pairs | None = None,
 ) -> Ints:  # fmt: skip
-    """(T,) person of each tracklet, joined by the registrations of the view graph and by what else is known."""
+    """Return the person (T,) of each tracklet, joined by the registrations of the view graph and by other evidence."""
     edges = _Edges([], [], [])
     if known is not None:
         edges.add(*known)
@@ -114,7 +114,7 @@ def _add_registered(
     edges: _Edges, tracklets: Tracklets, tracks: Sequence[GroundTracks | None], graph: ViewGraph,
     affinity: Mapping[tuple[int, int], Floats] | None, wanted: Sequence[bool],
 ) -> None:  # fmt: skip
-    """What the registrations of the pairs say that have a wanted camera."""
+    """Add the evidence of the registrations of all pairs with a wanted camera."""
     for edge in graph.edges:
         in_a, in_b = tracks[edge.a], tracks[edge.b]
         if not edge.used or edge.guess is None or in_a is None or in_b is None or not (wanted[edge.a] or wanted[edge.b]):
@@ -129,14 +129,14 @@ def cluster_by_rig(
     person_height_m: float, affinity: Mapping[tuple[int, int], Floats] | None = None, known: Pairs | None = None,
     candidates: Container[tuple[int, int]] | None = None,
 ) -> Ints:  # fmt: skip
-    """(T,) person of each tracklet, joined by whether a calibrated rig lets them meet.
+    """Return the person (T,) of each tracklet, joined where tracklets meet in a calibrated rig.
 
     Args:
         tracklets: of all cameras.
         cameras: their people.
-        graph: registrations, which stand in for cameras that the rig lacks.
+        graph: registrations, used for cameras that the rig lacks.
         poses: one a camera, world z up and ground at z = 0; None for a camera that is not registered.
-        offset_s: (C,) what to add to each camera's clock.
+        offset_s: (C,) time offset to add to each camera's clock, seconds.
         person_height_m: typical standing height, metres.
         affinity: appearance, as for `register_pair`.
         known: other evidence for one person.
@@ -163,7 +163,7 @@ def cluster_by_rig(
     person = _joined(tracklets, edges)
     if candidates is None:
         return person
-    # Who is one person with two others may be in two places at once: pairs of cameras that see them there have their say.
+    # A person joined through others may be in two places at once: pairs of cameras that see the person there are compared too.
     known_pairs = set[tuple[int, int]]()
     met: dict[tuple[int, int], Pairs | None] = {}
     for _ in range(MOST_CONTRADICTIONS):
@@ -188,12 +188,12 @@ def cluster_by_rig(
 def compared_pairs(
     graph: ViewGraph, n_cameras: int, candidates: Container[tuple[int, int]] | None
 ) -> dict[tuple[int, int], None]:
-    """The pairs of cameras whose tracklets are compared with each other: all, or of many cameras those that are registered, and
-    the candidates of cameras that no pair registers.
+    """Select the pairs of cameras whose tracklets are compared: all where `candidates` is None. Otherwise select registered
+    pairs, and the candidates of cameras that are in no registered pair.
 
-    Others share little, as through a door: whom they do not have in common stands, by a rig that is a little off, where
-    a person on the other side of a wall does. (Simulated halls and a corridor, 21 cameras, seed 801: of 3,800 and 4,300
-    box pairs on both sides of two doors 30 and 22 % were wrong, and 6 and 17 % are without these.)
+    Other pairs share little ground, as through a door. With a rig that is a little off, different people on both sides of a
+    wall seem to be at the same place. (Simulated halls and a corridor, 21 cameras, seed 801: of 3,800 and 4,300 box pairs on
+    both sides of two doors 30 and 22 % were wrong with these pairs, and 6 and 17 % are without them.)
     """
     pairs = [(a, b) for a in range(n_cameras) for b in range(a + 1, n_cameras)]
     if candidates is None:
@@ -206,7 +206,7 @@ def compared_pairs(
 def _seeing_one(
     tracklets: Tracklets, tracks: Sequence[RayTracks | None], offset_s: Floats, person: Ints
 ) -> list[tuple[int, int]]:
-    """The pairs of cameras, a < b, that see one person at one time."""
+    """Find the pairs of cameras, a < b, that see one person at one time."""
     seen, camera = [np.zeros((0, 2), np.int64)], [np.zeros(0, np.int64)]
     for c, own in enumerate(tracks):
         if own is not None:
@@ -221,16 +221,16 @@ def _seeing_one(
 
 
 def _weight(value: Floats, i: Ints, j: Ints, affinity: Mapping[tuple[int, int], Floats] | None, key: tuple[int, int]) -> Floats:
-    """The evidence for one person: where tracklets are and, where it is known, how they look."""
+    """Return the evidence for one person: from positions and, where it is known, from appearance."""
     weight = SAMPLE_WORTH * value
     return weight + affinity[key][i, j] if affinity is not None and key in affinity else weight
 
 
 def cluster_by_appearance_votes(tracklets: Tracklets, appearance: AppearanceAffinity, known: Pairs | None = None) -> Ints:
-    """(T,) person of each tracklet, joined by looks.
+    """Return the person (T,) of each tracklet, joined by appearance.
 
-    For one person speaks every instant at which the two tracklets were matched, against it every other that both were seen at;
-    `known` is other evidence for one person.
+    Each instant at which two tracklets were matched is evidence for one person; every other instant at which both were seen is
+    evidence against it. `known` is other evidence for one person.
     """
     edges = _Edges([], [], [])
     if known is not None:

@@ -1,9 +1,9 @@
-"""A camera that no pair of cameras could register, registered to the rig of the others: to people whose place it knows.
+"""Registration of a camera that no pair could register, to the rig of the others: by people with known positions.
 
-A pair of cameras shares what both saw at the same time, each by its own first guess of the ground. The rig knows where
-everybody was, all cameras together, and how tall. One of the camera's tracklets and one known person, at one clock offset, make
-a pose (perspective n points, of feet and heads); the pose that explains most of all that the camera saw is the one, if it
-explains most of it, and no other pose explains nearly as much.
+A pair registration uses only people that both cameras saw, and each camera's first guess of the ground. The rig gives the
+positions and the heights of all people, from all of its cameras. One of the camera's tracklets and one known person, at one
+clock offset, give a pose (perspective n points, of feet and heads). The pose is taken that explains most samples of the camera,
+if it explains at least `LEAST_SHARE` of them and no other pose explains nearly as many.
 """
 
 from __future__ import annotations
@@ -27,60 +27,61 @@ from passerby.people.level import of_moving_tracklets
 from passerby.people.sightings import Sightings
 
 REFINEMENTS = 2
-"""Times that a pose is made anew of all that it explains."""
+"""Number of times that a pose is computed again from all samples that it explains."""
 TOLERANCE = 0.2
-"""A person is explained where foot and head are seen within so much of the body's extent from where the known person's are."""
+"""Largest distance of foot and head from those of the known person, as a share of the body's extent, at which a sample is
+explained."""
 FEWEST = 6
-"""Samples (half a second each) of a tracklet and a person at one time, from which a pose is computed. With 8, three rendered
-rooms (seeds 0 to 2), whose tracklets are short, lost a camera each: this figure was chosen on them."""
+"""Least number of common samples (half a second each) of a tracklet and a person, from which a pose is computed. With 8, three
+rendered rooms (seeds 0 to 2), whose tracklets are short, lost a camera each: this figure was chosen on them."""
 LEAST_WAY_M = 1.0
-"""A person who moves less says little about where the camera is."""
+"""Least extent of a person's motion, metres. A person who moves less gives little information on the camera's pose."""
 LEAST_SHARE, LEAST_EXPLAINED = 0.5, 16
-"""Of the samples of the camera's walkers while a person is known, and in number: those that a believed pose explains.
+"""Least share, and least number, of the samples of the camera's walkers while a person is known that a believed pose explains.
 Rendered rooms, seeds 901 to 904, and a simulated terrace, seed 3, each camera left out in turn: 0.84 to 1.00 of them, 20 of 20
 cameras within 0.34 m. Cameras among the people of another of these scenes: 0.14 to 0.37, 10 of 10."""
 LEAST_WAYS = 2
-"""Pairs of a tracklet and a person of which it explains half of `FEWEST` or more: one alone fits in other ways too."""
+"""Least number of pairs of a tracklet and a person with half of `FEWEST` or more explained samples. One pair alone is explained
+by other poses too."""
 RUNNER_UP = 0.8
-"""Another pose must explain less than this share of what the best one does: 0.39 to 0.73 for the same cameras, 0.75 to 1.00
-among other people, whom the share above keeps out."""
+"""Largest share of the best pose's explained samples that another pose may explain: 0.39 to 0.73 for the same cameras, 0.75 to
+1.00 among other people, which `LEAST_SHARE` rejects."""
 APART_M, APART_RAD, APART_S = 1.0, np.deg2rad(15.0), 0.75
-"""Poses, and offsets, that are farther apart are others."""
+"""Poses, or offsets, that are farther apart than this count as different."""
 OFFSET_STEP_S, MOST_OFFSET_S = 0.25, 5.0
-"""Steps of the offsets that are tried: a person walks 0.35 m in one. And how far they go."""
+"""Step of the offsets that are tried, in which a person walks 0.35 m, and the largest offset."""
 MOST_TRACKLETS, MOST_PEOPLE = 8, 12
-"""The longest tracklets, and of each the people with most common samples, of which poses are made."""
+"""Poses are computed from this number of longest tracklets, each with this number of people with most common samples."""
 MOST_COMPARED = 8000
-"""Samples together with people known at their time by which a pose is refined, of all of the recording: more refine it no
-better, and take most of the time on sites. A pose that explains less than half of `LEAST_SHARE` of these is not looked at
-further."""
+"""Number of pairs of a sample and a person known at its time, of the whole recording, by which a pose is refined. More refine
+it no better, and take most of the time on sites. A pose that explains less than half of `LEAST_SHARE` of these is dropped."""
 
 _PINHOLE = {"model": "SIMPLE_PINHOLE", "width": 2, "height": 2, "params": [1.0, 0.0, 0.0]}
 
 
 @dataclass(frozen=True, eq=False)
 class Attached:
-    """Where a camera stands by the people of the others."""
+    """Pose of a camera by the people of the others."""
 
     pose: Pose
     offset_s: float
-    """What to add to the camera's clock."""
+    """Offset to add to the camera's clock, seconds."""
     explained: int
-    """Samples that the pose explains,"""
+    """Number of samples that the pose explains."""
     share: float
-    """of all while a person is known, as a share."""
+    """The same as a share of all samples while a person is known."""
     runner_up: float
-    """What the best other pose explains, as a share of that."""
+    """Samples that the best other pose explains, as a share of `explained`."""
 
     @property
     def believed(self) -> bool:
-        """Whether it is significant."""
+        """Whether the pose is significant."""
         return self.share >= LEAST_SHARE and self.explained >= LEAST_EXPLAINED and self.runner_up < RUNNER_UP
 
 
 @dataclass(frozen=True, eq=False)
 class KnownPeople:
-    """Where people were, by a rig: N samples on the grid of time, by its clock."""
+    """Positions of people in a rig: N samples on the time grid, by the rig's clock."""
 
     step: Ints
     """(N,) the time is `step * STEP_S`."""
@@ -96,7 +97,7 @@ class _Seen:
     """M samples of the camera."""
 
     step: Ints
-    """By the camera's own clock."""
+    """(M,) grid times by the camera's own clock."""
     tracklet: Ints
     top: Floats
     """(M, 2) directions to the highest points, x / z and y / z in the camera's frame."""
@@ -108,13 +109,13 @@ class _Seen:
 def known_people(
     cameras: Sequence[CameraTracklets], poses: Sequence[Pose | None], person: Sequence[Ints], offset_s: Floats
 ) -> KnownPeople:
-    """The ground positions of the people whom posed cameras see: of several cameras the median.
+    """Compute the ground positions of the people that posed cameras see, as the median over cameras.
 
     Args:
         cameras: their people.
         poses: world z up, ground at z = 0.
-        person: of each camera, (tracklets,) the person of each, or -1.
-        offset_s: (C,) what to add to each camera's clock.
+        person: for each camera, (tracklets,) the person of each, or -1.
+        offset_s: (C,) offset to add to each camera's clock, seconds.
     """
     step, who, places, rates = [], [], [], []
     for camera, pose, own, offset in zip(cameras, poses, person, offset_s.tolist(), strict=True):
@@ -150,15 +151,15 @@ def attach_cameras(
     person_height_m: float, lost: Mapping[int, tuple[float, float]], near: Candidates | None = None,
     executor: Executor | None = None, tell: Progress = silent,
 ) -> dict[int, Attached]:  # fmt: skip
-    """The cameras that the people of the posed ones place significantly, by number.
+    """Register cameras by the people of the posed cameras; return the significant results, by number of the camera.
 
     Args:
         cameras: their people.
         poses: world z up, ground at z = 0; None for cameras without.
-        person: of each camera, (tracklets,) the person of each, or -1.
-        offset_s: (C,) what to add to each camera's clock.
-        person_height_m: how tall people are by the rig, metres.
-        lost: the cameras that are tried: how far their clock offset is searched, and around which.
+        person: for each camera, (tracklets,) the person of each, or -1.
+        offset_s: (C,) offset to add to each camera's clock, seconds.
+        person_height_m: height of people in the rig, metres.
+        lost: the cameras that are tried, by number: range of the search for their clock offset, and its middle, seconds.
         near: the pairs of cameras that may share ground: a camera is tried by the people of these; None: by all.
         executor: tries them side by side; one after the other where it is None.
         tell: called for each camera that was tried.
@@ -198,14 +199,14 @@ def _attached(job: _Job) -> Attached | None:
 def attach_camera(
     bodies: Sightings, people: KnownPeople, person_height_m: float, search_s: float, around_s: float = 0.0
 ) -> Attached | None:
-    """The pose of a camera by people whose places are known; None where none explains anything.
+    """Compute the pose of a camera from people with known positions; return None where no pose explains enough.
 
     Args:
-        bodies: of the camera's people.
-        people: of the rig.
-        person_height_m: how tall people are by the rig, metres.
-        search_s: how far the offset of the camera's clock is searched, on either side, up to `MOST_OFFSET_S`.
-        around_s: of this offset.
+        bodies: sightings of the camera's people.
+        people: people of the rig.
+        person_height_m: height of people in the rig, metres.
+        search_s: range of the search for the clock offset on either side, seconds, up to `MOST_OFFSET_S`.
+        around_s: middle of this search, seconds.
     """
     seen = _samples(bodies)
     if len(seen.step) < FEWEST or not len(people.step):
@@ -223,7 +224,7 @@ def attach_camera(
 
 
 def _samples(bodies: Sightings) -> _Seen:
-    """The camera's people on the grid, those in front of it."""
+    """Sample the camera's walking people on the grid; only whole bodies in front of the camera are used."""
     own = (bodies.identity >= 0) & (bodies.top[:, 2] > 0.1) & (bodies.bottom[:, 2] > 0.1)
     whole = own & (bodies.top_fraction > 0.8) & (bodies.bottom_fraction < 0.2)
     bodies = bodies.take(whole & of_moving_tracklets(bodies))
@@ -235,12 +236,12 @@ def _samples(bodies: Sightings) -> _Seen:
 
 
 def _at_offset(seen: _Seen, people: KnownPeople, height_m: float, offset: float) -> list[tuple[int, float, float, Pose]]:
-    """(explained, share, offset, pose) of the poses that one offset allows, each by a tracklet and a person."""
+    """Compute the poses at one offset, each from a tracklet and a person, as (explained, share, offset, pose)."""
     late = round(offset / STEP_S)
     i, j = rows_of_equal(seen.step + late, people.step)
     if len(i) < FEWEST:
         return []
-    # The person's place at the sample's very time.
+    # The person's position at the exact time of the sample.
     ground = people.ground[j] + people.rate[j] * (offset - late * STEP_S)
     feet = np.column_stack([ground, np.zeros(len(i))])
     heads = feet + [0.0, 0.0, height_m]
@@ -269,7 +270,7 @@ def _at_offset(seen: _Seen, people: KnownPeople, height_m: float, offset: float)
 
 
 def _longest(tracklet: Ints, pair: Ints) -> list[Ints]:
-    """The rows of those pairs of a tracklet and a person that have `FEWEST` or more, of the longest tracklets."""
+    """Return the rows of each pair of a long tracklet and a person that has `FEWEST` rows or more."""
     numbers, count = np.unique(tracklet, return_counts=True)
     wanted = numbers[np.argsort(-count, kind="stable")[:MOST_TRACKLETS]]
     found = []
@@ -282,7 +283,7 @@ def _longest(tracklet: Ints, pair: Ints) -> list[Ints]:
 
 
 def _pose(seen: _Seen, rows: Ints, feet: Floats, heads: Floats) -> Pose | None:
-    """The pose that sees most of these feet and heads where they are; None for one that lies on its side, or in the ground."""
+    """Estimate the pose from feet and heads by RANSAC; None for too few inliers, or a camera on its side or in the ground."""
     size = float(np.median(seen.extent[rows]))
     options = {"max_reproj_error": TOLERANCE * size, "max_iterations": 200, "min_iterations": 20, "seed": 0}
     points = np.concatenate([seen.bottom[rows], seen.top[rows]])
@@ -295,7 +296,7 @@ def _pose(seen: _Seen, rows: Ints, feet: Floats, heads: Floats) -> Pose | None:
 
 
 def _misses(pose: Pose, seen: _Seen, i: Ints, feet: Floats, heads: Floats) -> Floats:
-    """(K,) how far a foot or a head is seen from where the pose says, the farther one, as a share of the body's extent."""
+    """Return the larger reprojection error (K,) of foot and head under a pose, as a share of the body's extent."""
     off = np.zeros(len(i))
     for points, at in ((feet, seen.bottom[i]), (heads, seen.top[i])):
         local = points @ pose.R_cw.T + pose.t_cw
@@ -307,13 +308,13 @@ def _misses(pose: Pose, seen: _Seen, i: Ints, feet: Floats, heads: Floats) -> Fl
 
 
 def _explained(good: Bools, i: Ints, pair: Ints) -> tuple[int, int]:
-    """How many samples are explained by anybody, and how many pairs of a tracklet and a person by `FEWEST` or more."""
+    """Count the samples explained by any person, and the pairs of a tracklet and a person with half of `FEWEST` or more."""
     _, count = np.unique(pair[good], return_counts=True)
     return len(np.unique(i[good])), int((count >= FEWEST // 2).sum())
 
 
 def _other(pose: Pose, offset: float, second: Pose, second_offset: float) -> bool:
-    """Whether two poses, or their offsets, are not about the same."""
+    """Check whether two poses, or their offsets, differ."""
     turn = np.arccos(np.clip((np.trace(pose.R_cw @ second.R_cw.T) - 1) / 2, -1, 1))
     apart = float(np.linalg.norm(pose.centre - second.centre))
     return apart > APART_M or turn > APART_RAD or abs(offset - second_offset) > APART_S

@@ -1,4 +1,4 @@
-"""What association starts from: the tracklets of each camera, clean, and where its people are on its own ground."""
+"""Input of association: the tracklets of each camera, split and stitched, and its people on its own ground."""
 
 from __future__ import annotations
 
@@ -26,45 +26,45 @@ from passerby.people.level import levelled_people
 from passerby.people.sightings import Sightings
 
 SAME_PERSON_OVERLAP = 0.5
-"""Joints belong to the box that their extent overlaps by this much (intersection over union)."""
+"""Least intersection over union of joints' extent and a box, with which the joints belong to the box."""
 BEYOND_DOUBT = StitchingOptions(margin=6.0)
-"""Odds of the tracker's links, 20 to 1. On pets2009 precision and recall of the pairs of boxes that are tied are
-0.947 and 0.803 with them, 0.942 and 0.785 without, and 0.945 and 0.800 with all links of odds above 2.7 to 1."""
+"""Stitching with the odds of the tracker's links, 20 to 1. On pets2009 precision and recall of joined pairs of boxes are
+0.947 and 0.803 with these stitches, 0.942 and 0.785 without, and 0.945 and 0.800 with all links of odds above 2.7 to 1."""
 
 
 Tracked = tuple[CameraObservations, tuple[Ints, Ints]]
-"""A camera's people with the numbers of their tracklets, and (K,) tracklets and (K,) those that go on where they end."""
+"""A camera's people with the numbers of their tracklets, and (K,) tracklets and (K,) the tracklets that continue them."""
 
 
 class KnownTracklets(Protocol):
     """Tracklets that earlier runs found. It is picklable, for processes that work on cameras."""
 
     def load(self, seen: CameraObservations, fps: float) -> Tracked | None:
-        """Those of these people at this frame rate; None where they are not known."""
+        """Return the tracklets of these people at this frame rate; None where they are not known."""
 
     def save(self, seen: CameraObservations, fps: float, tracked: Tracked) -> None:
-        """Keep them for a later run."""
+        """Store the tracklets for a later run."""
 
 
 @dataclass(frozen=True, eq=False)
 class CameraTracklets:
-    """One camera, ready for association."""
+    """Tracklets of one camera, input for association."""
 
     name: str
     seen: CameraObservations
-    """Boxes and joints as they were read, their identities the tracklets 0, 1, ... of this camera, or -1."""
+    """Boxes and joints as they were read. Their identities are the tracklets 0, 1, ... of this camera, or -1."""
     clock: Clock
     bodies: Sightings
-    """The same people, times by the camera's own clock."""
+    """The same people, with times by the camera's own clock."""
     level: Level | None
-    """The camera above its own ground; None where too few people tell."""
+    """Vertical and height of the camera above its own ground; None where people are too few."""
     tracks: GroundTracks | None
     continued: tuple[Ints, Ints]
-    """(K,) tracklets and (K,) those that significantly continue where they end."""
+    """(K,) tracklets and (K,) the tracklets that significantly continue them."""
 
     @property
     def n_tracklets(self) -> int:
-        """Tracklets are numbered below this."""
+        """Number of tracklets: all tracklet numbers are below it."""
         return max((int(part.identity.max(initial=-1)) for part in (self.seen.boxes, self.seen.keypoints)), default=-1) + 1
 
 
@@ -79,7 +79,7 @@ def build_camera_tracklets(
     kept: KnownTracklets | None = None,
     not_people: tuple[Sighting, ...] = (),
 ) -> CameraTracklets:
-    """Track, split, level.
+    """Track the people of a camera, split the tracklets, and level the camera.
 
     Args:
         camera: name and lens.
@@ -88,7 +88,7 @@ def build_camera_tracklets(
         person_height_m: expected standing height, metres.
         rng: draws the people that the level is fitted to.
         given: whether the identities are known people, which are neither tracked nor split nor renumbered.
-        kept: tracklets of earlier runs, and of this one for later ones.
+        kept: store of tracklets: those of earlier runs are read from it, and those of this run are written to it.
         not_people: boxes of this camera that the user says are no person.
     """
     none = np.zeros(0, np.int64)
@@ -101,10 +101,10 @@ def build_camera_tracklets(
 
 
 def with_lens(camera: CameraTracklets, lens: Lens, person_height_m: float, rng: np.random.Generator) -> CameraTracklets:
-    """The same people by another lens: rays, level and ground tracks are made anew, the tracklets stay.
+    """Return the same people with another lens: rays, level and ground tracks are computed again, the tracklets stay.
 
     Args:
-        camera: as built with a lens.
+        camera: tracklets built with one lens.
         lens: the other lens.
         person_height_m: expected standing height, metres.
         rng: draws the people that the level is fitted to.
@@ -119,11 +119,10 @@ def build_tracklets(
     executor: Executor | None = None, *, given: bool = False, tell: Progress = silent,
     earlier: EarlierTracklets | None = None, kept: KnownTracklets | None = None, not_people: Sequence[Sighting] = (),
 ) -> list[CameraTracklets]:  # fmt: skip
-    """All cameras of a rig, side by side where there is an executor; the result does not depend on it.
+    """Build the tracklets of all cameras of a rig, in parallel where there is an executor. The result does not depend on it.
 
-    `tell` is called for every camera that is done. `earlier` are those of other estimates of the scene: a camera that
-    saw the same
-    by the same lens and clock is taken from there, and the draws of its level with it. `kept` are the tracklets of earlier
+    `tell` is called for every camera that is done. `earlier` are results of other estimates of the scene: a camera with the
+    same people, lens and clock is taken from there, including the draws of its level. `kept` are the tracklets of earlier
     runs; the result does not depend on them. `not_people` are boxes that the user says are no person.
     """
     nobody = {camera.name: tuple(one for one in not_people if one.camera == camera.name) for camera in rig}
@@ -149,16 +148,16 @@ class _Job:
 
 
 EarlierTracklets = EarlierResults[_Job, CameraTracklets]
-"""By camera."""
+"""Earlier results by the name of the camera."""
 
 
 def earlier_tracklets() -> EarlierTracklets:
-    """None so far."""
+    """Return no tracklets: earlier tracklets exist only after the first estimate."""
     return EarlierTracklets(_same_job)
 
 
 def _same_job(a: _Job, b: _Job) -> bool:
-    """Whether two jobs of one camera make the same tracklets, whatever people their levels draw."""
+    """Check whether two jobs of one camera give the same tracklets, for any draws of people for their levels."""
     same_input = a.camera.lens is b.camera.lens and a.seen is b.seen
     settings = [(one.clock, one.person_height_m, one.given, one.not_people) for one in (a, b)]
     return same_input and settings[0] == settings[1]
@@ -172,7 +171,7 @@ def _prepared(job: _Job) -> CameraTracklets:
 
 
 def _tracked_or_kept(seen: CameraObservations, fps: float, kept: KnownTracklets | None) -> Tracked:
-    """As `_tracked`, unless that was done before."""
+    """Return the stored tracklets, or those of `_tracked`, which are then stored."""
     found = None if kept is None else kept.load(seen, fps)
     if found is None:
         found = _tracked(seen, fps)
@@ -182,7 +181,7 @@ def _tracked_or_kept(seen: CameraObservations, fps: float, kept: KnownTracklets 
 
 
 def _tracked(seen: CameraObservations, fps: float) -> Tracked:
-    """Every box and all joints in a tracklet of one person, or in none; and the tracklets that go on as others."""
+    """Assign boxes and joints to tracklets of one person, or to none; return also the tracklets that continue as others."""
     boxes, joints = seen.boxes, seen.keypoints
     if len(boxes):
         boxes, continued = _tracklets(boxes, fps)
@@ -198,10 +197,10 @@ def _tracked(seen: CameraObservations, fps: float) -> Tracked:
 
 
 def _tracklets(boxes: Boxes, fps: float) -> tuple[Boxes, tuple[Ints, Ints]]:
-    """Tracklets numbered from 0 on: those that were given, split where they change person, and those of the detections.
+    """Number tracklets from 0: the given ones, split where they change person, and those tracked from detections.
 
-    Our own tracker splits by itself. What continues as what follows from frames for given tracklets, which another tracker
-    may have ended anywhere, and by whole tracklets for our own.
+    This package's tracker splits its own tracklets. Continuations of given tracklets, which another tracker may have ended
+    anywhere, come from links between frames; those of the own tracklets come from whole tracklets (`find_stitches`).
     """
     known = boxes.identity > UNKNOWN
     identity = np.full(len(boxes), UNKNOWN)
@@ -220,7 +219,7 @@ def _tracklets(boxes: Boxes, fps: float) -> tuple[Boxes, tuple[Ints, Ints]]:
 
 
 def _extents(joints: Keypoints) -> Floats:
-    """(N, 4) left, top, width, height of the joints found in each person; zeros where fewer than two are."""
+    """Return the extents (N, 4) of the joints found in each person: left, top, width, height; zeros for fewer than two."""
     found = (joints.score > MIN_JOINT_SCORE)[..., None]
     low = np.where(found, joints.xy, np.inf).min(axis=1, initial=np.inf)
     high = np.where(found, joints.xy, -np.inf).max(axis=1, initial=-np.inf)
@@ -229,7 +228,7 @@ def _extents(joints: Keypoints) -> Floats:
 
 
 def _joints_of_boxes(joints: Keypoints, boxes: Boxes) -> Keypoints:
-    """The joints under the tracklets of the boxes that they lie in; of two on one box the better fitting."""
+    """Assign joints to the tracklets of the boxes that they overlap, one to one, with the largest sum of overlaps."""
     identity = np.full(len(joints), UNKNOWN)
     extents = _extents(joints)
     by_frame = np.argsort(boxes.frame, kind="stable")

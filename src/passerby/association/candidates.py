@@ -1,11 +1,10 @@
-"""Which cameras of a large site may share ground, before any pair of them is registered.
+"""Selection of pairs of cameras of a large site that may share ground, before any pair is registered.
 
-Pairs grow with the square of the cameras, true overlaps with their number. Each camera's ground is cut into regions, and how
-many people are in each over time is a signal (`clocks.activity`). People whom two cameras share make signals of both rise and
-fall together, at the one lag of their clocks; a camera that sees no person there while the other does is as significant.
-For all pairs
-and all lags at once that is a product of matrices, done in blocks of cameras: memory grows with the number of cameras, but for
-one value a pair.
+The number of pairs grows with the square of the number of cameras, true overlaps grow linearly. Each camera's ground is cut
+into regions, and the number of people in each over time is a signal (`clocks.activity`). People that two cameras share make
+signals of both rise and fall together, at the one lag of their clocks; times at which only one of them sees people are equally
+significant. For all pairs and all lags at once this is a product of matrices, computed in blocks of cameras: apart from one
+value a pair, memory grows linearly with the number of cameras.
 """
 
 from __future__ import annotations
@@ -23,26 +22,26 @@ from passerby.association.sampling import STEP_S
 from passerby.core.association_figures import PairsTried
 
 ALL_PAIRS_UP_TO = 12
-"""Scenes of up to so many cameras try every pair: there is little to save."""
+"""Scenes of up to this number of cameras try every pair: there is little to save."""
 MOST_CANDIDATES = 12
-"""Of a camera. Cameras of a site share ground with two to six others."""
+"""Largest number of candidates of a camera. Cameras of a site share ground with two to six others."""
 BEARINGS, RANGES, STEPS = 5, 5, 2
-"""Regions of each camera's ground, and the grid steps of a sample: one second. On a site of 100 cameras for ten minutes (seed
-800, doors of three metres) twelve candidates a camera hold 95.8, 97.2, 98.6 and 97.7 % of the true overlaps with 3, 4, 5 and 6
-of each; samples every half second find no more."""
+"""Regions of each camera's ground by bearing and by range, and the grid steps of a sample: one second. On a site of 100 cameras
+for ten minutes (seed 800, doors of three metres) twelve candidates a camera hold 95.8, 97.2, 98.6 and 97.7 % of the true
+overlaps with 3, 4, 5 and 6 bearings and ranges; samples every half second find no more."""
 LEAST_SIGMAS = 3.0
-"""Correlations of two regions below so many of their standard deviations count nothing: cameras that share a corner agree in a
-few of all pairs of regions, and in the sum of all of them the others' noise is larger. On the same site, with 16 regions and
-without common partners, 93.0 % are found by the sum of all squares, and 95.3 % by this."""
+"""Correlations of two regions below this number of their standard deviations are not counted. Cameras that share a corner agree
+in a few of all pairs of regions, and in the sum of all pairs the noise of the others is larger. On the same site, with 16
+regions and without common partners, 93.0 % are found by the sum of all squares, and 95.3 % by this."""
 COMMON_PARTNER = 0.5
-"""What two cameras gain by a common partner, as a share of its weaker agreement with the two: neighbours of a neighbour are
-near. Without it 97.2 % are found instead of 98.6 %; 0.25 finds the same."""
+"""Gain of two cameras by a common partner, as a share of the partner's weaker agreement with the two: neighbours of a neighbour
+are near. Without it 97.2 % are found instead of 98.6 %; 0.25 finds the same."""
 SURE_PARTNERS = 8
-"""Of each camera, the best that count as partners there."""
+"""Number of best agreements of each camera that count as partners for this gain."""
 LEAST_LAGS_S = 10.0
-"""What is usual for a pair is learned from lags up to this one at least, even if few are possible."""
+"""The usual agreement of a pair is measured over lags up to this one at least, even if fewer are possible."""
 CORRELATED_S = 30.0
-"""Over which a signal may resemble itself, for the variance of the correlations (Bartlett's formula)."""
+"""Largest lag of a signal's autocorrelation, for the variance of the correlations (Bartlett's formula)."""
 CAMERAS_AT_ONCE = 32
 ACTIVITY, STATED = "activity", "stated"
 
@@ -58,12 +57,12 @@ class Candidates:
     """Pairs a < b, ascending: `ACTIVITY` or `STATED`."""
 
     def __contains__(self, pair: object) -> bool:
-        """Whether two cameras, a < b, are to be tried."""
+        """Check whether two cameras, a < b, are to be tried."""
         return pair in self.found_by
 
     @property
     def tried(self) -> PairsTried:
-        """How many pairs are tried, and why."""
+        """Number of pairs that are tried, by reason."""
         why = list(self.found_by.values())
         of_camera = np.bincount(np.array(list(self.found_by), dtype=np.int64).ravel(), minlength=self.n_cameras)
         return PairsTried(
@@ -73,11 +72,11 @@ class Candidates:
 
 
 def stated_candidates(names: Sequence[str], groups: Sequence[Sequence[str]]) -> Candidates:
-    """The pairs that the user names: cameras of one group, and no others.
+    """Return the pairs that the user states: cameras of one group, and no others.
 
     Args:
-        names: of all cameras.
-        groups: names of cameras that may share ground; a camera may be in several. Names of other cameras say nothing.
+        names: names of all cameras.
+        groups: names of cameras that may share ground; a camera may be in several groups. Unknown names are ignored.
     """
     number = {name: index for index, name in enumerate(names)}
     pairs = {
@@ -91,12 +90,12 @@ def stated_candidates(names: Sequence[str], groups: Sequence[Sequence[str]]) -> 
 
 
 def find_candidates(tracks: Sequence[GroundTracks | None], max_lag_s: float, most: int = MOST_CANDIDATES) -> Candidates:
-    """The pairs that are worth registering: at most `most` of each camera, those whose activities agree best.
+    """Find the pairs to register: at most `most` of each camera, those whose activities agree best.
 
     Args:
-        tracks: of each camera, on its own ground; a camera without any is in no pair.
+        tracks: tracks of each camera, on its own ground; a camera without tracks is in no pair.
         max_lag_s: largest difference of two clocks, seconds.
-        most: candidates of a camera.
+        most: largest number of candidates of a camera.
     """
     activities = [None if own is None else region_activity(own, BEARINGS, RANGES) for own in tracks]
     there = [index for index, activity in enumerate(activities) if activity is not None]
@@ -108,7 +107,7 @@ def find_candidates(tracks: Sequence[GroundTracks | None], max_lag_s: float, mos
 
 
 def with_common_partners(agreement: Values) -> Values:
-    """(C, C) the agreements, those of cameras with a common partner raised by it; above the diagonal."""
+    """Return the agreements (C, C) with the gain of cameras that have a common partner; only above the diagonal."""
     count = len(agreement)
     both = np.maximum(agreement, agreement.T)
     partners: list[list[int]] = [[] for _ in range(count)]
@@ -124,15 +123,15 @@ def with_common_partners(agreement: Values) -> Values:
 
 
 def best_partners(agreement: Values, most: int) -> list[tuple[int, int]]:
-    """Pairs a < b, the best first, each taken where neither camera has its `most` yet.
+    """Return pairs a < b, the best first; each is taken if neither camera has `most` pairs yet.
 
     Args:
-        agreement: (C, C); what is above the diagonal counts.
-        most: pairs of a camera.
+        agreement: (C, C); only values above the diagonal are used.
+        most: largest number of pairs of a camera.
     """
     count = len(agreement)
     first, second = np.triu_indices(count, 1)
-    # No camera's partner is past its C-th best, but the list of all pairs of a thousand cameras is short enough to sort.
+    # All pairs are sorted: of a thousand cameras their list is short enough.
     order = np.argsort(-agreement[first, second], kind="stable")
     left, chosen = np.full(count, most), []
     for a, b in zip(first[order].tolist(), second[order].tolist(), strict=True):
@@ -144,14 +143,14 @@ def best_partners(agreement: Values, most: int) -> list[tuple[int, int]]:
 
 
 def activity_agreement(activities: Sequence[Activity], max_lag_s: float) -> Values:
-    """(C, C) how far the agreement of two cameras' activities at their best lag is above what is usual; above the diagonal.
+    """Compute the excess (C, C) of two cameras' agreement at their best lag over its usual value; only above the diagonal.
 
-    The agreement at a lag is the sum of the squares of those positive correlations of two regions, in standard deviations, that
-    are above `LEAST_SIGMAS`; what is usual is the median over the lags.
+    The agreement at a lag is the sum of the squares of the positive correlations of two regions, in standard deviations, that
+    are above `LEAST_SIGMAS`. The usual value is the median over the lags.
 
     Args:
-        activities: of C cameras.
-        max_lag_s: largest lag that is possible, seconds.
+        activities: activities of C cameras.
+        max_lag_s: largest possible lag, seconds.
     """
     signals = _sampled(activities)
     count, regions, length = signals.shape
@@ -176,7 +175,7 @@ def activity_agreement(activities: Sequence[Activity], max_lag_s: float) -> Valu
 
 
 def _agreement(a: Values, b: Values, per_sigma: Values, lag: int, regions: int) -> Values:
-    """(A, B) agreements of signals (A regions, N) and (B regions, N) at one lag."""
+    """Return the agreements (A, B) of signals (A regions, N) and (B regions, N) at one lag."""
     length = a.shape[1] - abs(lag)
     early, late = max(0, -lag), max(0, lag)
     value = a[:, early : early + length] @ b[:, late : late + length].T
@@ -188,7 +187,7 @@ def _agreement(a: Values, b: Values, per_sigma: Values, lag: int, regions: int) 
 
 
 def _sampled(activities: Sequence[Activity]) -> Values:
-    """(C, K, N) signals of unit variance over the time in which any camera sees people, zero where a camera sees none."""
+    """Return signals (C, K, N) of unit variance over the time in which any camera sees people; 0 where a camera sees none."""
     first = min(activity.first for activity in activities)
     end = max(activity.first + len(activity.signals) for activity in activities)
     length = -(-(end - first) // STEPS)
@@ -200,7 +199,7 @@ def _sampled(activities: Sequence[Activity]) -> Values:
 
 
 def _self_resemblance(signals: Values) -> Values:
-    """(C K, lags) of signals with themselves, weighted so that products of two rows are the variance of their correlation."""
+    """Return autocorrelations (C K, lags), weighted so that the product of two rows is the variance of their correlation."""
     length = signals.shape[2]
     lags = max(1, min(round(CORRELATED_S / (STEPS * STEP_S)), length // 4))
     padded = next_fast_len(2 * length, real=True)

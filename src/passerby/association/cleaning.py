@@ -1,8 +1,8 @@
-"""Box by box: identities where a calibrated rig determines them.
+"""Identities of single boxes, from a calibrated rig.
 
 Tracklets are joined as wholes, but a box of a tracklet may show another person for a moment, and single detections belong to no
-tracklet. At each instant the sightings of one person must meet in one place; those that do not are given to the person whom
-they show, or to none.
+tracklet. At each instant the sightings of one person must meet in one position. Sightings that do not are assigned to the
+person that they fit, or to none.
 """
 
 from __future__ import annotations
@@ -20,10 +20,11 @@ from passerby.geometry.ray_consensus import misses_by_instant, reassign_outliers
 from passerby.people.sightings import Sightings, poses_of
 
 MEETING_SHARE, MEETING_FLOOR_PX = 0.15, 3.0
-"""A sighting agrees when the middle of its person projects within so much of its extent: half a box's breadth."""
+"""Largest distance between a sighting and the projection of its person's middle, as a share of its extent (half a box's width)
+plus pixels, at which the sighting agrees."""
 RIVAL, RIVAL_OF_TRACKED = 3.0, 1.0
-"""A detection is assigned to a person only where all others are so many times farther away; one of a tracklet stays with
-its person unless another person is nearer."""
+"""A detection is assigned to a person only where all other people are at least this factor farther away; a sighting stays with
+its own person unless another person is nearer."""
 
 
 def reassign_detections(
@@ -34,10 +35,10 @@ def reassign_detections(
     grid: Clock,
     person_height_m: float,
 ) -> list[Ints]:
-    """The person of each body, camera by camera.
+    """Determine the person of each body, camera by camera.
 
     Args:
-        rig: calibrated; a camera without a pose keeps what it has.
+        rig: calibrated; people of a camera without a pose are unchanged.
         bodies: people of each camera.
         person: (N,) for each camera, the person of each body, or -1.
         clocks: each camera's clock.
@@ -62,7 +63,7 @@ def reassign_detections(
 
 
 def _middles(camera: Camera, number: int, seen: Sightings, person: Ints, step: Ints) -> Sightings:
-    """The middles of one camera's people at common time steps."""
+    """Return the middles of one camera's people at common time steps."""
     ray = seen.top + seen.bottom
     ray /= np.linalg.norm(ray, axis=1, keepdims=True)
     return Sightings(
@@ -71,7 +72,7 @@ def _middles(camera: Camera, number: int, seen: Sightings, person: Ints, step: I
 
 
 def _by_blocks(s: Sightings) -> tuple[Sightings, Sightings]:
-    """The same with their blocks, a sighting of no person is one of its own; and the first sighting of each of the N blocks."""
+    """Number the blocks, and return the first sighting of each too. A sighting without a person is a block of its own."""
     key = np.where(s.identity > UNKNOWN, s.identity, -2 - np.arange(len(s)))
     low = s.step.min(initial=0)
     span = int(s.step.max(initial=0) - low) + 1
@@ -80,7 +81,7 @@ def _by_blocks(s: Sightings) -> tuple[Sightings, Sightings]:
 
 
 def _settled(s: Sightings, R: Floats, centre: Floats, person_height_m: float) -> Ints:
-    """(M,) the person of each sighting, by cameras (C, 3, 3) and (C, 3)."""
+    """Determine the person (M,) of each sighting, by cameras with rotations (C, 3, 3) and centres (C, 3)."""
     s, blocks = _by_blocks(s)
     tolerance_px = MEETING_FLOOR_PX + MEETING_SHARE * s.extent_px
     consensus = vote_points(
@@ -97,19 +98,19 @@ def _settled(s: Sightings, R: Floats, centre: Floats, person_height_m: float) ->
         )
         found[rows[_has_rival(misses, found[rows], times)]] = -1
     person = np.where(found >= 0, blocks.identity[found], UNKNOWN)
-    # No other camera contradicts a person whom one camera alone sees.
+    # A person that only one camera sees keeps the identity: no other camera contradicts it.
     met = ~np.isnan(consensus.points[:, 0])
     alone = (found < 0) & ~met[s.block] & (np.bincount(s.block, minlength=len(blocks))[s.block] == 1)
     return np.where(alone, s.identity, person)
 
 
 def _has_rival(misses: Iterable[tuple[Ints, Ints, Floats]], found: Ints, times: float) -> Bools:
-    """(K,) which rows have another person of their instant less than `times` as far from them as the one who took them.
+    """Check (K,) whether another person of a row's instant is less than `times` as far from the row as its own person.
 
     Args:
-        misses: of `misses_by_instant`.
-        found: (K,) block that took each row.
-        times: see above.
+        misses: from `misses_by_instant`.
+        found: (K,) block to which each row is assigned.
+        times: factor on the distance to the row's own person.
     """
     best, rival = np.full(len(found), np.inf), np.zeros(len(found), dtype=bool)
     for which, candidate, miss in misses:
@@ -120,7 +121,7 @@ def _has_rival(misses: Iterable[tuple[Ints, Ints, Floats]], found: Ints, times: 
 
 
 def _on_instants(bodies: Sightings, clock: Clock, grid: Clock) -> tuple[Ints, Ints]:
-    """Rows of the frames that are nearest to an instant, and the instants."""
+    """Return the rows of the frames that are nearest to an instant, and their instants."""
     frames = np.unique(bodies.step)
     at = grid.frames(clock.seconds(frames))
     instant = np.round(at).astype(np.int64)

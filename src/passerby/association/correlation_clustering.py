@@ -1,9 +1,9 @@
-"""Tracklets of all cameras joined to people: correlation clustering.
+"""Joining of the tracklets of all cameras to people by correlation clustering.
 
-Every two tracklets have a weight: the evidence for one person less that for two. The clustering that gains most is
-approximated by joining, again and again, the two groups with the largest summed weight, as long as it is above zero (greedy
-additive edge contraction: Keuper et al., *Efficient Decomposition of Image and Mesh Graphs by Lifted Multicuts*, ICCV 2015).
-What must hold, such as two tracklets of one camera at one time being two people, is the business of the weights.
+Every two tracklets have a weight: the evidence for one person minus that for two. The clustering with the largest sum of
+weights within groups is approximated by joining repeatedly the two groups with the largest summed weight, while it is above
+zero (greedy additive edge contraction: Keuper et al., *Efficient Decomposition of Image and Mesh Graphs by Lifted Multicuts*,
+ICCV 2015). Constraints, such as that two tracklets of one camera at one time are two people, are expressed by the weights.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ from passerby.geometry.groups import expanded_ranges
 
 
 def cluster_tracklets(n: int, first: Ints, second: Ints, weight: Floats) -> Ints:
-    """Join n tracklets.
+    """Join n tracklets to groups.
 
     Args:
         n: number of tracklets.
         first: (E,) one end of each edge.
         second: (E,) the other end.
-        weight: (E,) above 0 for one person, below for two. Edges that stand twice are added.
+        weight: (E,) above 0 for one person, below for two. Weights of repeated edges are added.
 
     Returns:
         (n,) group of each tracklet, numbered from 0 in the order of their first members.
@@ -74,10 +74,10 @@ def _numbered(parent: list[int]) -> Ints:
 
 
 def find_overlaps(start: Floats, end: Floats, slack: float) -> tuple[Ints, Ints]:
-    """Pairs (i < j) of intervals of one camera that overlap by more than `slack` (seconds)."""
+    """Find pairs (i < j) of intervals of one camera that overlap by more than `slack` (seconds)."""
     order = np.argsort(start, kind="stable")
     start, end = start[order], end[order]
-    # After each interval, in the order of their starts, those that begin before it ends.
+    # For each interval, in the order of starts: the later ones that begin before it ends.
     place = np.arange(len(order))
     count = np.maximum(np.searchsorted(start, end - slack) - place - 1, 0)
     i, j = expanded_ranges(place + 1, count)

@@ -1,4 +1,4 @@
-"""Where people pass between two groups of cameras, as a calibration knows it."""
+"""Door between two groups of cameras, through which people pass, in a calibration's result."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ class Door:
     """Two groups between which people pass."""
 
     first: tuple[str, ...]
-    """Names of the cameras of one group, in the order of the passage,"""
+    """Names of the cameras of the first group, in the order of the passage."""
     second: tuple[str, ...]
-    """and of the other."""
+    """Names of the cameras of the second group, in the same order."""
     passage: Passage
 
     @property
     def nearest(self) -> tuple[str, str]:
-        """The camera of either group that sees most of the people who pass."""
+        """The two cameras, one of each group, that see most of the people who pass."""
         a, b = np.unravel_index(int(self.passage.cameras.argmax()), self.passage.cameras.shape)
         return self.first[a], self.second[b]
 
     @property
     def finding(self) -> Finding:
-        """The notice that two groups are one rig."""
+        """The notice that the two groups are joined to one rig."""
         return notice("groups_joined", *self.nearest, people=self.passage.votes, sizes=[len(self.first), len(self.second)])

@@ -1,4 +1,4 @@
-"""What association found, as figures for reports."""
+"""Results of association as figures for reports."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def association_figures(
     initial: InitialAssociation | None, person: Ints,
     offset_s: Floats,
 ) -> AssociationFigures:  # fmt: skip
-    """Figures of cameras, pairs, people."""
+    """Collect the figures of cameras, pairs and people."""
     starts = None if initial is None else initial.starts
     return AssociationFigures(
         cameras=tuple(_camera(c, camera, tracklets, appearance) for c, camera in enumerate(cameras)),
@@ -87,7 +87,7 @@ def _pairs(
 
 
 def _by_joints(pair: TiedPair, one: JointRegistration) -> TiedPair:
-    """The figures of a pair that joints registered."""
+    """Return the figures of a pair that joints registered."""
     return replace(
         pair, route="joints", used=one.used, score=one.score, share=one.gain, runner_up=one.runner_up, support=None,
         matches=one.joints, registered_offset_s=-one.lag_s,
@@ -95,7 +95,7 @@ def _by_joints(pair: TiedPair, one: JointRegistration) -> TiedPair:
 
 
 def _joined(tracklets: Tracklets, person: Ints, a: int, b: int) -> int:
-    """Pairs of tracklets of two cameras that are one person."""
+    """Count the pairs of tracklets of two cameras that are one person."""
     count = 0
     rows_b = np.arange(tracklets.first[b], tracklets.first[b + 1])
     by_person: dict[int, list[int]] = {}

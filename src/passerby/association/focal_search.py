@@ -1,10 +1,10 @@
 """First focal lengths of unknown lenses, from people without identities.
 
-As among identified people (`solver.focal_search`), the grounds below two cameras fit at the right focal lengths only: there the
-registration by ground tracks finds most people who walk together. Pairs of cameras are registered at focal lengths of a coarse
-grid, and those are taken at which the pairs together agree most. First all cameras have one focal length; then, in rounds, each
-camera is tried at every focal length with the cameras that it agrees with most, until no camera changes. Identities come from a
-registration with the lenses found, and finer focal lengths from the identities.
+As for identified people (`solver.focal_search`), the grounds below two cameras fit only at the right focal lengths. There the
+registration by ground tracks finds the most people that both cameras see. Pairs of cameras are registered at focal lengths of a
+coarse grid. The focal lengths are chosen at which all pairs together agree most. First all cameras have one focal length; then,
+in rounds, each camera is tried at every focal length with the cameras that it agrees with most, until no camera changes.
+Identities come from a registration with the lenses found, and finer focal lengths from the identities.
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ from passerby.geometry.single_view import Level, keep_horizon, level_by_heights
 from passerby.people.sightings import upright_sightings
 
 FOCALS = np.array([0.5, 0.7, 1.0, 1.4, 2.0])
-"""Focal lengths tried, in longer sides of the picture: steps of 1.4, of which the registration bears half."""
+"""Focal lengths tried, in longer sides of the picture: steps of 1.4. The registration tolerates an error of half a step."""
 FOUND_SD = 0.2
-"""What the focal lengths found are off by, one sigma of their logarithm: the step of the grid, and its
-neighbours where they do as well."""
+"""One sigma of the logarithm of the focal lengths found: it covers the step of the grid, and its neighbours where they fit as
+well."""
 _MOST_PEOPLE = 400
 _PARTNERS = 3
-"""Cameras with which a camera is tried at every focal length: those that it agrees with most so far."""
+"""Number of cameras with which a camera is tried at every focal length: those that it agrees with most so far."""
 
 Pair = tuple[int, int]
 Entry = tuple[int, int]
@@ -45,7 +45,7 @@ def search_focals_by_tracks(
     rig: Rig, cameras: Sequence[CameraTracklets], max_lag_s: float, person_height_m: float, rng: np.random.Generator,
     tell: Progress, executor: Executor | None = None,
 ) -> Rig:  # fmt: skip
-    """The rig with first focal lengths of the unknown lenses; the others, and those that no pair determines, stay.
+    """Find first focal lengths of the unknown lenses. Other lenses, and those that no pair determines, stay as they are.
 
     Args:
         rig: names and lenses.
@@ -92,7 +92,7 @@ def search_focals_by_tracks(
 def _tracks(
     camera: Camera, tracklets: CameraTracklets, focals: Floats, person_height_m: float, rng: np.random.Generator
 ) -> tuple[GroundTracks | None, ...]:
-    """One camera's ground tracks at each focal length."""
+    """Compute one camera's ground tracks at each focal length; None where they cannot be levelled."""
     out: list[GroundTracks | None] = []
     level, before = None, 0.0
     for focal in focals.tolist():
@@ -108,18 +108,18 @@ def _tracks(
 
 
 def _diagonal(first: int, second: int) -> set[Entry]:
-    """Both cameras at one focal length of the grid; at all of them where one has a lens that is known."""
+    """Return entries with both cameras at one focal length of the grid; at all of them where one lens is known."""
     most = max(first, second)
     return {(round(k * (first - 1) / max(most - 1, 1)), round(k * (second - 1) / max(most - 1, 1))) for k in range(most)}
 
 
 def _cross(shape: tuple[int, ...], i: int, j: int) -> set[Entry]:
-    """One camera at what was chosen, the other one at every focal length."""
+    """Return entries with one camera at the chosen focal length, and the other at every focal length."""
     return {(i, k) for k in range(shape[1])} | {(k, j) for k in range(shape[0])}
 
 
 def _partners(costs: Mapping[Pair, Floats], shared: Sequence[Sequence[int]]) -> set[Pair]:
-    """The pairs of each camera with those that it agrees with most; cameras of one lens need no others."""
+    """Return the pairs of each camera with the cameras it agrees with most; pairs with a shared lens are left out."""
     lens_of = {c: number for number, members in enumerate(shared) for c in members}
     ranked: dict[int, list[tuple[float, Pair]]] = {}
     for pair, table in costs.items():
@@ -139,7 +139,7 @@ class _Job:
 
 
 def _costs(job: _Job) -> Floats:
-    """(entries,) how little a pair agrees at two focal lengths; 0 where nothing fits."""
+    """Return the costs (entries,) of a pair at two focal lengths each: minus the agreement; 0 where nothing fits."""
     out = np.zeros(len(job.entries))
     for k, (i, j) in enumerate(job.entries):
         a, b = job.a[i], job.b[j]

@@ -1,8 +1,8 @@
-"""The view graph: which of the pairwise registrations agree with each other, and what they say of the clocks.
+"""The view graph: selection of pairwise registrations that agree with each other, and the clock offsets from them.
 
-Every pair offers several guesses. A guess is believed when the ways through third cameras lead to the same turn, shift and
-lag, or, where no third camera can speak, when nothing comes near it among the pair's own guesses. A spanning tree of the best
-believed guesses then judges the rest: of each pair that guess is kept that agrees with the tree, or none.
+Every pair has several guesses. A guess is believed when the paths through third cameras lead to the same turn, shift and lag.
+Where no third camera confirms it, it is believed when no other guess of the pair has a similar score. A spanning tree is built
+of the best believed guesses. Of each pair the guess is kept that agrees with the tree, or none.
 """
 
 from __future__ import annotations
@@ -16,23 +16,24 @@ from passerby.association.ground.pair_matching import GroundMotion
 from passerby.association.ground.registration import BELIEVED_SHARE, PairRegistration, Registration
 from passerby.common.arrays import Floats
 
-# Two ways to the same camera agree within about this: a few times the error of one registration.
+# Tolerances within which two paths to the same camera agree: a few times the error of one registration.
 _TURN_SD, _LAG_SD_S, _SHIFT_FLOOR_M, _SHIFT_SHARE = np.deg2rad(8.0), 0.4, 1.0, 0.12
-# A guess that no third camera supports is believed if the runner-up has less than this share of its score,
+# A guess that no third camera supports is believed if the runner-up has less than this share of its score.
 ALONE_RUNNER_UP = 0.5
 MANY_SAMPLES, MANY_SHARE, MANY_RUNNER_UP = 500.0, 0.55, 0.65
-"""or, of a score above the first and a share above the second, less than the third. In a corridor people go to and fro on one
-line: turned about, it fits half as well, and no third camera sees the place. Of 598 pairs of a simulated site of 100 cameras
-(seed 800) 23 are so, all right; the shares of wrong guesses are 0.35 at most, and their runners-up usually above 0.65."""
-# And one that others support if they agree so much (0 to 1).
+"""A guess with a score above the first and a share above the second is also believed if the runner-up has less than the third.
+In a corridor people go to and fro on one line: the reversed motion fits half as well, and no third camera sees the place. Of
+598 pairs of a simulated site of 100 cameras (seed 800) 23 are so, all right; the shares of wrong guesses are 0.35 at most, and
+their runners-up usually above 0.65."""
+# A guess that third cameras support is believed if they agree with it at least this much (0 to 1).
 _MIN_SUPPORT = 0.15
-# How far a guess may be from the tree's way, in the units above, per edge of the way.
+# Largest distance of a guess from the tree's path, in the units above, times the root of the path's edges.
 _MAX_MISS = 3.0
 _MIN_SCORE = 12.0
-"""Less than so many agreeing samples of walkers (half a second each) happen by chance."""
+"""Scores below this number of agreeing samples of walkers (half a second each) occur by chance."""
 USED_SHARE = 0.35
-"""A guess with less of what both cameras should see is not used, even where the tree confirms it, unless it is clear of
-chance."""
+"""Least share of the people that both cameras should see. A guess with less is not used, even where it agrees with the tree,
+unless it is in the tree or clear of chance."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,9 +45,9 @@ class Edge:
     guess: Registration | None
     """The guess that is kept, or the pair's best where none is; None where the pair has no guess at all."""
     runner_up: float
-    """Score of the best other guess, as a share of this one's; above 1 where third cameras overruled the pair's own order."""
+    """Score of the best other guess, as a share of this one's; above 1 where third cameras changed the pair's own order."""
     support: float
-    """How well the ways through third cameras agree with it, 0 to 1."""
+    """Agreement of the paths through third cameras with it, 0 to 1."""
     used: bool
 
 
@@ -58,11 +59,11 @@ class ViewGraph:
     groups: tuple[tuple[int, ...], ...]
     """Cameras joined by used edges, the largest group first."""
     offset_s: Floats
-    """(C,) what to add to each camera's clock so that all of a group show the same time; 0 for the first of each group."""
+    """(C,) offset to add to each camera's clock, seconds, so that a group shows one time; 0 for the first of each group."""
 
 
 def view_graph(pairs: Sequence[PairRegistration], n_cameras: int) -> ViewGraph:
-    """Keep the registrations that agree.
+    """Build the view graph from the registrations that agree.
 
     Args:
         pairs: registrations of pairs with a < b.
@@ -94,7 +95,7 @@ def view_graph(pairs: Sequence[PairRegistration], n_cameras: int) -> ViewGraph:
 
 
 def _belief(pair: PairRegistration, guess: Registration, support: float) -> float:
-    """The weight of a guess in the spanning tree; 0 without support."""
+    """Return the weight of a guess in the spanning tree; 0 for a guess that is not believed."""
     rest = max([other.score for other in pair.candidates if other is not guess], default=0.0)
     if guess.share < BELIEVED_SHARE and not _clear(pair, guess):
         return 0.0
@@ -107,12 +108,12 @@ def _belief(pair: PairRegistration, guess: Registration, support: float) -> floa
 
 
 def _clear(pair: PairRegistration, guess: Registration) -> bool:
-    """Whether a guess is its pair's best, and that one clear of chance."""
+    """Check whether a guess is its pair's best and is clear of chance."""
     return pair.clear_of_chance and guess is pair.candidates[0]
 
 
 def _miss(way: GroundMotion, guess: Registration) -> float:
-    """How far a way leads from a guess, squared, in standard deviations."""
+    """Return the squared distance between the motion of a path and a guess, in standard deviations."""
     turned = float(np.angle(way.turn / guess.turn)) / _TURN_SD
     late = (way.lag_s - guess.lag_s) / _LAG_SD_S
     there = guess.turn * guess.middle + guess.shift
@@ -122,7 +123,7 @@ def _miss(way: GroundMotion, guess: Registration) -> float:
 
 
 def _support(guesses: Sequence[tuple[PairRegistration, Registration]], n_cameras: int) -> Floats:
-    """(G,) mean over the third cameras that have something to say of the best agreement, 0 to 1."""
+    """Return for each guess (G,) the best agreement, 0 to 1, averaged over the third cameras with guesses for both pairs."""
     by_pair: dict[tuple[int, int], list[tuple[GroundMotion, float]]] = {}
     beside: list[set[int]] = [set() for _ in range(n_cameras)]
     for pair, guess in guesses:
@@ -146,7 +147,7 @@ def _support(guesses: Sequence[tuple[PairRegistration, Registration]], n_cameras
 
 
 def _tree(guesses: Sequence[tuple[PairRegistration, Registration]], belief: Floats, n_cameras: int) -> list[int]:
-    """Indices of a maximum spanning forest (Kruskal)."""
+    """Return the indices of a maximum spanning forest (Kruskal)."""
     label = list(range(n_cameras))
     tree = []
     for index in np.argsort(-belief, kind="stable").tolist():
@@ -160,7 +161,7 @@ def _tree(guesses: Sequence[tuple[PairRegistration, Registration]], belief: Floa
 
 
 def _placed(tree: Sequence[tuple[PairRegistration, Registration]], n_cameras: int) -> dict[int, tuple[int, int, GroundMotion]]:
-    """For every camera in the tree: its tree's first camera, the edges on the way, and the motion from that camera."""
+    """Return for every camera its tree's first camera, the number of edges from it, and the motion from it."""
     ways: list[list[tuple[int, GroundMotion]]] = [[] for _ in range(n_cameras)]
     for pair, guess in tree:
         ways[pair.a].append((pair.b, guess.motion))
@@ -181,7 +182,7 @@ def _placed(tree: Sequence[tuple[PairRegistration, Registration]], n_cameras: in
 
 
 def _kept(pair: PairRegistration, own: Sequence[Registration], placed: dict[int, tuple[int, int, GroundMotion]]) -> int | None:
-    """Which of a pair's guesses agrees with the tree."""
+    """Return the index of the pair's guess that agrees best with the tree; None where none agrees."""
     (root_a, hops_a, to_a), (root_b, hops_b, to_b) = placed[pair.a], placed[pair.b]
     if root_a != root_b or not own:
         return None
@@ -202,7 +203,7 @@ def _groups(edges: Sequence[Edge], n_cameras: int) -> tuple[tuple[int, ...], ...
 
 
 def _offsets(edges: Sequence[Edge], groups: Sequence[Sequence[int]], n_cameras: int) -> Floats:
-    """Offsets that agree best with the lags of the used edges: least absolute deviations by reweighting, group by group."""
+    """Fit offsets to the lags of the used edges: least absolute deviations by reweighting, group by group."""
     offset = np.zeros(n_cameras)
     number = {camera: k for k, group in enumerate(groups) for camera in group}
     used: list[list[tuple[int, int, Registration]]] = [[] for _ in groups]
@@ -217,11 +218,11 @@ def _offsets(edges: Sequence[Edge], groups: Sequence[Sequence[int]], n_cameras: 
 
 
 def _group_offsets(used: Sequence[tuple[int, int, Registration]], n_cameras: int) -> Floats:
-    """(C,) offsets of the cameras of one group, 0 for its first."""
+    """Fit the offsets (C,) of the cameras of one group, 0 for its first."""
     rows = np.zeros((len(used) + 1, n_cameras))
     target = np.zeros(len(rows))
     for k, (a, b, guess) in enumerate(used):
-        # Both see one event: time_b = time_a + lag, and time + offset is the same for both.
+        # For an event that both see, time_b = time_a + lag, and time + offset is the same for both.
         rows[k, a], rows[k, b], target[k] = 1.0, -1.0, guess.lag_s
     rows[-1, 0] = 1e3
     base = np.append([np.sqrt(guess.score) for _, _, guess in used], 1.0)

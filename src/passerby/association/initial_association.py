@@ -1,4 +1,4 @@
-"""Association before any rig is known: by the registrations of camera pairs, or by looks alone."""
+"""Association before any rig is known: by the registrations of camera pairs, or by appearance alone."""
 
 from __future__ import annotations
 
@@ -42,43 +42,43 @@ from passerby.geometry.single_view import Level
 from passerby.geometry.two_view import PairHypothesis
 
 TRIED = 3
-"""Where no pair can be registered, so many are tried at other frame rates and larger lags."""
+"""Number of pairs that are tried at other frame rates and larger lags where no pair can be registered."""
 PAIR_S = 0.25
-"""What the registration of a pair takes, roughly, seconds: ten minutes of people."""
+"""Approximate computing time of the registration of a pair, seconds, for a recording of ten minutes."""
 MIN_LOOKS = 0.02
-"""Weight of the looks of the clearest pair of cameras below which appearance distinguishes no people."""
+"""Least weight of appearance in the clearest pair of cameras; below it appearance does not distinguish people."""
 
 
 @dataclass(frozen=True, eq=False)
 class InitialAssociation:
-    """Identities and clocks, as the first guess has them."""
+    """First estimate of identities and clocks."""
 
     person: Ints
     """(T,) person of each tracklet."""
     offset_s: Floats
-    """(C,) what to add to each camera's clock."""
+    """(C,) offset to add to each camera's clock, seconds."""
     graph: ViewGraph | None
-    """None where only looks were used."""
+    """None where only appearance was used."""
     guesses: tuple[PairHypothesis, ...] = ()
     """The relative poses of the registered pairs, for the solver."""
     by_joints: tuple[JointRegistration, ...] = ()
-    """The pairs that tracks left apart, as their joints have it."""
+    """Registrations by joints of the pairs that tracks did not join."""
     known: Pairs | None = None
-    """What joints and the user say of identities."""
+    """Evidence on identities from joints and from the user."""
     mirrored: Bools | None = None
-    """(T,) in which tracklets the joints of left and right are exchanged; None where that is not known."""
+    """(T,) whether left and right joints are exchanged in each tracklet; None where that is not known."""
     starts: Starts | None = None
-    """When the recordings began; None where all clock offsets were searched in full."""
+    """Start times of the recordings; None where all clock offsets were searched in full."""
     candidates: Candidates | None = None
-    """The pairs of cameras that were tried; None: all."""
+    """The pairs of cameras that were tried; None for all."""
 
 
 @dataclass(frozen=True, eq=False)
 class JointEvidence:
-    """What it takes to register cameras by joints."""
+    """Input for the registration of cameras by joints."""
 
     lenses: Sequence[Lens]
-    """Of every camera."""
+    """Lens of every camera."""
     person_height_m: float
     """Mean standing height, metres."""
     rng: np.random.Generator
@@ -91,22 +91,22 @@ def associate_by_ground_tracks(
     starts: Starts | None = None, candidates: Candidates | None = None, earlier: EarlierPairs | None = None,
     stated: Pairs | None = None,
 ) -> InitialAssociation:  # fmt: skip
-    """Register all pairs by their ground tracks, keep what agrees, and join the tracklets by it.
+    """Register all pairs by their ground tracks, keep the registrations that agree, and join the tracklets by them.
 
-    Cameras that tracks leave apart are registered by joints where there are any.
+    Cameras that tracks do not join are registered by joints where there are any.
 
     Args:
         cameras: all cameras.
         tracklets: of all cameras.
         max_lag_s: largest difference of two clocks that is searched for.
-        affinity: from looks, by pair of cameras; empty where there are none.
+        affinity: evidence of appearance, by pair of cameras; empty where there is none.
         executor: runs the pairs in parallel; one after the other where it is None.
         tell: called for every pair that is done.
-        joints: what it takes to use joints; None: they are not used.
-        starts: when the recordings began, where that has been found before: each pair is searched about it.
+        joints: input for joints; None: they are not used.
+        starts: start times of the recordings, where they are known already: each pair is searched about them.
         candidates: the pairs that are tried; None: all.
-        earlier: registrations of other estimates of the scene: pairs of the same tracks are taken from there.
-        stated: identities that the user corrects.
+        earlier: registrations of other estimates of the scene: pairs with the same tracks are taken from there.
+        stated: corrections of identities by the user.
 
     Raises:
         RefusalError: no two cameras can be registered.
@@ -145,7 +145,7 @@ def _registered_by_joints(
     cameras: Sequence[CameraTracklets], graph: ViewGraph, joints: JointEvidence, executor: Executor | None, tell: Progress,
     candidates: Candidates | None,
 ) -> list[JointRegistration]:  # fmt: skip
-    """The pairs that tracks leave apart, as far as their joints tell."""
+    """Register the pairs that tracks did not join by their joints, where there are enough."""
     if len(graph.groups) < 2 or sum(len(camera.seen.keypoints) > 0 for camera in cameras) < 2:
         return []
     seen = [
@@ -155,13 +155,13 @@ def _registered_by_joints(
 
 
 def _hypothesis(edge: Edge, level_a: Level | None, level_b: Level | None) -> PairHypothesis | None:
-    """The motion between two cameras in space, from that between their grounds."""
+    """Return the motion between two cameras in space, from the motion between their grounds."""
     if edge.guess is None or level_a is None or level_b is None:
         return None
     scale = abs(edge.guess.turn)
     c, s = edge.guess.turn.real / scale, edge.guess.turn.imag / scale
     turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-    # Each camera's metres are its own: the baseline is given in their geometric mean.
+    # Each camera has its own scale of metres: the baseline is in their geometric mean.
     shift = np.array([edge.guess.shift.real, edge.guess.shift.imag, scale * level_a.height - level_b.height]) / np.sqrt(scale)
     R_lb = level_b.R_lc
     return PairHypothesis(
@@ -178,13 +178,13 @@ class _Job:
     max_lag_s: float
     affinity: Floats | None
     lag: int = 0
-    """Grid steps, known before: the search is about it."""
+    """Lag in grid steps that is known already: the search is about it."""
 
 
 def _job(
     a: int, b: int, first: GroundTracks, second: GroundTracks, max_lag_s: float, affinity: Floats | None, starts: Starts | None
 ) -> _Job | None:
-    """What to search for a pair; None where its recordings may begin at any times, hours apart."""
+    """Return the search for a pair; None where the start times of its recordings are unknown and may be hours apart."""
     if starts is None:
         return _Job(a, b, first, second, max_lag_s, affinity)
     lag = starts.lag_steps(a, b)
@@ -194,16 +194,16 @@ def _job(
 
 
 EarlierPairs = EarlierResults[_Job, PairRegistration]
-"""By the names of the two cameras."""
+"""Earlier results by the names of the two cameras."""
 
 
 def earlier_pairs() -> EarlierPairs:
-    """None so far."""
+    """Return no pairs: earlier pairs exist only after the first estimate."""
     return EarlierPairs(_same_pair)
 
 
 def _same_pair(one: _Job, other: _Job) -> bool:
-    """Whether two jobs of one pair have the same result, whatever the cameras' numbers."""
+    """Check whether two jobs of one pair have the same result, for any numbers of the cameras."""
     same_tracks = one.tracks_a is other.tracks_a and one.tracks_b is other.tracks_b
     searched = (one.max_lag_s, one.lag) == (other.max_lag_s, other.lag)
     return same_tracks and searched and one.affinity is None and other.affinity is None
@@ -214,7 +214,7 @@ def _registered(job: _Job) -> PairRegistration:
 
 
 def _with_starts(graph: ViewGraph, starts: Starts | None) -> ViewGraph:
-    """The graph with offsets of its groups as the recordings began, so that cameras it leaves apart are compared by that."""
+    """Add the recordings' start times to the offsets of the graph's groups, so that cameras of different groups compare."""
     if starts is None:
         return graph
     offset_s = graph.offset_s.copy()
@@ -226,7 +226,7 @@ def _with_starts(graph: ViewGraph, starts: Starts | None) -> ViewGraph:
 def _no_pair(
     cameras: Sequence[CameraTracklets], graph: ViewGraph, max_lag_s: float, starts: Starts | None = None
 ) -> list[Finding]:
-    """Why no two cameras can be registered."""
+    """Return the findings that explain why no two cameras can be registered."""
     found = [refusal("no_pair_registered")]
     found += [] if starts is None else [replace(one, severity="refusal") for one in starts.doubts.values()]
     found += [empty for camera in cameras if (empty := sees_too_little(camera)) is not None]
@@ -242,7 +242,7 @@ def associate_by_appearance(
     cameras: Sequence[CameraTracklets], tracklets: Tracklets, appearance: AppearanceAffinity | None,
     stated: Pairs | None = None,
 ) -> InitialAssociation:  # fmt: skip
-    """Join tracklets by looks alone, as the paper does: those that were matched at most of the instants when both were seen.
+    """Join tracklets by appearance alone, as the paper does: those matched at most of the instants at which both were seen.
 
     Raises:
         RefusalError: appearance distinguishes no people.

@@ -1,4 +1,4 @@
-"""Boxes of posters, mannequins and trolleys that a user points at: not used, wherever they are."""
+"""Removal of boxes of posters, mannequins and trolleys that the user marks as no people."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from passerby.core.observations import UNKNOWN, CameraObservations
 from passerby.core.pointing import Sighting, find_pointed
 
 SAME_PLACE = 0.5
-"""Intersection over union. Half of the boxes of a tracklet that stays in a poster's place overlap its box by more."""
+"""Least intersection over union for the same place. The median box of a tracklet in a poster's place overlaps it by more."""
 
 
 def without_people(seen: CameraObservations, not_people: Collection[Sighting]) -> CameraObservations:
-    """A camera's people without the tracklets of these boxes, and without those that stay in the place of one.
+    """Remove the tracklets of the marked boxes from a camera's people, and those that stay in the place of a marked box.
 
     Args:
         seen: boxes and joints with numbers of tracklets, -1 for none.
-        not_people: in this camera.
+        not_people: the marked boxes of this camera.
     """
     gone: set[int] = set()
     alone = np.zeros(len(seen.boxes), dtype=bool)

@@ -1,4 +1,4 @@
-"""Why a camera could not be registered by the tracks of its people, and what would make them fit.
+"""Reasons why a camera could not be registered by the tracks of its people, and changes that would make them fit.
 
 Two mistakes are usual: a frame rate that is not the recording's, and clocks that differ by more than was searched for. Both
 are tried, so that the finding can name the remedy.
@@ -31,23 +31,24 @@ MISTAKEN_RATES = tuple(
     for pair in ((2, 1), (6, 5), (5, 4), (25, 24), (12, 5), (5, 3), (5, 2))
     for ratio in (pair[0] / pair[1], pair[1] / pair[0])
 )
-"""Mistaken for each other: 25 and 50, 25 and 30, 24 and 30, 24 and 25, 25 and 60, 30 and 50, 10 and 25 frames per second."""
+"""Ratios of frame rates that are mistaken for each other: 25 and 50, 25 and 30, 24 and 30, 24 and 25, 25 and 60, 30 and 50, 10
+and 25 frames per second."""
 PACE_RATIO = 1.4
-"""People of two cameras walk equally fast; the medians of some seconds agree within this."""
+"""People of two cameras walk equally fast; the medians of some seconds agree within this factor."""
 WALK_M, WALK_BLOCK_S = 1.0, 1.0
 NEAR_LAG_S = 60.0
 """Every lag up to this, or half of the shorter recording, is searched in full: some 3 s of computing."""
 CLEAR_SHARE, CLEAR_SCORE = 0.5, 30.0
-"""Of what both cameras should see, so much has to fit, and so many samples of walkers."""
+"""Least share of the people that both cameras should see, and least score in samples of walkers, of a significant fit."""
 FAR_SCORE = 60.0
-"""The same where all lags at which two recordings overlap are tried: strangers' best of so many scores 30 (120 simulated pairs,
-1 to 5 people for 1 to 3 minutes), and people seen by both cameras for two minutes some 200 each."""
+"""Least score where all lags at which two recordings overlap are tried. Over so many lags, different people score 30 at best
+(120 simulated pairs, 1 to 5 people for 1 to 3 minutes); people seen by both cameras for two minutes score some 200 each."""
 PARTNERS = 2
-"""A camera is tried against so many others."""
+"""Number of other cameras against which a camera is tried."""
 
 
 def fit_of(edge: Edge) -> dict[str, Any]:
-    """How far the tracks of a pair that was not used fit, as values of a finding."""
+    """Return how well the tracks of an unused pair fit, as values of a finding."""
     if edge.guess is None:
         return {"fit": "never_together"}
     if edge.guess.share < BELIEVED_SHARE:
@@ -61,14 +62,14 @@ def unregistered_cameras(
     cameras: Sequence[CameraTracklets], graph: ViewGraph, max_lag_s: float, *, timed: bool = True,
     starts: Starts | None = None, near: Candidates | None = None,
 ) -> dict[str, Finding]:  # fmt: skip
-    """Why each camera that no registration joins to another has no pose, by name.
+    """Return, by name, a finding with the reason why each camera without any registration has no pose.
 
     Args:
         cameras: all cameras.
         graph: their registrations.
         max_lag_s: largest difference of two clocks that was searched for.
-        timed: whether the clocks of such cameras are known all the same.
-        starts: when the recordings began, where that was searched for first.
+        timed: whether the clocks of such cameras are known nevertheless.
+        starts: start times of the recordings, where they were searched for first.
         near: the pairs of cameras that may share ground; None: all.
     """
     inside = graph.groups[0]
@@ -101,12 +102,12 @@ def _unregistered(
 
 
 def fixed_by(better: Finding | None) -> dict[str, Any]:
-    """What would make tracks fit, as values of a finding."""
+    """Return the change that would make tracks fit, as values of a finding."""
     return {} if better is None else {"fixed_by": better.as_value()}
 
 
 def sees_too_little(camera: CameraTracklets) -> Finding | None:
-    """Why a camera has no tracks at all; None where it has some."""
+    """Return the reason why a camera has no tracks; None where it has some."""
     if not len(camera.bodies):
         return notice("nobody_seen_whole", camera.name)
     if not _samples(camera):
@@ -119,16 +120,16 @@ def _samples(camera: CameraTracklets) -> int:
 
 
 def nobody_walks(cameras: Sequence[CameraTracklets], poses: Sequence[Pose | None]) -> list[Finding]:
-    """A doubt where fewer than two registered cameras saw people walk: then neither clocks nor identities are certain."""
+    """Return a doubt where fewer than two registered cameras saw people walk: then clocks and identities are uncertain."""
     if sum(_someone_walks(camera) for camera, pose in zip(cameras, poses, strict=True) if pose is not None) > 1:
         return []
     return [doubt("people_stand_still")]
 
 
 def _someone_walks(camera: CameraTracklets) -> bool:
-    """Whether a tracklet has been at two places that are farther apart than its ground positions are off.
+    """Check whether a tracklet has two positions that are farther apart than the errors of its ground positions.
 
-    Its ends alone say little: who paces up and down a room for half a minute ends anywhere, often where it began.
+    Its ends alone are not enough: a person who paces up and down a room for half a minute often ends at the start.
     """
     tracks = camera.tracks
     if tracks is None or not len(tracks):
@@ -143,9 +144,9 @@ def _someone_walks(camera: CameraTracklets) -> bool:
 
 
 def _walked(place: NDArray[np.complex128], off: Floats) -> bool:
-    """Whether the farthest places (N,) of a tracklet, each off by (N,) metres, are apart by a walk.
+    """Check whether the farthest positions (N,) of a tracklet, with errors (N,), metres, are apart by a walk.
 
-    The farthest from the first, and the farthest from that one.
+    They are the position farthest from the first one, and the position farthest from that.
     """
     one = int(np.argmax(np.abs(place - place[0])))
     apart = np.abs(place - place[one])
@@ -153,7 +154,7 @@ def _walked(place: NDArray[np.complex128], off: Floats) -> bool:
 
 
 def what_would_fit(a: CameraTracklets, b: CameraTracklets, max_lag_s: float) -> Finding | None:
-    """What is wrong with camera b's frame rate, or with both clocks, if that is all that keeps the two apart.
+    """Find another frame rate of camera b, or another lag of the clocks, with which the two cameras fit.
 
     Nothing is tried where the clocks are taken as synchronised.
     """
@@ -172,7 +173,7 @@ def what_would_fit(a: CameraTracklets, b: CameraTracklets, max_lag_s: float) -> 
 
 
 def _at_larger_lag(a: CameraTracklets, b: CameraTracklets, max_lag_s: float) -> Registration | None:
-    """The registration at a lag that was not searched: in full up to a minute, then coarsely over all of the overlap."""
+    """Register at lags that were not searched: in full up to a minute, then coarsely over all of the overlap."""
     assert a.tracks is not None
     assert b.tracks is not None
     spans = [float(np.ptp(tracks.step)) * STEP_S for tracks in (a.tracks, b.tracks)]
@@ -185,7 +186,7 @@ def _at_larger_lag(a: CameraTracklets, b: CameraTracklets, max_lag_s: float) -> 
 
 
 def _likely_ratios(a: GroundTracks, b: GroundTracks) -> list[float]:
-    """Mistaken rates at which the people of both cameras walk equally fast."""
+    """Return the mistaken rates at which the people of both cameras walk equally fast."""
     pace_a, pace_b = (float(np.percentile(np.abs(tracks.velocity), 70.0)) for tracks in (a, b))
     if min(pace_a, pace_b) <= 0:
         return []
@@ -193,14 +194,14 @@ def _likely_ratios(a: GroundTracks, b: GroundTracks) -> list[float]:
 
 
 def _at_rate(a: CameraTracklets, b: CameraTracklets, ratio: float, max_lag_s: float) -> Registration | None:
-    """The registration if camera b's seconds were `ratio` times as long."""
+    """Register the cameras as if camera b's seconds were `ratio` times as long."""
     if b.level is None:
         return None
     return _clear(a, b, ground_tracks(replace(b.bodies, seconds=b.bodies.seconds * ratio), b.level), max_lag_s)
 
 
 def _clear(a: CameraTracklets, b: CameraTracklets, tracks_b: GroundTracks, max_lag_s: float) -> Registration | None:
-    """The registration of two cameras where it is significant: several tries find something by chance as well."""
+    """Register two cameras; return None where it is not significant, since several tries also fit by chance."""
     assert a.tracks is not None
     found = register_pair(0, 1, a.tracks, tracks_b, max_lag_s)
     best = found.candidates[0] if found.candidates else None

@@ -1,4 +1,4 @@
-"""What association hands on."""
+"""The result of association."""
 
 from __future__ import annotations
 
@@ -14,27 +14,27 @@ from passerby.findings.finding import Finding
 
 @dataclass(frozen=True, eq=False)
 class Association:
-    """Identities, and clocks."""
+    """Identities and clocks."""
 
     observations: Observations
-    """Boxes and joints as they were read, with identities that hold over the rig; those without one are left out."""
+    """Boxes and joints as they were read, with identities that hold over all cameras; those without one are left out."""
     instants: Observations
-    """The same at instants that all cameras share."""
+    """The same, at instants that all cameras share."""
     clocks: Mapping[str, Clock]
     """Each camera's clock with its offset; the first registered camera's offset is 0."""
     sigma_s: Mapping[str, float] = field(default_factory=dict)
-    """One sigma of the offsets, as far as they were refined."""
+    """One sigma of the offsets that were refined, seconds, by camera."""
     figures: AssociationFigures = field(default_factory=AssociationFigures)
-    """Of cameras, pairs (route, score, runner-up, matched tracklets, matches, offset), rounds."""
+    """Figures of cameras, pairs (route, score, runner-up, matched tracklets, matches, offset), rounds."""
     lost: Mapping[str, Finding] = field(default_factory=dict)
-    """By camera that no registration joins to another: why."""
+    """By camera that no registration joins to another: the reason."""
     doubts: tuple[Finding, ...] = ()
-    """Evidence against relying on it."""
+    """Evidence against the result."""
     notices: tuple[Finding, ...] = ()
-    """What is odd."""
+    """Unusual facts about the result."""
     drifts: Mapping[str, Drift] = field(default_factory=dict)
-    """By camera, how its clock drifts against the others'; empty where too few people walk to tell."""
+    """By camera, the drift of its clock relative to the others'; empty where too few people walk to measure it."""
     known_heights: tuple[PersonHeight, ...] = ()
-    """Of the people at whom the user pointed, by the identities found."""
+    """Known heights of the people that the user marked, by the identities found."""
     height_findings: tuple[Finding, ...] = ()
-    """What is wrong or odd about them."""
+    """Findings about these heights."""

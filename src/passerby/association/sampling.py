@@ -1,4 +1,4 @@
-"""Tracklets of any frame rate on one grid of time: local straight-line fits to the samples around each grid time."""
+"""Tracklets of any frame rate on one time grid: local straight-line fits to the samples around each grid time."""
 
 from __future__ import annotations
 
@@ -14,9 +14,10 @@ from passerby.geometry.groups import expanded_ranges
 Values = TypeVar("Values", NDArray[np.float64], NDArray[np.complex128])
 
 STEP_S = 0.5
-"""Step of the time grid. A walking person moves 0.7 m meanwhile: no more than first ground positions are off by."""
+"""Step of the time grid, seconds. A walking person moves 0.7 m in it: no more than the error of first ground positions."""
 HALF_WINDOW_S = 0.5
-"""Samples so far from a grid time enter its fit, more where a camera is slow: three at least."""
+"""Largest distance of samples in a fit from its grid time, seconds. It is larger for a slow camera, so that three samples fit.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,14 +37,15 @@ class InterpolatedSamples(Generic[Values]):
 def interpolate_samples(
     tracklet: Ints, seconds: Floats, values: Values, *, shortest_s: float = 0.0, two_suffice: bool = False
 ) -> InterpolatedSamples[Values]:
-    """Sample columns on the grid; a sample uses three rows or more.
+    """Sample columns on the grid; a sample is fitted to three rows or more.
 
     Args:
         tracklet: (N,) sorted.
         seconds: (N,) sorted within each tracklet.
         values: (N, K), real or complex.
         shortest_s: shorter tracklets are left out.
-        two_suffice: two rows do where they embrace the grid time from afar: a slow camera that misses a box has no more.
+        two_suffice: two rows are enough if they lie on both sides of the grid time and far apart: a slow camera that misses a
+            box has no more.
     """
     half = _half_window(tracklet, seconds)
     first, last = _ends(tracklet)
@@ -55,10 +57,10 @@ def interpolate_samples(
     low, high = np.ceil(start / STEP_S).astype(np.int64), np.floor(seconds[last] / STEP_S).astype(np.int64)
     count = np.maximum(high - low + 1, 0)
     owner, step = expanded_ranges(low, count)
-    # Relative to each tracklet's first row the sums stay small.
+    # Relative to each tracklet's first row, so that the sums stay small.
     owner_of_row = np.repeat(np.arange(len(first)), last - first + 1)
     t, x, at = seconds - start[owner_of_row], values - values[first][owner_of_row], step * STEP_S - start[owner]
-    # Times of one tracklet after another, spread so that one search serves all.
+    # Keys put the times of all tracklets one after another, so that one search serves all.
     stride = float((seconds[last] - start).max(initial=0.0)) + 4 * half
     key = t + owner_of_row * stride
     begin = np.searchsorted(key, at + owner * stride - half - 1e-9)
@@ -78,26 +80,26 @@ def interpolate_samples(
 
 
 def _half_window(tracklet: Ints, seconds: Floats) -> float:
-    """How far samples may be from a grid time: of a slow camera three fit."""
+    """Return the largest distance of samples from a grid time, seconds: wide enough for three samples of a slow camera."""
     gaps = np.diff(seconds)[np.diff(tracklet) == 0]
     return max(HALF_WINDOW_S, 1.51 * (float(np.median(gaps)) if len(gaps) else STEP_S))
 
 
 def _ends(tracklet: Ints) -> tuple[Ints, Ints]:
-    """First and last row of each tracklet of a sorted column."""
+    """Return the first and the last row of each tracklet of a sorted column."""
     change = np.flatnonzero(np.diff(tracklet) > 0)
     some = min(len(tracklet), 1)
     return np.append(np.zeros(some, np.int64), change + 1), np.append(change, np.full(some, len(tracklet) - 1))
 
 
 def _embraced(t: Floats, at: Floats, begin: Ints, end: Ints, half: float) -> NDArray[np.bool_]:
-    """(M,) whether the rows [begin, end) lie on either side of the grid time, and far apart."""
+    """Check (M,) whether the rows [begin, end) lie on both sides of the grid time, and far apart."""
     earliest, latest = t[np.minimum(begin, len(t) - 1)], t[np.maximum(end - 1, 0)]
     return np.asarray((earliest <= at + 1e-9) & (latest >= at - 1e-9) & (latest - earliest > 0.5 * half))
 
 
 def _window(columns: Values, begin: Ints, end: Ints) -> Values:
-    """(M, K) sums of columns over rows [begin, end)."""
+    """Return the sums (M, K) of columns over rows [begin, end)."""
     total = np.concatenate([np.zeros_like(columns, shape=(1, columns.shape[1])), np.cumsum(columns, axis=0)])
     summed: Values = total[end] - total[begin]
     return summed

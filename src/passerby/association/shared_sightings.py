@@ -1,7 +1,7 @@
-"""Who is seen by several cameras at once: sightings that no registered pair of cameras joins are left out.
+"""Removal of sightings of a person that no registered pair of cameras joins to the person's other sightings.
 
-Identities hold over time, so that one wrong join makes two people one. Of many cameras, of which each shares ground with a few,
-such a person is usually in two places at one time, seen by cameras that nothing else joins.
+Identities hold over time, so that one wrong join makes two people one. With many cameras, where each shares ground with a few,
+such a person is usually in two places at one time, seen by cameras that are not registered with each other.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from passerby.core.observations import CameraObservations, Observations
 
 
 def joined_sightings(observations: Observations, pairs: Iterable[tuple[str, str]]) -> Observations:
-    """The sightings at each time step of each person that pairs of cameras join, the most where they are apart.
+    """Keep, for each person at each time step, the largest set of sightings that pairs of cameras join.
 
     Args:
         observations: people with identities at common time steps.
-        pairs: names of two cameras that may see one person at one time, in any order; what three cameras see is one where two
-            of the three pairs are among these.
+        pairs: names of two cameras that may see one person at one time, in any order. The sightings of three cameras are joined
+            where two of the three pairs are among these.
     """
     names = list(observations.cameras)
     number = {name: c for c, name in enumerate(names)}
@@ -43,7 +43,7 @@ def joined_sightings(observations: Observations, pairs: Iterable[tuple[str, str]
 
 
 def _kept(camera: Ints, frame: Ints, identity: Ints, joined: Bools) -> Bools:
-    """(N,) which of N sightings are kept; `joined` (C, C) is symmetric, and true on its diagonal."""
+    """Return a mask (N,) of the sightings to keep; `joined` (C, C) is symmetric, and true on its diagonal."""
     n = len(camera)
     if n == 0:
         return np.zeros(0, bool)

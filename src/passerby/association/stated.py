@@ -1,4 +1,4 @@
-"""Identities that a user corrects: boxes that are one person, or different people."""
+"""Corrections of identities by the user: boxes that are one person, or different people."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from passerby.core.observations import UNKNOWN, CameraObservations
 from passerby.core.pointing import Sighting, StatedIdentities, find_pointed
 
 STATED = 1e6
-"""The evidence of a statement of the user: more than all else that can be known of two tracklets, hours of them."""
+"""Evidence of a statement of the user: more than all other evidence on two tracklets, even hours of it."""
 
 
 def tracklet_at(one: Sighting, seen: CameraObservations) -> int:
-    """The tracklet of a camera's person at a pixel; -1 where there is none."""
+    """Return the tracklet of a camera's person at a pixel; -1 where there is none."""
     found = find_pointed(seen, one.frame, one.at)
     if found is None:
         return UNKNOWN
@@ -26,7 +26,7 @@ def tracklet_at(one: Sighting, seen: CameraObservations) -> int:
 
 
 def stated_pairs(tracklets: Tracklets, cameras: Sequence[CameraTracklets], stated: StatedIdentities) -> Pairs | None:
-    """What the user says of pairs of tracklets; None where nothing is said of any."""
+    """Return the user's statements as evidence on pairs of tracklets; None where there are none."""
     number = {camera.name: c for c, camera in enumerate(cameras)}
     rows: list[tuple[int, int, float]] = []
     for groups, weight in ((stated.same, STATED), (stated.different, -STATED)):

@@ -1,4 +1,4 @@
-"""Where people are by all cameras but one: what that one's own sightings can be compared with, with no part in it."""
+"""Positions of people by all cameras but one, to be compared with the sightings of that camera: they do not depend on it."""
 
 from __future__ import annotations
 
@@ -16,32 +16,32 @@ from passerby.people.segments import upright_segments
 from passerby.people.sightings import Sightings
 
 SHARE, FLOOR_PX = 0.03, 1.0
-"""What the middle of a person is off by: a share of the extent in the picture, and pixels. The centre of a box is another point
-of the body from every side, so that it is more than the noise which a rig leaves over."""
+"""Sigma of the middle of a person: a share of the extent in the picture, and pixels. The centre of a box is another point of
+the body from every side, so that this is more than the residual noise of a rig."""
 MIDDLE_SD_M = 0.25
-"""How much the height of people's middles differs, where some crouch or sit: with 0.12 two cameras above a building site seemed
-to move while several people worked near the ground."""
+"""Standard deviation of the height of people's middles, where some crouch or sit, metres. With 0.12 two cameras above a
+building site seemed to move while several people worked near the ground."""
 ROUNDS, LOSS = 4, 3.0
 """Rounds of reweighting, and the scale of the Cauchy loss in sigmas."""
 
 
 @dataclass(frozen=True, eq=False)
 class TriangulatedPeople:
-    """N places of people's middles, in the order of their instants."""
+    """N positions of people's middles, in the order of their instants."""
 
     instant: Ints
     identity: Ints
     place: Floats
     """(N, 3) world, metres."""
     covariance: Floats
-    """(N, 3, 3)"""
+    """(N, 3, 3) square metres."""
 
     def __len__(self) -> int:
         return len(self.instant)
 
 
 def body_centres(seen: CameraObservations, camera: Camera) -> Sightings:
-    """The middles of the people whose top and bottom are in the picture, with or without identity, in the order of their steps.
+    """Return the middles of all people whose top and bottom are in the picture, in the order of their time steps.
 
     `middle` is the ray of the point halfway between the two in the picture, in the camera's frame.
     """
@@ -58,7 +58,7 @@ def body_centres(seen: CameraObservations, camera: Camera) -> Sightings:
 
 
 def identified_body_centres(rig: Rig, instants: Observations) -> list[Sightings | None]:
-    """Of each camera with a pose the people with an identity; None for one without."""
+    """Return, for each camera with a pose, the people with an identity; None for a camera without a pose."""
     out: list[Sightings | None] = []
     for camera in rig:
         found = body_centres(instants[camera.name], camera) if camera.pose is not None else None
@@ -67,9 +67,9 @@ def identified_body_centres(rig: Rig, instants: Observations) -> list[Sightings 
 
 
 def locate_people(rig: Rig, observations: Observations) -> tuple[Floats, Floats]:
-    """(N, 2) frame and identity of the people that two cameras or more see, and (N, 3) their body centres, world, metres.
+    """Return frame and identity (N, 2) of people that two cameras or more see, and their body centres (N, 3), world, metres.
 
-    Rays alone tell the place, whatever the heights of people: unlike `triangulate_people`.
+    Positions are triangulated from rays alone and do not depend on the heights of people, unlike in `triangulate_people`.
     """
     rays = PeopleRays.of(rig, identified_body_centres(rig, observations))
     n = len(rays.instant)
@@ -86,13 +86,13 @@ def locate_people(rig: Rig, observations: Observations) -> tuple[Floats, Floats]
 def triangulate_people(
     rig: Rig, centres: Sequence[Sightings | None], person_height_m: float, *, excluding: int = -1
 ) -> TriangulatedPeople:
-    """Where everybody is by the cameras but one (`PeopleRays.triangulated`).
+    """Compute the positions of all people from all cameras but one (`PeopleRays.triangulated`).
 
     Args:
         rig: with poses.
         centres: of each camera, from `identified_body_centres`; None where there is no pose.
         person_height_m: typical standing height, metres.
-        excluding: index of the camera that has no part in it; -1 for none.
+        excluding: index of the camera that is not used; -1 for none.
     """
     rays = PeopleRays.of(rig, centres)
     return rays.triangulated(person_height_m, rays.camera != excluding)
@@ -103,25 +103,25 @@ class PeopleRays:
     """M rays of all cameras to the middles of N people, each at one instant."""
 
     instant: Ints
-    """(N,) ascending,"""
+    """(N,) ascending."""
     identity: Ints
-    """(N,) and of one instant ascending."""
+    """(N,) ascending within one instant."""
     camera: Ints
     """(M,) ascending."""
     person: Ints
-    """(M,) the row of `instant` and `identity`."""
+    """(M,) the row in `instant` and `identity`."""
     direction: Floats
     """(3, M) unit rays, world."""
     centre: Floats
-    """(3, M) of the cameras, metres."""
+    """(3, M) camera centres, metres."""
     sigma: Floats
-    """(M,) radians."""
+    """(M,) one sigma of the ray, radians."""
     fraction: Floats
-    """(M,) where on the body the middle is, as a share of its height."""
+    """(M,) height of the middle on the body, as a share of the body's height."""
 
     @classmethod
     def of(cls, rig: Rig, centres: Sequence[Sightings | None]) -> PeopleRays:
-        """Of each camera those from `identified_body_centres`; None where there is no pose."""
+        """Collect the rays of each camera's `identified_body_centres`; None stands for a camera without a pose."""
         used = [(c, m) for c, m in enumerate(centres) if m is not None and len(m)]
         if not used:
             none, nothing = np.zeros(0, np.int64), np.zeros((3, 0))
@@ -143,17 +143,17 @@ class PeopleRays:
         )  # fmt: skip
 
     def seen_by(self, camera: int) -> Bools:
-        """(N,) whom a camera sees."""
+        """Return a mask (N,) of the people that a camera sees."""
         return np.bincount(self.person[self.camera == camera], minlength=len(self.instant)) > 0
 
     def triangulated(self, person_height_m: float, rows: Bools) -> TriangulatedPeople:
-        """Where people are by some of the rays (M,): the points nearest to them, at the height where people's middles are.
+        """Triangulate people from some of the rays, with a prior on the height of people's middles.
 
-        Least squares on angles with a Cauchy loss; one ray does, the height then tells how far away the person is.
+        Least squares on angles with a Cauchy loss. One ray is enough: the height then gives the person's distance.
 
         Args:
             person_height_m: typical standing height, metres.
-            rows: (M,) which rays count.
+            rows: (M,) mask of the rays to use.
         """
         use = np.flatnonzero(rows)
         if not len(use):
@@ -167,7 +167,7 @@ class PeopleRays:
         across = np.array([1 - d[0] ** 2, -d[0] * d[1], -d[0] * d[2], 1 - d[1] ** 2, -d[1] * d[2], 1 - d[2] ** 2])
         along = (d * centre).sum(axis=0)
         toward = centre - along * d
-        # A first distance, where the ray meets the height of the middles or goes ten metres.
+        # First weights: as if all people were ten metres away.
         weight = 1.0 / (sigma * 10.0) ** 2
         place, normal = np.zeros((3, n)), np.zeros((6, n))
         for _ in range(ROUNDS):

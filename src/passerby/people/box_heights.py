@@ -1,4 +1,4 @@
-"""Heights of people by the boxes around them, in a rig that stands on their ground."""
+"""Heights of people from the boxes around them, for a rig whose ground is at z = 0."""
 
 from __future__ import annotations
 
@@ -11,18 +11,20 @@ from passerby.core.cameras import Rig
 from passerby.core.observations import UNKNOWN, Observations
 
 WINDOW = 0.06
-"""A person's height is the middle of that span, as a share of itself, which holds most of its boxes: crouching, jumping and
-raised arms differ from box to box, standing does not."""
+"""Width of a window of heights, as a share of the height. A person's height is the middle of the window that holds most of the
+person's boxes: crouching, jumping and raised arms differ from box to box, standing does not."""
 FULL = 0.65
-"""Of the windows that hold so much of the fullest one's boxes the tallest counts: some sit longer than they stand."""
+"""Of the windows that hold at least this share of the fullest window's boxes the tallest is used: some people sit longer than
+they stand."""
 MIN_BOXES = 20
 BOX_SD = 0.02
-"""Of the logarithm of a person's height by boxes, against everybody's: at most 0.01 on eight simulated terraces; on as many
-courts and building sites nine of ten people are within 0.015, but who is never seen to stand upright is off by 0.15 to 0.3."""
+"""Standard deviation of the logarithm of a person's height by boxes, relative to that of all people: at most 0.01 on eight
+simulated terraces. On as many courts and building sites nine of ten people are within 0.015, but people who are never seen to
+stand upright are off by 0.15 to 0.3."""
 
 
 def heights_by_boxes(rig: Rig, observations: Observations) -> Mapping[int, float]:
-    """Identity -> height of its boxes by the rig, metres: from the ground below the lower edge up to the upper edge."""
+    """Return, by identity, the height of its boxes in the rig, metres: from the ground at the lower edge to the upper edge."""
     identity, height = [], []
     for camera in rig.posed():
         boxes, pose = observations[camera.name].boxes, camera.pose
@@ -45,19 +47,19 @@ def heights_by_boxes(rig: Rig, observations: Observations) -> Mapping[int, float
 
 
 def _densest(heights: Floats) -> float:
-    """The median of those heights (N,) that lie in the tallest of the full windows."""
+    """Return the median of the heights (N,) in the tallest of the full windows."""
     tall = np.sort(heights)
     last = np.searchsorted(tall, tall * (1 + WINDOW), side="right")
     count = last - np.arange(len(tall))
     first = int(np.flatnonzero(count >= FULL * count.max())[-1])
-    # The tallest is the upper slope of the heights it belongs to: the fullest that overlaps it is their middle.
+    # The tallest full window is on the upper slope of its mode. The fullest window that overlaps it is at the mode's middle.
     near = np.flatnonzero(tall >= tall[first] / (1 + WINDOW))
     first = int(near[np.argmax(count[near])])
     return float(np.median(tall[first : last[first]]))
 
 
 def _heights(centre: Floats, foot: Floats, head: Floats) -> Floats:
-    """(N,) heights of verticals whose ends lie on rays (N, 3) from a centre (3,), the lower ones at z = 0; NaN for none."""
+    """Return the heights (N,) of verticals between rays (N, 3) from a centre (3,), lower ends at z = 0; NaN where none fits."""
     with np.errstate(divide="ignore", invalid="ignore"):
         far = -centre[2] / foot[:, 2]
         across = far * np.linalg.norm(foot[:, :2], axis=1)

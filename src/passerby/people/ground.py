@@ -1,4 +1,6 @@
-"""The ground that people walk on, as a calibrated rig sees it: not always z = 0 (`passerby align --tilt`, geodetic heights)."""
+"""The ground that people walk on, estimated with a calibrated rig. It is not always z = 0 (`passerby align --tilt`, geodetic
+heights).
+"""
 
 from __future__ import annotations
 
@@ -14,15 +16,15 @@ from passerby.people.upright_body import reach_by_size
 
 LOOSE_M = 1.0
 FEWEST = 60
-"""People-instants that two cameras saw, below which the ground's slope is not asked."""
+"""Number of blocks (one person at one time step) seen by two cameras or more, below which no slope is estimated."""
 MOST = 3000
 FAR_SLOPE = 0.3
-"""Steeper ground is a mistake: people are taken to be upright along z."""
+"""Largest slope. A steeper ground is an error: people are taken to be upright along z."""
 MAX_SD = 0.4
 
 
 def rough_height(rig: Rig, observations: Observations) -> float:
-    """Metres: where feet are by the size that people have in the pictures, without identities."""
+    """Estimate the height of people's feet, metres, from the sizes of people in the pictures; identities are not needed."""
     heights = []
     for camera in rig.posed():
         if camera.pose is None or camera.name not in observations.cameras:
@@ -39,12 +41,12 @@ def rough_height(rig: Rig, observations: Observations) -> float:
 
 
 def fit_ground(rig: Rig, seen: Sightings, height_m: float) -> GroundPlane:
-    """The plane of the feet of people whom two cameras or more see.
+    """Fit a plane to the feet of people that two cameras or more see.
 
     Args:
         rig: poses.
-        seen: with identities over all cameras.
-        height_m: about how high the ground is.
+        seen: sightings with identities over all cameras.
+        height_m: approximate height of the ground.
     """
     several = np.flatnonzero(np.bincount(seen.block, minlength=seen.n_blocks) > 1)
     if len(several) < FEWEST:
@@ -60,7 +62,7 @@ def fit_ground(rig: Rig, seen: Sightings, height_m: float) -> GroundPlane:
         miss = body[:, 2] - design @ plane
         scale = residual_scale(miss, 0.02)
         weight = cauchy_weights((miss / (2 * scale)) ** 2)
-        # Where people stay in one place the slope is taken to be none.
+        # A weak prior of no slope, for people who stay in one place.
         normal = design.T @ (weight[:, None] * design) + np.diag([0.0, 10.0, 10.0])
         plane = np.linalg.solve(normal, design.T @ (weight * body[:, 2]))
     slope = np.clip(plane[1:], -FAR_SLOPE, FAR_SLOPE)

@@ -1,8 +1,8 @@
-"""Where on the ground each box of a rig's cameras shows a person, and how well that is known.
+"""Ground position of the person in each box of a rig's cameras, with its covariance.
 
-A box is a ray to a body's middle. Across the ray the place is known to a fraction of a body's width; along it by the middle's
-height above the ground and by the body's size in the picture, whichever tells more. Boxes of all cameras at one instant become
-Gaussians on the ground plane, to be compared with each other.
+A box is a ray to a body's middle. Across the ray the position is known to a fraction of a body's width. Along the ray it is
+estimated from the middle's height above the ground and from the body's size in the picture, weighted by their information.
+Boxes of all cameras at one instant become Gaussians on the ground plane, to be compared with each other.
 """
 
 from __future__ import annotations
@@ -20,19 +20,20 @@ from passerby.core.stature import PERSON_HEIGHT_M
 from passerby.geometry.groups import least_of_groups
 
 STEP_S = 0.2
-"""Instants are so far apart, farther where a camera is slower: a walking person moves 0.3 m meanwhile."""
+"""Time between instants, seconds; longer where a camera is slower. A walking person moves 0.3 m in this time."""
 ACROSS_M, ACROSS_RAD = 0.1, 0.002
-"""Across the ray, one sigma: boxes jitter by 2 to 3 % of a body's height, bodies lean; and two pixels of a usual lens."""
+"""One sigma across the ray: boxes jitter by 2 to 3 % of a body's height and bodies lean; plus two pixels of a usual lens."""
 MIDDLE_M = 0.12
-"""Of a middle's height above the ground: people's own heights, a crouch, a part of the body that the box misses."""
+"""One sigma of a middle's height above the ground: people's own heights, a crouch, a part of the body that the box misses."""
 SIZE = 0.15
-"""Of the logarithm of a body's size in the picture: people differ by 5 %, bend, and are half hidden."""
+"""One sigma of the logarithm of a body's size in the picture: people differ by 5 %, bend, and are half hidden."""
 CUT_TIMES = 3.0
-"""By so much less is known along the ray of a box that the picture's border cuts off."""
+"""Factor on the sigmas along the ray of a box that the picture's border cuts off."""
 SPEED_GAP_S = 0.7
-"""Rows of an identity so close together tell its speed."""
+"""Rows of an identity that are closer together than this give its speed."""
 FASTEST_M_S, UNKNOWN_SPEED_M_S = 8.0, 1.0
-"""A box whose speed is not known (it has no identity) may be off by that times the time to the instant."""
+"""Largest speed that is believed. A box of unknown speed (without identity) has a sigma of the second times the time to the
+instant."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +53,7 @@ class Places:
     covariance: Floats
     """(N, 2, 2) square metres."""
     whole: NDArray[np.bool_]
-    """(N,) not cut off by the picture's border."""
+    """(N,) whether the box is not cut off by the picture's border."""
     ltwh: Floats
     """(N, 4) the boxes, pixels."""
     step_s: float
@@ -65,7 +66,7 @@ class Places:
         return len(self.step)
 
     def take(self, rows: NDArray[np.generic]) -> Places:
-        """The boxes of the given rows (indices or a mask)."""
+        """Return the boxes of the given rows (indices or a mask)."""
         return Places(
             **{name: getattr(self, name)[rows] for name in COLUMNS},
             step_s=self.step_s,
@@ -80,12 +81,12 @@ COLUMNS = ("step", "camera", "row", "identity", "place", "covariance", "whole", 
 def places_of(
     rig: Rig, boxes: Mapping[str, Boxes], clocks: Mapping[str, Clock], person_height_m: float = PERSON_HEIGHT_M
 ) -> Places:
-    """The places of all boxes at common instants, each camera's by its picture that is nearest in time.
+    """Compute the ground positions of all boxes at common instants, for each camera from the picture nearest in time.
 
     Args:
         rig: cameras, all with poses.
-        boxes: of each camera, by its name.
-        clocks: of each camera.
+        boxes: boxes by the name of the camera.
+        clocks: clocks by the name of the camera.
         person_height_m: typical standing height, metres.
     """
     step_s = max([STEP_S, *(_interval(boxes[camera.name], clocks[camera.name]) for camera in rig)])
@@ -101,7 +102,7 @@ def places_of(
 
 
 def _interval(boxes: Boxes, clock: Clock) -> float:
-    """Usual time between a camera's pictures, seconds."""
+    """Return the usual time between a camera's pictures, seconds."""
     gaps = np.diff(np.unique(boxes.frame))
     return float(np.median(gaps)) / clock.fps if len(gaps) else STEP_S
 
@@ -109,18 +110,18 @@ def _interval(boxes: Boxes, clock: Clock) -> float:
 def _camera_places(
     camera: Camera, number: int, boxes: Boxes, clock: Clock, start_s: float, step_s: float, person_height_m: float
 ) -> Places:
-    """One camera's boxes at the instants."""
+    """Compute the ground positions of one camera's boxes at the instants."""
     frames = np.unique(boxes.frame)
     seconds = clock.seconds(frames)
     nearest = np.round((seconds - start_s) / step_s).astype(np.int64)
     off = np.abs(seconds - start_s - nearest * step_s)
-    chosen = least_of_groups(nearest, off)  # of several pictures near one instant the nearest in time
+    chosen = least_of_groups(nearest, off)  # if several pictures are near one instant, the nearest in time is used
     picture = np.searchsorted(frames, boxes.frame)
     is_chosen = np.zeros(len(frames), dtype=np.bool_)
     is_chosen[chosen] = True
     place, covariance, whole = ground_places(camera, boxes.ltwh, person_height_m)
     velocity = _velocity(boxes, clock, place)
-    late = (nearest * step_s + start_s - seconds)[picture]  # from the picture to the instant
+    late = (nearest * step_s + start_s - seconds)[picture]  # time from the picture to the instant
     known: NDArray[np.bool_] = np.asarray(np.isfinite(velocity).all(axis=1))
     drift = np.abs(late) * np.where(known, 0.5 * UNKNOWN_SPEED_M_S, UNKNOWN_SPEED_M_S)
     place = place + np.where(known[:, None], velocity, 0.0) * late[:, None]
@@ -133,9 +134,9 @@ def _camera_places(
 
 
 def ground_places(camera: Camera, ltwh: Floats, person_height_m: float) -> tuple[Floats, Floats, NDArray[np.bool_]]:
-    """(N, 2) places of boxes (N, 4) on the ground, metres; (N, 2, 2) their covariances; (N,) whether a box is whole.
+    """Return positions (N, 2) of boxes (N, 4) on the ground, metres; covariances (N, 2, 2); and (N,) whether a box is whole.
 
-    NaN for a box of which the lens model cannot tell the ray.
+    Positions are NaN for boxes whose rays the lens model does not give.
     """
     assert camera.pose is not None
     x, y, w, h = ltwh.T
@@ -146,11 +147,11 @@ def ground_places(camera: Camera, ltwh: Floats, person_height_m: float) -> tuple
     ray /= np.linalg.norm(ray, axis=1, keepdims=True)
     level = np.maximum(np.hypot(ray[:, 0], ray[:, 1]), 1e-6)
     forward = ray[:, :2] / level[:, None]
-    fall = -ray[:, 2] / level  # the ray's way down, a metre forward
+    fall = -ray[:, 2] / level  # descent of the ray per metre forward
     size = np.maximum(np.arccos(np.clip(np.einsum("ni,ni->n", top, bottom), -1, 1)), 1e-4)
     whole = find_inside_picture(ltwh, camera.lens.size)
     less = np.where(whole, 1.0, CUT_TIMES)
-    # Seen from above a body is shorter by the cosine; the way to it is longer than the way along the ground by the same.
+    # Seen from above a body looks shorter by the cosine; its distance is longer than that along the ground by the same factor.
     by_size = person_height_m * level**2 / size
     centre = camera.pose.centre
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -167,7 +168,7 @@ def ground_places(camera: Camera, ltwh: Floats, person_height_m: float) -> tuple
 
 
 def _velocity(boxes: Boxes, clock: Clock, place: Floats) -> Floats:
-    """(N, 2) metres a second by the neighbouring rows of the same identity; NaN where there are none or they jump."""
+    """Compute velocities (N, 2), metres a second, from neighbouring rows of the same identity; NaN where none is usable."""
     order = np.lexsort((boxes.frame, boxes.identity))
     seconds = clock.seconds(boxes.frame[order])
     before = np.maximum(np.arange(len(order)) - 1, 0)

@@ -1,8 +1,8 @@
-"""Is the people's ground one plane? How high their middles are, over the places where they walk.
+"""Test whether the people's ground is one plane, by the heights of their middles over the places where they walk.
 
-The world's z is the normal of the people's ground, and its zero lies on it. A slope that is even changes only what is
-called up. A ground that is not one plane, with stairs, a ramp or a stage, tilts the whole of it: people on either level pull.
-Where no person changes the level, each one's own way still lies level, and slopes against a plane that was laid through both.
+The world's z is the normal of the people's ground, and z = 0 lies on it. An even slope changes only the direction that is
+called up. A ground that is not one plane, with stairs, a ramp or a stage, tilts the fitted plane: people on all levels affect
+it. Where no person changes the level, each person's trajectory is still level, and slopes against a plane through all levels.
 """
 
 from __future__ import annotations
@@ -17,63 +17,64 @@ from passerby.geometry.groups import cauchy_weights, group_sums, residual_scale
 from passerby.people.body_centres import TriangulatedPeople
 
 DEGREE = 3
-"""Of the polynomial that the ground is compared with: of what a step or a ramp is beside a plane, it takes up the most."""
+"""Degree of the polynomial that is fitted to the ground: it takes up most of the difference between a step or ramp and a
+plane."""
 STRETCH_S = 1.5
-"""Heights of one person within so many seconds are one."""
+"""Heights of one person within this many seconds are averaged."""
 LEAST_STRETCHES = 40
 WALKING, WALK_S = 0.5, 1.0
-"""Metres per second, over so many seconds."""
+"""Least speed of a walk, metres per second, and the time over which it is measured, seconds."""
 UNSURE_M = 0.3
-"""Places whose height is less sure than this tell nothing."""
+"""Positions whose height has a larger sigma are not used, metres."""
 ROUNDS, LOSS = 10, 2.0
 LEAST_M, LEAST_SIGMAS, LEAST_CHANCE = 0.12, 1.8, 8.0
-"""A ground is reported to be no plane where its rise is so large and so many sigmas, and its bending so far from chance.
-On flat
-ground the last is 5 at most, usually below 1; a step of half a metre across a terrace or a building site makes it 10 to 17 in
-half a minute."""
+"""Least rise in metres and in sigmas, and least `chance_sigmas`, at which a ground is reported as not plane. On flat ground the
+last is 5 at most, usually below 1; a step of half a metre across a terrace or a building site makes it 10 to 17 in half a
+minute."""
 LARGE_M, LARGE_CHANCE = 0.3, 4.5
-"""The same of a rise so large that it must not be missed: the largest of 21 scenes of flat ground is 0.17."""
+"""Rise in metres above which this lower `chance_sigmas` is enough, since such a rise must not be missed: the largest rise of 21
+scenes of flat ground is 0.17."""
 EXTENT = 0.05
-"""The lowest and the highest part are those below and above which so much of the people's trajectories lies."""
+"""Share of the people's trajectories that lies below the lowest part, and above the highest part."""
 MOST_PLACES = 6000
-"""Places at most: of more, even steps of instants are taken."""
+"""Largest number of positions; of more, instants at even steps are taken."""
 EXCESS = 4.0
-"""Factor on the variance for what neighbouring stretches of one person have in common."""
+"""Factor on the variance for the correlation between neighbouring stretches of one person."""
 
 
 @dataclass(frozen=True, eq=False)
 class GroundShape:
-    """How the people's ground differs from the plane that fits it best."""
+    """Difference of the people's ground from the plane that fits it best."""
 
     rise_m: float
-    """From its lowest to its highest part, both against the plane."""
+    """Height of its highest part over its lowest part, both relative to the plane."""
     sigma_m: float
-    """One sigma of it."""
+    """One sigma of `rise_m`."""
     low: tuple[float, float]
-    """Where the lowest is, world, metres,"""
+    """Position of the lowest part, world, metres."""
     high: tuple[float, float]
-    """and the highest."""
+    """Position of the highest part, world, metres."""
     chance_sigmas: float
-    """How far it is from one plane altogether, in sigmas of what chance makes."""
+    """Total deviation from one plane, in standard deviations of its distribution by chance."""
     slope_deg: float
-    """Of the ground below people's own ways, against the world's z: each person with a height of his own."""
+    """Slope of the ground below people's trajectories, against the world's z; each person has a height of their own."""
     slope_sigma_deg: float
-    """One sigma of it, along it."""
+    """One sigma of the slope, along the slope."""
     extent_m: float
-    """Of the places along it: their standard deviation."""
+    """Standard deviation of the positions along the slope."""
 
     @property
     def sure(self) -> bool:
-        """Whether the ground is significantly no plane, by so much that it matters."""
+        """Whether the ground differs from a plane significantly, and by an amount that matters."""
         least = LARGE_CHANCE if self.rise_m > LARGE_M else LEAST_CHANCE
         return self.rise_m > max(LEAST_M, LEAST_SIGMAS * self.sigma_m) and self.chance_sigmas > least
 
 
 def ground_shape(people: TriangulatedPeople, per_second: float) -> GroundShape | None:
-    """The shape of the ground by the middles of people; None where too few places tell.
+    """Estimate the shape of the ground from the middles of people; return None for fewer than `LEAST_STRETCHES` stretches.
 
     Args:
-        people: places of middles by all cameras, world z up.
+        people: positions of middles by all cameras, world z up.
         per_second: instants a second.
     """
     sure = np.sqrt(people.covariance[:, 2, 2]) < UNSURE_M
@@ -89,13 +90,13 @@ def ground_shape(people: TriangulatedPeople, per_second: float) -> GroundShape |
         return None
     group, count = group.ravel(), np.bincount(group.ravel())
     place = group_sums(group, xy, len(key)) / count[:, None]
-    # People differ in height: what counts is how high one and the same person is at different places.
+    # People differ in height: heights of the same person at different places are compared.
     _, person = np.unique(key[:, 0], return_inverse=True)
     return _shape(person.ravel(), place, group_sums(group, z, len(key)) / count)
 
 
 def _walking(people: TriangulatedPeople, per_second: float) -> NDArray[np.bool_]:
-    """(N,) who walks: upright people. A person who works near the ground does so in one place, and would make a hole of it."""
+    """Return a mask (N,) of people who walk, and so are upright. Work near the ground in one place would look like a hole."""
     step = max(1, round(WALK_S * per_second))
     order = np.lexsort((people.instant, people.identity))
     who, when, where = people.identity[order], people.instant[order], people.place[order, :2]
@@ -112,10 +113,10 @@ def _walking(people: TriangulatedPeople, per_second: float) -> NDArray[np.bool_]
 
 
 def _shape(person: Ints, place: Floats, height: Floats) -> GroundShape:
-    """The bending of a polynomial in the places, each person with a height of his own: reweighted least squares.
+    """Fit a polynomial of the position and a height of each person, by reweighted least squares, and return the shape.
 
     Args:
-        person: (S,) of each stretch, 0 to P - 1.
+        person: (S,) person of each stretch, 0 to P - 1.
         place: (S, 2) metres.
         height: (S,) of the middle, metres.
     """
@@ -127,7 +128,7 @@ def _shape(person: Ints, place: Floats, height: Floats) -> GroundShape:
     n = bent.shape[1]
     own = (person[:, None] == np.arange(int(person.max()) + 1)).astype(np.float64)
     design = np.column_stack([bent, plane[:, 1:], own])
-    # A little holds the bending where few places tell of it.
+    # A weak prior holds the bending where few positions determine it.
     ridge = np.diag(np.where(np.arange(design.shape[1]) < n, 1e-2, 1e-6))
     weight = np.ones(len(x))
     for _ in range(ROUNDS):

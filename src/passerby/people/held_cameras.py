@@ -1,8 +1,8 @@
-"""Bodies at instants, and what each sighting says about its camera once the body is let go.
+"""Bodies at instants with cameras that are held, and the equations of their sightings for the cameras.
 
 A body stands at (x, y) on ground of height g and is h tall: four unknowns an instant. Each sighting gives the three equations
-of `upright_body.linearise_bodies`. The body is eliminated (Schur complement), so that what is left are normal equations of the
-cameras alone: a point of a person that two cameras see binds both, and a third that disagrees stands out.
+of `upright_body.linearise_bodies`. The body is eliminated (Schur complement), which leaves normal equations of the cameras
+alone: a person that two cameras see constrains both, and the disagreement of a third camera becomes visible.
 """
 
 from __future__ import annotations
@@ -20,18 +20,18 @@ from passerby.people.sightings import Sightings
 from passerby.people.upright_body import BodyEquations, linearise_bodies, reach_by_size
 
 STANCE_SD = 0.07
-"""Of the height at an instant about the person's own, as a share: gait, bending, hats."""
+"""Standard deviation of the height at an instant about the person's own, as a share: gait, bending, hats."""
 GROUND_SD = 0.08
-"""Metres, of the feet about the plane of the ground: kerbs, strides."""
+"""Standard deviation of the feet about the plane of the ground, metres: kerbs, strides."""
 HUBER = 2.5
-"""Scale of the usual loss in the sightings' own sigmas: what a wrong match says counts no more than that, and what a camera
-says that has moved still counts."""
+"""Scale of the default loss in the sightings' sigmas. It limits the effect of a wrong match, and a camera that has moved still
+has an effect."""
 ROUNDS, LEARNT_AFTER = 4, 2
-"""Of solving the bodies anew; after so many people's own heights are taken from them."""
+"""Rounds of solving the bodies, and rounds after which people's own heights are taken from the bodies."""
 USUAL_MEDIAN = 1.18
-"""Median of the length of a vector of two normal variables."""
+"""Median length of a vector of two standard normal variables."""
 FOOT_SHIFT = Priors().foot_shift
-"""Of a box, which ends at the nearer foot: as a share of the body's height."""
+"""Foot shift of a box, which ends at the nearer foot, as a share of the body's height."""
 
 
 WeightsOf = Callable[[Floats], Floats]
@@ -44,10 +44,10 @@ class GroundPlane:
     height: float = 0.0
     slope: tuple[float, float] = (0.0, 0.0)
     sd: float = GROUND_SD
-    """Metres: of people's feet about it."""
+    """Standard deviation of people's feet about the plane, metres."""
 
     def at(self, xy: Floats) -> Floats:
-        """(N,) heights at places (N, 2)."""
+        """Return the heights (N,) at positions (N, 2)."""
         return np.asarray(self.height + xy @ np.array(self.slope))
 
 
@@ -58,36 +58,36 @@ class FittedPeople:
     body: Floats
     """(G, 4) x, y, g, h: metres."""
     prior: Floats
-    """(G, 4, 4) information of what is known of them without being seen,"""
+    """(G, 4, 4) information of the prior on the bodies."""
     pull: Floats
-    """(G, 4) and its gradient at `body`."""
+    """(G, 4) gradient of the prior at `body`, downhill."""
     information: Floats
     """(G, 4, 4) total information of the bodies."""
     weight: Floats
-    """(N,) of the sightings, by the robust loss."""
+    """(N,) weights of the sightings by the robust loss."""
     equations: BodyEquations
     by_camera: Floats
-    """(N, 3, 6) of the equations."""
+    """(N, 3, 6) derivatives of the equations by the camera, `BodyEquations.by_camera`."""
     scale: float
-    """Of the residuals: how many times their sigmas they really are."""
+    """Ratio of the residuals' size to their stated sigmas."""
     heights: dict[int, float]
-    """Of the people, metres."""
+    """Heights of the people by identity, metres."""
 
 
 def fit_people(
     seen: Sightings, rotation: Floats, centre: Floats, *, ground: GroundPlane | None = None,
     heights: dict[int, float] | None = None, scale: float | None = None, weights_of: WeightsOf | None = None,
 ) -> FittedPeople:  # fmt: skip
-    """The bodies that the sightings show, by cameras that are held.
+    """Fit bodies to the sightings of cameras that are held.
 
     Args:
-        seen: of `gather_sightings`: block after block, rays in the cameras' frames.
+        seen: sightings from `gather_sightings`: block after block, rays in the cameras' frames.
         rotation: (C, 3, 3) world to camera.
         centre: (C, 3) metres, world.
-        ground: where feet are; z = 0 where None.
-        heights: of people, metres; taken from the bodies where None.
-        scale: of the residuals; measured where None.
-        weights_of: the robust loss, as weights by lengths of residuals in sigmas; Huber's where None.
+        ground: ground under the feet; z = 0 where None.
+        heights: heights of people by identity, metres; taken from the bodies where None.
+        scale: ratio of the residuals to their sigmas; measured where None.
+        weights_of: robust loss: returns weights for lengths of residuals in sigmas; Huber's where None.
     """
     weights_of = weights_of or (lambda lengths: huber_weights(lengths, HUBER))
     ground = ground or GroundPlane()
@@ -118,14 +118,14 @@ def fit_people(
 
 
 def _heights(seen: Sightings, body: Floats, number: Ints, n: int) -> Floats:
-    """(n,) heights by what several cameras saw at once, drawn towards the usual height where that is little."""
+    """Estimate people's heights (n,) from bodies seen by several cameras, drawn to the usual height where these are few."""
     several = np.bincount(seen.block, minlength=seen.n_blocks) > 1
     found = np.full(n, PERSON_HEIGHT_M)
     order = np.flatnonzero(several)[np.argsort(number[several], kind="stable")]
     count = np.bincount(number[several], minlength=n)
     for one, part in enumerate(np.split(body[order, 3], np.cumsum(count)[:-1])):
         if len(part):
-            # A person's posture lasts: twenty instants say about what four independent ones would.
+            # A person's posture lasts: twenty instants count as four independent ones.
             weight = min(len(part) / 5.0, 10.0) / (STANCE_SD * PERSON_HEIGHT_M) ** 2
             found[one] = (PERSON_HEIGHT_M / PERSON_HEIGHT_SD_M**2 + weight * float(np.median(part))) / (
                 1 / PERSON_HEIGHT_SD_M**2 + weight
@@ -134,13 +134,13 @@ def _heights(seen: Sightings, body: Floats, number: Ints, n: int) -> Floats:
 
 
 def equations_of(seen: Sightings, body: Floats) -> BodyEquations:
-    """The equations of sightings, rays in the world's frame, about bodies (G, 4)."""
+    """Linearise the equations of sightings, rays in the world's frame, about bodies (G, 4)."""
     here = body[seen.block]
     return linearise_bodies(seen, here, (FOOT_SHIFT * seen.has_foot * here[:, 3])[:, None])
 
 
 def _first_guess(seen: Sightings, height: Floats, ground: GroundPlane) -> Floats:
-    """(G, 4) the median over the cameras of where the middle's ray, as long as the size says, ends."""
+    """Return first bodies (G, 4): the median over the cameras of the positions from each middle's ray and size."""
     length = (seen.top_fraction - seen.bottom_fraction) * height[seen.block]
     middle, reach = reach_by_size(seen.top, seen.bottom, seen.size, length, least_level=0.2)
     place = seen.origin + reach[:, None] * middle
@@ -149,7 +149,7 @@ def _first_guess(seen: Sightings, height: Floats, ground: GroundPlane) -> Floats
 
 
 def _prior(body: Floats, known: Floats, ground: GroundPlane, own: bool) -> tuple[Floats, Floats]:
-    """Of g about the ground and h about the person's height: (G, 4, 4) and its gradient (G, 4)."""
+    """Return the prior of g about the ground and of h about the person's height: information (G, 4, 4), gradient (G, 4)."""
     n = len(body)
     spread = known * STANCE_SD if own else np.hypot(known * STANCE_SD, PERSON_HEIGHT_SD_M)
     information = np.zeros((n, 4, 4))
@@ -165,7 +165,7 @@ def _prior(body: Floats, known: Floats, ground: GroundPlane, own: bool) -> tuple
 def _eliminated(
     seen: Sightings, equations: BodyEquations, weight: Floats, prior: Floats, pull: Floats
 ) -> tuple[Floats, Floats]:
-    """Information (G, 4, 4) and step (G, 4) of the bodies."""
+    """Solve the normal equations of the bodies: return their information (G, 4, 4) and their steps (G, 4)."""
     A = equations.by_body
     weighted = A * weight[:, None, None]
     information = prior + group_sums(seen.block, np.einsum("nki,nkj->nij", weighted, A), seen.n_blocks)
@@ -176,10 +176,10 @@ def _eliminated(
 
 
 def _weights(seen: Sightings, residual: Floats, scale: float | None, weights_of: WeightsOf) -> tuple[Floats, float]:
-    """(N,) weights, and the scale of the residuals."""
+    """Return the weights (N,) and the scale of the residuals."""
     length = np.hypot(residual[:, 0], residual[:, 1])
     if scale is None:
         several = np.bincount(seen.block, minlength=seen.n_blocks)[seen.block] > 1
-        # Two cameras leave half of their errors to be seen, and a fit to them all the less.
+        # With two cameras the residuals show half of the errors, and less after a fit to them.
         scale = max(1.0, float(np.median(length[several])) / (0.7 * USUAL_MEDIAN)) if several.any() else 1.0
     return weights_of(length / scale), scale

@@ -1,4 +1,4 @@
-"""The vertical and the height of one camera by its own people, however the camera is rolled."""
+"""The vertical and the height of one camera from its own people, for any roll of the camera."""
 
 from __future__ import annotations
 
@@ -15,25 +15,26 @@ from passerby.people.sightings import Sightings, upright_sightings
 
 LEANS = tuple(np.deg2rad([-45.0, -30.0, -15.0, 15.0, 30.0, 45.0]).tolist())
 REFINED = tuple(np.deg2rad([7.5, 3.75]).tolist())
-"""Leans of people in the image that are tried, and steps about the best one. Images of cameras that are rolled further are to
-be turned (`rotate`)."""
+"""Leans of people in the image that are tried, and steps of refinement about the best one, radians. Images of cameras with a
+larger roll have to be rotated first (`rotate`)."""
 CLEARLY_BETTER = 0.8
-"""Misfit with a lean over that of upright boxes, below which people lean. On simulated terraces and basketball courts with 2 %
-noise of the boxes no lean was below it for 24 cameras without roll; for 24 with 18 degrees or more it was 0.63 at most."""
+"""Ratio of the misfit with a lean to that of upright boxes, below which people lean. On simulated terraces and basketball
+courts with 2 % noise of the boxes no lean was below it for 24 cameras without roll; for 24 cameras with a roll of 18 degrees or
+more the ratio was 0.63 at most."""
 FITS_UPRIGHT = 0.1
 """Misfit of upright boxes below which no lean is tried. For 24 simulated cameras (three presets, seeds 40 and 41, 2 % noise of
 the boxes) it is 0.031 to 0.073 without roll, 0.073 to 0.190 at 10 degrees and 0.124 or more from 18 degrees on."""
 TRIED_BOXES = 150
-"""Boxes that leans are compared by; the best one is then compared with upright boxes by all."""
+"""Number of boxes used to compare leans. The best lean is then compared with upright boxes on all boxes."""
 MOVING_SHARE = 0.25
-"""Of a person's extent, between the tenth and the ninetieth percentile of a tracklet's feet: a person who stands shifts
-by less than a tenth, a person who walks passes it within half a second."""
+"""Distance between the tenth and the ninetieth percentile of a tracklet's feet, as a share of the person's extent. A standing
+person shifts by less than a tenth; a walking person exceeds this share within half a second."""
 
 
 def level_from_people(bodies: Sightings, person_height_m: float, rng: np.random.Generator) -> Level | None:
-    """The camera's vertical and height from its own people, as tall as `person_height_m` metres; None where there are too few.
+    """Compute the camera's vertical and height from its own people, `person_height_m` tall; return None for too few people.
 
-    Those in a tracklet are taken where there are enough: single detections are more often false.
+    Only people in a tracklet are used where there are 50 or more: single detections are more often false.
     """
     tracked = bodies.identity >= 0
     use = bodies.take(tracked) if np.count_nonzero(tracked) >= 50 else bodies
@@ -44,11 +45,11 @@ def level_from_people(bodies: Sightings, person_height_m: float, rng: np.random.
 def levelled_people(
     seen: CameraObservations, lens: Lens, clock: Clock, person_height_m: float, rng: np.random.Generator
 ) -> tuple[Sightings, Level | None]:
-    """The people of a camera and its level, however the camera is rolled about its viewing direction.
+    """Find the people of a camera and its level, for any roll of the camera about its viewing direction.
 
-    A box does not show how the person in it leans. But people who are farther away look smaller, and stand nearer to the
-    horizon: with the right lean all fit one ground, with a wrong one they do not. So the leans of `LEANS` are compared by the
-    misfit of their levels, and the best one is refined. Boxes are taken as upright unless a lean fits clearly better.
+    A box does not show how the person in it leans. But people who are farther away look smaller and stand nearer to the
+    horizon. With the right lean all people fit one ground; with a wrong lean they do not. So the leans of `LEANS` are compared
+    by the misfit of their levels, and the best one is refined. Boxes are taken as upright unless a lean fits clearly better.
 
     Args:
         seen: boxes and joints; identities are tracklet numbers of this camera or -1.
@@ -58,7 +59,7 @@ def levelled_people(
         rng: draws the people that the level is fitted to.
 
     Returns:
-        The people, with the lean that was found, and the level; None where there are too few people.
+        The people, with the lean that was found, and the level. The level is None where there are too few people.
     """
     draws = deepcopy(rng)
     upright = upright_sightings(seen, lens, clock)
@@ -85,9 +86,9 @@ def levelled_people(
 
 
 def of_moving_tracklets(bodies: Sightings) -> Bools:
-    """(N,) those of a tracklet whose lowest point moves by `MOVING_SHARE` of its extent or more, as the camera sees it.
+    """Return a mask (N,) of sightings in tracklets whose lowest point moves by `MOVING_SHARE` of the extent or more.
 
-    A person who sits, and what is taken for a person where the background has changed, does not.
+    It leaves out people who sit, and false detections where the background has changed.
     """
     moving = np.zeros(len(bodies), dtype=np.bool_)
     if not len(bodies):

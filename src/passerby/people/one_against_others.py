@@ -1,8 +1,8 @@
-"""How far one camera's people are from where the other cameras put them: in the picture and on the ground.
+"""Distances of one camera's people from the positions that the other cameras give, in the picture and on the ground.
 
-Each person is located by all cameras but one (`PeopleRays`). In the picture of the one that was left out, the distance
-of the person's middle from the projection of that place is a residual with no part of its own in it. On the ground, the ray of
-the middle meets the height of that place somewhere: the horizontal distance is the error of the camera by itself.
+Each person is located by all cameras but one (`PeopleRays`). In the picture of the camera that was left out, the residual is
+the distance of the person's middle from the projection of that position. This camera has no influence on the position. On the
+ground, the ray of the middle is intersected with the height of the position. The horizontal distance is the camera's own error.
 """
 
 from __future__ import annotations
@@ -18,29 +18,29 @@ from passerby.people.body_centres import PeopleRays, TriangulatedPeople, identif
 from passerby.people.sightings import Sightings
 
 LEAST_DESCENT = 0.02
-"""Sine of a ray's angle with the horizontal: a flatter ray meets no height that a pixel would not move by a hundredth of its
-range squared."""
+"""Least sine of a ray's angle with the horizontal. On a flatter ray, one pixel moves the intersection with a height by a
+hundredth of its squared range or more."""
 
 
 @dataclass(frozen=True, eq=False)
 class CameraDisagreements(Columns):
-    """M people of one camera whom another one saw at the same time step."""
+    """M people that one camera saw at the same time step as another camera."""
 
     step: Ints
     """(M,) time steps."""
     pixels: Floats
-    """(M,) distance from the projection of their place by the others; infinite behind the camera."""
+    """(M,) distance from the projection of their position by the others; infinite behind the camera."""
     extent_px: Floats
-    """(M,) their size in the picture."""
+    """(M,) size of the people in the picture, pixels."""
     metres: Floats
-    """(M,) distance on the ground; infinite where the ray does not come down to the height of the place."""
+    """(M,) distance on the ground; infinite where the ray does not reach the height of the position."""
 
     def __len__(self) -> int:
         return len(self.step)
 
 
 def disagreements(rig: Rig, instants: Observations, person_height_m: float) -> dict[str, CameraDisagreements]:
-    """By camera with a pose, how far its people are from where the others put them.
+    """Compute, for each camera with a pose, the distances of its people from the positions that the others give.
 
     Args:
         rig: world z up, the ground at z = 0; cameras without a pose are left out.
@@ -53,14 +53,14 @@ def disagreements(rig: Rig, instants: Observations, person_height_m: float) -> d
     for index, (camera, own) in enumerate(zip(rig, centres, strict=True)):
         if own is None:
             continue
-        # Everybody else's people cost as much as all cameras together, for each camera.
+        # Only people that this camera sees: for each camera, all others would cost as much as all cameras together.
         same = rays.seen_by(index)[rays.person] & (rays.camera != index)
         found[camera.name] = _of_camera(camera, own, rays.triangulated(person_height_m, same))
     return found
 
 
 def _of_camera(camera: Camera, own: Sightings, people: TriangulatedPeople) -> CameraDisagreements:
-    """The distances of one camera's people from their places by the others."""
+    """Compute the distances of one camera's people from their positions by the others."""
     rows, places = _shared(own, people)
     own = own.take(rows)
     pose = camera.pose
@@ -79,7 +79,7 @@ def _of_camera(camera: Camera, own: Sightings, people: TriangulatedPeople) -> Ca
 
 
 def _shared(own: Sightings, people: TriangulatedPeople) -> tuple[Ints, Floats]:
-    """Rows of one camera's people whom another camera saw, and (M, 3) where that puts them."""
+    """Find the rows (M,) of one camera's people that another camera saw too, and their positions (M, 3) by the others."""
     ids = max(int(identity.max(initial=0)) for identity in (own.identity, people.identity)) + 1
     mine, theirs = own.step * ids + own.identity, people.instant * ids + people.identity
     # People are in the order of these keys.

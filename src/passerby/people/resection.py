@@ -1,6 +1,6 @@
-"""One camera's pose by people whom other cameras see too, with a covariance that allows for errors that last.
+"""Pose of one camera from people that other cameras see too, with a covariance that allows for lasting errors.
 
-For what is measured anew while the other cameras stay as they are: has this camera moved, and where is it now?
+It is used where one camera is measured again while the other cameras are held: has this camera moved, and where is it now?
 """
 
 from __future__ import annotations
@@ -21,32 +21,34 @@ from passerby.people.scores import Scores, cluster_scores
 from passerby.people.sightings import Sightings, gather_sightings, poses_of
 
 CENTRE_SD_M, TURN_SD = 2.0, np.deg2rad(30.0)
-"""Cameras are seldom moved by more: it holds a pose that people do not fix."""
+"""Standard deviations, metres and radians, of the weak prior on a camera's move; larger moves are rare. The prior holds a pose
+that people do not determine."""
 STEPS, STILL = 8, 1e-5
-"""Steps at most, and metres and radians below which no more are made."""
+"""Largest number of steps; the iteration stops at steps below this many metres and radians."""
 LOSS, BEYOND = 3.0, 25.0
-"""Scale of the Cauchy loss in sigmas, and the square of the sigmas beyond which a sighting shows another person."""
+"""Scale of the Cauchy loss in sigmas, and the squared residual in sigmas beyond which a sighting shows another person."""
 WIDENING, ROUNDS = 64.0, 16
-"""Times that scale, from which a pose is sought where bodies are solved anew with it, and steps at most: a camera that was
-turned by ten degrees sees people some 80 sigmas off."""
+"""First factor on that scale where bodies are solved again for each pose, and the largest number of steps then. In a camera
+that was turned by ten degrees people are some 80 sigmas off."""
 MOST_TURN = 0.5
-"""Radians that a camera turns in one step where its bodies are solved anew with it."""
+"""Largest turn of a camera in one step, radians, where bodies are solved again for each pose."""
 FEWEST_CLUSTERS = 6
-"""Stretches of people below which scatter tells nothing of the sigma."""
+"""Number of clusters (stretches of people) below which their scatter does not determine the sigma."""
 USUAL_INFLATION = 6.0
-"""How many times their formal variance scores have, where there are too few to tell: 4 to 7 in the worst direction of simulated
-and real footage."""
+"""Ratio of the scores' variance to their formal variance, assumed where there are too few scores to measure it: 4 to 7 in the
+worst direction of simulated and real footage."""
 USUAL_WORTH = 6.0
-"""Clusters that this counts for."""
+"""Number of clusters that `USUAL_INFLATION` counts for."""
 LASTING = 1.33
-"""Variance that the scatter of 6 s stretches does not show: a bag on one side, a gait, stay as long as a person does."""
+"""Factor on the variance for errors that the scatter of 6 s stretches does not show: a bag on one side or a gait lasts as long
+as the person is seen."""
 
 
 class PoseEquations(Protocol):
-    """What sightings, or clusters of them, ask of a pose; unknowns are a rotation vector in its frame, then the centre."""
+    """Equations of a pose from sightings or their clusters. Unknowns: rotation vector in the camera's frame, then centre."""
 
     def summed(self) -> tuple[Floats, Floats]:
-        """(6,) gradient of half the robust cost, uphill, and (6, 6) information: how fast it grows."""
+        """Return the gradient (6,) of half the robust cost, uphill, and the information (6, 6): how fast the gradient grows."""
         ...
 
 
@@ -55,27 +57,27 @@ Equations = TypeVar("Equations", bound=PoseEquations)
 
 @dataclass(frozen=True, eq=False)
 class PoseFit(Generic[Equations]):
-    """A pose at which the robust cost is least."""
+    """Pose at which the robust cost is least."""
 
     pose: Pose
     normal: Floats
-    """(6, 6) information, that of `weak_prior` included."""
+    """(6, 6) information, including that of `weak_prior`."""
     equations: Equations
-    """At the pose."""
+    """Equations at the pose."""
 
 
 def fit_pose(
     start: Pose, equations_at: Callable[[Pose, float], Equations], *, widening: float = 1.0, steps: int = STEPS,
     most_turn: float = np.inf,
 ) -> PoseFit[Equations]:  # fmt: skip
-    """The pose that sightings fit, near `start`: Gauss-Newton with a robust loss, whose scale shrinks as it goes.
+    """Fit a pose near `start` to sightings, by Gauss-Newton with a robust loss whose scale decreases from step to step.
 
     Args:
         start: where the search begins; a weak prior holds the pose to it.
-        equations_at: what is seen asks of a pose, by a loss of so many times its usual scale.
-        widening: times the usual scale that the loss begins with; it is halved at each step, down to 1.
-        steps: at most.
-        most_turn: radians a step.
+        equations_at: returns the equations of a pose, for a factor on the usual scale of the loss.
+        widening: first factor on the usual scale of the loss; it is halved at each step, down to 1.
+        steps: largest number of steps.
+        most_turn: largest turn in one step, radians.
     """
     prior, pose = weak_prior(), start
     for step in range(steps + 1):
@@ -96,38 +98,38 @@ def fit_pose(
 
 
 def weak_prior() -> Floats:
-    """(6, 6) information of a move of which nothing is known; its first and its last three rows are alike but for the unit."""
+    """Return the information (6, 6) of the prior on an unknown move; its first and last three rows differ only in the unit."""
     return np.diag(np.repeat([1 / TURN_SD**2, 1 / CENTRE_SD_M**2], 3))
 
 
 @dataclass(frozen=True, eq=False)
 class Resection:
-    """A camera's pose from one stretch of time."""
+    """Pose of a camera from one stretch of time."""
 
     camera: str
     pose: Pose
     sigma: PoseSigma
-    """Of the new pose, relative to the other cameras as they are held."""
+    """Standard deviations of the new pose, relative to the other cameras, which are held."""
     shift: Floats
-    """(6,) centre (metres, world) and rotation vector (radians, camera frame) from the rig's pose to the new one."""
+    """(6,) change from the rig's pose to the new one: centre (metres, world) and rotation vector (radians, camera frame)."""
     covariance: Floats
     """(6, 6) of `shift`."""
     statistic: float
-    """`shift` in its own covariance: squared length; 6 where nothing moved."""
+    """Squared Mahalanobis length of `shift` by `covariance`; 6 is expected where the camera did not move."""
     clusters: int
-    """Stretches of people that it uses."""
+    """Number of clusters (stretches of people) that it uses."""
     sightings: int
     cost: float
-    """Half the weighted squared residuals that are left, bodies eliminated."""
+    """Half the sum of the weighted squared residuals after the fit, bodies eliminated."""
 
     @property
     def metres(self) -> float:
-        """How far the centre moved."""
+        """Distance by which the camera centre moved, metres."""
         return float(np.linalg.norm(self.shift[:3]))
 
     @property
     def degrees(self) -> float:
-        """How far the camera turned."""
+        """Angle by which the camera turned, degrees."""
         return float(np.degrees(np.linalg.norm(self.shift[3:])))
 
 
@@ -135,19 +137,19 @@ def resect(
     rig: Rig, observations: Observations, camera: str, *, from_s: float = -np.inf, until_s: float = np.inf,
     without: tuple[str, ...] = (), ground: GroundPlane | None = None,
 ) -> Resection | None:  # fmt: skip
-    """The pose of one camera by the people that others see too.
+    """Compute the pose of one camera from people that other cameras see too.
 
     Args:
-        rig: all other cameras stay as they are.
+        rig: all other cameras are held.
         observations: people with identities over all cameras, at common instants (`association.instants.common_instants`).
-        camera: which.
-        from_s: times of [from, until) count, by the observations' clock: frame 1 is 0 s, or the clock's offset.
+        camera: name of the camera.
+        from_s: times in [from, until) are used, by the observations' clock: frame 1 is at 0 s, or at the clock's offset.
         until_s: see `from_s`.
-        without: cameras that do not count, such as others that have moved.
-        ground: where feet are; z = 0 where None.
+        without: names of cameras that are not used, such as others that have moved.
+        ground: ground under the feet; z = 0 where None.
 
     Returns:
-        The pose; None where too few people tell (fewer than `FEWEST_CLUSTERS` stretches of 6 s).
+        The pose; None where people are too few (fewer than `FEWEST_CLUSTERS` stretches of 6 s).
     """
     seen = gather_sightings(rig, observations).between(from_s, until_s)
     return resect_observations(rig, seen, camera, without=without, ground=ground)
@@ -157,11 +159,11 @@ def resect_observations(
     rig: Rig, seen: Sightings, camera: str, *, without: tuple[str, ...] = (), ground: GroundPlane | None = None,
     heights: dict[int, float] | None = None,
 ) -> Resection | None:  # fmt: skip
-    """As `resect`, from sightings; `heights` are those of people, where they are known from elsewhere."""
+    """Do the same as `resect`, from sightings. `heights` are people's heights in metres, where known from elsewhere."""
     seen = seen.without(np.isin(seen.names, without))
     index = seen.names.index(camera)
     rotation, centre = poses_of(rig, seen.names)
-    # The bodies' heights are the others' business: a camera that is far off would spoil them.
+    # Heights of bodies come from the other cameras only: a camera whose pose is far off would spoil them.
     apart = np.arange(len(seen.names)) == index
     if heights is None and (~apart[seen.camera]).any():
         heights = fit_people(seen.without(apart), rotation, centre, ground=ground).heights
@@ -193,55 +195,55 @@ CENTRE_FIRST = [3, 4, 5, 0, 1, 2]
 
 
 def centre_first(matrix: Floats) -> Floats:
-    """(6, 6) from rotation vector and centre to the order of `PoseSigma` and of `Scores`, centre and rotation vector."""
+    """Reorder a matrix (6, 6) from rotation vector and centre to the order of `PoseSigma` and `Scores`: centre first."""
     return np.asarray(matrix[np.ix_(CENTRE_FIRST, CENTRE_FIRST)])
 
 
 @dataclass(frozen=True, eq=False)
 class _Clusters:
-    """The K clusters in which a camera has a part, about its pose."""
+    """The K clusters that contain sightings by one camera, linearised about its pose."""
 
     gradient: Floats
-    """(K, 6) of half the robust cost, uphill,"""
+    """(K, 6) gradient of half the robust cost, uphill."""
     information: Floats
-    """(K, 6, 6) and how fast it grows."""
+    """(K, 6, 6) information: how fast the gradient grows."""
     cost: float
-    """Half the weighted squared residuals of all sightings, bodies eliminated."""
+    """Half the sum of the weighted squared residuals of all sightings, bodies eliminated."""
 
     @classmethod
     def of(cls, scores: Scores, index: int, people: FittedPeople) -> _Clusters:
-        """Those of one of the cameras."""
+        """Select the clusters and the parameters of the camera with number `index`."""
         own = 6 * index + np.array(CENTRE_FIRST)
         scores = scores.take(scores.counts[:, index] > 0)
         cost = float(0.5 * (people.weight[:, None] * people.equations.residual**2).sum())
         return cls(-scores.gradient[:, own], scores.information[:, own[:, None], own], cost)
 
     def summed(self) -> tuple[Floats, Floats]:
-        """(6,) gradient and (6, 6) information of all."""
+        """Return the sums over all clusters: gradient (6,) and information (6, 6)."""
         return self.gradient.sum(axis=0), self.information.sum(axis=0)
 
 
 def cluster_robust_covariance(
     residual: Floats, normal: Floats, before: tuple[Floats, float] | None = None
 ) -> tuple[Floats, float, Floats]:
-    """The covariance of a sum of cluster scores, from how they scatter.
+    """Estimate the covariance of a sum of cluster scores from their scatter.
 
     In the frame in which the formal covariance, `normal`, is the unit matrix, the scatter is averaged with that of
-    `USUAL_WORTH` usual clusters: a few people walking the same way must not look better determined than they are. (The
+    `USUAL_WORTH` usual clusters. Otherwise a few people who walk the same way would seem to determine the pose too well. (The
     sandwich estimator of White, *Econometrica* 1980, by clusters: Liang and Zeger, *Biometrika* 1986.)
 
     Args:
-        residual: (K, 6) scores, the fit taken away.
+        residual: (K, 6) scores after the fit.
         normal: (6, 6) their summed information.
-        before: scatter that was summed in other windows, and of how many clusters.
+        before: summed scatter (6, 6) of other windows, and its number of clusters.
 
     Returns:
-        (6, 6) covariance; its degrees of freedom; (6, 6) the scatter of these clusters, summed, for other windows.
+        (6, 6) covariance; its degrees of freedom; (6, 6) summed scatter of these clusters, for other windows.
     """
     lower = np.linalg.cholesky(normal)
     white = np.linalg.solve(lower, residual.T)
     n, (pooled, more) = len(residual), before or (np.zeros_like(normal), 0.0)
-    # Of a sum of n squares whitened by the sum of n informations the mean is one cluster's share.
+    # Whitened by the sum of n informations, the sum of n squares is the share of one cluster: n times it is the scatter of all.
     scatter = n * LASTING * white @ white.T * (n / max(n - 3.0, 1.0))
     total = n + more + USUAL_WORTH
     inflation = (scatter + pooled + USUAL_WORTH * USUAL_INFLATION * np.eye(len(normal))) / total

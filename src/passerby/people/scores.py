@@ -1,7 +1,7 @@
-"""What people say about the cameras, in clusters: one person for some seconds.
+"""Evidence of people on the cameras' poses, summed in clusters: one person for some seconds.
 
-Neighbouring boxes of a person err alike (gait, posture, what hides him), so that they are summed to one *score*, and only
-scores are taken to be independent of each other.
+Errors of neighbouring boxes of a person are alike (gait, posture, occlusion), so that the boxes are summed to one *score*, and
+only scores are taken to be independent of each other.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from passerby.people.held_cameras import FittedPeople
 from passerby.people.sightings import Sightings
 
 STRETCH_S = 6.0
-"""Of one person, in one cluster. By stretches of 3, 6, 10 and 20 s the squared errors of a minute's pose were 1.7, 1.33, 1.30
-and 1.1 times the stated variance; longer ones leave too few clusters."""
+"""Length of a cluster of one person, seconds. With stretches of 3, 6, 10 and 20 s the squared errors of a minute's pose were
+1.7, 1.33, 1.30 and 1.1 times the stated variance; longer ones leave too few clusters."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,11 +26,11 @@ class Scores(Columns):
     """K clusters, ascending in time, about poses of C cameras: 6 parameters each, as in `BodyEquations.by_camera`."""
 
     start_s: Floats
-    """(K,) when the stretch begins."""
+    """(K,) time at which the stretch begins, seconds."""
     gradient: Floats
-    """(K, 6 C) of half the squared residuals, downhill: what the cluster asks the cameras to do."""
+    """(K, 6 C) gradient of half the squared residuals, downhill: the direction in which the cluster moves the cameras."""
     information: Floats
-    """(K, 6 C, 6 C) bodies eliminated."""
+    """(K, 6 C, 6 C) information on the cameras, bodies eliminated."""
     counts: Ints
     """(K, C) sightings by each camera."""
 
@@ -38,22 +38,22 @@ class Scores(Columns):
         return len(self.start_s)
 
     def between(self, from_s: float, until_s: float) -> Scores:
-        """The clusters that begin at times of [from, until)."""
+        """Return the clusters that begin at times in [from, until)."""
         low, high = np.searchsorted(self.start_s, [from_s, until_s])
         return self.take(slice(int(low), int(high)))
 
     def at(self, shift: Floats) -> Floats:
-        """(K, 6 C) gradients after the cameras are shifted by (6 C,)."""
+        """Return the gradients (K, 6 C) after the cameras are shifted by (6 C,)."""
         return self.gradient - self.information @ shift
 
 
 def cluster_scores(seen: Sightings, people: FittedPeople, stretch_s: float = STRETCH_S) -> Scores:
-    """The clusters of bodies that two cameras or more saw.
+    """Compute the clusters of bodies that two cameras or more saw.
 
     Args:
-        seen: the sightings,
-        people: and the bodies solved from them.
-        stretch_s: length of a cluster; stretches begin at multiples of it.
+        seen: the sightings.
+        people: the bodies solved from them.
+        stretch_s: length of a cluster, seconds; stretches begin at multiples of it.
     """
     n_cameras, n = len(seen.names), seen.n_blocks
     A, J, w = people.equations.by_body, people.by_camera, people.weight
@@ -76,7 +76,7 @@ def cluster_scores(seen: Sightings, people: FittedPeople, stretch_s: float = STR
 
 
 def _clustered(seen: Sightings, gradient: Floats, information: Floats, counts: Ints, stretch_s: float) -> Scores:
-    """Summed over the stretches of each person; bodies that one camera alone saw say nothing about others."""
+    """Sum over the stretches of each person. Bodies that only one camera saw are left out: they do not constrain the others."""
     use = np.flatnonzero(counts.sum(axis=1) > 1)
     step = np.floor(seen.block_seconds[use] / stretch_s + 1e-9).astype(np.int64)
     key, cluster = np.unique(np.column_stack([step, seen.block_identity[use]]), axis=0, return_inverse=True)
@@ -85,7 +85,7 @@ def _clustered(seen: Sightings, gradient: Floats, information: Floats, counts: I
     first = np.searchsorted(cluster[order], np.arange(k))
 
     def total(values: NDArray[np.generic]) -> NDArray[np.generic]:
-        """Sums by cluster."""
+        """Return sums by cluster."""
         return np.add.reduceat(values[use][order], first, axis=0) if k else values[:0]
 
     return Scores(key[:, 0] * stretch_s, total(gradient), total(information), total(counts))  # type: ignore[arg-type]

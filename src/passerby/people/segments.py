@@ -1,4 +1,4 @@
-"""The two ends of an upright person in a picture, from boxes and from joints, and how fast they move through it."""
+"""The two ends of an upright person in a picture, from boxes and from joints, and their velocity in the picture."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from passerby.core.observations import MIN_JOINT_SCORE, Boxes, CameraObservation
 
 MIN_EXTENT_PX = 8.0
 BODY_ASPECT = 0.36
-"""Width over height of an upright person's box: in the median 0.34 on simulated terraces and 0.38 on basketball courts."""
+"""Width over height of an upright person's box: the median is 0.34 on simulated terraces and 0.38 on basketball courts."""
 
 BODY_HEIGHTS = {
     "head_top": 1.0, "head": 0.95, "nose": 0.93, "eye": 0.94, "ear": 0.93, "neck": 0.84, "shoulder": 0.82, "hip": 0.53,
     "knee": 0.28, "ankle": 0.045, "heel": 0.02, "big_toe": 0.01, "small_toe": 0.01,
 }  # fmt: skip
-"""Where joints of a standing body are, as a share of its height (after Drillis and Contini 1966). `head` is the top of the head
-in some tools' layouts (Halpe, MPII) and the joint above the neck in others (SMPL): the mean of both."""
+"""Heights of the joints of a standing body, as shares of its height (after Drillis and Contini 1966). `head` is the top of the
+head in some tools' layouts (Halpe, MPII) and the joint above the neck in others (SMPL): the mean of both is used."""
 
 STEEP = 0.5
-"""Share of the vertical that lies in the image plane: half of it for a camera tilted by 60 degrees."""
+"""Least share of the vertical that lies in the image plane. The share is a half for a camera tilted by 60 degrees."""
 
 HEAD, SHOULDERS, FEET = (
     ("head_top", "head", "nose", "eye", "ear"),
@@ -31,24 +31,25 @@ HEAD, SHOULDERS, FEET = (
     ("ankle", "heel", "big_toe", "small_toe"),
 )
 
-# Joint names count as right when, in the median person, they order the joints from head to feet at least this well.
+# Least median, over people, of the correlation between names and image heights with which joint names count as right.
 MIN_ORDER_CORRELATION = 0.9
 
-# Where the names are wrong the highest and lowest joints found stand in: about the eyes or crown, and the toes.
+# Heights of the highest and the lowest joint found, used where the names are wrong: about the eyes or crown, and the toes.
 EXTREME_FRACTIONS = (0.96, 0.02)
 
 HALF_WINDOW_S = 0.4
 """Velocities are taken over twice this. Over less, noise of 2 % of the extent would grow to a tenth of a walker's velocity and
-bend the offsets toward 0; over more, a gait and a turn would be lost."""
+bias the time offsets toward 0; over more, gait and turns would be lost."""
 MAX_HALF_WINDOW_S = 1.0
-"""Sparser samples do not show how fast a person moves in between."""
+"""Largest half window, seconds. Sparser samples do not give the velocity of a person between them."""
 MAX_STRAY = 0.3
-"""Who is farther from the line between the two neighbours than this share of the extent is another person, or turned: the
-neighbours then say nothing of the velocity. Half of 3 m/s^2 times 0.4 s squared is 0.14 of a person's height."""
+"""Largest distance of a sample from the line between its two neighbours, as a share of the extent. Beyond it the sample is
+another person, or the person turned, and the neighbours do not give the velocity. Half of 3 m/s^2 times 0.4 s squared is 0.14
+of a person's height."""
 
 MIN_MOVE = 0.1
-"""Who moves by less than this share of the extent between the neighbours counts as standing still: five times what
-noise of 2 % in the edges alone would do. Velocities of noise would pretend that the clocks are known to be right."""
+"""Least move between the neighbours, as a share of the extent; below it the person counts as standing still. It is five times
+the effect of noise of 2 % in the edges. Velocities that are only noise would suggest that the clocks are known to be right."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,22 +64,22 @@ class Segments(Columns):
     bottom_fraction: Floats
     has_foot: Floats
     row: Ints
-    """Which box, or which set of joints, each is."""
+    """(M,) row of the box, or of the set of joints."""
 
     def velocity(self, fps: float) -> Floats:
-        """(M, 2) how fast the middles move through the picture, pixels a second."""
+        """Return the velocities (M, 2) of the middles in the picture, pixels a second."""
         extent = np.linalg.norm(self.bottom - self.top, axis=1)
         return image_velocity(self.frame, self.identity, 0.5 * (self.top + self.bottom), extent, fps)
 
 
 def segments_of_boxes(boxes: Boxes, lens: Lens, *, unknown: bool = False, lean: float = 0.0) -> Segments:
-    """Boxes not cut by the border, as segments from top to bottom.
+    """Convert the boxes that the border does not cut to segments from top to bottom.
 
     Args:
-        boxes: upright rectangles, whatever way the people in them lean.
-        lens: of the camera.
-        unknown: whether those without an identity are wanted.
-        lean: how people lean in the image, see `ends_of_boxes`.
+        boxes: upright rectangles, for any lean of the people in them.
+        lens: lens of the camera.
+        unknown: whether to include boxes without an identity.
+        lean: lean of people in the image, see `ends_of_boxes`.
     """
     whole = boxes.inside(lens.size) & (boxes.ltwh[:, 3] >= MIN_EXTENT_PX) & ((boxes.identity >= 0) | unknown)
     n, (top, bottom) = int(whole.sum()), ends_of_boxes(boxes.ltwh[whole], lean)
@@ -88,14 +89,14 @@ def segments_of_boxes(boxes: Boxes, lens: Lens, *, unknown: bool = False, lean: 
 
 
 def ends_of_boxes(ltwh: Floats, lean: float = 0.0) -> tuple[Floats, Floats]:
-    """(N, 2) highest and (N, 2) lowest points of the bodies in boxes, pixels.
+    """Compute the highest (N, 2) and the lowest points (N, 2) of the bodies in boxes, pixels.
 
-    A body is taken to be an ellipse, `BODY_ASPECT` as wide as tall. Its long axis runs through the middle of the box; it joins
-    the middles of the upper and the lower edge only where people do not lean in the image.
+    A body is taken to be an ellipse, `BODY_ASPECT` as wide as tall. Its long axis runs through the middle of the box. The axis
+    ends at the middles of the upper and the lower edge only where people do not lean in the image.
 
     Args:
         ltwh: (N, 4) left, top, width, height, pixels.
-        lean: radians clockwise from the image's vertical: of a camera that is rolled about its viewing direction.
+        lean: radians clockwise from the image's vertical, for a camera that is rolled about its viewing direction.
     """
     x, y, w, h = ltwh.T
     if lean == 0:
@@ -107,9 +108,9 @@ def ends_of_boxes(ltwh: Floats, lean: float = 0.0) -> tuple[Floats, Floats]:
 
 
 def lean_in_image(camera: Camera) -> float:
-    """How people lean in the middle of the image of a camera with a pose: radians clockwise from the image's vertical.
+    """Compute the lean of people in the middle of the image of a camera with a pose: radians clockwise from the vertical.
 
-    0 for a camera that looks more down than ahead: people in its image lean in all directions.
+    It is 0 for a camera that looks steeply down: people in its image lean in all directions.
     """
     assert camera.pose is not None
     right, down, _ = camera.pose.R_cw[:, 2]
@@ -117,7 +118,7 @@ def lean_in_image(camera: Camera) -> float:
 
 
 def nominal_heights(joints: tuple[str, ...]) -> Floats:
-    """(J,) share of the body's height of each named joint; NaN for joints that move freely or are unknown."""
+    """Return the height (J,) of each named joint as a share of the body's; NaN for joints that move freely or are unknown."""
     out = np.full(len(joints), np.nan)
     for index, name in enumerate(joints):
         bare = name.removeprefix("left_").removeprefix("right_").removeprefix("mid_")
@@ -126,11 +127,11 @@ def nominal_heights(joints: tuple[str, ...]) -> Floats:
 
 
 def order_correlations(keypoints: Keypoints, names: tuple[str, ...]) -> list[float]:
-    """How well names order people's joints from head to feet as the image does: correlations of about 100 people.
+    """Compute, for about 100 people, the correlation of the joints' heights by their names with those in the image.
 
     Args:
         keypoints: joints of one camera.
-        names: (J,) what the joints are taken to be called.
+        names: (J,) assumed names of the joints.
     """
     nominal = nominal_heights(names)
     found = []
@@ -142,7 +143,7 @@ def order_correlations(keypoints: Keypoints, names: tuple[str, ...]) -> list[flo
 
 
 def segments_of_keypoints(keypoints: Keypoints, named: bool, *, unknown: bool = False) -> Segments:
-    """People with head and feet found, as segments between them; those without an identity only if `unknown` are wanted."""
+    """Return segments between head and feet of people with both found; people without an identity only if `unknown`."""
     score, xy = keypoints.score, keypoints.xy
     found = score > MIN_JOINT_SCORE
     nominal = nominal_heights(keypoints.joints)
@@ -172,14 +173,14 @@ def _is_any(joints: tuple[str, ...], names: tuple[str, ...]) -> NDArray[np.bool_
 
 
 def _mean_joint(xy: Floats, use: NDArray[np.bool_], nominal: Floats) -> tuple[Floats, Floats]:
-    """Mean position (N, 2) and mean nominal height (N,) of the joints in use."""
+    """Return the mean position (N, 2) and the mean nominal height (N,) of the joints in use."""
     count = np.maximum(use.sum(axis=1), 1)
     mean = (xy * use[:, :, None]).sum(axis=1) / count[:, None]
     return mean, np.where(use, np.nan_to_num(nominal), 0.0).sum(axis=1) / count
 
 
 def segments_without(segments: Segments, other: Segments) -> Segments:
-    """The segments of people that `other` does not hold."""
+    """Return the segments whose frame and identity are not in `other`."""
     pairs = np.column_stack([segments.frame, segments.identity])
     both = np.concatenate([np.column_stack([other.frame, other.identity]), pairs])
     _, number = np.unique(both, axis=0, return_inverse=True)
@@ -189,12 +190,12 @@ def segments_without(segments: Segments, other: Segments) -> Segments:
 
 
 def upright_segments(seen: CameraObservations, lens: Lens, lean: float = 0.0) -> Segments:
-    """People with or without identity whose top and bottom are in the picture: by boxes first, then by joints where those lack.
+    """Return people with or without identity whose top and bottom are in the picture: boxes, and joints of people without box.
 
     Args:
         seen: boxes and joints.
         lens: the camera's lens.
-        lean: how people lean in their boxes, see `segments_of_boxes`; joints show it themselves.
+        lean: lean of people in their boxes, see `segments_of_boxes`; joints show it themselves.
     """
     boxes = segments_of_boxes(seen.boxes, lens, unknown=True, lean=lean)
     joints = segments_without(segments_of_keypoints(seen.keypoints, named=True, unknown=True), boxes)
@@ -202,13 +203,13 @@ def upright_segments(seen: CameraObservations, lens: Lens, lean: float = 0.0) ->
 
 
 def image_velocity(frame: Ints, identity: Ints, points: Floats, extent: Floats, fps: float) -> Floats:
-    """(N, 2) velocities in one camera's picture, pixels a second, by differences between samples before and after.
+    """Compute velocities (N, 2) in one camera's picture, pixels a second, from the samples before and after each sample.
 
-    The sample itself does not enter, so that its noise is not in its velocity.
+    The sample itself is not used, so that its noise is not in its velocity.
 
     Args:
         frame: (N,) instants.
-        identity: (N,) who, at most once a frame.
+        identity: (N,) person, at most once a frame.
         points: (N, 2) pixels.
         extent: (N,) the person's size in the picture, pixels.
         fps: instants a second.

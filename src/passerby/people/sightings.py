@@ -1,4 +1,4 @@
-"""The table of sightings: people seen by cameras, as rays to the ends of their bodies. All work on people shares it."""
+"""The table of sightings: people seen by cameras, as rays to the ends of their bodies. All modules on people use it."""
 
 from __future__ import annotations
 
@@ -14,20 +14,22 @@ from passerby.people.model import HEIGHT_PER_CENTRE, Noise
 from passerby.people.segments import upright_segments
 
 CUT_TIMES = 10.0
-"""So much less is believed of a box that the picture's border cuts off: a part of the body is missing from it."""
+"""Factor on the sigmas of a box that the picture's border cuts off: a part of the body is missing from it."""
 NOISE = Noise(floor_px=0.7)
-"""One sigma of a body's middle and of its size in `gather_sightings`: the solver's own noise."""
+"""Noise of a body's middle and of its size in `gather_sightings`: the solver's own noise."""
 EVERY_S = 0.4
-"""Time steps that follow sooner are left out: a body's box errs alike for seconds, so that they say little that is new."""
+"""Least time between time steps, seconds; others are left out. Errors of a body's box are alike for seconds, so that more time
+steps would add little information."""
 
 
 @dataclass(frozen=True, eq=False)
 class Sightings(Columns):
-    """N people seen, each by one camera at one time step.
+    """N sightings: one person seen by one camera at one time step each.
 
     A *block* is one person at one time step: its rows, by several cameras, show one body. Rays are unit vectors in the frame of
-    the camera; after `in_world` in that of the world. Besides the first three columns each maker fills those that its readers
-    need; all others are None. Pixels are those of the camera's picture, lengths are metres, angles radians.
+    the camera, and after `in_world` in the frame of the world. Each function that makes a table fills the first three columns
+    and those that its callers need; all others are None. Pixels are those of the camera's picture, lengths are metres, angles
+    radians.
     """
 
     camera: Ints
@@ -37,7 +39,7 @@ class Sightings(Columns):
     identity: Ints
     """(N,) person, or tracklet of this camera; -1 where unknown."""
     block: Ints = UNFILLED
-    """(N,) number of the block, from 0; ascending where block by block is read (`n_blocks` and what follows it)."""
+    """(N,) number of the block, from 0; ascending where blocks are read (`n_blocks`, `block_identity`, `block_seconds`)."""
     seconds: Floats = UNFILLED
     """(N,) time by the clock that `step` belongs to."""
     row: Ints = UNFILLED
@@ -51,11 +53,11 @@ class Sightings(Columns):
     middle: Floats = UNFILLED
     """(N, 3) ray to the point halfway between both."""
     top_tangent: Floats = UNFILLED
-    """(N, 2, 3) from `Lens.tangents`, of the highest point,"""
+    """(N, 2, 3) tangents of the highest point, from `Lens.tangents`."""
     bottom_tangent: Floats = UNFILLED
-    """(N, 2, 3) of the lowest,"""
+    """(N, 2, 3) the same of the lowest point."""
     middle_tangent: Floats = UNFILLED
-    """(N, 2, 3) and of the middle."""
+    """(N, 2, 3) the same of the middle."""
     top_fraction: Floats = UNFILLED
     """(N,) height of the highest point on the body, as a share of the body's height: 1 for a box."""
     bottom_fraction: Floats = UNFILLED
@@ -73,15 +75,15 @@ class Sightings(Columns):
     size_sd: Floats = UNFILLED
     """(N,) one sigma of `size`, radians."""
     origin: Floats = UNFILLED
-    """(N, 3) where the rays begin, metres, world: the camera's centre. Where it is filled the rays are in the world's frame."""
+    """(N, 3) origin of the rays, metres, world: the camera's centre. Where it is filled, the rays are in the world's frame."""
     velocity: Floats | None = None
-    """(N, 2) how fast the middle moves through the picture, pixels a second; None where clocks are taken to be right."""
+    """(N, 2) velocity of the middle in the picture, pixels a second; None where clocks are taken to be right."""
     pixels: Floats | None = None
-    """(N, 2, 2) pixels of highest and lowest point; this and what follows None where lenses are not refined."""
+    """(N, 2, 2) pixels of highest and lowest point; this, `lens_at` and `by_lens` are None where lenses are not refined."""
     lens_at: Floats | None = None
     """(N, L) the camera's lens, as `AdjustmentState.lens`, that the rays were made with."""
     by_lens: Floats | None = None
-    """(N, 2, 2, L) how the two points' pixels move with it."""
+    """(N, 2, 2, L) derivatives of the two points' pixels by the lens."""
     names: tuple[str, ...] = ()
     """The C cameras that `camera` numbers, where a table is of other cameras than its rig."""
 
@@ -95,7 +97,7 @@ class Sightings(Columns):
 
     @property
     def from_joints(self) -> Bools:
-        """(N,) whether each is of joints, which end at the ankles, and not of a box, which ends at the nearer foot."""
+        """(N,) whether each sighting is of joints, which end at the ankles, not of a box, which ends at the nearer foot."""
         return np.asarray(self.has_foot == 0)
 
     @property
@@ -124,30 +126,30 @@ class Sightings(Columns):
         return self.seconds[self.block_rows]
 
     def numbered(self, rows: Ints) -> Sightings:
-        """Some rows (in order), their blocks numbered anew."""
+        """Return some rows (in order), with their blocks renumbered."""
         return replace(self.take(rows), block=np.unique(self.block[rows], return_inverse=True)[1].ravel())
 
     def of_blocks(self, wanted: Bools) -> Sightings:
-        """The sightings of some blocks (G,), numbered anew."""
+        """Return the sightings of the blocks marked in `wanted` (G,), with the blocks renumbered."""
         return self.numbered(np.flatnonzero(wanted[self.block]))
 
     def between(self, from_s: float, until_s: float) -> Sightings:
-        """The sightings at times of [from, until), blocks numbered anew."""
+        """Return the sightings at times in [from, until), with the blocks renumbered."""
         return self.numbered(np.flatnonzero((self.seconds >= from_s) & (self.seconds < until_s)))
 
     def without(self, cameras: Bools) -> Sightings:
-        """The sightings by other cameras than those marked (C,), blocks numbered anew."""
+        """Return the sightings by all cameras except those marked (C,), with the blocks renumbered."""
         return self.numbered(np.flatnonzero(~cameras[self.camera]))
 
     def of_cameras(self, names: tuple[str, ...], rows: Ints) -> Sightings:
-        """Some rows (in order), all of them by the named cameras, which are the only ones of the result."""
+        """Return some rows (in order), all of them by the named cameras. The result has these cameras only."""
         number = np.full(len(self.names), UNKNOWN)
         number[[self.names.index(name) for name in names]] = np.arange(len(names))
         part = self.numbered(rows)
         return replace(part, names=names, camera=number[part.camera])
 
     def in_world(self, rotation: Floats, centre: Floats) -> Sightings:
-        """The same with the rays of both ends in the world's frame.
+        """Return the same sightings with the rays of both ends in the world's frame.
 
         Args:
             rotation: (C, 3, 3) world to camera.
@@ -159,7 +161,7 @@ class Sightings(Columns):
 
 
 def upright_sightings(seen: CameraObservations, lens: Lens, clock: Clock, lean: float = 0.0) -> Sightings:
-    """The people of one camera whose top and bottom are both in the picture, in the order of their frames.
+    """Return the people of one camera whose top and bottom are both in the picture, in the order of their frames.
 
     Where boxes and joints show the same person at the same frame, the box is taken.
 
@@ -167,7 +169,7 @@ def upright_sightings(seen: CameraObservations, lens: Lens, clock: Clock, lean: 
         seen: boxes and joints; identities are tracklet numbers of this camera or -1.
         lens: the camera's lens.
         clock: from frames to seconds.
-        lean: how people lean in their boxes, radians clockwise from the image's vertical.
+        lean: lean of people in their boxes, radians clockwise from the image's vertical.
     """
     ends = upright_segments(seen, lens, lean)
     top, bottom = lens.bearings(ends.top), lens.bearings(ends.bottom)
@@ -183,15 +185,15 @@ def upright_sightings(seen: CameraObservations, lens: Lens, clock: Clock, lean: 
 def box_sightings(
     camera: Camera, number: int, step: Ints, identity: Ints, ltwh: Floats, noise: Noise | None = None
 ) -> Sightings:
-    """Boxes of a camera with a pose, cut ones included, in their order, as rays in the world's frame.
+    """Return the boxes of a camera with a pose, cut ones included, in their order, as rays in the world's frame.
 
     Args:
-        camera: with a pose,
-        number: and its number.
+        camera: camera with a pose.
+        number: its number, for the column `camera`.
         step: (N,) time steps.
         identity: (N,) people.
         ltwh: (N, 4) pixels.
-        noise: of the boxes.
+        noise: noise of the boxes; `Noise()` where None.
     """
     noise = noise or Noise()
     assert camera.pose is not None
@@ -210,13 +212,13 @@ def box_sightings(
 
 
 def gather_sightings(rig: Rig, observations: Observations, *, every_s: float = EVERY_S, fps: float = 1.0) -> Sightings:
-    """Sightings by the cameras with poses (`names`), block after block, rays in the cameras' frames.
+    """Gather the sightings by the cameras with poses (`names`), block after block, with rays in the cameras' frames.
 
     Args:
         rig: lenses; cameras without a pose are left out.
         observations: people with identities over all cameras, at common time steps; bodies that the border cuts are left out.
-        every_s: time steps nearer to the one before are left out.
-        fps: of the frame numbers, where the observations do not know it.
+        every_s: least time between time steps, seconds; others are left out.
+        fps: frame rate of the frame numbers, where the observations do not state it.
     """
     posed = rig.posed()
     clock = next(iter(observations.clocks.values()), None) or Clock(observations.fps or fps)
@@ -244,12 +246,12 @@ def gather_sightings(rig: Rig, observations: Observations, *, every_s: float = E
 
 
 def angle_between(top: Floats, bottom: Floats) -> Floats:
-    """(N,) angles between unit vectors (N, 3) and (N, 3), radians, at least 2e-5."""
+    """Return the angles (N,) between unit vectors (N, 3) and (N, 3), radians, at least 2e-5."""
     return np.asarray(2 * np.arcsin(np.clip(np.linalg.norm(top - bottom, axis=1) / 2, 1e-5, 1.0)))
 
 
 def poses_of(rig: Rig, names: tuple[str, ...]) -> tuple[Floats, Floats]:
-    """(C, 3, 3) rotations, world to camera, and (C, 3) centres of the named cameras."""
+    """Return the rotations (C, 3, 3), world to camera, and the centres (C, 3) of the named cameras."""
     poses = [rig[name].pose for name in names]
     assert all(pose is not None for pose in poses)
     rotation = np.array([pose.R_cw for pose in poses if pose is not None]).reshape(-1, 3, 3)
@@ -257,7 +259,7 @@ def poses_of(rig: Rig, names: tuple[str, ...]) -> tuple[Floats, Floats]:
 
 
 def _kept_frames(observations: Observations, names: tuple[str, ...], fps: float, every_s: float) -> Ints:
-    """The frames that are used, ascending: none sooner than `every_s` after the one before."""
+    """Return the frames to use, ascending: none sooner than `every_s` after the frame before."""
     seen = [observations[name] for name in names if name in observations.cameras]
     frames = np.unique(np.concatenate([np.zeros(0, np.int64), *(p.frame for s in seen for p in (s.boxes, s.keypoints))]))
     step = max(1, int(np.ceil(every_s * fps - 1e-9)))
@@ -265,7 +267,7 @@ def _kept_frames(observations: Observations, names: tuple[str, ...], fps: float,
 
 
 def _at(seen: CameraObservations, frames: Ints) -> CameraObservations:
-    """What was seen in some frames."""
+    """Return the boxes and joints in some frames."""
     boxes, joints = seen.boxes, seen.keypoints
     return CameraObservations(boxes.take(np.isin(boxes.frame, frames)), joints.take(np.isin(joints.frame, frames)))
 

@@ -1,7 +1,7 @@
-"""Who is standing: the instants at which a person's highest point tells the standing height.
+"""Instants at which people stand, so that their highest point is at standing height.
 
-People crouch, bend and sit; they do not grow. So the standing height is not the mean of what is seen but its highest
-frequent value, even for a person who crouches most of the time.
+People crouch, bend and sit; they do not grow. So the standing height is not the mean of the observed heights but their
+highest frequent value, even for a person who crouches most of the time.
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ KERNEL = 0.025
 SIGNIFICANT = 0.35
 """A mode counts as frequent when its density is at least this share of the highest mode's."""
 NEAR = 0.06
-"""Standing is no farther than this share from the mode: less is bent, more is a raised arm or a jump."""
+"""Largest difference from the mode for standing, as a share: below it people are bent, above it they jump or raise an arm."""
 MIN_INSTANTS = 8
 
 
 def standing_share(ratio: Floats) -> float:
-    """The highest frequent value of a person's heights, as shares of the height assumed so far."""
+    """Return the highest frequent value of a person's heights; `ratio` (N,) are shares of the height assumed so far."""
     grid = np.arange(0.4, 1.41, 0.005)
     centred = (grid[:, None] - ratio[None, :]) / KERNEL
     density = np.exp(-0.5 * centred**2).sum(axis=1)
@@ -33,7 +33,7 @@ def standing_share(ratio: Floats) -> float:
 
 
 def standing_instants(extent: Floats, height: Floats, person: Ints) -> Floats:
-    """(N,) 1 where a person may be standing, 0 where bent, crouching, sitting or reaching up.
+    """Return (N,) 1 where a person may be standing, 0 where bent, crouching, sitting or reaching up.
 
     Args:
         extent: (N,) distance from the lowest to the highest point, metres.

@@ -1,7 +1,7 @@
-"""Upright bodies fitted to the boxes of single instants, by a rig that is held; and the boxes that these bodies should have.
+"""Upright bodies fitted to the boxes of single instants with a rig that is held, and the boxes predicted from these bodies.
 
-Robust: Cauchy weights on each box (the solver's scale) and on each person's stance, begun at the median of where the boxes by
-themselves put the body.
+The fit is robust: it has Cauchy weights on each box (the solver's scale) and on each person's stance. It begins at the median
+of the positions that single boxes give.
 """
 
 from __future__ import annotations
@@ -19,28 +19,30 @@ from passerby.people.sightings import Sightings, box_sightings
 from passerby.people.upright_body import STANCE_SD, body_ends, linearise_on_ground, single_view_bodies, solve_bodies
 
 ROUNDS = 8
-"""Of weighing and solving; the last moves a body by less than a millimetre."""
+"""Rounds of weighting and solving; the last moves a body by less than a millimetre."""
 SOFT_ROUNDS = 4
-"""After so many, boxes that disagree with a body that others agree with no longer pull at it: some pixels, for one 100 off."""
+"""Rounds after which a box that disagrees gets weight 0, if other boxes agree with the body: one that is 100 pixels off moved
+it by some pixels."""
 AGREES_SIGMAS = 5.0
-"""A box whose centre is farther off is another person's, or shows a part of one: the Cauchy scale of the solver's loss."""
+"""Largest residual of the centre of a box that agrees, and the Cauchy scale of the solver's loss. A box with a larger residual
+shows another person, or a part of a person."""
 UNKNOWN_HEIGHT_SD = 0.07
-"""Of people whose height the calibration does not tell, as a share of it: adults differ by 5 %; stance adds."""
+"""Sigma of the heights that the calibration does not contain, as a share: adults differ by 5 %, and stance adds to it."""
 
 
 @dataclass(frozen=True, eq=False)
 class BodyModel:
-    """What the calibration found out about people and boxes."""
+    """Parameters of people and boxes from the calibration."""
 
     noise: Noise
     foot_shift: float
-    """How much nearer to the camera the lowest visible point is than the body's axis, as a share of the height."""
+    """Distance by which the lowest visible point is nearer to the camera than the body's axis, as a share of the height."""
     slack: Mapping[str, float]
-    """By camera: boxes are taller than people by this factor, as a logarithm."""
+    """By camera: logarithm of the factor by which boxes are taller than people."""
     heights: Mapping[int, float]
-    """By identity, metres."""
+    """Standing heights by identity, metres."""
     usual_m: float
-    """Of the others."""
+    """Standing height of all other people, metres."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,38 +52,38 @@ class UprightBodies:
     identity: Ints
     """(B,)"""
     frame: Ints
-    """(B,) of the sample's clock."""
+    """(B,) frame of the sample's clock."""
     xy: Floats
-    """(B, 2) where it stands."""
+    """(B, 2) position of the body on the ground."""
     top: Floats
     """(B,) height of its highest point."""
     sigma_m: Floats
-    """(B,) root of the trace of the covariance of (x, y), the cameras held."""
+    """(B,) root of the trace of the covariance of (x, y), for cameras that are held."""
     cameras: Ints
-    """(B,) cameras that agree."""
+    """(B,) number of cameras that agree."""
 
     def __len__(self) -> int:
         return len(self.identity)
 
     @classmethod
     def none(cls) -> UprightBodies:
-        """Nobody."""
+        """Return a table of no bodies."""
         nothing = np.zeros(0, np.int64)
         return cls(nothing, nothing, np.zeros((0, 2)), np.zeros(0), np.zeros(0), nothing)
 
     @property
     def standing(self) -> Floats:
-        """(B, 4) x, y, height of the lowest and of the highest point: as the person model has them."""
+        """(B, 4) x, y, height of the lowest and of the highest point, in the person model's order."""
         return np.column_stack([self.xy, np.zeros(len(self.top)), self.top])
 
 
 def fit_bodies(rig: Rig, seen: Sightings, model: BodyModel) -> tuple[UprightBodies, Ints, Bools]:
-    """Bodies of people, one for each identity and instant.
+    """Fit a body to the boxes of each identity and instant.
 
     Args:
         rig: cameras with poses.
-        seen: M boxes, `ltwh`.
-        model: of people and boxes.
+        seen: M sightings of boxes, with `ltwh`.
+        model: people and boxes, from the calibration.
 
     Returns:
         The bodies, sorted by identity, then by frame; the body of each box (M,), -1 where the lens gives no rays; and
@@ -113,15 +115,15 @@ def fit_bodies(rig: Rig, seen: Sightings, model: BodyModel) -> tuple[UprightBodi
 def predict_boxes(
     rig: Rig, camera: Ints, bodies: UprightBodies, body: Ints, width: Floats, model: BodyModel
 ) -> tuple[Floats, Floats, Floats]:
-    """What boxes bodies should have.
+    """Predict the boxes of bodies in cameras.
 
     Args:
         rig: cameras with poses.
-        camera: (M,) which camera looks,
-        bodies: at which of these
+        camera: (M,) rows of the cameras.
+        bodies: the bodies.
         body: (M,) rows of `bodies`.
-        width: (M,) of the boxes, pixels: how wide people are the model does not say.
-        model: of people and boxes.
+        width: (M,) width of the boxes, pixels; the model has no width of people.
+        model: people and boxes, from the calibration.
 
     Returns:
         (M, 4) left, top, width, height; (M, 2) and (M, 2) pixels of the highest and of the lowest point. NaN where they are
@@ -143,7 +145,7 @@ def predict_boxes(
 
 
 def _rays(rig: Rig, seen: Sightings, model: BodyModel) -> Sightings:
-    """The rays of all boxes, in the world's frame, each box as much shorter as those of its camera are taller than people."""
+    """Return the rays of all boxes in the world's frame, each box shortened by the slack of its camera."""
     parts, order = [], []
     for index, camera in enumerate(rig):
         rows = np.flatnonzero(seen.camera == index)
@@ -158,7 +160,7 @@ def _rays(rig: Rig, seen: Sightings, model: BodyModel) -> Sightings:
 
 
 def _solved(rays: Sightings, block: Ints, height: Floats, height_sd: Floats, model: BodyModel) -> tuple[Floats, Floats, Floats]:
-    """Bodies (B, 3), their covariances, and how many sigmas each box's centre (M,) is off."""
+    """Solve the bodies (B, 3). Return them, their covariances, and the residuals (M,) of the boxes' centres in sigmas."""
     n = len(height)
     shift = (model.foot_shift * height)[block][:, None]
     alone = single_view_bodies(rays, float(np.median(height)), model.foot_shift * model.usual_m)[0]
@@ -175,7 +177,7 @@ def _solved(rays: Sightings, block: Ints, height: Floats, height_sd: Floats, mod
             weight[~agrees & (np.bincount(block[agrees], minlength=n) > 0)[block]] = 0.0
         information = group_sums(block, found.information * weight[:, None, None], n)
         pull = group_sums(block, found.pull * weight[:, None], n)
-        # Who crouches or jumps is let go, as by the solver's loss on stance.
+        # The prior on height is weakened for people who crouch or jump, as by the solver's loss on stance.
         sd = height_sd * np.sqrt(1 + ((body[:, 2] - height) / (Priors().stance_loss * height_sd)) ** 2)
         body, covariance = solve_bodies(information, pull, height, sd)
         body[:, 2] = np.clip(body[:, 2], 0.2 * height, 1.5 * height)

@@ -1,9 +1,9 @@
-"""The upright body: where its two ends are, and what its sightings say of it, as linear equations about a guess.
+"""The upright body: positions of its two ends, and the equations of its sightings, linearised about a guess.
 
 World: z up. A body stands at (x, y), and reaches from its lowest to its highest point. Its lowest visible point is nearer to
 the camera than its axis. Two rays, of its highest and of its lowest point, give three equations that are linear once the
-distances along the rays are known: the *centre* between both, across and up the picture, tight, and the *size*, loose, since a
-detector's slack moves both edges apart and leaves the centre where it is.
+distances along the rays are known: two of the *centre* between both, across and up the picture, with a small sigma, and one of
+the *size*, with a large sigma, since a detector's slack moves both edges apart and does not move the centre.
 
 The fits with held cameras use these equations: `held_cameras` (monitoring, resection), `upright_bodies` (report) and
 `trajectories` (tracking). The solver's person model shares only the ends (`body_ends`): its residuals are in pixels, and the
@@ -22,33 +22,33 @@ from passerby.people.model import Priors
 from passerby.people.sightings import Sightings
 
 LOW, HIGH = 2, 3
-"""Columns of a body after its place (x, y): its lowest and its highest point above the ground, metres."""
+"""Columns of a body after its position (x, y): its lowest and its highest point above the ground, metres."""
 HORIZON = 0.02
-"""Rays that fall less steeply, by this sine, meet no ground."""
+"""Sine of the angle below the horizontal under which rays are not intersected with the ground."""
 NEAREST_M = 0.3
-"""No person is nearer to a camera: it keeps the equations of a guess that is far off finite."""
+"""Least distance of a person from a camera: it keeps the equations finite where a guess is far off."""
 ROUNDS = 4
-"""Of a box's distance, from its size to the place where the body stands; the fourth moves no person by a millimetre."""
+"""Iterations of a body's position; the first distance is from the box's size. The fourth moves no person by a millimetre."""
 SHORTEST_SHARE, LONGEST_SHARE = 0.3, 1.3
-"""Of the usual height: what a body's highest point is taken to be while its distance is sought."""
+"""Limits of a body's highest point during these iterations, as shares of the usual height."""
 STANCE_SD = Priors().high
-"""Of the highest point, as a share of the standing height: gait, a bent neck, shoes."""
+"""Standard deviation of the highest point, as a share of the standing height: gait, a bent neck, shoes."""
 
 
 def body_ends(
     centre: Floats, body: Floats, moved: Floats, top_fraction: Floats | float = 1.0, bottom_fraction: Floats | float = 0.0
 ) -> tuple[Floats, Floats, Floats, Floats]:
-    """The highest and the lowest point that cameras see of upright bodies.
+    """Compute the highest and the lowest point of upright bodies that cameras see.
 
     Args:
         centre: (M, 3) of the cameras, metres.
         body: (M, 4) x, y, height of the lowest and of the highest point, metres.
-        moved: (M, 1) how much nearer to the camera the lowest visible point is than the body's axis, metres.
-        top_fraction: (M,) where on the body the highest point sits, as a share of its height.
+        moved: (M, 1) distance by which the lowest visible point is nearer to the camera than the body's axis, metres.
+        top_fraction: (M,) height of the highest point on the body, as a share of the body's height.
         bottom_fraction: (M,) the same of the lowest point.
 
     Returns:
-        (M, 3) highest points; (M, 3) lowest points; (M, 2) unit vectors over the ground to the cameras, (M,) how far that is.
+        (M, 3) highest points; (M, 3) lowest points; (M, 2) unit vectors over the ground to the cameras; (M,) distances there.
     """
     length = body[:, HIGH] - body[:, LOW]
     top = np.column_stack([body[:, :2], body[:, LOW] + top_fraction * length])
@@ -63,8 +63,8 @@ def by_low_and_high(by_point: Floats, fraction: Floats) -> Floats:
     """Chain (M, k, 3) derivatives by a point on the body's axis to (M, k, 4) by x, y, low and high.
 
     Args:
-        by_point: by the point, metres.
-        fraction: (M,) where on the body the point sits, as a share of its height.
+        by_point: derivatives by the point, metres.
+        fraction: (M,) height of the point on the body, as a share of the body's height.
     """
     by_z = by_point[:, :, 2:]
     return np.concatenate([by_point[:, :, :2], by_z * (1 - fraction)[:, None, None], by_z * fraction[:, None, None]], axis=2)
@@ -74,26 +74,28 @@ def by_low_and_high(by_point: Floats, fraction: Floats) -> Floats:
 class BodyEquations:
     """Three whitened equations of each of N sightings: across, up, and size.
 
-    Of a body, and of a camera, that are moved `residual - by_body d(body) - by_camera d(camera)` is left.
+    After changes of the body and of the camera the residual is `residual - by_body d(body) - by_camera d(camera)`.
     """
 
     by_body: Floats
-    """(N, 3, 4) by x, y, height of the ground, height of the body: metres."""
+    """(N, 3, 4) derivatives by x, y, height of the ground, height of the body, metres."""
     residual: Floats
-    """(N, 3)"""
+    """(N, 3) in sigmas."""
     by_top: Floats
-    """(N, 3, 3) by the highest point, metres, world."""
+    """(N, 3, 3) derivatives by the highest point, metres, world."""
     by_bottom: Floats
-    """(N, 3, 3) by the lowest."""
+    """(N, 3, 3) derivatives by the lowest point, metres, world."""
     top: Floats
-    """(N, 3) from the camera to the highest point, metres, world."""
+    """(N, 3) vector from the camera to the highest point, metres, world."""
     bottom: Floats
-    """(N, 3) to the lowest."""
+    """(N, 3) the same to the lowest point."""
     distance: Floats
     """(N,) metres along the rays to the body's middle."""
 
     def by_camera(self, rotation: Floats) -> Floats:
-        """(N, 3, 6) by the camera: centre (metres, world), rotation vector (radians, camera frame: R becomes exp(w) R).
+        """Return derivatives (N, 3, 6) by the camera: centre (metres, world), rotation vector w (radians, camera frame).
+
+        The rotation R becomes exp(w) R.
 
         Args:
             rotation: (N, 3, 3) world to camera, of the camera of each sighting.
@@ -103,14 +105,14 @@ class BodyEquations:
 
 
 def linearise_bodies(seen: Sightings, body: Floats, moved: Floats) -> BodyEquations:
-    """The equations of sightings, rays in the world's frame, about bodies.
+    """Linearise the equations of sightings, rays in the world's frame, about bodies.
 
-    The size that was seen is the angle between the rays, about which the rows are linear: their difference has none left.
+    The rows are linearised about the observed rays. The observed size is the angle between them, so that it adds no constant.
 
     Args:
         seen: N sightings.
         body: (N, 4) the body of each: x, y, height of the ground, height of the body, metres.
-        moved: (N, 1), or one for all: how much nearer to the camera the lowest visible point is than the body's axis, metres.
+        moved: (N, 1), or one for all: distance by which the lowest visible point is nearer to the camera than the axis, metres.
     """
     low_and_high = np.column_stack([body[:, :3], body[:, 2] + body[:, 3]])
     ends = body_ends(seen.origin, low_and_high, moved, seen.top_fraction, seen.bottom_fraction)[:2]
@@ -135,35 +137,35 @@ class GroundEquations:
     """The equations of N sightings on flat ground, where a body is (x, y, top): `by_body @ (x, y, top) = value`, whitened."""
 
     by_body: Floats
-    """(N, 3, 3) across, up, size."""
+    """(N, 3, 3) coefficients of the rows across, up, size."""
     value: Floats
-    """(N, 3)"""
+    """(N, 3) right-hand sides."""
     distance: Floats
     """(N,) metres along the rays to the body's middle."""
 
     @property
     def information(self) -> Floats:
-        """(N, 3, 3)"""
+        """(N, 3, 3) normal matrix of each sighting."""
         return np.asarray(self.by_body.transpose(0, 2, 1) @ self.by_body)
 
     @property
     def pull(self) -> Floats:
-        """(N, 3)"""
+        """(N, 3) right-hand side of the normal equations of each sighting."""
         return np.asarray((self.by_body.transpose(0, 2, 1) @ self.value[:, :, None])[:, :, 0])
 
     def residual(self, body: Floats) -> Floats:
-        """(N, 3) at bodies (N, 3), in sigmas."""
+        """Return the residuals (N, 3) at bodies (N, 3), in sigmas."""
         return np.asarray((self.by_body @ body[:, :, None])[:, :, 0] - self.value)
 
 
 def linearise_on_ground(seen: Sightings, body: Floats, foot_shift: float | Floats) -> GroundEquations:
-    """The equations of boxes, rays in the world's frame, about bodies (N, 3) on the ground z = 0: x, y, top.
+    """Linearise the equations of boxes, rays in the world's frame, about bodies (N, 3) on the ground z = 0: x, y, top.
 
     Args:
         seen: the boxes.
-        body: about where each of them stands; only distances are taken from it.
-        foot_shift: how much nearer to the camera the lowest visible point is than the body's axis, metres; (N, 1) where bodies
-            differ in it.
+        body: approximate body of each box; only distances are taken from it.
+        foot_shift: distance by which the lowest visible point is nearer to the camera than the body's axis, metres; (N, 1)
+            where bodies differ in it.
     """
     standing = np.column_stack([body[:, :2], np.zeros(len(body)), body[:, 2]])
     found = linearise_bodies(seen, standing, np.asarray(foot_shift))
@@ -172,13 +174,13 @@ def linearise_on_ground(seen: Sightings, body: Floats, foot_shift: float | Float
 
 
 def solve_bodies(information: Floats, pull: Floats, height: Floats, height_sd: Floats) -> tuple[Floats, Floats]:
-    """Bodies from sums of equations and what is known of their height.
+    """Solve bodies from summed normal equations and a prior on their height.
 
     Args:
-        information: (N, 3, 3) of (x, y, top).
-        pull: (N, 3)
+        information: (N, 3, 3) normal matrices of (x, y, top).
+        pull: (N, 3) right-hand sides.
         height: (N,) expected highest point, metres.
-        height_sd: (N,) its sigma.
+        height_sd: (N,) its sigma, metres.
 
     Returns:
         (N, 3) x, y, top; (N, 3, 3) covariance.
@@ -192,7 +194,7 @@ def solve_bodies(information: Floats, pull: Floats, height: Floats, height_sd: F
 
 
 def single_view_bodies(seen: Sightings, height_m: float, foot_shift: float) -> tuple[Floats, Floats]:
-    """Where each box by itself, rays in the world's frame, puts a body of about the given height.
+    """Compute the body of about the given height from each box alone, with rays in the world's frame.
 
     Returns:
         (N, 3) x, y, top; (N, 3, 3) covariance. NaN where the lens gives no rays.
@@ -210,14 +212,14 @@ def single_view_bodies(seen: Sightings, height_m: float, foot_shift: float) -> t
 def reach_by_size(
     top: Floats, bottom: Floats, size: Floats, length_m: Floats | float, least_level: float = 0.0
 ) -> tuple[Floats, Floats]:
-    """How far upright bodies are away, by how large they look.
+    """Compute the distances of upright bodies from their size in the picture.
 
     Args:
         top: (N, 3) unit rays of the highest points, world.
         bottom: (N, 3) the same of the lowest.
         size: (N,) the angle between both, radians.
-        length_m: (N,) metres between both on the body.
-        least_level: a body from straight above looks no shorter than by this factor.
+        length_m: (N,) distance between both points on the body, metres.
+        least_level: least factor by which a body seen from above looks shorter.
 
     Returns:
         (N, 3) unit rays of the middles, (N,) metres along them.
@@ -229,7 +231,7 @@ def reach_by_size(
 
 
 def ground_under(camera: Camera, pixels: Floats) -> Floats:
-    """(N, 2) where the rays of pixels (N, 2) meet the ground z = 0, metres; NaN near the horizon and above it."""
+    """Intersect the rays of pixels (N, 2) with the ground z = 0: (N, 2), metres; NaN near the horizon and above it."""
     assert camera.pose is not None
     ray = camera.lens.bearings(pixels) @ camera.pose.R_cw
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -238,7 +240,7 @@ def ground_under(camera: Camera, pixels: Floats) -> Floats:
 
 
 def height_over(camera: Camera, place: Floats, pixels: Floats) -> Floats:
-    """(N,) how high the rays of pixels (N, 2) pass over places (N, 2) on the ground, metres."""
+    """Return the heights (N,) at which the rays of pixels (N, 2) pass over positions (N, 2) on the ground, metres."""
     assert camera.pose is not None
     ray = camera.lens.bearings(pixels) @ camera.pose.R_cw
     away = np.linalg.norm(place - camera.pose.centre[:2], axis=1)
@@ -247,5 +249,5 @@ def height_over(camera: Camera, place: Floats, pixels: Floats) -> Floats:
 
 
 def pixels_over(camera: Camera, place: Floats, height_m: float) -> Floats:
-    """(N, 2) pixels of points at a height over places (N, 2) on the ground; NaN where the camera cannot see them."""
+    """Project points at a height over positions (N, 2) on the ground to pixels (N, 2); NaN where the camera cannot see them."""
     return camera.project(np.column_stack([place, np.full(len(place), height_m)]))

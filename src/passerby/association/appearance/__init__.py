@@ -1,4 +1,4 @@
-"""What people's appearance says about their identity, and how much that is worth in a scene.
+"""Evidence of people's appearance on their identity, and its reliability in a scene.
 
 Imports `people` and below.
 """

@@ -1,4 +1,4 @@
-"""The looks of all cameras' tracklets: what they say of every pair of cameras."""
+"""The appearance of all cameras' tracklets, and its evidence on identities for every pair of cameras."""
 
 from __future__ import annotations
 
@@ -32,24 +32,24 @@ class CameraAffinity(CameraAppearance):
     """One camera's tracklets, thinned to one box a tracklet and grid time by the camera's own clock."""
 
     different: Floats
-    """Similarities of people who are known to be two."""
+    """Similarities of tracklets that are known to be different people."""
     usefulness: Discriminability | None
     n_tracklets: int
 
 
 @dataclass(frozen=True, eq=False)
 class PairAffinity:
-    """What looks say of two cameras."""
+    """Evidence of appearance on the people of two cameras."""
 
     affinity: Floats
-    """(T_a, T_b) log-likelihood ratio of being one person, by tracklet numbers."""
+    """(T_a, T_b) log-likelihood ratio of one person against two, by tracklet numbers."""
     usefulness: Discriminability | None
     votes: Votes
 
 
 @dataclass(frozen=True, eq=False)
 class AppearanceAffinity:
-    """The looks of all cameras; None for a camera without embeddings."""
+    """The appearance in all cameras; None for a camera without embeddings."""
 
     cameras: tuple[CameraAffinity | None, ...]
     pairs: dict[tuple[int, int], PairAffinity] = field(default_factory=dict)
@@ -58,9 +58,9 @@ class AppearanceAffinity:
     def of(
         cls, cameras: Sequence[CameraTracklets], rng: np.random.Generator, candidates: Container[tuple[int, int]] | None = None
     ) -> AppearanceAffinity | None:
-        """The appearance of the cameras' tracklets; None where fewer than two cameras have embeddings.
+        """Compare the appearance of the cameras' tracklets; return None where fewer than two cameras have embeddings.
 
-        Pairs of cameras a < b are compared that are among the `candidates`; all where that is None.
+        Only pairs of cameras a < b among the `candidates` are compared; all pairs where that is None.
         """
         found = tuple(_camera_looks(camera, rng) for camera in cameras)
         if sum(appearance is not None for appearance in found) < 2:
@@ -76,11 +76,11 @@ class AppearanceAffinity:
         return appearance
 
     def affinity(self) -> dict[tuple[int, int], Floats]:
-        """The pairs whose looks tell anything."""
+        """Return the log-likelihood ratios of the pairs in which not all of them are 0."""
         return {key: pair.affinity for key, pair in self.pairs.items() if pair.affinity.any()}
 
     def features_of(self, a: int, b: int) -> tuple[TrackletFeatures, TrackletFeatures]:
-        """The features of a pair that has looks."""
+        """Return the features of a pair of cameras that both have embeddings."""
         first, second = self.cameras[a], self.cameras[b]
         assert first is not None
         assert second is not None

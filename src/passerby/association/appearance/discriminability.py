@@ -1,11 +1,11 @@
-"""How much the looks of people tell, found without truth, and what they say about two tracklets being one person.
+"""Discriminability of people by appearance, measured without ground truth, and likelihood ratios of one person against two.
 
-A re-identification network gives numbers for any picture, also where everybody wears the same vest. What can be known for sure:
-two halves of one tracklet are the same person, and two tracklets that one camera sees at one instant are two. *Within a camera*
-(`within_camera_discriminability`) that settles whether the embeddings tell people apart at all. It says nothing of whether a
-second camera finds the same differences (a background, a seat in the light can be as personal as a face), so *between two
-cameras* (`between_camera_discriminability`) a second question is asked: has a person in one camera a counterpart in the other
-that stands out more than among people who are known not to be the same?
+A re-identification network gives numbers for any picture, even where all people wear the same vest. Two facts are certain: two
+halves of one tracklet are the same person, and two tracklets that one camera sees at one instant are two people. *Within a
+camera* (`within_camera_discriminability`) these facts show whether the embeddings distinguish people at all. They do not show
+whether a second camera finds the same differences (a background or a seat in the light can be as characteristic as a face). So
+*between two cameras* (`between_camera_discriminability`) a second test is made: does a person in one camera have a match in the
+other that stands out more than matches among people who are known to be different?
 """
 
 from __future__ import annotations
@@ -34,22 +34,22 @@ from passerby.geometry.groups import residual_scale
 
 Mask = NDArray[np.bool_]
 
-# Below this number of comparisons the probability's sigma is above 0.1, and nothing can be distinguished from chance.
+# Below this number of comparisons the probability's sigma is above 0.1, and no result can be distinguished from chance.
 _MIN_COMPARISONS = 8
-# More comparisons than this sharpen little (sigma 0.025).
+# More comparisons than this improve the result little (sigma 0.025).
 _MAX_COMPARISONS = 400
-# One image in 20 misleads, whatever the network: a jacket put on, another person in the box. Bounds the log-likelihood ratio.
+# Share of images that mislead, for any network: a jacket put on, another person in the box. Bounds the log-likelihood ratio.
 _MISLEADING = 0.05
-# The usefulness of a pair counts people whom only one camera sees as failures; from this on the looks count in full. A small
+# Weight of a pair from which appearance is used in full. People that only one camera sees count as failures in it. A small
 # re-identification network on real crops has about 0.7 where both cameras see all, 0.3 where each sees 70 %, 0.1 at 50 %.
 _FULL_WEIGHT = 0.2
-# Similarities that the two distributions are fitted to, and rounds of the fit.
+# Number of similarities to which the two distributions are fitted, and rounds of the fit.
 _FIT_SAMPLE, _FIT_ROUNDS = 20_000, 60
 
 
 @dataclass(frozen=True)
 class Discriminability:
-    """The probability that looks decide a comparison with a known answer rightly; 0.5 is chance."""
+    """Probability that appearance decides a comparison with a known answer correctly; 0.5 is chance."""
 
     probability: float
     sigma: float
@@ -57,7 +57,7 @@ class Discriminability:
 
     @property
     def weight(self) -> float:
-        """0 (worth nothing, or no better than chance might be, three sigma) to 1 (never wrong)."""
+        """Weight from 0 (not significantly better than chance, at three sigma) to 1 (never wrong)."""
         return float(np.clip(2.0 * (self.probability - 3.0 * self.sigma) - 1.0, 0.0, 1.0))
 
 
@@ -69,18 +69,18 @@ def _usefulness(wins: Floats, independent: float) -> Discriminability | None:
 
 
 def within_camera_discriminability(boxes: Boxes, rng: np.random.Generator, samples: int = SAMPLES) -> Discriminability | None:
-    """Whether the looks tell one camera's people apart.
+    """Measure whether appearance distinguishes one camera's people.
 
-    The probability that the first third of a tracklet looks more like its own last third than like that of another tracklet
-    seen at the same instant. The middle is left out: boxes that follow each other are near copies.
+    It is the probability that the first third of a tracklet is more similar to its own last third than to that of another
+    tracklet seen at the same instant. The middle is left out: consecutive boxes are near copies.
 
     Args:
-        boxes: one camera's, with tracklet numbers and embeddings.
+        boxes: boxes of one camera, with tracklet numbers and embeddings.
         rng: draws boxes, see `tracklet_features`.
-        samples: as there.
+        samples: number of chunks, see `tracklet_features`.
 
     Returns:
-        None where too few tracklets were seen together with others.
+        The discriminability; None where too few tracklets were seen together with others.
     """
     early = tracklet_features(boxes, rng, samples, (0.0, 1 / 3))
     late = tracklet_features(boxes, rng, samples, (2 / 3, 1.0))
@@ -100,7 +100,7 @@ def within_camera_discriminability(boxes: Boxes, rng: np.random.Generator, sampl
 
 
 def _seen_together(boxes: Boxes, features: TrackletFeatures) -> tuple[Ints, Ints]:
-    """(P,), (P,) rows of two tracklets of known looks that one camera saw at one instant; each pair in both orders."""
+    """Return rows (P,), (P,) of two tracklets of known appearance seen at one instant; each pair in both orders."""
     _, tracklet, frame = tracklet_presence(CameraAppearance(boxes, boxes.frame, features))
     frames, at = np.unique(frame, return_inverse=True)
     seen = presence(tracklet, at, (len(frames), len(features.tracklet)))
@@ -110,12 +110,12 @@ def _seen_together(boxes: Boxes, features: TrackletFeatures) -> tuple[Ints, Ints
 
 
 def similarities_of_different_people(boxes: Boxes, features: TrackletFeatures, centre: bool = True) -> Floats:
-    """(P,) cosines between tracklets that are known to be two people: one camera saw them at one instant.
+    """Compute the cosines (P,) between tracklets that are known to be two people: one camera saw them at one instant.
 
     Args:
-        boxes: one camera's.
-        features: of its tracklets.
-        centre: take the camera's mean off first.
+        boxes: boxes of one camera.
+        features: features of its tracklets.
+        centre: whether to subtract the camera's mean first.
     """
     i, j = _seen_together(boxes, features)
     once = i < j
@@ -126,26 +126,26 @@ def similarities_of_different_people(boxes: Boxes, features: TrackletFeatures, c
 def between_camera_discriminability(
     a: CameraAppearance, b: CameraAppearance, rng: np.random.Generator, centre: bool = True
 ) -> Discriminability | None:
-    """Whether two cameras see the same looks.
+    """Measure whether appearance is comparable between two cameras.
 
-    One instant of every tracklet is drawn. There, the tracklet's best match in the other camera stands out from the second
-    best by a margin. No person is seen twice at one instant, so if looks carry over, that margin is that of a person against a
-    stranger. It is compared with the margin of the tracklet's two best matches among the *others in its own camera*, all of
-    them strangers, and with that of a person in the other camera among the neighbours. The probability of the cross-camera
-    margin being the larger one is 0.5 where looks do not carry over; the lesser of the two comparisons counts. The numbers of
-    candidates are made alike, since the margin shrinks with them. A margin rather than a similarity: a camera's light, or the
-    dusk, moves all similarities alike.
+    One instant of every tracklet is drawn. There, the similarity of the tracklet's best match in the other camera exceeds that
+    of the second best by a margin. No person is seen twice at one instant. So if appearance is comparable, this is the margin
+    of the same person against a different person. It is compared with two margins among different people: that of the
+    tracklet's two best matches among the *others in its own camera*, and that of a person in the other camera among the others
+    there. The cross-camera margin is the larger one with a probability of 0.5 where appearance is not comparable. The
+    comparison with the smaller probability is returned. The numbers of candidates are made equal, since the margin shrinks with
+    them. A margin is used, not a similarity: a camera's light, or dusk, changes all similarities alike.
 
-    A person whom the other camera does not see counts as chance, so the figure is a lower bound.
+    A person that the other camera does not see counts as chance, so the figure is a lower bound.
 
     Args:
         a: the first camera.
         b: the second camera.
         rng: draws instants and candidates.
-        centre: take each camera's mean feature off first.
+        centre: whether to subtract each camera's mean feature first.
 
     Returns:
-        None where there are too few instants at which each camera sees three people or more.
+        The discriminability; None where there are too few instants at which each camera sees three people or more.
     """
     in_a, in_b = common_presence(a, b)
     if not in_a.shape[0]:
@@ -156,12 +156,12 @@ def between_camera_discriminability(
     forth = _margin_wins(in_a, in_b, features_a.feature, features_b.feature, rng)
     back = _margin_wins(in_b, in_a, features_b.feature, features_a.feature, rng)
     wins = np.concatenate([forth, back])
-    found = [_usefulness(column, len(wins) / 2) for column in wins.T]  # forth and back ask much the same
+    found = [_usefulness(column, len(wins) / 2) for column in wins.T]  # both directions are highly correlated
     return min((one for one in found if one is not None), key=lambda one: one.probability, default=None)
 
 
 def _margin_wins(in_a: csr_array, in_b: csr_array, vectors_a: Floats, vectors_b: Floats, rng: np.random.Generator) -> Floats:
-    """(R, 2) 1 where a tracklet's margin in the other camera beats that among strangers in a, and in b; ties are 0.5."""
+    """Return (R, 2) 1 where a tracklet's cross-camera margin exceeds that among other people in a, and in b; 0.5 for ties."""
     instant, tracklet = (np.asarray(axis, dtype=np.int64) for axis in coo_array(in_a).coords)
     shuffled = rng.permutation(len(tracklet))
     _, once = np.unique(tracklet[shuffled], return_index=True)
@@ -183,7 +183,7 @@ def _margin_wins(in_a: csr_array, in_b: csr_array, vectors_a: Floats, vectors_b:
 
 
 def _present(seen: csr_array, at: Ints) -> tuple[Ints, Mask]:
-    """(R, K) tracklets seen at each of R instants, K at most; and which of the entries hold."""
+    """Return the tracklets (R, K) seen at each of R instants, K at most, and a mask of the valid entries."""
     start, count = seen.indptr[at], np.diff(seen.indptr)[at]
     step = np.arange(count.max())
     held = step < count[:, None]
@@ -191,14 +191,14 @@ def _present(seen: csr_array, at: Ints) -> tuple[Ints, Mask]:
 
 
 def _random_choice(mask: Mask, count: Ints | int, rng: np.random.Generator) -> Mask:
-    """(R, K) at most `count` (R,) of each row's true entries, drawn at random."""
+    """Draw at random at most `count` (R,) true entries of each row of a mask (R, K)."""
     draw = np.where(mask, rng.random(mask.shape), 2.0)
     rank = draw.argsort(axis=1).argsort(axis=1)
     return np.asarray(mask & (rank < np.reshape(count, (-1, 1))))
 
 
 def _margin(appearance: Floats, candidates: Floats, mask: Mask) -> Floats:
-    """(R,) by how much the most similar of the allowed candidates (R, K, D) to looks (R, D) exceeds the second."""
+    """Return the margin (R,) between the two allowed candidates (R, K, D) that are most similar to vectors (R, D)."""
     similarity = np.where(mask, np.einsum("rd,rkd->rk", appearance, candidates), -np.inf)
     best = np.partition(similarity, -2, axis=1)[:, -2:]
     return np.asarray(best[:, 1] - best[:, 0])
@@ -212,21 +212,21 @@ def appearance_log_likelihood_ratios(
     together: csr_array | None = None,
     centre: bool = True,
 ) -> Floats:
-    """(T_a, T_b) log-likelihood ratio, nats, of two tracklets being one person against two.
+    """Compute the log-likelihood ratios (T_a, T_b), nats, of two tracklets being one person against two.
 
-    The similarities between the cameras are a mixture of two normal distributions, fitted by expectation maximisation; the
-    similarities known to be of different people hold one of them in place. The other shows how alike one
-    person is to *two* cameras, which no single camera can tell. One look in 20 is taken to mislead, so
-    that the ratio stays within log(0.95 / 0.05) = 2.94 either way, and it never falls where the similarity rises.
+    The similarities between the cameras are a mixture of two normal distributions, fitted by expectation maximisation. The
+    similarities of known different people determine one of them. The other is the similarity of one person in *two* cameras,
+    which no single camera can show. One image in 20 is taken to mislead, so that the ratio is bounded by
+    log(0.95 / 0.05) = 2.94 on both sides. It never decreases with the similarity.
 
     Args:
-        features_a: looks of a's tracklets.
-        features_b: looks of b's tracklets.
+        features_a: features of a's tracklets.
+        features_b: features of b's tracklets.
         different: (P,) from `similarities_of_different_people` of both cameras.
-        weight: of `between_camera_discriminability` (`Usefulness.weight`; 0 where it is None): 0 gives zeros, 0.2 and more the
-        full ratio.
+        weight: weight of `between_camera_discriminability` (`Discriminability.weight`; 0 where it is None): 0 gives zeros, 0.2
+            and more the full ratio.
         together: (T_a, T_b) `Votes.together`: the fit is made on tracklets that were seen at one instant; None: on all.
-        centre: take each camera's mean feature off first.
+        centre: whether to subtract each camera's mean feature first.
     """
     ratio = np.zeros((len(features_a.tracklet), len(features_b.tracklet)))
     known = np.outer(features_a.known, features_b.known)
@@ -243,16 +243,16 @@ def appearance_log_likelihood_ratios(
 
 @dataclass(frozen=True)
 class _TwoKinds:
-    """Normal distributions of similarities."""
+    """Normal distributions of similarities of different people, and of the same person."""
 
     different: tuple[float, float]
     same: tuple[float, float]
-    """Mean and sigma."""
+    """Mean and sigma, as in `different`."""
 
     def ratio(self, similarity: Floats) -> Floats:
-        """(N,) bounded log-likelihood ratio, rising with the similarity."""
+        """Return the bounded log-likelihood ratios (N,), which never decrease with the similarity."""
         (mean_0, sigma_0), (mean_1, sigma_1) = self.different, self.same
-        # Normal distributions of unlike widths cross twice; beyond the turning point nothing more is learned.
+        # Normal densities of different widths cross twice: beyond its extremum the ratio is held constant.
         bend = 1 / sigma_0**2 - 1 / sigma_1**2
         if bend != 0:
             turn = (mean_0 / sigma_0**2 - mean_1 / sigma_1**2) / bend
@@ -271,11 +271,11 @@ def _thinned(values: Floats) -> Floats:
 
 
 def _fit(mixed: Floats, different: Floats) -> _TwoKinds | None:
-    """Two kinds in `mixed`, given examples of one; None where there are not two."""
+    """Fit two distributions to `mixed`, given samples `different` of one; return None where there are not two."""
     if len(mixed) < _MIN_COMPARISONS:
         return None
     share = 0.1
-    # The lower half of the mixture is different people; the start must not be pulled by the same ones.
+    # The lower half of the mixture is different people; the start must not be affected by similarities of the same person.
     mean_0 = float(np.median(mixed))
     sigma_0 = residual_scale(mean_0 - mixed[mixed <= mean_0], 1e-3)
     mean_1, sigma_1 = float(np.quantile(mixed, 1 - share / 2)), sigma_0
@@ -283,7 +283,7 @@ def _fit(mixed: Floats, different: Floats) -> _TwoKinds | None:
     for _ in range(_FIT_ROUNDS):
         odds = np.log(share / (1 - share)) + _log_normal(mixed, mean_1, sigma_1) - _log_normal(mixed, mean_0, sigma_0)
         same = np.where(mixed > mean_0, 1 / (1 + np.exp(-np.clip(odds, -50, 50))), 0.0)
-        # No person has more than one counterpart among two or more: half is the most.
+        # No person has more than one match among two or more: the share is a half at most.
         share = float(np.clip(same.mean(), 1e-4, 0.5))
         if same.sum() < 1:
             return None
@@ -292,6 +292,6 @@ def _fit(mixed: Floats, different: Floats) -> _TwoKinds | None:
         rest = np.concatenate([1 - same, np.ones(len(different))])
         mean_0 = float(np.average(pool, weights=rest))
         sigma_0 = max(float(np.sqrt(np.average((pool - mean_0) ** 2, weights=rest))), 1e-3)
-        # A few counterparts that agree by chance are no narrow distribution.
+        # A few matches that agree by chance must not give a narrow distribution.
         sigma_1 = max(sigma_1, 0.5 * sigma_0, 1e-3)
     return _TwoKinds((mean_0, sigma_0), (mean_1, sigma_1)) if mean_1 - mean_0 > sigma_0 else None

@@ -1,7 +1,7 @@
-"""Identities by appearance, as the paper does it: a feature per tracklet, and the Hungarian algorithm at every instant.
+"""Identities by appearance, as in the paper: a feature per tracklet, and the Hungarian algorithm at every instant.
 
 Source: Xu, Li, Weng, Kitani, "Wide-Baseline Multi-Camera Calibration using Person Re-Identification", CVPR 2021, section 3.1.
-How far the looks can be trusted is the subject of `appearance_evidence`.
+The reliability of appearance is measured in `discriminability`.
 """
 
 from __future__ import annotations
@@ -17,27 +17,27 @@ from passerby.common.arrays import Floats, Ints
 from passerby.core.observations import UNKNOWN, Boxes
 
 SAMPLES = 8
-"""Boxes that a tracklet's feature is the mean of; the paper's number."""
+"""Number of boxes whose mean is a tracklet's feature; the paper's number."""
 
 
 @dataclass(frozen=True, eq=False)
 class TrackletFeatures:
-    """The looks of one camera's tracklets."""
+    """The appearance of one camera's tracklets."""
 
     tracklet: Ints
     """(T,) the tracklets' numbers (`Boxes.identity`), ascending."""
     feature: Floats
-    """(T, D) unit vectors; zeros where nothing is known of a tracklet."""
+    """(T, D) unit vectors; zeros for a tracklet without embeddings."""
     n: Ints
-    """(T,) boxes with an embedding."""
+    """(T,) number of boxes with an embedding."""
 
     @property
     def known(self) -> NDArray[np.bool_]:
-        """(T,) true where something is known."""
+        """(T,) whether the appearance is known."""
         return np.asarray((self.feature != 0).any(axis=1))
 
     def index(self, tracklet: Ints) -> Ints:
-        """(N,) rows of tracklet numbers in this table; -1 for a number that is not in it."""
+        """Return the rows (N,) of tracklet numbers in this table; -1 for a number that is not in it."""
         if not len(self.tracklet):
             return np.full(len(tracklet), UNKNOWN)
         at = np.minimum(np.searchsorted(self.tracklet, tracklet), len(self.tracklet) - 1)
@@ -50,34 +50,34 @@ class CameraAppearance:
 
     boxes: Boxes
     instants: Ints
-    """(N,) when each box was seen, counted alike in all cameras."""
+    """(N,) instant of each box, in the same count for all cameras."""
     features: TrackletFeatures
 
 
 @dataclass(frozen=True, eq=False)
 class BoxMatches:
-    """Boxes of cameras a and b that are thought to show one person at one instant."""
+    """Boxes of cameras a and b that are assumed to show one person at one instant."""
 
     row_a: Ints
     """(M,) rows of a's boxes."""
     row_b: Ints
     """(M,) rows of b's boxes."""
     distance: Floats
-    """(M,) between the features, 0 to 2."""
+    """(M,) distance between the features, 0 to 2."""
 
 
 @dataclass(frozen=True, eq=False)
 class Votes:
-    """How often the tracklets of two cameras were matched."""
+    """Counts of matches between the tracklets of two cameras."""
 
     matched: csr_array
-    """(T_a, T_b) number of instants at which they were."""
+    """(T_a, T_b) number of instants at which they were matched."""
     together: csr_array
     """(T_a, T_b) number of instants at which both were seen."""
 
 
 def normalise(vectors: Floats) -> Floats:
-    """(..., D) vectors of length one; what is next to nothing becomes zero."""
+    """Scale vectors (..., D) to length one; vectors shorter than 1e-6 become zero."""
     length = np.linalg.norm(vectors, axis=-1, keepdims=True)
     return np.where(length > 1e-6, vectors / np.maximum(length, 1e-6), 0.0)
 
@@ -85,16 +85,16 @@ def normalise(vectors: Floats) -> Floats:
 def tracklet_features(
     boxes: Boxes, rng: np.random.Generator, samples: int = SAMPLES, part: tuple[float, float] = (0.0, 1.0)
 ) -> TrackletFeatures:
-    """One feature per tracklet by the paper's restricted random sampling.
+    """Compute one feature per tracklet by the paper's restricted random sampling.
 
-    The tracklet is cut into `samples` equal chunks in order of its frames (as many as it has boxes, when it has fewer), a
-    random box of each is taken, and the mean of their embeddings is brought to length one.
+    The tracklet is cut into `samples` equal chunks in order of its frames (as many as it has boxes, when it has fewer). A
+    random box of each is taken, and the mean of their embeddings is scaled to length one.
 
     Args:
-        boxes: one camera's; a row without tracklet (-1) or with an embedding of zeros is passed over.
+        boxes: boxes of one camera; rows without tracklet (-1) or with an embedding of zeros are ignored.
         rng: draws the boxes.
         samples: number of chunks.
-        part: the share of each tracklet that is looked at, from and to, 0..1.
+        part: the part of each tracklet that is used, from and to, as shares 0..1.
     """
     tracklets = np.unique(boxes.identity[boxes.identity > UNKNOWN])
     embedding = np.zeros((len(boxes), 0), np.float32) if boxes.embedding is None else boxes.embedding
@@ -113,15 +113,14 @@ def tracklet_features(
 
 
 def without_camera_bias(features: TrackletFeatures) -> TrackletFeatures:
-    """The features less their mean over the camera's tracklets, at length one again.
+    """Subtract from the features their mean over the camera's tracklets, and scale them to length one again.
 
-    The same person looks different to two cameras (light, white balance, height of the camera), and much of that difference is
-    common to all whom the camera sees. It drowns the differences between people: with it, everybody in camera a is most like
-    the people in camera b who happen to lean towards a's mean. In simulation with a bias 0.5 to 3 times as long as what
-    tells people
-    apart, the most similar tracklet of the other camera is the right person for 0.98 of the tracklets, and for 0.65 without
-    this step. The Hungarian algorithm gains little (a shift of all distances of a tracklet cancels); likelihood ratios, which
-    look at one pair alone, need it. The paper does without.
+    The same person looks different to two cameras (light, white balance, height of the camera). Much of this difference is
+    common to all people that the camera sees, and it is larger than the differences between people: without this step, all
+    people in camera a are most similar to the people in camera b whose features happen to be near a's mean. In simulation with
+    a bias 0.5 to 3 times as long as the differences between people, the most similar tracklet of the other camera is the right
+    person for 0.98 of the tracklets, and for 0.65 without this step. The Hungarian algorithm gains little (a shift of all
+    distances of a tracklet cancels); likelihood ratios, which use one pair alone, need it. The paper has no such step.
     """
     known = features.known
     if not known.any():
@@ -131,12 +130,12 @@ def without_camera_bias(features: TrackletFeatures) -> TrackletFeatures:
 
 
 def similarities(a: TrackletFeatures, b: TrackletFeatures, centre: bool = True) -> Floats:
-    """(T_a, T_b) cosines between the tracklets of two cameras; 0 where nothing is known of one.
+    """Compute the cosines (T_a, T_b) between the tracklets of two cameras; 0 where the appearance of one is unknown.
 
     Args:
         a: features of the first camera.
         b: features of the second camera.
-        centre: take each camera's mean off first (`without_camera_bias`).
+        centre: whether to subtract each camera's mean first (`without_camera_bias`).
     """
     if a.feature.shape[1] != b.feature.shape[1]:  # one of them has no embeddings at all
         return np.zeros((len(a.tracklet), len(b.tracklet)))
@@ -146,7 +145,7 @@ def similarities(a: TrackletFeatures, b: TrackletFeatures, centre: bool = True) 
 
 
 def tracklet_presence(camera: CameraAppearance) -> tuple[Ints, Ints, Ints]:
-    """The boxes that can be compared: those of tracklets with a known appearance, one per tracklet and instant.
+    """Select the boxes that can be compared: boxes of tracklets with a known appearance, one per tracklet and instant.
 
     Returns:
         (S,) rows of the boxes, (S,) rows in the features, (S,) instants; in order of the instant, then the tracklet.
@@ -162,14 +161,14 @@ def tracklet_presence(camera: CameraAppearance) -> tuple[Ints, Ints, Ints]:
 
 
 def match_boxes(a: CameraAppearance, b: CameraAppearance, centre: bool = True) -> BoxMatches:
-    """Box matches of two cameras: at every common instant, the assignment with the least sum of feature distances.
+    """Match the boxes of two cameras: at every common instant, by the assignment with the least sum of feature distances.
 
-    As many are matched as the camera that sees fewer people has; mistakes are expected, later steps reject them.
+    All boxes of the camera that sees fewer people are matched. Errors are expected; later steps reject them.
 
     Args:
         a: the first camera.
         b: the second camera.
-        centre: take each camera's mean feature off first (the paper does not).
+        centre: whether to subtract each camera's mean feature first (the paper does not).
     """
     distance = np.sqrt(np.maximum(2.0 - 2.0 * similarities(a.features, b.features, centre), 0.0))
     rows_a, tracklet_a, when_a = tracklet_presence(a)
@@ -192,12 +191,12 @@ def match_boxes(a: CameraAppearance, b: CameraAppearance, centre: bool = True) -
 
 
 def presence(tracklet: Ints, instant: Ints, shape: tuple[int, int]) -> csr_array:
-    """(I, T) sparse: 1 where a tracklet is seen at an instant (both 0-based)."""
+    """Return a sparse matrix (I, T): 1 where a tracklet is seen at an instant (both 0-based)."""
     return csr_array((np.ones(len(tracklet), dtype=np.int64), (instant, tracklet)), shape=shape)
 
 
 def common_presence(a: CameraAppearance, b: CameraAppearance) -> tuple[csr_array, csr_array]:
-    """(I, T_a) and (I, T_b) sparse: the tracklets at each of the I instants at which both cameras see a known appearance."""
+    """Return sparse matrices (I, T_a) and (I, T_b): tracklets at the I instants at which both cameras see known appearances."""
     _, tracklet_a, when_a = tracklet_presence(a)
     _, tracklet_b, when_b = tracklet_presence(b)
     common = np.intersect1d(when_a, when_b)
@@ -210,7 +209,7 @@ def common_presence(a: CameraAppearance, b: CameraAppearance) -> tuple[csr_array
 
 
 def count_votes(a: CameraAppearance, b: CameraAppearance, matches: BoxMatches) -> Votes:
-    """How often each two tracklets of two cameras were matched, of the instants at which both were seen.
+    """Count the instants at which each two tracklets of two cameras were matched, and those at which both were seen.
 
     Args:
         a: the first camera.

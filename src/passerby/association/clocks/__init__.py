@@ -1,4 +1,4 @@
-"""Offsets, frame rates and drift of the cameras' clocks.
+"""Time offsets, frame rates and drift of the cameras' clocks.
 
 Imports `people` and below.
 """

@@ -1,9 +1,9 @@
-"""When two cameras' recordings began, by when people are where: cost nearly linear in the time that is searched.
+"""Lag of two cameras' recordings from people's activity; the cost is nearly linear in the time that is searched.
 
-Each camera's ground is cut into regions with equally many people. How many there are in each, over time, is a signal. People
-whom two cameras share make the signals of some pairs of regions rise together, at one lag and no other. All lags of all pairs
-of regions come from fast Fourier transforms. Nothing is known of where the cameras are, or of identities. Where identities are
-known, the times at which the same people are there leave a minute or so of lags.
+Each camera's ground is cut into regions with equally many people. The number of people in each, over time, is a signal. People
+that two cameras share make the signals of some pairs of regions rise together, at one lag and no other. All lags of all pairs
+of regions are computed by fast Fourier transforms. Neither poses nor identities are needed. Where identities are known, the
+times at which the same people are seen reduce the possible lags to a range of a minute or so.
 """
 
 from __future__ import annotations
@@ -20,27 +20,27 @@ from passerby.association.sampling import STEP_S
 from passerby.common.arrays import Floats, Ints
 
 BEARINGS, RANGES = 4, 4
-"""Regions: so many sectors, each cut at so many distances. With 1, 2, 4 and 6 of each a true lag stands out by about 5, 20, 27
-and 20 times the spread of the others (`simulation.passing_crowd`, seed 1)."""
+"""Regions: number of sectors, and of distances in each. With 1, 2, 4 and 6 of both a true lag exceeds the others by about 5,
+20, 27 and 20 times their spread (`simulation.passing_crowd`, seed 1)."""
 SMOOTH_STEPS, TREND_STEPS = 1.0, 20.0
-"""Standard deviations of the Gaussians between which the signals are kept, in grid steps: places of people are off by half a
-second of walking, and what changes over a minute is the crowd's coming and going, which other hours resemble."""
+"""Standard deviations of the two Gaussians of the band-pass filter of the signals, in grid steps. Positions of people have
+errors of half a second of walking. Changes over a minute are the crowd's coming and going, which is similar at other hours."""
 LEAST_OVERLAP_S = 60.0
-"""Recordings that overlap by less are not compared: so few people are there that chance makes any peak."""
+"""Least overlap of recordings that are compared, seconds: in less time so few people are there that peaks occur by chance."""
 SPREAD_LAGS = 240
-"""The spread of the values is that of so many neighbouring lags: it grows where recordings overlap for a short time."""
+"""Number of neighbouring lags over which the spread is estimated: it grows where recordings overlap for a short time."""
 CORRELATED_STEPS = 200
-"""Lags over which a signal may resemble itself, for the variance of the correlations (Bartlett's formula)."""
+"""Number of lags of a signal's autocorrelation, for the variance of the correlations (Bartlett's formula)."""
 SAME_PEAK = 10
 """Grid steps within which two lags are one peak."""
 UPPER_DECILE = 1.2816
 """The upper decile of the normal distribution, in standard deviations."""
 ABSENT_S = 5.0
-"""Who is not seen for longer has left, and comes again."""
+"""A person who is not seen for longer, seconds, has left; the next sighting is another visit."""
 VISIT_REACH_S = 45.0
-"""People pass one camera's view before another's: in a place of some 30 m their visits are so far apart, by one clock."""
+"""People pass one camera's view before another's: largest time between the two visits in a place of some 30 m, by one clock."""
 LEAST_VISITORS, VISITORS_SHARE = 4, 0.5
-"""The lag of so many people, and of so large a share of them, agrees within `VISIT_REACH_S` where it means something."""
+"""Least number of people, and least share of them, whose lags agree within `VISIT_REACH_S` for a significant result."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,9 +48,9 @@ class Activity:
     """Signals of one camera over even steps of time."""
 
     first: int
-    """The grid time of the first row."""
+    """Grid time of the first row."""
     signals: NDArray[np.float32]
-    """(N, K) without mean or trend, of unit variance."""
+    """(N, K) signals without mean or trend, of unit variance."""
 
 
 @dataclass(frozen=True)
@@ -58,16 +58,16 @@ class LagPeak:
     """A lag at which two cameras' activities agree."""
 
     lag: int
-    """Grid steps: camera b's clock shows so much more."""
+    """Time of camera b's clock minus that of camera a's, grid steps."""
     significance: float
-    """How far above the values at other lags, in their standard deviations."""
+    """Height above the values at other lags, in their standard deviations."""
 
 
 def region_activity(tracks: GroundTracks, bearings: int = BEARINGS, ranges: int = RANGES) -> Activity | None:
-    """How many people are in each region of a camera's ground; None without people.
+    """Compute the signals of the number of people in each region of a camera's ground; return None without people.
 
     Args:
-        tracks: of the camera.
+        tracks: tracks of the camera.
         bearings: number of sectors.
         ranges: number of regions of a sector.
     """
@@ -78,13 +78,13 @@ def region_activity(tracks: GroundTracks, bearings: int = BEARINGS, ranges: int 
 
 
 def lag_of_visits(a: GroundTracks, b: GroundTracks) -> tuple[int, int] | None:
-    """The lags, from and to, in grid steps, at which known people visit both cameras' views at about the same time.
+    """Find the range of lags, from and to, in grid steps, at which known people visit both views at about the same time.
 
-    None where too few people come and go to tell: who is there all the time says nothing of the clocks.
+    Returns None where too few people come and go: people who are always there give no information on the clocks.
 
     Args:
-        a: of the first camera; tracklet numbers are identities that hold in both.
-        b: of the second.
+        a: tracks of the first camera; tracklet numbers are identities that hold in both.
+        b: tracks of the second camera.
     """
     first, second = _visits(a), _visits(b)
     lag, weight = [], []
@@ -108,7 +108,7 @@ def lag_of_visits(a: GroundTracks, b: GroundTracks) -> tuple[int, int] | None:
 
 
 def _visits(tracks: GroundTracks) -> dict[int, Floats]:
-    """By person the middles of the times at which the person is there, in grid steps."""
+    """Return, by person, the middle times of the person's visits, in grid steps."""
     order = np.lexsort((tracks.step, tracks.tracklet))
     who, step = tracks.tracklet[order], tracks.step[order]
     new = (np.diff(who) != 0) | (np.diff(step) > ABSENT_S / STEP_S)
@@ -120,7 +120,7 @@ def _visits(tracks: GroundTracks) -> dict[int, Floats]:
 
 
 def _regions(position: NDArray[np.complex128], bearings: int, ranges: int) -> Ints:
-    """(N,) the region of each place: sectors by bearing, each cut by distance, all with equally many people."""
+    """Return the region (N,) of each position: sectors by bearing, each cut by distance, all with equally many people."""
     bearing, reach = np.angle(position), np.abs(position)
     sector = np.searchsorted(np.quantile(bearing, np.arange(1, bearings) / bearings), bearing)
     region = np.zeros(len(position), dtype=np.int64)
@@ -136,7 +136,7 @@ def _activity(step: Ints, signal: Ints, count: int) -> Activity:
     first = int(step.min())
     length = int(step.max()) - first + 1
     people = np.bincount((step - first) * count + signal, minlength=length * count).reshape(length, count)
-    # The variance of a root of a count does not depend on how crowded a region is.
+    # The variance of the root of a count does not depend on the count.
     values = np.sqrt(people).astype(np.float32)
     values = gaussian_filter1d(values, SMOOTH_STEPS, axis=0) - gaussian_filter1d(values, TREND_STEPS, axis=0)
     spread = values.std(axis=0)
@@ -144,14 +144,14 @@ def _activity(step: Ints, signal: Ints, count: int) -> Activity:
 
 
 def find_lag_peaks(a: Activity, b: Activity, low: int, high: int, most: int) -> tuple[LagPeak, ...]:
-    """The lags at which activities agree most, the best first, each apart from the others.
+    """Find the lags at which activities agree most, the best first, each apart from the others.
 
     Args:
-        a: of the first camera.
-        b: of the second.
-        low: smallest lag that is looked at, grid steps.
-        high: the largest.
-        most: number of peaks.
+        a: activity of the first camera.
+        b: activity of the second camera.
+        low: smallest lag that is searched, grid steps.
+        high: largest lag that is searched, grid steps.
+        most: largest number of peaks.
     """
     n_a, n_b = len(a.signals), len(b.signals)
     shift = np.arange(-(n_a - 1), n_b)
@@ -161,7 +161,7 @@ def find_lag_peaks(a: Activity, b: Activity, low: int, high: int, most: int) -> 
     if not (long & (lag >= low) & (lag <= high)).any():
         return ()
     shift, lag, overlap = shift[long], lag[long], overlap[long]
-    # What is usual is learned from all lags, even if few are asked for.
+    # The usual values are estimated from all lags, even if the range of the search is small.
     value = _standardised(_agreement(a, b)[shift] / overlap)
     inside = np.flatnonzero((lag >= low) & (lag <= high))
     peaks: list[LagPeak] = []
@@ -174,7 +174,7 @@ def find_lag_peaks(a: Activity, b: Activity, low: int, high: int, most: int) -> 
 
 
 def _agreement(a: Activity, b: Activity) -> Floats:
-    """(length,) by shift, which may be negative: squared correlations in their variances, summed over all pairs of signals."""
+    """Return (length,) by shift, which may be negative: squared correlations over their variances, summed over all pairs."""
     length = next_fast_len(len(a.signals) + len(b.signals), real=True)
     at_a, at_b = (rfft(side.signals, length, axis=0) for side in (a, b))
     variance = _self_resemblance(at_a, length, len(a.signals)).T @ _self_resemblance(at_b, length, len(b.signals))
@@ -186,13 +186,13 @@ def _agreement(a: Activity, b: Activity) -> Floats:
 
 
 def _self_resemblance(transformed: NDArray[np.complex64], length: int, count: int) -> Floats:
-    """(lags, K) of signals with themselves."""
+    """Return the autocorrelations (lags, K) of signals."""
     lags = np.arange(-CORRELATED_STEPS + 1, CORRELATED_STEPS) % length
     return np.asarray(irfft(np.abs(transformed) ** 2, length, axis=0)[lags] / count)
 
 
 def _standardised(value: Floats) -> Floats:
-    """(N,) how far each is above the median of its neighbours, in standard deviations by their upper decile."""
+    """Return values (N,) relative to the median of their neighbours, in standard deviations by the neighbours' upper decile."""
     blocks = np.array_split(np.arange(len(value)), max(1, len(value) // SPREAD_LAGS))
     centre = np.array([block.mean() for block in blocks])
     middle = np.array([np.median(value[block]) for block in blocks])

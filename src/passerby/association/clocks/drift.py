@@ -1,8 +1,8 @@
-"""Clocks that do not keep step: a camera whose frame rate is not quite the stated one.
+"""Drift of the cameras' clocks: a camera's frame rate differs slightly from the stated one.
 
-With a rig, everybody is at one place of the ground for every camera. Where a camera shows people late, they lag behind along
-their way. How late each camera is, is fitted as a straight line over time to the people whom two cameras see: its slope is
-the drift.
+With a rig, each person is at one ground position for all cameras. Where a camera shows people late, its positions lag behind
+along their trajectories. The delay of each camera is fitted as a straight line over time to the people that two cameras see;
+its slope is the drift.
 """
 
 from __future__ import annotations
@@ -23,53 +23,54 @@ from passerby.geometry.groups import cauchy_weights, group_sums
 from passerby.geometry.single_view import Level
 
 TOLERANCE = Tolerance(floor_m=0.08, along=0.04, across=0.008, foot_m=0.25)
-"""Of ground positions by a calibrated rig: a person who is half hidden, crouches or stands on a kerb is misplaced along
-the ray."""
+"""Tolerances of ground positions by a calibrated rig: the position of a person who is half hidden, crouches or stands on a kerb
+is wrong along the ray."""
 WALKING = 0.4
-"""Metres per second: slower people do not tell the time."""
+"""Metres per second: the positions of slower people do not determine the time."""
 WINDOW_S = 4.0
-"""Samples of one person are off alike for about so long: they count as one in the sigma."""
+"""Time over which errors of one person's samples are alike, seconds: they count as one sample in the sigma."""
 MIN_SAMPLES = 60
 MOST_SAMPLES = 3_000
-"""Of more, so many are taken at even steps."""
+"""Largest number of samples; of more, samples at even steps are taken."""
 SIGMAS, LEAST_S = 8.0, 0.2
-"""A drift is reported where it is so many times its sigma, and so much over the recording: 0.3 m of a walker's way. Over
-simulated scenes with sound clocks it is at most 0.04 s, and scatters by two of its sigmas (docs/results/limits.md)."""
+"""A drift is reported if it exceeds this number of its sigmas, and this number of seconds over the recording, in which a walker
+moves 0.3 m. Over simulated scenes with sound clocks it is at most 0.04 s, and scatters by two of its sigmas
+(docs/results/limits.md)."""
 HARMFUL_S, HARMFUL_RATE, SPOILING_S = 0.5, 0.01, 1.0
-"""It is a doubt where it is larger and, over the recording, quicker than a clock that is merely poor: then the frame rate is
-mistaken (25 for 24 is 4 %); or where it is so large that it spoils the rig whatever its cause. What drifts cost, and
-what other limits would do: docs/results/limits.md."""
+"""A drift is a doubt in two cases. In the first it exceeds `HARMFUL_S` over the recording and its rate exceeds `HARMFUL_RATE`,
+more than that of a poor clock: then the frame rate is mistaken (25 for 24 is 4 %). In the second it exceeds `SPOILING_S`, which
+spoils the rig for any cause. Effects of drifts, and of other limits: docs/results/limits.md."""
 
 
 @dataclass(frozen=True)
 class Drift:
-    """How much a clock drifts against those of the other cameras."""
+    """Drift of a clock relative to those of the other cameras."""
 
     rate: float
-    """Seconds that the camera's clock runs ahead, each second of the rig's time."""
+    """Seconds by which the camera's clock gains in each second of the rig's time."""
     sigma: float
     span_s: float
     """Length of the recording."""
 
     @property
     def harmful(self) -> bool:
-        """Whether the rig cannot be relied upon."""
+        """Whether the drift is so large that the rig is not reliable."""
         drift = abs(self.seconds)
         return drift > SPOILING_S or (drift > HARMFUL_S and abs(self.rate) > HARMFUL_RATE)
 
     @property
     def seconds(self) -> float:
-        """Over the recording."""
+        """Drift over the recording, seconds."""
         return self.rate * self.span_s
 
     @property
     def sure(self) -> bool:
-        """Whether it is significant, and large enough to move people."""
+        """Whether the drift is significant, and large enough to move people."""
         return abs(self.rate) > SIGMAS * self.sigma and abs(self.seconds) > LEAST_S
 
 
 def drift_findings(cameras: Sequence[CameraTracklets], drifts: Mapping[int, Drift]) -> tuple[list[Finding], list[Finding]]:
-    """What is found of drifting clocks: doubts, and notices.
+    """Return the findings on drifting clocks: doubts, and notices.
 
     Args:
         cameras: all cameras.
@@ -88,7 +89,7 @@ def drift_findings(cameras: Sequence[CameraTracklets], drifts: Mapping[int, Drif
 
 
 def _drifting(camera: CameraTracklets, drift: Drift) -> Finding:
-    """What is found of one camera's clock."""
+    """Return the finding on one camera's clock."""
     fps = camera.clock.fps
     values = {"drift_s": abs(drift.seconds), "span_s": drift.span_s, "fits_fps": fps / (1 - drift.rate), "fps": fps}
     return Finding("clock_drifts", "doubt" if drift.harmful else "notice", (camera.name,), values)
@@ -97,14 +98,14 @@ def _drifting(camera: CameraTracklets, drift: Drift) -> Finding:
 def clock_drifts(
     cameras: Sequence[CameraTracklets], poses: Sequence[Pose | None], person: Sequence[Ints], offset_s: Floats
 ) -> dict[int, Drift]:
-    """The drift of each registered camera against the median of all; empty where too few people walk to tell, or where fewer
-    than two cameras are registered, as after a refused solve.
+    """Estimate the drift of each registered camera relative to the median of all. The result is empty where too few people
+    walk, or where fewer than two cameras are registered, as after a refused solve.
 
     Args:
         cameras: all cameras.
         poses: world z up, ground at z = 0; None for a camera that is not registered.
         person: for each camera (T_c,) the person of each tracklet.
-        offset_s: (C,) what to add to each camera's clock.
+        offset_s: (C,) offset to add to each camera's clock, seconds.
     """
     posed = [c for c, pose in enumerate(poses) if pose is not None]
     if len(posed) < 2:
@@ -130,11 +131,11 @@ class _View:
     key: Ints
     """(N,) person and step, sorted."""
     place: Floats
-    """(N, 2) metres,"""
+    """(N, 2) positions, metres."""
     velocity: Floats
-    """(N, 2)"""
+    """(N, 2) metres per second."""
     information: Floats
-    """(N, 2, 2) and the inverse of the covariance of the place."""
+    """(N, 2, 2) inverse of the covariance of the position."""
 
 
 _STRIDE = 1 << 32
@@ -149,7 +150,7 @@ def _view(camera: CameraTracklets, pose: Pose, person: Ints, offset_s: float) ->
     late = round(offset_s / STEP_S)
     key, first = np.unique(person[tracks.tracklet] * _STRIDE + tracks.step + late, return_index=True)
     reach, velocity = yaw * tracks.position[first], yaw * tracks.velocity[first]
-    # The grid time of the rig is so much later than the sample's.
+    # Positions are extrapolated from the sample's time to the rig's grid time.
     place = reach + velocity * (late * STEP_S - offset_s) + complex(*pose.centre[:2])
     ray = _plane(reach / np.maximum(np.abs(reach), 1e-9))
     along, across = (sigma[first] for sigma in tracks.sigma)
@@ -164,18 +165,18 @@ def _plane(points: NDArray[np.complex128]) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class _Walks:
-    """G times that two cameras or more see a walker; C cameras."""
+    """G samples of walkers that two cameras or more see; C cameras."""
 
     seconds: Floats
     """(G,) the rig's time."""
     cluster: Ints
-    """(G,) those that are off alike have the same number."""
+    """(G,) number of the cluster; errors of one cluster are alike."""
     velocity: Floats
-    """(G, 2)"""
+    """(G, 2) metres per second."""
     place: Floats
-    """(G, C, 2)"""
+    """(G, C, 2) positions by each camera, metres."""
     information: Floats
-    """(G, C, 2, 2) of the places; 0 where a camera does not see the walker."""
+    """(G, C, 2, 2) information of the positions; 0 where a camera does not see the walker."""
 
 
 def _walks(views: Sequence[_View]) -> _Walks | None:
@@ -203,12 +204,12 @@ def _walks(views: Sequence[_View]) -> _Walks | None:
 
 
 def _slopes(walks: _Walks) -> tuple[Floats, Floats]:
-    """(C,) drifts of the cameras against their median, and their sigmas.
+    """Estimate the drifts (C,) of the cameras relative to their median, and their sigmas.
 
-    Camera c sees a walker who is at x at `x + affine_c(x) - late_c(t) * velocity`, with `late = offset + slope * t`. The affine
-    part stands for what is wrong with the camera's pose, which looks like a drift where people first go one way and then the
-    other. The walker's place is eliminated. Reweighted least squares with a Cauchy loss; the sigmas come from the scatter of
-    the clusters.
+    Camera c sees a walker at x at `x + affine_c(x) - late_c(t) * velocity`, with `late = offset + slope * t`. The affine part
+    models errors of the camera's pose, which look like a drift where people first walk in one direction and then in the other.
+    The walker's position is eliminated. Reweighted least squares with a Cauchy loss; the sigmas are computed from the scatter
+    of the clusters.
     """
     n = walks.place.shape[1]
     length = max(float(np.ptp(walks.seconds)), STEP_S)
@@ -219,7 +220,7 @@ def _slopes(walks: _Walks) -> tuple[Floats, Floats]:
     for _ in range(_ROUNDS):
         weighed = np.asarray(weight[:, :, None, None] * walks.information, dtype=np.float64)
         normal, target, off = _eliminated(walks, design, weighed)
-        # Only differences are seen: a little keeps what all cameras have in common at 0.
+        # Only differences are observed: a weak prior keeps the common part of all cameras at 0.
         normal += 1e-9 * np.diag(np.diag(normal)) + 1e-12 * np.trace(normal) * np.eye(len(normal))
         solved = np.linalg.solve(normal, target)
         fitted = np.einsum("gik,ck->gci", design, solved.reshape(n, _UNKNOWNS))
@@ -238,7 +239,7 @@ def _slopes(walks: _Walks) -> tuple[Floats, Floats]:
 
 
 def _design(walks: _Walks, t: Floats) -> Floats:
-    """(G, 2, U) how a sighting's place depends on its camera's unknowns: offset and slope of the clock, affine part."""
+    """Return the derivatives (G, 2, U) of a position by its camera's unknowns: offset and slope of the clock, affine part."""
     total = walks.information.sum(axis=1)
     mean = np.linalg.solve(total, np.einsum("gcij,gcj->gi", walks.information, walks.place)[:, :, None])[:, :, 0]
     mean = (mean - mean.mean(axis=0)) / max(float(mean.std()), 1e-3)
@@ -251,16 +252,16 @@ def _design(walks: _Walks, t: Floats) -> Floats:
 
 
 def _less_mean(values: Floats, information: Floats) -> Floats:
-    """(G, C, 2) values less their mean over the cameras, weighed by the information (G, C, 2, 2)."""
+    """Subtract from values (G, C, 2) their mean over the cameras, weighted by the information (G, C, 2, 2)."""
     summed = np.einsum("gcij,gcj->gi", information, values)
     return np.asarray(values - np.linalg.solve(information.sum(axis=1), summed[:, :, None])[:, None, :, 0])
 
 
 def _eliminated(walks: _Walks, design: Floats, information: Floats) -> tuple[Floats, Floats, Floats]:
-    """Normal equations (C * U, C * U), their right side (C * U,), and places less the walker's (G, C, 2).
+    """Return the normal equations (C * U, C * U), their right side (C * U,), and positions minus the walker's (G, C, 2).
 
-    The walker's place is eliminated: what it makes of each sighting is the mean, weighed by information. No row over all
-    cameras is made; with a hundred cameras these would take several gigabytes.
+    The walker's position is eliminated: it is the mean of the cameras' positions, weighted by information. Rows over all
+    cameras are not stored; with a hundred cameras these would take several gigabytes.
     """
     groups, n = information.shape[:2]
     size = n * _UNKNOWNS

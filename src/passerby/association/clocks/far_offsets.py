@@ -1,7 +1,7 @@
-"""Clocks that differ by more than was searched for: the lag of two cameras, looked for over all that their recordings overlap.
+"""Search for the lag of two cameras over all lags at which their recordings overlap, where clocks differ by more than expected.
 
-The full search (`hough`) takes some 20 ms a lag: too long for thousands of them. Here fewer encounters vote at fewer turns, on
-a coarser grid, at every second lag; only the lags with most votes are registered in full.
+The full search (`hough`) takes some 20 ms a lag: too long for thousands of lags. Here fewer encounters vote at fewer turns, on
+a coarser grid, at every second lag. Only the lags with most votes are registered in full.
 """
 
 from __future__ import annotations
@@ -18,25 +18,26 @@ from passerby.association.ground.registration import Registration, register_pair
 from passerby.association.sampling import STEP_S
 
 LEAST_OVERLAP_S = 20.0
-"""Recordings that overlap by less than this are not joined by a hint: a hint needs 30 samples, 15 s of a walker."""
+"""Least overlap of two recordings at a lag, seconds: a result needs 30 samples, 15 s of a walker."""
 MOST_LAGS = 4000
-"""Looked at, a second apart, at some 5 ms each: 20 s for differences of up to half an hour. Larger ones are not found."""
+"""Largest number of lags, a second apart, at some 5 ms each: 20 s for differences of up to half an hour. Larger differences are
+not found."""
 _STRIDE = 2
-"""Grid steps between two lags: in half of these, 0.5 s, a walker goes less than half a cell."""
+"""Grid steps between two lags: in half of these, 0.5 s, a walker moves less than half a cell."""
 _TURNS, _CELLS, _CELL_M, _VELOCITY_SD = 18, 64, 2.0, 0.5
 _INSTANTS, _VOTERS = 120, 4000
 _REGISTERED = 6
-"""Lags with most votes that are registered in full."""
+"""Number of lags with most votes that are registered in full."""
 
 
 def far_registration(a: GroundTracks, b: GroundTracks, beyond_s: float, alone_below: float) -> Registration | None:
-    """The registration of two cameras at a lag above `beyond_s` seconds, where one stands out.
+    """Register two cameras at a lag above `beyond_s` seconds; return None where no registration stands out.
 
     Args:
         a: tracks of the first camera.
         b: tracks of the second.
-        beyond_s: smaller lags have been searched.
-        alone_below: the best registration at any other lag must have less than this share of its score.
+        beyond_s: lags up to this have been searched, seconds.
+        alone_below: the best registration at any other lag must have less than this share of the best score.
     """
     found: list[Registration] = []
     for lag in find_lag_candidates(TrackPair(a, b), beyond_s):
@@ -53,7 +54,7 @@ def far_registration(a: GroundTracks, b: GroundTracks, beyond_s: float, alone_be
 
 
 def find_lag_candidates(tracks: TrackPair, beyond_s: float) -> list[int]:
-    """The lags with most votes, in grid steps, the best first, none near another; none of `beyond_s` seconds or less."""
+    """Find the lags above `beyond_s` seconds with most votes, in grid steps, the best first, none near another."""
     least = int(LEAST_OVERLAP_S / STEP_S)
     low, high = tracks.b.step[0] - tracks.a.step[-1] + least, tracks.b.step[-1] - tracks.a.step[0] - least
     half = _STRIDE * (MOST_LAGS // 2)
@@ -71,7 +72,7 @@ def find_lag_candidates(tracks: TrackPair, beyond_s: float) -> list[int]:
 
 
 def _votes(tracks: TrackPair, lag: int, most_instants: int) -> float:
-    """The most votes that any motion has at a lag."""
+    """Return the largest number of votes of any motion at a lag."""
     met = find_synchronous_pairs(tracks, lag, most_instants, 1)
     if not len(met):
         return 0.0
@@ -86,7 +87,7 @@ def _votes(tracks: TrackPair, lag: int, most_instants: int) -> float:
         shift = place_b[rows] - turn * place_a[rows]
         cell = np.floor(np.column_stack([shift.real, shift.imag])).astype(np.int64) & (_CELLS - 1)
         counts = np.bincount(cell[:, 0] * _CELLS + cell[:, 1], minlength=_CELLS**2).reshape(_CELLS, _CELLS)
-        # A spot lies across up to four cells.
+        # The votes of one motion may fall into up to four cells.
         across = counts + np.roll(counts, -1, 0)
         best = max(best, float((across + np.roll(across, -1, 1)).max()))
     return best

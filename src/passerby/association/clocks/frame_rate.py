@@ -1,6 +1,7 @@
-"""The frame rate of recordings that state none, by how far people walk from frame to frame.
+"""The frame rate of recordings that state none, from the distances that people walk between frames.
 
-Only the tracking and the sampling of tracks depend on it, and these need it to half or twice itself; nothing metric does.
+Only the tracking and the sampling of tracks depend on it, and a factor of two is accurate enough for these. No metric result
+depends on it.
 """
 
 from __future__ import annotations
@@ -17,24 +18,24 @@ from passerby.core.observations import Clock, Observations
 
 WALKERS, WALKING_PACE = 70.0, 1.2
 """Percentile of people's speeds, and its usual value, metres per second: half of the people or more walk or stroll, the rest
-stand. Where most of them work on the spot it is 0.8, where many run 2.2."""
+stand. Where most people work in one place the value is 0.8, where many run 2.2."""
 FAR_ENOUGH_M = 1.0
-"""A displacement that stands out of the noise of ground positions."""
+"""Displacement that is larger than the noise of ground positions."""
 NEAR_HEIGHTS = 10.0
-"""Farther off, in camera heights, ground positions are too noisy for it."""
+"""Largest distance of people, in camera heights: farther away, ground positions are too noisy."""
 SLOWEST, FASTEST = 0.5, 60.0
-"""Frames per second that are believed."""
+"""Limits of the estimate, frames per second."""
 TRIALS = 2.0, 10.0
 """Frames per second at which detections are tracked for a first estimate."""
 _MIN_PAIRS = 30
 UNKNOWN_RATE = 10.0
-"""Where people do not walk."""
+"""Frames per second that are assumed where people do not walk."""
 
 
 def estimate_frame_rate(rig: Rig, observations: Observations, person_height_m: float, rng: np.random.Generator) -> float:
-    """Frames per second at which the people of all cameras walk as people do.
+    """Estimate the frames per second from the pace of the people of all cameras.
 
-    Detections are tracked at several rates; that counts which comes nearest to what it finds.
+    Detections are tracked at several rates. The estimate is taken that differs least from the rate of its tracking.
 
     Args:
         rig: names and lenses.
@@ -54,9 +55,9 @@ def estimate_frame_rate(rig: Rig, observations: Observations, person_height_m: f
 
 
 def rate_of_walkers(cameras: Sequence[CameraTracklets]) -> float | None:
-    """Frames per second by the people's pace; None where too few people walk to tell.
+    """Compute the frames per second from the people's pace; return None where too few people walk.
 
-    Displacements over more and more frames are followed until they are far enough to be a walk.
+    The number of frames between two positions is increased until the displacements are large enough for a walk.
 
     Args:
         cameras: tracked and levelled at some rate; frame numbers are counted alike in all.
@@ -77,7 +78,7 @@ def rate_of_walkers(cameras: Sequence[CameraTracklets]) -> float | None:
 
 
 def _walks(camera: CameraTracklets) -> tuple[Ints, Ints, NDArray[np.complex128]]:
-    """(N,) tracklets, frames and places on the camera's own ground, metres; tracklet after tracklet."""
+    """Return (N,) tracklets, frames and positions on the camera's own ground, metres; tracklet after tracklet."""
     if camera.level is None:
         return np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0, np.complex128)
     ground = camera.level.ground_positions(camera.bodies.bottom)
@@ -89,7 +90,7 @@ def _walks(camera: CameraTracklets) -> tuple[Ints, Ints, NDArray[np.complex128]]
 
 
 def _moved(walk: tuple[Ints, Ints, NDArray[np.complex128]], apart: int) -> Floats:
-    """How far people moved over `apart` frames, metres: one value for each sighting that has one so much later."""
+    """Return people's displacements over `apart` frames, metres, for each sighting with another one `apart` frames later."""
     tracklet, frame, place = walk
     if not len(frame):
         return np.zeros(0)

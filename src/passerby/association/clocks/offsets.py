@@ -1,4 +1,4 @@
-"""The cameras' clocks set by their offsets, and the offsets corrected by what a solver finds."""
+"""The cameras' clocks with their time offsets, and the correction of the offsets by a solver's result."""
 
 from __future__ import annotations
 
@@ -17,43 +17,43 @@ from passerby.core.solution import Solution
 from passerby.core.synchronisation import resample_to_common_steps
 
 WHOLE_SIGMA = 0.12
-"""Largest sigma of an offset, in frames, at which its being whole says something: three of them on either side are most of a
-frame."""
+"""Largest sigma of an offset, in frames, with which the test for whole frames is meaningful: three sigmas on either side are
+most of a frame."""
 BY_CHANCE = 0.95
-"""Offsets count as whole frames unless they stray from them more than in 95 of 100 recordings that are."""
+"""Confidence of the test: offsets count as whole frames unless they deviate more than in 95 of 100 such recordings."""
 
 
 def clocks_with(cameras: Sequence[CameraTracklets], offset_s: Floats) -> dict[str, Clock]:
-    """The cameras' clocks, by name, with offsets (C,) in seconds."""
+    """Return the cameras' clocks, by name, with offsets (C,) in seconds."""
     return {
         camera.name: replace(camera.clock, offset_s=float(offset)) for camera, offset in zip(cameras, offset_s, strict=True)
     }
 
 
 def synchronise(rig: Rig, cameras: Sequence[CameraTracklets], observations: Observations, offset_s: Floats) -> Observations:
-    """People at instants that all cameras share (see `resample_to_common_steps`), by clocks with offsets (C,) in seconds."""
+    """Resample people to common instants (see `resample_to_common_steps`), by clocks with offsets (C,) in seconds."""
     sizes = {camera.name: camera.lens.size for camera in rig}
     return resample_to_common_steps(observations, clocks_with(cameras, offset_s), sizes=sizes)
 
 
 def relative_to_reference(offset_s: Floats, rig: Rig | None) -> Floats:
-    """(C,) the offsets against that of the first registered camera, or of the first where none is."""
+    """Return the offsets (C,) relative to that of the first registered camera, or of the first camera where none is."""
     registered = [c for c, camera in enumerate(rig) if camera.pose is not None] if rig is not None else []
     return np.asarray(offset_s - offset_s[registered[0] if registered else 0])
 
 
 def clock_corrections(solution: Solution) -> tuple[Floats, Floats]:
-    """(C,) the solver's corrections of the offsets, 0 where it has none, and (C,) their sigmas, NaN there; seconds."""
+    """Return the solver's corrections (C,) of the offsets, 0 where it has none, and their sigmas (C,), NaN there; seconds."""
     found, nothing = adjusted(solution.figures).clocks, ClockCorrection(correction_s=0.0, sigma_s=np.nan)
     rows = [found.get(name, nothing) for name in solution.rig.names]
     return np.array([row.correction_s for row in rows]), np.array([row.sigma_s for row in rows])
 
 
 def snap_to_whole_frames(offset_s: Floats, sigma_s: Floats, fps: Floats) -> Floats | None:
-    """The offsets in whole frames, if no evidence contradicts it; else None.
+    """Round the offsets to whole frames; return None where the evidence contradicts whole frames or is too weak.
 
-    Cameras with a common trigger, and recordings cut from one, are whole frames apart. Taking them so then spares the solver
-    an unknown a camera. Each offset may stray by its sigma, which must be small beside a frame: else anything looks whole.
+    Cameras with a common trigger, and recordings cut from one, are whole frames apart. Then the solver has one unknown less for
+    each camera. Offsets may deviate by their sigmas. The sigmas must be small relative to a frame, or any offset would pass.
 
     Args:
         offset_s: (C,) offsets, seconds; the first with a sigma is the reference.

@@ -1,7 +1,7 @@
-"""When the cameras' recordings began, minutes or hours apart: what is found before any two cameras are registered.
+"""Start times of the cameras' recordings, minutes or hours apart, found before any two cameras are registered.
 
-Candidates come from what was measured, or from people's activity (`activity`); the tracks of people decide between them. Of the
-pairs that agree a spanning forest is made, the clearest first, so that every other pair is searched about one lag only.
+Candidates come from measured differences, or from people's activity (`activity`); the tracks of people decide between them. A
+spanning forest is built of the pairs that agree, the clearest first, so that every other pair is searched about one lag only.
 """
 
 from __future__ import annotations
@@ -22,36 +22,36 @@ from passerby.core.association_figures import StartDifference
 from passerby.findings.finding import Finding, notice
 
 FULL_SEARCH_S = 60.0
-"""Lags up to this are all searched by tracks; above it, candidates are sought first."""
+"""Lags up to this are all searched by tracks, seconds; above it, candidates are found first."""
 NEAR_S = 2.0
-"""Each candidate, and each pair once the recordings' starts are known, is searched so far on either side."""
+"""Range of the search on either side of a candidate, or of a pair's lag where the starts are known, seconds."""
 CANDIDATES = 5
-"""Lags of a pair that tracks are tried at. Of 25 simulated pairs that share people (`simulation.passing_crowd`, seeds 100 to
-104 with 1.5 to 25 people a minute) the true lag was the first of them in 23."""
+"""Number of lags of a pair at which tracks are tried. Of 25 simulated pairs that share people (`simulation.passing_crowd`,
+seeds 100 to 104 with 1.5 to 25 people a minute) the true lag was the first of them in 23."""
 LEAST_SIGNIFICANCE = 3.0
-"""Peaks below it are not tried: there is one in any two recordings."""
+"""Peaks below it are not tried: any two recordings have such a peak."""
 CLEAR_SIGNIFICANCE = 7.0
 """No two cameras that see different people reach it: the best of 50 simulated pairs (the same scenes) had 5.2."""
 MUCH_CLEARER = 2.0
-"""A peak that much higher than the next one is tried alone."""
+"""Ratio of the significance of a peak to that of the next one, from which the peak is tried alone."""
 CLEAR_SHARE, CLEAR_SCORE = 0.5, 60.0
-"""What tracks must reach, of what both cameras should see and in samples of walkers. Strangers' best score over all lags is 30
-(120 simulated pairs, 1 to 5 people for 1 to 3 minutes)."""
+"""Least share of the people that both cameras should see, and least score in samples of walkers. The best score of cameras that
+see different people is 30 over all lags (120 simulated pairs, 1 to 5 people for 1 to 3 minutes)."""
 MEASURED_SIGMAS, LEAST_MISS_S = 3.0, 0.25
-"""People contradict what was measured if it is off by more than so many standard deviations, and seconds."""
+"""People contradict a measured difference if it is wrong by more than this number of sigmas, and of seconds."""
 ACTIVITY, SOUND, WALL_CLOCK = "activity", "sound", "wall clock"
 TIMECODE, CREATION_TIME = "timecode", "creation time"
 FILE_CLOCKS = (TIMECODE, CREATION_TIME)
-"""Clocks that files state, which may be those of copies: something else has to agree with them."""
+"""Clocks stated in files. They may be those of copies of the file, so that other evidence has to agree with them."""
 
 
 @dataclass(frozen=True)
 class MeasuredStart:
-    """A difference of two clocks that something else than people tells."""
+    """A difference of two clocks that was measured without people."""
 
     cameras: tuple[str, str]
     offset_s: float
-    """When the second recording began, less when the first did."""
+    """Start time of the second recording minus that of the first, seconds."""
     sigma_s: float
     found_by: str
     """`WALL_CLOCK`, `SOUND`, or one of `FILE_CLOCKS`."""
@@ -59,22 +59,22 @@ class MeasuredStart:
 
 @dataclass(frozen=True, eq=False)
 class Starts:
-    """When the recordings began, as far as it is known."""
+    """Start times of the recordings, where they are known."""
 
     searched_s: float
-    """The largest difference that was searched for."""
+    """Largest difference that was searched for, seconds."""
     offset_s: Floats
-    """(C,) what to add to each camera's clock, in whole grid steps; 0 for the first of each group."""
+    """(C,) offset to add to each camera's clock, seconds, in whole grid steps; 0 for the first of each group."""
     group: Ints
-    """(C,) cameras of one group have clocks that are known against each other."""
+    """(C,) group of each camera; the clocks of one group are known relative to each other."""
     differences: tuple[StartDifference, ...] = ()
-    """What they depend on, pair by pair."""
+    """The differences between pairs from which the offsets are computed."""
     doubts: Mapping[int, Finding] = field(default_factory=dict)
-    """By camera outside the largest group: why its start is unknown."""
+    """By camera outside the largest group: the reason why its start is unknown."""
     notices: tuple[Finding, ...] = ()
-    """What is odd."""
+    """Unusual facts about the starts."""
     measured: tuple[MeasuredStart, ...] = ()
-    """What is known from other sources than people."""
+    """Differences measured without people."""
 
     @property
     def far(self) -> bool:
@@ -82,7 +82,7 @@ class Starts:
         return self.searched_s > FULL_SEARCH_S
 
     def lag_steps(self, a: int, b: int) -> int | None:
-        """How much more camera b's clock shows than camera a's, in grid steps; None where it is not known."""
+        """Return the time of camera b's clock minus that of camera a's, in grid steps; None where it is not known."""
         if self.group[a] != self.group[b]:
             return None
         return round(float(self.offset_s[a] - self.offset_s[b]) / STEP_S)
@@ -95,7 +95,7 @@ class _Edge:
     a: int
     b: int
     lag: int
-    """Grid steps."""
+    """Time of camera b's clock minus that of camera a's, grid steps."""
     lag_s: float
     found_by: str
     peak: LagPeak | None
@@ -103,7 +103,7 @@ class _Edge:
 
 @dataclass(frozen=True, eq=False)
 class _Pair:
-    """What there is to try for two cameras, the best first."""
+    """Candidates of two cameras, the best first."""
 
     a: int
     b: int
@@ -112,7 +112,7 @@ class _Pair:
 
     @property
     def clarity(self) -> tuple[float, float]:
-        """Pairs are tried in the order of it: first those that were measured, the most exact of them first."""
+        """Key by which pairs are sorted: measured pairs first, the most exact of them first; then pairs by their best peak."""
         if self.measured:
             return 1.0, -min(one.sigma_s for one in self.measured)
         return 0.0, self.peaks[0].significance if self.peaks else 0.0
@@ -123,16 +123,16 @@ def find_starts(
     affinity: Mapping[tuple[int, int], Floats] | None = None,
     *, known: bool = False, by_tracks: bool = True,
 ) -> Starts:  # fmt: skip
-    """Find when the cameras' recordings began, as far as that needs to be known before pairs are searched.
+    """Find the start times of the cameras' recordings, where they have to be known before pairs are searched.
 
     Args:
         cameras: all cameras.
         max_lag_s: largest difference of two clocks that is searched for.
-        measured: differences that something else tells; tracks must agree with them.
-        affinity: by pair of cameras, of tracklets being one person.
+        measured: differences measured without people; tracks must agree with them.
+        affinity: by pair of cameras, log-likelihood ratio of tracklets being one person.
         known: whether tracklet numbers are identities that hold in all cameras.
-        by_tracks: whether tracks decide. Else only what is significant without them is taken: where focal lengths are unknown
-            tracks fit nothing yet.
+        by_tracks: whether tracks decide. Otherwise only differences that are significant without tracks are used: with unknown
+            focal lengths tracks do not fit yet.
     """
     pairs = sorted(
         (_pair(a, b, cameras, max_lag_s, measured, known) for a in range(len(cameras)) for b in range(a + 1, len(cameras))),
@@ -166,14 +166,14 @@ def find_starts(
 
 
 def shifted(tracks: GroundTracks, lag: int) -> GroundTracks:
-    """The tracks of a camera whose clock shows `lag` grid steps more than another's, by the other's clock."""
+    """Shift the tracks of a camera to another camera's clock, which shows `lag` grid steps less."""
     return tracks if lag == 0 else replace(tracks, step=tracks.step - lag)
 
 
 def _pair(
     a: int, b: int, cameras: Sequence[CameraTracklets], max_lag_s: float, measured: Sequence[MeasuredStart], known: bool
 ) -> _Pair:
-    """What was measured of two cameras, and the peaks of their activity where lags are too many to be searched in full."""
+    """Collect the measured differences of two cameras, and peaks of activity where the range is too large for full search."""
     names = cameras[a].name, cameras[b].name
     own = [one for one in measured if one.cameras == names]
     own += [replace(one, cameras=names, offset_s=-one.offset_s) for one in measured if one.cameras == names[::-1]]
@@ -201,7 +201,7 @@ def _try(
     pair: _Pair, cameras: Sequence[CameraTracklets], affinity: Floats | None, by_tracks: bool,
     max_lag_s: float,
 ) -> tuple[_Edge | None, tuple[Registration, ...]]:  # fmt: skip
-    """The lag at which two cameras agree significantly; without one, what fits at several lags as well."""
+    """Find the lag at which two cameras agree significantly; without one, return the registrations that fit at several lags."""
     first, second = cameras[pair.a].tracks, cameras[pair.b].tracks
     if first is None or second is None or not len(first) or not len(second):
         return None, ()
@@ -220,7 +220,7 @@ def _try(
         best = pair.peaks[0] if clear else None
         return (None if best is None else _Edge(pair.a, pair.b, best.lag, best.lag * STEP_S, ACTIVITY, best)), ()
     edge, rest = _by_activity(pair, first, second, clear, affinity)
-    # Sound is significant by itself: where nothing else can find the offset, what follows is to check it.
+    # Sound is significant alone: where no other source can find the offset, it is used, and later steps check it.
     beyond = [
         one for one in pair.measured if one.found_by == SOUND and (max_lag_s > FULL_SEARCH_S or abs(one.offset_s) > max_lag_s)
     ]
@@ -232,7 +232,7 @@ def _try(
 def _by_activity(
     pair: _Pair, first: GroundTracks, second: GroundTracks, clear: bool, affinity: Floats | None
 ) -> tuple[_Edge | None, tuple[Registration, ...]]:
-    """The lag among the peaks of activity at which tracks agree significantly; else what they fit at, the best first."""
+    """Find the peak of activity at which tracks agree significantly; without one, return the registrations, best first."""
     tried: list[tuple[Registration, LagPeak, bool]] = []
     for peak in pair.peaks[:1] if clear else pair.peaks:
         found = _at(pair, first, second, peak.lag, NEAR_S, affinity)
@@ -249,7 +249,7 @@ def _by_activity(
 
 
 def _stands_alone(peaks: Sequence[LagPeak]) -> bool:
-    """Whether the first peak is significant."""
+    """Check whether the first peak is significant."""
     after = peaks[1].significance if len(peaks) > 1 else 0.0
     return peaks[0].significance >= max(CLEAR_SIGNIFICANCE, MUCH_CLEARER * after)
 
@@ -257,20 +257,20 @@ def _stands_alone(peaks: Sequence[LagPeak]) -> bool:
 def _at(
     pair: _Pair, first: GroundTracks, second: GroundTracks, lag: int, reach_s: float, affinity: Floats | None
 ) -> PairRegistration:
-    """The registrations near a lag, with their whole lags."""
+    """Register two cameras near a lag, and return the registrations with their total lags."""
     found = register_pair(pair.a, pair.b, first, shifted(second, lag), reach_s, affinity)
     return with_lag(found, lag)
 
 
 def with_lag(found: PairRegistration, lag: int) -> PairRegistration:
-    """A registration of tracks that were `shifted`, with the whole lags."""
+    """Return a registration of tracks that were `shifted`, with the total lags."""
     if lag == 0:
         return found
     return replace(found, candidates=tuple(replace(one, lag_s=one.lag_s + lag * STEP_S) for one in found.candidates))
 
 
 def _is_clear(found: PairRegistration) -> bool:
-    """Whether the best registration is significant, though several lags are tried."""
+    """Check whether the best registration is significant even though several lags are tried."""
     if not found.candidates or found.runner_up >= ALONE_RUNNER_UP or found.candidates[0].score < CLEAR_SCORE:
         return False
     return found.candidates[0].share >= CLEAR_SHARE or found.clear_of_chance
@@ -286,16 +286,16 @@ def _difference(edge: _Edge, cameras: Sequence[CameraTracklets]) -> StartDiffere
 def contradicted_starts(
     starts: Starts | None, names: Sequence[str], offset_s: Floats, registered: Sequence[bool]
 ) -> list[Finding]:
-    """A notice of each measured difference that the rig's clocks contradict.
+    """Return a notice for each measured difference that the rig's clocks contradict.
 
     Args:
-        starts: with what was measured.
-        names: of all cameras.
-        offset_s: (C,) what to add to each camera's clock, by people.
-        registered: (C,) whether people tell it.
+        starts: has the measured differences.
+        names: names of all cameras.
+        offset_s: (C,) offset to add to each camera's clock, found by people, seconds.
+        registered: (C,) whether the offset was found by people.
     """
     number = {name: c for c, name in enumerate(names)}
-    # A creation time may be that of either end: one of the two is enough.
+    # A creation time may be that of the start or of the end: it is enough that one of both agrees.
     told: dict[tuple[tuple[str, str], str], list[MeasuredStart]] = {}
     for one in () if starts is None else starts.measured:
         told.setdefault((one.cameras, one.found_by), []).append(one)
@@ -312,7 +312,7 @@ def contradicted_starts(
 
 
 def _begin_apart(cameras: Sequence[CameraTracklets], group: Ints, offset: Ints, edges: Sequence[_Edge]) -> list[Finding]:
-    """A notice of recordings that begin farther apart than is searched for in full."""
+    """Return a notice for recordings that begin farther apart than `FULL_SEARCH_S`."""
     found = []
     for one in np.unique(group).tolist():
         members = np.flatnonzero(group == one)
@@ -330,7 +330,7 @@ def _doubts(
     cameras: Sequence[CameraTracklets], group: Ints, unclear: Mapping[tuple[int, int], tuple[Registration, ...]],
     searched_s: float,
 ) -> dict[int, Finding]:  # fmt: skip
-    """Why the start of each camera outside the largest group is unknown; of every camera, where there is no group."""
+    """Return the reason why the start of each camera outside the largest group is unknown; of every camera without a group."""
     size = np.bincount(group, minlength=len(cameras))
     main = int(np.argmax(size)) if size.max() > 1 else -1
     out = {}

@@ -1,4 +1,4 @@
-"""Pairs of cameras registered by the tracks of people on the ground.
+"""Registration of pairs of cameras by the tracks of people on the ground.
 
 Imports `people` and below.
 """

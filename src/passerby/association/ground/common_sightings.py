@@ -1,4 +1,4 @@
-"""What two groups of cameras see at one time near the place where people pass: the turn between them, and common identities."""
+"""Turn between two groups of cameras, and common identities, from people near the passage that both groups see at one time."""
 
 from __future__ import annotations
 
@@ -22,37 +22,38 @@ from passerby.geometry.groups import expanded_ranges, group_numbers, least_of_gr
 from passerby.people.ground_positions import Places
 
 NEAR_M = 5.0
-"""About the place where people pass, within which boxes of both groups are compared."""
+"""Radius about the place where people pass, metres, within which boxes of both groups are compared."""
 SIGHTED_TURNS, SIGHTED_CELL_M, FARTHEST_M, NEAR_CELLS = 72, 0.25, 2.0, 3
-"""Turns that are compared, the size of the cells in which their shifts are counted, how far these are from the one found by
-ends of tracks at most, and the cells within which pairs of boxes are fitted."""
+"""Number of turns that are compared, size of the cells in which their shifts are counted, largest distance of a shift from the
+one found by ends of tracks, and number of cells within which pairs of boxes are fitted."""
 CERTAIN, LIKELY, APART_DEG, RIVAL = 2.5, 0.5, 20.0, 0.8
-"""The turn is open where its votes have less than so many times the largest log-likelihood of any other lag, or where a turn
-that differs by more has more than this share of them. Of turns and shifts with at least this share of the largest
-log-likelihood, that with most votes counts. Simulated airports (seeds 801, 804, 806, 811 of 25 cameras, 820 of 100): at 14 of
-18 doors 3.1 to 37 times, and the turn is then within 7 degrees, at 11 of them within 2.1 (by the ends of tracks alone: up to
-35); at three, where the two groups see few people at one time, 0.5 to 2.1 times; at one another turn has as many votes; between
-groups without common ground 0.3 to 1.5 times."""
+"""The turn is undetermined in two cases: its log-likelihood is less than `CERTAIN` times the largest of any other lag, or a
+turn that differs by more than `APART_DEG` has at least the share `RIVAL` of its votes. Of turns and shifts with at least the
+share `LIKELY` of the largest log-likelihood, the one with most votes is taken. Simulated airports (seeds 801, 804, 806, 811 of
+25 cameras, 820 of 100): at 14 of 18 doors the ratio is 3.1 to 37, and the turn is then within 7 degrees, at 11 of them within
+2.1 (by the ends of tracks alone: up to 35); at three, where the two groups see few people at one time, 0.5 to 2.1; at one
+another turn has as many votes; between groups without common ground the ratio is 0.3 to 1.5."""
 SAME_PERSON = 3.0
-"""Nats of what is gained by a person of one group being one of the other: twenty times as probable."""
+"""Log-likelihood, nats, above which a person of one group is one of the other: twenty times as probable."""
 TOGETHER = 0.25
-"""Two cameras see people together where these gain so much of what they do by the best two. (Simulated airports, seeds 804 and
-806: 59 to 100 % for eight pairs of cameras at four doors, 4 % at most for others.)"""
+"""Least log-likelihood of common people of two cameras that see people together, as a share of that of the best two cameras.
+(Simulated airports, seeds 804 and 806: 59 to 100 % for eight pairs of cameras at four doors, 4 % at most for others.)"""
 TO_COMPLEX = np.array([1.0, 1.0j])
 
 
 def refine_by_sightings(found: Passage, a: Places, b: Places) -> Passage:
-    """The motion by the boxes of both groups near the passage at one time, cut-off boxes and unknown people included.
+    """Refine the motion by boxes of both groups near the passage at one time, including cut-off boxes and unknown people.
 
-    Every two boxes at one time propose a shift for each turn. What other lags reach is chance: boxes of different people meet
-    at any time, and the more so where a turn and a shift lay one group's people over the other's.
+    Every two boxes at one time propose a shift for each turn. Votes at other lags measure chance: boxes of different people
+    meet at any time, especially where a turn and a shift lay one group's people over the other's.
 
-    As it was found where that leaves the turn open: other lags reach as much, or another turn has nearly as many votes.
+    The passage is returned unchanged where the turn is undetermined: other lags have as many votes, or another turn has nearly
+    as many.
 
     Args:
-        found: clear of chance.
+        found: a significant passage.
         a: boxes of the first group's cameras.
-        b: of the second one's.
+        b: boxes of the second group's cameras.
     """
     there = found.motion.turn * found.place + found.motion.shift
     near_a, near_b = (
@@ -86,23 +87,23 @@ def refine_by_sightings(found: Passage, a: Places, b: Places) -> Passage:
 
 @dataclass(frozen=True, eq=False)
 class Alike:
-    """People of two groups who may be one."""
+    """Pairs of people of two groups that may be one person."""
 
     pairs: Ints
     """(K, 2) their identities, the most likely first."""
     cameras: Ints
-    """(M, 2) numbers of the cameras of either group that see them at one place."""
+    """(M, 2) numbers of the cameras of the first and the second group that see them at one position."""
 
 
 def compare_people(passage: Passage, a: Places, b: Places) -> Alike:
-    """Who of two groups may be one person: those who are at one place whenever both groups see them.
+    """Find pairs of people of two groups that may be one person: they are at one position whenever both groups see them.
 
-    Cameras count that see much of them together: by the others a single stranger would pass for a person of the group.
+    Only cameras that see many of them together are returned. For other cameras a single different person would be enough.
 
     Args:
-        passage: with the motion between the groups.
+        passage: has the motion between the groups.
         a: boxes with identities of the first group's cameras.
-        b: of the second one's.
+        b: boxes with identities of the second group's cameras.
     """
     i, j = _at_one_time(a, b, passage.motion.lag_s)
     turn, shift = passage.motion.turn, passage.motion.shift
@@ -123,7 +124,7 @@ def compare_people(passage: Passage, a: Places, b: Places) -> Alike:
 
 
 def _at_one_time(a: Places, b: Places, lag_s: float) -> tuple[Ints, Ints]:
-    """Rows of `a` and rows of `b` that are half a time step apart at most."""
+    """Return the rows of `a` and of `b` that are half a time step apart at most."""
     seconds_a, seconds_b = a.start_s + a.step * a.step_s + lag_s, b.start_s + b.step * b.step_s
     half = 0.5 * max(a.step_s, b.step_s)
     low, high = (np.searchsorted(seconds_b, seconds_a + apart) for apart in (-half, half))
@@ -131,10 +132,10 @@ def _at_one_time(a: Places, b: Places, lag_s: float) -> tuple[Ints, Ints]:
 
 
 def _log_likelihood(votes: Floats, by_chance: Floats) -> Floats:
-    """Nats by which votes beyond those of other lags (L, ...) are better explained by people that both groups see.
+    """Return the log-likelihood, nats, of votes by people that both groups see, relative to chance.
 
-    Of Poisson's distribution, divided by how much more than that the other lags scatter: boxes of people who stand come in
-    hundreds. (Quasi-likelihood: Wedderburn, Biometrika 1974.)
+    Chance is measured by the votes at other lags (L, ...). The likelihood is Poisson's, divided by the overdispersion of the
+    other lags: boxes of people who stand come in hundreds. (Quasi-likelihood: Wedderburn, Biometrika 1974.)
     """
     mean = by_chance.mean(axis=0) + 1.0
     gain = np.where(votes > mean, votes * np.log(np.maximum(votes, 1.0) / mean) - (votes - mean), 0.0)
@@ -142,7 +143,7 @@ def _log_likelihood(votes: Floats, by_chance: Floats) -> Floats:
 
 
 def _count_shifts(shift: Complexes) -> Floats:
-    """(n, n) the shifts of at most `FARTHEST_M` in each square of three by three cells."""
+    """Count the shifts of at most `FARTHEST_M` in each square of three by three cells: (n, n)."""
     edges = np.arange(-FARTHEST_M, FARTHEST_M + 0.5 * SIGHTED_CELL_M, SIGHTED_CELL_M)
     votes = np.histogram2d(shift.real, shift.imag, bins=(edges, edges))[0]
     return np.asarray(sliding_window_view(votes, (3, 3)).sum(axis=(2, 3)))
@@ -153,17 +154,17 @@ class _Sighted:
     """K pairs of boxes of two groups at one time."""
 
     a: Floats
-    """(K, 2) places, metres."""
+    """(K, 2) positions, metres; `b` are those of the second group."""
     b: Floats
     covariance_a: Floats
     """(K, 2, 2)"""
     covariance_b: Floats
     row_a: Ints
-    """(K,) which boxes they are."""
+    """(K,) rows of the boxes."""
     row_b: Ints
 
     def fit(self, motion: GroundMotion) -> GroundMotion:
-        """The motion that most pairs fit, near a first one; each box has one partner at most."""
+        """Fit the motion robustly to the pairs, near a first one; each box has one partner at most."""
         turn, shift = motion.turn, motion.shift
         for _ in range(STEPS):
             R = np.array([[turn.real, -turn.imag], [turn.imag, turn.real]])

@@ -14,7 +14,7 @@ from passerby.geometry.groups import expanded_ranges
 
 @dataclass(frozen=True, eq=False)
 class TrackPair:
-    """All that is known of two cameras before they are registered."""
+    """Tracks and appearance of two cameras before they are registered."""
 
     a: GroundTracks
     b: GroundTracks
@@ -22,7 +22,7 @@ class TrackPair:
     """(T_a, T_b) log-likelihood ratio of tracklets showing one person rather than two, from their appearance."""
 
     def instants_of(self, encounters: int) -> int:
-        """About how many instants have so many encounters, at any lag."""
+        """Return the approximate number of instants that have this number of encounters, at any lag."""
         crowd_a, crowd_b = (len(side) / max(1, len(side.instants[0])) for side in (self.a, self.b))
         return int(np.ceil(encounters / max(crowd_a * crowd_b, 1.0)))
 
@@ -52,26 +52,26 @@ class TrackletPairs:
         return order, np.concatenate([[0], np.cumsum(self.size)])
 
     def encounters_of(self, pair: int) -> Ints:
-        """Rows of a pair's encounters."""
+        """Return the rows of a pair's encounters."""
         order, first = self._sorted
         return order[first[pair] : first[pair + 1]]
 
     def summed(self, values: Floats) -> Floats:
-        """(P,) sums over each pair's encounters of values (N,)."""
+        """Sum values (N,) over each pair's encounters: (P,)."""
         return np.asarray(np.bincount(self.of_encounter, values, len(self)), dtype=np.float64)
 
 
 @dataclass(frozen=True, eq=False)
 class SynchronousPairs:
-    """Every combination of a sample of camera a and a sample of camera b at the same time: N of them."""
+    """The N encounters: every combination of a sample of camera a and a sample of camera b at the same time."""
 
     tracks: TrackPair
     lag: int
-    """Grid steps: camera b's clock shows so much more."""
+    """Time of camera b's clock minus that of camera a's, grid steps."""
     a: Ints
     """(N,) rows of camera a's tracks."""
     b: Ints
-    """(N,) rows of camera b's."""
+    """(N,) rows of camera b's tracks."""
     thinned: bool = False
     """Whether instants were left out."""
 
@@ -80,7 +80,7 @@ class SynchronousPairs:
 
     @cached_property
     def tracklets(self) -> TrackletPairs:
-        """Whose encounters they are."""
+        """The pairs of tracklets to which the encounters belong."""
         in_a, in_b = self.tracks.a.tracklet, self.tracks.b.tracklet
         n_b = int(in_b.max(initial=0)) + 1
         key, which = np.unique(in_a[self.a] * n_b + in_b[self.b], return_inverse=True)
@@ -88,13 +88,13 @@ class SynchronousPairs:
 
 
 def find_synchronous_pairs(tracks: TrackPair, lag: int, most_instants: int | None = None, stretch: int = 1) -> SynchronousPairs:
-    """Encounters of two cameras.
+    """Find the encounters of two cameras.
 
     Args:
-        tracks: of both cameras.
-        lag: grid steps that camera b's clock shows more.
-        most_instants: of more instants with people in both cameras, so many are taken at even steps,
-        stretch: so many neighbours each time. Tracklets can be matched only by several samples of both.
+        tracks: tracks of both cameras.
+        lag: time of camera b's clock minus that of camera a's, grid steps.
+        most_instants: largest number of instants. If more have people in both cameras, stretches are taken at even steps.
+        stretch: neighbouring instants in a stretch. Tracklets can be matched only by several samples of both.
     """
     (steps_a, low_a, n_a), (steps_b, low_b, n_b) = tracks.a.instants, tracks.b.instants
     in_b = np.searchsorted(steps_b, steps_a + lag)

@@ -1,8 +1,8 @@
-"""The people of one camera as tracks on the ground below it, sampled on a grid of time.
+"""The people of one camera as tracks on the ground below it, sampled on a time grid.
 
 Before anything is known of the other cameras, one camera's own people give its vertical and its height
-(`geometry.single_view`), and so a place on the ground to every foot. Positions and velocities are local straight-line fits to
-the samples around each grid time, so that cameras of different frame rates and clocks become comparable.
+(`geometry.single_view`), and from these the ground position of every foot. Positions and velocities are local straight-line
+fits to the samples around each grid time, so that cameras of different frame rates and clocks become comparable.
 """
 
 from __future__ import annotations
@@ -19,30 +19,30 @@ from passerby.geometry.single_view import Level
 from passerby.people.sightings import Sightings
 
 CELL_M = 1.0
-"""Cells in which a camera has seen people: about a step, and what ground positions are off by."""
+"""Size of the cells in which a camera has seen people, metres: about a step, and the error of ground positions."""
 MIN_TRACK_S = 1.0
-"""Shorter tracklets have no direction."""
+"""Least length of a tracklet, seconds: shorter ones have no direction."""
 FASTEST = 12.0
-"""Metres per second: no person runs faster, so that it is a place near the horizon, or a tracklet that changes person."""
+"""Metres per second. No person runs faster: it is a position near the horizon, or a tracklet that changes person."""
 MAX_REACH_HEIGHTS = 25.0
-"""Feet farther off than so many camera heights lie within 2.3 degrees of the horizon, where a tilt of one degree halves or
-doubles the distance."""
+"""Largest distance of feet, in camera heights. Feet farther away are within 2.3 degrees of the horizon, where a tilt of one
+degree halves or doubles the distance."""
 
 
 @dataclass(frozen=True)
 class Tolerance:
-    """How far off a ground position may be: stride and box noise, and shares of the distance.
+    """Tolerances of a ground position: stride and box noise, and shares of the distance.
 
     The defaults hold for a camera levelled by its own people.
     """
 
     floor_m: float = 0.3
     along: float = 0.06
-    """Along the ray: what is left of the level's tilt and height."""
+    """Share along the ray: remaining errors of the level's tilt and height."""
     across: float = 0.025
-    """Across the ray: what is left of its roll, and of the turn between two cameras."""
+    """Share across the ray: remaining errors of the level's roll, and of the turn between two cameras."""
     foot_m: float = 0.0
-    """Height by which a foot is off: it moves the place along the ray by so much for each camera height of distance."""
+    """Error of a foot's height, metres: it moves the position along the ray by this for each camera height of distance."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +68,7 @@ class GroundTracks:
 
     @cached_property
     def instants(self) -> tuple[Ints, Ints, Ints]:
-        """(I,) the grid times at which people are seen, ascending, (I,) the first sample of each, and (I,) their number."""
+        """(I,) grid times at which people are seen, ascending; (I,) first sample of each; (I,) number of samples of each."""
         return np.unique(self.step, return_index=True, return_counts=True)
 
     @cached_property
@@ -78,7 +78,7 @@ class GroundTracks:
         return np.unique(_cells((self.position[:, None] + around).ravel()))
 
     def covers(self, position: NDArray[np.complex128]) -> NDArray[np.bool_]:
-        """(N,) whether the camera has seen people about there."""
+        """Check (N,) whether the camera has seen people near each position."""
         if not len(self):
             return np.zeros(len(position), dtype=bool)
         key = _cells(position)
@@ -87,13 +87,13 @@ class GroundTracks:
 
     @cached_property
     def sigma(self) -> tuple[Floats, Floats]:
-        """(N,) how far off a position may be along its ray and (N,) across it, metres."""
+        """(N,) tolerances of the positions along their rays, and (N,) across them, metres."""
         reach, t = np.abs(self.position), self.tolerance
         return t.floor_m + (t.along + t.foot_m / self.level.height) * reach, t.floor_m + t.across * reach
 
 
 def _cells(position: NDArray[np.complex128]) -> Ints:
-    """Keys of the cells of the ground that positions lie in."""
+    """Return the keys of the ground cells that contain positions."""
     x, y = (np.floor(part / CELL_M).astype(np.int64) for part in (position.real, position.imag))
     return np.asarray(x * 1_000_003 + y)
 
@@ -101,13 +101,13 @@ def _cells(position: NDArray[np.complex128]) -> Ints:
 def ground_tracks(
     bodies: Sightings, level: Level, tolerance: Tolerance | None = None, *, shortest_s: float = MIN_TRACK_S
 ) -> GroundTracks:
-    """Tracks of the bodies that belong to a tracklet (identity > -1).
+    """Compute the ground tracks of the bodies that belong to a tracklet (identity > -1).
 
     Args:
         bodies: one camera's people with their times.
         level: the camera's vertical and height.
-        tolerance: how far off its ground positions may be.
-        shortest_s: shorter tracklets are left out.
+        tolerance: tolerances of its ground positions.
+        shortest_s: shorter tracklets are left out, seconds.
     """
     ground = level.ground_positions(bodies.bottom)
     use = np.isfinite(ground).all(axis=1) & (bodies.identity >= 0)

@@ -1,4 +1,4 @@
-"""Tracklets of two cameras matched under a motion of the ground, and the motion that fits matched tracklets best."""
+"""Matching of two cameras' tracklets under a motion of the ground, and the motion that fits matched tracklets best."""
 
 from __future__ import annotations
 
@@ -12,24 +12,24 @@ from passerby.association.sampling import STEP_S
 from passerby.common.arrays import Floats, Ints
 
 WALKING = 0.7
-"""Metres per second: slower people tell no direction and count less."""
-# A tracklet pair is a match when so many of its common samples agree, on average over their weight.
+"""Metres per second. Slower people have no clear direction and are weighted less."""
+# A tracklet pair is a match if its common samples have this mean agreement, and this number at least.
 _MIN_AGREEMENT, _MIN_SAMPLES = 0.25, 3
-# A few samples where two tracklets of one person touch do not part them.
+# Largest share of a pair's samples that better pairs have taken. Tracklets of one person may share a few samples at their ends.
 _MAX_TAKEN = 0.2
 # Squared tolerances beyond which an agreement is -1.
 _NOTHING_BEYOND = 2.0
-# The levels know each camera's height to about 9 %, so the two scales differ by about this much, and never by more than these.
+# Each camera's height is known from its level to about 9 %: standard deviation of the ratio of the two scales, and its limits.
 _SCALE_SD, _SCALE_RANGE = 0.13, (0.7, 1.4)
-# The priors weigh as much as this share of the matched samples: neighbouring samples are off alike.
+# The priors have the weight of this share of the matched samples: errors of neighbouring samples are alike.
 _PRIOR_SHARE = 0.05
-# A normal matrix worse than this is that of people who all stand on one spot.
+# Largest condition of the normal matrix. It is larger where all people stand on one spot.
 _MAX_CONDITION = 1e14
 
 
 @dataclass(frozen=True)
 class GroundMotion:
-    """From camera a's ground and clock to camera b's: `ground_b = turn * ground_a + shift` at `time_b = time_a + lag_s`."""
+    """Motion between two cameras' grounds and clocks: `ground_b = turn * ground_a + shift`, `time_b = time_a + lag_s`."""
 
     turn: complex
     """Turn about the vertical, and the ratio of the two cameras' scales."""
@@ -39,12 +39,12 @@ class GroundMotion:
     """Seconds."""
 
     def then(self, other: GroundMotion) -> GroundMotion:
-        """From camera a on to camera c, by another motion from camera b to camera c."""
+        """Chain this motion with one from camera b to camera c: return the motion from camera a to camera c."""
         return GroundMotion(other.turn * self.turn, other.turn * self.shift + other.shift, self.lag_s + other.lag_s)
 
     @property
     def inverse(self) -> GroundMotion:
-        """From camera b to camera a."""
+        """The motion from camera b to camera a."""
         return GroundMotion(1 / self.turn, -self.shift / self.turn, -self.lag_s)
 
 
@@ -57,25 +57,25 @@ class TrackletMatches:
     miss: Floats
     """(M,) distance in tolerances."""
     whitening: Floats
-    """(M, 3) the lower triangle (11, 21, 22) that turns metres into tolerances, along camera b's axes."""
+    """(M, 3) lower triangles (11, 21, 22) that convert metres to tolerances, along camera b's axes."""
     score: float
-    """Encounters of walking people that agree, less those that disagree."""
+    """Encounters of walking people that agree, minus those that disagree."""
     tracklets_a: Ints
-    """(K,) matched tracklets of camera a,"""
+    """(K,) matched tracklets of camera a."""
     tracklets_b: Ints
-    """(K,) and of camera b,"""
+    """(K,) their partners of camera b."""
     weight: Floats
-    """(K,) with the agreement of each match, in samples."""
+    """(K,) agreement of each match, in samples."""
 
 
 def agreement_of_pairs(met: SynchronousPairs, motion: GroundMotion, factor: float = 1.0) -> Floats:
-    """(N,) how well encounters meet when the tolerances are `factor` times as wide.
+    """Return the agreement (N,) of encounters with tolerances multiplied by `factor`.
 
-    1 where the two samples meet, 0 a tolerance apart, -1 beyond.
+    It is 1 where the two samples meet, 0 at the distance of a tolerance, and -1 beyond.
     """
     apart = _apart(met, motion, slice(None))
     tracks_a, tracks_b = met.tracks.a, met.tracks.b
-    # No tolerance reaches farther than those along both rays together, so that most encounters need no closer look.
+    # No tolerance is larger than those along both rays combined, so that most encounters need no exact test.
     reach_a = (abs(motion.turn) * np.maximum(*tracks_a.sigma)) ** 2
     reach_b = np.maximum(*tracks_b.sigma) ** 2
     square = apart.real**2 + apart.imag**2
@@ -87,7 +87,7 @@ def agreement_of_pairs(met: SynchronousPairs, motion: GroundMotion, factor: floa
 
 
 def _apart(met: SynchronousPairs, motion: GroundMotion, rows: Ints | slice) -> NDArray[np.complex128]:
-    """How far camera a's samples come to lie from camera b's, metres."""
+    """Return the differences of camera a's moved samples from camera b's, x + iy, metres."""
     a, b = met.a[rows], met.b[rows]
     tracks_a, tracks_b = met.tracks.a, met.tracks.b
     rest_s = motion.lag_s - met.lag * STEP_S
@@ -95,12 +95,12 @@ def _apart(met: SynchronousPairs, motion: GroundMotion, rows: Ints | slice) -> N
 
 
 def _missed(apart: NDArray[np.complex128], whitening: Floats) -> Floats:
-    """The same in tolerances."""
+    """Return the lengths of these differences in tolerances."""
     return np.hypot(whitening[:, 0] * apart.real, whitening[:, 1] * apart.real + whitening[:, 2] * apart.imag)
 
 
 def _whitening(met: SynchronousPairs, turn: complex, rows: Ints) -> Floats:
-    """(rows, 3) lower triangles W with `W^T W` the inverse of both positions' joint covariance, along camera b's axes."""
+    """Return lower triangles W (rows, 3), with `W^T W` the inverse of both positions' summed covariance, on camera b's axes."""
     xx = yy = xy = np.zeros(len(rows))
     for tracks, own, turned in ((met.tracks.a, met.a[rows], turn), (met.tracks.b, met.b[rows], 1.0 + 0.0j)):
         along, across = tracks.sigma
@@ -118,9 +118,9 @@ def _whitening(met: SynchronousPairs, turn: complex, rows: Ints) -> Floats:
 
 
 def match_tracklets(met: SynchronousPairs, motion: GroundMotion, factor: float) -> TrackletMatches | None:
-    """Tracklets that run together under a motion, the best first; two that overlap in time never share a partner.
+    """Match tracklets that agree under a motion, the best first; two that overlap in time never share a partner.
 
-    None where they have too few samples to tell anything.
+    Returns None where they have too few samples.
     """
     tracks, pairs = met.tracks, met.tracklets
     agreeing = agreement_of_pairs(met, motion, factor)
@@ -139,7 +139,7 @@ def match_tracklets(met: SynchronousPairs, motion: GroundMotion, factor: float) 
 
 
 def _exclusive(met: SynchronousPairs, good: NDArray[np.bool_], weight: Floats) -> NDArray[np.bool_]:
-    """(P,) which of the good tracklet pairs are kept when the best take their samples first: a sample has one partner."""
+    """Return a mask (P,) of the good pairs to keep. The best take their samples first, and a sample has one partner."""
     chosen = np.zeros(len(good), dtype=bool)
     taken_a, taken_b = np.zeros(len(met.tracks.a), dtype=bool), np.zeros(len(met.tracks.b), dtype=bool)
     candidates = np.flatnonzero(good)
@@ -155,10 +155,10 @@ def _exclusive(met: SynchronousPairs, good: NDArray[np.bool_], weight: Floats) -
 
 
 def fit_motion(met: SynchronousPairs, matched: TrackletMatches, start: GroundMotion, *, free_lag: bool) -> GroundMotion | None:
-    """The motion that brings matched samples together: robust linear least squares about a start.
+    """Fit the motion to matched samples by robust linear least squares about a start.
 
-    Unknowns are the turn with its scale, the shift and, if it is free, what the lag is more than the encounters' own. A lag
-    that is held must be theirs. None where the samples do not determine the unknowns.
+    Unknowns are the turn with its scale, the shift and, if the lag is free, its difference from the encounters' lag. A lag that
+    is held must be that of the encounters. Returns None where the samples do not determine the unknowns.
     """
     a, b = met.a[matched.rows], met.b[matched.rows]
     tracks_a, tracks_b = met.tracks.a, met.tracks.b
@@ -170,7 +170,7 @@ def fit_motion(met: SynchronousPairs, matched: TrackletMatches, start: GroundMot
     rows = np.concatenate([w[:, :1] * x, w[:, 1:2] * x + w[:, 2:] * y])
     A, target = rows[:, :5], rows[:, 5]
     H, g = A.T @ A, A.T @ target
-    # Priors: the scale near 1, the rest of the lag small.
+    # Priors: the scale near 1, the difference of the lag small.
     unit = start.turn / abs(start.turn)
     prior = max(1.0, _PRIOR_SHARE * len(p))
     H[[0, 1], [0, 1]] += prior / _SCALE_SD**2

@@ -1,11 +1,11 @@
-"""Two groups of cameras registered by people who pass from one to the other, as through a door.
+"""Registration of two groups of cameras by people who pass from one to the other, as through a door.
 
-Each group is a rig of its own: scale and vertical are known, and what is missing is a turn, a shift and a lag of the clocks.
-Where a track of one group ends, one of the other begins at about that time and place, seen by both for a moment or by neither.
-A door is one place in either world: first come pairs of squares of ground in which more ends are near in time, at one lag, than
-at others. There every two ends propose a shift for each turn, and every person has one vote. Chance is what the same ends reach
-when one group walks backwards (surrogate data: Theiler et al., Physica D 1992), or with other lags: where people come and go in
-crowds, as with trains, ends of different people are near in time.
+Each group is a rig of its own: scale and vertical are known. The turn, the shift and the lag of the clocks are unknown. Where a
+track of one group ends, one of the other begins at about that time and place; both groups or neither see the person for a
+moment. A door is one place in either world. First, pairs of squares of ground are found in which more ends are near in time at
+one lag than at other lags. There every two ends propose a shift for each turn, and every person has one vote. The number of
+votes by chance is measured with one group walking backwards (surrogate data: Theiler et al., Physica D 1992), and at other
+lags: where people come and go in crowds, as with trains, ends of different people are near in time.
 """
 
 from __future__ import annotations
@@ -28,34 +28,34 @@ from passerby.people.body_centres import PeopleRays, identified_body_centres
 Complexes = NDArray[np.complex128]
 
 GAP_S, SHORTEST_S = 2.0, 1.5
-"""A person who is not seen for longer begins another track; shorter tracks are left out."""
+"""Longest time without sightings within a track, and shortest track that is used, seconds."""
 WINDOW_S = 1.0
-"""Part of a track by which the place and the velocity of its end are fitted."""
+"""Length of the part of a track, seconds, to which the position and the velocity of its end are fitted."""
 APART_S = 3.0
-"""Two ends of one passage are no farther apart in time: what both groups see of it, or neither."""
+"""Largest time between two ends of one passage, seconds: the time that both groups, or neither, see the person."""
 LAG_STEP_S, TURNS, CELL_M = 0.5, 90, 1.0
 """Grid of the search."""
 HALF_SQUARE_M, MOST_PLACES = 4.0, 64
-"""Squares of ground have twice this side, and overlap by it: ends of tracks of people who pass a door are within 8 m. How many
-pairs of squares, each at one lag, are searched for the turn."""
+"""Squares of ground have twice this side, and overlap by it: ends of tracks of people who pass a door are within 8 m. The
+second is the number of pairs of squares, each at one lag, that are searched for the turn."""
 CELLS = 2 * int(np.ceil(2 * HALF_SQUARE_M * np.sqrt(2.0) / CELL_M))
-"""On each axis, of the shifts between two squares."""
+"""Number of cells on each axis for the shifts between two squares."""
 NUMBERS = 1 << 15
-"""A square's number is this times its number on the x axis and that on the y axis: 130 km of ground."""
+"""A square's number is this times its number on the x axis plus that on the y axis: 130 km of ground."""
 PLACE_SD_M, SPEED_SD_M_S = 0.3, 0.6
-"""One standard deviation of a place by a track, and of how a person's velocity changes after its end: people turn in doors."""
+"""Standard deviations of a track's position, and of the change of a person's velocity after its end: people turn in doors."""
 MOST_SQUARE = 9.0
-"""Squared miss, in standard deviations, from which an end belongs to another person."""
+"""Squared distance, in standard deviations, from which an end belongs to another person."""
 OTHER_LAGS_S = 20.0
-"""Lags up to so much beyond those that are possible are tried as well, to know what chance reaches."""
+"""Impossible lags are tried up to this far beyond the possible ones, seconds, to measure the votes by chance."""
 DAMPING = (1.0, 1e-6, 1e-6, 1.0)
-"""Added to the information on the steps of turn, shift and lag: people who all stand on one spot, or never walk, tell less."""
+"""Added to the information on the steps of turn, shift and lag, for people who all stand on one spot or never walk."""
 STARTS, STEPS = 18, 12
-"""Turns from which the motion about the place found is fitted, and steps of each fit."""
+"""Number of turns from which the motion about the found place is fitted, and steps of each fit."""
 CLEAR, FEWEST = 1.5, 12
-"""Votes from which groups are joined: so many times those that chance reaches, and people. Simulated airports (seeds 801, 804,
-806, 811 of 25 cameras, 820 of 100): 1.7 to 3 times at 18 doors, 1.3 times at most for pairs of groups that share no ground and
-have so many."""
+"""Groups are joined from this multiple of the votes by chance, and from this number of people. Simulated airports (seeds 801,
+804, 806, 811 of 25 cameras, 820 of 100): 1.7 to 3 times at 18 doors, and 1.3 times at most for pairs of groups that share no
+ground and have as many people."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,20 +65,20 @@ class TrackEnds(Columns):
     sense: Floats
     """(E,) 1 where a person disappears, -1 where one appears."""
     time_s: Floats
-    """(E,) by the group's clock."""
+    """(E,) time by the group's clock."""
     place: Complexes
     """(E,) x + iy in the group's world, metres."""
     velocity: Complexes
     """(E,) metres per second."""
     seen_by: Bools
-    """(E, C) by which cameras of the group, near the end."""
+    """(E, C) whether each camera of the group sees the person near the end."""
 
     def __len__(self) -> int:
         return len(self.time_s)
 
     @property
     def by_time(self) -> TrackEnds:
-        """In the order of time."""
+        """The same ends in the order of time."""
         return self.take(np.argsort(self.time_s, kind="stable"))
 
     @property
@@ -90,39 +90,40 @@ class TrackEnds(Columns):
 
 @dataclass(frozen=True, eq=False)
 class Passage:
-    """Two groups registered by the people who pass from one to the other."""
+    """Registration of two groups by the people who pass from one to the other."""
 
     motion: GroundMotion
-    """From the first group's ground and clock to the second one's; `turn` has the length 1."""
+    """Motion from the first group's ground and clock to the second one's; `turn` has the length 1."""
     place: complex
-    """Where people pass, in the first group's world, metres."""
+    """Position at which people pass, in the first group's world, metres."""
     votes: int
-    """People who pass there."""
+    """Number of people who pass there."""
     by_chance: int
-    """Votes that chance reaches."""
+    """Number of votes that occur by chance."""
     cameras: Ints
-    """(C, C') times that one of them is seen by each camera of the first and each of the second group."""
+    """(C, C') number of passages seen by each camera of the first and each camera of the second group."""
     turn_known: bool = False
-    """Whether what both groups see at one time determines the turn: ends of tracks alone are off by up to 30 degrees."""
+    """Whether the turn is determined by people seen by both groups at one time. With ends of tracks alone it has errors of up
+    to 30 degrees."""
 
     @property
     def needed(self) -> int:
-        """Votes that are clear of chance."""
+        """Number of votes that are significant."""
         return max(int(np.floor(CLEAR * self.by_chance)) + 1, FEWEST)
 
     @property
     def clear(self) -> bool:
-        """Whether more people pass than by chance."""
+        """Whether significantly more people pass than by chance."""
         return self.votes >= self.needed
 
 
 def find_track_ends(rig: Rig, instants: Observations, person_height_m: float) -> TrackEnds:
-    """The ends of the tracks of a rig's people.
+    """Find the ends of the tracks of a rig's people.
 
     Args:
         rig: world z up, ground at z = 0.
         instants: people with identities at common instants.
-        person_height_m: typical standing height.
+        person_height_m: typical standing height, metres.
     """
     rays = PeopleRays.of(rig, identified_body_centres(rig, instants))
     people = rays.triangulated(person_height_m, np.ones(len(rays.camera), dtype=bool))
@@ -158,12 +159,12 @@ def find_track_ends(rig: Rig, instants: Observations, person_height_m: float) ->
 
 
 def register_by_passages(a: TrackEnds, b: TrackEnds, lags_s: tuple[float, float]) -> Passage | None:
-    """Where people pass between two groups; None where no two ends are near in time.
+    """Register two groups by the place where people pass between them; return None where no two ends are near in time.
 
     Args:
         a: ends of the first group's tracks.
-        b: of the second one's.
-        lags_s: from the least to the largest by which the second group's clock may show more.
+        b: ends of the second group's tracks.
+        lags_s: smallest and largest possible time of the second group's clock minus that of the first, seconds.
     """
     b = b.by_time
     steps, beyond = int(np.ceil((lags_s[1] - lags_s[0]) / LAG_STEP_S)), int(OTHER_LAGS_S / LAG_STEP_S)
@@ -194,29 +195,29 @@ def register_by_passages(a: TrackEnds, b: TrackEnds, lags_s: tuple[float, float]
 
 @dataclass(frozen=True)
 class _Place:
-    """A square of ground in either world, in which people may pass, at one lag."""
+    """A square of ground in each of the two worlds, in which people may pass, at one lag."""
 
     here: complex
-    """Middles of the squares."""
+    """Middle of the square in the first world; `there` is the middle in the second one."""
     there: complex
     lag_s: float
 
 
 @dataclass(frozen=True, eq=False)
 class _Places:
-    """Pairs of squares with ends that are near in time; a row for each lag."""
+    """Pairs of squares with ends that are near in time; a row for each pair and lag."""
 
     square: Ints
     """(K, 2) numbers of the squares."""
     lag: Ints
-    """(K,) number of the lag,"""
+    """(K,) number of the lag."""
     lag_s: Floats
-    """(L,) and all lags."""
+    """(L,) all lags, seconds."""
     beyond: Floats
-    """(K,) pairs of ends beyond the mean of all lags, by the standard deviation of chance."""
+    """(K,) number of pairs of ends above the mean over all lags, in standard deviations of chance."""
 
     def densest(self, lags: Ints) -> list[_Place]:
-        """Those with most pairs beyond chance at some of the lags."""
+        """Return the places with most pairs above chance at the given lags."""
         rows = np.flatnonzero(np.isin(self.lag, lags))
         rows = rows[np.argsort(-self.beyond[rows], kind="stable")[:MOST_PLACES]]
         x, y = np.divmod(self.square[rows], NUMBERS)
@@ -225,7 +226,7 @@ class _Places:
 
 
 def _find_places(a: TrackEnds, b: TrackEnds, lag_s: Floats) -> _Places:
-    """In which squares ends are near in time at each lag."""
+    """Find the squares in which ends are near in time, for each lag."""
     found = []
     for number, one in enumerate(lag_s.tolist()):
         i, j, later = _pairs(a, b, one)
@@ -240,30 +241,30 @@ def _find_places(a: TrackEnds, b: TrackEnds, lag_s: Floats) -> _Places:
 
 
 def _squares(at: Complexes) -> Ints:
-    """(K, 4) the numbers of the four squares that have each place."""
+    """Return the numbers (K, 4) of the four squares that contain each position."""
     x, y = (np.floor(part / HALF_SQUARE_M).astype(np.int64) + NUMBERS // 2 for part in (at.real, at.imag))
     return np.column_stack([NUMBERS * (x + right) + y + up for right in (0, 1) for up in (0, 1)])
 
 
 @dataclass(frozen=True)
 class _Votes:
-    """The turn and the shift of a place for which most people of one group meet one of the other."""
+    """Turn and shift at a place for which most people of one group meet a person of the other."""
 
     votes: int
     place: _Place
     turn: complex
     shift: complex
-    """Of the middle of the first square, turned, to that of the second."""
+    """Shift from the turned middle of the first square to the middle of the second."""
 
 
 def _count_most_votes(a: TrackEnds, b: TrackEnds, places: Sequence[_Place]) -> _Votes:
-    """The most votes of any place."""
+    """Return the votes of the place that has most."""
     none = _Votes(0, _Place(0.0, 0.0, 0.0), 1.0, 0.0)
     return max((_count_votes(a, b, place) for place in places), key=lambda one: one.votes, default=none)
 
 
 def _count_votes(a: TrackEnds, b: TrackEnds, place: _Place) -> _Votes:
-    """The votes at one place."""
+    """Find the turn and shift with most votes at one place."""
     i, _, here, there = _near(a, b, place)
     turns = np.exp(2j * np.pi * np.arange(TURNS) / TURNS)
     shift = (there - place.there) - turns[:, None] * (here - place.here)
@@ -279,9 +280,9 @@ def _count_votes(a: TrackEnds, b: TrackEnds, place: _Place) -> _Votes:
 
 
 def _pairs(a: TrackEnds, b: TrackEnds, lag_s: float) -> tuple[Ints, Ints, Floats]:
-    """Ends of opposite senses that are near in time: rows of `a`, rows of `b`, and how much later b's are, seconds.
+    """Find ends of opposite senses that are near in time: rows of `a`, rows of `b`, and the delays of b's ends, seconds.
 
-    Those of `b` are in the order of their times.
+    The ends of `b` have to be in the order of their times.
     """
     low, high = (np.searchsorted(b.time_s, a.time_s + lag_s + apart) for apart in (-APART_S, APART_S))
     i, j = expanded_ranges(low, high - low)
@@ -291,7 +292,7 @@ def _pairs(a: TrackEnds, b: TrackEnds, lag_s: float) -> tuple[Ints, Ints, Floats
 
 
 def _near(a: TrackEnds, b: TrackEnds, place: _Place) -> tuple[Ints, Ints, Complexes, Complexes]:
-    """Rows of `a` and of `b` that meet in the squares of a place, and where, in either world."""
+    """Return the rows of `a` and of `b` that meet in the squares of a place, and their positions in both worlds."""
     i, j, later = _pairs(a, b, place.lag_s)
     here, there = _meeting(a, b, i, j, later)
     near = (_farther(here, place.here) < HALF_SQUARE_M) & (_farther(there, place.there) < HALF_SQUARE_M)
@@ -299,12 +300,12 @@ def _near(a: TrackEnds, b: TrackEnds, place: _Place) -> tuple[Ints, Ints, Comple
 
 
 def _farther(at: Complexes, middle: complex) -> Floats:
-    """The larger distance along x or y."""
+    """Return the larger of the distances along x and y."""
     return np.maximum(np.abs((at - middle).real), np.abs((at - middle).imag))
 
 
 def _voters(a: TrackEnds, b: TrackEnds, most: _Votes) -> tuple[Ints, Ints, complex, complex]:
-    """Rows of `a` and of `b` that vote, where they are in the first world, and the shift from it to the second one."""
+    """Return the rows of `a` and `b` that vote, their median position in the first world, and the shift to the second world."""
     i, j, here, there = _near(a, b, most.place)
     shift = (there - most.place.there) - most.turn * (here - most.place.here)
     near = _farther(shift, most.shift) <= CELL_M
@@ -313,7 +314,7 @@ def _voters(a: TrackEnds, b: TrackEnds, most: _Votes) -> tuple[Ints, Ints, compl
 
 
 def _meeting(a: TrackEnds, b: TrackEnds, i: Ints, j: Ints, later: Floats) -> tuple[Complexes, Complexes]:
-    """Where pairs of ends are halfway between their times."""
+    """Return the positions of pairs of ends halfway between their times, in both worlds."""
     return a.place[i] + a.velocity[i] * (later / 2), b.place[j] - b.velocity[j] * (later / 2)
 
 
@@ -325,11 +326,11 @@ def _median(places: Complexes) -> complex:
 class _Fit:
     motion: GroundMotion
     gain: float
-    """How much better the passages fit than ends of other people would, nats."""
+    """Log-likelihood of the passages relative to that of ends of other people, nats."""
 
 
 def _fit(a: TrackEnds, b: TrackEnds, found: Passage, turn: complex) -> _Fit | None:
-    """The motion about a place that the passages fit best, from a first turn: robust Gauss-Newton steps."""
+    """Fit the motion about a place to the passages, from a first turn, by robust Gauss-Newton steps."""
     there = found.motion.turn * found.place + found.motion.shift
     motion = GroundMotion(turn, there - turn * found.place, found.motion.lag_s)
     for step in range(STEPS):
@@ -350,11 +351,11 @@ def _fit(a: TrackEnds, b: TrackEnds, found: Passage, turn: complex) -> _Fit | No
 
 
 def _matched(a: TrackEnds, b: TrackEnds, motion: GroundMotion, wider: float) -> tuple[Complexes, Complexes, Complexes, Floats]:
-    """Each end of `a` with the end of `b` that fits it best, where one does.
+    """Match each end of `a` with the end of `b` that fits it best, where one fits.
 
     Returns:
-        At five times around each meeting, (K, 5) each: by how much they miss each other, metres; the place by `a`; the velocity
-        by `b`; and the standard deviation of the miss.
+        At five times around each meeting, (K, 5) each: the difference of both, metres; the position by `a`; the velocity by
+        `b`; and the standard deviation of the difference.
     """
     i, j, later = _pairs(a, b, motion.lag_s)
     here, there = _meeting(a, b, i, j, later)

@@ -1,10 +1,10 @@
-"""Whether two tracklets meet in space, by a calibrated rig: the rays to the middles of bodies, rather than feet on a plane.
+"""Test whether two tracklets meet in space, with a calibrated rig: by rays to the middles of bodies, not by feet on a plane.
 
 Two cameras at known poses see one person along two rays that meet at half a body's height, at a distance that fits the body's
-size in both pictures. That holds on slopes and kerbs, and for low cameras, where a foot's place on the ground says little of
-the distance. Each two samples are judged at the best of three places: where the rays are nearest to each other, and where
-camera a's ray is half a body above the ground, or as far away as the body is small. (The first fails where two cameras stand
-side by side.)
+size in both pictures. This is also true on slopes and kerbs, and for low cameras, where a foot's ground position does not
+determine the distance. Each two samples are judged at the best of three points: the point nearest to both rays, the point of
+camera a's ray at half a body's height above the ground, and the point of this ray at the distance given by the body's size.
+(The first is undetermined where two cameras stand side by side.)
 """
 
 from __future__ import annotations
@@ -21,30 +21,31 @@ from passerby.geometry.groups import least_of_groups, rows_of_equal
 from passerby.people.sightings import Sightings
 
 MIDDLE_FLOOR_RAD = 0.002
-"""No ray is better known than that: two pixels of a usual lens."""
+"""Least sigma of a ray, radians: two pixels of a usual lens."""
 AGAINST = 12.0
-"""Cost at which two samples speak neither for one person nor for two; one person's five residuals cost 5 on the mean."""
+"""Cost at which two samples are evidence neither for one person nor for two; one person's five residuals have a mean cost of 5.
+"""
 TAIL = 2.0
-"""Squared sigmas from which a height or a size counts no longer in full."""
+"""Squared sigmas from which a height or a size is weighted down."""
 NEAREST = 50
-"""Fewer samples that are each other's nearest do not tell how far off one person's samples are."""
+"""Least number of mutually nearest samples from which the spread of one person's samples is estimated."""
 
 
 @dataclass(frozen=True)
 class Spread:
-    """How far apart two samples of one person may be, one sigma."""
+    """Standard deviations of the residuals between two samples of one person."""
 
     middle: float = 0.08
-    """Of a ray from the place, as a share of the body's size in the picture: boxes jitter by 2 to 3 % of it, bodies lean, and
-    the rig is not perfect either."""
+    """Of a ray from the point, as a share of the body's size in the picture: boxes jitter by 2 to 3 % of it, bodies lean, and
+    the rig has errors too."""
     height_m: float = 0.3
-    """Of the middle of a body above the ground: crouching, kerbs and slopes."""
+    """Of the height of a body's middle above the ground, metres: crouching, kerbs and slopes."""
     size: float = 0.15
     """Of the logarithm of a body's apparent height: people differ by 5 %, bend, and are half hidden."""
 
     @classmethod
     def limits(cls) -> tuple[Spread, Spread]:
-        """Between these a recording's own spread is believed: errors last, so that one sample more is not one more proof."""
+        """Return the limits of a recording's own spread. Errors last over time, so that more samples are not more evidence."""
         return cls(0.03, 0.12, 0.07), cls(0.16, 0.6, 0.25)
 
 
@@ -58,18 +59,18 @@ class RayTracks:
     ray: Floats
     """(N, 3) directions to the bodies' middles, world."""
     rate: Floats
-    """(N, 3) how they change, per second."""
+    """(N, 3) change of the directions per second."""
     size: Floats
-    """(N,) whole body's angular height, radians."""
+    """(N,) angular height of the whole body, radians."""
     pose: Pose
 
 
 def ray_tracks(bodies: Sightings, pose: Pose) -> RayTracks:
-    """Samples of the bodies that belong to a tracklet.
+    """Sample the bodies that belong to a tracklet.
 
     Args:
         bodies: one camera's people.
-        pose: the camera's, world z up and ground at z = 0.
+        pose: pose of the camera, world z up and ground at z = 0.
     """
     own = np.flatnonzero(bodies.identity >= 0)
     order = own[np.lexsort((bodies.seconds[own], bodies.identity[own]))]
@@ -88,12 +89,12 @@ def ray_tracks(bodies: Sightings, pose: Pose) -> RayTracks:
 
 
 def pairwise_ray_affinity(a: RayTracks, b: RayTracks, lag_s: float, person_height_m: float) -> tuple[Ints, Ints, Floats]:
-    """How well every two tracklets of two cameras run together.
+    """Score the agreement of every two tracklets of two cameras.
 
     Args:
-        a: of the first camera.
-        b: of the second camera.
-        lag_s: how much more camera b's clock shows.
+        a: tracks of the first camera.
+        b: tracks of the second camera.
+        lag_s: time of camera b's clock minus that of camera a's, seconds.
         person_height_m: typical standing height, metres.
 
     Returns:
@@ -115,16 +116,16 @@ def pairwise_ray_affinity(a: RayTracks, b: RayTracks, lag_s: float, person_heigh
 
 
 def _cost(residuals: Floats) -> Floats:
-    """(K,) what residuals (5, K) count against one person.
+    """Return the costs (K,) of residuals (5, K) under the hypothesis of one person.
 
-    Rays must meet; but people crouch, climb and are half hidden, so that height and sizes have long tails.
+    The costs of the rays are quadratic. People crouch, climb and are half hidden, so that height and sizes have long tails.
     """
     squares = residuals**2
     return np.asarray(squares[:2].sum(axis=0) + (TAIL * np.log1p(squares[2:] / TAIL)).sum(axis=0))
 
 
 def _learnt(residuals: Floats, cost: Floats, i: Ints, j: Ints, spread: Spread) -> Spread:
-    """The spread of samples that are each other's nearest."""
+    """Estimate the spread from mutually nearest samples."""
     near = np.flatnonzero(cost < 4 * AGAINST)
     mutual = near[np.intersect1d(least_of_groups(i[near], cost[near]), least_of_groups(j[near], cost[near]))]
     if len(mutual) < NEAREST:
@@ -143,20 +144,20 @@ def _learnt(residuals: Floats, cost: Floats, i: Ints, j: Ints, spread: Spread) -
 
 @dataclass(frozen=True, eq=False)
 class _View:
-    """A camera's K samples and a place for each, where the person may be."""
+    """A camera's K samples, compared with a possible position of the person for each."""
 
     sine: Floats
-    """(K,) of the angle between the sample's ray and the place."""
+    """(K,) sine of the angle between the sample's ray and the direction to the position."""
     behind: Bools
-    """(K,) whether the place is behind the camera."""
+    """(K,) whether the position is behind the camera."""
     larger: Floats
-    """(K,) logarithm of how much larger the sample is than a person there."""
+    """(K,) logarithm of the ratio of the sample's size to that of a person there."""
     size: Floats
     """(K,) angular height of the sample."""
 
     @classmethod
     def of(cls, place: Floats, centre: Floats, ray: Floats, size: Floats, person_height_m: float) -> _View:
-        """Of places (K, 3), seen from a centre (3,) along rays (K, 3)."""
+        """Compare positions (K, 3) with rays (K, 3) from a centre (3,)."""
         to = place - centre
         reach = np.linalg.norm(to, axis=1)
         sine = np.linalg.norm(np.cross(ray, to), axis=1) / reach
@@ -165,15 +166,15 @@ class _View:
 
 @dataclass(frozen=True, eq=False)
 class _Meeting:
-    """One of the three places where each of K pairs of samples may meet."""
+    """One of the three points where each of K pairs of samples may meet."""
 
     rise_m: Floats
-    """(K,) height above that of the middle of a standing body."""
+    """(K,) height of the point above the middle of a standing body, metres."""
     views: tuple[_View, _View]
 
 
 def _meetings(a: RayTracks, b: RayTracks, i: Ints, j: Ints, ray_b: Floats, person_height_m: float) -> list[_Meeting]:
-    """The three: where the rays are nearest, where a body stands on the ground, and where it is as far as it looks small."""
+    """Return the three points: nearest to both rays, of a body that stands on the ground, and at the distance by size."""
     from_a, from_b, ray_a = a.pose.centre, b.pose.centre, a.ray[i]
     apart = from_b - from_a
     cosine = np.einsum("ki,ki->k", ray_a, ray_b)
@@ -197,9 +198,9 @@ def _meetings(a: RayTracks, b: RayTracks, i: Ints, j: Ints, ray_b: Floats, perso
 
 
 def _best_residuals(meetings: Sequence[_Meeting], spread: Spread) -> tuple[Floats, Floats]:
-    """(5, K) the evidence against one person at the best of the three places, in sigmas, and (K,) what it counts.
+    """Return the residuals (5, K) at the best of the three points, in sigmas, and their costs (K,).
 
-    The two rays' misses, the height of the place, and the two sizes.
+    The residuals are those of the two rays, of the height of the point, and of the two sizes.
     """
     best = np.full((5, len(meetings[0].rise_m)), 1e3)
     least = _cost(best)

@@ -1,8 +1,8 @@
-"""Two cameras registered by the people who walk on their common ground, without known identities.
+"""Registration of two cameras by the people who walk on their common ground, without known identities.
 
-Two levelled cameras differ by a turn about the vertical, a shift along the ground and a lag of their clocks. The likely ones
-(`hough`) are refined by matching tracklets and least squares in turns (`pair_matching`), and compared: a runner-up that scores
-nearly as well means that the registration cannot be trusted.
+Two levelled cameras differ by a turn about the vertical, a shift along the ground and a lag of their clocks. Likely motions
+(`hough`) are refined by alternating between matching of tracklets and least squares (`pair_matching`), and compared. Where the
+runner-up scores nearly as well, the registration cannot be trusted.
 """
 
 from __future__ import annotations
@@ -28,61 +28,61 @@ from passerby.association.sampling import STEP_S
 from passerby.common.arrays import Floats, Ints
 from passerby.geometry.groups import least_of_groups
 
-# Instants that the refinement looks at come in stretches of ten seconds: of an hour at even steps, a tracklet of four seconds
-# would be left with one or two samples and match no other.
+# Instants used in the refinement come in stretches of ten seconds. With even steps over an hour, a tracklet of four seconds
+# would have one or two samples and match no other.
 _INSTANTS, _STRETCH = 1500, 20
 BELIEVED_SHARE = 0.45
-"""Of what two cameras should both see. Over simulated scenes whose boxes are nearly all there, cameras that see the same place
-reach 0.63 to 0.83, and those that see different people at most 0.44. Third cameras do not help there: cameras that see one
-place all agree on where to put a stranger."""
-# Samples of one person in two cameras miss each other by so many tolerances on the median (0.2 to 0.35 in simulation); where it
-# is more the tolerance is too tight, and is widened up to this factor.
+"""Least share of the people that both cameras should see. Over simulated scenes with nearly all boxes present, cameras that see
+the same place reach 0.63 to 0.83, and cameras that see different people at most 0.44. Third cameras do not help there: cameras
+that see one place agree on one wrong pose for a camera of another place."""
+# Usual median distance, in tolerances, of samples of one person in two cameras (0.2 to 0.35 in simulation). Where it is larger,
+# the tolerance is too small, and is widened up to this factor.
 _USUAL_MISS, _WIDEST, _MIN_NEAREST = 0.35, 3.0, 20
 
 
 @dataclass(frozen=True)
 class Thoroughness:
-    """How much of the tracks a registration looks at; more would only say the same again."""
+    """Amount of the tracks that a registration uses; more would be redundant."""
 
     candidates: int
-    """Likely motions that are refined."""
+    """Number of likely motions that are refined."""
     voters: int
-    """Encounters that propose motions at each lag, about."""
+    """Approximate number of encounters that propose motions at each lag."""
     encounters: int
-    """And that motions are refined by."""
+    """Approximate number of encounters by which motions are refined."""
     tolerances: tuple[float, ...]
-    """Of the matching, from round to round: the likely motions are known to a cell and five degrees."""
+    """Factors on the tolerance of the matching, one a round: likely motions are known to a cell and five degrees only."""
 
 
 THOROUGH = Thoroughness(6, 20_000, 300_000, (2.5, 2.0, 1.5, 1.2, 1.0, 1.0))
 QUICK = Thoroughness(3, 6_000, 60_000, (2.5, 1.5, 1.0))
-"""To tell how well two cameras agree, not where they are."""
+"""Enough to measure how well two cameras agree, but not for their relative pose."""
 
 
 @dataclass(frozen=True, eq=False)
 class Registration:
-    """One guess at how camera b stands to camera a: `ground_b = turn * ground_a + shift`, at `time_b = time_a + lag_s`."""
+    """One guess of the relative pose of cameras a and b: `ground_b = turn * ground_a + shift`, at `time_b = time_a + lag_s`."""
 
     turn: complex
     """Turn about the vertical, and the ratio of the two cameras' scales."""
     shift: complex
     """x + iy, metres of camera b."""
     lag_s: float
-    """Seconds: camera b's clock shows so much more than camera a's."""
+    """Time of camera b's clock minus that of camera a's, seconds."""
     score: float
-    """Samples of walking people that agree, less those that disagree."""
+    """Samples of walking people that agree, minus those that disagree."""
     samples: int
     """Samples of matched tracklets."""
     share: float
-    """Of the samples that each camera has where the other one sees people, so many have a partner there."""
+    """Share of each camera's samples, at places where the other camera sees people, that have a partner there."""
     middle: complex
-    """Where camera a's matched people were, on the mean, metres of camera a."""
+    """Mean position of camera a's matched people, metres of camera a."""
     tracklets_a: Ints
-    """(K,) matched tracklets of camera a,"""
+    """(K,) matched tracklets of camera a."""
     tracklets_b: Ints
-    """(K,) and of camera b,"""
+    """(K,) their partners of camera b."""
     weight: Floats
-    """(K,) with the agreement of each match, in samples."""
+    """(K,) agreement of each match, in samples."""
 
     @property
     def motion(self) -> GroundMotion:
@@ -91,7 +91,7 @@ class Registration:
 
     @property
     def merit(self) -> float:
-        """What guesses are ranked by: how much agrees, and how little that should agree does not."""
+        """Score by which guesses are ranked: the agreement times the share of expected samples that agree."""
         return self.score * self.share
 
 
@@ -103,11 +103,11 @@ class PairRegistration:
     b: int
     candidates: tuple[Registration, ...]
     by_chance: float | None = None
-    """What the tracks score by chance; None where it was not asked, since the share says enough."""
+    """Score of the tracks by chance; None where it was not computed, since share or runner-up decide already."""
 
     @property
     def clear_of_chance(self) -> bool:
-        """Whether the best guess scores so much more than chance that it is right, however little of the people both see."""
+        """Whether the best guess scores significantly more than chance, even if the cameras share few of their people."""
         if self.by_chance is None:
             return False
         best = self.candidates[0]
@@ -115,7 +115,7 @@ class PairRegistration:
 
     @property
     def runner_up(self) -> float:
-        """The best score of another guess as a share of the first one's; 1 and more where nothing stands out."""
+        """Best score of another guess as a share of the first one's; 1 or more where no guess stands out."""
         if not self.candidates or self.candidates[0].score <= 0:
             return 1.0
         return max((guess.score for guess in self.candidates[1:]), default=0.0) / self.candidates[0].score
@@ -146,8 +146,9 @@ def register_pair(
 
 
 def best_merit(tracks_a: GroundTracks, tracks_b: GroundTracks, max_lag_s: float) -> float:
-    """How much agrees under the best motion of two cameras (`Registration.merit`); 0 where nothing does. Arguments as of
-    `register_pair`.
+    """Return the merit of the best motion of two cameras (`Registration.merit`); 0 where nothing agrees.
+
+    Arguments as of `register_pair`.
     """
     guesses = _guesses(TrackPair(tracks_a, tracks_b, None), max_lag_s, tracks_a, QUICK)
     return max(guesses[0].merit, 0.0) if guesses else 0.0
@@ -156,10 +157,10 @@ def best_merit(tracks_a: GroundTracks, tracks_b: GroundTracks, max_lag_s: float)
 def _guesses(
     tracks: TrackPair, max_lag_s: float, tracks_a: GroundTracks, effort: Thoroughness = THOROUGH
 ) -> tuple[Registration, ...]:
-    """The guesses for a pair, the best first."""
+    """Find the guesses for a pair, the best first."""
     most_instants = min(_INSTANTS, tracks.instants_of(effort.encounters))
 
-    # Guesses usually share a few lags; what is kept for one may be large.
+    # Guesses usually share a few lags; the cached pairs of one lag may be large.
     @lru_cache(maxsize=3)
     def met_at(lag: int) -> SynchronousPairs:
         return find_synchronous_pairs(tracks, lag, most_instants, _STRETCH)
@@ -177,7 +178,7 @@ def _guesses(
 def _refined(
     met_at: Callable[[int], SynchronousPairs], start: GroundMotion, max_lag_s: float, tolerances: Sequence[float]
 ) -> Registration | None:
-    """Alternate between matching tracklets and the least-squares motion, from tolerant to strict."""
+    """Alternate between matching tracklets and the least-squares motion, from large to small tolerances."""
     motion, latest = start, max_lag_s + STEP_S
     last: tuple[SynchronousPairs, TrackletMatches] | None = None
     for factor in tolerances:
@@ -201,7 +202,7 @@ def _registration(met: SynchronousPairs, matched: TrackletMatches, motion: Groun
 
 
 def _share(met: SynchronousPairs, matched: TrackletMatches, motion: GroundMotion) -> float:
-    """How much of what should be seen by both cameras is: the clearest sign of a right motion, however crowded it is."""
+    """Return the share of samples that both cameras should see and do. It is the best test of a motion in any crowd."""
     found = expected = 0
     sides = (
         (met.tracks.a, met.a, met.tracks.b, met.lag, motion), (met.tracks.b, met.b, met.tracks.a, -met.lag, motion.inverse)
@@ -219,7 +220,7 @@ def _share(met: SynchronousPairs, matched: TrackletMatches, motion: GroundMotion
 
 
 def _same(guess: Registration, other: Registration, tracks_a: GroundTracks) -> bool:
-    """Whether two guesses put camera a's people at about the same places at about the same time."""
+    """Check whether two guesses move camera a's people to about the same positions at about the same time."""
     middle = complex(np.mean(tracks_a.position))
     apart = abs(guess.turn * middle + guess.shift - other.turn * middle - other.shift)
     turned = abs(np.angle(guess.turn / other.turn))
@@ -229,10 +230,10 @@ def _same(guess: Registration, other: Registration, tracks_a: GroundTracks) -> b
 def score_motion(
     tracks_a: GroundTracks, tracks_b: GroundTracks, turn: complex, shift: complex, lag_s: float
 ) -> tuple[Ints, Ints, Floats, Ints]:
-    """How well every two tracklets of two cameras run together under a motion.
+    """Score the agreement of every two tracklets of two cameras under a motion.
 
-    The tolerance widens, at most threefold, where the samples that are nearest to each other miss by more than they should: on
-    ground that is not level, or where a camera's people are half hidden, all positions are worse.
+    The tolerance is widened, at most threefold, where mutually nearest samples are farther apart than usual: all positions are
+    worse on ground that is not level, or where a camera's people are half hidden.
 
     Returns:
         (K,) tracklets of camera a, (K,) tracklets of camera b, (K,) the sum over their common samples of the agreement (1 where
@@ -247,7 +248,7 @@ def score_motion(
 
 
 def _usual_miss(met: SynchronousPairs, value: Floats) -> float:
-    """The median miss, in tolerances, of samples that are each other's nearest; 0 where there are too few.
+    """Return the median distance, in tolerances, of mutually nearest samples; 0 where there are too few.
 
     Args:
         met: encounters.

@@ -1,4 +1,4 @@
-"""Pairs of cameras registered by people's joints.
+"""Registration of pairs of cameras by people's joints.
 
 Imports `people` and below.
 """

@@ -1,6 +1,4 @@
-"""Cameras that the tracks of walkers leave apart, joined by the joints of people: which registrations agree, and the
-identities.
-"""
+"""Joining of cameras that the tracks of walkers do not join, by people's joints: consistent registrations, and identities."""
 
 from __future__ import annotations
 
@@ -25,15 +23,15 @@ from passerby.geometry.triangulation import triangulate_two_views
 from passerby.geometry.two_view import PairHypothesis
 
 Way = tuple[int, Floats, tuple[int, ...]]
-"""From a tree's root to a camera: the root, the rotation, and the numbers of the registrations on the way."""
+"""Path from a tree's root to a camera: the root, the rotation, and the numbers of the registrations on the path."""
 
 CONTRADICTION = np.deg2rad(35.0)
-"""Two ways from camera to camera that differ by more contradict each other; joints of a second or two turn a pair by up to 17
-degrees from the truth, where a body is nearly flat."""
+"""Two paths between cameras whose rotations differ by more contradict each other. With joints of a second or two a pair's
+rotation is wrong by up to 17 degrees, where a body is nearly flat."""
 AS_GOOD = 0.8
 """Of two registrations that contradict each other neither is believed if the worse has this share of the better one's gain."""
 BODY_QUANTILE = 0.65
-"""People bend, but do not stretch: standing is near the upper end of what is seen."""
+"""Quantile of the observed body lengths that is taken as standing height: people bend, but do not stretch."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,18 +50,18 @@ def register_by_joints(
     joints: Sequence[JointTracks], graph: ViewGraph, rng: np.random.Generator, executor: Executor | None, tell: Progress,
     candidates: Container[tuple[int, int]] | None = None,
 ) -> list[JointRegistration]:  # fmt: skip
-    """Register the cameras that tracks leave apart.
+    """Register the cameras that tracks do not join.
 
     Args:
-        joints: of every camera.
-        graph: what tracks tell; cameras of one group are left to it.
+        joints: joints of every camera.
+        graph: registrations by tracks; pairs of cameras of one group are not tried.
         rng: every pair uses a child of it.
         executor: runs the pairs in parallel.
         tell: called for every pair that is done.
         candidates: the pairs, a < b, that are tried; None: all.
 
     Returns:
-        Of each pair that sees people together the best registration; those that contradict better ones are not `used`.
+        The best registration of each pair that sees people together; those that contradict better ones are not `used`.
     """
     group = {c: number for number, members in enumerate(graph.groups) for c in members}
     wanted = [
@@ -86,7 +84,7 @@ def _registered(job: JointJob) -> JointRegistration | None:
 
 
 def consistent_registrations(registrations: Sequence[JointRegistration], n_cameras: int) -> list[JointRegistration]:
-    """The same, where two ways between cameras contradict each other the worse no longer `used`, or neither."""
+    """Mark registrations as not `used` where two paths between cameras contradict each other: the worse one, or both."""
     out = list(registrations)
     while True:
         order = sorted((k for k, one in enumerate(out) if one.used), key=lambda k: -out[k].gain * out[k].score)
@@ -109,9 +107,9 @@ def consistent_registrations(registrations: Sequence[JointRegistration], n_camer
 
 
 def _grown(way: dict[int, Way], one: JointRegistration, number: int) -> dict[int, Way]:
-    """The ways to all cameras, with one more registration in the tree."""
+    """Return the paths to all cameras after adding a registration to the tree."""
     (root, to_a, path_a), (old, to_b, path_b) = way[one.a], way[one.b]
-    # From the new root to camera b, and back to what was the root of b's tree.
+    # From the new root to camera b, and back to the old root of b's tree.
     turn = to_b.T @ one.R_ba @ to_a
     out = dict(way)
     for c, (own, to_c, path) in way.items():
@@ -121,17 +119,17 @@ def _grown(way: dict[int, Way], one: JointRegistration, number: int) -> dict[int
 
 
 def _apart(first: tuple[int, ...], second: tuple[int, ...]) -> tuple[int, ...]:
-    """What is on one of two ways only."""
+    """Return the registrations that are on one of two paths only."""
     return tuple(sorted(set(first) ^ set(second)))
 
 
 def _contradicts(one: JointRegistration, way: dict[int, Way]) -> bool:
-    """Whether a registration leads to another rotation than the tree does."""
+    """Check whether the rotation of a registration differs from that of the tree."""
     return bool(angle_between(one.R_ba @ way[one.a][1], way[one.b][1]) > CONTRADICTION)
 
 
 def add_joint_edges(graph: ViewGraph, registrations: Sequence[JointRegistration]) -> ViewGraph:
-    """The view graph with the groups that used registrations join as one, their clocks with them."""
+    """Merge the groups of the view graph that used registrations join, and align their clocks."""
     if not any(one.used for one in registrations):
         return graph
     groups = [list(group) for group in graph.groups]
@@ -149,7 +147,7 @@ def add_joint_edges(graph: ViewGraph, registrations: Sequence[JointRegistration]
 
 
 def joined_by_joints(cameras: Sequence[CameraTracklets], registrations: Sequence[JointRegistration]) -> list[Finding]:
-    """A notice where cameras were joined by joints: their clocks were not searched for."""
+    """Return a notice where cameras were joined by joints: their clock offsets were not searched for."""
     joined = sorted({c for one in registrations if one.used for c in (one.a, one.b)})
     if not joined:
         return []
@@ -157,7 +155,7 @@ def joined_by_joints(cameras: Sequence[CameraTracklets], registrations: Sequence
 
 
 def known_pairs(tracklets: Tracklets, registrations: Sequence[JointRegistration]) -> Pairs:
-    """The identities by the used registrations."""
+    """Return the evidence on identities from the used registrations."""
     people = [(one, person) for one in registrations if one.used for person in one.people]
     i = [tracklets.first[one.a] + person.i for one, person in people]
     j = [tracklets.first[one.b] + person.j for one, person in people]
@@ -166,7 +164,7 @@ def known_pairs(tracklets: Tracklets, registrations: Sequence[JointRegistration]
 
 
 def find_mirrored_tracklets(tracklets: Tracklets, registrations: Sequence[JointRegistration]) -> Bools:
-    """(T,) in which tracklets left and right are exchanged: the fewer ones of each person."""
+    """Return a mask (T,) of tracklets in which left and right are exchanged: of each person the minority of tracklets."""
     edges = [
         (int(tracklets.first[one.a]) + person.i, int(tracklets.first[one.b]) + person.j, person)
         for one in registrations if one.used for person in one.people
@@ -191,7 +189,7 @@ def _worth(person: SamePerson) -> float:
 
 
 def joint_hypothesis(one: JointRegistration, a: CameraTracklets, b: CameraTracklets, person_height_m: float) -> PairHypothesis:
-    """The registration in metres, as far as its people are as tall as `person_height_m`."""
+    """Scale the registration to metres, with people of the height `person_height_m`."""
     lengths = [_body_lengths(one, a, b, person) for person in one.people]
     found = np.concatenate([*lengths, np.zeros(0)])
     scale = person_height_m / float(np.quantile(found, BODY_QUANTILE)) if len(found) else person_height_m
@@ -199,7 +197,7 @@ def joint_hypothesis(one: JointRegistration, a: CameraTracklets, b: CameraTrackl
 
 
 def _body_lengths(one: JointRegistration, a: CameraTracklets, b: CameraTracklets, person: SamePerson) -> Floats:
-    """(N,) length of a whole body in units of the baseline, wherever both cameras saw it at one time."""
+    """Return body lengths (N,) in units of the baseline, at all times at which both cameras saw the person."""
     in_a, in_b = (camera.bodies.take(camera.bodies.identity == t) for camera, t in ((a, person.i), (b, person.j)))
     if not len(in_a) or not len(in_b):
         return np.zeros(0)

@@ -1,11 +1,11 @@
 """The relative pose of two cameras, from the joints of people who move but do not walk.
 
-Every joint is a correspondence, if one person is seen. So every two tracklets seen at one time are a hypothesis: the essential
-matrix of their simultaneous joints. That it fits well proves nothing: two people who stand still alike are the same shape, and
-some relative pose explains them as one. What proves one person is *time*: joints of one person fit at the same moment and no
-longer a moment later, those of two people fit equally well or badly at any delay. So each hypothesis is compared with itself
-delayed, its pose found anew, and its *gain* is the part of the misfit that the right moment takes away. Without movement there
-is no gain, and no registration.
+Every joint is a correspondence if both tracklets show one person. So every two tracklets seen at one time are a hypothesis: the
+essential matrix of their simultaneous joints. A good fit is no proof: two people who stand still in the same posture have the
+same shape, and some relative pose explains them as one. *Time* is the proof: joints of one person fit at the same moment, but
+not with a delay. Joints of two people fit equally well or badly at any delay. So each hypothesis is compared with the same
+hypothesis delayed, for which the pose is estimated again. Its *gain* is the part of the misfit with the delay that vanishes
+without it. Without movement there is no gain, and no registration.
 """
 
 from __future__ import annotations
@@ -24,29 +24,31 @@ from passerby.geometry.two_view import epipolar_errors, essential_matrix, estima
 TOLERANCE = 0.04
 """Largest epipolar error of a joint that agrees, as a share of the body's size in the picture."""
 MIN_SAMPLES, MIN_RAYS = 20, 40
-"""Fewer common samples (a twentieth of a second each) show too little movement; fewer common joints, no shape."""
+"""Least numbers of common samples (a twentieth of a second each) and of common joints. Fewer samples show too little movement;
+fewer joints show no shape."""
 MOST_TRACKLETS = 10
-"""Of each camera, those seen longest are tried."""
+"""Largest number of tracklets of each camera that are tried: those seen longest."""
 SCREEN_SAMPLES, FULL_SAMPLES = 12, 60
-"""Common samples, evenly spread, on which all and the best hypotheses are tried."""
+"""Numbers of common samples, evenly spread, on which all hypotheses and the best hypotheses are tried."""
 TRIED = 6
-"""So many of the best are tried in full."""
+"""Number of best hypotheses that are tried in full."""
 DELAYS = (0.25, -0.25, 0.45, -0.45)
-"""Shares of the common time by which a hypothesis is delayed, to learn how well strangers would fit."""
+"""Shares of the common time by which a hypothesis is delayed, to measure how well different people would fit."""
 MIN_SCORE, MIN_GAIN = 0.65, 0.5
-"""Two people gained at most 0.33 in 144 simulated cases (still or moving, one or three in view, for 1.5 and 6 s); one who waves
-and bends 0.6 and more, and 0.59 to 0.85 in four real cameras."""
+"""Least score and gain of a registration. In 144 simulated cases (still or moving, one or three in view, for 1.5 and 6 s) the
+gain of two different people was at most 0.33, and that of one person who waves and bends 0.6 and more; in four real cameras
+one person's was 0.59 to 0.85."""
 MAX_RUNNER_UP = 0.6
-"""A hypothesis that contradicts the best one must gain less than this share of what that gains."""
+"""Largest gain of a hypothesis that contradicts the best one, as a share of the best one's gain."""
 ALSO_SCORE = 0.5
-"""Other tracklets are one person by a pose that was found without them if their joints reach this score."""
+"""Score from which other tracklets are one person under a pose that was estimated without them."""
 RIVAL_ANGLE = np.deg2rad(15.0)
-"""Hypotheses whose rotations differ by more, or whose baselines differ by twice as much, contradict each other."""
+"""Hypotheses whose rotations differ by more, or whose baselines differ by more than twice this, contradict each other."""
 
 
 @dataclass(frozen=True, eq=False)
 class SamePerson:
-    """Two tracklets that show one person, as far as a pose says."""
+    """Two tracklets that show one person according to a relative pose."""
 
     i: int
     j: int
@@ -54,14 +56,14 @@ class SamePerson:
     mirrored: bool
     """Whether left and right are exchanged in one of the two."""
     score: float
-    """Share of the joints that agree, each the more the smaller its error; 0 to 1."""
+    """Share of the joints that agree, weighted by the smallness of their errors; 0 to 1."""
     seconds: float
-    """Time that they are spread over."""
+    """Time for which both tracklets are seen together."""
 
 
 @dataclass(frozen=True, eq=False)
 class JointRegistration:
-    """The relative pose that the joints of two cameras agree on: `x_b = R_ba x_a + t_ba`."""
+    """The relative pose on which the joints of two cameras agree: `x_b = R_ba x_a + t_ba`."""
 
     a: int
     b: int
@@ -70,14 +72,14 @@ class JointRegistration:
     """(3,) unit length."""
     score: float
     gain: float
-    """The part of the misfit of delayed joints that vanishes without the delay, 0 to 1."""
+    """Part of the misfit of delayed joints that vanishes without the delay, 0 to 1."""
     runner_up: float
     """Gain of the best hypothesis that contradicts this one, as a share of this one's."""
     people: tuple[SamePerson, ...]
     joints: int
-    """Simultaneous joints that agree."""
+    """Number of simultaneous joints that agree."""
     lag_s: float
-    """How much more camera b's clock was taken to show."""
+    """Assumed time of camera b's clock minus that of camera a's, seconds."""
     used: bool
 
 
@@ -87,19 +89,19 @@ class _Common:
 
     rays_a: Floats
     rays_b: Floats
-    """(n, J, 3)"""
+    """(n, J, 3) unit rays, each in its camera's frame, as in `rays_a`."""
     both: Bools
-    """(n, J)"""
+    """(n, J) whether both cameras found the joint."""
     size: float
-    """Mean of the body's angular sizes in both cameras."""
+    """Mean of the body's angular sizes in both cameras, radians."""
     seconds: float
-    """Time for which both cameras saw the two."""
+    """Time for which both tracklets are seen together."""
 
     def __len__(self) -> int:
         return len(self.both)
 
     def delayed(self, shift: int, found: tuple[Bools, Bools]) -> _Common:
-        """Camera b's samples `shift` later than camera a's."""
+        """Return the correspondences with camera b's samples `shift` later than camera a's."""
         a, b = (slice(None, -shift), slice(shift, None)) if shift > 0 else (slice(-shift, None), slice(None, shift))
         return _Common(self.rays_a[a], self.rays_b[b], found[0][a] & found[1][b], self.size, self.seconds)
 
@@ -123,10 +125,10 @@ def register_joints(
     Args:
         a: number of the first camera.
         b: number of the second camera.
-        in_a: its joints.
-        in_b: those of the second camera.
+        in_a: joints of the first camera.
+        in_b: joints of the second camera.
         rng: drives RANSAC.
-        lag_steps: how much more the second camera's clock shows, in steps of the grid.
+        lag_steps: time of the second camera's clock minus that of the first, in steps of the grid.
 
     Returns:
         The best registration, not `used` where it does not stand out; None where no two tracklets are seen together.
@@ -151,14 +153,14 @@ def register_joints(
 
 
 def _contradict(fit: _Fit, other: _Fit) -> bool:
-    """Whether two hypotheses cannot both be right."""
+    """Check whether two hypotheses contradict each other."""
     return bool(angle_between(fit.R_ba, other.R_ba) > RIVAL_ANGLE or direction_angle(fit.t_ba, other.t_ba) > 2 * RIVAL_ANGLE)
 
 
 def _common(
     in_a: JointTracks, in_b: JointTracks, i: int, j: int, swap: bool, most: int, lag_steps: int
 ) -> tuple[_Common, tuple[Bools, Bools]] | None:
-    """Simultaneous joints of two tracklets, at most so many samples, and which of them each camera found."""
+    """Return simultaneous joints of two tracklets, at most `most` samples, and masks of those that each camera found."""
     rows_a, rows_b = in_a.rows(i), in_b.rows(j)
     _, at_a, at_b = np.intersect1d(in_a.step[rows_a], in_b.step[rows_b] - lag_steps, return_indices=True)
     if len(at_a) < MIN_SAMPLES:
@@ -175,7 +177,7 @@ def _common(
 
 
 def _fitted(common: _Common, rng: np.random.Generator, *, rounds: int) -> tuple[Floats, Floats, float] | None:
-    """The relative pose of simultaneous joints and its score, the share of them that agree."""
+    """Estimate the relative pose from simultaneous joints; return it and its score, the share of them that agree."""
     rays_a, rays_b = common.rays_a[common.both], common.rays_b[common.both]
     if len(rays_a) < MIN_RAYS:
         return None
@@ -189,14 +191,14 @@ def _fitted(common: _Common, rng: np.random.Generator, *, rounds: int) -> tuple[
 
 
 def _longest(tracks: JointTracks) -> list[int]:
-    """The tracklets that are seen longest."""
+    """Return the tracklets that are seen longest."""
     tracklet, count = np.unique(tracks.tracklet, return_counts=True)
     order = np.argsort(-count, kind="stable")[:MOST_TRACKLETS]
     return [int(tracklet[k]) for k in order if count[k] >= MIN_SAMPLES]
 
 
 def _screened(in_a: JointTracks, in_b: JointTracks, rng: np.random.Generator, lag_steps: int) -> list[_Fit]:
-    """All hypotheses, the best fitting first."""
+    """Fit all hypotheses on few samples, and return them with the best score first."""
     fits = []
     for i in _longest(in_a):
         for j in _longest(in_b):
@@ -209,7 +211,7 @@ def _screened(in_a: JointTracks, in_b: JointTracks, rng: np.random.Generator, la
 
 
 def _tried(in_a: JointTracks, in_b: JointTracks, fit: _Fit, rng: np.random.Generator, lag_steps: int) -> _Fit | None:
-    """A hypothesis on more samples, and compared with itself delayed."""
+    """Fit a hypothesis on more samples, and compare it with its delayed versions; return None where no pose is found."""
     found = _common(in_a, in_b, fit.i, fit.j, fit.mirrored, FULL_SAMPLES, lag_steps)
     assert found is not None
     common, each = found
@@ -227,7 +229,7 @@ def _tried(in_a: JointTracks, in_b: JointTracks, fit: _Fit, rng: np.random.Gener
 
 
 def _people(in_a: JointTracks, in_b: JointTracks, fit: _Fit, lag_steps: int) -> list[SamePerson]:
-    """Tracklets that a pose shows to be one person, the most significant first."""
+    """Find pairs of tracklets that are one person under a pose, the most significant first."""
     found = []
     for i, j in _together(in_a, in_b, lag_steps):
         own = (i, j) == (fit.i, fit.j)
@@ -243,7 +245,7 @@ def _people(in_a: JointTracks, in_b: JointTracks, fit: _Fit, lag_steps: int) -> 
 
 
 def _together(in_a: JointTracks, in_b: JointTracks, lag_steps: int) -> list[tuple[int, int]]:
-    """Tracklets whose times overlap by enough samples."""
+    """Return pairs of tracklets whose times overlap by at least `MIN_SAMPLES` samples."""
     spans = []
     for tracks, lag in ((in_a, 0), (in_b, lag_steps)):
         tracklet, first, count = np.unique(tracks.tracklet, return_index=True, return_counts=True)
@@ -254,11 +256,11 @@ def _together(in_a: JointTracks, in_b: JointTracks, lag_steps: int) -> list[tupl
 
 
 def _score(fit: _Fit, common: _Common) -> float:
-    """Score of simultaneous joints under a pose that is known."""
+    """Return the score of simultaneous joints under a known pose."""
     rays_a, rays_b = common.rays_a[common.both], common.rays_b[common.both]
     if not len(rays_a):
         return 0.0
-    # Most strangers are recognised, and cheaply, by the errors alone.
+    # Most pairs of different people are rejected by the errors alone, at low cost.
     error = epipolar_errors(essential_matrix(fit.R_ba, fit.t_ba), rays_a, rays_b) / (TOLERANCE * common.size)
     if np.maximum(1.0 - error**2, 0.0).mean() < ALSO_SCORE:
         return 0.0
@@ -268,7 +270,7 @@ def _score(fit: _Fit, common: _Common) -> float:
 def _pooled(
     in_a: JointTracks, in_b: JointTracks, best: _Fit, people: Sequence[SamePerson], rng: np.random.Generator, lag_steps: int
 ) -> _Fit:
-    """The pose of the joints of all people together, as far as it agrees with that of the most significant."""
+    """Estimate the pose from the joints of all people; return the best pair's pose where both contradict each other."""
     parts = [_common(in_a, in_b, one.i, one.j, one.mirrored, FULL_SAMPLES, lag_steps) for one in people]
     commons = [part[0] for part in parts if part is not None]
     joined = _Common(

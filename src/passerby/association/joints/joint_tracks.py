@@ -1,4 +1,4 @@
-"""Where the joints of a camera's tracklets are at common times: rays, on a grid that all cameras share."""
+"""Joints of a camera's tracklets at common times: rays, on a time grid that all cameras share."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from passerby.core.synchronisation import MAX_GAP_S
 from passerby.geometry.groups import expanded_ranges
 
 GRID_S = 0.05
-"""A recording of a second or two is to give some dozens of samples; more from one movement say little new."""
+"""Step of the grid, seconds. A recording of a second or two has some dozens of samples; more of one movement are redundant."""
 MIN_TRACKED_JOINTS = 6
-"""Fewer joints of a person at one time say little of the pose, and are wrong together more often."""
+"""Least number of joints of a person at one time. Fewer joints contain little of the pose, and are more often all wrong."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,12 +39,12 @@ class JointTracks:
         return len(self.step)
 
     def rows(self, tracklet: int) -> slice:
-        """The samples of a tracklet."""
+        """Return the samples of a tracklet."""
         return slice(*np.searchsorted(self.tracklet, [tracklet, tracklet + 1]).tolist())
 
 
 def joint_tracks(keypoints: Keypoints, lens: Lens, clock: Clock) -> JointTracks:
-    """The joints of all tracklets on the grid.
+    """Interpolate the joints of all tracklets on the grid.
 
     A joint is interpolated where it was found in both neighbouring samples.
 
@@ -76,7 +76,7 @@ def joint_tracks(keypoints: Keypoints, lens: Lens, clock: Clock) -> JointTracks:
 
 
 def _on_grid(tracklet: Ints, at: Floats) -> tuple[Ints, Floats, Ints]:
-    """Which rows grid times are made of: `(1 - share) * before + share * (before + 1)`.
+    """Find the rows and weights for each grid time: `(1 - share) * before + share * (before + 1)`.
 
     Args:
         tracklet: (M,) sorted.
@@ -91,17 +91,17 @@ def _on_grid(tracklet: Ints, at: Floats) -> tuple[Ints, Floats, Ints]:
     ahead = np.append(np.diff(at), 0.0) if len(at) else at
     joined &= (ahead > 0) & (ahead <= MAX_GAP_S / GRID_S + 1e-6)
     first = np.ceil(at).astype(np.int64)
-    # Each row answers for the grid times from its own to before the next row's, or for its own alone.
+    # Each row serves the grid times from its own to before the next row's, or only its own.
     last = np.where(joined, np.ceil(at + ahead).astype(np.int64) - 1, np.floor(at).astype(np.int64))
     count = np.maximum(last - first + 1, 0)
     before, step = expanded_ranges(first, count)
     share = np.divide(step - at[before], ahead[before], out=np.zeros(len(before)), where=joined[before])
-    # Two samples may fall on one grid time where a camera is faster than the grid: each time once.
+    # The ranges of rows do not overlap: each grid time occurs once, even where a camera is faster than the grid.
     return before, share, step
 
 
 def mirrored_order(names: tuple[str, ...]) -> Ints:
-    """(J,) each joint's place after left and right have changed sides."""
+    """Return the index (J,) of the joint to take for each joint when left and right are exchanged."""
     place = {name: index for index, name in enumerate(names)}
     swap = {"left": "right", "right": "left"}
     out = []
@@ -112,7 +112,7 @@ def mirrored_order(names: tuple[str, ...]) -> Ints:
 
 
 def swap_left_and_right(keypoints: Keypoints, exchanged: Bools) -> Keypoints:
-    """The joints with left and right set right in the tracklets (T,) where they are exchanged."""
+    """Exchange left and right joints in the tracklets where `exchanged` (T,) is true."""
     rows = keypoints.identity > UNKNOWN
     rows[rows] = exchanged[keypoints.identity[rows]]
     if not rows.any():

@@ -1,4 +1,4 @@
-"""Tracklets within one camera: linked, stitched and split.
+"""Tracklets within one camera: linking, stitching and splitting.
 
 Imports `people` and below.
 """

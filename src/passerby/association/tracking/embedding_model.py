@@ -1,7 +1,7 @@
-"""How well embeddings distinguish the people of a recording, measured in the recording itself.
+"""Distributions of the embeddings' similarity for one person and for different people, measured in the recording itself.
 
-Networks, crops and clothes differ: a cosine of 0.8 is the same person in one recording and anybody in another. Tracklets made
-by motion alone show both how alike the boxes of one person are and, in any one frame, how alike different people are.
+Networks, crops and clothes differ: a cosine of 0.8 is the same person in one recording and any person in another. Tracklets
+made by motion alone show the similarity of the boxes of one person and, within one frame, that of different people.
 """
 
 from __future__ import annotations
@@ -18,19 +18,20 @@ from passerby.geometry.groups import residual_scale
 Mask = NDArray[np.bool_]
 
 FEWEST = 50
-"""Pairs of either kind below which nothing is concluded."""
+"""Least number of pairs of either kind for a result."""
 TELLING = 0.5
-"""Standard deviations that the two kinds must lie apart for the embeddings to be used at all."""
+"""Least distance of the two means, in standard deviations, for the embeddings to be used at all."""
 STRONGEST = 8.0
-"""Largest cost or reward, -2 log likelihood: appearance may settle what motion leaves open, but not overrule clear motion."""
+"""Largest cost or reward, -2 log likelihood: appearance may decide where motion does not, but not overrule clear motion."""
 
 STRONGEST_OF_TRACKLETS = 12.0
-"""The same between whole tracklets, whose means tell more than a box does. Simulated people whose looks differ, fixed at
-7 fps: IDF1 0.89, 0.92, 0.86 (terrace, basketball, a crowded terrace); with 8 0.82, 0.90, 0.76, with 20 a little more."""
+"""The same between whole tracklets, whose means contain more information than a box. Simulated people with different
+appearance, at 7 fps: IDF1 0.89, 0.92, 0.86 (terrace, basketball, a crowded terrace); with 8 0.82, 0.90, 0.76, with 20 a little
+more."""
 FEWEST_HALVES = 20
-"""Pairs of halves of tracklets of either kind below which nothing is concluded."""
+"""Least number of pairs of halves of tracklets of either kind for a result."""
 HALF = 4
-"""Boxes in half a tracklet at least."""
+"""Least number of boxes in half a tracklet."""
 
 
 @dataclass(frozen=True)
@@ -38,38 +39,38 @@ class EmbeddingSimilarity:
     """Cosines between a box and the sum of a tracklet's earlier embeddings: mean and standard deviation of either kind."""
 
     same: tuple[float, float]
-    """Of one person."""
+    """Mean and standard deviation for one person."""
     other: tuple[float, float]
-    """Of different people."""
+    """Mean and standard deviation for different people."""
 
     def cost(self, sums: Vectors, embeddings: Vectors) -> Floats:
-        """(T, D) -2 log of the likelihood ratio of one person to two, 0 where an embedding is unknown.
+        """Return the costs (T, D): -2 log of the likelihood ratio of one person to two, 0 where an embedding is unknown.
 
         Args:
             sums: (T, K) sums of the embeddings of T tracklets.
-            embeddings: (D, K) of D boxes.
+            embeddings: (D, K) embeddings of D boxes.
         """
         length = np.linalg.norm(sums, axis=1)[:, None] * np.linalg.norm(embeddings, axis=1)
         return self._bounded((sums @ embeddings.T).astype(np.float64), length, STRONGEST)
 
     def cost_of_pairs(self, one: Vectors | Floats, two: Vectors | Floats) -> Floats:
-        """(N,) the same of pairs of tracklets, by the sums (N, K) of the embeddings of all their boxes."""
+        """Return the costs (N,) of pairs of tracklets, from the sums (N, K) of the embeddings of all their boxes."""
         length = np.linalg.norm(one, axis=1) * np.linalg.norm(two, axis=1)
         return self._bounded(np.einsum("nk,nk->n", one, two).astype(np.float64), length, STRONGEST_OF_TRACKLETS)
 
     def _bounded(self, product: Floats, length: Floats, strongest: float) -> Floats:
         (same, same_sd), (other, other_sd) = self.same, self.other
-        # Outside of the two means the ratio of Gaussians of unequal width turns round, which means nothing.
+        # Outside of the two means the ratio of Gaussians of unequal width changes its direction, which has no meaning.
         cosine = np.clip(product / np.where(length > 0, length, 1.0), other, same)
         ratio = ((cosine - same) / same_sd) ** 2 - ((cosine - other) / other_sd) ** 2 + 2 * np.log(same_sd / other_sd)
         return np.asarray(np.where(length > 0, np.clip(ratio, -strongest, strongest), 0.0))
 
 
 def learn_similarity(boxes: Boxes) -> EmbeddingSimilarity | None:
-    """Measure the cosines within tracklets and between tracklets seen at once; None where they tell too little.
+    """Measure the cosines within tracklets and between tracklets seen at once; return None where they do not differ enough.
 
     Args:
-        boxes: with embeddings and tracklet numbers.
+        boxes: boxes with embeddings and tracklet numbers.
     """
     if boxes.embedding is None:
         return None
@@ -89,14 +90,14 @@ def learn_similarity(boxes: Boxes) -> EmbeddingSimilarity | None:
 
 
 def similarity_of_halves(early: Floats, late: Floats, long: Mask, one: Ints, two: Ints) -> EmbeddingSimilarity | None:
-    """The same of whole tracklets: either half of one is of one person, halves of two that are seen at once are of two.
+    """Do the same for whole tracklets: both halves of one are one person, halves of two seen at once are two people.
 
     Args:
         early: (T, K) sum of the embeddings of the first half of each tracklet.
-        late: (T, K) of the second half.
-        long: (T,) tracklets of enough boxes to be halved.
-        one: (P,) tracklets that are seen at one time as
-        two: (P,) others.
+        late: (T, K) the same of the second half.
+        long: (T,) tracklets with enough boxes to be halved.
+        one: (P,) tracklets that are seen at the same time as `two`.
+        two: (P,) the others of these pairs.
     """
     known = long & early.any(axis=1) & late.any(axis=1)
     pairs = known[one] & known[two]
@@ -106,7 +107,7 @@ def similarity_of_halves(early: Floats, late: Floats, long: Mask, one: Ints, two
 
 
 def _resemblance(same: Floats, other: Floats, fewest: int) -> EmbeddingSimilarity | None:
-    """Of cosines of either kind; None where they are too few or too alike."""
+    """Fit the distributions to cosines of both kinds; return None where they are too few or too similar."""
     if min(len(same), len(other)) < fewest:
         return None
     found = EmbeddingSimilarity(_centre_and_spread(same), _centre_and_spread(other))
@@ -115,7 +116,7 @@ def _resemblance(same: Floats, other: Floats, fewest: int) -> EmbeddingSimilarit
 
 
 def _earlier_sums(boxes: Boxes) -> Vectors:
-    """(N, D) for every box the sum of the embeddings of its tracklet's boxes before it."""
+    """Return for every box the sum (N, D) of the embeddings of its tracklet's boxes before it."""
     assert boxes.embedding is not None
     sums = np.zeros_like(boxes.embedding)
     order = np.lexsort((boxes.frame, boxes.identity))
@@ -125,12 +126,12 @@ def _earlier_sums(boxes: Boxes) -> Vectors:
 
 
 def _cosines(one: Vectors | Floats, two: Vectors | Floats) -> Floats:
-    """(N,) of rows (N, D)."""
+    """Return the cosines (N,) between rows (N, D)."""
     product = np.einsum("nd,nd->n", one, two).astype(np.float64)
     return np.asarray(product / (np.linalg.norm(one, axis=1) * np.linalg.norm(two, axis=1)))
 
 
 def _centre_and_spread(values: Floats) -> tuple[float, float]:
-    """Median and 1.48 median absolute deviations: some tracklets change person, some boxes are false."""
+    """Return median and 1.48 median absolute deviations, since some tracklets change person and some boxes are false."""
     median = float(np.median(values))
     return median, residual_scale(values - median, 0.01)

@@ -1,7 +1,7 @@
-"""From frame to frame: which box continues which tracklet, and whether that is significant.
+"""Significant links between tracklets and boxes, frame by frame.
 
 All lengths are in body heights (the height of the tracked box), so one set of constants serves people near and far and any
-lens. Costs are -2 log likelihood, so a difference of costs is a likelihood ratio whatever they are made of.
+lens. Costs are -2 log likelihood, so a difference of costs is a likelihood ratio for any kind of evidence.
 """
 
 from __future__ import annotations
@@ -19,30 +19,30 @@ from passerby.core.observations import Boxes, Vectors
 Mask = NDArray[np.bool_]
 
 POSITION_SD = 0.05
-"""Body heights, of a box's centre: detectors' edges are off by 2 to 4 % of the height, and arms and stride move the centre."""
+"""Body heights, sigma of a box's centre: detectors' edges have errors of 2 to 4 % of it, arms and stride move the centre."""
 TURN_DENSITY = 0.3
 """(Body heights / s)^2 / s, white acceleration: within a second the velocity changes by 0.55 body heights / s, 0.9 m/s."""
 START_SPEED_SD = 0.6
-"""Body heights / s on either axis, of a person first seen: a walker does 1.4 m/s in an unknown direction."""
+"""Body heights / s on either axis, of a person first seen: a walker moves at 1.4 m/s in an unknown direction."""
 SHAPE_SD = (0.15, 0.3)
-"""Of the logarithms of height and width from box to box: the width swings with arms and stride."""
+"""Standard deviations of the logarithms of height and width from box to box: the width varies with arms and stride."""
 SHAPE_GAIN = 0.4
 """Share of a new box in the tracklet's shape: people crouch and approach, so it has to follow within a few boxes."""
 SHAPE_STEP = 0.15
 """Largest change of the shape's logarithm by one box: the box of a half-hidden person must not change the unit of length."""
 TAIL = 3.0
-"""Degrees of freedom of Student's t, in place of a Gaussian: boxes of half-hidden people are off by far more than noise."""
+"""Degrees of freedom of Student's t, used instead of a Gaussian: half-hidden people's boxes have errors far above the noise."""
 FARTHEST = 16.0
-"""Squared standard deviations from the expected place beyond which a box is not considered."""
+"""Squared distance from the predicted position, in standard deviations, beyond which a box is not considered."""
 SLACK = 0.3
 """Body heights that a centre may jump beyond walking: a person hidden to the hips and seen whole in the next frame."""
 WEAK_COST = 4.0
-"""A box of low score is taken only where no strong one fits nearly as well."""
+"""Additional cost of a box of low score: it is linked only where no strong box fits nearly as well."""
 
 
 @dataclass(frozen=True)
 class LinkCosts:
-    """What a link costs and when it stands; see `TrackingOptions`."""
+    """Parameters of the costs of links and of their significance; see `TrackingOptions`."""
 
     max_gap_s: float = 1.0
     max_speed: float = 3.5
@@ -56,14 +56,14 @@ CENTRE, VELOCITY, COVARIANCE, SHAPE = slice(0, 2), slice(2, 4), slice(4, 7), sli
 
 @dataclass(eq=False)
 class Tracks(Columns):
-    """The tracklets that may go on, T of them, as they were when last seen."""
+    """States of T tracklets at their last boxes; these tracklets may continue."""
 
     row: Ints
-    """(T,) row of the last box; -1 where the person may have been in another box since."""
+    """(T,) row of the last box; -1 where the person may be in another, later box."""
     time: Floats
     """(T,) seconds."""
     state: Floats
-    """(T, 9) centre, velocity, covariance and shape, in one array: it is moved and joined at every frame."""
+    """(T, 9) centre, velocity, covariance and shape, in one array, since it is copied and joined at every frame."""
     appearance: Vectors
     """(T, D) sum of the embeddings so far; D = 0 without any."""
 
@@ -96,7 +96,7 @@ class Tracks(Columns):
 def agreed_links(
     boxes: Boxes, seconds: Floats, weak: Mask, costs: LinkCosts, similarity: EmbeddingSimilarity | None
 ) -> tuple[Ints, Ints]:
-    """(L,) and (L,) the rows of boxes and of those that continue them, found forwards and backwards in time alike.
+    """Find links in both time directions and return those that agree: rows (L,) and the rows (L,) that continue them.
 
     Arguments as of `link`.
     """
@@ -108,14 +108,14 @@ def agreed_links(
 
 
 def link(boxes: Boxes, seconds: Floats, weak: Mask, costs: LinkCosts, similarity: EmbeddingSimilarity | None) -> Ints:
-    """(N,) for every box the row of the box that continues it, -1 where there is none or none that is significant.
+    """Return for every box the row (N,) of the box that continues it, -1 where there is none or none that is significant.
 
     Args:
         boxes: N boxes in any order.
         seconds: (N,) time of each box, equal within a frame; negated times track backwards.
         weak: (N,) boxes that may continue a tracklet but not begin one.
-        costs: when a link stands.
-        similarity: what the embeddings tell; None to leave them out.
+        costs: costs and margin of links.
+        similarity: distributions of the embeddings' similarity; None to leave embeddings out.
     """
     following = np.full(len(boxes), -1, dtype=np.int64)
     order = np.argsort(seconds, kind="stable")
@@ -140,7 +140,7 @@ def link(boxes: Boxes, seconds: Floats, weak: Mask, costs: LinkCosts, similarity
 
 
 def first_seen(boxes: Boxes, seconds: Floats, with_embeddings: bool = False) -> Tracks:
-    """Every box as a track of its own: at rest, but for all that is known of its speed."""
+    """Convert every box to a track of its own, with velocity 0 and the sigma `START_SPEED_SD`."""
     centre = boxes.ltwh[:, :2] + boxes.ltwh[:, 2:] / 2
     certainty = np.tile([POSITION_SD**2, 0.0, START_SPEED_SD**2], (len(boxes), 1))
     state = np.column_stack([centre, np.zeros_like(centre), certainty, np.log(boxes.ltwh[:, [3, 2]])])
@@ -150,9 +150,9 @@ def first_seen(boxes: Boxes, seconds: Floats, with_embeddings: bool = False) -> 
 
 
 def predict(tracks: Tracks, now: float | Floats) -> Tracks:
-    """Where the tracklets are expected at a later time, after constant velocity with white acceleration.
+    """Predict the tracklets at a later time, by constant velocity with white acceleration.
 
-    Their time becomes the time gone by.
+    The field `time` of the result is the elapsed time.
     """
     dt = now - tracks.time
     pp, pv, vv = tracks.covariance.T
@@ -168,7 +168,7 @@ def predict(tracks: Tracks, now: float | Floats) -> Tracks:
 def _gains(
     tracks: Tracks, predicted: Tracks, seen: Tracks, weak: Mask, costs: LinkCosts, similarity: EmbeddingSimilarity | None
 ) -> Floats:
-    """(T, D) how much more likely each link is than leaving both unlinked, as -2 log likelihood: negative, or 0 for no link."""
+    """Return the cost (T, D) of each link minus that of leaving both unlinked, -2 log likelihood: below 0, or 0 for no link."""
     height = np.exp(tracks.shape[:, :1])
     variance = predicted.covariance[:, :1] + POSITION_SD**2
     apart = _squares(seen.centre, predicted.centre) / height**2 / variance
@@ -187,13 +187,13 @@ def _gains(
 
 
 def _squares(seen: Floats, expected: Floats) -> Floats:
-    """(T, D) squared distances of points (D, 2) from points (T, 2)."""
+    """Return the squared distances (T, D) of points (D, 2) from points (T, 2)."""
     across, down = seen.T[:, None, :] - expected.T[:, :, None]
     return np.asarray(across**2 + down**2)
 
 
 def _decide(gain: Floats, margin: float) -> tuple[Ints, Ints, Mask]:
-    """Tracks (L,) and boxes (L,) of the best assignment (Hungarian algorithm), and which of these links are significant (L,).
+    """Find tracks (L,) and boxes (L,) of the best assignment (Hungarian algorithm), and a mask (L,) of significant links.
 
     A link is significant if the best assignment without it is worse by the margin.
     """
@@ -211,12 +211,12 @@ def _decide(gain: Floats, margin: float) -> tuple[Ints, Ints, Mask]:
 
 
 def _contested(gain: Floats, box: Ints) -> Ints:
-    """Tracks that may have gone on in one of the given boxes."""
+    """Return the tracks that may continue in one of the given boxes."""
     return np.flatnonzero((gain[:, box] < 0).any(axis=1))
 
 
 def update(predicted: Tracks, seen: Tracks) -> Tracks:
-    """The Kalman filter's step, a box far from its expected place counting for less (Student's t)."""
+    """Update tracks by the Kalman filter; a box far from its predicted position is weighted down (Student's t)."""
     pp, pv, vv = predicted.covariance.T
     height = np.exp(predicted.shape[:, 0])
     off = seen.centre - predicted.centre

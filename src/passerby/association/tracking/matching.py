@@ -1,4 +1,4 @@
-"""Which links of the best one-to-one assignment are significant, where few of all links are possible."""
+"""Significant links of the best one-to-one assignment, for sparse tables in which few links are possible."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from passerby.core.observations import UNKNOWN
 
 
 def clear_matches(n: int, first: Ints, second: Ints, cost: Floats, margin: float) -> tuple[Ints, Ints]:
-    """The links of the assignment of least cost without which the next best assignment is worse by a margin.
+    """Return the links of the least-cost assignment without which the best assignment is worse by a margin.
 
-    The next best one is looked for among those who could take part in an exchange with the link: those that compete for one of
-    its two ends, and those that compete with these. All others keep their partners, so that time and memory grow with the
-    number of links, not with the square of their ends.
+    The best assignment without a link is searched among the rows and columns that could exchange partners with it: those that
+    compete for one of its two ends, and those that compete with these. All others keep their partners, so that time and memory
+    grow with the number of links, not with the square of the number of rows.
 
     Args:
-        n: rows and columns of the table of costs.
-        first: (L,) the links' rows.
-        second: (L,) their columns; no link stands twice.
-        cost: (L,) of the links, below 0: to leave a row or a column without a link costs nothing.
-        margin: how much worse the assignment without a link must be for the link to stand.
+        n: number of rows and of columns of the table of costs.
+        first: (L,) rows of the links.
+        second: (L,) columns of the links; no link occurs twice.
+        cost: (L,) costs of the links, below 0. A row or a column without a link costs nothing.
+        margin: increase of the cost without a link, from which the link is significant.
 
     Returns:
-        (K,) rows, ascending, and (K,) columns of the links that stand.
+        (K,) rows, ascending, and (K,) columns of the significant links.
     """
     if not len(first):
         return np.zeros(0, np.int64), np.zeros(0, np.int64)
@@ -41,9 +41,9 @@ def clear_matches(n: int, first: Ints, second: Ints, cost: Floats, margin: float
 
 
 def _best_partners(n: int, first: Ints, second: Ints, cost: Floats) -> Ints:
-    """(n,) the column of each row in the assignment of least cost, -1 for none."""
+    """Return the column (n,) of each row in the assignment of least cost, -1 for none."""
     rows, columns = np.concatenate([first, np.arange(n)]), np.concatenate([second, n + np.arange(n)])
-    # Every row may stay alone, in a column of its own. All are raised by one constant: an entry of 0 would be no entry.
+    # Every row may stay unlinked, in a column of its own. All costs are raised by one constant: entries of 0 are not stored.
     raised = np.concatenate([cost, np.zeros(n)]) - cost.min() + 1.0
     row, column = min_weight_full_bipartite_matching(csr_array((raised, (rows, columns)), shape=(n, 2 * n)))
     partner = np.full(n, UNKNOWN)
@@ -52,7 +52,7 @@ def _best_partners(n: int, first: Ints, second: Ints, cost: Floats) -> Ints:
 
 
 def _worse_without(row: int, partner: Ints, owner: Ints, by_row: csr_array, by_column: csr_array) -> float:
-    """By how much the best assignment grows worse without the link of a row; `owner` (n,) is the row of each column."""
+    """Return the increase of the least cost without the link of a row; `owner` (n,) is the row of each column."""
     column = int(partner[row])
     rivals = _neighbours(by_column, np.array([column]))
     rows = _neighbours(by_column, _neighbours(by_row, rivals))
@@ -65,6 +65,6 @@ def _worse_without(row: int, partner: Ints, owner: Ints, by_row: csr_array, by_c
 
 
 def _neighbours(table: csr_array, rows: Ints) -> Ints:
-    """The columns in which any of the rows has an entry, ascending."""
+    """Return the columns in which any of the rows has an entry, ascending."""
     parts = [table.indices[table.indptr[row] : table.indptr[row + 1]] for row in rows.tolist()]
     return np.unique(np.concatenate(parts)).astype(np.int64)

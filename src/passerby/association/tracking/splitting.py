@@ -1,6 +1,7 @@
-"""Where a tracklet stops being one person: its motion jumps, it was out of sight for long, or its appearance changes.
+"""Splitting of tracklets that may change person: the motion jumps, the person was hidden for long, or appearance changes.
 
-Works on anybody's tracklets. A tracklet cut in two loses little, one that changes person poisons what follows.
+It works on the tracklets of any tracker. A tracklet that is cut in two loses little; one that changes person spoils later
+steps.
 """
 
 from __future__ import annotations
@@ -18,19 +19,19 @@ from passerby.core.observations import UNKNOWN, Boxes, Vectors, sampling_step
 Mask = NDArray[np.bool_]
 
 GROWTH_PER_S = 1.0
-"""Of the logarithm of a box's size: a person who runs towards a camera 3 m away."""
+"""Change of the logarithm of a box's size per second: a person who runs towards a camera 3 m away."""
 WINDOWS = (8, 32, 128)
 """Boxes on either side whose mean embeddings are compared: short windows find short stretches, long ones weak changes."""
 FEWEST = 4
-"""Boxes on the shorter side of a change of appearance."""
+"""Least number of boxes on the shorter side of a change of appearance."""
 SURE = 8.0
-"""Squared distance of two means, in units of what their spread explains. Pure noise gives 1; even in only four dimensions it
-comes to 8 at one place in a million."""
+"""Squared distance of two means, as a multiple of its expected value by their spread, above which it is significant. Pure noise
+gives 1; even in only four dimensions it reaches 8 at one place in a million."""
 TELLING = 3.0
-"""The same between tracklets seen at once, in the median: below it the embeddings do not tell people apart and are left out."""
+"""The same between tracklets seen at once, in the median. Below it embeddings do not distinguish people and are not used."""
 PERSON_CHANGE = 0.5
-"""A change of person moves the mean embedding by the squared distance between people seen at once; half of it is asked for,
-the appearance of one who turns round moves by less."""
+"""Least squared change of the mean embedding, as a share of the squared distance between people seen at once. A person who
+turns round changes it by less."""
 
 
 @dataclass(frozen=True)
@@ -38,15 +39,15 @@ class SplittingOptions:
     """Options of `split_tracklets`. Raises `InputError` for a value out of range."""
 
     max_gap_s: float = 1.0
-    """Longest time between two boxes of a tracklet; at low frame rates neighbouring samples always hold together."""
+    """Longest time between two boxes of a tracklet, seconds; at low frame rates neighbouring samples are never cut by it."""
     max_speed: float = 3.5
-    """Body heights per second: 6 m/s."""
+    """Largest speed, body heights per second: 6 m/s."""
     position_slack: float = 0.4
-    """Body heights that a box may jump beyond that, by noise or by half of the person being hidden."""
+    """Body heights that a box may jump in addition, by noise or because half of the person is hidden."""
     size_ratio: float = 1.6
-    """Change of the box's size (root of the area) at once; a person who crouches changes by less."""
+    """Largest sudden change of the box's size (root of the area); a person who crouches changes by less."""
     cross_check: bool = True
-    """Cut also where tracking of our own significantly goes from a box of one tracklet to a box of another."""
+    """Cut also where this package's own tracking significantly links a box of one tracklet to a box of another."""
 
     def __post_init__(self) -> None:
         for name, least in (("max_gap_s", 0.0), ("max_speed", 0.0), ("position_slack", 0.0), ("size_ratio", 1.0)):
@@ -56,16 +57,16 @@ class SplittingOptions:
 
 
 def sample_interval_s(frame: Ints, fps: float) -> float:
-    """Seconds between neighbouring samples (`sampling_step`). Raises `InputError` for a wrong fps."""
+    """Return the seconds between neighbouring samples (`sampling_step`). Raises `InputError` for a wrong fps."""
     if not np.isfinite(fps) or fps <= 0:
         raise InputError(f"tracking: fps = {fps}: give the frames per second of the frame numbers, a number above 0")
     return sampling_step(frame) / fps
 
 
 def find_motion_links(boxes: Boxes, fps: float, options: SplittingOptions | None = None) -> tuple[Ints, Ints]:
-    """(L,) and (L,) the rows of boxes that belong to tracklets, and of those that continue them by tracking of our own.
+    """Link boxes of tracklets by this package's own tracking: rows (L,) and the rows (L,) that continue them.
 
-    By motion alone, whatever the tracklets are: splitting them does not change it. Arguments as of `split_tracklets`.
+    Links depend on motion alone, not on the tracklets: splitting does not change them. Arguments as of `split_tracklets`.
     """
     options = options or SplittingOptions()
     order = np.lexsort((boxes.frame, boxes.identity))
@@ -83,10 +84,10 @@ def split_tracklets(
     """Split the tracklets of one camera where they may change person.
 
     Args:
-        boxes: N boxes in any order, with tracklet numbers; -1 belongs to none.
+        boxes: N boxes in any order, with tracklet numbers; -1 for boxes of no tracklet.
         fps: frames per second of the frame numbers.
         options: the defaults where None.
-        links: of `find_motion_links`, where they are known.
+        links: result of `find_motion_links`, if it is known.
 
     Returns:
         The same rows in the same order. The first stretch of a tracklet keeps its number, the others get new ones above the
@@ -120,14 +121,14 @@ def split_tracklets(
 
 
 def find_continuations(boxes: Boxes, links: tuple[Ints, Ints]) -> tuple[Ints, Ints]:
-    """Tracklets of one camera that significantly continue as another one: a user's tracker lost the person for a moment.
+    """Find tracklets of one camera that significantly continue as others: a user's tracker lost the person for a moment.
 
     Args:
-        boxes: boxes with tracklet numbers; -1 belongs to none.
-        links: of `find_motion_links`.
+        boxes: boxes with tracklet numbers; -1 for boxes of no tracklet.
+        links: result of `find_motion_links`.
 
     Returns:
-        (K,) tracklets and (K,) those that continue them.
+        (K,) tracklets and (K,) the tracklets that continue them.
     """
     here, there = links
     before, after = boxes.identity[here], boxes.identity[there]
@@ -141,10 +142,10 @@ def find_continuations(boxes: Boxes, links: tuple[Ints, Ints]) -> tuple[Ints, In
 
 
 def _motion_cuts(rows: Boxes, fps: float, max_gap_s: float, options: SplittingOptions) -> Mask:
-    """(N,) which rows (sorted by tracklet and frame) cannot be the person of the row before.
+    """Return a mask (N,) of the rows (sorted by tracklet and frame) that cannot be the person of the row before.
 
-    A jump counts only if it lasts: from the last row but one, and to the next, it must be one as well. A single misplaced
-    box does not cut a tracklet.
+    A jump counts only if it lasts: the step from the last row but one, and the step to the next row, must be jumps too. So a
+    single misplaced box does not cut a tracklet.
     """
     seconds = rows.frame / fps
     jumps = {}
@@ -163,10 +164,10 @@ def _motion_cuts(rows: Boxes, fps: float, max_gap_s: float, options: SplittingOp
 
 
 def _contradicted(identity: Ints, here: Ints, there: Ints) -> Mask:
-    """(N,) before which rows (sorted by tracklet and frame) the person came from, or went on to, another tracklet's box.
+    """Return a mask (N,) of rows (sorted by tracklet and frame) before which links lead from or to another tracklet.
 
-    By motion alone: what appearance shows is found by `_appearance_cuts`. A single box that is numbered wrongly, between two
-    that agree, does not cut a tracklet.
+    The links are by motion alone; changes of appearance are found by `_appearance_cuts`. A single wrongly numbered box, between
+    two that agree, does not cut a tracklet.
 
     Args:
         identity: (N,) tracklet of each row.
@@ -185,10 +186,10 @@ def _contradicted(identity: Ints, here: Ints, there: Ints) -> Mask:
 
 
 def _jumps(before: Floats, after: Floats, dt: Floats, options: SplittingOptions) -> Mask:
-    """(M,) whether the boxes `after` (M, 4) are too far from or too different in size to those `before`, dt seconds earlier.
+    """Check (M,) whether boxes `after` (M, 4) differ too much in position or size from those `before`, dt seconds earlier.
 
-    The nearest of three places counts (middle of the top edge, centre, middle of the bottom edge): of a person half hidden
-    one of them stays.
+    The smallest motion of three points is used (middle of the top edge, centre, middle of the bottom edge): of a half-hidden
+    person one of them stays.
     """
     height = np.maximum(before[:, 3], after[:, 3])
     across = np.abs((after[:, 0] + after[:, 2] / 2) - (before[:, 0] + before[:, 2] / 2))
@@ -197,13 +198,13 @@ def _jumps(before: Floats, after: Floats, dt: Floats, options: SplittingOptions)
     grown = np.abs(np.log(after[:, 2:]) - np.log(before[:, 2:])).min(axis=1)
     area = np.abs((np.log(after[:, 2:]) - np.log(before[:, 2:])).mean(axis=1))
     too_far = moved > options.max_speed * dt + options.position_slack
-    # Both width and height have to change: of a half-hidden person one of them shrinks.
+    # Both width and height have to change: for a half-hidden person only one of them shrinks.
     resized = np.minimum(area, 2 * grown) > np.log(options.size_ratio) + GROWTH_PER_S * dt
     return np.asarray(too_far | resized)
 
 
 def _appearance_cuts(frame: Ints, stretch: Ints, embedding: Vectors) -> Mask:
-    """(N,) where the mean embedding changes as it does from person to person. Rows are sorted by stretch and frame."""
+    """Return a mask (N,) of rows (sorted by stretch and frame) at which the mean embedding changes as between people."""
     cut = np.zeros(len(frame), dtype=np.bool_)
     starts = np.concatenate([[0], np.flatnonzero(np.diff(stretch)) + 1])
     ends = np.append(starts[1:], len(frame))
@@ -218,9 +219,9 @@ def _appearance_cuts(frame: Ints, stretch: Ints, embedding: Vectors) -> Mask:
 
 
 def _between_people(frame: Ints, stretch: Ints, embedding: Vectors, starts: Ints) -> float | None:
-    """Squared distance of the mean embeddings of people seen at once, noise taken off: the median over pairs.
+    """Return the squared distance of the mean embeddings of people seen at once, minus the noise: the median over pairs.
 
-    0 where too few people are seen at once to tell; None where the embeddings do not tell people apart.
+    It is 0 where too few people are seen at once, and None where the embeddings do not distinguish people.
     """
     known = (np.abs(embedding).max(axis=1, initial=0.0) > 0).astype(np.float64)
     count = np.add.reduceat(known, starts)
@@ -241,13 +242,13 @@ def _between_people(frame: Ints, stretch: Ints, embedding: Vectors, starts: Ints
 
 
 def _noise_of_means(mean: Floats, count: Floats) -> Floats:
-    """(...,) expected squared error of means (..., D) of unit vectors: their variance is 1 - |mean|^2."""
+    """Return the expected squared errors (...,) of means (..., D) of unit vectors, whose variance is 1 - |mean|^2."""
     spread = np.maximum(1.0 - np.sum(mean**2, axis=-1), 1e-6) * count / np.maximum(count - 1.0, 1.0)
     return np.asarray(spread / np.maximum(count, 1.0))
 
 
 def _change_points(embedding: Vectors, least: float) -> list[int]:
-    """Rows of a tracklet's embeddings (n, D) at which another person begins: the clearest one, then those of either part."""
+    """Find the rows of a tracklet's embeddings (n, D) at which another person begins, by repeated splits at the clearest."""
     sums = np.concatenate([np.zeros((1, embedding.shape[1])), np.cumsum(embedding, axis=0, dtype=np.float64)])
     found: list[int] = []
     parts = [(0, len(embedding))]
@@ -261,11 +262,11 @@ def _change_points(embedding: Vectors, least: float) -> list[int]:
 
 
 def _clearest_change(sums: Floats, least: float) -> int | None:
-    """The place at which the mean of the embeddings changes most significantly; None if it changes nowhere.
+    """Find the place at which the mean of the embeddings changes most significantly; return None if it changes nowhere.
 
     Args:
-        sums: (n + 1, D) of the first 0 to n embeddings, but for a constant.
-        least: squared distance of the means.
+        sums: (n + 1, D) sums of the first 0 to n embeddings, plus any constant.
+        least: least squared distance of the means.
     """
     n = len(sums) - 1
     place = np.arange(FEWEST, n - FEWEST + 1)

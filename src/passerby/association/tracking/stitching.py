@@ -1,11 +1,11 @@
-"""Tracklets of one camera that go on as others: those fixed that broke where a person was hidden or crossed another's
-trajectory.
+"""Stitching of one camera's tracklets that broke where a person was hidden or crossed another's trajectory.
 
-The tracker decides frame by frame, and ends a tracklet where it is in doubt. Whole tracklets show more: how a person walked
-before and after the gap, and how he looked in all his boxes. For every two tracklets of which one begins soon after the other
-has ended, the odds are taken of one person against two, and the set of links that is most likely as a whole is found (as in
-Huang, Wu, Nevatia, *Robust Object Tracking by Hierarchical Association of Detection Responses*, ECCV 2008); of these stand the
-links without which the whole would be clearly less likely. Stitched tracklets show more again, so this is done in rounds.
+The tracker decides frame by frame, and ends a tracklet where the decision is uncertain. Whole tracklets contain more
+information: the person's motion before and after the gap, and the appearance in all boxes. For every two tracklets of which
+one begins soon after the other has ended, the odds of one person against two are computed. Then the set of links with the
+largest total likelihood is found (as in Huang, Wu, Nevatia, *Robust Object Tracking by Hierarchical Association of Detection
+Responses*, ECCV 2008). Of these, links are kept without which the total would be clearly less likely. Stitched tracklets
+contain still more information, so this is done in rounds.
 
 Costs are -2 log likelihood and lengths are in body heights, as in `linking`.
 """
@@ -29,13 +29,14 @@ from passerby.core.observations import UNKNOWN, Boxes
 from passerby.geometry.groups import expanded_ranges
 
 MEMORY_S = 2.0
-"""How much of a tracklet tells place and velocity at its end: the filter forgets what is older."""
+"""Length of the end of a tracklet, seconds, from which position and velocity are filtered; older boxes have no effect."""
 HIDDEN_S = 2.0
-"""Mean time for which a person is out of sight who comes back; half of it changes little."""
+"""Mean time for which a person who comes back is out of sight; half of it changes little."""
 GROWTH_SD_PER_S = 0.1
-"""Of the logarithms of height and width over a gap: a walker 14 m from the camera who comes straight towards it."""
+"""Standard deviation of the logarithms of height and width for each second of a gap: a walker 14 m from the camera who comes
+straight towards it."""
 TAIL_OF_MOTION = 6.0
-"""Degrees of freedom of Student's t for place and velocity across a gap; 3 and 12 change little."""
+"""Degrees of freedom of Student's t for position and velocity across a gap; 3 and 12 change little."""
 ROUNDS = 3
 
 
@@ -44,9 +45,9 @@ class StitchingOptions:
     """Options of `stitch_tracklets`. Raises `InputError` for a value out of range."""
 
     max_gap_s: float = 4.0
-    """Longest time out of sight; by then a walker may be anywhere within two body heights, and looks must tell."""
+    """Longest time out of sight, seconds; after it a walker may be anywhere within two body heights: appearance must decide."""
     margin: float = 2.0
-    """How much worse the best links without one must be for it to stand: odds of 2.7 to 1. The tracker asks for 20 to 1."""
+    """Increase of the best cost without a link from which it is kept: odds of 2.7 to 1. The tracker requires 20 to 1."""
 
     def __post_init__(self) -> None:
         for name in ("max_gap_s", "margin"):
@@ -59,7 +60,7 @@ def stitch_tracklets(boxes: Boxes, fps: float, options: StitchingOptions | None 
     """Join the tracklets of one camera that are most likely one person who was out of sight for a moment.
 
     Args:
-        boxes: N boxes in any order, with tracklet numbers; -1 belongs to none.
+        boxes: N boxes in any order, with tracklet numbers; -1 for boxes of no tracklet.
         fps: frames per second of the frame numbers.
         options: the defaults where None.
 
@@ -69,7 +70,7 @@ def stitch_tracklets(boxes: Boxes, fps: float, options: StitchingOptions | None 
     """
     options = options or StitchingOptions()
     sample_interval_s(boxes.frame, fps)  # refuses a wrong fps
-    # Sorted by all that a box is, so that the order of the rows decides nothing.
+    # Sorted by all columns of a box, so that the order of the rows has no effect.
     order = np.lexsort((*boxes.ltwh.T, boxes.frame, boxes.identity))
     order = order[boxes.identity[order] != UNKNOWN]
     if not len(order):
@@ -93,7 +94,7 @@ def stitch_tracklets(boxes: Boxes, fps: float, options: StitchingOptions | None 
 
 
 def find_stitches(boxes: Boxes, fps: float, options: StitchingOptions | None = None) -> tuple[Ints, Ints]:
-    """The same as pairs of tracklets: (K,) tracklets and (K,) those that go on where they end."""
+    """Find the same stitches as pairs of tracklets: (K,) tracklets and (K,) the tracklets that continue them."""
     rows = np.flatnonzero(boxes.identity != UNKNOWN)
     stitched = stitch_tracklets(boxes, fps, options).identity[rows]
     tracklets = np.unique(np.column_stack([boxes.identity[rows], stitched]), axis=0)
@@ -106,24 +107,24 @@ def find_stitches(boxes: Boxes, fps: float, options: StitchingOptions | None = N
 
 @dataclass(frozen=True, eq=False)
 class _Ends:
-    """Where and when T tracklets begin and end."""
+    """States and times at which T tracklets begin and end."""
 
     first: Tracks
-    """Velocities forwards in time here too."""
+    """States at the beginning; their velocities are forwards in time too."""
     last: Tracks
     begin_s: Floats
     end_s: Floats
 
     @classmethod
     def of(cls, boxes: Boxes, seconds: Floats) -> _Ends:
-        """Of the tracklets 0 to T - 1."""
+        """Compute the ends of the tracklets 0 to T - 1."""
         last, first = _last_states(boxes, seconds), _last_states(boxes, -seconds)
         first.velocity[:] *= -1
         return cls(first, last, -first.time, last.time)
 
 
 def _links(boxes: Boxes, fps: float, options: StitchingOptions) -> tuple[Ints, Ints]:
-    """Tracklets (K,) and those (K,) that continue them; all are numbered from 0 without a gap."""
+    """Find significant links: tracklets (K,), and the tracklets (K,) that continue them. Numbers are from 0 without a gap."""
     ends = _Ends.of(boxes, boxes.frame / fps)
     before, after = _candidates(ends.begin_s, ends.end_s, options.max_gap_s)
     cost = _motion_cost(ends, before, after) + 2 * np.log(_newcomers(boxes, ends)) + _look_cost(boxes, ends, before, after)
@@ -132,7 +133,7 @@ def _links(boxes: Boxes, fps: float, options: StitchingOptions) -> tuple[Ints, I
 
 
 def _candidates(begin_s: Floats, end_s: Floats, max_gap_s: float) -> tuple[Ints, Ints]:
-    """Pairs (L,), (L,) of tracklets of which the second begins after the first has ended, but not too late."""
+    """Find pairs (L,), (L,) of tracklets of which the second begins within `max_gap_s` after the first has ended."""
     order = np.argsort(begin_s, kind="stable")
     low = np.searchsorted(begin_s[order], end_s, side="right")
     count = np.searchsorted(begin_s[order], end_s + max_gap_s * (1 + 1e-9), side="right") - low
@@ -141,7 +142,7 @@ def _candidates(begin_s: Floats, end_s: Floats, max_gap_s: float) -> tuple[Ints,
 
 
 def _last_states(boxes: Boxes, seconds: Floats) -> Tracks:
-    """The T tracklets as they were when last seen; negated times give the first."""
+    """Filter the states of the T tracklets at their last boxes; with negated times, at their first boxes."""
     order = np.lexsort((seconds, boxes.identity))
     seen = first_seen(boxes.take(order), seconds[order])
     starts = np.flatnonzero(np.diff(boxes.identity[order], prepend=-1))
@@ -157,10 +158,10 @@ def _last_states(boxes: Boxes, seconds: Floats) -> Tracks:
 
 
 def _motion_cost(ends: _Ends, before: Ints, after: Ints) -> Floats:
-    """(L,) of place, velocity, size and time of tracklets that go on as others, less those of a new person.
+    """Return the costs (L,) of position, velocity, size and time of continued tracklets, minus those of a new person.
 
-    A new person appears anywhere, once in a body height squared and second, with any velocity. The place and velocity at which
-    a tracklet begins, as its own boxes tell them, are compared with those expected of the one before it.
+    A new person appears anywhere, once in a body height squared and second, with any velocity. The position and velocity at
+    which a tracklet begins, from its own boxes, are compared with those predicted from the tracklet before it.
     """
     old, new = ends.last.take(before), ends.first.take(after)
     gap = ends.begin_s[after] - ends.end_s[before]
@@ -173,7 +174,7 @@ def _motion_cost(ends: _Ends, before: Ints, after: Ints) -> Floats:
     cost = (TAIL_OF_MOTION + 4) * np.log1p(squares / determinant / TAIL_OF_MOTION) + 2 * np.log(determinant)
     sd = np.hypot(np.array(SHAPE_SD) / 2, GROWTH_SD_PER_S * gap[:, None])
     cost += (TAIL + 1) * np.log1p(((new.shape - old.shape) / sd) ** 2 / TAIL).sum(axis=1)
-    # Out of sight for a time that is exponentially distributed.
+    # The time out of sight is exponentially distributed.
     cost += 2 * gap / HIDDEN_S + 2 * np.log(HIDDEN_S) + 2 * np.log(2 * np.pi)
     spread = START_SPEED_SD**2 + new.covariance[:, 2]
     anybody = ((new.velocity / height) ** 2).sum(axis=1) / spread + 2 * np.log(spread)
@@ -181,9 +182,9 @@ def _motion_cost(ends: _Ends, before: Ints, after: Ints) -> Floats:
 
 
 def _newcomers(boxes: Boxes, ends: _Ends) -> float:
-    """Tracklets that begin in a body height squared and second: as many people are new at most.
+    """Return the density of new tracklets in a body height squared and second; it is an upper limit of that of new people.
 
-    People may appear a body height beyond where a person was seen.
+    The area of the picture extends by a body height beyond the boxes, where people may appear too.
     """
     height = boxes.ltwh[:, 3]
     centre = boxes.ltwh[:, :2] + boxes.ltwh[:, 2:] / 2
@@ -194,7 +195,7 @@ def _newcomers(boxes: Boxes, ends: _Ends) -> float:
 
 
 def _look_cost(boxes: Boxes, ends: _Ends, before: Ints, after: Ints) -> Floats:
-    """(L,) what the embeddings of whole tracklets tell; zeros where they tell nothing."""
+    """Return the costs (L,) of the embeddings of whole tracklets; zeros where they do not distinguish people."""
     if boxes.embedding is None:
         return np.zeros(len(before))
     order = np.lexsort((boxes.frame, boxes.identity))

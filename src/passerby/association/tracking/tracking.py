@@ -1,8 +1,8 @@
-"""Tracking in one camera: the detections of a static camera become tracklets, each of one person for a while.
+"""Tracking in one camera: the detections of a static camera are joined to tracklets, each of one person for some time.
 
-A tracklet that changes person poisons every later step, a short one harms little: later steps join tracklets. So a link
-between two boxes must be better than the next best way to explain the picture by a margin, and must be found both forwards and
-backwards in time; where people cross and identities are unclear, the tracklets end.
+A tracklet that changes person spoils every later step. A short tracklet does little harm: later steps join tracklets. So a link
+between two boxes must be better than the best alternative by a margin, and must be found both forwards and backwards in time.
+Where people cross and identities are unclear, the tracklets end.
 """
 
 from __future__ import annotations
@@ -24,7 +24,8 @@ from passerby.core.observations import UNKNOWN, Boxes
 Mask = NDArray[np.bool_]
 
 SAME_BOX = 0.7
-"""Intersection over union from which two boxes of one frame are one person found twice; two people that close look like one."""
+"""Intersection over union above which two boxes of one frame are one person detected twice. Two people so close together look
+like one."""
 
 
 @dataclass(frozen=True)
@@ -32,17 +33,17 @@ class TrackingOptions:
     """Options of `track`. Raises `InputError` for a value out of range. Costs are in -2 log likelihood."""
 
     max_gap_s: float = 1.0
-    """A person not seen for longer starts anew: after a second a walker may be anywhere within a body height of where he was
-    expected. At low frame rates the next frame is always tried."""
+    """Longest gap of a tracklet, seconds: after a second a walker may be anywhere within a body height of the predicted
+    position. At low frame rates the next frame is always tried."""
     max_speed: float = 3.5
-    """Body heights per second: 6 m/s, faster than people run among others."""
+    """Largest speed, body heights per second: 6 m/s, faster than people run among others."""
     margin: float = 6.0
-    """How much worse the best assignment without a link must be for the link to stand: a likelihood ratio of 20."""
+    """Increase of the best assignment's cost without a link, from which the link is kept: a likelihood ratio of 20."""
     unlinked_cost: float = 16.0
-    """Of leaving a tracklet and a box unlinked: one box in ten is missed, and one newcomer or false box is expected in each
-    picture of some hundred square body heights."""
+    """Cost of leaving a tracklet and a box unlinked: one box in ten is missed, and one new person or false box is expected in
+    each picture of some hundred square body heights."""
     min_boxes: int = 3
-    """Fewer boxes are no tracklet: two false boxes lie near each other by chance, three in a row rarely."""
+    """Least number of boxes of a tracklet: two false boxes lie near each other by chance, three in a row rarely."""
 
     def __post_init__(self) -> None:
         for name in ("max_gap_s", "max_speed", "margin", "unlinked_cost", "min_boxes"):
@@ -54,8 +55,8 @@ class TrackingOptions:
 def track(boxes: Boxes, fps: float, options: TrackingOptions | None = None) -> Boxes:
     """Join the detections of one camera to tracklets.
 
-    Constant velocity in a Kalman filter (SORT: Bewley et al., ICIP 2016); boxes of low score may continue a tracklet but not
-    begin one (ByteTrack: Zhang et al., ECCV 2022); embeddings count for as much as they tell this recording's people apart.
+    Constant velocity in a Kalman filter (SORT: Bewley et al., ICIP 2016). Boxes of low score may continue a tracklet but not
+    begin one (ByteTrack: Zhang et al., ECCV 2022). Embeddings are weighted by their discriminability in this recording.
 
     Args:
         boxes: N boxes in any order; identities are ignored.
@@ -75,7 +76,7 @@ def track(boxes: Boxes, fps: float, options: TrackingOptions | None = None) -> B
         unlinked=options.unlinked_cost,
     )
     usable, weak = _score_classes(boxes.score)
-    # Sorted by all that a box is, so that the order of the rows decides nothing, not even the numbers.
+    # Sorted by all columns of a box, so that the order of the rows has no effect, not even on the numbers.
     order = np.lexsort((*boxes.ltwh.T, boxes.score, boxes.frame))
     rows = order[_without_duplicates(boxes, usable)[order]]
     part, weak = boxes.take(rows), weak[rows]
@@ -93,14 +94,14 @@ def track(boxes: Boxes, fps: float, options: TrackingOptions | None = None) -> B
 
 
 def _agreed_tracklets(part: Boxes, weak: Mask, fps: float, costs: LinkCosts, similarity: EmbeddingSimilarity | None) -> Ints:
-    """(N,) numbers of the chains of links that are found forwards and backwards alike."""
+    """Return the numbers (N,) of the chains of links that are found both forwards and backwards."""
     here, there = agreed_links(part, part.frame / fps, weak, costs, similarity)
     graph = coo_array((np.ones(len(here)), (here, there)), shape=(len(part), len(part)))
     return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
 
 
 def _renumbered(boxes: Boxes, min_boxes: int) -> Ints:
-    """(N,) numbers from 0 in the order of the first boxes; -1 for tracklets of fewer boxes."""
+    """Renumber tracklets (N,) from 0 in the order of the first boxes; -1 for tracklets of fewer than `min_boxes` boxes."""
     _, inverse, count = np.unique(boxes.identity, return_inverse=True, return_counts=True)
     long_enough = count[inverse] >= min_boxes
     numbers = np.full(len(count), UNKNOWN)
@@ -111,11 +112,11 @@ def _renumbered(boxes: Boxes, min_boxes: int) -> Ints:
 
 
 def _score_classes(score: Floats) -> tuple[Mask, Mask]:
-    """(N,) which boxes are used at all, and which of them are too weak to begin a tracklet.
+    """Return masks (N,) of the boxes that are used, and of the boxes that are too weak to begin a tracklet.
 
-    Detectors differ in the range of their scores, and some write 1 for all: the thresholds are taken within the range of the
-    scores at hand. Below a tenth of it are at most a few per cent of the boxes of a detector with a threshold of its own, and
-    most of them are false.
+    Detectors differ in the range of their scores, and some write 1 for all. So the thresholds are relative to the range of the
+    given scores. For a detector with a threshold of its own, at most a few per cent of the boxes are below a tenth of this
+    range, and most of them are false.
     """
     if len(score) == 0:
         return np.zeros(0, dtype=np.bool_), np.zeros(0, dtype=np.bool_)
@@ -124,7 +125,7 @@ def _score_classes(score: Floats) -> tuple[Mask, Mask]:
 
 
 def _without_duplicates(boxes: Boxes, usable: Mask) -> Mask:
-    """(N,) the usable boxes less those that cover nearly the same as one of higher score (the larger of equals)."""
+    """Remove from the mask (N,) of usable boxes those that overlap one of higher score (or equal score and larger area)."""
     keep = np.array(usable)
     area = boxes.ltwh[:, 2] * boxes.ltwh[:, 3]
     order = np.lexsort((*boxes.ltwh.T, -area, -boxes.score, boxes.frame))
@@ -141,7 +142,7 @@ def _without_duplicates(boxes: Boxes, usable: Mask) -> Mask:
 
 
 def overlaps(a: Floats, b: Floats) -> Floats:
-    """(N, M) intersection over union of boxes (N, 4) and (M, 4): left, top, width, height."""
+    """Compute the intersection over union (N, M) of boxes (N, 4) and (M, 4): left, top, width, height."""
     low = np.maximum(a[:, None, :2], b[None, :, :2])
     high = np.minimum((a[:, :2] + a[:, 2:])[:, None], (b[:, :2] + b[:, 2:])[None])
     common = np.prod(np.maximum(high - low, 0.0), axis=2)

@@ -1,4 +1,4 @@
 """People's trajectories in the world, through all cameras of a rig that is known.
 
-`trajectories` is the way in. Imports `people` and below.
+Callers use the module `trajectories`. Imports `people` and below.
 """

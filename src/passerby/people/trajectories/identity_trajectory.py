@@ -1,4 +1,6 @@
-"""The way of one identity: its boxes vote, those that agree are solved for a body at each instant, the places are smoothed."""
+"""Trajectory of one identity. Its boxes vote, boxes that agree are solved for a body at each instant, and the positions are
+smoothed.
+"""
 
 from __future__ import annotations
 
@@ -16,48 +18,49 @@ from passerby.people.trajectories.voting import FITS, mahalanobis_squared, vote
 from passerby.people.upright_body import STANCE_SD, linearise_on_ground, single_view_bodies, solve_bodies
 
 ROUNDS = 3
-"""Of solving, smoothing and judging the boxes again; the choice of boxes rests after two."""
+"""Rounds of solving, smoothing and selecting the boxes again; the selection is fixed after two."""
 STATURES = 0.87, 1.15
-"""Standing heights, as shares of the usual one: two and a half standard deviations of adults. Who is lower all the time does
-not stand."""
+"""Limits of standing heights, as shares of the usual one: two and a half standard deviations of adults. A person who is always
+lower does not stand."""
 FREE_SD = 0.35
-"""Metres: what is assumed of a highest point while it is found out how tall a person is, and who crouches."""
+"""Metres: sigma of a highest point about the standing height while the person's height and stance are estimated."""
 HEIGHT_INSTANTS = 2000
-"""Instants that a person's height is taken from, at most: more would only take memory."""
+"""Approximate largest number of instants from which a person's height is taken: more would only take memory."""
 SPREADS = (0.7, 4.0)
-"""A camera's boxes are believed to be between so many times as noisy as usual."""
+"""Limits of the noise of a camera's boxes, as multiples of the usual noise."""
 USUAL_MEDIAN = 0.455
-"""Median of the square of a normal variable."""
+"""Median of the square of a standard normal variable."""
 FEWEST_ROWS = 20
-"""Boxes of a camera that tell how noisy they are."""
+"""Least number of boxes of a camera from which their noise is estimated."""
 LASTING = 0.35
-"""Share of an instant's own sigma that smoothing does not lessen: the errors of neighbouring boxes are alike, since a person's
-height, stance and what hides the person last."""
+"""Share of an instant's own sigma that smoothing does not reduce: errors of neighbouring boxes are alike, since a person's
+height, stance and occlusion last."""
 MODEL_SD = 0.05
-"""Metres, in each of two directions: a body's middle is not above the middle between its feet, for arms, stride and load.
-Without any noise upright people are placed to 0.05 to 0.09 m (root mean square) in simulated scenes,"""
+"""Metres, in each of two directions: a body's middle is not above the middle between its feet, because of arms, stride and
+load. Without any noise the positions of upright people have errors of 0.05 to 0.09 m (root mean square) in simulated scenes."""
 BENT_SD, BENT = 0.11, 0.12
-"""and those whose highest point is this share below where it is when they stand, who crouch, bend or sit, to 0.15 to 0.2 m."""
+"""Metres, the same for people who crouch, bend or sit: their highest point is this share or more below its standing height.
+Their errors are 0.15 to 0.2 m. For smaller shares the sigma is proportional to the share."""
 
 
 @dataclass(frozen=True, eq=False)
 class IdentityTrajectory:
-    """Where a person was at W instants."""
+    """Positions of a person at W instants."""
 
     xy: Floats
     """(W, 2) metres."""
     middle: Floats
     """(W,) height of the body's middle above the ground, metres."""
     sigma: Floats
-    """(W,) root of the trace of the place's covariance, metres."""
+    """(W,) root of the trace of the position's covariance, metres."""
     cameras: Ints
-    """(W,) cameras that agree; 0 for an instant that lies between others."""
+    """(W,) number of cameras that agree; 0 for an instant that is interpolated."""
     part: Ints
-    """(W,) number of the stretch without long gaps, from 0."""
+    """(W,) number of the part, a stretch without long gaps, from 0."""
     row: Ints
-    """(W,) rows of the instants asked for."""
+    """(W,) rows in the `instants` that were given."""
     accepted: Bools
-    """(M,) boxes that it uses."""
+    """(M,) mask of the boxes that the trajectory uses."""
     miss_m: Floats
     """(M,) distance of each box's ray from the body's middle, metres; NaN for one that is not accepted."""
 
@@ -65,15 +68,16 @@ class IdentityTrajectory:
 def estimate_identity_trajectories(
     people: Sequence[Sightings], instants: Floats, max_gap_s: float, person_height_m: float, foot_shift: float
 ) -> list[IdentityTrajectory]:
-    """The ways of several identities, each by itself; only their smoothing is done side by side.
+    """Estimate the trajectories of several identities, each independently; only their smoothing is done side by side.
 
     Args:
-        people: of each identity its M boxes, sorted by time step, then by camera, rays in the world's frame; a block is one of
+        people: for each identity its M boxes, sorted by time step, then by camera, rays in the world's frame; a block is one of
             its T time steps.
-        instants: (T',) all instants of the recording, ascending, those of the people among them.
+        instants: (T',) all instants of the recording, seconds, ascending, including those of the people.
         max_gap_s: longest time without an agreeing box that is bridged.
         person_height_m: typical standing height, metres.
-        foot_shift: how much nearer to a camera the lowest visible point is than the body's axis, as a share of the height.
+        foot_shift: distance by which the lowest visible point is nearer to a camera than the body's axis, as a share of the
+            height.
     """
     walks = [_begun(seen, person_height_m, foot_shift) for seen in people]
     for number in range(ROUNDS):
@@ -86,43 +90,43 @@ def estimate_identity_trajectories(
 
 @dataclass(frozen=True, eq=False)
 class _State:
-    """What is known of a person at T instants."""
+    """Estimates of a person at T instants."""
 
     body: Floats
-    """(T, 3) x, y, top; where nothing was accepted the last that was known."""
+    """(T, 3) x, y, top; where no box was accepted, the last known one."""
     height: float
     spread: Floats
-    """(M,) by how much the boxes are noisier than usual."""
+    """(M,) ratio of the boxes' noise to the usual noise."""
     covariance: Floats | None = None
-    """(T, 2, 2) of x, y; None before anything was solved."""
+    """(T, 2, 2) covariance of x, y; None before the first solution."""
     measured: Bools | None = None
     """(T,) whether a box was accepted."""
     miss_m: Floats | None = None
-    """(M,) distances of rays from the body's middle."""
+    """(M,) distances of rays from the body's middle, metres."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Walk:
-    """One identity on its way through the rounds."""
+    """One identity during the rounds."""
 
     seen: Sightings
     alone: Floats
-    """(M, 2) where each box by itself puts the person."""
+    """(M, 2) position of the person by each box alone, metres."""
     alone_covariance: Floats
     """(M, 2, 2)"""
     accepted: Bools
     """(M,)"""
     trust: Floats
-    """(T,) by how much less than usual an instant is believed, 0 to 1."""
+    """(T,) weight of each instant in the smoothing, 0 to 1."""
     state: _State
     row: Ints
-    """(W,) rows of the instants that its way is made of,"""
+    """(W,) rows of the instants of its trajectory."""
     part: Ints
-    """(W,) and the number of the stretch of each."""
+    """(W,) number of the part of each."""
 
 
 def _begun(seen: Sightings, person_height_m: float, foot_shift: float) -> _Walk:
-    """Before the first round: the boxes have voted."""
+    """Start an identity before the first round: its boxes vote."""
     alone, covariance = single_view_bodies(seen, person_height_m, foot_shift * person_height_m)
     covariance = covariance[:, :2, :2]
     accepted = vote(seen.block, seen.camera, seen.block_seconds, alone[:, :2], covariance)
@@ -132,16 +136,16 @@ def _begun(seen: Sightings, person_height_m: float, foot_shift: float) -> _Walk:
 
 
 def _stepped(walk: _Walk, instants: Floats, max_gap_s: float, person_height_m: float, foot_shift: float) -> _Walk:
-    """Solved with the boxes accepted so far."""
+    """Solve the bodies with the boxes accepted so far."""
     row, part = _asked(walk.seen, walk.accepted, instants, max_gap_s)
     return replace(walk, state=_solve(walk.seen, walk.accepted, walk.state, foot_shift, person_height_m), row=row, part=part)
 
 
 def _judged(walk: _Walk, instants: Floats, xy: Floats, covariance: Floats) -> _Walk:
-    """The boxes and the instants, judged by the smoothed way (W, 2) and its covariance (W, 2, 2)."""
+    """Select the boxes and weight the instants by the smoothed positions (W, 2) and their covariances (W, 2, 2)."""
     seen, state = walk.seen, walk.state
     assert state.covariance is not None
-    # An instant that lies outside all parts has no smoothed place: nothing that was seen then is believed.
+    # An instant outside all parts has no smoothed position: its boxes are rejected.
     here, here_covariance = _at(walk, instants, xy), _at(walk, instants, covariance)
     spread = np.maximum(state.spread, 1.0)[:, None, None] ** 2
     with np.errstate(invalid="ignore"):
@@ -152,14 +156,14 @@ def _judged(walk: _Walk, instants: Floats, xy: Floats, covariance: Floats) -> _W
 
 
 def _mean_bodies(seen: Sightings, alone: Floats, accepted: Bools) -> Floats:
-    """(T, 3) mean of what the accepted boxes say one by one."""
+    """Return the mean bodies (T, 3) of the accepted boxes, each taken alone."""
     total = group_sums(seen.block[accepted], alone[accepted], seen.n_blocks)
     count = np.bincount(seen.block[accepted], minlength=seen.n_blocks)
     return np.asarray(total / np.maximum(count, 1)[:, None])
 
 
 def _solve(seen: Sightings, accepted: Bools, state: _State, foot_shift: float, person_height_m: float) -> _State:
-    """The bodies by the accepted boxes, the person's height, and how noisy the cameras are."""
+    """Solve the bodies from the accepted boxes, the person's height, and the noise of the cameras."""
     rows = np.flatnonzero(accepted)
     instant, n = seen.block[rows], seen.n_blocks
     rays = seen.take(rows)
@@ -186,7 +190,7 @@ def _solve(seen: Sightings, accepted: Bools, state: _State, foot_shift: float, p
 
 
 def _height(top: Floats, person_height_m: float) -> float:
-    """The standing height by highest points that two cameras or more saw; the usual one where there are too few."""
+    """Estimate the standing height from highest points seen by two cameras or more; return the usual one for too few."""
     if len(top) < MIN_INSTANTS:
         return person_height_m
     every = max(1, len(top) // HEIGHT_INSTANTS)
@@ -194,7 +198,7 @@ def _height(top: Floats, person_height_m: float) -> float:
 
 
 def _spread(camera: Ints, residual: Floats, count: Ints) -> Floats:
-    """(K,) how noisy each box's camera is, by residuals (K, 2) of boxes at instants with `count` (K,) accepted ones."""
+    """Estimate the noise (K,) of each box's camera from residuals (K, 2) at instants with `count` (K,) accepted boxes."""
     several = count > 1
     out = np.ones(len(camera))
     for index in np.unique(camera):
@@ -207,7 +211,7 @@ def _spread(camera: Ints, residual: Floats, count: Ints) -> Floats:
 
 
 def _asked(seen: Sightings, accepted: Bools, instants: Floats, max_gap_s: float) -> tuple[Ints, Ints]:
-    """Rows of the instants between the first and the last accepted box of each part, and the parts' numbers."""
+    """Return the rows of the instants from the first to the last accepted box of each part, and the parts' numbers."""
     at = np.unique(np.searchsorted(instants, seen.block_seconds)[seen.block[accepted]])
     if not len(at):
         return np.zeros(0, np.int64), np.zeros(0, np.int64)
@@ -218,7 +222,7 @@ def _asked(seen: Sightings, accepted: Bools, instants: Floats, max_gap_s: float)
 
 
 def _smoothed(walks: Sequence[_Walk], instants: Floats) -> list[tuple[Floats, Floats]]:
-    """Of each walk (W, 2) and (W, 2, 2) at the instants asked for."""
+    """Smooth each walk: return its positions (W, 2) and covariances (W, 2, 2) at the instants `row`."""
     places, covariances, parts, first = [], [], [], 0
     for walk in walks:
         state, measured = walk.state, walk.state.measured
@@ -239,7 +243,7 @@ def _smoothed(walks: Sequence[_Walk], instants: Floats) -> list[tuple[Floats, Fl
 
 
 def _at(walk: _Walk, instants: Floats, values: Floats) -> Floats:
-    """The values (W, ...) of the instants that were asked for at the person's own instants (T, ...); NaN elsewhere."""
+    """Return the values (W, ...) of the trajectory's instants at the person's own instants (T, ...); NaN elsewhere."""
     at = np.searchsorted(instants, walk.seen.block_seconds)
     out = np.full((len(at), *values.shape[1:]), np.nan)
     if len(walk.row):
@@ -250,7 +254,7 @@ def _at(walk: _Walk, instants: Floats, values: Floats) -> Floats:
 
 
 def _result(walk: _Walk, instants: Floats, xy: Floats, covariance: Floats) -> IdentityTrajectory:
-    """Everything in columns, with sigmas that keep what smoothing cannot lessen."""
+    """Assemble the result, with sigmas that include the errors that smoothing does not reduce."""
     seen, state, row, part = walk.seen, walk.state, walk.row, walk.part
     assert state.covariance is not None
     assert state.measured is not None

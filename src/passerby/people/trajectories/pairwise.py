@@ -1,4 +1,4 @@
-"""The tracking of Xu, Li, Weng, Kitani, CVPR 2021: the mean of the pairwise triangulations of the box centres."""
+"""Tracking as in Xu, Li, Weng, Kitani, CVPR 2021: the mean of the pairwise triangulations of the box centres."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from passerby.geometry.triangulation import depths, triangulate_two_views
 
 
 def pairwise_points(cameras: Sequence[Camera], ltwh: Floats) -> tuple[Floats, Floats]:
-    """Body middles of one person.
+    """Triangulate the body middles of one person.
 
     Args:
         cameras: C cameras with poses.

@@ -1,8 +1,8 @@
-"""A walker's way, smoothed: constant velocity, forward filter and backward smoother.
+"""Smoothing of a walker's trajectory: constant velocity, forward filter and backward smoother.
 
 Rauch, Tung, Striebel, "Maximum likelihood estimates of linear dynamic systems", AIAA Journal 1965; the motion is white-noise
 acceleration (Bar-Shalom, Li, Kirubarajan, "Estimation with Applications to Tracking and Navigation", 2001, section 6.2.2).
-Long ways are smoothed in blocks side by side: what lies some seconds outside a block no longer moves anything in it.
+Long trajectories are smoothed in blocks side by side: measurements some seconds outside a block do not affect it.
 """
 
 from __future__ import annotations
@@ -15,32 +15,32 @@ from numpy.typing import NDArray
 from passerby.common.arrays import Floats, Ints
 
 ACCELERATION = 0.5
-"""Density of the white-noise acceleration, m^2/s^3: within a second a person's velocity strays by 0.7 m/s."""
+"""Density of the white-noise acceleration, m^2/s^3: within a second a person's velocity changes by 0.7 m/s (one sigma)."""
 START_SPEED = 1.5
-"""One sigma of a velocity of which nothing is known yet, m/s."""
+"""One sigma of an unknown velocity, m/s."""
 UNSEEN = 1e8
-"""Variance of a measurement that is not there, m^2."""
+"""Variance of a missing measurement, m^2."""
 BLOCK, MARGIN_S = 400, 6.0
-"""Instants of a block, and what is added before and after it: what is 6 s away moves a place by micrometres."""
+"""Instants of a block, and seconds added before and after it: measurements 6 s away move a position by micrometres."""
 
 CELLS = 60_000
-"""Instants of blocks that are smoothed side by side, about: memory stays at 40 MB for a recording of any length."""
+"""Approximate number of instants in blocks that are smoothed side by side: memory stays at 40 MB for any recording."""
 
 
 def smooth(
     seconds: Floats, place: Floats, covariance: Floats, part: Ints, acceleration: float = ACCELERATION
 ) -> tuple[Floats, Floats]:
-    """Smoothed places.
+    """Smooth measured positions.
 
     Args:
         seconds: (N,) ascending within a part.
         place: (N, 2) measured, metres; NaN where nothing was seen.
         covariance: (N, 2, 2) of the measurements.
-        part: (N,) ascending numbers of ways that are smoothed each by itself; the first place of each is measured.
+        part: (N,) ascending numbers of parts, smoothed independently; the first position of each part is measured.
         acceleration: density of the white-noise acceleration, m^2/s^3.
 
     Returns:
-        (N, 2) places; (N, 2, 2) their covariances, if measurements are independent of each other.
+        (N, 2) positions; (N, 2, 2) their covariances, valid if measurements are independent of each other.
     """
     blocks = _blocks(seconds, part)
     out, out_covariance = np.full_like(place, np.nan), np.full((len(place), 2, 2), np.nan)
@@ -59,7 +59,7 @@ def smooth(
 def _smoothed_blocks(
     blocks: Ints, seconds: Floats, place: Floats, covariance: Floats, acceleration: float
 ) -> tuple[Ints, Floats, Floats]:
-    """(K,) rows of the blocks' cores, (K, 2) their places and (K, 2, 2) covariances."""
+    """Smooth blocks: return the rows (K,) of their cores, positions (K, 2) and covariances (K, 2, 2)."""
     length = int((blocks[:, 3] - blocks[:, 0]).max())
     index = np.arange(length)
     rows = np.minimum(blocks[:, :1] + index, blocks[:, 3:] - 1)
@@ -75,7 +75,7 @@ def _smoothed_blocks(
 
 
 def _blocks(seconds: Floats, part: Ints) -> Ints:
-    """(B, 4) rows: begin of the margin, begin and end of the core, end of the margin."""
+    """Cut the parts into blocks (B, 4), as rows: begin of the margin, begin and end of the core, end of the margin."""
     blocks = []
     edges = np.flatnonzero(np.diff(part, prepend=part[:1] - 1, append=part[-1:] + 1)) if len(part) else np.zeros(0, np.int64)
     for low, high in pairwise(edges):
@@ -88,14 +88,14 @@ def _blocks(seconds: Floats, part: Ints) -> Ints:
 
 
 def _start(place: Floats, rows: Ints, seen: NDArray[np.bool_]) -> Floats:
-    """(B, 2) the first measured place of each block; 0 where there is none."""
+    """Return the first measured position (B, 2) of each block; 0 where there is none."""
     first = rows[np.arange(len(rows)), np.argmax(seen, axis=1)]
     any_seen: NDArray[np.bool_] = np.asarray(seen.any(axis=1))
     return np.where(any_seen[:, None], place[first], 0.0)
 
 
 def _run(step: Floats, place: Floats, noise: Floats, start: Floats, acceleration: float) -> tuple[Floats, Floats]:
-    """Filter and smooth B ways side by side: (B, L) steps to (B, L, 4) states x, y, vx, vy and (B, L, 4, 4) covariances."""
+    """Filter and smooth B blocks of (B, L) steps: return states x, y, vx, vy (B, L, 4) and covariances (B, L, 4, 4)."""
     n, length = step.shape
     transition = np.broadcast_to(np.eye(4), (length, n, 4, 4)).copy()
     transition[:, :, 0, 2] = transition[:, :, 1, 3] = step.T
@@ -121,17 +121,17 @@ def _run(step: Floats, place: Floats, noise: Floats, start: Floats, acceleration
 
 
 def _process(step: Floats, acceleration: float) -> Floats:
-    """(B, 4, 4) covariance of what acceleration adds in a step."""
+    """Return the process noise (B, 4, 4) that acceleration adds in a step."""
     Q = np.zeros((len(step), 4, 4))
     for axis in (0, 1):
         Q[:, axis, axis] = step**3 / 3
         Q[:, axis, axis + 2] = Q[:, axis + 2, axis] = step**2 / 2
-        # Steps of no time, as behind the end of a short way, would leave a covariance that has no inverse.
+        # Steps of zero length, as after the end of a short block, would leave a singular covariance.
         Q[:, axis + 2, axis + 2] = step
     return acceleration * Q + 1e-12 * np.eye(4)
 
 
 def _inverse2(m: Floats) -> Floats:
-    """(B, 2, 2) inverses."""
+    """Invert matrices (B, 2, 2)."""
     a, b, c, d = m[:, 0, 0], m[:, 0, 1], m[:, 1, 0], m[:, 1, 1]
     return np.asarray(np.array([[d, -b], [-c, a]]).transpose(2, 0, 1) / (a * d - b * c)[:, None, None])

@@ -1,4 +1,4 @@
-"""From a calibrated rig and boxes with identities to everybody's way over the ground."""
+"""Trajectories of all people over the ground, from a calibrated rig and boxes with identities."""
 
 from __future__ import annotations
 
@@ -29,25 +29,25 @@ _Own = Sequence[tuple[Ints, Floats]]
 METHODS: tuple[Method, ...] = ("smoothed", "pairwise")
 STAGE = "estimating trajectories"
 BOXES_AT_ONCE = 50_000
-"""Of people who are worked on together: smoothing many at once is quicker, and memory stays at some 100 MB."""
+"""Boxes of people that are processed together: smoothing many at once is quicker, and memory stays at some 100 MB."""
 
 
 @dataclass(frozen=True)
 class TrackOptions:
-    """How people are followed. Raises `InputError` for a value that cannot be."""
+    """Options of tracking. Raises `InputError` for an invalid value."""
 
     method: Method = "smoothed"
-    """smoothed: bodies of upright people from all cameras that agree, one camera too, smoothed over time; pairwise: the paper's
-    mean of the pairwise triangulations of box centres, instant by instant."""
+    """smoothed: bodies of upright people from all cameras that agree, or from one camera, smoothed over time; pairwise: the
+    paper's mean of the pairwise triangulations of box centres, instant by instant."""
     max_gap_s: float = 2.0
-    """So long an instant without an agreeing box is bridged and marked; after longer ones a new part begins. A person who walks
-    steadily strays 0.7 m from a straight line in the middle of it."""
+    """Longest gap without an agreeing box that is bridged, seconds. Its instants are marked; after a longer gap a new part
+    begins. A person who walks steadily deviates 0.7 m from a straight line in the middle of the gap."""
     person_height_m: float = PERSON_HEIGHT_M
     """Typical standing height, in the rig's metres."""
     foot_shift: float = Priors().foot_shift
-    """How much nearer to the camera the lowest visible point of a body is than its axis, as a share of its height."""
+    """Distance by which the lowest visible point of a body is nearer to the camera than its axis, as a share of its height."""
     min_instants: int = 3
-    """Instants with a box below which a part is left out: so few tell of no way."""
+    """Number of instants with a box below which a part is left out: so few do not determine a trajectory."""
 
     def __post_init__(self) -> None:
         if self.method not in METHODS:
@@ -67,16 +67,16 @@ def trajectories(
     rig: Rig, observations: Observations, clocks: Mapping[str, Clock], options: TrackOptions | None = None, *,
     tell: Progress = silent,
 ) -> Trajectories:  # fmt: skip
-    """Everybody's way over the ground.
+    """Estimate the trajectories of all people over the ground.
 
-    Cameras whose clocks differ are brought to common instants first (`resample_to_common_steps`). Then each identity by
-    itself: the boxes of an instant and of its neighbours vote where the person is, those that disagree (another person's, a
-    half hidden one's) are left out; the rest is solved for a body on the ground, and the places are smoothed.
+    Cameras whose clocks differ are brought to common instants first (`resample_to_common_steps`). Then each identity is
+    processed independently. The boxes of an instant and of its neighbours vote for the person's position; boxes that disagree
+    (of another or a half hidden person) are left out; a body on the ground is fitted to the others; positions are smoothed.
 
     Args:
         rig: cameras without a pose are left out.
         observations: boxes with identities that hold across cameras; those without one (-1) are left out.
-        clocks: of every camera of the rig that has a pose.
+        clocks: clock of every camera of the rig that has a pose.
         options: see `TrackOptions`.
         tell: called for each person that is done.
 
@@ -116,13 +116,13 @@ def trajectories(
 
 
 def _identified(boxes: Boxes) -> Boxes:
-    """The boxes with an identity, without embeddings."""
+    """Return the boxes with an identity, without embeddings."""
     rows = np.flatnonzero(boxes.identity != UNKNOWN)
     return Boxes(boxes.frame[rows], boxes.identity[rows], boxes.ltwh[rows], boxes.score[rows])
 
 
 def _of_person(boxes: Boxes, identity: int) -> tuple[Ints, Floats]:
-    """Frames (K,) and boxes (K, 4) of one identity; `boxes` are sorted by identity, then by frame."""
+    """Return frames (K,) and boxes (K, 4) of one identity; `boxes` are sorted by identity, then by frame."""
     low, high = np.searchsorted(boxes.identity, [identity, identity + 1])
     return boxes.frame[low:high], boxes.ltwh[low:high]
 
@@ -133,17 +133,17 @@ class _Person:
 
     columns: dict[str, NDArray[Any]]
     boxes: Ints
-    """(C,) its boxes in each camera,"""
+    """(C,) number of its boxes in each camera."""
     used: Ints
-    """(C,) and those that it uses."""
+    """(C,) number of the boxes that are used."""
     misses: list[Floats]
-    """Of each camera: distances of the rays of used boxes from the body's middle, metres, where two cameras or more agree."""
+    """By camera: distances of the rays of used boxes from the body's middle, metres, where two cameras or more agree."""
     fleeting: int
-    """Parts left out because they have too few instants."""
+    """Number of parts left out because they have too few instants."""
 
 
 def _groups(people: Ints, boxes: Sequence[Boxes]) -> list[Ints]:
-    """People who are worked on together: so many that they have about `BOXES_AT_ONCE` boxes, one at least."""
+    """Group people for processing: each group has about `BOXES_AT_ONCE` boxes, and one person at least."""
     count = np.sum([np.diff(np.searchsorted(seen.identity, np.append(people, people[-1] + 1))) for seen in boxes], axis=0)
     number = np.cumsum(count) // BOXES_AT_ONCE
     return np.split(people, np.flatnonzero(np.diff(number)) + 1)
@@ -152,7 +152,7 @@ def _groups(people: Ints, boxes: Sequence[Boxes]) -> list[Ints]:
 def _followed(
     people: Ints, cameras: Sequence[Camera], own: Sequence[_Own], frames: Ints, clock: Clock, options: TrackOptions
 ) -> list[_Person]:
-    """Some identities by the smoothed method."""
+    """Track some identities by the smoothed method."""
     seen = [_seen(cameras, identity, boxes, clock) for identity, boxes in zip(people.tolist(), own, strict=True)]
     ways = estimate_identity_trajectories(
         seen, clock.seconds(frames), options.max_gap_s, options.person_height_m, options.foot_shift
@@ -171,7 +171,7 @@ def _followed(
 
 
 def _seen(cameras: Sequence[Camera], identity: int, own: _Own, clock: Clock) -> Sightings:
-    """One identity's boxes as rays; those for which the lens gives no rays are left out."""
+    """Return one identity's boxes as rays; boxes for which the lens gives no rays are left out."""
     seen = Sightings.joined([
         box_sightings(camera, number, frame, np.full(len(frame), identity), ltwh)
         for number, (camera, (frame, ltwh)) in enumerate(zip(cameras, own, strict=True))
@@ -184,7 +184,7 @@ def _seen(cameras: Sequence[Camera], identity: int, own: _Own, clock: Clock) -> 
 def _paired(
     people: Ints, cameras: Sequence[Camera], own: Sequence[_Own], frames: Ints, clock: Clock, options: TrackOptions
 ) -> list[_Person]:
-    """Some identities by the pairwise method."""
+    """Track some identities by the pairwise method."""
     found = []
     for identity, boxes in zip(people.tolist(), own, strict=True):
         present = np.unique(np.concatenate([frame for frame, _ in boxes]))
@@ -207,7 +207,7 @@ def _paired(
 def _columns(
     identity: int, frame: Ints, clock: Clock, xyz: Floats, sigma: Floats, cameras: Ints, part: Ints
 ) -> dict[str, NDArray[Any]]:
-    """The columns of one identity."""
+    """Return the columns of one identity."""
     return {
         "identity": np.full(len(frame), identity, dtype=np.int64), "frame": frame, "time_s": clock.seconds(frame), "xyz": xyz,
         "sigma_m": sigma, "cameras": cameras, "part": part,
@@ -215,7 +215,7 @@ def _columns(
 
 
 def _without_fleeting(columns: dict[str, NDArray[Any]], least: int) -> tuple[dict[str, NDArray[Any]], int]:
-    """The columns without parts that were seen at too few instants, the others numbered from 1, and how many were left out."""
+    """Remove parts seen at too few instants and number the others from 1; return also the number of parts removed."""
     part = columns["part"]
     seen = np.bincount(part, columns["cameras"] > 0, minlength=int(part.max(initial=-1)) + 1)
     long = seen >= least
@@ -225,7 +225,7 @@ def _without_fleeting(columns: dict[str, NDArray[Any]], least: int) -> tuple[dic
 
 
 def _figures(found: Trajectories, names: Sequence[str], people: Sequence[_Person], options: TrackOptions) -> dict[str, Any]:
-    """What there is to tell without a truth."""
+    """Return the figures of the result that need no ground truth."""
     boxes = np.sum([person.boxes for person in people], axis=0)
     used = np.sum([person.used for person in people], axis=0)
     misses = [np.concatenate([person.misses[c] for person in people]) for c in range(len(names))]
@@ -248,12 +248,12 @@ def _figures(found: Trajectories, names: Sequence[str], people: Sequence[_Person
 
 
 def ways(found: Trajectories) -> list[dict[str, Any]]:
-    """Of each person: when, how long and how far; a way is as long as its places a second apart are from each other."""
+    """Return time span, parts, sizes and length of each person's trajectory. Its length is summed over steps of a second."""
     out = []
     for identity in found.people:
         rows = np.flatnonzero(found.identity == identity)
         seconds, part = found.time_s[rows], found.part[rows]
-        # Steps of less than a second would add up the trembling of the places.
+        # Steps of less than a second would add up the noise of the positions.
         kept = np.flatnonzero(np.diff(np.floor(seconds) + 1e6 * part, prepend=-1.0, append=np.inf)[:-1] != 0)
         kept = np.unique(np.append(kept, len(rows) - 1))
         step = np.linalg.norm(np.diff(found.xyz[rows[kept], :2], axis=0), axis=1)
@@ -267,6 +267,6 @@ def ways(found: Trajectories) -> list[dict[str, Any]]:
 
 
 def _median(values: Floats) -> float | None:
-    """The median of what is finite; None where there is nothing."""
+    """Return the median of the finite values; None where there are none."""
     values = values[np.isfinite(values)]
     return float(np.median(values)) if len(values) else None

@@ -1,4 +1,4 @@
-"""Which of an identity's boxes show one and the same person: cameras and neighbouring instants vote."""
+"""Selection of an identity's boxes that show the same person, by votes of cameras and neighbouring instants."""
 
 from __future__ import annotations
 
@@ -7,28 +7,28 @@ import numpy as np
 from passerby.common.arrays import Bools, Floats, Ints
 
 FITS = 13.8
-"""Squared sigmas on a plane: 999 of 1000 right boxes are nearer."""
+"""Largest squared distance in sigmas, in two dimensions, of boxes that agree: 999 of 1000 right boxes are nearer."""
 SOFT = 6.0
-"""Squared sigmas over which a vote fades."""
+"""Scale of the weight of a vote, in squared sigmas: the weight decreases exponentially with the squared distance."""
 NEIGHBOURS_S = (0.2, 0.5, 1.0)
-"""Instants about so long before and after vote too."""
+"""Approximate times before and after an instant, seconds, at which boxes vote too."""
 NEIGHBOUR_VOTE = 0.25
-"""All six of them together count a little more than one other camera at the instant itself: two wrong cameras are rarer than
-one that is wrong for a moment."""
+"""Weight of a vote at one of these six times. All six together count a little more than one other camera at the instant itself:
+two wrong cameras are rarer than one that is wrong for a moment."""
 MOVES_M_S = 1.0
-"""One sigma of how far a person goes meanwhile."""
+"""One sigma of a person's motion between the instants, metres per second."""
 CELLS_AT_ONCE = 200_000
-"""Pairs of boxes that are compared at once: memory stays flat for a recording of any length."""
+"""Pairs of boxes that are compared at once: memory is constant for a recording of any length."""
 
 
 def vote(instant: Ints, camera: Ints, seconds: Floats, place: Floats, covariance: Floats) -> Bools:
-    """(M,) boxes that agree with the place most votes are for at their instant; of two that disagree, one.
+    """Return a mask (M,) of boxes that agree with the box that has most votes at their instant; of two that disagree, one.
 
     Args:
         instant: (M,) rows of `seconds`.
         camera: (M,) camera of each box; one box of a camera at an instant.
         seconds: (T,) ascending.
-        place: (M, 2) where each box by itself puts the person, metres.
+        place: (M, 2) position of the person by each box alone, metres.
         covariance: (M, 2, 2)
     """
     cameras, column = np.unique(camera, return_inverse=True)
@@ -58,12 +58,12 @@ def vote(instant: Ints, camera: Ints, seconds: Floats, place: Floats, covariance
 
 
 def mahalanobis_squared(place: Floats, covariance: Floats) -> Floats:
-    """(N,) squared sigmas of differences (N, 2) with covariances (N, 2, 2)."""
+    """Return the squared Mahalanobis lengths (N,) of differences (N, 2) with covariances (N, 2, 2)."""
     return _mahalanobis2(place, covariance)
 
 
 def _shifts(seconds: Floats) -> list[int]:
-    """Instants to compare with: the same, and some before and after."""
+    """Return the instants to compare with, as differences of rows: the same, and some before and after."""
     if len(seconds) < 2:
         return [0]
     step = float(np.median(np.diff(seconds)))
@@ -72,14 +72,14 @@ def _shifts(seconds: Floats) -> list[int]:
 
 
 def _apart2(place: Floats, covariance: Floats, other: Floats, other_covariance: Floats, moved: Floats) -> Floats:
-    """(T, C, C) squared sigmas between each box (T, C) and each other one; NaN where one is missing."""
+    """Return squared Mahalanobis distances (T, C, C) between the boxes (T, C) and the others; NaN where one is missing."""
     difference = place[:, :, None] - other[:, None]
     spread = covariance[:, :, None] + other_covariance[:, None] + (moved**2)[:, None, None, None, None] * np.eye(2)
     return _mahalanobis2(difference, spread)
 
 
 def _mahalanobis2(d: Floats, S: Floats) -> Floats:
-    """(...,) of differences (..., 2) and covariances (..., 2, 2)."""
+    """Return the squared Mahalanobis lengths (...,) of differences (..., 2) with covariances (..., 2, 2)."""
     a, b, c = S[..., 0, 0], S[..., 0, 1], S[..., 1, 1]
     x, y = d[..., 0], d[..., 1]
     with np.errstate(invalid="ignore"):
