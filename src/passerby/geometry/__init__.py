@@ -1,4 +1,4 @@
-"""Geometry of rays, poses and points: arrays in, arrays out, with no notion of a camera's lens or of a person.
+"""Geometry of rays, poses and points: functions of arrays that do not know the camera's lens or the person.
 
 Uses numpy, scipy and PoseLib; imports `common` only.
 """

@@ -1,9 +1,9 @@
-"""The motion of the world that brings a rig onto known places: rays to points with coordinates, or positions of cameras.
+"""Alignment of a rig with known places: rays to points with known coordinates, or known positions of cameras.
 
-Both are weighted least squares over `X -> scale R X + t`. By default R turns about the vertical alone and t lies in the ground
-plane, so that the ground and the vertical stay those of the people. Robust: the motions that minimal subsets ask for are
-compared by their least trimmed squares (Rousseeuw, "Least median of squares regression", JASA 1984), and a place is left out
-where those that agree make its residual impossible (an F test).
+Both are weighted least squares over the motion `X -> scale R X + t`. By default R turns about the vertical only and t lies in
+the ground plane, so that the ground and the vertical stay those of the people. The fit is robust: motions from minimal subsets
+are compared by their least trimmed squares (Rousseeuw, "Least median of squares regression", JASA 1984), and a place is left
+out where its residual is impossible by the noise of the places that agree (an F test).
 """
 
 from __future__ import annotations
@@ -24,23 +24,24 @@ from passerby.geometry.rotations import Similarity, exp_rotation, fit_plane_simi
 from passerby.geometry.triangulation import triangulate
 
 STATED_WEIGHT = 4.0
-"""The stated standard deviations count as much as so many residuals when the true noise is judged."""
+"""Weight of the stated standard deviations in the estimate of the true noise, in degrees of freedom."""
 POOR = 3.0
-"""Residuals of three times their stated standard deviations, and noise three times that of another explanation."""
+"""Limit of the noise in units of the stated standard deviations, and of the ratio of the noise of two explanations."""
 STEPS, HALVINGS = 50, 12
-"""Gauss-Newton from a start that is near ends after four or five steps."""
+"""Largest numbers of Gauss-Newton steps and of halvings of a step; from a near start, four or five steps are enough."""
 LONGEST = 0.5
-"""Radians, or logarithm of scale."""
+"""Largest turn (radians) or change of the logarithm of the scale in one step."""
 EXACT = 1e-22
-"""Residuals of a ten-billionth of their standard deviations are rounding."""
+"""Sum of squares below which residuals, a ten-billionth of their standard deviations, are rounding errors."""
 STEP = 1e-6
-"""Radians, metres or logarithm of scale: differences are exact to ten digits for places within a kilometre."""
+"""Step of the numerical derivatives: radians, metres or logarithm of the scale. Differences are exact to ten digits for places
+within a kilometre."""
 FALSE_ALARM = 1e-3
-"""How often a sound set of places, with the noise that is stated, loses one."""
+"""Probability that a sound set of places, with the stated noise, loses one of them."""
 SUBSETS = 500
-"""Minimal subsets that are tried; with a third of the places wrong, 200 of them are sound pairs, 150 sound triples."""
+"""Number of minimal subsets tried; with a third of the places wrong, 200 of them are sound pairs, 150 sound triples."""
 MEETS_GROUND = 0.02
-"""A ray that falls by less than a fiftieth of its length tells of no place on the ground: a pixel is metres there."""
+"""A ray that falls by less than a fiftieth of its length fixes no place on the ground: a pixel there is metres."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,25 +50,26 @@ class WorldFit:
 
     motion: Similarity
     used: Bools
-    """(M,) the rows that it rests upon; the others are gross errors."""
+    """(M,) whether the row is used in the fit; the other rows are gross errors."""
     noise: float
-    """Root mean square of the used residuals over their stated standard deviations, corrected for what was fitted."""
+    """Root of the sum of squares of the used residuals, in stated standard deviations, over the degrees of freedom; 0 without
+    any."""
     turn_sigma: float
-    """One sigma of the heading, radians; with `tilt` of the most uncertain turn."""
+    """One sigma of the heading, radians; with `tilt`, one sigma of the most uncertain turn."""
     place_sigma: float
     """One sigma of the place of the targets' centre, metres (root of the trace)."""
     scale_sigma: float
-    """Relative one sigma of the scale; 0 where it was kept."""
+    """One sigma of the scale, relative; 0 where the scale was not fitted."""
     covariance: Floats
-    """(n, n) of what was fitted: turns (about the vertical, with `tilt` about all axes), radians; shifts (on the ground, with
-    `tilt` in space), metres; and the logarithm of the scale, where it was fitted."""
+    """(n, n) covariance of the fitted parameters: turns (about the vertical, with `tilt` about all axes), radians; shifts (on
+    the ground, with `tilt` in space), metres; and the logarithm of the scale, where it was fitted."""
     centre: Floats
-    """(3,) about which the turns and the scale are: the middle of the used targets. Without `tilt` heights grow from the
-    ground."""
+    """(3,) fixed point of the turns and the scale: the middle of the used targets. Without `tilt`, the scale changes heights
+    relative to the ground."""
 
 
 def fit_world(places: Places, *, with_scale: bool = False, tilt: bool = False) -> WorldFit:
-    """The motion that lays a rig upon known places.
+    """Fit the motion that aligns a rig with known places.
 
     Args:
         places: rays to points, or positions.
@@ -75,7 +77,7 @@ def fit_world(places: Places, *, with_scale: bool = False, tilt: bool = False) -
         tilt: whether the vertical and the height are fitted too.
 
     Raises:
-        EvidenceError: the places are too few or too close together to fix the motion.
+        EvidenceError: the places are too few or too close together to determine the motion.
     """
     start, rows = _robust_start(places, with_scale, tilt)
     fit = _refine_fit(places, start, rows, with_scale, tilt)
@@ -88,7 +90,7 @@ def fit_world(places: Places, *, with_scale: bool = False, tilt: bool = False) -
 
 
 def fits_mirrored(places: Places, fit: WorldFit, *, with_scale: bool, tilt: bool) -> bool:
-    """Whether the targets' mirror image is explained far better than the targets: left-handed coordinates."""
+    """Return whether the targets' mirror image is explained far better than the targets: their coordinates are left-handed."""
     if len(np.unique(places.group)) < 3 or (fit.used.all() and fit.noise <= POOR):
         return False
     image = places.mirrored()
@@ -101,18 +103,18 @@ def fits_mirrored(places: Places, fit: WorldFit, *, with_scale: bool, tilt: bool
         return False
     if here > POOR and there < here / POOR:
         return True
-    # With a gross error among them: the image needs to leave out clearly fewer.
+    # With a gross error among the places: the mirror image must leave out clearly fewer places.
     return int(mirrored.used.sum()) >= int(fit.used.sum()) + 2 and mirrored.noise < POOR
 
 
 def _robust_start(places: Places, with_scale: bool, tilt: bool) -> tuple[Similarity, Bools]:
-    """The motion with the least trimmed squares, and the rows that they are taken over."""
+    """Find the motion with the least trimmed squares, and the rows (M,) that these squares are summed over."""
     n, minimal = len(places.group), 3 if tilt else 2
     if len(np.unique(places.group)) < minimal:
         raise EvidenceError(
             f"{len(np.unique(places.group))} known points or positions do not fix the world frame: {minimal} or more are needed"
         )
-    # A subset that is always fitted without residual cannot tell who is wrong.
+    # A subset that is always fitted without residuals does not show which place is wrong.
     kept = min(n, max(minimal + int(with_scale or tilt), (n + minimal) // 2))
     best, least = None, np.inf
     for motion in places.starts(with_scale=with_scale, tilt=tilt):
@@ -132,19 +134,19 @@ def _robust_start(places: Places, with_scale: bool, tilt: bool) -> tuple[Similar
 
 
 def _find_smallest(values: Floats, count: int) -> Bools:
-    """(M,) whether a value is one of the `count` smallest."""
+    """Return whether each value (M,) is one of the `count` smallest."""
     chosen = np.zeros(len(values), dtype=bool)
     chosen[np.argsort(values, kind="stable")[:count]] = True
     return chosen
 
 
 def _square_residuals(places: Places, motion: Similarity) -> Floats:
-    """(M,) squared residuals over their variances."""
+    """Return the squared residuals (M,) over their variances."""
     return np.asarray((places.residuals(motion) ** 2).sum(axis=1) / places.sigma(motion) ** 2)
 
 
 def _refine_fit(places: Places, start: Similarity, used: Bools, with_scale: bool, tilt: bool) -> WorldFit:
-    """Weighted least squares over the used rows, from a motion nearby."""
+    """Fit the motion by weighted least squares over the used rows, from a start nearby."""
     sigma, centre = places.sigma(start)[used, None], places.target[used].mean(axis=0)
     n_free = (6 if tilt else 3) + int(with_scale)
 
@@ -181,25 +183,25 @@ def _refine_fit(places: Places, start: Similarity, used: Bools, with_scale: bool
 
 
 def _jacobian(misses: Callable[[Similarity, Floats], Floats], motion: Similarity, n_free: int) -> Floats:
-    """(M K, n_free) derivatives at a step of nothing, by central differences."""
+    """Return the derivatives (M K, n_free) at a zero step, by central differences."""
     steps = STEP * np.eye(n_free)
     return np.stack([(misses(motion, step) - misses(motion, -step)) / (2 * STEP) for step in steps], axis=1)
 
 
 def _bound_step(step: NDArray[np.floating], tilt: bool) -> Floats:
-    """The step, shortened where it turns or stretches by more than `LONGEST`: beyond, its linear residuals mean nothing."""
+    """Shorten a step that turns or scales by more than `LONGEST`: beyond it, the linearised residuals are invalid."""
     turns_and_scale = np.append(step[: 3 if tilt else 1], step[6 if tilt else 3 :])
     return np.asarray(step * min(1.0, LONGEST / max(float(np.abs(turns_and_scale).max()), 1e-12)), dtype=np.float64)
 
 
 def _inverse(normal: Floats) -> Floats:
-    """The inverse of a normal matrix; what it does not fix gets a huge variance."""
+    """Invert a normal matrix; directions that it does not determine get a huge variance."""
     values, vectors = np.linalg.eigh(normal)
     return np.asarray((vectors / np.maximum(values, 1e-9)) @ vectors.T)
 
 
 def _apply_step(start: Similarity, centre: Floats, step: Floats, tilt: bool) -> Similarity:
-    """A motion after a small step: turns (about the vertical, or all three), shifts, logarithm of the scale."""
+    """Apply a small step to a motion: turns (about the vertical, or all three), shifts, logarithm of the scale."""
     turn, shift = (step[:3], step[3:6]) if tilt else (np.array([0.0, 0.0, step[0]]), np.array([step[1], step[2], 0.0]))
     growth = float(np.exp(step[6 if tilt else 3])) if len(step) in (4, 7) else 1.0
     rotation = exp_rotation(turn)
@@ -210,14 +212,14 @@ def _apply_step(start: Similarity, centre: Floats, step: Floats, tilt: bool) -> 
 
 
 def _find_agreeing(places: Places, fit: WorldFit, with_scale: bool, tilt: bool) -> Bools:
-    """(M,) the rows whose residuals are possible by the noise of the used ones."""
+    """Return whether each row's residual (M,) is possible by the noise of the used rows (F test)."""
     k, n = places.dimensions, len(places.group)
     squared = _square_residuals(places, fit.motion)
     free = max(k * int(fit.used.sum()) - (6 if tilt else 3) - int(with_scale), 0)
     weight = STATED_WEIGHT + free
     variance = (STATED_WEIGHT + free * fit.noise**2) / weight
     limit = float(fdtri(k, weight, 1 - FALSE_ALARM / n))
-    # Rows that were not used also carry the uncertainty of the fit, the more the further they are away.
+    # For rows that were not used, the uncertainty of the fit is added; it grows with their distance.
     reach = np.linalg.norm(places.target - places.target[fit.used].mean(axis=0), axis=1)
     spread = np.where(fit.used, 0.0, np.hypot(fit.place_sigma, reach * np.hypot(fit.turn_sigma, fit.scale_sigma)))
     own = variance + (spread / places.sigma(fit.motion)) ** 2
@@ -225,36 +227,36 @@ def _find_agreeing(places: Places, fit: WorldFit, with_scale: bool, tilt: bool) 
 
 
 class Places(Protocol):
-    """What the world is laid upon: M rows, each with a residual of `dimensions` independent components."""
+    """Known places that a rig is aligned with: M rows, each with a residual of `dimensions` independent components."""
 
     @property
     def target(self) -> Floats:
-        """(M, 3) known coordinates, the new world, metres."""
+        """(M, 3) known coordinates in the new world frame, metres."""
 
     @property
     def group(self) -> Ints:
-        """(M,) rows with the same number tell of the same target."""
+        """(M,) rows with the same number belong to the same target."""
 
     @property
     def dimensions(self) -> int:
-        """Independent components of a row's residual."""
+        """Number of independent components of a row's residual."""
 
     def sigma(self, motion: Similarity) -> Floats:
-        """(M,) stated standard deviation of the rows' residuals under a motion, metres."""
+        """Return the stated standard deviation (M,) of the rows' residuals under a motion, metres."""
 
     def residuals(self, motion: Similarity) -> Floats:
-        """(M, K) residuals, metres."""
+        """Return the residuals (M, K) under a motion, metres."""
 
     def starts(self, *, with_scale: bool, tilt: bool) -> Iterator[Similarity]:
-        """The motions that minimal subsets of the rows ask for."""
+        """Yield the motions that fit minimal subsets of the rows."""
 
     def mirrored(self) -> Self:
-        """The same with the targets' y reversed."""
+        """Return the same places with the targets' y reversed."""
 
 
 @dataclass(frozen=True, eq=False)
 class SeenPoints:
-    """Points with known coordinates, each seen along one ray or more."""
+    """Points with known coordinates, each seen along one or more rays."""
 
     centre: Floats
     """(M, 3) camera centres, the rig's world, metres."""
@@ -263,29 +265,29 @@ class SeenPoints:
     target: Floats
     group: Ints
     sd: Floats
-    """(M,) of the coordinates and of the camera's place, metres."""
+    """(M,) standard deviation of the coordinates and of the camera's position, metres."""
     angle_sd: Floats
-    """(M,) of the ray, radians."""
+    """(M,) standard deviation of the ray, radians."""
 
     @property
     def dimensions(self) -> int:
-        """A ray tells what lies across it."""
+        """Number of independent components: the two directions across the ray."""
         return 2
 
     def sigma(self, motion: Similarity) -> Floats:
-        """(M,) metres at the point, across the ray."""
+        """Return the standard deviation (M,) at the point, across the ray, metres."""
         distance = np.linalg.norm(self.target - motion.apply(self.centre), axis=1)
         return np.asarray(np.hypot(self.sd, self.angle_sd * distance))
 
     def residuals(self, motion: Similarity) -> Floats:
-        """(M, 3) from the ray to the point, across the ray; from the camera where the point lies behind it."""
+        """Return the vector (M, 3) from the ray to the point, across the ray; from the camera to a point behind it."""
         ray = self.ray @ motion.rotation.T
         away = self.target - motion.apply(self.centre)
         along = np.maximum((away * ray).sum(axis=1), 0.0)
         return np.asarray(away - along[:, None] * ray)
 
     def on_plane(self, motion: Similarity) -> Floats:
-        """(M, 2) where the moved rays meet the horizontal plane of their points; NaN for those that run nearly along it."""
+        """Return where the moved rays meet the horizontal plane of their points (M, 2); NaN for rays nearly parallel to it."""
         ray, centre = self.ray @ motion.rotation.T, motion.apply(self.centre)
         with np.errstate(divide="ignore", invalid="ignore"):
             length = (self.target[:, 2] - centre[:, 2]) / ray[:, 2]
@@ -293,7 +295,7 @@ class SeenPoints:
         return np.where(((length > 0) & (np.abs(ray[:, 2]) > MEETS_GROUND))[:, None], met, np.nan)
 
     def points(self) -> tuple[Ints, Floats]:
-        """Groups (P,) of two rays or more that meet, and where they do: (P, 3), the rig's world."""
+        """Return the groups (P,) whose rays can be triangulated, and the points (P, 3) in the rig's world."""
         n = int(self.group.max()) + 1
         rows = np.arange(len(self.group))
         met = triangulate(rows, self.group, self.ray, np.tile(np.eye(3), (len(rows), 1, 1)), -self.centre, n)
@@ -301,7 +303,7 @@ class SeenPoints:
         return sound, met[sound]
 
     def starts(self, *, with_scale: bool, tilt: bool) -> Iterator[Similarity]:
-        """From pairs of rays that meet the plane of their points; with `tilt` also from triples of points in space."""
+        """Yield motions from pairs of rays that meet the plane of their points; with `tilt` also from triples of points."""
         if tilt:
             which, points = self.points()
             first = np.array([int(np.flatnonzero(self.group == index)[0]) for index in which], dtype=np.int64)
@@ -311,7 +313,7 @@ class SeenPoints:
         yield from _plane_motions(met[sound], self.target[sound, :2], self.group[sound], with_scale)
 
     def mirrored(self) -> Self:
-        """Left-handed targets."""
+        """Return the same places with the targets' y reversed."""
         return replace(self, target=self.target * (1.0, -1.0, 1.0))
 
 
@@ -320,46 +322,46 @@ class KnownPositions:
     """Camera centres with known coordinates."""
 
     centre: Floats
-    """(M, 3) the rig's world, metres."""
+    """(M, 3) camera centres in the rig's world, metres."""
     target: Floats
     sd: Floats
-    """(M,) in each coordinate, metres."""
+    """(M,) standard deviation of each coordinate, metres."""
     heights: bool
-    """Whether the third coordinate counts."""
+    """Whether the third coordinate is used."""
 
     @property
     def group(self) -> Ints:
-        """Every position is one of its own."""
+        """(M,) a different number for each position."""
         return np.arange(len(self.centre))
 
     @property
     def dimensions(self) -> int:
-        """Two on the ground, or three in space."""
+        """Number of independent components: two on the ground, or three in space."""
         return 3 if self.heights else 2
 
     def sigma(self, motion: Similarity) -> Floats:
-        """(M,) as stated."""
+        """Return the stated standard deviations (M,), metres."""
         del motion
         return self.sd
 
     def residuals(self, motion: Similarity) -> Floats:
-        """(M, 2 or 3) from the moved camera to its known position."""
+        """Return the vectors (M, 2 or 3) from the moved cameras to their known positions, metres."""
         return np.asarray((self.target - motion.apply(self.centre))[:, : self.dimensions])
 
     def starts(self, *, with_scale: bool, tilt: bool) -> Iterator[Similarity]:
-        """From pairs, or with `tilt` from triples."""
+        """Yield motions from pairs of positions, or with `tilt` from triples."""
         if tilt:
             yield from _space_motions(self.centre, self.target, self.group, with_scale)
         else:
             yield from _plane_motions(self.centre[:, :2], self.target[:, :2], self.group, with_scale)
 
     def mirrored(self) -> Self:
-        """Left-handed targets."""
+        """Return the same places with the targets' y reversed."""
         return replace(self, target=self.target * (1.0, -1.0, 1.0))
 
 
 def _plane_motions(source: Floats, target: Floats, group: Ints, with_scale: bool) -> Iterator[Similarity]:
-    """Motions along the ground from pairs of places (M, 2)."""
+    """Yield motions along the ground from pairs of places (M, 2)."""
     for rows in _subsets(group, 2):
         ends = source[rows], target[rows]
         if min(np.ptp(end, axis=0).max() for end in ends) < 1e-6:
@@ -369,7 +371,7 @@ def _plane_motions(source: Floats, target: Floats, group: Ints, with_scale: bool
 
 
 def _space_motions(source: Floats, target: Floats, group: Ints, with_scale: bool) -> Iterator[Similarity]:
-    """Motions in space from triples of places (M, 3) that are not on one line."""
+    """Yield motions in space from triples of places (M, 3) that are not on one line."""
     for rows in _subsets(group, 3):
         if min(_breadth(source[rows]), _breadth(target[rows])) < 1e-4:
             continue
@@ -377,12 +379,12 @@ def _space_motions(source: Floats, target: Floats, group: Ints, with_scale: bool
 
 
 def _breadth(points: Floats) -> float:
-    """Second over first singular value of centred points: 0 on a line."""
+    """Return the ratio of the second to the first singular value of centred points: 0 for points on a line."""
     singular = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
     return float(singular[1] / singular[0]) if singular[0] > 1e-6 else 0.0
 
 
 def _subsets(group: Ints, size: int) -> Iterator[list[int]]:
-    """Rows of different groups, every subset or evenly chosen ones."""
+    """Yield subsets of `size` rows of different groups: all of them, or about `SUBSETS` at even steps."""
     everyone = (list(rows) for rows in combinations(range(len(group)), size) if len({int(group[row]) for row in rows}) == size)
     yield from islice(everyone, 0, None, max(1, comb(len(group), size) // SUBSETS))

@@ -1,4 +1,4 @@
-"""Statistics over rows: sums, medians and joins of groups without loops, robust weights and scales."""
+"""Statistics over rows of arrays: sums, medians and joins of groups without loops, robust weights and scales."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 from passerby.common.arrays import Floats, Ints
 
 _WIDE = 4
-"""Columns from which sums by a sparse product are faster than one after the other; the bits are the same."""
+"""Number of columns from which one sparse product is faster than one sum per column. Both give the same bits."""
 NORMAL_BY_MAD = 1.4826
-"""Standard deviation of a normal variable by the median of its absolute value."""
+"""Ratio of a normal variable's standard deviation to the median of its absolute value."""
 
 
 def group_sums(group: Ints, values: NDArray[Any], n_groups: int) -> Floats:
-    """(G, ...) sums of the rows of `values` (N, ...) by `group` (N,), added up in the rows' order; 0 where there are none."""
+    """Sum the rows of `values` (N, ...) by `group` (N,) to (G, ...), in the rows' order; 0 for a group without rows."""
     flat = values.reshape(len(values), int(np.prod(values.shape[1:])))
     if flat.shape[1] >= _WIDE:
         rows = np.arange(len(flat) + 1)
@@ -30,7 +30,10 @@ def group_sums(group: Ints, values: NDArray[Any], n_groups: int) -> Floats:
 
 
 def group_medians(group: Ints, values: Floats, n_groups: int) -> Floats:
-    """(G,) medians (the mean of the two in the middle) of `values` (N,) by `group` (N,); every group has a value."""
+    """Return the medians (G,) of `values` (N,) by `group` (N,); every group must have a value.
+
+    The median of an even number of values is the mean of the two in the middle.
+    """
     order = np.lexsort((values, group))
     count = np.bincount(group, minlength=n_groups)
     first = np.cumsum(count) - count
@@ -38,9 +41,9 @@ def group_medians(group: Ints, values: Floats, n_groups: int) -> Floats:
 
 
 def group_numbers(*columns: Ints) -> Ints:
-    """(N,) number of each row's group of equal rows, counted in the order of the columns (N,), the first before the second.
+    """Number the groups of equal rows of columns (N,), and return the number (N,) of each row's group.
 
-    `np.unique` of rows takes twenty times as long.
+    Groups are sorted by the first column, then the second, and so on. `np.unique` of rows takes twenty times as long.
     """
     order = np.lexsort(columns[::-1])
     new = np.zeros(len(order), bool)
@@ -52,23 +55,23 @@ def group_numbers(*columns: Ints) -> Ints:
 
 
 def least_of_groups(key: Ints, cost: NDArray[Any]) -> Ints:
-    """(G,) for each key, ascending, the row of its smallest cost; of equal costs the first row."""
+    """Return for each key, in ascending order, the row (G,) of its smallest cost; the first row of equal costs."""
     order = np.lexsort((cost, key))
     return np.asarray(order[np.unique(key[order], return_index=True)[1]])
 
 
 def expanded_ranges(first: Ints, count: Ints) -> tuple[Ints, Ints]:
-    """All whole numbers of the ranges [first, first + count), both (N,), one range after the other.
+    """Return all whole numbers of the ranges [first, first + count), both (N,), one range after the other.
 
     Returns:
-        (M,) which range each number is of; (M,) the numbers.
+        (M,) index of each number's range; (M,) the numbers.
     """
     owner = np.repeat(np.arange(len(count)), count)
     return owner, np.repeat(first - np.cumsum(count) + count, count) + np.arange(len(owner))
 
 
 def rows_of_equal(wanted: NDArray[Any], ascending: NDArray[Any]) -> tuple[Ints, Ints]:
-    """The join of two columns: for each value wanted (N,), in order, the rows of an ascending column (K,) that equal it.
+    """Join two columns: find for each wanted value (N,), in order, the rows of an ascending column (K,) that equal it.
 
     Returns:
         (M,) rows of `wanted`; (M,) rows of `ascending`.
@@ -78,25 +81,25 @@ def rows_of_equal(wanted: NDArray[Any], ascending: NDArray[Any]) -> tuple[Ints, 
 
 
 def cauchy_weights(squares: Floats) -> Floats:
-    """(N,) weights of residuals by their squares (N,) in units of the loss's scale: 1 / (1 + square)."""
+    """Return the Cauchy weights 1 / (1 + square) (N,) of residuals, from their squares (N,) in units of the loss's scale."""
     return np.asarray(1.0 / (1.0 + squares))
 
 
 def huber_weights(lengths: Floats, scale: float) -> Floats:
-    """(N,) weights of residuals by their lengths (N,): 1 up to `scale`, and beyond it a pull that no longer grows."""
+    """Return the Huber weights (N,) of residuals from their lengths (N,): 1 up to `scale`, beyond it `scale` / length."""
     return np.minimum(1.0, scale / np.maximum(lengths, 1e-9))
 
 
 def compute_cut_cauchy_cost(squares: Floats, scale: float, beyond: float) -> Floats:
-    """(N,) Cauchy's cost of squares in sigmas, constant beyond `beyond`: what is farther off is another person."""
+    """Compute the Cauchy cost (N,) of squares (N,) in sigmas; constant beyond `beyond`, where it is another person."""
     return np.asarray(scale**2 * np.log1p(np.minimum(squares, beyond) / scale**2))
 
 
 def compute_cut_cauchy_weights(squares: Floats, scale: float, beyond: float) -> Floats:
-    """(N,) the weights of `compute_cut_cauchy_cost`: 0 beyond `beyond`."""
+    """Compute the weights (N,) that belong to `compute_cut_cauchy_cost`: 0 beyond `beyond`."""
     return np.where(squares > beyond, 0.0, cauchy_weights(squares / scale**2))
 
 
 def residual_scale(residuals: Floats, least: float) -> float:
-    """The standard deviation of residuals (N,) around 0 by their median, `least` or more."""
+    """Return the standard deviation of residuals (N,) around 0, from the median of their absolute values; at least `least`."""
     return max(NORMAL_BY_MAD * float(np.median(np.abs(residuals))), least)

@@ -1,4 +1,4 @@
-"""A rig seen from above, laid upon a plan: the similarity between both, its sigmas, and placements that contradict the rest."""
+"""Fit of a rig, seen from above, to a plan: the similarity, its sigmas, and placements that contradict the rest."""
 
 from __future__ import annotations
 
@@ -10,37 +10,40 @@ import numpy as np
 from passerby.common.arrays import Bools, Floats, Ints
 
 LEAST_PROBABLE = 1e-3
-"""Residuals that are less probable by their sigmas contradict each other."""
+"""Residuals whose probability, from their sigmas, is lower than this contradict each other."""
 SURE = 6.0
-"""A placement is left out where no other one, left out in its place, explains the residuals within so many units of chi-squared
-(odds of 20 to 1)."""
+"""Margin in units of chi-squared (odds of 20 to 1). A placement is left out only where leaving out any other placement instead
+explains the residuals worse by this margin."""
 RIG_SHARE = 0.003
-"""One sigma of a placement by the rig, as a share of the extent of all placements: what the rig's own shape is off by."""
+"""One sigma of a placement due to the error of the rig's own shape, as a share of the extent of all placements."""
 HEIGHT_SD_M = 0.02
-"""One sigma of the ground's height at a point: people's ground is flat to centimetres."""
+"""One sigma of the ground's height at a point, metres: the ground that people walk on is flat to centimetres."""
 
 UNKNOWN_SD = 1.0
-"""Of the logarithm of a scale of which nothing is known."""
+"""Standard deviation of the logarithm of an unknown scale."""
 
 
 @dataclass(frozen=True, eq=False)
 class Placements:
-    """M places, each by a camera's own position or by one camera's ray to the ground; several rows may show one placement."""
+    """M places, each from a camera's own position or from one camera's ray to the ground.
+
+    Several rows may show one placement.
+    """
 
     target: Floats
-    """(M, 2) on the plan, metres."""
+    """(M, 2) coordinates on the plan, metres."""
     place: Floats
-    """(M, 2) in the rig's world, metres; NaN where a ray does not meet the ground."""
+    """(M, 2) coordinates in the rig's world, metres; NaN where a ray does not meet the ground."""
     group: Ints
     """(M,) rows with the same number show the same placement."""
     target_sd: Floats
-    """(M,) of the plan's coordinates, metres; one value a placement."""
+    """(M,) standard deviation of the plan's coordinates, metres; one value per placement."""
     covariance: Floats
-    """(M, 2, 2) of the place by a click in the image, square metres."""
+    """(M, 2, 2) covariance of the place due to the click in the image, square metres."""
     along: Floats
-    """(M, 2) how the place moves with the height of the ground there; 0 for a camera's own position."""
+    """(M, 2) derivative of the place by the height of the ground there; 0 for a camera's own position."""
     rig_sd: Floats | None = None
-    """(M,) of each coordinate by the rig itself, metres; None for a share of the extent (`RIG_SHARE`)."""
+    """(M,) standard deviation of each coordinate due to the rig, metres; None for a share of the extent (`RIG_SHARE`)."""
 
     @property
     def sound(self) -> Bools:
@@ -49,7 +52,7 @@ class Placements:
 
     @property
     def scale(self) -> float:
-        """Lengths in the rig over lengths on the plan, roughly, whichever minority of the placements is wrong."""
+        """Approximate ratio of lengths in the rig to lengths on the plan; robust against a minority of wrong placements."""
         rows = np.flatnonzero(self.sound)
         first, second = rows[np.array(np.triu_indices(len(rows), 1))]
         stated, measured = (np.linalg.norm(xy[first] - xy[second], axis=1) for xy in (self.target, self.place))
@@ -57,11 +60,11 @@ class Placements:
         return float(np.exp(np.median(np.log(measured[apart] / stated[apart])))) if apart.any() else 1.0
 
     def mirrored(self) -> Self:
-        """The same on the plan's mirror image."""
+        """Return the same placements on the plan's mirror image."""
         return replace(self, target=self.target * (1.0, -1.0))
 
     def take(self, rows: Bools | Ints) -> Self:
-        """Some of the rows."""
+        """Return the placements of these rows."""
         return replace(
             self, target=self.target[rows], place=self.place[rows], group=self.group[rows], target_sd=self.target_sd[rows],
             covariance=self.covariance[rows], along=self.along[rows],
@@ -69,7 +72,7 @@ class Placements:
         )  # fmt: skip
 
     def weights(self) -> Floats:
-        """(2 M, 2 M) inverse of the covariance of all places: what rows of one placement have in common is not independent."""
+        """Return the inverse (2 M, 2 M) of the covariance of all places; rows of one placement share some of their errors."""
         n, scale = len(self.place), self.scale
         extent = scale * float(np.ptp(self.target, axis=0).max()) if n else 0.0
         rig_sd = np.full(n, RIG_SHARE * extent) if self.rig_sd is None else self.rig_sd
@@ -89,20 +92,20 @@ class Placements:
 
 @dataclass(frozen=True, eq=False)
 class PlanFit:
-    """place = R(yaw) scale target + shift, by least squares."""
+    """The similarity `place = R(yaw) scale target + shift`, by least squares."""
 
     scale: float
-    """Lengths in the rig over lengths on the plan."""
+    """Ratio of lengths in the rig to lengths on the plan."""
     yaw: float
-    """From the plan to the rig, radians."""
+    """Rotation from the plan to the rig, radians."""
     shift: Floats
-    """(2,) metres of the rig."""
+    """(2,) translation, metres of the rig."""
     scale_sd: float
-    """Of the scale's logarithm, the plan's unit apart."""
+    """Standard deviation of the scale's logarithm, without the uncertainty of the plan's unit."""
     yaw_sd: float
-    """Radians."""
+    """Standard deviation of the yaw, radians."""
     shift_sd: float
-    """Of the middle of the placements, metres."""
+    """Standard deviation of the middle of the placements, per coordinate, metres."""
     chi_squared: float
     freedom: int
     by_place: Floats
@@ -110,19 +113,19 @@ class PlanFit:
 
     @property
     def factor(self) -> float:
-        """How many times larger the residuals are than their sigmas; 1 where they are not."""
+        """Ratio of the residuals to their sigmas (square root of chi-squared per degree of freedom), at least 1."""
         return float(np.sqrt(max(1.0, self.chi_squared / self.freedom))) if self.freedom > 0 else 1.0
 
     def on_plan(self, places: Floats) -> Floats:
-        """(N, 2) places of the rig on the plan, metres."""
+        """Map places (N, 2) of the rig to the plan, metres."""
         turn = np.array([[np.cos(self.yaw), -np.sin(self.yaw)], [np.sin(self.yaw), np.cos(self.yaw)]])
         return np.asarray((np.asarray(places) - self.shift) @ turn / self.scale)
 
 
 def fit_plan(placements: Placements) -> PlanFit:
-    """The similarity by generalised least squares.
+    """Fit the similarity by generalised least squares.
 
-    Raises `ValueError` for fewer than two placements, or placements on one spot.
+    Raises `ValueError` for fewer than two placements, or for placements at one place.
     """
     a, n = placements.target, len(placements.target)
     if len(np.unique(placements.group)) < 2 or np.ptp(a, axis=0).max() < 1e-6:
@@ -152,33 +155,34 @@ def fit_plan(placements: Placements) -> PlanFit:
 
 @dataclass(frozen=True)
 class Choice:
-    """Which rows are used, and what contradicts them."""
+    """The rows that are used, and the placements that contradict each other."""
 
     used: Bools
-    """(M,)"""
+    """(M,) whether the row is used."""
     suspects: tuple[int, ...] = ()
-    """Groups that contradict each other, where it cannot be said which of them is wrong; they are used."""
+    """Groups that contradict each other, where the wrong one among them cannot be determined; they are used."""
 
 
 @dataclass(frozen=True)
 class ScalePrior:
-    """What else is known of the scale of a rig: by it lengths in the rig, times the exponential of this, are true."""
+    """Other knowledge of a rig's scale: true lengths are lengths in the rig times `exp(log_growth)`; `sd` is its sigma."""
 
     log_growth: float = 0.0
     sd: float = UNKNOWN_SD
 
     @property
     def is_known(self) -> bool:
-        """Whether anything is."""
+        """Whether the prior holds any knowledge of the scale."""
         return self.sd < UNKNOWN_SD
 
 
 def choose_placements(placements: Placements, prior: ScalePrior) -> Choice:
-    """The rows that agree with each other.
+    """Choose the rows that agree with each other.
 
-    One wrong placement after another, or one wrong row of a placement that several cameras see, is left out while the rest
-    contradicts itself. With three placements the scale that people have decides which pair is right, if any. Where half of the
-    placements or more would have to go, all are suspects: two of four that were swapped agree as well as the other two.
+    While the remaining rows contradict each other, one more wrong placement is left out, or one wrong row of a placement that
+    several cameras see. With three placements, the scale from the heights of people decides which pair is right, if any. Where
+    half of the placements or more would be left out, all are suspects: two of four that were swapped agree as well as the
+    other two.
     """
     used = placements.sound
     everything = np.unique(placements.group[used])
@@ -205,9 +209,9 @@ def choose_placements(placements: Placements, prior: ScalePrior) -> Choice:
 
 
 def fits_mirrored(placements: Placements, choice: Choice, prior: ScalePrior) -> bool:
-    """Whether all placements agree on the plan's mirror image, where the plan itself does not show which are wrong.
+    """Return whether all placements agree on the plan's mirror image, where the plan does not show which of them are wrong.
 
-    Of three, one that is wrong by chance can make the triangle's mirror image.
+    False for fewer than four placements: one wrong placement of three can give the mirror image of the triangle by chance.
     """
     if not choice.suspects or len(np.unique(placements.group[placements.sound])) < 4:
         return False
@@ -216,7 +220,7 @@ def fits_mirrored(placements: Placements, choice: Choice, prior: ScalePrior) -> 
 
 
 def _removals(placements: Placements, rows: Ints) -> list[tuple[int, Ints]]:
-    """(group, the rows that remain) without each placement, and without each row of one that several cameras show."""
+    """Return (group, remaining rows) without each placement, and without each row of a placement that has several rows."""
     out = []
     for number in np.unique(placements.group[rows]).tolist():
         own = placements.group[rows] == number
@@ -227,17 +231,17 @@ def _removals(placements: Placements, rows: Ints) -> list[tuple[int, Ints]]:
 
 
 def _improbability(placements: Placements, prior: ScalePrior | None) -> float:
-    """Chi-squared over what it exceeds with a probability of `LEAST_PROBABLE`."""
+    """Return chi-squared over the value that it exceeds with a probability of `LEAST_PROBABLE`."""
     fit = fit_plan(placements)
     if fit.freedom + (prior is not None) < 1:
         return 0.0
-    from scipy.stats import chi2  # takes half a second to import, and most scenes have no plan
+    from scipy.stats import chi2  # imports in half a second, and most scenes have no plan
 
     return _chi_squared(fit, prior) / float(chi2.isf(LEAST_PROBABLE, fit.freedom + (prior is not None)))
 
 
 def _excess(placements: Placements, prior: ScalePrior) -> float:
-    """Chi-squared with the prior, less its expectation: comparable between different numbers of rows."""
+    """Return chi-squared with the prior minus its expectation: comparable between different numbers of rows."""
     fit = fit_plan(placements)
     return _chi_squared(fit, prior) - (fit.freedom + 1)
 

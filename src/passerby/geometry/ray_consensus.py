@@ -1,7 +1,7 @@
-"""Which sightings of one thing agree: every pair of rays proposes a point, the others vote.
+"""Selection of the sightings of one point that agree: every pair of rays proposes a point, and the other rays vote.
 
-Identities are sometimes wrong, so that two of the sightings of a person-instant may show another person. All pairs of all
-blocks are tried at once; there are few cameras, so that no random sampling is needed.
+Identities are sometimes wrong: some sightings of a person at an instant may show another person. All pairs of all blocks are
+tried at once. There are few cameras, so that no random sampling is needed.
 """
 
 from __future__ import annotations
@@ -15,16 +15,17 @@ from passerby.common.arrays import Bools, Floats, Ints
 from passerby.geometry.groups import expanded_ranges, least_of_groups
 from passerby.geometry.triangulation import hold_depth, triangulate
 
-# Blocks seen by many cameras propose at most this many points each; neighbours in the cameras' order are tried first.
+# Largest distance of the two rows of a pair within a block: it bounds the number of points that a block of many cameras
+# proposes. Pairs of neighbouring rows are tried first.
 _MAX_OFFSETS = 7
-# So many rows of a block begin pairs at most, at even steps: with all of them the time would grow with the square of the
-# cameras that see one person. Blocks of up to so many cameras, as in all small rigs, propose all they can.
+# Largest number of rows of a block, evenly spaced, that are the first row of a pair. With all rows, the time would grow with
+# the square of the number of cameras that see one person. In a block of up to so many cameras, all rows are first rows.
 _MAX_FIRST = 12
 _ALL_NEAR = 0.5
-"""Share of the tolerance: sightings that are all this near to one point are within the tolerance of each other. Of two people
-who stand side by side and share a name, all sightings may be within the tolerance of the place between them."""
+"""Share of the tolerance. Sightings that are all this near to one point are within the tolerance of each other. Where two
+people stand side by side and share an identity, all sightings may be within the full tolerance of the place between them."""
 STEP = 500_000
-"""Votes that are counted at once, and pairs of a sighting and a point that are looked at: it bounds the memory."""
+"""Number of votes, or of pairs of a sighting and a point, that are processed at once; it bounds the memory."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,21 +42,21 @@ def vote_points(
     camera: Ints, block: Ints, bearing: Floats, tangent: Floats, tolerance_px: Floats, n_blocks: int, R: Floats, centre: Floats,
     *, height: tuple[float, float] | None = None,
 ) -> Consensus:  # fmt: skip
-    """Points of blocks and the sightings that agree with them.
+    """Find the point of each block, and the sightings that agree with it.
 
     Args:
         camera: (M,) camera index.
-        block: (M,) block of each sighting, a camera at most once in a block.
+        block: (M,) block of each sighting; a camera occurs at most once in a block.
         bearing: (M, 3) unit rays, camera frame.
         tangent: (M, 2, 3) from `Lens.tangents`.
-        tolerance_px: (M,) residual at which a sighting speaks as much against a point as for it.
+        tolerance_px: (M,) residual in pixels below which a sighting agrees with a point.
         n_blocks: number of blocks N.
         R: (C, 3, 3) world to camera.
         centre: (C, 3) metres.
-        height: expected height of the points above the ground and its tolerance, metres; None where it may be anything.
+        height: expected height of the points above the ground and its tolerance, metres; None where the height is not used.
     """
     translation = -np.einsum("cij,cj->ci", R, centre)
-    # Where all sightings of a block are near to their common point, there is nothing to vote on.
+    # Where all sightings of a block are near their common point, no vote is needed.
     best = triangulate(camera, block, bearing, R, translation, n_blocks)
     inlier = _agree(best, block, _Lines.of(camera, bearing, tangent, R, centre), _ALL_NEAR * tolerance_px)
     count = np.bincount(block, minlength=n_blocks)
@@ -76,7 +77,7 @@ def vote_points(
 
 
 def _agree(points: Floats, block: Ints, lines: _Lines, tolerance_px: Floats) -> Bools:
-    """(M,) which sightings agree with the points (N, 3) of their blocks; False where a block has none."""
+    """Return whether each sighting (M,) agrees with the point of its block (N, 3); False where the block has no point."""
     known = np.isfinite(points[block]).all(axis=1)
     agrees = np.zeros(len(block), dtype=bool)
     of_axis, rows = np.ascontiguousarray(points.T), np.flatnonzero(known)
@@ -89,9 +90,9 @@ def _choose_points(
     camera: Ints, block: Ints, bearing: Floats, lines: _Lines, tolerance_px: Floats, n_blocks: int, R: Floats, centre: Floats,
     height: tuple[float, float] | None,
 ) -> Floats:  # fmt: skip
-    """(N, 3) of each block the point that a pair of its rays proposes and most of its sightings are near; NaN without any.
+    """Return for each block the point (N, 3) that a pair of its rays proposes and that has the lowest robust cost.
 
-    Arguments as of `vote_points`.
+    NaN for a block without a proposal. The arguments are those of `vote_points`.
     """
     order = np.argsort(block, kind="stable")
     cam, blk = camera[order], block[order]
@@ -115,25 +116,25 @@ def reassign_outliers(
     consensus: Consensus, camera: Ints, block: Ints, instant: Ints, block_instant: Ints, bearing: Floats, tangent: Floats,
     tolerance_px: Floats, R: Floats, centre: Floats,
 ) -> Ints:  # fmt: skip
-    """Give sightings that disagree with their block to the block of the same instant that they do agree with.
+    """Assign each sighting that disagrees with its block to the block of the same instant with which it agrees.
 
-    Where two people's identities were exchanged in one camera, both sightings are good and only their names are wrong. A block
-    takes one sighting a camera; the best fits go first.
+    Where two people's identities were exchanged in one camera, both sightings are good and only their identities are wrong. A
+    block takes one sighting per camera; the best fits are assigned first.
 
     Args:
-        consensus: of `vote_points` on the same sightings.
+        consensus: result of `vote_points` on the same sightings.
         camera: (M,) camera index.
-        block: (M,) block of each sighting as named.
+        block: (M,) block of each sighting by its stated identity.
         instant: (M,) instant of each sighting.
         block_instant: (N,) instant of each block.
         bearing: (M, 3) unit rays, camera frame.
         tangent: (M, 2, 3) from `Lens.tangents`.
-        tolerance_px: (M,) largest residual of a fit.
+        tolerance_px: (M,) largest residual of a fit, pixels.
         R: (C, 3, 3) world to camera.
         centre: (C, 3) metres.
 
     Returns:
-        (M,) block of each sighting, -1 where none fits.
+        (M,) block of each sighting, -1 where no block fits.
     """
     out = np.where(consensus.inlier, block, -1)
     lost = np.flatnonzero(~consensus.inlier)
@@ -169,21 +170,22 @@ def misses_by_instant(
     R: Floats,
     centre: Floats,
 ) -> Iterator[tuple[Ints, Ints, Floats]]:
-    """How far each sighting is from every point of its instant, in parts of about `STEP` pairs: all at once, those of a site
-    would take gigabytes.
+    """Compute the distance in pixels of each sighting from every point of its instant, in parts of about `STEP` pairs.
+
+    All pairs of a large site at once would take gigabytes.
 
     Args:
-        points: (N, 3) world, metres; NaN where there is none.
+        points: (N, 3) world, metres; NaN where there is no point.
         point_instant: (N,) instant of each point.
         camera: (M,) camera index of each sighting.
-        instant: (M,) its instant.
+        instant: (M,) instant of each sighting.
         bearing: (M, 3) unit rays, camera frame.
         tangent: (M, 2, 3) from `Lens.tangents`.
         R: (C, 3, 3) world to camera.
         centre: (C, 3) metres.
 
     Yields:
-        (K,) sightings in ascending order, all pairs of one in the same part; (K,) points; (K,) pixels between them.
+        (K,) sightings in ascending order, all pairs of a sighting in the same part; (K,) points; (K,) distances in pixels.
     """
     known = np.flatnonzero(np.isfinite(points).all(axis=1))
     by_instant = known[np.argsort(point_instant[known], kind="stable")]
@@ -200,7 +202,7 @@ def misses_by_instant(
 
 
 def _pairs(block: Ints, most: int) -> tuple[Ints, Ints]:
-    """Row pairs within blocks of sorted rows."""
+    """Return the pairs of rows (K,), (K,) within blocks; rows are sorted by block, and `most` is the largest block's size."""
     start = np.searchsorted(block, block)
     count = np.searchsorted(block, block, side="right") - start
     begins = (np.arange(len(block)) - start) % -(-count // _MAX_FIRST) == 0
@@ -213,7 +215,7 @@ def _pairs(block: Ints, most: int) -> tuple[Ints, Ints]:
 
 
 def _midpoints(c1: Floats, d1: Floats, c2: Floats, d2: Floats) -> Floats:
-    """(K, 3) midpoints of the shortest segments between rays; NaN for parallel rays or a point behind one of them."""
+    """Return the midpoints (K, 3) of the shortest segments between rays; NaN for parallel rays or a point behind a camera."""
     apart = c2 - c1
     cosine = np.einsum("ki,ki->k", d1, d2)
     along1, along2 = np.einsum("ki,ki->k", d1, apart), np.einsum("ki,ki->k", d2, apart)
@@ -228,33 +230,33 @@ def _midpoints(c1: Floats, d1: Floats, c2: Floats, d2: Floats) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class _Lines:
-    """M sightings as lines of the world, by component: points are compared with them without a rotation for each."""
+    """M sightings as lines in the world frame, stored by component: comparing points with them needs no rotation."""
 
     ray: Floats
-    """(3, M) unit rays."""
+    """(3, M) unit rays, world frame."""
     tangent: Floats
-    """(2, 3, M) pixels."""
+    """(2, 3, M) maps to pixels, world frame."""
     centre: Floats
-    """(3, M) metres."""
+    """(3, M) camera centres, metres."""
 
     @classmethod
     def of(cls, camera: Ints, bearing: Floats, tangent: Floats, R: Floats, centre: Floats) -> _Lines:
-        """Of sightings as in `vote_points`."""
+        """Build the lines of sightings; the arguments are those of `vote_points`."""
         turn = R.transpose(1, 2, 0)[:, :, camera]
         rows = bearing.T, tangent[:, 0].T, tangent[:, 1].T
         ray, across, down = (row[0] * turn[0] + row[1] * turn[1] + row[2] * turn[2] for row in rows)
         return cls(ray, np.array([across, down]), centre.T[:, camera])
 
     def take(self, rows: Ints) -> _Lines:
-        """Some of them, in this order."""
+        """Return the lines of these rows, in this order."""
         return _Lines(self.ray[:, rows], self.tangent[:, :, rows], self.centre[:, rows])
 
     def depths(self, point: Floats, of_point: Ints, rows: Ints) -> Floats:
-        """(K,) how far along their rays points lie, metres; arguments as of `squares`."""
+        """Return the depths (K,) of points along rays, metres; the arguments are those of `squares`."""
         return _dot([axis[rows] for axis in self.ray], [point[k][of_point] - self.centre[k][rows] for k in range(3)])
 
     def squares(self, point: Floats, of_point: Ints, rows: Ints) -> Floats:
-        """(K,) squared pixels between points (3, N), of which those at `of_point` (K,) are compared with `rows` (K,)."""
+        """Return the squared distances (K,) in pixels of points `of_point` (K,) of `point` (3, N) from lines `rows` (K,)."""
         d = [point[k][of_point] - self.centre[k][rows] for k in range(3)]
         ray = [self.ray[k][rows] for k in range(3)]
         across, down = ([axis[k][rows] for k in range(3)] for axis in self.tangent)
@@ -267,7 +269,7 @@ def _dot(a: Sequence[Floats], b: Sequence[Floats]) -> Floats:
 
 
 def _votes(point: Floats, block: Ints, lines: _Lines, tolerance: Floats, start: Ints, count: Ints) -> Floats:
-    """(K,) robust cost of each proposed point over all sightings of its block."""
+    """Return the robust cost (K,) of each proposed point, summed over all sightings of its block."""
     proposal, rows = expanded_ranges(start[block], count[block])
     cost, of_axis, scale = np.zeros(len(point)), np.ascontiguousarray(point.T), 4.0 / tolerance**2
     for begin in range(0, len(rows), STEP):

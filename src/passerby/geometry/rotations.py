@@ -1,4 +1,4 @@
-"""Rotations and similarities: rotation vectors, angles, and the least-squares placement of one point set on another."""
+"""Rotations and similarities: rotation vectors, angles, and the least-squares fit of one point set to another."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from passerby.common.arrays import Floats
 from passerby.common.errors import EvidenceError
 
 MOST_BY_SINE = 3.0
-"""Radians up to which a turn's axis is taken from the difference of the matrix and its inverse."""
+"""Largest rotation angle, radians, at which the axis is computed from the difference of the matrix and its inverse."""
 
 
 def skew(vectors: Floats) -> Floats:
-    """Cross-product matrices: (..., 3) to (..., 3, 3) with `skew(v) @ w = v x w`."""
+    """Return the cross-product matrices (..., 3, 3) of vectors (..., 3): `skew(v) @ w = v x w`."""
     v = np.asarray(vectors, dtype=np.float64)
     x, y, z = v[..., 0], v[..., 1], v[..., 2]
     zero = np.zeros_like(x)
@@ -24,20 +24,20 @@ def skew(vectors: Floats) -> Floats:
 
 
 def exp_rotation(vectors: Floats) -> Floats:
-    """Rotation matrices (..., 3, 3) of rotation vectors (..., 3) in radians (Rodrigues)."""
+    """Return the rotation matrices (..., 3, 3) of rotation vectors (..., 3) in radians (Rodrigues)."""
     v = np.asarray(vectors, dtype=np.float64)
     if v.size == 0:
         return np.zeros((*v.shape, 3))
     if v.ndim == 1:
         return _exp_single(v)
-    from scipy.spatial.transform import Rotation  # a quarter of a second, which reading a scene does without
+    from scipy.spatial.transform import Rotation  # imports in a quarter of a second; reading a scene does not need it
 
     matrices = Rotation.from_rotvec(v.reshape(-1, 3)).as_matrix()
     return np.asarray(matrices, dtype=np.float64).reshape(*v.shape, 3)
 
 
 def log_rotation(rotations: Floats) -> Floats:
-    """Rotation vectors (..., 3) in radians, at most pi long, of rotation matrices (..., 3, 3)."""
+    """Return the rotation vectors (..., 3) in radians, at most pi long, of rotation matrices (..., 3, 3)."""
     R = np.asarray(rotations, dtype=np.float64)
     if R.size == 0:
         return np.zeros(R.shape[:-1])
@@ -50,10 +50,10 @@ def log_rotation(rotations: Floats) -> Floats:
 
 
 def _exp_single(vector: Floats) -> Floats:
-    """`exp_rotation` of one vector, in a tenth of the time that the library takes for it."""
+    """Compute `exp_rotation` of one vector (3,), in a tenth of the time that scipy takes."""
     angle = math.sqrt(float(vector @ vector))
     half = 0.5 * angle
-    # sin(a) / a, and (1 - cos(a)) / a^2 without the difference.
+    # sin(a) / a, and (1 - cos(a)) / a^2 computed from the half angle, without the cancellation of 1 - cos(a).
     first, second = (math.sin(angle) / angle, 0.5 * (math.sin(half) / half) ** 2) if angle > 1e-9 else (1.0, 0.5)
     x, y, z = vector.tolist()
     xy, xz, yz = second * x * y, second * x * z, second * y * z
@@ -63,7 +63,7 @@ def _exp_single(vector: Floats) -> Floats:
 
 
 def _log_single(rotation: Floats) -> Floats | None:
-    """`log_rotation` of one matrix, in the same way; None near a turn by half, where the sine gives no axis."""
+    """Compute `log_rotation` of one matrix (3, 3) without scipy; None near an angle of pi, where the sine gives no axis."""
     (a, b, c), (d, e, f), (g, h, i) = rotation.tolist()
     axis = np.array([h - f, c - g, d - b])
     sine, cosine = 0.5 * math.sqrt(float(axis @ axis)), 0.5 * (a + e + i - 1.0)
@@ -74,24 +74,24 @@ def _log_single(rotation: Floats) -> Floats | None:
 
 
 def angle_between(R_a: Floats, R_b: Floats) -> Floats:
-    """Angles (...) in radians, 0 to pi, of the rotations `R_a R_b^T`, both (..., 3, 3) and broadcast."""
+    """Return the angles (...) in radians, 0 to pi, of the rotations `R_a R_b^T`, both (..., 3, 3) and broadcast."""
     difference = np.asarray(R_a, dtype=np.float64) @ np.swapaxes(np.asarray(R_b, dtype=np.float64), -1, -2)
-    # From the sine and the cosine: exact at both ends, and without a library call for a single matrix.
+    # Sine and cosine together are exact near 0 and near pi, and need no library call for a single matrix.
     axis = np.stack([difference[..., i, j] - difference[..., j, i] for i, j in ((2, 1), (0, 2), (1, 0))], axis=-1)
     sine, cosine = np.sqrt((axis * axis).sum(axis=-1)), np.trace(difference, axis1=-2, axis2=-1) - 1
     return np.asarray(np.arctan2(sine, cosine))
 
 
 def direction_angle(a: Floats, b: Floats) -> Floats:
-    """Angles (...) in radians, 0 to pi, between directions (..., 3) of any length; exact for small angles too."""
+    """Return the angles (...) in radians, 0 to pi, between directions (..., 3) of any length; exact for small angles too."""
     a, b = np.broadcast_arrays(np.asarray(a, dtype=np.float64), np.asarray(b, dtype=np.float64))
     return np.asarray(np.arctan2(np.linalg.norm(np.cross(a, b), axis=-1), (a * b).sum(axis=-1)))
 
 
 def rotation_between(a: Floats, b: Floats) -> Floats:
-    """The smallest rotation (3, 3) that turns direction `a` (3,) into direction `b` (3,).
+    """Return the smallest rotation (3, 3) that turns direction `a` (3,) into direction `b` (3,).
 
-    Of opposite directions the axis is free; one orthogonal to `a` is taken.
+    For opposite directions the axis is not determined; an axis orthogonal to `a` is taken.
     """
     a = np.asarray(a, dtype=np.float64) / np.linalg.norm(a)
     b = np.asarray(b, dtype=np.float64) / np.linalg.norm(b)
@@ -108,7 +108,7 @@ def rotation_between(a: Floats, b: Floats) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class Similarity:
-    """`X -> scale rotation X + translation` in space."""
+    """The similarity `X -> scale rotation X + translation` in space."""
 
     scale: float
     rotation: Floats
@@ -117,18 +117,18 @@ class Similarity:
     """(3,), in the target's unit."""
 
     def apply(self, points: Floats) -> Floats:
-        """Move points (..., 3)."""
+        """Apply the similarity to points (..., 3)."""
         return np.asarray(self.scale * np.asarray(points, dtype=np.float64) @ self.rotation.T + self.translation)
 
     def inverse(self) -> Similarity:
-        """The map from the target back to the source."""
+        """Return the map from the target back to the source."""
         rotation = self.rotation.T
         return Similarity(1.0 / self.scale, rotation, -rotation @ self.translation / self.scale)
 
 
 @dataclass(frozen=True, eq=False)
 class PlaneSimilarity:
-    """`x -> scale rotation(yaw) x + translation` in the plane."""
+    """The similarity `x -> scale rotation(yaw) x + translation` in the plane."""
 
     scale: float
     yaw: float
@@ -143,25 +143,25 @@ class PlaneSimilarity:
         return np.array([[c, -s], [s, c]])
 
     def apply(self, points: Floats) -> Floats:
-        """Move points (..., 2)."""
+        """Apply the similarity to points (..., 2)."""
         return np.asarray(self.scale * np.asarray(points, dtype=np.float64) @ self.rotation.T + self.translation)
 
     def inverse(self) -> PlaneSimilarity:
-        """The map from the target back to the source."""
+        """Return the map from the target back to the source."""
         back = PlaneSimilarity(1.0 / self.scale, -self.yaw, np.zeros(2))
         return PlaneSimilarity(back.scale, back.yaw, -back.apply(self.translation))
 
 
 def fit_similarity(source: Floats, target: Floats, weights: Floats | None = None, *, with_scale: bool = True) -> Similarity:
-    """The similarity that moves `source` onto `target` with the smallest weighted squared distance.
+    """Fit the similarity that moves `source` onto `target` with the smallest weighted squared distance.
 
     Umeyama, "Least-squares estimation of transformation parameters between two point patterns", PAMI 1991, with weights. Points
-    on one line leave the turn about that line free; any minimiser is returned then.
+    on one line do not determine the rotation about that line; then any one of the minimisers is returned.
 
     Args:
         source: (N, 3) points.
-        target: (N, 3) their partners.
-        weights: (N,) at least 0; equal when None.
+        target: (N, 3) the corresponding points.
+        weights: (N,) at least 0; equal weights when None.
         with_scale: False keeps the scale at 1 (a rigid motion).
 
     Raises:
@@ -179,9 +179,9 @@ def fit_similarity(source: Floats, target: Floats, weights: Floats | None = None
 def fit_plane_similarity(
     source: Floats, target: Floats, weights: Floats | None = None, *, with_scale: bool = True
 ) -> PlaneSimilarity:
-    """The plane similarity that moves `source` (N, 2) onto `target` (N, 2) with the smallest weighted squared distance.
+    """Fit the plane similarity that moves `source` (N, 2) onto `target` (N, 2) with the smallest weighted squared distance.
 
-    Two points fix it. Arguments and errors as of `fit_similarity`.
+    Two points determine it. The arguments and errors are those of `fit_similarity`.
     """
     source, target, w, source_mean, target_mean = _centre_points(source, target, weights)
     along = float((w * (source * target).sum(axis=1)).sum())
@@ -192,7 +192,7 @@ def fit_plane_similarity(
 
 
 def chordal_mean_rotation(rotations: Floats, weights: Floats | None = None) -> Floats:
-    """The rotation (3, 3) with the smallest weighted squared Frobenius distance to `rotations` (N, 3, 3).
+    """Compute the rotation (3, 3) with the smallest weighted squared Frobenius distance to `rotations` (N, 3, 3).
 
     Hartley, Trumpf, Dai, Li, "Rotation averaging", IJCV 2013, section 5.
 
@@ -208,7 +208,7 @@ def chordal_mean_rotation(rotations: Floats, weights: Floats | None = None) -> F
 
 
 def _centre_points(source: Floats, target: Floats, weights: Floats | None) -> tuple[Floats, Floats, Floats, Floats, Floats]:
-    """Both sets about their weighted means, the weights with sum 1, and the two means."""
+    """Return both point sets relative to their weighted means, the weights with sum 1, and the two means."""
     source, target = np.asarray(source, dtype=np.float64), np.asarray(target, dtype=np.float64)
     w = np.ones(len(source)) if weights is None else np.asarray(weights, dtype=np.float64)
     if np.count_nonzero(w > 0) < 2:

@@ -1,8 +1,8 @@
-"""The vertical, the camera's height and the ground plane from the people in one camera's view.
+"""Fit of the vertical, the camera's height and the ground plane from the people in one camera's view.
 
 People are upright, stand on one plane and are about equally tall. In the camera's frame the ground is given by the up
-direction n and the camera's height H: the foot ray b meets it at `H b / -(n . b)`; raised along n by a person's height, it
-must project onto the box's top. Three unknowns, two residuals a box.
+direction n and the camera's height H: the foot ray b meets it at `H b / -(n . b)`. This point, raised along n by a person's
+height, must project to the top of the box. There are three unknowns, and two residuals per box.
 """
 
 from __future__ import annotations
@@ -16,30 +16,30 @@ from passerby.geometry.groups import cauchy_weights
 from passerby.geometry.rotations import rotation_between
 
 MIN_PEOPLE = 8
-# A foot closer than this to the horizon (radians) tells nothing of the ground below it.
+# A foot closer than this to the horizon (radians) does not determine a place on the ground.
 HORIZON = 0.01
 _PITCHES = np.deg2rad(np.arange(-25.0, 90.0, 7.5))
 _ROLLS = np.deg2rad(np.array([-30.0, -20.0, -10.0, -5.0, 0.0, 5.0, 10.0, 20.0, 30.0]))
-# People bend and boxes slip: residuals are weighed at this share of the body's extent, with a Cauchy loss.
+# Scale of the Cauchy loss of the residuals, as a share of the body's extent: people bend, and boxes are inexact.
 _SHARE = 0.06
 
 
 @dataclass(frozen=True, eq=False)
 class Level:
-    """One camera's place above the ground, in its own frame."""
+    """Up direction and height above the ground of one camera, in its own frame."""
 
     up: Floats
     """(3,) unit vector, camera frame."""
     height: float
-    """Camera above ground, metres (as far as the people are as tall as expected)."""
+    """Height of the camera above the ground, metres (correct if the people are as tall as expected)."""
     residual: float
-    """Median misfit, as a share of the bodies' extent."""
+    """Median residual, as a share of the bodies' extent."""
     residual_90: float = 0.0
-    """The misfit that 90 % of the bodies do not exceed."""
+    """Residual that 90 % of the bodies do not exceed, as a share of their extent."""
 
     @property
     def R_lc(self) -> Floats:
-        """(3, 3) rotation from the camera's frame to a levelled one: z up, the view's heading along +y."""
+        """(3, 3) rotation from the camera's frame to a levelled frame: z up, the heading of the optical axis along +y."""
         R = rotation_between(self.up, np.array([0.0, 0.0, 1.0]))
         heading = R @ np.array([0.0, 0.0, 1.0])
         turn = np.arctan2(heading[0], heading[1]) if np.hypot(heading[0], heading[1]) > 1e-6 else 0.0
@@ -47,7 +47,10 @@ class Level:
         return np.asarray(np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ R)
 
     def ground_positions(self, bottom: Floats) -> Floats:
-        """Where foot rays (N, 3) meet the ground: (N, 2) metres below the camera's frame of `R_lc`; NaN above the horizon."""
+        """Return where foot rays (N, 3) meet the ground: (N, 2) metres along x and y of the levelled frame (`R_lc`).
+
+        The origin is the point below the camera; NaN for rays above the horizon.
+        """
         ray = bottom @ self.R_lc.T
         with np.errstate(divide="ignore", invalid="ignore"):
             reach = np.where(ray[:, 2] < -HORIZON, self.height / -ray[:, 2], np.nan)
@@ -65,20 +68,20 @@ def level_camera(
     *,
     max_people: int = 400,
 ) -> Level | None:
-    """Robust fit of up direction and height from several starting pitches and rolls.
+    """Fit the up direction and the height robustly, from several starting pitches and rolls.
 
     Args:
         top: (N, 3) rays to the people's highest points, camera frame.
         bottom: (N, 3) rays to their lowest points.
-        top_tangent: (N, 2, 3) of the top rays, from `Lens.tangents`.
-        extent_px: (N,) extent in the picture.
+        top_tangent: (N, 2, 3) maps to pixels at the top rays, from `Lens.tangents`.
+        extent_px: (N,) extent of the body in the image, pixels.
         body_m: (N,) expected distance of the two points along the vertical, metres.
         foot_m: (N,) expected height of the lowest point above the ground, metres.
-        rng: draws the people used where there are more than `max_people`.
-        max_people: limit of the fit.
+        rng: draws the people that are used, where there are more than `max_people`.
+        max_people: largest number of people in the fit.
 
     Returns:
-        The level, or None where fewer than eight people can be used.
+        The level, or None with fewer than eight people, or where no start has enough feet below the horizon.
     """
     if len(top) > max_people:
         rows = np.sort(rng.choice(len(top), max_people, replace=False))
@@ -98,22 +101,22 @@ def level_by_heights(
     top: Floats, bottom: Floats, top_tangent: Floats, extent_px: Floats, body_m: Floats, foot_m: Floats,
     start: Level | None = None,
 ) -> Level | None:  # fmt: skip
-    """The level by how tall people seem alone, whatever way they lean in the picture.
+    """Fit the level from the apparent heights of people only, not from how they lean in the image.
 
-    A box is upright whatever the lens: the middles of its upper and lower edge say nothing of where the vertical vanishes, and
-    would draw an unknown focal length to infinity. Arguments as of `level_camera`.
+    The edges of a box are parallel to the image's edges for every lens. The middles of its upper and lower edge do not show the
+    vanishing point of the vertical, and would pull an unknown focal length to infinity.
 
     Args:
         top: (N, 3) rays to the people's highest points, camera frame.
         bottom: (N, 3) rays to their lowest points.
-        top_tangent: (N, 2, 3) of the top rays.
-        extent_px: (N,) extent in the picture.
+        top_tangent: (N, 2, 3) maps to pixels at the top rays.
+        extent_px: (N,) extent of the body in the image, pixels.
         body_m: (N,) expected distance of the two points, metres.
         foot_m: (N,) expected height of the lowest point, metres.
-        start: where to begin; all over when None.
+        start: start of the fit; several starting pitches and rolls when None.
 
     Returns:
-        The level, or None where fewer than eight people can be used or most feet are above any horizon.
+        The level, or None with fewer than eight people, or where no start has enough feet below the horizon.
     """
     if len(top) < MIN_PEOPLE:
         return None
@@ -126,41 +129,41 @@ def level_by_heights(
 
 
 def keep_horizon(up: Floats, longer: float) -> Floats:
-    """The up direction that keeps the horizon's line in the picture when the focal length grows by a factor."""
+    """Return the up direction (3,) that keeps the horizon's line in the image when the focal length grows by a factor."""
     moved = up * np.array([longer, longer, 1.0])
     return np.asarray(moved / np.linalg.norm(moved))
 
 
 @dataclass(frozen=True, eq=False)
 class _Heads:
-    """Where N heads are predicted by a level."""
+    """Residuals of N heads as predicted by a level, and values for their derivatives."""
 
     residual: Floats
-    """(2, N) misfit, shares of the extent; large for feet above the horizon."""
+    """(2, N) residuals, as shares of the extent; large for feet above the horizon."""
     sound: Bools
-    """(N,) whose feet are below it."""
+    """(N,) whether the foot is below the horizon."""
     per_reach: Floats
-    """(N,) by how much the foot is farther off as its ray falls less steeply, metres,"""
+    """(N,) derivative of the foot's distance by the component of its ray along the up direction, metres."""
     per_height: Floats
-    """(N,) and as the camera is higher: for its logarithm, metres."""
+    """(N,) derivative of the foot's distance by the logarithm of the camera's height, metres."""
     depth: Floats
-    """(N,) of the head along its ray, metres."""
+    """(N,) depth of the head along its ray, metres."""
 
     @property
     def squares(self) -> Floats:
-        """(N,) of the residuals, in units of the loss's scale."""
+        """(N,) squared lengths of the residuals, in units of the loss's scale."""
         return np.asarray((self.residual[0] ** 2 + self.residual[1] ** 2) / _SHARE**2)
 
     @property
     def cost(self) -> float:
-        """Mean Cauchy cost."""
+        """Mean Cauchy cost of the people."""
         return float(np.log1p(self.squares).mean())
 
 
 class _Fit:
-    """Residuals of one camera's people, as shares of their extent; `upright` leaves those across the picture out.
+    """Residuals of one camera's people, as shares of their extent; `upright` leaves out the horizontal component.
 
-    All is linear in the rays, so that what tilts change are a few columns: products of each ray with each direction.
+    All terms are linear in the rays. For a tilt, only the products of each ray with the new direction are computed again.
     """
 
     def __init__(
@@ -171,26 +174,26 @@ class _Fit:
         if upright:
             across = np.zeros_like(across)
         self.rows = np.concatenate([bottom, top, across, down])
-        # Of the foot's ray: its square, along the head's ray, and in shares of the extent.
+        # The foot's ray: its squared length, its component along the head's ray, and its image in shares of the extent.
         self.square, self.along_top = np.einsum("ni,ni->n", bottom, bottom), np.einsum("ni,ni->n", top, bottom)
         self.seen = np.array([np.einsum("ni,ni->n", across, bottom), np.einsum("ni,ni->n", down, bottom)])
 
     def _project_along(self, direction: Floats) -> tuple[Floats, Floats, Floats]:
-        """(N,) the foot's and (N,) the head's ray along a direction, and (2, N) the direction in shares of the extent."""
+        """Return the foot's (N,) and the head's ray (N,) along a direction, and its image (2, N) in shares of the extent."""
         foot, head, *seen = (self.rows @ direction).reshape(4, -1)
         return foot, head, np.array(seen)
 
     def level(self, up: Floats, height: float) -> Level:
-        """The level with its misfits."""
+        """Return the level with its residuals."""
         misfit = np.linalg.norm(self.residual(up, height), axis=1)
         return Level(up, height, float(np.median(misfit)), float(np.quantile(misfit, 0.9)))
 
     def residual(self, up: Floats, height: float) -> Floats:
-        """(N, 2) misfit of the predicted highest points; large for feet above the horizon."""
+        """Return the residuals (N, 2) of the predicted highest points; large for feet above the horizon."""
         return self._heads(up, height).residual.T
 
     def _heads(self, up: Floats, height: float) -> _Heads:
-        """The heads above the feet: the foot's ray goes down to the foot, and the body stands on it."""
+        """Predict the heads: the foot's ray is followed to the foot, and the body stands upright on it."""
         foot, head, seen = self._project_along(up)
         below = np.maximum(-foot, HORIZON)
         reach = (height - self.foot_m) / below
@@ -201,7 +204,7 @@ class _Fit:
         return _Heads(residual, sound, reach / below, height / below, depth)
 
     def jacobian(self, up: Floats, heads: _Heads) -> Floats:
-        """(3, 2, N) derivative of the residual by the steps of `_move`; 0 for feet above the horizon."""
+        """Return the derivative (3, 2, N) of the residual by the steps of `_move`; 0 for feet above the horizon."""
         out = np.empty((3, *heads.residual.shape))
         for row, direction in enumerate(_find_perpendiculars(up)):
             foot, head, seen = self._project_along(direction)
@@ -212,8 +215,10 @@ class _Fit:
         return np.where(heads.sound, out, 0.0)
 
     def starts(self) -> list[tuple[float, Floats, float]]:
-        """Costs, up directions and heights to begin with, the lowest cost first: of all pitches and rolls those that have most
-        feet below the horizon, each with the median over the people of the camera height that puts the head on its ray.
+        """Return (cost, up direction, height) of all starts of the fit, the lowest cost first.
+
+        A start is a pitch and a roll with 60 % of the feet or more below the horizon. Its height is the median, over the
+        people, of the camera height that puts the head on its ray.
         """
         pitch, roll = (angle.ravel() for angle in np.meshgrid(_PITCHES, _ROLLS, indexing="ij"))
         ups = np.column_stack([np.sin(roll) * np.cos(pitch), -np.cos(roll) * np.cos(pitch), -np.sin(pitch)])
@@ -234,11 +239,14 @@ class _Fit:
         return sorted(found, key=lambda start: start[0])
 
     def cost(self, up: Floats, height: float) -> float:
-        """Mean Cauchy cost."""
+        """Return the mean Cauchy cost of a level."""
         return self._heads(up, height).cost
 
     def refine(self, up: Floats, height: float) -> tuple[float, Floats, float]:
-        """Damped Gauss-Newton on (tilt about two axes, log height), reweighted for the Cauchy loss."""
+        """Refine a level by damped Gauss-Newton on (tilt about two axes, log height), reweighted for the Cauchy loss.
+
+        Returns the cost, the up direction (3,) and the height.
+        """
         heads, damping = self._heads(up, height), 1e-3
         cost = heads.cost
         for _ in range(30):
@@ -269,7 +277,7 @@ class _Fit:
 
 
 def _find_perpendiculars(up: Floats) -> tuple[Floats, Floats]:
-    """Two directions (3,) at right angles to a unit vector and to each other."""
+    """Return two directions (3,) at right angles to a unit vector and to each other."""
     x, y, z = up
     a = np.array([0.0, z, -y]) if abs(x) < 0.6 else np.array([y, -x, 0.0])
     a /= np.sqrt(a @ a)

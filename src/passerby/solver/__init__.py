@@ -1,4 +1,5 @@
-"""From identities to a rig: the adjustment of upright people, its start, its uncertainty and what it finds wrong.
+"""Estimation of a rig from people with identities: the start, the adjustment of upright people, uncertainty and findings.
 
-`optimizer/` minimises; `geopose/` is the published method. Imports `people` and below, and no association.
+`optimizer/` is the least-squares solver; `geopose/` is the published method. Imports `people` and lower packages, not
+`association`.
 """

@@ -1,4 +1,4 @@
-"""The problem of one round of the refinement: the sightings that agree with a rig, their noise, and prior knowledge."""
+"""Problem of one round of the refinement: the sightings that agree with a rig, their noise, and prior knowledge."""
 
 from __future__ import annotations
 
@@ -23,46 +23,48 @@ from passerby.solver.optimizer.least_squares import NormalEquations, Result, Ter
 from passerby.solver.people_state import AdjustmentState
 from passerby.solver.person_model import JOINT, PeopleProblem
 
-# A sighting agrees within so many sigmas of its centre: the Cauchy loss deals with what is nearer.
+# Distance in sigmas of its centre within which a sighting agrees; nearer outliers are handled by the Cauchy loss.
 AGREE_SIGMAS = 6.0
 GROUPS_COUNT_MORE = 10.0
-"""Residuals follow one another, and count as if they did not: so does what is known of groups (as `JOINED_FOOT_SHIFT_SD`)."""
-# A box cannot know its height better than this many times its centre: the difference of two edges against their mean. What a
-# detector does to people's heights is not white either (over PETS2009 and simulated scenes 2 to 3 measured best).
+"""Factor on the weight of the prior on groups. Residuals are correlated in time, but are weighted as independent; the weight of
+the prior is increased accordingly (as in `JOINED_FOOT_SHIFT_SD`)."""
+# Smallest ratio of the noise of a box's height to that of its centre: the height is the difference of two edges, the centre
+# their mean. The errors that a detector makes in people's heights are not white either (over PETS2009 and simulated scenes 2 to
+# 3 measured best).
 MIN_HEIGHT_RATIO = 2.5
-# Where many edges are broken, those that are broken by little pass for whole, and they err to one side: a box is shortened by
-# all that it misses, its centre moved by half. Twice the ratio is reached at this share of broken edges
+# Where many edges are broken, slightly broken ones count as whole, and their errors have one direction: the height of a box is
+# wrong by the whole missing part, its centre by half of it. The minimum ratio grows, and doubles at this share of broken edges
 # (rendered videos, a background's boxes, 18 % broken: 0.49 degrees and 1.0 % of scale instead of 0.73 and 4.3; a network's, 8 %
-# broken, 0.59 and 2.0 % instead of 0.61 and 2.2).
+# broken: 0.59 and 2.0 % instead of 0.61 and 2.2).
 BROKEN_FOR_DOUBLE = 0.1
 MIN_FOR_NOISE = 20
 SIZES = 6
-# How far people's visible lengths spread around their standing heights, as a logarithm, where some crouch.
+# Standard deviation of the logarithm of people's visible lengths over their standing heights, where some people crouch.
 POSTURE_SD = 0.15
 
 
 @dataclass(frozen=True, eq=False)
 class RigState:
-    """What is known of the cameras between rounds."""
+    """Values of the shared unknowns and of the standing heights between rounds."""
 
     R: Floats
     """(C, 3, 3) world to camera."""
     centre: Floats
     """(C, 3) metres."""
     heights: Floats
-    """(P,) standing heights."""
+    """(P,) standing heights, metres."""
     slack: Floats
     globals: Floats
     time: Floats
     """(C,) errors of the clocks, seconds (`AdjustmentState`)."""
     lens: Floats
-    """(C, L) by how much lenses differ from the stated ones (`AdjustmentState`)."""
+    """(C, L) differences of the lenses from the stated ones (`AdjustmentState`)."""
     lengths: Floats
-    """(K, 6) the ends of known lengths (`AdjustmentState`)."""
+    """(K, 6) ends of the known lengths, metres (`AdjustmentState`)."""
 
     @classmethod
     def start(cls, R: Floats, centre: Floats, height_mean: Floats, priors: Priors, marks: Floats, lens: Floats) -> RigState:
-        """A first state: people as tall as expected, no slack, clocks as stated."""
+        """Return a first state: people as tall as expected, no slack, clocks as stated."""
         none = np.zeros(len(R))
         shift = np.array([priors.foot_shift])
         return cls(R, centre, height_mean.copy(), none, shift, none, lens, marks.reshape(-1, 6))
@@ -70,23 +72,28 @@ class RigState:
 
 @dataclass(frozen=True, eq=False)
 class AdjustmentProblem:
-    """The problem of one round, and the rows of the evidence that are in it."""
+    """The problem of one round, its start, and the rows of the evidence that are in it."""
 
     problem: PeopleProblem
     state: AdjustmentState
     rows: Ints
     """Rows of the evidence's sightings, in the problem's order."""
     renamed: int
-    """How many of them show another person than their identity says."""
+    """Number of these rows that were assigned to another person than their identity states."""
     blocks: Ints
     """Person-instants of the evidence, in the problem's order."""
     joint_rows: Ints
     joints: Ints
     joint_kind: Ints
-    """(J,) which joint of the body each joint of the problem is."""
+    """(J,) body joint (its number in the files) of each joint of the problem."""
 
     def near(self, before: AdjustmentProblem, found: AdjustmentState) -> AdjustmentProblem:
-        """The same, begun at the solution `found` of an earlier round with people and joints whose sightings are the same."""
+        """Return the same problem with a better start: people and joints with unchanged sightings start at `found`.
+
+        Args:
+            before: problem of an earlier round.
+            found: its solution.
+        """
         people, joints = self.state.people.copy(), self.state.joints.copy()
         here, there = _common(*((one.blocks, one.problem.sightings.block, one.rows) for one in (self, before)))
         people[here] = found.people[there]
@@ -96,7 +103,7 @@ class AdjustmentProblem:
 
 
 def _common(now: tuple[Ints, Ints, Ints], before: tuple[Ints, Ints, Ints]) -> tuple[Ints, Ints]:
-    """Places in two lists of person-instants, or joints, of those that have the same sightings in both.
+    """Find the person-instants, or joints, that have the same sightings in two lists: their places (K,), (K,) in both.
 
     Args:
         now: (N,) unique numbers in the evidence, (M,) place of each sighting in that list, and (M,) its row of the evidence.
@@ -104,7 +111,7 @@ def _common(now: tuple[Ints, Ints, Ints], before: tuple[Ints, Ints, Ints]) -> tu
     """
     _, here, there = np.intersect1d(now[0], before[0], assume_unique=True, return_indices=True)
     same = np.ones(len(here), dtype=bool)
-    for power in (0, 1, 2):  # number of the rows, their sum and the sum of their squares
+    for power in (0, 1, 2):  # compares the number of the rows, their sum and the sum of their squares
         sums = [np.bincount(at, rows.astype(np.float64) ** power, len(listed)) for listed, at, rows in (now, before)]
         same &= sums[0][here] == sums[1][there]
     return here[same], there[same]
@@ -112,38 +119,38 @@ def _common(now: tuple[Ints, Ints, Ints], before: tuple[Ints, Ints, Ints]) -> tu
 
 @dataclass(frozen=True, eq=False)
 class PriorKnowledge:
-    """What holds in all rounds: priors, cues, and what is expected of each person."""
+    """Knowledge that all rounds share: priors, cues, and the expected height of each person."""
 
     height_mean: Floats
     height_sd: Floats
     priors: Priors = field(default_factory=Priors)
     cues: CueRows | None = None
     lens_core: Floats | None = None
-    """(C, L) scales of what is stated of the lenses; None where they are not refined."""
+    """(C, L) scales of the priors on the lenses (`PeopleProblem`); None where they are not refined."""
     lens_weight: Floats = field(default_factory=lambda: np.ones(()))
-    """How many times more that counts (`PeopleProblem`)."""
+    """Factor on the weight of these priors (`PeopleProblem`)."""
     lens_normal: bool = False
     """Whether the scales are standard deviations (`PeopleProblem`)."""
     lens_groups: tuple[tuple[int, ...], ...] = ()
     """Cameras of one model (`PeopleProblem`)."""
     lens_far: Floats | None = None
-    """(C, L) how the tails of the scales' distributions fall (`PeopleProblem`)."""
+    """(C, L) standard deviations of the additional normal priors on the lenses (`PeopleProblem`)."""
     lens_model: LensModel | None = None
     """The lenses whose unknowns these are (`PeopleProblem`)."""
     groups: tuple[tuple[int, ...], ...] = ()
-    """Cameras that were rigs by themselves before (`PeopleProblem`)."""
+    """Groups of cameras that were separate rigs before (`PeopleProblem`)."""
     height_spread: Floats | None = None
-    """(P,) how much people differ if only their population is known, as a share; NaN for all others."""
+    """(P,) standard deviation of heights, as a share, for people of the population; NaN for people of stated height."""
     unusual: NDArray[np.bool_] | None = None
-    """(P,) people of the population who are far taller or shorter than most: their stature says nothing of the scale."""
+    """(P,) whether a person of the population is far taller or shorter than most; such heights do not determine the scale."""
 
     @property
     def height_weight_sd(self) -> Floats:
-        """(P,) `height_sd`, and for unusual people as much as their height."""
+        """(P,) `height_sd`, for unusual people replaced by `height_mean`, metres."""
         return self.height_sd if self.unusual is None else np.where(self.unusual, self.height_mean, self.height_sd)
 
     def judged(self, heights: Floats, seen: Ints) -> PriorKnowledge:
-        """The same with who is unusual by the rig: (P,) heights, metres, and who of them were seen."""
+        """Return the same knowledge with unusual people marked, from heights (P,) in metres and the numbers of seen people."""
         if self.height_spread is None:
             return self
         known = np.isin(np.arange(len(heights)), seen) & np.isfinite(self.height_spread)
@@ -151,21 +158,21 @@ class PriorKnowledge:
 
 
 def middle_rays(s: Sightings) -> tuple[Floats, Floats]:
-    """Rays (M, 3) and tangents (M, 2, 3) to the middles of the sightings."""
+    """Return the rays (M, 3) and tangents (M, 2, 3) to the middles of the sightings."""
     ray = s.top + s.bottom
     ray /= np.linalg.norm(ray, axis=1, keepdims=True)
     tangent = 0.5 * (s.top_tangent + s.bottom_tangent)
-    # A tangent is orthogonal to its ray; the mean of two nearly is.
+    # A tangent must be orthogonal to its ray; the mean of two tangents is so only approximately.
     tangent = tangent - np.einsum("mki,mi->mk", tangent, ray)[:, :, None] * ray[:, None, :]
     return ray, tangent
 
 
 def _on_time(ray: Floats, tangent: Floats, velocity: Floats | None, seconds: Floats) -> Floats:
-    """Rays (M, 3) to where the points would have been seen had the clocks not been wrong by `seconds` (M,)."""
+    """Return the rays (M, 3) corrected for time offsets `seconds` (M,) of the cameras' clocks."""
     if velocity is None or not seconds.any():
         return ray
     moved = -velocity * seconds[:, None]
-    # The ray that misses the old one by these pixels: the least change of it that the tangent turns into them.
+    # The smallest change of the ray that moves its image by these pixels.
     gram = tangent @ tangent.transpose(0, 2, 1)
     on_time = ray + (tangent.transpose(0, 2, 1) @ np.linalg.solve(gram, moved[:, :, None]))[:, :, 0]
     return np.asarray(on_time / np.linalg.norm(on_time, axis=1, keepdims=True))
@@ -176,17 +183,17 @@ def build_problem(
     blocks: Ints | None = None, joints: Ints | None = None, stance: Floats | None = None, rename: bool = False,
     whole: Floats | None = None,
 ) -> AdjustmentProblem:  # fmt: skip
-    """The sightings that agree under a rig, as a problem with a state to start from.
+    """Select the sightings that agree with a rig, and build the problem and its start from them.
 
     Args:
         evidence: all sightings.
-        rig: cameras and people so far.
+        rig: current estimate of cameras and people.
         noise: weights of the residuals.
         knowledge: priors and cues.
         share: tolerance of agreement, as a share of the sightings' extent.
         blocks: person-instants to use; all when None.
         joints: joints to use; all when None.
-        rename: whether sightings that disagree with their person may go to another one of the same instant.
+        rename: whether sightings that disagree with their person may be assigned to another one of the same instant.
         stance: (N,) weight of standing for each person-instant of the evidence; all 1 when None.
         whole: (M,) weight of each sighting of the evidence (`occlusion_weights`); all 1 when None.
     """
@@ -235,13 +242,13 @@ def build_problem(
 
 
 def standing_extents(s: Sightings, centre: Floats, points: Floats, heights: Floats) -> Floats:
-    """(M,) pixels from the lowest to the highest point of people who stand upright.
+    """Predict the extents (M,) in pixels, from the lowest to the highest point, of people who stand upright.
 
     Args:
         s: sightings.
-        centre: (C, 3) of the cameras, metres.
-        points: (N, 3) the middles of the blocks' people, metres.
-        heights: (N,) of these people, standing, metres.
+        centre: (C, 3) camera centres, metres.
+        points: (N, 3) middles of the blocks' people, metres.
+        heights: (N,) standing heights of these people, metres.
     """
     reach = points[s.block] - centre[s.camera]
     distance = np.maximum(np.linalg.norm(reach, axis=1), 0.1)
@@ -253,17 +260,17 @@ def standing_extents(s: Sightings, centre: Floats, points: Floats, heights: Floa
 
 
 def _expected_extents(s: Sightings, person: Ints, rig: RigState, points: Floats, noise: Noise) -> Floats:
-    """(M,) pixels that the people seen have, as far as that is known beforehand.
+    """Return the expected extents (M,) of the people in the sightings, pixels.
 
-    What was seen is noisy; a person who stands where the rays of all cameras meet has a known extent, but may be bent. The mean
-    of both logarithms, weighed by their variances.
+    The observed extent is noisy. A person who stands where the rays of all cameras meet has a known extent, but may be bent.
+    The result is the mean of both logarithms, weighted by their variances.
 
     Args:
         s: sightings that agree.
         person: (N,) person of each block.
-        rig: cameras and people so far.
-        points: (N, 3) where the blocks' middles are, metres.
-        noise: of what was seen.
+        rig: current estimate of cameras and people.
+        points: (N, 3) middles of the blocks, metres.
+        noise: noise of the observed extents.
     """
     if not len(s):
         return np.zeros(0)
@@ -276,7 +283,7 @@ def _expected_extents(s: Sightings, person: Ints, rig: RigState, points: Floats,
 def _agreeing_joints(
     evidence: Evidence, rig: RigState, noise: Noise, share: float, joints: Ints | None
 ) -> tuple[PointObservations, Floats, Ints, Ints]:
-    """Joints that agree: their sightings renumbered, their positions, the rows and the joints of the evidence."""
+    """Select the joints that agree: sightings renumbered, positions (J, 3), and rows and joints (J,) of the evidence."""
     o = evidence.joints
     candidate = np.ones(len(o.camera), bool) if joints is None else np.isin(o.point, joints)
     c = np.flatnonzero(candidate)
@@ -289,7 +296,7 @@ def _agreeing_joints(
     used = np.unique(o.point[rows])
     number = np.full(evidence.n_joints, -1)
     number[used] = np.arange(len(used))
-    # `sigma_px` of the evidence holds the person's extent; the noise says what share of it a joint is off by.
+    # `sigma_px` of the evidence holds the person's extent; the noise of a joint is a share of it.
     share_px = noise.joint * o.sigma_px[rows]
     if noise.kinds is not None:
         share_px = share_px * noise.kinds[o.camera[rows], evidence.joint_kind[o.point[rows]]]
@@ -299,14 +306,14 @@ def _agreeing_joints(
 
 
 def rig_of(state: AdjustmentState) -> RigState:
-    """What the next round starts from."""
+    """Return the part of a state from which the next round starts."""
     return RigState(
         state.R, state.centre, state.heights, state.slack, state.globals, state.time, state.lens, state.lengths
     )  # fmt: skip
 
 
 def occlusion_weights(model: AdjustmentProblem, state: AdjustmentState, n_sightings: int) -> Wholeness:
-    """How whole the people are in each of the evidence's `n_sightings`; those that are not in the model count as whole."""
+    """Return the probability that each of the evidence's `n_sightings` shows a whole person; 1 for those not in the model."""
     problem = replace(model.problem, whole=None)
     s = problem.sightings
     box = s.has_foot > 0
@@ -315,7 +322,7 @@ def occlusion_weights(model: AdjustmentProblem, state: AdjustmentState, n_sighti
         return Wholeness(weight, 0.0)
     centre, height = (term.residual for term in problem.terms(state, jacobians=False)[:2])
     share = problem.centre_sigma() / problem.scale_px
-    # Boxes of one scene are comparable once each is measured by its own noise.
+    # Boxes of one scene are comparable when each is divided by its own noise.
     typical = (share / np.median(share[box]))[box]
     middle = centre[box, 1] * share[box] / typical
     half = 0.5 * height[box, 0] * problem.height_sigma()[box] / typical
@@ -325,10 +332,10 @@ def occlusion_weights(model: AdjustmentProblem, state: AdjustmentState, n_sighti
 
 
 def learn_noise(model: AdjustmentProblem, result: Result[AdjustmentState], broken: float = 0.0) -> Noise:
-    """The sightings' noise from their residuals, each divided by the root of its redundancy.
+    """Estimate the sightings' noise from their residuals, each divided by the root of its redundancy.
 
-    The redundancy is the share of a residual that the fit does not absorb (Foerstner 1979); medians keep outliers out. Boxes
-    whose noise is all rounding keep the floor. `broken` is the share of broken edges that `occlusion_weights` found.
+    The redundancy is the share of a residual that the fit does not absorb (Foerstner 1979). Medians make the estimate robust.
+    Boxes whose noise is only rounding keep the lower limit. `broken` is the share of broken edges from `occlusion_weights`.
     """
     problem, noise = model.problem, model.problem.noise
     terms = problem.terms(result.state, jacobians=True)
@@ -350,9 +357,10 @@ def learn_noise(model: AdjustmentProblem, result: Result[AdjustmentState], broke
 
 
 def _box_noise(problem: PeopleProblem, term: Term, V_inverse: Floats, box: NDArray[np.bool_]) -> tuple[float, float]:
-    """What the centres of boxes are off by: pixels at any size, and a share of the size; from boxes of `SIZES` sizes.
+    """Estimate the noise of the centres of boxes: a part in pixels, and a part as a share of the size.
 
-    The variance is taken to be linear in the squared size; non-negative least squares, weighed by what is known of each size.
+    The variance is assumed linear in the squared size. It is fitted by weighted non-negative least squares to boxes in `SIZES`
+    classes of size.
     """
     base = Noise().box_px
     before = np.hypot(problem.noise.box_px, problem.noise.centre * problem.scale_px)
@@ -367,17 +375,17 @@ def _box_noise(problem: PeopleProblem, term: Term, V_inverse: Floats, box: NDArr
         square.append(float(np.median(problem.scale_px[use])) ** 2)
         weight.append(np.sqrt(np.count_nonzero(use)) / scale**2)
     v, h, w = np.array(variance), np.array(square), np.array(weight)
-    # One size tells one number: then all is taken to be a share of it.
+    # With one class of size, only one number can be estimated: then all noise is a share of the size.
     design = np.column_stack([np.full(len(v), float(len(v) > 1)), h])
     (more, share), _ = nnls(design * w[:, None], np.maximum(v - base**2, 0.0) * w)
     return float(np.hypot(base, np.sqrt(more))), float(np.sqrt(max(share, 1e-6)))
 
 
 def _learn_joints(model: AdjustmentProblem, term: Term, normal: NormalEquations) -> Noise:
-    """The noise of joints: one share for all, and a factor for each joint of the body in each camera.
+    """Estimate the noise of joints: one share for all, and a factor for each joint of the body in each camera.
 
-    Detectors find eyes better than hips, and a hip better from the front than from the side: half of each factor's logarithm
-    comes from the camera's own residuals of that joint, half from all cameras'.
+    Detectors find eyes better than hips, and a hip better from the front than from the side. The logarithm of each factor is
+    the mean of two: from the camera's own residuals of that joint, and from those of all cameras.
     """
     problem, noise = model.problem, model.problem.noise
     V_inverse = np.asarray(np.linalg.inv(normal.families[JOINT].V), dtype=np.float64)
@@ -401,7 +409,7 @@ def _learn_joints(model: AdjustmentProblem, term: Term, normal: NormalEquations)
 
 
 def _whitened_scale(term: Term, V_inverse: Floats, use: NDArray[np.bool_]) -> Floats:
-    """(k,) robust standard deviation of whitened residuals over their redundancy: 1 where the noise was guessed right."""
+    """Return the robust sigma (k,) of whitened residuals over the root of their redundancy; 1 if the noise was correct."""
     assert term.by_block is not None
     assert term.block is not None
     assert term.loss is not None
@@ -413,6 +421,6 @@ def _whitened_scale(term: Term, V_inverse: Floats, use: NDArray[np.bool_]) -> Fl
 
 
 def _rescaled(share: float, floor: float, factor: float) -> float:
-    """The share whose noise, with the floor, is `factor` times the one before; never below a thousandth."""
+    """Return the share whose noise, together with the floor, is `factor` times the previous one; at least a thousandth."""
     total = np.hypot(share, floor) * factor
     return float(np.sqrt(max(total**2 - floor**2, 1e-6)))

@@ -1,11 +1,11 @@
-"""Compare optima by what they predict of people who had no part in them.
+"""Comparison of optima by their prediction of people who were left out of the fit.
 
-People's errors are alike for seconds: a gait, a posture, a bag. Two optima are therefore compared over *blocks*, one person
-during ten seconds each: each optimum is refitted without a fifth of the blocks, then these are fitted with the cameras held,
-so that only what belongs to the people themselves is free. What another optimum costs less in a block is its gain there, in
-nats; the mean gain over its standard error among blocks says whether it is one.
+Errors of people are correlated for seconds: a gait, a posture, a bag. Two optima are therefore compared over *blocks*, each of
+one person during ten seconds. Each optimum is refitted without a fifth of the blocks. Then these blocks are fitted with the
+cameras held, so that only the people's own unknowns are free. The difference of the costs of two optima in a block is the gain
+there, in nats. The mean gain over its standard error between blocks shows whether the gain is significant.
 
-Everything that is compared has the same observations, with the same noise. Inflation factors are not needed.
+All optima are compared on the same observations, with the same noise. Inflation factors are not needed.
 """
 
 from __future__ import annotations
@@ -24,18 +24,18 @@ from passerby.solver.person_model import JOINT
 from passerby.solver.refinement import Fit
 
 STRETCH_S = 10.0
-"""Seconds of a person that make one block; less in recordings that have not `FOLDS` of them."""
+"""Duration of a block of one person, seconds; shorter in recordings that are shorter than `FOLDS` blocks."""
 FOLDS = 5
 PEOPLE, JOINTS = 1500, 6000
-"""Person-instants and joints that are compared, spread evenly over all: those in between are much like their neighbours."""
+"""Largest numbers of person-instants and joints that are compared, evenly spread; those between are similar to neighbours."""
 _EVERYTHING = 1e3
-"""Share of its extent within which an observation agrees where what agrees was chosen before."""
+"""Tolerance of agreement, as a share of the extent, so wide that all observations agree: they were selected before."""
 _STOPPING = Stopping(15, 1e-6)
 
 
 @dataclass(frozen=True, eq=False)
 class HeldOutBlocks:
-    """The observations that optima are compared by, and the block of each person-instant and joint."""
+    """The observations on which optima are compared, and the block of each person-instant and joint."""
 
     sightings: Ints
     """Rows of the evidence's sightings."""
@@ -52,31 +52,31 @@ class HeldOutBlocks:
     fold: Ints
     """(B,) the fold that each block is held out with, 0 to `FOLDS` - 1."""
     share: float
-    """Of the evidence's observations."""
+    """Share of the evidence's observations that are compared."""
 
 
 @dataclass(frozen=True)
 class Prediction:
-    """How much better one optimum predicts held-out people than another."""
+    """Gain of one optimum over another in the prediction of held-out people."""
 
     gain: float
-    """Over all blocks, nats."""
+    """Sum over all blocks, nats."""
     sigma: float
     """Standard error of `gain`, from its scatter between blocks."""
     blocks: int
 
     @property
     def sigmas(self) -> float:
-        """The gain in its standard errors; 0 where there are too few blocks for one."""
+        """The gain in units of its standard error; 0 where there are too few blocks to estimate it."""
         return self.gain / self.sigma if self.sigma > 0 else 0.0
 
 
 def held_out_blocks(evidence: Evidence, fits: Sequence[Fit], fps: float) -> HeldOutBlocks:
-    """The blocks of evidence that some optima share.
+    """Divide the evidence that several optima share into blocks.
 
     Args:
-        evidence: of all optima.
-        fits: optima; what agrees with one of them is compared.
+        evidence: evidence of all optima.
+        fits: optima; observations that agree with at least one of them are compared.
         fps: time steps a second.
     """
     people, joints = _spread(len(evidence.person), PEOPLE), _spread(evidence.n_joints, JOINTS)
@@ -103,15 +103,15 @@ def held_out_blocks(evidence: Evidence, fits: Sequence[Fit], fps: float) -> Held
 
 
 def predicted_costs(fit: Fit, blocks: HeldOutBlocks, like: Fit) -> Floats:
-    """(B,) robust cost of each block in nats, by cameras that were fitted without its fold.
+    """Return the robust cost (B,) of each block in nats, with cameras that were fitted without its fold.
 
     Args:
-        fit: the optimum, where each refit begins.
-        blocks: what is held out.
-        like: the optimum that noise, stance and wholeness are taken from, the same for all that are compared.
+        fit: the optimum, from which each refit starts.
+        blocks: the blocks that are held out.
+        like: the optimum that noise, stance and wholeness are taken from; the same for all optima that are compared.
     """
     start, knowledge = fit.start, fit.start.knowledge
-    # Priors of lenses count as much more as observations follow one another, which fewer of them do less.
+    # The weight of the priors of lenses corrects for correlated observations; a sample of the observations is less correlated.
     weight = np.maximum(knowledge.lens_weight * blocks.share, 1.0)
     fitted = replace(start, knowledge=replace(knowledge, lens_weight=weight))
     alone = replace(start, knowledge=replace(knowledge, cues=None))
@@ -128,7 +128,7 @@ def predicted_costs(fit: Fit, blocks: HeldOutBlocks, like: Fit) -> Floats:
 
 
 def compare_predictions(before: Floats, after: Floats) -> Prediction:
-    """What an optimum gains over another, by the costs (B,) of the same blocks under both."""
+    """Return the gain of an optimum over another, from the costs (B,) of the same blocks under both."""
     gain = (before - after)[(before > 0) & (after > 0)]
     if len(gain) < FOLDS:
         return Prediction(float(gain.sum()), 0.0, len(gain))
@@ -136,7 +136,7 @@ def compare_predictions(before: Floats, after: Floats) -> Prediction:
 
 
 def _problem(start: Initialisation, rig: RigState, blocks: HeldOutBlocks, which: Bools, like: Fit) -> AdjustmentProblem:
-    """The observations of some blocks (B,), whatever agrees."""
+    """Build the problem of all observations of the blocks in the mask `which` (B,)."""
     evidence, model = start.evidence, like.model
     whole = np.ones(len(evidence.sightings))
     if model.problem.whole is not None:
@@ -148,12 +148,12 @@ def _problem(start: Initialisation, rig: RigState, blocks: HeldOutBlocks, which:
         shown, rig, like.noise, start.knowledge, share=_EVERYTHING, blocks=blocks.people[which[blocks.of_people]],
         joints=blocks.joints[which[blocks.of_joints]], stance=like.stance, whole=whole[blocks.sightings],
     )  # fmt: skip
-    # The extent that a rig expects of people sets the noise: what was seen is the same for all optima.
+    # The noise refers to the extent: the observed extent is the same for all optima, the expected one is not.
     return replace(made, problem=replace(made.problem, expected_px=None))
 
 
 def _costs(model: AdjustmentProblem, terms: Sequence[Term], blocks: HeldOutBlocks) -> Iterator[tuple[Ints, Floats]]:
-    """The block of each row of the terms about people and joints, and its robust cost."""
+    """Yield the block and the robust cost of each row of the terms of people and joints."""
     of_people = blocks.of_people[np.searchsorted(blocks.people, model.blocks)]
     of_joints = blocks.of_joints[np.searchsorted(blocks.joints, model.joints)]
     for term in terms:
@@ -164,5 +164,5 @@ def _costs(model: AdjustmentProblem, terms: Sequence[Term], blocks: HeldOutBlock
 
 
 def _spread(count: int, most: int) -> Ints:
-    """Indices below `count`, at most so many, spread evenly."""
+    """Return indices below `count`, evenly spread, at most `most` of them."""
     return np.unique(np.linspace(0, count - 1, min(count, most)).astype(np.int64)) if count else np.zeros(0, np.int64)

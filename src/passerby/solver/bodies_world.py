@@ -1,4 +1,4 @@
-"""A rig of joints alone, placed in a world by the bodies it sees: the last step where no person is seen from head to feet."""
+"""Placement of a rig in a world by the bodies it sees: the last step where no person is seen from head to feet."""
 
 from __future__ import annotations
 
@@ -34,16 +34,17 @@ from passerby.solver.refinement import Fit
 def placed_by_bodies(
     fit: Fit, observations: Observations, cues: ScaleCues, options: PeopleOptions, rng: np.random.Generator
 ) -> Fit:
-    """The fit in a world whose scale, up direction and ground are those of bodies, as far as nothing else tells them.
+    """Return the fit in a world whose scale, up direction and ground come from bodies, where nothing else determines them.
 
-    Joints leave a similarity free, so that it is found after the shape, and enters the problem as rows on all cameras. The fit
-    stays as it is where a person is seen whole, where no trunk or arm is seen, and where segments contradict each other.
+    Joints leave a similarity free. It is therefore estimated after the shape of the rig, and enters the problem as rows on all
+    cameras. The fit is returned unchanged where a person is seen whole, where no trunk or arm is seen, and where segments
+    contradict each other.
 
     Args:
         fit: the optimum.
-        observations: what it was computed from.
-        cues: what is known about the scale.
-        options: of the last descent.
+        observations: the observations it was computed from.
+        cues: known facts about the scale.
+        options: limits of the last descent.
         rng: draws bodies where there are many.
     """
     state, problem, rows = fit.result.state, fit.model.problem, fit.start.knowledge.cues
@@ -77,7 +78,7 @@ def _placed(
     state: AdjustmentState, tied: Ints, rows: CueRows | None, bodies: Bodies, scale: BodyScale | None,
     vertical: BodyVertical | None, people: Ints, height_mean: Floats,
 ) -> tuple[AdjustmentState, WorldRows]:  # fmt: skip
-    """The state in the world of the bodies, and rows that hold the cameras `tied` there as well as bodies do."""
+    """Return the state in the world of the bodies, and rows that hold the cameras `tied` there with the bodies' sigmas."""
     planned = rows is not None and rows.plan is not None and len(rows.plan.camera) > 1
     measured = rows is not None and (len(rows.lengths) + len(rows.distances) > 0 or planned)
     log_factor = 0.0 if scale is None else scale.log_factor
@@ -114,7 +115,7 @@ def _placed(
 
 
 def _moved(state: AdjustmentState, factor: float, turn: Floats, ground: float) -> AdjustmentState:
-    """The state scaled, turned by a rotation (3, 3), and lowered by `ground` metres."""
+    """Return the state scaled by `factor`, rotated by `turn` (3, 3), and lowered by `ground` metres."""
 
     def moved(points: Floats) -> Floats:
         return np.asarray(factor * points @ turn.T - np.array([0.0, 0.0, ground]))
@@ -126,7 +127,7 @@ def _moved(state: AdjustmentState, factor: float, turn: Floats, ground: float) -
 
 
 def _tilts(vertical: BodyVertical, turn: Floats) -> Floats:
-    """(2, 2) covariance of turns about the world's x and y: a tilt of up by d is a turn by z x d."""
+    """Return the covariance (2, 2) of rotations about the world's x and y: a tilt of up by d is a rotation by z x d."""
     flat = (vertical.basis @ turn.T)[:, :2]
     about = flat @ np.array([[0.0, 1.0], [-1.0, 0.0]])
     return np.asarray(about.T @ vertical.covariance @ about)

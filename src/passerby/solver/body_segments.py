@@ -1,9 +1,9 @@
 """Scale and ground from trunks and arms, where no person is seen from head to feet.
 
-Joints that several cameras share fix the relative poses of the cameras, and place the joints of each body in space. What is
-left is one similarity: its scale by the lengths of body segments as shares of stature, its up direction by the upright parts of
-the body (`body_vertical`), and its ground by the height of hips, shoulders or heads. Posture does not change the lengths of
-segments, but it changes these heights, so that the ground is a guess that anything better replaces.
+Joints that several cameras share determine the relative poses of the cameras, and the joints of each body in space. One
+similarity remains: its scale comes from the lengths of body segments as shares of stature, its up direction from the upright
+parts of the body (`body_vertical`), and its ground from the height of hips, shoulders or heads. Posture does not change the
+lengths of segments, but it changes these heights. The ground is therefore only an approximation; any better source replaces it.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from passerby.geometry.triangulation import angular_residuals, move_to_camera_fr
 from passerby.people.segments import BODY_HEIGHTS, HEAD
 
 MOST_BODIES = 4000
-"""Person-instants that are measured; more are drawn at random."""
+"""Largest number of person-instants that are measured; of more, these are drawn at random."""
 MOST_OFF = 5.0
-"""Joints whose rays miss each other by more than so many times the median are left out: 3.4 sigmas of normal errors."""
+"""Joints whose rays miss each other by more than this multiple of the median are left out: 3.4 sigmas of normal errors."""
 
 
 @dataclass(frozen=True)
@@ -30,37 +30,38 @@ class Segment:
     """A part of the body of constant length."""
 
     name: str
-    """In the plural, for reports."""
+    """Name in the plural, for reports."""
     ends: tuple[tuple[str, str], ...]
-    """The joints at its ends; both sides of the body where there are two."""
+    """Joints at its ends; one pair for each side of the body where there are two."""
     share: float
-    """Of stature: Drillis and Contini (1966), as in Winter, *Biomechanics and Motor Control of Human Movement*, figure 4.1."""
+    """Length as a share of stature: Drillis and Contini (1966), as in Winter, *Biomechanics and Motor Control of Human
+    Movement*, figure 4.1."""
     sd: float
-    """How far the means of sources and the joints of detectors are from it, as a share of the length."""
+    """Standard deviation of the means of sources and of the joints of detectors from it, as a share of the length."""
 
 
 SEGMENTS = (
     Segment("trunks", (("shoulders", "hips"), ("left_shoulder", "left_hip"), ("right_shoulder", "right_hip")), 0.288, 0.08),
-    # Between the joints; from acromion to acromion it is 0.259.
+    # Between the joints; from acromion to acromion the share is 0.259.
     Segment("shoulders", (("left_shoulder", "right_shoulder"),), 0.21, 0.12),
     Segment("upper arms", (("left_shoulder", "left_elbow"), ("right_shoulder", "right_elbow")), 0.186, 0.07),
     Segment("forearms", (("left_elbow", "left_wrist"), ("right_elbow", "right_wrist")), 0.146, 0.08),
-    # From 0.11, ears, to 0.18, the crown (`BODY_HEIGHTS`); heads also nod.
+    # From 0.11 for the ears to 0.18 for the crown (`BODY_HEIGHTS`); heads also nod.
     Segment("heads over shoulders", (("shoulders", "head"),), 0.14, 0.25),
 )
-"""Those of the upper body. Hips are the least certain: detectors put them beside the joints, each in its own way."""
+"""Segments of the upper body. Hips are the least certain: each detector puts them at a different distance from the joints."""
 COMMON_SD = 0.05
-"""What all segments are off by alike: clothes, and joints that lie deeper in the body than where detectors see them."""
+"""Standard deviation of an error common to all segments: clothes, and joints that lie deeper in the body than detected."""
 PROPORTION_SD = 0.04
-"""How far a person's proportions are from the mean, as a share of lengths (Winter's tables: 3 to 5 %)."""
+"""Standard deviation of a person's proportions from the mean, as a share of lengths (Winter's tables: 3 to 5 %)."""
 CONTRADICTORY = 4.0
-"""A segment that gives a scale by so many sigmas off that of the others is of other joints than the names say. Rooms of ten
-keypoints have up to 3.1 with the right names, 4.3 to 11 where elbows are exchanged with wrists, hips or shoulders (seeds 4711
-to 4720)."""
+"""Limit in sigmas: a segment whose scale differs from that of the others by more has wrong joint names. Rooms of ten keypoints
+have up to 3.1 with the right names, 4.3 to 11 where elbows are exchanged with wrists, hips or shoulders (seeds 4711 to
+4720)."""
 OUTLIER_SIGMAS = 3.0
-"""People whose segments give a scale that is farther off count less."""
+"""Distance in sigmas at which the scale from a person's segments has half its weight."""
 MEDIAN_VARIANCE = np.pi / 2
-"""Of the median of normal deviates, over that of their mean."""
+"""Ratio of the variance of the median of normal deviates to that of their mean."""
 
 HIP_SHARE = BODY_HEIGHTS["hip"]
 """Height of the hips of a standing person, as a share of stature."""
@@ -69,13 +70,13 @@ STANDING_HEIGHTS = (
     ("shoulders", ("shoulders", "left_shoulder", "right_shoulder"), BODY_HEIGHTS["shoulder"]),
     ("heads", ("head",), BODY_HEIGHTS["head"]),
 )
-"""What shows the ground below a body, the lowest part first: it moves least where people lean. Its name for reports, its
-joints, and their height as a share of stature."""
+"""Parts of the body that give the ground, the lowest first, which moves least where people lean: name for reports, joints, and
+height as a share of stature."""
 STANDING_QUANTILE = 0.8
-"""Of each person's heights, and then of all people's, by how often they were seen: standing people are higher than seated
-ones."""
+"""Quantile of each person's heights, and then of all people's, weighted by how often they were seen: standing people are
+higher than seated ones."""
 GROUND_SD_M = 0.25
-"""Of the ground by such heights: all may sit, 0.4 m lower."""
+"""Standard deviation of the ground from such heights, metres: all people may sit, 0.4 m lower."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,15 +84,15 @@ class Bodies:
     """Joints of N bodies in space, in the rig's frame and unit."""
 
     identity: Ints
-    """(N,) ascending."""
+    """(N,) identity of each body, ascending."""
     frame: Ints
-    """(N,) ascending for each identity."""
+    """(N,) instant of each body, ascending for each identity."""
     points: Floats
-    """(N, J, 3) NaN where two cameras do not share the joint."""
+    """(N, J, 3) joints; NaN for a joint that fewer than two cameras see."""
     joints: tuple[str, ...]
 
     def at(self, name: str) -> Floats:
-        """(N, 3) one joint; `shoulders`, `hips` and `elbows` are the middles of both, `head` is any joint of the head."""
+        """Return one joint (N, 3); `shoulders`, `hips`, `elbows` are the middles of both sides, `head` any joint of it."""
         if name == "shoulders":
             return self._middle("shoulder", "neck")
         if name == "hips":
@@ -114,18 +115,18 @@ class Bodies:
 
 @dataclass(frozen=True)
 class BodyScale:
-    """What segments say of the scale."""
+    """Scale from the lengths of body segments."""
 
     log_factor: float
-    """The logarithm of what lengths have to be multiplied by."""
+    """Logarithm of the factor that makes the rig's lengths metres."""
     sd: float
     people: int
     segments: tuple[str, ...]
-    """The names of those that were measured."""
+    """Names of the segments that were measured."""
 
 
 def bodies_in_space(rig: Rig, R: Floats, centre: Floats, observations: Observations, rng: np.random.Generator) -> Bodies | None:
-    """All bodies whose joints two cameras or more share; None where none are.
+    """Triangulate all bodies whose joints two or more cameras share; None where there are none.
 
     Args:
         rig: names and lenses.
@@ -165,7 +166,7 @@ def bodies_in_space(rig: Rig, R: Floats, centre: Floats, observations: Observati
 
 
 def _triangulated(camera: Ints, point: Ints, bearing: Floats, R: Floats, centre: Floats, n: int) -> Floats:
-    """(n, 3) points, NaN where rays are few, miss each other or meet behind a camera."""
+    """Triangulate points (n, 3); NaN where rays are too few, miss each other or meet behind a camera."""
     known = np.isfinite(bearing).all(axis=1)
     camera, point, bearing = camera[known], point[known], bearing[known]
     t = -np.einsum("cij,cj->ci", R, centre)
@@ -179,7 +180,7 @@ def _triangulated(camera: Ints, point: Ints, bearing: Floats, R: Floats, centre:
 
 
 def _in_order(keypoints: Keypoints, joints: tuple[str, ...]) -> Keypoints:
-    """The keypoints as columns of these joints, those that they lack with a score of 0."""
+    """Return the keypoints with these joints as columns; missing joints have a score of 0."""
     if keypoints.joints == joints:
         return keypoints
     at = [joints.index(name) for name in keypoints.joints]
@@ -189,16 +190,16 @@ def _in_order(keypoints: Keypoints, joints: tuple[str, ...]) -> Keypoints:
 
 
 def body_scale(bodies: Bodies, height_mean: Floats, height_sd: Floats, people: Ints) -> BodyScale | None:
-    """The scale by the lengths of segments; None where there are none.
+    """Estimate the scale from the lengths of segments; None where no segment is measured.
 
-    Each segment of a person counts by how well segments of its kind are known and by how often it was measured. Where segments
-    differ by more than their sigmas, these are wider by as much (the scale factor of the Particle Data Group's averages).
+    Each segment of a person is weighted by the sigma of its kind and by how often it was measured. Where segments differ by
+    more than their sigmas, these are enlarged accordingly (the scale factor of the Particle Data Group's averages).
 
     Args:
-        bodies: in space.
+        bodies: bodies in space.
         height_mean: (P,) expected stature, metres.
-        height_sd: (P,) its standard deviation, with what all people have in common (`expected_heights`).
-        people: (P,) their identities.
+        height_sd: (P,) its standard deviation, with the part common to all people (`expected_heights`), metres.
+        people: (P,) identities of the people.
     """
     measured = _measured_segments(bodies, height_mean, people)
     known = np.isfinite(measured.log)
@@ -219,27 +220,28 @@ def body_scale(bodies: Bodies, height_mean: Floats, height_sd: Floats, people: I
 
 
 def segments_agree(bodies: Bodies, height_mean: Floats, people: Ints) -> bool:
-    """Whether segments give about the same scale; they do not where joints have the names of others.
+    """Return whether all segments give about the same scale; they do not where joints are exchanged with others.
 
-    Arguments as of `body_scale`.
+    The arguments are those of `body_scale`.
     """
     return _disagreement(_measured_segments(bodies, height_mean, people))[1] <= CONTRADICTORY
 
 
 @dataclass(frozen=True, eq=False)
 class _Measured:
-    """The logarithm of the scale by each segment of each person."""
+    """Logarithm of the scale from each segment of each person."""
 
     log: Floats
-    """(P, S) NaN where it was not measured."""
+    """(P, S) logarithm of the scale; NaN where the segment was not measured."""
     noise: Floats
-    """(P, S) its variance by how often it was measured."""
+    """(P, S) its variance due to noise, which falls with the number of measurements."""
     sd: Floats
-    """(S,) of what all people's segments of a kind are off by alike. Noise lengthens by the square of its share."""
+    """(S,) standard deviation of the error common to all people's segments of a kind. It includes the bias of noise, which
+    lengthens a segment by the square of the noise's share."""
 
 
 def _measured_segments(bodies: Bodies, height_mean: Floats, people: Ints) -> _Measured:
-    """The segments of all people; arguments as of `body_scale`."""
+    """Measure the segments of all people; the arguments are those of `body_scale`."""
     log, noise = np.full((len(people), len(SEGMENTS)), np.nan), np.zeros((len(people), len(SEGMENTS)))
     place = np.searchsorted(people, bodies.identity)
     sd = np.array([segment.sd for segment in SEGMENTS])
@@ -259,8 +261,8 @@ def _measured_segments(bodies: Bodies, height_mean: Floats, people: Ints) -> _Me
 
 
 def _disagreement(measured: _Measured) -> tuple[float, float]:
-    """By how many times the scales of segments differ more than their sigmas say, and by how many sigmas the one that is
-    farthest off differs from the others; 0 where one kind alone was measured.
+    """Return how many times the scales of segments differ more than their sigmas, and the distance in sigmas of the most
+    different segment from the others; both 0 where only one kind of segment was measured.
     """
     known = np.isfinite(measured.log).any(axis=0)
     if np.count_nonzero(known) < 2:
@@ -270,14 +272,14 @@ def _disagreement(measured: _Measured) -> tuple[float, float]:
     noise = measured.noise[:, known].sum(axis=0) / people**2
     weight = 1 / (measured.sd[known] ** 2 + PROPORTION_SD**2 / people + noise)
     off = at - np.average(at, weights=weight)
-    # Without one, the mean moves away from it by its share of the weight.
+    # Without a segment, the mean moves away from it in proportion to its share of the weight.
     others = 1 - weight / weight.sum()
     farthest = np.abs(off) * np.sqrt(weight / others)
     return float(np.sqrt((off**2 * weight).sum() / (len(at) - 1))), float(farthest.max())
 
 
 def _robust_mean(values: Floats, variance: Floats) -> float:
-    """The mean of values (N,) weighted by 1 / variance (N,), those farther off than `OUTLIER_SIGMAS` less."""
+    """Return the mean of values (N,) weighted by 1 / variance (N,); outliers beyond about `OUTLIER_SIGMAS` get less weight."""
     mean = float(np.median(values))
     for _ in range(10):
         weight = 1 / (variance + ((values - mean) / OUTLIER_SIGMAS) ** 2)
@@ -286,13 +288,15 @@ def _robust_mean(values: Floats, variance: Floats) -> float:
 
 
 def ground_below(bodies: Bodies, up: Floats, factor: float, people: Ints, height_mean: Floats) -> tuple[float, str] | None:
-    """The height of the ground along `up`, metres, as if the highest people stood, and what shows it; None where nothing does.
+    """Estimate the height of the ground along `up`, metres, and name the part of the body that gives it; None without any.
+
+    The highest people are taken to stand.
 
     Args:
-        bodies: in space.
+        bodies: bodies in space.
         up: (3,) unit vector.
-        factor: metres of the unit of `bodies`.
-        people: (P,) identities.
+        factor: length of the unit of `bodies`, metres.
+        people: (P,) identities of the people.
         height_mean: (P,) expected stature, metres.
     """
     stature = height_mean[np.clip(np.searchsorted(people, bodies.identity), 0, len(people) - 1)]
@@ -312,7 +316,7 @@ def ground_below(bodies: Bodies, up: Floats, factor: float, people: Ints, height
 
 
 def _first_known(*choices: Floats) -> Floats:
-    """(N, 3) of each body the first of these points (N, 3) that is known."""
+    """Return for each body the first of these points (N, 3) that is known."""
     found = choices[0]
     for choice in choices[1:]:
         found = np.where(np.isfinite(found), found, choice)

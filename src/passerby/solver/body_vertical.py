@@ -1,8 +1,8 @@
-"""The up direction from the upright parts of bodies, where no person is seen from head to feet.
+"""Up direction from the upright parts of bodies, where no person is seen from head to feet.
 
-Trunks are upright on the mean, heads stand over shoulders, and upper arms hang. Of each body the first of these parts that is
-seen counts, by how far parts of its kind lean. A person leans by an unknown angle with a prior: one who turns around shows it,
-one at a desk shows only what is sideways.
+On average, trunks are upright, heads are above shoulders, and upper arms hang. For each body, the first of these parts that is
+seen is used, weighted by how much parts of its kind lean. Each person has an unknown mean lean with a prior. A person who turns
+around makes the lean observable; a person at a desk determines only the sideways tilt.
 """
 
 from __future__ import annotations
@@ -18,23 +18,23 @@ from passerby.geometry.groups import group_numbers
 from passerby.solver.body_segments import Bodies
 
 LEAN_SD, SIDEWAYS_SD = 0.20, 0.05
-"""Of one person's mean trunk, radians, forwards and sideways: people at a desk lean on it."""
+"""Standard deviations of the lean of one person's mean trunk, radians, forwards and sideways: people at a desk lean on it."""
 SWAY_SD = 0.15
-"""Of a trunk about its person's mean, radians, as often as posture is a new one."""
+"""Standard deviation of a trunk's lean about its person's mean, radians, independent for each posture."""
 SAME_POSTURE = 20
-"""Time steps in a row that count as one posture."""
+"""Number of successive time steps that count as one posture."""
 BENT_SIGMAS = 2.0
-"""Parts that lean farther count less."""
+"""Lean in sigmas at which a part has half its weight."""
 
 
 @dataclass(frozen=True)
 class UprightPart:
-    """A part of the body that is upright on the mean."""
+    """A part of the body that is upright on average."""
 
     name: str
-    """In the plural, for reports."""
+    """Name in the plural, for reports."""
     ends: tuple[tuple[str, str], ...]
-    """Joints below and above. The first pair is in the middle of the body; others are of one side, and lean sideways too."""
+    """Lower and upper joint. The first pair is in the middle of the body; other pairs are of one side, and lean sideways."""
     lean_sd: float
     sideways_sd: float
     sway_sd: float
@@ -48,21 +48,21 @@ UPRIGHT_PARTS = (
     UprightPart("heads over shoulders", (("shoulders", "head"),), 0.5, 0.15, 0.3),
     UprightPart("upper arms", _ARMS, 0.6, 0.3, 0.4),
 )
-"""The best first. Sigmas in radians, as `LEAN_SD`, `SIDEWAYS_SD` and `SWAY_SD`."""
+"""Upright parts, the best first. Sigmas in radians, as `LEAN_SD`, `SIDEWAYS_SD` and `SWAY_SD`."""
 
 
 @dataclass(frozen=True, eq=False)
 class BodyVertical:
-    """What bodies say of the up direction."""
+    """Up direction from the upright parts of bodies."""
 
     up: Floats
     """(3,) unit vector in the rig's frame."""
     covariance: Floats
-    """(2, 2) of its tilt about two directions orthogonal to it: the rows of `basis`."""
+    """(2, 2) covariance of its tilt along two directions orthogonal to it, the rows of `basis`, radians squared."""
     basis: Floats
-    """(2, 3)"""
+    """(2, 3) unit vectors orthogonal to `up`."""
     parts: tuple[str, ...]
-    """The names of the parts that show it, the most frequent first."""
+    """Names of the parts that were used, the most frequent first."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,11 +72,11 @@ class _Parts:
     direction: Floats
     """(N, 3) unit vectors from below to above."""
     left: Floats
-    """(N, 3) unit vectors from right to left; NaN where any direction is forwards."""
+    """(N, 3) unit vectors from right to left; NaN where forwards and sideways are not known or not distinguished."""
     kind: Ints
-    """(N,) number in `UPRIGHT_PARTS`."""
+    """(N,) index in `UPRIGHT_PARTS`."""
     body: Ints
-    """(N,)"""
+    """(N,) index of the body."""
 
     @property
     def sided(self) -> Bools:
@@ -84,14 +84,14 @@ class _Parts:
         return np.asarray(np.isfinite(self.left).all(axis=1))
 
     def sd(self) -> Floats:
-        """(N, 3) of a person's mean lean forwards and sideways, and of sway."""
+        """Return the sigmas (N, 3) of a person's mean lean forwards and sideways, and of sway."""
         table = np.array([[part.lean_sd, part.sideways_sd, part.sway_sd] for part in UPRIGHT_PARTS])[self.kind]
         table[~self.sided, 1] = table[~self.sided, 0]
         return np.asarray(table)
 
 
 def body_vertical(bodies: Bodies) -> BodyVertical | None:
-    """The up direction by upright parts; None where there are none."""
+    """Estimate the up direction from upright parts; None where there are none."""
     parts = _upright_parts(bodies)
     if not len(parts.body):
         return None
@@ -115,7 +115,7 @@ def body_vertical(bodies: Bodies) -> BodyVertical | None:
 
 
 def parts_agree(bodies: Bodies) -> bool:
-    """Whether trunks and heads have the same side up; they do not where shoulders have the names of hips."""
+    """Return whether trunks and heads give the same up direction; they do not where shoulders and hips are exchanged."""
     trunks, heads, _ = UPRIGHT_PARTS
     own = [_unit(bodies.at(above) - bodies.at(below)) for below, above in (*trunks.ends, *heads.ends)]
     means = [np.nanmean(one, axis=0) for one in own if np.isfinite(one).any()]
@@ -123,7 +123,7 @@ def parts_agree(bodies: Bodies) -> bool:
 
 
 def _upright_parts(bodies: Bodies) -> _Parts:
-    """Of each body the best part that is seen."""
+    """Return for each body the best part that is seen."""
     lines = [_unit(bodies.at(f"left_{part}") - bodies.at(f"right_{part}")) for part in ("shoulder", "hip")]
     left = np.where(np.isfinite(lines[0]), lines[0], lines[1])
     n = len(bodies.identity)
@@ -139,9 +139,9 @@ def _upright_parts(bodies: Bodies) -> _Parts:
 
 
 def _certainly_different(identity: Ints, frame: Ints) -> Ints:
-    """(N,) numbers of people, as few as identities allow: those that are never there at once may be one person's.
+    """Number the people (N,) with as few numbers as possible: identities that do not overlap in time may be one person.
 
-    Ids that hold for one time step only would make every time step an independent person.
+    Without this, identities that hold for one time step only would make every time step an independent person.
     """
     identities, number = np.unique(identity, return_inverse=True)
     first, last = np.full(len(identities), np.iinfo(np.int64).max), np.full(len(identities), np.iinfo(np.int64).min)
@@ -156,14 +156,14 @@ def _certainly_different(identity: Ints, frame: Ints) -> Ints:
 
 
 def _common_tilt(flat: Floats, sideways: Floats, sd: Floats, group: Ints, frame: Ints) -> tuple[Floats, Floats]:
-    """(2,) what parts lean by in common, radians, and its covariance (2, 2).
+    """Estimate the common tilt (2,) of all parts, radians, and its covariance (2, 2).
 
     Args:
-        flat: (N, 2) parts as seen along the up direction assumed, radians.
-        sideways: (N, 2) unit vectors from right to left, likewise.
-        sd: (N, 3) as of `_Parts.sd`; the same in a group.
-        group: (N,) those that have a mean lean in common.
-        frame: (N,) when.
+        flat: (N, 2) components of the parts orthogonal to the assumed up direction, radians.
+        sideways: (N, 2) unit vectors from right to left, in the same axes.
+        sd: (N, 3) sigmas as from `_Parts.sd`; the same within a group.
+        group: (N,) group of parts with one mean lean.
+        frame: (N,) instant of each part.
     """
     groups, number = np.unique(group, return_inverse=True)
     instant = np.unique(frame, return_inverse=True)[1]
@@ -188,5 +188,5 @@ def _common_tilt(flat: Floats, sideways: Floats, sd: Floats, group: Ints, frame:
 
 
 def _unit(vectors: Floats) -> Floats:
-    """The vectors at length 1; NaN stays."""
+    """Return the vectors normalised to length 1; NaN stays NaN."""
     return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12))

@@ -1,9 +1,9 @@
-"""What all scale cues say together: how likely each is wrong, and whether the scale is therefore in doubt.
+"""Joint evaluation of all scale cues: the probability that each is wrong, and whether the scale is in doubt.
 
-Each cue is as certain as it says, or wrong. The people may be of another population than the one that is assumed: then their
-heights and widths are off by one factor, and only what else is known of the scale shows it. So the scale has a posterior that
-is a mixture of these explanations. It is in doubt where another scale, farther off than the stated uncertainty, is about as
-likely as the one that was found. A wrong cue that changes nothing is a notice.
+Each cue is either correct within its stated sigma, or wrong. The people may be of another population than the assumed one: then
+their heights and widths are wrong by one common factor, which only other cues show. The posterior of the scale is a mixture of
+these explanations. The scale is in doubt where another scale, beyond the stated uncertainty, is about as likely as the one that
+was found. A wrong cue that does not change the scale is a notice.
 """
 
 from __future__ import annotations
@@ -20,38 +20,38 @@ from passerby.core.figures import CueFigures
 from passerby.findings.finding import Finding, doubt, notice
 
 WRONG, WRONG_SD = 0.05, 0.4
-"""Prior probability that a cue is wrong, that of `WRONG_SITES` for lenses; and by how much as a logarithm, one sigma: between a
-tenth and a factor of two, which feet for metres, boxes of the upper body or a wrong frame rate exceed."""
+"""Prior probability that a cue is wrong, equal to `WRONG_SITES` for lenses; and one sigma of its error as a logarithm: between
+a tenth and a factor of two. Feet for metres, boxes of the upper body or a wrong frame rate exceed it."""
 OTHERS, OTHERS_M, OTHERS_SD = 0.05, 1.25, 0.25
-"""Prior probability that the people are no adults: schools, kindergartens. Their mean stature and one sigma of its logarithm:
-children of 1 to 12 years are 0.76 to 1.50 m tall (medians of the WHO growth references of 2006 and 2007)."""
+"""Prior probability that the people are not adults (schools, kindergartens); their mean stature, metres, and one sigma of its
+logarithm: children of 1 to 12 years are 0.76 to 1.50 m tall (medians of the WHO growth references of 2006 and 2007)."""
 ASSUMED_SD = 0.04
-"""A mean stature that is less certain is assumed (`POPULATION_BIAS`), one that is more certain was stated with its sigma."""
+"""Sigma from which a mean stature counts as assumed (`POPULATION_BIAS`); one with a smaller sigma was stated with it."""
 AS_LIKELY = 10**-0.5
-"""Odds from which an explanation is about as likely as another: evidence below a factor of the root of ten is "barely worth
-mentioning" (Jeffreys 1961, *Theory of Probability*, appendix B)."""
+"""Odds from which an explanation counts as about as likely as another: evidence below a factor of the root of ten is "barely
+worth mentioning" (Jeffreys 1961, *Theory of Probability*, appendix B)."""
 MOST_SIGMAS = 3.0
-"""A scale that is farther from the stated one is another scale."""
+"""Distance from the stated scale, in sigmas, beyond which a scale counts as another one."""
 RIG_SD = 0.005
-"""Relative, of what a rig measures between any two of its parts: its shape on simulated scenes with boxes."""
+"""Relative sigma of a rig's measurement between any two of its parts, from its shape on simulated scenes with boxes."""
 STEP = 0.001
-"""Of the grid of scales, a fifth of the most certain cue."""
+"""Step of the grid of logarithms of scales, a fifth of the sigma of the most certain cue."""
 CODE = "scale_cues_disagree"
 _STATURES = ("population", "segments")
 _OF_PEOPLE = (*_STATURES, "body_width")
-"""Cues that are off by the same factor where the people are of another population."""
+"""Cues that are wrong by the same factor where the people are of another population."""
 
 
 @dataclass(frozen=True, eq=False)
 class Agreement:
-    """What N cues say together."""
+    """Result of the joint evaluation of N cues."""
 
     wrong: Floats
     """(N,) probability that each cue is wrong."""
     off: float
-    """Probability that the scale is farther off than its stated uncertainty."""
+    """Probability that the error of the scale exceeds `MOST_SIGMAS` of its stated uncertainty."""
     more_variance: float
-    """What another population adds to the variance of the logarithm of the scale, all else being as certain as it says."""
+    """Variance that another population adds to the logarithm of the scale, if all cues are correct within their sigmas."""
 
     @property
     def is_doubtful(self) -> bool:
@@ -60,7 +60,7 @@ class Agreement:
 
     @property
     def suspects(self) -> list[int]:
-        """The cue that is most likely wrong, with the next where it is about as likely; none where none is."""
+        """The cue that is most probably wrong, and the next one if it is about as probable; empty where no cue is suspect."""
         if not len(self.wrong):
             return []
         least = AS_LIKELY * (self.wrong.max() if self.is_doubtful else 1 / (1 + AS_LIKELY))
@@ -68,10 +68,10 @@ class Agreement:
 
 
 def weigh_cues(cues: Sequence[CueFigures]) -> Agreement:
-    """The posterior of the scale, on a grid, and what it says of each cue.
+    """Compute the posterior of the scale, on a grid, and from it the probability that each cue is wrong.
 
     Args:
-        cues: the N with a scale of their own, as of `known_cues`.
+        cues: N cues with a scale of their own, as from `known_cues`.
     """
     if not cues:
         return Agreement(np.zeros(0), 0.0, 0.0)
@@ -97,7 +97,7 @@ def weigh_cues(cues: Sequence[CueFigures]) -> Agreement:
 
 
 def check_cue_consistency(cues: Sequence[CueFigures]) -> tuple[list[CueFigures], list[Finding]]:
-    """The cues, each with those that it contradicts; and what is reported, a doubt where the scale is in doubt."""
+    """Return the cues, each with those it contradicts, and the finding: a doubt where the scale is in doubt, else a notice."""
     known = known_cues(cues)
     agreement = weigh_cues(known)
     suspects = agreement.suspects if len(known) > 1 else []
@@ -126,18 +126,18 @@ def check_cue_consistency(cues: Sequence[CueFigures]) -> tuple[list[CueFigures],
 
 
 def known_cues(cues: Sequence[CueFigures]) -> list[CueFigures]:
-    """The cues that say something of the scale."""
+    """Return the cues that determine a scale of their own."""
     return [cue for cue in cues if cue.own_scale is not None and cue.own_sigma is not None]
 
 
 def log_scales(cues: Sequence[CueFigures]) -> tuple[Floats, Floats]:
-    """(N,) logarithm of the scale by each cue alone, and one sigma of it with the shape of the rig."""
+    """Return the logarithm (N,) of the scale by each cue alone, and one sigma (N,) of it, the rig's shape included."""
     at = np.log([cue.own_scale for cue in cues if cue.own_scale is not None])
     return at, np.hypot([cue.own_sigma for cue in cues if cue.own_sigma is not None], RIG_SD)
 
 
 def _stated(cues: Sequence[CueFigures], at: Floats, sd: Floats) -> tuple[float, float]:
-    """The scale of the rig and one sigma: by known places that set it, else by the cues with weight in the adjustment."""
+    """Return the logarithm of the rig's scale and one sigma: from known places that set it, else from the weighted cues."""
     rests = np.array([cue.kind == "world" for cue in cues])
     rests = rests if rests.any() else np.array([cue.share > 0 for cue in cues])
     weight = sd**-2.0 * (rests if rests.any() else 1.0)
@@ -145,12 +145,12 @@ def _stated(cues: Sequence[CueFigures], at: Floats, sd: Floats) -> tuple[float, 
 
 
 def _posterior(density: Floats, people: NDArray[np.bool_], shifted: Floats) -> tuple[Floats, Floats]:
-    """(G,) probabilities of the scales of the grid, with people as assumed, and with people of another population.
+    """Return the probabilities (G,) of the grid's scales with people as assumed, and (G,) with people of another population.
 
     Args:
-        density: (N, G) logarithm of that of each cue.
-        people: (N,) the cues that another population changes.
-        shifted: (G,) logarithm of the density of these cues then, with its prior odds.
+        density: (N, G) logarithm of the density of each cue.
+        people: (N,) whether another population changes the cue.
+        shifted: (G,) logarithm of the joint density of these cues with another population, with its prior odds.
     """
     usual, others = density.sum(axis=0), density[~people].sum(axis=0) + shifted
     top = max(usual.max(), others.max())
@@ -160,17 +160,17 @@ def _posterior(density: Floats, people: NDArray[np.bool_], shifted: Floats) -> t
 
 
 def _log_normal(residual: Floats, sd: Floats) -> Floats:
-    """(N, G) logarithm of the density of residuals (N, G) with sigmas (N,), without its constant."""
+    """Return the log density (N, G) of residuals (N, G) with sigmas (N,), without its constant."""
     return np.asarray(-0.5 * (residual / sd[:, None]) ** 2 - np.log(sd)[:, None])
 
 
 def _log_wrong(residual: Floats, sd: Floats, cues: Sequence[CueFigures]) -> Floats:
-    """(N, G) the same of cues that are wrong, by `WRONG_SD` either way. What is wrong with people's boxes has a direction.
+    """Return the same (N, G) for cues that are wrong by `WRONG_SD` in either direction; cues of boxes err in one direction.
 
-    Boxes of another shape than people's are narrower. Those that are wider end within the body: then the stature is wrong, and
-    the rig is too large. That is one half of the ways in which a stature is wrong; in the other half its mean is, either way.
-    An error of one direction has a skew normal density (Azzalini 1985, *A class of distributions which includes the normal
-    ones*).
+    Boxes whose shape differs from people's are narrower. Wider boxes end within the body: then the stature is wrong, and the
+    rig is too large. This is taken to be half of the cases of a wrong stature; in the other half its mean is wrong, in either
+    direction. An error in one direction has a skew normal density (Azzalini 1985, *A class of distributions which includes the
+    normal ones*).
     """
     share = np.array([{"body_width": 1.0, "population": 0.5}.get(cue.kind or "", 0.0) for cue in cues])[:, None]
     wide = np.hypot(sd, WRONG_SD)
@@ -179,7 +179,7 @@ def _log_wrong(residual: Floats, sd: Floats, cues: Sequence[CueFigures]) -> Floa
 
 
 def _log_shifted(residual: Floats, sd: Floats, shift: float) -> Floats:
-    """(G,) the same of all residuals (N, G) at once, where one shift moves them all: its mean, known to `OTHERS_SD`."""
+    """Return the joint log density (G,) of residuals (N, G) with one common shift of mean `shift` and sigma `OTHERS_SD`."""
     weight = sd**-2.0
     total = weight.sum()
     mean = weight @ residual / total
@@ -190,6 +190,6 @@ def _log_shifted(residual: Floats, sd: Floats, shift: float) -> Floats:
 
 
 def _variance(grid: Floats, weight: Floats) -> float:
-    """Of a density on the grid (G,)."""
+    """Return the variance of a density on the grid (G,)."""
     mean = np.average(grid, weights=weight)
     return float(np.average((grid - mean) ** 2, weights=weight))

@@ -1,8 +1,8 @@
-"""What a rig would measure of a known distance or camera height that had not been stated, at the scale that it has.
+"""Measurement of a known distance or camera height by a rig as if it had not been stated, at a fixed scale.
 
-A stated length pulls its own cameras towards it: 10 % too much for the height of one camera moves this camera up, and of the
-10 % only 3 are left to be seen. Without the row the residual is 1 / (1 - leverage) times as large (Cook and Weisberg 1982,
-*Residuals and Influence in Regression*). The scale is held meanwhile: what it depends on is what the cues disagree about.
+A stated length pulls its own cameras: 10 % too much for the height of one camera moves this camera up, and of the 10 % only 3
+remain in the residual. Without the row, the residual is 1 / (1 - leverage) times as large (Cook and Weisberg 1982, *Residuals
+and Influence in Regression*). The scale is held, because the cues may disagree about it.
 """
 
 from __future__ import annotations
@@ -17,22 +17,22 @@ from passerby.solver.optimizer.normal_equations import NormalEquations
 from passerby.solver.people_state import AdjustmentState
 
 MOST_LEVERAGE = 0.99
-"""Beyond, only the row itself determines what it states."""
+"""Leverage above which only the row itself determines the stated value."""
 
 
 def freed_measurements(
     rows: CueRows, state: AdjustmentState, layout: Layout, normal: NormalEquations, inflation: float
 ) -> Floats:
-    """(D + H, 2) of each distance, then of each camera height: metres by all other evidence, and one sigma of it.
+    """Return for each distance, then each camera height, its value by all other evidence and one sigma, metres (D + H, 2).
 
-    Infinite sigmas where nothing else tells.
+    The sigma is infinite where no other evidence determines the value.
 
     Args:
         rows: the cues.
         state: the optimum.
-        layout: of the shared unknowns.
-        normal: the normal equations there.
-        inflation: how many times less the sightings tell than as many independent ones would.
+        layout: sizes of the unknowns.
+        normal: the normal equations at the optimum.
+        inflation: design effect of the sightings: factor on the covariance because they are not independent.
     """
     sd = np.concatenate([rows.distances[:, 1], rows.heights[:, 1]])
     stated = np.concatenate([rows.distances[:, 0], rows.heights[:, 0]])

@@ -1,4 +1,4 @@
-"""What is known of lengths, distances and heights, as residuals on the shared unknowns of the person model."""
+"""Known lengths, distances and heights as residuals on the unknowns of the person model."""
 
 from __future__ import annotations
 
@@ -14,50 +14,50 @@ from passerby.solver.people_state import AdjustmentState
 from passerby.solver.plan_rows import PlanRows
 
 LENGTH = 2
-"""The family of the blocks of known lengths, the six coordinates of their two ends; see `person_model.UPRIGHT` and `JOINT`."""
+"""Family of the blocks of known lengths: the six coordinates of the two ends (see `person_model.UPRIGHT` and `JOINT`)."""
 MARK_LOSS = 3.0
-"""Sigmas from which a mark of an end, or one of several measurements of a length, counts less: it may be of something else."""
+"""Scale in sigmas of the Cauchy loss of a mark of an end, and of one of several measurements of a length: it may be wrong."""
 
 
 @dataclass(frozen=True, eq=False)
 class WorldRows:
-    """What is known of the world of a rig as a whole, as rows on how its cameras moved since they were placed in it."""
+    """Knowledge of the world frame of a whole rig, as rows on the motions of its cameras since they were placed in it."""
 
     R: Floats
     """(C, 3, 3) world to camera, as placed."""
     centre: Floats
-    """(C, 3) as placed, metres."""
+    """(C, 3) camera centres, as placed, metres."""
     rows: Floats
-    """(K, 6 C) by centre, then rotation vector in the camera's frame; each over its standard deviation. The first is of
-    the scale, where `trunk_m` is known."""
+    """(K, 6 C) derivatives by centre, then rotation vector in the camera's frame, each row over its standard deviation. The
+    first row is that of the scale, where `trunk_m` is known."""
     along_scale: Floats
-    """(6 C,) how the logarithm of the scale changes."""
+    """(6 C,) derivative of the logarithm of the scale."""
     trunk_m: tuple[float, float] | None = None
-    """A usual trunk and one sigma of it, where segments of bodies tell the scale, metres."""
+    """Usual length of a trunk and one sigma of it, metres, where segments of bodies give the scale."""
     people: int = 0
-    """Whose segments do."""
+    """Number of people whose segments give the scale."""
     scale_off: float = 0.0
-    """By how much the logarithm of the scale, as placed, is below that of segments; not 0 where a measured length placed it."""
+    """Logarithm of the scale from segments minus that of the scale as placed; not 0 where a measured length placed it."""
     ground_sd_m: float | None = None
-    """One sigma of the ground, where the heights of bodies alone give it, metres."""
+    """One sigma of the ground, where only the heights of bodies give it, metres."""
     segments: tuple[str, ...] = ()
     """Names of the segments that give the scale."""
     upright: tuple[str, ...] = ()
     """Names of the parts of the body that give the up direction, the most frequent first."""
     ground_by: str | None = None
-    """Name of the part of the body that gives the ground; None where `ground_sd_m` is."""
+    """Name of the part of the body that gives the ground; None where `ground_sd_m` is None."""
 
     def moved(self, state: AdjustmentState) -> Floats:
-        """(6 C,) of the cameras since then."""
+        """Return the motions (6 C,) of the cameras since they were placed: centre, then rotation vector."""
         turned = log_rotation(state.R @ self.R.transpose(0, 2, 1))
         return np.concatenate([state.centre - self.centre, turned], axis=1).ravel()
 
     def factor(self, state: AdjustmentState) -> float:
-        """How long segments of bodies came out, over what is expected of them."""
+        """Return the ratio of the lengths of body segments in a state to their expected lengths."""
         return float(np.exp(self.along_scale @ self.moved(state) - self.scale_off))
 
     def term(self, state: AdjustmentState, layout: Layout) -> Term:
-        """The rows as residuals on the shared unknowns."""
+        """Return the rows as residuals on the shared unknowns."""
         n = len(self.R)
         J = np.zeros((len(self.rows), 1, layout.n_shared))
         columns = (np.arange(n)[:, None] * layout.camera_size + np.array([3, 4, 5, 0, 1, 2])).ravel()
@@ -75,35 +75,35 @@ class CueRows:
     marks: PointObservations | None = None
     """Sightings of the ends of lengths, sorted by camera; the two ends of length i are points 2i and 2i + 1."""
     lengths: Floats = field(default_factory=lambda: np.zeros((0, 2)))
-    """(K, 2): metres and standard deviation. That of an object which is measured n times is wider by the root of n: its error
-    is the same each time, and all n together know the scale as well as its length is stated."""
+    """(K, 2) length and standard deviation, metres. For an object that is measured n times, the standard deviation is
+    multiplied by the root of n: its error is the same each time, and all n together know the scale as well as it is stated."""
     length_cue: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
-    """(K,) the cue that each length belongs to, from 0 on, ascending: one object may be measured at many times."""
+    """(K,) number of the cue of each length, from 0, ascending: one object may be measured at many times."""
     distance_between: Ints = field(default_factory=lambda: np.zeros((0, 2), dtype=np.int64))
     distances: Floats = field(default_factory=lambda: np.zeros((0, 2)))
     height_of: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     heights: Floats = field(default_factory=lambda: np.zeros((0, 2)))
     names: tuple[str, ...] = ()
-    """What each cue is called in reports: lengths, then distances, then heights."""
+    """Name of each cue in reports: lengths, then distances, then heights."""
     plan: PlanRows | None = None
     """A floor plan on which cameras or points were placed."""
     world: WorldRows | None = None
-    """What bodies show of the world if no person is seen whole."""
+    """Knowledge of the world frame from bodies, if no person is seen whole."""
     longer_m: Floats | None = None
-    """(K,) by how much the noise of the marks lengthens each length under a rig, on the mean; 0 when None."""
+    """(K,) mean increase of each length under a rig due to the noise of its marks, metres; 0 when None."""
 
     def count_of_cue(self) -> Ints:
-        """(L,) how many times each of the L cues about lengths was measured."""
+        """Return the number of measurements (L,) of each of the L cues about lengths."""
         return np.bincount(self.length_cue)
 
     @property
     def kinds(self) -> tuple[str, ...]:
-        """Of each cue but the plan: `length`, `distance` or `camera_height`."""
+        """Kind of each cue except the plan: `length`, `distance` or `camera_height`."""
         counts = {"length": len(self.count_of_cue()), "distance": len(self.distances), "camera_height": len(self.heights)}
         return tuple(kind for kind, count in counts.items() for _ in range(count))
 
     def terms(self, state: AdjustmentState, layout: Layout) -> list[Term]:
-        """The cues' residuals with dense Jacobians; there are few of them."""
+        """Return the cues' residuals with dense Jacobians; there are few of them."""
         out = []
         if len(self.distances):
             a, b = self.distance_between.T
@@ -144,7 +144,7 @@ class CueRows:
         by_ends = np.zeros((len(d), 2, 2, 3))
         by_ends[rows, :, o.point % 2] = by_point
         residual = residual / o.sigma_px[:, None]
-        # Of each end: a camera sees both ends of a length, and stands once in a term for each block.
+        # One term for each end: a camera sees both ends of a length, but may occur only once per block in a term.
         terms = [
             Term(residual[own], Cauchy(MARK_LOSS), camera=o.camera[own], by_camera=by_camera[own], family=LENGTH,
                  block=o.point[own] // 2, by_block=by_ends[own].reshape(-1, 2, 6))

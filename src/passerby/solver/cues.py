@@ -1,4 +1,4 @@
-"""Scale cues inside the adjustment: their rows, a first scale from them, and the weight of each."""
+"""Scale cues in the adjustment: their rows, a first scale from them, and the weight of each."""
 
 from __future__ import annotations
 
@@ -25,39 +25,39 @@ from passerby.solver.cue_terms import CueRows
 from passerby.solver.plan_rows import plan_rows
 
 MARK_SIGMA_PX = 1.5
-"""How precisely a person marks a point in a picture."""
+"""Standard deviation of a point that a person marks in an image."""
 MARK_TOLERANCE = 6.0
-"""Sigmas within which the marks of one end agree, as of people and joints (`refinement.AGREE_SIGMAS`)."""
+"""Sigmas within which the marks of one end agree, as for people and joints (`refinement.AGREE_SIGMAS`)."""
 
 ROUGH_SCALE_SD = 0.1
-"""Relative, of the scale of a rough rig that was put together from pairs of cameras and people's expected heights."""
+"""Relative standard deviation of the scale of a rough rig from pairs of cameras and people's expected heights."""
 
 MEDIAN_EFFICIENCY = 1.2533
-"""The standard deviation of a median over that of a mean, of many normal values."""
+"""Ratio of the standard deviation of a median to that of a mean, for many normal values."""
 MOST_LONGER = 0.1
-"""Largest share of a length by which noise is taken to make it longer: what half its variance over the length holds for."""
+"""Largest share of a length by which noise is assumed to lengthen it: up to it, half the variance over the length is valid."""
 
 POPULATION_BIAS = 0.045
 """Relative standard deviation, common to all people, of height cues if it is not stated: a crowd is not the population, and
-boxes are not bodies. By published statures and rendered films (`docs/results/limits.md`)."""
+boxes are not bodies. From published statures and rendered films (`docs/results/limits.md`)."""
 
 UNUSUAL_SIGMAS, MEASURED_SD = 3.0, 0.04
-"""Who is so far from the median height counts for nothing: in sigmas of what people of the population differ by (5 % for
-adults) and of what the height of one of them is measured by. What other limits make of the scale: docs/results/limits.md."""
+"""People farther from the median height than this many sigmas are not used for the scale. The sigma combines the spread of the
+population (5 % for adults) and the relative error of one measured height. Results for other limits: docs/results/limits.md."""
 FEWEST_COMPARED, MOST_UNUSUAL = 5, 1 / 3
-"""People that make a majority, and the share of them that may be unusual: beyond it none is."""
+"""Smallest number of people for a test of unusual ones, and the largest share of these; above it, none counts as unusual."""
 CHANCE = 0.975
 """Quantile of a sample variance up to which people differ by chance."""
 
 LEAST_PEOPLE_SD = 0.02
-"""Relative, of the scale by people as far as it decides which of a plan's placements is wrong: the best that boxes allow."""
+"""Smallest relative sigma of the scale from people, when wrong placements of a plan are found: the best that boxes allow."""
 
 
 def expected_heights(cues: ScaleCues, identities: Ints) -> tuple[Floats, Floats]:
-    """Prior mean and standard deviation of each person's standing height, metres: (P,), (P,).
+    """Return the prior mean (P,) and standard deviation (P,) of each person's standing height, metres.
 
-    What all people have in common does not shrink with their number: each one's standard deviation is widened so that the
-    mean of all is known to no better than `ScaleCues.population` says.
+    An error common to all people does not average out. Each one's standard deviation is therefore enlarged, so that the mean of
+    all is not more certain than `ScaleCues.population`.
     """
     common = POPULATION_BIAS * cues.population.mean_m if cues.population.mean_sd_m is None else cues.population.mean_sd_m
     mean = np.full(len(identities), cues.population.mean_m)
@@ -70,19 +70,19 @@ def expected_heights(cues: ScaleCues, identities: Ints) -> tuple[Floats, Floats]
 
 
 def population_spread(cues: ScaleCues, identities: Ints) -> Floats:
-    """(P,) how much people of the population differ, as a share of their height; NaN for those whose height is stated."""
+    """Return the spread (P,) of heights in the population, as a share of the height; NaN for people of stated height."""
     spread = np.full(len(identities), cues.population.sd_m / cues.population.mean_m)
     spread[np.isin(identities, [cue.identity for cue in cues.people])] = np.nan
     return spread
 
 
 def unusual_people(heights: Floats, known: NDArray[np.bool_], spread: Floats) -> NDArray[np.bool_]:
-    """(P,) who is far taller or shorter than most of a population: posters and prams, or a child among adults.
+    """Return who is far taller or shorter than most of a population (P,): posters and prams, or a child among adults.
 
     Args:
-        heights: (P,) by the rig, metres.
+        heights: (P,) heights by the rig, metres.
         known: (P,) people of the population that were seen.
-        spread: (P,) how much such people differ, as a share.
+        spread: (P,) standard deviation of heights in the population, as a share.
     """
     far = np.zeros(len(heights), dtype=bool)
     if np.count_nonzero(known) < FEWEST_COMPARED:
@@ -93,14 +93,14 @@ def unusual_people(heights: Floats, known: NDArray[np.bool_], spread: Floats) ->
 
 
 def unexplained_spread(heights: Floats, spread: Floats) -> float:
-    """By how much people differ beyond what their population and chance explain, as a share; 0 where they do not.
+    """Return the standard deviation of heights in excess of population and chance, as a share; 0 without an excess.
 
-    Stilts, loads on heads, or children among adults make some people far taller or shorter. Too many for `unusual_people`, and
-    nothing says which of them are as expected: the scale may be off by as much as they differ.
+    Stilts, loads on heads, or children among adults make some people far taller or shorter. If they are too many for
+    `unusual_people`, it is not known who is as expected: the error of the scale may be as large as the excess.
 
     Args:
-        heights: (P,) by the rig, metres, without those who are unusual.
-        spread: (P,) how much such people differ, as a share.
+        heights: (P,) heights by the rig, metres, without unusual people.
+        spread: (P,) standard deviation of heights in the population, as a share.
     """
     if len(heights) < 2:
         return 0.0
@@ -110,9 +110,9 @@ def unexplained_spread(heights: Floats, spread: Floats) -> float:
 
 
 def cue_rows(cues: ScaleCues, rig: Rig) -> CueRows | None:
-    """The lengths, distances and camera heights as rows over the rig's cameras; None where there are none.
+    """Return lengths, distances, camera heights and the plan as rows over the rig's cameras; None without any.
 
-    Cues on cameras outside the rig are left out. Raises `InputError` for a marked point that the lens cannot have seen.
+    Cues on cameras outside the rig are left out. Raises `InputError` for a marked point outside the range of the lens.
     """
     index = {name: number for number, name in enumerate(rig.names)}
     inside = [cue for cue in cues.lengths if sum(name in index for name in cue.points) > 1]
@@ -145,9 +145,9 @@ def cue_rows(cues: ScaleCues, rig: Rig) -> CueRows | None:
 
 
 def _without_marks_outside_lenses(lengths: Sequence[KnownLength], rig: Rig) -> list[KnownLength]:
-    """Lengths without the marks of an object at several times that a lens cannot have seen, as long as others remain.
+    """Remove marks outside the range of a lens from objects that are marked at several times, as long as others remain.
 
-    Such a mark is a false detection, or the lens is an estimate that is not right yet.
+    Such a mark is a false detection, or the lens is an estimate that is still wrong.
     """
     outside: set[tuple[int, str]] = set()
     for camera in rig:
@@ -172,7 +172,7 @@ def _without_marks_outside_lenses(lengths: Sequence[KnownLength], rig: Rig) -> l
 
 
 def _ends_seen(lengths: Sequence[KnownLength], rig: Rig) -> PointObservations | None:
-    """The ends of lengths, as each camera of the rig sees them, sorted by camera. Raises `InputError` as `cue_rows`."""
+    """Return the marked ends of lengths, sorted by camera; None without any. Raises `InputError` as `cue_rows`."""
     parts = []
     for c, camera in enumerate(rig):
         seen = [k for k, cue in enumerate(lengths) if camera.name in cue.points]
@@ -195,15 +195,15 @@ def _ends_seen(lengths: Sequence[KnownLength], rig: Rig) -> PointObservations | 
 
 
 def settle_cues(rows: CueRows | None, R: Floats, centre: Floats, heights: Floats, mean: Floats, sd: Floats) -> CueRows | None:
-    """The cues with the plan's placements that agree under a rig, and with what noise makes of lengths there.
+    """Return the cues with the plan's placements that agree under a rig, and with the bias of lengths due to noise there.
 
     Args:
         rows: the cues.
         R: (C, 3, 3) world to camera.
         centre: (C, 3) metres.
-        heights: (P,) of the people by the rig, metres.
-        mean: (P,) what is expected of them.
-        sd: (P,) one sigma of that.
+        heights: (P,) heights of the people by the rig, metres.
+        mean: (P,) expected heights, metres.
+        sd: (P,) one sigma of the expected heights, metres.
     """
     if rows is None:
         return rows
@@ -219,9 +219,9 @@ def settle_cues(rows: CueRows | None, R: Floats, centre: Floats, heights: Floats
 
 
 def triangulate_marks(rows: CueRows | None, R: Floats, centre: Floats) -> Floats:
-    """(2 K, 3) ends of the known lengths under a rig, metres.
+    """Triangulate the ends (2 K, 3) of the known lengths under a rig, metres.
 
-    NaN where the marks of an end disagree at one of several times. Raises `InputError` where those of a length never meet.
+    NaN where the marks of an end disagree at one of several times. Raises `InputError` where the rays of a length never meet.
     """
     if rows is None or rows.marks is None:
         return np.zeros((0, 3))
@@ -241,7 +241,7 @@ def triangulate_marks(rows: CueRows | None, R: Floats, centre: Floats) -> Floats
 
 
 def without_gaps(rows: CueRows | None, points: Floats) -> Floats:
-    """The points of `triangulate_marks`, an end without one where it is at the other times in the median."""
+    """Return the points of `triangulate_marks`, with NaN replaced by the median of the same end at the other times."""
     if rows is None:
         return points
     points, group = points.copy(), 2 * np.repeat(rows.length_cue, 2) + np.arange(len(points)) % 2
@@ -252,15 +252,15 @@ def without_gaps(rows: CueRows | None, points: Floats) -> Floats:
 
 
 def length_noise(rows: CueRows, R: Floats, centre: Floats, marks: Floats) -> tuple[Floats, Floats]:
-    """(K,) one sigma of each length between marked points by the marks of them, and (K,) by how much they lengthen it, metres.
+    """Return one sigma (K,) of each marked length due to the noise of its marks, and its mean increase (K,), metres.
 
-    Noise across a length makes it longer: on the mean by half its variance over the length.
+    Noise across a length makes it longer, on average by half its variance over the length.
 
     Args:
-        rows: with the lens rays of the marks.
+        rows: the cues, with the rays of the marks.
         R: (C, 3, 3) world to camera.
         centre: (C, 3) metres.
-        marks: (2 K, 3) the points, metres.
+        marks: (2 K, 3) the marked points, metres.
     """
     o = rows.marks
     if o is None:
@@ -279,26 +279,26 @@ def length_noise(rows: CueRows, R: Floats, centre: Floats, marks: Floats) -> tup
 
 @dataclass(frozen=True, eq=False)
 class MeasuredLengths:
-    """The L cues about lengths by a rig, and how their K measurements are biased."""
+    """The L cues about lengths as measured by a rig, and the bias of their K measurements."""
 
     metres: Floats
-    """(L,)"""
+    """(L,) measured lengths."""
     sigma_m: Floats
-    """(L,) by the marks."""
+    """(L,) one sigma due to the marks."""
     longer_m: Floats
-    """(K,) by which noise makes each measurement longer on the mean; 0 for what is measured once."""
+    """(K,) mean increase of each measurement due to noise; 0 for an object that is measured once."""
 
 
 def measure_cues(rows: CueRows, R: Floats, centre: Floats, marks: Floats) -> MeasuredLengths:
-    """The cues about lengths by a rig: of an object that is measured several times the weighted median.
+    """Measure the cues about lengths by a rig; an object that is measured several times by the weighted median.
 
-    The noise of its marks is estimated from what the measurements differ by.
+    The noise of its marks is estimated from the scatter of the measurements.
 
     Args:
         rows: the cues.
         R: (C, 3, 3) world to camera.
         centre: (C, 3) metres.
-        marks: (2 K, 3) of `triangulate_marks`.
+        marks: (2 K, 3) points from `triangulate_marks`, metres.
     """
     noise, longer = length_noise(rows, R, centre, without_gaps(rows, marks))
     measured = np.linalg.norm(marks[0::2] - marks[1::2], axis=1)
@@ -319,15 +319,15 @@ def measure_cues(rows: CueRows, R: Floats, centre: Floats, marks: Floats) -> Mea
         longer[every] = np.minimum(factor**2 * longer[every], MOST_LONGER * median)
         bias = float(np.average(longer[own], weights=1 / noise[own] ** 2))
         values.append(median - bias)
-        # The bias holds for small noise: half of it may be wrong.
+        # The formula of the bias is valid for small noise: half of the bias is added to the sigma.
         sigmas.append(float(np.hypot(MEDIAN_EFFICIENCY * factor / np.sqrt(weight[-1]), 0.5 * bias)))
     return MeasuredLengths(np.array(values), np.array(sigmas), longer)
 
 
 def scale_cue_lengths(rows: CueRows | None, R: Floats, centre: Floats, marks: Floats) -> list[tuple[str, float, float, float]]:
-    """(name, measured, stated, standard deviation) of every length, distance and camera height, metres.
+    """Return (name, measured, stated, standard deviation) of every length, distance and camera height, metres.
 
-    What the marks on lengths add is in their standard deviations. The span of a settled plan comes last.
+    The standard deviations of lengths include the noise of the marks. The span of a settled plan comes last.
     """
     if rows is None:
         return []
@@ -347,7 +347,7 @@ def scale_cue_lengths(rows: CueRows | None, R: Floats, centre: Floats, marks: Fl
 
 
 def refuse_wrong_units(rows: CueRows | None, rigs: Sequence[tuple[Floats, Floats]]) -> None:
-    """Raise `InputError` for a length that is in another unit than metres by every rough rig that people's heights made.
+    """Raise `InputError` for a length that is in another unit than metres by every rough rig with the scale of people.
 
     Args:
         rows: the cues.
@@ -365,7 +365,7 @@ def refuse_wrong_units(rows: CueRows | None, rigs: Sequence[tuple[Floats, Floats
 
 
 def initial_scale(rows: CueRows | None, R: Floats, centre: Floats, marks: Floats, n_people: int, population_sd: float) -> float:
-    """The factor that brings lengths built on people's height nearest to the cues, all weighed by their relative precision."""
+    """Return the factor on a rig with the scale of people's heights that best fits these and the cues, by their sigmas."""
     logs, weights = [0.0], [max(n_people, 1) / population_sd**2]
     for _, value, stated, sd in scale_cue_lengths(rows, R, centre, marks):
         if value > 1e-3:
@@ -379,17 +379,16 @@ def scale_cue_weights(
     seen: Ints, segments: float = 1.0, by_boxes: Mapping[int, float] | None = None, freed: Floats | None = None,
     unusual: NDArray[np.bool_] | None = None, population: Floats | None = None,
 ) -> tuple[list[CueFigures], float]:  # fmt: skip
-    """What each cue says about the scale: stated, measured, residual in sigmas and share of the weight; and the scale's sigma.
+    """Return the figures of each cue (stated, measured, residual in sigmas, share of the weight), and the scale's sigma.
 
-    In the adjustment a person of stated height is as tall as stated, and boxes that say otherwise are outliers; `by_boxes` has
-    the people's heights by their boxes (identity -> metres), which are measured. The own scale of a distance or a camera height
-    is that of `freed_measurements`, if there is one.
+    In the adjustment a person of stated height is as tall as stated, and boxes that contradict it are outliers. `by_boxes` has
+    the people's heights as measured by their boxes (identity -> metres). The own scale of a distance or a camera height is that
+    of `freed_measurements`, if `freed` is given.
 
-    The weight of a cue is its information on the logarithm of the scale, (length / standard deviation)^2; the scale's sigma has
-    what the rig's own measurement adds besides. The people of the
-    population count as one cue, without those who are `unusual` (P,), and with what they differ beyond their `population` (P,)
-    (`population_spread`). So do segments of bodies, which came out `segments` times as long as expected. The sigma is infinite
-    where there is no cue.
+    The weight of a cue is its information on the logarithm of the scale, (length / standard deviation)^2. The scale's sigma
+    also includes the error of the rig's own measurement. The people of the population are one cue, without those who are
+    `unusual` (P,); its sigma includes the spread in excess of their `population` (P,) (`population_spread`). Segments of bodies
+    are one cue too: their lengths are `segments` times the expected ones. The sigma is infinite where there is no cue.
     """
     places = {cue.identity: f", {cue.place}" if cue.place else "" for cue in cues.people}
     named = np.array([identity in places for identity in seen], dtype=bool)
@@ -427,7 +426,7 @@ def scale_cue_weights(
     stated_m = np.array([stated for _, _, stated, _ in found])
     sds = [spread for _, _, _, spread in found], [spread for _, spread in own]
     pull, known = ((stated_m / np.array(sd_m)) ** 2 for sd_m in sds)
-    if not len(seen):  # the ground may lie anywhere below a camera if no person stands on it
+    if not len(seen):  # without people who stand on it, the height of the ground below a camera is unknown
         pull[[kind["kind"] == "camera_height" for kind in kinds]] = 0.0
     known = np.where(pull > 0, known, 0.0)
     return [
@@ -442,5 +441,5 @@ def scale_cue_weights(
 
 
 def cue_in_words(cue: CueFigures) -> str:
-    """A cue as of `scale_cue_weights`; older files lack its kind."""
+    """Return the name of a cue from `scale_cue_weights`; files of older versions lack its kind."""
     return f"heights of {cue.count} people" if cue.kind == "population" else cue.cue

@@ -1,7 +1,7 @@
-"""From observations with identities to what a solver weighs: sightings of upright people, and sightings of joints.
+"""Conversion of observations with identities to the solver's evidence: sightings of upright people, and of joints.
 
-A *person-instant* is one identity at one frame. It counts when two cameras or more saw it; a box whose edge lies at the
-picture's border is cut off there and says nothing about the body's extent.
+A *person-instant* is one identity at one frame. It is used when two or more cameras saw it. A box whose edge lies at the
+image's border is cut off there, and does not show the body's extent.
 """
 
 from __future__ import annotations
@@ -28,42 +28,42 @@ from passerby.people.segments import (
 )
 from passerby.people.sightings import Sightings
 
-# How much farther off a joint is taken to be that was found with less confidence than usual: this power of the ratio, within a
-# range. Errors of a network's joints in rendered films grow with the first power, of single instants as of means over seconds;
-# rigs are barely better or worse by any other (docs/results/limits.md). Residuals of OpenPose's joints in two real recordings
-# grow with the first power too. The third gives smaller position errors in both, by 0.7 and 5.5 mm, but not systematically: in
-# the four quarters of the second recording, two have larger ones.
+# A joint with lower confidence than usual gets a larger sigma: the factor is this power of the ratio of usual to own
+# confidence, within a range. Errors of a network's joints in rendered films grow with the first power, in single instants and
+# in means over seconds; other powers barely change the rigs (docs/results/limits.md). Residuals of OpenPose's joints in two
+# real recordings grow with the first power too. The third power gives smaller position errors in both, by 0.7 and 5.5 mm, but
+# not systematically: of the four quarters of the second recording, two have larger ones.
 DOUBT_POWER, DOUBT_RANGE = 1.0, (0.5, 10.0)
 USUAL_CAMERAS = 50
-"""Of larger rigs, the limits of the evidence grow with the cameras."""
+"""Number of cameras above which the limits of the evidence grow with the cameras."""
 OVERLAPPING_ALL = 12
-"""Cameras of a rig up to which evidence is drawn from all of it alike. Of larger ones few see each person, and overlaps
-of a few square metres would be left with too little: it is drawn overlap by overlap (a simulated floor of 50 cameras, seed
-800: the largest error of a camera 0.9 instead of 1.5 m, four cameras of a hall no longer uncertain)."""
+"""Number of cameras up to which evidence is drawn from the whole rig at random. In larger rigs few cameras see each person,
+and overlaps of a few square metres would get too little evidence. There it is drawn overlap by overlap (a simulated floor of
+50 cameras, seed 800: the largest error of a camera is 0.9 instead of 1.5 m, four cameras of a hall are no longer uncertain)."""
 
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """What M sightings of people and K sightings of joints say, over N person-instants and J joints."""
+    """Evidence for the solver: M sightings of people and K sightings of joints, over N person-instants and J joints."""
 
     sightings: Sightings
     person: Ints
     """(N,) index into `identities`."""
     frame: Ints
-    """(N,) instants."""
+    """(N,) instant of each person-instant."""
     identities: Ints
     """(P,) identity of each person."""
     joints: PointObservations
-    """K sightings; `sigma_px` holds the person's extent in the picture, larger for a doubtful joint."""
+    """K sightings; `sigma_px` holds the person's extent in the image, enlarged for a joint of low confidence."""
     joint_kind: Ints
-    """(J,) which joint of the body each is, by its number in the files,"""
+    """(J,) body joint of each 3D joint, by its number in the files."""
     joint_person: Ints
-    """(J,) whose identity,"""
+    """(J,) identity of the person of each 3D joint."""
     joint_frame: Ints
-    """(J,) and at which instant."""
+    """(J,) instant of each 3D joint."""
     n_cameras: int
     findings: tuple[Finding, ...] = ()
-    """What is wrong with the input."""
+    """Findings about errors in the input."""
 
     @property
     def n_people(self) -> int:
@@ -86,10 +86,10 @@ def gather_evidence(
         rig: lenses; poses are not read.
         observations: boxes and keypoints with identities.
         rng: draws the person-instants that are kept where there are more than the limits allow.
-        max_sightings: most sightings of people in rigs of up to `USUAL_CAMERAS`; keeps time and memory flat in the length of a
-            recording.
+        max_sightings: largest number of sightings of people in rigs of up to `USUAL_CAMERAS`; it bounds time and memory for
+            long recordings.
         max_joints: the same for sightings of joints.
-        moving: whether to find out how fast everything moves, which errors of the clocks show by.
+        moving: whether to compute velocities in the image, from which errors of the clocks are estimated.
 
     Raises:
         InputError: `moving`, and the observations' frame rate is not known.
@@ -121,9 +121,9 @@ def gather_evidence(
 
 
 def _names_hold(rig: Rig, observations: Observations) -> tuple[bool, tuple[Finding, ...]]:
-    """Whether the joints' names order them from head to feet as the pictures do.
+    """Return whether the joints' names give the same order from head to feet as the images, and a finding if not.
 
-    Some tools write one joint layout under the names of another; a head that is a hip would ruin vertical and scale.
+    Some tools write one joint layout under the names of another. A hip under the name of a head would ruin vertical and scale.
     """
     every = [observations[camera.name].keypoints for camera in rig]
     correlations = [one for keypoints in every for one in order_correlations(keypoints, keypoints.joints)]
@@ -138,9 +138,10 @@ def _names_hold(rig: Rig, observations: Observations) -> tuple[bool, tuple[Findi
 def _shared_instants(
     camera: Ints, frame: Ints, identity: Ints, rng: np.random.Generator, limit: int, *, even: bool = False
 ) -> tuple[Ints, Ints, Ints]:
-    """Rows of person-instants that two cameras saw, their block number, and (identity, frame) of each block.
+    """Return the rows of person-instants that two or more cameras saw, their block numbers, and (identity, frame) per block.
 
-    Above the limit whole person-instants are drawn at random; `even`: alike of all pairs of cameras, as far as they have them.
+    Above the limit, whole person-instants are drawn at random; with `even`, equal numbers from all pairs of cameras, as far as
+    they have enough.
     """
     if len(frame) == 0:
         return np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 2), np.int64)
@@ -162,7 +163,7 @@ def _shared_instants(
 
 
 def draw_blocks(evidence: Evidence, most: int, rng: np.random.Generator) -> Ints:
-    """(K,) person-instants of the evidence at random, `most` at most, ascending; of many cameras overlap by overlap."""
+    """Draw at most `most` person-instants (K,) of the evidence at random, ascending; for many cameras overlap by overlap."""
     order = rng.permutation(len(evidence.person))
     if evidence.n_cameras > OVERLAPPING_ALL and most < len(order) and len(evidence.sightings):
         s = evidence.sightings
@@ -171,14 +172,15 @@ def draw_blocks(evidence: Evidence, most: int, rng: np.random.Generator) -> Ints
 
 
 def _turns(camera: Ints, number: Ints, order: Ints, count: int) -> Ints:
-    """(K,) when each person-instant of an `order` (K,) has its turn, if all pairs of cameras take turns with theirs in that
-    order: the earliest of its pairs.
+    """Return the turn (K,) of each person-instant of `order` if all pairs of cameras select theirs in turns, in that order.
+
+    Each pair selects one of its person-instants per turn. A person-instant gets the earliest turn of its pairs.
 
     Args:
-        camera: (M,) of each sighting.
-        number: (M,) its person-instant,
-        order: K of these,
-        count: of so many.
+        camera: (M,) camera of each sighting.
+        number: (M,) person-instant of each sighting.
+        order: (K,) person-instants in their order.
+        count: number of person-instants that `number` refers to.
     """
     place = np.full(count, -1)
     place[order] = np.arange(len(order))
@@ -187,7 +189,7 @@ def _turns(camera: Ints, number: Ints, order: Ints, count: int) -> Ints:
     at, of_camera = place[number[rows]], camera[rows].astype(np.int64)
     first, second = [], []
     step = 1
-    while True:  # the pairs of a person-instant: each sighting with the next one, with the one after, and so on
+    while True:  # the pairs of a person-instant: each sighting with the next one, then with the second next one, and so on
         same = np.flatnonzero(at[:-step] == at[step:]) if step < len(at) else np.zeros(0, np.int64)
         if not len(same):
             break
@@ -208,7 +210,7 @@ def _turns(camera: Ints, number: Ints, order: Ints, count: int) -> Ints:
 def _sightings(
     rig: Rig, tables: list[tuple[int, Segments]], who: tuple[Ints, Ints, Ints], keep: Ints, block: Ints, velocity: Floats | None
 ) -> Sightings:
-    """Rays and tangents of the kept rows; a row whose ray cannot be found is dropped."""
+    """Compute the rays and tangents of the kept rows; a row for which the lens gives no ray is dropped."""
 
     def column(name: str) -> Floats:
         return np.concatenate([np.asarray(getattr(s, name), dtype=np.float64) for _, s in tables])[keep]
@@ -232,7 +234,7 @@ def _sightings(
 def _joints(
     rig: Rig, observations: Observations, rng: np.random.Generator, limit: int, fps: float | None
 ) -> tuple[PointObservations, Ints, Ints, Ints]:
-    """Every joint that two cameras saw, as a point of its own: its sightings, its kind, its identity and its instant."""
+    """Return every joint that two or more cameras saw as a point: its sightings, body joint, identity and instant."""
     columns: list[tuple[Ints, ...]] = []
     xy, size_px, velocity = [], [], []
     for index, camera in enumerate(rig):

@@ -1,4 +1,4 @@
-"""The quality of a solved rig: findings, and the figures of every stage."""
+"""Quality of a solved rig: findings, and the figures of every stage."""
 
 from __future__ import annotations
 
@@ -31,24 +31,26 @@ from passerby.solver.refinement import Fit
 from passerby.solver.uncertainty import RigCovariance
 
 _MIN_SIGHTINGS = 20
-# Boxes whose heights are off by more than this share of themselves bias what is found: noise of +-50 px on boxes of 60 to 130
-# px (0.3 to 0.7 of them) costs 15 to 50 % of the scale and 1 to 5 degrees, +-20 px (0.15 to 0.27) at most 8 % and 0.35 degrees.
+# Relative noise of boxes' heights above which the rig is biased: noise of +-50 px on boxes of 60 to 130 px (shares of 0.3 to
+# 0.7) costs 15 to 50 % of the scale and 1 to 5 degrees, +-20 px (0.15 to 0.27) at most 8 % and 0.35 degrees.
 _MAX_HEIGHT_NOISE = 0.3
-# Lower quartile of the size of a normal deviate.
+# Lower quartile of the absolute value of a normal deviate.
 _NORMAL_QUARTILE = 0.3186
 
 
 def find_separate_groups(rig: Rig, groups: list[list[int]]) -> list[Finding]:
-    """The groups of cameras that no person joins to the largest one."""
+    """Return a notice for each group of cameras that no person connects to the largest group."""
     main, *others = ([rig.names[c] for c in group] for group in groups)
     return [notice("cameras_disconnected", *names, main=main) for names in others]
 
 
 def notices_about(start: Initialisation, fit: Fit) -> list[Finding]:
-    """What makes an optimum uncertain. The sigmas hold it; whether they are small enough to use is decided by `core.usability`.
+    """Return notices about causes of uncertainty of an optimum.
+
+    The sigmas include them; `core.usability` decides whether the sigmas are small enough for use.
 
     Args:
-        start: what the optimum was computed from.
+        start: the start from which the optimum was computed.
         fit: the optimum.
     """
     agreeing = _agreeing(fit, len(start.rig))
@@ -78,13 +80,13 @@ def notices_about(start: Initialisation, fit: Fit) -> list[Finding]:
 
 
 def _lacks(free: Free) -> list[str]:
-    """The names of what is free of the world as a whole."""
+    """Return the names of the freedoms of the world as a whole that nothing constrains."""
     named = {"scale": free.scale, "vertical": free.vertical, "height of the ground": free.ground}
     return [name for name, lacking in named.items() if lacking]
 
 
 def _agreeing(fit: Fit, cameras: int) -> Ints:
-    """(C,) observations of each camera, of people and of joints, that agree with the rig."""
+    """Return the number (C,) of observations of each camera, of people and of joints, that agree with the rig."""
     problem = fit.model.problem
     return sum(
         (np.bincount(seen.camera, minlength=cameras) for seen in (problem.sightings, problem.joints)), np.zeros(cameras, int)
@@ -92,10 +94,10 @@ def _agreeing(fit: Fit, cameras: int) -> Ints:
 
 
 def height_noise(fit: Fit, evidence: Evidence) -> float:
-    """Median standard deviation of the boxes' heights, as a share of them; 0 without boxes.
+    """Return the median standard deviation of the boxes' heights, as a share of them; 0 without boxes.
 
-    The larger of what the rig leaves over and of what changes from one instant of a tracklet to the next: a rig that is wrong
-    finds boxes enough that agree with it by chance.
+    It is the larger of two: that of the residuals, and that of changes from one instant of a tracklet to the next. Enough boxes
+    agree by chance with a wrong rig, so that its residuals alone are too small.
     """
     problem, s = fit.model.problem, evidence.sightings
     box = problem.sightings.has_foot > 0
@@ -108,13 +110,13 @@ def height_noise(fit: Fit, evidence: Evidence) -> float:
     change = np.abs(np.diff(np.log(s.extent_px[order])))[same]
     if len(change) < _MIN_SIGHTINGS:
         return float(np.median(sigma))
-    # The lower quartile, since where identities are swapped half of the changes are from one person to another.
+    # The lower quartile is used because half of the changes are between two people where identities are swapped.
     flicker = float(np.quantile(change, 0.25)) / (_NORMAL_QUARTILE * np.sqrt(2))
     return float(max(np.median(sigma), flicker))
 
 
 def _finite(value: float) -> float | None:
-    """A figure; None where it is unknown."""
+    """Return a figure, or None where it is infinite or NaN."""
     return float(value) if np.isfinite(value) else None
 
 
@@ -122,7 +124,7 @@ def figures_of(
     start: Initialisation, choice: InitialRig, fit: Fit, covariance: RigCovariance, cues: Sequence[CueFigures],
     lenses: Mapping[str, LensFigures],
 ) -> AdjustedFigures:  # fmt: skip
-    """The figures of every stage."""
+    """Return the figures of every stage."""
     state, model, rig = fit.result.state, fit.model, start.rig
     names = rig.names
     support = cycle_consistency(start.hypotheses, len(rig))
@@ -162,7 +164,7 @@ def figures_of(
 
 
 def _cameras(start: Initialisation, fit: Fit, covariance: RigCovariance) -> tuple[SolvedCamera, ...]:
-    """The figures of each camera."""
+    """Return the figures of each camera."""
     state, model = fit.result.state, fit.model
     sightings = model.problem.sightings
     terms = model.problem.terms(state, jacobians=False)
@@ -186,13 +188,14 @@ def _cameras(start: Initialisation, fit: Fit, covariance: RigCovariance) -> tupl
 
 
 def _undetermined(rig: Rig, free: Free) -> tuple[str, ...] | None:
-    """Names of what no evidence constrains; None where all is fixed."""
+    """Return the names of the parts that no evidence constrains; None where all are constrained."""
     return (*_lacks(free), *(f"camera {rig.names[c]}" for c in free.cameras)) or None
 
 
 def _clocks(rig: Rig, time: Floats, sigma: Floats | None) -> dict[str, ClockCorrection]:
-    """What to add to each camera's clock offset for it to agree with the first camera's, which stays as it is; empty where
-    the clocks were not refined.
+    """Return the correction to add to each camera's clock offset so that it agrees with the first camera's, which is kept.
+
+    Empty where the clocks were not refined.
     """
     if sigma is None:
         return {}

@@ -1,11 +1,10 @@
-"""First focal lengths of unknown lenses, from how the ground below two cameras must fit together.
+"""Initial focal lengths of unknown lenses, from the fit of the grounds below two cameras.
 
-One view barely determines a focal length: that of a level camera stretches its ground along the view, and people look as
-tall as
-before. Two views do. Where both see the same people, the two grounds are one plane, turned and shifted; at wrong focal lengths
-each is stretched in a direction of its own, and no turn makes them fit, but for two cameras that face each other. So every
-camera is levelled at each focal length of a grid, every pair is fitted at every two, and those are taken that the pairs
-together like best.
+One view barely determines a focal length: with a wrong one, a level camera's ground is stretched along the view, and people
+appear as tall as before. Two views do determine it. Where both see the same people, the two grounds are one plane, rotated and
+shifted. At wrong focal lengths, each is stretched in its own direction, and no rotation makes them fit, except for two cameras
+that face each other. Every camera is therefore levelled at each focal length of a grid, and every pair is fitted at every two
+of them. The focal lengths with the lowest total cost of all pairs are taken.
 """
 
 from __future__ import annotations
@@ -28,41 +27,43 @@ from passerby.solver.pairs import MIN_MATCHES, shared_rows
 Complexes = NDArray[np.complex128]
 
 FOCALS = np.geomspace(0.45, 3.0, 14)
-"""Focal lengths tried, in longer sides of the picture: steps of 1.16."""
+"""Focal lengths tried, in units of the longer side of the image: steps of 1.16."""
 FOUND_SD = 0.1
-"""What the focal lengths found are off by, one sigma of their logarithm: 6.5 % over 60 cameras of 15 simulated scenes (three
-presets, seeds 900 to 904, boxes with 2 % noise), at most 19 %."""
-# People of a camera that it is levelled by, and matches of two cameras that are compared; more say the same again.
+"""One sigma of the logarithm of focal lengths from the search. Their error was 6.5 % over 60 cameras of 15 simulated scenes
+(three presets, seeds 900 to 904, boxes with 2 % noise), at most 19 %."""
+# Largest numbers of people by which a camera is levelled, of matches of two cameras that are compared, of pairs of matches that
+# propose a rotation, and of matches by which these are compared; more add no information.
 _MOST_PEOPLE, _MOST_MATCHES, _TRIALS, _TRIED = 400, 500, 300, 200
-# What a place on the ground is off by, metres and as a share of its distance; farther places are left out, metres.
+# Standard deviation of a place on the ground, metres and as a share of its distance; largest distance of a place, metres.
 _FLOOR_M, _SHARE, _FARTHEST_M = 0.15, 0.05, 80.0
-# What two cameras cost at focal lengths that put most people nowhere: as if all missed by 10 sigmas.
+# Cost per match at focal lengths that give most people no place on the ground: as if all differed by 10 sigmas.
 _NOWHERE = float(np.log1p(10.0**2))
 
 
 @dataclass(frozen=True, eq=False)
 class _Grounds:
-    """One camera's people on its ground, at each focal length tried."""
+    """Places of one camera's people on its ground, at each focal length tried."""
 
     focals: Floats
     """(F,) logarithms of the factor on the stated focal length."""
     places: list[Complexes | None]
-    """(M,) of the camera's sightings, x + iy, metres; NaN above the horizon. None where the camera could not be levelled."""
+    """Per focal length, places (M,) of the camera's sightings, x + iy, metres; NaN above the horizon. None where the camera
+    could not be levelled."""
 
 
 def search_focals(
     evidence: Evidence, stated: Rig, unknowns: LensUnknowns, person_height_m: float, rng: np.random.Generator
 ) -> Rig:
-    """The lenses to begin with: as stated where nothing is to be searched or no two cameras tell.
+    """Search initial focal lengths, and return the rig with them; as stated where no search is needed or no pair helps.
 
     Args:
         evidence: sightings with identities.
         stated: lenses as stated; the focal length of an unknown one is a guess.
-        unknowns: of the lenses.
+        unknowns: unknowns of the lenses.
         person_height_m: expected standing height, metres.
         rng: draws samples.
     """
-    # With the pixels that the rays were made of.
+    # Adds the pixels from which the rays were computed.
     s = unknowns.sightings(evidence.sightings, stated, np.zeros((len(stated), unknowns.size)))
     rows = [np.flatnonzero(s.camera == c) for c in range(len(stated))]
     grounds = [_grounds(s.take(rows[c]), stated, c, unknowns, person_height_m, rng) for c in range(len(stated))]
@@ -90,7 +91,7 @@ def search_focals(
 def _grounds(
     s: Sightings, stated: Rig, camera: int, unknowns: LensUnknowns, person_height_m: float, rng: np.random.Generator
 ) -> _Grounds:
-    """One camera's ground at each focal length tried."""
+    """Compute one camera's ground at each focal length tried."""
     lens = stated.cameras[camera].lens
     focals = focals_to_try(lens, FOCALS)
     some = np.sort(rng.permutation(len(s))[:_MOST_PEOPLE])
@@ -113,13 +114,13 @@ def _grounds(
 
 
 def pair_costs(a: _Grounds, b: _Grounds, at_a: Ints, at_b: Ints, rng: np.random.Generator) -> Floats:
-    """(F_a, F_b) how badly the two grounds fit at every two focal lengths: the robust cost of the matches, summed.
+    """Return the robust cost (F_a, F_b), summed over matches, of the fit of two grounds at every two focal lengths.
 
     Args:
-        a: of the first camera.
-        b: of the second camera.
-        at_a: (K,) sightings of camera a that are matched,
-        at_b: (K,) with these of camera b.
+        a: ground of the first camera.
+        b: ground of the second camera.
+        at_a: (K,) sightings of camera a that are matched.
+        at_b: (K,) the matching sightings of camera b.
         rng: draws samples.
     """
     cost = np.full((len(a.focals), len(b.focals)), len(at_a) * _NOWHERE)
@@ -132,7 +133,7 @@ def pair_costs(a: _Grounds, b: _Grounds, at_a: Ints, at_b: Ints, rng: np.random.
 
 
 def _misfit(x: Complexes, y: Complexes, first: Ints, second: Ints) -> float:
-    """The robust cost of the best turn and shift that puts places x (K,) on y (K,)."""
+    """Return the robust cost of the best rotation and shift from places x (K,) to y (K,)."""
     good = np.isfinite(x) & np.isfinite(y) & (np.abs(x) < _FARTHEST_M) & (np.abs(y) < _FARTHEST_M)
     if np.count_nonzero(good) < MIN_MATCHES:
         return len(x) * _NOWHERE
@@ -161,5 +162,5 @@ def _misfit(x: Complexes, y: Complexes, first: Ints, second: Ints) -> float:
 
 
 def _squares(z: Complexes) -> Floats:
-    """The squares of absolute values, without their roots."""
+    """Return the squared absolute values, without computing roots."""
     return np.asarray(z.real**2 + z.imag**2)

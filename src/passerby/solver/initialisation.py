@@ -1,4 +1,4 @@
-"""The initial rig of the person-model solver: evidence, hypotheses of pairs, and the spanning tree that agrees most."""
+"""Initial rig of the person-model solver: evidence, hypotheses of pairs, and the spanning tree with the most agreement."""
 
 from __future__ import annotations
 
@@ -49,23 +49,24 @@ from passerby.solver.registrations import contradicted
 from passerby.solver.systematic import ConsiderParameters
 from passerby.solver.uncertainty import design_effect, joint_design_effect
 
-# Descents from different trees that end with at least this share of the best one's agreeing sightings are rivals of it, and
-# rivals are the same rig when no relative rotation of two cameras differs by more than this angle.
+# A descent from another tree is a rival if it ends with at least this share of the best one's agreeing sightings. Rivals count
+# as the same rig when no relative rotation of two cameras differs by more than this angle.
 _RIVAL_SHARE = 0.97
 _RIVAL_ANGLE = np.deg2rad(4.0)
-# A descent that begins as near as this to where another one ended ends there as well, so that it is left out: the angle of
-# rivals twice, and a share of the distance of the cameras from their middle. Of 40 descents in twelve simulated scenes (three
+# A descent that starts as near as this to the end of another one ends there as well, so that it is left out: twice the angle of
+# rivals, and a share of the distance of the cameras from their middle. Of 40 descents in twelve simulated scenes (three
 # to six cameras, seeds 990001 to 990003 of four kinds in benchmarks/reliability/other_inputs.py) those that began within 5.5
 # degrees and 0.13 ended within 0.2 degrees of each other; one began at 9.3 degrees and 0.22, and ended 4 degrees away.
 _SAME_ANGLE, _SAME_SHIFT = np.deg2rad(8.0), 0.2
-# A rig that fewer agree with than this share of what most agree with is not taken for the registrations that it keeps.
+# A rig with fewer agreeing sightings than this share of the largest number is not selected, even if it contradicts fewer
+# registrations.
 _SOUND_SHARE = 0.9
-# A first guess that was made with focal lengths farther off than this is made anew.
+# An initial rig is computed again if a focal length was wrong by more than this (difference of logarithms).
 _MISLEADING_FOCAL = 0.25
-# Observations of a camera in the coarse descents and in the round that learns the noise, in the mean, where there are many
-# cameras: in rooms of eight of which half see each person, the default numbers of people give 200 and 750.
+# Mean number of observations per camera, for rigs of many cameras, in the coarse descents and in the round that learns the
+# noise: in rooms of eight cameras of which half see each person, the default numbers of people give 200 and 750.
 _COARSE_OF_CAMERA, LEARNING_OF_CAMERA = 60, 200
-# A coarse descent stops here; the optimum needs more evidence anyhow.
+# Limits of a coarse descent; the optimum needs more evidence in any case.
 _COARSE = Stopping(15, 1e-4)
 
 
@@ -115,10 +116,10 @@ class PeopleOptions:
 
 @dataclass(frozen=True, eq=False)
 class Initialisation:
-    """All that is known before the first descent."""
+    """Evidence, levels, hypotheses and prior knowledge before the first descent."""
 
     rig: Rig
-    """The cameras with the lenses that the rays were made with."""
+    """The cameras with the lenses from which the rays were computed."""
     evidence: Evidence
     levels: list[Level | None]
     hypotheses: list[PairHypothesis]
@@ -127,15 +128,16 @@ class Initialisation:
     """The cameras with the lenses as stated."""
     unknowns: LensUnknowns
     lens: Floats
-    """(C, L) by how much the lenses of `rig` differ from the stated ones."""
+    """(C, L) differences of the lenses of `rig` from the stated ones."""
 
     @classmethod
     def prepare(
         cls, stated: Rig, observations: Observations, cues: ScaleCues, options: PeopleOptions, rng: np.random.Generator,
         guesses: Sequence[PairHypothesis] = (), begin: JoinedRig | None = None,
     ) -> Initialisation:  # fmt: skip
-        """Gather the evidence, level each camera, and guess at all pairs; `guesses` are more of the same, and all there is for
-        a rig that is known.
+        """Gather the evidence, level each camera, and compute hypotheses of all pairs.
+
+        `guesses` are added to the hypotheses; with `begin`, a rig that is known, they are the only ones.
         """
         unknowns = LensUnknowns(options.refine_lens)
         searched = "distortion" in unknowns.parts and needs_focal_search(stated)
@@ -167,8 +169,9 @@ class Initialisation:
         return cls(rig, evidence, levels, hypotheses, knowledge, stated, unknowns, lens).with_lenses(lens)
 
     def with_free(self, *parts: LensPart) -> Initialisation:
-        """The same with lenses of which only these parts are free, where lenses were never calibrated: from a rough rig all
-        that is free diverges.
+        """Return the same start with only these parts of the lenses free, where lenses were never calibrated.
+
+        From a rough rig, an adjustment with all parts free diverges.
         """
         if "distortion" not in self.unknowns.parts:
             return self
@@ -176,7 +179,7 @@ class Initialisation:
         return replace(self, knowledge=replace(self.knowledge, lens_core=core))
 
     def with_unknowns(self, parts: Sequence[LensPart]) -> Initialisation:
-        """The same with parts of the stated lenses free, none moved yet."""
+        """Return the same start with parts of the stated lenses free, none changed yet."""
         unknowns = LensUnknowns(tuple(parts))
         core, far = unknowns.first_core(self.stated), unknowns.uncalibrated_sd(self.stated)
         nothing = np.zeros((len(self.stated), unknowns.size))
@@ -184,7 +187,7 @@ class Initialisation:
         return replace(self, unknowns=unknowns, knowledge=knowledge).with_lenses(nothing)
 
     def weighed(self, model: AdjustmentProblem, result: Result[AdjustmentState]) -> Initialisation:
-        """The same with priors of the lenses that count as much more as the sightings of an optimum follow one another."""
+        """Return the same start with the weight of the lens priors adapted to the correlation of an optimum's sightings."""
         if not self.unknowns.parts:
             return self
         problem, state = model.problem, result.state
@@ -196,12 +199,12 @@ class Initialisation:
         return replace(self, knowledge=replace(self.knowledge, lens_core=core, lens_weight=weight))
 
     def near(self, other: Initialisation) -> bool:
-        """Whether the lenses differ too little from those of `other` to mislead a first guess."""
+        """Return whether all focal lengths differ from those of `other` too little to make an initial rig wrong."""
         focal = (other.lens - self.lens)[:, self.unknowns.columns_of("focal")]
         return bool((np.abs(focal) < _MISLEADING_FOCAL).all())
 
     def with_lenses(self, lens: Floats) -> Initialisation:
-        """The same with rays of the lenses that differ from the stated ones by `lens` (C, L)."""
+        """Return the same start with the rays of lenses that differ from the stated ones by `lens` (C, L)."""
         if not self.unknowns.parts:
             return self
         unknowns, stated, cues = self.unknowns, self.stated, self.knowledge.cues
@@ -219,22 +222,22 @@ class Initialisation:
 
 @dataclass(frozen=True, eq=False)
 class JoinedRig:
-    """A rig that is put together from groups of cameras that were rigs by themselves."""
+    """A rig joined from groups of cameras that were separate rigs before."""
 
     rig: Rig
-    """Cameras that stand about right."""
+    """Cameras with approximate poses."""
     groups: tuple[tuple[str, ...], ...]
-    """Their names, group by group."""
+    """Names of the cameras, group by group."""
 
     def places_among(self, rig: Rig) -> tuple[tuple[int, ...], ...]:
-        """Where the cameras of each group are in a rig; those that are not in it are left out."""
+        """Return the numbers in a rig of the cameras of each group; cameras that are not in it are left out."""
         found = (tuple(c for c, name in enumerate(rig.names) if name in group) for group in self.groups)
         return tuple(group for group in found if group)
 
 
 @dataclass(frozen=True, eq=False)
 class InitialRig:
-    """The rough rig that most sightings agree with, and what competes with it."""
+    """The selected rough rig, and the candidates that compete with it."""
 
     state: RigState
     tree: str
@@ -244,34 +247,34 @@ class InitialRig:
 
 
 def _with_rays_of(rig: Rig, stated: Rig, evidence: Evidence, unknowns: LensUnknowns) -> Evidence:
-    """The evidence with the rays of other lenses than it was gathered with."""
+    """Return the evidence with the rays of the lenses in `rig`; it was gathered with those in `stated`."""
     pixels = np.zeros((len(stated), unknowns.size))
     seen, joints = unknowns.sightings(evidence.sightings, stated, pixels), unknowns.points(evidence.joints, stated, pixels)
     return replace(evidence, sightings=unknowns.sightings(seen, rig, pixels), joints=unknowns.points(joints, rig, pixels))
 
 
 def usual_priors(evidence: Evidence) -> Priors:
-    """What people and detectors usually do, by how much the evidence tells of it."""
+    """Return the usual priors on people and detectors; a narrower one on the foot shift where there are boxes and joints."""
     boxes = bool((evidence.sightings.has_foot > 0).any())
     return Priors(foot_shift_sd=JOINED_FOOT_SHIFT_SD) if boxes and evidence.n_joints else Priors()
 
 
 def level_of(evidence: Evidence, camera: int, person_height_m: float, rng: np.random.Generator) -> Level | None:
-    """The vertical and the height of one camera from its own people of that height, metres; None where there are too few."""
+    """Return the vertical and height of one camera from its own people, assumed of one height; None where they are too few."""
     s = evidence.sightings.take(evidence.sightings.camera == camera)
     span, foot = person_height_m * (s.top_fraction - s.bottom_fraction), person_height_m * s.bottom_fraction
     return level_camera(s.top, s.bottom, s.top_tangent, s.extent_px, span, foot, rng)
 
 
 def people_for_all(evidence: Evidence, people: int, of_camera: int) -> int:
-    """How many person-instants a part of the evidence takes, so that in a rig of many cameras each of them is seen enough.
+    """Return the number of person-instants in a part of the evidence, so that each camera of a large rig has enough.
 
-    Where each person is seen by few of many cameras, a fixed number would leave each camera a handful of observations.
+    Where each person is seen by few of many cameras, a fixed number would leave each camera only a few observations.
 
     Args:
-        evidence: all of it.
-        people: person-instants that are enough for up to `ALL_PAIRS_UP_TO` cameras.
-        of_camera: observations that a camera has at least in the mean.
+        evidence: all evidence.
+        people: number of person-instants that is enough for up to `ALL_PAIRS_UP_TO` cameras.
+        of_camera: smallest mean number of observations per camera.
     """
     if evidence.n_cameras <= ALL_PAIRS_UP_TO or not len(evidence.sightings):
         return people
@@ -280,7 +283,7 @@ def people_for_all(evidence: Evidence, people: int, of_camera: int) -> int:
 
 
 def check_units(start: Initialisation) -> None:
-    """Raise `InputError` for a stated length that is in another unit than metres by every rough rig."""
+    """Raise `InputError` for a stated length that, by every rough rig, is in another unit than metres."""
     n, rigs = len(start.rig), []
     if start.knowledge.cues is None:
         return
@@ -291,8 +294,10 @@ def check_units(start: Initialisation) -> None:
 
 
 def select_initial_rig(start: Initialisation, options: PeopleOptions, rng: np.random.Generator) -> InitialRig:
-    """Descend from every tree that is not where another descent ended, on a part of the evidence, and keep the rig that
-    contradicts fewest registrations of pairs, of these the one that most sightings agree with.
+    """Select the initial rig by descents from the spanning trees, on a part of the evidence.
+
+    A tree that is near the end of another descent is left out. The rig that contradicts the fewest registrations of pairs is
+    selected; of several, the one with the most agreeing sightings.
     """
     n = len(start.rig)
     most = people_for_all(start.evidence, options.coarse_people, _COARSE_OF_CAMERA)
@@ -332,7 +337,7 @@ def select_initial_rig(start: Initialisation, options: PeopleOptions, rng: np.ra
 
 
 def start_at(start: Initialisation, begin: JoinedRig, options: PeopleOptions, rng: np.random.Generator) -> InitialRig:
-    """The rig that is known, with the scale of the people; no other arrangement is sought."""
+    """Return the known rig with the scale of the people as the initial rig; no other arrangement is tried."""
     placed = [pose for name in start.rig.names if (pose := begin.rig[name].pose) is not None]
     R, centre = np.array([pose.R_cw for pose in placed]), np.array([pose.centre for pose in placed])
     state = rescaled(start, R, centre)
@@ -343,7 +348,7 @@ def start_at(start: Initialisation, begin: JoinedRig, options: PeopleOptions, rn
 
 
 def rescaled(start: Initialisation, R: Floats, centre: Floats) -> RigState:
-    """A first state with the scale that people and cues agree on."""
+    """Return a first state with the scale that best fits people and cues."""
     knowledge = start.knowledge
     expected = knowledge.height_mean
     rows = settle_cues(knowledge.cues, R, centre, expected, expected, knowledge.height_sd)
@@ -356,17 +361,17 @@ def rescaled(start: Initialisation, R: Floats, centre: Floats) -> RigState:
 
 
 def _differ(a: RigState, b: RigState) -> float:
-    """The largest angle between two rigs' relative rotations after the best common turn."""
+    """Return the largest angle between corresponding rotations of two rigs after the best common rotation, radians."""
     return float(np.max(angle_between(a.R @ _common_turn(a, b), b.R)))
 
 
 def _common_turn(a: RigState, b: RigState) -> Floats:
-    """(3, 3) the turn of the world by which the cameras of one rig look most as those of another one."""
+    """Return the rotation (3, 3) of the world that best aligns the orientations of one rig's cameras with the other's."""
     return chordal_mean_rotation(np.einsum("cji,cjk->cik", a.R, b.R))
 
 
 def _leads_to(start: RigState, found: RigState) -> bool:
-    """Whether a rough rig is so near to where a descent ended that a descent from it would end there, too."""
+    """Return whether a rough rig is so near the end of a descent that a descent from it would end there, too."""
     if _differ(start, found) > _SAME_ANGLE:
         return False
     turn = _common_turn(start, found)

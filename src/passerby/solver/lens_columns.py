@@ -1,11 +1,11 @@
-"""How residuals follow the lenses at an optimum that holds them fixed: columns for more unknowns of each camera.
+"""Derivatives of residuals by lenses at an optimum that holds them: columns for additional unknowns of each camera.
 
-Derivatives are taken at the predicted points, not at the observed ones. Those observed carry the very noise that is in the
-residual: their product would have a mean of one sigma squared a residual, which a focal length grows by. In 239 simulated
-scenes with right lenses (5 to 20 s, 2 to 5 cameras, 1 to 6 people) that was a step of +1.05 in the logarithm where people tell
-little, and 2 to 4 sigmas elsewhere.
+Derivatives are taken at the predicted points, not at the observed ones. Observed points contain the same noise as the residual:
+the product of both would have a mean of one sigma squared per residual, which enlarges a focal length. In 239 simulated scenes
+with right lenses (5 to 20 s, 2 to 5 cameras, 1 to 6 people) this was a step of +1.05 in the logarithm where people determine it
+weakly, and 2 to 4 sigmas elsewhere.
 
-Points that are predicted far beyond the picture belong to outliers. Their derivatives are left out: pixels grow with the
+Points that are predicted far outside the image belong to outliers. Their derivatives are left out: pixels grow with the
 tangent of the angle, and distortions with its cube, so that a single wrong person at 85 degrees would outweigh all others.
 """
 
@@ -25,17 +25,17 @@ from passerby.solver.people_state import AdjustmentState
 from passerby.solver.person_model import FOOT_SHIFT, JOINT, PeopleProblem
 
 Derivative = Callable[[Lens, Floats], Floats]
-"""(M, 2, u) how the pixels of rays (M, 3) move with u numbers of a lens."""
+"""Function that returns the derivatives (M, 2, u) of the pixels of rays (M, 3) by u parameters of a lens."""
 
 
 def lens_columns(rig: Rig, problem: PeopleProblem, state: AdjustmentState, by: Derivative) -> dict[str, Floats]:
-    """Whitened derivatives of the residuals by u numbers of the own camera's lens, (M, k, u) for each kind of residual.
+    """Compute whitened derivatives of the residuals by u parameters of their camera's lens, (M, k, u) for each kind.
 
     Args:
         rig: the lenses, in the order of the problem's cameras.
         problem: the person model.
-        state: where the derivatives are taken.
-        by: what the numbers do to pixels.
+        state: state at which the derivatives are taken.
+        by: derivatives of pixels by the parameters.
     """
     s, o = problem.sightings, problem.joints
     top, bottom, joint = _predicted(problem, state)
@@ -57,13 +57,13 @@ def lens_columns(rig: Rig, problem: PeopleProblem, state: AdjustmentState, by: D
 
 
 def _near_picture(lens: Lens, rays: Floats) -> Bools:
-    """(M,) whether a picture of twice the size would show rays (M, 3)."""
+    """Return whether rays (M, 3) would be in an image of twice the size (M,)."""
     size = np.array(lens.size)
     return np.asarray((np.abs(lens.project_rays(rays) - size / 2) <= size).all(axis=1))
 
 
 def _predicted(problem: PeopleProblem, state: AdjustmentState) -> tuple[Floats, Floats, Floats]:
-    """Highest and lowest points of the people seen (M, 3) and joints (K, 3), in the frames of the cameras that see them."""
+    """Predict highest and lowest points of people (M, 3), and joints (K, 3), in the frames of the cameras that see them."""
     s, o = problem.sightings, problem.joints
     height = state.heights[problem.person[s.block]]
     moved = (state.globals[FOOT_SHIFT] * s.has_foot * height)[:, None]
@@ -77,17 +77,17 @@ def _predicted(problem: PeopleProblem, state: AdjustmentState) -> tuple[Floats, 
 
 @dataclass(frozen=True, eq=False)
 class WidenedLayout:
-    """The layout of a problem with more unknowns of each camera, at the end of its own."""
+    """The layout of a problem with additional unknowns of each camera, after the camera's other ones."""
 
     layout: Layout
     own: Ints
-    """The problem's shared unknowns, in their order, among all."""
+    """Indices of the problem's shared unknowns, in their order, in the wider layout."""
     places: Ints
-    """(C, u) the new unknowns among all."""
+    """(C, u) indices of the new unknowns in the wider layout."""
 
     @classmethod
     def of(cls, problem: PeopleProblem, u: int) -> WidenedLayout:
-        """With u more unknowns of each camera."""
+        """Build the layout with u additional unknowns of each camera."""
         old = problem.layout
         layout = replace(old, camera_size=old.camera_size + u)
         every = np.arange(layout.n_shared)
@@ -96,11 +96,11 @@ class WidenedLayout:
         return cls(layout, own, of_cameras[:, old.camera_size :])
 
     def widen(self, term: Term, columns: Mapping[str, Floats]) -> Term:
-        """The term with the new unknowns' columns.
+        """Return the term with the columns of the new unknowns.
 
         Args:
-            term: of the problem, not weighted yet.
-            columns: (M, k, u) derivatives by the own camera's new unknowns, for each kind of residual: of `lens_columns`.
+            term: term of the problem, not weighted yet.
+            columns: for each kind of residual, derivatives (M, k, u) by its camera's new unknowns, from `lens_columns`.
         """
         u = self.places.shape[1]
         by_camera, by_shared = term.by_camera, term.by_shared
@@ -117,7 +117,7 @@ class WidenedLayout:
 
 
 def _kind(term: Term) -> str:
-    """Which residuals a term holds, by its shape: centres, heights, joints or neither."""
+    """Return the kind of a term's residuals, from its shape: centres, heights or joints; empty for others."""
     if term.camera is None or term.block is None or term.family == LENGTH:
         return ""
     if term.family == JOINT:

@@ -1,4 +1,4 @@
-"""What the sightings say of refined lenses, and their uncertainty with what is stated of them."""
+"""Information of the sightings about refined lenses, and the lenses' uncertainty together with their priors."""
 
 from __future__ import annotations
 
@@ -18,43 +18,42 @@ from passerby.solver.systematic import ConsiderParameters
 from passerby.solver.uncertainty import downweight
 
 BOXES_MISLEAD = 1.25
-"""Lenses follow what boxes are off by alike more than poses do. What boxes alone say of right focal lengths and principal
-points is off by 1.1 of its sigmas, root mean square over simulated scenes and rendered films, by up to 1.5 of them in one
-preset: docs/results/limits.md."""
+"""Factor on the sigmas of lenses from boxes only: common errors of boxes influence lenses more than poses. Right focal lengths
+and principal points, estimated from boxes only, are wrong by 1.1 of their sigmas, root mean square over simulated scenes and
+rendered films, by up to 1.5 of them in one preset: docs/results/limits.md."""
 
 BOXES_COUNT_LESS = 2.5
-"""Stated lenses count against boxes as if these misled by so many sigmas, so that right ones stay: with what boxes
-do mislead by, refining right focal lengths made the rig of a simulated scene (basketball, seed 0) 3.7 times worse, with this
-less than twice. Over 30 scenes whose stated focal lengths are off as stated ones are (seeds from 113600) it costs 7 % of the
-accuracy."""
+"""Factor on the sigmas of lenses from boxes when priors are weighted against them, so that right stated lenses are kept. With
+the actual errors of boxes as the factor, refining right focal lengths made the rig of a simulated scene (basketball, seed 0)
+3.7 times worse, with this factor less than twice. Over 30 scenes whose stated focal lengths have usual errors (seeds from
+113600) it costs 7 % of the accuracy."""
 
 MOST_EXCESS = 30.0
-"""What sightings are off by alike makes priors of the lenses count more by this at most."""
+"""Largest factor on the weight of the lens priors due to common errors of the sightings."""
 
 
 @dataclass(frozen=True, eq=False)
 class LensEvidence:
-    """What the sightings alone say of the lenses' unknowns, (C, L) each."""
+    """Estimate of the lenses' unknowns from the sightings alone, (C, L) each."""
 
     seen: Floats
-    """Where they would put them."""
+    """Estimate from the sightings alone."""
     sd: Floats
-    """How well, with the common error of boxes."""
+    """Standard deviation of that estimate, with the common error of boxes."""
     prior_weight: Floats
-    """How many times more the priors must count against residuals that count as independent, and do not know what they are
-    off by alike."""
+    """Factor on the weight of the priors, because the residuals are weighted as independent and without common errors."""
 
 
 def lens_evidence(
     problem: PeopleProblem, state: AdjustmentState, inflation: float, of_joints: float | None, held: ConsiderParameters
 ) -> LensEvidence:
-    """What the sightings alone say of the lenses at an optimum; the priors, as they were linearised, are taken off again.
+    """Estimate the lenses from the sightings alone, at an optimum; the linearised priors are subtracted from it.
 
     Args:
         problem: the person model, lenses refined.
         state: its optimum.
-        inflation: how many times less the sightings tell than as many independent ones would.
-        of_joints: the same of joints; None where there are none.
+        inflation: design effect of the sightings: factor on the covariance because they are not independent.
+        of_joints: the same of joints; None without joints.
         held: the parts of the lenses that are not refined.
     """
     assert problem.lens_core is not None
@@ -66,7 +65,7 @@ def lens_evidence(
         prior = prior + 1 / problem.lens_far**2
 
     def measure_information(weighed: list[Term]) -> tuple[Floats, Floats, Floats]:
-        """The inverse of the normal equations; the share of what is known that sightings say, and their information."""
+        """Return the inverse of the normal equations, the sightings' share of the information, and their information."""
         inverse = inverse_of(NormalEquations(problem.layout, weighed).reduce().H)
         share = np.clip(1 - prior * np.diag(inverse)[at], 1e-3, 1.0)
         return inverse, share, share / np.diag(inverse)[at]
@@ -78,7 +77,7 @@ def lens_evidence(
     biased = (moved[at] ** 2).sum(axis=2)
     seen = state.lens * (1 + problem.lens_weight / effect * prior / information)
     random, total = np.sqrt(1 / information), np.sqrt(1 / information + biased / share**2)
-    # Where nothing of a lens is stated, its principal point turns with the vertical, and that depends on how upright
+    # Where nothing of a lens is stated, its principal point is correlated with the vertical, which depends on how upright
     # people are.
     boxes = by_boxes(problem)
     counted = np.where(boxes | problem.lens_normal, BOXES_COUNT_LESS, 1.0)[:, None]
@@ -88,26 +87,26 @@ def lens_evidence(
 
 
 def by_boxes(problem: PeopleProblem) -> NDArray[np.bool_]:
-    """(C,) cameras whose sightings are boxes alone: joints fix a lens by geometry, not by how tall people seem."""
+    """Return whether a camera's sightings are boxes only (C,): joints determine a lens by geometry, not by people's heights."""
     return np.asarray(np.bincount(problem.joints.camera, minlength=problem.n_cameras) == 0)
 
 
 def lens_places(n_cameras: int, camera_size: int, n_lens: int) -> NDArray[np.int64]:
-    """(C, L) places of the lenses' unknowns among the shared ones."""
+    """Return the indices (C, L) of the lenses' unknowns among the shared ones."""
     return np.asarray((np.arange(n_cameras)[:, None] + 1) * camera_size - n_lens + np.arange(n_lens))
 
 
 def refined_sigmas(
     seen: LensEvidence, core: Floats, lens: Floats, far: Floats | None = None, *, normal: bool = False
 ) -> Floats:  # fmt: skip
-    """(C, L) root mean square errors of the lenses `lens`.
+    """Return the root mean square errors (C, L) of the lenses `lens`.
 
     Args:
-        seen: what the sightings say.
+        seen: estimate from the sightings alone.
         core: (C, L) scales of the Cauchy distributions of the stated lenses.
-        lens: (C, L) the lenses found, as changes of the stated ones.
-        far: (C, L) standard deviations that their tails fall with; None: they do not.
-        normal: whether `core` has standard deviations of normal distributions.
+        lens: (C, L) estimated lenses, as changes of the stated ones.
+        far: (C, L) standard deviations of the normal distributions that limit the tails; None without a limit.
+        normal: whether `core` holds standard deviations of normal distributions.
     """
     if normal:
         return np.asarray(1 / np.sqrt(1 / seen.sd**2 + 1 / core**2))
@@ -118,8 +117,8 @@ def refined_sigmas(
 
 
 def posterior_sd(seen: float, seen_sd: float, core: float, at: float, far: float = np.inf) -> float:
-    """Root mean square distance from `at` of a value that is seen as `seen` +- `seen_sd` and is Cauchy distributed about 0, its
-    tails times those of a normal distribution of the standard deviation `far`.
+    """Return the root mean square distance from `at` of a value that is measured as `seen` +- `seen_sd`. Its prior is a Cauchy
+    distribution of the scale `core` about 0, times a normal distribution of the standard deviation `far`.
     """
     fine = np.linspace(-1, 1, 2001)
     grid = np.unique(np.concatenate([seen + 6 * seen_sd * fine, 20 * core * fine]))

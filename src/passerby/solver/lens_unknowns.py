@@ -1,15 +1,15 @@
-"""Lenses that are refined: their unknowns, how pixels follow them, and rays made anew where they have moved.
+"""Refinement of lenses: their unknowns, the derivatives of pixels, and the rays computed again with changed lenses.
 
 The unknowns of a camera, in this order: "focal", the logarithm of the factor on both focal lengths; "principal_point", its two
 coordinates' changes in pixels; "distortion", the change of the first coefficient, which is radial in all models. Distortions
-are shares of the focal length, so that they grow with it. The distortion is unknown together with all the rest only, of lenses
-that were never calibrated (`Lens.uncalibrated`); lenses that were are held then.
+are shares of the focal length, so that they grow with it. The distortion is an unknown only together with all other parts, and
+only for lenses that were never calibrated (`Lens.uncalibrated`); calibrated lenses are held then.
 
-Residuals of an adjustment with such lenses are exact: a point is projected with the lens as it is now, and compared with its
-pixel. Residuals that are linear around the ray of that pixel, as with known lenses, have the noise in the ray as well. Its
-square is a bias of what only the borders of images determine: focal lengths and principal points. The residual of a point that
-is far from its pixel is still linear. Rays are also used to find who agrees and for first guesses. They are made anew with the
-lens found, in rounds.
+Residuals of an adjustment with refined lenses are exact: a point is projected with the current lens, and compared with its
+pixel. Residuals that are linearised at the ray of that pixel, as with known lenses, have the noise in the ray as well. Its
+square biases what only the borders of images determine: focal lengths and principal points. The residual of a point that is far
+from its pixel stays linear. Rays are also used to find the sightings that agree, and for initial values. They are computed
+again with the refined lens, in rounds.
 """
 
 from __future__ import annotations
@@ -32,39 +32,40 @@ LENS_PARTS: tuple[LensPart, ...] = get_args(LensPart)
 _SIZES: Mapping[LensPart, int] = MappingProxyType({"focal": 1, "principal_point": 2, "distortion": 1})
 
 FOCAL_CORE = 0.005
-"""Half of the stated focal lengths are right within this share; the others, from data sheets or of zooms that were moved, may
-be off by anything: a Cauchy distribution. A normal one of 10 % leaves them all to people, whose boxes tell them to 1 to 5 %."""
+"""Scale of a Cauchy distribution of stated focal lengths, as a share: half of them are right within it. The others, from data
+sheets or of zooms that were moved, may have any error. With a normal prior of 10 %, all would be left to people, whose boxes
+determine them to 1 to 5 %."""
 PRINCIPAL_POINT_CORE = 0.0025
-"""The same of the principal point, as a share of the picture's width."""
+"""The same for the principal point, as a share of the image's width."""
 NORMAL_HALF = 0.6745
-"""Half of normal deviates lie within so many standard deviations: a stated `focal_sd` becomes the scale of a Cauchy
-distribution that has as much of itself there, since who guesses a sigma may be wrong about it."""
+"""Number of standard deviations within which half of normal deviates lie. A stated `focal_sd` times this is the scale of a
+Cauchy distribution, which has half of its probability there too; a guessed sigma may itself be wrong."""
 FAR_FOCAL, FAR_PRINCIPAL_POINT, FAR_DISTORTION = 0.10, 0.04, 0.15
-"""What a lens that was never calibrated is off by, one sigma: the same shares, and the first distortion coefficient. The tails
-of the priors of stated lenses fall with it. Principal points of calibrated cameras lie 2 to 10 % of the width from the image
+"""One sigma of the errors of a lens that was never calibrated: the same shares, and the first distortion coefficient. It limits
+the tails of the priors of stated lenses. Principal points of calibrated cameras lie 2 to 10 % of the width from the image
 centre in public data sets, those of phones and fixed cameras 0.5 to 2 %."""
 FAR_SIGMAS = 3.0
-"""A stated lens that moved by more of these sigmas is that of another camera, or absorbs another error."""
+"""Limit in these sigmas: a stated lens that changed by more is that of another camera, or absorbs another error."""
 
 UNKNOWN_PRINCIPAL_POINT, UNKNOWN_DISTORTION = 0.02, 0.15
-"""What lenses that were never calibrated are off by, one standard deviation of a normal distribution: the principal point from
-the image centre, as a share of the width, and the first distortion coefficient from 0. Calibrations of phones and of fixed
-cameras state principal points 0.5 to 2 % of the width off the centre, those of older industrial cameras more."""
+"""Standard deviations of the normal priors of lenses that were never calibrated: of the principal point from the image centre,
+as a share of the width, and of the first distortion coefficient from 0. Calibrations of phones and of fixed cameras state
+principal points 0.5 to 2 % of the width from the centre, those of older industrial cameras more."""
 HELD = 1e-5
-"""The same of calibrated lenses beside lenses that were not: shares of the focal length and of the width, and the
-coefficient."""
+"""Standard deviations that hold calibrated lenses in a rig with lenses that were never calibrated: shares of the focal length
+and of the width, and the coefficient."""
 
-# Rays are made anew until the lenses move by no more than this: who agrees is decided by rays.
+# Rays are computed again until the lenses change by no more than this: agreement of sightings is judged by rays.
 SETTLED_FOCAL, SETTLED_PX, SETTLED_DISTORTION = 3e-3, 3.0, 4e-3
 
 NEAR = 0.1
-"""Residuals are exact up to this share of the focal length: a point that is farther off is an outlier, or the rig is a first
-guess. The polynomial of a lens says nothing of points far outside the image."""
+"""Largest residual, as a share of the focal length, that is computed exactly: a point farther off is an outlier, or the rig is
+an initial one. The polynomial of a lens is not valid far outside the image."""
 
 
 @dataclass(frozen=True)
 class LensUnknowns:
-    """Which parts of the lenses are unknown."""
+    """The parts of the lenses that are unknown, and the layout of their unknowns."""
 
     parts: tuple[LensPart, ...] = ()
 
@@ -73,20 +74,20 @@ class LensUnknowns:
 
     @property
     def size(self) -> int:
-        """L, the number of a camera's unknowns."""
+        """L, the number of lens unknowns per camera."""
         return sum(_SIZES[part] for part in self.parts)
 
     def columns_of(self, part: LensPart) -> slice:
-        """Where the unknowns of a part stand; empty where it is not refined."""
+        """Return the columns of the unknowns of a part; empty where it is not refined."""
         if part not in self.parts:
             return slice(0, 0)
         first = sum(_SIZES[other] for other in self.parts[: self.parts.index(part)])
         return slice(first, first + _SIZES[part])
 
     def core(self, rig: Rig, free: Sequence[LensPart] = LENS_PARTS, *, near_start: bool = False) -> Floats:
-        """(C, L) half of the stated values are right within so much: the scales of Cauchy distributions. Beside lenses that
-        were never calibrated they are standard deviations, and parts that are not `free` are held; `near_start`: focal lengths
-        that were searched for stay near what was found.
+        """Return the scales (C, L) of the Cauchy priors: half of the stated values are right within them. In a rig with lenses
+        that were never calibrated, they are standard deviations. Parts that are not `free` are held. With `near_start`, focal
+        lengths from a search stay near its result.
         """
         if near_start:
             rig = replace(rig, cameras=tuple(replace(one, lens=_near_start(one.lens)) for one in rig))
@@ -98,18 +99,18 @@ class LensUnknowns:
         return out
 
     def first_core(self, rig: Rig) -> Floats:
-        """(C, L) the same for first rounds, which let every focal length go where people want it: from there a wrong one stays
-        and a right one comes back, whereas a wrong one that begins at what is stated may stick to it.
+        """Return the scales (C, L) for first rounds, in which all focal lengths follow the people. In later rounds, wrong ones
+        stay there and right ones return to the stated value; a wrong one that starts at the stated value may stay at it.
         """
         return self._scales(rig, [max(FAR_FOCAL, _stated(camera.lens, 0.0)) for camera in rig], PRINCIPAL_POINT_CORE)
 
     def uncalibrated_sd(self, rig: Rig) -> Floats:
-        """(C, L) what lenses that were never calibrated are off by, one sigma."""
+        """Return one sigma (C, L) of the errors of lenses that were never calibrated."""
         focal = [max(FAR_FOCAL, camera.lens.focal_sd or 0.0) for camera in rig]
         return self._shares(rig, focal, FAR_PRINCIPAL_POINT, FAR_DISTORTION)
 
     def _scales(self, rig: Rig, focal: Sequence[float], principal_point: float) -> Floats:
-        """(C, L) scales of stated lenses; standard deviations where some were never calibrated: the others are held then."""
+        """Return the scales (C, L) of stated lenses; with "distortion", sigmas of never calibrated lenses, others held."""
         out = self._shares(rig, focal, principal_point, UNKNOWN_DISTORTION)
         if "distortion" not in self.parts:
             return out
@@ -119,7 +120,7 @@ class LensUnknowns:
         return np.where(unknown[:, None], free, self._shares(rig, sd, HELD, HELD))
 
     def _shares(self, rig: Rig, focal: Sequence[float], principal_point: float, distortion: float) -> Floats:
-        """(C, L) a share of the focal length, as a logarithm, a share of the picture's width in pixels, and a coefficient."""
+        """Return (C, L): share of the focal length (a logarithm), share of the image's width in pixels, and coefficient."""
         out = np.zeros((len(rig), self.size))
         out[:, self.columns_of("focal")] = np.array(focal)[:, None]
         width = np.array([camera.lens.size[0] for camera in rig], dtype=np.float64)
@@ -128,7 +129,7 @@ class LensUnknowns:
         return out
 
     def moved(self, lens: Lens, change: Floats) -> Lens:
-        """The lens after a change (L,) of its unknowns."""
+        """Return the lens after a change (L,) of its unknowns."""
         matrix = np.array(lens.matrix)
         matrix[:2, :2] *= np.exp(np.sum(change[self.columns_of("focal")]))
         if "principal_point" in self.parts:
@@ -141,15 +142,15 @@ class LensUnknowns:
         return replace(lens, matrix=matrix, distortions=distortions)
 
     def rig(self, rig: Rig, change: Floats) -> Rig:
-        """The rig with every lens moved by its row of (C, L)."""
+        """Return the rig with every lens changed by its row of `change` (C, L)."""
         if not self.parts:
             return rig
         cameras = (replace(camera, lens=self.moved(camera.lens, row)) for camera, row in zip(rig, change, strict=True))
         return replace(rig, cameras=tuple(cameras))
 
     def by_pixel(self, lens: Lens, pixels: Floats, rays: Floats | None = None) -> Floats:
-        """(M, 2, L) how the pixels (M, 2) of fixed rays move with the unknowns: exact for every lens with a linear matrix,
-        but for the distortion, whose derivative it is. The rays (M, 3) are those of the pixels, where they are known.
+        """Return the derivatives (M, 2, L) of the pixels (M, 2) of fixed rays by the unknowns: exact for every lens with a
+        linear matrix; the distortion is linearised. `rays` (M, 3) are those of the pixels, computed when None.
         """
         out = np.zeros((len(pixels), 2, self.size))
         out[:, :, self.columns_of("focal")] = (pixels - lens.matrix[:2, 2])[:, :, None]
@@ -162,17 +163,17 @@ class LensUnknowns:
         return out
 
     def settled(self, change: Floats) -> bool:
-        """Whether lenses that moved by (C, L) since the rays were made need no others."""
+        """Return whether lenses that changed by `change` (C, L) since the rays were computed need no new rays."""
         limits: tuple[tuple[LensPart, float], ...] = (
             ("focal", SETTLED_FOCAL), ("principal_point", SETTLED_PX), ("distortion", SETTLED_DISTORTION)
         )  # fmt: skip
         return all(bool((np.abs(change[:, self.columns_of(part)]) < limit).all()) for part, limit in limits)
 
     def sightings(self, s: Sightings, rig: Rig, change: Floats) -> Sightings:
-        """Sightings with the rays and derivatives of the lenses that `change` (C, L) makes of the stated ones in `rig`.
+        """Return sightings with the rays and derivatives of the lenses in `rig` changed by `change` (C, L).
 
-        Sightings that hold no pixels yet are taken to be made with these very lenses. One that the new lens cannot have seen
-        keeps its rays, and its residual follows the lens by the derivatives alone.
+        The rays of sightings without pixels are taken to be of these same lenses. A sighting outside the range of the new lens
+        keeps its rays; then its residual changes with the lens by the derivatives only.
         """
         if not self.parts:
             return s
@@ -192,7 +193,7 @@ class LensUnknowns:
         )  # fmt: skip
 
     def points(self, o: PointObservations, rig: Rig, change: Floats) -> PointObservations:
-        """The same of sightings of points."""
+        """Return sightings of points with the rays and derivatives of changed lenses, as `sightings`."""
         if not self.parts:
             return o
         lenses = [camera.lens for camera in self.rig(rig, change)]
@@ -209,7 +210,7 @@ class LensUnknowns:
         )  # fmt: skip
 
     def _unproject(self, lenses: Sequence[Lens], camera: Ints, pixels: Floats) -> tuple[Floats, Floats, Floats]:
-        """What E pixels a row, (M, E, 2), say of rays and lenses; NaN rays of pixels that a lens cannot have.
+        """Compute rays and derivatives of E pixels a row, (M, E, 2); the rays of pixels outside a lens's range are NaN.
 
         Returns:
             (M, E, 3) rays, (M, E, 2, 3) tangents, and (M, E, 2, L) derivatives of the pixels by the lens.
@@ -231,10 +232,10 @@ class LensModel:
 
     unknowns: LensUnknowns
     stated: Rig
-    """The lenses that changes are of."""
+    """The stated lenses, to which changes are added."""
 
     def among(self, cameras: Sequence[int]) -> LensModel:
-        """Of some of the cameras."""
+        """Return the model of some of the cameras."""
         return replace(self, stated=Rig(tuple(self.stated.cameras[c] for c in cameras)))
 
     def make_exact(
@@ -243,13 +244,13 @@ class LensModel:
         """Replace residuals of points near their pixels, and their derivatives, by exact ones.
 
         Args:
-            change: (C, L) of the unknowns.
-            camera: (M,)
-            pixels: (M, 2) where the points were seen.
+            change: (C, L) changes of the unknowns.
+            camera: (M,) camera of each point.
+            pixels: (M, 2) observed pixels.
             d: (M, 3) the points in the cameras' frames.
-            residual: (M, 2) predicted less observed pixels, to first order.
+            residual: (M, 2) predicted minus observed pixels, to first order.
             by_d: (M, 2, 3) derivative by the points.
-            by_lens: (M, 2, L) by the unknowns.
+            by_lens: (M, 2, L) derivative by the unknowns.
         """
         all_parts = LensUnknowns(LENS_PARTS)
         columns = np.concatenate([np.arange(INTRINSICS)[all_parts.columns_of(part)] for part in self.unknowns.parts])
@@ -263,22 +264,22 @@ class LensModel:
 
 
 def by_distortion(lens: Lens, rays: Floats) -> Floats:
-    """(M, 2, 1) by the first coefficient, radial in all models."""
+    """Return the derivative (M, 2, 1) of the pixels of rays by the first coefficient, which is radial in all models."""
     return lens.by_intrinsics(rays)[:, :, 3:]
 
 
 def _near_start(lens: Lens) -> Lens:
-    """A lens as certain as a search for its focal length is, if there was one."""
+    """Return the lens with the sigma of the search for its focal length, if there was one and it is smaller."""
     return lens if lens.start_sd is None or lens.focal_sd is None else replace(lens, focal_sd=min(lens.start_sd, lens.focal_sd))
 
 
 def _stated(lens: Lens, otherwise: float) -> float:
-    """Half of the focal lengths with the lens's stated standard deviation are right within this share."""
+    """Return the share within which half of focal lengths with the lens's stated sigma are right; `otherwise` without one."""
     return otherwise if lens.focal_sd is None else NORMAL_HALF * lens.focal_sd
 
 
 def _pixels(lenses: Sequence[Lens], camera: Ints, rays: Floats) -> Floats:
-    """(M, 2) where the lenses of (M,) cameras show rays (M, 3)."""
+    """Return the pixels (M, 2) of rays (M, 3) in the lenses of cameras (M,)."""
     out = np.zeros((len(rays), 2))
     for c, lens in enumerate(lenses):
         out[camera == c] = lens.project_rays(rays[camera == c])
@@ -286,5 +287,5 @@ def _pixels(lenses: Sequence[Lens], camera: Ints, rays: Floats) -> Floats:
 
 
 def _where(good: Any, new: Floats, old: Floats) -> Floats:
-    """The new rows where they are good, the old ones elsewhere."""
+    """Return the new rows where they are good, the old ones elsewhere."""
     return np.asarray(np.where(good.reshape(-1, *[1] * (new.ndim - 1)), new, old))

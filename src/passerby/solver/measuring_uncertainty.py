@@ -1,16 +1,16 @@
-"""How well a rig measures: points that several cameras see, and places on the ground that one camera sees.
+"""Uncertainty of measurements with a rig: points that several cameras see, and places on the ground that one camera sees.
 
-A principal point that is off and a camera that is turned the other way are nearly the same camera for every point that it
-measures. So the sigmas of poses and of intrinsics, each alone, say little of what a rig is used for. Here the covariance of the
-complete cameras, with all correlations, is propagated to the places where people walked:
+A wrong principal point and an opposite rotation of the camera nearly cancel for every point that it measures. The sigmas of
+poses and of intrinsics, each alone, are therefore no measure of the rig's accuracy in use. Here the covariance of the complete
+cameras, with all correlations, is propagated to the places where people walked:
 
 - *points*: up to 1.8 m above these places, triangulated by all cameras that see them;
 - *ground*: the places themselves, where one camera's ray meets z = 0;
-- *across*: how far beside the points a camera's rays to them pass.
+- *across*: the distance at which a camera's rays pass beside the points.
 
-To first order the estimated camera with parameters off by `d` shows a point X at `J_X (X' - X) + J d = 0`. As in
-`core.measuring`, one similarity of the whole rig is taken off, the least-squares one of the points; of a rig that is put
-together from groups, one of each group.
+To first order, the estimated camera with parameter errors `d` sees a point X at X', with `J_X (X' - X) + J d = 0`. As in
+`core.measuring`, one similarity of the whole rig is subtracted, the least-squares one of the points; for a rig joined from
+groups, one of each group.
 """
 
 from __future__ import annotations
@@ -29,25 +29,25 @@ from passerby.solver.systematic import LOWER_EDGE
 from passerby.solver.uncertainty import COMPLETE
 
 MOST_PLACES, NEAR_M = 200, 2.0
-"""Places of each group of cameras, and how far they are at most from where a camera saw people."""
+"""Largest number of places of each group of cameras, and largest distance of a place from where a camera saw people, metres."""
 LEAST_CROSSING = 1e-9
-"""Share of what is known across a point's rays that has to be known along them: rays that cross at a hundredth of a degree."""
+"""Smallest ratio of the information along a point's rays to that across them: rays that cross at a hundredth of a degree."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Views:
-    """What one camera sees of N points, in the world of the adjustment."""
+    """The view of N points by one camera, in the world of the adjustment."""
 
     seen: Bools
-    """(N,)"""
+    """(N,) whether the camera sees the point."""
     by_point: Floats
-    """(N, 2, 3) pixels by the point, metres; 0 where it is not seen."""
+    """(N, 2, 3) derivative of the pixel by the point, pixels a metre; 0 where it is not seen."""
     by_camera: Floats
-    """(N, 2, 10) pixels by the complete camera; 0 where it does not see the point."""
+    """(N, 2, 10) derivative of the pixel by the parameters of the complete camera; 0 where the point is not seen."""
 
     @classmethod
     def of(cls, camera: Camera, points: Floats, near: Bools) -> _Views:
-        """Of a camera with a pose, and those of points (N, 3) that are `near` (N,) where it saw people."""
+        """Compute the view of a camera with a pose; of points (N, 3), it sees only those `near` (N,) places with people."""
         pose = camera.pose
         assert pose is not None
         seen = near & np.isfinite(camera.project(points)).all(axis=1)
@@ -71,23 +71,23 @@ def measuring_uncertainty(
     rig: Rig, complete: Floats, people: Floats, seen: Bools, person_height_m: float, free: Free,
     groups: Sequence[Sequence[int]] = (),
 ) -> MeasuringFigures | None:  # fmt: skip
-    """The uncertainty of what a rig measures where people walked.
+    """Compute the uncertainty of measurements with a rig where people walked.
 
-    A camera measures only near the places where it saw people. Places behind the walls of a hall are in its picture by geometry
-    alone. Cameras that were rigs by themselves measure by themselves: how well their relative pose is known is in the poses'
-    sigmas.
+    A camera is used only near the places where it saw people: by geometry alone, places behind the walls of a hall are in its
+    image too. Groups of cameras that were separate rigs measure separately; the uncertainty of their relative pose is in the
+    poses' sigmas.
 
     Args:
         rig: C cameras with poses; world of the adjustment, z up, the ground at z = 0, metres.
         complete: (10 C, 10 C) covariance of the complete cameras (`RigCovariance.complete`).
         people: (N, 2) places of people on the ground, metres.
-        seen: (C, N) whether each camera saw them there.
-        person_height_m: of theirs, typical.
-        free: what no evidence constrains.
-        groups: places in the rig of cameras that were rigs by themselves; none: all are one.
+        seen: (C, N) whether each camera saw people there.
+        person_height_m: typical height of these people, metres.
+        free: parts of the solution that no evidence constrains.
+        groups: numbers in the rig of the cameras of each separate rig; empty: all cameras are one rig.
 
     Returns:
-        The figures; None where cameras are free to go anywhere, or fewer than two see the places.
+        The figures; None where cameras are unconstrained, or fewer than two see the places.
     """
     if free.cameras or not len(people):
         return None
@@ -114,7 +114,7 @@ def measuring_uncertainty(
 
 
 def _near(places: Floats, seen: Floats) -> Bools:
-    """(P,) whether a camera saw people at places `seen` (K, 2) near places (P, 2)."""
+    """Return whether a camera that saw people at `seen` (K, 2) saw some near each of the places (P, 2)."""
     if not len(seen):
         return np.zeros(len(places), dtype=bool)
     return np.isfinite(KDTree(seen).query(places, distance_upper_bound=NEAR_M)[0])
@@ -122,17 +122,17 @@ def _near(places: Floats, seen: Floats) -> Bools:
 
 @dataclass(frozen=True, eq=False)
 class _Measured:
-    """One sigma of what cameras measure together, metres."""
+    """One sigma of measurements by a group of cameras, metres."""
 
     points: Floats
-    """(N,) of points that two of them see."""
+    """(N,) one sigma of points that two or more of them see."""
     grounds: list[Floats]
-    """(M,) of the places that each sees."""
+    """One sigma (M,) of the places that each camera sees."""
     cameras: dict[str, CameraMeasuring]
 
 
 def _measured(group: Sequence[Camera], root: Floats, places: Floats, near: Bools, *, sees_ground: bool) -> _Measured | None:
-    """What cameras measure at places (P, 2) that each saw people `near` (C, P); None where fewer than two see them."""
+    """Compute the sigmas at places (P, 2), where each camera saw people `near` (C, P); None if no two cameras see them."""
     points = points_above(places)
     views = [_Views.of(camera, points, np.tile(own, len(HEIGHTS_M))) for camera, own in zip(group, near, strict=True)]
     known = (np.sum([view.seen for view in views], axis=0) > 1) & _determined(views)
@@ -161,19 +161,19 @@ def _measured(group: Sequence[Camera], root: Floats, places: Floats, near: Bools
 
 
 def _root(complete: Floats, n_cameras: int) -> Floats:
-    """(C, 10, 10 C) a root of the cameras' covariance."""
+    """Return a root (C, 10, 10 C) of the cameras' covariance."""
     value, vector = np.linalg.eigh(0.5 * (complete + complete.T))
     return np.asarray((vector * np.sqrt(np.maximum(value, 0.0))).reshape(n_cameras, COMPLETE, -1))
 
 
 def _determined(views: list[_Views]) -> Bools:
-    """(N,) the points whose rays cross: not those that only cameras at one place see."""
+    """Return whether the rays of each point (N,) cross; they do not if all its cameras are at one place."""
     value = np.linalg.eigvalsh(np.sum([np.swapaxes(view.by_point, 1, 2) @ view.by_point for view in views], axis=0))
     return np.asarray(value[:, 0] > LEAST_CROSSING * value[:, 2])
 
 
 def _triangulated(views: list[_Views], known: Bools, root: Floats) -> Floats:
-    """(N, 3, K) how triangulated points move with the K independent errors of the cameras; 0 where too few see them."""
+    """Return the displacements (N, 3, K) of points by the K independent errors of the cameras; 0 for points not `known`."""
     J = np.stack([view.by_point for view in views])
     normal = np.einsum("cnki,cnkj->nij", J, J)
     normal[~known] = np.eye(3)
@@ -185,7 +185,7 @@ def _triangulated(views: list[_Views], known: Bools, root: Floats) -> Floats:
 
 
 def _similarities(points: Floats) -> Floats:
-    """(N, 3, 7) how the freedoms of a similarity move points (N, 3)."""
+    """Return the displacements (N, 3, 7) of points (N, 3) by the freedoms of a similarity."""
     about = points - points.mean(axis=0)
     out = np.zeros((len(points), 3, 7))
     out[:, :, :3] = np.eye(3)
@@ -196,16 +196,16 @@ def _similarities(points: Floats) -> Floats:
 
 
 def _on_ground(view: _Views, own: Floats, on: Ints) -> Floats:
-    """(M, 2, K) how the places that a camera sees, M rows, move on its ground z = 0."""
+    """Return the displacements (M, 2, K), on the ground z = 0, of the places (M rows) that a camera sees."""
     return np.asarray(-np.linalg.pinv(view.by_point[on][:, :, :2]) @ (view.by_camera[on] @ own))
 
 
 def _beside(view: _Views, own: Floats, fitted: Floats, both: Bools) -> Floats:
-    """(M, 3, K) how far beside the points a camera's rays pass, across them: least displacements that its pixels ask for."""
+    """Return the displacements (M, 3, K) of a camera's rays beside the points: the smallest ones that explain its pixels."""
     pixels = view.by_camera[both] @ own + view.by_point[both] @ fitted[both]
     return np.asarray(np.linalg.pinv(view.by_point[both]) @ pixels)
 
 
 def _sigmas(moved: Floats) -> Floats:
-    """(M,) root mean square lengths of displacements (M, d, K), metres."""
+    """Return the root mean square lengths (M,) of displacements (M, d, K), metres."""
     return np.asarray(np.sqrt((moved**2).sum(axis=(1, 2))))

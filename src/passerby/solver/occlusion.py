@@ -1,12 +1,10 @@
-"""Which boxes show a whole person, judged by how their edges fit the people that all cameras agree on.
+"""Detection of boxes that do not show a whole person, by how their edges fit the people that all cameras agree on.
 
-A detector's box often ends early: feet hidden behind a nearer person, a dark head before a dark wall; or it holds two people.
-Its centre is then off by half of what is missing, which the centre's own residual barely distinguishes from noise while
-the box's
-height, of little weight, barely contradicts. Both edges together tell: each is either an edge of the person, with the
-noise of all
-such edges, or broken and anywhere near. How many are broken, and how noisy the others are, the boxes say themselves
-(expectation and maximisation on a mixture of a normal and an even distribution).
+A detector's box often ends early: feet are hidden behind a nearer person, or a dark head is before a dark wall; or the box
+contains two people. Its centre is then wrong by half of the missing part. The centre's own residual barely distinguishes this
+from noise, and the box's height has little weight. Both edges together show it: each is either an edge of the person, with the
+noise of all such edges, or broken and anywhere near. The share of broken edges and the noise of the others are estimated from
+the boxes (expectation maximisation on a mixture of a normal and a uniform distribution).
 """
 
 from __future__ import annotations
@@ -19,37 +17,37 @@ from passerby.common.arrays import Floats
 from passerby.geometry.groups import residual_scale
 
 BROKEN_DENSITY = 3.0
-"""A broken edge lies evenly within a sixth of the person's height either way. Rendered videos, a network's boxes and a
-background's: orientation off by 0.608 and 0.733 degrees; within a quarter 0.630 and 0.799; single weights instead 0.818 and
-1.028."""
+"""Density of a broken edge: it lies uniformly within a sixth of the person's height either way. Rendered videos, a network's
+boxes and a background's: orientation errors of 0.608 and 0.733 degrees; within a quarter 0.630 and 0.799; with single weights
+instead 0.818 and 1.028."""
 NARROWEST = 6.0
-"""A broken edge is anywhere within at least so many sigmas of sound ones: where these are as noisy as a sixth of a person,
-they would show nothing, and all boxes would pass for broken."""
+"""Smallest width of the distribution of broken edges, in sigmas of sound ones. With a narrower one, where sound edges are as
+noisy as a sixth of a person, broken and sound edges could not be distinguished, and all boxes would count as broken."""
 CLEAN = 0.01
-"""Of the true edges of people who bend and reach up to this share looks broken (simulated: 0.000 to 0.010). It is taken off, so
-that boxes without fault are weighed alike."""
+"""Share of the true edges of people who bend and reach that looks broken (simulated: 0.000 to 0.010). It is subtracted, so
+that boxes without errors get equal weights."""
 MIN_BOXES = 30
 MIN_SIGMA = 0.01
-"""No detector's edges are better known than this share of the height: feet move."""
+"""Smallest sigma of an edge for all detectors, as a share of the height: feet move."""
 LEAST_WEIGHT = 1e-3
 _STEPS = 30
 
 
 @dataclass(frozen=True, eq=False)
 class Wholeness:
-    """How whole boxes are."""
+    """Probabilities that boxes show whole people."""
 
     weight: Floats
     """(M,) probability that both edges are the person's, at least `LEAST_WEIGHT`."""
     broken: float
-    """Share of the edges that are broken, beyond what clean boxes feign."""
+    """Share of broken edges, in excess of the share `CLEAN` that clean boxes seem to have."""
 
 
 def weight_truncated_boxes(top: Floats, bottom: Floats) -> Wholeness:
-    """The probabilities that boxes are whole.
+    """Compute the probabilities that boxes are whole.
 
     Args:
-        top: (M,) residuals of the upper edges down the picture, as shares of the boxes' heights.
+        top: (M,) residuals of the upper edges, positive down the image, as shares of the boxes' heights.
         bottom: (M,) the same of the lower edges.
     """
     if len(top) < MIN_BOXES:
@@ -60,7 +58,7 @@ def weight_truncated_boxes(top: Floats, bottom: Floats) -> Wholeness:
 
 
 def _sound(residual: Floats) -> tuple[Floats, float]:
-    """(M,) probability of each edge to be the person's, and the share of the broken ones beyond `CLEAN`."""
+    """Return the probability (M,) that each edge is the person's, and the share of broken edges in excess of `CLEAN`."""
     sigma, broken = residual_scale(residual, MIN_SIGMA), 0.05
     for _ in range(_STEPS):
         sound = _posterior(residual, sigma, broken)
@@ -71,7 +69,7 @@ def _sound(residual: Floats) -> tuple[Floats, float]:
 
 
 def _posterior(residual: Floats, sigma: float, broken: float) -> Floats:
-    """(M,) probability that residuals come from sound edges."""
+    """Return the probability (M,) that residuals come from sound edges."""
     sound = (1 - broken) * np.exp(-0.5 * (residual / sigma) ** 2) / (sigma * np.sqrt(2 * np.pi))
     density = min(BROKEN_DENSITY, 1 / (NARROWEST * sigma))
     return np.asarray(sound / np.maximum(sound + broken * density, 1e-300)) if broken > 0 else np.ones(len(residual))

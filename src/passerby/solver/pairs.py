@@ -1,9 +1,9 @@
 """Hypotheses of the relative pose of two cameras, by two routes.
 
 *Ground*: both cameras are levelled by their own people (`geometry.single_view`), so that they differ by a motion of the plane
-only; two matched people fix it. *Epipolar*: the essential matrix of highest and lowest points (or of joints), its baseline
-scaled by the people's height. The routes fail in different places: the first where a camera's vertical is poor, the second
-where all is far or flat. Both are kept, and third cameras decide (`assembly`).
+only; two matched people determine it. *Epipolar*: the essential matrix of highest and lowest points (or of joints), its
+baseline scaled by the people's height. The routes fail in different cases: the first where a camera's vertical is poor, the
+second where all points are far away or on one plane. Both are kept, and third cameras decide between them (`pose_graph`).
 """
 
 from __future__ import annotations
@@ -27,26 +27,28 @@ from passerby.solver.evidence import Evidence
 MIN_MATCHES = 8
 MAX_MATCHES = 600
 ALL_PAIRS_UP_TO = 12
-"""Cameras of which all pairs are compared, and of more cameras the partners of each: then the time grows with the cameras."""
+"""Number of cameras up to which all pairs are compared. In larger rigs, it is the number of partners of each camera; then the
+time grows with the number of cameras."""
 FORESTS = 3
-"""Spanning forests by what is shared whose pairs are compared too: a few ways, for third cameras to confirm, between groups."""
+"""Number of spanning forests, weighted by shared sightings, whose pairs are compared too. They give several connections between
+groups, which third cameras can confirm."""
 _GROUND_TRIALS = 400
-# A ground position is known to about this share of its distance: box noise, stance, and what is left of the level's tilt.
+# Sigma of a ground position, as a share of its distance and in metres: box noise, stance, and the remaining tilt of the level.
 _GROUND_SHARE, _GROUND_FLOOR_M = 0.06, 0.15
 SHOWN_SHARE = 0.4
-"""Of a body's height, about what joints show of people who are not seen whole: from the hips to the head. All pairs have
-to agree on one length; which one it is barely matters."""
+"""Approximate share of a body's height that joints show of people who are not seen whole: from the hips to the head. All pairs
+must use the same length; its value has little influence."""
 
 
 def pair_hypotheses(
     evidence: Evidence, levels: list[Level | None], focal: Floats, person_height_m: float, rng: np.random.Generator
 ) -> list[PairHypothesis]:
-    """All hypotheses of the pairs of cameras that saw the same people at the same instants: of all in small rigs, of
-    `compared_pairs` in large ones.
+    """Compute the hypotheses of the pairs of cameras that saw the same people at the same instants: of all pairs in small rigs,
+    of `compared_pairs` in large ones.
 
     Args:
         evidence: sightings with identities.
-        levels: one a camera, None where it could not be found.
+        levels: one per camera, None where it could not be found.
         focal: (C,) focal lengths, pixels.
         person_height_m: expected standing height, metres.
         rng: draws samples.
@@ -58,7 +60,7 @@ def pair_hypotheses(
 
 
 def shared_blocks(evidence: Evidence) -> Ints:
-    """(C, C) how many person-instants and joints each two cameras have in common."""
+    """Count the person-instants and joints (C, C) that each two cameras share."""
     n, s, j = evidence.n_cameras, evidence.sightings, evidence.joints
     total = np.zeros((n, n), np.int64)
     for camera, block in ((s.camera, s.block), (j.camera, j.point)):
@@ -70,11 +72,13 @@ def shared_blocks(evidence: Evidence) -> Ints:
 
 
 def compared_pairs(shared: Ints) -> list[tuple[int, int]]:
-    """The pairs (a, b), a < b, of which hypotheses are made: all of up to `ALL_PAIRS_UP_TO` cameras; else the partners of each
-    camera that share most with it, and what holds together groups of cameras that share more among themselves.
+    """Return the pairs (a, b), a < b, for which hypotheses are computed.
+
+    With up to `ALL_PAIRS_UP_TO` cameras these are all pairs. In larger rigs, they are the partners of each camera that share
+    most with it, and pairs that connect groups of cameras.
 
     Args:
-        shared: (C, C) what each two cameras have in common.
+        shared: (C, C) number of sightings that each two cameras share.
     """
     n = len(shared)
     if n <= ALL_PAIRS_UP_TO:
@@ -86,7 +90,7 @@ def compared_pairs(shared: Ints) -> list[tuple[int, int]]:
     chosen[np.arange(n)[:, None], partners] = True
     rest = weight.copy()
     for _ in range(FORESTS):
-        # The lightest first: maximum spanning forest. Pairs that share nothing are no edges.
+        # Weights are inverted, so that the minimum spanning forest is the maximum one. Pairs that share nothing are no edges.
         forest = minimum_spanning_tree(csr_array(np.where(rest > 0, rest.max() + 1.0 - rest, 0.0))).toarray() > 0
         chosen |= forest
         rest[forest] = 0
@@ -97,9 +101,9 @@ def compared_pairs(shared: Ints) -> list[tuple[int, int]]:
 def verify_guesses(
     guesses: Sequence[PairHypothesis], evidence: Evidence, focal: Floats, person_height_m: float
 ) -> list[PairHypothesis]:
-    """Guesses from outside with inliers and matches counted on the evidence, as those of `pair_hypotheses` are.
+    """Return given hypotheses with inliers and matches counted on the evidence, as for those of `pair_hypotheses`.
 
-    A guess about cameras that share no sightings of whole people is left out: nothing would hold the two together.
+    A hypothesis of cameras that share no sightings of whole people is left out: no evidence would connect the two.
     """
     s = evidence.sightings
     out = []
@@ -111,7 +115,7 @@ def verify_guesses(
 
 
 def shared_rows(camera: Ints, block: Ints, a: int, b: int) -> tuple[Ints, Ints]:
-    """Rows of camera a and of camera b that show the same block, in the same order."""
+    """Return the rows (K,) of camera a and (K,) of camera b that show the same blocks, in the same order."""
     rows_a, rows_b = np.flatnonzero(camera == a), np.flatnonzero(camera == b)
     _, in_a, in_b = np.intersect1d(block[rows_a], block[rows_b], assume_unique=True, return_indices=True)
     return rows_a[in_a], rows_b[in_b]
@@ -160,14 +164,17 @@ def _pair(
 
 
 def _threshold(at: Sightings, focal: float) -> float:
-    """Largest epipolar error of an inlier in one camera, radians: 4 % of a typical body's extent."""
+    """Return the largest epipolar error of an inlier in one camera, radians: 4 % of the median extent, plus a pixel."""
     return float(0.04 * np.median(at.extent_px) / focal) + 1.0 / focal
 
 
 def _by_ground(
     at_a: Sightings, at_b: Sightings, level_a: Level, level_b: Level, rng: np.random.Generator
 ) -> tuple[Floats, Floats] | None:
-    """The plane motion that puts most people of camera a on those of camera b: two-point RANSAC, then reweighted fits."""
+    """Fit the plane motion that moves most people of camera a to those of camera b: two-point RANSAC, then reweighted fits.
+
+    Returns the relative pose (R_ba (3, 3), t_ba (3,) in metres); None without enough positions.
+    """
     ground_a, ground_b = level_a.ground_positions(at_a.bottom), level_b.ground_positions(at_b.bottom)
     good = np.isfinite(ground_a).all(axis=1) & np.isfinite(ground_b).all(axis=1)
     ground_a, ground_b = ground_a[good], ground_b[good]
@@ -179,7 +186,7 @@ def _by_ground(
     b = ground_b[:, 0] + 1j * ground_b[:, 1]
     span = a[second] - a[first]
     turn = np.divide(b[second] - b[first], span, out=np.zeros_like(span), where=np.abs(span) > 1e-9)
-    # Two people far enough apart to give a direction, and about as far apart in both cameras.
+    # Two people must be far enough apart to give a direction, and about equally far apart in both cameras.
     sound = (np.abs(span) > 2 * sigma[first]) & (np.abs(turn) > 0.6) & (np.abs(turn) < 1.6)
     if not sound.any():
         return None
@@ -208,7 +215,7 @@ def _by_epipolar(
     person_height_m: float,
     rng: np.random.Generator,
 ) -> tuple[Floats, Floats] | None:
-    """The essential matrix of matched rays, its baseline scaled by the people's height."""
+    """Estimate the relative pose from matched rays (essential matrix), with the baseline scaled by the people's height."""
     try:
         view = estimate_relative_pose(
             rays_a, rays_b, threshold=angle, rng=rng, max_points=1000, min_iterations=200, max_iterations=3000
@@ -224,10 +231,11 @@ def _by_epipolar(
 def _by_extents(
     found: tuple[Floats, Floats], at_a: PointObservations, at_b: PointObservations, focal: Floats, person_height_m: float
 ) -> tuple[Floats, Floats]:
-    """The relative pose, its baseline scaled by how large joints show people where no person is seen whole.
+    """Return the relative pose with its baseline scaled by the extents of joints, where no person is seen whole.
 
-    Without it each pair's baseline would have the length 1, and a third camera would go where no descent finds it again: in a
-    room of joints of heads, trunks, arms or legs alone (terrace, seed 3, three cameras) one of the three was lost.
+    Without this scale, each pair's baseline would have the length 1, and a third camera would start too far from its true pose
+    for any descent. In a room with joints of heads, trunks, arms or legs only (terrace, seed 3, three cameras), one of the
+    three was lost.
     """
     R_ba, t_ba = found
     point = triangulate_two_views(at_a.bearing, at_b.bearing, R_ba, t_ba)
@@ -241,9 +249,10 @@ def _by_extents(
 
 
 def body_lengths(at_a: Sightings, at_b: Sightings, R_ba: Floats, t_ba: Floats) -> float | None:
-    """The length, in units of the baseline, of a whole standing body: the upper quartile over the matched people.
+    """Return the length, in units of the baseline, of a whole standing body: the 65 % quantile over the matched people.
 
-    People crouch, sit and bend, but they do not stretch: standing is near the upper end of what is seen, not at its mean.
+    None with too few people. People crouch, sit and bend, but they do not become longer: the standing length is near the upper
+    end of the observed lengths, not at their mean.
     """
     if len(at_a) < MIN_MATCHES:
         return None
@@ -258,7 +267,7 @@ def body_lengths(at_a: Sightings, at_b: Sightings, R_ba: Floats, t_ba: Floats) -
 
 
 def _judged(h: PairHypothesis, at_a: Sightings, at_b: Sightings, focal: Floats, person_height_m: float) -> PairHypothesis:
-    """The hypothesis with its inliers counted alike for both routes: people whose two midpoints meet, at a plausible size."""
+    """Return the hypothesis with its inliers, counted equally for all routes: people whose middles meet at a plausible size."""
     if len(at_a) == 0:
         return PairHypothesis(h.a, h.b, h.R_ba, h.t_ba, h.route, h.matches, h.matches)
     middle_a, middle_b = at_a.top + at_a.bottom, at_b.top + at_b.bottom

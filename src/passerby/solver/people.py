@@ -1,4 +1,4 @@
-"""The person-model solver: from people with identities to a metric, gravity-aligned rig. No camera is special.
+"""The person-model solver: from people with identities to a metric, gravity-aligned rig. No camera is a reference.
 
 Data flow: evidence -> each camera's own vertical and ground -> hypotheses of camera pairs -> spanning trees by agreement ->
 descent from each tree on a part of the evidence -> descent to the optimum on all of it -> covariance and verdict.
@@ -58,15 +58,15 @@ from passerby.solver.zones import ZONE_CAMERAS, ZonedRig, initial_rig_by_zones, 
 __all__ = ["PeopleOptions", "PeopleSolution", "solve_people"]
 
 FEWEST_BOXED = 2
-"""People by whom the size of boxes is known, that of the one who is asked for among them."""
+"""Smallest number of people for an estimate of the size of boxes, including the person whose height is measured."""
 _RESTARTS = 2
-"""First guesses made anew with better lenses, at most."""
+"""Largest number of restarts from a new initial rig with better lenses."""
 
 
 @dataclass(frozen=True, eq=False)
 class PeopleSolution(Solution):
-    """A solution with the optimum that it was read from, for tests of what else may explain the observations. Only the fields
-    of `Solution` are written to files.
+    """A solution with the optimum it was computed from, for tests of other explanations of the observations. Only the fields of
+    `Solution` are written to files.
     """
 
     start: Initialisation | None = None
@@ -88,13 +88,13 @@ def solve_people(
         cues: what is known about the scale.
         options: see `PeopleOptions`.
         rng: drives RANSAC and the choice among too many observations.
-        guesses: relative poses of pairs of cameras, found before; they count by the observations that agree.
-        executor: solves zones of a large rig side by side; one after the other where it is None.
-        begin: a rig that is put together from groups; then `guesses` are between all of its cameras, and none are sought.
+        guesses: hypotheses of relative poses, found before; they are weighted by the observations that agree with them.
+        executor: solves zones of a large rig in parallel; one after the other when None.
+        begin: a rig joined from groups; then `guesses` are between all of its cameras, and no others are computed.
 
     Returns:
         The rig in a world with z up, the ground at z = 0, the first registered camera above the origin and looking along +y.
-        Cameras that share too little with the largest group have no pose, and a finding says so.
+        Cameras that share too little with the largest group have no pose, and a finding reports them.
 
     Raises:
         RefusalError: no two cameras saw enough of the same people at the same instants.
@@ -116,13 +116,13 @@ def solve_people(
         start = Initialisation.prepare(inside, observations, cues, options, rng, among, begin)
     check_units(start)
 
-    # 2. The initial rig, refined to the optimum; again where the lenses turn out to be quite different.
+    # 2. The initial rig, refined to the optimum; repeated where the refined lenses differ much from the initial ones.
     choice, zoned = _initial_rig(start, options, rng, executor, begin)
     fit = refine_rig(start, choice.state, options, rng)
     for _ in range(_RESTARTS):
         if start.near(fit.start):
             break
-        # An initial rig with quite wrong lenses may be another arrangement, or have left people out.
+        # An initial rig with very wrong lenses may be in a wrong arrangement, or may have left people out.
         better = begin_with(start.stated, _observed(fit))
         start = Initialisation.prepare(better, observations, cues, options, rng, among, begin)
         try:
@@ -132,14 +132,14 @@ def solve_people(
             break
         fit = refine_rig(start, choice.state, options, rng)
 
-    # 3. What the rig leaves open: stated lenses that the user wants refined, and the vertical of bodies without feet.
+    # 3. Refinement of stated lenses on request, and the world frame from bodies where no person is seen whole.
     refinement = None
-    if stated:  # with random numbers of its own: a refinement that is dropped changes nothing
+    if stated:  # with its own random numbers: a refinement that is dropped changes nothing
         fit, refinement = refine_stated_lenses(fit, stated, options, rng.spawn(1)[0], observations.fps or USUAL_FPS)
     fit = placed_by_bodies(fit, observations, cues, options, rng)
     start = fit.start
 
-    # 4. The covariance of the cameras, the scale's cues, and the uncertainty of what the rig measures.
+    # 4. The covariance of the cameras, the scale cues, and the uncertainty of measurements with the rig.
     covariance, weighed, lenses = _estimate_uncertainty(start, fit, cues, observations)
     measuring = _measuring(start, fit, covariance)
     weighed, disagreements = check_cue_consistency(weighed)
@@ -176,7 +176,7 @@ def _initial_rig(
     executor: Executor | None,
     begin: JoinedRig | None,
 ) -> tuple[InitialRig, ZonedRig | None]:
-    """The rough rig, and the zones that it was put together from where there are many cameras."""
+    """Return the initial rig, and the zones that it was joined from; None where it was not computed by zones."""
     if begin is not None:
         return start_at(start, begin, options, rng), None
     zoned = initial_rig_by_zones(start, options, rng, executor) if len(start.rig) > ZONE_CAMERAS else None
@@ -186,7 +186,7 @@ def _initial_rig(
 def _estimate_uncertainty(
     start: Initialisation, fit: Fit, cues: ScaleCues, observations: Observations
 ) -> tuple[RigCovariance, list[CueFigures], dict[str, LensFigures]]:
-    """The covariance of the cameras, what the scale depends on, and what became of the lenses."""
+    """Return the covariance of the cameras, the figures of the scale cues, and the figures of the refined lenses."""
     state, knowledge = fit.result.state, start.knowledge
     seen = np.unique(fit.model.problem.person)
     terms = replace(fit.model.problem, lens_weight=np.ones(()), group_weight=1.0).terms(state, jacobians=True)
@@ -201,7 +201,7 @@ def _estimate_uncertainty(
         None if knowledge.unusual is None else knowledge.unusual[seen],
         None if knowledge.height_spread is None else knowledge.height_spread[seen],
     )  # fmt: skip
-    # What is found from noisy boxes is biased by about the variance of their heights: 7 % too small a scale at 27 % of noise.
+    # With noisy boxes, the scale is biased by about the variance of their heights: 7 % too small at 27 % of noise.
     report += people_cues(_posed(start.rig, state), observations)
     more = weigh_cues(known_cues(report)).more_variance
     sigma = float(np.linalg.norm([sigma, height_noise(fit, start.evidence) ** 2, np.sqrt(more)]))
@@ -210,14 +210,14 @@ def _estimate_uncertainty(
     held = ConsiderParameters.of_lenses(start.rig, fit.model.problem, state, estimated)
     of_joints = joint_design_effect(fit.model, start.evidence, terms)
     lenses = decide_refined_lenses(start.unknowns, start.stated, fit.model.problem, state, inflation, of_joints, held)
-    # Without intrinsics the adjustment's own covariance of lenses and poses together holds what boxes are off by alike.
+    # Without intrinsics, the adjustment's joint covariance of lenses and poses includes the common errors of boxes.
     lens_sigma = None if lenses is None or fit.model.problem.lens_normal else lenses.sigma
     covariance = rig_covariance(terms, fit.model.problem, state, inflation, sigma, lens_sigma, held, of_joints, estimated)
     return covariance, report, lens_figures(lenses, start.stated, start.rig)
 
 
 def _measuring(start: Initialisation, fit: Fit, covariance: RigCovariance) -> MeasuringFigures | None:
-    """The uncertainty of points and of the ground where people walked, or where their joints were."""
+    """Return the uncertainty of points and of the ground where people walked, or where their joints were."""
     state, boxes, joints = fit.result.state, fit.model.problem.sightings, fit.model.problem.joints
     whose, camera, at = (
         (boxes.block, boxes.camera, state.people) if len(state.people) else (joints.point, joints.camera, state.joints)
@@ -230,20 +230,20 @@ def _measuring(start: Initialisation, fit: Fit, covariance: RigCovariance) -> Me
 
 
 def _observed(fit: Fit) -> Rig:
-    """The cameras with the poses and lenses of an optimum; without a pose where no observation agrees."""
+    """Return the cameras with the poses and lenses of an optimum; without a pose where no observation agrees."""
     problem, rig = fit.model.problem, _posed(fit.start.rig, fit.result.state)
     agreeing = np.isin(np.arange(len(rig)), np.concatenate([problem.sightings.camera, problem.joints.camera]))
     return Rig(tuple(one if seen else replace(one, pose=None) for one, seen in zip(rig, agreeing, strict=True)))
 
 
 def _posed(rig: Rig, state: AdjustmentState) -> Rig:
-    """The cameras with the poses of a state, in its world."""
+    """Return the cameras with the poses of a state, in its world."""
     poses = (Pose.from_centre(R, centre) for R, centre in zip(state.R, state.centre, strict=True))
     return Rig(tuple(replace(camera, pose=pose) for camera, pose in zip(rig, poses, strict=True)))
 
 
 def _heights_by_boxes(start: Initialisation, state: AdjustmentState, observations: Observations) -> dict[int, float]:
-    """Identity -> height by boxes, metres, at the size that boxes have around the people of this rig."""
+    """Return identity -> height from boxes, metres, over the median ratio of heights from boxes to those of the rig."""
     boxed = heights_by_boxes(_posed(start.rig, state), observations)
     adjusted = dict(zip(start.evidence.identities.tolist(), state.heights.tolist(), strict=True))
     ratios = [height / adjusted[identity] for identity, height in boxed.items() if identity in adjusted]
@@ -253,7 +253,7 @@ def _heights_by_boxes(start: Initialisation, state: AdjustmentState, observation
 
 
 def _with_refined_sigmas(rig: Rig, lenses: Mapping[str, LensFigures]) -> Rig:
-    """The rig whose guessed focal lengths have the sigmas of their refinement; `lenses` as of `lens_figures`."""
+    """Return the rig with the sigmas of refined focal lengths in place of guessed ones; `lenses` as from `lens_figures`."""
     cameras = []
     for camera in rig:
         parts = lenses.get(camera.name)
@@ -266,7 +266,7 @@ def _with_refined_sigmas(rig: Rig, lenses: Mapping[str, LensFigures]) -> Rig:
 
 
 def _placed(rig: Rig, state: AdjustmentState, covariance: RigCovariance) -> Rig:
-    """The rig with the first camera above the origin, looking along +y."""
+    """Return the rig with poses and sigmas, the first camera above the origin, looking along +y."""
     turn = heading_rotation(state.R[0])
     shift = -turn @ np.array([*state.centre[0, :2], 0.0])
     cameras = []

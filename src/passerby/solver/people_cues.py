@@ -1,8 +1,9 @@
-"""Estimates of the scale from what people do: how fast they walk, and how wide they are.
+"""Estimates of the scale from people's walking speed, and from the width of their boxes.
 
-Both are computed in the solved rig and do not move it: beside people's heights their weight is small. They take part in the
-test of scale cues (`cue_agreement`), since their errors are of another kind. Boxes that show the upper half of each person make
-the rig twice as large, and then people walk twice as fast and are twice as wide. A wrong frame rate changes the speed alone.
+Both are computed in the solved rig and do not change it: compared with people's heights, their weight is small. They are used
+in the test of scale cues (`cue_agreement`), since their errors are of another kind. Boxes that show the upper half of each
+person make the rig twice as large; then people walk twice as fast and are twice as wide. A wrong frame rate changes only the
+speed.
 """
 
 from __future__ import annotations
@@ -20,40 +21,41 @@ from passerby.people.body_centres import locate_people
 from passerby.solver.cue_agreement import MOST_SIGMAS
 
 WALK_M, WALK_SITE_SD, WALK_PERSON_SD = 1.1, 0.12, 0.19
-"""Metres walked in a second by the median person of a place; standard deviations of the logarithm between places and between
-people. Comfortable speeds of groups by age and sex are 0.94 to 1.43 m/s (Bohannon and Andrews 2011, *Normal walking speed: a
+"""Median walking speed of people at a site, m/s; standard deviations of the logarithm between sites and between people.
+Comfortable speeds of groups by age and sex are 0.94 to 1.43 m/s (Bohannon and Andrews 2011, *Normal walking speed: a
 descriptive meta-analysis*): 0.21 either way as a logarithm, taken as less than two sigmas. People differ by 0.26 of 1.34 m/s
-(Weidmann 1993, *Transporttechnik der Fussgänger*). In areas that cameras watch people turn, wait and walk together: the medians
-of simulated scenes without runners are 0.93 to 1.31, their middle is 1.1."""
+(Weidmann 1993, *Transporttechnik der Fussgänger*). In areas that cameras watch, people turn, wait and walk together: the
+medians of simulated scenes without runners are 0.93 to 1.31, their middle is 1.1."""
 RUN_M, RUN_SD = 2.8, 0.3
-"""The same of people who run: from a jog of 2 m/s, where people stop to walk (Thorstensson and Roberthson 1987, *Adaptations to
-changing speed in human locomotion*), to a sprint across a court of 4 to 5 m/s."""
+"""Speed of people who run, m/s, and standard deviation of its logarithm: from a jog of 2 m/s, below which people walk
+(Thorstensson and Roberthson 1987, *Adaptations to changing speed in human locomotion*), to a sprint across a court of 4 to 5
+m/s."""
 RUNS_RARELY = 4.0
-"""Power of the share of walkers in the prior: a sixth of motion is running on average, all of it almost never.
-Of 2, 4 and 8 on simulated scenes (seeds 861 to 883): with 2 walkers at three times their frame rate may be runners, with 8
-four people on a court walk too fast."""
+"""Power of the share of walking in the prior: on average a sixth of motion is running, and almost never all of it. Of 2, 4 and
+8 on simulated scenes (seeds 861 to 883): with 2, walkers at three times their frame rate may count as runners; with 8, four
+people on a court count as walking too fast."""
 SPOILT = 0.05
-"""Share of speeds that mean nothing: of places that another person's box has spoilt."""
+"""Share of invalid speeds, from places that are wrong because of another person's box."""
 BLOCK_S = 10.0
 """Seconds after which a person may change between walking and running."""
 MOVES_M = 0.5
-"""Metres in a second; slower people stand."""
+"""Speed below which people count as standing, m/s."""
 STEADY = 0.5
-"""Two successive displacements that differ by less than this share of the longer one are one walk."""
+"""Two successive displacements that differ by less than this share of the longer one count as steady motion."""
 BODY_WIDTH_M, BODY_WIDTH_SD = 0.6, 0.15
 """Median width of people's boxes and the standard deviation of its logarithm, between detectors and between people: 0.55 to
-0.70 m in ordinary simulated scenes, 0.44 to 0.81 with detectors that leave 5 % of the height away at each edge, or add 10 %.
+0.70 m in ordinary simulated scenes, 0.44 to 0.81 with detectors that cut off 5 % of the height at each edge, or add 10 %.
 Annotated pedestrians are 0.41 times as wide as tall (Dollar et al. 2012, *Pedestrian Detection: An Evaluation of the State of
 the Art*)."""
 BORDER_PX = 2.0
-"""A box that is nearer to the picture's border may be cut off by it."""
+"""Distance from the image's border within which a box may be cut off by it."""
 FEWEST = 10
-"""Speeds, or boxes, of a person who counts."""
+"""Smallest number of speeds, or of boxes, of a person who is used."""
 _SHIFT, _SHARE = np.linspace(-2.0, 2.0, 401), np.linspace(0.0, 0.98, 50)
 
 
 def people_cues(rig: Rig, observations: Observations) -> list[CueFigures]:
-    """The cues `walking_speed` and `body_width`, without weight in the adjustment; each only where there is evidence.
+    """Compute the cues `walking_speed` and `body_width`, which have no weight in the adjustment; each only with evidence.
 
     Args:
         rig: lenses and poses, z up, metres.
@@ -74,16 +76,16 @@ def people_cues(rig: Rig, observations: Observations) -> list[CueFigures]:
 
 
 def scale_by_walking(speeds: Sequence[Floats], per_block: float) -> tuple[float, float]:
-    """Logarithm of the factor on all lengths by which people move as people do, and one sigma of it.
+    """Estimate the logarithm of the factor on all lengths that makes people's speeds usual, and one sigma of it.
 
-    The logarithms of speeds are a mixture of walking and running; its share of running is integrated over. The likelihood of
-    the factor may have two peaks, such as fast walkers or slow runners. So the estimate is the middle of the interval that a
-    likelihood ratio test at `MOST_SIGMAS` leaves, and sigma is half of it over `MOST_SIGMAS`, at least what the mean of so
-    many people differs by, with what places differ by.
+    The logarithms of speeds are a mixture of walking and running; the unknown share of running is integrated out. The
+    likelihood of the factor may have two peaks (fast walkers or slow runners). The estimate is therefore the middle of the
+    interval that a likelihood ratio test at `MOST_SIGMAS` accepts, and its sigma is half the interval over `MOST_SIGMAS`. The
+    sigma is at least that of a mean over so many people; the spread between sites is added.
 
     Args:
-        speeds: of each person metres in a second, while in motion.
-        per_block: how many successive speeds of a person count as one; all of them where there are fewer.
+        speeds: speeds of each person in motion, m/s.
+        per_block: number of successive speeds of a person that count as one observation; all of them if there are fewer.
     """
     logs = np.log(np.concatenate(speeds))
     values, of_value = np.unique(np.round(logs, 2), return_inverse=True)
@@ -103,19 +105,19 @@ def scale_by_walking(speeds: Sequence[Floats], per_block: float) -> tuple[float,
 
 
 def walking_speeds(keys: Floats, places: Floats, fps: float | None) -> list[Floats]:
-    """Of each person in steady motion metres in a second, over two seconds; none where the frame rate is not known.
+    """Return the speeds in m/s, over two seconds, of each person in steady motion; empty without a frame rate.
 
     Args:
-        keys: (N, 2) frame and identity of people that were placed.
-        places: (N, 2) or (N, 3) where, metres.
-        fps: frames in a second.
+        keys: (N, 2) frame and identity of people with a known place.
+        places: (N, 2) or (N, 3) their places, metres.
+        fps: frames a second; None if unknown.
     """
     if not fps or not len(keys):
         return []
     step = max(1, round(fps))
     order = np.lexsort((keys[:, 0], keys[:, 1]))
     frame, identity, place = keys[order, 0], keys[order, 1], places[order, :2]
-    # One number for person and frame: the place a second later is found by it.
+    # One number for person and frame, by which the place a second later is found.
     code = identity * (int(np.ptp(frame)) + 2 * step + 1) + (frame - frame.min())
     rows, later = _later(code, step)
     moved = np.full(place.shape, np.nan)
@@ -129,13 +131,13 @@ def walking_speeds(keys: Floats, places: Floats, fps: float | None) -> list[Floa
 
 
 def body_widths(rig: Rig, observations: Observations, keys: Floats, places: Floats) -> list[Floats]:
-    """Of each person the widths of the boxes, metres; those at a picture's border left out.
+    """Return the widths of each person's boxes, metres; boxes at an image's border are left out.
 
     Args:
         rig: lenses and poses.
         observations: people at common time steps.
-        keys: (N, 2) frame and identity of people that were placed.
-        places: (N, 3) where, world, metres.
+        keys: (N, 2) frame and identity of people with a known place.
+        places: (N, 3) their places, world, metres.
     """
     who, widths = [np.zeros(0)], [np.zeros(0)]
     for camera in rig.posed() if len(keys) else ():
@@ -167,14 +169,14 @@ def _normal(x: Floats, mean: float, sd: float) -> Floats:
 
 
 def _by_person(who: Floats, values: Floats) -> list[Floats]:
-    """The values (N,) of each person that has enough of them."""
+    """Return the values (N,) of each person who has enough of them."""
     order = np.argsort(who, kind="stable")
     starts = np.flatnonzero(np.diff(who[order])) + 1
     return [own for own in np.split(values[order], starts) if len(own) >= FEWEST]
 
 
 def _later(code: Floats, step: int) -> tuple[Ints, Ints]:
-    """Rows (K,) of people that are placed a step later too, and the rows (K,) of then."""
+    """Find the rows (K,) of people who also have a place `step` frames later, and the rows (K,) of these later places."""
     at = np.searchsorted(code, code + step)
     met = at < len(code)
     met[met] = code[at[met]] == code[met] + step
@@ -183,7 +185,7 @@ def _later(code: Floats, step: int) -> tuple[Ints, Ints]:
 
 
 def _placed(rows: Floats, keys: Floats) -> tuple[Ints, Ints]:
-    """Rows (K,) whose frame and identity are among the keys (N, 2), and which key (K,) it is."""
+    """Find the rows (K,) whose frame and identity are among the keys (N, 2), and the index (K,) of their key."""
     number = group_numbers(*np.concatenate([keys, rows]).T)
     key_of = np.full(int(number.max()) + 1, -1)
     key_of[number[: len(keys)]] = np.arange(len(keys))

@@ -1,16 +1,16 @@
 """The person model: upright people on a ground plane, seen by cameras, as a least-squares problem.
 
-World: z up, ground z = 0. The unknowns are what is really there: the cameras' poses; for each camera one slack factor (how
-much taller than the people its boxes are), and errors of its clock and its lens where these are refined; how far the lowest
-visible point of a body lies nearer to the camera than the body's axis; each person's height; for each person and instant a
-ground position (x, y), the height of the lowest and of the highest point; and 3D joints.
+World: z up, ground z = 0. The unknowns are: the cameras' poses; for each camera one slack factor (the ratio of its boxes'
+heights to the people's), and errors of its clock and its lens where these are refined; the foot shift (the distance by which
+the lowest visible point of a body is nearer to the camera than the body's axis); each person's height; for each person and
+instant a ground position (x, y), the height of the lowest and of the highest point; and 3D joints.
 
-A box enters by residuals that are not weighed alike, since a detector's slack and the model's bias move the two edges in
-opposite directions: its *centre*, tight, and its *height*, loose. The heights give vertical, ground and scale, the centres the
-shape.
+A box enters by two residuals with different weights, since a detector's slack and the model's bias move the two edges in
+opposite directions: its *centre* with a small sigma, and its *height* with a large one. The heights determine vertical, ground
+and scale, the centres the shape of the rig.
 
 The fits with held cameras use the equations of `people.upright_body.linearise_bodies`. The residuals here share only the
-ends of the body with them: these are in pixels and contain the camera's lens, clock and slack, for which equations in angles
+ends of the body with them: these are in pixels and depend on the camera's lens, clock and slack, for which equations in angles
 have no columns.
 """
 
@@ -33,27 +33,27 @@ from passerby.solver.people_state import AdjustmentState
 
 CAMERA_SIZE = POSE_SIZE + 1
 SLACK = POSE_SIZE
-# One unknown more a camera where the clocks are refined. Those of the lens, where it is refined, come last.
+# Index of a camera's time offset where clocks are refined. The unknowns of the lens, where it is refined, come last.
 TIME = POSE_SIZE + 1
 UPRIGHT, JOINT = 0, 1
 FOOT_SHIFT = 0
 
 
-# The visible length of a person who is not upright, as a share of the standing height: a wide prior.
+# Wide prior (mean and sigma) of the visible length of a person who is not upright, as a share of the standing height.
 CROUCHED, CROUCHED_SD = 0.75, 0.3
 
 
 UNIT_FOCAL, UNIT_DISTORTION = 1e-3, 2e-3
-"""Cameras of one model have the same focal length, as a share, and the same first distortion coefficient, but for this."""
+"""Sigma between cameras of one model: of the focal length, as a share, and of the first distortion coefficient."""
 
-# Means over all cameras that no picture tells are held at 0 by these: slack (as a logarithm) and clocks (seconds).
+# Two means over all cameras are not observable in images. These sigmas hold them at 0: slack (a logarithm), clocks (seconds).
 MEAN_SLACK_SD = 1e-4
 MEAN_TIME_SD = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
 class PeopleProblem:
-    """The person model over given sightings."""
+    """The person model of given sightings, as a problem for the least-squares solver."""
 
     n_cameras: int
     sightings: Sightings
@@ -64,38 +64,38 @@ class PeopleProblem:
     height_mean: Floats
     """(P,) prior of each person's standing height, metres."""
     height_sd: Floats
-    """(P,)"""
+    """(P,) standard deviation of that prior, metres."""
     stance_weight: Floats
-    """(N,) 1 where the person may be standing; 0 lets the height of the highest point go free."""
+    """(N,) 1 where the person may be standing; with 0, the height of the highest point is free."""
     noise: Noise = field(default_factory=Noise)
     priors: Priors = field(default_factory=Priors)
     cues: CueRows | None = None
     whole: Floats | None = None
     """(M,) probability that each sighting shows a whole person; all 1 when None."""
     expected_px: Floats | None = None
-    """(M,) extent that the person of each sighting is expected to have, pixels; what was seen when None. What was seen is noisy
-    itself: weighed by it, boxes that are too small by chance would count more than those that are too large."""
+    """(M,) expected extent of the person of each sighting, pixels; the observed extent when None. The observed extent is noisy:
+    with weights from it, boxes that are too small by chance would count more than those that are too large."""
     lens_core: Floats | None = None
     """(C, L) scales of the Cauchy distributions of the lenses' unknowns around 0, or standard deviations (`lens_normal`); None
     where they are not refined."""
     lens_weight: Floats = field(default_factory=lambda: np.ones(()))
-    """(C, L), or one for all: how many times more those priors count. Sightings that follow one another, and are off alike,
-    tell less than as many independent ones, and would drive lenses far off against priors that are right."""
+    """(C, L), or one for all: factor on the weight of those priors. Errors of successive sightings are correlated, so that they
+    hold less information than as many independent ones. Without the factor they would overrule priors that are right."""
     lens_normal: bool = False
-    """Whether those priors are normal distributions: what is not stated is never quite another."""
+    """Whether those priors are normal distributions: for lenses whose parameters are not stated."""
     lens_groups: tuple[tuple[int, ...], ...] = ()
-    """Cameras of one model: their focal lengths and distortions differ by `UNIT_FOCAL` and `UNIT_DISTORTION` only. Where priors
-    are normal."""
+    """Cameras of one model: their focal lengths and distortions differ by `UNIT_FOCAL` and `UNIT_DISTORTION` only. Used with
+    normal priors."""
     lens_common: Floats | None = None
-    """(L,) standard deviation of an error that the lenses of all cameras share, beside their own. Where priors are normal."""
+    """(L,) standard deviation of an error that all lenses share, in addition to their own. Used with normal priors."""
     lens_far: Floats | None = None
-    """(C, L) the tails of the Cauchy distributions fall like those of normal ones of these standard deviations."""
+    """(C, L) standard deviations of additional normal priors, which limit the wide tails of the Cauchy distributions."""
     lens_model: LensModel | None = None
     """The lenses whose unknowns these are; None where they are not refined."""
     groups: tuple[tuple[int, ...], ...] = ()
-    """Cameras that were rigs by themselves before: the scale of each is that of its own people, and its mean slack near 0."""
+    """Groups of cameras that were separate rigs before: the scale of each is that of its people, and its mean slack near 0."""
     group_weight: float = 1.0
-    """How many times more that counts."""
+    """Factor on the weight of the prior on the mean slack of each group."""
 
     @property
     def timed(self) -> bool:
@@ -104,43 +104,43 @@ class PeopleProblem:
 
     @property
     def camera_size(self) -> int:
-        """Number of a camera's unknowns."""
+        """Number of unknowns per camera."""
         return CAMERA_SIZE + self.timed + self.n_lens
 
     @property
     def n_lens(self) -> int:
-        """Number of the unknowns of a camera's lens, the last of the camera's."""
+        """Number of unknowns of a camera's lens; they are the last ones of the camera."""
         return 0 if self.lens_core is None else self.lens_core.shape[1]
 
     @property
     def layout(self) -> Layout:
-        """The sizes of the unknowns."""
+        """Sizes of the three levels of unknowns."""
         n_lengths = 0 if self.cues is None else len(self.cues.lengths)
         families = (Family(len(self.person), 4, self.person), Family(self.n_joints, 3), Family(n_lengths, 6))
         return Layout(self.n_cameras, self.camera_size, 1, len(self.height_mean), families)
 
     @property
     def scale_px(self) -> Floats:
-        """(M,) pixels that shares of the noise refer to."""
+        """(M,) extent in pixels that the shares in the noise refer to."""
         return self.sightings.extent_px if self.expected_px is None else self.expected_px
 
     def centre_sigma(self) -> Floats:
-        """(M,) standard deviation of the sightings' centres in each direction, pixels; large where the person is not whole."""
+        """Return the sigma (M,) of the sightings' centres in each direction, pixels; large where the person is not whole."""
         box = self.sightings.has_foot > 0
         share = np.where(box, self.noise.centre, max(self.noise.lean, self.noise.centre))
         return self._where_whole(np.hypot(np.where(box, self.noise.box_px, self.noise.floor_px), share * self.scale_px))
 
     def height_sigma(self) -> Floats:
-        """(M,) standard deviation of the sightings' extents as shares of `scale_px`, likewise."""
+        """Return the sigma (M,) of the sightings' extents as shares of `scale_px`; large where the person is not whole."""
         floor = np.where(self.sightings.has_foot > 0, HEIGHT_PER_CENTRE * self.noise.box_px, self.noise.floor_px)
         return self._where_whole(np.hypot(floor / self.scale_px, self.noise.height))
 
     def _where_whole(self, sigma: Floats) -> Floats:
-        """Standard deviations (M,) that let go of sightings which show a part of the person."""
+        """Enlarge the standard deviations (M,) of sightings that probably show only a part of the person."""
         return np.asarray(sigma if self.whole is None else sigma / np.sqrt(self.whole))
 
     def terms(self, state: AdjustmentState, *, jacobians: bool) -> list[Term]:
-        """Residuals at a state: sightings, joints, stance, heights, slack, foot shift and scale cues."""
+        """Return the residuals at a state: sightings, joints, stance, heights, slack, foot shift and scale cues."""
         out = []
         if len(self.sightings):
             out += self._sighting_terms(state, jacobians)
@@ -153,7 +153,7 @@ class PeopleProblem:
         return out
 
     def scale_terms(self, state: AdjustmentState) -> list[Term]:
-        """The residuals that a scaled world changes (`AdjustmentState.scaled`): people's heights, and scale cues."""
+        """Return the residuals that a scaled world changes (`AdjustmentState.scaled`): people's heights, and scale cues."""
         return [self._height_prior(state), *([] if self.cues is None else self.cues.terms(state, self.layout))]
 
     def _sighting_terms(self, state: AdjustmentState, jacobians: bool) -> list[Term]:
@@ -178,11 +178,12 @@ class PeopleProblem:
         height_weight = 1.0 / self.height_sigma()
         centre = (r_top + r_bottom) * centre_weight[:, None]
         if s.velocity is not None:
-            # What was seen is where the person is that much later. How the extent changes meanwhile is far below its noise.
+            # The sighting shows the person that much later than its clock says. The change of the extent in this time is far
+            # below its noise.
             by_time = s.velocity * (2 * centre_weight)[:, None]
             centre = centre + by_time * state.time[s.camera, None]
-        # Neither a small world nor a large slack can shrink the noise: it refers to what was expected beforehand. Logarithms
-        # would not hold: of an extent that is noisy they are too small on the mean.
+        # The noise refers to the extent expected beforehand, so that neither a small world nor a large slack reduces it. The
+        # residual is not a difference of logarithms: the logarithm of a noisy extent is too small on average.
         predicted = (s.extent_px + (r_bottom - r_top)[:, 1]) * np.exp(state.slack[s.camera])
         height_weight = height_weight / self.scale_px
         height = (predicted - s.extent_px) * height_weight
@@ -191,7 +192,7 @@ class PeopleProblem:
             return [Term(centre, loss), Term(height[:, None], loss)]
         top_by_pose, top_by_point = pose_jacobian(top_by_d, d_top, R)
         bottom_by_pose, bottom_by_point = pose_jacobian(bottom_by_d, d_bottom, R)
-        # The visible foot leans toward the camera, so it moves with both the camera and the person.
+        # The visible foot is shifted toward the camera, so it moves with both the camera and the person.
         turn = (moved / distance[:, None])[:, :, None] * (np.eye(2) - toward[:, :, None] * toward[:, None, :])
         lean = bottom_by_point[:, :, :2] @ turn
         bottom_by_pose[:, :, 3:5] += lean
@@ -203,7 +204,7 @@ class PeopleProblem:
         taller = np.exp(state.slack[s.camera])
 
         def rows(by_top: Floats, by_bottom: Floats, k: int) -> Floats:
-            """Stack the derivatives of the centre (k = 2) or of the height (k = 1)."""
+            """Return the derivatives of the centre (k = 2) or of the height (k = 1)."""
             if k == 2:
                 return np.asarray((by_top + by_bottom) * centre_weight[:, None, None])
             return np.asarray((by_bottom - by_top)[:, 1:] * (height_weight * taller)[:, None, None])
@@ -232,8 +233,8 @@ class PeopleProblem:
         self, state: AdjustmentState, camera: Ints, bearing: Floats, tangent: Floats, pixels: Floats | None, d: Floats,
         lens_at: Floats | None, by_lens: Floats | None,
     ) -> tuple[Floats, Floats, Floats | None]:  # fmt: skip
-        """Residuals (M, 2) of points `d` (M, 3) in the cameras' frames, pixels; their derivatives by the points (M, 2, 3), and
-        by the lenses (M, 2, L) where they are refined.
+        """Return the residuals (M, 2) in pixels of points `d` (M, 3) in the cameras' frames, and their derivatives by the
+        points (M, 2, 3) and by the lenses (M, 2, L); None where lenses are not refined.
         """
         residual, by_d = project_near(bearing, tangent, d)
         if by_lens is None or lens_at is None:
@@ -245,17 +246,17 @@ class PeopleProblem:
         return residual, by_d, by_lens
 
     def _stance_terms(self, state: AdjustmentState) -> list[Term]:
-        """Feet on the ground; the highest point at the person's standing height, as far as the person may be standing.
+        """Return residuals for feet on the ground, and the highest point at standing height, weighted by `stance_weight`.
 
-        All are shares of the person's height: in metres they would reward a world that shrinks.
+        All are shares of the person's height: in metres, a smaller world would have a lower cost.
         """
         loss = Cauchy(self.priors.stance_loss)
         n = len(self.person)
         height = np.maximum(state.heights[self.person], 0.05)
         low, high = state.people[:, LOW] / height, state.people[:, HIGH] / height
         root = np.sqrt(self.stance_weight) / self.priors.high
-        # A person who is down still has a length: a weak prior keeps the free end from diverging. On those who stand it would
-        # act as well, and make all people 1 % taller.
+        # The length of a person who is not standing gets a weak prior, so that the free end does not diverge. It does not apply
+        # to standing people: it would make all of them 1 % taller.
         down = np.sqrt(1 - self.stance_weight) / CROUCHED_SD
         rows = (
             (low / self.priors.low, loss, 1 / self.priors.low * np.ones(n), 0.0),
@@ -292,10 +293,10 @@ class PeopleProblem:
         return Term(residual, loss, camera=o.camera, by_camera=by_camera, family=JOINT, block=o.point, by_block=by_point)
 
     def _shared_priors(self, state: AdjustmentState) -> list[Term]:
-        # Slack that all cameras have in common is the same as a scale: no picture tells them apart, so the mean is held at 0,
-        # and what it may be goes into the scale's sigma instead.
+        # A slack common to all cameras is equivalent to a scale: images do not distinguish them. The mean slack is therefore
+        # held at 0, and its uncertainty goes into the scale's sigma instead.
         slack = self._mean_held(state.slack, SLACK, self.priors.slack, MEAN_SLACK_SD)
-        # Nor do clocks that are all wrong alike change anything but when it happened.
+        # A time offset common to all cameras is not observable either: it only shifts the time of all events.
         time = [self._mean_held(state.time, TIME, self.priors.time, MEAN_TIME_SD)] if self.timed else []
         by_shift = np.zeros((1, 1, self.layout.n_shared))
         by_shift[0, 0, self.n_cameras * self.camera_size + FOOT_SHIFT] = 1 / self.priors.foot_shift_sd
@@ -315,7 +316,7 @@ class PeopleProblem:
         return Term(residual, group=np.arange(len(self.height_mean)), by_group=by_height)
 
     def _group_priors(self, state: AdjustmentState) -> list[Term]:
-        """The mean slack of cameras that were a rig by themselves is about 0."""
+        """Return the priors that hold the mean slack of each group of cameras near 0."""
         out = []
         for cameras in self.groups:
             J = np.zeros((1, 1, self.layout.n_shared))
@@ -325,7 +326,7 @@ class PeopleProblem:
         return out
 
     def _lens_priors(self, state: AdjustmentState) -> list[Term]:
-        """Each lens is about what it is stated to be, or quite another one."""
+        """Return the priors of the lenses around their stated values: Cauchy (a lens may be quite another one), or normal."""
         if self.lens_core is None:
             return []
         n, k = self.n_cameras, self.n_lens
@@ -351,7 +352,7 @@ class PeopleProblem:
         return terms
 
     def _mean_held(self, values: Floats, unknown: int, sd: float, mean_sd: float) -> Term:
-        """Priors around 0 on one unknown (C,) of each camera, and on its mean."""
+        """Return priors around 0 on one unknown (C,) of each camera, and on its mean."""
         n, of_camera = self.n_cameras, np.arange(self.n_cameras)
         J = np.zeros((n + 1, 1, self.layout.n_shared))
         J[of_camera, 0, of_camera * self.camera_size + unknown] = 1 / sd
@@ -359,7 +360,7 @@ class PeopleProblem:
         return Term(np.concatenate([values / sd, [values.mean() / mean_sd]])[:, None], by_shared=J)
 
     def retract(self, state: AdjustmentState, step: Step) -> AdjustmentState:
-        """The state moved by a step."""
+        """Return the state moved by a step."""
         n_cameras = self.n_cameras * self.camera_size
         by_camera = step.shared[:n_cameras].reshape(-1, self.camera_size)
         R, centre = retract_poses(state.R, state.centre, by_camera[:, :POSE_SIZE])
@@ -373,9 +374,9 @@ class PeopleProblem:
 
 
 def _of_one_model(weight: Floats, members: Sequence[int], unit_sd: float) -> Floats:
-    """(C, C) whitening of priors on one unknown of each camera, where `members` share it but for `unit_sd`.
+    """Return the whitening (C, C) of priors on one unknown of each camera, where `members` differ in it by `unit_sd` only.
 
-    The covariance among them is a common part, as large as the mean of their own priors, and a part of each unit.
+    The covariance among them has a common part, as large as the mean of their own priors, and a separate part of each camera.
     """
     of = np.ix_(members, members)
     common = 1 / np.mean(np.diag(weight)[list(members)] ** 2)

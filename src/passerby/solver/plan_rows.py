@@ -1,4 +1,4 @@
-"""A floor plan inside the adjustment: one residual, how much larger the rig is than its plan."""
+"""A floor plan in the adjustment: one residual, the ratio of the rig's size to the plan's."""
 
 from __future__ import annotations
 
@@ -17,55 +17,55 @@ from passerby.solver.optimizer.least_squares import Layout, Term
 from passerby.solver.people_state import AdjustmentState
 
 MEETS_GROUND = 0.02
-"""A ray that falls by less than a fiftieth of its length tells of no place on the ground: a pixel is metres there."""
+"""A ray that falls by less than a fiftieth of its length fixes no place on the ground: a pixel there is metres."""
 ANGLE_SD = 1e-3
-"""One sigma of a camera's direction, radians: 0.06 degrees, as of simulated scenes with boxes."""
+"""One sigma of a camera's direction, radians: 0.06 degrees, as in simulated scenes with boxes."""
 
 
 @dataclass(frozen=True, eq=False)
 class Settled:
-    """The placements that are used, with the weights that a rig gave them; until the next rig these stay."""
+    """The placements that are used, with their weights under a rig; they stay fixed until the next rig."""
 
     fit: PlanFit
     used: Bools
-    """(M,) of the placements' rows."""
+    """(M,) whether each row of the placements is used."""
     suspects: tuple[int, ...]
     """Groups that contradict each other."""
     span_m: float
-    """The largest distance between two used placements, by the plan."""
+    """Largest distance between two used placements by the plan, metres."""
     is_mirrored: bool
     """Whether the placements agree on the plan's mirror image only."""
     wrong_unit: WrongUnit | None
-    """The unit of the plan, if people's heights show that it is not the metre."""
+    """Unit of the plan, if people's heights show that it is not the metre; else None."""
 
 
 @dataclass(frozen=True, eq=False)
 class PlanRows:
-    """A plan whose cameras and points are known to a rig. Rows of placements: cameras first, then rays to points."""
+    """A plan with the placements that a rig's cameras can use. Rows of placements: cameras first, then rays to points."""
 
     name: str
     unit_sd: float
-    """Relative, of the plan's unit."""
+    """Relative standard deviation of the plan's unit."""
     camera: Ints
-    """(K,) cameras that stand on the plan."""
+    """(K,) cameras that are placed on the plan."""
     camera_target: Floats
-    """(K, 2) metres."""
+    """(K, 2) positions of these cameras on the plan, metres."""
     camera_sd: Floats
-    """(K,) metres."""
+    """(K,) standard deviations of these positions, metres."""
     rays: PointObservations
-    """(N) of points of the ground, numbered from 0; `sigma_px` is that of the click."""
+    """N rays to points of the ground, points numbered from 0; `sigma_px` is the standard deviation of the click."""
     ray_target: Floats
-    """(N, 2) metres."""
+    """(N, 2) positions of the rays' points on the plan, metres."""
     ray_sd: Floats
-    """(N,) metres on the plan."""
+    """(N,) standard deviations of these positions, metres on the plan."""
     point_names: tuple[str, ...]
-    """Of the points."""
+    """Names of the points."""
     camera_names: tuple[str, ...]
-    """Of all cameras of the rig."""
+    """Names of all cameras of the rig."""
     settled: Settled | None = None
 
     def settle(self, R: Floats, centre: Floats, prior: ScalePrior) -> PlanRows:
-        """The same with the placements that agree under a rig; without any, where they fix no scale there."""
+        """Return the same plan with the placements that agree under a rig; with none if they determine no scale."""
         placements = self.placements(R, centre)
         choice = choose_placements(placements, prior)
         try:
@@ -75,7 +75,7 @@ class PlanRows:
         return replace(self, settled=_settled(placements, choice, fit, prior))
 
     def placements(self, R: Floats, centre: Floats) -> Placements:
-        """The placements by a rig: (C, 3, 3) world to camera and (C, 3) centres, metres."""
+        """Return the placements under a rig: `R` (C, 3, 3) world to camera, `centre` (C, 3) metres."""
         o = self.rays
         place, by_ray, along = _on_ground(R, centre, o)
         inverse = np.linalg.pinv(o.tangent) if len(o.tangent) else np.zeros((0, 3, 2))
@@ -94,13 +94,13 @@ class PlanRows:
 
     @property
     def sigma(self) -> float:
-        """Relative, of the scale that the plan gives. Infinite where it gives none."""
+        """Relative standard deviation of the scale from the plan; infinite where the plan gives no scale."""
         if self.settled is None or self.settled.wrong_unit is not None:
             return np.inf
         return float(np.hypot(self.settled.fit.scale_sd * self.settled.fit.factor, self.unit_sd))
 
     def span(self, R: Floats, centre: Floats) -> tuple[float, float] | None:
-        """The plan's span by the rig and by the plan, metres; None where the placements fix no scale."""
+        """Return the plan's span by the rig and by the plan, metres; None where the placements determine no scale."""
         if self.settled is None or self.settled.wrong_unit is not None:
             return None
         place = np.concatenate([centre[self.camera, :2], _on_ground(R, centre, self.rays, held=True)[0]])[self.settled.used]
@@ -108,7 +108,10 @@ class PlanRows:
         return scale * self.settled.span_m, self.settled.span_m
 
     def terms(self, state: AdjustmentState, layout: Layout) -> list[Term]:
-        """The logarithm of the scale over its sigma, with its Jacobian. Lenses that move do so from one round to the next."""
+        """Return the logarithm of the scale over its sigma, with its Jacobian; no derivatives by lenses.
+
+        Rays are computed again with changed lenses from one round to the next.
+        """
         if self.settled is None or self.settled.wrong_unit is not None:
             return []
         used, sigma = self.settled.used, self.sigma
@@ -125,7 +128,7 @@ class PlanRows:
             camera = int(o.camera[int(row)])
             R = state.R[camera]
             ray = R.T @ o.bearing[row]
-            # A ray turns with its camera: R' = exp(w) R.
+            # A ray rotates with its camera: R' = exp(w) R.
             by_turn = by_ray[row] @ R.T @ skew(o.bearing[row][None])[0]
             by_centre = np.column_stack([np.eye(2), -ray[:2] / min(ray[2], -MEETS_GROUND)])
             J[0, 0, camera * size : camera * size + 3] += by_place[k + row] @ by_turn
@@ -134,9 +137,9 @@ class PlanRows:
 
 
 def plan_rows(plan: FloorPlan | None, rig: Rig) -> PlanRows | None:
-    """A plan for a rig's cameras; None where fewer than two placements are left of it.
+    """Return a plan for a rig's cameras; None where fewer than two of its placements are by cameras of the rig.
 
-    Raises `InputError` for a pixel that the lens cannot have seen.
+    Raises `InputError` for a pixel outside the range of the lens.
     """
     if plan is None:
         return None
@@ -168,9 +171,9 @@ def plan_rows(plan: FloorPlan | None, rig: Rig) -> PlanRows | None:
 
 
 def _on_ground(R: Floats, centre: Floats, o: PointObservations, *, held: bool = False) -> tuple[Floats, Floats, Floats]:
-    """(N, 2) where rays meet the ground; by the ray in the world (N, 2, 3); by the ground's height (N, 2).
+    """Return where rays meet the ground (N, 2), its derivatives by the ray in the world (N, 2, 3) and by its height (N, 2).
 
-    NaN for those that do not meet it, or, with `held`, where they would if they fell as little as rays that do.
+    NaN for rays that do not meet the ground. With `held` no NaN: such rays are taken to fall by `MEETS_GROUND`.
     """
     ray = np.einsum("nij,ni->nj", R[o.camera], o.bearing)
     from_centre = centre[o.camera]

@@ -1,6 +1,6 @@
-"""From pairwise guesses to a rig: cycles through third cameras tell which guesses agree, spanning trees join them.
+"""Pose graph: from hypotheses of pairs to a rig, by the consistency of cycles through third cameras, and by spanning trees.
 
-Nothing is chosen greedily: every tree that the routes offer is handed on, and the adjustment's own cost picks among them.
+There is no greedy choice: the trees of all routes are passed on, and the adjustment's own cost selects one.
 """
 
 from __future__ import annotations
@@ -16,16 +16,16 @@ from passerby.geometry.rotations import angle_between, rotation_between
 from passerby.geometry.single_view import Level
 from passerby.geometry.two_view import PairHypothesis
 
-# Two ways to the same camera agree when they differ by about this much: a few times the error of a good guess.
+# Scales of the difference of two paths to the same camera: a few times the error of a good hypothesis.
 _CYCLE_ANGLE = np.deg2rad(6.0)
 _CYCLE_SHARE = 0.25
-# The weight of a guess that no third camera supports.
+# Weight of a hypothesis that no third camera supports.
 _ALONE = 0.02
 
 
 def connected_components(n_cameras: int, hypotheses: Sequence[PairHypothesis], min_inliers: int) -> list[list[int]]:
-    """Groups of cameras joined by hypotheses with enough inliers, the largest first (the smaller numbers first among
-    equals).
+    """Return the groups of cameras that hypotheses with enough inliers connect, the largest first (of equal groups, the one
+    with the smallest camera number).
     """
     label = list(range(n_cameras))
     for h in hypotheses:
@@ -37,8 +37,8 @@ def connected_components(n_cameras: int, hypotheses: Sequence[PairHypothesis], m
 
 
 def cycle_consistency(hypotheses: Sequence[PairHypothesis], n_cameras: int) -> Floats:
-    """How well each hypothesis agrees with the ways through third cameras: the mean over these of the best agreement, 0 to
-    1.
+    """Return the agreement (K,) of each hypothesis with paths through third cameras, 0 to 1: the mean of the best agreement
+    through each of these cameras.
     """
     by_pair: dict[tuple[int, int], list[PairHypothesis]] = {}
     for h in hypotheses:
@@ -64,7 +64,7 @@ def cycle_consistency(hypotheses: Sequence[PairHypothesis], n_cameras: int) -> F
 
 
 def _agreements(h: PairHypothesis, first: Sequence[PairHypothesis], second: Sequence[PairHypothesis]) -> Floats:
-    """(K,) how well ways over two pairs lead where the hypothesis does."""
+    """Return the agreement (K,) of paths over two pairs, `first` then `second`, with the hypothesis, 0 to 1."""
     R1, t1 = np.array([one.R_ba for one in first]), np.array([one.t_ba for one in first])
     R2, t2 = np.array([one.R_ba for one in second]), np.array([one.t_ba for one in second])
     t = (R2 @ t1[:, :, None])[:, :, 0] + t2
@@ -77,7 +77,9 @@ def _agreements(h: PairHypothesis, first: Sequence[PairHypothesis], second: Sequ
 def spanning_trees(
     hypotheses: Sequence[PairHypothesis], group: Sequence[int], n_cameras: int
 ) -> list[tuple[str, list[PairHypothesis]]]:
-    """Spanning trees of a group: of all routes by agreement, and of each route alone; duplicates left out."""
+    """Return spanning trees of a group, weighted by agreement: from all routes, and from each route alone, without
+    duplicates.
+    """
     support = cycle_consistency(hypotheses, n_cameras)
     inliers = np.array([h.inliers for h in hypotheses], dtype=np.float64)
     share = inliers / np.array([max(h.matches, 1) for h in hypotheses])
@@ -97,7 +99,7 @@ def spanning_trees(
 
 
 def _spanning_tree(hypotheses: Sequence[PairHypothesis], weight: Floats, group: Sequence[int]) -> list[int]:
-    """Indices of the hypotheses of a maximum spanning tree (Kruskal)."""
+    """Return the indices of the hypotheses of a maximum spanning tree (Kruskal)."""
     label = {camera: camera for camera in group}
     tree = []
     for index in np.argsort(-weight, kind="stable"):
@@ -111,7 +113,7 @@ def _spanning_tree(hypotheses: Sequence[PairHypothesis], weight: Floats, group: 
 
 
 def poses_of_tree(tree: Sequence[PairHypothesis], root: int) -> dict[int, Pose]:
-    """Poses in the root camera's frame, along the tree's edges."""
+    """Compute poses in the root camera's frame, along the tree's edges."""
     poses = {root: Pose(np.eye(3), np.zeros(3))}
     edges: dict[int, list[PairHypothesis]] = {}
     for h in tree:
@@ -128,7 +130,7 @@ def poses_of_tree(tree: Sequence[PairHypothesis], root: int) -> dict[int, Pose]:
 
 
 def gravity_aligned(poses: dict[int, Pose], levels: Sequence[Level | None]) -> dict[int, Pose]:
-    """The poses in a world with z up and the ground at z = 0, as the cameras' own levels agree on it (medians)."""
+    """Return the poses in a world with z up and the ground at z = 0, by the medians of the cameras' own levels."""
     ups = {c: poses[c].R_cw.T @ level.up for c, level in enumerate(levels) if level is not None and c in poses}
     if not ups:
         return poses
@@ -141,7 +143,7 @@ def gravity_aligned(poses: dict[int, Pose], levels: Sequence[Level | None]) -> d
 
 
 def _median_direction(directions: Floats) -> Floats:
-    """The direction with the smallest sum of angles to the others (Weiszfeld's algorithm on the sphere)."""
+    """Return the direction (3,) with the smallest sum of angles to the others (Weiszfeld's algorithm on the sphere)."""
     mean = directions.sum(axis=0)
     mean /= np.linalg.norm(mean)
     for _ in range(20):
@@ -152,7 +154,7 @@ def _median_direction(directions: Floats) -> Floats:
 
 
 def heading_rotation(R_cw: Floats) -> Floats:
-    """(3, 3) turn about z that brings a camera's horizontal viewing direction onto +y."""
+    """Return the rotation (3, 3) about z that turns a camera's horizontal viewing direction to +y."""
     forward = R_cw[2]
     angle = float(np.arctan2(forward[0], forward[1])) if np.hypot(forward[0], forward[1]) > 1e-6 else 0.0
     return np.asarray(Rotation.from_euler("z", angle).as_matrix())

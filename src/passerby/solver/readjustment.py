@@ -1,6 +1,7 @@
-"""A rig that is known, adjusted again to other footage: the relative poses of the cameras by what people show there.
+"""Adjustment of a known rig to other footage: estimates the relative poses of the cameras from the people there.
 
-The same rounds as a calibration's last stage, boxes and joints alike, from the rig's poses instead of a first guess.
+The rounds are those of a calibration's last stage, with boxes and joints. They start from the rig's poses instead of an
+initial rig.
 """
 
 from __future__ import annotations
@@ -24,24 +25,24 @@ from passerby.solver.refinement import Fit, refine_rig
 from passerby.solver.uncertainty import RigCovariance, add_learnt_stance, design_effect, rig_covariance
 
 _TOLERANT = ((Noise(loss=30.0), 0.4), (Noise(), 0.2))
-"""Noise and tolerance of the first descents: cameras that were turned by some degrees see people far from where they are."""
+"""Noise and tolerance of the first descents: with cameras turned by some degrees, people appear far from their true places."""
 _COARSE = Stopping(15, 1e-4)
 
 
 @dataclass(frozen=True, eq=False)
 class Readjustment:
-    """C cameras where footage has them, in a world of its own: z up, ground at z = 0, as large as people are on the mean."""
+    """Poses of C cameras from footage, in a world of its own: z up, ground at z = 0, scale from the mean height of people."""
 
     R: Floats
     """(C, 3, 3) world to camera."""
     centre: Floats
     """(C, 3) metres."""
     covariance: Floats
-    """(6 C, 6 C) after the best similarity: centre (metres), then rotation vector (radians, camera frame)."""
+    """(6 C, 6 C) covariance after the best similarity: centre (metres), then rotation vector (radians, camera frame)."""
     loose: tuple[int, ...]
-    """Cameras that nothing ties to the others."""
+    """Cameras that no evidence connects with the others."""
     stretches: Ints
-    """(C,) people over some seconds whom a camera and another one saw alike."""
+    """(C,) number of stretches (one person during some seconds) that a camera and another one saw."""
 
 
 def readjust(
@@ -50,14 +51,14 @@ def readjust(
     """Adjust a rig to footage.
 
     Args:
-        rig: cameras with poses, the ground at about z = 0; where the adjustment begins.
+        rig: cameras with poses, the ground at about z = 0; start of the adjustment.
         observations: people with identities over all cameras, at common time steps; their frame rate is known.
-        rng: draws among too many observations.
-        stretch_s: seconds of a person that count as one stretch.
+        rng: draws a sample where there are too many observations.
+        stretch_s: duration of a stretch of one person, seconds.
         options: limits and rounds; lenses and clocks are held.
 
     Returns:
-        The cameras; None where no two of them saw a person at once.
+        The cameras; None where no two of them saw a person at the same time.
     """
     options = options or PeopleOptions()
     evidence = gather_evidence(
@@ -79,7 +80,7 @@ def readjust(
 
 
 def _start(rig: Rig, evidence: Evidence) -> Initialisation:
-    """What is known before the first descent: no pairs and no verticals are guessed at."""
+    """Return the start of the first descent, without hypotheses of pairs and without levels."""
     mean, sd = expected_heights(ScaleCues(), evidence.identities)
     none = np.zeros((len(rig), 0))
     return Initialisation(
@@ -88,7 +89,7 @@ def _start(rig: Rig, evidence: Evidence) -> Initialisation:
 
 
 def _rough(start: Initialisation, options: PeopleOptions, rng: np.random.Generator) -> RigState | None:
-    """The rig after tolerant descents on a part of the evidence; None where nothing agrees."""
+    """Return the rig after descents with wide tolerances on a part of the evidence; None where no sighting agrees."""
     poses = [camera.pose for camera in start.rig]
     R = np.array([pose.R_cw for pose in poses if pose is not None])
     centre = np.array([pose.centre for pose in poses if pose is not None])
@@ -105,7 +106,7 @@ def _rough(start: Initialisation, options: PeopleOptions, rng: np.random.Generat
 
 
 def _covariance(fit: Fit, evidence: Evidence) -> RigCovariance:
-    """Of the adjusted cameras; their scale is no concern here."""
+    """Compute the covariance of the adjusted cameras; their scale is not used here."""
     problem, state = fit.model.problem, fit.result.state
     terms = problem.terms(state, jacobians=True)
     inflation = design_effect(fit.model, evidence, terms)
@@ -113,7 +114,7 @@ def _covariance(fit: Fit, evidence: Evidence) -> RigCovariance:
 
 
 def _stretches(fit: Fit, evidence: Evidence, steps: float) -> Ints:
-    """(C,) stretches of so many time steps of a person that are in the adjustment, and that another camera has as well."""
+    """Count per camera (C,) the stretches of one person, `steps` time steps each, that another camera saw too."""
     sightings = fit.model.problem.sightings
     several = np.bincount(sightings.block, minlength=len(fit.model.blocks))[sightings.block] > 1
     blocks = fit.model.blocks[sightings.block[several]]

@@ -1,4 +1,4 @@
-"""What became of the lenses that were refined: figures and findings."""
+"""Figures and findings about refined lenses."""
 
 from __future__ import annotations
 
@@ -19,8 +19,9 @@ from passerby.solver.person_model import PeopleProblem
 from passerby.solver.systematic import ConsiderParameters
 
 KNOWN_FOCAL = 0.04
-"""A focal length without intrinsics that is known no better than this is shown as uncertain."""
-# People tell nothing of a lens that they know no better than this share of what one that was never calibrated is off by.
+"""Relative sigma from which a focal length without intrinsics is shown as uncertain."""
+# Share of the usual error of a lens that was never calibrated; if the sigma from people alone is larger, they do not constrain
+# the lens.
 _UNTOLD_SHARE = 0.8
 
 
@@ -32,22 +33,22 @@ class RefinedLenses:
     sigma: Floats
     """One sigma of the unknowns."""
     by_people: Floats
-    """The same by the sightings alone, whatever is stated."""
+    """One sigma from the sightings alone, without priors."""
 
 
 def decide_refined_lenses(
     unknowns: LensUnknowns, stated: Rig, problem: PeopleProblem, state: AdjustmentState, inflation: float,
     of_joints: float | None, held: ConsiderParameters,
 ) -> RefinedLenses | None:  # fmt: skip
-    """The uncertainty of the lenses; None where none is refined.
+    """Compute the uncertainty of the lenses; None where none is refined.
 
     Args:
-        unknowns: what is refined.
+        unknowns: the refined parts.
         stated: lenses as stated.
         problem: the person model.
         state: its optimum.
-        inflation: how many times less the sightings tell than as many independent ones would.
-        of_joints: the same of joints; None where there are none.
+        inflation: design effect of the sightings: factor on the covariance because they are not independent.
+        of_joints: the same of joints; None without joints.
         held: the parts of the lenses that are not refined.
     """
     if not unknowns.parts:
@@ -59,14 +60,14 @@ def decide_refined_lenses(
 
 
 def lens_figures(lenses: RefinedLenses | None, stated: Rig, refined: Rig) -> dict[str, LensFigures]:
-    """By camera, each refined part as stated and as refined, with its sigma, its prior, and what people alone would give.
+    """Return for each camera each part as stated and as refined, with its sigma, its prior, and its sigma from people alone.
 
     Empty where nothing is refined.
 
     Args:
-        lenses: their uncertainty.
+        lenses: uncertainty of the lenses; None where none is refined.
         stated: lenses as stated.
-        refined: as refined, in the same order.
+        refined: lenses as refined, in the same order.
     """
     if lenses is None:
         return {}
@@ -88,22 +89,22 @@ class _LensSigmas:
     """Standard deviations of one camera's unknowns, (L,) each."""
 
     found: Floats
-    """With people and priors."""
+    """From people and priors."""
     people: Floats
-    """By people alone."""
+    """From people alone."""
     prior: Floats
-    """By the prior alone; of a Cauchy distribution, that of a normal one with as much of itself near the stated value."""
+    """From the prior alone; for a Cauchy distribution, that of a normal one with the same probability near the stated value."""
     usual: Floats
-    """What lenses that were never calibrated are off by."""
+    """Of the errors of lenses that were never calibrated."""
 
     @property
     def people_share(self) -> Floats:
-        """(L,) the share of people in what is known: the posterior's variance over theirs, as information adds up."""
+        """(L,) share of people in the information: the posterior's variance over theirs."""
         return np.asarray(np.clip((self.found / self.people) ** 2, 0.0, 1.0))
 
 
 def _parts(unknowns: LensUnknowns, stated: Lens, refined: Lens, sigmas: _LensSigmas) -> LensFigures:
-    """The parts of one camera's lens."""
+    """Return the figures of the parts of one camera's lens."""
     focal = _focal(unknowns.columns_of("focal").start, stated, refined, sigmas) if "focal" in unknowns.parts else None
     point, distortion = None, None
     if "principal_point" in unknowns.parts:
@@ -114,7 +115,7 @@ def _parts(unknowns: LensUnknowns, stated: Lens, refined: Lens, sigmas: _LensSig
 
 
 def _focal(column: int, stated: Lens, refined: Lens, sigmas: _LensSigmas) -> FocalFigures:
-    """The focal length; its unknown is the logarithm of the factor on it."""
+    """Return the figures of the focal length; its unknown is the logarithm of the factor on it."""
     change, alone, usual = np.log(refined.focal / stated.focal), sigmas.people[column], sigmas.usual[column]
     return FocalFigures(
         stated_px=stated.focal, refined_px=refined.focal, sigma_px=float(sigmas.found[column] * refined.focal),
@@ -125,7 +126,7 @@ def _focal(column: int, stated: Lens, refined: Lens, sigmas: _LensSigmas) -> Foc
 
 
 def _principal_point(columns: slice, stated: Lens, refined: Lens, sigmas: _LensSigmas) -> PrincipalPointFigures:
-    """The principal point, pixels."""
+    """Return the figures of the principal point, pixels."""
     moved, alone, usual = np.abs((refined.matrix - stated.matrix)[:2, 2]), sigmas.people[columns], sigmas.usual[columns]
     return PrincipalPointFigures(
         stated_px=_xy(stated.matrix[:2, 2]), refined_px=_xy(refined.matrix[:2, 2]), sigma_px=_xy(sigmas.found[columns]),
@@ -136,7 +137,7 @@ def _principal_point(columns: slice, stated: Lens, refined: Lens, sigmas: _LensS
 
 
 def _distortion(column: int, stated: Lens, refined: Lens, sigmas: _LensSigmas) -> DistortionFigures:
-    """The first distortion coefficient."""
+    """Return the figures of the first distortion coefficient."""
     return DistortionFigures(
         refined=float(refined.distortions[0]), sigma=float(sigmas.found[column]),
         stated=float(stated.distortions[0]) if len(stated.distortions) else 0.0, prior_sigma=float(sigmas.prior[column]),
@@ -145,19 +146,19 @@ def _distortion(column: int, stated: Lens, refined: Lens, sigmas: _LensSigmas) -
 
 
 def _finite(value: float) -> float | None:
-    """A figure; None where it is unknown."""
+    """Return a figure, or None where it is infinite or NaN."""
     return float(value) if np.isfinite(value) else None
 
 
 def _xy(values: Floats) -> tuple[float, float]:
-    """A vector (2,) as plain numbers."""
+    """Return a vector (2,) as plain numbers."""
     x, y = map(float, values)
     return x, y
 
 
 def lens_notes(figures: AdjustedFigures) -> list[Finding]:
-    """What was refined, one finding for each camera and part of its lens, what stays as stated, and what the principal points
-    of lenses without intrinsics leave uncertain.
+    """Return notices about lenses: one for each camera and refined part, one for parts that stay as stated, and one for the
+    uncertainty from the principal points of lenses without intrinsics.
     """
     out, refinement = _assumed_points(figures), figures.refinement
     if refinement is not None and refinement.why is not None:
@@ -193,7 +194,7 @@ def lens_notes(figures: AdjustedFigures) -> list[Finding]:
 
 
 def _assumed_points(figures: AdjustedFigures) -> list[Finding]:
-    """What a rig measures without intrinsics: principal points and rotations stand in for each other."""
+    """Return a notice about the accuracy of a rig without intrinsics: principal points and rotations compensate each other."""
     assumed = [name for name, parts in figures.lenses.items() if parts.distortion]
     turns = [one.shape_orientation_sigma_deg for one in figures.cameras if one.name in assumed]
     known, measuring = [turn for turn in turns if turn is not None], figures.measuring
@@ -205,7 +206,7 @@ def _assumed_points(figures: AdjustedFigures) -> list[Finding]:
 
 
 def far_lenses(lenses: Mapping[str, LensFigures]) -> list[Finding]:
-    """The cameras without intrinsics whose lens ended farther from the prior than lenses are; `lenses` as of `lens_figures`."""
+    """Return a doubt for each lens without intrinsics that is too far from the prior; `lenses` as from `lens_figures`."""
     out = []
     for name, parts in lenses.items():
         if parts.distortion and parts.focal and parts.principal_point and (parts.focal.far or parts.principal_point.far):

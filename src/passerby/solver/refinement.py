@@ -1,7 +1,7 @@
-"""The refinement: from a rough rig to the optimum of the person model, in rounds on all of the evidence.
+"""Refinement of a rough rig to the optimum of the person model, in rounds on all evidence.
 
-Each round finds the sightings that agree with the rig, adjusts everything, and learns from the residuals how noisy the
-sightings are. Rounds start tolerant and end strict.
+Each round finds the sightings that agree with the rig, adjusts all unknowns, and estimates the noise of the sightings from the
+residuals. The tolerance of agreement is wide in the first round and narrow in the last.
 """
 
 from __future__ import annotations
@@ -30,32 +30,35 @@ from passerby.solver.optimizer.least_squares import Result, Stopping, minimise
 from passerby.solver.people_state import AdjustmentState
 from passerby.solver.person_model import PeopleProblem
 
-# Noise that is learnt from what agrees within a tolerance is too small where that is narrow: rounds go on, by so many at most,
-# while it grows by more than this factor.
+# Noise estimated from sightings that agree within a narrow tolerance is too small. Rounds continue while it grows by more than
+# this factor, with at most so many additional rounds.
 _GROWTH, _MORE_ROUNDS = 1.15, 4
-# Rounds more at most until the rays are those of the lenses found, where lenses are refined: the change in a round is about the
-# square of that in the one before.
+# Largest number of additional rounds until the rays fit the refined lenses: the change in a round is about the square of that
+# in the previous one.
 _LENS_ROUNDS = 6
-# The scale has converged where a better one lowers the cost by less: a seventh of a sigma. Else it is changed by so much at
-# most, as a logarithm, so many times.
+# The scale has converged if a better one lowers the cost by less than the first number (a seventh of a sigma). If not, it is
+# changed by at most the second number, as a logarithm, and at most so many times.
 _SCALE_CONVERGED, _MOST_RESCALED, _SCALE_ROUNDS = 0.01, 0.5, 5
 
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """The optimum."""
+    """The optimum of the person model, with its noise and stance."""
 
     model: AdjustmentProblem
     result: Result[AdjustmentState]
     noise: Noise
     stance: Floats
     start: Initialisation
-    """What it was computed from, with the lenses found."""
+    """The start it was computed from, with the refined lenses."""
     rounds: tuple[AdjustmentRound, ...] = ()
 
 
 def refine_rig(start: Initialisation, state: RigState, options: PeopleOptions, rng: np.random.Generator) -> Fit:
-    """Rounds on all of the evidence: who agrees, where is the optimum, how noisy is it, who stands."""
+    """Refine the rig in rounds on all evidence.
+
+    Each round selects the sightings that agree, adjusts, estimates their noise, and finds the people who stand.
+    """
     start = start.with_lenses(state.lens)
     evidence = start.evidence
     noise, stance, share = Noise(), np.ones(len(evidence.person)), 0.15
@@ -109,10 +112,10 @@ def refine_rig(start: Initialisation, state: RigState, options: PeopleOptions, r
 
 
 def _at_best_scale(problem: PeopleProblem, result: Result[AdjustmentState], stopping: Stopping) -> Result[AdjustmentState]:
-    """The optimum, found again from the best scale where the scale had not converged.
+    """Repeat the minimisation from the best scale where the scale has not converged.
 
-    Only people's heights and scale cues depend on it. Beside thousands of sightings they are so little that damped steps can
-    end before: in one case with two wrong lenses people were 16 % too small.
+    Only people's heights and scale cues depend on the scale. Their part of the cost is so small compared with thousands of
+    sightings that damped steps can end too early: in one case with two wrong lenses, people were 16 % too small.
     """
     for _ in range(_SCALE_ROUNDS):
         state = result.state
@@ -128,12 +131,12 @@ def _at_best_scale(problem: PeopleProblem, result: Result[AdjustmentState], stop
 
 
 def _typical(noise: Noise, model: AdjustmentProblem) -> float:
-    """What a box of middling size is off by, pixels."""
+    """Return one sigma of the centre of a box of median size, pixels."""
     return float(np.hypot(noise.box_px, noise.centre * np.median(model.problem.scale_px)))
 
 
 def _stance(model: AdjustmentProblem, state: AdjustmentState, n_blocks: int) -> Floats:
-    """(N,) who may be standing, over all person-instants of the evidence."""
+    """Return 1 where a person may be standing, else 0, for all person-instants (N,); 1 for those not in the model."""
     out = np.ones(n_blocks)
     person = model.problem.person
     if len(person):

@@ -1,8 +1,8 @@
-"""Registrations of pairs of cameras against a rig: which of them it contradicts.
+"""Comparison of registrations of pairs of cameras with a rig, to find those that it contradicts.
 
-A registration comes from the ground tracks of two cameras over the whole recording, before anybody is known in both, and was
-tested against its rivals. Identities are made of registrations, and chance joins some people of cameras far apart: where two
-parts of a rig share few people, as on both sides of a door, these may outweigh those who do pass.
+A registration comes from the ground tracks of two cameras over the whole recording, before any person is identified in both,
+and was tested against alternatives. Identities follow from registrations. Some people of distant cameras are joined by chance.
+Where two parts of a rig share few people, as on both sides of a door, these may outnumber the people who really pass.
 """
 
 from __future__ import annotations
@@ -19,16 +19,17 @@ from passerby.geometry.two_view import PairHypothesis
 
 MOST_TURNED = np.deg2rad(25.0)
 MOST_SHIFTED_M, MOST_SHIFTED = 2.0, 0.3
-"""A rig contradicts a registration whose turn it misses by more, or whose shift it misses by more than that and this share of
-the distance of the two cameras. 64 registrations of simulated corridors and halls (50 cameras, seed 801): at most 9 degrees,
-1.5 m and a share of 0.14 off; the rigs that contradict them are off by tens of degrees or metres."""
+"""A rig contradicts a registration if their relative rotations differ by more than `MOST_TURNED`, or their translations by more
+than these metres plus this share of the cameras' distance. 64 registrations of simulated corridors and halls (50 cameras, seed
+801) were wrong by at most 9 degrees, 1.5 m and a share of 0.14; rigs that contradict them are wrong by tens of degrees or
+metres."""
 
 
 def contradicted(hypotheses: Sequence[PairHypothesis], R: Floats, centre: Floats) -> list[PairHypothesis]:
-    """The registrations by tracks that a rig contradicts, whatever its scale.
+    """Return the registrations by tracks that a rig contradicts, independent of its scale.
 
     Args:
-        hypotheses: of pairs of cameras; only those of route `tracks` are looked at.
+        hypotheses: hypotheses of pairs of cameras; only those of route `tracks` are used.
         R: (C, 3, 3) orientations, world to camera.
         centre: (C, 3) positions of the cameras.
     """
@@ -47,9 +48,9 @@ def contradicted(hypotheses: Sequence[PairHypothesis], R: Floats, centre: Floats
 
 
 def doubts_about_registrations(rig: Rig, hypotheses: Sequence[PairHypothesis], R: Floats, centre: Floats) -> list[Finding]:
-    """That a rig contradicts registrations of its cameras by stated lenses: one finding a pair.
+    """Return a doubt for each pair whose registration a rig contradicts, for cameras with stated lenses only.
 
-    By a first guess of a lens, a registration may be off by more than a rig that contradicts it.
+    With a first guess of a lens, a registration may be more wrong than a rig that contradicts it.
     """
     found = [(rig.cameras[h.a], rig.cameras[h.b]) for h in contradicted(hypotheses, R, centre)]
     return [

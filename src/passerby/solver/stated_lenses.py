@@ -1,8 +1,8 @@
-"""Stated lenses that are to be refined: freed in the rig that holds them, and kept only where that is better.
+"""Refinement of stated lenses on request: they are freed in a rig that holds them, and kept only where that is better.
 
-A refinement is dropped where its adjustment does not converge, where a lens leaves the range of wrong stated ones, or where
-it does not predict people who were held out better than the stated lenses do. A principal point and a rotation, a focal length
-and a distance compensate each other: where people do not tell them apart, the stated lenses measure no worse and have fewer
+A refinement is dropped where its adjustment does not converge, where a lens differs from the stated one more than wrong ones
+do, or where it does not predict held-out people better than the stated lenses. A principal point and a rotation, a focal length
+and a distance compensate each other. Where people do not separate them, the stated lenses are as accurate and have fewer
 unknowns.
 """
 
@@ -21,24 +21,24 @@ from passerby.solver.lens_unknowns import FAR_SIGMAS, LensPart
 from passerby.solver.refinement import Fit, refine_rig
 
 LEAST_GAIN, LEAST_SIGMAS = 3.0, 3.0
-"""A refinement predicts held-out people better where its gain is more than this many nats (odds of 20 to 1), and than this many
-of its standard errors. Simulated scenes of the three presets, four cameras, 60 s (seeds 820 and 821): with right lenses at most
-6.4 nats and 1.4 standard errors; with one lens or all lenses off by 5 to 15 % of the focal length and 3 to 8 % of the width, 75
-nats and 5.0 standard errors or more. A part that people barely constrain gains less than a nat, alike in all blocks."""
+"""Gain above which a refinement predicts held-out people better: in nats (odds of 20 to 1), and in its standard errors.
+Simulated scenes of the three presets, four cameras, 60 s (seeds 820 and 821): with right lenses at most 6.4 nats and 1.4
+standard errors; with one lens or all lenses wrong by 5 to 15 % of the focal length and 3 to 8 % of the width, 75 nats and 5.0
+standard errors or more. A part that people barely constrain gains less than a nat, equally in all blocks."""
 
 
 def refine_stated_lenses(
     fit: Fit, parts: Sequence[LensPart], options: PeopleOptions, rng: np.random.Generator, fps: float
 ) -> tuple[Fit, LensRefinement]:  # fmt: skip
-    """The optimum with refined lenses, or the one that holds them, and what became of the refinement.
+    """Refine stated lenses: return the optimum with refined lenses or, where that is dropped, `fit`; and a report.
 
-    Where more than one part is to be refined and that is dropped, the focal lengths are refined alone.
+    Where more than one part is to be refined and this is dropped, the first part alone is refined: the focal lengths.
 
     Args:
         fit: the optimum that holds all lenses.
-        parts: of the lenses, to be refined.
-        options: of the solver.
-        rng: draws among too many observations.
+        parts: parts of the lenses to refine.
+        options: options of the solver.
+        rng: draws a sample where there are too many observations.
         fps: time steps a second.
     """
     dropped: LensRefinement | None = None
@@ -54,7 +54,7 @@ def refine_stated_lenses(
 
 
 def _outcome(fit: Fit, refined: Fit, asked: Sequence[LensPart], tried: Sequence[LensPart], fps: float) -> LensRefinement:
-    """Whether a refinement is kept, and why not."""
+    """Return whether a refinement is kept, and if not, the reason."""
     asked = tuple(asked)
     if not refined.result.converged:
         return LensRefinement(asked=asked, why="diverged")
@@ -67,7 +67,7 @@ def _outcome(fit: Fit, refined: Fit, asked: Sequence[LensPart], tried: Sequence[
 
 
 def _predicted(fit: Fit, refined: Fit, fps: float) -> Prediction:
-    """What the refined lenses gain over the stated ones in people who are held out."""
+    """Return the gain of the refined lenses over the stated ones in the prediction of held-out people."""
     blocks = held_out_blocks(fit.start.evidence, (fit, refined), fps)
     before, after = (predicted_costs(one, blocks, fit) for one in (fit, refined))
     return compare_predictions(before, after)

@@ -1,8 +1,8 @@
-"""What data cannot separate from poses, and what it does to the cameras: errors of boxes and of stated lenses.
+"""Systematic errors of boxes and of stated lenses, which data cannot separate from poses, and their effect on the cameras.
 
-A detector puts the lower edge of each box at another height than the sole of the foot. More people do not average that out,
-and they do not show small errors of a stated lens. Neither is an unknown of the adjustment, which could not separate it from
-poses. Their share in the cameras' covariance is that of *consider parameters* (Schmidt 1966, *Application of State-Space
+A detector puts the lower edge of each box at another height than the sole of the foot. More people do not average out this
+error, and they do not show small errors of a stated lens. Neither is an unknown of the adjustment, which could not separate it
+from poses. Their part of the cameras' covariance is that of *consider parameters* (Schmidt 1966, *Application of State-Space
 Methods to Navigation Problems*): with the normal equations `H` and their coupling `H_cb` to parameters of the covariance `Q`,
 `H^-1 H_cb Q H_cb^T H^-1`.
 """
@@ -27,29 +27,30 @@ from passerby.solver.person_model import PeopleProblem
 Weighted = Callable[[Term], Term]
 
 LOWER_EDGE = 0.02
-"""One sigma of how far above or below people's feet the lower edges of their boxes lie, as a share of their height, in all
-cameras alike: it depends on what a detector takes for feet. Root mean square over five rendered films, boxes from the pixels
-(seeds 950 to 955, without one whose rig was wrong): 2.0 %."""
+"""One sigma of the height of the lower edges of boxes above or below people's feet, as a share of people's height, common to
+all cameras: it depends on where a detector sees feet. Root mean square over five rendered films, boxes from the pixels (seeds
+950 to 955, without one whose rig was wrong): 2.0 %."""
 
 OWN_SHIFT, OWN_GROWTH = 0.0045, 0.004
-"""One sigma of what each camera's boxes are off by alike, as shares of the person's height: their middles up, and their heights
-growing with the logarithm of distance, over its spread. A detector makes boxes of far people too large or too small.
+"""One sigma of two errors common to all boxes of a camera, as shares of the person's height: a shift of the middles up, and a
+growth of the heights with the logarithm of distance, over its spread. A detector makes boxes of far people too large or too
+small.
 
-Maximum likelihood over the errors of 61 simulated scenes of all presets. Middles to the side or up with distance came out below
-0.0006. Without both, the priors of lenses without intrinsics count too little: points of 36 simulated scenes (seeds 304711 to
-304722) were less exact by 8 %, and 31 of them instead of 36 within two sigmas."""
+Maximum likelihood over the errors of 61 simulated scenes of all presets. Shifts of the middles to the side, or up with
+distance, were below 0.0006. Without both errors, the priors of lenses without intrinsics have too little weight: points of 36
+simulated scenes (seeds 304711 to 304722) were less accurate by 8 %, and 31 of them instead of 36 were within two sigmas."""
 
 FAR = 2.0
-"""Sigmas of the prior from which on a camera's boxes differ from people in another way than boxes do."""
+"""Sigmas of the prior on the slack above which a camera's boxes are taken to be cut off or too long at one end."""
 
 LENS_PRIORS: Mapping[LensPart, float] = MappingProxyType({"focal": 0.005, "principal_point": 0.005, "distortion": 0.01})
-"""What the stated intrinsics of a camera are off by, one sigma: shares of the focal length and of the image's width, and the
-first distortion coefficient. Careful calibrations with a board repeat to a few tenths of a per cent of the focal length and to
-some pixels of the principal point; focus and temperature move a lens by as much again."""
+"""One sigma of the errors of a camera's stated intrinsics: shares of the focal length and of the image's width, and the first
+distortion coefficient. Careful calibrations with a board repeat to a few tenths of a per cent of the focal length and to some
+pixels of the principal point; focus and temperature change a lens by as much again."""
 
 
 def stated_sd(lens: Lens) -> dict[LensPart, float]:
-    """What the parts of a lens are off by, one sigma, in the units of `LENS_PRIORS`: what it says itself, or else these."""
+    """Return one sigma of the errors of each part of a lens, in the units of `LENS_PRIORS`: stated with the lens, or these."""
     own: dict[LensPart, float | None] = {
         "focal": lens.focal_sd, "principal_point": lens.principal_point_sd, "distortion": lens.distortion_sd
     }  # fmt: skip
@@ -58,22 +59,22 @@ def stated_sd(lens: Lens) -> dict[LensPart, float]:
 
 @dataclass(frozen=True, eq=False)
 class ConsiderParameters:
-    """Numbers that the adjustment does not estimate: what each does to the residuals, and how large it may be."""
+    """Parameters that the adjustment does not estimate: their derivatives and their covariance."""
 
     columns: dict[str, Floats]
-    """(M, k, u) whitened derivatives of the residuals by the u numbers of the own camera, for each kind of residual."""
+    """For each kind of residual, whitened derivatives (M, k, u) by the u parameters of the residual's own camera."""
     root: Floats
-    """(C u, K) a root of the numbers' covariance."""
+    """(C u, K) a root of the parameters' covariance."""
 
     @classmethod
     def of_boxes(cls, problem: PeopleProblem, state: AdjustmentState) -> ConsiderParameters:
-        """What boxes are off by alike.
+        """Return the common errors of boxes.
 
-        How much too low the lower ends of people are, edges of boxes or ankles: one number for all cameras, `LOWER_EDGE`; and
-        what the boxes of each camera are off by on their own, `OWN_SHIFT` and `OWN_GROWTH`.
+        The error of the lower ends of people (edges of boxes or ankles) is one number for all cameras, `LOWER_EDGE`. The common
+        errors of each camera's own boxes are `OWN_SHIFT` and `OWN_GROWTH`.
 
-        Where a camera's boxes are taller or shorter than people by far more than boxes are (`state.slack`), one end is cut off
-        or too long, and it is not known which: half of that, one sigma, is the camera's own.
+        Where a camera's boxes are taller or shorter than people by far more than usual (`state.slack`), one end is cut off or
+        too long, and it is not known which. Half of the slack is then one sigma of the camera's own error of the lower ends.
         """
         n, rows = problem.n_cameras, len(problem.sightings)
         longer, up = problem.sightings.extent_px / problem.scale_px, problem.scale_px / problem.centre_sigma()
@@ -93,13 +94,13 @@ class ConsiderParameters:
     def of_lenses(
         cls, rig: Rig, problem: PeopleProblem, state: AdjustmentState, estimated: Sequence[LensPart] = ()
     ) -> ConsiderParameters:
-        """The parts of the lenses that the adjustment holds: `LENS_PRIORS`, and what the scene states of focal lengths.
+        """Return the errors of the parts of lenses that the adjustment holds: `LENS_PRIORS`, and stated sigmas of lenses.
 
         Args:
             rig: the lenses, in the order of the problem's cameras.
             problem: the person model.
             state: its optimum.
-            estimated: parts that are unknowns of the adjustment. Where lenses without intrinsics are, only theirs are.
+            estimated: parts that are unknowns of the adjustment; with lenses without intrinsics, only in those lenses.
         """
         free = [_estimated(camera.lens, estimated) for camera in rig]
         focal = [0.0 if own[0] else camera.lens.focal_sd or 0.0 for own, camera in zip(free, rig, strict=True)]
@@ -119,13 +120,13 @@ class ConsiderParameters:
         return cls(columns, vector * np.sqrt(np.maximum(value, 0.0)))
 
     def moved(self, inverse: Floats, problem: PeopleProblem, terms: Sequence[Term], weighted: Weighted) -> Floats:
-        """(n_shared, K) what the numbers, as large as their sigmas, do to the problem's shared unknowns.
+        """Return the change (n_shared, K) of the problem's shared unknowns for parameters as large as their sigmas.
 
         Args:
-            inverse: (n_shared, n_shared) of the reduced normal equations.
+            inverse: (n_shared, n_shared) inverse of the reduced normal equations.
             problem: the person model.
-            terms: linearised at the optimum, not weighted yet.
-            weighted: weights a term as those are that `inverse` is made of.
+            terms: terms linearised at the optimum, not weighted yet.
+            weighted: function that weights a term as for `inverse`.
         """
         if not self.root.any():
             return np.zeros((len(inverse), self.root.shape[1]))
@@ -136,8 +137,8 @@ class ConsiderParameters:
 
 
 def _log_distances(problem: PeopleProblem, state: AdjustmentState) -> Floats:
-    """(M,) logarithms of people's distances over the ground, less their mean in the camera, over their spread there; 0 where
-    all are equally far.
+    """Return the logarithms (M,) of people's distances over the ground, minus their mean in the camera, over their standard
+    deviation there; 0 where all distances are equal.
     """
     s, n = problem.sightings, problem.n_cameras
     away = np.log(np.maximum(np.linalg.norm(state.people[s.block, :2] - state.centre[s.camera, :2], axis=1), 0.1))
@@ -148,17 +149,17 @@ def _log_distances(problem: PeopleProblem, state: AdjustmentState) -> Floats:
 
 
 def _estimated(lens: Lens, parts: Sequence[LensPart]) -> tuple[bool, ...]:
-    """Which of `LENS_PARTS` of a camera the adjustment estimates, where `parts` are among its unknowns."""
+    """Return which of `LENS_PARTS` of a camera's lens the adjustment estimates, where `parts` are among its unknowns."""
     if "distortion" not in parts or lens.uncalibrated:
         return tuple(part in parts for part in LENS_PARTS)
     return tuple(part == "focal" and lens.focal_sd is not None for part in LENS_PARTS)
 
 
 def covariance_of_guesses(sd: Floats) -> Floats:
-    """(C, C) covariance of guessed focal lengths of standard deviations (C,), 0 where they are right.
+    """Return the covariance (C, C) of guessed focal lengths with standard deviations (C,); 0 for focal lengths not guessed.
 
-    Whether guesses err alike (one data sheet for all cameras) or each on its own is not known, and it matters: the first is a
-    matter of scale, the second of shape. The smallest covariance that is as large as both.
+    It is not known whether guesses have a common error (one data sheet for all cameras) or independent ones. The first changes
+    the scale, the second the shape of the rig. The result is the smallest covariance that is as large as both.
     """
     guessed = int(np.count_nonzero(sd))
     alike = (guessed - 1) / max(guessed, 1)

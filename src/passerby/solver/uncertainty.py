@@ -1,9 +1,9 @@
-"""The uncertainty of the adjusted cameras: their covariance from the reduced system.
+"""Uncertainty of the adjusted cameras: their covariance from the reduced system.
 
-The world may be turned about the vertical and moved along the ground without any residual noticing. The covariance is that of
-the rig after the best such placement on the camera centres (inner constraints: Teunissen 1985, *Generalized Inverses,
-Adjustment, the Datum Problem and S-Transformations*), so that no camera is special. What no evidence constrains (`gauge`)
-has an infinite sigma.
+The world may be turned about the vertical and moved along the ground without a change of any residual. The covariance is that
+of the rig after the best such placement on the camera centres (inner constraints: Teunissen 1985, *Generalized Inverses,
+Adjustment, the Datum Problem and S-Transformations*), so that no camera is a reference. The parts that no evidence constrains
+(`gauge`) have infinite sigmas.
 """
 
 from __future__ import annotations
@@ -27,18 +27,18 @@ from passerby.solver.person_model import JOINT, TIME, UPRIGHT, PeopleProblem
 from passerby.solver.systematic import ConsiderParameters
 
 COMPLETE = 10
-"""Numbers of a complete camera: six of the pose, four of the lens."""
+"""Number of parameters of a complete camera: six of the pose, four of the lens."""
 
 CHUNK_INSTANTS = 40
-"""Residuals of one person in one camera count as independent over stretches of so many instants."""
+"""Length of a stretch in instants: residuals of one person in one camera count as independent between stretches."""
 
 OUTLYING, LEAST_REDUNDANCY, LEAST_STANCE = 3.0, 0.25, 0.1
-"""Of the noise of feet and standing heights, in units of the noise given: residuals count as this large at most, the redundancy
-as no smaller, and the noise learnt as no smaller."""
+"""Limits for the noise of feet and standing heights, in units of the given noise: largest residual, smallest redundancy, and
+smallest estimated noise."""
 
 USUAL_EFFECT, USUAL_COUNTS = 2.6, 10.0
-"""The design effect of most recordings that are long enough to show it, and for how many sums over stretches it counts: the
-fit itself takes up what few stretches have in common (docs/results/limits.md)."""
+"""Design effect of most recordings that are long enough to show it, and its weight as a number of sums over stretches. The fit
+itself absorbs the common errors of few stretches (docs/results/limits.md)."""
 
 MODEL_EXCESS = 1.4
 """Factor on the design effect for errors that last longer than a stretch. Errors of the shape over their sigmas on 110
@@ -46,9 +46,9 @@ simulated scenes of boxes (seeds 4711 to 4741, 4901 to 4979), root mean square: 
 during 12 s (26 scenes) 1.6 and 1.9."""
 
 TIME_EXCESS = 1.6
-"""Factor on the sigmas of clocks: gait and lean go with the way that a person walks, as a late clock does. Errors over sigmas,
-root mean square, without it: 1.5 in 27 scenes of the three presets (seeds as above). The sums of residuals along the motion
-over stretches do not show it."""
+"""Factor on the sigmas of clocks: errors of gait and lean follow the walking direction, as those of a late clock do. Errors
+over sigmas, root mean square, without it: 1.5 in 27 scenes of the three presets (seeds as above). The sums of residuals along
+the motion over stretches do not show it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,40 +56,41 @@ class RigCovariance:
     """Uncertainty of the cameras, (C, 6, 6) each: centre (metres, world), then rotation vector (radians, camera frame)."""
 
     metric: Floats
-    """After the best placement along the ground: with what scale, vertical and ground are off by."""
+    """Covariance after the best placement along the ground; it includes the errors of scale, vertical and ground."""
     shape: Floats
-    """After the best similarity: relative poses of the cameras."""
+    """Covariance after the best similarity: relative poses of the cameras."""
     vertical_deg: float
     """One sigma of the angle between the rig's vertical and the true one."""
     scale: float
     """Relative one sigma of all lengths."""
     inflation: float
-    """Factor on the covariance for residuals that are alike from one instant to the next."""
+    """Factor on the covariance for the correlation of residuals in time (design effect)."""
     distances: Floats
-    """(C, C) one sigma of the distance between two cameras, metres, the scale's share included."""
+    """(C, C) one sigma of the distance between two cameras, metres, the error of the scale included."""
     time_s: Floats | None = None
-    """(C,) one sigma of the cameras' clocks against the first camera's, seconds; None where they were not refined."""
+    """(C,) one sigma of the cameras' clocks relative to the first camera's, seconds; None where they were not refined."""
     lens: Floats | None = None
     """(C, L) one sigma of the lenses' unknowns; None where they were not refined."""
     free: Free = field(default_factory=Free)
-    """What no evidence constrains; its sigmas are infinite."""
+    """Parts that no evidence constrains; their sigmas are infinite."""
     together: Floats = field(default_factory=lambda: np.zeros((0, 0)))
-    """(6 C, 6 C) as `shape`, of all cameras at once; along what is free, where the variance is infinite, 0."""
+    """(6 C, 6 C) joint covariance of all cameras, as `shape`; 0 along free directions, whose true variance is infinite."""
     complete: Floats = field(default_factory=lambda: np.zeros((0, 0)))
-    """(10 C, 10 C) of complete cameras, intrinsics included, in the world of the adjustment: the centre, the rotation vector,
-    the logarithm of the focal length, the principal point (pixels) and the first distortion coefficient of each."""
+    """(10 C, 10 C) covariance of complete cameras, intrinsics included, in the world of the adjustment: for each camera the
+    centre, the rotation vector, the logarithm of the focal length, the principal point (pixels) and the first distortion
+    coefficient."""
 
     def sigma(self, camera: int) -> PoseSigma:
-        """One camera's one-sigma figures in the metric world."""
+        """Return one camera's one-sigma figures in the metric world."""
         n = len(self.complete) // COMPLETE
         blocks = self.complete.reshape(n, COMPLETE, n, COMPLETE)
         own = np.array(blocks[camera, :, camera]) if n else None
-        if own is not None:  # the scale's share is in the pose alone
+        if own is not None:  # only the covariance of the pose includes the error of the scale
             own[:6, :6] = self.metric[camera]
         return PoseSigma.from_covariance(self.metric[camera], own)
 
     def shape_sigma(self, camera: int) -> PoseSigma:
-        """One camera's one-sigma figures within the rig."""
+        """Return one camera's one-sigma figures within the rig, relative to the other cameras."""
         return PoseSigma.from_covariance(self.shape[camera])
 
 
@@ -98,17 +99,18 @@ def rig_covariance(
     lens_sigma: Floats | None = None, held: ConsiderParameters | None = None, of_joints: float | None = None,
     estimated: Sequence[LensPart] = (),
 ) -> RigCovariance:  # fmt: skip
-    """The covariance of all cameras.
+    """Compute the covariance of all cameras.
 
     Args:
         terms: linearised residuals at the optimum, in units of their true noise.
         problem: the person model.
         state: the optimum.
-        inflation: how many times less the sightings tell than as many independent ones would; priors are not touched by it.
-        scale_sigma: relative standard deviation of the scale, from all cues and what people have in common.
+        inflation: design effect of the sightings: factor on the covariance because they are not independent; it does not
+            apply to priors.
+        scale_sigma: relative standard deviation of the scale, from all cues, with the error common to all people.
         lens_sigma: (C, L) one sigma of the lenses' unknowns, the last of each camera's; None where they are not refined.
-        held: what the adjustment does not estimate of the lenses; None where they are exact.
-        of_joints: the inflation of joints, where it is known apart.
+        held: parts of the lenses that the adjustment does not estimate; None where lenses are exact.
+        of_joints: the inflation of joints, where it is known separately; else None.
         estimated: parts of the lenses that are among the unknowns, in their order.
     """
     weighted = partial(downweight, inflation=inflation, of_joints=of_joints)
@@ -118,7 +120,7 @@ def rig_covariance(
     inverse = system.inverse()
     constraint = placement_freedoms(state, len(H), size)
     freedom = np.linalg.inv(system.constraint.T @ constraint)
-    # What the constraint itself adds along the freedoms (see the module's source) is not the cameras' uncertainty.
+    # The covariance that the constraint itself adds along the freedoms (Teunissen 1985) is not uncertainty of the cameras.
     covariance = inverse - constraint @ (freedom @ freedom.T) @ constraint.T
     by_boxes = ConsiderParameters.of_boxes(problem, state).moved(inverse, problem, terms, weighted)
     covariance = covariance + by_boxes @ by_boxes.T
@@ -129,7 +131,7 @@ def rig_covariance(
     along = freedoms.along
     of_freedoms = along @ cameras @ along.T
     free = _with_vague(_with_unfixed(free, problem, scale_sigma), of_freedoms)
-    # The adjustment knows the spread of single heights, but not what all people and boxes have in common.
+    # The adjustment contains the spread of single heights, but not the errors common to all people and boxes.
     beyond = 0.0 if free.scale else max(scale_sigma**2 - of_freedoms[SCALE, SCALE], 0.0)
     by_lenses = np.zeros((len(H), 0)) if held is None else held.moved(inverse, problem, terms, weighted)
     complete = _complete(covariance, by_lenses, held, system.own, size, estimated)
@@ -156,14 +158,14 @@ def rig_covariance(
 def _complete(
     covariance: Floats, by_lenses: Floats, held: ConsiderParameters | None, own: Ints, size: int, estimated: Sequence[LensPart]
 ) -> Floats:
-    """(10 C, 10 C) covariance of complete cameras: the centre, the rotation vector, the logarithm of the focal length, the
-    principal point (pixels), the first distortion coefficient.
+    """Return the covariance (10 C, 10 C) of complete cameras: the centre, the rotation vector, the logarithm of the focal
+    length, the principal point (pixels), the first distortion coefficient.
 
     Args:
-        covariance: (n, n) of the shared unknowns, without what the held lenses do to them.
-        by_lenses: (n, K) that.
-        held: what the adjustment does not estimate of the lenses.
-        own: (6 C,) places of the poses' unknowns.
+        covariance: (n, n) of the shared unknowns, without the effect of the held lenses.
+        by_lenses: (n, K) changes of the shared unknowns by the errors of the held lenses.
+        held: parts of the lenses that the adjustment does not estimate; None where lenses are exact.
+        own: (6 C,) indices of the poses' unknowns.
         size: number of a camera's unknowns; those of its lens are the last.
         estimated: parts of the lenses that are among the unknowns.
     """
@@ -187,8 +189,10 @@ def _complete(
 
 
 def _with_unfixed(free: Free, problem: PeopleProblem, scale_sigma: float) -> Free:
-    """What is free, with what nothing at all can fix: where rays barely meet, the rounding of an elimination can hide a null
-    vector, and an infinite sigma of the scale times a variance of 0 is no number.
+    """Return the free parts, extended by those that no kind of evidence present can determine.
+
+    Where rays barely meet, the rounding of an elimination can hide a null vector; and an infinite sigma of the scale times a
+    variance of 0 is NaN.
     """
     nothing = problem.cues is None and not len(problem.sightings)
     return replace(
@@ -198,7 +202,7 @@ def _with_unfixed(free: Free, problem: PeopleProblem, scale_sigma: float) -> Fre
 
 
 def _with_vague(free: Free, of_freedoms: Floats) -> Free:
-    """What is free, with what is known no better than `VAGUE`; from the covariance of the freedoms (7, 7)."""
+    """Return the free parts, extended by those with a sigma above `VAGUE` in the covariance of the freedoms (7, 7)."""
     tilt = of_freedoms[TILT_X, TILT_X] + of_freedoms[TILT_Y, TILT_Y]
     return replace(
         free, scale=free.scale or bool(of_freedoms[SCALE, SCALE] > VAGUE**2), vertical=free.vertical or bool(tilt > VAGUE**2)
@@ -206,7 +210,7 @@ def _with_vague(free: Free, of_freedoms: Floats) -> Free:
 
 
 def _with_free(block: Floats, position: bool, orientation: bool) -> Floats:
-    """The covariance (6, 6) of a pose with infinite variances where its position or its orientation is unknown."""
+    """Return the covariance (6, 6) of a pose with infinite variances where its position or its orientation is unknown."""
     rows = np.repeat([position, orientation], 3)
     if not rows.any():
         return block
@@ -216,11 +220,11 @@ def _with_free(block: Floats, position: bool, orientation: bool) -> Floats:
 
 
 def _distance_sigmas(metric: Floats, centre: Floats) -> Floats:
-    """(C, C) sigmas of the cameras' distances, from the joint covariance of all poses (6 C, 6 C) and the centres (C, 3)."""
+    """Return the sigmas (C, C) of the cameras' distances, from the covariance of all poses (6 C, 6 C) and centres (C, 3)."""
     n = len(centre)
     of_centres = metric.reshape(n, 6, n, 6)[:, :3, :, :3]
     own = of_centres[np.arange(n), :, np.arange(n)]
-    # Of the difference of two centres: both covariances less what they have in common.
+    # Covariance of the difference of two centres: both covariances minus the cross-covariances.
     between = own[:, None] + own[None] - of_centres.transpose(0, 2, 1, 3) - of_centres.transpose(2, 0, 1, 3)
     apart = centre[:, None] - centre[None]
     line = apart / np.maximum(np.linalg.norm(apart, axis=-1), 1e-12)[..., None]
@@ -228,8 +232,8 @@ def _distance_sigmas(metric: Floats, centre: Floats) -> Floats:
 
 
 def _with_lens_sigmas(covariance: Floats, sigma: Floats, size: int) -> Floats:
-    """The covariance with lenses no less uncertain than `sigma` (C, L); all other unknowns follow by their regression on
-    them.
+    """Enlarge the covariance so that lenses have at least the sigmas `sigma` (C, L); all other unknowns follow by their
+    regression on the lenses.
     """
     added = np.zeros_like(covariance)
     places = np.arange(1, len(sigma) + 1)[:, None] * size - sigma.shape[1] + np.arange(sigma.shape[1])
@@ -240,7 +244,7 @@ def _with_lens_sigmas(covariance: Floats, sigma: Floats, size: int) -> Floats:
 
 
 def _time_sigmas(covariance: Floats, size: int, n_cameras: int) -> Floats:
-    """(C,) sigmas of the clocks' differences from the first camera's: their mean is held, so single ones mean little."""
+    """Return the sigmas (C,) of the clocks relative to the first camera's; their mean is held, so single ones mean little."""
     clocks = np.arange(n_cameras) * size + TIME
     against_first = np.eye(n_cameras)
     against_first[:, 0] -= 1.0
@@ -249,9 +253,9 @@ def _time_sigmas(covariance: Floats, size: int, n_cameras: int) -> Floats:
 
 
 def downweight(term: Term, inflation: float, of_joints: float | None = None) -> Term:
-    """The term at its robust weights; rows about people and joints, which follow one another, count less by the inflation.
+    """Return the term with its robust weights; those of people and joints, correlated in time, are divided by `inflation`.
 
-    `of_joints` is that of joints, where it is another one.
+    `of_joints` is the inflation of joints, where it is known separately.
     """
     squared = np.einsum("mk,mk->m", term.residual, term.residual)
     weight = term.loss.weight(squared) if term.loss is not None else np.ones(len(squared))
@@ -261,7 +265,7 @@ def downweight(term: Term, inflation: float, of_joints: float | None = None) -> 
 
 
 def _scaled(term: Term, root: Floats) -> Term:
-    """The term with its rows times `root` (M,)."""
+    """Return the term with its rows multiplied by `root` (M,)."""
 
     def scaled(J: Floats | None) -> Floats | None:
         return None if J is None else J * root.reshape(-1, *[1] * (J.ndim - 1))
@@ -274,11 +278,11 @@ def _scaled(term: Term, root: Floats) -> Term:
 
 
 def add_learnt_stance(terms: Sequence[Term], normal: NormalEquations) -> list[Term]:
-    """The terms, those on feet and standing heights at the noise that they show instead of the one that they were given.
+    """Return the terms, those of feet and standing heights rescaled from the given noise to the estimated noise.
 
-    What was given has room for kerbs, slopes and crooked people. Where feet stay on one plane the ground is known better, and
-    where they do not, worse. Root mean squares of the residuals, outliers cut off, over the root of their redundancy
-    (Foerstner 1979), which is 0.75 to 0.99 in simulated scenes.
+    The given noise allows for kerbs, slopes and people who do not stand upright. Where feet stay on one plane, the ground is
+    less uncertain, where they do not, more. The estimate is the root mean square of the residuals, with outliers limited, over
+    the root of their redundancy (Foerstner 1979), which is 0.75 to 0.99 in simulated scenes.
     """
     out = []
     for term in terms:
@@ -300,11 +304,11 @@ def _blocks(covariance: Floats, n_cameras: int) -> Floats:
 
 
 def design_effect(model: AdjustmentProblem, evidence: Evidence, terms: list[Term]) -> float:
-    """How many times less the residuals tell than as many independent ones would (the design effect).
+    """Estimate the design effect: the factor on the covariance because residuals are not independent.
 
-    A person's gait, clothes and posture shift the boxes of one camera alike for a while. The variance of the sums over such
-    stretches, against that of single residuals, measures it (Kish 1965); 1 where all are independent. Few stretches show little
-    of it, because cameras and people are fitted to them: the usual one counts there (`USUAL_EFFECT`).
+    A person's gait, clothes and posture shift the boxes of one camera in the same way for a while. The ratio of the variance of
+    sums over such stretches to that of single residuals measures the effect (Kish 1965); 1 where all are independent. Few
+    stretches show little of it, because cameras and people are fitted to them; there the usual value is used (`USUAL_EFFECT`).
     """
     s = model.problem.sightings
     if len(s) == 0:
@@ -319,20 +323,21 @@ def design_effect(model: AdjustmentProblem, evidence: Evidence, terms: list[Term
 
 
 def sums_left(key: Ints) -> int:
-    """How many sums over stretches the fit leaves: two for each, less two for each place of a person, and six for each camera.
+    """Count the sums over stretches that the fit does not absorb: two per stretch, minus two per place, minus six per camera.
+
+    A place is one person during one stretch of time.
 
     Args:
-        key: (M, 3) of each sighting: the camera, the person and the stretch of time.
+        key: (M, 3) camera, person and stretch of time of each sighting.
     """
     stretches, places, cameras = (len(np.unique(some, axis=0)) for some in (key, key[:, 1:], key[:, 0]))
     return max(2 * stretches - 2 * places - 6 * cameras, 0)
 
 
 def joint_design_effect(model: AdjustmentProblem, evidence: Evidence, terms: Sequence[Term]) -> float | None:
-    """The same of joints: the larger of what stretches of one joint show, and of what each kind of joint in each camera shows.
+    """Estimate the design effect of joints: the larger of two, by stretches of one joint, and by kind of joint and camera.
 
-    A detector puts a joint beside the true one by as much as pose and view make it, for seconds or throughout. None where there
-    are no joints.
+    A detector has an error of a joint that depends on pose and view, for seconds or throughout. None where there are no joints.
     """
     joints = model.problem.joints
     if not len(joints.camera):
@@ -346,7 +351,7 @@ def joint_design_effect(model: AdjustmentProblem, evidence: Evidence, terms: Seq
 
 
 def _joint_inflation(model: AdjustmentProblem) -> float:
-    """Without uprights: joints of one kind in one camera count as one stretch."""
+    """Return the design effect without sightings of people: `MODEL_EXCESS` for each 2000 joint sightings, at least once."""
     return MODEL_EXCESS * float(max(1, len(model.problem.joints.camera) // 2000))
 
 

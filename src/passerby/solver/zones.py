@@ -1,7 +1,7 @@
-"""Rigs of many cameras in zones: overlapping parts are solved apart, and put together by the cameras that they have in common.
+"""Rigs of many cameras in zones: overlapping parts are solved separately, and joined by the cameras that they share.
 
-A first guess that goes along a tree over a hundred cameras gathers errors on the way, and an adjustment from it may end
-elsewhere. Within a zone the ways are short. The zones only make the first guess: the adjustment that follows is of all cameras.
+An initial rig along a tree over a hundred cameras accumulates errors, and an adjustment from it may end in a wrong optimum.
+Within a zone the paths are short. The zones only give the initial rig: the adjustment that follows is of all cameras.
 """
 
 from __future__ import annotations
@@ -27,39 +27,39 @@ from passerby.solver.registrations import contradicted
 from passerby.solver.uncertainty import RigCovariance
 
 ZONE_CAMERAS = 30
-"""Most cameras of a zone, and of a rig that is solved as one."""
+"""Largest number of cameras of a zone, and of a rig that is solved as one."""
 CORE_CAMERAS = 18
-"""Cameras of a zone before others of its neighbours are added."""
+"""Largest number of cameras of a zone before cameras of its neighbours are added."""
 IN_COMMON = 3
-"""Cameras that neighbouring zones have in common, where they share people at all."""
+"""Number of cameras that neighbouring zones share, where they have any people in common."""
 
 
 @dataclass(frozen=True, eq=False)
 class Seam:
-    """Two zones that have cameras in common."""
+    """Two zones that share cameras, and their disagreement."""
 
     first: int
     second: int
     """Numbers of the zones."""
     cameras: tuple[int, ...]
     position_m: float
-    """How far apart the two have a common camera at most, when each zone stands where it was put."""
+    """Largest distance between the two zones' positions of a common camera, after the zones were placed, metres."""
     orientation_deg: float
 
 
 @dataclass(frozen=True, eq=False)
 class ZonedRig:
-    """A first guess at a rig, put together from zones."""
+    """An initial rig, joined from zones."""
 
     rig: InitialRig
     zones: tuple[tuple[int, ...], ...]
-    """Cameras of each, ascending."""
+    """Cameras of each zone, ascending."""
     agreeing: tuple[int, ...]
-    """Observations that agree with each."""
+    """Number of observations that agree with each zone."""
     seams: tuple[Seam, ...]
 
     def figures(self, rig: Rig) -> tuple[ZoneFigures, ...]:
-        """Of the zones, by the names of `rig`."""
+        """Return the figures of the zones, with the camera names of `rig`."""
         return tuple(
             ZoneFigures(cameras=tuple(rig.names[c] for c in zone), agreeing=agreeing)
             for zone, agreeing in zip(self.zones, self.agreeing, strict=True)
@@ -67,14 +67,14 @@ class ZonedRig:
 
 
 def cut_zones(shared: Ints) -> tuple[tuple[int, ...], ...]:
-    """Overlapping zones of a rig.
+    """Divide a rig into overlapping zones.
 
     Args:
-        shared: (C, C) what each two cameras have in common; symmetric.
+        shared: (C, C) number of sightings that each two cameras share; symmetric.
 
     Returns:
         The cameras of each zone, ascending: every camera is in one or more, no zone has more than `ZONE_CAMERAS`. Zones whose
-        cameras share something have `IN_COMMON` cameras in common, as far as there is room.
+        cameras share sightings have `IN_COMMON` cameras in common, as far as there is room.
     """
     weight = np.array(shared, dtype=np.float64)
     np.fill_diagonal(weight, 0.0)
@@ -83,7 +83,7 @@ def cut_zones(shared: Ints) -> tuple[tuple[int, ...], ...]:
     between = np.array([[weight[np.ix_(a, b)].sum() for b in cores] for a in cores])
     pairs = [(a, b) for a in range(len(cores)) for b in range(a + 1, len(cores)) if between[a, b] > 0]
     for a, b in sorted(pairs, key=lambda pair: -between[pair]):
-        # The smaller zone is given cameras of the other.
+        # Cameras of the larger zone are added to the smaller one.
         receiving, giving = (a, b) if len(zones[a]) <= len(zones[b]) else (b, a)
         while len(set(zones[receiving]) & set(zones[giving])) < IN_COMMON and len(zones[receiving]) < ZONE_CAMERAS:
             rest = [c for c in cores[giving] if c not in zones[receiving]]
@@ -97,7 +97,11 @@ def cut_zones(shared: Ints) -> tuple[tuple[int, ...], ...]:
 
 
 def _cores(weight: Floats) -> list[list[int]]:
-    """A partition: each part grows from the edge of what is left, always by the camera that has most in common with it."""
+    """Divide the cameras into disjoint parts.
+
+    Each part starts at the camera with the fewest partners among the remaining ones. It grows by the camera that shares most
+    with it.
+    """
     left = np.ones(len(weight), bool)
     cores: list[list[int]] = []
     while left.any():
@@ -115,7 +119,7 @@ def _cores(weight: Floats) -> list[list[int]]:
 
 
 def _without_small(cores: list[list[int]], weight: Floats) -> list[list[int]]:
-    """The parts, those with fewer than twice `IN_COMMON` cameras in the part that shares most with them and has room."""
+    """Join parts with fewer than twice `IN_COMMON` cameras to the part that shares most with them and has room."""
     kept = sorted(cores, key=len)
     out: list[list[int]] = []
     while kept:
@@ -132,16 +136,16 @@ def _without_small(cores: list[list[int]], weight: Floats) -> list[list[int]]:
 def initial_rig_by_zones(
     start: Initialisation, options: PeopleOptions, rng: np.random.Generator, executor: Executor | None = None
 ) -> ZonedRig | None:
-    """A rough rig, put together from zones that were solved apart.
+    """Compute a rough rig, joined from zones that are solved separately.
 
     Args:
-        start: of all cameras, joined by people.
-        options: of the solver.
+        start: start of all cameras, which people connect.
+        options: options of the solver.
         rng: drives the choice of evidence, zone by zone.
-        executor: solves the zones side by side; one after the other where it is None.
+        executor: solves the zones in parallel; one after the other when None.
 
     Returns:
-        None where a zone cannot be solved or nothing puts it with the others: then the rig has to be solved as one.
+        None where a zone cannot be solved or connected with the others: then the rig has to be solved as one.
     """
     n = len(start.rig)
     zones = cut_zones(shared_blocks(start.evidence))
@@ -167,13 +171,13 @@ def initial_rig_by_zones(
 
 
 def seams_of(zoned: ZonedRig, rig: Rig, covariance: RigCovariance, R: Floats) -> tuple[SeamFigures, ...]:
-    """How well the zones hold together.
+    """Return the figures of the seams: disagreement of the zones, and the sigma of their relative heading.
 
     Args:
         zoned: the zones.
-        rig: their cameras' names.
-        covariance: of the adjusted rig.
-        R: (C, 3, 3) its orientations, world to camera.
+        rig: names of the cameras.
+        covariance: covariance of the adjusted rig.
+        R: (C, 3, 3) orientations of the adjusted rig, world to camera.
     """
     out = []
     for seam in zoned.seams:
@@ -188,7 +192,7 @@ def seams_of(zoned: ZonedRig, rig: Rig, covariance: RigCovariance, R: Floats) ->
 
 
 def _heading_sigma_deg(first: Sequence[int], second: Sequence[int], covariance: RigCovariance, R: Floats) -> float | None:
-    """One sigma of the turn about the vertical between two zones without what they have in common; None where it is unknown."""
+    """Return one sigma, degrees, of the relative heading of two zones without their common cameras; None where unknown."""
     common = set(first) & set(second)
     own = [[c for c in zone if c not in common] for zone in (first, second)]
     if not all(own) or not len(covariance.together) or set(covariance.free.cameras) & {*own[0], *own[1]}:
@@ -196,7 +200,7 @@ def _heading_sigma_deg(first: Sequence[int], second: Sequence[int], covariance: 
     along = np.zeros(len(covariance.together))
     for sign, zone in zip((1.0, -1.0), own, strict=True):
         for c in zone:
-            # A rotation vector in the camera's frame turns the camera about the vertical by its part along that.
+            # The component of a rotation vector (camera frame) along the vertical is the rotation about the vertical.
             along[6 * c + 3 : 6 * c + 6] = sign * R[c, :, 2] / len(zone)
     variance = float(along @ covariance.together @ along)
     return float(np.degrees(np.sqrt(max(variance, 0.0))))
@@ -210,7 +214,7 @@ class _Job:
 
 
 def _solved(job: _Job) -> InitialRig | None:
-    """The rough rig of one zone; None where nothing fits."""
+    """Compute the rough rig of one zone; None where no arrangement fits."""
     try:
         return select_initial_rig(job.start, job.options, job.rng)
     except EvidenceError:
@@ -218,7 +222,7 @@ def _solved(job: _Job) -> InitialRig | None:
 
 
 def restricted(start: Initialisation, cameras: Sequence[int]) -> Initialisation:
-    """What is known of some cameras alone. Their scale is that of people: other cues are left to the rig of all."""
+    """Return the start of some cameras only. Their scale is from people; other cues are used in the rig of all cameras only."""
     index = list(cameras)
     people, evidence = _evidence_of(start.evidence, index)
     knowledge = start.knowledge
@@ -243,7 +247,7 @@ def _part(rig: Rig, cameras: Sequence[int]) -> Rig:
 
 
 def _evidence_of(evidence: Evidence, cameras: Sequence[int]) -> tuple[Ints, Evidence]:
-    """The people whom some cameras see together, as indices of all, and what these cameras saw of them."""
+    """Return the people (indices among all) that two or more of some cameras see at once, and these cameras' evidence."""
     number = np.full(evidence.n_cameras, -1)
     number[list(cameras)] = np.arange(len(cameras))
     s, o = evidence.sightings, evidence.joints
@@ -260,8 +264,9 @@ def _evidence_of(evidence: Evidence, cameras: Sequence[int]) -> tuple[Ints, Evid
 
 
 def _kept(camera: Ints, block: Ints, count: int) -> tuple[Ints, Ints, Ints]:
-    """The rows of cameras that are kept (number 0 or more) whose block two of these see, their blocks' new numbers, and the
-    old numbers of these blocks.
+    """Find the rows of kept cameras (number 0 or more) in blocks that two or more of them see.
+
+    Returns the rows, the new numbers of their blocks, and the old numbers of these blocks.
     """
     inside = np.flatnonzero(camera >= 0)
     views = np.bincount(block[inside], minlength=count)
@@ -273,17 +278,18 @@ def _kept(camera: Ints, block: Ints, count: int) -> tuple[Ints, Ints, Ints]:
 def _placed(
     zones: Sequence[tuple[int, ...]], rigs: Sequence[InitialRig], n_cameras: int
 ) -> tuple[Floats, Floats, tuple[Seam, ...]] | None:
-    """All cameras in the frame of the zone that most observations agree with: rotations (C, 3, 3), centres (C, 3), and how well
-    zones fit together; None where some zone has no camera in common with the others.
+    """Join the zones in the frame of the one with the most agreeing observations.
 
-    Zones are metric and upright, each by its own people: a turn about the vertical and a shift put one beside another.
+    Zones are metric and upright, each by its own people: a rotation about the vertical and a shift align one with another.
+
+    Returns rotations (C, 3, 3), centres (C, 3) and the seams; None where a zone shares no camera with the others.
     """
     R, centre = np.zeros((n_cameras, 3, 3)), np.zeros((n_cameras, 3))
     known = np.zeros(n_cameras, bool)
     own: list[tuple[Floats, Floats]] = [(rig.state.R, rig.state.centre) for rig in rigs]
     waiting = set(range(len(zones)))
     while waiting:
-        # The zone with most cameras in common with those that stand; at first the one that most agrees with.
+        # The zone that shares most cameras with those already placed; at first the one with the most agreeing observations.
         best = max(sorted(waiting), key=lambda k: (int(known[list(zones[k])].sum()), rigs[k].agreeing))
         waiting.remove(best)
         members = np.array(zones[best])
@@ -302,7 +308,7 @@ def _placed(
 
 
 def _moved(R: Floats, centre: Floats, to_R: Floats, to_centre: Floats, common: Floats) -> tuple[Floats, Floats]:
-    """A zone turned about the vertical and shifted so that its `common` cameras stand as they are given."""
+    """Rotate a zone about the vertical and shift it along the ground so that its `common` cameras fit the given poses."""
     turns = np.asarray(to_R.transpose(0, 2, 1) @ R[common])
     angle = np.arctan2((turns[:, 1, 0] - turns[:, 0, 1]).sum(), (turns[:, 0, 0] + turns[:, 1, 1]).sum())
     c, s = np.cos(angle), np.sin(angle)
@@ -312,7 +318,7 @@ def _moved(R: Floats, centre: Floats, to_R: Floats, to_centre: Floats, common: F
 
 
 def _seam(a: int, b: int, zones: Sequence[tuple[int, ...]], own: Sequence[tuple[Floats, Floats]]) -> Seam | None:
-    """How well two zones fit together; None where they have no camera in common."""
+    """Return the seam of two zones with their disagreement; None where they have no camera in common."""
     common, in_a, in_b = np.intersect1d(zones[a], zones[b], return_indices=True)
     if not len(common):
         return None

@@ -1,8 +1,8 @@
-"""What people's bodies say about a reconstruction: which way is up, where the ground is, and how long a metre.
+"""Vertical, ground and metric scale of a reconstruction from people's bodies.
 
 The highest and the lowest point of a person at one instant, both triangulated, are a *segment*. Most people stand or walk, so
-most segments are vertical and as long as the person is tall; those who crouch, bend, sit or jump are let go by statistics that
-a minority cannot move.
+most segments are vertical and as long as the person is tall. Robust statistics ignore the minority who crouch, bend, sit or
+jump.
 """
 
 from __future__ import annotations
@@ -23,21 +23,21 @@ from passerby.geometry.triangulation import angular_residuals, depths, move_to_c
 from passerby.people.segments import EXTREME_FRACTIONS, HEAD, MIN_ORDER_CORRELATION, SHOULDERS, nominal_heights
 from passerby.solver.geopose.correspondences import BOTTOM, TOP, ImagePoints, box_points, joint_points
 
-# A segment's ends must fit all their rays to within so many of their sigmas: worse ones are swapped or half hidden people.
+# Largest residual of a segment's ends in all their rays, in sigmas: larger ones are of swapped or half hidden people.
 MAX_RESIDUAL_SIGMAS = 4.0
-# People stand upright to within this angle of the common vertical; who leans farther says nothing about standing height.
+# Largest angle from the common vertical at which people count as upright; others do not show the standing height.
 MAX_LEAN = np.deg2rad(15.0)
-# How far the mean direction from feet to heads is off: 0.7 to 2 degrees in simulated scenes, 1.1 to 2.7 in real ones.
+# Sigma of the mean direction from feet to heads: errors of 0.7 to 2 degrees in simulated scenes, 1.1 to 2.7 in real ones.
 DIRECTION_SIGMA = np.deg2rad(2.0)
-# Successive instants repeat one another: so many count as one independent footprint.
+# Number of successive instants that count as one independent footprint, since they repeat one another.
 INSTANTS_PER_STEP = 10
-# Width of the kernel on a person's lengths: box noise of 2 to 3 % in two views.
+# Width of the kernel on a person's lengths, relative: box noise of 2 to 3 % in two views.
 KERNEL = 0.02
-# Adults differ less than this from the median; a person who does more was mistaken for another or never stood.
+# Adults differ less than this from the median; a person who differs more was confused with another or never stood.
 MAX_HEIGHT_DEVIATION = 0.15
-# A person must have been measured so often that a most frequent length means something.
+# Smallest number of measurements of a person for a meaningful most frequent length.
 MIN_SEGMENTS = 8
-# Joints within this share of the body's height of the lowest one belong to the feet, where joint names cannot be trusted.
+# Joints within this share of the body's height above the lowest one count as feet, where joint names cannot be trusted.
 FEET_BAND = 0.05
 
 
@@ -47,13 +47,13 @@ class BodyEndpoints:
 
     points: ImagePoints
     is_top: NDArray[np.bool_]
-    """(P,) by part: whether it belongs to the upper end; indexed by the part's number (negative parts count from the end)."""
+    """(P,) whether a part belongs to the upper end; indexed by the part's number (negative parts count from the end)."""
     is_bottom: NDArray[np.bool_]
     """(P,) the same for the lower end."""
     shares: tuple[float, float]
-    """Where the upper and the lower end are on a standing body, as shares of its height."""
+    """Heights of the upper and the lower end of a standing body, as shares of its height."""
     finding: Finding | None = None
-    """What was odd about the input."""
+    """Finding about an error in the input; None without one."""
 
     @property
     def span(self) -> float:
@@ -61,12 +61,12 @@ class BodyEndpoints:
         return self.shares[0] - self.shares[1]
 
     def role(self) -> Ints:
-        """(M,) TOP, BOTTOM, or 0 for a sighting of neither end."""
+        """Return the end (M,) of each sighting: TOP, BOTTOM, or 0 for neither."""
         part = self.points.part % len(self.is_top)
         return np.where(self.is_top[part], TOP, np.where(self.is_bottom[part], BOTTOM, 0))
 
     def shared(self, camera_a: int, camera_b: int) -> int:
-        """How many people-instants two cameras see with both ends, some part of each end in both."""
+        """Count the person-instants of which both cameras see both ends, with a common part of each end."""
         keep = np.flatnonzero(np.isin(self.points.camera, (camera_a, camera_b)) & (self.role() != 0))
         points, role = self.points.take(keep), self.role()[keep]
         in_both = np.unique(points.labels()[0], return_counts=True)[1] == 2
@@ -78,34 +78,34 @@ class BodyEndpoints:
 
 @dataclass(frozen=True, eq=False)
 class BodySegments3D(Columns):
-    """K people-instants with both ends triangulated."""
+    """K person-instants with both ends triangulated."""
 
     identity: Ints
-    """(K,)"""
+    """(K,) person of each segment."""
     top: Floats
-    """(K, 3)"""
+    """(K, 3) upper ends."""
     bottom: Floats
-    """(K, 3)"""
+    """(K, 3) lower ends."""
 
     def __len__(self) -> int:
         return len(self.identity)
 
     def scaled(self, factor: float) -> BodySegments3D:
-        """The segments with all lengths times `factor`."""
+        """Return the segments with all lengths multiplied by `factor`."""
         return BodySegments3D(self.identity, self.top * factor, self.bottom * factor)
 
 
 def box_extents(rig: Rig, observations: Observations) -> BodyEndpoints:
-    """The top and bottom edges of boxes as the ends of people."""
+    """Return the top and bottom edges of boxes as the ends of people."""
     part = np.arange(3)
     return BodyEndpoints(box_points(rig, observations, (TOP, BOTTOM)), part == TOP + 3, part == BOTTOM + 3, (1.0, 0.0))
 
 
 def joint_extents(rig: Rig, observations: Observations) -> BodyEndpoints:
-    """Head (or shoulders, where heads are not seen) and feet as the ends of people.
+    """Return head (or shoulders, where heads are not seen) and feet as the ends of people.
 
-    The names of the joints are put to the test first: some files carry one layout under the names of another. Where the names
-    contradict the vertical order in the pictures, the joint that is highest and those that are lowest in most people stand in.
+    The names of the joints are tested first: some files have one layout under the names of another. Where the names contradict
+    the vertical order in the images, the joint with the highest and those with the lowest median height are used instead.
     """
     points = joint_points(rig, observations)
     names = next((observations[c.name].keypoints.joints for c in rig if c.name in observations.cameras), ())
@@ -172,12 +172,12 @@ def triangulate_segments(
 
 
 def vertical(segments: BodySegments3D) -> Floats:
-    """(3,) unit vector up: from feet to heads, and across the plane of the feet.
+    """Estimate the unit vector up (3,) from the direction from feet to heads, and from the plane of the feet.
 
-    The robust mean direction of the segments is right within 1 to 3 degrees whatever the people do, but
-    no better: boxes are not quite bodies, and each camera errs its own way. The plane through the feet is right within 0.1
-    degrees where people spread over the ground. So the plane is fitted with the direction as its prior: on the spot the
-    direction decides, on a wide floor the feet.
+    The robust mean direction of the segments is right within 1 to 3 degrees for all kinds of activity, but not better: boxes
+    differ from bodies, and each camera has its own errors. The plane through the feet is right within 0.1 degrees where people
+    spread over the ground. The plane is therefore fitted with the direction as its prior: in a small area the direction
+    dominates, on a wide floor the feet.
 
     Raises:
         RefusalError: fewer than 8 segments.
@@ -201,16 +201,17 @@ def vertical(segments: BodySegments3D) -> Floats:
 
 
 def standing_length(segments: BodySegments3D, up: Floats) -> float:
-    """How long a standing person is, in the unit of the reconstruction: the mean over people of each one's standing length.
+    """Estimate the length of a standing person in the unit of the reconstruction: the mean of each person's standing length.
 
-    A mean or a median over all instants would be pulled down by those who crouch: by 5 % in a simulated scene of workers with
-    four tenths of them bent. Standing and walking is the *longest* posture that a person holds alike for long; a stretched arm
-    or a jump is longer, but never twice the same. So each person's standing length is the longest peak of the density of
-    lengths that is at least half as high as the highest. People far from the median of all are left out of the mean.
+    A mean or a median over all instants would be too short because of people who crouch: by 5 % in a simulated scene in which
+    four tenths of the workers are bent. Standing and walking is the *longest* posture that a person holds for a long time; a
+    stretched arm or a jump is longer, but each time different. Each person's standing length is therefore the longest peak of
+    the density of lengths that is at least half as high as the highest peak. People far from the median of all are left out of
+    the mean.
 
     Args:
-        segments: from feet to heads.
-        up: (3,) the vertical; segments that lean away from it by more than 15 degrees are left out.
+        segments: segments from feet to heads.
+        up: (3,) the vertical; segments that lean from it by more than 15 degrees are left out.
 
     Raises:
         RefusalError: fewer than 8 upright segments.
@@ -228,9 +229,10 @@ def standing_length(segments: BodySegments3D, up: Floats) -> float:
 
 
 def longest_peak(lengths: Floats) -> float:
-    """The longest of the high peaks of the density of `lengths` (N,), N at least 1, all above 0.
+    """Return the longest of the high peaks of the density of `lengths` (N,), N at least 1, all above 0.
 
-    A Gaussian kernel on the logarithms, `KERNEL` wide; high is half of the highest peak or more.
+    The density has a Gaussian kernel of the width `KERNEL` on the logarithms. A high peak is at least half as high as the
+    highest one.
     """
     logs = np.log(lengths)
     grid = np.arange(logs.min() - 2 * KERNEL, logs.max() + 2 * KERNEL, KERNEL / 10)
@@ -241,10 +243,10 @@ def longest_peak(lengths: Floats) -> float:
 
 
 def place_world(segments: BodySegments3D, up: Floats, reference: Floats, ends_above_ground: float = 0.0) -> Similarity:
-    """The rigid motion to the world with z up, the ground at z = 0 under most feet, the reference camera above the origin.
+    """Return the rigid motion to the world with z up, the ground at z = 0 (median of the feet), the reference above the origin.
 
     Args:
-        segments: from heads to feet, metres.
+        segments: segments from feet to heads, metres.
         up: (3,) the vertical.
         reference: (3,) centre of the reference camera.
         ends_above_ground: height of the lower ends of standing people, metres: that of ankles, 0 for boxes.
@@ -256,7 +258,7 @@ def place_world(segments: BodySegments3D, up: Floats, reference: Floats, ends_ab
 
 
 def _mean_direction(segments: BodySegments3D) -> Floats:
-    """(3,) geometric median of the unit vectors from feet to heads (Weiszfeld's iteration)."""
+    """Return the geometric median (3,) of the unit vectors from feet to heads (Weiszfeld's iteration)."""
     direction = segments.top - segments.bottom
     direction = direction / np.linalg.norm(direction, axis=1, keepdims=True)
     up = np.median(direction, axis=0)
@@ -267,7 +269,7 @@ def _mean_direction(segments: BodySegments3D) -> Floats:
 
 
 def _relative_heights(rig: Rig, observations: Observations, n_joints: int) -> Floats:
-    """(J,) median height of each joint in its person's skeleton, 1 at the highest, 0 at the lowest; NaN where never seen."""
+    """Return the median height (J,) of each joint in the skeletons: 1 highest, 0 lowest joint; NaN if never seen."""
     rows = [np.full((1, n_joints), np.nan)]
     for camera in rig:
         if camera.name not in observations.cameras or not len(observations[camera.name].keypoints):
@@ -288,7 +290,7 @@ def _nan_extremes(values: Floats) -> tuple[Floats, Floats]:
 
 
 def _ray_spread(label: Ints, directions: Floats, count: int) -> Floats:
-    """(N,) twice the angle of the ray farthest from the mean ray: for two rays the angle between them."""
+    """Return twice the angle (N,) of the ray farthest from the mean ray: for two rays, the angle between them."""
     angle = direction_angle(directions, group_sums(label, directions, count)[label])
     spread = np.zeros(count)
     np.maximum.at(spread, label, angle)
@@ -296,7 +298,7 @@ def _ray_spread(label: Ints, directions: Floats, count: int) -> Floats:
 
 
 def _pair_ends(key: Ints, ends: Floats, top: NDArray[np.bool_], bottom: NDArray[np.bool_]) -> BodySegments3D:
-    """Join the mean upper end of each identity and frame with the lower end farthest from it: of two feet, the one stood on."""
+    """Join the mean upper end of each identity and frame with the lower end farthest from it: the foot that is stood on."""
     instant, number = np.unique(key[:, :2], axis=0, return_inverse=True)
     number = number.reshape(-1)
     upper = group_sums(number[top], ends[top], len(instant))

@@ -21,19 +21,19 @@ from passerby.solver.optimizer.least_squares import Cauchy, Family, Layout, Loss
 
 @dataclass(frozen=True, eq=False)
 class PointAdjustment:
-    """The adjusted poses and points."""
+    """Adjusted poses and points."""
 
     poses: tuple[Pose, ...]
     points: Floats
     """(N, 3) world, metres."""
     residuals_px: Floats
-    """(M, 2) in the order of the sightings given."""
+    """(M, 2) residuals in the order of the given sightings."""
     rms_px: float
-    """Root mean square of the residual lengths, by their robust weights."""
+    """Root mean square of the residual lengths, with their robust weights."""
     iterations: int
     converged: bool
     pose_covariance: Floats
-    """(C, 6, 6): centre (metres), rotation vector (radians, camera frame); scaled by the residuals' variance."""
+    """(C, 6, 6) centre (metres), rotation vector (radians, camera frame); scaled by the residuals' variance."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,14 +52,14 @@ class _PointProblem:
         self.observations = o = observations.take(order)
         self.loss = loss
         self.layout = Layout(n_cameras, POSE_SIZE, families=(Family(n_points, 3),))
-        # Component by component, each a row of M numbers: many tiny matrices cost more in calls than in arithmetic.
+        # Stored by component, each a row of M numbers: many tiny matrices cost more in calls than in arithmetic.
         self.bearing = np.ascontiguousarray(o.bearing.T)
         self.tangent = np.ascontiguousarray((o.tangent / o.sigma_px[:, None, None]).transpose(1, 2, 0))
         bounds = np.searchsorted(o.camera, np.arange(n_cameras + 1))
         self.rows = [slice(i, j) for i, j in itertools.pairwise(bounds)]
 
     def terms(self, state: _PointState, *, jacobians: bool) -> list[Term]:
-        """The residuals of `project_near`, in sigmas, and their Jacobians, laid out by component."""
+        """Return the residuals of `project_near`, in sigmas, and their Jacobians, stored by component."""
         o, bearing, tangent = self.observations, self.bearing, self.tangent
         count = len(o.camera)
         world = np.ascontiguousarray(state.points.T)
@@ -74,7 +74,7 @@ class _PointProblem:
             return [Term(r.T, self.loss)]
         by_pose = np.empty((2, POSE_SIZE, count))
         by_d = (tangent - r[:, None] * bearing) * inverse
-        # g . (d x w) = w . (g x d); the residual's derivative by the rotation is its negative
+        # g . (d x w) = w . (g x d); the residual's derivative by the rotation is the negative of this.
         for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
             by_pose[:, i] = d[j] * by_d[:, k] - d[k] * by_d[:, j]
         by_point = np.empty((2, 3, count))
@@ -85,7 +85,7 @@ class _PointProblem:
         return [Term(r.T, self.loss, camera=o.camera, by_camera=by_camera, block=o.point, by_block=by_block)]
 
     def retract(self, state: _PointState, step: Step) -> _PointState:
-        """The state after a step: rotations turned, centres and points moved, metres."""
+        """Return the state after a step of rotations, centres and points."""
         R, centre = retract_poses(state.R, state.centre, step.shared.reshape(-1, POSE_SIZE))
         return _PointState(R, centre, state.points + step.blocks[0])
 
@@ -106,12 +106,11 @@ def adjust_points(
         poses: C poses.
         points: (N, 3) world points, metres.
         observations: M sightings; a camera sees a point at most once.
-        fixed_cameras: cameras whose pose stays.
+        fixed_cameras: cameras whose pose is held.
         loss_scale_px: scale of the Cauchy loss, in units of the sightings' sigma.
         max_iterations: limit of the solver.
-        fix_scale: hold the distance between the first fixed camera and the camera farthest from it, to first order, by
-        rescaling
-            the result about the fixed camera; the residuals do not depend on it.
+        fix_scale: whether to keep the distance between the fixed camera and the camera farthest from it, by rescaling the
+            result about the fixed camera; the residuals do not depend on it. Used with one fixed camera only.
     """
     R = np.array([pose.R_cw for pose in poses])
     centre = np.array([pose.centre for pose in poses])
@@ -156,11 +155,11 @@ def _rescaled(state: _PointState, start: _PointState, fixed: int) -> _PointState
 
 
 def _robust_variance(squared: Floats, weight: Floats, scale: float, unknowns: int) -> float:
-    """What to multiply the inverse of the reweighted normal equations by, for a covariance.
+    """Return the factor by which the inverse of the reweighted normal equations becomes a covariance.
 
     An M-estimator's covariance is `mean(psi^2) / mean(psi')^2` times the inverse of the unweighted equations, with a
-    correction for the unknowns, each of which absorbs a residual (Huber, *Robust Statistics*, 1981, section 7.6); the weights'
-    mean turns one inverse into the other.
+    correction for the unknowns, each of which absorbs a residual (Huber, *Robust Statistics*, 1981, section 7.6). The mean of
+    the weights converts one inverse into the other.
     """
     count = 2 * len(squared)
     spread = 0.5 * np.mean(weight**2 * squared)
@@ -169,7 +168,7 @@ def _robust_variance(squared: Floats, weight: Floats, scale: float, unknowns: in
 
 
 def _pose_covariance(H: Floats, free: NDArray[np.bool_], n_cameras: int) -> Floats:
-    """(C, 6, 6) covariance, centre first; the unobservable scale is left out by the pseudo-inverse."""
+    """Return the covariance (C, 6, 6), centre first; the pseudo-inverse leaves out the unobservable scale."""
     full = np.zeros_like(H)
     index = np.flatnonzero(free)
     scale = 1.0 / np.sqrt(np.maximum(np.diag(H)[index], 1e-12))

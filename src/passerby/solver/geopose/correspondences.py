@@ -1,8 +1,8 @@
-"""From identified people to points that several cameras see.
+"""Points that several cameras see, from people with identities.
 
-A person at one instant gives points: of a box its centre (an estimate of the centre of body mass, as in Xu et al., CVPR 2021),
-the middle of its top and of its bottom edge; of keypoints every joint, matched by its number. The same identity, frame and part
-in two cameras is one correspondence.
+A box at one instant gives its centre (an estimate of the centre of body mass, as in Xu et al., CVPR 2021), and the middles of
+its top and bottom edges. Keypoints give every joint, matched by its number. The same identity, frame and part in two cameras is
+one correspondence.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from passerby.geometry.triangulation import PointObservations
 CENTRE, TOP, BOTTOM = -1, -2, -3
 """Parts of a box; parts from 0 are joints, by number."""
 
-# Standard deviations: pixels, and share of the person's height in the picture. A box's slack moves its edges apart and cancels
-# in the centre, which is therefore the better known; joints wander by about a hundredth of the body.
+# Standard deviations: pixels, and share of the person's height in the image. A box's slack moves its edges in opposite
+# directions and cancels in the centre, which is therefore less uncertain; joints have errors of about a hundredth of the body.
 CENTRE_SIGMA = (0.5, 0.02)
 EDGE_SIGMA = (0.5, 0.03)
 JOINT_SIGMA = (0.5, 0.01)
@@ -36,13 +36,13 @@ class ImagePoints(Columns):
     camera: Ints
     """(M,) index of the camera in the rig."""
     identity: Ints
-    """(M,) whose."""
+    """(M,) identity of the person."""
     frame: Ints
-    """(M,) when."""
+    """(M,) instant."""
     part: Ints
     """(M,) CENTRE, TOP, BOTTOM, or the number of a joint."""
     pixel: Floats
-    """(M, 2) in the picture, distorted."""
+    """(M, 2) pixels in the image, distorted."""
     bearing: Floats
     """(M, 3) unit rays in the camera's frame."""
     sigma_px: Floats
@@ -52,7 +52,7 @@ class ImagePoints(Columns):
         return len(self.camera)
 
     def labels(self) -> tuple[Ints, Ints]:
-        """Which sightings are of the same point.
+        """Number the points, so that sightings of the same point have the same number.
 
         Returns:
             label: (M,) number of the point of each sighting, 0 to N - 1.
@@ -66,7 +66,7 @@ class ImagePoints(Columns):
 
 
 def box_points(rig: Rig, observations: Observations, parts: tuple[int, ...] = (CENTRE,)) -> ImagePoints:
-    """Points of all boxes with an identity that lie wholly inside the picture.
+    """Return the given parts of all boxes that have an identity and lie completely inside the image.
 
     Args:
         rig: gives the order of the cameras and their lenses; cameras without observations give no points.
@@ -94,12 +94,12 @@ def box_points(rig: Rig, observations: Observations, parts: tuple[int, ...] = (C
 
 
 def joint_points(rig: Rig, observations: Observations, *, min_score: float = MIN_JOINT_SCORE) -> ImagePoints:
-    """All joints of people with an identity whose confidence is at least `min_score`; the part is the joint's number.
+    """Return all joints with a confidence of at least `min_score` of people with an identity; the part is the joint's number.
 
     Args:
         rig: gives the order of the cameras and their lenses; cameras without observations give no points.
         observations: keypoints with identities that hold across cameras.
-        min_score: least confidence of a joint.
+        min_score: smallest confidence of a joint.
 
     Raises:
         InputError: one identity has two skeletons in one camera and frame, or the cameras' layouts differ in length.
@@ -125,15 +125,15 @@ def joint_points(rig: Rig, observations: Observations, *, min_score: float = MIN
 
 
 def numbered_points(rig: Rig, sightings: Mapping[str, tuple[Ints, Floats]], sigma_px: float = 1.0) -> ImagePoints:
-    """Points of any origin, such as matches between pictures: the same number is the same point in space.
+    """Return points of any origin, such as matches between images: the same number is the same point in space.
 
     Args:
         rig: gives the order of the cameras and their lenses; cameras without sightings give no points.
-        sightings: camera -> numbers (N,) of the points, each once, and their pixels (N, 2), distorted as the picture has them.
+        sightings: camera -> numbers (N,) of the points, each once, and their pixels (N, 2), distorted as in the image.
         sigma_px: standard deviation of every pixel.
 
     Raises:
-        InputError: a camera that the rig lacks, or a camera sees one point twice.
+        InputError: a camera is not in the rig, or a camera sees one point twice.
     """
     unknown = sorted(set(sightings) - set(rig.names))
     if unknown:
@@ -152,16 +152,16 @@ def numbered_points(rig: Rig, sightings: Mapping[str, tuple[Ints, Floats]], sigm
 
 
 def whole_boxes(boxes: Boxes, lens: Lens) -> NDArray[np.bool_]:
-    """(N,) which boxes have an identity and lie inside the picture."""
+    """Return whether each box (N,) has an identity and lies inside the image."""
     return np.asarray(boxes.inside(lens.size) & (boxes.identity != UNKNOWN))
 
 
 def match_pair(points: ImagePoints, label: Ints, camera_a: int, camera_b: int) -> tuple[Ints, Ints]:
-    """Rows of the sightings of the same points in two cameras: row_a[i] and row_b[i] see one point.
+    """Return the rows (K,), (K,) of the sightings of the same points in two cameras: row_a[i] and row_b[i] see one point.
 
     Args:
         points: sightings of all cameras.
-        label: (M,) as of `ImagePoints.labels`.
+        label: (M,) numbers from `ImagePoints.labels`.
         camera_a: index of one camera.
         camera_b: index of the other.
     """
@@ -171,7 +171,7 @@ def match_pair(points: ImagePoints, label: Ints, camera_a: int, camera_b: int) -
 
 
 def point_observations(rig: Rig, points: ImagePoints, point: Ints) -> PointObservations:
-    """Sightings as the bundle adjustment takes them; `point` (M,) numbers the 3D points."""
+    """Return sightings in the form for the bundle adjustment; `point` (M,) is the number of each one's 3D point."""
     tangent = np.zeros((len(points), 2, 3))
     for index, camera in enumerate(rig):
         rows = points.camera == index
@@ -188,13 +188,13 @@ def _all_cameras(rig: Rig, observations: Observations, of_camera: Callable[[int,
 
 
 def _table(camera: int, identity: Ints, frame: Ints, part: Ints, pixel: Floats, sigma_px: Floats) -> ImagePoints:
-    """A table without rays yet."""
+    """Build a table without rays."""
     column = np.full(len(identity), camera, dtype=np.int64)
     return ImagePoints(column, identity, frame, part.astype(np.int64), pixel, np.full((len(pixel), 3), np.nan), sigma_px)
 
 
 def _stacked(tables: list[ImagePoints], lens: Lens) -> ImagePoints:
-    """The tables of one camera as one, with rays; pixels outside what the lens model expresses are dropped."""
+    """Join the tables of one camera and add the rays; pixels outside the range of the lens model are dropped."""
     table = ImagePoints.joined(tables)
     bearing = lens.bearings(table.pixel)
     sound = np.flatnonzero(np.isfinite(bearing).all(axis=1))
@@ -202,7 +202,7 @@ def _stacked(tables: list[ImagePoints], lens: Lens) -> ImagePoints:
 
 
 def _extents(people: Keypoints, found: NDArray[np.bool_]) -> Floats:
-    """(N,) diagonal of the box around each person's joints found, pixels."""
+    """Return the diagonal (N,) of the box around each person's detected joints, pixels."""
     wide = found[:, :, None]
     low = np.where(wide, people.xy, np.inf).min(axis=1, initial=np.inf)
     high = np.where(wide, people.xy, -np.inf).max(axis=1, initial=-np.inf)

@@ -1,12 +1,12 @@
-"""GeoPose, the paper's solver, faithful: Xu, Li, Weng, Kitani, CVPR 2021, section 3.3.
+"""GeoPose, the solver of the paper: Xu, Li, Weng, Kitani, CVPR 2021, section 3.3.
 
-Around one reference camera, for every other camera: the essential matrix of the pair's correspondences in RANSAC, its
+The steps for each camera and the reference camera are: the essential matrix of the pair's correspondences by RANSAC, its
 decomposition, triangulation, a local bundle adjustment, and the scale from the height of people. Then points seen in several
-pairs are merged, and a global bundle adjustment refines all cameras and points. This is the mode that every other is compared
-with; its known weakness is that one bad pair loses its camera.
+pairs are merged, and a global bundle adjustment refines all cameras and points. All other methods are compared with this one.
+Its known weakness is that one bad pair loses its camera.
 
-What the paper leaves open is chosen here: PoseLib's RANSAC, the robust loss of the adjustments, the statistic of the scale
-(`body_extent.standing_length`), and the placement of the world by people's verticals and feet.
+The paper does not specify all steps. Chosen here are PoseLib's RANSAC, the robust loss of the adjustments, the statistic of
+the scale (`body_extent.standing_length`), and the placement of the world by people's verticals and feet.
 """
 
 from __future__ import annotations
@@ -59,12 +59,13 @@ __all__ = [
     "measure_people", "merge_points", "pair_essential", "scale_from_prior", "solve_geopose", "solve_pair", "triangulate_pair",
 ]  # fmt: skip
 
-# The adjustment's formal sigma takes sightings as independent, but the centre of a box is another point of the body from every
-# side, and stays so for as long as a person walks the same way. Joints are the same points from all sides. With 3.5, over 12
-# simulated scenes a preset, one sigma holds 58 to 69 % of the position errors, but 25 to 100 % of the orientation errors
-# (construction fewest); the factor for joints was chosen with less data and not checked on its own.
+# Factor on the adjustment's formal sigmas, which assume independent sightings. The centre of a box is a different point of the
+# body from every side, and stays the same point as long as a person walks in one direction. Joints are the same points from all
+# sides. With 3.5, over 12 simulated scenes a preset, one sigma contains 58 to 69 % of the position errors, but 25 to 100 % of
+# the orientation errors (fewest in construction); the factor for joints was chosen with less data and not checked separately.
 SIGMA_FACTOR = {"boxes": 3.5, "joints": 1.25}
-# Of the measured length of standing people, as a share: running people are 1.5 % short, boxes around swinging feet 1 % long.
+# Relative sigma of the measured length of standing people: running people are 1.5 % too short, boxes around swinging feet 1 %
+# too long.
 STANDING_SD = 0.01
 MIN_STANDING_SHARE = 1 / 3
 
@@ -77,7 +78,7 @@ def solve_geopose(
     Args:
         rig: names and lenses; poses in it are not read.
         observations: boxes or keypoints whose identities hold across cameras.
-        cues: only `lengths` are used (in pairs and rigs whose cameras see them); the height of people is the options'.
+        cues: only `lengths` are used (in pairs and rigs whose cameras see them); the height of people is taken from `options`.
         options: see `GeoPoseOptions`.
         rng: drives RANSAC and the choice among too many correspondences.
 
@@ -87,7 +88,7 @@ def solve_geopose(
 
     Raises:
         InputError: the reference is not a camera of the rig.
-        RefusalError: no camera could be registered with the reference, or nothing fixes scale and vertical.
+        RefusalError: no camera could be registered with the reference, or scale and vertical cannot be determined.
     """
     reference = reference_of(rig, options)
     kind = _kind_of_points(rig, observations, options)
@@ -117,7 +118,7 @@ def solve_geopose(
 
 
 def measure_people(rig: Rig, extents: BodyEndpoints, reference: int, pairs: list[PairGeometry]) -> BodySegments3D:
-    """The people that the reference and the pairs' cameras see whole, from feet to head, in the frame and unit of the pairs."""
+    """Triangulate people seen whole by two or more cameras of the star, from feet to head, in the frame and unit of pairs."""
     return triangulate_segments(rig, extents, *posed_cameras(reference, pairs))
 
 
@@ -125,11 +126,11 @@ def scale_from_prior(
     rig: Rig, people: BodySegments3D, span: float, cues: ScaleCues, options: GeoPoseOptions, reference: int,
     pairs: list[PairGeometry],
 ) -> StarScale:  # fmt: skip
-    """What to multiply all lengths by to get metres, and what it depends on.
+    """Return the factor that makes all lengths metres, and its source.
 
-    Known lengths that the cameras see come first, each weighted by its standard deviation; else the length of a standing person
-    is set to the prior's, times the `span` of it that was measured. Used for each pair, and again for all cameras together
-    after the global adjustment, which cannot see the scale.
+    Known lengths that the cameras see are used first, each weighted by its standard deviation. Without them, the length of a
+    standing person is set to that of the prior, times the measured share `span`. The function is used for each pair, and for
+    all cameras after the global adjustment, in which the scale is not observable.
     """
     known = scale_from_lengths(rig, cues.lengths, reference, pairs)
     if known is not None:
@@ -144,10 +145,10 @@ def scale_from_prior(
 
 
 def check_people_stand(extents: BodyEndpoints, reference: int, camera: int, n_segments: int) -> None:
-    """Refuse a pair whose pose lets almost no person have head and feet.
+    """Refuse a pair in whose pose almost no person has a head and feet.
 
-    Box centres lie in a thin level slab, and with cameras that face each other its mirror image fits as well. Nothing in the
-    centres shows that pose to be wrong, but the tops and the bottoms of the boxes do not meet in it.
+    Box centres lie in a thin horizontal layer. For cameras that face each other, its mirror image fits as well. The centres do
+    not show that this pose is wrong, but in it the rays to the tops and bottoms of the boxes do not meet.
 
     Raises:
         RefusalError: fewer than a third of the people seen whole by both cameras have a head and feet in the pair.

@@ -16,7 +16,7 @@ from passerby.geometry.triangulation import triangulate
 def measured_lengths(
     rig: Rig, lengths: Sequence[KnownLength], cameras: Ints, rotations: Floats, translations: Floats
 ) -> list[tuple[KnownLength, float]]:
-    """Each known length with its length in the reconstruction, where at least two of the posed cameras see it.
+    """Return each known length that two or more posed cameras see, with its measured length in the reconstruction.
 
     Args:
         rig: names and lenses.
@@ -26,7 +26,7 @@ def measured_lengths(
         translations: (C, 3) world to camera, in the unit of the reconstruction.
 
     Raises:
-        InputError: a mark stands where the camera's lens model has no ray, or is of a camera that the rig lacks.
+        InputError: a mark has no ray in the camera's lens model, or its camera is not in the rig.
     """
     found = []
     for cue in lengths:

@@ -1,7 +1,7 @@
-"""The steps of GeoPose for one camera and the reference: essential matrix, decomposition, triangulation, local adjustment.
+"""Steps of GeoPose for one camera and the reference: essential matrix, decomposition, triangulation, local adjustment.
 
 Xu, Li, Weng, Kitani, CVPR 2021, section 3.3. The pair's frame is the reference camera's, and its baseline has length 1 until
-something gives a scale.
+it is scaled.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ from passerby.solver.geopose.correspondences import ImagePoints, match_pair, poi
 
 IDENTITY = Pose(np.eye(3), np.zeros(3))
 
-# RANSAC's threshold in sigmas of a correspondence: 95 % of the honest ones of a two-dimensional error lie within it.
+# RANSAC's threshold in sigmas of a correspondence: it contains 95 % of two-dimensional errors of correct correspondences.
 THRESHOLD_SIGMAS = 2.5
-# After an adjustment points that miss one of their sightings by more sigmas than this are taken out.
+# After an adjustment, points with a residual of more sigmas than this in one of their sightings are removed.
 OUTLIER_SIGMAS = 4.0
 
 
@@ -73,23 +73,23 @@ class PairGeometry:
     """One camera and the reference: the pair's frame is the reference camera's."""
 
     camera: int
-    """Index in the rig."""
+    """Index of the camera in the rig."""
     pose: Pose
-    """Of the camera; the world is the reference camera's frame. Unit baseline, or metres once scaled."""
+    """Pose of the camera; the world is the reference camera's frame. Unit baseline, or metres when scaled."""
     points: Floats
-    """(N, 3) in the reference camera's frame."""
+    """(N, 3) points in the reference camera's frame."""
     label: Ints
-    """(N,) the points' numbers, alike in all pairs."""
+    """(N,) numbers of the points, the same in all pairs."""
     rows: Ints
     """(N, 2) rows of the sightings by the reference and by the camera."""
     correspondences: int
-    """How many went into RANSAC."""
+    """Number of correspondences passed to RANSAC."""
     rms_px: float
     parallax_deg: float
     """Median angle between the two rays of a point."""
 
     def scaled(self, factor: float) -> PairGeometry:
-        """The pair with all lengths times `factor`."""
+        """Return the pair with all lengths multiplied by `factor`."""
         return replace(self, pose=Pose(self.pose.R_cw, self.pose.t_cw * factor), points=self.points * factor)
 
 
@@ -97,7 +97,7 @@ def solve_pair(
     rig: Rig, points: ImagePoints, label: Ints, priority: Ints, reference: int, camera: int, options: GeoPoseOptions,
     rng: np.random.Generator,
 ) -> PairGeometry:  # fmt: skip
-    """One camera with the reference, up to scale: the paper's pairwise steps in their order.
+    """Register one camera with the reference, up to scale, by the paper's pairwise steps in their order.
 
     Raises:
         RefusalError: too few correspondences, or too few that agree.
@@ -128,14 +128,14 @@ def pair_essential(
     rays_reference: Floats, rays_camera: Floats, lenses: tuple[Lens, Lens], sigma_px: Floats, options: GeoPoseOptions,
     rng: np.random.Generator,
 ) -> tuple[Floats, Bools]:  # fmt: skip
-    """The essential matrix (3, 3) from the reference to the camera, in RANSAC, and its inliers (N,).
+    """Estimate the essential matrix (3, 3) from the reference to the camera by RANSAC, and its inliers (N,).
 
     Args:
         rays_reference: (N, 3) unit rays in the reference camera's frame.
         rays_camera: (N, 3) unit rays in the camera's frame.
-        lenses: of the reference and the camera.
+        lenses: lenses of the reference and the camera.
         sigma_px: (N, 2) standard deviations of the sightings.
-        options: for the threshold.
+        options: give the threshold and the largest number of correspondences.
         rng: drives RANSAC.
 
     Raises:
@@ -156,7 +156,7 @@ def pair_essential(
 
 
 def _without_pose(error: NoRelativePoseError) -> Finding:
-    """Why two cameras have no relative pose."""
+    """Return the finding with the reason why two cameras have no relative pose."""
     if error.usable < MIN_POINTS:
         return refusal("few_usable_points", usable=error.usable, needed=MIN_POINTS)
     if error.agreeing is None:
@@ -165,13 +165,13 @@ def _without_pose(error: NoRelativePoseError) -> Finding:
 
 
 def decompose(essential: Floats, rays_reference: Floats, rays_camera: Floats) -> tuple[Pose, Bools]:
-    """The pose of the camera in the reference's frame, unit baseline, and which points (N,) lie in front of both."""
+    """Return the camera's pose in the reference's frame, unit baseline, and whether points (N,) lie in front of both."""
     R, t, front = choose_by_cheirality(decompose_essential(essential), rays_reference, rays_camera)
     return Pose(R, t), front
 
 
 def triangulate_pair(pose: Pose, rays_reference: Floats, rays_camera: Floats) -> Floats:
-    """(N, 3) points in the reference camera's frame, unit of the baseline."""
+    """Triangulate points (N, 3) in the reference camera's frame, in the unit of the baseline."""
     return triangulate_two_views(rays_reference, rays_camera, pose.R_cw, pose.t_cw)
 
 
@@ -184,12 +184,12 @@ def local_bundle_adjustment(
         rig: the lenses.
         sightings: 2 N sightings, first those of the reference, then those of the camera, in the order of the points.
         camera: index of the camera in the rig.
-        pose: of the camera, in the reference's frame.
-        points: (N, 3) in the reference's frame.
-        options: for the iteration limit.
+        pose: pose of the camera, in the reference's frame.
+        points: (N, 3) points in the reference's frame.
+        options: give the iteration limit.
 
     Returns:
-        pose, points, which of the points fit both sightings (N,), root mean square residual in pixels.
+        pose, points, whether each point fits both sightings (N,), root mean square residual in pixels.
     """
     index = np.tile(np.arange(len(points), dtype=np.int64), 2)
     seen = point_observations(rig, sightings, index)

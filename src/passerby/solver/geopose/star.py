@@ -1,8 +1,8 @@
-"""GeoPose around one reference camera, wherever the points come from and whatever gives the scale.
+"""GeoPose around one reference camera, independent of the origin of the points and of the scale.
 
 Xu, Li, Weng, Kitani, CVPR 2021, section 3.3: every other camera is registered with the reference, each pair gets its scale,
-points seen in several pairs are merged, and a global bundle adjustment refines all cameras and points. `geopose` brings the
-points of people and their height to it, `geopose_points` points of any origin and known lengths.
+points seen in several pairs are merged, and a global bundle adjustment refines all cameras and points. `geopose` supplies
+points of people and their height; the benchmark `geopose_points` supplies points of any origin and known lengths.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from passerby.solver.geopose.correspondences import ImagePoints, point_observati
 from passerby.solver.geopose.known_lengths import measured_lengths
 from passerby.solver.geopose.pairs import IDENTITY, GeoPoseOptions, PairGeometry, solve_pair
 
-# Pairs that see the same point at places that differ by more than this share of its distance contradict each other.
+# Pairs contradict each other if their places of the same point differ by more than this share of its distance.
 MAX_DISAGREEMENT = 0.15
 MIN_INLIER_SHARE = 0.5
 MIN_PARALLAX_DEG = 3.0
@@ -40,17 +40,17 @@ class StarReconstruction:
     """The reference and the cameras that could be registered with it, after the global adjustment."""
 
     reference: int
-    """Index in the rig."""
+    """Index of the reference in the rig."""
     pairs: list[PairGeometry]
-    """Adjusted; the scale is what the pairs' own scales agreed on."""
+    """Pairs with adjusted poses; the scale is a compromise of the pairs' own scales."""
     adjusted: PointAdjustment
-    """Of the reference and the pairs' cameras, in their order."""
+    """Adjustment of the reference and the pairs' cameras, in their order."""
     merged: int
-    """How many points any pair has."""
+    """Number of points in at least one pair."""
     disagreement: float
     """See `merge_points`."""
     findings: tuple[Finding, ...]
-    """What is odd, and why other cameras could not be registered."""
+    """Findings about the input, and reasons why other cameras could not be registered."""
 
 
 def solve_star_graph(
@@ -61,15 +61,16 @@ def solve_star_graph(
     rng: np.random.Generator,
     odd: Sequence[Finding] = (),
 ) -> StarReconstruction:
-    """Register every camera with the reference, merge the points, adjust all together.
+    """Register every camera with the reference, merge the points, and adjust all together.
 
     Args:
         rig: names and lenses; poses in it are not read.
-        points: sightings of all cameras; the same point is seen where identity, frame and part are the same.
+        points: sightings of all cameras; sightings with the same identity, frame and part are of the same point.
         options: see `GeoPoseOptions`.
-        scale_of_pair: what to multiply a pair's lengths by to get metres; `RefusalError` where the pair has none, or is wrong.
+        scale_of_pair: returns the factor that makes a pair's lengths metres; `RefusalError` if there is none or the pair is
+            wrong.
         rng: drives RANSAC and the choice among too many correspondences.
-        odd: what was found before.
+        odd: findings from earlier steps.
 
     Raises:
         InputError: the reference is not a camera of the rig.
@@ -77,7 +78,7 @@ def solve_star_graph(
     """
     reference = reference_of(rig, options)
     label, key = points.labels()
-    # One draw for all pairs: where points are too many, all pairs keep the same ones, which can then be merged.
+    # One draw for all pairs: if there are too many points, all pairs keep the same ones, which can then be merged.
     priority = rng.permutation(len(key))
     pairs: list[PairGeometry] = []
     findings = list(odd)
@@ -102,7 +103,7 @@ def solve_star_graph(
 
 
 def reference_of(rig: Rig, options: GeoPoseOptions) -> int:
-    """Index of the reference camera. Raises `InputError` where the rig has no such camera."""
+    """Return the index of the reference camera. Raises `InputError` where the rig has no such camera."""
     if options.reference not in rig.names:
         raise InputError(f"the reference camera {options.reference} is not in the rig: choose one of {', '.join(rig.names)}")
     return rig.names.index(options.reference)
@@ -111,7 +112,7 @@ def reference_of(rig: Rig, options: GeoPoseOptions) -> int:
 def scale_from_lengths(
     rig: Rig, lengths: Sequence[KnownLength], reference: int, pairs: Sequence[PairGeometry]
 ) -> StarScale | None:
-    """The scale that known lengths give, each weighted by its standard deviation; None where two cameras see none of them."""
+    """Return the scale from known lengths, each weighted by its standard deviation; None if no two cameras see any of them."""
     seen = measured_lengths(rig, lengths, *posed_cameras(reference, pairs))
     if not seen:
         return None
@@ -132,17 +133,17 @@ def star_solution(
     findings: Sequence[Finding],
     points: str,
 ) -> Solution:
-    """The star in metres, in its world, with sigmas, verdict and figures.
+    """Return the solution: the star in metres, in its world, with sigmas, verdict and figures.
 
     Args:
         method: name of the solver.
         rig: names and lenses.
-        star: of `solve_star_graph`.
-        scale: of all cameras together.
-        world: from the reference camera's frame, metres, to the world's.
-        sigma_factor: by how much the adjustment's formal sigmas are too small.
-        findings: doubts, and notices of what makes the result uncertain.
-        points: what they are of.
+        star: result of `solve_star_graph`.
+        scale: scale of all cameras together.
+        world: motion from the reference camera's frame, metres, to the world's.
+        sigma_factor: factor on the adjustment's formal sigmas, which are too small.
+        findings: doubts, and notices about causes of uncertainty.
+        points: kind of the points, for the figures.
     """
     final = [pair.scaled(scale.factor) for pair in star.pairs]
     covariance = _covariances(final, star.adjusted, scale.factor, sigma_factor, scale.relative_sd)
@@ -161,13 +162,13 @@ def star_solution(
 
 
 def find_weaknesses(rig: Rig, star: StarReconstruction, what: str, other: str) -> list[Finding]:
-    """Notices of what makes the result uncertain.
+    """Return notices about causes of uncertainty of the result.
 
     Args:
         rig: the cameras' names.
         star: the result.
-        what: what the points are of.
-        other: what else to try.
+        what: name of the kind of points.
+        other: alternative that is suggested to the user.
     """
     found = []
     for pair in star.pairs:
@@ -184,11 +185,11 @@ def find_weaknesses(rig: Rig, star: StarReconstruction, what: str, other: str) -
 
 
 def merge_points(pairs: list[PairGeometry], count: int) -> tuple[Floats, float]:
-    """A point seen in several pairs becomes the mean of its coordinates in the reference camera's frame.
+    """Merge a point seen in several pairs to the mean of its coordinates in the reference camera's frame.
 
     Returns:
-        (count, 3) points, NaN for those that no pair has; and by how much the pairs disagree: the median distance of a point
-        in one pair from its mean, as a share of its distance from the reference camera (0 where no point is in two pairs).
+        (count, 3) points, NaN for points in no pair; and the disagreement of the pairs: the median distance of a point in one
+        pair from its mean, as a share of its distance from the reference camera (0 where no point is in two pairs).
     """
     label = np.concatenate([pair.label for pair in pairs])
     points = np.concatenate([pair.points for pair in pairs])
@@ -214,7 +215,7 @@ def global_bundle_adjustment(
 ) -> PointAdjustment:
     """Refine the poses of all pairs' cameras and the merged points on reprojection error, the reference held.
 
-    The adjustment's cameras are the reference and then the pairs' in their order; a pair's inliers take part.
+    The adjustment's cameras are the reference, then the pairs' cameras in their order. It uses the inliers of the pairs.
     """
     rows = np.unique(np.concatenate([pair.rows.ravel() for pair in pairs]))
     number = np.full(len(merged), -1)
@@ -230,7 +231,7 @@ def global_bundle_adjustment(
 
 
 def posed_cameras(reference: int, pairs: Sequence[PairGeometry]) -> tuple[Ints, Floats, Floats]:
-    """Indices (C,), rotations (C, 3, 3) and translations (C, 3) of the reference and the pairs' cameras."""
+    """Return indices (C,), rotations (C, 3, 3) and translations (C, 3) of the reference and the pairs' cameras."""
     return (
         np.array([reference, *(pair.camera for pair in pairs)]),
         np.stack([np.eye(3), *(pair.pose.R_cw for pair in pairs)]),
@@ -241,9 +242,10 @@ def posed_cameras(reference: int, pairs: Sequence[PairGeometry]) -> tuple[Ints, 
 def _covariances(
     pairs: list[PairGeometry], adjusted: PointAdjustment, factor: float, sigma_factor: float, scale_sd: float
 ) -> Floats:
-    """(1 + pairs, 6, 6) covariances of the reference and the pairs' cameras in the reference's frame, metres and radians.
+    """Return the covariances (1 + pairs, 6, 6) of the reference and the pairs' cameras in its frame, metres and radians.
 
-    Those of the adjustment, whose scale is held, and what a wrong scale would do to the distance from the reference.
+    They are those of the adjustment, whose scale is held, plus the effect of the scale's error on the distance from the
+    reference.
     """
     unit = np.diag([factor] * 3 + [1.0] * 3) * sigma_factor
     covariance = unit @ adjusted.pose_covariance @ unit
@@ -253,7 +255,7 @@ def _covariances(
 
 
 def _placed_rig(rig: Rig, reference: int, pairs: list[PairGeometry], covariances: Floats, world: Similarity) -> Rig:
-    """The rig in the world, with sigmas; cameras without a pair have no pose."""
+    """Return the rig in the world, with sigmas; cameras without a pair have no pose."""
     turn = np.eye(6)
     turn[:3, :3] = world.rotation
     solved: dict[int, Camera] = {}

@@ -1,4 +1,4 @@
-"""Sparse least squares with people and instants eliminated, and the bundle adjustment of points.
+"""Sparse least squares that eliminates people and instants, and the bundle adjustment of points.
 
 Imports `geometry` and `core`.
 """

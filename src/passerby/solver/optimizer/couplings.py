@@ -1,7 +1,8 @@
-"""How the shared unknowns go together with blocks and groups in the normal equations, as full tables or by what occurs.
+"""Products of the shared unknowns with blocks and groups in the normal equations, as full or sparse tables.
 
-Where every block is seen by most cameras, a full table is the fastest. On a site each block is seen by two or three of hundreds
-of cameras: then only what occurs is kept, and time and memory grow with the observations, not with the square of the cameras.
+Where every block is seen by most cameras, a full table is the fastest. On a large site, each block is seen by two or three of
+hundreds of cameras. Then only pairs that occur are kept: time and memory grow with the number of observations, not with the
+square of the number of cameras.
 """
 
 from __future__ import annotations
@@ -16,17 +17,18 @@ from passerby.common.arrays import Floats, Ints
 from passerby.geometry.groups import group_sums
 
 Cross = Floats | scipy.sparse.csr_array
-"""(n_shared, n_groups)"""
+"""Full or sparse table (n_shared, n_groups) of the products of shared unknowns with groups."""
 
 FULL_UP_TO = 12
-"""Cameras up to which tables are always full."""
+"""Number of cameras up to which tables are always full."""
 WORTH = 60.0
-"""A full table is used unless it takes so many times the multiplications of one by what occurs: those of large matrices run so
-much faster (both equal at 32 cameras of which four see each block; at 50 and three, a ratio of 280, 0.4 of the time)."""
+"""Ratio of the multiplications of a full table to those of a sparse one, above which the sparse one is used: multiplications
+of large matrices run so much faster. Both take equal time at 32 cameras of which four see each block; at 50 cameras and three
+(a ratio of 280) the sparse table takes 0.4 of the time."""
 
 
 def occurs_seldom(n_cameras: int, blocks: int, seen: Ints) -> bool:
-    """Whether tables by what occurs are the faster ones.
+    """Return whether sparse tables are faster than full ones.
 
     Args:
         n_cameras: number of cameras.
@@ -40,37 +42,37 @@ def occurs_seldom(n_cameras: int, blocks: int, seen: Ints) -> bool:
 
 
 DENSE_WORTH = 20.0
-"""Of a product of sparse tables: full ones are used unless that takes so many times the multiplications (they run some 30 times
-as fast)."""
+"""The same ratio for a product of two sparse tables: below it, full ones are used (their multiplications run some 30 times as
+fast)."""
 
 
 class Coupling(Protocol):
-    """The table W (N, d, n_shared) of a family of N blocks of d unknowns with the shared ones."""
+    """The table W (N, d, n_shared) of the products of N blocks of d unknowns with the shared unknowns."""
 
     def add(self, block: Ints, camera: Ints, values: Floats) -> None:
-        """Add `values` (M, d, camera_size) of observations of a block by a camera, each pair at most once in a call."""
+        """Add `values` (M, d, camera_size) of observations of a block by a camera; each pair at most once in a call."""
 
     def add_globals(self, block: Ints, values: Floats) -> None:
-        """Add `values` (M, d, n_globals)."""
+        """Add `values` (M, d, n_globals) of blocks with the globals."""
 
     def times(self, shared: Floats) -> Floats:
-        """(N, d) W x, of x (n_shared,)."""
+        """Return W x (N, d) for x (n_shared,)."""
 
     def whitened(self, inverse_root: Floats) -> Coupling:
-        """Y = L^-1 W, of `inverse_root` (N, d, d)."""
+        """Return Y = L^-1 W, where `inverse_root` (N, d, d) is L^-1."""
 
     def gram(self) -> Floats:
-        """(n_shared, n_shared) W^T W."""
+        """Return W^T W (n_shared, n_shared)."""
 
     def transposed_times(self, blocks: Floats) -> Floats:
-        """(n_shared,) W^T z, of z (N, d)."""
+        """Return W^T z (n_shared,) for z (N, d)."""
 
     def by_group(self, blocks: Floats, group: Ints, n_groups: int) -> Cross:
-        """(n_shared, n_groups) sums of y^T W over the blocks of each group, of y (N, d)."""
+        """Return the sums (n_shared, n_groups) of y^T W over the blocks of each group, for y (N, d)."""
 
 
 class FullCoupling:
-    """The table with a place for every camera and block."""
+    """A full table, with an entry for every camera and block."""
 
     def __init__(self, count: int, size: int, n_cameras: int, camera_size: int, n_globals: int) -> None:
         self._shape = count, size, n_cameras, camera_size
@@ -80,7 +82,7 @@ class FullCoupling:
 
     @property
     def table(self) -> Floats:
-        """(N, d, n_shared)"""
+        """(N, d, n_shared) the whole table; no values can be added after its first use."""
         if self._table is None:
             assert self._of_cameras is not None
             count, size, n, p = self._shape
@@ -96,34 +98,34 @@ class FullCoupling:
         return out
 
     def add(self, block: Ints, camera: Ints, values: Floats) -> None:
-        """As of `Coupling`."""
+        """See `Coupling`."""
         assert self._of_cameras is not None
         self._of_cameras[block * self._shape[2] + camera] += values.reshape(len(block), -1)
 
     def add_globals(self, block: Ints, values: Floats) -> None:
-        """As of `Coupling`."""
+        """See `Coupling`."""
         count, size = self._shape[:2]
         self._of_globals += group_sums(block, values.reshape(len(block), -1), count).reshape(count, size, -1)
 
     def times(self, shared: Floats) -> Floats:
-        """As of `Coupling`."""
+        """See `Coupling`."""
         return np.asarray(self.table @ shared)
 
     def whitened(self, inverse_root: Floats) -> FullCoupling:
-        """As of `Coupling`."""
+        """See `Coupling`."""
         return self._of(inverse_root @ self.table)
 
     def gram(self) -> Floats:
-        """As of `Coupling`."""
+        """See `Coupling`."""
         flat = self._flat()
         return np.asarray(flat.T @ flat)
 
     def transposed_times(self, blocks: Floats) -> Floats:
-        """As of `Coupling`."""
+        """See `Coupling`."""
         return np.asarray(self._flat().T @ blocks.ravel())
 
     def by_group(self, blocks: Floats, group: Ints, n_groups: int) -> Floats:
-        """As of `Coupling`."""
+        """See `Coupling`."""
         return group_sums(group, (blocks[:, None, :] @ self.table)[:, 0], n_groups).T
 
     def _flat(self) -> Floats:
@@ -131,7 +133,7 @@ class FullCoupling:
 
 
 class SparseCoupling:
-    """The table by the pairs of a block and a camera that occur, with a full one for the globals."""
+    """A sparse table of the (block, camera) pairs that occur, with a full table for the globals."""
 
     def __init__(self, count: int, size: int, n_cameras: int, camera_size: int, n_globals: int) -> None:
         self._shape = count, size, n_cameras, camera_size
@@ -141,7 +143,7 @@ class SparseCoupling:
         self._settled: tuple[Ints, Ints, Floats] | None = None
 
     def entries(self) -> tuple[Ints, Ints, Floats]:
-        """The pairs that occur, by block and then camera: (E,) blocks, (E,) cameras, and (E, d, camera_size) their tables."""
+        """Return the pairs that occur, by block, then camera: blocks (E,), cameras (E,) and values (E, d, camera_size)."""
         if self._settled is None:
             _, size, n, p = self._shape
             pairs = np.concatenate(self._pairs) if self._pairs else np.zeros(0, np.int64)
@@ -153,24 +155,24 @@ class SparseCoupling:
         return self._settled
 
     def add(self, block: Ints, camera: Ints, values: Floats) -> None:
-        """As of `Coupling`."""
+        """See `Coupling`."""
         self._pairs.append(block * self._shape[2] + camera)
         self._values.append(values.reshape(len(block), -1))
 
     def add_globals(self, block: Ints, values: Floats) -> None:
-        """As of `Coupling`."""
+        """See `Coupling`."""
         count, size = self._shape[:2]
         self._of_globals += group_sums(block, values.reshape(len(block), -1), count).reshape(count, size, -1)
 
     def times(self, shared: Floats) -> Floats:
-        """As of `Coupling`."""
+        """See `Coupling`."""
         block, camera, table = self.entries()
         count, _, n, p = self._shape
         own = shared[: n * p].reshape(n, p)[camera]
         return np.asarray(group_sums(block, (table @ own[:, :, None])[:, :, 0], count) + self._of_globals @ shared[n * p :])
 
     def whitened(self, inverse_root: Floats) -> SparseCoupling:
-        """As of `Coupling`."""
+        """See `Coupling`."""
         block, camera, table = self.entries()
         out = SparseCoupling(*self._shape, 0)
         out._of_globals = inverse_root @ self._of_globals
@@ -178,7 +180,7 @@ class SparseCoupling:
         return out
 
     def gram(self) -> Floats:
-        """As of `Coupling`."""
+        """See `Coupling`."""
         block, camera, table = self.entries()
         count, size, n, p = self._shape
         g = self._of_globals.shape[2]
@@ -195,7 +197,7 @@ class SparseCoupling:
         return out
 
     def _camera_pairs(self) -> tuple[Ints, Floats]:
-        """W^T W by the pairs of cameras that have a block in common: (K,) first * C + second, and (K, p, p)."""
+        """Compute W^T W for pairs of cameras with a common block: (K,) first * C + second, and (K, p, p) products."""
         block, camera, table = self.entries()
         _, size, n, p = self._shape
         first = np.flatnonzero(np.diff(block, prepend=-1))
@@ -214,7 +216,7 @@ class SparseCoupling:
         return places, group_sums(number.ravel(), np.concatenate(products), len(places))
 
     def transposed_times(self, blocks: Floats) -> Floats:
-        """As of `Coupling`."""
+        """See `Coupling`."""
         block, camera, table = self.entries()
         _, _, n, _ = self._shape
         own = group_sums(camera, (table.transpose(0, 2, 1) @ blocks[block][:, :, None])[:, :, 0], n)
@@ -222,7 +224,7 @@ class SparseCoupling:
         return np.concatenate([own.ravel(), of_globals])
 
     def by_group(self, blocks: Floats, group: Ints, n_groups: int) -> scipy.sparse.csr_array:
-        """As of `Coupling`."""
+        """See `Coupling`."""
         block, camera, table = self.entries()
         _, _, n, p = self._shape
         own = (table.transpose(0, 2, 1) @ blocks[block][:, :, None])[:, :, 0]
@@ -237,7 +239,7 @@ class SparseCoupling:
 
 
 def subtract_product(H: Floats, scaled: scipy.sparse.csr_array, cross: scipy.sparse.csr_array) -> None:
-    """Take scaled @ cross^T from H, where both are (n_shared, n_groups) and have the same entries."""
+    """Subtract scaled @ cross^T from H, where both are (n_shared, n_groups) with the same non-zero entries."""
     each = np.bincount(cross.indices, minlength=cross.shape[1]).astype(np.float64)
     if DENSE_WORTH * float((each**2).sum()) > float(cross.shape[1]) * len(H) ** 2:  # most cameras see most people
         H -= scaled.toarray() @ cross.toarray().T
@@ -247,7 +249,7 @@ def subtract_product(H: Floats, scaled: scipy.sparse.csr_array, cross: scipy.spa
 
 
 def sparse_sum(parts: list[tuple[Floats, NDArray[Any], NDArray[Any]]], shape: tuple[int, int]) -> scipy.sparse.csr_array:
-    """The matrix that has the sums of values at rows and columns; all three are arrays of one shape in each part."""
+    """Build a matrix by summing values at (row, column); each part has three arrays of one shape: values, rows, columns."""
     value, row, column = (np.concatenate([part[k].ravel() for part in parts]) if parts else np.zeros(0) for k in range(3))
     placed = (row.astype(np.int64), column.astype(np.int64))
     return scipy.sparse.csr_array(scipy.sparse.coo_array((value, placed), shape=shape))

@@ -1,12 +1,12 @@
 """Robust nonlinear least squares for camera rigs: Levenberg-Marquardt on a twice reduced system.
 
-The unknowns have three levels. *Shared* ones are few and dense: the cameras' parameters, then the globals. *Groups* are
-scalars, one a person (a body height). *Blocks* are small vectors, one a person-instant or a 3D point, in one or more families.
-A residual row sees at most one camera, one block, that block's group, and the globals; so the blocks are eliminated first (a
-batched Schur complement), then the groups (what is left between them is diagonal), and the system that remains has the
-cameras' size only. See Triggs et al., *Bundle Adjustment: A Modern Synthesis* (2000), section 6.
+The unknowns have three levels. *Shared* unknowns are few and dense: the cameras' parameters, then the globals. *Groups* are
+scalars, one per person (a body height). *Blocks* are small vectors, one per person-instant or 3D point, in one or more
+families. A residual row depends on at most one camera, one block, that block's group, and the globals. The blocks are therefore
+eliminated first (a batched Schur complement), then the groups (the remaining system among them is diagonal). The system that
+remains has only the shared unknowns. See Triggs et al., *Bundle Adjustment: A Modern Synthesis* (2000), section 6.
 
-The robust loss enters by iteratively reweighted least squares; a step counts as good by the true robust cost.
+The robust loss is handled by iteratively reweighted least squares; a step is accepted by the true robust cost.
 """
 
 from __future__ import annotations
@@ -30,25 +30,25 @@ State = TypeVar("State")
 
 
 class Problem(Protocol[State]):
-    """What the solver needs to know of a problem."""
+    """Interface of a problem that the solver can minimise."""
 
     @property
     def layout(self) -> Layout:
-        """The sizes of the unknowns."""
+        """Sizes of the three levels of unknowns."""
         ...
 
     def terms(self, state: State, *, jacobians: bool) -> Sequence[Term]:
-        """Residuals at a state, with their Jacobians when asked."""
+        """Return the residuals at a state, with their Jacobians on request."""
         ...
 
     def retract(self, state: State, step: Step) -> State:
-        """The state moved by a step."""
+        """Return the state moved by a step."""
         ...
 
 
 @dataclass(frozen=True)
 class Stopping:
-    """When to stop: converged are two steps in a row that lower the cost by less than the share `tolerance`."""
+    """Stopping rule: converged after two steps in a row that lower the cost by less than the share `tolerance`."""
 
     max_iterations: int = 100
     tolerance: float = 1e-8
@@ -57,7 +57,7 @@ class Stopping:
 
 @dataclass(frozen=True, eq=False)
 class Result(Generic[State]):
-    """Where the solver ended."""
+    """Final state of the solver, its cost, and the number of iterations."""
 
     state: State
     cost: float
@@ -65,20 +65,21 @@ class Result(Generic[State]):
     iterations: int
     converged: bool
     normal: NormalEquations
-    """The normal equations at the end, undamped."""
+    """Normal equations at the final state, undamped."""
 
 
 def minimise(
     problem: Problem[State], state: State, stopping: Stopping | None = None, *, free: NDArray[np.bool_] | None = None
 ) -> Result[State]:
-    """Levenberg-Marquardt with Nielsen's damping rule (Madsen, Nielsen, Tingleff, *Methods for Non-Linear Least Squares*,
-    2004).
+    """Minimise by Levenberg-Marquardt with Nielsen's damping rule (Madsen, Nielsen, Tingleff, *Methods for Non-Linear Least
+    Squares*, 2004).
 
     Args:
         problem: residuals, Jacobians and the retraction.
-        state: where to start.
+        state: start of the descent.
         stopping: iteration limit and tolerance.
-        free: (n_shared,) which shared unknowns may move; all by default. Gauge freedoms may stay free: damping holds them.
+        free: (n_shared,) mask of the shared unknowns that may move; all by default. Gauge freedoms may be free: the damping
+            keeps the system regular.
     """
     stopping = stopping or Stopping()
     layout = problem.layout
@@ -93,7 +94,7 @@ def minimise(
             damping, growth = damping * growth, growth * 2
             continue
         candidate = problem.retract(state, step)
-        # Most steps are taken: Jacobians at the candidate at once cost less than its residuals twice.
+        # Most steps are accepted. Computing the Jacobians of the candidate immediately costs less than its residuals twice.
         terms = problem.terms(candidate, jacobians=True)
         new_cost = sum(term.cost() for term in terms)
         predicted = _predicted_decrease(normal, step)
@@ -114,7 +115,7 @@ def minimise(
 
 
 def _predicted_decrease(normal: NormalEquations, step: Step) -> float:
-    """Decrease of the quadratic model: -(g.d + d.H d / 2), from the undamped equations."""
+    """Return the decrease of the quadratic model, -(g.d + d.H d / 2), from the undamped equations."""
     shared, groups = step.shared, step.groups
     linear = normal.gradient @ shared + normal.group_gradient @ groups
     quadratic = shared @ normal.H @ shared + 2 * shared @ normal.cross @ groups + groups @ (normal.G * groups)

@@ -1,4 +1,4 @@
-"""Normal equations in three levels of unknowns, and their reduction to the cameras' (see `least_squares`)."""
+"""Normal equations in three levels of unknowns, and their reduction to the shared ones (see `least_squares`)."""
 
 from __future__ import annotations
 
@@ -27,37 +27,37 @@ _TINY = 1e-12
 
 
 class Loss(Protocol):
-    """What a term needs of a robust loss; `Cauchy` is one."""
+    """Interface of a robust loss; `Cauchy` is one."""
 
     def cost(self, squared: Floats) -> Floats:
-        """Half the robust cost of squared norms (M,)."""
+        """Return half the robust cost (M,) of squared norms (M,)."""
         ...
 
     def weight(self, squared: Floats) -> Floats:
-        """IRLS weights (M,) of squared norms (M,)."""
+        """Return the weights (M,) of squared norms (M,) for iteratively reweighted least squares."""
         ...
 
 
 @dataclass(frozen=True)
 class Cauchy:
-    """The Cauchy loss on whitened residuals: a row at `scale` sigmas has half its weight; far outliers are let go."""
+    """The Cauchy loss on whitened residuals: a row at `scale` sigmas has half its weight, far outliers have nearly none."""
 
     scale: float | Floats
-    """One for all rows, or (M,)."""
+    """Scale in sigmas: one value for all rows, or (M,)."""
 
     def cost(self, squared: Floats) -> Floats:
-        """Half the robust cost of squared norms (M,)."""
+        """Return half the robust cost (M,) of squared norms (M,)."""
         c2 = self.scale**2
         return np.asarray(0.5 * c2 * np.log1p(squared / c2))
 
     def weight(self, squared: Floats) -> Floats:
-        """IRLS weights (M,) of squared norms (M,)."""
+        """Return the weights (M,) of squared norms (M,) for iteratively reweighted least squares."""
         return np.asarray(cauchy_weights(squared / self.scale**2))
 
 
 @dataclass(frozen=True, eq=False)
 class Family:
-    """A family of `count` blocks of `size` unknowns; `group` (count,) is each block's group, or None."""
+    """A family of `count` blocks of `size` unknowns; `group` (count,) is each block's group, None without groups."""
 
     count: int
     size: int
@@ -66,7 +66,7 @@ class Family:
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """The sizes of the three levels of unknowns."""
+    """Sizes of the three levels of unknowns."""
 
     n_cameras: int
     camera_size: int
@@ -76,40 +76,40 @@ class Layout:
 
     @property
     def n_shared(self) -> int:
-        """Number of shared unknowns: cameras first, globals behind."""
+        """Number of shared unknowns: the cameras' first, then the globals."""
         return self.n_cameras * self.camera_size + self.n_globals
 
 
 @dataclass(frozen=True, eq=False)
 class Term:
-    """M rows of k whitened residuals with their Jacobians, as far as they depend on each level.
+    """M rows of k whitened residuals, with their Jacobians by each level of unknowns; None for a level without influence.
 
-    Within one term a (block, camera) pair stands at most once.
+    Within one term, a (block, camera) pair occurs at most once.
     """
 
     residual: Floats
-    """(M, k)"""
+    """(M, k) whitened residuals."""
     loss: Loss | None = None
     camera: Ints | None = None
-    """(M,), sorted in ascending order."""
+    """(M,) camera of each row, sorted in ascending order."""
     by_camera: Floats | None = None
-    """(M, k, camera_size)"""
+    """(M, k, camera_size) derivatives by the row's camera."""
     family: int = 0
     block: Ints | None = None
-    """(M,)"""
+    """(M,) block of each row in its family."""
     by_block: Floats | None = None
-    """(M, k, d)"""
+    """(M, k, d) derivatives by the row's block."""
     group: Ints | None = None
-    """(M,); for rows with a block it is the group of that block."""
+    """(M,) group of each row; for rows with a block, the group of that block."""
     by_group: Floats | None = None
-    """(M, k)"""
+    """(M, k) derivatives by the row's group."""
     by_globals: Floats | None = None
-    """(M, k, n_globals)"""
+    """(M, k, n_globals) derivatives by the globals."""
     by_shared: Floats | None = None
-    """(M, k, n_shared): for the few rows that see several cameras at once."""
+    """(M, k, n_shared) derivatives by all shared unknowns, for the few rows that depend on several cameras at once."""
 
     def cost(self) -> float:
-        """The term's robust cost."""
+        """Return the term's robust cost."""
         squared = np.einsum("mk,mk->m", self.residual, self.residual)
         return float(np.sum(self.loss.cost(squared) if self.loss else 0.5 * squared))
 
@@ -125,7 +125,7 @@ class Step:
 
 @dataclass(frozen=True, eq=False)
 class _FamilyNormal:
-    """Normal equations of one family: V (N, d, d), W (N, d, n_shared), w (N, d) to its group, and the gradient (N, d)."""
+    """Normal equations of one family: V (N, d, d), W (N, d, n_shared), w (N, d) with its group, and the gradient (N, d)."""
 
     V: Floats
     W: Coupling
@@ -135,7 +135,7 @@ class _FamilyNormal:
 
 
 def _occurs_seldom(layout: Layout, terms: Sequence[Term]) -> bool:
-    """Whether tables of what occurs are faster than full ones, by the largest family."""
+    """Return whether sparse tables are faster than full ones, judged by the largest family."""
     if not layout.families:
         return False
     largest = int(np.argmax([family.count for family in layout.families]))
@@ -144,7 +144,7 @@ def _occurs_seldom(layout: Layout, terms: Sequence[Term]) -> bool:
 
 
 class NormalEquations:
-    """Gauss-Newton normal equations in the three levels, and their reduction."""
+    """Gauss-Newton normal equations in the three levels of unknowns, and their reduction."""
 
     def __init__(self, layout: Layout, terms: Sequence[Term]) -> None:
         self.layout = layout
@@ -213,7 +213,7 @@ class NormalEquations:
             if bounds[c] == bounds[c + 1]:
                 continue
             own = slice(c * p, (c + 1) * p)
-            for component in range(r.shape[1]):  # no copy, whatever the order of the axes in memory
+            for component in range(r.shape[1]):  # makes no copy for any order of the axes in memory
                 flat = J_c[rows, component]
                 self.H[own, own] += flat.T @ flat
                 self.gradient[own] += flat.T @ r[rows, component]
@@ -225,7 +225,7 @@ class NormalEquations:
                 self._add_cross(np.arange(c * p, (c + 1) * p), group[rows], np.einsum("mkp,mk->mp", J_c[rows], J_p[rows]))
 
     def _add_cross(self, shared: Ints, group: Ints, product: Floats) -> None:
-        """Add `product` (M, k), of k shared unknowns and the group of each row."""
+        """Add the products `product` (M, k) of k shared unknowns with the group of each row."""
         if self._seldom:
             rows = np.broadcast_to(shared, product.shape)
             self._cross_parts.append((product, rows, np.broadcast_to(group[:, None], product.shape)))
@@ -235,7 +235,7 @@ class NormalEquations:
 
     def _add_gram(self, flat: Floats) -> None:
         """Add J^T J of rows J (M, n_shared)."""
-        if self._seldom:  # the rows of priors are nearly empty
+        if self._seldom:  # the rows of priors are nearly all zeros
             sparse = scipy.sparse.csr_array(flat)
             product = scipy.sparse.coo_array(sparse.T @ sparse)
             self.H[product.row, product.col] += product.data
@@ -251,7 +251,7 @@ class NormalEquations:
         J_bt = J_b.transpose(0, 2, 1)
         V, g = self._V[term.family], self._g[term.family]
         B, residual = np.ascontiguousarray(J_b.transpose(1, 2, 0)), np.ascontiguousarray(r.T)
-        for i in range(d):  # component by component: sums over blocks want columns
+        for i in range(d):  # component by component, since sums over blocks take columns
             g[:, i] += np.bincount(term.block, (B[:, i] * residual).sum(axis=0), n)
             for j in range(i, d):
                 entry = np.bincount(term.block, (B[:, i] * B[:, j]).sum(axis=0), n)
@@ -266,7 +266,7 @@ class NormalEquations:
             self._W[term.family].add_globals(term.block, J_bt @ J_g)
 
     def reduce(self, damping: float = 0.0) -> Reduced:
-        """Eliminate blocks and groups; `damping` adds that share of each diagonal (Marquardt)."""
+        """Eliminate the blocks and groups; `damping` is the share of each diagonal that is added to it (Marquardt)."""
         H = self.H + damping * np.diag(np.maximum(np.diag(self.H), _TINY))
         gradient = self.gradient.copy()
         cross, G, group_gradient = self.cross.copy(), self.G * (1.0 + damping) + _TINY, self.group_gradient.copy()
@@ -301,7 +301,7 @@ class NormalEquations:
 
 
 class Reduced:
-    """The reduced camera system, and the way back to all unknowns."""
+    """The reduced system of the shared unknowns, and the back-substitution to all unknowns."""
 
     def __init__(
         self, H: Floats, gradient: Floats, cross: Cross, G: Floats, group_gradient: Floats,
@@ -313,7 +313,7 @@ class Reduced:
         self._eliminated = eliminated
 
     def solve(self, free: NDArray[np.bool_]) -> Step:
-        """The step that solves the system, shared unknowns outside `free` held. Raises `LinAlgError` if it is singular."""
+        """Solve the system for a step; shared unknowns outside `free` are held. Raises `LinAlgError` if it is singular."""
         shared = np.zeros(len(self.gradient))
         H = self.H[np.ix_(free, free)]
         scale = 1.0 / np.sqrt(np.maximum(np.diag(H), _TINY))
