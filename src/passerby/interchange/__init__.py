@@ -1,4 +1,4 @@
-"""Files: boxes, joints, rigs, lenses, trajectories, the output folder, and in `formats/` those of other tools.
+"""Files: boxes, joints, rigs, lenses, trajectories, the output folder, and in `formats/` the files of other tools.
 
-Everything that is read is checked here. Imports `core` and below; what handles files as such lives in `storage/`.
+All input is checked here. This package imports `core` and below. `storage/` has the code that is independent of the content.
 """

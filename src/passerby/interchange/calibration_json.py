@@ -1,6 +1,6 @@
-"""`calibration.json`: its tables as values, read and written here and nowhere else.
+"""`calibration.json`: its tables as dataclasses. The file is read and written only here.
 
-The tables of the solver's stages are `passerby.core.figures`, those of association `passerby.core.association_figures`.
+The tables of the solver's stages are in `passerby.core.figures`, those of association in `passerby.core.association_figures`.
 """
 
 from __future__ import annotations
@@ -31,18 +31,18 @@ from passerby.interchange.storage.text_formats import check_version, to_json
 
 CALIBRATION_FILE = "calibration.json"
 SCHEMA_VERSION = 1
-"""Of the file's tables; a file that has none was written before there were others."""
+"""Version of the file's tables. A file without a version was written when there was only this one."""
 
 
 def _name_key(name: str) -> str:
-    """The key of a field whose name Python reserves."""
+    """Return the key in the file of a field: its name without the `_` that follows a word that Python reserves."""
     return name.removesuffix("_")
 
 
 _STRICT = ConfigDict(strict=True, allow_inf_nan=False, alias_generator=_name_key)
 
 _LONG_NUMBER = re.compile(r"[0-9]{300}")
-"""No float holds it, nor has any figure so many digits."""
+"""A number that is larger than any float. No value of the file has so many digits."""
 
 Number = float | None
 Entry = TypeVar("Entry")
@@ -50,7 +50,7 @@ Entry = TypeVar("Entry")
 
 @dataclass(frozen=True, kw_only=True)
 class CameraEntry:
-    """One of `cameras`. What depends on the pose is in the file's world: metres, z up."""
+    """One entry of `cameras`. Values of the pose are in the file's world frame: metres, z up."""
 
     name: str
     registered: bool | None = None
@@ -65,21 +65,21 @@ class CameraEntry:
     position_sigma_mm: Number = None
     orientation_sigma_deg: Number = None
     points_sigma_mm: Number = None
-    """Of points where people walked, that it and other cameras see; the median."""
+    """Median sigma of points where people walked that this camera and others see, mm."""
     ground_sigma_mm: Number = None
-    """Of positions on the ground by it alone; the median."""
+    """Median sigma of positions on the ground that this camera alone measures, mm."""
     people: int | None = None
-    """Identities that it saw."""
+    """Number of identities that this camera saw."""
     boxes: int | None = None
     keypoints: int | None = None
     median_residual_px: Number = None
     fps: Annotated[float, Field(gt=0)] | None = None
     time_offset_s: Number = None
-    """Its clock against that of the first registered camera."""
+    """Offset of its clock to the clock of the first registered camera."""
     time_offset_sigma_s: Number = None
 
     def with_pose(self, camera: Camera) -> CameraEntry:
-        """The same with the pose of a camera."""
+        """Return this entry with the pose and the sigmas of a camera."""
         pose, sigma = camera.pose, camera.sigma
         return replace(
             self,
@@ -99,19 +99,19 @@ class CameraEntry:
 
 
 def _drop_undefined(value: float | None) -> float | None:
-    """A number; None for one that is infinite or undefined."""
+    """Return a number, or None where it is infinite or undefined."""
     return None if value is None or not np.isfinite(value) else float(value)
 
 
 def _three(values: Any) -> tuple[float, float, float]:
-    """A vector (3,) as plain numbers."""
+    """Return a vector (3,) as three Python floats."""
     x, y, z = map(float, values)
     return x, y, z
 
 
 @dataclass(frozen=True, kw_only=True)
 class DiagnosticEntry:
-    """A finding, and its texts."""
+    """A finding with its texts."""
 
     code: str
     severity: str
@@ -134,17 +134,17 @@ class NetworkEntry:
 
 @dataclass(frozen=True, kw_only=True)
 class VideoMove:
-    """A camera that left its place; times are seconds."""
+    """A movement of a camera away from its place; times are seconds."""
 
     seconds: float
     until: Number
-    """When it was back; None: never."""
+    """Time at which the camera was back in its place; None if it did not return."""
     pixels: Number
 
 
 @dataclass(frozen=True, kw_only=True)
 class VideoEntry:
-    """What was found in a camera's video."""
+    """Numbers of pictures and boxes in a camera's video, and its faults."""
 
     pictures: int
     boxes: int
@@ -152,16 +152,16 @@ class VideoEntry:
     broken: int | None = None
     first_broken_s: Number = None
     cut_pieces: int | None = field(default=None, metadata=ABSENT)
-    """Files of a recording in pieces that end before the length that they state."""
+    """Number of files, of a recording in pieces, that end before the length that they state."""
     failed_pieces: int | None = field(default=None, metadata=ABSENT)
-    """Those that could not be decoded."""
+    """Number of files, of a recording in pieces, that could not be read."""
     moves: tuple[VideoMove, ...] = ()
     shake_px: Number = None
 
 
 @dataclass(frozen=True, kw_only=True)
 class PerceptionEntry:
-    """How people were found in the videos: a word, or a network."""
+    """The methods that found people in the videos: each a word or a network."""
 
     __pydantic_config__: ClassVar[ConfigDict] = _STRICT
     detector: str | NetworkEntry | None = None
@@ -172,7 +172,7 @@ class PerceptionEntry:
 
 @dataclass(frozen=True, kw_only=True)
 class ResidualEntry:
-    """How far a camera, or a point that it saw, is from where it is known to be, as far as it is read again."""
+    """Distance of a camera, or of a point that it saw, from its known position. Only keys that are read again are declared."""
 
     __pydantic_config__: ClassVar[ConfigDict] = OPEN_TABLE
     point: str | None = field(default=None, metadata=ABSENT)
@@ -180,26 +180,26 @@ class ResidualEntry:
     off_m: Number = None
     used: bool = True
     stated_m: tuple[float, float] | None = field(default=None, metadata=ABSENT)
-    """Of a placement on a plan: where it was placed, x and y in the world,"""
+    """Position at which the user placed it on a plan: x and y in the world; None without a plan."""
     found_m: tuple[float, float] | None = field(default=None, metadata=ABSENT)
-    """and where the rig has it."""
+    """Its position by the rig: x and y in the world; None without a plan, and above the horizon."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class PlanEntry:
-    """The floor plan that set the world's frame."""
+    """The floor plan that defines the world frame."""
 
     __pydantic_config__: ClassVar[ConfigDict] = OPEN_TABLE
     image: str
-    """From the scene file's folder, or absolute."""
+    """Path of the picture: relative to the scene file's folder, or absolute."""
     metres_per_pixel: Annotated[float, Field(gt=0)]
     origin: tuple[float, float]
-    """The pixel at the world's origin."""
+    """Pixel of the plan at the world's origin."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class WorldEntry:
-    """How `[world]` or `passerby align` placed the world, as far as it is read again."""
+    """Placement of the world by `[world]` or `passerby align`. Only keys that are read again are declared."""
 
     __pydantic_config__: ClassVar[ConfigDict] = OPEN_TABLE
     by: str
@@ -214,20 +214,20 @@ class WorldEntry:
 
 @dataclass(frozen=True, kw_only=True)
 class GroupEntry:
-    """A further group of cameras: a calibration of its own, which shares no people with this one."""
+    """A further group of cameras: a separate calibration, which shares no people with this one."""
 
     group: int
-    """2, 3, ...; the main rig is group 1."""
+    """Number of the group: 2, 3, ...; the main rig is group 1."""
     folder: str
-    """Its output folder, from the one that this file is in."""
+    """Its output folder, relative to the folder of this file."""
     verdict: Verdict
     registered: int
-    """Cameras with a pose."""
+    """Number of cameras with a pose."""
     cameras: tuple[str, ...]
 
 
 def _kind_of_figures(value: Any) -> str:
-    """Which of the tags below a table of figures has."""
+    """Return the tag in `_TAGS` of a table of figures."""
     if isinstance(value, Mapping):
         return "star" if "reference" in value else "adjusted" if "scale" in value or "cameras" in value else "none"
     return {AdjustedFigures: "adjusted", StarFigures: "star"}.get(type(value), "none")
@@ -242,19 +242,19 @@ Figures = Annotated[
 
 @dataclass(frozen=True, kw_only=True)
 class CalibrationDocument:
-    """All of `calibration.json`. What is None is not known, does not apply, or was not written by an older Passerby."""
+    """All of `calibration.json`. A value is None where it is unknown, does not apply, or an older Passerby did not write it."""
 
     __pydantic_config__: ClassVar[ConfigDict] = _STRICT
     schema_version: int = SCHEMA_VERSION
     scene_file: str | None = None
-    """Where the scene file lies, absolute; None for a scene that came from no file."""
+    """Absolute path of the scene file; None for a scene that came from no file."""
     files: Mapping[str, str] | None = field(default=None, metadata=ABSENT)
-    """Checksums of rig and tracks; None in files of an older Passerby."""
+    """Checksums of rig and tracks, by file name; None in files of an older Passerby."""
     name: str | None = None
-    """Of the scene."""
+    """Name of the scene."""
     passerby: str | None = None
     versions: Mapping[str, str | None] = field(default_factory=dict)
-    """Of the libraries that compute."""
+    """Versions of the numerical libraries, by name."""
     verdict: Verdict
     reasons: tuple[str, ...] = ()
     findings: tuple[str, ...] = ()
@@ -268,14 +268,15 @@ class CalibrationDocument:
     scene: DeclaredScene = field(default_factory=DeclaredScene)
     figures: Figures = field(default_factory=SolverFigures)
     wall_clock_origin: str | None = field(default=None, metadata=ABSENT)
-    """ISO 8601: frame f of a recording whose files tell their times was taken (f - 1) / fps later, by its own clock."""
+    """Wall time of frame 1 of recordings whose files state their times, ISO 8601. Frame f was taken (f - 1) / fps later, by the
+    recording's own clock."""
     wall_clock_span: tuple[str | None, str | None] | None = field(default=None, metadata=ABSENT)
-    """The span of wall time that was used, ISO 8601; None for an end that was not chosen."""
+    """Span of wall time that was used, ISO 8601; None for an end that the user did not state."""
     world: WorldEntry | None = field(default=None, metadata=ABSENT)
     group: int | None = field(default=None, metadata=ABSENT)
-    """2, 3, ... where this is a further group of a scene."""
+    """Number of the group (2, 3, ...) if this is a further group of a scene, else None."""
     groups: tuple[GroupEntry, ...] | None = field(default=None, metadata=ABSENT)
-    """The further groups of the scene, in the main rig's file; None where there are none."""
+    """The further groups of the scene, in the file of the main rig; None if there are none."""
 
     @property
     def entries(self) -> dict[str, CameraEntry]:
@@ -283,30 +284,30 @@ class CalibrationDocument:
         return {one.name: one for one in self.cameras}
 
     def entry(self, name: str) -> CameraEntry:
-        """Of a camera; an empty one if unknown."""
+        """Return the entry of a camera, or an empty entry if the camera is unknown."""
         return self.entries.get(name) or CameraEntry(name=name)
 
 
 def entry_of(kind: type[Entry], table: Mapping[str, Any]) -> Entry:
-    """A table of plain values as an entry of a document. Raises `ValueError` for one that is none."""
+    """Convert a table of plain values to an entry of a document. Raises `ValueError` where it does not fit."""
     return TypeAdapter(kind).validate_json(to_json(table))
 
 
 @cache
 def _documents() -> TypeAdapter[CalibrationDocument]:
-    """Built once, and only where a file is read."""
+    """Return the validator of documents. It is built once, when the first file is read."""
     return TypeAdapter(CalibrationDocument)
 
 
 def unlike(path: Path, why: str) -> InputError:
-    """The error of a `calibration.json` that no calibration wrote."""
+    """Return the error for a `calibration.json` that `passerby calibrate` cannot have written."""
     return InputError(f"{path}: is not what `passerby calibrate` writes: {why}: calibrate again")
 
 
 def read_document(folder: Path) -> CalibrationDocument:
     """Read the `calibration.json` of a folder.
 
-    Raises `InputError` with key, value and remedy where it is missing, is no such file, or is of a later schema.
+    Raises `InputError` with key, value and remedy where the file is missing, is not a calibration, or is of a later schema.
     """
     path = folder / CALIBRATION_FILE
     if not path.is_file():
@@ -315,7 +316,7 @@ def read_document(folder: Path) -> CalibrationDocument:
 
 
 def parse_document(text: str, path: Path = Path(CALIBRATION_FILE)) -> CalibrationDocument:
-    """The document in a text; `path` is what errors call it. Raises `InputError` as `read_document` does."""
+    """Parse the document in a text. Errors name `path` as the file. Raises `InputError` as `read_document` does."""
     try:
         content = parse_json(text)
     except NotParsed as error:
@@ -329,13 +330,13 @@ def parse_document(text: str, path: Path = Path(CALIBRATION_FILE)) -> Calibratio
         return _documents().validate_json(text)
     except ValidationError as error:
         fault = error.errors(include_url=False)[0]
-        if fault["type"] == "json_invalid":  # half a character, which is no text
+        if fault["type"] == "json_invalid":  # half a surrogate pair, which is not valid text
             raise InputError(f"{path}: is not JSON ({fault['ctx']['error']}): calibrate again") from None
         raise unlike(path, _explained(fault, content)) from None
 
 
 def _explained(fault: ErrorDetails, content: dict[str, Any]) -> str:
-    """Where a fault is, and what stands there."""
+    """Describe a fault of validation: its key, the value there and the value that is needed."""
     *place, last = [part for part in fault["loc"] if part not in _TAGS] or [""]
     owner = "it"
     if len(place) > 1 and place[0] == "cameras":

@@ -1,9 +1,9 @@
 """COCO keypoints (JSON): the joints of people in one camera.
 
-`images` carry an instant: `frame`, or else `frame_id`, or else the last number in `file_name`, or else their `id`. One category
-names the joints (`keypoints`). `annotations` carry `track_id` (the identity; absent: unknown) and `keypoints`, three numbers
-a joint: x, y and either a confidence from 0 to 1 or COCO's visibility (0 not labelled, 1 hidden, 2 visible). A file that holds
-a third number above 1 is one of visibilities; they become the confidences 0, 0.5 and 1.
+The frame number of an entry of `images` is its `frame`, else its `frame_id`, else the last number in its `file_name`, else its
+`id`. One category names the joints (`keypoints`). Entries of `annotations` have `track_id` (the identity; absent: unknown) and
+`keypoints`, three numbers a joint: x, y and either a confidence from 0 to 1 or COCO's visibility (0 not labelled, 1 hidden, 2
+visible). If any third number of a file is above 1, all are visibilities; they become the confidences 0, 0.5 and 1.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from passerby.interchange.storage.atomic import write_text
 from passerby.interchange.storage.safe_parsing import FileFaults, NotParsed, parse_json, read_text
 
 LARGEST_WHOLE = 2**53
-"""Above it JSON of most programs no longer tells whole numbers apart."""
+"""Above this value, most programs that read JSON no longer distinguish whole numbers."""
 
 HIDDEN_CONFIDENCE = 0.5
 """Confidence of a joint that an annotator placed though it was hidden."""
@@ -33,9 +33,9 @@ HIDDEN_CONFIDENCE = 0.5
 def read_keypoints(path: str | Path, *, doubles: bool = False) -> Keypoints:
     """Read the joints of one camera, sorted by frame and identity.
 
-    Raises `FileFaults` (an `InputError`) that names file, annotation, value and fix for everything that is not as above, for
-    two images of one frame, and for an identity twice in one frame. With `doubles` the latter is no fault:
-    `without_doubles` settles it.
+    Raises `FileFaults` (an `InputError`) that names file, annotation, value and fix for each deviation from the format above,
+    for two images of one frame, and for an identity twice in one frame. With `doubles` an identity twice in one frame is no
+    fault: `passerby.scene.used_rows.remove_duplicates` removes it later.
     """
     text = read_text(path, "a COCO keypoint file (JSON)")
     try:
@@ -52,7 +52,7 @@ def read_keypoints(path: str | Path, *, doubles: bool = False) -> Keypoints:
 
 
 def write_keypoints(path: str | Path, keypoints: Keypoints) -> None:
-    """Write joints as COCO JSON with confidences, coordinates to a thousandth of a pixel."""
+    """Write joints as COCO JSON with confidences. Coordinates and confidences are rounded to three decimals."""
     frames = np.unique(keypoints.frame)
     image_of = {int(frame): number for number, frame in enumerate(frames, start=1)}
     annotations: list[dict[str, Any]] = []
@@ -81,7 +81,7 @@ def write_keypoints(path: str | Path, keypoints: Keypoints) -> None:
 
 
 class _Reader:
-    """One pass over a parsed file that gathers all faults."""
+    """Reader of a parsed file that gathers all faults in one pass."""
 
     def __init__(self, path: Path, content: Any, doubles: bool) -> None:
         self.path = path
@@ -90,11 +90,11 @@ class _Reader:
         self.faults: list[str] = []
 
     def fault(self, place: str, what: str) -> None:
-        """Note what is wrong and where."""
+        """Add a fault: its place in the file and its description."""
         self.faults.append(f"{self.path}: {place}: {what}")
 
     def read(self) -> Keypoints | None:
-        """The keypoints of the file; None where something is wrong, which `faults` tell then."""
+        """Return the keypoints of the file, or None if it has faults, which are in `faults` then."""
         if not isinstance(self.content, dict):
             self.fault("top level", "an object with images, categories and annotations is needed")
             return None
@@ -130,7 +130,7 @@ class _Reader:
         return Keypoints(frame[order], identity[order], table[order, :, :2], table[order, :, 2], joints)
 
     def categories(self) -> dict[int, tuple[str, ...]]:
-        """Joint names by category id; categories without joints are left out."""
+        """Return the joint names by category id. Categories without joints are left out."""
         found: dict[int, tuple[str, ...]] = {}
         for number, category in enumerate(self.content["categories"]):
             place = f"categories[{number}]"
@@ -150,7 +150,7 @@ class _Reader:
         return found
 
     def frames(self) -> dict[int, int]:
-        """Frame by image id."""
+        """Return the frame number by image id."""
         images = self.content["images"]
         keys = [key for key in ("frame", "frame_id") if any(isinstance(image, dict) and key in image for image in images)]
         frames: dict[int, int] = {}
@@ -179,7 +179,7 @@ class _Reader:
     def annotation(
         self, place: str, annotation: Any, categories: dict[int, tuple[str, ...]], frames: dict[int, int]
     ) -> tuple[int, int, tuple[str, ...], list[float]] | None:
-        """(frame, identity, joints, 3 J numbers); None for one without joints or with a fault."""
+        """Return (frame, identity, J joint names, 3 J numbers) of an annotation; None if it has no joints or a fault."""
         if not isinstance(annotation, dict):
             self.fault(place, "is not an object")
             return None
@@ -211,7 +211,7 @@ class _Reader:
         return None
 
     def confidences(self, third: Floats) -> Floats:
-        """Confidences from 0 to 1 of the third numbers of all joints."""
+        """Convert the third numbers of all joints to confidences from 0 to 1."""
         if third.size and third.max() > 1:
             wrong = third[~np.isin(third, (0, 1, 2))]
             if wrong.size:
@@ -226,7 +226,7 @@ class _Reader:
         return third
 
     def repeats(self, frame: Any, identity: Any, table: Floats) -> None:
-        """Faults of people who stand twice in one frame."""
+        """Add a fault for each person who occurs twice in one frame."""
         seen: set[tuple[int, int]] = set()
         unknown: set[tuple[int, bytes]] = set()
         for when, who, values in zip(frame.tolist(), identity.tolist(), table, strict=True):
@@ -254,7 +254,7 @@ def _is_finite(value: Any) -> bool:
 
 
 def _number_in_name(image: dict[str, Any]) -> int:
-    """The last number in the picture's name, or else the image's id."""
+    """Return the last number in the picture's file name, else the image's id."""
     name = image.get("file_name")
     numbers = re.findall(r"\d+", Path(name).stem) if isinstance(name, str) else []
     return int(numbers[-1]) if numbers else int(image["id"])

@@ -1,4 +1,4 @@
-"""The scene file as `calibration.json` keeps it, as far as it is read again."""
+"""The scene file as `calibration.json` stores it. Only keys that are read again are declared."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from pydantic import ConfigDict, Field
 from passerby.common.arrays import ABSENT
 
 OPEN_TABLE = ConfigDict(strict=True, allow_inf_nan=False, extra="allow")
-"""Of tables of which only some keys are read again; the others are kept as they are."""
+"""Configuration of tables of which only some keys are declared; the other keys are kept unchanged."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class DeclaredTimes:
-    """`[scene]` of the scene file, as far as it is read again."""
+    """Table `[scene]` of the scene file."""
 
     __pydantic_config__: ClassVar[ConfigDict] = OPEN_TABLE
     name: str | None = field(default=None, metadata=ABSENT)
@@ -25,12 +25,12 @@ class DeclaredTimes:
 
 @dataclass(frozen=True, kw_only=True)
 class DeclaredCamera:
-    """`[cameras.NAME]`, likewise."""
+    """Table `[cameras.NAME]` of the scene file."""
 
     __pydantic_config__: ClassVar[ConfigDict] = OPEN_TABLE
     intrinsics: str | None = field(default=None, metadata=ABSENT)
     video: str | tuple[str, ...] | None = field(default=None, metadata=ABSENT)
-    """From the scene file's folder; several files, folders or patterns of one recording."""
+    """Path relative to the scene file's folder, or several files, folders or patterns of one recording."""
     video_names: str | None = field(default=None, metadata=ABSENT)
     video_times: str | None = field(default=None, metadata=ABSENT)
     tracks: str | None = field(default=None, metadata=ABSENT)
@@ -42,7 +42,7 @@ class DeclaredCamera:
 
 @dataclass(frozen=True, kw_only=True)
 class DeclaredAssociation:
-    """`[association]`, likewise."""
+    """Table `[association]` of the scene file."""
 
     __pydantic_config__: ClassVar[ConfigDict] = OPEN_TABLE
     mode: str | None = field(default=None, metadata=ABSENT)
@@ -50,7 +50,7 @@ class DeclaredAssociation:
 
 @dataclass(frozen=True, kw_only=True)
 class DeclaredScale:
-    """`[scale]`, likewise."""
+    """Table `[scale]` of the scene file."""
 
     __pydantic_config__: ClassVar[ConfigDict] = OPEN_TABLE
     person_height_m: float | None = field(default=None, metadata=ABSENT)
@@ -59,7 +59,7 @@ class DeclaredScale:
 
 @dataclass(frozen=True, kw_only=True)
 class DeclaredSites:
-    """`[sites]`, likewise."""
+    """Table `[sites]` of the scene file."""
 
     __pydantic_config__: ClassVar[ConfigDict] = OPEN_TABLE
     groups: tuple[tuple[str, ...], ...] | None = field(default=None, metadata=ABSENT)
@@ -67,7 +67,7 @@ class DeclaredSites:
 
 @dataclass(frozen=True, kw_only=True)
 class DeclaredScene:
-    """The scene file as it was read, with the values that it leaves out."""
+    """The scene file as it was read, with defaults for the values that it omits."""
 
     __pydantic_config__: ClassVar[ConfigDict] = OPEN_TABLE
     scene: DeclaredTimes = field(default_factory=DeclaredTimes)

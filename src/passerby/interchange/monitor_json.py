@@ -1,6 +1,6 @@
-"""`monitor.json`: what `passerby monitor` found, as values, for those who read it again.
+"""`monitor.json`, the results of `passerby monitor`, as dataclasses for the commands that read it again.
 
-`passerby.monitoring.result` writes it. Keys that are not read again are not declared here. Times are seconds, the rig's clock.
+`passerby.monitoring.result` writes it. Only keys that are read again are declared here. Times are seconds by the rig's clock.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from passerby.interchange.storage.transaction import recover
 
 MONITOR_FILE = "monitor.json"
 SCHEMA_VERSION = 1
-"""Version of its keys. New keys need no new version: an older Passerby leaves alone what it does not know."""
+"""Version of the file's keys. New keys need no new version: an older Passerby ignores keys that it does not know."""
 
 _STRICT = ConfigDict(strict=True, allow_inf_nan=False, alias_generator=lambda name: name.removesuffix("_"))
 
@@ -31,36 +31,36 @@ State = Literal["steady", "moved", "one of several moved", "cannot tell"]
 
 @dataclass(frozen=True, kw_only=True)
 class MonitoredCamera:
-    """One of `cameras`."""
+    """One entry of `cameras`."""
 
     name: str
     state: State
     windows: int = 0
     windows_told: int = 0
-    """Windows in which something can be said of it."""
+    """Number of windows with enough evidence to test this camera."""
     smallest_shift_m: Number = None
     smallest_turn_deg: Number = None
-    """Detection limits in the middle one of three directions,"""
+    """Detection limits of shift and turn in the middle of three principal directions."""
     worst_shift_m: Number = None
     worst_turn_deg: Number = None
-    """and in the worst one."""
+    """Detection limits of shift and turn in the worst of three principal directions."""
     new_pose: bool = False
-    """Whether `rig.toml` has a new pose of it."""
+    """Whether `rig.toml` has a new pose of this camera."""
     fps: Annotated[float, Field(gt=0)] | None = None
-    """Of its frame numbers; None in files of an older Passerby."""
+    """Frame rate of its frame numbers; None in files of an older Passerby."""
     time_offset_s: Number = None
-    """The rig's time at its frame 1; None likewise."""
+    """The rig's time at its frame 1; None in files of an older Passerby."""
     news: str | None = None
-    """What tells the files that were read last from later ones; None likewise."""
+    """Digest of the camera's files that were read last; None in files of an older Passerby."""
     as_of: str | None = None
-    """When the newest of these files was written, ISO 8601; None likewise, and for what came from no file."""
+    """Time at which the newest of these files was written, ISO 8601; None in files of an older Passerby, and without files."""
     carried: bool = False
-    """Whether all this is of an earlier run, because there was no news since."""
+    """Whether this entry is of an earlier run, because the camera's files have not changed since."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class MoveEntry:
-    """One of `moves`, in the order in which they were noticed."""
+    """One entry of `moves`, which are in the order of detection."""
 
     __pydantic_config__: ClassVar[ConfigDict] = _STRICT
     camera: str
@@ -70,7 +70,7 @@ class MoveEntry:
     seconds: Number = None
     from_s: Number = None
     until_s: Number = None
-    """What the moment lies between."""
+    """Earliest and latest possible time of the move."""
     noticed_s: float
     score: Number = None
     metres: Number = None
@@ -87,17 +87,17 @@ class MoveEntry:
 
 @dataclass(frozen=True, kw_only=True)
 class WindowCamera:
-    """A camera in one window."""
+    """Test of a camera in one window."""
 
     score: Number = None
-    """None for an infinite one."""
+    """Score of the test; None if it is infinite."""
     told: bool = False
-    """Whether something can be said of it."""
+    """Whether the evidence suffices to test the camera."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class WindowEntry:
-    """One of `windows`."""
+    """One entry of `windows`."""
 
     from_s: float
     until_s: float
@@ -106,7 +106,7 @@ class WindowEntry:
 
 @dataclass(frozen=True, kw_only=True)
 class MonitorDocument:
-    """All of `monitor.json` that is read again."""
+    """The keys of `monitor.json` that are read again."""
 
     __pydantic_config__: ClassVar[ConfigDict] = _STRICT
     from_s: float
@@ -120,14 +120,14 @@ class MonitorDocument:
     by_joints: bool = False
     notes: tuple[str, ...] = ()
     scene_file: str | None = None
-    """Of the monitored footage, absolute; this and the next two are None in files of an older Passerby."""
+    """Absolute path of the scene file of the monitored footage. It and the next two are None in files of an older Passerby."""
     rig_file: str | None = None
-    """The rig that was monitored, absolute."""
+    """Absolute path of the rig that was monitored."""
     calibration_scene_file: str | None = None
-    """The scene that the rig was calibrated from, absolute; None where nothing beside the rig names it."""
+    """Absolute path of the scene that the rig was calibrated from; None also where no file beside the rig names it."""
     judged_by: str | None = None
-    """What tells rig and options from others: states of another rig are not carried over. None in files of an older
-    Passerby."""
+    """Digest of the rig and the options of the test: states under another digest are not carried over. None in files of an
+    older Passerby."""
 
     @property
     def entries(self) -> dict[str, MonitoredCamera]:
@@ -137,12 +137,12 @@ class MonitorDocument:
 
 @cache
 def _documents() -> TypeAdapter[MonitorDocument]:
-    """Built once, and only where a file is read."""
+    """Return the validator of documents. It is built once, when the first file is read."""
     return TypeAdapter(MonitorDocument)
 
 
 def read_monitor(folder: Path) -> MonitorDocument:
-    """Read the `monitor.json` of a folder. Raises `InputError` with key and remedy where it is missing or no such file."""
+    """Read the `monitor.json` of a folder. Raises `InputError` with key and remedy where it is missing or malformed."""
     recover(folder, "reads the folder")
     path = folder / MONITOR_FILE
     if not path.is_file():

@@ -2,12 +2,12 @@
 
 The four numbers of a box may be in another `BoxFormat`.
 
-Frames are whole numbers from 0 on, in order; identities are whole numbers, -1 where unknown. Pixels as OpenCV counts them.
-A sound file is parsed at once by numpy; only a faulty one is read a second time, line by line, to tell what is wrong where.
+Frames are whole numbers from 0 on, in ascending order; identities are whole numbers, -1 where unknown. Pixels follow OpenCV's
+convention. Numpy parses a valid file as a whole. Only a faulty file is read a second time, line by line, to find its faults.
 
-The archive holds `embeddings`, (N, D) of float16, float32 or float64, and, if one likes, `frame`, (N,) whole numbers, the frame
-of each row, against which the boxes are checked. An archive with one two-dimensional array only may call it what it likes. The
-length of a row says nothing: rows are brought to length one. A row of zeros is a box of whose looks nothing is known.
+The archive holds `embeddings`, (N, D) of float16, float32 or float64, and optionally `frame`, (N,) whole numbers, the frame of
+each row, with which the boxes are checked. If the archive has only one two-dimensional array, the array may have any name. Rows
+are scaled to length one; their original length has no meaning. A row of zeros is a box of unknown appearance.
 """
 
 from __future__ import annotations
@@ -33,22 +33,22 @@ from passerby.interchange.storage.safe_parsing import FileFaults, NotParsed, rea
 
 MIN_COLUMNS, MAX_COLUMNS = 7, 10
 LARGEST_WHOLE = 2**53
-"""Above it a float64 no longer tells whole numbers apart."""
+"""Above this value, a float64 no longer distinguishes whole numbers."""
 EMBEDDINGS, FRAME = "embeddings", "frame"
 KIND = 'a numpy archive (npz) with an array "embeddings"'
 
 
 def read_boxes(path: str | Path, *, doubles: bool = False, box_format: BoxFormat = LTWH) -> Boxes:
-    """Read the boxes of one camera; a file without rows is a camera that saw no person.
+    """Read the boxes of one camera. A file without rows is that of a camera that saw no person.
 
-    The boxes of another `box_format` become left, top, width, height; normalised ones stay in shares of the image.
+    Boxes in another `box_format` become left, top, width, height; normalised boxes stay in shares of the image.
 
-    With `doubles` rows that stand twice, and identities that do in a frame, are no fault: the boxes are the file's rows, and
-    `without_doubles` settles them.
+    With `doubles`, a row that occurs twice and an identity that occurs twice in a frame are no fault: all rows of the file are
+    returned, and `passerby.scene.used_rows.remove_duplicates` removes the duplicates later.
 
     Raises `FileFaults` (an `InputError`) that names file, line, value and fix for: rows without 7 to 10 columns, fields that
     are not finite numbers, a width or height not above 0, frames negative, broken or out of order, identities broken or below
-    -1, a row that stands twice, an identity twice in one frame.
+    -1, a row that occurs twice, an identity twice in one frame.
     """
     text = read_text(path, "a text file of boxes (MOTChallenge)")
     rows = _parse(text)
@@ -59,7 +59,7 @@ def read_boxes(path: str | Path, *, doubles: bool = False, box_format: BoxFormat
 
 
 def write_boxes(path: str | Path, boxes: Boxes) -> None:
-    """Write boxes, sorted by frame and identity, nine significant digits. Raises `InputError` where `path` is not writable."""
+    """Write boxes, sorted by frame and identity, to nine significant digits. Raises `InputError` if `path` is not writable."""
     order = np.lexsort((boxes.identity, boxes.frame))
     lines = [
         f"{frame},{identity},{left:.9g},{top:.9g},{width:.9g},{height:.9g},{score:.9g},-1,-1,-1\n"
@@ -75,7 +75,7 @@ def write_boxes(path: str | Path, boxes: Boxes) -> None:
 
 
 def _parse(text: str) -> Floats | None:
-    """(N, 7) numbers, or None where the text is not a table of 7 to 10 numbers a row."""
+    """Parse the first seven numbers of each row (N, 7); None where the text is not a table of 7 to 10 numbers a row."""
     if not text.strip():
         return np.zeros((0, 7))
     try:
@@ -103,7 +103,7 @@ def _is_sound(rows: Floats, doubles: bool, box_format: BoxFormat) -> bool:
 
 
 def _faults(path: Path, text: str, doubles: bool, box_format: BoxFormat) -> Iterator[str]:
-    """Every fault of the file, in the order of its lines."""
+    """Generate all faults of the file, in the order of its lines."""
     columns = 0
     last_frame = -1.0
     seen_rows: dict[tuple[float, ...], int] = {}
@@ -141,7 +141,7 @@ def _faults(path: Path, text: str, doubles: bool, box_format: BoxFormat) -> Iter
 
 
 def _row(fields: list[str], columns: int, box_format: BoxFormat) -> tuple[float, ...]:
-    """The seven numbers of a row. Raises `InputError` without the place."""
+    """Parse the first seven numbers of a row. Raises `InputError`, whose message does not name the file and the line."""
     named = ("frame", "identity", *box_format.columns, "score")
     if not MIN_COLUMNS <= len(fields) <= MAX_COLUMNS:
         raise InputError(
@@ -169,7 +169,7 @@ def _row(fields: list[str], columns: int, box_format: BoxFormat) -> tuple[float,
 
 def _number(field: str, name: str) -> float:
     try:
-        if "_" in field:  # Python reads 1_000 as a number, no other tool does.
+        if "_" in field:  # Python reads 1_000 as a number, other tools do not.
             raise ValueError
         return float(field)
     except ValueError:
@@ -178,12 +178,12 @@ def _number(field: str, name: str) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Embeddings:
-    """What a file of embeddings holds."""
+    """The content of a file of embeddings."""
 
     vectors: Vectors
-    """(N, D) rows of length one, or of zeros where nothing is known; read-only."""
+    """(N, D) rows of length one, or of zeros where the appearance is unknown; read-only."""
     frame: Ints | None = None
-    """(N,) the frame of each row, where the file tells it."""
+    """(N,) the frame of each row; None where the file does not state it."""
 
     def __len__(self) -> int:
         return len(self.vectors)
@@ -192,8 +192,8 @@ class Embeddings:
 def read_embeddings(path: str | Path) -> Embeddings:
     """Read the embeddings of one camera's boxes.
 
-    Raises `InputError` that names file, value and fix for: a file that is missing or no npz, pickled objects, no or more than
-    one array that could be meant, numbers that are not finite floats, a `frame` that does not fit.
+    Raises `InputError` that names file, value and fix for: a file that is missing or not an npz, pickled objects, no candidate
+    for the array of embeddings or more than one, numbers that are not finite floats, a `frame` that does not fit the rows.
     """
     path = Path(path)
     try:
@@ -208,12 +208,12 @@ def read_embeddings(path: str | Path) -> Embeddings:
 
 
 def write_embeddings(path: str | Path, embeddings: ArrayLike, frame: ArrayLike | None = None) -> None:
-    """Write embeddings in the order given, as float32 of the length given; the same input gives the same bytes.
+    """Write embeddings as float32, in their order and with their lengths unchanged. The same input gives the same bytes.
 
     `write_boxes` sorts its rows by frame and identity: give the embeddings in that order.
 
     Args:
-        path: of the npz file.
+        path: path of the npz file.
         embeddings: (N, D), one row a box.
         frame: (N,) the frame of each row.
 
@@ -234,7 +234,7 @@ def write_embeddings(path: str | Path, embeddings: ArrayLike, frame: ArrayLike |
 
 
 def _vectors(path: Path, archive: Archive) -> Vectors:
-    """(N, D) rows of length one."""
+    """Read the embeddings (N, D) of an archive, scaled to rows of length one; rows of zeros stay."""
     name = EMBEDDINGS
     if EMBEDDINGS not in archive.names:
         tables = [name for name in archive.names if archive.dimensions(name) == 2]
@@ -264,7 +264,7 @@ def _vectors(path: Path, archive: Archive) -> Vectors:
 
 
 def _frame(path: Path, frame: NDArray[Any], rows: int) -> Ints:
-    """(N,) the frames of the rows."""
+    """Check the frames (N,) of the rows, and return them as integers."""
     if np.shape(frame) != (rows,):
         raise InputError(f"{path}: {FRAME} has the shape {np.shape(frame)}, but there are {rows} embeddings: give one a row")
     whole = frame.dtype.kind in "iu" or (frame.dtype.kind == "f" and bool((frame == np.floor(frame)).all()))

@@ -1,8 +1,7 @@
-"""Numbers out of a parsed file: what is in lists in lists, checked once for all formats.
+"""Checks of values from parsed files, shared by all formats.
 
-Rotation vectors (Rodrigues) out of files.
-
-A rig from the cameras of a file, with all their faults reported together.
+Numbers in nested lists, rotation vectors (Rodrigues), and a rig from the cameras of a file, with all their faults reported
+together.
 """
 
 from __future__ import annotations
@@ -22,11 +21,12 @@ from passerby.geometry.rotations import exp_rotation
 from passerby.interchange.storage.safe_parsing import FileFaults, leaves
 
 MOST_RADIANS = 1e3
-"""A rotation vector is known to within a turn or a few; a longer one is another number's bytes, and OpenCV makes NaN of it."""
+"""Largest component of a rotation vector. True ones have a few turns at most. Far larger values are bytes of other numbers, and
+OpenCV converts them to NaN."""
 
 
 class NotNumbers(ValueError):
-    """A value that is not the numbers that are needed; `infinite` where they are numbers, but not finite ones."""
+    """A value that does not hold the numbers that are needed; `infinite` if it holds numbers that are not finite."""
 
     def __init__(self, *, infinite: bool = False) -> None:
         super().__init__("not finite" if infinite else "not these numbers")
@@ -34,12 +34,12 @@ class NotNumbers(ValueError):
 
 
 def finite_numbers(value: Any, shape: tuple[int, ...], *, nested: bool = False) -> Floats:
-    """The numbers in a value, in their order, as an array of the shape; (-1,) takes any count, () is one number.
+    """Convert the numbers in a value to an array of a shape, in their order.
 
     Args:
-        value: a number, or lists in lists.
-        shape: of the result.
-        nested: whether the lists must lie in each other as in the result; else their count alone matters.
+        value: a number, or nested lists of numbers.
+        shape: shape of the result; (-1,) takes any count, () is one number.
+        nested: whether the lists must be nested as in the result; otherwise only the count of numbers is checked.
 
     Raises `NotNumbers`.
     """
@@ -54,7 +54,7 @@ def finite_numbers(value: Any, shape: tuple[int, ...], *, nested: bool = False) 
 
 
 def _is_nested(value: Any, shape: tuple[int, ...]) -> bool:
-    """Whether lists lie in each other as the shape says."""
+    """Check whether lists are nested as the shape requires."""
     if not shape:
         return not isinstance(value, list)
     fits = isinstance(value, list) and shape[0] in (-1, len(value))
@@ -62,7 +62,9 @@ def _is_nested(value: Any, shape: tuple[int, ...]) -> bool:
 
 
 def rotation_of(vector: Floats, place: str = "") -> Floats:
-    """(3, 3) rotation of a (3,) rotation vector, radians. Raises `InputError`, beginning with `place`, where it is none."""
+    """Return the rotation (3, 3) of a rotation vector (3,) in radians. Raises `InputError`, which begins with `place`, for a
+    vector that is too long or not finite.
+    """
     if not float(np.abs(vector).max()) <= MOST_RADIANS:
         raise InputError(f"{place}rotation is {np.asarray(vector).tolist()}: a Rodrigues vector in radians is needed")
     return exp_rotation(np.asarray(vector, dtype=np.float64).ravel())
@@ -74,17 +76,18 @@ def gather_rig(
     verdict: str | None = None,
     metadata: Mapping[str, str] | None = None,
 ) -> Rig:
-    """The rig of the cameras that are read.
+    """Read the cameras of a file into a rig.
 
     Args:
-        path: of the file, for messages.
-        cameras: of each, its place in the file, and what reads it and raises `InputError` without the place.
-        verdict: of the rig.
-        metadata: of the rig.
+        path: path of the file, for messages.
+        cameras: for each camera, its place in the file and a function that reads it. The function raises `InputError` without
+            the place.
+        verdict: verdict of the rig.
+        metadata: metadata of the rig.
 
     Raises:
-        FileFaults: with the faults of all cameras that cannot be read.
-        InputError: two cameras with one name.
+        FileFaults: the faults of all cameras that cannot be read.
+        InputError: two cameras have the same name.
     """
     found: list[Camera] = []
     faults: list[str] = []

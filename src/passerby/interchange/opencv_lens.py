@@ -1,4 +1,4 @@
-"""Lenses in OpenCV's own files (FileStorage: YAML, XML, JSON), one camera a file, under the names that are in use for them."""
+"""Lenses in OpenCV's own files (FileStorage: YAML, XML, JSON), one camera a file, under the keys that are in common use."""
 
 from __future__ import annotations
 
@@ -20,13 +20,14 @@ from passerby.interchange.storage.safe_parsing import NotParsed, leaves, parse_j
 ENDINGS = (".yml", ".yaml", ".xml", ".json")
 
 ESCAPED_QUOTE = re.compile(r"(?<!\\)((?:\\\\)*)\\'")
-"""OpenCV writes \\' within double quotes, which YAML does not know."""
+"""OpenCV writes \\' within double quotes, which is not valid in YAML."""
 
 LARGEST_BYTES = 1_000_000
-"""A file with one lens has some kilobytes; joints and other recordings in JSON are larger and are not looked into."""
+"""Largest file that is searched for a lens. A file with one lens has a few kilobytes; joints and other recordings in JSON are
+larger."""
 
 DEEPEST = 8
-"""Tables in tables that are looked into: a lens lies in the first or the second."""
+"""Depth of nested tables that are searched: a lens is in the first or the second."""
 
 MATRIX_NAMES = (
     "cameramatrix",
@@ -48,7 +49,7 @@ _WIDTH, _HEIGHT = ("imagewidth", "width"), ("imageheight", "height")
 _MODEL = ("distortionmodel", "cameramodel", "model", "projectionmodel")
 _FISHEYE = ("fisheyemodel", "fisheye", "isfisheye", "usefisheye")
 LENS_NAMES = frozenset({*MATRIX_NAMES, *DISTORTION_NAMES, *SIZE_NAMES, *_WIDTH, *_HEIGHT, *_MODEL, *_FISHEYE})
-"""All keys that a lens is read from."""
+"""All keys from which a lens is read."""
 _PINHOLE_MODELS = (
     "", "plumbbob", "pinhole", "radtan", "radialtangential", "rationalpolynomial", "opencv", "brown", "brownconrady",
 )  # fmt: skip
@@ -57,33 +58,33 @@ _FISHEYE_MODELS = ("fisheye", "equidistant", "kannalabrandt", "opencvfisheye")
 
 @dataclass(frozen=True, eq=False)
 class StoredLens:
-    """What a file says of a lens."""
+    """A lens as its file states it."""
 
     size: tuple[int, int] | None
-    """(width, height) in pixels; None where the file does not say."""
+    """(width, height) in pixels; None where the file does not state it."""
     matrix: Floats
     """(3, 3), pixels."""
     distortions: Floats
-    """(N,) OpenCV's coefficients."""
+    """(N,) distortion coefficients in OpenCV's order."""
     fisheye: bool
 
     def lens(self, size: tuple[int, int]) -> Lens:
-        """The lens, for pictures of `size`. Raises `InputError` for values that cannot be a lens."""
+        """Return the lens for pictures of `size`. Raises `InputError` for values that cannot be a lens."""
         return Lens(size, self.matrix, self.distortions, self.fisheye)
 
 
 def read_opencv_lens(path: str | Path) -> StoredLens | None:
-    """Read the lens in a file; None where the file is about something else (it holds no camera matrix).
+    """Read the lens in a file. Return None where the file holds no camera matrix, and so is another kind of file.
 
     Raises `InputError` for a file that cannot be read, and for a camera matrix without distortions or with values
-    that are no lens.
+    that cannot be a lens.
     """
     path = Path(path)
     return lens_in(path, read_values(path))
 
 
 def lens_in(path: Path, content: Mapping[str, Any]) -> StoredLens | None:
-    """The lens among a file's values, see `read_values`; None where they hold no camera matrix. Raises `InputError`."""
+    """Return the lens among a file's values (`read_values`), or None where they hold no camera matrix. Raises `InputError`."""
     matrix = find_first_value(content, MATRIX_NAMES)
     if matrix is None:
         return None
@@ -107,9 +108,9 @@ def lens_in(path: Path, content: Mapping[str, Any]) -> StoredLens | None:
 
 
 def read_values(path: Path) -> dict[str, Any]:
-    """The file's values by their keys in small letters without `_`, `-` and spaces; a matrix as a mapping with its `data`.
+    """Read the values of a file by key. Keys become lower case without `_`, `-` and spaces; a matrix is a mapping with `data`.
 
-    Raises `InputError` for what is none of OpenCV's formats.
+    Raises `InputError` for a file in none of OpenCV's formats.
     """
     text = read_text(path, "a calibration (OpenCV's YAML, XML or JSON)")
     try:
@@ -120,7 +121,7 @@ def read_values(path: Path) -> dict[str, Any]:
 
 
 def _parse_text(text: str) -> Any:
-    """The values of a text in the format that its first characters show, as OpenCV tells formats apart. Raises `NotParsed`."""
+    """Parse a text in the format that its first characters show, as OpenCV does. Raises `NotParsed`."""
     head = text.lstrip()[:20]
     if head.startswith("<"):
         root = parse_xml(text)
@@ -134,7 +135,7 @@ def _parse_text(text: str) -> Any:
 
 
 def _read_xml(element: ElementTree.Element) -> Any:
-    """An element of OpenCV's XML: `<_>` are entries of a list, other elements those of a table, words numbers or a text."""
+    """Convert an element of OpenCV's XML: elements `<_>` to a list, other elements to a table, words to numbers or a text."""
     children = list(element)
     if children and all(child.tag == "_" for child in children):
         return [_read_xml(child) for child in children]
@@ -149,7 +150,7 @@ def _read_xml(element: ElementTree.Element) -> Any:
 
 
 def simplify_keys(value: Any, levels: int) -> Any:
-    """The same, its keys plain; what lies deeper than so many levels is left out, since YAML can hold itself."""
+    """Return a value with simplified keys. Values deeper than `levels` become None, since a YAML value can contain itself."""
     if levels == 0:
         return None
     if isinstance(value, dict):
@@ -162,12 +163,12 @@ def _strip_quotes(key: str) -> str:
 
 
 def find_first_value(content: Mapping[str, Any], keys: tuple[str, ...]) -> Any:
-    """The value under the first of some keys that there is; None where there is none of them."""
+    """Return the value of the first of some keys that is present; None if all are missing."""
     return next((content[key] for key in keys if content.get(key) is not None), None)
 
 
 def numbers_of(path: Path, what: str, value: Any) -> Floats:
-    """(N,) the numbers of a matrix, or of lists in lists."""
+    """Return the numbers (N,) of a matrix or of nested lists. Raises `InputError` where they are not finite numbers."""
     if isinstance(value, dict):
         value = value.get("data")
     try:
@@ -180,7 +181,7 @@ def numbers_of(path: Path, what: str, value: Any) -> Floats:
 
 
 def _size(path: Path, content: Mapping[str, Any]) -> tuple[int, int] | None:
-    """(width, height) as far as the file says."""
+    """Return the image size (width, height), or None where the file does not state it."""
     size = find_first_value(content, SIZE_NAMES)
     nested = size if isinstance(size, dict) and "data" not in size else content
     width, height = find_first_value(nested, _WIDTH), find_first_value(nested, _HEIGHT)

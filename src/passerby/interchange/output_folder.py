@@ -1,4 +1,4 @@
-"""What `passerby calibrate` left in its output folder, read again."""
+"""Reading of the output folder of `passerby calibrate`."""
 
 from __future__ import annotations
 
@@ -30,59 +30,59 @@ from passerby.interchange.storage.transaction import recover
 RIG_FILE, TRACKS_FOLDER, REPORT_FILE = "rig.toml", "tracks", "report.html"
 GROUPS_FOLDER = "groups"
 REPORT_STAMP = re.compile("[0-9a-f]{16}")
-"""Of the content of a report's files: the name of the folder that they lie in."""
+"""Stamp of the content of a report's files. It is the name of their folder."""
 
 
 @dataclass(frozen=True, eq=False)
 class OutputFolder:
-    """A calibration that was not refused: the cameras that have poses, and what they saw."""
+    """A calibration that was not refused: the cameras with poses, and their boxes."""
 
     path: Path
     document: CalibrationDocument
-    """What `calibration.json` holds."""
+    """Content of `calibration.json`."""
     verdict: str
     """accepted or doubtful."""
     reasons: tuple[str, ...]
     rig: Rig
     """The cameras with poses, one or more."""
     all_cameras: int
-    """Those without a pose too."""
+    """Number of cameras, including those without a pose."""
     boxes: Mapping[str, Boxes]
-    """Of each camera with a pose, with identities that are the same in all cameras."""
+    """Boxes of each camera with a pose, with identities that are the same in all cameras."""
     clocks: Mapping[str, Clock]
-    """Of each camera with a pose; empty where frames are counted alike and no frame rate was needed."""
+    """Clock of each camera with a pose; empty if all cameras count frames alike and no frame rate was needed."""
 
     def __repr__(self) -> str:
         return f"OutputFolder({str(self.path)!r}: {self.verdict}, {len(self.rig)} of {self.all_cameras} cameras)"
 
     def _repr_html_(self) -> str | None:
-        """In a notebook: the verdict with its reasons, the table of cameras and the rig from above."""
+        """Return the display in a notebook: the verdict with its reasons, the table of cameras and the rig from above."""
         return html_of(self)
 
     @property
     def tracks(self) -> Mapping[str, Boxes]:
-        """By camera with a pose, its boxes with identities that are the same in all cameras, as `Calibration.tracks`."""
+        """Boxes of each camera with a pose, with identities that are the same in all cameras, as `Calibration.tracks`."""
         return self.boxes
 
     @property
     def report(self) -> Mapping[str, Any]:
-        """What `calibration.json` holds, as plain values."""
+        """Content of `calibration.json` as plain values."""
         held: Mapping[str, Any] = plain(self.document)
         return held
 
     @property
     def fps(self) -> float | None:
-        """The frame rate that the scene file tells of; None where it tells none."""
+        """Frame rate that the scene file states, in frames per second; None if it states none."""
         return self.document.scene.scene.fps
 
     @property
     def identities_given(self) -> bool:
-        """Whether identities were stated, so that they are those of the input."""
+        """Whether the input stated the identities, so that they are unchanged."""
         return self.document.association.mode == "given"
 
     @property
     def person_height_m(self) -> float | None:
-        """Mean standing height that the calibration assumed."""
+        """Mean standing height that the calibration assumed, metres; None if it is not stated, or not from 0.5 to 2.5 m."""
         height = self.document.scene.scale.person_height_m
         return height if height is not None and 0.5 <= height <= 2.5 else None
 
@@ -91,7 +91,7 @@ def read_output(out: Path) -> OutputFolder:
     """Read an output folder.
 
     Raises:
-        InputError: something is missing, broken or not of the same calibration, with its name and its remedy.
+        InputError: a file is missing, damaged or of another calibration; the message names it and the remedy.
         EvidenceError: the calibration was refused, or no camera has a pose.
     """
     document = read_report(out)
@@ -108,7 +108,7 @@ def read_output(out: Path) -> OutputFolder:
 
 
 def entries_of(out: Path, document: CalibrationDocument, rig: Rig) -> dict[str, CameraEntry]:
-    """The entries of a document by camera. Raises `InputError` where a camera of the rig has none."""
+    """Return the entries of a document by camera. Raises `InputError` where a camera of the rig has none."""
     entries = document.entries
     missing = [name for name in rig.names if name not in entries]
     if missing:
@@ -117,12 +117,12 @@ def entries_of(out: Path, document: CalibrationDocument, rig: Rig) -> dict[str, 
 
 
 def read_rig_at(path: Path) -> Rig:
-    """The rig of a rig file (TOML) or of a folder (`read_folder_rig`), all cameras. Raises `InputError`."""
+    """Read the rig, with all cameras, of a rig file (TOML) or of a folder (`read_folder_rig`). Raises `InputError`."""
     return read_folder_rig(path) if path.is_dir() else read_rig(path)
 
 
 def read_tracks_at(path: Path) -> dict[str, Boxes]:
-    """By camera the boxes of an output folder, or of its folder `tracks`. Raises `InputError` where there are none."""
+    """Read the boxes by camera of an output folder, or of its folder `tracks`. Raises `InputError` where there are none."""
     folder = path / TRACKS_FOLDER if (path / TRACKS_FOLDER).is_dir() else path
     files = sorted(folder.glob("*.txt")) if folder.is_dir() else []
     if not files:
@@ -133,9 +133,9 @@ def read_tracks_at(path: Path) -> dict[str, Boxes]:
 
 
 def read_folder_rig(out: Path) -> Rig:
-    """The rig of a folder, all cameras; that of an output folder as its `calibration.json` tells of it.
+    """Read the rig, with all cameras, of a folder. If the folder has a `calibration.json`, check the files against it.
 
-    Raises `InputError` where it is missing, broken, or of another calibration.
+    Raises `InputError` where the rig is missing, damaged, or of another calibration.
     """
     if (out / CALIBRATION_FILE).is_file():
         read_report(out)
@@ -143,12 +143,12 @@ def read_folder_rig(out: Path) -> Rig:
 
 
 def read_report(out: Path, *, tracks: bool = True) -> CalibrationDocument:
-    """What `calibration.json` holds, once it is verified that rig and tracks beside it are those that it describes.
+    """Read `calibration.json`, and verify that the rig and the tracks beside it are those that it describes.
 
-    What a process that was killed has decided to write is put into its place before. Files that are missing are the business of
-    those who need them; an older Passerby wrote no checksums. Without `tracks` only the rig is checked, no track file is read.
+    If a killed process left a decided transaction, it is completed first (`recover`). Missing files are no error here. Without
+    checksums, in the files of an older Passerby, nothing is verified. Without `tracks`, only the rig is verified.
 
-    Raises `InputError` where it is missing or broken, or where a file beside it is of another calibration or was changed.
+    Raises `InputError` where it is missing or damaged, or where a file beside it is of another calibration or was changed.
     """
     recover(out, "reads the folder")
     document = read_document(out)
@@ -167,12 +167,12 @@ def read_report(out: Path, *, tracks: bool = True) -> CalibrationDocument:
 
 
 def is_file_name(name: str) -> bool:
-    """Whether a camera's name stays within its folder."""
+    """Check whether a camera's name is a plain file name, which cannot lead out of its folder."""
     return "\0" not in name and len(Path(name).parts) == 1 and Path(name).name == name and "\\" not in name
 
 
 def _checksum(path: Path) -> str:
-    """Of a file. Raises `InputError` where it cannot be read."""
+    """Compute the checksum of a file. Raises `InputError` where it cannot be read."""
     try:
         return checksum(path)
     except OSError as error:
@@ -180,7 +180,7 @@ def _checksum(path: Path) -> str:
 
 
 def _boxes(out: Path, camera: CameraEntry) -> Boxes:
-    """A camera's tracks; without any, a camera that saw no person has no file."""
+    """Read the tracks of a camera. A camera that saw no person needs no file."""
     path = out / TRACKS_FOLDER / f"{camera.name}.txt"
     if not path.is_file() and camera.boxes == 0:
         return Boxes.empty()
@@ -190,7 +190,7 @@ def _boxes(out: Path, camera: CameraEntry) -> Boxes:
 
 
 def _clocks(out: Path, cameras: Mapping[str, CameraEntry], rig: Rig) -> dict[str, Clock]:
-    """Each camera's clock; none if none was stated."""
+    """Return the clock of each camera; empty if no camera has a frame rate."""
     found = {
         name: Clock(fps, cameras[name].time_offset_s or 0.0) for name in rig.names if (fps := cameras[name].fps) is not None
     }
@@ -201,20 +201,20 @@ def _clocks(out: Path, cameras: Mapping[str, CameraEntry], rig: Rig) -> dict[str
 
 
 def report_folder(page: Path) -> Path:
-    """The folder beside a report of many cameras, with what its page loads when it is asked for; as browsers call theirs."""
+    """Return the folder of the parts that a report of many cameras loads on demand. It is named as browsers name theirs."""
     return page.with_name(f"{page.stem}_files")
 
 
 def report_files(page: Path) -> list[Path]:
-    """The files of a report, as far as they are there: the page, and what lies in its folder under names of ours."""
+    """List the existing files of a report: the page, and the files of its folder that have names of this package."""
     parts = [path for path in report_folder(page).glob("*/*.js") if REPORT_STAMP.fullmatch(path.parent.name)]
     return [path for path in (page, *sorted(parts)) if path.is_file()]
 
 
 def remove_report_parts(page: Path, but: str = "") -> None:
-    """Delete what lies in the folder of a report under names of ours, but for one report's; what is empty then goes too.
+    """Delete the parts of a report except those with the stamp `but`, then the folders that are empty.
 
-    Files that cannot be deleted stay: no page names them.
+    Files that cannot be deleted stay: no page uses them.
     """
     for path in report_files(page):
         if path != page and path.parent.name != but:
@@ -227,35 +227,35 @@ def remove_report_parts(page: Path, but: str = "") -> None:
 
 
 def group_folder(number: int) -> str:
-    """The folder of a further group of cameras, within the output folder of the main rig."""
+    """Return the folder of a further group of cameras, relative to the output folder of the main rig."""
     return f"{GROUPS_FOLDER}/{number}"
 
 
 def checksums(folder: Path) -> dict[str, str]:
-    """Of the rig and the tracks in a folder, by name: BLAKE2b of 16 bytes in hex, as `b2sum -l 128` prints it."""
+    """Compute checksums of the rig and the tracks in a folder, by name: BLAKE2b of 16 bytes in hex, as of `b2sum -l 128`."""
     files = [folder / RIG_FILE, *sorted((folder / TRACKS_FOLDER).glob("*"))]
     return {path.relative_to(folder).as_posix(): checksum(path) for path in files}
 
 
 def checksum(path: Path) -> str:
-    """Of a file's content."""
+    """Compute the checksum of a file: BLAKE2b of 16 bytes in hex. Raises `OSError`."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, lambda: hashlib.blake2b(digest_size=16)).hexdigest()
 
 
 def scene_of(out: Path, document: CalibrationDocument, remedy: str) -> Path:
-    """The scene file of a folder: where the calibration says, or in a folder above, where both were moved together.
+    """Find the scene file of an output folder: at the stated path, or in a folder above, if both were moved together.
 
-    A folder that was copied with its scene file still names that of the original. The two files may differ by now, and edits
-    of one are none of the other: the user has to name one.
+    An output folder that was copied with its scene file still states the path of the original. The two scene files may differ
+    by now, so the user has to name one.
 
     Args:
         out: the output folder.
         document: its `calibration.json`.
-        remedy: how to name a scene file, for the errors.
+        remedy: how to name a scene file, for the messages.
 
     Raises:
-        InputError: it is not stated or not there, or there is one above the folder too, with the same cameras.
+        InputError: its path is not stated, it does not exist, or a folder above has another one with the same cameras.
     """
     if document.scene_file is None:
         raise InputError(f"{out / CALIBRATION_FILE}: does not state the path of the scene file (scene_file): {remedy}")
@@ -274,7 +274,7 @@ def scene_of(out: Path, document: CalibrationDocument, remedy: str) -> Path:
 
 
 def _is_scene_of(path: Path, document: CalibrationDocument) -> bool:
-    """Whether a file is a scene file of the document's cameras."""
+    """Check whether a file is a scene file with the document's cameras."""
     try:
         cameras = parse_toml(read_text(path, "a scene file (TOML)")).get("cameras") if path.is_file() else None
     except (InputError, NotParsed):
@@ -283,9 +283,9 @@ def _is_scene_of(path: Path, document: CalibrationDocument) -> bool:
 
 
 def scene_file(scene: Path | None) -> str | None:
-    """Where the scene file lies, for those who need its videos again; None for a scene that came from no file.
+    """Return the absolute path of the scene file, by which its videos are found again; None for a scene that came from no file.
 
-    The path is absolute, so that the output folder's own place changes no byte of what is written into it. Paths in a scene
-    file count from the folder that it is named in: a link in place of the file itself stays one.
+    Because the path is absolute, the files of an output folder are the same bytes wherever the folder is. Paths in a scene file
+    are relative to the folder in which it was named. Therefore a symbolic link in place of the file is not resolved.
     """
     return None if scene is None else (scene.parent.resolve() / scene.name).as_posix()

@@ -1,4 +1,4 @@
-"""The picture of a floor plan."""
+"""Reading of the picture of a floor plan."""
 
 from __future__ import annotations
 
@@ -12,16 +12,19 @@ from passerby.common.errors import InputError
 from passerby.interchange.storage.safe_parsing import file_bytes
 
 LEAST_PX = 8
-"""A picture whose sides are shorter shows no plan."""
+"""Shortest permitted side of the picture of a plan, pixels."""
 
 
 def read_plan_picture(path: Path) -> NDArray[np.uint8]:
-    """(H, W, 3) BGR. Raises `InputError` for a file that is missing, or is no picture."""
+    """Read a picture (H, W, 3), BGR. Raises `InputError` for a file that is missing, or is no picture."""
     return decode_plan_picture(file_bytes(path, "a picture of the plan (PNG or JPEG)"), str(path))
 
 
 def decode_plan_picture(content: bytes, place: str) -> NDArray[np.uint8]:
-    """(H, W, 3) BGR of a file's content, turned as it says. Raises `InputError`, beginning with `place`, for no picture."""
+    """Decode a file's content to a picture (H, W, 3), BGR, turned as the file states (EXIF orientation).
+
+    Raises `InputError`, which begins with `place`, for content that is no picture.
+    """
     try:
         picture = cv2.imdecode(np.frombuffer(content, dtype=np.uint8), cv2.IMREAD_COLOR) if content else None
     except cv2.error:

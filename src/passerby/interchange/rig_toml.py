@@ -1,15 +1,15 @@
-"""Rigs as TOML: the tables of Anipose, Caliscope and Pose2Sim, so that those tools open a Passerby rig as it is.
+"""Rigs as TOML: the tables of Anipose, Caliscope and Pose2Sim, so that those tools open a Passerby rig unchanged.
 
 One table a camera: `name`, `size` [width, height], `matrix`, `distortions`, `rotation` (Rodrigues vector, world to camera),
 `translation` (metres), `fisheye`. `[metadata]` holds `format_version`, `units` and the `verdict`. Keys and tables of other
-tools are left alone.
+tools are ignored.
 Passerby's own extra keys are `position_sigma_mm`, `orientation_sigma_deg` and `covariance` (6 x 6: centre in metres, world;
 then rotation vector in radians, camera frame), `complete_covariance` (10 x 10: the same six, the logarithm of the focal length,
-the principal point in pixels and the first distortion coefficient), `points_sigma_mm` and `ground_sigma_mm` (of what the rig
-measures where people walked), `focal_sd_percent` (one standard deviation of a focal length that is a
-guess), `uncalibrated` (the lens is unknown: its matrix is a placeholder, to be estimated), and `rotate` (degrees clockwise by
+the principal point in pixels and the first distortion coefficient), `points_sigma_mm` and `ground_sigma_mm` (of points and of
+ground positions that the rig measures where people walked), `focal_sd_percent` (one standard deviation of a guessed focal
+length), `uncalibrated` (the lens is unknown: its matrix is a placeholder, to be estimated), and `rotate` (degrees clockwise by
 which the camera's images are to be turned so that people stand upright; all numbers are of the images as filmed). A sigma
-that is infinite, since nothing fixes the pose, is left out.
+that is infinite, because no evidence constrains the pose, is left out.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from passerby.interchange.storage.text_formats import check_version
 METRES_PER_UNIT = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 METADATA = "metadata"
 RIG_FORMAT = 1
-"""Version of the tables, written under `[metadata]`; files without one are of the first."""
+"""Version of the tables, written under `[metadata]`; files without a version are of the first."""
 RIG = "a rig file (TOML)"
 FOCAL_SD = "focal_sd_percent"
 UNCALIBRATED = "uncalibrated"
@@ -43,21 +43,22 @@ ROTATE = "rotate"
 COMPLETE = "complete_covariance"
 POINTS_SIGMA, GROUND_SIGMA = "points_sigma_mm", "ground_sigma_mm"
 SIGMA_KEYS = ("position_sigma_mm", "orientation_sigma_deg", POINTS_SIGMA, GROUND_SIGMA, "covariance", COMPLETE)
-"""Of what a calibration says of a camera's uncertainty."""
+"""Keys of a camera's uncertainty, which a calibration writes."""
 ROUNDING, LARGEST_VARIANCE = 1e-3, 1e12
-"""Of a covariance, the first as a share of its largest number: other tools round to a few digits."""
+"""Limits of a stated covariance: its rounding errors, as a share after scaling by the variances (other tools round to a few
+digits), and its largest number."""
 CAMERA_KEYS = frozenset({
     "name", "size", "matrix", "distortions", "rotation", "translation", "fisheye", *SIGMA_KEYS, FOCAL_SD, UNCALIBRATED,
 })  # fmt: skip
 """Keys of a camera's table that are read."""
 UNFILLED = ("FX", "FY", "CX", "CY")
-"""What `passerby init` writes for numbers that it does not know."""
+"""Placeholders that `passerby init` writes for unknown numbers of a matrix."""
 
 
 def read_rig(path: str | Path) -> Rig:
-    """Read the cameras of a rig file, in the order of the file; a camera without rotation and translation has no pose.
+    """Read the cameras of a rig file, in the order of the file. A camera without rotation and translation has no pose.
 
-    Raises `FileFaults` (an `InputError`) that names file, table, key, value and fix for everything that cannot be a camera.
+    Raises `FileFaults` (an `InputError`) that names file, table, key, value and fix for each table that cannot be a camera.
     """
     content = read_toml(path, RIG)
     metadata = _metadata(content)
@@ -73,8 +74,8 @@ def read_rig(path: str | Path) -> Rig:
 def read_lens(path: str | Path, camera: str) -> Lens:
     """Read size, matrix and distortions of one camera: the table `[camera]`, or else the table whose `name` is `camera`.
 
-    Caliscope's tables are numbered and lie in `[cameras]`; `[cameras.0]` is camera `cam_0` too, as Caliscope calls its videos.
-    Poses and all other tables are ignored. Raises `InputError` when there is no such table or it cannot be a lens.
+    Caliscope's tables are numbered and are in `[cameras]`; `[cameras.0]` is also camera `cam_0`, as Caliscope names its videos.
+    Poses and all other tables are ignored. Raises `InputError` where there is no such table or it cannot be a lens.
     """
     content = read_toml(path, RIG)
     check_version(path, _metadata(content), "format_version", RIG_FORMAT, f"[{METADATA}] ")
@@ -95,7 +96,7 @@ def read_lens(path: str | Path, camera: str) -> Lens:
 
 
 def write_rig(path: str | Path, rig: Rig) -> None:
-    """Write a rig, whole or not at all. Raises `InputError` where `path` is not writable."""
+    """Write a rig, as a whole or not at all. Raises `InputError` where `path` is not writable."""
     content: dict[str, Any] = {}
     for camera in rig:
         if camera.name == METADATA:
@@ -107,19 +108,19 @@ def write_rig(path: str | Path, rig: Rig) -> None:
 
 
 def _metadata(content: dict[str, Any]) -> dict[str, Any]:
-    """What a file says of itself; empty where it says nothing."""
+    """Return the table `[metadata]` of a file; empty if there is none."""
     metadata = content.get(METADATA, {})
     return metadata if isinstance(metadata, dict) else {}
 
 
 def names_of_table(key: str, table: dict[str, Any]) -> tuple[str, ...]:
-    """What a camera's table is called: by its key, by its name and, a number, as Caliscope calls the video of that number."""
+    """Return the names of a camera's table: its key, its `name` and, if the key is a number, Caliscope's name of that video."""
     names = [key, str(table.get("name", key)), *([f"cam_{key}"] if key.isdecimal() else [])]
     return tuple(dict.fromkeys(names))
 
 
 def tables_of_cameras(content: dict[str, Any]) -> dict[str, dict[str, Any]]:
-    """The tables with a matrix or distortions, which describe a camera: of the file, or else of Caliscope's `[cameras]`."""
+    """Return the tables with a matrix or distortions, which describe a camera: of the file, else of Caliscope's `[cameras]`."""
     for tables in (content, content.get("cameras")):
         found = {
             key: table
@@ -132,7 +133,7 @@ def tables_of_cameras(content: dict[str, Any]) -> dict[str, dict[str, Any]]:
 
 
 def _camera_tables(path: Path, content: dict[str, Any]) -> dict[str, dict[str, Any]]:
-    """The tables that describe a camera. Raises `InputError` where there are none."""
+    """Return the tables that describe a camera. Raises `InputError` where there are none."""
     tables = tables_of_cameras(content)
     if not tables:
         raise InputError(f"{path}: holds no camera: one table per camera with size, matrix and distortions is needed")
@@ -147,7 +148,7 @@ def _metres_per_unit(path: Path, metadata: dict[str, Any]) -> float:
 
 
 def camera_of(key: str, table: dict[str, Any], metres_per_unit: float = 1.0) -> Camera:
-    """The camera that a table describes; called `key` where the table has no name. Raises `InputError` without the place."""
+    """Read a camera from its table. Its name is `key` if the table has none. Raises `InputError` without the place."""
     name = table.get("name", key)
     if not isinstance(name, (str, int)) or name == "":
         raise InputError(f"name is {shortened(name)}: give the camera's name in quotes")
@@ -181,7 +182,7 @@ def _lens(table: dict[str, Any]) -> Lens:
 
 
 def _focal_sd(table: dict[str, Any]) -> float | None:
-    """The stated uncertainty of the focal length as a share of it; None where there is none."""
+    """Return the stated standard deviation of the focal length as a share of it; None if it is not stated."""
     if FOCAL_SD not in table:
         return None
     percent = float(_numbers(table, FOCAL_SD, (), "one number, per cent of the focal length"))
@@ -214,7 +215,7 @@ def _rotation(matrix: Floats) -> Floats:
 
 
 def _sigma(table: dict[str, Any]) -> PoseSigma | None:
-    """The stated sigmas, infinite where one of the two is left out, and then without a covariance; None without either."""
+    """Return the stated sigmas. One that is missing is infinite, and there is no covariance then; None if both are missing."""
     stated = [key for key in ("position_sigma_mm", "orientation_sigma_deg") if key in table]
     if not stated:
         return None
@@ -235,7 +236,7 @@ def _sigma(table: dict[str, Any]) -> PoseSigma | None:
 
 
 def _metres(table: dict[str, Any], key: str) -> float | None:
-    """A stated sigma in millimetres as metres; None where it is not stated."""
+    """Convert a stated sigma from millimetres to metres; None if it is not stated."""
     if key not in table:
         return None
     millimetres = float(_numbers(table, key, (), "one number"))
@@ -245,7 +246,7 @@ def _metres(table: dict[str, Any], key: str) -> float | None:
 
 
 def _covariance(table: dict[str, Any], key: str, size: int) -> Floats:
-    """(size, size) a stated covariance: symmetric and positive but for rounding. Raises `InputError` for one that is not."""
+    """Return a stated covariance (size, size). Raises `InputError` unless it is symmetric and positive up to rounding."""
     found = _numbers(table, key, (size, size), f"{size} rows of {size} numbers")
     most = float(np.abs(found[:6, :6]).max())
     if most > LARGEST_VARIANCE:
@@ -253,7 +254,7 @@ def _covariance(table: dict[str, Any], key: str, size: int) -> Floats:
     unit = (
         1.0 / np.sqrt(np.maximum(np.abs(np.diag(found)), 1e-30)) if size > 6 else np.full(size, 1.0 / np.sqrt(max(most, 1e-30)))
     )
-    scaled = found * unit[:, None] * unit  # pixels beside metres: rounding is that of each number
+    scaled = found * unit[:, None] * unit  # units differ (pixels, metres): each number has its own rounding error
     skew = float(np.abs(scaled - scaled.T).max())
     if skew > ROUNDING:
         raise InputError(f"{key} is not symmetric (by {skew * most:g}): delete it, or restore the file")
@@ -264,7 +265,7 @@ def _covariance(table: dict[str, Any], key: str, size: int) -> Floats:
 
 
 def _numbers(table: dict[str, Any], key: str, shape: tuple[int, ...], meaning: str) -> Floats:
-    """The finite numbers under `key`, of the given shape; (-1,) is a list of any length."""
+    """Return the finite numbers under `key` as an array of a shape; (-1,) takes a list of any length."""
     if key not in table:
         raise InputError(f"{key} is missing: give {meaning}")
     value = table[key]
@@ -276,9 +277,9 @@ def _numbers(table: dict[str, Any], key: str, shape: tuple[int, ...], meaning: s
 
 
 def table_of(camera: Camera) -> dict[str, Any]:
-    """A camera as a table; without rotation and translation where it has no pose."""
+    """Convert a camera to a table, without rotation and translation if it has no pose."""
     lens = camera.lens
-    # The other tools expect coefficients to be there; zeros are the same lens as none.
+    # Other tools require coefficients. Zeros describe the same lens as no coefficients.
     distortions = lens.distortions if lens.distortions.size else np.zeros(4 if lens.fisheye else 5)
     table: dict[str, Any] = {
         "name": camera.name,

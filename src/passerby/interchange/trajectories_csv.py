@@ -1,4 +1,4 @@
-"""People's trajectories over the ground as CSV, and true ground positions as data sets and `passerby simulate` write them."""
+"""People's trajectories over the ground as CSV, and true ground positions in the CSV of data sets and `passerby simulate`."""
 
 from __future__ import annotations
 
@@ -20,28 +20,28 @@ from passerby.interchange.storage.text_formats import csv_rows
 
 HEADER = ("time_s", "frame", "id", "x_m", "y_m", "z_m", "sigma_m", "cameras")
 LARGEST = 1e12
-"""Frames, identities, seconds since 1970 and metres stay far below."""
+"""Largest permitted number. Frames, identities, seconds since 1970 and metres are far smaller."""
 WHOLE = ("frame", "id", "cameras")
 IDENTITY_NAMES = ("id", "person", "identity")
 
 
 @dataclass(frozen=True, eq=False)
 class GroundPositions:
-    """M true places. World: z up, ground at z = 0, metres."""
+    """M true positions of people on the ground. World: z up, ground at z = 0, metres."""
 
     frame: Ints
-    """(M,)"""
+    """(M,) frame numbers."""
     identity: Ints
-    """(M,)"""
+    """(M,) identities."""
     xy: Floats
-    """(M, 2)"""
+    """(M, 2) x and y on the ground."""
 
 
 def write_trajectories(path: str | Path, found: Trajectories) -> None:
-    """Write one row a person and instant, sorted by time, then by identity; lengths to the millimetre.
+    """Write one row for each person and instant, sorted by frame, then by identity; lengths are rounded to millimetres.
 
-    x_m and y_m are the place on the ground, z_m is the height of the body's middle; sigma_m is empty where unknown; cameras is
-    0 where no camera saw the person. Raises `InputError` where `path` is not writable.
+    x_m and y_m are the position on the ground, z_m is the height of the body's middle; sigma_m is empty where it is unknown;
+    cameras is 0 where no camera saw the person. Raises `InputError` where `path` is not writable.
     """
     order = np.lexsort((found.identity, found.frame))
     columns = zip(
@@ -56,12 +56,12 @@ def write_trajectories(path: str | Path, found: Trajectories) -> None:
 
 
 def _length(metres: float) -> str:
-    """Adding zero turns -0.0 into 0.0."""
+    """Format a length to the millimetre; empty if it is not finite. Adding zero converts -0.0 to 0.0."""
     return f"{round(metres, 3) + 0.0:.3f}" if math.isfinite(metres) else ""
 
 
 def read_trajectories(path: str | Path) -> Trajectories:
-    """Read what `write_trajectories` wrote. Stretches are distinguished by the frames that are missing between them.
+    """Read a file of `write_trajectories`. Frames that are missing separate the stretches of a trajectory.
 
     Raises `FileFaults` (an `InputError`) that names file, line, value and fix.
     """
@@ -92,7 +92,7 @@ def read_trajectories(path: str | Path) -> Trajectories:
 
 
 def _place(line: dict[str, str]) -> tuple[float, ...]:
-    """The numbers of a row, in the order of the header. Raises `InputError` without the place."""
+    """Parse the numbers of a row, in the order of `HEADER`. Raises `InputError` without the place."""
     numbers = []
     for name in HEADER:
         text = line.get(name, "").strip()
@@ -110,7 +110,7 @@ def _place(line: dict[str, str]) -> tuple[float, ...]:
 
 
 def _parts(identity: Ints, frame: Ints) -> Ints:
-    """(N,) stretches of each identity, from 1, separated by gaps; both columns sorted by identity, then frame."""
+    """Number the stretches (N,) of each identity from 1. Gaps separate them; rows are sorted by identity, then frame."""
     same = np.diff(identity) == 0
     usual = int(np.median(np.diff(frame)[same])) if same.any() else 1
     begins = np.concatenate([[True], ~same])
@@ -121,7 +121,7 @@ def _parts(identity: Ints, frame: Ints) -> Ints:
 
 
 def _clock(path: Path, frame: Ints, seconds: Floats) -> Clock:
-    """The clock by which the frames have these times."""
+    """Fit the clock that maps the frames (N,) to their times (N,), seconds."""
     spread = frame.max() - frame.min()
     if spread == 0:
         return Clock(1.0, float(seconds[0]) - float(frame[0] - 1))
@@ -132,10 +132,10 @@ def _clock(path: Path, frame: Ints, seconds: Floats) -> Clock:
 
 
 def read_ground_positions(path: str | Path) -> GroundPositions:
-    """Read true ground positions: a header with frame, id (or person), x_m and y_m; other columns are left alone.
+    """Read true ground positions: a header with frame, id (or person or identity), x_m and y_m; other columns are ignored.
 
     Raises `FileFaults` (an `InputError`) that names file, line, value and fix for a missing column, a field that is no finite
-    number, a frame or an id that is not whole, and a person who is twice in a frame.
+    number, a frame or an id that is not whole, and a person who occurs twice in a frame.
     """
     text = read_text(path, "a table of true ground positions (CSV)")
     header, rows = csv_rows(path, text)
@@ -172,7 +172,7 @@ def read_ground_positions(path: str | Path) -> GroundPositions:
 
 
 def _row(row: list[str], places: list[int], names: tuple[str, ...]) -> tuple[float, float, float, float]:
-    """Frame, identity, x and y of a row. Raises `InputError` without the place."""
+    """Parse frame, identity, x and y of a row. Raises `InputError` without the place."""
     if len(row) <= max(places):
         raise InputError(f"has {len(row)} columns, the header has more: complete the row")
     numbers = []

@@ -1,7 +1,7 @@
-"""Writing pictures as an H.264 video that any player takes.
+"""Writing of pictures as an H.264 video that any player can play.
 
 The same pictures give the same bytes: one encoder thread, no date in the file. A video appears under its name only when it is
-whole.
+complete.
 """
 
 from __future__ import annotations
@@ -23,37 +23,37 @@ from passerby.common.errors import InputError
 
 CONTAINERS = {".mp4": "mp4", ".mov": "mov", ".mkv": "matroska"}
 
-# Ticks a second of the timestamps where the caller gives them: MPEG's own clock, which holds milliseconds and all usual rates.
+# Ticks per second of timestamps that the caller gives: MPEG's clock, which represents milliseconds and all usual rates.
 TICKS_PER_SECOND = 90_000
 
-# A player without information guesses how the colours were made from the size of the picture. The file tells: by
-# ITU-R BT.601 in its limited range (matrix coefficients 6 in ITU-T H.273).
+# A player guesses the colour matrix from the size of the picture if the file does not state it. The file states
+# ITU-R BT.601 in limited range (matrix coefficients 6 in ITU-T H.273).
 BT601_IN_FILE = 6
 
-# Without accurate rounding swscale makes every picture darker by 3 of 255 levels.
+# Without accurate rounding, swscale makes every picture darker by 3 of 255 levels.
 ROUNDING = Interpolation.BILINEAR | Interpolation.ACCURATE_RND
 
 
 class VideoWriter:
-    """Writes one video; a context manager.
+    """A writer of one video; a context manager.
 
     Example:
         with VideoWriter("a.mp4", (640, 480), fps=25) as video:
             for picture in pictures:
                 video.write(picture)
 
-    The pictures go to a temporary file beside `path`, which gets its name when the block ends without an exception and is
-    removed when it ends with one.
+    The pictures go to a temporary file beside `path`. If the block ends without an exception, the file is renamed to `path`,
+    otherwise it is removed.
 
     Args:
         path: ends in .mp4, .mov or .mkv; missing folders are made; a file of this name is replaced.
-        size: (width, height) in pixels, both even, as H.264 with halved colour resolution (yuv420p) needs it.
-        fps: pictures per second; with timestamps of the caller's own, about how many.
+        size: (width, height) in pixels, both even, as H.264 with halved colour resolution (yuv420p) requires.
+        fps: pictures per second; an approximate rate if the caller gives timestamps.
         crf: x264's constant quality, 0 (lossless) to 51 (worst); 23 is its default.
-        key_every: at most so many pictures from one that can be decoded by itself to the next.
+        key_every: largest number of pictures from one key frame to the next.
 
     Raises:
-        InputError: a size, rate, quality or name that cannot be, or a place that cannot be written to.
+        InputError: the size, rate, quality or name is invalid, or the folder cannot be written to.
     """
 
     def __init__(self, path: str | Path, size: tuple[int, int], fps: float, crf: int = 23, key_every: int = 250) -> None:
@@ -61,14 +61,14 @@ class VideoWriter:
         self.size = (int(size[0]), int(size[1]))
         self.fps = Fraction(fps).limit_denominator(1001) if np.isfinite(fps) else Fraction(0)
         self._check(crf)
-        # x264's macroblock tree gives one of several results for the same pictures; without it files are an eighth larger.
+        # With x264's macroblock tree, results for the same pictures vary; without it, files are an eighth larger.
         self._options = {"crf": str(crf), "preset": "veryfast", "threads": "1", "g": str(key_every), "x264-params": "mbtree=0"}
         self._written = 0
         self._last_pts = -1
         self._own_timestamps: bool | None = None
 
     def _check(self, crf: int) -> None:
-        """Raise `InputError` for what x264 or the container would refuse."""
+        """Raise `InputError` for settings that x264 or the container would refuse."""
         width, height = self.size
         if min(self.size) < 2 or width % 2 or height % 2:
             raise InputError(f"{self.path}: H.264 needs an even width and height of at least 2 pixels, not {width} x {height}")
@@ -105,11 +105,11 @@ class VideoWriter:
 
         Args:
             picture: (H, W, 3) BGR, uint8, of the video's size.
-            seconds: when it is shown, from the video's begin, later than the one before; without, the pictures follow each
-                other at the video's rate. All pictures of a video have a time of their own, or none has.
+            seconds: time of the picture from the start of the video, later than that of the previous one; None: the pictures
+                follow each other at the video's rate. Either all pictures of a video have a time, or none has.
 
         Raises:
-            InputError: another shape or type, a time that does not follow, or a disk that takes no more.
+            InputError: the shape or type is wrong, the time is not later than the previous one, or the disk is full.
         """
         expected = (self.size[1], self.size[0], 3)
         if picture.shape != expected or picture.dtype != np.uint8:
@@ -133,7 +133,7 @@ class VideoWriter:
         self._mux(frame)
 
     def _set_clock(self, own_timestamps: bool) -> None:
-        """The first picture decides whether the video counts pictures or the caller's seconds."""
+        """Set the time base at the first picture: the video's rate or the caller's seconds. Check that later pictures agree."""
         if self._own_timestamps is None:
             self._own_timestamps = own_timestamps
             self._stream.codec_context.time_base = Fraction(1, TICKS_PER_SECOND) if own_timestamps else 1 / self.fps
@@ -141,7 +141,7 @@ class VideoWriter:
             raise InputError(f"{self.path}: frame {self._written + 1}: either all frames have a time of their own, or none")
 
     def _mux(self, frame: av.VideoFrame | None) -> None:
-        """Encode a frame, or what the encoder still holds (None), into the file."""
+        """Encode a frame into the file; None flushes the encoder."""
         try:
             self._container.mux(self._stream.encode(frame))
         except OSError as error:
@@ -152,13 +152,13 @@ class VideoWriter:
             if kind is None:
                 self._finish()
             else:
-                with suppress(OSError):  # the trouble is known, and the file goes
+                with suppress(OSError):  # an exception is already raised, and the file will be removed
                     self._container.close()
         finally:
             self._remove()
 
     def _finish(self) -> None:
-        """Give the whole file its name."""
+        """Complete the file and rename it to its path."""
         if self._written == 0:
             with suppress(OSError):
                 self._container.close()
@@ -174,7 +174,7 @@ class VideoWriter:
             raise self._cannot_write(error) from error
 
     def _remove(self) -> None:
-        """Leave no temporary file behind."""
+        """Delete the temporary file if it exists."""
         Path(self._part).unlink(missing_ok=True)
 
     def _cannot_write(self, error: OSError) -> InputError:

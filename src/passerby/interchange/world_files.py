@@ -1,10 +1,10 @@
 """Points and camera positions with known coordinates, as CSV with a header or as TOML with the same keys.
 
-`points.csv`: `camera,u,v,x,y[,z][,point][,sd_m]`, one row a sighting; rows of one `point` (or, without that column, of the same
-coordinates) tell of one point. z is 0, the ground, if not stated. `points.toml` holds `[[points]]` tables.
+`points.csv`: `camera,u,v,x,y[,z][,point][,sd_m]`, one row for a point in a camera. Rows with the same `point` (or, without it,
+the same coordinates) describe one point. z is 0, the ground, if not stated. `points.toml` holds `[[points]]` tables.
 
 `positions.csv`: `camera,x,y[,z][,sd_m]` in metres, or `camera,lat,lon[,alt][,sd_m]` in degrees and metres (WGS 84).
-`positions.toml` holds `[[positions]]` tables. Other columns of a CSV are left alone; an unknown key of a TOML is an error.
+`positions.toml` holds `[[positions]]` tables. Other columns of a CSV are ignored; an unknown key of a TOML is an error.
 """
 
 from __future__ import annotations
@@ -23,20 +23,20 @@ from passerby.interchange.storage.safe_parsing import FileFaults, read_text, rea
 from passerby.interchange.storage.text_formats import csv_rows
 
 Row = tuple[str, Mapping[str, Any]]
-"""Where a row stands ("line 3"), and its fields."""
+"""The place of a row in its file ("line 3"), and its fields by key."""
 
 POINT_KEYS = ("camera", "u", "v", "x", "y", "z", "point", "sd_m")
 METRIC_KEYS, GEODETIC_KEYS = ("camera", "x", "y", "z", "sd_m"), ("camera", "lat", "lon", "alt", "sd_m")
 
 
 LARGEST = 1e8
-"""Metres, pixels or degrees: grids of whole countries count to ten million metres."""
+"""Largest permitted number of metres, pixels or degrees: grids of whole countries have up to ten million metres."""
 
 
 def read_known_points(path: str | Path) -> tuple[KnownPoint, ...]:
-    """Points with known coordinates and where cameras see them.
+    """Read points with known coordinates, and their pixels in the cameras.
 
-    Raises `FileFaults` (an `InputError`) with everything that is wrong, each with its line, value and fix.
+    Raises `FileFaults` (an `InputError`) with all faults, each with its line, value and fix.
     """
     rows = _rows(Path(path), "points", POINT_KEYS, ("camera", "u", "v", "x", "y"))
     found: dict[object, KnownPoint] = {}
@@ -71,7 +71,7 @@ def read_known_points(path: str | Path) -> tuple[KnownPoint, ...]:
 
 
 def read_known_positions(path: str | Path) -> tuple[tuple[KnownPosition, ...], bool]:
-    """Positions of cameras, and whether they are latitude, longitude and altitude.
+    """Read positions of cameras. Also return whether they are latitude, longitude and altitude.
 
     Raises `FileFaults` as `read_known_points` does.
     """
@@ -97,7 +97,7 @@ def read_known_positions(path: str | Path) -> tuple[tuple[KnownPosition, ...], b
 
 
 def _rows(path: Path, table: str, keys: Sequence[str], needed: Sequence[str]) -> list[Row]:
-    """The rows of a CSV or a TOML file; without any, an `InputError`."""
+    """Read the rows of a CSV or a TOML file. Raises `InputError` if there are none."""
     rows = _toml_rows(path, table, keys) if path.suffix.lower() == ".toml" else _csv_rows(path, keys, needed)
     if not rows:
         raise InputError(f"{path}: has no row: known {table} are needed")
@@ -105,7 +105,7 @@ def _rows(path: Path, table: str, keys: Sequence[str], needed: Sequence[str]) ->
 
 
 def _toml_rows(path: Path, table: str, keys: Sequence[str]) -> list[Row]:
-    """The tables `[[table]]`."""
+    """Read the tables `[[table]]` of a TOML file."""
     content = read_toml(path, f"a list of known {table} (TOML or CSV)")
     listed = content.get(table)
     if not isinstance(listed, list) or not all(isinstance(row, dict) for row in listed):
@@ -123,7 +123,7 @@ def _toml_rows(path: Path, table: str, keys: Sequence[str]) -> list[Row]:
 
 
 def _csv_rows(path: Path, keys: Sequence[str], needed: Sequence[str]) -> list[Row]:
-    """The lines below the header; a column's name counts in any case of letters."""
+    """Read the lines below the header of a CSV file. Names of columns may be in upper or lower case."""
     names, rows = csv_rows(path, read_text(path, "a table with a header (CSV)"))
     header = [name.lower() for name in names]
     missing = [name for name in needed if name not in header]
@@ -140,7 +140,7 @@ def _csv_rows(path: Path, keys: Sequence[str], needed: Sequence[str]) -> list[Ro
 
 
 def _text(row: Mapping[str, Any], key: str) -> str:
-    """A name; empty where there is none."""
+    """Return the name under a key; empty if the key is missing."""
     value = row.get(key, "")
     if isinstance(value, bool) or not isinstance(value, (str, int)):
         raise InputError(f"{key} is {shortened(value)}: give a name in quotes")
@@ -155,7 +155,7 @@ def _camera(row: Mapping[str, Any]) -> str:
 
 
 def _number(row: Mapping[str, Any], key: str, otherwise: float | None = None) -> float:
-    """A finite number; `otherwise` where there is none."""
+    """Return the finite number under a key; `otherwise` if the key is missing."""
     if key not in row:
         if otherwise is None:
             raise InputError(f"{key} is missing: give a number")
@@ -171,7 +171,7 @@ def _number(row: Mapping[str, Any], key: str, otherwise: float | None = None) ->
 
 
 def _sd(row: Mapping[str, Any], otherwise: float) -> float:
-    """A standard deviation above 0."""
+    """Return the standard deviation of a row in metres, above 0; `otherwise` if it is not stated."""
     value = _number(row, "sd_m", otherwise)
     if value <= 0:
         raise InputError(f"sd_m is {value:g}: give metres above 0")

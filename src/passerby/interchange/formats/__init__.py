@@ -1,4 +1,4 @@
-"""Formats of other tools, one module each, loaded when asked for."""
+"""Formats of other tools, one module each, loaded on demand."""
 
 from __future__ import annotations
 
@@ -62,13 +62,13 @@ MODULES: Mapping[str, str] = {
     "alphapose": "alphapose",
     "coco": "coco",
 }
-"""Name of a format -> its module here, which has `FORMAT`, or for several names `FORMATS`, a mapping of them."""
+"""Name of a format -> its module here. The module has `FORMAT`, or for several formats `FORMATS`, a mapping by name."""
 FARTHEST_M = 1e12
-"""Of a camera from the origin of its world. A damaged exponent makes it more, and an overflow infinite or no number."""
+"""Largest permitted translation of a camera. A damaged exponent in a file makes it larger, infinite or NaN."""
 
 
 def find_format(name: str) -> Format:
-    """The format of that name. Raises `InputError` for an unknown one, with the nearest."""
+    """Return the format of a name. Raises `InputError` for an unknown name, with the most similar one."""
     if name not in MODULES:
         raise InputError(f"no format is called '{name}': {suggest_name(name, list(MODULES))} (`passerby formats` lists them)")
     module = import_module(f"{__name__}.{MODULES[name]}")
@@ -78,19 +78,19 @@ def find_format(name: str) -> Format:
 
 
 def all_formats() -> Iterator[Format]:
-    """Every format, in the order of the list."""
+    """Generate all formats, in the order of `MODULES`."""
     return map(find_format, MODULES)
 
 
 def recognise_format(path: str | Path) -> Format | None:
-    """The format whose reader recognises a calibration file, by its name and content; None where no format does.
+    """Return the format that recognises a calibration file by its name and content; None where no format does.
 
-    A file is only looked at: what is wrong inside it is an `InputError` of `read_rig_as`. So is a kind of file that is
-    recognised, but that cannot be read; its message says what to export instead.
+    The file is not checked further: faults inside it raise an `InputError` in `read_rig_as`. So does a kind of file that is
+    recognised, but cannot be read; its message states what to export instead.
 
     Args:
-        path: a file. Formats that keep one rig in several files recognise the one that holds the intrinsics, and their
-            reader takes that file for the rig.
+        path: a file. Formats that keep one rig in several files recognise the file that holds the intrinsics, and their
+            reader reads the whole rig from that path.
     """
     sample = sample_file(Path(path))
     if sample is None:
@@ -99,16 +99,16 @@ def recognise_format(path: str | Path) -> Format | None:
 
 
 def export(rig: Export, name: str, target: str | Path, *, lossy: bool = False) -> tuple[str, ...]:
-    """Write a rig for another tool; nothing is written where that fails.
+    """Write a rig for another tool. If this fails, nothing is written.
 
     Args:
-        rig: what is handed over.
-        name: of the format.
+        rig: the rig, its name and people's trajectories.
+        name: name of the format.
         target: the file or folder to write; files of other kinds in a folder stay.
-        lossy: go on where the format cannot hold everything.
+        lossy: whether to write the rig even if the format cannot hold everything.
 
     Returns:
-        What was lost, one sentence each.
+        The losses, one sentence each.
 
     Raises:
         InputError: unknown format, one that is only read, a loss that is not allowed, or a target that cannot be written.
@@ -136,7 +136,7 @@ def export(rig: Export, name: str, target: str | Path, *, lossy: bool = False) -
 
 
 def _refuse_others(folder: Path, files: Set[str], name: str) -> None:
-    """Raise `InputError` where files of another rig would be taken for a part of this one."""
+    """Raise `InputError` where readers would take other files in the folder for a part of this rig."""
     places = {((folder / below).parent, Path(below).suffix) for below in files if Path(below).suffix}
     for parent, suffix in sorted(places):
         ours = {(folder / below).name for below in files}
@@ -152,10 +152,10 @@ def read_rig_as(name: str, path: str | Path, given: Given | None = None, *, loss
     """Read a rig, or lenses, of another tool.
 
     Returns:
-        The rig, and what was lost.
+        The rig, and the losses, one sentence each.
 
     Raises:
-        InputError: unknown format, one that holds no cameras, a broken file, or a loss that is not allowed.
+        InputError: unknown format, one that holds no cameras, a damaged file, or a loss that is not allowed.
     """
     form, given = find_format(name), given or Given()
     if form.read is None:
@@ -168,7 +168,7 @@ def read_rig_as(name: str, path: str | Path, given: Given | None = None, *, loss
 
 
 def _refuse_lost(path: str | Path, rig: Rig) -> None:
-    """Raise `InputError` for a camera that is nowhere, or so far away that nothing can be computed of it."""
+    """Raise `InputError` for a camera whose translation is not finite, or `FARTHEST_M` or more."""
     for camera in rig:
         if camera.pose is not None and not np.abs(camera.pose.t_cw).max() < FARTHEST_M:
             translation = shortened(camera.pose.t_cw.tolist())
@@ -179,7 +179,7 @@ def _refuse_lost(path: str | Path, rig: Rig) -> None:
 
 
 def read_people_as(name: str, path: str | Path, given: Given | None = None) -> People:
-    """Read one camera's people as another tool found them. Raises `InputError`."""
+    """Read the people that another tool found in one camera. Raises `InputError`."""
     form = find_format(name)
     if form.read_people is None:
         raise InputError(f"format {name} holds no people: {', '.join(f.name for f in all_formats() if f.read_people)} do")
@@ -197,6 +197,6 @@ def _example(form: Format) -> str:
 
 
 def _others(*, reads: bool = False, writes: bool = False) -> str:
-    """Which formats can what is wanted."""
+    """Return a text that lists the formats that can be read, or written."""
     found = [form.name for form in all_formats() if (reads and form.read) or (writes and form.write)]
     return f"choose one of {', '.join(found)}"

@@ -3,13 +3,13 @@
     [{"image_id": "12.jpg", "category_id": 1, "keypoints": [x, y, confidence, ...], "score": 2.9, "box": [left, top, width,
       height], "idx": 3}, ...]
 
-Joints: COCO's 17, Halpe's 26 or 136, COCO-WholeBody's 133. `score` is of the whole person (confidence of the box, mean and
-1.25 times the largest of the joints' confidences, so up to about 3). `idx` is the track: a number, or what the suppression of
-doubles made of it, a list; without a tracker everybody has 0. The frame is the number at the end of the picture's name.
-AlphaPose calls the pictures of a video `0.jpg`, `1.jpg` and on, and Passerby counts from 1: numbers without zeros before them,
-and nothing else in the name, are raised by one. Others stay. Pictures without people are not in the file.
+Joints: COCO's 17, Halpe's 26 or 136, COCO-WholeBody's 133. `score` is of the whole person (the confidence of the box, plus the
+mean and 1.25 times the largest of the joints' confidences: up to about 3). `idx` is the track: a number, or a list after the
+suppression of duplicates; without a tracker it is 0 for all people. The frame is the number at the end of the picture's name.
+AlphaPose names the pictures of a video `0.jpg`, `1.jpg`, ..., and Passerby counts from 1: numbers without leading zeros, if the
+names have no other text, are raised by one. Other numbers stay. Pictures without people are not in the file.
 
-AlphaPose's documentation, `docs/output.md`, and its `write_json`.
+Source: AlphaPose's documentation, `docs/output.md`, and its `write_json`.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _OF_A_VIDEO = re.compile(r"(0|[1-9]\d*)\.jpg")
 
 
 def read_people(path: Path, given: Given) -> People:
-    """One camera's joints and boxes. Raises `InputError`."""
+    """Read one camera's joints and boxes. Raises `InputError`."""
     if path.is_dir():
         raise InputError(f"{path}: is a folder: give the file alphapose-results.json in it")
     content = load_json(path, "AlphaPose's results")
@@ -61,7 +61,7 @@ def _check_entry(place: str, person: Any) -> dict[str, Any]:
 
 
 def _frames(path: Path, images: list[str | int]) -> dict[str | int, int]:
-    """The frame of each picture's name; a number is its own."""
+    """Return the frame of each image id: the number in a name, or a number itself."""
     names = [image for image in images if isinstance(image, str)]
     if len(names) not in (0, len(images)):
         raise InputError(f"{path}: some image_id are names and others numbers: give one recording")

@@ -1,7 +1,7 @@
 """BioCV's calibrations: one text file a camera, `00.calib` or without a suffix.
 
 Numbers in this order: width and height; the camera matrix (3 x 3, pixels); world to camera as a 4 x 4 matrix `[R t; 0 1]`,
-millimetres; the distortion (k1 k2 p1 p2 k3 of OpenCV's pinhole). Blank lines part them.
+millimetres; the distortion (k1 k2 p1 p2 k3 of OpenCV's pinhole). Blank lines separate them.
 
 Source: `calib_biocv_fun` of Pose2Sim (github.com/perfanalytics/pose2sim), which reads these lines so; the data set is
 "BioCV Motion Capture Dataset" of the University of Bath (doi.org/10.15125/BATH-01258).
@@ -26,11 +26,11 @@ from passerby.interchange.storage.safe_parsing import read_text
 METRES = 1e-3
 SUFFIX = ".calib"
 BEFORE = 2 + 9 + 16
-"""Numbers before the distortion."""
+"""Count of the numbers before the distortion."""
 
 
 def read(path: Path, given: Given) -> Rig:
-    """The camera of a file, or those of all .calib files of a folder, in the order of their names."""
+    """Read the camera of a file, or those of all .calib files of a folder, in the order of their names."""
     files = [path]
     if path.is_dir():
         files = sorted(path.glob(f"*{SUFFIX}"), key=lambda file: natural_key(file.name))
@@ -40,7 +40,7 @@ def read(path: Path, given: Given) -> Rig:
 
 
 def calib_numbers(text: str) -> Floats | None:
-    """(N,) the numbers of a file; None where it is no calibration of BioCV."""
+    """Parse the numbers (N,) of a file; None where it is no calibration of BioCV."""
     words = text.split()
     if len(words) - BEFORE not in PINHOLE_DISTORTION_LENGTHS:
         return None
@@ -51,7 +51,7 @@ def calib_numbers(text: str) -> Floats | None:
 
 
 def _camera(file: Path, given: Given) -> Camera:
-    """The camera of a file. Raises `InputError`."""
+    """Read the camera of a file. Raises `InputError`."""
     values = calib_numbers(read_text(file, f"a calibration of BioCV ({SUFFIX})"))
     if values is None:
         raise InputError("holds no width, height, 3 x 3 matrix, 4 x 4 matrix and distortion: is it another kind of file?")

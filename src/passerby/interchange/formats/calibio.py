@@ -7,11 +7,11 @@
 
 The camera matrix is f, f ar, cx, cy; the coefficients are OpenCV's of the same names. `transform` is a Rodrigues vector and a
 translation from the first camera's frame to this camera's, OpenCV's axes and pixels. The file does not state the unit, which
-is that of the calibration board. A kind of object (`polymorphic_name`) is named where it occurs first, under an id with the
-highest bit set, and later by the id alone.
+is that of the calibration board. A kind of object has its name (`polymorphic_name`) where it occurs first, under an id with
+the highest bit set; later it only has the id.
 
-Source: readCalibParameters.cpp, which calib.io publishes for readers of these files (public domain). Its fisheye and other
-models are not documented, and are refused.
+Source: readCalibParameters.cpp, which calib.io publishes for readers of these files (public domain). Fisheye and other models
+are not documented there, and are refused.
 """
 
 from __future__ import annotations
@@ -32,14 +32,14 @@ from passerby.interchange.numbers import gather_rig, rotation_of
 
 MODEL = "libCalib::CameraModelOpenCV"
 NEW_KIND = 0x80000000
-"""Added to the id of a kind of object where it occurs first."""
+"""Bit that is added to the id of a kind of object where it occurs first."""
 FOCAL = ("f", "ar", "cx", "cy")
 COEFFICIENTS = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4", "tauX", "tauY")
-"""In OpenCV's order."""
+"""Names of the coefficients, in OpenCV's order."""
 
 
 def read(path: Path, given: Given) -> Rig:
-    """The cameras, called cam0, cam1, ... in the order of the file, which has no names."""
+    """Read the cameras. They are named cam0, cam1, ... in the order of the file, which has no names."""
     content = table(str(path), load_json(path, "a calibration of calib.io"), "table with Calibration")
     calibration = table(str(path), content.get("Calibration"), "table Calibration")
     listed = calibration.get("cameras")
@@ -59,7 +59,7 @@ def read(path: Path, given: Given) -> Rig:
 
 
 def _models(cameras: list[dict[Any, Any]]) -> list[str]:
-    """The name of each camera's model, also where the file only has its id."""
+    """Return the name of each camera's model, also if the file only has the model's id; empty if it is unknown."""
     known: dict[int, str] = {}
     names = []
     for values in cameras:
@@ -74,7 +74,7 @@ def _models(cameras: list[dict[Any, Any]]) -> list[str]:
 
 
 def _camera(index: int, values: dict[Any, Any], model: str, given: Given) -> Camera:
-    """One camera. Raises `InputError` without the place."""
+    """Read one camera. Raises `InputError` without the place."""
     if model != MODEL:
         raise InputError(f"its model is {shortened(model)}: only {MODEL} is documented: export that model from calib.io")
     inner = _find_table(values, "model", "ptr_wrapper", "data")
@@ -102,7 +102,7 @@ def _camera(index: int, values: dict[Any, Any], model: str, given: Given) -> Cam
 
 
 def _find_table(values: dict[Any, Any], *keys: str) -> dict[Any, Any]:
-    """The table that lies below some keys. Raises `InputError` where there is none."""
+    """Return the table under nested keys. Raises `InputError` where there is none."""
     for key in keys:
         values = table(key, values.get(key), "values")
     return values

@@ -5,14 +5,15 @@
                       "score": 0.9, "track_id": 3, "iscrowd": 0}]}
     [{"image_id": 12, "category_id": 1, "bbox": [...], "keypoints": [...], "score": 0.9}, ...]
 
-The third number of a joint is a confidence, or in a file where one is 2 and all are 0, 1 or 2, COCO's visibility (not
-labelled, hidden, visible: 0, 0.5, 1). The identity is `track_id`, also below `attributes`, where CVAT puts it; an annotation's
-`id` is none. An image's frame is its `frame`, or else `frame_id`, or else the number at the end of `file_name`, or else its
-`id`; of results it is `image_id`, a number or a name. Numbers stay as they are: COCO does not say how it counts. Where there
-are several categories, the one called person counts, or 1 in results; crowds (`iscrowd`) are not people.
+The third number of a joint is a confidence. If all third numbers of a file are 0, 1 or 2, and one is 2, they are COCO's
+visibilities (not labelled, hidden, visible), which become the confidences 0, 0.5 and 1. The identity is `track_id`, also below
+`attributes`, as in CVAT; an annotation's `id` is no identity. An image's frame is its `frame`, else its `frame_id`, else the
+number at the end of its `file_name`, else its `id`; in results it is `image_id`, a number or a name. Frame numbers stay
+unchanged: COCO does not define their first number. Of several categories, people are those called person, or 1 in results;
+crowds (`iscrowd`) are not people.
 
-https://cocodataset.org/#format-data and #format-results; pixels have (0, 0) at the corner of the first pixel by COCO's own
-account and at its centre by that of most tools: they are taken as they are.
+https://cocodataset.org/#format-data and #format-results. The origin (0, 0) of pixels is the corner of the first pixel in COCO's
+documentation, and its centre in most tools: coordinates are read unchanged.
 """
 
 from __future__ import annotations
@@ -45,7 +46,7 @@ PERSON = 1
 
 
 def read_people(path: Path, given: Given) -> People:
-    """One camera's boxes and joints. Raises `InputError`."""
+    """Read one camera's boxes and joints. Raises `InputError`."""
     if path.is_dir():
         raise InputError(f"{path}: is a folder: give the JSON file in it")
     content = load_json(path, "COCO annotations or results")
@@ -71,7 +72,7 @@ def _read_list(
     people: Mapping[int, tuple[str, ...] | None],
     notes: tuple[str, ...],
 ) -> People:
-    """The people of a list of annotations; `people` has the categories that count, with their joints' names."""
+    """Read the people of a list of annotations; `people` has the categories of people, with the names of their joints."""
     found: list[Found] = []
     used: set[int] = set()
     others = crowds = 0
@@ -115,7 +116,7 @@ def _read_person(place: str, annotation: dict[str, Any], frames: Mapping[int | s
 
 
 def _frames_of_results(path: Path, results: list[Any]) -> Mapping[int | str, int]:
-    """The frame of each image_id of a list of results."""
+    """Return the frame of each image_id of a list of results."""
     images = [result.get("image_id") for result in results if isinstance(result, dict)]
     names = [image for image in images if isinstance(image, str)]
     if names and len(names) != len(images):
@@ -128,7 +129,7 @@ def _frames_of_results(path: Path, results: list[Any]) -> Mapping[int | str, int
 
 
 def _frames_of_images(path: Path, images: Any) -> Mapping[int | str, int]:
-    """The frame of each image's id."""
+    """Return the frame of each image's id."""
     if not isinstance(images, list):
         raise InputError(f"{path}: images is missing or not a list: COCO annotations have images")
     for number, image in enumerate(images):
@@ -158,7 +159,7 @@ def _frames_of_images(path: Path, images: Any) -> Mapping[int | str, int]:
 
 
 def _categories(path: Path, categories: Any) -> tuple[Mapping[int, tuple[str, ...] | None], tuple[str, ...]]:
-    """The categories that are people, with their joints' names where they tell them, and what is odd about them."""
+    """Return the categories of people with their joints' names (None if not stated), and notes on irregularities."""
     if categories is None or categories == []:
         return {PERSON: None}, ()
     if not isinstance(categories, list):
@@ -179,7 +180,7 @@ def _categories(path: Path, categories: Any) -> tuple[Mapping[int, tuple[str, ..
 
 
 def _joint_names(place: str, names: Any) -> tuple[str, ...] | None:
-    """The names of joints, `left_eye` for `Left Eye`."""
+    """Convert names of joints to lower case with `_`: `left_eye` for `Left Eye`. None if there are none."""
     if not names:
         return None
     if not isinstance(names, list) or not all(isinstance(name, str) and name for name in names):

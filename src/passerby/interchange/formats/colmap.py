@@ -3,11 +3,12 @@
 A pose is world to camera, x_c = R X_w + t, its rotation as a quaternion w, x, y, z; the camera's axes are OpenCV's (x right,
 y down, z forward). The world is Passerby's, in metres; COLMAP itself has no unit. Pixels are counted from the corner of the
 first one: the principal point is half a pixel more than OpenCV's in both directions. Every camera is a camera of COLMAP with
-one image, NAME.png, without points; people's places, where there are any, are points that no image sees.
+one image, NAME.png, without points. People's positions, if there are any, are points that no image sees.
 
-Camera models written: PINHOLE, OPENCV (k1, k2, p1, p2), FULL_OPENCV (k1, k2, p1, p2, k3 to k6) and OPENCV_FISHEYE, the first
-that holds the lens. Read: also the models with one focal length or fewer coefficients, and those without tangential and thin
-prism terms whatever their name; FOV, DIVISION, EUCM and thin prisms on a fisheye are fitted, which is a loss.
+Lenses are written in the first of these camera models that holds the lens: PINHOLE, OPENCV (k1, k2, p1, p2), FULL_OPENCV (k1,
+k2, p1, p2, k3 to k6) and OPENCV_FISHEYE. The reader also accepts the models with one focal length or fewer coefficients, and
+all models whose tangential and thin prism terms are zero. FOV, DIVISION, EUCM and thin prisms on a fisheye are fitted, which is
+a loss.
 """
 
 from __future__ import annotations
@@ -36,18 +37,18 @@ from passerby.interchange.formats.lens_models import express_lens
 from passerby.interchange.formats.values import tame_names
 
 LEAST_QUATERNION, MOST_QUATERNION = 0.25, 1e6
-"""Of the largest part of a quaternion, whose length should be one: others are no rotation, or another number's bytes."""
+"""Limits of the largest component of a quaternion, whose length should be one. Others are no rotation, or damaged bytes."""
 MOST_POINTS = 100_000
-"""Of people's places; more are thinned evenly: COLMAP's viewer shows no more at a usable rate."""
+"""Largest number of people's positions. More are thinned evenly: COLMAP's viewer shows no more at a usable rate."""
 IMAGE_ENDING = ".png"
 PICTURE_ENDINGS = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp")
 
 _NOT_IN_NAMES = re.compile(r"[^\w.+@-]")
-"""COLMAP's text files end an image's name at a space."""
+"""Characters that are not in names of images. A space would end the name in COLMAP's text files."""
 
 
 def _parts(export: Export, losses: Losses) -> tuple[list[ColmapCamera], list[ColmapImage], Floats]:
-    """Cameras, images and points of the model."""
+    """Return the cameras, images and points (N, 3) of the model."""
     rig = export.posed(losses)
     cameras, images = [], []
     names = tame_names(rig.names, _NOT_IN_NAMES)
@@ -79,7 +80,7 @@ def _read_binary(path: Path, given: Given) -> Rig:
 
 
 def _read(path: Path, given: Given, binary_first: bool) -> Rig:
-    """A camera for every image, and one without a pose for every camera that has no image."""
+    """Read one camera for each image, and one without a pose for each camera of COLMAP that has no image."""
     folder = path if path.is_dir() else path.parent
     files = read_model(folder, binary_first)
     for name in files.others:
@@ -112,7 +113,7 @@ def _read(path: Path, given: Given, binary_first: bool) -> Rig:
 
 
 def _names(images: list[str], unseen: list[int]) -> list[str]:
-    """The cameras' names: those of their images, without the ending where that leaves no two alike."""
+    """Return the cameras' names: those of their images, without the ending if they still differ then."""
     short = [name[: -len(ending)] if (ending := _ending(name)) else name for name in images]
     names = short if len(set(short)) == len(short) else images
     names = [*names, *(f"camera{number}" for number in unseen)]
@@ -121,7 +122,7 @@ def _names(images: list[str], unseen: list[int]) -> list[str]:
 
 
 def _ending(name: str) -> str:
-    """The ending of a picture's name; empty where it has none."""
+    """Return the ending of a picture's name; empty if it has none of the known ones."""
     return next((ending for ending in PICTURE_ENDINGS if name.lower().endswith(ending) and len(name) > len(ending)), "")
 
 
@@ -135,7 +136,7 @@ def _pose(image: ColmapImage, metres_per_unit: float, folder: Path) -> Pose:
 
 
 def _lens(camera: ColmapCamera, given: Given, place: str, name: str) -> Lens | None:
-    """The lens of a camera; None, which is a loss, where it has none."""
+    """Return the lens of a camera; None, which is a loss, for the model EQUIRECTANGULAR."""
     if camera.model == "EQUIRECTANGULAR":
         given.losses.add(f"camera {name}: COLMAP's model EQUIRECTANGULAR is not supported and is left out")
         return None

@@ -1,7 +1,7 @@
 """COLMAP's sparse models as files: `cameras`, `images` and `points3D`, as text (.txt) or binary (.bin, little endian).
 
-Documented at https://colmap.github.io/format.html. Models since COLMAP 3.12 also have `rigs` and `frames`;
-they are not written, since COLMAP makes them up where they are missing, and not read, since the poses stand in `images` too.
+Documented at https://colmap.github.io/format.html. Models since COLMAP 3.12 also have `rigs` and `frames`.
+They are not written, because COLMAP generates missing ones, and not read, because the poses are also in `images`.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ from passerby.interchange.formats.colmap_models import MODELS
 from passerby.interchange.storage.safe_parsing import file_bytes, read_text
 
 LENGTHS = {model.number: model.length for model in MODELS.values()} | {17: 2}
-"""Number of parameters by the model's number, EQUIRECTANGULAR's too."""
+"""Number of a model -> number of its parameters, including EQUIRECTANGULAR."""
 NAMES = {model.number: model.name for model in MODELS.values()} | {17: "EQUIRECTANGULAR"}
 GREY = 128
 
 
 @dataclass(frozen=True)
 class ColmapCamera:
-    """A line of `cameras`."""
+    """An entry of `cameras`."""
 
     number: int
     model: str
@@ -37,11 +37,11 @@ class ColmapCamera:
 
 @dataclass(frozen=True)
 class ColmapImage:
-    """A line of `images`; its points are left out."""
+    """An entry of `images` without its points."""
 
     number: int
     quaternion: tuple[float, ...]
-    """w, x, y, z of the rotation world to camera."""
+    """w, x, y, z of the rotation from world to camera."""
     translation: tuple[float, ...]
     camera: int
     name: str
@@ -51,16 +51,16 @@ class ColmapImage:
 
 @dataclass(frozen=True)
 class ColmapModelFiles:
-    """What is in a model's folder."""
+    """Content of a model's folder."""
 
     cameras: tuple[ColmapCamera, ...]
     images: tuple[ColmapImage, ...]
     others: tuple[str, ...] = ()
-    """Names of files beside them that hold something and are not read."""
+    """Names of other files of the model that are not empty and not read."""
 
 
 def write_text_model(cameras: Sequence[ColmapCamera], images: Sequence[ColmapImage], points: Floats) -> dict[str, bytes]:
-    """The text files of a model; `points` (N, 3), which no image sees."""
+    """Format a model as text files, by name. No image sees the `points` (N, 3)."""
     lines = {
         "cameras.txt": [
             "# Camera list with one line of data per camera:",
@@ -86,7 +86,7 @@ def write_text_model(cameras: Sequence[ColmapCamera], images: Sequence[ColmapIma
 
 
 def write_binary_model(cameras: Sequence[ColmapCamera], images: Sequence[ColmapImage], points: Floats) -> dict[str, bytes]:
-    """The binary files of a model; `points` (N, 3), which no image sees."""
+    """Format a model as binary files, by name. No image sees the `points` (N, 3)."""
     numbers = {name: number for number, name in NAMES.items()}
     return {
         "cameras.bin": struct.pack("<Q", len(cameras))
@@ -114,7 +114,7 @@ def _join_words(*values: float | str) -> str:
 
 
 def read_model(folder: Path, binary_first: bool) -> ColmapModelFiles:
-    """Read a model, of the kind that is asked for first, else of the other. Raises `InputError` (file, line, value, remedy)."""
+    """Read a model, if possible of the preferred kind of files, else of the other. Raises `InputError` (file, line, remedy)."""
     endings = (".bin", ".txt") if binary_first else (".txt", ".bin")
     ending = next((ending for ending in endings if (folder / f"cameras{ending}").is_file()), None)
     if ending is None:
@@ -130,7 +130,7 @@ def read_model(folder: Path, binary_first: bool) -> ColmapModelFiles:
 
 
 def _others(folder: Path, ending: str) -> tuple[str, ...]:
-    """The files of a model that hold something and are not read: the model in the other kind of files, its 3D points."""
+    """List the files of a model that are not empty and not read: the other kind of files, 3D points, rigs and frames."""
     other = ".txt" if ending == ".bin" else ".bin"
     doubled = [folder / f"{part}{other}" for part in ("cameras", "images")]
     extra = [folder / f"{part}{ending}" for part in ("points3D", "rigs", "frames")]
@@ -138,7 +138,7 @@ def _others(folder: Path, ending: str) -> tuple[str, ...]:
 
 
 def _has_entries(file: Path) -> bool:
-    """Whether a model's file has an entry; a binary one has its count in front."""
+    """Check whether a model's file has an entry. A binary file begins with the number of entries."""
     if file.suffix == ".bin":
         with file.open("rb") as stream:
             return any(stream.read(8))
@@ -157,7 +157,7 @@ def _text_cameras(path: Path) -> Iterator[ColmapCamera]:
 
 
 def _text_images(path: Path) -> Iterator[ColmapImage]:
-    """Every image has two lines, the second of which, its points, may be empty."""
+    """Generate the images. Each image has two lines; the second line, its points, may be empty."""
     lines = _lines(path)
     for place, line in lines:
         words = line.split(maxsplit=9)
@@ -174,7 +174,7 @@ def _text_images(path: Path) -> Iterator[ColmapImage]:
 
 
 def _lines(path: Path) -> Iterator[tuple[str, str]]:
-    """Place and text of each line that is no comment."""
+    """Generate place and text of each line that is not a comment."""
     for number, line in enumerate(read_text(path, "a text model of COLMAP").split("\n"), start=1):
         if not line.lstrip().startswith("#"):
             yield f"{path}: line {number}", line.rstrip("\r")
@@ -198,14 +198,14 @@ def _read_numbers(place: str, words: Sequence[str]) -> tuple[float, ...]:
 
 
 class _Reader:
-    """Takes values off binary data. Raises `InputError` where the file ends too early."""
+    """Reader of values from binary data. Raises `InputError` where the file ends too early."""
 
     def __init__(self, path: Path) -> None:
         self.path, self.at = path, 0
         self.data = file_bytes(path, "a binary model of COLMAP")
 
     def take(self, form: str) -> tuple[float, ...]:
-        """Values as `struct` unpacks them."""
+        """Read the next values in the format `form` of `struct`."""
         size = struct.calcsize(form)
         if self.at + size > len(self.data):
             raise self.fault()
@@ -214,11 +214,11 @@ class _Reader:
         return values
 
     def whole(self, form: str) -> list[int]:
-        """The same, of whole numbers."""
+        """Read the next values in the format `form` of `struct` as whole numbers."""
         return [int(value) for value in self.take(form)]
 
     def text(self) -> str:
-        """Text up to the next zero byte."""
+        """Read a text up to the next zero byte."""
         end = self.data.find(b"\0", self.at)
         if end < 0:
             raise self.fault()
@@ -226,13 +226,13 @@ class _Reader:
         return found
 
     def skip(self, size: int) -> None:
-        """Go on by so many bytes."""
+        """Skip `size` bytes."""
         self.at += size
         if self.at > len(self.data):
             raise self.fault()
 
     def fault(self) -> InputError:
-        """The file is not what it should be."""
+        """Return the error for a file that ends too early."""
         return InputError(f"{self.path}: ends at byte {len(self.data)}, in the middle of an entry: is it whole, and COLMAP's?")
 
 

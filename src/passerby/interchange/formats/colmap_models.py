@@ -1,7 +1,7 @@
-"""COLMAP's camera models, and which of OpenCV's lenses each of them is.
+"""COLMAP's camera models, and their conversion to OpenCV's lenses.
 
 Parameters are in the order of COLMAP 4.2's `sensor/models.h`. COLMAP counts pixels from the corner of the first one, OpenCV
-from its middle: principal points differ by half a pixel.
+from its centre: principal points differ by half a pixel.
 """
 
 from __future__ import annotations
@@ -35,11 +35,11 @@ class ColmapModel:
 
     name: str
     number: int
-    """As binary files tell it."""
+    """Number of the model in binary files."""
     focals: int
-    """1: one focal length f, 2: fx and fy."""
+    """Number of focal lengths: 1 (f) or 2 (fx and fy)."""
     others: tuple[str, ...] = ()
-    """Its parameters after focal lengths and principal point, by COLMAP's names."""
+    """COLMAP's names of the parameters after focal lengths and principal point."""
     fisheye: bool = False
 
     @property
@@ -71,7 +71,7 @@ MODELS: Mapping[str, ColmapModel] = {
         ColmapModel("EUCM", 16, 2, ("alpha", "beta")),
     )
 }
-"""COLMAP's EQUIRECTANGULAR (17) has no focal length and is no lens here."""
+"""COLMAP's models by name. EQUIRECTANGULAR (17) is missing: it has no focal length and is no lens here."""
 
 WRITTEN: Mapping[LensModel, str] = {
     PINHOLE: "PINHOLE",
@@ -79,13 +79,13 @@ WRITTEN: Mapping[LensModel, str] = {
     RATIONAL_8: "FULL_OPENCV",
     FISHEYE: "OPENCV_FISHEYE",
 }
-"""Into which models lenses are written, simplest first."""
+"""Lens model -> COLMAP's model that is written for it, simplest first."""
 
 _OPENCV_ORDER = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
 
 
 def parameters_of(lens: Lens, model: LensModel) -> list[float]:
-    """Parameters of a lens that a model of `WRITTEN` holds."""
+    """Return COLMAP's parameters of a lens that a model of `WRITTEN` holds."""
     matrix = lens.matrix
     coefficients = np.concatenate([lens.distortions, np.zeros(8)])[: len(model.coefficients)]
     centre = (matrix[0, 2] + HALF_PIXEL, matrix[1, 2] + HALF_PIXEL)
@@ -93,7 +93,7 @@ def parameters_of(lens: Lens, model: LensModel) -> list[float]:
 
 
 def lens_of(model: ColmapModel, numbers: Sequence[float], size: tuple[int, int]) -> Lens | None:
-    """The lens that COLMAP's parameters are; None where OpenCV's models have none. Raises `InputError` for no lens at all."""
+    """Convert COLMAP's parameters to a lens; None if no model of OpenCV holds them. Raises `InputError` for an invalid lens."""
     matrix, other = _split_parameters(model, numbers)
     if model.name in _PROJECTIONS:
         bending = ("p1", "p2", "k5", "k6", "sx1", "sy1", "s1", "s2", "s3", "s4") if model.fisheye else tuple(other)
@@ -105,9 +105,9 @@ def lens_of(model: ColmapModel, numbers: Sequence[float], size: tuple[int, int])
 
 
 def express_in_opencv(model: ColmapModel, numbers: Sequence[float], size: tuple[int, int], place: str) -> tuple[Lens, str]:
-    """The lens of OpenCV that comes nearest to COLMAP's parameters, and how far it is off.
+    """Fit OpenCV's models to COLMAP's parameters. Return the lens with the least error, and a text that states the error.
 
-    Raises `InputError`, beginning with `place`, where none comes near.
+    Raises `InputError`, which begins with `place`, where no model can be fitted.
     """
     matrix, other = _split_parameters(model, numbers)
     plane = _PROJECTIONS[model.name]
@@ -122,7 +122,7 @@ def express_in_opencv(model: ColmapModel, numbers: Sequence[float], size: tuple[
 
 
 def _split_parameters(model: ColmapModel, numbers: Sequence[float]) -> tuple[Floats, dict[str, float]]:
-    """The camera matrix as OpenCV has it, and the other parameters by name."""
+    """Split parameters into the camera matrix (3, 3) in OpenCV's pixels and the other parameters by name."""
     if len(numbers) != model.length:
         raise InputError(f"has {len(numbers)} parameters, but model {model.name} takes {model.length}")
     fx, fy = numbers[0], numbers[model.focals - 1]
@@ -132,33 +132,33 @@ def _split_parameters(model: ColmapModel, numbers: Sequence[float]) -> tuple[Flo
 
 
 def _divide_by_depth(bearings: Floats) -> Floats:
-    """(N, 2) x / z and y / z; NaN behind the camera."""
+    """Compute x / z and y / z (N, 2); NaN behind the camera."""
     z = np.where(bearings[:, 2:] > 1e-9, bearings[:, 2:], np.nan)
     return np.asarray(bearings[:, :2] / z, dtype=np.float64)
 
 
 def _equidistant(bearings: Floats) -> Floats:
-    """(N, 2) of the length of the angle to the axis."""
+    """Project directions (N, 3) to points (N, 2) whose radius is the angle to the axis, radians."""
     radius = np.hypot(bearings[:, 0], bearings[:, 1])
     angle = np.arctan2(radius, bearings[:, 2])
     return np.asarray(bearings[:, :2] * (angle / np.maximum(radius, 1e-12))[:, None], dtype=np.float64)
 
 
 def _fov(bearings: Floats, other: Mapping[str, float]) -> Floats:
-    """Devernay and Faugeras, "Straight lines have to be straight" (2001)."""
+    """Project by the FOV model of Devernay and Faugeras, "Straight lines have to be straight" (2001)."""
     plane, omega = _divide_by_depth(bearings), max(other["omega"], 1e-9)
     radius = np.maximum(np.hypot(*plane.T), 1e-12)
     return np.asarray(plane * (np.arctan(2 * radius * np.tan(omega / 2)) / (radius * omega))[:, None])
 
 
 def _division(bearings: Floats, other: Mapping[str, float]) -> Floats:
-    """Fitzgibbon's division model (2001): undistorted = distorted / (1 + k r^2), solved for the distorted point."""
+    """Project by Fitzgibbon's division model (2001): undistorted = distorted / (1 + k r^2), solved for the distorted point."""
     plane = _divide_by_depth(bearings)
     return np.asarray(plane * (2 / (1 + np.sqrt(1 - 4 * other["k"] * (plane**2).sum(axis=1))))[:, None])
 
 
 def _eucm(bearings: Floats, other: Mapping[str, float]) -> Floats:
-    """Khomutenko et al., "An enhanced unified camera model" (2016)."""
+    """Project by the model of Khomutenko et al., "An enhanced unified camera model" (2016)."""
     x, y, z = bearings.T
     distance = np.sqrt(other["beta"] * (x * x + y * y) + z * z)
     depth = other["alpha"] * distance + (1 - other["alpha"]) * z
@@ -166,7 +166,10 @@ def _eucm(bearings: Floats, other: Mapping[str, float]) -> Floats:
 
 
 def _project_thin_prism(bearings: Floats, other: Mapping[str, float]) -> Floats:
-    """Weng et al. (1992) on top of the equidistant projection; Project Aria's model has two more radial and prism terms."""
+    """Project by the model of Weng et al. (1992) on the equidistant projection, or by Project Aria's model.
+
+    Project Aria's model has two more radial and prism terms.
+    """
     plane = _equidistant(bearings)
     square = (plane**2).sum(axis=1)
     radial = np.zeros(len(plane))
@@ -190,4 +193,4 @@ _PROJECTIONS: Mapping[str, Callable[[Floats, Mapping[str, float]], Floats]] = {
     "THIN_PRISM_FISHEYE": _project_thin_prism,
     "RAD_TAN_THIN_PRISM_FISHEYE": _project_thin_prism,
 }
-"""Models that OpenCV's do not hold: (N, 3) directions to (N, 2) on the plane of the camera matrix."""
+"""Projections of models that OpenCV does not have: directions (N, 3) to points (N, 2) on the plane of the camera matrix."""

@@ -1,7 +1,7 @@
-"""A rig as lines and faces, for formats that show it: frusta of the cameras, a grid on the ground, people's trajectories.
+"""Drawing of a rig as lines and faces, for formats that show it: frusta of the cameras, a grid on the ground, trajectories.
 
-Frusta are drawn through each camera's own lens at the picture's border, so a distorted picture has a bent border. Nothing here
-is a calibration: it is a picture of one.
+Frusta are drawn through each camera's own lens at the picture's border, so a distorted picture has a curved border. A drawing
+is not a calibration: it cannot be read back.
 """
 
 from __future__ import annotations
@@ -21,42 +21,42 @@ Colour = tuple[int, int, int]
 
 GROUND_COLOUR: Colour = (128, 128, 128)
 SHARE_OF_DISTANCE, SHORTEST_M, LONGEST_M = 0.15, 0.2, 2.0
-"""How deep frusta are: a share of the median distance to the nearest other camera, so that neighbours do not run into each
-other, within what can be seen in a hall and does not fill a room."""
+"""Depth of frusta as a share of the median distance to the nearest other camera, so that neighbours do not overlap. The limits
+keep it visible in a hall and smaller than a room."""
 MOST_LINES = 40
-"""Of the grid, in each direction."""
+"""Largest number of spacings of the grid in each direction."""
 FARTHEST_M = 30.0
-"""So far along its axis a camera is taken to look at the ground."""
+"""Largest distance along a camera's axis at which it is assumed to see the ground."""
 MARGIN_M = 1.0
 
 
 @dataclass(frozen=True, eq=False)
 class Frustum:
-    """What a camera sees, as a pyramid in its own frame: OpenCV's axes, metres, tip at the origin."""
+    """The field of view of a camera as a pyramid in its own frame: OpenCV's axes, metres, tip at the origin."""
 
     camera: Camera
     pose: Pose
     colour: Colour
     rim: Floats
-    """(K, 3) the picture's border, from the top left corner clockwise as the picture is looked at."""
+    """(K, 3) the picture's border, clockwise from the top left corner, as seen in the picture."""
     top: Floats
-    """(3, 3) a triangle above the picture: which way is up in it."""
+    """(3, 3) a triangle above the picture, which shows the picture's upward direction."""
 
     @property
     def points(self) -> Floats:
-        """(1 + K + 3, 3): tip, rim, triangle; camera frame."""
+        """(1 + K + 3, 3) vertices: tip, rim, triangle; camera frame."""
         return np.vstack([np.zeros((1, 3)), self.rim, self.top])
 
     @property
     def faces(self) -> Ints:
-        """(K + 1, 3) triangles of `points`: the pyramid's sides and the triangle."""
+        """(K + 1, 3) triangles as indices into `points`: the pyramid's sides and the triangle above the picture."""
         rim = 1 + np.arange(len(self.rim))
         sides = np.column_stack([np.zeros_like(rim), np.roll(rim, -1), rim])
         return np.vstack([sides, 1 + len(rim) + np.arange(3)])
 
     @property
     def edges(self) -> Ints:
-        """(E, 2) lines of `points`: the corners' rays, the border, the triangle."""
+        """(E, 2) lines as indices into `points`: the corners' rays, the border, the triangle."""
         k = len(self.rim)
         rim = 1 + np.arange(k)
         rays = np.column_stack([np.zeros(4, dtype=np.int64), rim[:: k // 4]])
@@ -65,42 +65,42 @@ class Frustum:
 
     @property
     def world(self) -> Floats:
-        """(1 + K + 3, 3) `points` in the world."""
+        """(1 + K + 3, 3) `points` in the world frame."""
         return np.asarray(self.points @ self.pose.R_cw + self.pose.centre)
 
 
 @dataclass(frozen=True, eq=False)
 class Way:
-    """One person's places, and where the way is interrupted."""
+    """The trajectory of one person, with its stretches."""
 
     identity: int
     colour: Colour
     xyz: Floats
-    """(N, 3) world, metres: x and y on the ground, z the height of the body's middle."""
+    """(N, 3) positions, world, metres: x and y on the ground, z the height of the body's middle."""
     time_s: Floats
-    """(N,) the rig's time."""
+    """(N,) the rig's time, seconds."""
     sigma_m: Floats
-    """(N,) one sigma; NaN where unknown."""
+    """(N,) one sigma of the position on the ground, metres; NaN where it is unknown."""
     cameras: Ints
-    """(N,) that saw the person; 0 for a place between others."""
+    """(N,) number of cameras that saw the person; 0 for a position between others."""
     parts: tuple[slice, ...]
     """The rows of each stretch without long gaps."""
 
 
 @dataclass(frozen=True, eq=False)
 class Drawing:
-    """A rig to be looked at. World z up, ground at z = 0, metres."""
+    """A drawing of a rig. World z up, ground at z = 0, metres."""
 
     frusta: tuple[Frustum, ...]
     ground: Floats
-    """(L, 2, 3) the grid's lines."""
+    """(L, 2, 3) ends of the grid's lines."""
     spacing_m: float
-    """Between the grid's lines."""
+    """Distance between the grid's lines."""
     ways: tuple[Way, ...]
 
 
 def draw(rig: Rig, trajectories: Trajectories | None = None) -> Drawing:
-    """The drawing of a rig whose cameras all have poses, and of people's trajectories. Cameras keep their place's colour."""
+    """Draw a rig, and people's trajectories. Cameras without a pose are left out; the index in the rig sets the colour."""
     depth = _depth(rig)
     frusta = tuple(
         _frustum(camera, camera.pose, hex_colour(camera_colour(index)), depth)
@@ -113,7 +113,7 @@ def draw(rig: Rig, trajectories: Trajectories | None = None) -> Drawing:
 
 
 def ways_of(found: Trajectories) -> tuple[Way, ...]:
-    """Each person's way, by identity."""
+    """Split trajectories into one trajectory for each person, in the order of the identities."""
     order = np.lexsort((found.frame, found.part, found.identity))
     identities, starts = np.unique(found.identity[order], return_index=True)
     ways = []
@@ -126,12 +126,12 @@ def ways_of(found: Trajectories) -> tuple[Way, ...]:
 
 
 def hex_colour(text: str) -> Colour:
-    """`#rrggbb` as numbers from 0 to 255."""
+    """Convert `#rrggbb` to three numbers from 0 to 255."""
     return int(text[1:3], 16), int(text[3:5], 16), int(text[5:7], 16)
 
 
 def _depth(rig: Rig) -> float:
-    """How deep frusta are, metres."""
+    """Compute the depth of the frusta, metres."""
     centres = np.array([camera.centre for camera in rig if camera.pose is not None]).reshape(-1, 3)
     if len(centres) < 2:
         return 1.0
@@ -142,7 +142,7 @@ def _depth(rig: Rig) -> float:
 
 def _frustum(camera: Camera, pose: Pose, colour: Colour, depth: float) -> Frustum:
     lens = camera.lens
-    # A picture without distortion has straight sides, and needs its corners only.
+    # A picture without distortion has straight sides, and only needs its corners.
     per_side = SIDE_SAMPLES if lens.fisheye or lens.distortions.any() else 1
     rim = frustum_rim(lens, depth, per_side)
     rim = np.where(np.isnan(rim), [0.0, 0.0, depth], rim)
@@ -154,7 +154,7 @@ def _frustum(camera: Camera, pose: Pose, colour: Colour, depth: float) -> Frustu
 
 
 def _grid(frusta: tuple[Frustum, ...], ways: tuple[Way, ...]) -> tuple[Floats, float]:
-    """Lines on the ground below cameras and people and where the cameras look, and the distance between them."""
+    """Compute the lines (L, 2, 3) of a grid on the ground, and their distance. It covers cameras, their targets and people."""
     places = [np.array([frustum.pose.centre[:2], _find_ground_target(frustum)]) for frustum in frusta]
     places += [way.xyz[:, :2] for way in ways]
     low = np.vstack(places).min(axis=0) - MARGIN_M
@@ -175,7 +175,7 @@ def _grid(frusta: tuple[Frustum, ...], ways: tuple[Way, ...]) -> tuple[Floats, f
 
 
 def _find_ground_target(frustum: Frustum) -> Floats:
-    """(2,) where the camera's axis meets the ground, or comes farthest."""
+    """Compute the point (2,) where the camera's axis meets the ground, or the point at `FARTHEST_M` if that is nearer."""
     centre, axis = frustum.pose.centre, frustum.pose.R_cw[2]
     reach = -centre[2] / axis[2] if axis[2] * centre[2] < 0 else FARTHEST_M
     return np.asarray(centre[:2] + min(reach, FARTHEST_M) * axis[:2])

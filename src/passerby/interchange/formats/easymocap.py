@@ -1,15 +1,15 @@
 """EasyMocap: `intri.yml` and `extri.yml` in one folder, OpenCV's FileStorage (YAML 1.0).
 
-`names` lists the cameras. Of each NAME, `intri.yml` has `K_NAME` (3 x 3, pixels), `dist_NAME` (1 x 5: k1 k2 p1 p2 k3 of
+`names` lists the cameras. For each NAME, `intri.yml` has `K_NAME` (3 x 3, pixels), `dist_NAME` (1 x 5: k1 k2 p1 p2 k3 of
 OpenCV's pinhole), `H_NAME` and `W_NAME` (picture size; older files have none); `extri.yml` has `R_NAME` (rotation vector,
 3 x 1), `Rot_NAME` (the same as a matrix) and `T_NAME` (3 x 1): world to camera, `x_c = R X + T`, OpenCV's axes (x right,
-y down, z forward), metres. Pixels are OpenCV's: 0 is the middle of the first one. EasyMocap's world has z up, as here.
+y down, z forward), metres. Pixels are OpenCV's: 0 is the centre of the first one. EasyMocap's world has z up, as here.
 
 Source: `read_camera` and `write_camera` in easymocap/mytools/camera_utils.py (github.com/zju3dv/EasyMocap). EasyMocap
-projects with `K` and undistorts with `dist` by OpenCV's pinhole; its files have no place for a fisheye.
+projects with `K` and undistorts with `dist` by OpenCV's pinhole; its files cannot hold a fisheye.
 
-A NAME is part of keys and of the names of EasyMocap's folders: it holds ASCII letters, digits, `_` and `-` here. Where names
-have to change, the list `passerby_names` in `intri.yml`, which EasyMocap does not look at, keeps the true ones.
+A NAME is part of keys and of the names of EasyMocap's folders: it has ASCII letters, digits, `_` and `-` here. If names have
+to change, the list `passerby_names` in `intri.yml`, which EasyMocap ignores, keeps the true ones.
 """
 
 from __future__ import annotations
@@ -44,18 +44,18 @@ from passerby.interchange.storage.safe_parsing import NotParsed, parse_json
 INTRINSICS, EXTRINSICS = "intri.yml", "extri.yml"
 NAMES, TRUE_NAMES = "names", "passerby_names"
 LENS, POSE = ("K", "dist", "D", "H", "W"), ("R", "Rot", "T")
-"""Keys of a camera, before its name."""
+"""Prefixes of a camera's keys, before its name."""
 HEAD = "%YAML:1.0\n---\n"
-"""What OpenCV of every version reads; 5 writes %YAML 1.2 itself."""
+"""A first line that all versions of OpenCV read; OpenCV 5 itself writes %YAML 1.2."""
 FORBIDDEN = re.compile(r"[^A-Za-z0-9_-]")
 
 
 def write(export: Export, losses: Losses) -> Mapping[str, bytes]:
-    """Both files."""
+    """Write `intri.yml` and `extri.yml`."""
     rig = export.posed(losses)
     lenses = {camera.name: express_lens(camera, (RADTAN_5,), losses)[0] for camera in rig}
     names = tame_names(rig.names, FORBIDDEN)
-    # In quotes: OpenCV's own writer leaves those out where its reader then finds numbers (1e5).
+    # With quotes, which OpenCV's own writer omits: its reader would take a name such as 1e5 for a number.
     head = f"{HEAD}{NAMES}:\n" + "".join(f'  - "{name}"\n' for name in names.values())
     intrinsics, extrinsics = [head], [head]
     if any(name != tame for name, tame in names.items()):
@@ -78,17 +78,17 @@ def write(export: Export, losses: Losses) -> Mapping[str, bytes]:
 
 
 def _matrix_text(key: str, values: Floats) -> str:
-    """A matrix with all digits."""
+    """Format a matrix as OpenCV's YAML, with all digits."""
     data = ", ".join(map(repr, values.ravel().tolist()))
     return f"{key}: !!opencv-matrix\n  rows: {values.shape[0]}\n  cols: {values.shape[1]}\n  dt: d\n  data: [ {data} ]\n"
 
 
 def read(path: Path, given: Given) -> Rig:
-    """The cameras of `intri.yml` in a folder, with the poses that `extri.yml` has; the file `intri.yml` itself will do too."""
+    """Read the cameras of `intri.yml`, with the poses in `extri.yml` beside it. The path is `intri.yml` or its folder."""
     intrinsics = path / INTRINSICS if path.is_dir() else path
     values = _content(intrinsics)
     listed = values.get(NAMES)
-    # Numbers count as texts, as for EasyMocap.
+    # Numbers are read as texts, as in EasyMocap.
     names = [str(name) for name in listed if isinstance(name, (str, int))] if isinstance(listed, list) else []
     if not names:
         raise InputError(f"{intrinsics}: has no list `names`: is it another kind of file?")
@@ -110,7 +110,7 @@ def read(path: Path, given: Given) -> Rig:
 
 
 def _check_names(path: Path, poses: dict[Any, Any], names: list[str]) -> None:
-    """Raise `InputError` for poses of cameras that `intri.yml` does not have: they would be lost."""
+    """Raise `InputError` for poses of cameras that are not in `intri.yml`: they would be lost."""
     keys = (str(key).partition("_") for key, value in poses.items() if isinstance(value, dict))
     others = sorted({name for key, _, name in keys if key in POSE and name not in names}, key=natural_key)
     if others:
@@ -121,12 +121,12 @@ def _check_names(path: Path, poses: dict[Any, Any], names: list[str]) -> None:
 
 
 def _content(path: Path) -> dict[Any, Any]:
-    """A file's values. Read as YAML, not by OpenCV: `FileNode.mat` of OpenCV 5.0 writes beyond a matrix that lacks `cols`."""
+    """Read a file's values as YAML, not by OpenCV: `FileNode.mat` of OpenCV 5.0 writes beyond a matrix that lacks `cols`."""
     return table(str(path), load_yaml(path, "EasyMocap's calibration"), "table of OpenCV's matrices")
 
 
 def _read_true_names(told: Any, names: list[str]) -> list[str]:
-    """The names before they had to change; `names` where the file does not tell."""
+    """Return the cameras' true names; `names` if the file does not state them."""
     try:
         found = parse_json(told) if isinstance(told, str) else None
     except NotParsed:
@@ -137,7 +137,7 @@ def _read_true_names(told: Any, names: list[str]) -> list[str]:
 
 
 def _lens(place: str, values: dict[Any, Any], name: str, given: Given) -> Lens:
-    """A camera's lens; older files call the distortion `D_NAME`, or have none."""
+    """Read a camera's lens. In older files, the key of the distortion is `D_NAME`, or there is none."""
     matrix = _matrix(place, values, f"K_{name}", (3, 3))
     if matrix is None:
         raise InputError(f"{place}: K_{name} is missing: a 3 x 3 camera matrix is needed")
@@ -152,7 +152,7 @@ def _lens(place: str, values: dict[Any, Any], name: str, given: Given) -> Lens:
 
 
 def _pose(place: str, values: dict[Any, Any], name: str, metres: float) -> Pose | None:
-    """A camera's pose; None where the file has none. The rotation vector counts, as for EasyMocap; else the matrix."""
+    """Read a camera's pose; None if the file has none. As in EasyMocap, the rotation vector has priority over the matrix."""
     vector, matrix = _matrix(place, values, f"R_{name}", (3,)), _matrix(place, values, f"Rot_{name}", (3, 3))
     translation = _matrix(place, values, f"T_{name}", (3,))
     if vector is None and matrix is None and translation is None:
@@ -164,7 +164,7 @@ def _pose(place: str, values: dict[Any, Any], name: str, metres: float) -> Pose 
 
 
 def _matrix(place: str, values: dict[Any, Any], key: str, shape: tuple[int, ...]) -> Floats | None:
-    """The numbers of a matrix, None where there is none. Raises `InputError` for others than `shape` takes."""
+    """Read the numbers of a matrix; None if there is none. Raises `InputError` if they do not fit `shape`."""
     return None if values.get(key) is None else numbers(place, {key: matrix_data(values, key)}, key, shape)
 
 

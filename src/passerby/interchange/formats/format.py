@@ -1,10 +1,11 @@
-"""What every format of other tools has in common: its readers and writers, its losses, and how its files are recognised.
+"""Common parts of the formats of other tools: readers and writers, losses, and the recognition of files.
 
-A loss is whatever would make points project elsewhere, or drops a camera or a person: a lens that the format has no model for,
-a camera without a pose where poses are needed. Sigmas and the verdict are no losses: no other tool knows them.
+A loss is a difference by which points project to other pixels, or the omission of a camera or a person. Examples are a lens
+for which the format has no model, and a camera without a pose where poses are needed. Missing sigmas and a missing verdict are
+no losses: no other tool has them.
 
-What a file holds beyond lenses and poses, such as residuals and dates, moves no point. It is not read, and one line lists it,
-so that nothing is dropped without a word.
+Other content of a file, such as residuals and dates, moves no point. It is not read, and one line lists it, so that nothing is
+dropped silently.
 """
 
 from __future__ import annotations
@@ -31,26 +32,26 @@ if TYPE_CHECKING:
     from passerby.core.trajectories import Trajectories
 
 LISTED = 20
-"""Things that are named on the line of what is not read."""
+"""Largest number of items on the line that lists unread content."""
 PARSERS: Mapping[str, Callable[[str], Any]] = {
     ".json": parse_json, ".toml": parse_toml, ".yml": parse_safe_yaml, ".yaml": parse_safe_yaml, ".xml": parse_xml,
     ".xcp": parse_xml, ".txt": parse_xml,
 }  # fmt: skip
-"""By the ending of a file's name; a .txt is Qualisys' XML or nothing that needs parsing."""
+"""Ending of a file's name -> its parser. A .txt is Qualisys' XML, or a file that needs no parsing to be recognised."""
 
 
 @dataclass(frozen=True, eq=False)
 class Export:
-    """What is handed to another tool. World z up, ground at z = 0, metres."""
+    """A rig to export to another tool. World z up, ground at z = 0, metres."""
 
     rig: Rig
     name: str = "rig"
-    """Of the scene, for formats that have a place for it. Untrusted text, like the cameras' names."""
+    """Name of the scene, for formats that store it. Untrusted text, as are the cameras' names."""
     trajectories: Trajectories | None = None
     """People's trajectories, for formats that draw them."""
 
     def posed(self, losses: Losses) -> Rig:
-        """The cameras with poses; the others are losses. Raises `InputError` where there is none."""
+        """Return the cameras with poses; the others are losses. Raises `InputError` if no camera has a pose."""
         posed = self.rig.posed()
         if not len(posed):
             raise InputError(f"none of the {len(self.rig)} cameras has a pose: there is nothing to export")
@@ -60,10 +61,10 @@ class Export:
         return posed
 
     def with_lenses(self, losses: Losses) -> Rig:
-        """All cameras, for formats that need no poses. One that has neither a pose nor a lens that anybody knows is a loss.
+        """Return the cameras with a pose or a known lens, for formats that need no poses. The others are losses.
 
-        Without a pose no lens was estimated: another tool would take the guess for intrinsics.
-        Raises `InputError` where there is none.
+        The lens of a camera without a pose was not estimated: another tool would use a guessed lens as intrinsics.
+        Raises `InputError` if no camera is left.
         """
         known = [camera for camera in self.rig if camera.pose is not None or not _is_guess(camera.lens)]
         if not known:
@@ -75,28 +76,28 @@ class Export:
 
 
 def _is_guess(lens: Lens) -> bool:
-    """Whether a focal length could be that of any camera."""
+    """Check whether a focal length is a guess that could be that of any camera."""
     return lens.focal_sd is not None and lens.focal_sd >= LARGEST_FOCAL_SD
 
 
 class Losses:
-    """Gathers losses, so that all are reported at once."""
+    """The losses of an export or import, gathered so that all are reported together."""
 
     def __init__(self) -> None:
         self._told: list[str] = []
 
     def add(self, what: str) -> None:
-        """One loss: a sentence without full stop that names the camera, and how large the error is where that is known."""
+        """Add a loss: a sentence without full stop that names the camera and, if it is known, the size of the error."""
         if what not in self._told:
             self._told.append(what)
 
     @property
     def told(self) -> tuple[str, ...]:
-        """All of them, as they came."""
+        """All losses, in the order in which they were added."""
         return tuple(self._told)
 
     def forbid(self, place: str, format_name: str) -> None:
-        """Raise `InputError` that tells all losses where there are any."""
+        """Raise `InputError` that lists all losses, if there are any."""
         if self._told:
             raise InputError(
                 f"{place}: format {format_name} cannot hold everything: {'; '.join(self._told)}: add --lossy to continue, or "
@@ -105,24 +106,24 @@ class Losses:
 
 
 class Unread:
-    """Counts what readers find in a file and do not read, so that one line tells all of it."""
+    """Counts of the content of a file that readers do not read, for one line that lists it."""
 
     def __init__(self) -> None:
         self._counts: Counter[str] = Counter()
 
     def add(self, what: str) -> None:
-        """One thing that is not read: a key, or a few words."""
+        """Count one item that is not read: a key, or a few words."""
         self._counts[what] += 1
 
     def keys(self, found: Iterable[object], read: Collection[object]) -> None:
-        """The keys that are not among those that the reader knows; of a mapping, those with a value that says something."""
+        """Count the keys in `found` that are not in `read`. If `found` is a mapping, keys with an empty value do not count."""
         for key in found:
             if key not in read and not (isinstance(found, Mapping) and _is_empty(found[key])):
                 self.add(shortened_text(str(key)))
 
     @property
     def told(self) -> tuple[str, ...]:
-        """One sentence that lists everything, as it came; none where all was read."""
+        """One sentence that lists all unread items in the order in which they were added; empty if everything was read."""
         if not self._counts:
             return ()
         listed = [what if count == 1 else f"{what} ({count} times)" for what, count in self._counts.items()]
@@ -132,19 +133,19 @@ class Unread:
 
 @dataclass(frozen=True, eq=False)
 class Given:
-    """What a user says of a file where the file itself does not."""
+    """Values that the user states because the file does not, and the reports of the reader."""
 
     size: tuple[int, int] | None = None
     """(width, height) of the pictures, pixels."""
     metres_per_unit: float | None = None
-    """Of lengths in the file; None: as the file says, or the format's own unit."""
+    """Unit of lengths in the file, metres; None: the unit that the file states, or the format's own."""
     losses: Losses = field(default_factory=Losses)
-    """What is in the file and cannot be kept."""
+    """Content of the file that cannot be kept. Readers add to it."""
     unread: Unread = field(default_factory=Unread)
-    """What is in the file beyond lenses and poses, and is not read: readers add to it."""
+    """Content of the file beyond lenses and poses, which is not read. Readers add to it."""
 
     def size_of(self, place: str) -> tuple[int, int]:
-        """The size that the user gave. Raises `InputError`, beginning with `place`, where none was given."""
+        """Return the image size that the user stated. Raises `InputError`, which begins with `place`, if there is none."""
         if self.size is None:
             raise InputError(f"{place}: states no image size: give it with --size WIDTHxHEIGHT")
         return self.size
@@ -152,34 +153,34 @@ class Given:
 
 @dataclass(frozen=True, eq=False)
 class People:
-    """One camera's people as another tool found them."""
+    """People that another tool found in one camera."""
 
     boxes: Boxes
     keypoints: Keypoints
     notes: tuple[str, ...] = ()
-    """What is odd about the file."""
+    """Irregularities of the file, one sentence each."""
 
 
 @dataclass(frozen=True, eq=False)
 class FileSample:
-    """A file as formats look at it to recognise it."""
+    """A file that formats examine to recognise it."""
 
     path: Path
     data: bytes
 
     @property
     def name(self) -> str:
-        """The file's name in small letters."""
+        """The file's name in lower case."""
         return self.path.name.lower()
 
     @property
     def suffix(self) -> str:
-        """The ending of the name in small letters, with the dot."""
+        """The ending of the name in lower case, with the dot."""
         return self.path.suffix.lower()
 
     @cached_property
     def content(self) -> Any:
-        """What the file holds: the value of JSON, TOML or YAML, or the root of XML; None where it is none of them."""
+        """The parsed content: the value of JSON, TOML or YAML, or the root of XML; None if it is none of them."""
         if self.suffix not in PARSERS:
             return None
         try:
@@ -189,16 +190,16 @@ class FileSample:
 
     @property
     def table(self) -> dict[Any, Any]:
-        """The content where it is a table; else an empty one."""
+        """The content if it is a table, else an empty table."""
         return self.content if isinstance(self.content, dict) else {}
 
     @property
     def tag(self) -> str:
-        """The name of the root element where the content is XML; else empty."""
+        """The name of the root element if the content is XML, else empty."""
         return getattr(self.content, "tag", "")
 
     def has_elements(self, place: str) -> bool:
-        """Whether there is an element at that place below the root of XML."""
+        """Check whether there is an element at a path below the root of XML."""
         return bool(self.tag) and self.content.find(place) is not None
 
 
@@ -207,36 +208,37 @@ class Format:
     """A format of another tool."""
 
     name: str
-    """As `--format` takes it."""
+    """Name of the format for the option `--format`."""
     title: str
-    """What it is, in a few words."""
+    """Description in a few words."""
     tools: tuple[str, ...]
-    """Who opens it, or writes it."""
+    """Tools that open or write the format."""
     target: Literal["file", "folder"]
     suffixes: tuple[str, ...] = ()
-    """Endings that its file may have, the usual one first, with the dot; of a folder, those of the one
-    file that may stand for it, or none."""
+    """Endings that its file may have, with the dot, the usual one first. For a folder, endings of a single file that may
+    replace the folder; empty if there is no such file."""
     conventions: str = ""
     """Axes, direction of the transform, unit, pixel centre, lens models: one or two sentences for the documentation."""
     write: Callable[[Export, Losses], Mapping[str, bytes]] | None = None
-    """Pure: file name below the target -> content; "" is the target itself where that is a file. Losses are only added."""
+    """Pure function that returns file name below the target -> content; "" is the target itself if it is a file. It adds
+    losses."""
     read: Callable[[Path, Given], Rig] | None = None
-    """Cameras; a lens without a pose is a camera without a pose. Raises `InputError` (file, place, value, remedy)."""
+    """Reads cameras; a lens without a pose is a camera without a pose. Raises `InputError` (file, place, value, remedy)."""
     read_people: Callable[[Path, Given], People] | None = None
-    """One camera's boxes or joints. Raises `InputError`."""
+    """Reads one camera's boxes or joints. Raises `InputError`."""
     recognises: Callable[[FileSample], bool] | None = None
-    """Whether a file is a calibration of this format, or the part of it that has the intrinsics. Never raises."""
+    """Checks whether a file is a calibration of this format, or the part of it with the intrinsics. Never raises."""
     companions: frozenset[str] = frozenset()
-    """Of a folder: files below it that no reader takes for a camera, so that others of their kind may lie beside them."""
+    """For a folder: files below it that no reader takes for a camera. Other files of the same kind may be beside them."""
     draws_people: bool = False
-    """Whether it is a picture of the rig that people's trajectories belong to: an output folder's go along without being asked
-    for."""
+    """Whether the format shows the rig with people's trajectories. The trajectories of an output folder are then exported
+    without an option."""
     write_one: Callable[[Export, Losses], bytes] | None = None
-    """Of a folder: the same in one file, for a target with one of the suffixes."""
+    """For a folder: writes the same content as one file, for a target with one of the suffixes."""
 
 
 def _is_empty(value: object) -> bool:
-    """Whether a value is empty, or what tools write where they have none."""
+    """Check whether a value is empty, or one that tools write in place of an unknown value."""
     if isinstance(value, dict):
         return all(map(_is_empty, value.values()))
     if isinstance(value, (list, tuple)):
@@ -245,7 +247,7 @@ def _is_empty(value: object) -> bool:
 
 
 def sample_file(path: Path) -> FileSample | None:
-    """A file to look at; None for what is no file, cannot be read, or is larger than calibrations are."""
+    """Read a file that formats may recognise; None if it is no file, cannot be read, or is too large for a calibration."""
     try:
         if not path.is_file() or path.stat().st_size > LARGEST_BYTES:
             return None

@@ -1,8 +1,8 @@
-"""People as other tools' files have them, one record each, made into columns; frame numbers from file names.
+"""Conversion of people in other tools' files, one record each, to columns; frame numbers from file names.
 
-A name ends with its number, before its ending: `cam1_000012.jpg` is frame 12. What stands before the number is the same in all
-names of one recording; where it is not, it is unknown which of several numbers counts, or whether the names are of several
-recordings, and that is an error.
+The frame number is the last part of a name before its ending: `cam1_000012.jpg` is frame 12. The text before the number is the
+same in all names of one recording. If it differs, the frame number may be another number, or the names may be of several
+recordings; this is an error.
 """
 
 from __future__ import annotations
@@ -24,19 +24,19 @@ from passerby.interchange.formats.skeletons import find_known_joints, list_joint
 
 VISIBILITIES = (0.0, 1.0, 2.0)
 HIDDEN_CONFIDENCE = 0.5
-"""Of a joint that an annotator placed though it was hidden, as `passerby.interchange.coco` has it."""
+"""Confidence of a joint that an annotator placed though it was hidden, as in `passerby.interchange.coco`."""
 LARGEST = 2.0**53
-"""No picture has such a coordinate, and above it numbers of JSON and of numpy part."""
+"""Largest permitted number. Pictures have far smaller coordinates, and larger whole numbers of JSON are not exact in numpy."""
 BEYOND = "{} keypoints per person, of the face and the hands, are left out"
 RAISED = "frame numbers are those of a video counted from 0, and are raised by one"
 LARGEST_FRAME = 2**53
-"""Above it a float64, which other tools keep numbers in, no longer tells whole numbers apart."""
+"""Above this value, a float64, in which other tools store numbers, no longer distinguishes whole numbers."""
 _LAST_NUMBER = re.compile(r"(.*?)(\d+)$", re.DOTALL)
 
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """One person in one picture, as a file has it."""
+    """One person in one picture, as in the file."""
 
     frame: int
     identity: int = UNKNOWN
@@ -44,17 +44,17 @@ class Found:
     box: Floats | None = None
     """(4,) left, top, width, height in pixels."""
     joints: Floats | None = None
-    """(3 J,) x, y and confidence of each joint. 0 or less, or NaN: not found."""
+    """(3 J,) x, y and confidence of each joint. A confidence of 0 or less, or a NaN: the joint was not found."""
 
 
 @dataclass
 class _Notes:
-    """What is odd about a file."""
+    """Notes on irregularities of a file."""
 
     told: list[str] = field(default_factory=list)
 
     def count(self, number: int, one: str, many: str) -> None:
-        """Tell of so many, if any; `many` has a place for the number."""
+        """Add a note if `number` is not 0: `one` if it is 1, else `many`, which has a place for the number."""
         if number:
             self.told.append(one if number == 1 else many.format(number))
 
@@ -67,20 +67,20 @@ def people_of(
     visibilities: bool = False,
     raised: bool = False,
 ) -> People:
-    """The columns of one camera's people, sorted by frame and identity.
+    """Convert one camera's people to boxes and joints, sorted by frame and identity.
 
     Args:
-        found: everybody, in the file's order. All have the same joints.
-        place: what a message begins with.
-        names: the joints' names; None: as their number tells.
+        found: all people, in the file's order. All have the same joints.
+        place: beginning of messages.
+        names: the joints' names; None: they follow from the number of joints.
         raised: whether frame numbers were raised by one, which is reported.
-        visibilities: third numbers that are 0, 1 and 2, one of them 2, are COCO's: not labelled, hidden, visible.
+        visibilities: whether third numbers that are 0, 1 and 2, one of them 2, are COCO's: not labelled, hidden, visible.
 
     Raises:
         InputError: an unknown number of joints, people with different numbers, or a value that is not finite.
 
-    Confidences above 1 become 1. People without a joint, flat boxes, and what stands twice are left out; where an identity
-    is twice in a frame, the one of higher score keeps it. All that is in the notes.
+    Confidences above 1 become 1. People without a joint, flat boxes and duplicate rows are left out. If an identity occurs
+    twice in a frame, the person with the higher score keeps it. The notes report all of this.
     """
     notes = _Notes([RAISED] if raised and found else [])
     found = _keep_single_identities(found, notes)
@@ -90,9 +90,9 @@ def people_of(
 
 
 def numbers_in(values: Any, place: str, length: int | None = None) -> Floats:
-    """(N,) the numbers of a list out of a JSON file; NaN, which some tools write for what they did not find, among them.
+    """Read the numbers (N,) of a list in a JSON file. NaN is permitted: some tools write it for joints that were not found.
 
-    Raises `InputError` for another thing than a list of numbers, for infinite ones, and for another `length`.
+    Raises `InputError` if the value is not a list of numbers, if one is infinite, and if their count is not `length`.
     """
     if not isinstance(values, list):
         raise InputError(f"{place} is {shortened(values)}: a list of numbers is needed")
@@ -105,9 +105,9 @@ def numbers_in(values: Any, place: str, length: int | None = None) -> Floats:
 
 
 def identity_in(value: Any, place: str) -> int:
-    """An identity out of a JSON file: a whole number, equal ones in lists, or nothing.
+    """Read an identity in a JSON file: a whole number, equal numbers in nested lists, or nothing.
 
-    Below 0, and several different ones, are unknown. Raises `InputError` for other things.
+    Return `UNKNOWN` for a number below 0, for several different numbers, and for nothing. Raises `InputError` for other values.
     """
     several: set[int] = set()
     waiting = [value]
@@ -123,15 +123,15 @@ def identity_in(value: Any, place: str) -> int:
 
 
 def frame_in(value: Any, place: str) -> int:
-    """A frame number out of a JSON file. Raises `InputError` for other things than whole numbers from 0 on."""
+    """Read a frame number in a JSON file. Raises `InputError` for values that are not whole numbers from 0 on."""
     if type(value) is not int or not 0 <= value <= LARGEST:
         raise InputError(f"{place} is {shortened(value)}: a whole number from 0 on is needed")
     return value
 
 
 def _keep_single_identities(found: Sequence[Found], notes: _Notes) -> list[Found]:
-    """No person twice in a frame: the one of highest score keeps the identity. One that all have was never given by a
-    tracker.
+    """Make identities unique in each frame: the person with the highest score keeps it. If all people have the same identity,
+    no tracker assigned it, and it is removed.
     """
     best: dict[tuple[int, int], int] = {}
     doubled: set[int] = set()
@@ -162,7 +162,7 @@ def _drop_identity(one: Found) -> Found:
 
 
 def _keypoints(found: list[Found], place: str, names: tuple[str, ...] | None, visibilities: bool, notes: _Notes) -> Keypoints:
-    """The joints of those who have any."""
+    """Convert the joints of people who have any."""
     rows = [one.joints for one in found if one.joints is not None]
     if not rows:
         return Keypoints.empty()
@@ -189,7 +189,7 @@ def _keypoints(found: list[Found], place: str, names: tuple[str, ...] | None, vi
 
 
 def _names(length: int, given: tuple[str, ...] | None, place: str) -> tuple[str, ...]:
-    """The joints' names for so many numbers a person. Raises `InputError`."""
+    """Return the joints' names for `length` numbers a person. Raises `InputError`."""
     names = find_known_joints(length // 3) if given is None else standard_names(given)
     if given is not None and length != 3 * len(given):
         raise InputError(f"{place}: keypoints have {length} numbers, but the category has {len(given)} keypoints of 3 each")
@@ -201,7 +201,7 @@ def _names(length: int, given: tuple[str, ...] | None, place: str) -> tuple[str,
 
 
 def _confidences(third: Floats, visibilities: bool, notes: _Notes) -> Floats:
-    """(N, J) confidences from 0 to 1."""
+    """Convert the third numbers (N, J) of joints to confidences from 0 to 1."""
     if visibilities and third.size and third.max() == 2 and np.isin(third, VISIBILITIES).all():
         return np.asarray(np.select([third == 1, third == 2], [HIDDEN_CONFIDENCE, 1.0], 0.0))
     above = int(np.count_nonzero(third > 1))
@@ -215,7 +215,7 @@ def _confidences(third: Floats, visibilities: bool, notes: _Notes) -> Floats:
 
 
 def _boxes(found: list[Found], place: str, notes: _Notes) -> Boxes:
-    """The boxes of those who have one."""
+    """Convert the boxes of people who have one."""
     if not found:
         return Boxes.empty()
     ltwh = np.array([one.box for one in found])
@@ -235,7 +235,7 @@ def _boxes(found: list[Found], place: str, notes: _Notes) -> Boxes:
 
 
 def _drop_repeated(order: Any, rows: Floats, what: str, notes: _Notes) -> Any:
-    """The rows of `order` without those that repeat an earlier one."""
+    """Return the rows of `order` without those whose values repeat an earlier row."""
     kept: dict[bytes, int] = {}
     for row in order.tolist():
         kept.setdefault(rows[row].tobytes(), row)
@@ -248,14 +248,14 @@ def _as_integers(values: list[int]) -> Any:
 
 
 def frames_of_names(names: Iterable[str], place: str) -> Mapping[str, int]:
-    """The frame of each name, with or without a file's ending.
+    """Return the frame of each name, with or without a file's ending.
 
     Args:
-        names: of pictures or files, with their folders where these count.
-        place: what a message begins with.
+        names: names of pictures or files, with their folders if these must be equal.
+        place: beginning of messages.
 
     Raises:
-        InputError: a name does not end with a number; names differ in more than it; two names have one number.
+        InputError: a name does not end with a number; names differ in more than the number; two names have the same number.
     """
     found: dict[str, int] = {}
     name_of: dict[int, str] = {}

@@ -1,18 +1,18 @@
-"""FreeMoCap: its camera calibration TOML, which is Anipose's with the cameras' places in the world added.
+"""FreeMoCap's camera calibration TOML: Anipose's format with the cameras' positions in the world added.
 
 Each table has `name`, `size` [width, height], `matrix`, `distortions` (OpenCV's; a fisheye where `fisheye` is true),
 `rotation` (Rodrigues vector) and `translation`: world to camera, `x_c = R X + t`, OpenCV's axes (x right, y down, z forward)
 and pixels; and `world_orientation` (3 x 3) and `world_position`: camera to world, the camera's axes and centre in the world.
 Lengths are millimetres: FreeMoCap takes the unit of `charuco_square_size` in `[metadata]`, and asks for millimetres.
-`groundplane_calibration` there tells whether z is up from the floor; else the world is the first camera's frame.
+`groundplane_calibration` there states whether z is up from the floor; if not, the world is the first camera's frame.
 
 Source: freemocap 1.8.2, core_processes/capture_volume_calibration/anipose_camera_calibration/: `Camera`, `FisheyeCamera` and
-`CameraGroup` in freemocap_anipose.py, `get_real_world_matrices` in anipose_camera_calibrator.py. From there, too: tables are
-taken in the alphabetical order of their keys, and stand for the videos in the alphabetical order of their names, whatever the
-cameras are called. So cameras are written in the order of their names in small letters, as `cam_0` to `cam_9`, or `cam_00` to
-`cam_99` where there are more than ten.
+`CameraGroup` in freemocap_anipose.py, `get_real_world_matrices` in anipose_camera_calibrator.py. By the same source, FreeMoCap
+assigns the tables, in the alphabetical order of their keys, to the videos, in the alphabetical order of their names; the names
+of the cameras have no effect. Therefore cameras are written in the order of their names in lower case, as `cam_0` to `cam_9`,
+or `cam_00` to `cam_99` if there are more than ten.
 
-A file in which the board's square is 1 long has no unit that could be known: `--units` tells it.
+The unit of a file in which the board's square has length 1 is unknown: the user states it with `--units`.
 """
 
 from __future__ import annotations
@@ -38,14 +38,14 @@ from passerby.interchange.storage.safe_parsing import read_toml
 
 MILLIMETRES = 1000.0
 SAME_AGAIN = ("world_orientation", "world_position")
-"""Of a camera: its pose again, from camera to world."""
+"""Keys of a camera that repeat its pose, from camera to world."""
 READ_METADATA = ("units", "charuco_square_size", "groundplane_calibration")
 LEAST_COEFFICIENTS = 5
-"""FreeMoCap's own pinholes have five."""
+"""Least number of coefficients that are written: FreeMoCap's own pinholes have five."""
 
 
 def write(export: Export, losses: Losses) -> Mapping[str, bytes]:
-    """The file."""
+    """Write the rig as a FreeMoCap calibration file."""
     cameras = sorted(export.posed(losses), key=lambda camera: (camera.name.lower(), camera.name))
     digits = len(str(len(cameras) - 1))
     content: dict[str, Any] = {f"cam_{index:0{digits}d}": _table(camera, losses) for index, camera in enumerate(cameras)}
@@ -54,7 +54,7 @@ def write(export: Export, losses: Losses) -> Mapping[str, bytes]:
 
 
 def _table(camera: Camera, losses: Losses) -> dict[str, Any]:
-    """One camera."""
+    """Return the table of a camera."""
     assert camera.pose is not None
     lens, _ = express_lens(camera, (RATIONAL_8, TILTED_14, FISHEYE), losses)
     if not lens.fisheye:
@@ -68,7 +68,7 @@ def _table(camera: Camera, losses: Losses) -> dict[str, Any]:
 
 
 def read(path: Path, given: Given) -> Rig:
-    """The cameras in FreeMoCap's order, the alphabetical one of their keys."""
+    """Read the cameras in FreeMoCap's order, the alphabetical order of their keys."""
     content = read_toml(path, "a calibration of FreeMoCap (TOML)")
     tables = {key: content[key] for key in sorted(content) if key != METADATA}
     if not tables or not all(isinstance(table, dict) and "matrix" in table for table in tables.values()):
@@ -84,7 +84,7 @@ def read(path: Path, given: Given) -> Rig:
 
 
 def _metres_per_unit(path: Path, metadata: dict[str, Any]) -> float:
-    """Millimetres, unless the file tells another unit. Raises `InputError` where the unit is the board's square."""
+    """Return the unit of length in metres, by default millimetres. Raises `InputError` if the unit is the board's square."""
     if metadata.get("charuco_square_size") == 1:
         raise InputError(
             f"{path}: lengths are in squares of the board (charuco_square_size = 1): state the unit, as in --units mm"

@@ -4,17 +4,17 @@ One YAML file with `cameras`, to be copied into Frigate's configuration: each ca
 corners as shares of width and height, and `distances`, the sides in metres between the corners in their order (Frigate's
 `unit_system` must be metric).
 
-Frigate knows the ground by those four lengths alone. It takes metres a pixel along the upper and lower side, and along the
-left and right one, interpolates each pair over the zone and takes the mean of the two. But a step towards the camera covers
-fewer pixels than the same step across, and by how many depends on how steeply the camera looks down: from 55 degrees below the
-horizon on, all speeds can be right within 10 %, from 30 degrees barely within 30 %. `speed_errors` computes by how much
-Frigate's speeds are off inside a zone, and the zone that is written is the largest one within 10 %, or else the one with the
+Frigate knows the ground only by these four lengths. It computes the metres per pixel along the upper and the lower side, and
+along the left and the right side, interpolates each pair over the zone and takes the mean of the two. But a step towards the
+camera covers fewer pixels than the same step across. The difference depends on the camera's angle below the horizon: from 55
+degrees on, all speeds can be right within 10 %, from 30 degrees barely within 30 %. `speed_errors` computes the errors of
+Frigate's speeds inside a zone. The zone that is written is the largest one with errors within 10 %, or else the one with the
 smallest error; a comment states the error.
 
 Sources: frigate/util/velocity.py and frigate/config/camera/zone.py of github.com/blakeblackshear/frigate; "Speed Estimation" in
 docs.frigate.video/configuration/zones.
 
-Pixels and the points of the ground z = 0 that they show, through a camera's own lens.
+`ground_points` maps pixels to the points of the ground z = 0 that they show, through the camera's own lens.
 """
 
 from __future__ import annotations
@@ -34,21 +34,23 @@ from passerby.interchange.formats.values import tame_names
 
 FORBIDDEN, FIRST = re.compile(r"[^A-Za-z0-9_-]"), re.compile(r"[A-Za-z0-9]")
 ZONE = "ground_"
-"""Before the camera's name: no zone may be called as a camera."""
+"""Prefix of a zone's name before the camera's name: a zone must not have the name of a camera."""
 GOOD = 0.10
-"""Share of the true speed that Frigate's may be off in a zone that counts as good."""
+"""Largest error of Frigate's speeds in a good zone, as a share of the true speed."""
 SHORTEST_M, FARTHEST_M = 1.5, 60.0
-"""Of a zone's sides: people cross it in a second at least. Of its corners from the camera."""
+"""Least length of a zone's sides, so that people need at least a second to cross it; largest distance of its corners from the
+camera."""
 MARGIN = 0.04
-"""Of the image's sides, beyond which people leave the image: Frigate advises to keep zones away from its edges."""
+"""Least distance of a zone from the image's edges, as a share of its sides. People leave the image there, and Frigate advises
+to keep zones away from the edges."""
 PLACES = np.linspace(0.14, 0.86, 7)
 EXTENTS = (0.08, 0.13, 0.2, 0.3, 0.45)
-"""Zones that are tried: middles and sizes, as shares of width and height."""
+"""Centres and sizes of the zones that are tried, as shares of width and height."""
 SAMPLES = (0.05, 0.35, 0.65, 0.95)
-"""Where in a zone, along both sides, speeds are compared."""
+"""Positions in a zone, as shares along both sides, at which speeds are compared."""
 DIRECTIONS = np.linspace(0, np.pi, 8, endpoint=False)
 STEP_M = 0.05
-"""A step of a person between whose pixels a speed is measured."""
+"""Length of the step of a person from which a speed is computed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,18 +60,18 @@ class SpeedZone:
     corners: Floats
     """(4, 2) pixels: upper left, upper right, lower right, lower left."""
     sides_m: Floats
-    """(4,) lengths on the ground from each corner to the next."""
+    """(4,) lengths on the ground from each corner to the next, metres."""
     errors: tuple[float, float]
-    """Smallest and largest error of Frigate's speeds in it, as shares of the true ones."""
+    """Smallest and largest error of Frigate's speeds in the zone, as shares of the true speeds."""
 
     @property
     def worst(self) -> float:
-        """The largest error, whatever its sign."""
+        """Largest absolute error."""
         return max(-self.errors[0], self.errors[1])
 
 
 def write(export: Export, losses: Losses) -> Mapping[str, bytes]:
-    """The one file. Cameras that see too little ground are losses."""
+    """Write the zones as a Frigate configuration file. Cameras that see too little ground are losses."""
     rig = export.posed(losses)
     names = tame_names(rig.names, FORBIDDEN, FIRST)
     comments, cameras = [], {}
@@ -96,7 +98,7 @@ def write(export: Export, losses: Losses) -> Mapping[str, bytes]:
 
 
 def propose_zone(camera: Camera) -> SpeedZone | None:
-    """The largest zone in which Frigate's speeds are good, or else that in which they are best; None without enough ground."""
+    """Find the largest zone with good speeds in Frigate, else the zone with the least error; None without enough ground."""
     best, reached = None, (False, -np.inf)
     for corners in _candidates(camera):
         if not side_lengths(camera, corners).min() >= SHORTEST_M:
@@ -111,7 +113,7 @@ def propose_zone(camera: Camera) -> SpeedZone | None:
 
 
 def zone_at(camera: Camera, corners: Floats) -> SpeedZone | None:
-    """The zone with these corners (4, 2), pixels in order around it; None where one of them, or its inside, shows no ground."""
+    """Compute the zone with corners (4, 2), pixels in order around it; None if a corner or its inside shows no ground."""
     sides = side_lengths(camera, corners)
     errors = speed_errors(camera, corners, sides)
     if not np.isfinite(sides).all() or not np.isfinite(errors).all():
@@ -120,9 +122,9 @@ def zone_at(camera: Camera, corners: Floats) -> SpeedZone | None:
 
 
 def side_lengths(camera: Camera, corners: Floats) -> Floats:
-    """(4,) metres on the ground from each corner of a zone, (4, 2) pixels, to the next; NaN where one shows no ground.
+    """Compute the lengths (4,) on the ground, metres, from each corner of a zone, pixels (4, 2), to the next.
 
-    Corners farther than `FARTHEST_M` from the camera count as none.
+    A length is NaN if a corner shows no ground, or is farther than `FARTHEST_M` from the camera.
     """
     points = ground_points(camera, corners)
     far = np.linalg.norm(points - camera.centre[:2], axis=1) > FARTHEST_M
@@ -131,15 +133,15 @@ def side_lengths(camera: Camera, corners: Floats) -> Floats:
 
 
 def speed_errors(camera: Camera, corners: Floats, sides_m: Floats) -> Floats:
-    """How far Frigate's speeds are off in a zone, over its inside and all directions of walking.
+    """Compute the errors of Frigate's speeds in a zone, over its inside and all directions of walking.
 
     Args:
-        camera: with a pose.
+        camera: a camera with a pose.
         corners: (4, 2) pixels, in order around the zone.
         sides_m: (4,) lengths of its sides, as configured in Frigate.
 
     Returns:
-        (N,) Frigate's speed over the true one, less 1; NaN where the zone shows no ground.
+        (N,) Frigate's speed divided by the true speed, minus 1; NaN where the zone shows no ground.
     """
     u, v = (part.ravel() for part in np.meshgrid(SAMPLES, SAMPLES))
     a, b, c, d = corners
@@ -153,10 +155,10 @@ def speed_errors(camera: Camera, corners: Floats, sides_m: Floats) -> Floats:
 
 
 def metres_per_pixel(corners: Floats, sides_m: Floats, pixels: Floats) -> Floats:
-    """(N,) metres a pixel at pixels (N, 2), as Frigate interpolates them from a zone's sides.
+    """Compute the metres per pixel (N,) at pixels (N, 2), as Frigate interpolates them from a zone's sides.
 
-    It begins with the corner whose coordinates have the smallest sum, and counts left to right from there to the next corner,
-    downwards from there to the last one.
+    Frigate begins with the corner whose coordinates have the smallest sum. The direction from there to the next corner is left
+    to right, the direction from there to the last corner is downwards.
     """
     first = int(np.argmin(corners.sum(axis=1)))
     corners, sides_m = np.roll(corners, -first, axis=0), np.roll(sides_m, -first)
@@ -168,7 +170,7 @@ def metres_per_pixel(corners: Floats, sides_m: Floats, pixels: Floats) -> Floats
 
 
 def _candidates(camera: Camera) -> Iterator[Floats]:
-    """(4, 2) corners of rectangles in the image that show ground not too far away, in an order that never changes."""
+    """Generate the corners (4, 2) of rectangles whose centres show ground within `FARTHEST_M`, always in the same order."""
     size = np.array(camera.lens.size, dtype=np.float64)
     for y in PLACES:
         for x in PLACES:
@@ -182,17 +184,17 @@ def _candidates(camera: Camera) -> Iterator[Floats]:
 
 
 def _area(camera: Camera, corners: Floats) -> float:
-    """Square metres of ground in a zone (the shoelace formula)."""
+    """Compute the area of the ground in a zone, square metres (the shoelace formula)."""
     x, y = ground_points(camera, corners).T
     return float(abs(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1))) / 2)
 
 
 def ground_points(camera: Camera, pixels: Floats) -> Floats:
-    """Where the rays of pixels meet the ground.
+    """Intersect the rays of pixels with the ground.
 
     Args:
-        camera: with a pose; world z up, ground at z = 0, metres.
-        pixels: (N, 2), as the picture has them, distortion and all.
+        camera: a camera with a pose; world z up, ground at z = 0, metres.
+        pixels: (N, 2) pixels of the original picture, with distortion.
 
     Returns:
         (N, 2) world x and y, metres; NaN for a ray that does not meet the ground ahead of the camera.

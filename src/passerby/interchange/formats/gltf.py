@@ -3,10 +3,10 @@
 glTF's world is right-handed with y up; a camera looks along its -z with y up in the picture. A root node turns the rig's world
 (z up) by -90 degrees about x; below it everything has the rig's own coordinates, metres. Each camera is a node with its name
 and a perspective camera (vertical field of view, aspect ratio); beside it is its frustum as a mesh, drawn through its true
-lens. glTF's perspective camera has its axis in the middle of the picture and no distortion: a lens that is different is a loss
-of that node, not of the frustum; the nearest camera is written, and the true lens, in OpenCV's terms, is kept in the node's
-`extras`. Each person is a node with a line strip a stretch; the vertex attributes `_TIME_S` and `_CAMERAS` are the rig's time
-and how many cameras saw the person (0: a place between others).
+lens. glTF's perspective camera has its axis in the centre of the picture and no distortion. A different lens is a loss of the
+camera's node, not of the frustum: the nearest camera is written, and the true lens, in OpenCV's parameters, is kept in the
+node's `extras`. Each person is a node with one line strip for each stretch; the vertex attributes `_TIME_S` and `_CAMERAS` are
+the rig's time and the number of cameras that saw the person (0: a position between others).
 
 Khronos Group, "glTF 2.0 Specification"; extension KHR_materials_unlit, so that colours need no light.
 """
@@ -34,9 +34,9 @@ from passerby.interchange.formats.lens_models import PINHOLE, express_lens
 
 PERSPECTIVE = replace(PINHOLE, name="a perspective camera with its axis in the middle", centred=True)
 CV_TO_GLTF = np.diag([1.0, -1.0, -1.0])
-"""From OpenCV's camera axes to glTF's, and back."""
+"""Conversion from OpenCV's camera axes to glTF's, and back."""
 Z_UP_TO_Y_UP = [-math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)]
-"""x, y, z, w: (x, y, z) becomes (x, z, -y)."""
+"""Quaternion x, y, z, w of the rotation that maps (x, y, z) to (x, z, -y)."""
 NEAR_M, FAR_M = 0.05, 1000.0
 SEE_THROUGH = 0.25
 """Opacity of the frusta's sides."""
@@ -56,12 +56,12 @@ class _Builder:
         self._materials: dict[tuple[Colour, float], int] = {}
 
     def add(self, kind: str, **item: Any) -> int:
-        """Append to one of the file's lists; its place there."""
+        """Append an item to one of the file's lists, and return its index there."""
         self.lists.setdefault(kind, []).append(item)
         return len(self.lists[kind]) - 1
 
     def accessor(self, values: Floats | NDArray[np.int64], target: int) -> int:
-        """Store (N, 3) vectors, (N,) numbers or, for `INDICES`, (N,) whole numbers."""
+        """Store vectors (N, 3), numbers (N,) or, for `INDICES`, whole numbers (N,). Return the index of the accessor."""
         whole = target == INDICES
         array = np.ascontiguousarray(values, dtype="<u4" if whole else "<f4")
         view = self.add("bufferViews", buffer=0, byteOffset=len(self.data), byteLength=array.nbytes, target=target)
@@ -73,7 +73,7 @@ class _Builder:
         )  # fmt: skip
 
     def material(self, colour: Colour, opacity: float = 1.0) -> int:
-        """A flat colour, seen from both sides."""
+        """Return the index of the material of a flat colour, visible from both sides."""
         if (colour, opacity) not in self._materials:
             blend = {} if opacity == 1 else {"alphaMode": "BLEND"}
             factor = {
@@ -87,7 +87,7 @@ class _Builder:
         return self._materials[colour, opacity]
 
     def document(self, scene: dict[str, Any], buffer: dict[str, Any]) -> bytes:
-        """The JSON."""
+        """Format the JSON of the file."""
         content = {
             "asset": {"version": "2.0", "generator": f"Passerby {__version__}"},
             "extensionsUsed": ["KHR_materials_unlit"],
@@ -100,7 +100,7 @@ class _Builder:
 
 
 def write_glb(rig: Export, losses: Losses) -> Mapping[str, bytes]:
-    """The binary form. A camera without a pose, and a lens that is no perspective camera's, are losses."""
+    """Write the rig as binary glTF. A camera without a pose, and a lens that differs from a perspective camera, are losses."""
     scene, built = _build_scene(rig, losses)
     text, data = built.document(scene, {}), bytes(built.data)
     text += b" " * (-len(text) % 4)
@@ -110,14 +110,14 @@ def write_glb(rig: Export, losses: Losses) -> Mapping[str, bytes]:
 
 
 def write_gltf(rig: Export, losses: Losses) -> Mapping[str, bytes]:
-    """The form as text; losses as for `write_glb`."""
+    """Write the rig as glTF text; losses as for `write_glb`."""
     scene, built = _build_scene(rig, losses)
     data = base64.b64encode(built.data).decode("ascii")
     return {"": built.document(scene, {"uri": f"data:application/octet-stream;base64,{data}"}) + b"\n"}
 
 
 def _build_scene(rig: Export, losses: Losses) -> tuple[dict[str, Any], _Builder]:
-    """The scene and all it refers to."""
+    """Build the scene and all objects that it uses."""
     drawing = draw(rig.posed(losses), rig.trajectories)
     built = _Builder()
     cameras = [node for frustum in drawing.frusta for node in _camera(built, frustum, losses)]
@@ -130,7 +130,7 @@ def _build_scene(rig: Export, losses: Losses) -> tuple[dict[str, Any], _Builder]
 
 
 def _camera(built: _Builder, frustum: Frustum, losses: Losses) -> tuple[int, int]:
-    """The nodes of a camera and of its frustum, beside each other: some readers lose what hangs below a camera."""
+    """Add the nodes of a camera and of its frustum. They are siblings, because some readers lose the children of a camera."""
     camera = frustum.camera
     lens, _ = express_lens(camera, (PERSPECTIVE,), losses, " (the frustum keeps the true lens)")
     (width, height), matrix = lens.size, lens.matrix
@@ -168,7 +168,7 @@ def _camera(built: _Builder, frustum: Frustum, losses: Losses) -> tuple[int, int
 
 
 def _lens_as_text(lens: Lens) -> dict[str, Any]:
-    """The true lens in OpenCV's terms."""
+    """Return the true lens in OpenCV's parameters."""
     return {
         "size": list(lens.size),
         "matrix": lens.matrix.tolist(),
@@ -185,7 +185,7 @@ def _ground(built: _Builder, drawing: Drawing) -> int:
 
 
 def _person(built: _Builder, way: Way) -> int:
-    """The node of a person: one line strip per interval, a point where a stretch is one place."""
+    """Add the node of a person: one line strip for each stretch, or a point if the stretch has only one position."""
     name = f"person {way.identity}"
     material = built.material(way.colour)
     strips = []
@@ -201,7 +201,7 @@ def _person(built: _Builder, way: Way) -> int:
 
 
 def _linearise_colour(value: int) -> float:
-    """A number of a colour as text has it (sRGB, 0 to 255) as glTF's factors have it (linear, 0 to 1)."""
+    """Convert a colour component from sRGB (0 to 255) to glTF's linear factor (0 to 1)."""
     share = value / 255
     return share / 12.92 if share <= 0.04045 else ((share + 0.055) / 1.055) ** 2.4
 

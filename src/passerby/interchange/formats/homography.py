@@ -1,4 +1,4 @@
-"""Homographies: from each camera's image to the ground, with what removes the lens's distortion beside them.
+"""Homographies from each camera's image to the ground, with the lens parameters that are needed to remove the distortion.
 
 One JSON file. `cameras` has a table for each camera, by its name:
 
@@ -9,11 +9,11 @@ One JSON file. `cameras` has a table for each camera, by its name:
     undistorted_to_ground  3 x 3: an undistorted pixel (u, v, 1) -> (x, y, 1) on the ground up to scale, metres
     ground_to_undistorted  3 x 3: its inverse
 
-An undistorted pixel is what `cv2.undistortPoints(pixels, camera_matrix, distortion, P=camera_matrix)` gives, for a fisheye
-`cv2.fisheye.undistortPoints` likewise. Neither takes a skew from the camera matrix: the homographies hold that of a lens
-without distortion, and that of any other lens is a loss. Both homographies have unit norm. A pixel above the horizon shows no
-ground and maps to a point behind the camera: the third component of `undistorted_to_ground @ (u, v, 1)` is positive for pixels
-that show the ground, and negative above the horizon.
+`cv2.undistortPoints(pixels, camera_matrix, distortion, P=camera_matrix)` computes the undistorted pixels, for a fisheye
+`cv2.fisheye.undistortPoints`. Neither function uses a skew in the camera matrix. Therefore the homographies include the skew of
+a lens without distortion; the skew of any other lens is a loss. Both homographies have unit norm. A pixel above the horizon
+shows no ground and maps to a point behind the camera: the third component of `undistorted_to_ground @ (u, v, 1)` is positive
+for pixels that show the ground, and negative above the horizon.
 
 R. Hartley and A. Zisserman, "Multiple View Geometry in Computer Vision", 2nd edition, section 8.1.1: the map from the plane
 z = 0 to the image is K [r1 r2 t].
@@ -32,11 +32,11 @@ from passerby.interchange.formats.lens_models import OPENCV, PINHOLE_SKEWED, exp
 from passerby.interchange.storage.text_formats import to_json
 
 LOWEST_M = 1e-6
-"""A camera in the ground plane sees the ground as a line."""
+"""Least height of a camera above or below the ground. A camera in the ground plane sees the ground as a line."""
 
 
 def write(export: Export, losses: Losses) -> Mapping[str, bytes]:
-    """The one file. Cameras without a pose, and in the plane of the ground, are losses, and lenses both bent and skewed."""
+    """Write the homographies as JSON. Losses: cameras without a pose or in the ground plane; skew of lenses with distortion."""
     cameras = {}
     for camera in export.posed(losses):
         if abs(camera.centre[2]) < LOWEST_M:
@@ -47,14 +47,14 @@ def write(export: Export, losses: Losses) -> Mapping[str, bytes]:
 
 
 def _lens(camera: Camera, losses: Losses) -> Lens:
-    """The camera's lens, skewed only where it has no distortion."""
+    """Return the camera's lens, with a skew only if it has no distortion."""
     if not camera.lens.matrix[0, 1]:
         return camera.lens
     return express_lens(camera, (PINHOLE_SKEWED, *OPENCV), losses)[0]
 
 
 def _table(camera: Camera, lens: Lens) -> dict[str, Any]:
-    """One camera. A depth, the third component of the map to the image, is positive in front of it."""
+    """Return the table of a camera. The third component of the map to the image is a depth, positive in front of the camera."""
     assert camera.pose is not None
     to_image = lens.matrix @ np.column_stack([camera.pose.R_cw[:, :2], camera.pose.t_cw])
     to_ground = np.linalg.inv(to_image)

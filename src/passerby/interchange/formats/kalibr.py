@@ -1,24 +1,23 @@
 """Kalibr: a camera chain (camchain.yaml), with tables `cam0`, `cam1` and so on.
 
 Each has `camera_model`, `intrinsics`, `distortion_model`, `distortion_coeffs`, `resolution` [width, height], `rostopic` and,
-but for `cam0`, `T_cn_cnm1`: 4 x 4, from the previous camera's frame to its own, `x_n = T x_(n-1)`, OpenCV's axes (x right,
+except `cam0`, `T_cn_cnm1`: 4 x 4, from the previous camera's frame to its own, `x_n = T x_(n-1)`, OpenCV's axes (x right,
 y down, z forward), metres. `pinhole` has intrinsics [fu, fv, pu, pv]; `radtan` has k1 k2 p1 p2 of OpenCV's pinhole,
-`equidistant` k1 k2 k3 k4 of OpenCV's fisheye. Pixels are OpenCV's: 0 is the middle of the first one.
+`equidistant` k1 k2 k3 k4 of OpenCV's fisheye. Pixels are OpenCV's: 0 is the centre of the first one.
 
 Sources: github.com/ethz-asl/kalibr/wiki/yaml-formats; `CameraParameters` and `CameraChainParameters` in its
-kalibr_common/ConfigReader.py; RadialTangentialDistortion.hpp and EquidistantDistortion.hpp of its aslam_cameras. From there,
-too: focal lengths and principal points must be floating-point numbers; every key at the top counts as a camera; a pinhole
+kalibr_common/ConfigReader.py; RadialTangentialDistortion.hpp and EquidistantDistortion.hpp of its aslam_cameras. By the same
+sources, focal lengths and principal points must be floating-point numbers; every key at the top level is a camera; a pinhole
 with `distortion_model: none` gets no geometry, so a lens without distortion is written as radtan with zeros.
 
-Kalibr has no world. `T_cam_world` in `cam0`, an extra key that Kalibr does not look at, holds world to camera, 4 x 4, named
-as its T_cam_imu is. Without it, a chain's world is the frame of cam0: z forward, not up. Cameras' names mean nothing to
-Kalibr; the extra key `camera_name` keeps them, and `rostopic` has them as ROS allows.
+Kalibr has no world. `T_cam_world` in `cam0`, an extra key that Kalibr ignores, holds world to camera, 4 x 4; the name follows
+Kalibr's T_cam_imu. Without it, a chain's world is the frame of cam0: z forward, not up. Kalibr does not use names of cameras;
+the extra key `camera_name` keeps them, and `rostopic` has them in the characters that ROS permits.
 
 Kalibr's models omni, ds, eucm and pinhole with fov are only read, and fitted by OpenCV's fisheye or pinhole: a loss.
 
-Projections of Kalibr's camera models that OpenCV's pinhole and fisheye do not have.
-
-From aslam_cameras of github.com/ethz-asl/kalibr: OmniProjection.hpp (C. Mei and P. Rives, Single View Point Omnidirectional
+Sources of the projections that OpenCV's pinhole and fisheye do not have:
+aslam_cameras of github.com/ethz-asl/kalibr: OmniProjection.hpp (C. Mei and P. Rives, Single View Point Omnidirectional
 Camera Calibration from Planar Grids, ICRA 2007), DoubleSphereProjection.hpp (V. Usenko et al., The Double Sphere Camera Model,
 3DV 2018), ExtendedUnifiedProjection.hpp (B. Khomutenko et al., An Enhanced Unified Camera Model, RA-L 2016) and
 FovDistortion.hpp (F. Devernay and O. Faugeras, Straight lines have to be straight, MVA 2001).
@@ -59,14 +58,14 @@ READ = (
     "camera_model", "distortion_coeffs", "distortion_model", "intrinsics", "resolution", "rostopic", "camera_name", "T_cn_cnm1",
     "T_cam_world",
 )  # fmt: skip
-"""Keys of a camera. The topic is where its images come from."""
+"""Keys of a camera that are known. `rostopic` is the ROS topic of its images."""
 MODELS = ("pinhole", "omni", "ds", "eucm")
 INTRINSICS = {"pinhole": 4, "omni": 5, "ds": 6, "eucm": 6}
-"""How many numbers each model has; the last four are fu, fv, pu, pv."""
+"""Model -> number of its intrinsics; the last four are fu, fv, pu, pv."""
 
 
 def write(export: Export, losses: Losses) -> Mapping[str, bytes]:
-    """The chain, in the rig's order."""
+    """Write the cameras as a chain, in the rig's order."""
     rig = export.posed(losses)
     topics = tame_names(rig.names, FORBIDDEN_IN_ROS, LETTER)
     chain: dict[str, Any] = {}
@@ -95,7 +94,7 @@ def write(export: Export, losses: Losses) -> Mapping[str, bytes]:
 
 
 def read(path: Path, given: Given) -> Rig:
-    """The cameras of a chain, in its order."""
+    """Read the cameras of a chain, in its order."""
     content = table(str(path), load_yaml(path, "a camera chain of Kalibr"), "camera chain")
     found = {int(match[1]): content[key] for key in content if (match := CAMERA_KEY.fullmatch(str(key)))}
     if not found:
@@ -120,7 +119,7 @@ def read(path: Path, given: Given) -> Rig:
 
 
 def _pose(place: str, values: dict[Any, Any], previous: Pose | None, metres: float) -> Pose | None:
-    """World to camera: as stated, else after the previous camera; None where the file states neither."""
+    """Read the pose, world to camera: as stated, else relative to the previous camera; None if the file states neither."""
     if values.get("T_cam_world") is not None:
         return rigid(f"{place}: T_cam_world", numbers(place, values, "T_cam_world", (4, 4)), metres)
     if values.get("T_cn_cnm1") is None:
@@ -134,7 +133,7 @@ def _pose(place: str, values: dict[Any, Any], previous: Pose | None, metres: flo
 
 
 def _lens(place: str, values: dict[Any, Any], losses: Losses) -> Lens:
-    """A camera's lens; one of a model that OpenCV does not have is fitted."""
+    """Read a camera's lens. A lens of a model that OpenCV does not have is fitted."""
     model, distortion = str(values.get("camera_model")), str(values.get("distortion_model", "none"))
     if model not in MODELS or distortion not in COEFFICIENTS:
         raise InputError(
@@ -170,9 +169,9 @@ def _recognises(sample: FileSample) -> bool:
 
 
 def projection(place: str, model: str, intrinsics: Floats, distortion: str, coefficients: Floats) -> Callable[[Floats], Floats]:
-    """The function from (N, 3) points in the camera's frame to (N, 2) pixels, NaN where the model has none.
+    """Return the function from points (N, 3) in the camera's frame to pixels (N, 2), NaN where the model has none.
 
-    Raises `InputError`, beginning with `place`, for a combination that Kalibr does not have either.
+    Raises `InputError`, which begins with `place`, for a combination of models that Kalibr does not have.
     """
     own = intrinsics[:-4].tolist()
     fx, fy, cx, cy = intrinsics[-4:].tolist()
@@ -195,19 +194,19 @@ def projection(place: str, model: str, intrinsics: Floats, distortion: str, coef
 
 
 def _divide_by_depth(points: Floats, depth: Floats, valid: NDArray[np.bool_]) -> Floats:
-    """(N, 2) x and y over a depth; NaN where that is not valid."""
+    """Divide x and y (N, 2) by a depth; NaN where the depth is not valid or not positive."""
     return np.where((valid & (depth > 0))[:, None], points[:, :2] / depth[:, None], np.nan)
 
 
 def _omni(points: Floats, xi: float) -> Floats:
-    """On the unit sphere, seen from xi behind its middle."""
+    """Project onto the unit sphere, then from a point xi behind its centre onto the plane."""
     length = np.linalg.norm(points, axis=1)
     limit = xi if xi <= 1 else 1 / xi
     return _divide_by_depth(points, points[:, 2] + xi * length, points[:, 2] > -limit * length)
 
 
 def _project_double_sphere(points: Floats, xi: float, alpha: float) -> Floats:
-    """Through two unit spheres, xi apart."""
+    """Project through two unit spheres whose centres are xi apart."""
     length = np.linalg.norm(points, axis=1)
     shifted = xi * length + points[:, 2]
     second = np.hypot(np.hypot(points[:, 0], points[:, 1]), shifted)
@@ -217,14 +216,14 @@ def _project_double_sphere(points: Floats, xi: float, alpha: float) -> Floats:
 
 
 def _unified(points: Floats, alpha: float, beta: float) -> Floats:
-    """On an ellipsoid."""
+    """Project through an ellipsoid (extended unified camera model)."""
     length = np.sqrt(beta * (points[:, 0] ** 2 + points[:, 1] ** 2) + points[:, 2] ** 2)
     limit = alpha / (1 - alpha) if alpha <= 0.5 else (1 - alpha) / alpha
     return _divide_by_depth(points, alpha * length + (1 - alpha) * points[:, 2], points[:, 2] > -limit * length)
 
 
 def _fov(points: Floats, w: float) -> Floats:
-    """A pinhole whose radius is an angle: r_d = atan(2 r tan(w / 2)) / w."""
+    """Project by a pinhole whose distorted radius is an angle: r_d = atan(2 r tan(w / 2)) / w."""
     plane = _divide_by_depth(points, points[:, 2], points[:, 2] > 0)
     radius = np.linalg.norm(plane, axis=1)
     scale = np.where(radius > 1e-9, np.arctan(2 * radius * np.tan(w / 2)) / (w * radius), 2 * np.tan(w / 2) / w)
@@ -232,7 +231,7 @@ def _fov(points: Floats, w: float) -> Floats:
 
 
 def _radtan(plane: Floats, coefficients: Floats) -> Floats:
-    """OpenCV's k1 k2 p1 p2 on a plane."""
+    """Distort points (N, 2) on the plane by OpenCV's k1 k2 p1 p2."""
     k1, k2, p1, p2 = coefficients.tolist()
     x, y = plane.T
     r2 = x * x + y * y

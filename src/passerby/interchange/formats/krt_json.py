@@ -1,11 +1,11 @@
 """K, R and t as JSON: `krt-json`, the layouts that research code uses, and `panoptic`, the calibration of CMU Panoptic.
 
-`krt-json` reads a table a camera, in a mapping by name or in a list, at the top or under `cameras`: K (3 x 3, or fx fy cx cy),
-R (3 x 3, or a rotation vector) and t (or T), or RT (3 x 4), world to camera, `x_c = R X + t`; the distortion (OpenCV's
-coefficients) and the image size under the names that are in use. Lists in lists count by their order. The unit is that of
-`unit` or `units`, in the file or in a table; else the user states it. It writes the layout of 4DAssociation, `{"0": {"K": [9
+`krt-json` reads one table for each camera, in a mapping by name or in a list, at the top level or under `cameras`: K (3 x 3, or
+fx fy cx cy), R (3 x 3, or a rotation vector) and t (or T), or RT (3 x 4), world to camera, `x_c = R X + t`; the distortion
+(OpenCV's coefficients) and the image size under the keys that are in common use. Nested lists are flattened. The unit is that
+of `unit` or `units`, in the file or in a table; else the user states it. It writes the layout of 4DAssociation, `{"0": {"K": [9
 numbers], "R": [9], "T": [3], "RT": [12], "distCoeff": [5], "imgSize": [width, height], "rectifyAlpha": 0}}`, in metres, with
-`"unit": "m"` for readers that look for it.
+`"unit": "m"` for readers that use it.
 
 VoxelPose's files for Campus and Shelf have fx, fy, cx, cy, k (k1 k2 k3) and p (p1 p2), millimetres; T is the camera's centre:
 `x_c = R (X - T)` (its `world_to_camera_frame`). A table with fx, k and p is read so.
@@ -49,7 +49,7 @@ from passerby.interchange.rig_toml import METRES_PER_UNIT
 Y_DOWN_TO_Z_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 CENTIMETRES, MILLIMETRES = 0.01, 0.001
 SAME_RT = 1e-6
-"""Of R and T from those in RT, as a share: files repeat them with all digits."""
+"""Largest difference of R and T from those in RT, as a share: files repeat them with all digits."""
 NAMES = ("name", "cameraname", "camname", "id")
 ROTATION = ("r", "rotation", "rotationmatrix", "rvec", "rot")
 TRANSLATION = ("t", "translation", "tvec", "trans")
@@ -108,7 +108,7 @@ def _text(value: Any) -> bytes:
 
 
 def read_krt(path: Path, given: Given) -> Rig:
-    """The cameras in the order of the file, which states its unit, or the user does."""
+    """Read the cameras in the order of the file. The unit is stated in the file or by the user."""
     content, tables = _tables(path, given)
     if any(key in table for _, table in tables for key in PANOPTIC_ONLY):
         raise InputError(f"{path}: is a calibration of CMU Panoptic, in centimetres: import it with --format panoptic")
@@ -117,7 +117,7 @@ def read_krt(path: Path, given: Given) -> Rig:
 
 
 def read_panoptic(path: Path, given: Given, kinds: tuple[str, ...] | None = None) -> Rig:
-    """The cameras of CMU Panoptic, z up; of `kinds` (vga, hd, kinect-color) alone where it is given."""
+    """Read the cameras of CMU Panoptic into a world with z up; only those of `kinds` (vga, hd, kinect-color), if not None."""
     _, tables = _tables(path, given)
     if kinds is not None:
         tables = [(name, table) for name, table in tables if table.get("type") in kinds]
@@ -127,7 +127,7 @@ def read_panoptic(path: Path, given: Given, kinds: tuple[str, ...] | None = None
 
 
 def _gather_rig(path: Path, tables: list[tuple[str, dict[str, Any]]], camera: Callable[..., Camera]) -> Rig:
-    """The rig of the cameras that `camera` makes of names and tables. Raises `FileFaults` that name the cameras."""
+    """Gather the rig of the cameras that the function `camera` makes from names and tables. Raises `FileFaults` by camera."""
 
     def read(name: str, table: dict[str, Any]) -> Camera:
         try:
@@ -139,7 +139,7 @@ def _gather_rig(path: Path, tables: list[tuple[str, dict[str, Any]]], camera: Ca
 
 
 def camera_tables(content: Any) -> Iterator[tuple[str, Any]]:
-    """What may be the cameras' tables, with their names: in a mapping or a list, at the top or under `cameras`."""
+    """Generate candidates for the cameras' tables, with names: in a mapping or a list, at the top level or under `cameras`."""
     inner = content.get("cameras") if isinstance(content, dict) and "cameras" in content else content
     if isinstance(inner, dict):
         yield from ((str(key), value) for key, value in inner.items())
@@ -148,7 +148,7 @@ def camera_tables(content: Any) -> Iterator[tuple[str, Any]]:
 
 
 def is_krt(table: Any) -> bool:
-    """Whether a table (with plain keys) has a camera matrix, a rotation and a translation."""
+    """Check whether a table (with simplified keys) has a camera matrix, a rotation and a translation."""
     if not isinstance(table, dict):
         return False
     matrix = find_first_value(table, MATRIX_NAMES) is not None or all(key in table for key in FOCAL)
@@ -157,12 +157,12 @@ def is_krt(table: Any) -> bool:
 
 
 def simplify_tables(content: Any) -> list[tuple[str, Any]]:
-    """The cameras' tables, their keys in small letters without `_`, `-` and spaces."""
+    """Return candidates for the cameras' tables by name, their keys in lower case without `_`, `-` and spaces."""
     return [(name, simplify_keys(value, 4)) for name, value in camera_tables(content)]
 
 
 def _tables(path: Path, given: Given) -> tuple[Any, list[tuple[str, dict[str, Any]]]]:
-    """The content of a file, and its cameras; everything else in it is reported as not read. Raises `InputError`."""
+    """Read the content of a file, and its cameras' tables. Other content is reported as not read. Raises `InputError`."""
     content = load_json(path, "cameras' K, R and t")
     found = simplify_tables(content)
     tables = []
@@ -183,7 +183,7 @@ def _tables(path: Path, given: Given) -> tuple[Any, list[tuple[str, dict[str, An
 
 
 def _read_krt_camera(path: Path, stated: Any, given: Given, name: str, table: dict[str, Any]) -> Camera:
-    """One camera. Raises `InputError` without the place."""
+    """Read one camera. Raises `InputError` without the place."""
     given.unread.keys(table, READ)
     voxelpose = all(key in table for key in VOXELPOSE)
     lens = _lens(path, name, table, given)
@@ -200,7 +200,7 @@ def _read_krt_camera(path: Path, stated: Any, given: Given, name: str, table: di
 
 
 def _panoptic_camera(path: Path, given: Given, name: str, table: dict[str, Any]) -> Camera:
-    """One camera of CMU Panoptic. Raises `InputError` without the place."""
+    """Read one camera of CMU Panoptic. Raises `InputError` without the place."""
     given.unread.keys(table, {*READ, *PANOPTIC_ONLY, "type"})
     if not isinstance(table.get("name"), str) or not table["name"].strip():
         raise InputError(f"name is {shortened(table.get('name'))}: a text is needed; take the file from the set again")
@@ -212,7 +212,7 @@ def _panoptic_camera(path: Path, given: Given, name: str, table: dict[str, Any])
 
 
 def _lens(path: Path, name: str, table: dict[str, Any], given: Given) -> Lens:
-    """The lens. A file without distortion has none, which is reported."""
+    """Read the lens. If the file states no distortion, none is assumed, which is reported."""
     values = dict(table)
     if find_first_value(values, MATRIX_NAMES) is None or all(key in values for key in FOCAL):
         fx, fy, cx, cy = (float(_numbers(path, key, values.get(key), 1)[0]) for key in FOCAL)
@@ -231,7 +231,7 @@ def _lens(path: Path, name: str, table: dict[str, Any], given: Given) -> Lens:
 
 
 def _rotation_and_translation(path: Path, table: dict[str, Any]) -> tuple[Floats | None, Floats | None]:
-    """(3, 3) and (3,), in the file's unit; None twice where the table has neither. Raises `InputError`."""
+    """Read rotation (3, 3) and translation (3,) in the file's unit; both None if the table has neither. Raises `InputError`."""
     turned, moved = find_first_value(table, ROTATION), find_first_value(table, TRANSLATION)
     both = None if table.get("rt") is None else _numbers(path, "RT", table["rt"], 12).reshape(3, 4)
     if both is not None:
@@ -250,7 +250,7 @@ def _rotation_and_translation(path: Path, table: dict[str, Any]) -> tuple[Floats
 
 
 def _numbers(path: Path, key: str, value: Any, count: int) -> Floats:
-    """(count,) finite numbers, in lists in lists or not."""
+    """Return finite numbers (count,) of a list, nested or not. Raises `InputError`."""
     found = np.zeros(0) if value is None else numbers_of(path, key, value)
     if found.size != count:
         raise InputError(f"{key} is {shortened(value)}: {count} number{'s are' if count > 1 else ' is'} needed")
@@ -267,7 +267,7 @@ def _recognises_panoptic(sample: FileSample) -> bool:
 
 
 def _find_krt_tables(sample: FileSample) -> list[dict[str, Any]]:
-    """The tables of cameras with K, R and t in a JSON file."""
+    """Return the tables of cameras with K, R and t in a JSON file."""
     return [table for _, table in simplify_tables(sample.content) if is_krt(table)] if sample.suffix == ".json" else []
 
 

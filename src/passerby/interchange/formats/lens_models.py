@@ -1,6 +1,6 @@
-"""Lenses in the models that other formats know: exact where a model holds them, else the nearest, with its error.
+"""Conversion of lenses to the models of other formats: exact if a model holds the lens, else the nearest lens, with its error.
 
-Whether a lens is held is measured, not reasoned: what the model cannot hold is left out, and both are projected side by side.
+The test is numerical: the parts that the model lacks are left out, and the projections of both lenses are compared.
 """
 
 from __future__ import annotations
@@ -21,18 +21,19 @@ from passerby.core.cameras import FISHEYE_DISTORTION_LENGTHS, PINHOLE_DISTORTION
 from passerby.interchange.formats.format import Losses
 
 EXACT_PX = 1e-7
-"""Two lenses that differ by no more than this all over the picture are one: a tenth of what the tests of all formats allow."""
+"""Two lenses are equal if they differ by at most this over the whole picture: a tenth of the tolerance in tests of formats."""
 MOST_STEPS = 50
-"""Of a fit. Most need under 20; where the rational model's terms undo each other it creeps on for hundreds, for nothing."""
+"""Largest number of steps of a fit. Most need under 20. If terms of the rational model cancel each other, hundreds of steps
+bring no improvement."""
 GRID = (41, 31)
-"""Points across and down at which lenses are compared, the picture's border included."""
+"""Points across and down at which lenses are compared, including the picture's border."""
 WIDEST_PINHOLE_DEG = 80.0
-"""Rays farther off the axis than this are left out where a pinhole model is fitted: it has none beyond 90 degrees, and those
-just below would bend the fit for all others."""
+"""Largest angle to the axis of rays to which a pinhole model is fitted. A pinhole has no rays beyond 90 degrees, and rays just
+below would distort the fit for all others."""
 AROUND = 1440
-"""Directions about the axis in which the picture's border is looked for: 1 pixel of a large picture apart."""
+"""Number of directions about the axis in which the picture's border is searched: 1 pixel of a large picture apart."""
 FEWEST_RAYS = 10
-"""Of the grid, for a lens that turns over within its picture to be one that is worth its last rays."""
+"""Least number of valid rays of the grid for which the last rays of a lens that turns over within its picture are added."""
 
 
 @dataclass(frozen=True)
@@ -40,16 +41,16 @@ class LensModel:
     """A lens model of another format, in terms of OpenCV's."""
 
     name: str
-    """As messages tell it."""
+    """Name of the model in messages."""
     coefficients: tuple[int, ...]
-    """Which of OpenCV's coefficients it has, by their place: of a pinhole k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4 tx ty, of a
+    """Indices of OpenCV's coefficients that the model has: of a pinhole k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4 tx ty, of a
     fisheye k1 k2 k3 k4."""
     fisheye: bool = False
     skew: bool = False
     one_focal: bool = False
-    """Both focal lengths are equal."""
+    """Whether both focal lengths are equal."""
     centred: bool = False
-    """The principal point is the middle of the picture, (width - 1) / 2 and (height - 1) / 2."""
+    """Whether the principal point is the centre of the picture, (width - 1) / 2 and (height - 1) / 2."""
 
 
 PINHOLE = LensModel("a pinhole without distortion", ())
@@ -62,20 +63,20 @@ TILTED_14 = LensModel("OpenCV's tilted model", tuple(range(14)))
 FISHEYE = LensModel("OpenCV's fisheye", (0, 1, 2, 3), fisheye=True)
 FISHEYE_SKEWED = replace(FISHEYE, skew=True)
 OPENCV = (TILTED_14, FISHEYE)
-"""What OpenCV's functions take from a camera matrix and coefficients: none takes a skew from the matrix."""
+"""The models of OpenCV's functions. None of these functions uses a skew in the camera matrix."""
 
 
 def express_lens(camera: Camera, models: Sequence[LensModel], losses: Losses, place: str = "") -> tuple[Lens, LensModel]:
-    """A camera's lens in the first model that holds it; else in the one that comes nearest, which is a loss.
+    """Express a camera's lens in the first model that holds it, else in the model with the least error, which is a loss.
 
     Args:
-        camera: whose lens.
-        models: simplest first.
-        losses: gets by how many pixels the nearest is off.
-        place: what a message says of where the model ends up, as in " (FULL_OPENCV)".
+        camera: camera with the lens.
+        models: the models, simplest first.
+        losses: receives the error in pixels of a lens that is fitted.
+        place: text behind the model's name in the message, as in " (FULL_OPENCV)".
 
     Returns:
-        The lens without anything that the model lacks, and the model.
+        The lens, without the parts that the model lacks, and the model.
     """
     for model in models:
         lens = reduce_to_model(camera.lens, model)
@@ -90,17 +91,17 @@ def express_lens(camera: Camera, models: Sequence[LensModel], losses: Losses, pl
 
 
 def reduce_to_model(lens: Lens, model: LensModel) -> Lens | None:
-    """The lens without what the model lacks; None where that is another lens."""
-    if lens.fisheye != model.fisheye:  # a fisheye without distortion is no pinhole either
+    """Return the lens without the parts that the model lacks, or None if its projection differs."""
+    if lens.fisheye != model.fisheye:  # even a fisheye without distortion is not a pinhole
         return None
     candidate, rays = _drop_unsupported(lens, model), Rays.of(lens)
     return candidate if len(rays.pixels) and rays.largest_error(candidate) <= EXACT_PX else None
 
 
 def find_nearest_lens(rays: Rays, models: Iterable[LensModel], start: Lens, place: str) -> tuple[Lens, LensModel]:
-    """The lens among several models that comes nearest to where rays are seen, by least squares over the picture.
+    """Fit several models to rays and their pixels by least squares over the picture. Return the best lens, and its model.
 
-    Raises `InputError`, beginning with `place`, where no model comes near.
+    Raises `InputError`, which begins with `place`, where no model can be fitted.
     """
     fits = [(lens, model) for model in models if (lens := fit_lens_model(rays, model, start)) is not None]
     if not fits:
@@ -109,12 +110,12 @@ def find_nearest_lens(rays: Rays, models: Iterable[LensModel], start: Lens, plac
 
 
 def fit_lens_model(rays: Rays, model: LensModel, start: Lens) -> Lens | None:
-    """The lens of a model that has rays nearest to their pixels, least squares; None where that comes to nothing.
+    """Fit the lens of a model to rays and their pixels by least squares. Return None if the fit fails.
 
     Args:
-        rays: what is to be reproduced; a pinhole model takes those within `WIDEST_PINHOLE_DEG` of the axis.
+        rays: rays to reproduce; a pinhole model uses those within `WIDEST_PINHOLE_DEG` of the axis.
         model: the model.
-        start: focal lengths and principal point to start at; its distortion too where it is of the same kind.
+        start: initial focal lengths and principal point; also the initial distortion if it is of the same kind.
     """
     used = rays if model.fisheye else rays.narrow
     first = _drop_unsupported(start if start.fisheye == model.fisheye else _drop_distortion(start, model.fisheye), model)
@@ -149,9 +150,10 @@ _DENOMINATOR = (5, 6, 7)
 
 
 def _has_pole(lens: Lens, rays: Rays) -> bool:
-    """Whether the rational model divides by zero somewhere among the rays, or just beyond.
+    """Check whether the rational model divides by zero among the rays, or just beyond.
 
-    Terms that nearly cancel do so in a ring that may be too narrow for any grid: the largest error would not be true.
+    Terms that nearly cancel have such a pole in a ring that may be too narrow for any grid. The largest error on the grid would
+    be too small then.
     """
     if lens.fisheye or lens.distortions.size < 8 or not lens.distortions[list(_DENOMINATOR)].any():
         return False
@@ -162,7 +164,10 @@ def _has_pole(lens: Lens, rays: Rays) -> bool:
 
 
 def _slopes(lens: Lens, model: LensModel, bearings: Floats) -> Floats:
-    """(2 N, P) derivatives of a pinhole's pixels by what `_numbers` lists, OpenCV's own but for skew: twenty times quicker."""
+    """Compute the derivatives (2 N, P) of a pinhole's pixels with respect to the P parameters of `_numbers`.
+
+    They are OpenCV's own except for skew, and twenty times faster than finite differences.
+    """
     coefficients = np.concatenate([lens.distortions, np.zeros(14)])[:14]
     _, found = cv2.projectPoints(bearings[:, None], np.zeros(3), np.zeros(3), np.array(lens.matrix), coefficients)
     focal = found[:, 6:7] + found[:, 7:8] if model.one_focal else found[:, 6:8]
@@ -177,7 +182,7 @@ def _slopes(lens: Lens, model: LensModel, bearings: Floats) -> Floats:
 
 
 def how_far(rays: Rays, lens: Lens) -> str:
-    """How far a fitted lens is off, as messages tell it; rounded up, so that it is true."""
+    """Return a text for messages that states the largest error of a fitted lens, rounded up so that it is an upper bound."""
     if lens.fisheye:
         return f"up to {_round_up(rays.largest_error(lens))} px off"
     said = f"up to {_round_up(rays.narrow.largest_error(lens))} px off"
@@ -188,7 +193,7 @@ def how_far(rays: Rays, lens: Lens) -> str:
 
 
 def describe(lens: Lens) -> str:
-    """A lens in a few words."""
+    """Describe a lens in a few words."""
     used = int(np.max(np.flatnonzero(lens.distortions), initial=-1)) + 1
     skew = ", skewed" if lens.matrix[0, 1] else ""
     kind = "fisheye" if lens.fisheye else "pinhole"
@@ -196,13 +201,13 @@ def describe(lens: Lens) -> str:
 
 
 def _rank_fit(rays: Rays, lens: Lens) -> tuple[bool, float]:
-    """What makes one fit worse than another: that it has not all rays, then how far it is off."""
+    """Return the rank of a fit, smaller is better: whether the lens lacks some rays, then its largest error in pixels."""
     used = rays if lens.fisheye else rays.narrow
     return len(used.pixels) < len(rays.pixels), used.largest_error(lens)
 
 
 def _round_up(pixels: float) -> str:
-    """Two significant digits, never less than the value itself. The grid misses the largest error by less than a hundredth."""
+    """Format pixels with two significant digits, rounded up. The grid misses the largest error by less than a hundredth."""
     value = max(1.01 * pixels, 1e-9)
     unit = 10.0 ** (math.floor(math.log10(value)) - 1)
     return f"{float(f'{math.ceil(value / unit) * unit:.2g}'):g}"
@@ -213,7 +218,7 @@ def _drop_distortion(lens: Lens, fisheye: bool) -> Lens:
 
 
 def _drop_unsupported(lens: Lens, model: LensModel) -> Lens:
-    """A lens with what the model lacks left out."""
+    """Return a lens without the parts that the model lacks."""
     coefficients = np.zeros(4 if model.fisheye else 14)
     coefficients[: lens.distortions.size] = lens.distortions
     keep = list(model.coefficients)
@@ -230,7 +235,7 @@ def _drop_unsupported(lens: Lens, model: LensModel) -> Lens:
 
 
 def trim_coefficients(coefficients: Floats, fisheye: bool, fewest: int = 0) -> Floats:
-    """As few coefficients as hold the same lens, as many as OpenCV takes (0, 4, 5, 8, 12, 14), but at least `fewest`."""
+    """Remove trailing zeros of coefficients. Return a number that OpenCV accepts (0, 4, 5, 8, 12, 14), at least `fewest`."""
     needed = max(int(np.max(np.flatnonzero(coefficients), initial=-1)) + 1, fewest)
     lengths = FISHEYE_DISTORTION_LENGTHS if fisheye else PINHOLE_DISTORTION_LENGTHS
     length = next(length for length in lengths if length >= needed)
@@ -238,7 +243,7 @@ def trim_coefficients(coefficients: Floats, fisheye: bool, fewest: int = 0) -> F
 
 
 def _numbers(lens: Lens, model: LensModel) -> Floats:
-    """What of a lens the model leaves free: focal lengths, principal point, skew, coefficients."""
+    """Return the free parameters (P,) of a lens in a model: focal lengths, principal point, skew, coefficients."""
     matrix = lens.matrix
     focal = [matrix[0, 0]] if model.one_focal else [matrix[0, 0], matrix[1, 1]]
     centre = [] if model.centred else [matrix[0, 2], matrix[1, 2]]
@@ -248,7 +253,7 @@ def _numbers(lens: Lens, model: LensModel) -> Floats:
 
 
 def _lens(like: Lens, model: LensModel, numbers: Floats) -> Lens:
-    """The inverse of `_numbers`; the rest as in `like`."""
+    """Make a lens from its free parameters, the inverse of `_numbers`; other values are those of `like`."""
     values = iter(numbers.tolist())
     matrix = np.array(like.matrix)
     matrix[0, 0] = next(values)
@@ -264,20 +269,20 @@ def _lens(like: Lens, model: LensModel, numbers: Floats) -> Lens:
 
 @dataclass(frozen=True, eq=False)
 class Rays:
-    """Where a lens has N rays: what another lens is compared with."""
+    """N rays of a lens and their pixels, with which another lens is compared."""
 
     bearings: Floats
     """(N, 3) directions, camera frame."""
     pixels: Floats
-    """(N, 2)"""
+    """(N, 2) pixels of the rays."""
     size: tuple[int, int]
     """(width, height), pixels."""
     rim: tuple[Floats, Floats] = (np.zeros((0, 3)), np.zeros((0, 2)))
-    """The same of rays just as far off the axis as a pinhole model is held to: there it is worst, and the others miss it."""
+    """Directions and pixels of rays `WIDEST_PINHOLE_DEG` off the axis. There a pinhole model is worst; the grid may miss it."""
 
     @classmethod
     def of(cls, lens: Lens) -> Rays:
-        """The rays of a grid over the picture, but for pixels that the lens itself has none for."""
+        """Compute the rays of a grid over the picture, except for pixels that have no ray in this lens."""
         grid = picture_grid(lens.size)
         bearings = lens.bearings(grid)
         known = np.isfinite(bearings).all(axis=1)
@@ -291,10 +296,10 @@ class Rays:
 
     @classmethod
     def of_projection(cls, project: Callable[[Floats], Floats], size: tuple[int, int], widest_deg: float = 100.0) -> Rays:
-        """Rays of a lens that is known as a function alone, from (N, 3) directions to (N, 2) pixels, NaN where it has none."""
+        """Compute the rays of a lens that is only known as a function: directions (N, 3) to pixels (N, 2), NaN for none."""
         around = 2 * np.pi * np.arange(AROUND) / AROUND
         inner, outer = np.zeros(AROUND), np.full(AROUND, math.radians(widest_deg))
-        for _ in range(40):  # where each direction leaves the picture
+        for _ in range(40):  # bisection of the angle at which each direction leaves the picture
             middle = (inner + outer) / 2
             with np.errstate(all="ignore"):
                 within = _find_inside(project(_cone(middle, around)), size)
@@ -310,25 +315,28 @@ class Rays:
 
     @cached_property
     def narrow(self) -> Rays:
-        """Those that a pinhole can have."""
+        """The rays within `WIDEST_PINHOLE_DEG` of the axis, which a pinhole can represent."""
         keep = self.bearings[:, 2] >= math.cos(math.radians(WIDEST_PINHOLE_DEG))
         return replace(self, bearings=self.bearings[keep], pixels=self.pixels[keep])
 
     def largest_error(self, lens: Lens) -> float:
-        """By how many pixels a lens has one of the rays elsewhere, at most."""
+        """Return the largest distance in pixels between the projections of the rays by a lens and their pixels."""
         pairs = [(self.bearings, self.pixels)] + ([] if lens.fisheye else [self.rim])
         errors = np.concatenate([np.linalg.norm(lens.project_rays(rays) - pixels, axis=1) for rays, pixels in pairs])
         return float(np.max(errors, initial=0.0)) if np.isfinite(errors).all() else math.inf
 
 
 def _find_own_rays(lens: Lens, rays: Floats, pixels: Floats) -> NDArray[np.bool_]:
-    """(N,) whether rays are those of their pixels: a lens may fold what lies far outside of its picture into it."""
+    """Check whether rays (N, 3) are those of their pixels (N,): a lens may project rays far outside its picture into it."""
     with np.errstate(invalid="ignore"):
         return np.asarray((lens.bearings(pixels) * rays).sum(axis=1) > 1 - 1e-9)
 
 
 def _find_last_rays(lens: Lens) -> Floats:
-    """(N, 3) the last rays of a lens that turns over within its picture, in each direction: there another lens differs most."""
+    """Find the last valid rays (N, 3) in each direction, of a lens that turns over within its picture.
+
+    There another lens differs most.
+    """
     around = 2 * np.pi * np.arange(0, AROUND, 4) / AROUND
     inner, outer = np.zeros(len(around)), np.full(len(around), math.radians(100.0))
     for _ in range(30):
@@ -342,18 +350,18 @@ def _find_last_rays(lens: Lens) -> Floats:
 
 
 def _find_inside(pixels: Floats, size: tuple[int, int]) -> NDArray[np.bool_]:
-    """(N,) whether pixels are in the picture."""
+    """Check whether pixels are in the picture (N,)."""
     with np.errstate(invalid="ignore"):
         return np.asarray(((pixels >= -0.5) & (pixels <= np.array(size) - 0.5)).all(axis=1))
 
 
 def _cone(angle: Floats, around: Floats) -> Floats:
-    """(N, 3) directions at an angle from the axis, turned about it; radians."""
+    """Compute directions (N, 3) at an angle from the axis (N,), turned about it by `around` (N,), radians."""
     return np.column_stack([np.sin(angle) * np.cos(around), np.sin(angle) * np.sin(around), np.cos(angle)])
 
 
 def _rim(project: Callable[[Floats], Floats], size: tuple[int, int]) -> tuple[Floats, Floats]:
-    """Rays `WIDEST_PINHOLE_DEG` off the axis that are in the picture, (N, 3), and their pixels, (N, 2)."""
+    """Compute the rays (N, 3) `WIDEST_PINHOLE_DEG` off the axis that are in the picture, and their pixels (N, 2)."""
     bearings = _cone(np.full(360, math.radians(WIDEST_PINHOLE_DEG)), np.radians(np.arange(360.0)))
     with np.errstate(all="ignore"):
         pixels = project(bearings)
@@ -362,6 +370,6 @@ def _rim(project: Callable[[Floats], Floats], size: tuple[int, int]) -> tuple[Fl
 
 
 def picture_grid(size: tuple[int, int]) -> Floats:
-    """(N, 2) pixels evenly over a picture, its border included."""
+    """Compute an even grid of pixels (N, 2) over a picture, including its border."""
     across, down = (np.linspace(-0.5, length - 0.5, n) for length, n in zip(size, GRID, strict=True))
     return np.stack(np.meshgrid(across, down), axis=-1).reshape(-1, 2)

@@ -12,11 +12,11 @@
 from camera to world, row by row; the camera's axes are x right, y up, z backward. Motive's world has y up: (x, y, z) becomes
 (x, -z, y) here.
 
-Motive before 3 saves `.cal`, a binary file that only Motive's own library reads. It is recognised, and the message says what to
-save instead.
+Motive before 3 saves `.cal`, a binary file that only Motive's own library reads. It is recognised, and the message states what
+to save instead.
 
-Sources: the readers of .mcal in public repositories (optitrack_motive among them), which agree; one checked the axes against
-images. No source tells where in a pixel the count begins: OpenCV's pixels are assumed.
+Sources: the readers of .mcal in public repositories (optitrack_motive among them), which agree; one checked the axes with
+images. No source states the position of the origin in a pixel: OpenCV's pixels are assumed.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from passerby.interchange.storage.safe_parsing import file_bytes
 SUFFIX, BINARY_SUFFIX = ".mcal", ".cal"
 STANDARD, OWN = "IntrinsicStandardCameraModel", "Intrinsic"
 Y_UP_TO_CV = np.diag([1.0, -1.0, -1.0])
-"""From a camera's axes with y up and z backward to OpenCV's."""
+"""Conversion from camera axes with y up and z backward to OpenCV's."""
 TO_Z_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 FOCAL = ("HorizontalFocalLength", "VerticalFocalLength", "LensCenterX", "LensCenterY")
 COEFFICIENTS = ("k1", "k2", "TangentialX", "TangentialY", "k3")
@@ -46,7 +46,7 @@ READ = ("Attributes", STANDARD, OWN, "Extrinsic")
 
 
 def read(path: Path, given: Given) -> Rig:
-    """All cameras, called by their serial numbers, z up."""
+    """Read all cameras into a world with z up. Their names are their serial numbers."""
     content = file_bytes(path, f"a calibration of Motive ({SUFFIX})")
     root = load_xml(path, f"a calibration of Motive ({SUFFIX})", decode(path, content))
     elements = root.findall("Calibration/Cameras/Camera")
@@ -66,7 +66,7 @@ def read(path: Path, given: Given) -> Rig:
 
 
 def decode(path: Path, content: bytes) -> str:
-    """The text of a file, UTF-16 or UTF-8. Raises `InputError` for a binary one, which says what to save instead."""
+    """Decode the text of a file, UTF-16 or UTF-8. Raises `InputError`, which states what to save instead, for a binary file."""
     wide = content.startswith((b"\xff\xfe", b"\xfe\xff")) or content[1:2] == b"\0"
     try:
         text = content.decode(
@@ -83,7 +83,7 @@ def decode(path: Path, content: bytes) -> str:
 
 
 def _camera(name: str, element: ElementTree.Element, given: Given) -> Camera:
-    """The camera of an element. Raises `InputError` without the place."""
+    """Read the camera of an element. Raises `InputError` without the place."""
     given.unread.keys((child.tag for child in element), READ)
     lens, extrinsic = _lens(name, element, given), element.find("Extrinsic")
     if extrinsic is None:
@@ -95,7 +95,7 @@ def _camera(name: str, element: ElementTree.Element, given: Given) -> Camera:
 
 
 def _lens(name: str, element: ElementTree.Element, given: Given) -> Lens:
-    """The lens; the distortion of Motive's own model is a loss."""
+    """Read the lens of an element. The distortion of Motive's own model is a loss."""
     attributes, intrinsic = element.find("Attributes"), element.find(STANDARD)
     standard = intrinsic is not None
     intrinsic = intrinsic if intrinsic is not None else element.find(OWN)
@@ -118,7 +118,7 @@ def _recognises(sample: FileSample) -> bool:
 
 
 def _is_binary(data: bytes) -> bool:
-    """Whether bytes are no text: other tools call text files .cal too."""
+    """Check whether bytes are not text: other tools also write text files with the ending .cal."""
     try:
         return "\0" in data.decode()
     except UnicodeDecodeError:

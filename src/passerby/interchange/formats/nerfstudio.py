@@ -3,17 +3,17 @@
 `transform_matrix` is camera to world, 4 x 4, with OpenGL's camera axes (x right, y up, z backward); the world has z up,
 lengths are metres here. Each frame has its own `fl_x`, `fl_y`, `cx`, `cy`, `w`, `h` and distortion: OpenCV's k1 k2 k3 and
 p1 p2 where `camera_model` is OPENCV, k1 k2 k3 k4 of OpenCV's fisheye where it is OPENCV_FISHEYE. nerfstudio counts pixels
-from the corner of the first one: its middle is 0.5, so `cx` and `cy` are larger by a half than OpenCV's.
+from the corner of the first one: its centre is 0.5, so `cx` and `cy` are larger by a half than OpenCV's.
 
 Sources: docs/quickstart/data_conventions.md, dataparsers/nerfstudio_dataparser.py, `Cameras.get_image_coords` (pixel offset
 0.5) and `_undistort_image` in datamanagers/full_images_datamanager.py ("Only k1, k2, k3, p1, p2 can be non-zero", minus 0.5
-for OpenCV) of github.com/nerfstudio-project/nerfstudio; its tracker, #3048. From the data parser, too: numbers are looked for
-in the frames only where none stands at the top; `camera_model` is read at the top alone, so that a rig of pinhole and
-fisheye lenses is written with fisheyes, which is a loss; `orientation_override: none` keeps it from turning the world, while
-`--center-method none --auto-scale-poses False` keep its place and scale.
+for OpenCV) of github.com/nerfstudio-project/nerfstudio; its tracker, #3048. The data parser also determines the following. It
+reads numbers in the frames only if they are missing at the top level. It reads `camera_model` only at the top level, so a rig
+of pinhole and fisheye lenses is written with fisheyes, which is a loss. With `orientation_override: none` it does not turn the
+world; with `--center-method none --auto-scale-poses False` it keeps position and scale.
 
-`file_path` is `images/NAME.png`: put a picture of each camera there. The extra key `camera_name`, which nerfstudio does not
-look at, keeps the true name. A frame without it is called as its picture is.
+`file_path` is `images/NAME.png`: the user puts a picture of each camera there. The extra key `camera_name`, which nerfstudio
+ignores, keeps the true name. A frame without this key has the name of its picture.
 """
 
 from __future__ import annotations
@@ -42,16 +42,16 @@ from passerby.interchange.formats.values import (
 from passerby.interchange.storage.text_formats import to_json
 
 HALF = 0.5
-"""What nerfstudio's pixels are larger than OpenCV's."""
+"""Offset of nerfstudio's pixel coordinates from OpenCV's."""
 OPENGL = np.diag([1.0, -1.0, -1.0])
-"""OpenCV's camera axes to OpenGL's, and back."""
+"""Conversion from OpenCV's camera axes to OpenGL's, and back."""
 PINHOLES = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL")
 DISTORTIONS = ("k1", "k2", "k3", "k4", "p1", "p2")
 LENS = ("camera_model", "fl_x", "fl_y", "cx", "cy", "w", "h", *DISTORTIONS)
 
 
 def write(export: Export, losses: Losses) -> Mapping[str, bytes]:
-    """The file."""
+    """Write the rig as nerfstudio's transforms.json."""
     rig = export.posed(losses)
     models = (FISHEYE,) if any(camera.lens.fisheye for camera in rig) else (RADTAN_5,)
     names = tame_names(rig.names)
@@ -61,7 +61,7 @@ def write(export: Export, losses: Losses) -> Mapping[str, bytes]:
 
 
 def _frame(camera: Camera, tame: str, models: tuple[LensModel, ...], losses: Losses) -> dict[str, Any]:
-    """One camera."""
+    """Return the frame of a camera."""
     assert camera.pose is not None
     lens, _ = express_lens(camera, models, losses)
     if lens.fisheye:
@@ -85,7 +85,7 @@ def _frame(camera: Camera, tame: str, models: tuple[LensModel, ...], losses: Los
 
 
 def read(path: Path, given: Given) -> Rig:
-    """One camera a frame; the folder that `transforms.json` lies in will do too."""
+    """Read one camera for each frame. The path may also be the folder of `transforms.json`."""
     path = path / "transforms.json" if path.is_dir() else path
     content = table(str(path), load_json(path, "nerfstudio's transforms.json"), "table with `frames`")
     frames = content.get("frames")
@@ -107,7 +107,7 @@ def read(path: Path, given: Given) -> Rig:
 
 
 def _names(frames: list[dict[Any, Any]]) -> list[str]:
-    """The cameras' names: as stated, else the pictures' names; their whole paths where those are not all different."""
+    """Return the cameras' names: as stated, else the pictures' names, or their paths if the names are not all different."""
     paths = [PurePosixPath(str(frame.get("file_path") or f"frame_{index:05d}")) for index, frame in enumerate(frames)]
     told = [name if isinstance(name := frame.get("camera_name"), str) and name else None for frame in frames]
     names: list[str] = []
@@ -119,7 +119,7 @@ def _names(frames: list[dict[Any, Any]]) -> list[str]:
 
 
 def _lens(place: str, content: dict[Any, Any], frame: dict[Any, Any], given: Given) -> Lens:
-    """A frame's lens. As in nerfstudio, what stands at the top counts for all; `camera_model` may stand in a frame too."""
+    """Read a frame's lens. As in nerfstudio, values at the top level apply to all frames; a frame may have a `camera_model`."""
     values = {**frame, **{key: content[key] for key in ("fl_x", "fl_y", "cx", "cy", "w", "h") if key in content}}
     distorted = content if any(key in content for key in DISTORTIONS) else frame
     k1, k2, k3, k4, p1, p2 = (
@@ -146,7 +146,7 @@ def _lens(place: str, content: dict[Any, Any], frame: dict[Any, Any], given: Giv
 
 
 def _pose(place: str, frame: dict[Any, Any], metres: float) -> Pose:
-    """A frame's pose, from camera to world with OpenGL's axes."""
+    """Read a frame's pose from its transform, camera to world with OpenGL's axes."""
     matrix: Floats = numbers(place, frame, "transform_matrix", (4, 4))
     R_wc = rotation(f"{place}: transform_matrix", matrix[:3, :3])
     return Pose.from_centre((R_wc @ OPENGL).T, metres * matrix[:3, 3])

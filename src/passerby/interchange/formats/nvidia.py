@@ -3,30 +3,30 @@
 `mv3dt` is a folder with `camInfo/NAME.yml` for each camera, as the data set folder of DeepStream's multi-view 3D tracking has
 it. `projectionMatrix_3x4_w2p` has 12 numbers, row by row: world to pixels, `K [R | t]`, the world's z up from the ground at
 0, metres, pixels from the upper left corner. `modelInfo` has `height` and `radius` of a person's cylinder in the world's
-unit. Beside it are `map.png` and `transforms.yml` for the viewer of the data set (`mv3dt_map`). The older
+unit. Beside it are `map.png` and `transforms.yml` for the viewer of the data set (`nvidia_folder`). The older
 `projectionMatrix_3x4`, to which DeepStream adds half the picture's size, and the K, R and t that AutoMagicCalib writes
 besides, are read too.
 
 `amc` is one JSON file: `calibrationType` cartesian and `sensors`, each with `id`, `coordinates` (its place, metres),
 `intrinsicMatrix` (3 x 3), `extrinsicMatrix` (3 x 4, world to camera, OpenCV's axes), `cameraMatrix` (their product) and
 `attributes`: names and values as text, `frameWidth` and `frameHeight` among them. `scaleFactor` and
-`translationToGlobalCoordinates` lead to a floor plan, of which Passerby knows none: 1 and 0. `homography` is not written:
+`translationToGlobalCoordinates` map to a floor plan; Passerby has none here and writes 1 and 0. `homography` is not written:
 the data sets of the AI City Challenge have it from the ground to pixels, Metropolis' newer services read it from pixels to
-the ground. `imageCoordinates` and `globalCoordinates` are: points on the ground from which both compute it where it is
-missing.
+the ground. `imageCoordinates` and `globalCoordinates` are written: points on the ground from which both compute a missing
+homography.
 
-Both are pinholes without distortion. Where `mv3dt` has a camera whose lens has distortion, `dewarper/NAME.txt` beside
-`camInfo` is the configuration of DeepStream's Gst-nvdewarper that removes it: the matrices are those of its pictures. `amc` has
-no place for it: there it is a loss, unless the videos are rectified first. Where the
-middle of a pixel lies is not documented; OpenCV's pixels are written. A NAME, or id, has ASCII letters, digits and `_ . -`
-and begins with a letter or digit. A true name that had to change is kept in a comment (`mv3dt`, with the picture's size) or
-in the attribute `trueName` (`amc`).
+Both formats have pinholes without distortion. For a camera with distortion, `mv3dt` has `dewarper/NAME.txt` beside `camInfo`:
+the configuration of DeepStream's Gst-nvdewarper that removes the distortion. The matrices are those of its output pictures.
+`amc` cannot store distortion: it is a loss, unless the videos are rectified first. The position of the origin in a pixel is not
+documented; OpenCV's pixels are written. A NAME, or id, has ASCII letters, digits and `_ . -` and begins with a letter or digit.
+If a name has to change, the true name is kept in a comment (`mv3dt`, with the picture's size) or in the attribute `trueName`
+(`amc`).
 
 Sources: deepstream-tracker-3d-multi-view/README.md ("Running MV3DT on Custom Datasets") of
 github.com/NVIDIA-AI-IOT/deepstream_reference_apps; "Single-View 3D Tracking" and "The 3x4 Camera Projection Matrix" in
 docs.nvidia.com/metropolis/deepstream/dev-guide/text/DS_plugin_gst-nvtracker.html; README.md of
 github.com/NVIDIA-AI-IOT/auto-magic-calib; docs.nvidia.com/vss/system-components/calibration/calibration-schema;
-generate_cam_info_configs.py (what makes `camInfo` from calibration.json, and which ids it takes) and calibration_base.py of
+generate_cam_info_configs.py (which makes `camInfo` from calibration.json, and checks the ids) and calibration_base.py of
 github.com/NVIDIA-AI-Blueprints/video-search-and-summarization.
 """
 
@@ -67,25 +67,25 @@ from passerby.interchange.storage.text_formats import to_json
 CAMERAS, DEWARPERS, CALIBRATION = "camInfo", "dewarper", "calibration.json"
 FORBIDDEN, FIRST = re.compile(r"[^A-Za-z0-9_.-]"), re.compile(r"[A-Za-z0-9]")
 PERSON_RADIUS_M = 0.3
-"""Of the cylinder that MV3DT takes for a person, as in NVIDIA's files; its height is the mean that Passerby counts with."""
+"""Radius of the cylinder that MV3DT uses for a person, as in NVIDIA's files. Its height is Passerby's mean body height."""
 GROUND_POINTS = (0.125, 0.375, 0.625, 0.875)
-"""Shares of width and height: where pixels are given together with their points on the ground."""
+"""Positions of the pixels whose points on the ground are written, as shares of width and height."""
 FARTHEST_GROUND_M = 60.0
-"""From the camera: of a pixel on the ground farther away, a tenth of a pixel moves the point by decimetres."""
+"""Largest distance of such a point from the camera. Farther away, a tenth of a pixel moves the point by decimetres."""
 LEAST_SKEW_PX = 1e-6
-"""Less comes from taking a projection matrix apart."""
+"""Least skew that is kept. Smaller values are rounding errors of the decomposition of a projection matrix."""
 READ_FILE = ("projectionMatrix_3x4_w2p", "projectionMatrix_3x4", "K", "R", "t", "modelInfo")
-"""Keys of a camera's file. `modelInfo` is the size of a person for the tracker."""
+"""Keys of a camera's file that are known. `modelInfo` is the size of a person for the tracker."""
 READ_SENSOR = (
     "type", "id", "coordinates", "attributes", "intrinsicMatrix", "extrinsicMatrix", "cameraMatrix", "imageCoordinates",
     "globalCoordinates",
 )  # fmt: skip
-"""Keys of a sensor that are read, or repeat its matrices."""
+"""Keys of a sensor that are read, or that repeat its matrices."""
 _COMMENT = re.compile(r"^# passerby: (\{.*\})$", re.MULTILINE)
 
 
 def _write_mv3dt(export: Export, losses: Losses) -> Mapping[str, bytes]:
-    """A file a camera, without the line %YAML:1.0, which NVIDIA's own Python readers do not take; and the map."""
+    """Write one file for each camera, and the map. The line %YAML:1.0 is left out: NVIDIA's own Python readers reject it."""
     rig = export.posed(losses)
     names = tame_names(rig.names, FORBIDDEN, FIRST)
     files = {}
@@ -104,7 +104,7 @@ def _write_mv3dt(export: Export, losses: Losses) -> Mapping[str, bytes]:
 
 
 def _write_amc(export: Export, losses: Losses) -> Mapping[str, bytes]:
-    """The one file."""
+    """Write the rig as NVIDIA's calibration.json."""
     rig = export.posed(losses)
     names = tame_names(rig.names, FORBIDDEN, FIRST)
     sensors = [_sensor(camera, names[camera.name], losses) for camera in rig]
@@ -113,7 +113,7 @@ def _write_amc(export: Export, losses: Losses) -> Mapping[str, bytes]:
 
 
 def _sensor(camera: Camera, name: str, losses: Losses) -> dict[str, Any]:
-    """One camera of calibration.json."""
+    """Return the entry of a camera in calibration.json."""
     lens = _pinhole(camera, losses)
     attributes = {"frameWidth": str(lens.size[0]), "frameHeight": str(lens.size[1])}
     if name != camera.name:
@@ -140,23 +140,23 @@ def _sensor(camera: Camera, name: str, losses: Losses) -> dict[str, Any]:
 
 
 def _pinhole(camera: Camera, losses: Losses) -> Lens:
-    """The camera's lens without distortion."""
+    """Return the camera's lens as a pinhole without distortion. Distortion is a loss."""
     return express_lens(camera, _pinholes(camera), losses)[0]
 
 
 def _pinholes(camera: Camera) -> tuple[LensModel, ...]:
-    """The models without distortion that may hold its lens: one without skew is not given one to come nearer."""
+    """Return the models without distortion for a camera's lens. A lens without skew gets none to improve the fit."""
     return (PINHOLE, PINHOLE_SKEWED) if camera.lens.matrix[0, 1] else (PINHOLE,)
 
 
 def _extrinsics(camera: Camera) -> Floats:
-    """(3, 4) `[R | t]`, world to camera."""
+    """Return the matrix (3, 4) `[R | t]`, world to camera."""
     assert camera.pose is not None
     return np.column_stack([camera.pose.R_cw, camera.pose.t_cw])
 
 
 def _ground_points(camera: Camera) -> tuple[Floats, Floats]:
-    """(N, 2) pixels and (N, 2) points of the ground z = 0 that they show; none where fewer than four do."""
+    """Compute pixels (N, 2) and the points (N, 2) of the ground z = 0 that they show; none if fewer than four show it."""
     assert camera.pose is not None
     shares = np.stack(np.meshgrid(GROUND_POINTS, GROUND_POINTS), axis=-1).reshape(-1, 2)
     pixels = np.round(shares * camera.lens.size)
@@ -171,7 +171,7 @@ def _ground_points(camera: Camera) -> tuple[Floats, Floats]:
 
 
 def _read_mv3dt(path: Path, given: Given) -> Rig:
-    """The cameras of a folder, or of one file."""
+    """Read the cameras of a folder, or of one file."""
     folder = path / CAMERAS if (path / CAMERAS).is_dir() else path
     files = [path] if path.is_file() else sorted(file for file in folder.iterdir() if file.suffix in (".yml", ".yaml"))
     cameras = []
@@ -186,7 +186,7 @@ def _read_mv3dt(path: Path, given: Given) -> Rig:
 
 
 def _read_comment(text: str) -> dict[str, Any]:
-    """What Passerby's comment tells; empty where there is none."""
+    """Read Passerby's comment in a file; empty if there is none."""
     found = _COMMENT.search(text)
     try:
         told = parse_json(found[1]) if found else {}
@@ -196,7 +196,7 @@ def _read_comment(text: str) -> dict[str, Any]:
 
 
 def _camera_file(file: Path, values: dict[Any, Any], told: dict[str, Any], given: Given) -> Camera:
-    """The camera of one `camInfo` file."""
+    """Read the camera of one `camInfo` file."""
     place = str(file)
     given.unread.keys(values, READ_FILE)
     name = told.get("name")
@@ -225,7 +225,7 @@ def _is_pair(told: dict[str, Any]) -> bool:
 
 
 def _read_amc(path: Path, given: Given) -> Rig:
-    """The cameras of calibration.json, or of the one in a folder."""
+    """Read the cameras of a calibration.json, or of a folder with this file."""
     path = path / CALIBRATION if path.is_dir() else path
     content = table(str(path), load_json(path, "a calibration.json of NVIDIA"), "list `sensors`")
     sensors = content.get("sensors")
@@ -244,7 +244,7 @@ def _read_amc(path: Path, given: Given) -> Rig:
 
 
 def _camera_sensor(place: str, values: dict[Any, Any], given: Given) -> Camera:
-    """One sensor. Its own two matrices count; `cameraMatrix`, which some tools fit to points, only where one is missing."""
+    """Read one sensor from its two matrices; if one is missing, from `cameraMatrix`, which some tools fit to points."""
     listed = values.get("attributes")
     items = [item for item in listed if isinstance(item, dict)] if isinstance(listed, list) else []
     attributes = {str(item.get("name")): item.get("value") for item in items}
@@ -272,7 +272,7 @@ def _camera_sensor(place: str, values: dict[Any, Any], given: Given) -> Camera:
 
 
 def _pixels(place: str, attributes: dict[str, Any], key: str) -> int:
-    """A whole number that may be text."""
+    """Read a whole number above 0 that may be a text. Raises `InputError`."""
     try:
         return read_count(place, {key: float(attributes[key])}, key)
     except (TypeError, ValueError, OverflowError):
@@ -280,7 +280,7 @@ def _pixels(place: str, attributes: dict[str, Any], key: str) -> int:
 
 
 def _decompose_projection(place: str, projection: Floats, metres: float) -> tuple[Floats, Pose]:
-    """Camera matrix and pose of a (3, 4) projection matrix, whose scale and sign are free. Raises `InputError`."""
+    """Decompose a projection matrix (3, 4) of any scale and sign into camera matrix and pose. Raises `InputError`."""
     if not np.linalg.cond(projection[:, :3]) < 1e12:
         raise InputError(f"{place}: the projection matrix {shortened(projection.tolist())} is not that of a camera")
     projection = projection * np.sign(np.linalg.det(projection[:, :3]))

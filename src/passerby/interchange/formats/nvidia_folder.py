@@ -1,18 +1,18 @@
 """Files beside NVIDIA's calibrations: the dewarper's configuration of each camera, and the map of an MV3DT data set.
 
-One file for each camera with distortion, `[property]` and `[surface0]` in GLib's key file syntax. `projection-type` 3 maps
-perspective to perspective; `focal-length`, `src-x0` and `src-y0` are those of the source, `dst-focal-length` and
-`dst-principal-point` those of the result, here the same, so that the pinhole of the camera matrix remains. `distortion` has
-OpenCV's coefficients in the order k1, k2, k3, p1, p2.
+The dewarper has one file for each camera with distortion, `[property]` and `[surface0]` in GLib's key file syntax.
+`projection-type` 3 maps perspective to perspective; `focal-length`, `src-x0` and `src-y0` are those of the source,
+`dst-focal-length` and `dst-principal-point` those of the result. Here they are equal, so that the result has the camera matrix
+of the source. `distortion` has OpenCV's coefficients in the order k1, k2, k3, p1, p2.
 
 Source: docs.nvidia.com/metropolis/deepstream/dev-guide/text/DS_plugin_gst-nvdewarper.html ("Configuration File Parameters")
 and nvdewarper_property_parser.h of its API reference.
 
-The plan of an MV3DT data set: `map.png`, on which its viewer draws people, and `transforms.yml`, how to get there.
+The plan of an MV3DT data set is `map.png`, on which its viewer draws people, and `transforms.yml`, the transform to its pixels.
 
 `T_ov2px` has the 9 numbers of a 3 x 3 matrix, row by row: it maps a point of the world's ground (x, y, 1), metres, to a pixel
 (u, v, 1) of the map. The map that Passerby draws has the world's x to the right and its y upwards, a grid, and the cameras with
-their directions and names. Any other picture can take its place, with a matrix of its own.
+their directions and names. Any other picture with its own matrix can replace it.
 
 Source: `load_map_and_transforms` of deepstream-tracker-3d-multi-view/utils/kafka_bev_visualizer.py in
 github.com/NVIDIA-AI-IOT/deepstream_reference_apps.
@@ -39,14 +39,14 @@ PERSPECTIVE = "3"
 _KEYS = ("focal-length", "src-x0", "src-y0", "distortion")
 MAP, TRANSFORMS = "map.png", "transforms.yml"
 LARGEST_PX, MOST_PX_PER_M = 1600, 100.0
-"""Longer side of the map; pixels a metre of a small one."""
+"""Longer side of the map, pixels; largest scale of a small map, pixels per metre."""
 MARGIN_PX = 30
 PAPER, GRID, INK = (255, 255, 255), (225, 225, 225), (60, 60, 60)
 ARROW_PX = 28
 
 
 def dewarper_config(lens: Lens) -> bytes:
-    """The file for a pinhole with k1, k2, p1, p2 and k3 at most, without skew."""
+    """Write the configuration file for a pinhole with at most k1, k2, p1, p2 and k3, without skew."""
     (width, height), matrix = lens.size, lens.matrix
     k1, k2, p1, p2, k3 = (*lens.distortions, 0.0, 0.0, 0.0, 0.0, 0.0)[:5]
     focal, centre = _list(matrix[0, 0], matrix[1, 1]), _list(matrix[0, 2], matrix[1, 2])
@@ -60,7 +60,7 @@ def dewarper_config(lens: Lens) -> bytes:
 
 
 def read_dewarper(path: Path, size: tuple[int, int]) -> Lens:
-    """The lens of the videos before their distortion is removed.
+    """Read the lens of the original videos, before their distortion is removed.
 
     Args:
         path: the configuration file of one camera.
@@ -96,7 +96,7 @@ def _list(*values: float) -> str:
 
 
 def _numbers(path: Path, key: str, text: str | None) -> list[float]:
-    """The numbers of a list. Raises `InputError`."""
+    """Parse a list of numbers, separated by semicolons. Raises `InputError`."""
     try:
         found = [float(part) for part in (text or "").split(";") if part.strip()]
     except ValueError:
@@ -107,11 +107,11 @@ def _numbers(path: Path, key: str, text: str | None) -> list[float]:
 
 
 def map_files(drawing: Drawing, names: Mapping[str, str]) -> dict[str, bytes]:
-    """The two files, by name.
+    """Draw the map, and return `map.png` and `transforms.yml` by name.
 
     Args:
         drawing: the rig, with the ground's grid.
-        names: what each camera is called on the map; ASCII, as OpenCV draws no other letters.
+        names: name of each camera on the map; ASCII, because OpenCV draws no other letters.
     """
     low, high = drawing.ground[..., :2].min(axis=(0, 1)), drawing.ground[..., :2].max(axis=(0, 1))
     scale = min(MOST_PX_PER_M, (LARGEST_PX - 2 * MARGIN_PX) / float((high - low).max()))
@@ -137,6 +137,6 @@ def map_files(drawing: Drawing, names: Mapping[str, str]) -> dict[str, bytes]:
 
 
 def _pixels(to_map: Floats, points: Floats) -> list[tuple[int, int]]:
-    """Whole pixels of points (N, 2 or more), of which x and y count."""
+    """Map points (N, 2 or more), of which only x and y are used, to whole pixels."""
     seen = points[:, :2] @ to_map[:2, :2].T + to_map[:2, 2]
     return [(round(float(u)), round(float(v))) for u, v in seen]

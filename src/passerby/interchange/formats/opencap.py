@@ -3,10 +3,10 @@
 A pickled dict of numpy arrays: `intrinsicMat` (3 x 3, pixels), `distortion` (1 x 5: k1 k2 p1 p2 k3 of OpenCV's pinhole),
 `imageSize` (2 x 1: height, then width), `rotation` (3 x 3) and `translation` (3 x 1, millimetres): world to camera,
 `x_c = R X + t`, OpenCV's axes; `rotation_EulerAngles` is the same rotation as a vector. A file of intrinsics alone has neither.
-The file is not unpickled: `pickled_arrays` reads the arrays and runs nothing.
+The file is not unpickled: `storage.archives.parse_pickled_arrays` reads the arrays and runs no code.
 
-The world is that of the calibration board, which usually stands upright; which way is up is in the session's metadata, and not
-in these files. OpenCap keeps them as `Videos/Cam0/cameraIntrinsicsExtrinsics.pickle`: the folder is the camera's name.
+The world is that of the calibration board, which is usually upright. The vertical direction is in the session's metadata, not
+in these files. OpenCap stores them as `Videos/Cam0/cameraIntrinsicsExtrinsics.pickle`: the folder is the camera's name.
 
 Source: `saveCameraParameters` and `calcExtrinsics` in utilsChecker.py of github.com/stanfordnmbl/opencap-core.
 """
@@ -31,15 +31,15 @@ from passerby.interchange.storage.safe_parsing import NotParsed, file_bytes
 
 METRES = 1e-3
 SUFFIX, OWN_NAME = ".pickle", "cameraIntrinsics"
-"""Of the files, and how their names begin where OpenCap itself keeps them."""
+"""Ending of the files, and beginning of their names in OpenCap's own folders."""
 PLACES = ("*.pickle", "*/cameraIntrinsics*.pickle", "Videos/*/cameraIntrinsics*.pickle")
-"""Where a folder's files are looked for; the first pattern that finds some counts."""
+"""Patterns of the files in a folder; the first pattern that finds files is used."""
 READ = ("intrinsicMat", "distortion", "imageSize", "rotation", "translation")
 SAME_AGAIN = ("rotation_EulerAngles",)
 
 
 def read(path: Path, given: Given) -> Rig:
-    """The camera of a file, or those of all files of a folder or of a session, in the order of their names."""
+    """Read the camera of a file, or those of all files of a folder or of a session, in the order of their names."""
     files = [path]
     if path.is_dir():
         found = next((found for pattern in PLACES if (found := list(path.glob(pattern)))), [])
@@ -54,7 +54,7 @@ def _place(file: Path, path: Path) -> str:
 
 
 def _camera(file: Path, given: Given) -> Camera:
-    """The camera of a file. Raises `InputError`."""
+    """Read the camera of a file. Raises `InputError`."""
     try:
         values = parse_pickled_arrays(file_bytes(file, "a calibration of OpenCap (.pickle)"))
     except NotParsed as error:
@@ -77,7 +77,7 @@ def _camera(file: Path, given: Given) -> Camera:
 
 
 def _numbers(values: dict[Any, Any], key: str, count: int) -> Floats:
-    """(count,) the finite numbers of an array."""
+    """Return the finite numbers (count,) of an array. Raises `InputError`."""
     found = values.get(key)
     array = np.asarray(found, dtype=np.float64).ravel() if isinstance(found, np.ndarray) else np.zeros(0)
     if array.size != count or not np.isfinite(array).all():

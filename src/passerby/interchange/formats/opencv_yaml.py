@@ -1,17 +1,18 @@
-"""OpenCV's own files (cv2.FileStorage): a folder with one YAML file a camera, as programs made with OpenCV take them, or one
-file with a map a camera.
+"""OpenCV's own files (cv2.FileStorage): a folder with one YAML file a camera, as programs made with OpenCV read them, or one
+file with a map for each camera.
 
-OpenCV fixes how matrices are written, but no layout for a rig. Each file has the names that OpenCV's own calibration sample
+OpenCV defines the format of matrices, but no layout for a rig. Each file has the keys that OpenCV's own calibration sample
 (`samples/cpp/calibration.cpp`, and the tutorial's `camera_calibration.cpp`) writes for a camera, `image_width`, `image_height`,
 `camera_matrix`, `distortion_coefficients` and `fisheye_model`, and those of its stereo sample (`stereo_calib.cpp`) for a pose,
 `R` (3 x 3) and `T` (3 x 1): x_c = R X_w + T, metres, OpenCV's axes, pixels and distortions. `camera_name`, `camera_number`
-(the rig's order) and `units` are additions; a camera without a pose has no R and T. A fisheye's skew stays in its matrix, where
-`cv2.fisheye.calibrate` has it (`cv2.fisheye.projectPoints` takes it as `alpha`); OpenCV's pinhole has none.
+(the rig's order) and `units` are additions; a camera without a pose has no R and T. A fisheye's skew stays in its matrix, as
+in `cv2.fisheye.calibrate` (`cv2.fisheye.projectPoints` takes it as `alpha`); OpenCV's pinhole has no skew.
 
-Read are such files, one or a folder of them, in YAML, XML or JSON and under the other names that are in use; the pair
-`intrinsics.yml` (M1, D1, M2, D2) and `extrinsics.yml` (R, T: first camera to second) of the stereo sample, whose first camera
-becomes the world; and the one file of the multi-view sample (`samples/python/multiview_calibration.py`: Ks, distortions, rvecs,
-Ts, is_fisheye, image_sizes, cam_ids). None of them tells the unit of T.
+The reader accepts such files, one or a folder of them, in YAML, XML or JSON, also with the other keys that are in common use.
+It also accepts the pair `intrinsics.yml` (M1, D1, M2, D2) and `extrinsics.yml` (R, T: first camera to second) of the stereo
+sample, whose first camera becomes the world; and the single file of the multi-view sample
+(`samples/python/multiview_calibration.py`: Ks, distortions, rvecs, Ts, is_fisheye, image_sizes, cam_ids). No sample states the
+unit of T.
 """
 
 from __future__ import annotations
@@ -53,13 +54,13 @@ _ROTATION = ("r", "rotation", "rotationmatrix", "rmat", "rvec", "rvector", "rota
 _TRANSLATION = ("t", "translation", "translationvector", "tvec", "tvector", "trans")
 _READ = frozenset({*LENS_NAMES, *_NAME, *_ROTATION, *_TRANSLATION, "units", "cameranumber"})
 _CERTAIN = ("cameramatrix", "intrinsicmatrix", "intrinsicsmatrix", "cammatrix", "mtx")
-"""Names of a camera matrix that stand for nothing else."""
+"""Keys of a camera matrix that have no other meaning."""
 _STEREO = ("m1", "d1", "m2", "d2")
 _MULTIVIEW = ("ks", "distortions", "rvecs", "ts", "isfisheye", "imagesizes")
 
 
 def _write(export: Export, losses: Losses) -> Mapping[str, bytes]:
-    """One file a camera."""
+    """Write one file for each camera."""
     rig = export.with_lenses(losses)
     files = tame_names(rig.names)
     contents = {}
@@ -71,7 +72,7 @@ def _write(export: Export, losses: Losses) -> Mapping[str, bytes]:
 
 
 def _write_one(export: Export, losses: Losses) -> bytes:
-    """All cameras in one file, a map each."""
+    """Write all cameras into one file, with one map each."""
     with _storage() as (storage, text):
         for number, camera in enumerate(export.with_lenses(losses), start=1):
             storage.startWriteStruct(f"camera{number}", cv2.FileNode_MAP)
@@ -82,7 +83,7 @@ def _write_one(export: Export, losses: Losses) -> bytes:
 
 @contextmanager
 def _storage() -> Iterator[tuple[cv2.FileStorage, list[str]]]:
-    """A storage in memory, and a list that gets its text in the end."""
+    """Open a storage in memory. Also return a list that receives the text when the block ends."""
     storage = cv2.FileStorage(ENDING, cv2.FileStorage_WRITE | cv2.FileStorage_MEMORY)
     text: list[str] = []
     try:
@@ -93,7 +94,7 @@ def _storage() -> Iterator[tuple[cv2.FileStorage, list[str]]]:
 
 
 def _put_camera(storage: cv2.FileStorage, camera: Camera, number: int, losses: Losses) -> None:
-    """A rig's camera with that number."""
+    """Write a camera into a storage; `number` is its place in the rig, from 1."""
     lens, _ = express_lens(camera, (FISHEYE_SKEWED,) if camera.lens.fisheye else OPENCV, losses)
     if _survives_reading(camera.name):
         storage.write("camera_name", camera.name)
@@ -112,7 +113,7 @@ def _put_camera(storage: cv2.FileStorage, camera: Camera, number: int, losses: L
 
 
 def _survives_reading(text: str) -> bool:
-    """Whether OpenCV reads a text back as it was written; it writes `true` and quotation marks so that it does not."""
+    """Check whether OpenCV reads a text back unchanged. It does not for `true` and for texts with quotation marks."""
     try:
         storage = cv2.FileStorage(ENDING, cv2.FileStorage_WRITE | cv2.FileStorage_MEMORY)
         storage.write("text", text)
@@ -124,7 +125,7 @@ def _survives_reading(text: str) -> bool:
 
 
 def _read(path: Path, given: Given) -> Rig:
-    """The cameras of a file, or of all files in a folder, in the order of their names."""
+    """Read the cameras of a file, or of all files in a folder, ordered by their numbers, then by the files' names."""
     files = [path] if path.is_file() else _files_in(path)
     cameras: list[Camera] = []
     faults: list[str] = []
@@ -157,13 +158,13 @@ def _read(path: Path, given: Given) -> Rig:
 
 
 def _number(content: Mapping[str, Any]) -> float:
-    """A camera's place in the rig; those without one come last, in the order of their files."""
+    """Return the number of a file's camera in the rig; infinite, so that the file comes last, if there is none."""
     number = content.get("cameranumber")
-    return number if isinstance(number, (int, float)) and number == number else float("inf")  # whole ones may be beyond floats
+    return number if isinstance(number, (int, float)) and number == number else float("inf")  # whole numbers may exceed floats
 
 
 def _files_in(folder: Path) -> list[Path]:
-    """Files that may hold a camera; those of joints and other recordings are larger."""
+    """List the files that may hold a camera. Larger files, of joints and other recordings, are left out."""
     found = [file for file in folder.iterdir() if file.suffix.lower() in ENDINGS and not file.name.startswith(".")]
     small = [file for file in found if file.is_file() and file.stat().st_size <= LARGEST_BYTES]
     if not small:
@@ -172,7 +173,7 @@ def _files_in(folder: Path) -> list[Path]:
 
 
 def _cameras(path: Path, content: Mapping[str, Any], given: Given) -> Iterator[Camera]:
-    """The cameras in one file: one, those of the multi-view sample, or one in each of its maps; none where it has none."""
+    """Generate the cameras of one file: those of the multi-view sample, or one camera, or one for each of its maps."""
     if all(key in content for key in _MULTIVIEW):
         given.unread.keys(content, (*_MULTIVIEW, "camids"))
         yield from _multiview(path, content, given)
@@ -191,7 +192,7 @@ def _cameras(path: Path, content: Mapping[str, Any], given: Given) -> Iterator[C
 
 
 def _camera(path: Path, content: Mapping[str, Any], given: Given, name: str) -> Camera | None:
-    """The camera that a file, or a map in it, describes; None where it holds no camera matrix."""
+    """Read the camera that a file, or a map in it, describes; None where it holds no camera matrix."""
     stored = lens_in(path, content)
     if stored is None:
         return None
@@ -202,7 +203,7 @@ def _camera(path: Path, content: Mapping[str, Any], given: Given, name: str) -> 
 
 
 def _pose(path: Path, content: Mapping[str, Any], given: Given) -> Pose | None:
-    """The pose in a file; None where it has neither rotation nor translation."""
+    """Read the pose in a file; None where it has neither rotation nor translation."""
     rotation, translation = find_first_value(content, _ROTATION), find_first_value(content, _TRANSLATION)
     if rotation is None and translation is None:
         return None
@@ -215,7 +216,7 @@ def _pose(path: Path, content: Mapping[str, Any], given: Given) -> Pose | None:
 
 
 def _require_unit(path: Path, metres_per_unit: float | None) -> float:
-    """The unit. Raises `InputError` if it is unknown."""
+    """Return the unit of length in metres. Raises `InputError` if it is unknown."""
     if metres_per_unit is None:
         raise InputError(f"{path}: does not state the unit of its translation: give it, as in --units mm")
     return metres_per_unit
@@ -235,7 +236,7 @@ def _read_pose(path: Path, rotation: Any, translation: Any, metres_per_unit: flo
 
 
 def _stereo(path: Path, content: Mapping[str, Any], given: Given) -> list[Camera]:
-    """OpenCV's stereo sample: the first camera is the world."""
+    """Read the files of OpenCV's stereo sample. The first camera's frame is the world."""
     size = given.size_of(str(path))
     metres = _require_unit(path, given.metres_per_unit)
     poses = (Pose(np.eye(3), np.zeros(3)), _read_pose(path, content["r"], content["t"], metres))
@@ -246,7 +247,7 @@ def _stereo(path: Path, content: Mapping[str, Any], given: Given) -> list[Camera
 
 
 def _multiview(path: Path, content: Mapping[str, Any], given: Given) -> list[Camera]:
-    """OpenCV's multi-view sample."""
+    """Read the file of OpenCV's multi-view sample."""
     sizes, matrices, distortions, rotations, translations, fisheye = (
         numbers_of(path, key, content[key]) for key in ("imagesizes", "ks", "distortions", "rvecs", "ts", "isfisheye")
     )

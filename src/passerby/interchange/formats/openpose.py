@@ -1,12 +1,12 @@
-"""OpenPose's folders of JSON, one file a frame, as `--write_json` makes them; other tools write the same form.
+"""OpenPose's folders of JSON, one file a frame, as `--write_json` makes them; other tools write the same format.
 
     {"people": [{"person_id": [-1], "pose_keypoints_2d": [x, y, confidence, x, y, confidence, ...]}, ...]}
 
-Joints: BODY_25 or BODY_25B (25), BODY_135 or COCO (18), and what other tools put there: COCO's own 17, Halpe's 26 (Pose2Sim,
-RTMLib) or 136, BlazePose's 33, COCO-WholeBody's 133. The 25 are taken as BODY_25; a calibration finds out by the images when
+Joints: BODY_25 or BODY_25B (25), BODY_135 or COCO (18), and those of other tools: COCO's own 17, Halpe's 26 (Pose2Sim,
+RTMLib) or 136, BlazePose's 33, COCO-WholeBody's 133. 25 joints are read as BODY_25; a calibration detects from the images if
 they are BODY_25B. Confidence 0 is a joint that was not found. `person_id` is -1 without tracking. The frame is the
 number at the end of a file's name, before `_keypoints`. OpenPose counts the frames of a video from 0, in twelve digits, and
-Passerby from 1: such numbers are raised by one. The numbers of pictures (their own names, whatever they are) stay.
+Passerby from 1: such numbers are raised by one. The numbers in other names, as of single pictures, stay unchanged.
 
 OpenPose's documentation, `doc/02_output.md`; pixels have (0, 0) at the first pixel's centre.
 """
@@ -28,11 +28,11 @@ from passerby.interchange.formats.values import load_json
 ENDING = "_keypoints"
 _OF_A_VIDEO = re.compile(r"(?:^|.*\D)\d{12}" + ENDING)
 SCALED = 1.0
-"""No coordinate of a picture in pixels stays below it; those of `--keypoint_scale 3` and `4` all do."""
+"""Largest coordinate with `--keypoint_scale 3` and `4`. Coordinates in pixels are larger."""
 
 
 def read_people(path: Path, given: Given) -> People:
-    """One camera's joints; a file without people is a picture without any. Raises `InputError`."""
+    """Read one camera's joints. A file without people is a picture without people. Raises `InputError`."""
     if not path.is_dir():
         raise InputError(f"{path}: is a file: give the folder of --write_json, which has one file per frame")
     files = sorted(file for file in path.iterdir() if file.suffix.lower() == ".json" and not file.name.startswith("."))
@@ -46,14 +46,14 @@ def read_people(path: Path, given: Given) -> People:
 
 
 def _frames(path: Path, files: list[Path]) -> Mapping[Path, int]:
-    """The number of each file."""
+    """Return the frame number of each file."""
     names = {file: f"{file.stem.removesuffix(ENDING)}.json" for file in files}
     frames = frames_of_names(names.values(), str(path))
     return {file: frames[name] for file, name in names.items()}
 
 
 def _people(file: Path, frame: int, unread: Unread) -> list[Found]:
-    """Everybody in one file."""
+    """Read all people in one file."""
     content = load_json(file, "a frame of OpenPose")
     people = content.get("people") if isinstance(content, dict) else None
     if not isinstance(people, list):
@@ -74,7 +74,7 @@ def _people(file: Path, frame: int, unread: Unread) -> list[Found]:
 
 
 def _check_pixels(path: Path, keypoints: Keypoints) -> None:
-    """That coordinates are pixels."""
+    """Check that coordinates are pixels. Raises `InputError`."""
     found = np.abs(keypoints.xy[keypoints.score > 0])
     if found.size and found.max() <= SCALED:
         raise InputError(

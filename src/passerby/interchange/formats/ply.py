@@ -1,11 +1,11 @@
-"""PLY: the rig, the ground and people's trajectories as coloured points, lines and faces, to be looked at.
+"""PLY: the rig, the ground and people's trajectories as coloured points, lines and faces, for viewers.
 
 World as in the rig: right-handed, z up, ground at z = 0, metres. Cameras are pyramids from their centre to the border of their
-picture, drawn through their own lens, distortion and all. The ground is a grid, as faces, since some viewers draw no lines.
-Every place of every person is a point of the person's colour, x and y on the ground and z in the middle of the body; places
-of one stretch are joined by edges. The properties `camera` and `person` of a vertex are the place of the camera in the rig and
-the person's identity, -1 for neither; `time_s` is the rig's time at a person's place. Comments in the header name the cameras,
-as JSON strings.
+picture, drawn through their own lens with its distortion. The ground is a grid of faces, because some viewers draw no lines.
+Each position of each person is a point of the person's colour, x and y on the ground and z in the middle of the body;
+positions of one stretch are joined by edges. The properties `camera` and `person` of a vertex are the camera's index in the rig
+and the person's identity, -1 for none; `time_s` is the rig's time at a person's position. Comments in the header name the
+cameras, as JSON strings.
 
 G. Turk, "The PLY Polygon File Format", 1994; binary, little-endian, version 1.0.
 """
@@ -24,7 +24,7 @@ from passerby.interchange.formats.format import Export, Format, Losses
 
 NOBODY = -1
 LINE_SHARE = 0.02
-"""Width of the ground's lines, as a share of their distance."""
+"""Width of the ground's lines as a share of the distance between them."""
 VERTEX = np.dtype([
     ("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("red", "u1"), ("green", "u1"), ("blue", "u1"),
     ("camera", "<i4"), ("person", "<i4"), ("time_s", "<f4"),
@@ -35,7 +35,7 @@ _NAMES = {"<f4": "float", "|u1": "uchar", "<i4": "int"}
 
 
 def write(rig: Export, losses: Losses) -> Mapping[str, bytes]:
-    """The file. Cameras without a pose are losses."""
+    """Write the rig as PLY. Cameras without a pose are losses."""
     drawing = draw(rig.posed(losses), rig.trajectories)
     parts = _Parts()
     for index, frustum in enumerate(drawing.frusta):
@@ -48,7 +48,7 @@ def write(rig: Export, losses: Losses) -> Mapping[str, bytes]:
 
 
 class _Parts:
-    """Vertices, faces and edges, gathered."""
+    """The vertices, faces and edges of a file while they are gathered."""
 
     def __init__(self) -> None:
         self._vertices: list[NDArray[np.void]] = []
@@ -67,7 +67,7 @@ class _Parts:
         faces: NDArray[np.int64] | None = None,
         edges: NDArray[np.int64] | None = None,
     ) -> None:
-        """Add points (N, 3), world, and faces and edges of them."""
+        """Add points (N, 3) in the world frame, with faces and edges as indices into them."""
         rows = np.zeros(len(points), dtype=VERTEX)
         for axis, name in enumerate("xyz"):
             rows[name] = points[:, axis]
@@ -82,7 +82,7 @@ class _Parts:
         self._count += len(points)
 
     def file(self, comments: list[str]) -> bytes:
-        """The whole file."""
+        """Format the whole file."""
         vertices, ends = np.concatenate(self._vertices), np.vstack(self._edges)
         corners = np.vstack(self._faces)
         faces, edges = np.zeros(len(corners), dtype=FACE), np.zeros(len(ends), dtype=EDGE)
@@ -98,12 +98,12 @@ class _Parts:
 
 
 def _properties(record: np.dtype[np.void]) -> list[str]:
-    """The header's lines of a record's fields."""
+    """Return the header's lines for the fields of a record."""
     return [f"property {_NAMES[record[name].str]} {name}" for name in record.names or ()]
 
 
 def _comments(name: str, frusta: tuple[Frustum, ...]) -> list[str]:
-    """What the header tells. JSON strings of ASCII letters: a name can neither end its line nor the header."""
+    """Return the header's comments. Names are JSON strings in ASCII, so that no name can end its line or the header."""
     colours = ["#{:02x}{:02x}{:02x}".format(*frustum.colour) for frustum in frusta]
     return [
         "metres; z up; ground at z = 0",
@@ -113,7 +113,7 @@ def _comments(name: str, frusta: tuple[Frustum, ...]) -> list[str]:
 
 
 def _ground(drawing: Drawing) -> tuple[Floats, NDArray[np.int64]]:
-    """(4 L, 3) corners and (2 L, 3) faces of the grid's lines, as narrow bands."""
+    """Compute corners (4 L, 3) and faces (2 L, 3) of the grid's L lines as narrow bands."""
     half = LINE_SHARE * drawing.spacing_m / 2
     along = drawing.ground[:, 1] - drawing.ground[:, 0]
     along /= np.linalg.norm(along, axis=1, keepdims=True)
@@ -125,7 +125,7 @@ def _ground(drawing: Drawing) -> tuple[Floats, NDArray[np.int64]]:
 
 
 def _list_steps(way: Way) -> NDArray[np.int64]:
-    """(E, 2) the steps of a way, none over a long gap."""
+    """Return the edges (E, 2) between consecutive positions of a trajectory, without edges over long gaps."""
     rows = [np.arange(part.start, part.stop) for part in way.parts]
     return np.vstack([np.column_stack([row[:-1], row[1:]]) for row in rows])
 

@@ -8,13 +8,13 @@
 
 x, y, z is the camera's centre in the world, millimetres. Row i of r is the camera's axis i in the world: x right, y *up*, z
 *backward* (the camera looks along -z), so OpenCV's rotation from world to camera is diag(1, -1, -1) r. Focal lengths, centre
-and skew are counted in 1/64 of a pixel from the sensor's first pixel. The file does not say where in a pixel that count begins:
-it is taken to be the pixel's centre, as Pose2Sim takes it; if it were the edge, all points would move by half a pixel
+and skew are in 1/64 of a pixel from the sensor's first pixel. The file does not state the position of the origin in a pixel:
+the pixel's centre is assumed, as in Pose2Sim; if it were the edge, all points would move by half a pixel
 together. Distortions are OpenCV's k1, k2, k3, p1, p2 of normalised coordinates and have no unit. Pose2Sim divides them by 64
-as well, which leaves next to none of a distortion that moves corners by seven pixels.
+as well, which removes nearly all of a distortion that moves corners by seven pixels.
 
-The world's z is up as QTM is usually set up; the file does not say. Where `viewrotation` is not 0 the camera hangs turned; its
-calibration is that of the picture as the sensor has it.
+The world's z is up in the usual configuration of QTM; the file does not state it. Where `viewrotation` is not 0, the camera is
+mounted turned; its calibration is that of the sensor's picture, which is not turned.
 """
 
 from __future__ import annotations
@@ -37,19 +37,19 @@ from passerby.interchange.storage.safe_parsing import NotParsed, parse_xml, read
 
 METRES = 1e-3
 SUBPIXELS = 64.0
-"""Of a pixel: the unit of focal lengths and centres."""
+"""Units per pixel of focal lengths and centres."""
 QTM_TO_CV = np.diag([1.0, -1.0, -1.0])
 ROTATION_TOLERANCE = 1e-3
-"""Files have six decimals."""
+"""Largest difference of a matrix's singular values from 1: files have six decimals."""
 READ = ("active", "calibrated", "serial", "video_resolution", "viewrotation", "fov_video", "transform", "intrinsic")
 SHAPE_TOLERANCE = 0.02
 SMALLEST_SKEW_PX = 0.01
 
 
 def read(path: Path, given: Given) -> Rig:
-    """The cameras, called by their serial numbers. Those that are not active or not calibrated have no pose.
+    """Read the cameras. Their names are their serial numbers. Cameras that are not active or not calibrated have no pose.
 
-    Videos of another size than the sensor's (`given.size`) are taken to show the same, edge to edge. Skew is a loss.
+    Videos of another size than the sensor's (`given.size`) are assumed to show the same view, edge to edge. Skew is a loss.
     """
     text = read_text(path, "a calibration of Qualisys Track Manager (.qca.txt)")
     try:
@@ -71,7 +71,7 @@ def read(path: Path, given: Given) -> Rig:
 
 
 def _camera(name: str, element: ElementTree.Element, given: Given) -> Camera:
-    """The camera of an element. Raises `InputError` without the place."""
+    """Read the camera of an element. Raises `InputError` without the place."""
     given.unread.keys([*element.attrib, *(child.tag for child in element)], READ)
     lens = _lens(name, element, given)
     idle = element.get("active", "1") == "0" or element.get("calibrated", "true").lower() == "false"
@@ -111,7 +111,7 @@ def _lens(name: str, element: ElementTree.Element, given: Given) -> Lens:
 
 
 def _field(element: ElementTree.Element) -> Floats:
-    """(4,) left, top, right, bottom of what the video shows, pixels of the sensor, both ends included."""
+    """Read left, top, right, bottom (4,) of the part of the sensor that the video shows, pixels, both ends included."""
     if element.find("fov_video") is not None:
         left, top, right, bottom = _numbers(element, "fov_video", ["left", "top", "right", "bottom"])
     else:
@@ -123,7 +123,7 @@ def _field(element: ElementTree.Element) -> Floats:
 
 
 def _scales(element: ElementTree.Element, field: tuple[float, float], size: tuple[int, int] | None) -> tuple[float, float]:
-    """Pixels of the video per pixel of the sensor, across and down."""
+    """Compute the pixels of the video per pixel of the sensor, across and down."""
     lines = re.fullmatch(r"(\d{1,9})p", element.get("video_resolution", ""))
     if size is None:
         if lines and int(lines[1]) < 0.9 * min(field):
@@ -141,7 +141,7 @@ def _scales(element: ElementTree.Element, field: tuple[float, float], size: tupl
 
 
 def _numbers(element: ElementTree.Element, tag: str, names: list[str], missing: float | None = None) -> Floats:
-    """Finite attributes of one of the camera's elements."""
+    """Read finite attributes of one of the camera's elements; each is `missing`, if not None, where it is not stated."""
     found = element.find(tag)
     if found is None:
         raise InputError(f"<{tag}> is missing: a camera has <fov_video>, <transform> and <intrinsic>")

@@ -6,12 +6,12 @@ at its centre, so the principal point is half a pixel more than in the rig. A pi
 lens is a loss, and the nearest pinhole is written; `/world/frusta/NAME` is drawn through the true lens.
 `/world/camera_sigmas/NAME` is the ellipsoid of one sigma of the camera's position, where the rig knows it.
 
-`/world/ways/person N` are the stretches of a person's way as line strips; on the timelines `time` (the rig's time, seconds)
-and `frame` (of the first camera's clock), `/world/people/person N` is the person's place and `/world/people_sigmas/person N`
-one sigma of it on the ground. A person who is not there at a time is not drawn then.
+`/world/ways/person N` are the stretches of a person's trajectory as line strips; on the timelines `time` (the rig's time,
+seconds) and `frame` (of the first camera's clock), `/world/people/person N` is the person's position and
+`/world/people_sigmas/person N` one sigma of it on the ground. A person is only drawn at times at which the position is known.
 
-https://rerun.io/docs/reference/types; that the viewer's pixels begin at their edge is in its tracker (#3896). Recordings hold
-random identifiers of their parts, so two of one rig are not the same bytes.
+https://rerun.io/docs/reference/types; the tracker (#3896) states that the viewer's pixels begin at their edge. Recordings
+contain random identifiers of their parts, so two recordings of one rig are not the same bytes.
 """
 
 from __future__ import annotations
@@ -39,11 +39,11 @@ APPLICATION = "passerby"
 HALF_A_PIXEL = 0.5
 PERSON_RADIUS_M, LINE_RADIUS_M = 0.12, 0.01
 FLAT_M = 0.005
-"""Half the height of the ellipsoid of a place on the ground."""
+"""Half the height of the ellipsoid of a position on the ground."""
 
 
 def write(rig: Export, losses: Losses) -> Mapping[str, bytes]:
-    """The recording. A camera without a pose, and a lens that is no pinhole, are losses.
+    """Write the rig as a Rerun recording. A camera without a pose, and a lens that is no pinhole, are losses.
 
     Raises `InputError` where rerun-sdk is not installed.
     """
@@ -53,7 +53,7 @@ def write(rig: Export, losses: Losses) -> Mapping[str, bytes]:
         raise InputError("format rerun needs the package rerun-sdk: pip install 'passerby[rerun]'") from None
     posed = rig.posed(losses)
     drawing = draw(posed, rig.trajectories)
-    # Without properties, which hold the time of writing.
+    # Without properties, which contain the time of writing.
     recording = rr.RecordingStream(APPLICATION, recording_id=_identifier(rig), send_properties=False)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "rig.rrd"
@@ -72,7 +72,7 @@ def write(rig: Export, losses: Losses) -> Mapping[str, bytes]:
 
 
 def _identifier(rig: Export) -> str:
-    """Of a recording: the same for the same rig under the same name, since the viewer puts those of one identifier together."""
+    """Compute a recording's identifier from the rig's name and poses. The viewer merges recordings with equal identifiers."""
     told = hashlib.sha256(rig.name.encode("utf-8", "replace"))
     for camera in rig.rig:
         told.update(camera.name.encode("utf-8", "replace"))
@@ -82,7 +82,7 @@ def _identifier(rig: Export) -> str:
 
 
 def _log(recording: Any, path: list[str], what: Any) -> None:
-    """Put something there for all times; names in the path are escaped. Not strict, Rerun would only warn of mistakes."""
+    """Log `what` at a path for all times; names in the path are escaped. Without `strict`, Rerun only warns of mistakes."""
     recording.log(path, what, static=True, strict=True)
 
 
@@ -92,7 +92,7 @@ def _log_ground(rr: Any, recording: Any, drawing: Drawing) -> None:
 
 
 def _log_camera(rr: Any, recording: Any, frustum: Frustum, losses: Losses) -> None:
-    """A camera, its true frustum and its sigma."""
+    """Log a camera, its true frustum and its sigma."""
     camera = frustum.camera
     lens, _ = express_lens(camera, (PINHOLE,), losses, " (Rerun has no other; the lines of its frustum keep the true lens)")
     matrix = np.array(lens.matrix)
@@ -122,7 +122,7 @@ def _describe_clock(camera: Camera) -> str:
 
 
 def _ellipsoid(sigma: PoseSigma) -> tuple[Floats, Floats]:
-    """Half axes, metres, and x, y, z, w of the turn of the one-sigma ellipsoid of a position."""
+    """Compute the one-sigma ellipsoid of a position: its half axes (3,), metres, and its rotation (4,), x, y, z, w."""
     if sigma.covariance is None:
         return np.full(3, sigma.position_m / math.sqrt(3)), np.array([0.0, 0.0, 0.0, 1.0])
     squares, axes = np.linalg.eigh(np.asarray(sigma.covariance)[:3, :3])
@@ -131,12 +131,12 @@ def _ellipsoid(sigma: PoseSigma) -> tuple[Floats, Floats]:
 
 
 def _log_person(rr: Any, recording: Any, way: Way, found: Trajectories) -> None:
-    """A person's way as a whole, and place by place."""
+    """Log a person's trajectory as a whole, and each position at its time."""
     name = f"person {way.identity}"
     strips = [way.xyz[part] for part in way.parts if part.stop - part.start > 1]
     if strips:
         _log(recording, ["world", "ways", name], rr.LineStrips3D(strips, colors=way.colour, radii=LINE_RADIUS_M))
-    # One instant after each stretch there is no person: otherwise the last place would stay.
+    # An empty entry one instant after each stretch: without it, the last position would stay visible.
     rows = [row for part in way.parts for row in (*range(part.start, part.stop), None)]
     ends = iter([part.stop - 1 for part in way.parts])
     seconds = np.array([way.time_s[next(ends)] + 1 / found.clock.fps if row is None else way.time_s[row] for row in rows])
@@ -155,7 +155,7 @@ def _log_person(rr: Any, recording: Any, way: Way, found: Trajectories) -> None:
 
 
 def _log_sigmas(rr: Any, recording: Any, way: Way, rows: Sequence[int | None], times: list[Any]) -> None:
-    """One sigma of each place on the ground, where it is known."""
+    """Log one sigma of each position on the ground, where it is known."""
     known = [row is not None and bool(np.isfinite(way.sigma_m[row])) for row in rows]
     here = [row for row, is_known in zip(rows, known, strict=True) if is_known and row is not None]
     if not here:

@@ -4,21 +4,20 @@
 `image_height`, `camera_name`, `camera_matrix`, `distortion_model` with `distortion_coefficients` (plumb_bob: k1 k2 p1 p2 k3
 of OpenCV's pinhole; rational_polynomial: k1 k2 p1 p2 k3 k4 k5 k6; equidistant: k1 k2 k3 k4 of OpenCV's fisheye),
 `rectification_matrix` (identity) and `projection_matrix`: the camera matrix with a column of zeros, so that a rectified
-picture keeps focal length and middle. Pixels are OpenCV's.
+picture keeps focal length and principal point. Pixels are OpenCV's.
 
 `static_transforms.yaml` is a tf2_msgs/TFMessage as `ros2 topic echo --once /tf_static` prints it: parent `world`, child
-`NAME_optical_frame`; translation and rotation (quaternion x y z w) place the camera in the world: camera to world. The world
-has z up, the optical frame x right, y down, z forward, metres (REP 103). A camera without a pose is in no transform. The
-launch file publishes the same with tf2_ros' static_transform_publisher (`ros2 launch ./static_transforms.launch.py`, ROS 2
-Humble or newer).
+`NAME_optical_frame`; translation and rotation (quaternion x y z w) are camera to world. The world has z up, the optical frame
+x right, y down, z forward, metres (REP 103). A camera without a pose has no transform. The launch file publishes the same
+transforms with tf2_ros' static_transform_publisher (`ros2 launch ./static_transforms.launch.py`, ROS 2 Humble or newer).
 
 Sources: parse_yml.cpp of camera_calibration_parsers (github.com/ros-perception/image_common), sensor_msgs/CameraInfo and
 distortion_models.hpp (github.com/ros2/common_interfaces), static_transform_broadcaster_program.cpp of tf2_ros
 (github.com/ros2/geometry2), REP 103 (ros.org/reps/rep-0103.html).
 
-A ROS name has letters, digits and `_`, a letter first: other characters become `_`, `camera_` is put before a name that does
-not begin with a letter, and a number after one that is taken. The extra key `true_name` in `camera_info`, which ROS does not
-look at, keeps a name that had to change.
+A ROS name has letters, digits and `_`, and begins with a letter. Other characters become `_`, `camera_` is put before a name
+that does not begin with a letter, and a number after a name that is already used. If a name has to change, the extra key
+`true_name` in `camera_info`, which ROS ignores, keeps the true name.
 """
 
 from __future__ import annotations
@@ -53,14 +52,14 @@ FORBIDDEN = re.compile(r"[^A-Za-z0-9_]")
 INFOS, TRANSFORMS, LAUNCH = "camera_info", "static_transforms.yaml", "static_transforms.launch.py"
 WORLD = "world"
 OPTICAL = ("_optical_frame", "_optical")
-"""Endings of the frames whose z axis points forward; REP 103 asks for `_optical`, drivers add `_frame`."""
+"""Endings of the names of frames whose z axis points forward; REP 103 requires `_optical`, drivers add `_frame`."""
 READ = (
     "image_width", "image_height", "camera_name", "true_name", "camera_matrix", "distortion_model", "distortion_coefficients",
     "rectification_matrix", "projection_matrix",
 )  # fmt: skip
-"""Keys of a camera_info. The last two are of the rectified image and follow from the others."""
+"""Keys of a camera_info that are known. The last two are of the rectified image and follow from the others."""
 DISTORTIONS = {"plumb_bob": (0, 4, 5), "rational_polynomial": (8,), "equidistant": (0, 4)}
-"""How many coefficients each model may have."""
+"""Distortion model -> permitted numbers of coefficients."""
 
 _LAUNCH = '''\
 """Places the cameras in the world: ros2 launch ./{file}"""
@@ -94,7 +93,7 @@ def generate_launch_description():
 
 
 def write(export: Export, losses: Losses) -> Mapping[str, bytes]:
-    """All files."""
+    """Write all files of the folder."""
     rig = export.with_lenses(losses)
     names = tame_names(rig.names, FORBIDDEN, LETTER)
     files: dict[str, bytes] = {}
@@ -110,7 +109,7 @@ def write(export: Export, losses: Losses) -> Mapping[str, bytes]:
 
 
 def _info(camera: Camera, name: str, losses: Losses) -> dict[str, Any]:
-    """One camera's `camera_info`."""
+    """Return the content of one camera's `camera_info`."""
     lens, model = express_lens(camera, (RADTAN_5, RATIONAL_8, FISHEYE), losses)
     kind = {RADTAN_5: "plumb_bob", RATIONAL_8: "rational_polynomial", FISHEYE: "equidistant"}[model]
     coefficients = padded(lens.distortions, DISTORTIONS[kind][-1])
@@ -128,17 +127,17 @@ def _info(camera: Camera, name: str, losses: Losses) -> dict[str, Any]:
 
 
 def _matrix(values: Floats) -> dict[str, Any]:
-    """A matrix as camera_calibration_parsers has it."""
+    """Return a matrix in the form of camera_calibration_parsers."""
     return {"rows": values.shape[0], "cols": values.shape[1], "data": values.ravel().tolist()}
 
 
 def _quaternion(pose: Pose) -> Floats:
-    """(4,) x y z w of camera to world, w not below 0."""
+    """Return the quaternion (4,) x y z w of camera to world, with w not below 0."""
     return np.asarray(Rotation.from_matrix(pose.R_cw.T).as_quat(canonical=True), dtype=np.float64)
 
 
 def _transform(name: str, place: tuple[float, ...]) -> dict[str, Any]:
-    """One geometry_msgs/TransformStamped."""
+    """Return one geometry_msgs/TransformStamped."""
     return {
         "header": {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": WORLD},
         "child_frame_id": f"{name}{OPTICAL[0]}",
@@ -150,7 +149,7 @@ def _transform(name: str, place: tuple[float, ...]) -> dict[str, Any]:
 
 
 def read(path: Path, given: Given) -> Rig:
-    """The cameras of a folder's `camera_info`, with poses from `static_transforms.yaml`; one `camera_info` will do too."""
+    """Read the cameras of a folder's `camera_info`, with poses from `static_transforms.yaml`, or a single `camera_info`."""
     infos = path / INFOS if (path / INFOS).is_dir() else path
     files = [path] if path.is_file() else sorted(file for file in infos.iterdir() if file.suffix in (".yaml", ".yml"))
     files = [file for file in files if file.name != TRANSFORMS]
@@ -181,7 +180,7 @@ def read(path: Path, given: Given) -> Rig:
 
 
 def _lens(place: str, values: dict[Any, Any]) -> Lens:
-    """The lens of a `camera_info`, from its raw picture's matrix and distortion."""
+    """Read the lens of a `camera_info` from the matrix and the distortion of its raw picture."""
     size = (read_count(place, values, "image_width"), read_count(place, values, "image_height"))
     matrix = numbers(place, {"camera_matrix": matrix_data(values, "camera_matrix")}, "camera_matrix", (3, 3))
     key = "distortion_coefficients"
@@ -198,7 +197,7 @@ def _lens(place: str, values: dict[Any, Any]) -> Lens:
 
 
 def _poses(path: Path, metres: float) -> dict[str, tuple[str, Pose]]:
-    """Of each frame: its root (a frame without a parent), and the transform from there to the frame."""
+    """Read, for each frame, its root (a frame without a parent), and the transform from the root to the frame as a pose."""
     content = table(str(path), load_yaml(path, "static transforms of ROS"), "list `transforms`")
     listed = content.get("transforms")
     if not isinstance(listed, list):
@@ -226,7 +225,7 @@ def _poses(path: Path, metres: float) -> dict[str, tuple[str, Pose]]:
 
 
 def _child_to_parent(place: str, values: dict[Any, Any], metres: float) -> Floats:
-    """(4, 4) of one transform."""
+    """Read one transform (4, 4) from child to parent, metres."""
     inner = table(place, values.get("transform"), "transform")
     where = table(place, inner.get("translation"), "translation")
     turn = table(place, inner.get("rotation"), "rotation")

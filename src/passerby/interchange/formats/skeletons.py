@@ -1,9 +1,9 @@
-"""Which joints other tools find, in which order, and how they spell their names.
+"""Joints of other tools: their order, and the spellings of their names.
 
-BODY_25 and COCO of OpenPose: its `doc/02_output.md`. BODY_25B, which OpenPose writes with 25 joints too, and BODY_135, which
-begins with it: the README of openpose_train's experimental models. Halpe's 26 and 136: the README of Halpe-FullBody,
-AlphaPose's own set. COCO-WholeBody's 133: its README. BlazePose's 33: MediaPipe's documentation of pose landmarks. The 17 of
-COCO come first in Halpe's, COCO-WholeBody's and BODY_25B.
+Sources. BODY_25 and COCO of OpenPose: its `doc/02_output.md`. BODY_25B, which OpenPose writes with 25 joints too, and
+BODY_135, which begins with it: the README of openpose_train's experimental models. Halpe's 26 and 136: the README of
+Halpe-FullBody, AlphaPose's own set. COCO-WholeBody's 133: its README. BlazePose's 33: MediaPipe's documentation of pose
+landmarks. The 17 of COCO come first in Halpe's, COCO-WholeBody's and BODY_25B.
 """
 
 from __future__ import annotations
@@ -46,8 +46,8 @@ SKELETONS: Mapping[int, Mapping[str, tuple[str, ...]]] = {
     26: {"Halpe": HALPE_26}, 33: {"BlazePose": BLAZEPOSE_33}, 133: {"COCO-WholeBody": WHOLE_BODY_23},
     135: {"BODY_135": BODY_25B}, 136: {"Halpe": HALPE_26},
 }  # fmt: skip
-"""How many joints a tool writes -> the names of the first of them by layout; the face and the hands that follow have none here.
-Of several layouts the usual one comes first."""
+"""Number of joints that a tool writes -> layout -> names of its first joints. Joints of the face and the hands follow them and
+have no names here. Of several layouts, the usual one comes first."""
 
 _OF_A_SIDE: Mapping[str, tuple[str, ...]] = {
     "eye": ("eye",), "ear": ("ear",), "shoulder": ("shoulder",), "elbow": ("elbow",), "wrist": ("wrist",), "hip": ("hip",),
@@ -59,12 +59,12 @@ _OF_THE_MIDDLE: Mapping[str, tuple[str, ...]] = {
     "neck": ("neck", "upperneck", "midshoulder", "thorax"),
     "mid_hip": ("midhip", "chip", "hip", "hips", "hipcenter", "hipcentre", "pelvis", "root"),
 }  # fmt: skip
-"""Our name -> what other tools call the joint, in lower case without separators."""
+"""Passerby's name of a joint -> names in other tools, in lower case without separators."""
 
 
 @cache
 def _spellings() -> Mapping[str, str]:
-    """Every known spelling of a joint, in lower case without separators -> our name."""
+    """Return a mapping: known spelling of a joint, in lower case without separators -> Passerby's name."""
     known = {spelling: name for name, spellings in _OF_THE_MIDDLE.items() for spelling in spellings}
     for name, spellings in _OF_A_SIDE.items():
         for spelling in spellings:
@@ -75,9 +75,9 @@ def _spellings() -> Mapping[str, str]:
 
 
 def standard_names(names: Sequence[str]) -> tuple[str, ...]:
-    """Joints' names as the person model has them: `right_hip` for RHip, rhip, hip_r, Right Hip and the like.
+    """Convert joints' names to those of the person model: `right_hip` for RHip, rhip, hip_r, Right Hip and similar names.
 
-    Unknown names stay. So do names of which another has the same meaning, unless one of them is spelled as here.
+    Unknown names stay. If several names mean the same joint, they also stay.
     """
     standard = [_spellings().get(re.sub(r"[\W_]", "", name).lower(), name) for name in names]
     alone = {name for name in standard if standard.count(name) == 1}
@@ -87,14 +87,14 @@ def standard_names(names: Sequence[str]) -> tuple[str, ...]:
 
 
 def find_known_joints(count: int) -> tuple[str, ...] | None:
-    """The names of the first of so many joints, in the tool's usual order; None for a number that no skeleton here has."""
+    """Return the names of the first of `count` joints, in the tool's usual order; None for a number without a skeleton."""
     return next(iter(SKELETONS.get(count, {}).values()), None)
 
 
 def find_other_layouts(names: Sequence[str]) -> tuple[str, Mapping[str, tuple[str, ...]]] | None:
-    """The layout of these names, and their names in each other layout of as many joints; None where there is no other.
+    """Find the layout of these names, and the joints' names in each other layout of as many joints; None if there is no other.
 
-    The joints may stand in another order than the tool's, as `ordered_joints` puts them.
+    The joints may be in the order of `ordered_joints` instead of the tool's order.
     """
     layouts = SKELETONS.get(len(names), {})
     stated = next((layout for layout, joints in layouts.items() if sorted(joints) == sorted(names)), None)
@@ -105,16 +105,16 @@ def find_other_layouts(names: Sequence[str]) -> tuple[str, Mapping[str, tuple[st
 
 
 def ordered_joints(names: tuple[str, ...]) -> tuple[str, ...]:
-    """COCO's 17 first, in COCO's order, then the others in the tool's.
+    """Order joints: first COCO's 17 in COCO's order, then the others in the tool's order.
 
-    The others are kept: with all 25 of OpenPose's joints the cameras of Pose2Sim's demonstration come to 34.0 mm and 0.56
-    degrees of the truth, with COCO's 17 of them alone to 34.3 mm and 0.86 degrees.
+    The others are kept: with all 25 of OpenPose's joints, the errors of the cameras of Pose2Sim's demonstration are 34.0 mm and
+    0.56 degrees; with only COCO's 17 of them, they are 34.3 mm and 0.86 degrees.
     """
     return (*(name for name in BODY_17 if name in names), *(name for name in names if name not in BODY_17))
 
 
 def list_joint_counts() -> str:
-    """The numbers of joints that are known, for a message."""
+    """Return a text for messages that lists the known numbers of joints."""
     return (
         "17 (COCO), 18 (OpenPose's COCO), 25 (BODY_25, BODY_25B), 26 or 136 (Halpe), 33 (BlazePose), 133 (COCO-WholeBody) or "
         "135 (BODY_135)"

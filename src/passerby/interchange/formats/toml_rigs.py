@@ -1,21 +1,21 @@
 """Anipose's calibration.toml, Pose2Sim's Calib.toml and Caliscope's camera_array.toml.
 
-All three hold, as a rig file of Passerby does, a table a camera with `size` [width, height], `matrix` and `distortions`
+All three have, as a rig file of Passerby, one table for each camera with `size` [width, height], `matrix` and `distortions`
 of OpenCV, `rotation` (a Rodrigues vector) and `translation` of x_c = R X_w + t, OpenCV's camera axes and pixels, and
-`fisheye`. They differ in names, unit and in what their readers make of them:
+`fisheye`. They differ in names, in units and in the way that their tools use them:
 
 - Anipose (aniposelib 0.8.0, `cameras.py`: `CameraGroup.load`): tables `cam_0`, `cam_1`, sorted by their names as text; a
-  pose is needed; the unit is that of the calibration board, often millimetres, and the file does not tell it. Passerby
-  writes metres and says so in `[metadata] units`. It projects with `cv2.projectPoints`, or with
+  pose is needed; the unit is that of the calibration board, often millimetres, and the file does not state it. Passerby
+  writes metres and states them in `[metadata] units`. Anipose projects with `cv2.projectPoints`, or with
   `cv2.fisheye.projectPoints` where `fisheye` is true.
 - Pose2Sim (0.10.49, `common.py`: `retrieve_calib_params`): tables in the order of the file, which must be that of the
-  folders of joints; `metadata`, `capture_volume`, `charuco` and `checkerboard` are no cameras; a pose is needed; metres,
-  z up. It projects with `cv2.projectPoints` whatever `fisheye` says, so a fisheye lens is a loss.
+  folders of joints; `metadata`, `capture_volume`, `charuco` and `checkerboard` are not cameras; a pose is needed; metres,
+  z up. It ignores `fisheye` and always projects with `cv2.projectPoints`, so a fisheye lens is a loss.
 - Caliscope (0.11.8, `cameras/camera_array.py`: `CameraArray.from_toml`): tables `[cameras.0]` by number, the N of its videos'
-  names cam_N.mp4; metres; cameras without pose may stand in it; earlier versions had tables `[cam_0]` and rotations of 3 x 3
+  names cam_N.mp4; metres; cameras without a pose are permitted; earlier versions had tables `[cam_0]` and rotations of 3 x 3
   numbers, which are read too.
 
-None of them takes a skew from the matrix: OpenCV's pinhole functions have none, and the fisheye's are called without `alpha`.
+None of them uses a skew in the matrix: OpenCV's pinhole functions have none, and the fisheye's are called without `alpha`.
 """
 
 from __future__ import annotations
@@ -46,16 +46,16 @@ from passerby.interchange.rig_toml import CAMERA_KEYS, METADATA, METRES_PER_UNIT
 from passerby.interchange.storage.safe_parsing import read_toml
 
 OTHER_TABLES = (METADATA, "capture_volume", "charuco", "checkerboard", "cameras")
-"""Tables that Pose2Sim takes for no camera, and Caliscope's table of all cameras."""
+"""Tables that are not a camera for Pose2Sim, and Caliscope's table of all cameras."""
 
 NUMBERS = ("cam_id", "rotation_count")
-"""Keys of Caliscope's tables that repeat a camera's number, and how its video is turned on the screen."""
+"""Keys of Caliscope's tables: the camera's number again, and the rotation of its video on the screen."""
 
 OPENCV_MODELS = (RATIONAL_8, TILTED_14, FISHEYE)
 PINHOLE_MODELS = (RATIONAL_8, TILTED_14)
 
 _NOT_BARE = re.compile(r"[^A-Za-z0-9_-]")
-"""Needs no quotes as the name of a TOML table otherwise."""
+"""Characters that would need quotes in the name of a TOML table."""
 _NUMBERED = re.compile(r"cam_(0|[1-9]\d{0,8})")
 
 
@@ -95,7 +95,7 @@ def _write_caliscope(export: Export, losses: Losses) -> Mapping[str, bytes]:
 
 
 def _table(camera: Camera, models: Sequence[LensModel], losses: Losses, fewest: int) -> dict[str, Any]:
-    """A camera in a model that the reader knows, with at least so many coefficients."""
+    """Return the table of a camera, with its lens in one of `models` and at least `fewest` coefficients (fisheye: 4)."""
     lens, _ = express_lens(camera, models, losses)
     distortions = trim_coefficients(lens.distortions, lens.fisheye, 4 if lens.fisheye else fewest)
     return table_of(replace(camera, lens=Lens(lens.size, lens.matrix, distortions, lens.fisheye), sigma=None))
@@ -145,7 +145,7 @@ def _read_caliscope(path: Path, given: Given) -> Rig:
 
 
 def _note_unread(content: Mapping[str, Any], given: Given) -> None:
-    """What of a file is neither a camera's table nor the unit."""
+    """Report the content of a file that is neither a camera's table nor the unit as not read."""
     tables = _camera_tables(content)
     metadata = content.get(METADATA)
     given.unread.keys({key: value for key, value in content.items() if key not in tables}, (METADATA,))
@@ -155,7 +155,7 @@ def _note_unread(content: Mapping[str, Any], given: Given) -> None:
 
 
 def _camera_tables(content: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
-    """The tables that are, or could become, a camera's."""
+    """Return the tables that may describe a camera: those with at least two of its main keys."""
     wanted = {"matrix", "distortions", "size", "rotation", "translation"}
     return {
         key: table
@@ -165,7 +165,7 @@ def _camera_tables(content: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
 
 
 def _rig(path: Path, tables: Mapping[str, dict[str, Any]], given: Given, metres_per_unit: float) -> Rig:
-    """The cameras of all tables. Raises `FileFaults` with everything that cannot be one."""
+    """Read the cameras of all tables. Raises `FileFaults` with all tables that cannot be a camera."""
     if not tables:
         raise InputError(f"{path}: holds no camera: one table per camera with size, matrix and distortions is needed")
     return gather_rig(
@@ -174,7 +174,7 @@ def _rig(path: Path, tables: Mapping[str, dict[str, Any]], given: Given, metres_
 
 
 def _camera(key: str, table: dict[str, Any], given: Given, metres_per_unit: float) -> Camera:
-    """The camera of a table. Raises `InputError` without the place."""
+    """Read the camera of a table. Raises `InputError` without the place."""
     flat = dict(table)
     for name in ("distortions", "translation", "rotation"):
         if name in table and not (name == "rotation" and _is_square(table[name])):
@@ -185,12 +185,12 @@ def _camera(key: str, table: dict[str, Any], given: Given, metres_per_unit: floa
 
 
 def _is_square(value: Any) -> bool:
-    """Whether a rotation is given as three rows of three numbers."""
+    """Check whether a rotation is given as three rows of three numbers."""
     return isinstance(value, list) and len(value) == 3 and all(isinstance(row, list) and len(row) == 3 for row in value)
 
 
 def _flatten(value: Any) -> Any:
-    """Lists in lists as one: columns and rows of numbers are written either way."""
+    """Flatten nested lists: files have vectors as rows or as columns."""
     if isinstance(value, Iterable) and not isinstance(value, (str, Mapping)):
         return [inner for item in value for inner in (_flatten(item) if isinstance(item, list) else [item])]
     return value
@@ -210,7 +210,7 @@ def _recognises_anipose(sample: FileSample) -> bool:
 
 
 def _is_rig(sample: FileSample) -> bool:
-    """Whether a file has tables of cameras, and is not Passerby's own, which states its version."""
+    """Check whether a file has tables of cameras, and is not Passerby's own, which states its version."""
     metadata = sample.table.get(METADATA)
     own = isinstance(metadata, dict) and "format_version" in metadata
     return sample.suffix == ".toml" and not own and bool(_camera_tables(sample.table))

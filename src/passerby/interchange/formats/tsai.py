@@ -1,8 +1,7 @@
 """Tsai's XML: cameras of PETS 2009, EPFL and others, one a file, several in a file, or a folder of files.
 
-Tsai's frame: world to camera, camera x right, y down, z forward; lengths in millimetres unless the user says otherwise (the
-sensor's always are). Tsai's distortion goes from the picture to the pinhole, OpenCV's the other way: OpenCV's coefficients are
-fitted over the whole picture, to within a tenth of a pixel, or the file is refused.
+Tsai's frame: world to camera, camera x right, y down, z forward; lengths are millimetres unless the user states another unit
+(the sensor's lengths always are millimetres).
 
     <Camera>
       <Geometry width height ncx nfx dx dy dpx dpy/>
@@ -18,10 +17,10 @@ Lengths in millimetres, angles in radians. A point X of the world (millimetres, 
     pixel = (cx + sx d_1 / dpx, cy + d_2 / dpy)            the centre of the first pixel is (0, 0), as in OpenCV
 
 R. Y. Tsai, "A versatile camera calibration technique for high-accuracy 3D machine vision metrology using off-the-shelf TV
-cameras and lenses", IEEE Journal of Robotics and Automation, 1987. Tsai's polynomial goes from the picture to the pinhole,
-OpenCV's the other way: OpenCV's coefficients are fitted over the whole picture, and how well is checked. Tsai's text does not
-say where in a pixel the origin lies; the sets do not either. If it were the pixel's corner, all points would move by half a
-pixel together.
+cameras and lenses", IEEE Journal of Robotics and Automation, 1987. Tsai's polynomial maps from the picture to the pinhole,
+OpenCV's in the opposite direction. Therefore OpenCV's coefficients are fitted over the whole picture; if the error is more than
+a tenth of a pixel, the file is refused. Neither Tsai's text nor the sets state the position of the origin in a pixel. If it
+were the pixel's corner, all points would move by half a pixel together.
 """
 
 from __future__ import annotations
@@ -44,19 +43,18 @@ from passerby.interchange.storage.safe_parsing import NotParsed, parse_xml, read
 METRES = 1e-3
 """The files' unit of length."""
 WORST_PX = 0.1
-"""A fitted lens that misses Tsai's by more, anywhere in the picture, is refused."""
+"""Largest error of a fitted lens anywhere in the picture. A lens with a larger error is refused."""
 WANTED_PX = 0.01
-"""More coefficients are taken only as long as the fit is worse: few of them behave better outside the picture."""
+"""More coefficients are used only if the fit is worse than this: a lens with few coefficients is better outside the picture."""
 BEYOND = 1.05
-"""The lens is fitted out to so many times the radius of the picture's farthest corner."""
+"""Largest radius of the fit, as a multiple of the radius of the picture's farthest corner."""
 FAR = 6.0
-"""Where the choice is free, the drawn radius grows out to so many focal lengths (80 degrees off the axis), so that no person
-outside the view is drawn inside the picture. Polynomials of three coefficients fitted to EPFL's lenses turn back at 48 degrees.
-"""
+"""Radius in focal lengths (80 degrees off the axis) up to which the projected radius should increase, so that no person outside
+the view is projected into the picture. Polynomials of three coefficients fitted to EPFL's lenses turn back at 48 degrees."""
 MOST_KAPPA, MOST_RADIUS = 1e6, 1e3
-"""Of a distortion, and of a picture's half diagonal, both in focal lengths: some 1 and 2 in any lens that was built."""
+"""Limits of a distortion, and of a picture's half diagonal, both in focal lengths: about 1 and 2 in real lenses."""
 MOST = 1e9
-"""Pixels, millimetres or times; squares of more would overflow."""
+"""Largest number of pixels, millimetres or times; the squares of larger numbers would overflow."""
 _SAMPLES = 400
 _ATTRIBUTES = {
     "Geometry": ("width", "height", "dpx", "dpy"),
@@ -67,13 +65,13 @@ _LEAST = {
     "Geometry.width": 1.0, "Geometry.height": 1.0, "Geometry.dpx": 1e-9, "Geometry.dpy": 1e-9, "Intrinsic.focal": 1e-9,
     "Intrinsic.sx": 1e-9,
 }  # fmt: skip
-"""Of what is above 0 in every camera."""
+"""Least values of attributes that are above 0 in every camera."""
 
 
 def read(path: Path, given: Given) -> Rig:
-    """The cameras of a file, or of all files of a folder, in the order of the files' names.
+    """Read the cameras of a file, or of all files of a folder, in the order of the files' names.
 
-    Pictures of another size than the calibrated ones (`given.size`) are taken to show the same, edge to edge.
+    Pictures of another size than the calibrated ones (`given.size`) are assumed to show the same view, edge to edge.
     """
     files = (
         sorted(file for file in path.iterdir() if file.suffix.lower() == ".xml" and is_tsai(file)) if path.is_dir() else [path]
@@ -102,7 +100,7 @@ def _recognises(sample: FileSample) -> bool:
 
 @dataclass(frozen=True)
 class TsaiCamera:
-    """One camera as its file describes it. Lengths in mm, angles in radians, pixels of a picture of `size`."""
+    """A camera as its file describes it. Lengths are mm, angles are radians, pixels are those of a picture of `size`."""
 
     path: Path
     size: tuple[int, int]
@@ -115,11 +113,11 @@ class TsaiCamera:
     sx: float
     translation: tuple[float, float, float]
     angles: tuple[float, float, float]
-    """rx, ry, rz."""
+    """rx, ry, rz, radians."""
 
     @property
     def pose(self) -> Pose:
-        """World to camera, metres."""
+        """Pose, world to camera, metres."""
         (sa, sb, sg), (ca, cb, cg) = np.sin(self.angles), np.cos(self.angles)
         turn_x = np.array([[1, 0, 0], [0, ca, -sa], [0, sa, ca]])
         turn_y = np.array([[cb, 0, sb], [0, 1, 0], [-sb, 0, cb]])
@@ -127,15 +125,15 @@ class TsaiCamera:
         return Pose(turn_z @ turn_y @ turn_x, METRES * np.array(self.translation))
 
     def lens(self, size: tuple[int, int] | None = None) -> Lens:
-        """OpenCV's lens.
+        """Fit OpenCV's lens.
 
         Args:
             size: (width, height) of the pictures in use, which may be smaller than those that were calibrated (EPFL's videos
                 are half as large). The calibrated picture then covers them edge to edge.
 
         Raises:
-            InputError: no lens of OpenCV's comes within `WORST_PX` of Tsai's over the whole picture, or Tsai's polynomial
-                turns back inside the picture; a picture of another shape.
+            InputError: no lens of OpenCV is within `WORST_PX` of Tsai's over the whole picture, Tsai's polynomial turns back
+                inside the picture, or the pictures have another aspect ratio.
         """
         width, height = size or self.size
         across, down = width / self.size[0], height / self.size[1]
@@ -157,7 +155,7 @@ class TsaiCamera:
         return Lens((width, height), np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]]), distortions)
 
     def camera(self, name: str, size: tuple[int, int] | None = None) -> Camera:
-        """The camera in metres, with OpenCV's lens. Raises `InputError` as `lens`."""
+        """Return the camera in metres, with OpenCV's lens. Raises `InputError` as `lens` does."""
         try:
             return Camera(name, self.lens(size), self.pose)
         except InputError as error:
@@ -165,20 +163,20 @@ class TsaiCamera:
 
 
 def fit_distortions(kappa: float, radius: float, focal_px: float, place: str = "lens") -> tuple[Floats, float]:
-    """OpenCV's radial coefficients for a lens with `u = d (1 + kappa d^2)`, d and u in units of the focal length.
+    """Fit OpenCV's radial coefficients to a lens with `u = d (1 + kappa d^2)`, d and u in units of the focal length.
 
     Args:
         kappa: Tsai's kappa1 times the square of the focal length in mm.
         radius: largest d.
         focal_px: pixels per unit of d.
-        place: what a message names.
+        place: beginning of messages.
 
     Returns:
         The coefficients (k1, k2, 0, 0[, k3[, k4, k5, k6]]), none for a lens without distortion, and the largest error over
-        all radii, pixels. The fewest coefficients that come within `WANTED_PX`, or else the best.
+        all radii, pixels. They are the fewest coefficients with an error of at most `WANTED_PX`, or else the best.
 
     Raises:
-        InputError: the polynomial turns back before `radius`: two rays would meet in one pixel.
+        InputError: the polynomial turns back before `radius`, so that two rays have one pixel; or a number is out of range.
     """
     if kappa == 0:
         return np.zeros(0), 0.0
@@ -206,17 +204,17 @@ def fit_distortions(kappa: float, radius: float, focal_px: float, place: str = "
 
 
 def _polynomial_fit(drawn: Floats, pinhole: Floats, order: int) -> Floats:
-    """k1 to k_order by least squares of the radii, in OpenCV's order."""
+    """Fit k1 to k_order by least squares of the radii. Return them in OpenCV's order."""
     powers = pinhole[:, None] ** (2 * np.arange(1, order + 1) + 1)
     k = np.linalg.lstsq(powers, drawn - pinhole, rcond=None)[0]
     return np.array([k[0], k[1], 0.0, 0.0, *k[2:]])
 
 
 def _rational_fit(drawn: Floats, pinhole: Floats) -> Floats:
-    """k1 to k6 of `d = u (1 + k1 u^2 + ...) / (1 + k4 u^2 + ...)`.
+    """Fit k1 to k6 of `d = u (1 + k1 u^2 + ...) / (1 + k4 u^2 + ...)`.
 
-    Linear least squares of the equation times its denominator, with the denominator of the round before as weight, so that it
-    is the radii's errors that count.
+    This is linear least squares of the equation times its denominator. The weight is the inverse of the previous round's
+    denominator, so that the errors of the radii are minimised.
     """
     powers = pinhole[:, None] ** (2 * np.arange(1, 4))
     below = np.ones_like(drawn)
@@ -231,7 +229,7 @@ def _rational_fit(drawn: Floats, pinhole: Floats) -> Floats:
 
 
 def _distort_radii(pinhole: Floats, k: Floats) -> Floats:
-    """Where OpenCV's model draws undistorted radii."""
+    """Distort undistorted radii by OpenCV's model."""
     full = np.concatenate([k, np.zeros(8 - len(k))])
     u2 = pinhole**2
     above = 1 + u2 * (full[0] + u2 * (full[1] + u2 * full[4]))
@@ -239,12 +237,12 @@ def _distort_radii(pinhole: Floats, k: Floats) -> Floats:
 
 
 def _grows(k: Floats, last: float) -> bool:
-    """Whether the drawn radius grows with the undistorted one, up to `last`."""
+    """Check whether the distorted radius increases with the undistorted radius, up to `last`."""
     return bool((np.diff(_distort_radii(np.linspace(0, last, 4 * _SAMPLES), k)) > 0).all())
 
 
 def is_tsai(path: Path) -> bool:
-    """Whether an XML file looks like a calibration by Tsai's method."""
+    """Check whether the beginning of an XML file is that of a calibration by Tsai's method."""
     try:
         head = path.read_text(encoding="utf-8", errors="replace")[:4000]
     except OSError:
@@ -256,10 +254,10 @@ def read_tsai_cameras(path: str | Path) -> dict[str, TsaiCamera]:
     """Read all cameras of a file by their names.
 
     A camera's name is its `<Camera name="">`, or else that of the file without its ending, with the number of the camera from 1
-    where the file has several.
+    if the file has several cameras.
 
     Raises:
-        InputError: as `read_tsai`, and two cameras of one name.
+        InputError: as `read_tsai`, and two cameras with the same name.
     """
     path = Path(path)
     text = read_text(path, "a camera calibrated by Tsai's method (XML)")
@@ -280,7 +278,7 @@ def read_tsai_cameras(path: str | Path) -> dict[str, TsaiCamera]:
 
 
 def _tsai_camera(path: Path, camera: ElementTree.Element) -> TsaiCamera:
-    """The camera that an element describes."""
+    """Read the camera that an element describes. Raises `InputError`."""
     value = {
         f"{element}.{name}": _number(path, camera, element, name) for element, names in _ATTRIBUTES.items() for name in names
     }
@@ -305,7 +303,7 @@ def _tsai_camera(path: Path, camera: ElementTree.Element) -> TsaiCamera:
 
 
 def _number(path: Path, camera: ElementTree.Element, element: str, name: str) -> float:
-    """A finite attribute of one of the camera's elements."""
+    """Read a finite attribute of one of the camera's elements. Raises `InputError`."""
     found = camera.find(f".//{element}")
     if found is None:
         raise InputError(f"{path}: <{element}> is missing: a camera has <{'>, <'.join(_ATTRIBUTES)}>")
@@ -338,9 +336,9 @@ FORMAT = Format(
 
 
 def read_tsai(path: str | Path) -> TsaiCamera:
-    """Read one camera's file; of several cameras in it, the first.
+    """Read the first camera of a file.
 
     Raises:
-        InputError: the file is missing, no XML, lacks an element or attribute, or has a value that no camera has.
+        InputError: the file is missing, not XML, lacks an element or attribute, or has a value that no camera can have.
     """
     return next(iter(read_tsai_cameras(path).values()))

@@ -1,4 +1,4 @@
-"""Values and camera names in files of other tools, checked, with errors a person can act on."""
+"""Checks of values and camera names in files of other tools, with messages that state the remedy."""
 
 from __future__ import annotations
 
@@ -20,27 +20,28 @@ from passerby.interchange.numbers import NotNumbers, finite_numbers
 from passerby.interchange.storage.safe_parsing import FLOAT, NotParsed, parse_json, parse_safe_yaml, parse_xml, read_text
 
 ROTATION_TOLERANCE = 1e-3
-"""Of `R R^T` from one: files round to six digits, some to four. What is accepted is made a rotation."""
+"""Largest difference of a matrix's singular values from 1: files round to six digits, some to four. An accepted matrix is
+replaced by the nearest rotation."""
 FORBIDDEN_IN_FILES = re.compile(r"[^\w.+@ -]")
-"""Everything but letters, digits, spaces and . _ + @ -"""
+"""All characters except letters, digits, spaces and . _ + @ -"""
 NO_DOT, LETTER = re.compile(r"[^.]"), re.compile(r"[A-Za-z]")
-"""How a name may begin. Files that begin with a dot are hidden; an empty name begins with nothing."""
+"""Permitted first characters of a name. Files that begin with a dot are hidden; an empty name does not match."""
 
 
 class _Dumper(yaml.SafeDumper):
-    """Plain YAML 1.1, with quotes around text that other readers, and `untrusted.Loader`, would take for a number."""
+    """Dumper of plain YAML 1.1 that quotes texts that other readers, and `safe_parsing.Loader`, would take for a number."""
 
 
 _Dumper.add_implicit_resolver("tag:yaml.org,2002:float", FLOAT, list("-+.0123456789"))
 
 
 def load_yaml(path: Path, kind: str) -> Any:
-    """The first document of a YAML file. Raises `InputError` for a file that cannot be read or is not YAML."""
+    """Read the first document of a YAML file. Raises `InputError` for a file that cannot be read or is not YAML."""
     return parse_yaml(path, read_text(path, f"{kind} (YAML)"))
 
 
 def parse_yaml(path: Path, text: str) -> Any:
-    """The first document of YAML text, a matrix of OpenCV as a table; `path` is for messages. Raises `InputError`."""
+    """Parse the first document of YAML text; OpenCV's matrices become tables. `path` is for messages. Raises `InputError`."""
     try:
         return parse_safe_yaml(text)
     except NotParsed as error:
@@ -48,18 +49,18 @@ def parse_yaml(path: Path, text: str) -> Any:
 
 
 def dump_yaml(value: Any) -> bytes:
-    """YAML text of plain values: keys as they come, lists of numbers on one line, ASCII (line ends of Unicode survive so)."""
+    """Format plain values as YAML: keys in their order, lists of numbers on one line, ASCII (keeps Unicode's line ends)."""
     return yaml.dump(value, Dumper=_Dumper, sort_keys=False, default_flow_style=None, width=1000).encode("ascii")
 
 
 def matrix_data(values: dict[Any, Any], key: str) -> Any:
-    """The numbers of a matrix that is stored with `rows`, `cols` and `data`; None where there is none."""
+    """Return the numbers of a matrix that is stored with `rows`, `cols` and `data`; None if there is no such matrix."""
     matrix = values.get(key)
     return matrix.get("data") if isinstance(matrix, dict) else None
 
 
 def load_json(path: Path, kind: str) -> Any:
-    """The content of a JSON file. Raises `InputError` for a file that cannot be read or is not JSON."""
+    """Read a JSON file. Raises `InputError` for a file that cannot be read or is not JSON."""
     try:
         return parse_json(read_text(path, f"{kind} (JSON)"))
     except NotParsed as error:
@@ -70,16 +71,16 @@ def load_json(path: Path, kind: str) -> Any:
 
 
 def table(place: str, value: Any, meaning: str) -> dict[Any, Any]:
-    """`value` as a table (mapping). Raises `InputError`, beginning with `place`, where it is none."""
+    """Return `value` if it is a table (mapping). Raises `InputError`, which begins with `place`, if it is not."""
     if not isinstance(value, dict):
         raise InputError(f"{place}: holds no {meaning}: is it another kind of file?")
     return value
 
 
 def numbers(place: str, values: dict[Any, Any], key: str, shape: tuple[int, ...]) -> Floats:
-    """The finite numbers under `key`, in `shape`; lists in lists count by their order, (-1,) takes any number of them.
+    """Return the finite numbers under `key` as an array of `shape`. Nested lists are flattened; (-1,) takes any count.
 
-    Raises `InputError`, beginning with `place`.
+    Raises `InputError`, which begins with `place`.
     """
     wanted = "numbers are" if shape == (-1,) else f"{int(np.prod(shape))} numbers are" if shape else "a number is"
     if values.get(key) is None:
@@ -91,7 +92,7 @@ def numbers(place: str, values: dict[Any, Any], key: str, shape: tuple[int, ...]
 
 
 def attribute_numbers(element: ElementTree.Element, name: str, count: int, missing: float | None = None) -> Floats:
-    """(count,) the finite numbers of an XML attribute, separated by spaces; `missing` each where it is not there.
+    """Read the finite numbers (count,) of an XML attribute, separated by spaces; each is `missing` if there is no attribute.
 
     Raises `InputError` without the place.
     """
@@ -109,7 +110,7 @@ def attribute_numbers(element: ElementTree.Element, name: str, count: int, missi
 
 
 def load_xml(path: Path, kind: str, text: str | None = None) -> ElementTree.Element:
-    """The root of an XML file, or of its text. Raises `InputError` for a file that cannot be read or is not XML."""
+    """Read the root of an XML file, or of `text`. Raises `InputError` for a file that cannot be read or is not XML."""
     try:
         return parse_xml(read_text(path, kind) if text is None else text)
     except NotParsed as error:
@@ -117,7 +118,7 @@ def load_xml(path: Path, kind: str, text: str | None = None) -> ElementTree.Elem
 
 
 def read_count(place: str, values: dict[Any, Any], key: str) -> int:
-    """A whole number above 0 under `key`. Raises `InputError`, beginning with `place`."""
+    """Return the whole number above 0 under `key`. Raises `InputError`, which begins with `place`."""
     value = float(numbers(place, values, key, ()))
     if value < 1 or value != int(value):
         raise InputError(f"{place}: {key} is {value:g}: a whole number above 0 is needed")
@@ -125,7 +126,7 @@ def read_count(place: str, values: dict[Any, Any], key: str) -> int:
 
 
 def rotation(place: str, matrix: Floats) -> Floats:
-    """The rotation nearest to a (3, 3) matrix that is one but for rounding. Raises `InputError`, beginning with `place`."""
+    """Return the rotation nearest to a matrix (3, 3). Raises `InputError`, which begins with `place`, if none is near."""
     u, stretch, vt = np.linalg.svd(matrix)
     if np.abs(stretch - 1).max() > ROTATION_TOLERANCE or np.linalg.det(matrix) < 0:
         raise InputError(f"{place}: {shortened(matrix.tolist())} is not a rotation: orthonormal axes, right-handed, are needed")
@@ -133,21 +134,21 @@ def rotation(place: str, matrix: Floats) -> Floats:
 
 
 def rigid(place: str, matrix: Floats, metres: float) -> Pose:
-    """A (4, 4) transform `[R t; 0 1]` from world to camera as a pose; `t` times `metres`. Raises `InputError`."""
+    """Convert a transform (4, 4) `[R t; 0 1]`, world to camera, to a pose; `t` is scaled by `metres`. Raises `InputError`."""
     if not np.allclose(matrix[3], (0, 0, 0, 1), atol=1e-6):
         raise InputError(f"{place}: the last row is {matrix[3].tolist()}: 0, 0, 0, 1 is needed")
     return Pose(rotation(place, matrix[:3, :3]), metres * matrix[:3, 3])
 
 
 def homogeneous(pose: Pose) -> Floats:
-    """(4, 4) transform from world to camera."""
+    """Return the transform (4, 4) from world to camera of a pose."""
     matrix = np.eye(4)
     matrix[:3, :3], matrix[:3, 3] = pose.R_cw, pose.t_cw
     return matrix
 
 
 def padded(coefficients: Floats, length: int) -> list[float]:
-    """Distortion coefficients with zeros up to `length`."""
+    """Return distortion coefficients, filled with zeros up to `length`."""
     return [*coefficients.tolist(), *[0.0] * (length - coefficients.size)]
 
 
@@ -157,10 +158,10 @@ def tame_names(
     first: re.Pattern[str] = NO_DOT,
     prefix: str = "camera_",
 ) -> dict[str, str]:
-    """Each name with what is forbidden replaced by `_`; no two alike, not even where the case of letters does not count.
+    """Map each name to a safe name: forbidden characters become `_`. All safe names differ, even if letter case is ignored.
 
-    Each begins as `first` says; where it would not, `prefix` is put before it. Names that can stay do stay, whatever the others
-    are, but for those that differ from an earlier one in case alone: they may become file names.
+    If the first character does not match `first`, `prefix` is put before the name. Safe names stay unchanged, independent of
+    the others, except names that differ from an earlier one only in case, because names may become file names.
     """
     names = list(names)
     tame: dict[str, str] = {}

@@ -5,14 +5,14 @@
                            VICON_RADIAL2="Vicon3Parameter cx cy k1 k2 k3" or VICON_RADIAL="k1 k2"/></KeyFrames></Camera>
 
 FOCAL_LENGTH and PRINCIPAL_POINT are pixels. ORIENTATION is the rotation from world to camera as a quaternion, its real part
-last; POSITION is the camera's centre in the world, millimetres; the camera's axes are OpenCV's. The distortion goes from the
-image to the pinhole, opposite to OpenCV's: with d from the centre of distortion to the point in the image, pixels, the pinhole
-sees it at centre + d (1 + k1 |d|^2 + k2 |d|^4 + k3 |d|^6). The centre is cx, cy, and the principal point for VICON_RADIAL.
-OpenCV's coefficients are fitted over the whole image.
+last; POSITION is the camera's centre in the world, millimetres; the camera's axes are OpenCV's. The distortion maps from the
+image to the pinhole, opposite to OpenCV's. Let d be the vector from the centre of distortion to the point in the image, pixels.
+The point in the pinhole image is centre + d (1 + k1 |d|^2 + k2 |d|^4 + k3 |d|^6). The centre is cx, cy, and the principal point
+for VICON_RADIAL. OpenCV's coefficients are fitted over the whole image.
 
 Sources: "About calibration data (XCP) files" of Vicon's documentation (documentation.vicon.com, CaraPost); the readers of
-Pose2Sim, AvialSync and MAMMA agree on the rotation and the direction of the distortion. No source tells where in a pixel the
-count begins: OpenCV's pixels are assumed. Distortions of other names are not documented: they are losses.
+Pose2Sim, AvialSync and MAMMA agree on the rotation and the direction of the distortion. No source states the position of the
+origin in a pixel: OpenCV's pixels are assumed. Distortions with other names are not documented: they are losses.
 """
 
 from __future__ import annotations
@@ -38,9 +38,9 @@ METRES = 1e-3
 SUFFIX = ".xcp"
 MODEL = "Vicon3Parameter"
 UNIT_TOLERANCE = 1e-2
-"""Of a quaternion's length from one: files have six decimals."""
+"""Largest difference of a quaternion's length from one: files have six decimals."""
 STEPS = 30
-"""Of Newton's method for the radius in the image; lenses need six."""
+"""Steps of Newton's method for the radius in the image; typical lenses need six."""
 CAMERA_KEYS = ("DEVICEID", "NAME", "SENSOR_SIZE", "PIXEL_ASPECT_RATIO", "SKEW", "KeyFrames")
 FRAME_KEYS = (
     "FRAME", "FOCAL_LENGTH", "PRINCIPAL_POINT", "ORIENTATION", "POSITION", "VICON_RADIAL", "VICON_RADIAL2",
@@ -48,7 +48,7 @@ FRAME_KEYS = (
 
 
 def read(path: Path, given: Given) -> Rig:
-    """All calibrated cameras, called by their names, or by their DEVICEID where names are empty or occur twice."""
+    """Read all calibrated cameras. They have their NAME, or their DEVICEID if a name is empty or occurs twice."""
     root = load_xml(path, f"a calibration of Vicon ({SUFFIX})")
     elements = root.findall("Camera")
     if not elements:
@@ -69,7 +69,7 @@ def read(path: Path, given: Given) -> Rig:
 
 
 def _camera(name: str, element: ElementTree.Element, given: Given) -> Camera:
-    """The camera of an element. Raises `InputError` without the place."""
+    """Read the camera of an element. Raises `InputError` without the place."""
     frames = element.findall("KeyFrames/KeyFrame")
     if len(frames) > 1:
         given.losses.add(f"camera {name}: moves: of its {len(frames)} calibrations (KeyFrame) the first is read")
@@ -83,7 +83,7 @@ def _camera(name: str, element: ElementTree.Element, given: Given) -> Camera:
 
 
 def _lens(name: str, element: ElementTree.Element, frame: ElementTree.Element, given: Given) -> Lens:
-    """OpenCV's lens. One that is off by more than `WORST_PX`, or without its distortion, is a loss."""
+    """Fit OpenCV's lens. An error above `WORST_PX`, and a distortion that is left out, are losses."""
     width, height = attribute_numbers(element, "SENSOR_SIZE", 2)
     if min(width, height) < 1 or (width, height) != (int(width), int(height)):
         raise InputError(f"SENSOR_SIZE is {width:g} {height:g}: whole numbers of pixels are needed")
@@ -106,7 +106,7 @@ def _lens(name: str, element: ElementTree.Element, frame: ElementTree.Element, g
 
 
 def _radial(name: str, frame: ElementTree.Element, principal: Floats, given: Given) -> tuple[Floats, Floats] | None:
-    """(2,) centre and (3,) coefficients of the distortion; None for one that is not known, which is a loss."""
+    """Read centre (2,) and coefficients (3,) of the distortion; None for an unknown distortion, which is a loss."""
     if frame.get("VICON_RADIAL2") is not None:
         model, *words = frame.get("VICON_RADIAL2", "").split() or [""]
         inner = ElementTree.Element(frame.tag, {"VICON_RADIAL2": " ".join(words)})
@@ -119,7 +119,7 @@ def _radial(name: str, frame: ElementTree.Element, principal: Floats, given: Giv
 
 
 def _project(plain: Lens, centre: Floats, k: Floats, rays: Floats) -> Floats:
-    """(N, 2) pixels of (N, 3) directions through the distortion; NaN where no point of the image shows them."""
+    """Project directions (N, 3) to distorted pixels (N, 2); NaN where no point of the image shows a direction."""
     with np.errstate(all="ignore"):
         offset = plain.project_rays(rays) - centre
         wanted = np.linalg.norm(offset, axis=1)
@@ -127,7 +127,7 @@ def _project(plain: Lens, centre: Floats, k: Floats, rays: Floats) -> Floats:
         for _ in range(STEPS):
             radius -= (_undistort(radius, k) - wanted) / _slope(radius, k)
         turned = np.zeros(len(radius), dtype=bool)
-        for share in np.linspace(0.0, 1.0, 20):  # the polynomial must grow all the way, or two points share a pixel
+        for share in np.linspace(0.0, 1.0, 20):  # the polynomial must be monotonic, or two points share a pixel
             turned |= ~(_slope(share * radius, k) > 0)
         solved = np.abs(_undistort(radius, k) - wanted) < 1e-9 * (1 + wanted)
         pixels = centre + offset * np.where(wanted > 0, radius / np.where(wanted > 0, wanted, 1.0), 1.0)[:, None]

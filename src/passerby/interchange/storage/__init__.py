@@ -1,4 +1,4 @@
-"""How files are handled, whatever is in them: safe parsing, faults by file, whole writes, locks, transactions, archives.
+"""Handling of files, independent of their content: safe parsing, faults by file, atomic writes, locks, transactions, archives.
 
 Imports `common` only.
 """

@@ -1,10 +1,8 @@
-"""Arrays out of numpy's archives and pickles from anybody: no code is run, and memory is bounded.
+"""Safe reading of arrays from untrusted numpy archives and pickles: no code is run, and memory is bounded.
 
-Pickles that hold numpy arrays, read without running anything in them.
-
-A pickle is a program for a stack machine, and Python's own reader calls whatever function the program names. This reader
-has its own machine: it knows the instructions that make numbers, texts, bytes, lists, tables and arrays, and the few names
-that numpy writes for an array. Every other name is an error, and no name is ever imported.
+A pickle is a program for a stack machine, and Python's own reader calls each function that the program names. This reader
+has its own machine. It knows only the instructions that make numbers, texts, bytes, lists, tables and arrays, and the few
+names that numpy writes for an array. Every other name is an error, and no name is imported.
 
 The instructions are those of `pickletools` (protocols 0 to 5); numpy's names are those of `ndarray.__reduce__` and
 `dtype.__reduce__` in numpy 1 and 2.
@@ -38,14 +36,14 @@ _BROKEN = (
     ValueError, TypeError, SyntaxError, RecursionError, MemoryError, OverflowError, EOFError, OSError, KeyError, IndexError,
     AttributeError, NotImplementedError, RuntimeError, zipfile.BadZipFile, zlib.error, lzma.LZMAError, struct.error, TokenError,
 )  # fmt: skip
-"""What zipfile and numpy raise for bytes that mean something else."""
+"""Exceptions that zipfile and numpy raise for bytes that are not an archive or an array."""
 LARGEST_PICKLE = 1_000_000
-"""Of a pickle. A camera's calibration has a few hundred."""
+"""Largest number of bytes of a pickle. A camera's calibration has a few hundred."""
 MOST_AXES = 8
 MOST_VALUES = 10_000
-"""In lists and tables: a few bytes of a pickle may stand for endless ones."""
+"""Largest number of values in lists and tables. A few bytes of a pickle may represent endless lists."""
 NUMBERS = re.compile(r"[<>=|]?[fiub][1248]")
-"""Names of numpy's types that are numbers; objects, texts and records are not read."""
+"""Names of numpy's numerical types; objects, texts and records are not read."""
 _MODULES = ("numpy.core.multiarray", "numpy._core.multiarray", "numpy.core.numeric", "numpy._core.numeric")
 _NAMES = {
     **{(module, name): name for module in _MODULES for name in ("_reconstruct", "scalar", "_frombuffer")},
@@ -55,7 +53,7 @@ _NAMES = {
     ("__builtin__", "bytes"): "bytes",
     ("builtins", "bytes"): "bytes",
 }
-"""Names that may occur in a pickle, by module and name -> what this reader does for them."""
+"""Module and name of each function that may occur in a pickle -> the kind of value that this reader makes for it."""
 _MARK = object()
 _CONSTANTS = {"NONE": None, "NEWTRUE": True, "NEWFALSE": False}
 _VALUES = frozenset({
@@ -66,22 +64,22 @@ _IDLE = frozenset({"PROTO", "FRAME"})
 
 
 class Archive:
-    """The arrays of a file, read one by one."""
+    """The arrays of an archive, which are read one by one."""
 
     def __init__(self, file: zipfile.ZipFile) -> None:
         self._file = file
         self.names = tuple(name.removesuffix(ENDING) for name in file.namelist() if name.endswith(ENDING))
-        """Of the arrays."""
+        """Names of the arrays."""
 
     def dimensions(self, name: str) -> int:
-        """How many an array has by its header. Raises `NotParsed`."""
+        """Return the number of dimensions of an array by its header. Raises `NotParsed`."""
         with self._open_array(name) as (_, shape, _, _):
             return len(shape)
 
     def array(self, name: str) -> NDArray[Any]:
-        """An array of numbers, or of what else its header says. Raises `NotParsed`.
+        """Read an array, of numbers or of another type without objects. Raises `NotParsed`.
 
-        The header must say what the archive holds: numpy itself asks for the memory before it looks.
+        The size by the header must equal the size in the archive: numpy itself allocates the memory before it checks this.
         """
         with self._open_array(name) as (file, shape, kind, left):
             size = kind.itemsize
@@ -98,7 +96,7 @@ class Archive:
 
     @contextmanager
     def _open_array(self, name: str) -> Iterator[tuple[IO[bytes], tuple[int, ...], np.dtype[Any], int]]:
-        """An array's file, its shape and type, and how many bytes follow its header."""
+        """Open an array: its file, its shape, its type, and the number of bytes that follow its header."""
         with translate_errors(), self._file.open(name + ENDING) as file:
             version = npy.read_magic(file)
             read = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}.get(version)
@@ -111,7 +109,7 @@ class Archive:
 
 
 def is_single_array(path: Path, kind: str) -> bool:
-    """Whether a file is an array by itself (npy). Raises `InputError` where there is no file."""
+    """Check whether a file is a single array (npy). Raises `InputError` where there is no file."""
     check_is_file(path, kind)
     try:
         with path.open("rb") as file:
@@ -122,7 +120,7 @@ def is_single_array(path: Path, kind: str) -> bool:
 
 @contextmanager
 def open_archive(path: Path, kind: str) -> Iterator[Archive]:
-    """A file of arrays. Raises `InputError` where there is no file, `NotParsed` where it is no archive."""
+    """Open an archive of arrays (npz). Raises `InputError` where there is no file, `NotParsed` where it is no archive."""
     check_is_file(path, kind)
     with translate_errors():
         if path.stat().st_size == 0:
@@ -133,7 +131,7 @@ def open_archive(path: Path, kind: str) -> Iterator[Archive]:
 
 @contextmanager
 def translate_errors() -> Iterator[None]:
-    """Whatever zipfile and numpy raise becomes `NotParsed`."""
+    """Convert the exceptions of zipfile and numpy (`_BROKEN`) to `NotParsed`."""
     try:
         yield
     except NotParsed:
@@ -147,29 +145,29 @@ def translate_errors() -> Iterator[None]:
 
 @dataclass(frozen=True)
 class _Name:
-    """A name in the pickle that stands for one of numpy's functions."""
+    """A name in the pickle that represents one of numpy's functions."""
 
     kind: str
 
 
 @dataclass
 class _Type:
-    """A numpy type as it is built."""
+    """A numpy type while it is built."""
 
     text: str
 
 
 @dataclass
 class _Array:
-    """An array as it is built; `value` is there once it has its numbers."""
+    """An array while it is built; `value` is None until its numbers are read."""
 
     value: Any = None
 
 
 def parse_pickled_arrays(content: bytes) -> Any:
-    """The value of a pickle: arrays, numbers, texts, bytes and None, in lists, tuples and dicts.
+    """Parse a pickle of arrays, numbers, texts, bytes and None, in lists, tuples and dicts.
 
-    Raises `NotParsed` for what is no pickle, is cut off, or asks for anything else.
+    Raises `NotParsed` for content that is no pickle, is cut off, or has anything else.
     """
     if len(content) > LARGEST_PICKLE:
         raise NotParsed(f"it has more than {LARGEST_PICKLE} bytes, which no calibration has")
@@ -182,14 +180,14 @@ def parse_pickled_arrays(content: bytes) -> Any:
 
 
 class _Machine:
-    """The stack and the memory of a pickle."""
+    """A stack machine that runs a pickle: its stack and its memory."""
 
     def __init__(self) -> None:
         self.stack: list[Any] = []
         self.memory: dict[int, Any] = {}
 
     def run(self, content: bytes) -> Any:
-        """What is left when the program stops."""
+        """Run the pickle's program, and return the last value on the stack when it stops."""
         for instruction, argument, _ in pickletools.genops(content):
             if instruction.name == "STOP":
                 return self.stack.pop()
@@ -210,14 +208,14 @@ class _Machine:
             raise NotParsed(f"it asks for {name}, which no table of arrays needs")
 
     def since_mark(self) -> list[Any]:
-        """What lies on the stack above the last mark, which is taken away too."""
+        """Remove the values above the last mark, and the mark, from the stack, and return the values."""
         index = max(position for position, value in enumerate(self.stack) if value is _MARK)
         values = self.stack[index + 1 :]
         del self.stack[index:]
         return values
 
     def last(self, count: int) -> list[Any]:
-        """The last values on the stack, taken away."""
+        """Remove the last `count` values from the stack, and return them."""
         if count > len(self.stack):
             raise IndexError
         values = self.stack[len(self.stack) - count :]
@@ -225,7 +223,7 @@ class _Machine:
         return values
 
     def named(self, module: str, name: str) -> None:
-        """Put one of numpy's names on the stack."""
+        """Put one of the names in `_NAMES` on the stack."""
         if (module, name) not in _NAMES:
             raise NotParsed(f"it asks for {str(module)[:40]}.{str(name)[:40]}, which no table of arrays needs")
         self.stack.append(_Name(_NAMES[module, name]))
@@ -246,7 +244,7 @@ def _append(machine: _Machine, values: list[Any]) -> None:
 
 
 def _call(machine: _Machine) -> None:
-    """REDUCE: one of the names with its arguments."""
+    """Run REDUCE: call one of the names with its arguments."""
     function, arguments = machine.last(2)
     if not isinstance(function, _Name) or not isinstance(arguments, tuple):
         raise NotParsed("it calls something that is no array")
@@ -254,7 +252,7 @@ def _call(machine: _Machine) -> None:
 
 
 def _make_value(kind: str, arguments: tuple[Any, ...]) -> Any:
-    """What one of numpy's functions would make."""
+    """Return the value that one of numpy's functions would make."""
     if kind == "_reconstruct":
         return _Array()
     if kind == "dtype":
@@ -272,7 +270,7 @@ def _make_value(kind: str, arguments: tuple[Any, ...]) -> Any:
 
 
 def _build(machine: _Machine) -> None:
-    """BUILD: the state of a type, which is its byte order, or of an array."""
+    """Run BUILD: set the state of a type, which is its byte order, or of an array."""
     built, state = machine.last(2)
     if isinstance(built, _Type):
         order = state[1]
@@ -286,7 +284,7 @@ def _build(machine: _Machine) -> None:
 
 
 def _numbers(shape: Any, form: Any, content: Any, fortran: bool) -> Any:
-    """An array of numbers from its bytes."""
+    """Make an array of numbers from its bytes."""
     if not isinstance(form, _Type) or not isinstance(content, (bytes, bytearray)):
         raise TypeError
     axes = tuple(int(length) for length in shape)
@@ -299,7 +297,7 @@ def _numbers(shape: Any, form: Any, content: Any, fortran: bool) -> Any:
 
 
 def _finish_value(value: Any, left: list[int]) -> Any:
-    """The value with the arrays themselves in the place of what they were built from; `left` counts the values down."""
+    """Replace the `_Array` objects in a value by their arrays. `left` holds the number of values that are still permitted."""
     left[0] -= 1
     if left[0] < 0:
         raise NotParsed(f"it holds more than {MOST_VALUES} values")

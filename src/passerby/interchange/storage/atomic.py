@@ -1,4 +1,4 @@
-"""Writing files so that no reader ever meets half of one."""
+"""Atomic writing of files: a reader never sees an incomplete file."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from pathlib import Path
 from passerby.common.errors import InputError
 
 PART = ".part"
-"""How the names of temporary files end; a process that is killed leaves one behind at most."""
+"""Ending of the names of temporary files. A process that is killed leaves at most one of them behind."""
 
 
 def write_bytes(path: str | Path, data: bytes) -> None:
@@ -42,7 +42,7 @@ def write_bytes(path: str | Path, data: bytes) -> None:
 
 
 def forget_halves(path: Path) -> None:
-    """Delete the temporary files and folders of `path` that killed processes left; for who holds the lock of its folder."""
+    """Delete the temporary files and folders of `path` that killed processes left. The caller must hold the folder's lock."""
     left = re.compile(re.escape(f".{path.name}.") + "[a-z0-9_]{8}" + re.escape(PART))
     for half in path.parent.glob(".*"):
         if left.fullmatch(half.name):
@@ -53,8 +53,8 @@ def forget_halves(path: Path) -> None:
 
 
 def sync_folder(path: Path) -> None:
-    """Let the names of a folder's files outlast a power failure, where the system can do so."""
-    with suppress(OSError):  # Windows opens no folders
+    """Write the names of a folder's files to the disk, so that they survive a power failure, where the system supports this."""
+    with suppress(OSError):  # Windows cannot open folders
         handle = os.open(path, os.O_RDONLY)
         try:
             os.fsync(handle)
@@ -63,7 +63,7 @@ def sync_folder(path: Path) -> None:
 
 
 def make_folder(path: Path) -> None:
-    """Make a folder, and those above it, where it is missing. Raises `InputError` where it cannot be."""
+    """Make a folder, and those above it, where it is missing. Raises `InputError` where it cannot be made."""
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -71,12 +71,12 @@ def make_folder(path: Path) -> None:
 
 
 def write_text(path: str | Path, text: str) -> None:
-    """`write_bytes` of UTF-8 text with Unix line ends."""
+    """Write a text as UTF-8 by `write_bytes`, with Unix line ends on all systems."""
     write_bytes(path, text.encode("utf-8"))
 
 
 def remove(path: str | Path) -> None:
-    """Delete a file if it is there. Raises `InputError` where that is not allowed."""
+    """Delete a file if it exists. Raises `InputError` where it cannot be deleted."""
     try:
         Path(path).unlink(missing_ok=True)
     except OSError as error:
@@ -84,14 +84,14 @@ def remove(path: str | Path) -> None:
 
 
 def _umask() -> int:
-    """The process's file mask; it can only be read by setting it."""
+    """Return the process's file mask. It can only be read by setting it."""
     mask = os.umask(0o022)
     os.umask(mask)
     return mask
 
 
 def cannot_write(path: Path, error: OSError) -> InputError:
-    """The error of a file or folder that cannot be written."""
+    """Return the error for a file or folder that cannot be written."""
     full = error.errno in (errno.ENOSPC, errno.EDQUOT)
     remedy = "make room there, or choose another folder" if full else "choose a folder that you may write to"
     return InputError(f"{path}: cannot be written ({error.strerror or error}): {remedy}")

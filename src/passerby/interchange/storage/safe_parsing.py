@@ -1,8 +1,8 @@
-"""Files from anybody: opened only where they are files, and parsed so that none of them can do more than be wrong.
+"""Safe reading of untrusted files: only regular files are opened, and a malicious file causes no more than an error.
 
-No parser here runs anything, opens another file, or takes memory or time out of all proportion to the text: XML has no
-entities, YAML no objects and no merging, and what is nested too deep, or a number of thousands of digits, is an error as any
-other. OpenCV's own parser is not used: version 5 reads beyond its text (a JSON file that ends too early kills the process).
+No parser here runs code, opens another file, or needs memory or time out of proportion to the text. XML has no entities, YAML
+has no objects and no merging. Too deep nesting and numbers of thousands of digits are ordinary errors. OpenCV's own parser is
+not used: version 5 reads beyond its text (a JSON file that ends too early kills the process).
 """
 
 from __future__ import annotations
@@ -23,32 +23,33 @@ from passerby.common.errors import InputError, cut
 from passerby.common.text import shortened, shortened_text
 
 LARGEST_BYTES = 2 << 30
-"""Of a file that is read as a whole: the boxes of fifty people for a day at 25 frames per second take about as much."""
+"""Largest size of a file that is read as a whole: the boxes of fifty people for a day at 25 frames per second have about this
+size."""
 TOLD = 200
-"""Characters of a parser's complaint that are shown."""
+"""Largest number of characters of a parser's message that are shown."""
 LARGEST_YAML = 1_000_000
-"""Characters of a YAML file. The parser takes some 20 seconds for so many."""
+"""Largest number of characters of a YAML file. The parser takes some 20 seconds for this number."""
 NESTED = re.compile(r"(?:[\[{]\s*){64}")
-"""Lists in lists before any value: the parser takes seconds to find out that they are too deep for it."""
+"""Deeply nested lists before any value: the parser takes seconds until it rejects them."""
 LONG_NUMBER = re.compile(r"[0-9_]{1000}")
-"""Floats end at 308 digits. YAML's own parser takes minutes for a number of 100,000 digits."""
+"""A number with far more digits than any float (308). YAML's own parser takes minutes for a number of 100,000 digits."""
 MOST_DOTS = 5000
-"""In one line of TOML. The parser keeps every beginning of a dotted key: one of 50,000 parts takes ten gigabytes."""
+"""Largest number of dots in one line of TOML. The parser keeps each prefix of a dotted key: 50,000 parts take ten gigabytes."""
 MOST_LEAVES = 1000
-"""Values in one list that are looked at, where a few bytes of YAML may stand for endless ones."""
+"""Largest number of values of one list that are examined. A few bytes of YAML may represent an endless list."""
 LISTED_FAULTS = 20
-"""So many faults of one file are reported one by one; a broken exporter breaks every row alike."""
+"""Largest number of faults of one file that are listed. A faulty exporter repeats the same fault in each row."""
 
 
 class NotParsed(ValueError):
-    """Text that is not of its format. The message tells why, in one short line."""
+    """Text that is not of its format. The message states the reason in one short line."""
 
 
 def file_bytes(path: Path, kind: str) -> bytes:
-    """The content of a file; `kind` tells in a message what was expected.
+    """Read the content of a file; `kind` names in messages what was expected.
 
-    Raises `InputError` where there is no file, it may not be read, or it is none: a folder, a pipe or a device, which might
-    never end.
+    Raises `InputError` where the path does not exist, may not be read, or is a folder, a pipe or a device, which might never
+    end.
     """
     check_is_file(path, kind)
     try:
@@ -60,7 +61,7 @@ def file_bytes(path: Path, kind: str) -> bytes:
 
 
 def check_is_file(path: Path, kind: str) -> None:
-    """Raise `InputError` unless `path` is a file, not too large to be read as a whole."""
+    """Raise `InputError` unless `path` is a regular file of at most `LARGEST_BYTES`."""
     try:
         found = path.stat()
     except FileNotFoundError:
@@ -83,7 +84,7 @@ def check_is_file(path: Path, kind: str) -> None:
 
 
 def path_problem(path: Path) -> str | None:
-    """Why no file can be called so, or None; one that is only missing, or that may not be read, is reported when it is read."""
+    """Return the reason why a path is impossible, or None. Missing and unreadable files are reported when they are read."""
     try:
         path.stat()
     except ValueError:
@@ -95,7 +96,7 @@ def path_problem(path: Path) -> str | None:
 
 
 def parse_toml(text: str) -> dict[str, Any]:
-    """The tables of TOML. Raises `NotParsed`."""
+    """Parse TOML text. Raises `NotParsed`."""
     _check_numbers(text)
     if max((line.count(".") for line in text.splitlines()), default=0) > MOST_DOTS:
         raise NotParsed("it is nested too deep")
@@ -106,7 +107,7 @@ def parse_toml(text: str) -> dict[str, Any]:
 
 
 def parse_json(text: str) -> Any:
-    """The value of JSON. Raises `NotParsed`, whose cause is the `JSONDecodeError` where it is one."""
+    """Parse JSON text. Raises `NotParsed`; its cause is the parser's exception, usually a `JSONDecodeError`."""
     _check_numbers(text)
     try:
         return json.loads(text)
@@ -115,7 +116,10 @@ def parse_json(text: str) -> Any:
 
 
 def parse_xml(text: str) -> ElementTree.Element:
-    """The root of XML. Raises `NotParsed`; also for entities, of which a few may stand for gigabytes or for other files."""
+    """Parse XML text, and return its root.
+
+    Raises `NotParsed`, also for entities: a few of them may expand to gigabytes or to the content of other files.
+    """
     if "<!ENTITY" in text:
         raise NotParsed("it declares entities, which no such file needs")
     try:
@@ -125,13 +129,13 @@ def parse_xml(text: str) -> ElementTree.Element:
 
 
 def parse_safe_yaml(text: str) -> Any:
-    """The first document of YAML, a matrix of OpenCV's as a table. Raises `NotParsed`, which tells the line first."""
+    """Parse the first document of YAML text; OpenCV's matrices become tables. Raises `NotParsed`, which states the line."""
     if len(text) > LARGEST_YAML:
         raise NotParsed(f"is not YAML: it has more than {LARGEST_YAML} characters, which no calibration has")
     _check_numbers(text)
     if NESTED.search(text):
         raise NotParsed("is not YAML: it is nested too deep")
-    text = re.sub(r"\A%YAML.*", "", text)  # OpenCV's %YAML:1.0 is no YAML
+    text = re.sub(r"\A%YAML.*", "", text)  # OpenCV's %YAML:1.0 is not valid YAML
     try:
         return next(iter(yaml.load_all(text, Loader=Loader)), None)
     except yaml.MarkedYAMLError as error:
@@ -142,17 +146,17 @@ def parse_safe_yaml(text: str) -> Any:
 
 
 class Loader(yaml.SafeLoader):
-    """Plain YAML 1.1, but numbers such as 1e-05, which YAML writers of other languages make, are numbers and not text."""
+    """Loader of plain YAML 1.1 that also reads 1e-05, which YAML writers of other languages produce, as a number."""
 
     def flatten_mapping(self, node: yaml.MappingNode) -> None:
-        """Merging (`<<: *other`) is refused: tables that merge each other ten times over, nine deep, take gigabytes."""
+        """Refuse merging (`<<: *other`): tables that merge ten others each, in nine levels, take gigabytes."""
         for key, _ in node.value:
             if key.tag == "tag:yaml.org,2002:merge":
                 raise yaml.constructor.ConstructorError(None, None, "tables that are merged (<<) are not taken", key.start_mark)
 
 
 def _opencv_matrix(loader: Loader, _: str, node: yaml.Node) -> Any:
-    """A matrix of OpenCV's FileStorage, of any number of dimensions, as the table that it is."""
+    """Construct a table from a matrix of OpenCV's FileStorage, of any number of dimensions."""
     if not isinstance(node, yaml.MappingNode):
         raise yaml.constructor.ConstructorError(None, None, "an OpenCV matrix without rows, cols and data", node.start_mark)
     return loader.construct_mapping(node, deep=True)
@@ -168,7 +172,7 @@ Loader.add_implicit_resolver("tag:yaml.org,2002:float", FLOAT, list("-+.01234567
 
 
 def leaves(value: Any, most: int = MOST_LEAVES) -> list[Any]:
-    """What is in lists in lists, one by one; of endless ones only the first `most`, and one more."""
+    """Flatten nested lists. Of an endless list, at most `most` items are examined, and one more is returned if any is left."""
     found, left = [], [value]
     for _ in range(most):
         if not left:
@@ -182,20 +186,20 @@ def leaves(value: Any, most: int = MOST_LEAVES) -> list[Any]:
 
 
 def _check_numbers(text: str) -> None:
-    """Raise `NotParsed` where a number has so many digits that it is none: no float holds it, and parsers choke on it."""
+    """Raise `NotParsed` where a number has a thousand digits: no float holds it, and parsers take minutes for it."""
     if LONG_NUMBER.search(text):
         raise NotParsed("it holds a number of a thousand digits")
 
 
 def _shorten_complaint(error: Exception | str) -> str:
-    """A complaint in one short line."""
+    """Return the message of an error as one short line."""
     if isinstance(error, RecursionError):
         return "it is nested too deep"
     return shortened_text(" ".join(str(error).split()), TOLD)
 
 
 class FileFaults(InputError):
-    """A file, or a scene, that cannot be used. The message tells the first fault, `faults` all (up to `LISTED_FAULTS`)."""
+    """A file or a scene that cannot be used. The message states the first fault, `faults` all (up to `LISTED_FAULTS`)."""
 
     def __init__(self, faults: Sequence[str]) -> None:
         more = len(faults) - 1
@@ -207,20 +211,20 @@ class FileFaults(InputError):
         self._all = tuple(faults)
 
     def __reduce__(self) -> tuple[type[FileFaults], tuple[tuple[str, ...]]]:
-        """Made again from its faults: an exception is otherwise made from its message, on its way from another process."""
+        """Return how to pickle the exception: from its faults. By default, an exception is rebuilt from its message only."""
         return type(self), (self._all,)
 
 
 def faults_of(error: InputError) -> tuple[str, ...]:
-    """All faults that an error tells of, one line each."""
+    """Return all faults of an error, one line each."""
     return error.faults if isinstance(error, FileFaults) else (str(error),)
 
 
 def read_text(path: str | Path, kind: str) -> str:
-    """The text of a file. `kind` names in a message what was expected ("the scene file").
+    """Read the text of a file. `kind` names in messages what was expected ("the scene file").
 
-    Raises `InputError` when the file is missing, a folder, a pipe or a device, unreadable or not UTF-8 text. All ends of
-    lines become line feeds.
+    All line ends become line feeds. Raises `InputError` when the file is missing, a folder, a pipe or a device, unreadable or
+    not UTF-8 text.
     """
     path = Path(path)
     content = file_bytes(path, kind)
@@ -233,7 +237,7 @@ def read_text(path: str | Path, kind: str) -> str:
 
 
 def read_toml(path: str | Path, kind: str = "a configuration (TOML)") -> dict[str, Any]:
-    """The tables of a TOML file. Raises `InputError` as `read_text` does, and for text that is not TOML."""
+    """Read the tables of a TOML file. Raises `InputError` as `read_text` does, and for text that is not TOML."""
     try:
         return parse_toml(read_text(path, kind))
     except NotParsed as error:

@@ -21,11 +21,11 @@ from passerby.common.errors import InputError
 from passerby.common.text import shortened
 
 SIGNIFICANT_DIGITS = 12
-"""Of a number in such a file: a product as 0.0125 * 1.72 ends in 0.021500000000000002 for the binary digits of its factors."""
+"""Significant digits of numbers in TOML: a product such as 0.0125 * 1.72 is 0.021500000000000002 in binary floating point."""
 
 
 def to_csv(header: tuple[str, ...], rows: Iterable[tuple[object, ...]]) -> str:
-    """A header and its rows, separated by commas, lines ended alike on every system."""
+    """Format a header and its rows as CSV, with the same line ends on all systems."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(header)
@@ -34,9 +34,9 @@ def to_csv(header: tuple[str, ...], rows: Iterable[tuple[object, ...]]) -> str:
 
 
 def csv_rows(path: str | Path, text: str) -> tuple[list[str], list[tuple[int, list[str]]]]:
-    """The header of a table, and its rows with the number of their line, from 2; without empty lines.
+    """Parse a CSV text into its header and its rows, each with its line number (from 2). Empty lines are left out.
 
-    `path` is for messages. Raises `InputError` for what is no CSV.
+    `path` is for messages. Raises `InputError` for a text that is not CSV.
     """
     reader = csv.reader(io.StringIO(text))
     try:
@@ -47,15 +47,15 @@ def csv_rows(path: str | Path, text: str) -> tuple[list[str], list[tuple[int, li
 
 
 def to_json(value: Any) -> str:
-    """`value` as JSON text with a line end; NaN and infinity become null."""
+    """Format `value` as JSON text with a line end. NaN and infinity become null."""
     return json.dumps(plain(value), indent=2, allow_nan=False, ensure_ascii=False) + "\n"
 
 
 def plain(value: Any) -> Any:
-    """Dataclasses, mappings, sequences, numpy arrays and numbers as what `json` writes; other values as their text."""
+    """Convert dataclasses, mappings, sequences, numpy arrays and numbers to values that `json` writes, others to their text."""
     if is_dataclass(value) and not isinstance(value, type):
         hidden = {one.name for one in fields(value) if one.metadata == ABSENT and getattr(value, one.name) is None}
-        # `vars` has the keys of a file that no field was declared for as well.
+        # `vars` also has the keys of a file for which no field is declared.
         return {name.removesuffix("_"): plain(item) for name, item in vars(value).items() if name not in hidden}
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
@@ -71,7 +71,7 @@ def plain(value: Any) -> Any:
 
 
 def to_toml(content: Mapping[str, Any]) -> str:
-    """A whole file of tables. Numbers get 12 significant digits; a rig, of which every bit counts, has a writer of its own."""
+    """Format tables as the text of a TOML file, numbers with 12 significant digits. `write_rig` writes rigs with all digits."""
     return tomli_w.dumps({name: _round_values(one) for name, one in content.items()})
 
 
@@ -84,25 +84,25 @@ def _round_values(content: Any) -> Any:
 
 
 def key(name: str) -> str:
-    """A name as a key, in quotes where it needs them."""
+    """Format a name as a TOML key, in quotes where necessary."""
     return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else value(name)
 
 
 def value(content: Any) -> str:
-    """A value on one line."""
+    """Format a TOML value on one line."""
     if isinstance(content, (list, tuple)):
         return f"[{', '.join(map(value, content))}]"
     return tomli_w.dumps({"x": content}).removeprefix("x = ").rstrip("\n")
 
 
 def comment(text: str, indent: str = "") -> str:
-    """Prose as comment lines, on each line of the text `# ` before it; characters that TOML forbids are left out."""
+    """Format a text as comment lines, each with `# ` before it. Characters that are not printable are left out."""
     lines = ("".join(letter for letter in line if letter.isprintable()) for line in text.splitlines())
     return "".join(f"{indent}# {line}".rstrip() + "\n" for line in lines)
 
 
 def relative(path: Path, scene: Path) -> str:
-    """A file's path as the scene file names it: relative to it where that is possible, with forward slashes."""
+    """Return a file's path for the scene file: relative to it where possible, else absolute, with forward slashes."""
     absolute = path.parent.resolve() / path.name
     try:
         return Path(os.path.relpath(absolute, scene.parent.resolve())).as_posix()
@@ -115,16 +115,16 @@ class LaterVersionError(InputError):
 
 
 def check_version(path: str | Path, content: Mapping[str, Any], key: str, known: int, table: str = "") -> None:
-    """Raise `LaterVersionError` for a file of a later version than the one known.
+    """Raise `LaterVersionError` for a file of a later version than `known`.
 
-    Files without a version, of other tools or of an older Passerby, are read as of the first one.
+    Files without a version, of other tools or of an older Passerby, are read as the first version.
 
     Args:
         path: the file.
         content: its table that states the version.
         key: the table's key that states it.
         known: the latest version that this Passerby reads.
-        table: what errors call the table, with a space behind it.
+        table: name of the table in messages, with a space behind it.
     """
     version = content.get(key, known)
     if isinstance(version, int) and version > known:

@@ -1,12 +1,12 @@
-"""Files and folders that change as a whole or not at all, even where a process is killed, and locks on them.
+"""Files and folders that change as a whole or not at all, even if a process is killed, and locks on them.
 
-The new files are written into a folder of their own, `.writing`. Its renaming to `.written` decides: before, the old files are
-what counts, after, the new ones. Then each takes its place; a process that comes to a folder that a killed process left
-in between ends that first (`recover`).
+A transaction writes the new files into a separate folder, `.writing`. Renaming this folder to `.written` commits it: before,
+the old files are valid, afterwards the new ones. Then each new file is moved to its place. If a process was killed in between,
+the next process that uses the folder completes the move first (`recover`).
 
-Folders that appear whole or not at all.
+`whole_folder` replaces a folder as a whole or not at all.
 
-Places that one process at a time writes to. A lock ends with its process, even a killed one's.
+Locks let only one process at a time write to a place. A lock ends with its process, even if the process is killed.
 """
 
 from __future__ import annotations
@@ -31,27 +31,27 @@ from passerby.interchange.storage.atomic import PART, cannot_write, sync_folder,
 
 WRITING, WRITTEN = ".writing", ".written"
 GONE = ".gone.json"
-"""In `.written`: files of the folder that are to go, as no new ones take their places."""
+"""File in `.written` with the names of the folder's files that are to be deleted, because no new files replace them."""
 WAIT_S = 10.0
-"""For a process that is about to put files into their places, which takes it milliseconds."""
+"""Time to wait for a process that moves files to their places, seconds. The move itself takes milliseconds."""
 NEW, OLD = "new", "old"
 AT_FDCWD, RENAME_EXCHANGE = -100, 2
-"""Of Linux: renameat2(2), <linux/fcntl.h> and <linux/fs.h>."""
+"""Constants of Linux: renameat2(2), <linux/fcntl.h> and <linux/fs.h>."""
 FOLDER_LOCK = ".passerby.lock"
-"""In a folder while a process works in it. It is the system's lock on this file that counts, not that the file is there: one
-that a killed process left behind blocks no other."""
+"""File in a folder while a process works in it. The system's lock on this file counts, not its existence: a file that a killed
+process left behind blocks no other process."""
 POLL_S = 0.05
 GONE_FOR_S, GONE_TIMES = 2.0, 20
-"""So long, seconds, and so many times at the least it is tried to make a folder and to open the lock in it. A try fails where
-another process removes the folder between the two. A count of tries would do on a quiet machine only: on a busy one nearly all
-fail for a while; and a time on one that never lets this process wait: else it has gone by before the second try."""
+"""Least time, seconds, and least number of attempts to make a folder and to open the lock in it. An attempt fails if another
+process removes the folder between the two steps. A number alone is not enough on a busy machine, where nearly all attempts fail
+for a while. A time alone is not enough if this process is suspended: the time may be over before the second attempt."""
 
 
 @contextmanager
 def folder_lock(folder: Path, work: str) -> Iterator[None]:
-    """Keep a folder for this process while the block runs, and end first what a killed one has begun there.
+    """Lock a folder for this process while the block runs. First complete or discard what a killed process left there.
 
-    Arguments and errors as of `alone_in`.
+    Arguments and errors as of `lock_folder`.
     """
     with lock_folder(folder, work):
         try:
@@ -64,16 +64,16 @@ def folder_lock(folder: Path, work: str) -> Iterator[None]:
 
 @contextmanager
 def transaction(folder: Path, gone: Iterable[str] = ()) -> Iterator[Path]:
-    """A new folder to write files into; when the block ends without an exception, all of them take their places in `folder`.
+    """Make a new folder to write files into. When the block ends without an exception, they all move to `folder`.
 
-    Only one process at a time may do so: hold the folder's lock (`folder_lock`).
+    Only one process at a time may do so: the caller must hold the folder's lock (`folder_lock`).
 
     Args:
         folder: made where it is missing; files in it with other names stay.
-        gone: names of files in it that go when the new ones come, as far as no new ones take their places.
+        gone: names of files in it that are deleted when the new files are moved, unless new files replace them.
 
     Raises:
-        InputError: the folder cannot be written. As long as `.written` is not there, nothing in it has changed then.
+        InputError: the folder cannot be written. If `.written` does not exist then, nothing in the folder has changed.
     """
     new = folder / WRITING
     try:
@@ -85,7 +85,7 @@ def transaction(folder: Path, gone: Iterable[str] = ()) -> Iterator[Path]:
         yield new
         come = {path.as_posix() for path in _list_files(new)}
         write_text(new / GONE, json.dumps(sorted({*gone} - come)))
-        # A disk that is full is found out now, while nothing is decided.
+        # A full disk is detected here, before the commit.
         for path in _list_files(new):
             (folder / path).parent.mkdir(parents=True, exist_ok=True)
             if (folder / path).is_dir():
@@ -100,14 +100,14 @@ def transaction(folder: Path, gone: Iterable[str] = ()) -> Iterator[Path]:
 
 
 def recover(folder: Path, work: str) -> None:
-    """End what a killed process has begun in a folder; nothing to do in nearly all cases.
+    """Complete the committed transaction of a killed process in a folder, if there is one.
 
     Args:
-        folder: that is about to be read.
-        work: who reads, for others that are turned away meanwhile.
+        folder: the folder, which is about to be read.
+        work: name of this work, for the messages of other processes that find the folder locked.
 
     Raises:
-        InputError: the folder cannot be written, and has to be.
+        InputError: a transaction has to be completed, but the folder cannot be written.
     """
     if not (folder / WRITTEN).is_dir():
         return
@@ -119,7 +119,7 @@ def recover(folder: Path, work: str) -> None:
 
 
 def finish(folder: Path) -> None:
-    """Put decided files into their places, by the holder of the folder's lock. Raises `OSError`."""
+    """Move committed files to their places. The caller must hold the folder's lock. Raises `OSError`."""
     written = folder / WRITTEN
     if not written.is_dir():
         return
@@ -135,7 +135,7 @@ def finish(folder: Path) -> None:
 
 
 def _list_deletions(written: Path) -> list[str]:
-    """What is to go; names that lead out of the folder are none of ours."""
+    """Read the names of the files to delete. Names that lead out of the folder are ignored."""
     try:
         names = json.loads((written / GONE).read_text(encoding="utf-8"))
         if not isinstance(names, list):
@@ -148,24 +148,24 @@ def _list_deletions(written: Path) -> list[str]:
 
 
 def _list_files(folder: Path) -> list[Path]:
-    """The files that are to be put into their places, relative, in the order of their names."""
+    """List the files to move, relative to the folder, in the order of their names."""
     files = (path.relative_to(folder) for path in sorted(folder.rglob("*")) if path.is_file())
     return [path for path in files if path.name != GONE and not path.name.endswith(PART)]
 
 
 @contextmanager
 def whole_folder(directory: str | Path, marker: str, kind: str) -> Iterator[Path]:
-    """A new folder to write into; it takes the place of `directory` when the block ends without an exception.
+    """Make a new folder to write into. It replaces `directory` when the block ends without an exception.
 
-    One process at a time makes it; one that is killed loses nothing that was there before it.
+    One process at a time makes it. If this process is killed, the old content is not lost.
 
     Args:
         directory: replaced as a whole where it holds the file `marker`; may be missing or empty.
         marker: a file that every folder of this kind has.
-        kind: what a message calls it ("a scene made from a data set").
+        kind: name of this kind of folder in messages ("a scene made from a data set").
 
     Raises:
-        InputError: `directory` is a file, holds something else, or cannot be written; another process makes it just now.
+        InputError: `directory` is a file, holds something else, or cannot be written; or another process is writing it.
     """
     directory = Path(directory)
     target = directory.resolve()
@@ -189,7 +189,7 @@ def _check(directory: Path, marker: str, kind: str) -> None:
 
 @contextmanager
 def _workshop(directory: Path, target: Path) -> Iterator[Path]:
-    """A folder beside the target, which changes places with it."""
+    """Make a temporary folder beside the target, which replaces the target when the block ends without an exception."""
     try:
         workshop = Path(tempfile.mkdtemp(dir=target.parent, prefix=f".{target.name}.", suffix=PART))
     except OSError as error:
@@ -203,13 +203,13 @@ def _workshop(directory: Path, target: Path) -> Iterator[Path]:
     except OSError as error:
         raise cannot_write(directory, error) from error
     finally:
-        # Where the old folder could not be put back, it waits there for the next run.
+        # If the old folder could not be put back, it stays there for the next run.
         if target.exists() or not (workshop / OLD).exists():
             shutil.rmtree(workshop, ignore_errors=True)
 
 
 def _take_place(new: Path, target: Path, old: Path) -> None:
-    """Give a folder its name; one that has it goes to `old`, or to where the new one was. Raises `OSError`."""
+    """Rename `new` to `target`. An existing target is moved to `old`, or exchanged with `new`. Raises `OSError`."""
     if not target.exists():
         new.rename(target)
     elif not exchange_folders(new, target):
@@ -222,7 +222,7 @@ def _take_place(new: Path, target: Path, old: Path) -> None:
 
 
 def exchange_folders(one: Path, other: Path) -> bool:
-    """Let two folders change places at once, so that there is no moment without either; False where the system cannot."""
+    """Exchange two folders in one step, so that both exist at all times. Return False where the system cannot do this."""
     try:
         rename = ctypes.CDLL(None, use_errno=True).renameat2
     except (OSError, AttributeError, TypeError):  # not Linux, or an old library
@@ -233,7 +233,7 @@ def exchange_folders(one: Path, other: Path) -> bool:
 
 
 def _recover(target: Path) -> None:
-    """Put back what a process that was killed had moved away, and delete what it had not finished. Raises `OSError`."""
+    """Restore the folder that a killed process had moved away, and delete its unfinished folders. Raises `OSError`."""
     left = re.compile(re.escape(f".{target.name}.") + "[a-z0-9_]{8}" + re.escape(PART))
     for workshop in sorted(target.parent.glob(".*")):
         if left.fullmatch(workshop.name) is None or not workshop.is_dir():
@@ -245,15 +245,15 @@ def _recover(target: Path) -> None:
 
 @contextmanager
 def lock_folder(folder: Path, work: str, wait_s: float = 0.0) -> Iterator[None]:
-    """Keep a folder for this process while the block runs.
+    """Lock a folder for this process while the block runs.
 
-    The folder is made where it is missing, and removed again where nothing was put into it. Where the file system knows no
-    locks, processes are not kept apart.
+    The folder is made where it is missing, and removed again if nothing was put into it. On a file system without locks, other
+    processes are not excluded.
 
     Args:
-        folder: of results.
-        work: what is done, for those who are turned away: "passerby calibrate".
-        wait_s: so long another process is waited for, seconds.
+        folder: the folder of results.
+        work: name of the work, as in "passerby calibrate", for the messages of processes that find the folder locked.
+        wait_s: time to wait for another process, seconds.
 
     Raises:
         InputError: another process has the folder (its number is stated), or the folder cannot be written.
@@ -270,20 +270,20 @@ def lock_folder(folder: Path, work: str, wait_s: float = 0.0) -> Iterator[None]:
 
 @contextmanager
 def lock_file(path: Path, place: Path, work: str, wait_s: float = 0.0) -> Iterator[None]:
-    """Hold the lock `path`, which stands for `place`; arguments and errors as of `lock_folder`."""
+    """Hold the lock file `path`, which protects `place`; arguments and errors as of `lock_folder`."""
     file = _take_lock(path, place, wait_s)
     try:
         _sign(file, work)
         yield
     finally:
-        # Deleted while it is held: a process that opened it meanwhile sees that the file with this name is another one.
+        # Delete the file while it is locked: a process that has opened it sees that the file no longer has this name.
         with suppress(OSError):
             path.unlink()
         file.close()
 
 
 def try_lock(file: IO[bytes]) -> bool:
-    """Try to lock a file, which lasts until it is closed. False where another process has it."""
+    """Try to lock a file until it is closed. Return False where another process has locked it."""
     try:
         if sys.platform == "win32":
             import msvcrt
@@ -299,7 +299,7 @@ def try_lock(file: IO[bytes]) -> bool:
 
 
 def _take_lock(path: Path, place: Path, wait_s: float) -> IO[bytes]:
-    """The locked file. Raises `InputError`."""
+    """Open and lock the lock's file, and return it. Raises `InputError`."""
     until = time.monotonic() + wait_s
     while True:
         file = _open_lock(path, place)
@@ -318,17 +318,17 @@ def _take_lock(path: Path, place: Path, wait_s: float) -> IO[bytes]:
 
 
 def _open_lock(path: Path, place: Path) -> IO[bytes]:
-    """The lock's file, open, in its folder. Raises `InputError` where it cannot be made.
+    """Make the folder of a lock, and open the lock's file in it. Raises `InputError` where it cannot be made.
 
-    The folder is removed by a holder that has put nothing into it. That may happen between any two calls here, and a third
-    process may have made it anew before one asks whether it is there; so nothing is asked, and all of it is tried again.
+    A holder that has put nothing into the folder removes it. This may happen between any two calls here, and a third process
+    may make the folder again in between. Therefore its existence is not checked; both steps are repeated instead.
     """
     until, tries = time.monotonic() + GONE_FOR_S, 0
     while True:
         tries += 1
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            return path.open("a+b", buffering=0)  # what a full disk does not take is not tried again at the end
+            return path.open("a+b", buffering=0)  # unbuffered: no second attempt to write at closing on a full disk
         except (FileNotFoundError, FileExistsError) as error:
             if tries >= GONE_TIMES and time.monotonic() >= until:
                 raise cannot_write(place, error) from error
@@ -338,7 +338,7 @@ def _open_lock(path: Path, place: Path) -> IO[bytes]:
 
 
 def _has_name(file: IO[bytes], path: Path) -> bool:
-    """Whether the open file is the one that has this name now, and not one whose holder has just deleted it."""
+    """Check whether the open file still has this name, and was not deleted by its holder."""
     try:
         return os.path.samestat(os.fstat(file.fileno()), path.stat())
     except OSError:
@@ -346,7 +346,7 @@ def _has_name(file: IO[bytes], path: Path) -> bool:
 
 
 def _sign(file: IO[bytes], work: str) -> None:
-    """Say who holds the lock. A disk that is full does not matter here: it is the lock that counts."""
+    """Write the holder of the lock into its file. Errors, as of a full disk, are ignored: only the lock counts."""
     with suppress(OSError):
         file.truncate(0)
         file.write(f"process {os.getpid()} on {platform.node()} ({work})".encode())
@@ -354,10 +354,10 @@ def _sign(file: IO[bytes], work: str) -> None:
 
 
 def _holder(file: IO[bytes]) -> str:
-    """Who holds a lock, as it signed."""
+    """Read the holder of a lock, as `_sign` wrote it."""
     try:
         file.seek(0)
         told = file.read(200).decode("utf-8", "replace")
-    except OSError:  # Windows: what is locked cannot be read
+    except OSError:  # Windows: a locked file cannot be read
         told = ""
     return " ".join(told.split()) or "another process"
