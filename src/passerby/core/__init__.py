@@ -1,5 +1,5 @@
-"""The nouns that every room speaks in: cameras and rigs, observations, clocks, trajectories, scale cues, figures, solutions.
+"""The basic data types of the package: cameras and rigs, observations, clocks, trajectories, scale cues, figures, solutions.
 
-Values, and what all rooms above need of them (projection, synchronisation, overlap). Reads no files; imports `geometry`,
-`findings` and below.
+Includes the operations on them that all higher packages need (projection, synchronisation, overlap). Reads no files; imports
+`geometry`, `findings` and lower packages.
 """

@@ -1,4 +1,4 @@
-"""Figures of association: what `calibration.json` has as `association`, field by field under the same names."""
+"""Figures of association: the entry `association` of `calibration.json`, field by field under the same names."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from passerby.core.figures import LevelFigures
 
 @dataclass(frozen=True, kw_only=True)
 class CameraTracks:
-    """What a camera brought."""
+    """Input of one camera to the association."""
 
     name: str
     tracklets: int
@@ -19,17 +19,17 @@ class CameraTracks:
     walking_samples: int
     own_level: LevelFigures | None
     looks: float | None
-    """Probability that its embeddings tell its own people apart; None without embeddings."""
+    """Probability that its embeddings distinguish its own people; None without embeddings."""
 
 
 def route_in_words(route: str) -> str:
-    """A pair's route as users read it; the names in files are older."""
+    """Return the name of a pair's route for users; files keep older names."""
     return {"looks": "appearance", "joints": "keypoints"}.get(route, route)
 
 
 @dataclass(frozen=True, kw_only=True)
 class TiedPair:
-    """How two cameras a and b were tied."""
+    """The connection of two cameras a and b by the people that both see."""
 
     cameras: tuple[str, str]
     route: str
@@ -43,60 +43,60 @@ class TiedPair:
     matches: int | None
     matched_tracklets: int
     offset_s: float
-    """Of b's clock less a's."""
+    """Offset of b's clock minus that of a's, seconds."""
     registered_offset_s: float | None
     looks: float | None
 
 
 @dataclass(frozen=True, kw_only=True)
 class StartDifference:
-    """What tells when the recording of one camera began against that of another, before the two are registered."""
+    """Evidence of when the recording of one camera began relative to that of another, before the two are registered."""
 
     cameras: tuple[str, str]
     offset_s: float
-    """When the second began, less when the first did."""
+    """Beginning of the second recording minus that of the first, seconds."""
     found_by: str
     """`activity`, `wall clock` or `sound`."""
     significance: float | None
-    """Of activity: how far the lag stands out from all others, in their standard deviations."""
+    """For activity: by how many standard deviations of all lags' values this lag is above the others."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class PairsTried:
-    """Which pairs of cameras were registered, where not all were tried."""
+    """Numbers of the pairs of cameras that were registered, where not all were tried."""
 
     possible: int
     tried: int
     by_activity: int
-    """Pairs of `tried` whose people come and go alike."""
+    """Pairs of `tried` in which people come and go at similar times."""
     stated: int
     """Pairs of `tried` that the user named."""
     most_of_a_camera: int
-    """Pairs of the camera that has most."""
+    """Number of pairs of the camera that has most."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class AssociationRound:
-    """A turn of solver and association."""
+    """One round of solver and association."""
 
     registered: int
-    """Cameras with a pose."""
+    """Number of cameras with a pose."""
     unchanged: float
-    """Pairs of tracklets that are together before and after, as a share of those in either."""
+    """Pairs of tracklets that are together before and after the round, as a share of those together in either."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class AssociationFigures:
-    """Identities, and how they were found; all but the mode None where identities were given and the clocks agree."""
+    """Identities, and how they were found. All but the mode are None where identities were given and the clocks agree."""
 
     mode: str | None = field(default=None, metadata=ABSENT)
-    """As the scene file has it; association itself leaves it out."""
+    """The mode in the scene file; association itself leaves it out."""
     cameras: tuple[CameraTracks, ...] | None = field(default=None, metadata=ABSENT)
     pairs: tuple[TiedPair, ...] | None = field(default=None, metadata=ABSENT)
     starts: tuple[StartDifference, ...] | None = field(default=None, metadata=ABSENT)
-    """What tells when recordings began; None where all clock offsets were searched in full."""
+    """Evidence of when recordings began; None where all clock offsets were searched in full."""
     searched_s: float | None = field(default=None, metadata=ABSENT)
-    """The largest clock offset that was searched for, beside `starts`."""
+    """The largest clock offset that was searched for in addition to `starts`, seconds."""
     pairs_tried: PairsTried | None = field(default=None, metadata=ABSENT)
     """None where every pair of cameras was tried."""
     people: int | None = field(default=None, metadata=ABSENT)

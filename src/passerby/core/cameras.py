@@ -23,9 +23,10 @@ from passerby.geometry.triangulation import triangulate_views
 __all__ = ["FISHEYE_DISTORTION_LENGTHS", "PINHOLE_DISTORTION_LENGTHS", "Camera", "Lens", "Pose", "PoseSigma", "Rig"]
 
 NAMED = 8
-"""Cameras beyond are not named on one line."""
+"""Largest number of cameras that are named on one line."""
 FOLDED_RAD = 0.01
-"""A pixel that has a ray so far from the point's shows another one: beyond its last angle a distortion folds back."""
+"""If the ray of a pixel is farther than this from the point's ray, the pixel shows another point: a distortion folds back
+beyond its last angle."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,13 +82,13 @@ class Camera:
         return self.lens.project_rays(np.asarray(points, dtype=np.float64).reshape(-1, 3) @ pose.R_cw.T + pose.t_cw)
 
     def ground(self, pixels: Floats, *, pixel_sd_px: float = 0.0) -> GroundPoints:
-        """The points on the ground z = 0 that pixels show, with their uncertainty by the camera's pose and intrinsics.
+        """Compute the points on the ground z = 0 that pixels show, with their uncertainty from pose and intrinsics.
 
             found = camera.ground([[640.0, 500.0]])
             found.xy, found.sigma_m
 
-        The sigma holds, as that of the pose, for the best placement of the rig as a whole. It includes the intrinsics. Near
-        the horizon a small error of the pose moves a point far, and the sigma, which is linear, is too small.
+        The sigma, as that of the pose, is valid after the best placement of the rig as a whole. It includes the intrinsics.
+        Near the horizon a small error of the pose moves a point far, and the sigma, which is linear, is too small.
 
         Args:
             pixels: (N, 2) or (2,), pixels of the picture as filmed.
@@ -98,12 +99,12 @@ class Camera:
 
         Raises:
             InputError: the camera has no pose, or a pixel shows no ground: it is above the horizon or nearer to it than 0.01
-                rad, or the lens has no ray for it. `sees_ground` says which do.
+                rad, or the lens has no ray for it. `sees_ground` finds the pixels that do.
         """
         return ground_points(self.lens, self._require_pose(), self.sigma, _pixels(pixels, self.name), pixel_sd_px)
 
     def sees_ground(self, pixels: Floats) -> Bools:
-        """Which pixels show the ground, 0.01 rad or more below the horizon.
+        """Return whether pixels show the ground, 0.01 rad or more below the horizon.
 
         Args:
             pixels: (N, 2) or (2,), pixels of the picture as filmed.
@@ -117,7 +118,7 @@ class Camera:
         return sees_ground(self.lens, self._require_pose(), _pixels(pixels, self.name))
 
     def undistort(self, points: Floats) -> Floats:
-        """Pixels of the picture as filmed to those of the undistorted picture, which has the camera matrix `K`.
+        """Convert pixels of the picture as filmed to those of the undistorted picture, which has the camera matrix `K`.
 
         Args:
             points: (N, 2) or (2,), pixels of the picture as filmed.
@@ -126,7 +127,7 @@ class Camera:
             (N, 2) pixels; always finite. `P` projects to them.
 
         Raises:
-            InputError: a pixel without a ray in front of the camera, as beyond 90 degrees of a fisheye.
+            InputError: a pixel without a ray in front of the camera, such as one beyond 90 degrees of a fisheye.
         """
         pixels = _pixels(points, self.name)
         rays = self.lens.bearings(pixels)
@@ -167,7 +168,7 @@ class Rig:
         return f"Rig({len(self)} camera{'s' if len(self) != 1 else ''}: {named}{without}{verdict})"
 
     def _repr_html_(self) -> str | None:
-        """In a notebook: a table of the cameras and the rig from above."""
+        """Return a table of the cameras and the rig from above as HTML, for notebooks."""
         return html_of(self)
 
     @property
@@ -188,7 +189,7 @@ class Rig:
         return len(self.cameras)
 
     def project(self, points: Floats) -> dict[str, Floats]:
-        """Where all cameras with a pose see world points: the inverse of `triangulate`.
+        """Project world points into all cameras with a pose: the inverse of `triangulate`.
 
             rig.project([[0.0, 5.0, 1.2]])["C1"]
 
@@ -203,11 +204,11 @@ class Rig:
         return {camera.name: _project_into_picture(camera, world) for camera in self.posed()}
 
     def triangulate(self, points: Mapping[str, Floats]) -> Floats:
-        """The world points that cameras see at given pixels; row n of every camera is the same point.
+        """Triangulate world points from the pixels at which cameras see them; row n of every camera is the same point.
 
             rig.triangulate({"C1": [[412.0, 233.5]], "C2": [[128.2, 301.0]]})
 
-        The squared angles to the viewing rays are minimised, in pixels by each camera's focal length.
+        The squared angles to the viewing rays are minimised, each converted to pixels with the camera's focal length.
 
         Args:
             points: by camera, (N, 2) pixels of the picture as filmed; NaN where that camera does not see the point.
@@ -244,11 +245,11 @@ class Rig:
         return found
 
     def posed(self) -> Rig:
-        """The rig of those cameras that have a pose."""
+        """Return the rig of those cameras that have a pose."""
         return replace(self, cameras=tuple(camera for camera in self.cameras if camera.pose is not None))
 
     def moved(self, rotation: Floats, translation: Floats, scale: float = 1.0) -> Rig:
-        """The rig after the world is moved by `X -> scale rotation X + translation`, sigmas too."""
+        """Return the rig after the world is moved by `X -> scale rotation X + translation`, with its sigmas."""
         cameras = tuple(
             replace(
                 camera,
@@ -263,7 +264,7 @@ class Rig:
 
 
 def _pixels(values: Floats, camera: str) -> Floats:
-    """(N, 2) finite pixels. Raises `InputError`."""
+    """Return the pixels as (N, 2), finite. Raises `InputError`."""
     pixels = np.asarray(values, dtype=np.float64)
     if pixels.shape[-1:] != (2,) or pixels.ndim > 2:
         raise InputError(f"camera {camera}: pixels have the shape {pixels.shape}: give (N, 2)")
@@ -275,7 +276,7 @@ def _pixels(values: Floats, camera: str) -> Floats:
 
 
 def _project_into_picture(camera: Camera, world: Floats) -> Floats:
-    """(N, 2) pixels of world points (N, 3); NaN outside the picture, and where a lens model folds back into it."""
+    """Project world points (N, 3) to pixels (N, 2); NaN outside the picture, and where a lens model folds back into it."""
     pose, pixels = camera._require_pose(), camera.project(world)
     with np.errstate(invalid="ignore"):
         shown: Bools = np.asarray(((pixels >= 0) & (pixels <= np.array(camera.lens.size))).all(axis=1))
@@ -287,7 +288,7 @@ def _project_into_picture(camera: Camera, world: Floats) -> Floats:
 
 
 def _find_seen_rays(lens: Lens, pixels: Floats) -> Floats:
-    """(N, 3) viewing rays of (N, 2) pixels; NaN where a pixel is not finite, or has no ray."""
+    """Compute the viewing rays (N, 3) of pixels (N, 2); NaN where a pixel is not finite, or has no ray."""
     rays = np.full((len(pixels), 3), np.nan)
     known = np.isfinite(pixels).all(axis=1)
     rays[known] = lens.bearings(pixels[known])

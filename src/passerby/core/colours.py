@@ -1,9 +1,9 @@
-"""Colours of cameras and people: readable on white and on near-black, apart for those who see fewer colours.
+"""Colours of cameras and people: readable on white and on near-black, and distinct for colour-blind people.
 
-Every colour has a contrast of 3 or more against white and against #111111 (WCAG 2.2, 1.4.11). That leaves little room for
-light and dark, so they are spread by hue: any two of the cameras' are 18 or more apart in CIE Lab as protanopes, deuteranopes
-and tritanopes see them (Machado, Oliveira, Fernandes 2009), any two of the people's 15; the first ones much farther. Names
-are written beside every colour, since a long list repeats them.
+Every colour has a contrast of 3 or more against white and against #111111 (WCAG 2.2, 1.4.11). Lightness can then vary only
+little, so the colours differ by hue. Any two colours of cameras are 18 or more apart in CIE Lab as protanopes, deuteranopes and
+tritanopes see them (Machado, Oliveira, Fernandes 2009), any two of people 15; the first ones much more. Names are written
+beside every colour, because a long list repeats colours.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ PERSON_COLOURS = (
     "#bb0099",
 )  # fmt: skip
 NOBODY = "#808080"
-"""A box of which it is not known whose it is."""
+"""Colour of a box of an unknown person."""
 
 
 def camera_colour(index: int) -> str:
-    """`#rrggbb` of the camera with this place in the rig, from 0; repeated after the last."""
+    """Return `#rrggbb` of the camera with this index in the rig, from 0; the colours repeat after the last."""
     return CAMERA_COLOURS[index % len(CAMERA_COLOURS)]
 
 
 def person_colour(identity: int) -> str:
-    """`#rrggbb` of a person; grey for an unknown one (below 0)."""
+    """Return `#rrggbb` of a person; grey for an unknown one (below 0)."""
     return NOBODY if identity < 0 else PERSON_COLOURS[identity % len(PERSON_COLOURS)]

@@ -7,19 +7,19 @@ import numpy as np
 from passerby.common.errors import InputError
 
 DATA_SHEET_SD = 0.15
-"""What a focal length from a data sheet is off by, one standard deviation: what cameras crop when they film makes it 5 to 20 %
-too small, and a field of view that is stated for the diagonal of 16:9 makes it 13 % too small."""
+"""Relative standard deviation of a focal length from a data sheet. It is 5 to 20 % too small because of what cameras crop when
+they film, and 13 % too small where a field of view is stated for the diagonal of 16:9."""
 NARROWEST_FIELD_DEG = 2.0
 """The longest zoom lenses of surveillance cameras have about this field of view."""
 WIDEST_PINHOLE_DEG, WIDEST_FISHEYE_DEG = 150.0, 240.0
 """Beyond 150 degrees a pinhole shows little more than its border; almost no fisheye lens has more than 240."""
 _VAGUEST_SD = 0.45
-"""The widest fields of view of a pinhole are stated this well: what is vaguer counts as unknown."""
+"""Largest relative standard deviation, that of the widest fields of view of a pinhole: a larger one would count as unknown."""
 _ROUNDING_DEG = 1e-6
 
 
 def focal_of_field(field_deg: float, side: float, *, fisheye: bool = False) -> float:
-    """Focal length, pixels, of a lens that sees `field_deg` degrees over `side` pixels.
+    """Return the focal length, pixels, of a lens that sees `field_deg` degrees over `side` pixels.
 
     Raises `InputError` for a field of view that no lens of this kind has.
     """
@@ -35,10 +35,10 @@ def focal_of_field(field_deg: float, side: float, *, fisheye: bool = False) -> f
 
 
 def sd_of_field(field_deg: float, *, fisheye: bool = False) -> float:
-    """Standard deviation, as a share, of a focal length that follows from the field of view in a data sheet.
+    """Return the relative standard deviation of a focal length that is computed from the field of view in a data sheet.
 
-    That field is seen with the lens's distortion. A pinhole and an equidistant lens bound what wide lenses have, and are
-    taken to be two standard deviations apart: 24 % at 90 degrees.
+    The field of view includes the lens's distortion. Wide lenses lie between a pinhole and an equidistant lens, which are taken
+    to be two standard deviations apart: 24 % at 90 degrees.
     """
     if fisheye:
         return DATA_SHEET_SD

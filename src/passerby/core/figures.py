@@ -1,6 +1,6 @@
-"""Figures of the solver's stages: what `calibration.json` has as `figures`, field by field under the same names.
+"""Figures of the solver's stages: the entry `figures` of `calibration.json`, field by field under the same names.
 
-A field that is None is not known, or does not apply. One whose metadata are `ABSENT` has no key in a file while it is None.
+A field that is None is not known, or does not apply. A field with the metadata `ABSENT` has no key in a file while it is None.
 A name that Python reserves ends in an underscore here, and has none in a file.
 """
 
@@ -17,7 +17,7 @@ from passerby.core.measuring import MeasuringFigures
 
 @dataclass(frozen=True, kw_only=True)
 class LevelFigures:
-    """A camera's vertical and ground by its own people."""
+    """Vertical and ground of a camera, estimated from its own people alone."""
 
     height_m: float
     residual: float | None
@@ -26,25 +26,25 @@ class LevelFigures:
 
 @dataclass(frozen=True, kw_only=True)
 class SolvedCamera:
-    """What the adjustment says of a registered camera."""
+    """Results of the adjustment for a registered camera."""
 
     name: str
     sightings: int | None = None
-    """Of people whom two cameras share;"""
+    """Sightings of people that two cameras share."""
     agreeing: int | None = None
-    """those of them that agree with the rig;"""
+    """Those of them that agree with the rig."""
     joints: int | None = None
-    """likewise joints."""
+    """Joints that agree with the rig."""
     median_residual_px: float | None = None
-    """Of the centres of its boxes."""
+    """Median residual of the centres of its boxes."""
     slack: float | None = None
-    """Logarithm of how much taller its boxes are than the people."""
+    """Logarithm of the factor by which its boxes are taller than the people."""
     focal_change: float | None = None
-    """Logarithm of the factor on a stated focal length that fits people best, all other intrinsics as they are stated, and one
-    sigma of it; None where intrinsics were refined or estimated."""
+    """Logarithm of the factor on a stated focal length that fits people best, with all other intrinsics as stated. The next
+    field is its one sigma. None where intrinsics were refined or estimated."""
     focal_change_sigma: float | None = None
     shape_position_sigma_mm: float | None = None
-    """Sigmas without scale, vertical and ground."""
+    """Sigmas of position and orientation, without those of scale, vertical and ground."""
     shape_orientation_sigma_deg: float | None = None
     own_level: LevelFigures | None = None
 
@@ -58,52 +58,52 @@ class PairFigures:
     inliers: int
     matches: int
     support: float | None
-    """By the ways through other cameras, 0 to 1."""
+    """Agreement of the paths through other cameras with it, 0 to 1."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class TreeFigures:
-    """A start that was tried."""
+    """A start of the adjustment that was tried."""
 
     tree: str
     agreeing: int
-    """Sightings."""
+    """Sightings and joints that agree with the rig."""
     contradicted: int = 0
     """Registrations of pairs of cameras that the rig contradicts."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ZoneFigures:
-    """A part of a large rig that was solved apart for the first guess."""
+    """A part of a large rig that was solved separately for the first guess."""
 
     cameras: tuple[str, ...]
     agreeing: int
-    """Sightings."""
+    """Sightings that agree with the rig."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class SeamFigures:
-    """Two zones that have cameras in common."""
+    """The common cameras of two zones."""
 
     zones: tuple[int, int]
-    """Their numbers, from 1."""
+    """Numbers of the zones, from 1."""
     cameras: tuple[str, ...]
-    """In common."""
+    """Cameras that both have."""
     apart_m: float
-    """How far apart the first guesses of the two have a common camera at most."""
+    """Largest distance between the positions of a common camera in the two first guesses."""
     turned_deg: float
-    """The same of orientations."""
+    """Largest angle between its orientations in them."""
     heading_sigma_deg: float | None
-    """One sigma of the turn about the vertical between the two in the adjusted rig."""
+    """One sigma of the relative rotation of the two about the vertical in the adjusted rig."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class AdjustmentRound:
-    """One adjustment of all that agrees."""
+    """One adjustment of all evidence that agrees."""
 
     sightings: int
     renamed: int
-    """Identities."""
+    """Number of identities that were changed."""
     joints: int
     iterations: int
     converged: bool
@@ -112,16 +112,16 @@ class AdjustmentRound:
 
 @dataclass(frozen=True, kw_only=True)
 class NoiseFigures:
-    """The boxes' and joints' errors as they were learnt."""
+    """Errors of boxes and joints, estimated from the data."""
 
     floor_px: float
     box_px: float
     centre: float
-    """Shares of a person's height in the picture."""
+    """As a share of a person's height in the picture; the next two likewise."""
     height: float
     joint: float
     broken_edges: float
-    """Share of the edges."""
+    """Share of the boxes' edges."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -133,14 +133,14 @@ class PeopleFigures:
     standing: float | None = None
     """Share of the instants."""
     heights_m: Mapping[str, float] = field(default_factory=dict)
-    """By identity."""
+    """Standing heights by identity, metres."""
     unusual: tuple[int, ...] | None = field(default=None, metadata=ABSENT)
-    """Identities of those so much taller or shorter than most that the scale does not use them; None if there are none."""
+    """Identities of people so much taller or shorter than most that the scale does not use them; None if there are none."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class CueFigures:
-    """What one cue says of the scale."""
+    """Result of one cue of the scale."""
 
     cue: str
     """`population of N`, `height of person IDENTITY`, `body segments of N people (trunks, ...)`, `walking speed of N`, `width
@@ -149,17 +149,17 @@ class CueFigures:
     """population, person, length, distance, camera_height, plan, segments, walking_speed (lengths are metres in a second),
     body_width or world (known places; lengths are the size of the rig); None in files of an older Passerby."""
     count: int | None = field(default=None, metadata=ABSENT)
-    """Of the population's people, or of those that the cue was measured on."""
+    """Number of people in the population, or of those that the cue was measured on."""
     identity: int | None = field(default=None, metadata=ABSENT)
-    """Of the person."""
+    """Identity of the person."""
     stated_m: float
     measured_m: float
     sd_m: float
     residual_sigmas: float
     share: float
-    """Of the weight of all cues in the adjustment, 0 to 1; 0 where the cue is only compared with the others."""
+    """Share of the weight of all cues in the adjustment, 0 to 1; 0 where the cue is only compared with the others."""
     own_scale: float | None = field(default=None, metadata=ABSENT)
-    """By this cue alone, all lengths would be so many times as long; None where it tells no scale, and in older files."""
+    """Factor on all lengths if this cue alone were used; None where it gives no scale, and in older files."""
     own_sigma: float | None = field(default=None, metadata=ABSENT)
     """Relative one sigma of `own_scale`."""
     disagrees_with: tuple[str, ...] | None = field(default=None, metadata=ABSENT)
@@ -168,31 +168,31 @@ class CueFigures:
 
 @dataclass(frozen=True, kw_only=True)
 class ScaleFigures:
-    """The uncertainty of all lengths, and what they depend on."""
+    """The uncertainty of all lengths, and the cues that they depend on."""
 
     relative_sigma: float | None = None
-    """None where nothing fixes the scale."""
+    """Relative one sigma of all lengths; None where no evidence determines the scale."""
     cues: tuple[CueFigures, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
 class DistanceFigures:
-    """Between two cameras."""
+    """Distance between two cameras."""
 
     cameras: tuple[str, str]
     metres: float
-    """Before any `[world]` with a scale of its own."""
+    """The distance before any `[world]` with a scale of its own."""
     sigma_m: float | None
-    """With the scale's share."""
+    """One sigma, including that of the scale."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ClockCorrection:
-    """What the adjustment adds to a camera's clock offset."""
+    """Correction of a camera's clock offset by the adjustment."""
 
     correction_s: float
     sigma_s: float
-    """0 for the camera whose clock is held."""
+    """0 for the camera whose clock is held fixed."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -210,114 +210,114 @@ class MotionFigures:
 
     camera: str
     frames: tuple[int, int]
-    """First and last frame of what was left out, of the camera's own;"""
+    """First and last frame of the part that was left out, in the camera's own numbering."""
     seconds: tuple[float, float] | None
-    """the same in seconds."""
+    """The same in seconds."""
     left_out: Literal["before", "after", "between"]
     metres: float
     degrees: float
     sigmas: float
-    """How much better the change predicts people who were held out: the mean gain in its standard errors;"""
+    """Mean gain of the change in the prediction of held-out people, in standard errors of the gain."""
     shift: float
-    """of people in the picture, as a share of their extent."""
+    """Shift of people in the picture, as a share of their extent."""
     zoom: float | None = field(default=None, metadata=ABSENT)
-    """The focal length during it, in that of the rest; None for a camera that moved and did not zoom."""
+    """Focal length during the change over that of the rest; None for a camera that moved and did not zoom."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class DriftFigures:
-    """A camera that kept turning during its recording; the rotation was taken out of its observations."""
+    """A camera that kept turning during its recording; the rotation was removed from its observations."""
 
     camera: str
     degrees: float
     """The largest rotation between two times."""
     pixels: float
-    """How far it moves people in the image (median)."""
+    """Median distance by which the rotation moves people in the image."""
     minutes: float | None
-    """How long the camera was observed; None where the frame rate is not known."""
+    """Time for which the camera was observed; None where the frame rate is not known."""
     steady: bool
-    """Whether it turned at one rate all the time."""
+    """Whether it turned at a constant rate all the time."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class GroundFigures:
-    """How far the people's ground is from one plane."""
+    """Deviation of the people's ground from one plane."""
 
     rise_m: float
     sigma_m: float | None
     low: tuple[float, float]
-    """Where it is lowest, x and y in the solver's world,"""
+    """Its lowest place, x and y in the solver's world."""
     high: tuple[float, float]
-    """and where it is highest."""
+    """Its highest place."""
     chance_sigmas: float | None
     slope_deg: float | None = field(default=None, metadata=ABSENT)
-    """Of the ground below people's own ways, against the world's z; None in files of an older Passerby."""
+    """Slope of the ground below people's own trajectories, against the world's z; None in files of an older Passerby."""
     slope_sigma_deg: float | None = field(default=None, metadata=ABSENT)
 
 
 @dataclass(frozen=True, kw_only=True)
 class UpFigures:
-    """What the world's z is in the solver's world, and how far it may be from gravity."""
+    """Direction that the world's z stands for in the solver's world, and its uncertainty relative to gravity."""
 
     direction: str
-    """`ground normal`: of the ground that people walk on; or the upright parts of the body, such as `trunks`, where no
+    """`ground normal`: that of the ground that people walk on; or the upright parts of the body, such as `trunks`, where no
     person is seen whole."""
     gravity_sigma_deg: float
-    """One sigma of the angle between z and gravity; for a ground normal with the slope that a ground may have."""
+    """One sigma of the angle between z and gravity. For a ground normal it includes the slope that a ground may have."""
     tilt_deg: float | None = field(default=None, metadata=ABSENT)
     """Angle between the ground's normal and people's trunks; None where keypoints do not show them."""
     tilt_sigma_deg: float | None = field(default=None, metadata=ABSENT)
-    """One sigma of it, along it."""
+    """One sigma of `tilt_deg`, in its own direction."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ResidualFigures:
-    """How far each camera sees people from where the other cameras put them."""
+    """Residuals of the people in each camera against their positions from the other cameras."""
 
     sightings: int
     median_px: float | None
-    """None: people's places lie behind the camera in half of the cases; likewise the others."""
+    """None where people's positions lie behind the camera in half of the cases; likewise the others."""
     p90_px: float | None
     median_share: float | None
-    """As a share of the person's size in the picture."""
+    """Median of the residual as a share of the person's size in the picture."""
     ground_50_m: float | None
-    """Of so many people in a hundred no more than this on the ground."""
+    """Half of the people are no farther than this from their positions on the ground; the next field is the same for 90 %."""
     ground_90_m: float | None
 
 
 @dataclass(frozen=True, kw_only=True)
 class HeldOutFigures:
-    """A rig that was adjusted without some of the people, compared with these."""
+    """Residuals of people who were held out, in a rig that was adjusted without them."""
 
     stretches: int
-    """Those with people enough, where there is one."""
+    """Number of stretches with enough people; of all held-out stretches where none has enough."""
     stretch_s: float
     """Length of each of the stretches whose people were held out."""
     held_out: ResidualFigures
     fit: ResidualFigures
-    """Of the people who were fitted, by the same rig."""
+    """Residuals of the people who were fitted, with the same rig."""
     least_share: float | None = None
-    """`median_share` of the people of that stretch held out which fits best; None where they lie behind the cameras, and in
-    files of an older Passerby."""
+    """`median_share` of the held-out people in the stretch that fits best; None where they lie behind the cameras, and in files
+    of an older Passerby."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class CheckedLength:
-    """A known length that had no part in the calibration, by the finished rig."""
+    """A known length that was not used in the calibration, measured with the finished rig."""
 
     number: int
-    """Of the table `[[scale.checks]]`, from 1."""
+    """Number of the table `[[scale.checks]]`, from 1."""
     cameras: tuple[str, ...]
     stated_m: float
     measured_m: float | None
     """None where fewer than two of the cameras have a pose, or the marks of an end do not meet."""
     sigma_m: float | None = None
-    """One sigma of the difference: of the statement, clicks, cameras and scale. None where nothing fixes the scale."""
+    """One sigma of the difference, from the statement, clicks, cameras and scale. None where no evidence fixes the scale."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class SolverFigures:
-    """What every method has; by itself, of a solve that came to no rig."""
+    """Figures of every method; for a solve without a resulting rig, only these."""
 
     clock_rates: Mapping[str, FittedRate] | None = field(default=None, metadata=ABSENT)
     """By camera; None where rates were not refined."""
@@ -325,7 +325,7 @@ class SolverFigures:
     drifts: tuple[DriftFigures, ...] | None = field(default=None, metadata=ABSENT)
     """None where no camera drifts."""
     ground: GroundFigures | None = None
-    """None where too few places tell."""
+    """None where there are too few places."""
     up: UpFigures | None = field(default=None, metadata=ABSENT)
     """None where the up direction is not known, and in files of an older Passerby."""
     held_out: HeldOutFigures | None = field(default=None, metadata=ABSENT)
@@ -336,14 +336,14 @@ class SolverFigures:
 
 @dataclass(frozen=True, kw_only=True)
 class AdjustedFigures(SolverFigures):
-    """Of the method `people`."""
+    """Figures of the method `people`."""
 
     cameras: tuple[SolvedCamera, ...] = ()
-    """Of the registered cameras."""
+    """The registered cameras."""
     pairs: tuple[PairFigures, ...] = ()
     trees: tuple[TreeFigures, ...] = ()
     tree: str | None = None
-    """The one that was taken."""
+    """The start that was used."""
     zones: tuple[ZoneFigures, ...] | None = field(default=None, metadata=ABSENT)
     """None where the rig was solved as one."""
     seams: tuple[SeamFigures, ...] | None = field(default=None, metadata=ABSENT)
@@ -351,7 +351,7 @@ class AdjustedFigures(SolverFigures):
     noise: NoiseFigures | None = None
     people: PeopleFigures | None = None
     foot_shift: float | None = None
-    """How much nearer than the body's axis the visible foot is, as a share of the height."""
+    """Distance by which the visible foot is nearer than the body's axis, as a share of the height."""
     scale: ScaleFigures = field(default_factory=ScaleFigures)
     vertical_sigma_deg: float | None = None
     covariance_inflation: float | None = None
@@ -359,18 +359,18 @@ class AdjustedFigures(SolverFigures):
     clocks: Mapping[str, ClockCorrection] = field(default_factory=dict)
     """By camera; empty where clocks were not refined."""
     undetermined: tuple[str, ...] | None = field(default=None, metadata=ABSENT)
-    """What nothing fixes; None where all is fixed."""
+    """Parts that no evidence determines; None where all are determined."""
     lenses: Mapping[str, LensFigures] = field(default_factory=dict)
     """By camera; empty where no lens was refined."""
     measuring: MeasuringFigures | None = field(default=None, metadata=ABSENT)
-    """None where no two cameras see where people walked, or cameras are free to go anywhere."""
+    """None where no two cameras see the places where people walked, or where a camera is undetermined."""
     refinement: LensRefinement | None = field(default=None, metadata=ABSENT)
     """None where stated lenses were not to be refined."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class StarScale:
-    """What the scale of the method `geopose` depends on."""
+    """The basis of the scale in the method `geopose`."""
 
     from_: str
     """`person height`, or `known lengths`."""
@@ -395,7 +395,7 @@ class StarPair:
 
 @dataclass(frozen=True, kw_only=True)
 class StarFigures(SolverFigures):
-    """Of the method `geopose`."""
+    """Figures of the method `geopose`."""
 
     points: str
     """`boxes` or `joints`; `given` for points of any origin."""
@@ -410,11 +410,11 @@ class StarFigures(SolverFigures):
 
 
 def adjusted(figures: SolverFigures) -> AdjustedFigures:
-    """The figures of the method `people`; empty ones of another method, or of a solve that came to no rig."""
+    """Return the figures of the method `people`; empty ones for another method, or for a solve without a resulting rig."""
     return figures if isinstance(figures, AdjustedFigures) else AdjustedFigures()
 
 
 def heights_of(figures: SolverFigures) -> Mapping[str, float]:
-    """By identity, standing heights as the solver has them, metres; empty where it has none."""
+    """Return standing heights by identity, as the solver estimated them, metres; empty where it has none."""
     people = adjusted(figures).people
     return {} if people is None else people.heights_m

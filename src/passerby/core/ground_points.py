@@ -24,11 +24,11 @@ class GroundPoints:
     xy: Floats
     """(N, 2) positions on the ground, metres."""
     covariance: Floats | None
-    """(N, 2, 2) of each position, square metres: by the camera and the pixel; None where the pose's is unknown."""
+    """(N, 2, 2) covariance of each position from camera and pixel, square metres; None where the pose's is unknown."""
     by_camera: Floats
-    """(N, 2, 10) derivatives of the position by the complete camera, in the order of `PoseSigma.complete`."""
+    """(N, 2, 10) derivatives of the position by pose and intrinsics, in the order of `PoseSigma.complete`."""
     camera_covariance: Floats | None
-    """(10, 10) of the complete camera; where only its pose's is known, the intrinsics count as exact."""
+    """(10, 10) covariance of pose and intrinsics; intrinsics count as exact where theirs is unknown. None if unknown."""
 
     def __repr__(self) -> str:
         sigma = self.sigma_m
@@ -49,16 +49,16 @@ class GroundPoints:
         return None if self.covariance is None else np.sqrt(np.trace(self.covariance, axis1=1, axis2=2))
 
     def distance(self, first: int, second: int) -> tuple[float, float | None]:
-        """The distance of two of the points, and its 1-sigma.
+        """Return the distance between two of the points, and its 1-sigma.
 
-        Both points move together with the camera: what they have in common cancels. Errors of the two pixels are independent.
+        Both points move together with the camera: their common error cancels. Errors of the two pixels are independent.
 
         Args:
             first: row of one point.
             second: row of another one.
 
         Returns:
-            Metres; one sigma in metres, None where the pose's covariance is unknown.
+            Distance in metres; one sigma in metres, None where the pose's covariance is unknown.
         """
         apart = self.xy[first] - self.xy[second]
         metres = float(np.linalg.norm(apart))
@@ -73,17 +73,17 @@ class GroundPoints:
 
 
 def sees_ground(lens: Lens, pose: Pose, pixels: Floats) -> Bools:
-    """(N,) whether the pixels (N, 2) show the ground: below the horizon by 0.01 rad or more, and where the lens has a ray."""
+    """Return whether each pixel (N, 2) shows the ground, (N,): it is below the horizon by 0.01 rad or more, and has a ray."""
     return _hits_ground(pose, lens.bearings(pixels))
 
 
 def ground_points(lens: Lens, pose: Pose, sigma: PoseSigma | None, pixels: Floats, pixel_sd_px: float) -> GroundPoints:
-    """Where the rays of pixels meet the ground; see `Camera.ground`.
+    """Intersect the rays of pixels with the ground; see `Camera.ground`.
 
     Args:
-        lens: of the camera.
-        pose: world to camera.
-        sigma: of both, if known.
+        lens: lens of the camera.
+        pose: pose of the camera, world to camera.
+        sigma: uncertainty of the pose and the intrinsics; None if unknown.
         pixels: (N, 2) of the picture as filmed.
         pixel_sd_px: standard deviation of each coordinate of the pixels.
 
@@ -107,12 +107,12 @@ def ground_points(lens: Lens, pose: Pose, sigma: PoseSigma | None, pixels: Float
     directions = rays @ pose.R_cw
     along = directions[:, :2] / directions[:, 2:]
     xy = pose.centre[:2] - pose.centre[2] * along
-    # By the direction: reach [I | -along]; a rotation vector w turns the direction by R^T (b x w).
+    # Derivative by the direction: -C_z / d_z [I | -along]. A rotation vector w turns the direction by R^T (b x w).
     by_point = np.concatenate([np.broadcast_to(np.eye(2), (len(rays), 2, 2)), -along[:, :, None]], axis=2)
     by_direction = (-pose.centre[2] / directions[:, 2])[:, None, None] * by_point
     by_ray = by_direction @ pose.R_cw.T
     by_pixel = by_ray @ np.linalg.pinv(lens.tangents(rays)) if len(rays) else np.zeros((0, 2, 2))
-    # Where a lens moves the pixels of all rays, the ray of one pixel moves the other way.
+    # If a change of the lens moves the pixels of all rays, the ray of a fixed pixel moves in the opposite direction.
     by_camera = np.concatenate([by_point, by_ray @ _cross(rays), -by_pixel @ lens.by_intrinsics(rays)], axis=2)
     known, covariance = None if sigma is None else _complete_covariance(sigma), None
     if known is not None:
@@ -122,7 +122,7 @@ def ground_points(lens: Lens, pose: Pose, sigma: PoseSigma | None, pixels: Float
 
 
 def _complete_covariance(sigma: PoseSigma) -> Floats | None:
-    """(10, 10) of the complete camera, its intrinsics exact where nothing is known of them; None where nothing is known."""
+    """Return the covariance (10, 10) of pose and intrinsics; unknown intrinsics count as exact. None without the pose's."""
     if sigma.complete is not None or sigma.covariance is None:
         return sigma.complete
     out = np.zeros((6 + INTRINSICS, 6 + INTRINSICS))
@@ -131,13 +131,13 @@ def _complete_covariance(sigma: PoseSigma) -> Floats | None:
 
 
 def _hits_ground(pose: Pose, rays: Floats) -> Bools:
-    """(N,) whether rays (N, 3), camera frame, fall to the ground."""
+    """Return whether each ray (N, 3), camera frame, hits the ground, (N,)."""
     down = -np.nan_to_num(rays, nan=0.0) @ pose.R_cw[:, 2]
     return np.asarray(np.isfinite(rays).all(axis=1) & (down > HORIZON) & (pose.centre[2] > 0))
 
 
 def _cross(rays: Floats) -> Floats:
-    """(N, 3, 3) the matrices that make the cross product of each ray with a vector."""
+    """Return the matrices (N, 3, 3) that form the cross product of each ray with a vector."""
     x, y, z = rays.T
     zero = np.zeros(len(rays))
     return np.stack([np.stack([zero, -z, y], 1), np.stack([z, zero, -x], 1), np.stack([-y, x, zero], 1)], axis=1)

@@ -16,13 +16,13 @@ from passerby.core.data_sheet import DATA_SHEET_SD, check_field, focal_of_field,
 
 PINHOLE_DISTORTION_LENGTHS = (0, 4, 5, 8, 12, 14)
 FISHEYE_DISTORTION_LENGTHS = (0, 4)
-# A pixel whose undistorted ray does not come back to within this many pixels lies outside what the lens model can express.
+# A pixel is outside the lens model if its undistorted ray projects to more than this many pixels away from it.
 INVERSION_TOLERANCE_PX = 0.05
 INTRINSICS = 4
-"""Numbers of a lens that `Lens.by_intrinsics` has derivatives by."""
+"""Number of lens parameters that `Lens.by_intrinsics` has derivatives by."""
 QUARTER_TURNS = (0, 90, 180, 270)
 LARGEST_FOCAL_SD = 0.5
-"""Of a focal length known no better than this the calibration, which follows it to first order, says nothing."""
+"""Largest relative standard deviation of a focal length, used for unknown ones; first-order estimates fail beyond it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,24 +40,23 @@ class Lens:
     """Pinhole: 0, 4, 5, 8, 12 or 14 coefficients in OpenCV's order; fisheye: 0 or 4. Given as (N,), (1, N) or (N, 1)."""
     fisheye: bool = False
     focal_sd: float | None = None
-    """One standard deviation of both focal lengths, as a share of them, where they are a guess. None: they are taken to be
-    right."""
+    """Standard deviation of both focal lengths, as a share, where they are a guess. None: they are assumed to be correct."""
     uncalibrated: bool = False
-    """Whether only the image size is known, and perhaps the focal length as `focal_sd` says: the principal point is taken to be
-    the image centre and the distortion to be 0 until people tell more."""
+    """Whether only the image size is known, and perhaps the focal length with `focal_sd`. Until people are used, the principal
+    point is assumed at the image centre, and the distortion to be 0."""
     group: str | None = None
-    """Cameras of one model: uncalibrated lenses with the same group share one focal length and distortion. None: no other
-    lens is like it."""
+    """Cameras of one model: uncalibrated lenses with the same group share one focal length and distortion. None: the lens
+    shares them with no other."""
     rotate: int = 0
-    """Degrees clockwise, 0, 90, 180 or 270, by which the images are to be turned so that people in them stand upright: of a
-    camera that is mounted on its side. The other values are of the images as filmed."""
+    """Degrees clockwise, 0, 90, 180 or 270, by which the images have to be turned so that people in them stand upright, for a
+    camera that is mounted on its side. The other values refer to the images as filmed."""
     start_sd: float | None = None
-    """`focal_sd` of a focal length that was searched for among people: how near the search came. It narrows the next search. It
-    is no knowledge beside `focal_sd`, since it uses the same people as the adjustment. None: none was searched for."""
+    """`focal_sd` of a focal length that a search among people found. It narrows the next search. It is not used in addition to
+    `focal_sd`, because it comes from the same people as the adjustment. None: there was no search."""
     principal_point_sd: float | None = None
-    """One standard deviation of the principal point, as a share of the image's width,"""
+    """Standard deviation of the principal point, as a share of the image's width. None: that of stated intrinsics."""
     distortion_sd: float | None = None
-    """and of the first distortion coefficient. None: as stated intrinsics are."""
+    """Standard deviation of the first distortion coefficient. None: that of stated intrinsics."""
 
     def __post_init__(self) -> None:
         if self.focal_sd is not None and not 0 < self.focal_sd <= LARGEST_FOCAL_SD:
@@ -101,20 +100,20 @@ class Lens:
         cls, size: tuple[int, int], hfov_deg: float | None = None, focal_sd: float | None = None, *,
         focal_px: float | None = None, fisheye: bool = False, group: str | None = None,
     ) -> Lens:  # fmt: skip
-        """A lens that was never calibrated, to be estimated together with the rig.
+        """Return a lens that was never calibrated, to be estimated together with the rig.
 
         Args:
             size: (width, height) in pixels.
             hfov_deg: field of view over the image's width, where a data sheet states it.
-            focal_sd: standard deviation of the stated focal length, as a share. None: `DATA_SHEET_SD`, and more where a wide
-                field of view is stated, see `sd_of_field`.
-            focal_px: focal length in pixels, where that is known rather than a field of view.
-            fisheye: whether the lens is an equidistant fisheye, rather than a pinhole with radial distortion.
+            focal_sd: standard deviation of the stated focal length, as a share. None: `DATA_SHEET_SD`, and more for a wide
+                field of view, see `sd_of_field`.
+            focal_px: focal length in pixels, if it is stated instead of a field of view.
+            fisheye: whether the lens is an equidistant fisheye, and not a pinhole with radial distortion.
             group: see `Lens.group`.
 
         Raises:
-            InputError: a size, field of view, focal length or sigma that no lens has; a field of view and a focal length; a
-                sigma without either.
+            InputError: a size, field of view, focal length or sigma that no lens has; both a field of view and a focal length;
+                a sigma without either.
         """
         width, height = _image_size(size)
         if hfov_deg is not None and focal_px is not None:
@@ -137,18 +136,18 @@ class Lens:
         return cls((width, height), matrix, np.zeros(0), fisheye, focal_sd=sd, uncalibrated=True, group=group)
 
     def with_focal(self, factor: float, sd: float) -> Lens:
-        """The lens with both focal lengths times `factor`, known to `sd`, one standard deviation as a share."""
+        """Return the lens with both focal lengths times `factor`, and their standard deviation `sd` as a share."""
         matrix = np.array(self.matrix)
         matrix[:2, :2] *= factor
         return replace(self, matrix=matrix, focal_sd=sd)
 
     def started(self, factor: float, sd: float) -> Lens:
-        """The lens with both focal lengths times `factor`, which a search found to `sd` (`start_sd`)."""
+        """Return the lens with both focal lengths times `factor`, as found by a search with the standard deviation `sd`."""
         return replace(self.with_focal(factor, sd), focal_sd=self.focal_sd, start_sd=sd)
 
     @property
     def search_sd(self) -> float | None:
-        """Within how much of the focal length the true one is searched for, one standard deviation as a share."""
+        """Standard deviation, as a share, of the range of focal lengths in which the true one is searched for."""
         return self.focal_sd if self.start_sd is None else self.start_sd
 
     @property
@@ -163,7 +162,7 @@ class Lens:
             points: (N, 3), camera frame, any unit.
 
         Returns:
-            (N, 2) pixels; NaN for a point that a pinhole lens has behind it.
+            (N, 2) pixels; NaN for a point behind a pinhole lens.
         """
         points = np.asarray(points, dtype=np.float64).reshape(-1, 3)
         if len(points) == 0:
@@ -180,10 +179,10 @@ class Lens:
         return np.asarray(np.where(points[:, 2:] > 0, pixels, np.nan), dtype=np.float64)
 
     def bearings(self, pixels: Floats) -> Floats:
-        """Viewing rays of pixels.
+        """Compute the viewing rays of pixels.
 
         Args:
-            pixels: (N, 2), distorted pixels as the picture has them.
+            pixels: (N, 2), distorted pixels as in the picture.
 
         Returns:
             (N, 3) unit vectors in the camera frame; NaN where the lens model cannot be inverted.
@@ -202,17 +201,18 @@ class Lens:
         return rays
 
     def _skew_pixels(self, pixels: Floats, sign: float = 1.0) -> Floats:
-        """Pinhole pixels with the matrix's skew put in (or taken out), which OpenCV's own functions leave alone."""
+        """Add the matrix's skew to pinhole pixels, or remove it (`sign` -1); OpenCV's own functions ignore it."""
         skew = sign * self.matrix[0, 1] / self.matrix[1, 1]
         if skew == 0:
             return pixels
         return np.column_stack([pixels[:, 0] + skew * (pixels[:, 1] - self.matrix[1, 2]), pixels[:, 1]])
 
     def tangents(self, bearings: Floats) -> Floats:
-        """Linear maps from the camera frame to pixels, around given viewing rays.
+        """Compute linear maps from the camera frame to pixels, around given viewing rays.
 
-        A point `d` of the camera frame that projects near the ray `b` misses its pixel by `tangent @ d / (b . d)`, to first
-        order: a reprojection residual that is exact in the angle, holds for every lens and needs no distortion inside a solver.
+        The projection of a point `d` of the camera frame near the ray `b` misses its pixel by `tangent @ d / (b . d)`, to first
+        order. This reprojection residual is exact in the angle, is valid for every lens and needs no distortion inside a
+        solver.
 
         Args:
             bearings: (N, 3) unit vectors in the camera frame.
@@ -231,13 +231,13 @@ class Lens:
         return np.asarray(d1[:, :, None] * e1[:, None, :] + d2[:, :, None] * e2[:, None, :])
 
     def derivatives(self, points: Floats) -> tuple[Floats, Floats, Floats]:
-        """Pixels of points before the camera, and how they move with the points and with the lens.
+        """Compute the pixels of points in front of the camera, and their derivatives by the points and by the lens.
 
         Args:
             points: (N, 3) in the camera frame, any unit.
 
         Returns:
-            (N, 2) pixels, (N, 2, 3) derivatives by the points, and (N, 2, 4) as of `by_intrinsics`.
+            (N, 2) pixels, (N, 2, 3) derivatives by the points, and (N, 2, 4) derivatives as in `by_intrinsics`.
         """
         points = np.asarray(points, dtype=np.float64).reshape(-1, 3)
         if not len(points) or self.fisheye or self.matrix[0, 1] != 0:
@@ -248,12 +248,12 @@ class Lens:
         few[: len(self.distortions)] = self.distortions
         found = cv2.projectPoints(points[:, None], zero, zero, self.matrix, few)
         pixels, by = (np.asarray(part, dtype=np.float64).reshape(len(points), 2, -1) for part in found)
-        # By the rotation, the translation, both focal lengths, the principal point, and the distortion coefficients.
+        # Derivatives by rotation, translation, both focal lengths, principal point, and distortion coefficients, in this order.
         focal = by[:, :, 6:8] @ np.diag(self.matrix)[:2, None]
         return pixels[:, :, 0], by[:, :, 3:6], np.concatenate([focal, by[:, :, 8:11]], axis=2)
 
     def by_intrinsics(self, rays: Floats) -> Floats:
-        """How the pixels of rays move with the lens.
+        """Compute the derivatives of the pixels of rays by the intrinsics.
 
         Args:
             rays: (N, 3) in the camera frame.
@@ -275,7 +275,7 @@ class Lens:
 
 
 def _image_size(size: tuple[int, int]) -> tuple[int, int]:
-    """(width, height) as whole numbers. Raises `InputError` for what is no image size."""
+    """Return (width, height) as whole numbers. Raises `InputError` for values that are not an image size."""
     numbers = np.asarray(size)
     whole = numbers.shape == (2,) and numbers.dtype.kind in "iuf" and bool((np.isfinite(numbers) & (numbers >= 1)).all())
     if not whole or (numbers != np.floor(numbers)).any():
@@ -284,9 +284,9 @@ def _image_size(size: tuple[int, int]) -> tuple[int, int]:
 
 
 def unproject_pinhole(pixels: Floats, matrix: Floats, distortions: Floats) -> Floats:
-    """(N, 2) pixels to (N, 3) rays with z = 1: OpenCV's fixed point, finished by Newton steps.
+    """Convert pixels (N, 2) to rays (N, 3) with z = 1: OpenCV's fixed-point iteration, then Newton steps.
 
-    OpenCV's own iteration stops after five rounds, half a pixel short at the border of a strong lens.
+    OpenCV's own iteration stops after five rounds. At the border of a strong lens it is then off by half a pixel.
     """
     zero, step = np.zeros(3), 1e-6
 
@@ -313,7 +313,7 @@ def unproject_pinhole(pixels: Floats, matrix: Floats, distortions: Floats) -> Fl
 
 
 def _fisheye_polynomial(theta: Floats, k: Floats) -> tuple[Floats, Floats]:
-    """Distorted angle and its derivative, OpenCV's fisheye: theta_d = theta (1 + k1 theta^2 + ... + k4 theta^8)."""
+    """Compute the distorted angle and its derivative, OpenCV's fisheye: theta_d = theta (1 + k1 theta^2 + ... + k4 theta^8)."""
     t2 = theta * theta
     k1, k2, k3, k4 = (*k, 0.0, 0.0, 0.0, 0.0)[:4]
     value = theta * (1 + t2 * (k1 + t2 * (k2 + t2 * (k3 + t2 * k4))))
@@ -322,7 +322,7 @@ def _fisheye_polynomial(theta: Floats, k: Floats) -> tuple[Floats, Floats]:
 
 
 def project_fisheye(points: Floats, matrix: Floats, distortions: Floats) -> Floats:
-    """OpenCV's fisheye projection, valid beyond 90 degrees (cv2.fisheye.projectPoints is not)."""
+    """Project points with OpenCV's fisheye model, valid beyond 90 degrees (cv2.fisheye.projectPoints is not)."""
     radius = np.hypot(points[:, 0], points[:, 1])
     theta = np.arctan2(radius, points[:, 2])
     distorted, _ = _fisheye_polynomial(theta, distortions)

@@ -1,4 +1,4 @@
-"""Figures of lenses, as `calibration.json` has them: estimated parameters, their sigmas and priors, fields of view."""
+"""Figures of lenses in `calibration.json`: estimated parameters, their sigmas and priors, fields of view."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from passerby.core.cameras import Lens
 
 RefinedPart = Literal["focal", "principal_point", "distortion"]
 LensPrior = Literal["stated", "search", "assumed"]
-"""What was known of a part of a lens before the adjustment: a value of the scene or of the intrinsics; a first estimate, from
-how the same people fit together in several cameras; or what lenses usually are."""
+"""Origin of the prior of a part of a lens: `stated`, a value of the scene or of the intrinsics; `search`, a first estimate from
+how the same people fit together in several cameras; `assumed`, the usual value of lenses."""
 MOSTLY, WHOLLY = 0.5, 0.9
-"""Shares of people in what is known of a number, from which it counts as determined by them for the most part, and wholly."""
+"""Shares of people in the information on a number, from which on people determine it for the most part, or completely."""
 SIDE_SAMPLES = 8
-"""Of each side of a picture: lenses bend its border."""
+"""Samples on each side of a picture: lenses bend its border."""
 FLATTEST = 0.5
-"""Cosine from the axis up to which a frustum ends in a plane, and beyond which (60 degrees) at one distance: the plane of a
-fisheye lens lies at infinity."""
+"""Cosine of the angle from the axis: up to this angle a frustum ends in a plane, and beyond it (60 degrees) at one distance,
+because the plane of a fisheye lens is at infinity."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,24 +33,24 @@ class FocalFigures:
     refined_px: float
     sigma_px: float
     people_sigma_px: float | None
-    """By people alone."""
+    """One sigma from people alone."""
     far: bool
-    """Farther from the stated one than stated ones are off."""
+    """Whether it is farther from the stated value than stated values usually are."""
     told: bool
-    """Whether people know it."""
+    """Whether people determine it."""
     prior_sigma_px: float | None = field(default=None, metadata=ABSENT)
-    """Of the prior, as the adjustment took it; None in files of an older Passerby, as are the others below."""
+    """One sigma of the prior in the adjustment; None in files of an older Passerby, as are the fields below."""
     prior: LensPrior | None = field(default=None, metadata=ABSENT)
     people_share: float | None = field(default=None, metadata=ABSENT)
-    """How much of what is known comes from people rather than from the prior, 0 to 1; a search counts as people."""
+    """Share of the information that comes from people and not from the prior, 0 to 1; a search counts as people."""
     scene_px: float | None = field(default=None, metadata=ABSENT)
-    """What the scene states, with its sigma; None where it states nothing."""
+    """Value that the scene states, and its sigma; None where it states none."""
     scene_sigma_px: float | None = field(default=None, metadata=ABSENT)
 
 
 @dataclass(frozen=True, kw_only=True)
 class PrincipalPointFigures:
-    """As `FocalFigures`, of x and y."""
+    """A refined principal point; fields as in `FocalFigures`, for x and y."""
 
     stated_px: tuple[float, float]
     refined_px: tuple[float, float]
@@ -65,7 +65,7 @@ class PrincipalPointFigures:
 
 @dataclass(frozen=True, kw_only=True)
 class DistortionFigures:
-    """As `FocalFigures`, of the first distortion coefficient of a lens that was never calibrated."""
+    """The first distortion coefficient of a lens that was never calibrated; fields as in `FocalFigures`."""
 
     refined: float
     sigma: float
@@ -84,22 +84,22 @@ class LensFigures:
     principal_point: PrincipalPointFigures | None = field(default=None, metadata=ABSENT)
     distortion: DistortionFigures | None = field(default=None, metadata=ABSENT)
     group: str | None = field(default=None, metadata=ABSENT)
-    """Cameras of one group have one focal length and distortion; None where no other camera is like it."""
+    """Cameras of one group have one focal length and distortion; None where no other camera shares them."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class LensRefinement:
-    """What became of stated lenses that were to be refined."""
+    """Result of the refinement of stated lenses."""
 
     asked: tuple[RefinedPart, ...]
-    """The parts that were to be refined,"""
+    """The parts that were to be refined."""
     kept: tuple[RefinedPart, ...] = ()
-    """and those that are; a refinement that is dropped leaves the rig as solved with the stated values."""
+    """The parts that were refined; a refinement that is dropped leaves the rig as solved with the stated values."""
     why: Literal["diverged", "implausible", "prediction"] | None = None
-    """Why what was asked for was dropped: the adjustment did not converge, a lens left the range of wrong stated ones, or
+    """Reason why the refinement was dropped: the adjustment did not converge, a lens left the range of wrong stated ones, or
     people who were held out were not predicted better. None where it is kept."""
     gain: float | None = None
-    """Over the stated lenses, in the prediction of people held out, nats; None where that was not compared."""
+    """Gain over the stated lenses in the prediction of held-out people, nats; None where that was not compared."""
     gain_sigma: float | None = None
     """Standard error of `gain`."""
 
@@ -115,18 +115,18 @@ class LensParameter:
     estimate: float
     sigma: float
     prior: LensPrior | None
-    """Where the prior came from; None in files of an older Passerby, as are the others below."""
+    """Origin of the prior; None in files of an older Passerby, as are the others below."""
     prior_value: float | None
-    """None where nothing was known before people were seen."""
+    """None where no value was known before people were seen."""
     prior_sigma: float | None
     people_sigma: float | None
-    """By people alone, beside a prior; None where they say nothing, or nothing else was known."""
+    """One sigma from people alone, without the prior; None where they give no information, or where there was no prior."""
     people_share: float | None
-    """How much of what is known comes from people, 0 to 1."""
+    """Share of the information that comes from people, 0 to 1."""
 
     @property
     def determined_by(self) -> str | None:
-        """What determined it, in words; None where that was not written."""
+        """The source that determined it, in words; None where the file does not have it."""
         share, otherwise = (
             self.people_share,
             "stated" if self.prior_value is not None and self.prior != "assumed" else "assumed",
@@ -144,7 +144,7 @@ class LensParameter:
 
 
 def lens_parameters(parts: LensFigures) -> tuple[LensParameter, ...]:
-    """The numbers of a lens that were estimated: focal length, principal point across and down, distortion."""
+    """Return the numbers of a lens that were estimated: focal length, principal point across and down, distortion."""
     out = [] if parts.focal is None else [_focal(parts.focal)]
     if (point := parts.principal_point) is not None:
         for k, axis in enumerate("xy"):
@@ -166,7 +166,7 @@ def lens_parameters(parts: LensFigures) -> tuple[LensParameter, ...]:
 
 
 def names_in_words(parameters: Iterable[LensParameter]) -> str:
-    """`focal length, principal point, k1`; empty for none. The two of the principal point are one where both are there."""
+    """Return names as `focal length, principal point, k1`; empty for none. The two of the principal point give one name."""
     names = [one.name.removeprefix("distortion ") for one in parameters]
     x, y = "principal point x", "principal point y"
     if {x, y} <= set(names):
@@ -176,7 +176,7 @@ def names_in_words(parameters: Iterable[LensParameter]) -> str:
 
 
 def _focal(focal: FocalFigures) -> LensParameter:
-    """The focal length; a search is no prior of its own, so what the scene states stands beside people."""
+    """Return the parameter of the focal length. A search is no prior of its own: the prior is then the scene's value."""
     searched = focal.prior == "search"
     value, sd = (focal.scene_px, focal.scene_sigma_px) if searched else (focal.stated_px, focal.prior_sigma_px)
     alone = None if searched and value is None else focal.people_sigma_px
@@ -186,9 +186,9 @@ def _focal(focal: FocalFigures) -> LensParameter:
 
 
 def field_of_view_deg(lens: Lens) -> tuple[float | None, float | None]:
-    """Horizontal and vertical field of view, degrees: between the rays through the middles of opposite borders of the image.
+    """Return the horizontal and vertical field of view, degrees: between rays through the middles of opposite image borders.
 
-    None where the lens model has no ray there: its distortion turns over before the border.
+    None where the lens model has no ray there: its distortion folds back before the border.
     """
     (width, height), middle = lens.size, (np.array(lens.size) - 1) / 2
     ends = np.array([(-0.5, middle[1]), (width - 0.5, middle[1]), (middle[0], -0.5), (middle[0], height - 0.5)])
@@ -197,16 +197,16 @@ def field_of_view_deg(lens: Lens) -> tuple[float | None, float | None]:
 
 
 def _measure_angle(one: Floats, other: Floats) -> float | None:
-    """The angle between rays (2,) across and along the optical axis, over that axis, degrees; None where a ray is missing."""
+    """Return the angle between rays (2,), each across and along the optical axis, in degrees; None where a ray is missing."""
     angles = np.degrees(np.arctan2([one[0], other[0]], [one[1], other[1]]))
     return float(angles[1] - angles[0]) if np.isfinite(angles).all() else None
 
 
 def border_rays(lens: Lens, samples: int = SIDE_SAMPLES) -> Floats:
-    """(4 K, 3) unit rays of the picture's border, camera frame, clockwise from the first pixel's corner, K to a side.
+    """Return unit rays (4 K, 3) of the picture's border, camera frame, K per side, clockwise from the first pixel's corner.
 
-    Where the lens model cannot be inverted, as in the black corners of a fisheye's picture, the ray of the point nearest to the
-    border that can; NaN where there is none.
+    Where the lens model cannot be inverted, as in the black corners of a fisheye's picture, the ray is that of the nearest
+    point to the border where it can; NaN where there is none.
     """
     width, height = lens.size
     share = np.arange(samples) / samples
@@ -226,8 +226,9 @@ def border_rays(lens: Lens, samples: int = SIDE_SAMPLES) -> Floats:
 
 
 def frustum_rim(lens: Lens, depth: float, samples: int = SIDE_SAMPLES) -> Floats:
-    """(4 K, 3) the border of the picture held before the camera, camera frame, metres: flat, `depth` in front; wider lenses'
-    bent back. Rows as of `border_rays`.
+    """Return the border (4 K, 3) of the picture held in front of the camera, camera frame, metres.
+
+    It is flat at `depth`; that of wider lenses is bent back. Rows as in `border_rays`.
     """
     rays = border_rays(lens, samples)
     return np.asarray(depth * rays / np.maximum(rays[:, 2:], FLATTEST))

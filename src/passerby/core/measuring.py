@@ -1,15 +1,15 @@
-"""How far off a rig measures: points that several cameras see, and places on the ground that one camera sees.
+"""Measuring errors of a rig: of points that several cameras see, and of places on the ground that one camera sees.
 
-A principal point that is off by a few degrees and a camera that is turned the other way are nearly the same camera for every
-point that it will measure. So errors of pose and of intrinsics alone say little of what a rig is used for. Here known points
-are projected by the true cameras, and measured from these pixels by the estimated ones:
+A principal point that is off by a few degrees and a camera that is turned in the opposite direction give nearly the same camera
+for every point that it will measure. So errors of pose and of intrinsics alone do not show how well a rig can be used. Here
+known points are projected by the true cameras, and measured from these pixels by the estimated ones:
 
 - *points*: up to 1.8 m above places on the ground, triangulated by all cameras that see them;
 - *ground*: the places themselves, where one camera's ray meets z = 0.
 
 Both are compared with the truth after one similarity of the whole rig, the least-squares one of the points.
 
-Figures of how well a rig measures: what `calibration.json` has as `figures.measuring`, under the same names.
+Also has figures of how well a rig measures: `figures.measuring` in `calibration.json`, under the same names.
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ from passerby.geometry.rotations import Similarity, fit_similarity
 from passerby.geometry.triangulation import triangulate_views
 
 HEIGHTS_M = (0.0, 0.6, 1.2, 1.8)
-"""Of the points above each place: a person's."""
+"""Heights of the points above each place, those of a person, metres."""
 MOST_PLACES = 400
 GRID = 64
-"""Places along each side of the area that a grid is laid over, where no people are given."""
+"""Number of places along each side of the grid that is laid over the area where no people are given."""
 FARTHEST = 10.0
-"""Places lie no farther from a camera than so many times its height: a person there appears a tenth as tall as right below the
-camera."""
+"""Largest distance of a place from a camera, as a multiple of the camera's height: a person there appears a tenth as tall as
+right below the camera."""
 LEAST_POINTS = 8
 
 
@@ -44,51 +44,51 @@ class Distances:
 
     median_mm: float
     p90_mm: float
-    """Nine of ten are no larger."""
+    """90th percentile: nine of ten errors are no larger."""
     count: int
     each_mm: Floats | None = field(default=None, repr=False, compare=False)
-    """(count,)"""
+    """(count,) each single error, millimetres."""
 
     @classmethod
     def of(cls, metres: Floats) -> Distances | None:
-        """Of (N,) distances, metres; None where there are none."""
+        """Summarise distances (N,), metres; None where there are none."""
         if not len(metres):
             return None
         each = 1000 * metres
         return cls(float(np.median(each)), float(np.quantile(each, 0.9)), len(metres), each)
 
     def to_dict(self) -> dict[str, Any]:
-        """As plain values for JSON."""
+        """Return plain values for JSON."""
         return {"median_mm": self.median_mm, "p90_mm": self.p90_mm, "count": self.count}
 
 
 @dataclass(frozen=True)
 class MeasuringErrors:
-    """What a rig measures wrongly."""
+    """Errors of what a rig measures."""
 
     places: int
-    """On the ground, at which it is tested."""
+    """Number of places on the ground at which it is tested."""
     of_people: bool
-    """Whether people walked there; otherwise they are a grid over the ground that two cameras or more see."""
+    """Whether people walked there; otherwise the places are a grid over the ground that two cameras or more see."""
     points: Distances
     ground: Distances | None
     """None where no camera sees the ground."""
     cameras: Mapping[str, Distances]
-    """On the ground, by camera."""
+    """Errors on the ground, by camera."""
     scale: float
-    """Of the similarity: true lengths over those measured."""
+    """Scale of the similarity: true lengths over measured ones."""
 
 
 def measuring_errors(estimate: Rig, truth: Rig, people: Mapping[str, Boxes] | None = None) -> MeasuringErrors | None:
-    """How far off an estimated rig measures.
+    """Compute the measuring errors of an estimated rig.
 
     Args:
         estimate: cameras without a pose are left out.
-        truth: with the ground at z = 0.
-        people: boxes by camera, pixels: people walked where the true cameras see their lower edges on the ground. None: a grid.
+        truth: the true rig, with the ground at z = 0.
+        people: boxes by camera, pixels; places are where the true cameras see their lower edges on the ground. None: a grid.
 
     Returns:
-        The errors; None where fewer than `LEAST_POINTS` points are seen by two cameras, or do not fix a similarity.
+        The errors; None where two cameras see fewer than `LEAST_POINTS` points, or the points fix no similarity.
     """
     posed = Rig(tuple(camera for camera in truth.posed() if camera.name in estimate.posed().names))
     places = find_common_ground(posed) if people is None else places_of_people(posed, people)
@@ -96,7 +96,7 @@ def measuring_errors(estimate: Rig, truth: Rig, people: Mapping[str, Boxes] | No
 
 
 def measure_change(before: Rig, after: Rig, places: Floats, *, of_people: bool = True) -> MeasuringErrors | None:
-    """How differently two rigs measure what the same pixels show, after one similarity of the whole rig.
+    """Compute the differences of what two rigs measure from the same pixels, after one similarity of the whole rig.
 
     Args:
         before: its ground is z = 0.
@@ -105,7 +105,7 @@ def measure_change(before: Rig, after: Rig, places: Floats, *, of_people: bool =
         of_people: whether people walked there.
 
     Returns:
-        The differences; None where fewer than `LEAST_POINTS` points are seen by two cameras, or do not fix a similarity.
+        The differences; None where two cameras see fewer than `LEAST_POINTS` points, or the points fix no similarity.
     """
     names = [camera.name for camera in before.posed() if camera.name in after.posed().names]
     true, found = (Rig(tuple(rig[name] for name in names)) for rig in (before, after))
@@ -130,12 +130,12 @@ def measure_change(before: Rig, after: Rig, places: Floats, *, of_people: bool =
 
 
 def points_above(places: Floats) -> Floats:
-    """(4 N, 3) points at `HEIGHTS_M` above places (N, 2) on the ground z = 0; the places themselves come first."""
+    """Return points (4 N, 3) at `HEIGHTS_M` above places (N, 2) on the ground z = 0; the places themselves come first."""
     return np.concatenate([np.column_stack([places, np.full(len(places), height)]) for height in HEIGHTS_M])
 
 
 def find_common_ground(rig: Rig) -> Floats:
-    """(N, 2) places on the ground z = 0, metres, evenly spread over what two cameras or more see of it nearby."""
+    """Return places (N, 2) on the ground z = 0, metres, evenly spread over the nearby ground that two cameras or more see."""
     seen = []
     for camera in rig:
         u, v = (np.linspace(0, size - 1, 24) for size in camera.lens.size)
@@ -153,10 +153,10 @@ def find_common_ground(rig: Rig) -> Floats:
 
 
 def places_of_people(rig: Rig, people: Mapping[str, Boxes]) -> Floats:
-    """(N, 2) places on the ground z = 0, metres, that cameras see at the lower edges of whole boxes.
+    """Return the places (N, 2) on the ground z = 0, metres, that cameras see at the lower edges of whole boxes.
 
-    None is farther away than `FARTHEST`: a box that ends near the horizon, often not a person's, would be at a place that no
-    rig measures, and the similarity would be fitted to it.
+    Places farther than `FARTHEST` are left out. A box that ends near the horizon, often not a person's, would be at a place
+    that no rig measures, and the similarity would be fitted to it.
 
     Args:
         rig: the cameras.
@@ -177,13 +177,13 @@ def _find_nearby(places: Floats, centre: Floats) -> Bools:
 
 
 def _thin_places(places: Floats, most: int = MOST_PLACES) -> Floats:
-    """At most so many of the places, evenly spread over their order."""
+    """Return at most this many of the places, evenly spread over their order."""
     rows = np.linspace(0, len(places) - 1, min(len(places), most)).round().astype(np.int64)
     return np.asarray(places[rows])
 
 
 def _triangulate_seen(rig: Rig, pixels: Mapping[str, Floats]) -> Floats:
-    """(N, 3) points that two cameras or more see at pixels (N, 2); NaN elsewhere."""
+    """Triangulate points (N, 3) that two cameras or more see at pixels (N, 2); NaN elsewhere."""
     rays = np.full((len(rig), len(next(iter(pixels.values()))), 3), np.nan)
     for c, camera in enumerate(rig):
         seen = np.isfinite(pixels[camera.name]).all(axis=1)
@@ -194,7 +194,7 @@ def _triangulate_seen(rig: Rig, pixels: Mapping[str, Floats]) -> Floats:
 
 
 def _measure_on_ground(rig: Rig, name: str, pixels: Floats, places: Floats, placement: Similarity) -> Floats:
-    """(N,) how far, metres, from the places (P, 2) a camera sees those of them that it shows at pixels (P, 2) on its ground."""
+    """Return the errors (N,), metres, of those places (P, 2) that a camera shows at pixels (P, 2) on its ground."""
     camera = rig[name]
     shown = np.flatnonzero(np.isfinite(pixels).all(axis=1))
     shown = shown[camera.sees_ground(pixels[shown])]
@@ -212,61 +212,61 @@ class MeasuringSigma:
 
     @classmethod
     def of(cls, metres: Floats) -> MeasuringSigma:
-        """Of (N,) sigmas, metres; N >= 1."""
+        """Summarise sigmas (N,), metres; N >= 1."""
         return cls(median_mm=float(1000 * np.median(metres)), p90_mm=float(1000 * np.quantile(metres, 0.9)))
 
     def with_error(self, sigma_mm: float) -> MeasuringSigma:
-        """The same with an error of its own, one sigma, that is independent of it."""
+        """Return the sigmas with an additional independent error, one sigma."""
         return MeasuringSigma(
             median_mm=float(np.hypot(self.median_mm, sigma_mm)), p90_mm=float(np.hypot(self.p90_mm, sigma_mm))
         )
 
     def scaled(self, scale: float) -> MeasuringSigma:
-        """The same in a world whose lengths are multiplied."""
+        """Return the sigmas in a world whose lengths are multiplied by `scale`."""
         return MeasuringSigma(median_mm=scale * self.median_mm, p90_mm=scale * self.p90_mm)
 
 
 @dataclass(frozen=True, kw_only=True)
 class CameraMeasuring:
-    """What one camera measures, after one similarity of the whole rig."""
+    """Sigmas of what one camera measures, after one similarity of the whole rig."""
 
     points: MeasuringSigma
-    """Of the points that it and other cameras see, triangulated by all of them;"""
+    """Sigma of the points that it and other cameras see, triangulated by all of them."""
     across: MeasuringSigma
-    """how far its rays to them pass beside them;"""
+    """Sigma of the distances by which its rays pass these points."""
     ground: MeasuringSigma | None
-    """positions on the ground by it alone. None where it sees none, or where the ground is unknown."""
+    """Sigma of positions on the ground from it alone. None where it sees none, or where the ground is unknown."""
     reach: float | None = None
-    """How far its rays to these positions go along the ground for each metre that they fall, median."""
+    """Length along the ground for each metre that its rays to these positions descend, median."""
 
     @property
     def height_mm(self) -> float | None:
-        """How far above or below the ground its rays pass these positions, median: however flat they are."""
+        """Height above or below the ground at which its rays pass these positions, median; for flat and steep rays alike."""
         return None if self.ground is None else self.ground.median_mm / max(self.reach or 1.0, 1.0)
 
     def scaled(self, scale: float) -> CameraMeasuring:
-        """The same in a world whose lengths are multiplied."""
+        """Return the same in a world whose lengths are multiplied by `scale`."""
         ground = None if self.ground is None else self.ground.scaled(scale)
         return replace(self, points=self.points.scaled(scale), across=self.across.scaled(scale), ground=ground)
 
 
 @dataclass(frozen=True, kw_only=True)
 class MeasuringFigures:
-    """What the rig measures where people walked, with intrinsics and poses together, after one similarity of the whole rig."""
+    """Sigmas of what the rig measures where people walked, from intrinsics and poses, after one similarity of the rig."""
 
     places: int
-    """Positions on the ground at which it is computed."""
+    """Number of positions on the ground at which they are computed."""
     points: MeasuringSigma
-    """Of points up to 1.8 m above them, triangulated by all cameras that see them;"""
+    """Sigma of points up to 1.8 m above them, triangulated by all cameras that see them."""
     ground: MeasuringSigma | None
-    """positions on the ground by single cameras. It includes that of the height of z = 0."""
+    """Sigma of positions on the ground from single cameras. It includes the sigma of the height of z = 0."""
     ground_height_mm: float | None
-    """One sigma of the height of z = 0 by what the lower edge of a box is."""
+    """One sigma of the height of z = 0, from the uncertainty of where the lower edge of a box lies on a person."""
     cameras: Mapping[str, CameraMeasuring]
-    """By camera."""
+    """Sigmas by camera."""
 
     def with_errors(self, points_mm: float, ground_mm: Mapping[str, float]) -> MeasuringFigures:
-        """The same with independent errors, one sigma: of points, and of positions on the ground by camera."""
+        """Return the same with independent errors added, one sigma: of points, and of positions on the ground by camera."""
         cameras = {
             name: replace(
                 one, points=one.points.with_error(points_mm), across=one.across.with_error(points_mm),
@@ -280,7 +280,7 @@ class MeasuringFigures:
         return replace(self, points=self.points.with_error(points_mm), ground=ground, cameras=cameras)
 
     def on_uneven_ground(self, height_m: float) -> MeasuringFigures:
-        """The same where the ground is `height_m`, one sigma, above or below z = 0."""
+        """Return the same for ground that is `height_m`, one sigma, above or below z = 0."""
         cameras = {
             name: one if one.ground is None or one.reach is None
             else replace(one, ground=one.ground.with_error(1000 * height_m * one.reach))
@@ -293,7 +293,7 @@ class MeasuringFigures:
         return replace(self, cameras=cameras, ground=self.ground.with_error(1000 * height_m * mean))
 
     def scaled(self, scale: float) -> MeasuringFigures:
-        """The same in a world whose lengths are multiplied."""
+        """Return the same in a world whose lengths are multiplied by `scale`."""
         height = self.ground_height_mm
         return MeasuringFigures(
             places=self.places, points=self.points.scaled(scale),
@@ -304,7 +304,7 @@ class MeasuringFigures:
 
 
 def add_measuring_sigmas(rig: Rig, measuring: MeasuringFigures | None) -> Rig:
-    """The rig with these sigmas of points and of positions on the ground in its cameras."""
+    """Return the rig with these sigmas of points and of positions on the ground in its cameras."""
 
     def known(camera: Camera) -> Camera:
         own = None if measuring is None else measuring.cameras.get(camera.name)

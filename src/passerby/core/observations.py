@@ -1,11 +1,11 @@
-"""What the cameras saw, in columns (one array per property, one row per box or person), and the formats of boxes.
+"""Observations of the cameras in columns (one array per property, one row per box or person), and the formats of boxes.
 
-Frames are whole numbers. Without clocks they are counted alike in all cameras: the same number is the same instant. An identity
-is a whole number; -1 means unknown. The arrays are checked once, on entry, and read-only from then on.
+Frames are whole numbers. Without clocks all cameras count them alike: the same number is the same instant. An identity is a
+whole number; -1 means unknown. The arrays are checked once, when an object is made, and are read-only from then on.
 
-Four numbers are left, top, width, height (MOTChallenge, COCO); left, top, right, bottom (most detectors in memory); or
-centre x, centre y, width, height. Each is in pixels or, normalised, in shares of the image's width and height (YOLO text:
-centres).
+The four numbers of a box are left, top, width, height (MOTChallenge, COCO); left, top, right, bottom (most detectors in
+memory); or centre x, centre y, width, height. Each is in pixels or, normalised, a share of the image's width or height (YOLO
+text: centres).
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ from passerby.geometry.groups import group_numbers, least_of_groups
 Vectors = NDArray[np.float32]
 UNKNOWN = -1
 BORDER_PX = 2.0
-"""A box this near to the picture's border is cut off there: neither its centre nor its edges mean the body's."""
+"""A box nearer than this to the picture's border is cut off there: neither its centre nor its edges are those of the body."""
 MIN_JOINT_SCORE = 0.3
-"""Joints of less confidence are left out, as Pose2Sim and Anipose do by default."""
+"""Joints of lower confidence are left out, as Pose2Sim and Anipose do by default."""
 MIN_JOINTS = 4
-"""Joints of a person that are found, below which they do not count as one."""
+"""Smallest number of found joints with which a person counts as one."""
 BODY_17 = (
     "nose", "left_eye", "right_eye", "left_ear", "right_ear", "left_shoulder", "right_shoulder", "left_elbow", "right_elbow",
     "left_wrist", "right_wrist", "left_hip", "right_hip", "left_knee", "right_knee", "left_ankle", "right_ankle",
@@ -70,7 +70,7 @@ def _column(values: object, dtype: type, shape_tail: tuple[int, ...], name: str)
 
 
 def _unit_vectors(values: object) -> Vectors:
-    """(N, D) rows of length one. A row of zeros stays as it is: nothing is known of that box."""
+    """Scale the rows (N, D) to unit length. A row of zeros stays as it is: the appearance of its box is not known."""
     given = np.array(values, dtype=np.float32)
     if given.ndim != 2:
         raise InputError(f"boxes.embedding has the shape {given.shape}: (boxes, dimensions) is needed")
@@ -83,7 +83,7 @@ def _unit_vectors(values: object) -> Vectors:
 
 
 def _describe_rows(frame: Ints, identity: Ints) -> str:
-    """How many rows, who, and when."""
+    """Describe rows in words: their number, their frames and the number of identities."""
     if not len(frame):
         return "none"
     known = len(np.unique(identity[identity != UNKNOWN]))
@@ -91,36 +91,36 @@ def _describe_rows(frame: Ints, identity: Ints) -> str:
 
 
 def sampling_step(frame: Ints) -> int:
-    """Frames between neighbouring samples: every frame may be there, or every tenth; 1 where there are fewer than two.
+    """Return the number of frames between neighbouring samples, such as 1 or 10; 1 where there are fewer than two.
 
-    The tenth percentile of the steps, so that a camera that seldom sees anybody does not seem to be slow.
+    The tenth percentile of the steps is used, so that a camera that seldom sees people does not seem to be slow.
 
     Args:
-        frame: (N,) frames with people in them, in any order, as often as you like.
+        frame: (N,) frames with people in them, in any order; a frame may occur several times.
     """
     steps = np.diff(np.unique(frame))
     return int(np.percentile(steps, 10.0, method="lower")) if len(steps) else 1
 
 
 def find_inside_picture(ltwh: Floats, size: tuple[int, int] | NDArray[Any], border: float = BORDER_PX) -> NDArray[np.bool_]:
-    """(N,) boxes that the picture's border does not cut off.
+    """Return whether each box (N,) is whole: the picture's border does not cut it off.
 
     Args:
         ltwh: (N, 4) left, top, width, height in pixels.
         size: width and height of the picture, pixels; (N, 2) where the boxes are from several cameras.
-        border: how near to the border a box is cut off, pixels.
+        border: distance from the border below which a box counts as cut off, pixels.
     """
     first, last = ltwh[:, :2], ltwh[:, :2] + ltwh[:, 2:]
     return np.asarray(((first > border) & (last < np.asarray(size) - border)).all(axis=1))
 
 
 def once_in_frame(frame: Ints, identity: Ints, cost: NDArray[Any] | None = None) -> Ints:
-    """Rows, ascending, in which everybody is once in a frame; those of unknown identity all stay.
+    """Return the rows, ascending, in which each identity occurs once in a frame; rows of unknown identity all stay.
 
     Args:
-        frame: (N,) instants.
+        frame: (N,) frame numbers.
         identity: (N,) identities, or -1.
-        cost: (N,) of equal rows that of the smallest stays; the first where None.
+        cost: (N,) of rows with the same frame and identity, the one of the lowest cost stays. None: the first one stays.
     """
     own = np.where(identity > UNKNOWN, identity, UNKNOWN - 1 - np.arange(len(frame)))
     return np.sort(least_of_groups(group_numbers(frame, own), np.zeros(len(frame)) if cost is None else cost))
@@ -128,19 +128,19 @@ def once_in_frame(frame: Ints, identity: Ints, cost: NDArray[Any] | None = None)
 
 @dataclass(frozen=True)
 class Clock:
-    """From a camera's frame numbers to the rig's time."""
+    """Conversion from a camera's frame numbers to the rig's time."""
 
     fps: float
     """Frames per second of the camera's frame numbers."""
     offset_s: float = 0.0
-    """The rig's time at frame 1: frame f shows the world at (f - 1) / fps + offset_s."""
+    """The rig's time at frame 1, seconds: frame f shows the world at (f - 1) / fps + offset_s."""
 
     def seconds(self, frame: Ints | Floats) -> Floats:
-        """(N,) the rig's time of frames, seconds."""
+        """Convert frames (N,) to the rig's time, seconds."""
         return np.asarray((frame - 1.0) / self.fps + self.offset_s)
 
     def frames(self, seconds: Floats) -> Floats:
-        """(N,) fractional frame numbers at the rig's times."""
+        """Convert the rig's times (N,), seconds, to fractional frame numbers."""
         return np.asarray((seconds - self.offset_s) * self.fps + 1.0)
 
 
@@ -149,7 +149,7 @@ class Boxes:
     """Bounding boxes of people in one camera."""
 
     frame: Ints
-    """(N,) instants."""
+    """(N,) frame numbers."""
     identity: Ints
     """(N,) identities (global), tracklet numbers (per camera), or -1."""
     ltwh: Floats
@@ -157,7 +157,7 @@ class Boxes:
     score: Floats
     """(N,) the detector's confidence."""
     embedding: Vectors | None = None
-    """(N, D) appearance, one unit vector a box; None where nothing is known of it."""
+    """(N, D) appearance, one unit vector per box; None where no appearance is known."""
 
     def __post_init__(self) -> None:
         for name, dtype, tail in (("frame", np.int64, ()), ("identity", np.int64, ()), ("ltwh", np.float64, (4,)),
@@ -182,18 +182,18 @@ class Boxes:
 
     @classmethod
     def empty(cls) -> Boxes:
-        """No boxes."""
+        """Return a table without boxes."""
         return cls(np.zeros(0), np.zeros(0), np.zeros((0, 4)), np.zeros(0))  # type: ignore[arg-type]
 
     def __len__(self) -> int:
         return len(self.frame)
 
     def inside(self, size: tuple[int, int], border: float = BORDER_PX) -> NDArray[np.bool_]:
-        """(N,) boxes that the border of a picture of a size (width, height) does not cut off, see `find_inside_picture`."""
+        """Return whether each box (N,) is whole in a picture of a size (width, height), see `find_inside_picture`."""
         return find_inside_picture(self.ltwh, size, border)
 
     def take(self, rows: NDArray[np.generic]) -> Boxes:
-        """The boxes of the given rows (indices or a mask)."""
+        """Return the boxes of the given rows (indices or a mask)."""
         embedding = None if self.embedding is None else self.embedding[rows]
         return Boxes(self.frame[rows], self.identity[rows], self.ltwh[rows], self.score[rows], embedding)
 
@@ -203,7 +203,7 @@ class Keypoints:
     """2D joints of people in one camera."""
 
     frame: Ints
-    """(N,) instants."""
+    """(N,) frame numbers."""
     identity: Ints
     """(N,) as in `Boxes`."""
     xy: Floats
@@ -226,7 +226,7 @@ class Keypoints:
 
     @classmethod
     def empty(cls, joints: tuple[str, ...] = BODY_17) -> Keypoints:
-        """No keypoints."""
+        """Return a table without keypoints."""
         n_joints = len(joints)
         return cls(np.zeros(0), np.zeros(0), np.zeros((0, n_joints, 2)), np.zeros((0, n_joints)), joints)  # type: ignore[arg-type]
 
@@ -234,27 +234,27 @@ class Keypoints:
         return len(self.frame)
 
     def take(self, rows: NDArray[np.generic]) -> Keypoints:
-        """The people of the given rows (indices or a mask)."""
+        """Return the people of the given rows (indices or a mask)."""
         return Keypoints(self.frame[rows], self.identity[rows], self.xy[rows], self.score[rows], self.joints)
 
 
 @dataclass(frozen=True, eq=False)
 class CameraObservations:
-    """All that one camera saw; either part may be empty."""
+    """All observations of one camera; boxes or keypoints may be empty."""
 
     boxes: Boxes = field(default_factory=Boxes.empty)
     keypoints: Keypoints = field(default_factory=Keypoints.empty)
     wands: Keypoints = field(default_factory=lambda: Keypoints.empty(WAND_ENDS))
-    """Sticks of known length that are carried through the scene: the two ends of each, with its number as the identity."""
+    """Ends of the wands (sticks of known length that people carry through the scene); the identity is the wand's number."""
 
 
 @dataclass(frozen=True, eq=False)
 class Observations:
-    """All that the cameras of a scene saw, by camera name."""
+    """All observations of a scene's cameras, by camera name."""
 
     cameras: Mapping[str, CameraObservations]
     fps: float | None = None
-    """Frames per second of the frame numbers, when known; of the first camera's where they differ."""
+    """Frames per second of the frame numbers, those of the first camera where they differ; None where they are not known."""
     clocks: Mapping[str, Clock] = field(default_factory=dict)
     """Each camera's clock. Empty: the same frame number is the same instant in all cameras."""
 
@@ -269,7 +269,7 @@ class Observations:
 
 
 def extents_of(part: Boxes | Keypoints) -> NDArray[np.float64]:
-    """(N, 4) left, top, right, bottom of each person, pixels; of joints around those that were found, zeros where none was."""
+    """Return left, top, right, bottom (N, 4) of each person, pixels; of joints around the found ones, zeros without any."""
     if isinstance(part, Boxes):
         return np.column_stack([part.ltwh[:, :2], part.ltwh[:, :2] + part.ltwh[:, 2:]])
     found = part.score[..., None] > 0
@@ -281,7 +281,7 @@ def extents_of(part: Boxes | Keypoints) -> NDArray[np.float64]:
 
 @dataclass(frozen=True)
 class BoxFormat:
-    """How four numbers are a box."""
+    """Format of the four numbers of a box."""
 
     convention: Convention = "ltwh"
     normalised: bool = False
@@ -289,9 +289,9 @@ class BoxFormat:
 
     @classmethod
     def of_text(cls, text: str) -> BoxFormat:
-        """The format that a word names, as "corners" or "normalised centres"; "normalized" and "centers" are accepted.
+        """Return the format that a text names, as "corners" or "normalised centres"; "normalized" and "centers" are accepted.
 
-        Raises `ValueError` with the words that exist.
+        Raises `ValueError` with the formats that exist.
         """
         words = re.findall(r"[a-z]+", text.lower().replace("centers", "centres").replace("normalized", "normalised"))
         found = [format for format in FORMATS if sorted(words) == sorted(str(format).split())]
@@ -308,7 +308,7 @@ class BoxFormat:
         return _COLUMNS[self.convention]
 
     def to_ltwh(self, numbers: Floats, size: tuple[int, int] | None = None) -> Floats:
-        """(N, 4) left, top, width, height; widths and heights are negative where corners are exchanged.
+        """Convert numbers to left, top, width, height (N, 4); widths and heights are negative where corners are exchanged.
 
         Args:
             numbers: (N, 4) in this format.
@@ -322,11 +322,11 @@ class BoxFormat:
         return np.asarray(np.concatenate([first, last], axis=1) * self._scale(size))
 
     def of_ltwh(self, ltwh: Floats, size: tuple[int, int] | None = None) -> Floats:
-        """(N, 4) numbers in this format; the inverse of `to_ltwh`.
+        """Convert boxes to numbers (N, 4) in this format; the inverse of `to_ltwh`.
 
         Args:
             ltwh: (N, 4) left, top, width, height, pixels.
-            size: width and height of the image, pixels: pixels become shares where the format has them.
+            size: width and height of the image, pixels: pixels become shares in a normalised format. None: the unit stays.
         """
         ltwh = ltwh / self._scale(size)
         first, last = ltwh[:, :2], ltwh[:, 2:]
@@ -342,4 +342,4 @@ class BoxFormat:
 
 FORMATS = tuple(BoxFormat(convention, normalised) for normalised in (False, True) for convention in CONVENTIONS)
 LTWH = BoxFormat()
-"""Left, top, width, height in pixels: what Passerby computes with and writes."""
+"""Left, top, width, height in pixels: the format of Passerby's computations and output."""

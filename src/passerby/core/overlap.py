@@ -1,4 +1,4 @@
-"""Who is seen together: people whom two cameras saw at the same instants tie these cameras together."""
+"""Overlap of cameras: people that two cameras saw at the same instants connect these cameras."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from passerby.findings.finding import Finding, notice, refusal
 
 @dataclass(frozen=True)
 class Shared:
-    """What two cameras have in common."""
+    """People that two cameras have in common."""
 
     people: int
-    """Identities that both saw at one instant at least."""
+    """Number of identities that both saw at one instant at least."""
     sightings: int
-    """Person-instants that both saw."""
+    """Number of person-instants (a person at an instant) that both saw."""
 
 
 def person_instants(seen: CameraObservations) -> Ints:
-    """(N, 2) distinct (frame, identity) of the known people in boxes and joints, sorted."""
+    """Return the distinct rows (N, 2) of frame and identity of the known people in boxes and joints, sorted."""
     rows = np.concatenate(
         [np.column_stack([part.frame, part.identity])[part.identity > UNKNOWN] for part in (seen.boxes, seen.keypoints)]
     )
@@ -31,14 +31,14 @@ def person_instants(seen: CameraObservations) -> Ints:
 
 
 def count_shared_observations(observations: Observations) -> dict[str, dict[str, Shared]]:
-    """For every camera and every other camera, what they share."""
+    """Count the people that every camera shares with every other camera."""
     names = list(observations.cameras)
     instants = [person_instants(seen) for seen in observations.cameras.values()]
     camera = np.repeat(np.arange(len(names)), [len(own) for own in instants])
     rows = np.concatenate([np.zeros((0, 2), np.int64), *instants])
     order = np.argsort(rows[:, 1], kind="stable")
     people, common = np.zeros((2, len(names), len(names)), np.int64)
-    # Person by person: few cameras see each, so that the time grows with the rows and not with the pairs of cameras.
+    # Person by person: few cameras see each person, so the time grows with the rows and not with the pairs of cameras.
     for one in np.split(order, np.flatnonzero(np.diff(rows[order, 1])) + 1):
         cameras, row = np.unique(camera[one], return_inverse=True)
         frames, column = np.unique(rows[one, 0], return_inverse=True)
@@ -54,7 +54,7 @@ def count_shared_observations(observations: Observations) -> dict[str, dict[str,
 
 
 def find_connected_groups(shared: Mapping[str, Mapping[str, Shared]]) -> list[list[str]]:
-    """The cameras in groups that shared people tie together, the largest group first."""
+    """Return the cameras in groups that shared people connect, the largest group first."""
     left = list(shared)
     groups: list[list[str]] = []
     while left:
@@ -68,10 +68,10 @@ def find_connected_groups(shared: Mapping[str, Mapping[str, Shared]]) -> list[li
 
 
 def missing_overlap(shared: Mapping[str, Mapping[str, Shared]], *, given: bool = True) -> list[Finding]:
-    """What keeps cameras apart: a refusal where no two share people, else a notice for every group that shares no people
-    with the largest one; empty where all hang together.
+    """Find the cameras that shared people do not connect: a refusal where no two cameras share people, else a notice for every
+    group that shares no people with the largest one. Empty where all cameras are connected.
 
-    What to do depends on whether the identities were `given` or found.
+    The remedy in the texts depends on whether the identities were `given` or found.
     """
     main, *others = find_connected_groups(shared)
     if len(main) == 1:

@@ -1,4 +1,4 @@
-"""Pointing at a person: which of the people that a camera saw holds a pixel at one time."""
+"""Search for the person that a pixel names: the person of one camera at one time whose box or keypoints contain the pixel."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from passerby.common.arrays import Floats, Ints
 from passerby.core.observations import MIN_JOINT_SCORE, CameraObservations, Keypoints, sampling_step
 
 NEAR_S = 0.25
-"""A person is looked for in the nearest frame with people, up to this time away: a walker moves by less than half a body's
-width in it. A camera that is sampled less often is searched up to one sample away."""
+"""The nearest frame with people is searched up to this time away: a walker moves by less than half a body's width in it. A
+camera that is sampled less often is searched up to one sample away."""
 JOINT_MARGIN = 0.1
 """Keypoints end inside of the body: the rectangle around them is widened by this share of its height on all sides."""
 
@@ -24,11 +24,11 @@ class Sighting:
 
     camera: str
     frame: int
-    """A frame in which the camera saw a person, by its own count."""
+    """A frame in which the camera saw a person, in the camera's own numbering."""
     at: tuple[float, float]
-    """Pixel."""
+    """Pixel (u, v) in the image."""
     place: str
-    """Of the table in the scene file: `[[association.same]] 1`."""
+    """Name of the table in the scene file: `[[association.same]] 1`."""
 
 
 @dataclass(frozen=True)
@@ -36,28 +36,28 @@ class PointedPerson:
     """A person of known standing height, named by a pixel of one camera at one of its frames."""
 
     number: int
-    """Of the table in the scene file, from 1."""
+    """Number of the table in the scene file, from 1."""
     camera: str
     frame: int
-    """A frame in which the camera saw a person, by its own count."""
+    """A frame in which the camera saw a person, in the camera's own numbering."""
     at: tuple[float, float]
-    """Pixel."""
+    """Pixel (u, v) in the image."""
     metres: float
     sd_m: float
 
 
 @dataclass(frozen=True)
 class StatedIdentities:
-    """Identities that a user corrects."""
+    """Corrections of identities by the user."""
 
     same: tuple[tuple[Sighting, ...], ...] = ()
-    """Sightings of one person each."""
+    """Groups of sightings; those of a group are of one person."""
     different: tuple[tuple[Sighting, ...], ...] = ()
-    """Sightings of as many people each."""
+    """Groups of sightings; those of a group are all of different people."""
     not_people: tuple[Sighting, ...] = ()
 
     def within(self, names: Collection[str]) -> StatedIdentities:
-        """What is said of these cameras."""
+        """Return the corrections that are about these cameras."""
 
         def inside(groups: tuple[tuple[Sighting, ...], ...]) -> tuple[tuple[Sighting, ...], ...]:
             parts = (tuple(one for one in group if one.camera in names) for group in groups)
@@ -69,7 +69,7 @@ class StatedIdentities:
 
 @dataclass(frozen=True, eq=False)
 class PeopleInFrame:
-    """The N people whom a camera saw in one frame: boxes, or, where it has none there, rectangles around keypoints."""
+    """The N people that a camera saw in one frame: boxes or, where there are none, rectangles around keypoints."""
 
     kind: Literal["boxes", "keypoints"]
     row: Ints
@@ -78,23 +78,23 @@ class PeopleInFrame:
     """(N, 4) left, top, width, height, pixels."""
 
     def holding(self, at: tuple[float, float]) -> Ints:
-        """People that hold a pixel, the nearest to the camera first.
+        """Return the people whose rectangles contain a pixel, the nearest to the camera first.
 
-        Of people who overlap the nearest hides the others, and its box reaches lowest; of equally low ones it is the smallest.
+        Of people who overlap, the nearest hides the others, and its box reaches lowest; of equally low ones the smallest.
         """
         inside = np.flatnonzero(self.distance_px(at) == 0)
         _, top, width, height = self.ltwh[inside].T
         return np.asarray(inside[np.lexsort((width * height, -(top + height)))], dtype=np.int64)
 
     def distance_px(self, at: tuple[float, float]) -> Floats:
-        """(N,) from a pixel to each rectangle, pixels; 0 inside."""
+        """Return the distances (N,) from a pixel to each rectangle, pixels; 0 inside."""
         first, last = self.ltwh[:, :2], self.ltwh[:, :2] + self.ltwh[:, 2:]
         outside = np.maximum(np.maximum(first - np.array(at), np.array(at) - last), 0.0)
         return np.asarray(np.linalg.norm(outside, axis=1))
 
 
 def find_nearest_frame(seen: CameraObservations, frame: float, fps: float | None) -> int | None:
-    """The frame with people that is nearest to a (fractional) frame number; None where there is none near enough."""
+    """Return the frame with people that is nearest to a (fractional) frame number; None where none is near enough."""
     frames = np.unique(np.concatenate([seen.boxes.frame, seen.keypoints.frame]))
     if not len(frames):
         return None
@@ -104,7 +104,7 @@ def find_nearest_frame(seen: CameraObservations, frame: float, fps: float | None
 
 
 def people_in_frame(seen: CameraObservations, frame: int) -> PeopleInFrame:
-    """Everybody whom a camera saw in a frame."""
+    """Return all people that a camera saw in a frame."""
     boxes = np.flatnonzero(seen.boxes.frame == frame)
     if len(boxes):
         return PeopleInFrame("boxes", boxes, seen.boxes.ltwh[boxes])
@@ -117,14 +117,14 @@ def people_in_frame(seen: CameraObservations, frame: int) -> PeopleInFrame:
 def find_pointed(
     seen: CameraObservations, frame: int, at: tuple[float, float]
 ) -> tuple[Literal["boxes", "keypoints"], int] | None:
-    """The row of the boxes, or of the keypoints, of the person who holds a pixel in a frame; None if there is none."""
+    """Find the row of the person who contains a pixel in a frame, in the boxes or the keypoints; None if there is none."""
     people = people_in_frame(seen, frame)
     holding = people.holding(at)
     return (people.kind, int(people.row[holding[0]])) if len(holding) else None
 
 
 def _rectangle(keypoints: Keypoints, row: int) -> Floats | None:
-    """(4,) left, top, width, height around a person's keypoints; None where fewer than two were found."""
+    """Return left, top, width, height (4,) around a person's keypoints; None where fewer than two were found."""
     points = keypoints.xy[row][keypoints.score[row] >= MIN_JOINT_SCORE]
     if len(points) < 2:
         return None

@@ -31,7 +31,7 @@ class Pose:
 
     @classmethod
     def from_centre(cls, R_cw: Floats, centre: Floats) -> Pose:
-        """Pose of a camera with its centre at `centre` (3,), world frame, metres."""
+        """Return the pose of a camera with its centre at `centre` (3,), world frame, metres."""
         return cls(R_cw, -np.asarray(R_cw) @ np.asarray(centre))
 
     @cached_property
@@ -41,23 +41,23 @@ class Pose:
 
     @property
     def heading_deg(self) -> float | None:
-        """Where the camera looks over the ground: degrees from the world's x axis towards y, in (-180, 180].
+        """Horizontal direction of the optical axis: degrees from the world's x axis towards y, in (-180, 180].
 
-        None for one that looks straight up or down.
+        None for a camera that looks straight up or down.
         """
         x, y, _ = self.R_cw[2]
         return None if np.hypot(x, y) < 1e-9 else float(np.degrees(np.arctan2(y, x)))
 
     @property
     def tilt_deg(self) -> float:
-        """How far the optical axis points below the horizon, degrees in [-90, 90]."""
+        """Angle of the optical axis below the horizon, degrees in [-90, 90]."""
         return float(np.degrees(np.arctan2(-self.R_cw[2, 2], np.hypot(self.R_cw[2, 0], self.R_cw[2, 1]))))
 
     @property
     def roll_deg(self) -> float | None:
-        """How far the camera is turned about its optical axis, clockwise as seen from behind it: degrees in (-180, 180].
+        """Rotation of the camera about its optical axis, clockwise as seen from behind it: degrees in (-180, 180].
 
-        0: the picture's rows are level. None for a camera that looks straight up or down.
+        At 0 the picture's rows are level. None for a camera that looks straight up or down.
         """
         level = np.cross(self.R_cw[2], (0.0, 0.0, 1.0))
         if np.linalg.norm(level) < 1e-9:
@@ -65,14 +65,14 @@ class Pose:
         return float(np.degrees(np.arctan2(self.R_cw[0] @ np.cross(self.R_cw[2], level), self.R_cw[0] @ level)))
 
     def moved(self, rotation: Floats, translation: Floats, scale: float = 1.0) -> Pose:
-        """The pose after the world is moved by `X -> scale rotation X + translation`."""
+        """Return the pose after the world is moved by `X -> scale rotation X + translation`."""
         R_cw = self.R_cw @ np.asarray(rotation).T
         centre = scale * np.asarray(rotation) @ self.centre + np.asarray(translation)
         return Pose.from_centre(R_cw, centre)
 
 
 def pose_in_words(pose: Pose) -> str:
-    """Where a camera is and where it looks."""
+    """Describe the position of a camera and its viewing direction."""
     x, y, z = (round(float(value), 3) + 0.0 for value in pose.centre)
     heading = "straight up or down" if pose.heading_deg is None else f"heading {pose.heading_deg:.1f} deg"
     return f"at ({x:.3f}, {y:.3f}, {z:.3f}) m, {heading}, tilt {pose.tilt_deg:.1f} deg"
@@ -82,7 +82,7 @@ def pose_in_words(pose: Pose) -> str:
 class PoseSigma:
     """One-sigma uncertainty of a camera's pose, after the best rigid placement of the rig as a whole.
 
-    Infinite where no evidence constrains it; files leave it out.
+    Infinite where no evidence constrains the pose; files leave it out then.
     """
 
     position_m: float
@@ -90,19 +90,19 @@ class PoseSigma:
     orientation_deg: float
     """Root of the trace of the rotation vector's covariance, degrees."""
     covariance: Floats | None = None
-    """(6, 6): centre (metres, world), then rotation vector (radians, camera frame); None where any of it is infinite."""
+    """(6, 6) of centre (metres, world), then rotation vector (radians, camera frame); None where a part of it is infinite."""
     complete: Floats | None = None
-    """(10, 10) of the complete camera: the same six, then the logarithm of the focal length, the principal point (pixels) and
-    the first distortion coefficient. Intrinsics and rotation stand in for each other. None where it is unknown."""
+    """(10, 10) of pose and intrinsics: the same six, then the logarithm of the focal length, the principal point (pixels) and
+    the first distortion coefficient. Errors of intrinsics and rotation can compensate each other. None where it is unknown."""
     points_m: float | None = None
-    """Of points that this camera and others see where people walked, metres: the median of the expected distances;"""
+    """Median of the expected distances of points that this camera and others see where people walked, metres."""
     ground_m: float | None = None
-    """the same of positions on the ground by this camera alone. Both after one similarity of the whole rig."""
+    """The same for positions on the ground by this camera alone. Both are valid after one similarity of the whole rig."""
 
     @classmethod
     def from_covariance(cls, covariance: Floats, complete: Floats | None = None) -> PoseSigma:
-        """The sigma of a covariance (6, 6) as `covariance` has it; rounding may leave its traces just below 0. `complete`
-        (10, 10) is kept as it is.
+        """Return the sigma of a covariance (6, 6) as in the field `covariance`; rounding may leave its traces just below 0.
+        `complete` (10, 10) is stored unchanged.
         """
         position, turn = max(np.trace(covariance[:3, :3]), 0.0), max(np.trace(covariance[3:, 3:]), 0.0)
         known = bool(np.isfinite(position + turn))
@@ -111,9 +111,9 @@ class PoseSigma:
 
     @property
     def with_lens_known(self) -> Floats | None:
-        """(6, 6) the covariance of the pose among cameras with this very lens; `covariance` where nothing of the lens is known.
+        """(6, 6) covariance of the pose for exactly this lens; `covariance` where the uncertainty of the lens is unknown.
 
-        Where a rig is compared with itself, the error of its intrinsics is the same on both sides.
+        It is used where a rig is compared with itself: the error of the intrinsics is then the same on both sides.
         """
         if self.complete is None:
             return self.covariance
@@ -127,9 +127,9 @@ class PoseSigma:
         return f"PoseSigma({position}, {orientation})"
 
     def moved(self, rotation: Floats, scale: float = 1.0) -> PoseSigma:
-        """The uncertainty after the world is moved by `X -> scale rotation X + translation`, as if that motion were exact.
+        """Return the uncertainty after the world is moved by `X -> scale rotation X + translation`, with that motion exact.
 
-        The centre's part turns and grows with the world; the rotation vector is the camera's own and stays.
+        The centre's covariance turns and scales with the world; the rotation vector is in the camera's frame and stays.
         """
 
         def carried(covariance: Floats | None) -> Floats | None:

@@ -1,7 +1,7 @@
 """Images turned by quarter turns: pixels, boxes, keypoints, lenses and poses of a camera that is mounted on its side.
 
-Files and public values are of the images as filmed. The methods expect people upright: they work on the turned images, and the
-results are turned back. `Lens.rotate` says by how much a camera's images are still to be turned.
+Files and public values refer to the images as filmed. The methods expect upright people: they work on the turned images, and
+the results are turned back. `Lens.rotate` is the angle by which a camera's images still have to be turned.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ Size = tuple[int, int]
 
 
 def turn_size(size: Size, degrees: int) -> Size:
-    """(width, height) of an image after it is turned clockwise by a multiple of 90 degrees."""
+    """Return (width, height) of an image after it is turned clockwise by a multiple of 90 degrees."""
     return size if degrees % 180 == 0 else (size[1], size[0])
 
 
 def turn_pixels(pixels: Floats, size: Size, degrees: int) -> Floats:
-    """Pixels of an image after it is turned clockwise.
+    """Turn pixels of an image clockwise.
 
     Args:
         pixels: (..., 2), the origin in the middle of the first pixel.
@@ -44,7 +44,7 @@ def turn_pixels(pixels: Floats, size: Size, degrees: int) -> Floats:
 
 
 def turn_boxes(boxes: Boxes, size: Size, degrees: int) -> Boxes:
-    """Boxes of an image of a size (width, height) after it is turned clockwise by a multiple of 90 degrees."""
+    """Turn boxes of an image of a size (width, height) clockwise by a multiple of 90 degrees."""
     if degrees % 360 == 0:
         return boxes
     first, last = boxes.ltwh[:, :2], boxes.ltwh[:, :2] + boxes.ltwh[:, 2:]
@@ -54,33 +54,33 @@ def turn_boxes(boxes: Boxes, size: Size, degrees: int) -> Boxes:
 
 
 def turn_keypoints(keypoints: Keypoints, size: Size, degrees: int) -> Keypoints:
-    """Keypoints of an image of a size (width, height) after it is turned clockwise by a multiple of 90 degrees."""
+    """Turn keypoints of an image of a size (width, height) clockwise by a multiple of 90 degrees."""
     if degrees % 360 == 0:
         return keypoints
     return replace(keypoints, xy=turn_pixels(keypoints.xy, size, degrees))
 
 
 def turn_seen(seen: CameraObservations, size: Size, degrees: int) -> CameraObservations:
-    """All that a camera saw in images of a size (width, height), after these are turned clockwise."""
+    """Turn all observations of a camera with images of a size (width, height) clockwise."""
     joints, wands = (turn_keypoints(points, size, degrees) for points in (seen.keypoints, seen.wands))
     return CameraObservations(turn_boxes(seen.boxes, size, degrees), joints, wands)
 
 
 def axes_turn(degrees: int) -> Floats:
-    """(3, 3) rotation from a camera's frame to that of the camera whose images are turned clockwise."""
+    """Return the rotation (3, 3) from a camera's frame to that of the camera whose images are turned clockwise."""
     right, down = {0: (1, 0), 90: (0, 1), 180: (-1, 0), 270: (0, -1)}[degrees % 360]
     return np.array([[right, -down, 0.0], [down, right, 0.0], [0.0, 0.0, 1.0]])
 
 
 def turn_lens(lens: Lens, degrees: int) -> Lens:
-    """The lens of the images after these are turned clockwise; `Lens.rotate` is what remains.
+    """Return the lens of the images after these are turned clockwise; its `rotate` is the angle that remains.
 
     Args:
-        lens: of the images before.
+        lens: lens of the images before.
         degrees: a multiple of 90.
 
     Raises:
-        InputError: a skew, or a tilted sensor, which no lens model expresses after a quarter turn.
+        InputError: a skew, or a tilted sensor, which no lens model can express after a quarter turn.
     """
     if degrees % 360 == 0:
         return lens
@@ -97,10 +97,10 @@ def turn_lens(lens: Lens, degrees: int) -> Lens:
 
 
 def _turn_distortions(distortions: Floats, turn: Floats) -> Floats:
-    """Pinhole coefficients after a turn (2, 2): the tangential and the thin-prism ones are vectors of the image plane.
+    """Turn pinhole coefficients by a rotation (2, 2): the tangential and the thin-prism ones are vectors in the image plane.
 
     In OpenCV's model the decentring of x is p2 (r² + 2x²) + 2 p1 x y: the vector is (p2, p1). The thin prism adds
-    (s1, s3) r² + (s2, s4) r⁴. The tilt of a half turn changes its signs.
+    (s1, s3) r² + (s2, s4) r⁴. A half turn changes the signs of the tilt.
     """
     turned = np.array(distortions, dtype=np.float64)
     for x, y in ((3, 2), (8, 10), (9, 11)):
@@ -111,13 +111,13 @@ def _turn_distortions(distortions: Floats, turn: Floats) -> Floats:
 
 
 def turn_pose(pose: Pose, degrees: int) -> Pose:
-    """The pose of the camera whose images are turned clockwise by a multiple of 90 degrees."""
+    """Return the pose of the camera whose images are turned clockwise by a multiple of 90 degrees."""
     turn = axes_turn(degrees)
     return Pose(turn @ pose.R_cw, turn @ pose.t_cw)
 
 
 def turn_sigma(sigma: PoseSigma, degrees: int) -> PoseSigma:
-    """Its uncertainty: the rotation vector of the covariance is in the camera's frame and turns with it."""
+    """Turn the uncertainty of a pose: the rotation vector of the covariance is in the camera's frame and turns with it."""
     if sigma.covariance is None:
         return sigma
     block = np.eye(6)
@@ -126,7 +126,7 @@ def turn_sigma(sigma: PoseSigma, degrees: int) -> PoseSigma:
 
 
 def turn_camera(camera: Camera, degrees: int) -> Camera:
-    """The camera of the images after these are turned clockwise: lens, pose and covariance. Raises as `turn_lens`."""
+    """Return the camera of the images after these are turned clockwise: lens, pose, covariance. Raises as `turn_lens`."""
     if degrees % 360 == 0:
         return camera
     try:
@@ -138,19 +138,19 @@ def turn_camera(camera: Camera, degrees: int) -> Camera:
 
 
 def turns_of(rig: Rig) -> dict[str, int]:
-    """By camera whose images are to be turned, the degrees clockwise: `Lens.rotate`."""
+    """Return the degrees clockwise (`Lens.rotate`) by camera, for the cameras whose images are to be turned."""
     return {camera.name: camera.lens.rotate for camera in rig if camera.lens.rotate}
 
 
 def turn_rig(rig: Rig, degrees: dict[str, int]) -> Rig:
-    """The rig after the images of some cameras are turned clockwise. Raises as `turn_lens`."""
+    """Return the rig after the images of some cameras are turned clockwise. Raises as `turn_lens`."""
     if not degrees:
         return rig
     return replace(rig, cameras=tuple(turn_camera(camera, degrees.get(camera.name, 0)) for camera in rig))
 
 
 def turn_observations(seen: Observations, rig: Rig, degrees: dict[str, int]) -> Observations:
-    """What cameras saw, after the images of some are turned clockwise; `rig` has the sizes of the images before."""
+    """Turn the observations of some cameras clockwise; `rig` has the sizes of the images before."""
     if not degrees:
         return seen
     turned = {
@@ -161,12 +161,12 @@ def turn_observations(seen: Observations, rig: Rig, degrees: dict[str, int]) -> 
 
 
 def undone(degrees: dict[str, int]) -> dict[str, int]:
-    """The turns that undo turns by camera."""
+    """Return the turns by camera that undo the given ones."""
     return {name: -turn % 360 for name, turn in degrees.items()}
 
 
 def turn_cues(cues: ScaleCues, rig: Rig, degrees: dict[str, int]) -> ScaleCues:
-    """Scale cues with the pixels of some cameras turned clockwise; `rig` is of the turned images."""
+    """Turn the pixels of some cameras in scale cues clockwise; `rig` is that of the turned images."""
     if not degrees:
         return cues
 

@@ -1,12 +1,11 @@
-"""What a user knows of lengths and places: scale cues with standard deviations, plans, surveyed points, the unit.
+"""Knowledge of a user about lengths and places: scale cues with standard deviations, plans, surveyed points, the unit.
 
-All cues enter one adjustment as priors, so that they combine by their weights and the weight of each can be stated.
+All cues enter one adjustment as priors, so that they combine by their weights and the weight of each can be stated. The module
+also has:
 
-A floor plan or satellite picture with its scale, and what a user placed on it: cameras, and points of the ground.
-
-Points and camera positions that a survey, a plan or a receiver knows.
-
-The unit of stated lengths, as far as people's heights show that it is not the metre.
+- a floor plan or satellite picture with its scale, and the cameras and ground points that a user placed on it;
+- points and camera positions known from a survey, a plan or a receiver;
+- the unit of stated lengths, where people's heights show that it is not the metre.
 """
 
 from __future__ import annotations
@@ -22,33 +21,37 @@ from passerby.core.observations import Observations
 from passerby.core.stature import PERSON_HEIGHT_M, PERSON_HEIGHT_SD_M
 
 MOST_STEPS = 200
-"""Time steps at which a wand is measured: a spread of 5 % between them leaves 0.4 % of their median."""
+"""Largest number of time steps at which a wand is measured: a spread of 5 % between them gives 0.4 % for their median."""
 Pixel = tuple[float, float]
 CLICK_SD_PX = 2.0
-"""How well a person clicks on a mark, in a plan or in a camera's image."""
+"""Standard deviation of a person's click on a mark in a plan or in a camera's image, pixels."""
 UNIT_SD = 0.002
 """Relative standard deviation of metres per pixel where it is not stated: a drawing's scale bar measured over 500 pixels to one
 pixel."""
 POINT_SD_M, POSITION_SD_M, GPS_SD_M = 0.05, 0.1, 3.0
-"""Where a file tells no sd_m: a marked point on a plan, a camera by tape or total station, a camera by a phone's receiver."""
+"""Defaults without an sd_m in the file: a marked point on a plan, a camera by tape or total station, one by a phone's
+receiver."""
 METRES = {"millimetres": 1e-3, "centimetres": 1e-2, "inches": 0.0254, "feet": 0.3048, "yards": 0.9144, "kilometres": 1e3}
-"""By unit, its length in metres."""
+"""Length of each unit, metres."""
 GROSS, GROSS_SIGMAS = 2.5, 3.0
-"""No people are so many times as tall, or as small, as expected: so many sigmas beyond, the unit is wrong, whichever it is."""
+"""No people are this many times as tall, or as short, as expected. A factor this many sigmas beyond means a wrong unit, any
+unit."""
 LEAST_SIGMAS, MATCH_SIGMAS = 6.0, 2.0
-"""A smaller factor is a wrong unit where it is so many sigmas from 1, and so few from the factor of a unit."""
+"""A smaller factor means a wrong unit where it is more than the first number of sigmas from 1, and less than the second from
+the factor of a unit."""
 LEAST_MATCH = 0.25
-"""A gross factor is that of a unit where their logarithms differ by less, whatever the sigma. Units differ by 0.9 and more."""
+"""A gross factor belongs to a unit if their logarithms differ by less than this, for any sigma. Those of units differ by 0.9 or
+more."""
 
 
 @dataclass(frozen=True)
 class PopulationHeight:
-    """How tall people are: standing height, shoes on."""
+    """Standing height of people, shoes on."""
 
     mean_m: float = PERSON_HEIGHT_M
     sd_m: float = PERSON_HEIGHT_SD_M
     mean_sd_m: float | None = None
-    """How well the mean is known of these people, and by what boxes or joints show of them. None: `POPULATION_BIAS` of it."""
+    """Standard deviation of the mean for these people and what boxes or joints show of them. None: `POPULATION_BIAS` of it."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +62,7 @@ class PersonHeight:
     metres: float
     sd_m: float = 0.01
     place: str = ""
-    """The table of the scene file that states it, for people named by a pixel: their identities were found, and say nothing."""
+    """The table of the scene file that states it, for people named by a pixel: users do not know their identities."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +74,7 @@ class KnownLength:
     points: Mapping[str, NDArray[np.float64]]
     """camera name -> (2, 2) pixels of the two ends, the ends in the same order in all cameras."""
     name: str = ""
-    """Lengths of one name are one object at several times: the error of its stated length is the same in all of them."""
+    """Lengths of one name are one object at several times: the error of the stated length is the same in all of them."""
 
 
 @dataclass(frozen=True)
@@ -108,22 +111,22 @@ class PlannedCamera:
 
     camera: str
     at: Pixel
-    """Of the plan."""
+    """Pixel of the plan."""
     sd_m: float
-    """Of each coordinate, metres."""
+    """Standard deviation of each coordinate, metres."""
 
 
 @dataclass(frozen=True, eq=False)
 class PlannedPoint:
-    """A point of the ground placed on the plan, and where cameras see it."""
+    """A point of the ground placed on the plan, and the pixels at which cameras see it."""
 
     name: str
     at: Pixel
-    """Of the plan."""
+    """Pixel of the plan."""
     pixels: Mapping[str, Pixel]
     """camera -> pixel of its image."""
     sd_m: float
-    """Of each coordinate on the plan, metres."""
+    """Standard deviation of each coordinate on the plan, metres."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,19 +134,19 @@ class FloorPlan:
     """A plan seen from above, in pixels: u to the right, v downwards, (0, 0) the centre of the first pixel."""
 
     name: str
-    """What reports call it."""
+    """Name of the plan in reports."""
     metres_per_pixel: float
     unit_sd: float
     """Relative standard deviation of `metres_per_pixel`."""
     cameras: tuple[PlannedCamera, ...] = ()
     points: tuple[PlannedPoint, ...] = ()
     origin: Pixel = (0.0, 0.0)
-    """Where the world's origin lies."""
+    """Pixel of the world's origin."""
     click_sd_px: float = CLICK_SD_PX
-    """Of a click in a camera's image."""
+    """Standard deviation of a click in a camera's image, pixels."""
 
     def metres(self, pixels: Floats) -> Floats:
-        """(N, 2) pixels of the plan as metres of the world: x right, y up, from the origin."""
+        """Convert pixels (N, 2) of the plan to metres of the world: x right, y up, from the origin."""
         return np.asarray((np.asarray(pixels, dtype=np.float64) - self.origin) * (1.0, -1.0) * self.metres_per_pixel)
 
 
@@ -162,7 +165,7 @@ class ScaleCues:
 
 
 def lengths_of_wands(wands: Sequence[Wand], observations: Observations) -> tuple[KnownLength, ...]:
-    """Each wand as a known length at each of up to `MOST_STEPS` time steps at which two or more cameras see both ends.
+    """Return each wand as a known length at up to `MOST_STEPS` time steps at which two or more cameras see both ends.
 
     Args:
         wands: their numbers are the identities in `observations`.
@@ -183,10 +186,10 @@ def lengths_of_wands(wands: Sequence[Wand], observations: Observations) -> tuple
 
 
 def combine_heights(people: Sequence[PersonHeight]) -> tuple[PersonHeight, ...]:
-    """One height for each person. Heights of one person are weighted by their precision.
+    """Combine the heights of each person, weighted by their precision.
 
-    One measurement stated twice is no better than once, and two that differ are no better than their difference: the standard
-    deviation is the smallest one with half the difference added.
+    One measurement stated twice is no better than once, and two that differ are no better than their difference. So the
+    standard deviation is the root sum of squares of the smallest one and half the difference.
     """
     by_identity: dict[int, list[PersonHeight]] = {}
     for one in people:
@@ -207,7 +210,7 @@ class KnownPoint:
 
     name: str
     xyz: Floats
-    """(3,) metres, the wanted world."""
+    """(3,) metres, in the world that the user wants."""
     pixels: Mapping[str, tuple[float, float]]
     """camera -> (u, v)."""
     sd_m: float = POINT_SD_M
@@ -228,13 +231,13 @@ class WrongUnit:
     """Stated lengths that are not in metres."""
 
     times: float
-    """Stated lengths over those by people's heights."""
+    """Stated lengths over those from people's heights."""
     unit: str | None
-    """The unit that they seem to be in; None where no usual unit is so long."""
+    """The unit in which they seem to be; None where no usual unit has this length."""
 
     @property
     def in_words(self) -> str:
-        """What is wrong and what to write, as the end of a sentence about lengths."""
+        """The error and its remedy, as the end of a sentence about lengths."""
         size = f"{self.times:.3g} times as long" if self.times > 1 else f"{1 / self.times:.3g} times as short"
         if self.unit is None:
             return f"{size} as people's heights make them: give metres"
@@ -246,10 +249,10 @@ class WrongUnit:
 
 
 def find_wrong_unit(log_times: float, sd: float) -> WrongUnit | None:
-    """The unit that stated lengths are in, if people's heights show that it is not the metre.
+    """Find the unit of stated lengths if people's heights show that it is not the metre.
 
     Args:
-        log_times: logarithm of stated lengths over those by people's heights.
+        log_times: logarithm of stated lengths over those from people's heights.
         sd: one sigma of it.
     """
     away = {unit: abs(log_times + float(np.log(metres))) for unit, metres in METRES.items()}

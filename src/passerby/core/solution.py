@@ -1,4 +1,4 @@
-"""What a solver hands back, and the verdict on a rig by its findings."""
+"""The result of a solver, and the verdict on a rig from its findings."""
 
 from __future__ import annotations
 
@@ -25,20 +25,20 @@ class Solution:
     findings: tuple[Finding, ...] = ()
     """Evidence against the rig, and notices that explain its sigmas."""
     figures: SolverFigures = field(default_factory=SolverFigures)
-    """Of every stage: counts, residuals, scale cues and their weights, sigmas."""
+    """Figures of every stage: counts, residuals, scale cues and their weights, sigmas."""
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """The evidence against it in words, one sentence each, with the remedy."""
+        """The evidence against the rig in words, one sentence each, with the remedy."""
         return texts_of(one for one in self.findings if one.severity != "notice")
 
 
 def decide_verdict(rig: Rig, findings: Iterable[Finding]) -> Verdict:
-    """`refused` where there is no rig, `doubtful` where a camera has no pose or a finding is a doubt, else `accepted`.
+    """Return `refused` for a refusal or without poses, `doubtful` for a doubt or a camera without a pose, else `accepted`.
 
     Args:
-        rig: as solved; a camera that could not be registered has no pose.
-        findings: the evidence against it; notices do not count.
+        rig: the solved rig; a camera that could not be registered has no pose.
+        findings: the evidence against the rig; notices do not count.
     """
     severities = {finding.severity for finding in findings}
     posed = len(rig.posed())

@@ -1,4 +1,4 @@
-"""Cameras with clocks of their own, brought to common instants: everybody interpolated between neighbouring samples."""
+"""Interpolation of cameras with clocks of their own to common time steps: each person between neighbouring samples."""
 
 from __future__ import annotations
 
@@ -19,23 +19,24 @@ from passerby.core.observations import (
 )
 
 USUAL_FPS = 5.0
-"""Time steps a second where no frame rate is stated."""
+"""Time steps per second where no frame rate is stated."""
 MAX_GAP_SAMPLES, MAX_GAP_S = 2, 0.4
-"""No person is interpolated over more than this, whichever is longer: in 0.4 s a walker strays some centimetres from a straight
-line (half of 1 m/s^2 times 0.2 s squared is 2 cm), and a slow camera has nothing better than one missed sample."""
+"""Longest gap over which a person is interpolated, in samples and in seconds, whichever is longer. In 0.4 s a walker deviates
+some centimetres from a straight line (half of 1 m/s^2 times 0.2 s squared is 2 cm). For a slow camera one missed sample is the
+shortest possible gap."""
 ALIKE = 0.02
-"""Sampling rates that differ by less than this share are alike: 30 and 29.97 frames per second, or every sixth picture of 30
-and every fifth of a phone's 25.2."""
+"""Sampling rates that differ by less than this share count as equal: 30 and 29.97 frames per second, or every sixth picture of
+30 and every fifth of a phone's 25.2."""
 MOST_BEND = 0.05
-"""Share of a wand's length in the image by which cubic and straight interpolation may differ: a turn of 0.63 radians from one
-sample to the next, of which a cubic interpolation leaves 0.4 % of the length."""
+"""Largest difference of cubic and straight interpolation, as a share of a wand's length in the image: that of a turn of 0.63
+radians from one sample to the next, for which the error of cubic interpolation is 0.4 % of the length."""
 _ON_THE_INSTANT = 1e-6
-"""A sample so near to an instant, in steps of the grid, lies on it: what rounding leaves of a whole number."""
+"""A sample nearer than this to an instant, in steps of the grid, counts as on it: the difference is a rounding error."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Samples:
-    """Which rows K samples at common instants are made of: `(1 - share) * before + share * after`."""
+    """Rows of which K samples at common instants are made: `(1 - share) * before + share * after`."""
 
     instant: Ints
     before: Ints
@@ -44,20 +45,21 @@ class _Samples:
 
 
 EVEN = 0.5
-"""Samples are even where so many of their steps are as long as the shortest usual one; else they come at times of their own, as
-a phone's pictures do."""
+"""Samples are even where at least this share of their steps has the length of the shortest usual one. Otherwise they come at
+irregular times, as a phone's pictures do."""
 ON_STEPS, TOGETHER = 0.99, 0.9
-"""Time steps are those of even samples where so many samples of all cameras lie on them. Else they are all frames, where so
-many samples that are near one of the reference camera are at the same time as it: people were marked in the same frames of all
-cameras, whatever frames these are."""
+"""Time steps are those of even samples where at least the first share of the samples of all cameras lies on them. Otherwise all
+frames are time steps, if at least the second share of the samples near one of the reference camera has the same time as it:
+then people were marked in the same frames of all cameras, at any intervals."""
 LONG_STEP, NO_GAP = 90.0, 2.0
-"""Uneven samples are taken to be as far apart as this percentile of their steps, so that there is one for nearly every time
-step: who is missing at a time step counts as not seen. Steps beyond so many times the median are gaps without people."""
+"""The distance between uneven samples is taken to be this percentile of their steps, so that there is a sample for nearly every
+time step: a person without a sample at a time step counts as not seen. Steps longer than `NO_GAP` times the median are gaps
+without people."""
 
 
 @dataclass(frozen=True)
 class TimeSteps:
-    """The common time steps: every `every`-th frame of a clock, frame `first` among them."""
+    """The common time steps: every `every`-th frame of a clock, including frame `first`."""
 
     reference: Clock
     every: int = 1
@@ -65,21 +67,21 @@ class TimeSteps:
 
     @property
     def clock(self) -> Clock:
-        """The clock that counts the time steps: 1 is frame `first`."""
+        """The clock that counts the time steps: step 1 is frame `first`."""
         if self.every == 1:
             return self.reference
         return Clock(self.reference.fps / self.every, float(self.reference.seconds(np.array(self.first))))
 
     def frames(self, step: Ints) -> Ints:
-        """(N,) the frames of the reference clock at time steps."""
+        """Return the frames (N,) of the reference clock at time steps (N,)."""
         return self.first + (step - 1) * self.every
 
 
 def sampling_distance(frame: Ints) -> int:
-    """Frames between neighbouring samples where nothing is missing; of uneven samples the longer steps.
+    """Return the number of frames between neighbouring samples where none is missing; for uneven ones the longer steps.
 
     Args:
-        frame: (N,) frames with people in them, in any order, as often as you like.
+        frame: (N,) frames with people in them, in any order; a frame may occur several times.
     """
     least = sampling_step(frame)
     steps = np.diff(np.unique(frame))
@@ -89,25 +91,23 @@ def sampling_distance(frame: Ints) -> int:
 
 
 def clocks_of(observations: Observations, names: Sequence[str]) -> dict[str, Clock]:
-    """The clock of each named camera; one for all, counted from the same frame, where the observations know none."""
+    """Return the clock of each named camera. Without clocks in the observations, all have one that starts at the same frame."""
     one = Clock(observations.fps or 1.0)
     return {name: observations.clocks.get(name, one) for name in names}
 
 
 def find_common_time_steps(observations: Observations, clocks: Mapping[str, Clock]) -> TimeSteps:
-    """The samples of the camera with most people among those of the usual sampling rate.
+    """Choose the time steps: the samples of the camera with most people among those of the usual sampling rate.
 
-    Cameras are sampled at every frame, or at every n-th: between samples no person is seen, and other cameras' samples
-    there would
-    meet no person. The usual rate of sampling is the one most cameras have (the slower one among equals): the slowest of
-    all would
-    throw away what the others share, and the fastest would turn each sample of the rest into several that say nothing new. That
-    camera's own samples, and all that are whole samples apart from it, need no interpolation. Samples at the same times in all
-    cameras need none, however uneven they are: then every frame is a time step.
+    Cameras are sampled at every frame, or at every n-th. Between its samples a camera sees no person, so samples of other
+    cameras there would have no counterpart. The usual rate is the one that most cameras have (the slower one of equals). The
+    slowest rate of all would discard what the other cameras share. The fastest would turn each sample of the others into
+    several without new information. The chosen camera's own samples, and all that are whole samples apart from it, need no
+    interpolation. Samples at the same times in all cameras need none either, even if uneven: then every frame is a time step.
 
     Args:
         observations: frame numbers are each camera's own.
-        clocks: of every camera.
+        clocks: the clock of every camera.
 
     Raises:
         InputError: a camera has no clock, or a frame rate that is not above 0.
@@ -141,10 +141,10 @@ def find_common_time_steps(observations: Observations, clocks: Mapping[str, Cloc
 
 
 def _are_sampled_together(at: Mapping[str, Floats], reference: str, every: int) -> bool:
-    """Whether the cameras' samples, frames of the reference camera's clock, are at the same times as its own.
+    """Check whether the cameras' samples, frames of the reference camera's clock, are at the same times as its own.
 
-    Only samples within half a step of one of the reference camera's count: where that camera saw no person, nothing can
-    be said.
+    Only samples within half a step of one of the reference camera count: elsewhere that camera saw no person, and the times
+    cannot be compared.
     """
     own = at[reference]
     together = apart = 0
@@ -159,7 +159,7 @@ def _are_sampled_together(at: Mapping[str, Floats], reference: str, every: int) 
 
 
 def _find_common_phase(frame: Ints, step: int) -> int:
-    """The first frame from 1 on that lies whole steps from most of the frames (N,)."""
+    """Return the first frame from 1 on that is whole steps from most of the frames (N,)."""
     return int(np.argmax(np.bincount((frame - 1) % step, minlength=1))) + 1
 
 
@@ -172,26 +172,27 @@ def resample_to_common_steps(
     max_gap_s: float = MAX_GAP_S,
     grid: Clock | None = None,
 ) -> Observations:
-    """Observations whose frame numbers are the same instants in all cameras.
+    """Convert observations to frame numbers that are the same instants in all cameras.
 
-    A camera whose frames fall on the instants keeps its rows bit for bit, under new frame numbers. In the others everybody is
-    interpolated linearly between two neighbouring samples of the same identity, at the instants that are the nearest to one
-    of these samples: so no sample counts twice, however slow the camera. Rows of unknown identity cannot be interpolated and
-    are left out there.
+    A camera whose frames fall on the instants keeps its rows bit for bit, with new frame numbers. In other cameras each person
+    is interpolated linearly between two neighbouring samples of the same identity. Only the instants nearest to one of these
+    samples are filled, so that no sample counts twice, even of a slow camera. Rows of unknown identity cannot be interpolated
+    and are left out there.
 
     Args:
         observations: people with identities that hold over time, at most one box and one set of joints for each identity in
             a camera's frame; frame numbers are each camera's own.
-        clocks: of every camera.
-        sizes: width and height of the pictures, pixels; where given, a box is not interpolated with one that the picture's
-            border cuts off, since what is between them is cut off and does not look it.
-        max_gap_samples: the neighbours may be so many of the camera's samples apart,
-        max_gap_s: or so many seconds, whichever is longer.
-        grid: the clock whose frames are the common time steps; that of `find_common_time_steps` when None.
+        clocks: the clock of every camera.
+        sizes: width and height of the pictures, pixels. Where given, a box that the picture's border cuts off is not
+            interpolated with another: the boxes between them would be cut off without touching the border.
+        max_gap_samples: the largest distance of the two neighbours in samples of the camera,
+        max_gap_s: and in seconds; the longer one counts.
+        grid: the clock whose frames are the common time steps. None: that of `find_common_time_steps`.
 
     Returns:
-        Boxes, joints (a joint's score is the lower of the two, 0 where either was not found; embeddings are those of the
-        nearer sample) at instants counted like the frames of that clock, which is every camera's in the result.
+        Boxes and joints at instants that are counted like the frames of that clock, which is every camera's clock in the
+        result. The score of a joint is the lower one of the two, 0 where either was not found. Embeddings are those of the
+        nearer sample.
 
     Raises:
         InputError: a camera without a clock, or a person who is twice in one frame of a camera.
@@ -226,28 +227,28 @@ def _refuse_doubles(camera: str, kind: str, frame: Ints, identity: Ints) -> None
 
 
 def _convert_to_grid(frame: Ints, clock: Clock, grid: Clock) -> Floats:
-    """(N,) where frames lie, in fractional frames of the grid."""
+    """Convert frames (N,) to fractional frames of the grid."""
     shift = (clock.offset_s - grid.offset_s) * grid.fps
-    # Rates that are alike leave frame numbers whole; a long recording would lose digits on the way through seconds.
+    # Equal frame rates leave frame numbers whole; in a long recording the conversion to seconds and back would lose digits.
     at = frame + shift if clock.fps == grid.fps else 1.0 + (frame - 1.0) * (grid.fps / clock.fps) + shift
     near = np.round(at)
     return np.where(np.abs(at - near) < _ON_THE_INSTANT, near, at)
 
 
 def _are_on_grid(at: Floats) -> bool:
-    """Whether all samples lie on time steps, so that none need be interpolated."""
+    """Check whether all samples lie on time steps, so that none has to be interpolated."""
     return bool((at == np.round(at)).all())
 
 
 def _samples(frame: Ints, identity: Ints, at: Floats, gap: float, apart: Bools | None) -> _Samples:
-    """What to interpolate.
+    """Choose the pairs of rows to interpolate, and their weights.
 
     Args:
         frame: (N,) the camera's frames.
         identity: (N,) identities or -1.
         at: (N,) the frames on the grid.
-        gap: most frames between neighbours.
-        apart: (N,) rows that must not be interpolated with another.
+        gap: largest number of frames between neighbours.
+        apart: (N,) whether a row must not be interpolated with another; None: no row.
     """
     rows = np.flatnonzero(identity >= 0)
     rows = rows[np.lexsort((frame[rows], identity[rows]))]
@@ -255,7 +256,7 @@ def _samples(frame: Ints, identity: Ints, at: Floats, gap: float, apart: Bools |
     joined = (identity[before] == identity[after]) & (frame[after] > frame[before]) & (frame[after] - frame[before] <= gap)
     if apart is not None:
         joined &= ~apart[before] & ~apart[after]
-    # Row i answers for the instants from its own place to before the next row's, or for its own place alone.
+    # Row i covers the instants from its own time to before the next row's; without a joined next row, only its own time.
     first = np.ceil(at[before]).astype(np.int64)
     last = np.where(joined, np.ceil(at[after]).astype(np.int64) - 1, np.floor(at[before]).astype(np.int64))
     # Of the instants between two samples only the nearest to either is filled.
@@ -298,9 +299,9 @@ def _keypoints_at(keypoints: Keypoints, clock: Clock, grid: Clock, gap: float) -
 
 
 def _wands_at(wands: Keypoints, clock: Clock, grid: Clock, gap: float) -> Keypoints:
-    """Wands at common time steps: cubic between four samples at even steps, since a straight line would shorten what turns.
+    """Interpolate wands at common time steps: cubic between four evenly spaced samples, as a line shortens turning wands.
 
-    Where these are not there, or the wand turns too far from one sample to the next, there is none.
+    Where these samples are missing, or the wand turns too far from one sample to the next, the result has no wand.
     """
     at = _convert_to_grid(wands.frame, clock, grid)
     if _are_on_grid(at):
@@ -332,11 +333,11 @@ def _wands_at(wands: Keypoints, clock: Clock, grid: Clock, gap: float) -> Keypoi
 
 def _interpolate(values: Floats, s: _Samples) -> Floats:
     share = s.share.reshape(-1, *[1] * (values.ndim - 1))
-    # Not before + share * (after - before): a share of 0 is to give back the sample to the last bit.
+    # Not before + share * (after - before): a share of 0 must return the sample to the last bit.
     return np.asarray((1.0 - share) * values[s.before] + share * values[s.after])
 
 
 def _take_lower_score(score: Floats, s: _Samples) -> Floats:
-    """The lower score of the two samples; on an instant the sample's own."""
+    """Return the lower score of the two samples; for a sample on an instant its own."""
     after = np.where(s.share > 0, s.after, s.before)
     return np.asarray(np.minimum(score[s.before], score[after]))

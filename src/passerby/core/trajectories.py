@@ -1,4 +1,4 @@
-"""Where every person was, and when."""
+"""Trajectories: the positions of people over time."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from passerby.core.observations import Clock
 
 @dataclass(frozen=True, eq=False)
 class Trajectories:
-    """N places, sorted by identity, then by time. World of the rig: z up, ground at z = 0, metres."""
+    """N positions, sorted by identity, then by time. World of the rig: z up, ground at z = 0, metres."""
 
     identity: Ints
-    """(N,)"""
+    """(N,) identities."""
     frame: Ints
     """(N,) frames of `clock`."""
     time_s: Floats
@@ -24,16 +24,16 @@ class Trajectories:
     xyz: Floats
     """(N, 3) x, y on the ground below the body; z: height of the body's middle."""
     sigma_m: Floats
-    """(N,) root of the trace of the covariance of (x, y), in the rig's world: the errors that the whole world shares (its
-    place, its turn, its scale) are not in it. NaN where unknown (pairwise with one pair)."""
+    """(N,) root of the trace of the covariance of (x, y), metres, in the rig's world. It does not include errors that the whole
+    world shares (of its position, orientation and scale). NaN where unknown (pairwise with one pair)."""
     cameras: Ints
-    """(N,) cameras that agree; 0: no camera saw the person, the place lies between others."""
+    """(N,) number of cameras that agree; 0: no camera saw the person, and the position is interpolated between others."""
     part: Ints
     """(N,) number of the stretch without long gaps, from 1 for each identity."""
     clock: Clock
-    """Of the frames."""
+    """Clock of the frames."""
     figures: dict[str, Any] = field(default_factory=dict)
-    """JSON-ready: options, people, boxes used and voted down and disagreement by camera."""
+    """JSON-ready: options, people, boxes used and outvoted, and disagreement by camera."""
 
     def __repr__(self) -> str:
         seconds = float(np.ptp(self.time_s)) if len(self) else 0.0

@@ -1,4 +1,4 @@
-"""Unknown focal lengths: which are tried, and which of them fit best for pairs of cameras together."""
+"""Search for unknown focal lengths: the candidates, and the combination that fits pairs of cameras best."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from passerby.core.cameras import Lens, Rig
 from passerby.core.lens import LARGEST_FOCAL_SD
 
 SEARCHED_SD = 0.1
-"""A focal length that is known this well needs no search."""
-# Those farther from a stated one than so many of its standard deviations are not tried.
+"""Relative standard deviation up to which a focal length needs no search."""
+# Candidates farther than this many standard deviations from a stated focal length are not tried.
 _FARTHEST_SD = 2.5
 _SWEEPS = 30
 
 
 def needs_focal_search(rig: Rig) -> bool:
-    """Whether a focal length is known too little to begin with it."""
+    """Check whether a focal length of the rig is known too poorly to start from it."""
     return any(camera.lens.uncalibrated and (camera.lens.search_sd or 0.0) > SEARCHED_SD for camera in rig)
 
 
 def shared_lenses(rig: Rig) -> list[list[int]]:
-    """The cameras of each uncalibrated lens: those of one `Lens.group` together, the others, known lenses too, alone."""
+    """Return the cameras of each uncalibrated lens: those of one `Lens.group` together, all others, known lenses too, alone."""
     sets: dict[str, list[int]] = {}
     for c, camera in enumerate(rig):
         lens = camera.lens
@@ -35,11 +35,11 @@ def shared_lenses(rig: Rig) -> list[list[int]]:
 
 
 def begin_with(stated: Rig, found: Rig) -> Rig:
-    """The lenses to begin the next estimate with: unknown ones have the focal lengths found, and nothing else of them.
+    """Return the rig to begin the next estimate with: `stated`, in which unknown lenses have the focal lengths found.
 
     Args:
-        stated: lenses before any estimate.
-        found: the rig of an estimate; a camera without a pose has the focal length of others of its group, or what was stated.
+        stated: lenses before any estimate. Only their focal lengths are replaced.
+        found: the rig of an estimate. A camera without a pose gets the focal length of others of its group, or the stated one.
     """
     cameras = list(stated)
     for members in shared_lenses(stated):
@@ -56,7 +56,7 @@ def begin_with(stated: Rig, found: Rig) -> Rig:
 
 
 def focals_to_try(lens: Lens, shares: Floats) -> Floats:
-    """Logarithms of factors on a lens's focal length: all that may be, or those about a stated one; 0 alone of a known one.
+    """Return logarithms of the factors to try on a focal length: those near a stated one, or all; 0 alone for a known one.
 
     Args:
         lens: the lens.
@@ -65,7 +65,7 @@ def focals_to_try(lens: Lens, shares: Floats) -> Floats:
     sd = lens.search_sd
     if not lens.uncalibrated or sd is None or sd <= SEARCHED_SD:
         return np.zeros(1)
-    # A fisheye has half the focal length of a pinhole of a like field of view, or less.
+    # A fisheye has half the focal length of a pinhole of a similar field of view, or less.
     focals = np.log((0.5 if lens.fisheye else 1.0) * shares * max(lens.size) / lens.focal)
     if sd < LARGEST_FOCAL_SD:
         focals = focals[np.abs(focals) <= _FARTHEST_SD * sd]
@@ -75,13 +75,13 @@ def focals_to_try(lens: Lens, shares: Floats) -> Floats:
 def choose_focals(
     counts: Sequence[int], costs: Mapping[tuple[int, int], Floats], shared: Sequence[Sequence[int]] | None = None
 ) -> list[int]:
-    """One choice for each camera that makes the sum of its pairs' costs small: one lens after the other takes its best, from
-    every common start.
+    """Choose one focal length for each camera so that the sum of the pairs' costs is small. From each of several common starts,
+    one lens after the other takes its best choice.
 
     Args:
         counts: (C,) number of choices of each camera.
-        costs: (F_a, F_b) of pairs (a, b) of cameras.
-        shared: cameras that choose together, each in one of the sets; each on its own when None.
+        costs: by pair (a, b) of cameras, the cost (F_a, F_b) of each combination of choices.
+        shared: sets of cameras that choose together; each camera is in one set. None: each camera on its own.
     """
     sets = [[c] for c in range(len(counts))] if shared is None else shared
     best: tuple[float, list[int]] | None = None

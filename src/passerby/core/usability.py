@@ -1,10 +1,10 @@
-"""Whether what a rig measures is known well enough to use, and which cameras have no pose: two doubts with reasons.
+"""Doubts about a rig whose measurements are too uncertain to use, and about cameras without a pose, each with a reason.
 
-A rig is used for points, positions on the ground and lengths. Each has one sigma, where people walked, and one limit. Why it
-is large (few observations, uneven ground, noisy boxes) is a notice of the stage that finds it; here it becomes a part of the
-doubt, and no doubt of its own.
+A rig is used for points, positions on the ground and lengths. Each has one sigma, at the places where people walked, and one
+limit. The reason for a large sigma (few observations, uneven ground, noisy boxes) is a notice of the stage that finds it. Here
+this notice becomes a part of the doubt, and is no doubt of its own.
 
-Why a camera could not be registered is a notice of the stage that finds it. Here it becomes a part of the doubt.
+The reason why a camera could not be registered is also a notice of the stage that finds it, and becomes a part of the doubt.
 """
 
 from __future__ import annotations
@@ -21,21 +21,21 @@ from passerby.core.figures import AdjustedFigures, SolverFigures
 from passerby.findings.finding import Finding, doubt
 
 Quantity = Literal["points", "ground", "scale", "world"]
-"""`world`: scale and ground."""
+"""`world` is scale and ground together."""
 CODE = "rig_uncertain"
 USABLE_M = 0.25
-"""A camera whose rays pass points by more than this, one sigma, is no calibration. Of what is accepted, 95 % are then within
-half a metre. What other limits would do: docs/results/limits.md."""
+"""Largest usable sigma, metres: a camera whose rays pass points by more than this is not calibrated. Of the accepted cameras,
+95 % are then within half a metre. The effect of other limits is in docs/results/limits.md."""
 LARGE_SHARE, SMALL_SHARE = 0.005, 0.05
-"""In rigs so large that `USABLE_M` is less than the first share of their extent, that share counts; in rigs so small that it is
-more than the second, that one."""
+"""Limits as shares of a rig's extent. Where `USABLE_M` is less than the first share, as in large rigs, the first share is the
+limit. Where it is more than the second, as in small rigs, the second share is."""
 ON_GROUND = 0.4
-"""The height of the ground at people's feet has to be known to this share of it, 0.1 m but in large rigs; what that is along
-the ground goes by how flat a camera looks. In ordinary scenes (seeds 4711 to 4718) it is 0.04 m, most of it from the lower
-edges of boxes."""
+"""Largest sigma of the height of the ground at people's feet, as a share of the limit for points: 0.1 m except in large rigs.
+The resulting error along the ground depends on how flat a camera looks. In ordinary scenes (seeds 4711 to 4718) this sigma is
+0.04 m, most of it from the lower edges of boxes."""
 USABLE_SCALE = 0.15
-"""Relative one sigma of all lengths: what is off by 30 %, two sigmas, is no metre. Adults alone leave 0.05, and 0.11 beside
-a cue that contradicts them."""
+"""Largest relative sigma of all lengths: lengths that are off by 30 %, two sigmas, are not metric. With adults as the only cue
+the sigma is 0.05, and 0.11 beside a cue that contradicts them."""
 EXPLAINS: Mapping[str, tuple[Quantity, ...]] = MappingProxyType({
     "adjustment_not_converged": ("points",),
     "lens_doubtful": ("points", "ground"),
@@ -47,12 +47,13 @@ EXPLAINS: Mapping[str, tuple[Quantity, ...]] = MappingProxyType({
     "few_observations": ("points", "ground"),
     "boxes_noisy": ("points", "ground", "scale"),
 })  # fmt: skip
-"""Codes of notices, and what each makes uncertain; the most specific comes first."""
+"""Codes of notices, and the quantities that each makes uncertain; the most specific comes first."""
 UNKNOWN = "people_not_spread", "boxes_noisy"
-"""Codes of notices beside which the sigmas say too little. With people on one line they were 2 to 7 times too small (seeds 4711
-to 4713); why is not known. Boxes off by 0.3 of their height bias the scale by 15 to 50 % and turn cameras by 1 to 5 degrees."""
+"""Codes of notices beside which the sigmas are too small. With people on one line they were 2 to 7 times too small (seeds 4711
+to 4713); the reason is not known. Boxes off by 0.3 of their height bias the scale by 15 to 50 % and turn cameras by 1 to 5
+degrees."""
 WITHOUT_SIGMAS = ("adjustment_not_converged", "people_not_spread", "few_inliers", "near_reference", "pairs_disagree")
-"""Codes of notices that make a rig too uncertain by a method that has no sigmas of what it measures."""
+"""Codes of notices that make a rig too uncertain where the method computes no sigmas of its measurements."""
 _WORLD: Mapping[str, Quantity] = MappingProxyType({"scale": "scale", "vertical": "ground", "height of the ground": "ground"})
 MISSING = "camera_without_pose"
 EXPLAINS_MISSING = (
@@ -64,23 +65,23 @@ EXPLAINS_MISSING = (
 
 @dataclass(frozen=True)
 class _Sigma:
-    """What one camera, or the rig, measures too vaguely."""
+    """A quantity that one camera, or the rig, measures with too large a sigma."""
 
     quantity: Quantity
     cameras: tuple[str, ...]
     size: float | None
-    """Millimetres, or per cent of all lengths; None where nothing fixes it."""
+    """Millimetres, or per cent of all lengths; None where no evidence determines the quantity."""
     lacks: tuple[str, ...] = ()
-    """Parts of the world that nothing fixes."""
+    """Parts of the world that no evidence determines."""
 
 
 def doubts_of_uncertainty(rig: Rig, figures: SolverFigures, findings: Sequence[Finding]) -> list[Finding]:
-    """What is too uncertain to use, each with what explains it.
+    """Return a doubt for each quantity that is too uncertain to use, with the notice that explains it.
 
     Args:
         rig: in the world of the adjustment, metres.
-        figures: of the solver.
-        findings: notices that may explain it (`EXPLAINS`, `WITHOUT_SIGMAS`), among others.
+        figures: figures of the solver.
+        findings: notices that may explain a doubt (`EXPLAINS`, `WITHOUT_SIGMAS`), among other findings.
     """
     if not isinstance(figures, AdjustedFigures):
         given = [one for one in findings if one.code in WITHOUT_SIGMAS]
@@ -101,7 +102,7 @@ def doubts_of_uncertainty(rig: Rig, figures: SolverFigures, findings: Sequence[F
 
 
 def add_uncertainty_doubts(rig: Rig, figures: SolverFigures, findings: Sequence[Finding]) -> list[Finding]:
-    """The findings with these doubts as the figures have them now; notices that a doubt names are not said twice."""
+    """Return the findings with these doubts computed from the figures, and without the notices that a doubt contains."""
     others = [one for one in findings if one.code != CODE]
     doubts = doubts_of_uncertainty(rig, figures, others)
     said = [one.values["why"] for one in doubts]
@@ -109,14 +110,14 @@ def add_uncertainty_doubts(rig: Rig, figures: SolverFigures, findings: Sequence[
 
 
 def find_usable_m(rig: Rig) -> float:
-    """What points have to be known to in a rig, one sigma, metres."""
+    """Return the largest usable sigma of points in a rig, metres."""
     centres = np.array([camera.pose.centre for camera in rig if camera.pose is not None])
     extent = float(np.max(np.linalg.norm(centres - centres.mean(axis=0), axis=1))) + 1.0
     return min(SMALL_SHARE * extent, max(USABLE_M, LARGE_SHARE * extent))
 
 
 def _find_unbounded(rig: Rig, figures: AdjustedFigures) -> list[_Sigma]:
-    """What no evidence fixes, and everything where the adjustment ended before its optimum."""
+    """Find the quantities that no evidence determines, and all points where the adjustment ended before its optimum."""
     out = []
     if figures.rounds and not figures.rounds[-1].converged:
         out.append(_Sigma("points", (), None))
@@ -129,9 +130,9 @@ def _find_unbounded(rig: Rig, figures: AdjustedFigures) -> list[_Sigma]:
 
 
 def _find_vague_cameras(rig: Rig, figures: AdjustedFigures) -> list[_Sigma]:
-    """The cameras that measure points, or else positions on the ground, too vaguely."""
+    """Find the cameras that measure points, or else positions on the ground, with too large a sigma."""
     most_mm, free = 1000 * find_usable_m(rig), figures.undetermined or ()
-    on_ground_mm = ON_GROUND * max(most_mm, 1000 * USABLE_M)  # bodies are no smaller where a rig is
+    on_ground_mm = ON_GROUND * max(most_mm, 1000 * USABLE_M)  # no less in a small rig, as bodies are not smaller there
     grounded = not any(_WORLD.get(one) == "ground" for one in free)
     out = []
     for camera in figures.cameras:
@@ -152,17 +153,17 @@ def _find_vague_scale(figures: AdjustedFigures) -> list[_Sigma]:
 
 
 def doubt_missing_pose(cause: Finding, names: Sequence[str] | None = None) -> Finding:
-    """The doubt about cameras that a cause leaves without a pose: these, or all that it is about."""
+    """Return the doubt about cameras that a cause leaves without a pose: the cameras `names`; None: all that it is about."""
     return doubt(MISSING, *(cause.cameras if names is None else names), why=cause.as_value())
 
 
 def add_missing_camera_doubts(rig: Rig, findings: Sequence[Finding]) -> list[Finding]:
-    """The findings, first a doubt for each cause that leaves cameras without a pose, in place of what explains these cameras.
+    """Return the findings, first a doubt for each cause of missing poses, in place of the findings that explain these.
 
     Args:
-        rig: at least one camera has a pose.
-        findings: those that explain (`EXPLAINS_MISSING`) or earlier doubts of this kind, among others. Of several causes
-            about a camera the most specific one is kept.
+        rig: the solved rig; at least one camera has a pose.
+        findings: among others, those that explain a missing pose (`EXPLAINS_MISSING`), and earlier doubts of this kind. Of
+            several causes about a camera the most specific one is kept.
     """
     before = [Finding.of_value(one.values["why"]) for one in findings if one.code == MISSING and one.values["why"]]
     findings = [*before, *(one for one in findings if one.code != MISSING)]

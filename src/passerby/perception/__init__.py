@@ -1,4 +1,4 @@
-"""From videos to observations: decoding, the detector that needs no weights, networks, and the cache of what was measured.
+"""From videos to observations: decoding, a detector without weights, networks, and the cache of their results.
 
-Imports `interchange` and below; knows neither scenes nor solvers.
+Imports `interchange` and lower packages; does not import scenes or solvers.
 """

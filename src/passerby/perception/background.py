@@ -1,9 +1,9 @@
-"""People in the pictures of a static camera, found without any network: whatever differs from the empty scene.
+"""People in the pictures of a static camera, found without a network: everything that differs from the empty scene.
 
-The recording is gone through twice: `learn_background` takes a few pictures all over it and learns the empty scene and how tall
-people appear where; `BackgroundDetector` then compares every picture with it. OpenCV's subtractors, primed with the same
-pictures and followed by the same shapes, find fewer people as they are; with a background ratio of 0.6 MOG2 finds slightly
-more. CONTRIBUTING.md has the figures.
+The recording is read twice. `learn_background` takes a few pictures all over it, and learns the empty scene and the apparent
+height of people at each place. `BackgroundDetector` then compares every picture with it. OpenCV's subtractors, trained with the
+same pictures and followed by the same shapes, find fewer people with their defaults; with a background ratio of 0.6 MOG2 finds
+slightly more. CONTRIBUTING.md has the figures.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ from passerby.perception.people_shapes import Stature, find_people, find_upright
 from passerby.perception.pictures import Detections, Frame, Identity, Picture
 
 VERSION = 2
-"""Of what the detector finds: raised when the same options give other boxes."""
+"""Version of the detector's results: raised when the same options give other boxes."""
 LEAST_PICTURES = 5
-"""Fewer pictures cannot outvote a passer-by."""
+"""With fewer pictures a person who passes may become background."""
 SHADOW_PIXELS, SHADOWS_EVERY = 1000, 3
-"""At most about so many pixels of a picture tell how dark shadows are, and every third picture does."""
+"""Largest number of pixels per picture from which the tone of shadows is learnt; every third picture is used."""
 
 
 @dataclass(frozen=True)
@@ -43,13 +43,13 @@ class BackgroundOptions:
     """Options of the background's learning and of the detector. Raises `InputError` for a value out of range."""
 
     working_width: int = 960
-    """Pixels: wider pictures are compared at this width. A person who is too small at it is too small for the solver too."""
+    """Pixels: wider pictures are compared at this width. A person who is too small at it is also too small for the solver."""
     pictures: int = 60
-    """How many pictures a background is learnt from."""
+    """Number of pictures from which a background is learnt."""
     window_s: float = 300.0
-    """Each so many seconds get a background of their own: the light changes."""
+    """Seconds after which a new background is learnt: the light changes."""
     windows: int = 12
-    """At most so many backgrounds, longer windows then: the memory stays bounded."""
+    """Largest number of backgrounds; windows are longer then, so that memory is bounded."""
     shadows: ShadowOptions = field(default_factory=ShadowOptions)
 
     def __post_init__(self) -> None:
@@ -60,14 +60,14 @@ class BackgroundOptions:
 
 @dataclass(frozen=True)
 class Sampling:
-    """Which pictures of a recording the background is learnt from."""
+    """The pictures of a recording from which the background is learnt."""
 
     interval_s: float
     window_s: float
 
 
 def plan_sampling(duration_s: float, options: BackgroundOptions | None = None) -> Sampling:
-    """The sampling for a recording of so many seconds; 1 / interval_s is the rate at which to decode it."""
+    """Return the sampling for a recording of `duration_s` seconds; 1 / interval_s is the rate at which to decode it."""
     options = options or BackgroundOptions()
     if not duration_s > 0:
         raise InputError(
@@ -89,11 +89,11 @@ class BackgroundModel:
     colour: Picture
     """(W, h, w, 3) BGR at the working size."""
     noise: Levels
-    """(W, h, w, 3) standard deviations as `find_usual_colours` has them."""
+    """(W, h, w, 3) standard deviations as from `find_usual_colours`."""
     tone: Floats | None
-    """(3,) of the shadows, as `find_shadows` has it."""
+    """(3,) tone of the shadows, as in `find_shadows`."""
     stature: Stature | None
-    """How tall people appear, working pixels; None where too few stood alone."""
+    """Apparent height of people, working pixels; None where too few people stood alone."""
 
     @property
     def scale(self) -> float:
@@ -101,13 +101,13 @@ class BackgroundModel:
         return float(self.colour.shape[2] / self.size[0])
 
     def turned(self, degrees: int) -> BackgroundModel:
-        """The model of the pictures after they are turned clockwise by a multiple of 90 degrees, without people's stature."""
+        """Return the model of the pictures after they are turned clockwise by a multiple of 90 degrees, without stature."""
         size = self.size if degrees % 180 == 0 else self.size[::-1]
         colour, noise = (np.rot90(part, -degrees // 90, axes=(1, 2)).copy() for part in (self.colour, self.noise))
         return replace(self, size=size, colour=colour, noise=noise, stature=None)
 
     def to_arrays(self) -> dict[str, NDArray[Any]]:
-        """The model as named arrays, for numpy.savez."""
+        """Return the model as named arrays, for numpy.savez."""
         tone = np.zeros((0, 3)) if self.tone is None else self.tone[None]
         stature = self.stature
         plane = np.zeros((0, 5)) if stature is None else np.array([[*stature.plane, stature.spread, stature.boxes]])
@@ -122,7 +122,7 @@ class BackgroundModel:
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, NDArray[Any]]) -> BackgroundModel:
-        """The model of `to_arrays`."""
+        """Return the model from the arrays of `to_arrays`."""
         row = np.asarray(arrays["stature"], dtype=np.float64)
         stature = Stature(row[0, :3], float(row[0, 3]), int(row[0, 4])) if len(row) else None
         tone = np.asarray(arrays["tone"], dtype=np.float64)
@@ -138,10 +138,10 @@ def learn_background(
     """Learn the empty scene of a static camera.
 
     Args:
-        frames: pictures all over the recording in order of time, of one size; more than `sampling` asks for are passed over.
+        frames: pictures all over the recording in order of time, of one size; those beyond `sampling` are skipped.
         sampling: from `plan_sampling`.
-        options: the defaults where None.
-        seed: of the random numbers in the fit of people's heights.
+        options: options; None: the defaults.
+        seed: seed of the random numbers in the fit of people's heights.
 
     Returns:
         The model. Memory: the working pictures of one window and the backgrounds. Raises `EvidenceError` where there are fewer
@@ -165,7 +165,7 @@ def learn_background(
 
 
 class _Learner:
-    """Gathers the pictures of a window and learns from them when it is over."""
+    """Collects the pictures of a window and learns from them at its end."""
 
     def __init__(self, options: BackgroundOptions) -> None:
         self.options = options
@@ -190,7 +190,7 @@ class _Learner:
         self.times.append(frame.seconds)
 
     def close(self) -> None:
-        """Learn the window's background, and where people stood alone."""
+        """Learn the window's background, and the boxes of people who stood alone."""
         if self.size is None or len(self.pictures) < LEAST_PICTURES:
             return
         colour, noise = find_usual_colours(self.pictures)
@@ -205,7 +205,7 @@ class _Learner:
         self.times.clear()
 
     def _learn_tone(self, reference: Reference) -> None:
-        """Learn how dark shadows are, from the window's pictures and those before."""
+        """Learn the tone of shadows from the pictures of this window and those before."""
         for picture in self.pictures[::SHADOWS_EVERY]:
             shadows = foreground(picture, reference, self.options.shadows, None).shadows
             pixels = shadows.ratio[shadows.core > 0]
@@ -213,7 +213,7 @@ class _Learner:
         self.tone = shadow_tone(self.ratios)
 
     def finish(self, rng: np.random.Generator) -> BackgroundModel:
-        """The model of all windows."""
+        """Return the model of all windows."""
         self.close()
         if self.size is None or not self.backgrounds:
             raise EvidenceError(
@@ -226,7 +226,7 @@ class _Learner:
 
 
 def working_picture(picture: Picture, working_width: int) -> Picture:
-    """The picture at no more than the working width, smoothed: dark hair before dark leaves shows over several pixels."""
+    """Reduce the picture to the working width and smooth it: dark hair before dark leaves shows over several pixels."""
     height, width = picture.shape[:2]
     if width > working_width:
         rows = max(round(height * working_width / width), 1)
@@ -243,17 +243,17 @@ class BackgroundDetector:
         self._prepared: tuple[tuple[int, int, int], Reference] | None = None
 
     def turned(self, degrees: int) -> BackgroundDetector:
-        """The detector for the pictures after they are turned clockwise by a multiple of 90 degrees."""
+        """Return the detector for the pictures after they are turned clockwise by a multiple of 90 degrees."""
         model = self._model.turned(degrees)
         return BackgroundDetector(model, replace(self._options, working_width=model.colour.shape[2]))
 
     @property
     def identity(self) -> Identity:
-        """What decides its results, the model aside: that follows from the recording and the options."""
+        """Settings that determine its results, without the model, which follows from the recording and the options."""
         return {"detector": "background", "version": VERSION, **asdict(self._options)}
 
     def __call__(self, frame: Frame) -> Detections:
-        """The people in a frame, boxes in pixels of the whole picture; 1.0 for a person who stands alone, less where in doubt.
+        """Find the people in a frame, boxes in pixels of the whole picture. The score is 1.0 for a person who stands alone.
 
         Raises `InputError` for a picture of another size than the background's.
         """
@@ -265,12 +265,12 @@ class BackgroundDetector:
         found = foreground(picture, self._reference(frame.seconds), self._options.shadows, self._model.tone)
         scale = self._model.scale
         ltwh, score = find_people(found, self._model.stature, least_height(picture.shape[0], scale))
-        # An edge between working pixels lies as far from the picture's border as a share of the working picture says.
+        # Edges keep their position as a share of the working picture's width and height.
         factor = np.array([size[0] / picture.shape[1], size[1] / picture.shape[0]])
         return Detections(ltwh * np.tile(factor, 2), score)
 
     def _reference(self, seconds: float) -> Reference:
-        """The background at a time: between the middles of two windows a mixture, in steps of an eighth."""
+        """Return the background at a time: between the middles of two windows a mixture, in steps of an eighth."""
         times = self._model.seconds
         after = int(np.searchsorted(times, seconds))
         low, high = max(after - 1, 0), min(after, len(times) - 1)

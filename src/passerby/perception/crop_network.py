@@ -1,6 +1,6 @@
-"""Crops of people: cut out of pictures at the size that a network takes, and passed through it in batches.
+"""Crops of people: cut from pictures at the input size of a network, and passed through it in batches.
 
-Positions are continuous and count as OpenCV's, for boxes and joints alike: the middle of a picture's first pixel is (0, 0).
+Positions are continuous and as in OpenCV, for boxes and joints alike: the middle of a picture's first pixel is (0, 0).
 """
 
 from __future__ import annotations
@@ -26,36 +26,36 @@ _NUMBER_TYPES: dict[str, type[np.generic]] = {
     "tensor(int32)": np.int32,
     "tensor(int64)": np.int64,
 }
-# Below this size a person is a smear of a few pixels (a torso 3 px wide) that says nothing of the clothes.
+# Below this size a person is a blur of a few pixels (a torso 3 px wide) without information on the clothes.
 MIN_WIDTH_PX, MIN_HEIGHT_PX = 8.0, 16.0
-# Of a box with less than half of its area within the picture, the rest would be stretched into another person's shape.
+# If less than half of a box is in the picture, the visible part would be stretched into another person's shape.
 MIN_VISIBLE = 0.5
 
 
 @dataclass(frozen=True)
 class CropInput:
-    """How a network takes its crops, read from the file."""
+    """Format in which a network takes its crops, read from the file."""
 
     name: str
     kind: type[np.generic]
     channels_first: bool
-    """(N, 3, H, W) rather than (N, H, W, 3)."""
+    """True for (N, 3, H, W), False for (N, H, W, 3)."""
     size: tuple[int, int]
     """Width and height, pixels."""
     batch: int | None
-    """The number of crops that it takes at once; None for any."""
+    """Number of crops that it takes at once; None for any."""
 
 
 class CropNetwork:
-    """An ONNX file that is shown crops of one size."""
+    """An ONNX file whose input is crops of one size."""
 
     def __init__(self, network: Network, *, batch: int, open_size: tuple[int, int] | None = None) -> None:
         """Open the file.
 
         Args:
             network: the file and its conventions.
-            batch: crops at once, where the file takes any number.
-            open_size: width and height to use where the file leaves them open; None: a file must state them.
+            batch: number of crops at once, where the file takes any number.
+            open_size: width and height to use where the file leaves them open. None: the file must state them.
 
         Raises `InputError` for a file that does not open or takes no crops.
         """
@@ -71,7 +71,7 @@ class CropNetwork:
         return self.input.size
 
     def probed(self) -> list[NDArray[Any]]:
-        """The outputs for one black crop: their shapes are certain then. Raises `InputError` where the network does not run."""
+        """Return the outputs for one black crop, to know their shapes. Raises `InputError` where the network does not run."""
         width, height = self.size
         try:
             return self([np.zeros((height, width, 3), dtype=np.uint8)])
@@ -84,12 +84,12 @@ class CropNetwork:
             ) from error
 
     def __call__(self, crops: list[Picture]) -> list[NDArray[Any]]:
-        """The outputs for N crops of the right size, BGR: arrays (N, ...) in the file's order; N at least 1."""
+        """Return the outputs for N crops of the right size, BGR: arrays (N, ...) in the file's order; N at least 1."""
         parts = [self._run(crops[start : start + self._batch]) for start in range(0, len(crops), self._batch)]
         return [np.concatenate([part[k] for part in parts]) for k in range(len(parts[0]))]
 
     def _run(self, crops: list[Picture]) -> list[NDArray[Any]]:
-        """The outputs for at most one batch; the places left over in a batch of fixed size stay black."""
+        """Return the outputs for at most one batch; unused places in a batch of fixed size are black."""
         given = np.stack(crops)
         if self.input.batch is not None and len(crops) < self.input.batch:
             given = np.concatenate([given, np.zeros((self.input.batch - len(crops), *given.shape[1:]), dtype=np.uint8)])
@@ -103,7 +103,7 @@ class CropNetwork:
         return [answer[: len(crops)] for answer in answers]
 
     def _convert_layout(self, crops: NDArray[np.uint8]) -> NDArray[np.generic]:
-        """(N, 3, H, W) or (N, H, W, 3) as the network wants its colours, from (N, H, W, 3) BGR."""
+        """Convert crops (N, H, W, 3) BGR to the network's colours and layout: (N, 3, H, W) or (N, H, W, 3)."""
         convention = self.network.input
         values: NDArray[Any] = crops[..., ::-1] if convention.colour == "rgb" else crops
         if convention.scale != 1.0 or any(convention.mean) or set(convention.std) != {1.0}:
@@ -117,7 +117,7 @@ class CropNetwork:
 
 
 def crop_rows(ltwh: Floats) -> Floats:
-    """(N, 4) boxes, checked: raises `InputError` for another shape."""
+    """Check the shape of boxes (N, 4) and return them; raises `InputError` for another shape."""
     boxes = np.asarray(ltwh, dtype=np.float64)
     if boxes.size == 0:
         return np.zeros((0, 4))
@@ -127,7 +127,7 @@ def crop_rows(ltwh: Floats) -> Floats:
 
 
 def _crop_input(network: Network, ports: tuple[Port, ...], open_size: tuple[int, int] | None) -> CropInput:
-    """The one input of a network that takes crops; raises `InputError` that says what was found instead."""
+    """Return the input of a network that takes crops; otherwise raises `InputError` that states what was found instead."""
     found = "; ".join(map(str, ports)) or "nothing"
     needed = f"{network.path}: takes {found}: one input [N, 3, height, width] or [N, height, width, 3] is needed"
     if len(ports) != 1 or len(ports[0].shape) != 4:
@@ -150,7 +150,7 @@ def _crop_input(network: Network, ports: tuple[Port, ...], open_size: tuple[int,
 
 
 def is_recognisable(picture: Picture, ltwh: Floats) -> NDArray[np.bool_]:
-    """(N,) the boxes (N, 4) that are large enough and far enough inside of the picture to show how a person looks."""
+    """Return whether each box (N, 4) is large enough and far enough inside of the picture to show the appearance, (N,)."""
     height, width = picture.shape[:2]
     low = np.maximum(ltwh[:, :2], 0.0)
     visible = np.maximum(np.minimum(ltwh[:, :2] + ltwh[:, 2:], (width, height)) - low, 0.0)
@@ -159,14 +159,14 @@ def is_recognisable(picture: Picture, ltwh: Floats) -> NDArray[np.bool_]:
 
 
 def stretch_crop(picture: Picture, box: Floats, size: tuple[int, int]) -> Picture:
-    """The visible part of a box (4,), to whole pixels, stretched to `size` (width, height).
+    """Cut the visible part of a box (4,), rounded to whole pixels, and stretch it to `size` (width, height).
 
-    Averaged where the box is the larger (a striped shirt keeps its mean colour), interpolated where it is the smaller.
+    It is averaged if the box is larger (a striped shirt keeps its mean colour), and interpolated if the box is smaller.
     """
     height, width = picture.shape[:2]
     left, top, right, bottom = box[0], box[1], box[0] + box[2], box[1] + box[3]
     x0, y0 = min(max(round(left), 0), width - 1), min(max(round(top), 0), height - 1)
-    # At least one pixel, also of a box thinner than that.
+    # At least one pixel, also for a thinner box.
     x1, y1 = max(min(round(right), width), x0 + 1), max(min(round(bottom), height), y0 + 1)
     shrinking = x1 - x0 >= size[0] and y1 - y0 >= size[1]
     crop = cv2.resize(picture[y0:y1, x0:x1], size, interpolation=cv2.INTER_AREA if shrinking else cv2.INTER_LINEAR)
@@ -174,7 +174,7 @@ def stretch_crop(picture: Picture, box: Floats, size: tuple[int, int]) -> Pictur
 
 
 def enlarge_box(box: Floats, margin: float, aspect: float) -> Floats:
-    """(4,) the smallest box of the aspect ratio width / height that holds the box (4,) enlarged `margin` times; same centre."""
+    """Return the smallest box (4,) of aspect ratio width / height that holds the box enlarged `margin` times; same centre."""
     left, top, width, height = box
     new_height = margin * max(height, width / aspect)
     new_width = new_height * aspect
@@ -182,11 +182,11 @@ def enlarge_box(box: Floats, margin: float, aspect: float) -> Floats:
 
 
 def sample_crop(picture: Picture, box: Floats, size: tuple[int, int], padding: float = 0.0) -> Picture:
-    """A box (4,), wherever it lies, sampled to `size` (width, height); grey of `padding` (0 to 255) outside of the picture.
+    """Sample a box (4,) at any position to `size` (width, height); grey of `padding` (0 to 255) outside of the picture.
 
-    The crop's pixel (i, j), counted from 0, shows the picture at `left + (i + 0.5) * width / size[0]`, and so in height. Where
-    the box is more than twice as large, several samples are averaged, one for every two pixels of the picture: that is as far
-    as one bilinear sample looks.
+    The crop's pixel (i, j), counted from 0, shows the picture at `left + (i + 0.5) * width / size[0]`, and in height likewise.
+    If the box is more than twice as large as the crop, several samples are averaged, one for every two pixels of the picture:
+    one bilinear sample covers as much.
     """
     left, top, width, height = box
     times = max(1, int(np.ceil(max(width / size[0], height / size[1]) / 2.0)))

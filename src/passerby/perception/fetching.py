@@ -1,4 +1,4 @@
-"""Fetching a file of known size and SHA-256: resumed where it broke off, checked, and never seen before it is whole."""
+"""Download of a file of known size and SHA-256: resumed after a break, checked, and visible only when it is complete."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ from passerby.common.progress import Progress, silent, tell_failure
 from passerby.interchange.storage.transaction import try_lock
 
 OFFLINE = "PASSERBY_OFFLINE"
-"""Environment variable that forbids all downloads where it is set to anything but 0."""
+"""Environment variable that forbids all downloads if it is set to a value other than 0."""
 
 ANSWER_S = 6.0
-"""So long a server may take for names, connection and header together: who is offline behind a firewall that drops packets
-learns it after this time, whatever the number of the server's addresses."""
+"""Largest time for name resolution, connection and header together: users who are offline behind a firewall that drops packets
+see the error after this time, independent of the number of the server's addresses."""
 
 STALL_S = 20.0
-"""A transfer in which nothing arrives for so long is broken."""
+"""A transfer in which no data arrive for this time is broken."""
 
 IDLE_TRIES = 3
-"""A transfer that breaks is taken up again until so many tries in a row brought nothing."""
+"""A broken transfer is resumed until this number of attempts in a row brought no data."""
 
 CHUNK = 1 << 16
 KILOBYTE = 1000
@@ -40,20 +40,20 @@ LOCAL = {"localhost", "127.0.0.1", "::1"}
 
 
 class UnreachableError(Exception):
-    """A file that cannot be had just now: no network, no such page, no room in the cache. The message is one line."""
+    """A file that is not available now: no network, no such page, no space in the cache. The message is one line."""
 
 
 class _BrokenError(Exception):
-    """A transfer that began and did not come to its end."""
+    """A transfer that began and did not finish."""
 
 
 def offline() -> bool:
-    """Whether the user has forbidden downloads."""
+    """Check whether the user has forbidden downloads."""
     return os.environ.get(OFFLINE, "") not in ("", "0")
 
 
 def sha256_of(path: Path) -> str:
-    """The SHA-256 of a file in hex, about 1 ms a megabyte. Raises `InputError` when it cannot be read."""
+    """Return the SHA-256 of a file in hex, about 1 ms per megabyte. Raises `InputError` when it cannot be read."""
     try:
         with path.open("rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
@@ -62,20 +62,20 @@ def sha256_of(path: Path) -> str:
 
 
 def fetch(url: str, target: Path, sha256: str, size: int, tell: Progress = silent) -> None:
-    """Fetch `url` to `target`, unless it is there by the time that this process has its turn.
+    """Fetch `url` to `target`, unless it is there when it is this process's turn.
 
-    What has arrived is kept in a file `.NAME.HASH.part` beside it and gone on with after a break, by this call or a later one
-    (HTTP Range; a server that does not know it sends the whole again). Processes that want the same file take turns. `target`
-    appears by renaming, once its checksum is right. Proxies are taken from `http_proxy`, `https_proxy` and `no_proxy`.
+    Received data are kept in a file `.NAME.HASH.part` beside it and continued after a break, by this call or a later one (HTTP
+    Range; a server without it sends the whole file again). Processes that need the same file take turns. `target` appears by
+    renaming, after its checksum was found correct. Proxies are taken from `http_proxy`, `https_proxy` and `no_proxy`.
 
     Args:
         url: https, or http on this computer.
-        target: where the file shall lie; missing folders are made.
+        target: path of the file; missing folders are made.
         sha256: of the whole file, in hex.
         size: of the whole file, in bytes.
         tell: called with the number of kilobytes that have arrived.
 
-    Raises `UnreachableError` where the file cannot be had (what has arrived is kept), `InputError` where the server sends
+    Raises `UnreachableError` where the file is not available (received data are kept), `InputError` where the server sends
     another file (which is not kept).
     """
     if offline():
@@ -91,7 +91,7 @@ def fetch(url: str, target: Path, sha256: str, size: int, tell: Progress = silen
             resumed = part.exists()
             _complete_download(url, part, size, stage, tell)
             if resumed and sha256_of(part) != sha256:
-                # What a crash left may hold blocks that were never written: begin anew, once.
+                # After a crash the file may contain blocks that were never written: begin again, once.
                 part.unlink()
                 _complete_download(url, part, size, stage, tell)
             _accept(url, part, target, sha256, size)
@@ -107,7 +107,7 @@ def fetch(url: str, target: Path, sha256: str, size: int, tell: Progress = silen
 
 
 def _accept(url: str, part: Path, target: Path, sha256: str, size: int) -> None:
-    """Give the whole file its name, or delete it where it is not the right one."""
+    """Rename the complete file to its name, or delete it if it is not the right one."""
     found, length = sha256_of(part), part.stat().st_size
     if found != sha256:
         part.unlink()
@@ -119,7 +119,7 @@ def _accept(url: str, part: Path, target: Path, sha256: str, size: int) -> None:
 
 
 def _complete_download(url: str, part: Path, size: int, stage: str, tell: Progress) -> None:
-    """Bring `part` to `size` bytes (or beyond, where the server sends more), in as many tries as bring anything."""
+    """Download `part` up to `size` bytes (or more, if the server sends more); continue while attempts bring data."""
     tell(stage, 0, -(-size // KILOBYTE))
     idle = 0
     while (before := _length(part)) < size:
@@ -135,7 +135,7 @@ def _complete_download(url: str, part: Path, size: int, stage: str, tell: Progre
 
 
 def _receive(url: str, part: Path, start: int, size: int, stage: str, tell: Progress) -> None:
-    """Append what one request brings, from byte `start` on; a server that sends the whole again overwrites `part`."""
+    """Append the data of one request, from byte `start` on; if the server sends the whole file again, overwrite `part`."""
     response, start = _answer(url, start, size)
     with response, part.open("ab" if start else "wb") as file:
         for block in _blocks(response):
@@ -149,7 +149,7 @@ def _receive(url: str, part: Path, start: int, size: int, stage: str, tell: Prog
 
 
 def _blocks(response: Any) -> Iterator[bytes]:
-    """What an answer holds, as it arrives; `_BrokenError` where the network fails (and not the disk that it is written to)."""
+    """Yield the content of a response as it arrives; `_BrokenError` where the network fails (not the disk written to)."""
     try:
         while block := response.read1(CHUNK):
             yield block
@@ -158,7 +158,7 @@ def _blocks(response: Any) -> Iterator[bytes]:
 
 
 def _answer(url: str, start: int, size: int) -> tuple[Any, int]:
-    """An answer that holds the file from some byte on, and that byte: `start`, or 0 where the server does not do parts."""
+    """Request the file from a byte on; return the response and its first byte: `start`, or 0 from servers without parts."""
     response = _open(url, start)
     if response.status == http.client.PARTIAL_CONTENT:
         if response.headers.get("Content-Range") == f"bytes {start}-{size - 1}/{size}":
@@ -173,10 +173,10 @@ def _answer(url: str, start: int, size: int) -> tuple[Any, int]:
 
 
 def _open(url: str, start: int) -> Any:
-    """The answer to a request for the bytes from `start` on, or `UnreachableError`.
+    """Return the response to a request for the bytes from `start` on; raises `UnreachableError` without one.
 
-    Asked for in a thread of its own, for a name that cannot be resolved is waited for without a limit, and a connection is
-    tried with each of a server's addresses for the whole of the limit.
+    The request runs in a thread of its own, because name resolution has no time limit, and the connection is tried with each of
+    a server's addresses for the whole time limit.
     """
     headers = {"User-Agent": f"passerby/{__version__}", "Accept-Encoding": "identity"}
     request = urllib.request.Request(url, headers=headers | ({"Range": f"bytes={start}-"} if start else {}))
@@ -185,7 +185,7 @@ def _open(url: str, start: int) -> Any:
     def ask() -> None:
         try:
             answers.append(urllib.request.build_opener(_SafeRedirects).open(request, timeout=STALL_S))
-        except Exception as error:  # Whatever it is, it is raised below, in the thread that waits.
+        except Exception as error:  # Any error is raised below, in the thread that waits.
             answers.append(error)
 
     asking = threading.Thread(target=ask, daemon=True)
@@ -209,40 +209,41 @@ def _open(url: str, start: int) -> Any:
 
 
 class _SafeRedirects(urllib.request.HTTPRedirectHandler):
-    """Follows a redirection only to where a download may begin, too."""
+    """Follows a redirection only to addresses where a download may begin."""
 
     def redirect_request(self, req: Any, fp: Any, code: int, msg: str, headers: Any, newurl: str) -> Any:
-        """The request that follows. Raises `InputError` for an address that is not to be trusted."""
+        """Return the next request. Raises `InputError` for an address that is not trusted."""
         _check_scheme(newurl)
         return super().redirect_request(req, fp, code, msg, headers, newurl)
 
 
 def _check_scheme(url: str) -> None:
-    """Raises `InputError` for an address that others on the way could change."""
+    """Raise `InputError` for an address whose content others could change on the way."""
     parts = urllib.parse.urlsplit(url)
     if parts.scheme != "https" and not (parts.scheme == "http" and parts.hostname in LOCAL):
         raise InputError(f"{url}: is not an https address: models are fetched from https addresses only")
 
 
 def _host(url: str) -> str:
-    """Name (and port) of the server."""
+    """Return name (and port) of the server."""
     return urllib.parse.urlsplit(url).netloc
 
 
 def _explain_error(reason: object) -> str:
-    """What the operating system says, without its number."""
+    """Return the message of the operating system, without its number."""
     return str(getattr(reason, "strerror", None) or reason)
 
 
 def _length(part: Path) -> int:
-    """So many bytes have arrived."""
+    """Return the number of bytes that have arrived."""
     return part.stat().st_size if part.exists() else 0
 
 
 @contextmanager
 def _turn(lock: Path, name: str, tell: Progress) -> Iterator[None]:
-    """Hold the file `lock` for this process alone; a process that dies releases it. The empty file stays: to delete it
-    is a race.
+    """Hold the file `lock` for this process alone; a process that ends releases it.
+
+    The empty file is not deleted, because that would be a race.
     """
     with lock.open("ab") as file:
         while not try_lock(file):

@@ -1,7 +1,7 @@
 """One pass over the pictures of a video file, each with its number and time; groups without wanted pictures are skipped.
 
-A group begins with a key frame. Pictures that come after a key frame and are shown before it may need the group before it: they
-are left out where that one was not decoded, and where one of them is wanted that one is.
+A group begins with a key frame. Pictures that come after a key frame and are shown before it may need the group before it. They
+are left out where that group was not decoded; if one of them is wanted, that group is decoded.
 """
 
 from __future__ import annotations
@@ -19,44 +19,44 @@ from av.video.stream import VideoStream
 from passerby.perception.pictures import VideoError
 from passerby.perception.video_probe import VideoInfo
 
-# A file that ends this much before the length it tells, and this part of it, was cut off. Sound that lasts longer than the
-# pictures, where only a common length is stated, and lengths rounded to a second stay below.
+# A file that ends this many seconds before its stated length was cut off; the second value is for a length of the whole file.
+# Sound that lasts longer than the pictures, and lengths rounded to a second, stay below.
 SHORTFALL_S = 0.5
 SHORTFALL_OF_FILE_S = 2.0
-# So many reads in a row may fail before the rest of the file is given up.
+# Number of failed reads in a row after which the rest of the file is given up.
 FAILED_READS = 100
-# Timestamps that fall back by more belong to another recording behind the first: it is taken to follow at once.
+# Timestamps that go back by more than this belong to another recording behind the first, which is assumed to follow at once.
 JUMP_BACK_S = 1.0
 IsWanted = Callable[[int, float], bool]
-"""Of a picture's number and seconds."""
+"""Function of a picture's number and seconds."""
 MOST_PACKETS = 3000
-"""Of a group that is held back: where key frames are farther apart everything is decoded, so that the memory stays bounded."""
+"""Largest group that is held back: where key frames are farther apart everything is decoded, so that memory is bounded."""
 
 
 @dataclass(frozen=True)
 class Decoded:
-    """What became of a video that was read to its end."""
+    """Result of reading a video to its end."""
 
     pictures: int
-    """Pictures that the file gave, chosen or not."""
+    """Number of pictures in the file, chosen or not."""
     yielded: int
-    """Pictures that were chosen."""
+    """Number of chosen pictures."""
     seconds: float
-    """Timestamp of the last picture, from the first."""
+    """Timestamp of the last picture, seconds from the first."""
     broken: int
-    """Packets that could not be decoded, and pictures that were decoded with errors."""
+    """Number of packets that could not be decoded, and of pictures that were decoded with errors."""
     first_broken_s: float | None
-    """When the first of these would have been shown, about."""
+    """Approximate time at which the first of these would have been shown."""
     ended_early: str | None
-    """Where the file ends clearly before the length that it tells: one sentence about it."""
+    """One sentence, where the file clearly ends before the length that it states; else None."""
     cut_pieces: int = 0
-    """Pieces of a recording that end before the length that they tell."""
+    """Number of pieces of a recording that end before the length that they state."""
     failed_pieces: int = 0
-    """Pieces, or pictures, that could not be read after all."""
+    """Number of pieces, or pictures, that could not be read."""
 
 
 class FileReading:
-    """One pass over the pictures of a file, and what was noticed on the way."""
+    """One pass over the pictures of a file; counts errors on the way."""
 
     def __init__(self, info: VideoInfo, is_wanted: IsWanted | None = None) -> None:
         self._info, self._is_wanted = info, is_wanted
@@ -71,11 +71,11 @@ class FileReading:
         self._of_stream = True
 
     def pictures(self, container: InputContainer, stream: VideoStream) -> Iterator[tuple[int, float, VideoFrame]]:
-        """Number, seconds and picture, the numbers ascending."""
+        """Yield number, seconds and picture, in order of the numbers."""
         self._of_stream = stream.duration is not None
         packets = self._packets(container, stream)
         if container.format.name == "avi":
-            # Its packets have times of decoding only: a picture's own is not known before.
+            # AVI packets have decoding times only: the time of a picture is not known before it is decoded.
             self._is_wanted = None
         for packet in packets if self._is_wanted is None else sparse(packets, self._is_wanted_at):
             for frame in self._drained(stream) if isinstance(packet, PassedOver) else self._decode(stream, packet):
@@ -93,7 +93,7 @@ class FileReading:
             raise VideoError(self._info.path, "nothing of it can be decoded: copy the video again")
 
     def _drained(self, stream: VideoStream) -> list[VideoFrame]:
-        """The pictures that the decoder still holds; it begins anew afterwards."""
+        """Return the pictures that are still in the decoder, and reset it."""
         frames = self._decode(stream, None)
         stream.codec_context.flush_buffers()
         for frame in frames:
@@ -102,14 +102,14 @@ class FileReading:
         return frames
 
     def _is_wanted_at(self, time: float) -> bool | None:
-        """Whether the picture of a time of the stream will be chosen; None before the first picture."""
+        """Check whether the picture at a time of the stream will be chosen; None before the first picture."""
         if self._origin is None or self._is_wanted is None:
             return None
         seconds = self._info.taken_at(time - self._origin)
         return self._is_wanted(round(seconds * self._info.clock_fps) + 1, seconds)
 
     def _pass_over(self, time: float) -> None:
-        """Count pictures up to a time of the stream that are not decoded."""
+        """Advance number and time over pictures up to a time of the stream that are not decoded."""
         if self._origin is None:
             return
         seconds = self._info.taken_at(time - self._origin)
@@ -118,7 +118,7 @@ class FileReading:
             self._number, self._seconds, self._shown_s = number, seconds, time - self._origin
 
     def skip(self, container: InputContainer, stream: VideoStream, seconds: float) -> None:
-        """Go to the last key frame before so many seconds, where the file has timestamps and can seek; else stay."""
+        """Seek the last key frame before a time in seconds, if the file has timestamps and allows it; else stay."""
         try:
             first = next((frame for packet in container.demux(stream) for frame in packet.decode()), None)
         except FFmpegError:
@@ -132,7 +132,7 @@ class FileReading:
         self._origin = None if begin is None else float(begin)
 
     def _packets(self, container: InputContainer, stream: VideoStream) -> Iterator[Packet[VideoStream] | None]:
-        """The packets, past places where the file cannot be read; None at the end of one that breaks off."""
+        """Yield the packets, past unreadable places; None at the end of a file that breaks off."""
         failed = 0
         while failed < FAILED_READS:
             try:
@@ -148,7 +148,7 @@ class FileReading:
         yield None
 
     def _decode(self, stream: VideoStream, packet: Packet[VideoStream] | None) -> list[VideoFrame]:
-        """The pictures that a packet completes, or (None) that the decoder still holds; none where the packet is broken."""
+        """Return the pictures that a packet completes, or (None) those left in the decoder; none where the packet is broken."""
         try:
             return stream.decode(packet)
         except FFmpegError:
@@ -173,7 +173,7 @@ class FileReading:
             )
 
     def _count(self, frame: VideoFrame) -> None:
-        """Number and time of a picture by its timestamp or, without one, one step after the picture before."""
+        """Set number and time of a picture by its timestamp or, without one, one step after the previous picture."""
         clock = self._info.clock_fps
         if frame.pts is None or frame.time_base is None:
             step = clock / self._info.average_fps
@@ -192,7 +192,7 @@ class FileReading:
             self._number, self._seconds, self._shown_s = number, seconds, time - self._origin
 
     def summary(self, yielded: int) -> Decoded:
-        """What the pass came to."""
+        """Return the result of the pass."""
         promised = self._info.seconds
         end = self._seconds + 1.0 / self._info.average_fps
         early = None
@@ -203,7 +203,7 @@ class FileReading:
 
 @dataclass(frozen=True)
 class PassedOver:
-    """Pictures that are not decoded; before the next packet the decoder starts anew."""
+    """Pictures that are not decoded; the decoder is reset before the next packet."""
 
     last_s: float
     """Time of the last of them, in the stream's seconds."""
@@ -211,7 +211,7 @@ class PassedOver:
 
 @dataclass(eq=False)
 class _Group:
-    """A key frame and what follows it, in the order of decoding."""
+    """A key frame and the packets that follow it, in decoding order."""
 
     packets: list[Packet[VideoStream]] = field(default_factory=list)
 
@@ -220,16 +220,16 @@ class _Group:
         return _time(self.packets[0])
 
     def times(self, *, leading: bool) -> list[float]:
-        """Of the pictures that are shown before the key frame, or of the others, ascending."""
+        """Return the times of the pictures that are shown before the key frame (`leading`), or of the others, ascending."""
         shown = [_time(packet) for packet in self.packets if not packet.is_discard]
         return sorted(time for time in shown if (time < self.key_s) == leading)
 
     def decodable(self, *, continuous: bool) -> list[Packet[VideoStream]]:
-        """All packets, but for leading ones where the group before was not decoded."""
+        """Return all packets, without leading ones if the group before was not decoded."""
         return self.packets if continuous else [packet for packet in self.packets if _time(packet) >= self.key_s]
 
     def until(self, times: Collection[float], *, continuous: bool) -> list[Packet[VideoStream]]:
-        """Of these the packets up to the last one of some pictures: none of those behind it is needed for them."""
+        """Return these packets up to the last one of some pictures, which do not need the packets after it."""
         rest = self.decodable(continuous=continuous)
         return rest[: 1 + max(number for number, packet in enumerate(rest) if _time(packet) in times)]
 
@@ -243,12 +243,12 @@ def _time(packet: Packet[VideoStream]) -> float:
 def sparse(
     packets: Iterator[Packet[VideoStream] | None], is_wanted: Callable[[float], bool | None]
 ) -> Iterator[Packet[VideoStream] | PassedOver | None]:
-    """The packets that are needed for the wanted pictures, and what is passed over between them.
+    """Yield the packets that are needed for the wanted pictures, and `PassedOver` for the pictures between them.
 
     Args:
-        packets: of a file, in order; None at the end of one that breaks off.
-        is_wanted: of the time of a picture, asked once for each in the order in which they are shown; None while that cannot be
-            stated yet: what was asked so far is decoded, and asked again.
+        packets: packets of a file, in order; None at the end of one that breaks off.
+        is_wanted: called with the time of each picture once, in the order in which they are shown. None where that is not known
+            yet: the pictures so far are decoded, and it is called again.
     """
     held: _Group | None = None
     filling: _Group | None = None
@@ -258,7 +258,7 @@ def sparse(
     """Wanted pictures that are shown before the key frame of the group that is settled next."""
 
     def asked(times: list[float]) -> list[float] | None:
-        """Those that are wanted; None where that is not known yet."""
+        """Return the times that are wanted; None where that is not known yet."""
         unasked.extend(times)
         answers: list[float] = []
         while unasked:
@@ -276,7 +276,7 @@ def sparse(
         leading = asked(after.times(leading=True)) if after is not None else []
         early = leading or []
         if wanted is None or leading is None or leading:
-            # Whole, so that what follows can use it.
+            # The whole group, so that the next one can use it.
             yield from group.decodable(continuous=continuous)
             continuous = True
         elif own or wanted:

@@ -1,8 +1,8 @@
-"""Which pixels of a picture are not background.
+"""Foreground of a picture: the pixels that are not background.
 
-What a static camera sees without people: the usual colour of every pixel, and how much it varies.
+The background is what a static camera sees without people: the usual colour of every pixel, and how much it varies.
 
-Cast shadows: the background seen through less light.
+Cast shadows are background in less light.
 """
 
 from __future__ import annotations
@@ -20,22 +20,22 @@ from passerby.common.arrays import Floats
 from passerby.perception.pictures import Picture
 
 LEAST = 5.0
-"""Grey levels: compression changes flat areas by as much in the wake of people."""
+"""Least tolerance, grey levels: compression changes flat areas by as much where people have passed."""
 SIGMAS = 3.0
 RELATIVE = 0.03
-"""Part of the level: cameras and encoders are not linear, and bright areas do not follow the light's gain."""
+"""Tolerance as a share of the level: cameras and encoders are not linear, and bright areas do not follow the light's gain."""
 SHAKE_PX = 0.1
-"""How far the picture may have moved, pixels: sharp edges of the background need the tolerance."""
+"""Possible motion of the picture, pixels: sharp edges of the background need this tolerance."""
 CERTAIN = 2.0
-"""A region must somewhere differ by so many times the tolerance."""
+"""A region must differ somewhere by this multiple of the tolerance."""
 SUBSAMPLING = 4
-"""The light is measured on every fourth pixel both ways."""
+"""The light is measured on every fourth pixel in both directions."""
 Levels = NDArray[np.uint8]
 ROUNDS = 2
-"""How often the samples are halved: what is seen for more than half of the time wins, and where nothing is, what is seen for a
-quarter of it and agrees the best."""
+"""Number of times that the samples are halved. A colour seen for more than half of the time is found. Where there is none, the
+result is a colour that is seen for a quarter of the time and varies least."""
 ROWS = 32
-"""Rows worked on at once: the memory stays small."""
+"""Number of rows that are processed at once: the memory stays small."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,13 +45,13 @@ class Reference:
     colour: Picture
     """(H, W, 3) BGR."""
     tolerance: Levels
-    """(H, W, 3) grey levels."""
+    """(H, W, 3) grey levels by which a pixel may differ."""
     certain: Levels
-    """(H, W, 3) grey levels: a region must differ by more somewhere."""
+    """(H, W, 3) grey levels by more than which a region must differ somewhere."""
 
 
 def prepare_reference(colour: Picture, noise: Levels) -> Reference:
-    """A background ready for comparison; `noise` as `find_usual_colours` has it."""
+    """Prepare a background for comparison; `noise` as from `find_usual_colours`."""
     sigma = noise.astype(np.float32) / 8.0
     contrast = measure_local_contrast(colour).astype(np.float32)
     tolerance = LEAST + RELATIVE * colour.astype(np.float32) + SIGMAS * sigma + SHAKE_PX * contrast
@@ -60,7 +60,7 @@ def prepare_reference(colour: Picture, noise: Levels) -> Reference:
 
 
 def light_gain(picture: Picture, colour: Picture) -> Floats:
-    """(3,) each channel's brightness over the background's: median ratio of pixels neither dark nor burnt out."""
+    """Return each channel's brightness over the background's, (3,): median ratio of pixels neither dark nor saturated."""
     small = picture[::SUBSAMPLING, ::SUBSAMPLING].reshape(-1, 3).astype(np.float32)
     usual = colour[::SUBSAMPLING, ::SUBSAMPLING].reshape(-1, 3).astype(np.float32)
     gain = np.ones(3)
@@ -74,19 +74,19 @@ def light_gain(picture: Picture, colour: Picture) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class Shadows:
-    """What is shadow in a picture."""
+    """The shadows in a picture."""
 
     mask: Levels
     """(H, W) 255 for shadow."""
     core: Levels
-    """(H, W) the same without the rims."""
+    """(H, W) the same without the borders of the shadows."""
     ratio: Levels
     """(H, W, 3) ratio of the picture to its background, 128 for 1."""
 
 
 @dataclass(frozen=True, eq=False)
 class Foreground:
-    """What stands before the background of a picture."""
+    """Foreground of a picture, in front of its background."""
 
     body: Levels
     """(H, W) 255 for people and things, shadows left out."""
@@ -94,7 +94,7 @@ class Foreground:
 
 
 def foreground(picture: Picture, reference: Reference, options: ShadowOptions, tone: Floats | None) -> Foreground:
-    """Compare a picture with its background; `tone` as `find_shadows` has it."""
+    """Compare a picture with its background; `tone` as in `find_shadows`."""
     gain = light_gain(picture, reference.colour)
     usual = _brightened(reference.colour, gain)
     difference = cv2.absdiff(picture, usual)
@@ -106,7 +106,7 @@ def foreground(picture: Picture, reference: Reference, options: ShadowOptions, t
 
 
 def _brightened(colour: Picture, gain: Floats) -> Picture:
-    """The background in the light of a picture."""
+    """Return the background in the light of a picture."""
     if np.abs(gain - 1.0).max() < 1e-3:
         return colour
     levels = np.arange(256, dtype=np.float64)[:, None] * gain
@@ -115,14 +115,14 @@ def _brightened(colour: Picture, gain: Floats) -> Picture:
 
 
 def _merge_channels(excess: Any) -> Levels:
-    """255 where any of three channels is above 0."""
+    """Return 255 where any of three channels is above 0."""
     blue, green, red = cv2.split(excess)
     most = cv2.max(cv2.max(blue, green), red)
     return cast(Levels, cv2.threshold(most, 0, 255, cv2.THRESH_BINARY)[1])
 
 
 def _keep_seeded(mask: Levels, seed: Levels) -> Levels:
-    """The connected regions of a mask that hold a pixel of the seed."""
+    """Keep the connected regions of a mask that contain a pixel of the seed."""
     count, label = cv2.connectedComponents(mask, connectivity=8, ltype=cv2.CV_32S)
     keep = np.zeros(count, np.uint8)
     keep[label[seed > 0]] = 255
@@ -131,12 +131,12 @@ def _keep_seeded(mask: Levels, seed: Levels) -> Levels:
 
 
 def find_usual_colours(pictures: Sequence[Picture]) -> tuple[Picture, Levels]:
-    """The most frequent colour of every pixel, and its noise.
+    """Find the most frequent colour of every pixel, and its noise.
 
-    The colour is the half-sample mode of a channel: the shortest interval that holds half of the samples, then half of those
+    The colour of a channel is its half-sample mode: the shortest interval that contains half of the samples, then half of those
     (Robertson and Cryer, *An Iterative Procedure for Estimating the Mode*, JASA 1974), and of these the middle one. The noise
-    is the deviation that half of the samples keep to, as the standard deviation of a normal distribution: foliage in the wind
-    has much, passers-by add little.
+    is the median deviation from it, converted to the standard deviation of a normal distribution: it is large for foliage in
+    the wind, and people who pass add little.
 
     Args:
         pictures: n pictures (H, W, 3) of one size.
@@ -154,7 +154,7 @@ def find_usual_colours(pictures: Sequence[Picture]) -> tuple[Picture, Levels]:
 
 
 def _find_usual_colours(samples: Picture) -> tuple[Levels, Levels]:
-    """`find_usual_colours` of samples (n, ...), n first."""
+    """Compute `find_usual_colours` of samples (n, ...), n first."""
     count = len(samples)
     ordered = _sorted(list(samples.copy()))
     start, held = _densest(ordered)
@@ -164,7 +164,7 @@ def _find_usual_colours(samples: Picture) -> tuple[Levels, Levels]:
         np.copyto(usual, level, where=middle == position)
     deviation = _sorted([np.maximum(sample, usual) - np.minimum(sample, usual) for sample in samples])
     half = 0.5 * (deviation[(count - 1) // 2].astype(np.int16) + deviation[count // 2]).astype(np.float32)
-    # Values are rounded to whole grey levels: the mean deviation of the nearer half tells finer than its limit alone.
+    # Values are rounded to whole grey levels: the mean deviation of the nearer half has a finer resolution than its limit.
     near = deviation[: max(count // 2, 1)]
     nearer = np.add.reduce(near, dtype=np.uint32).astype(np.float32) / np.float32(len(near))
     sigma = np.maximum(half / 0.6745, nearer / 0.3247)
@@ -172,8 +172,8 @@ def _find_usual_colours(samples: Picture) -> tuple[Levels, Levels]:
 
 
 def _densest(ordered: Sequence[Levels]) -> tuple[NDArray[np.unsignedinteger], int]:
-    """The samples that lie closest together: the half, and of it the half, `ROUNDS` times; among equals the nearest to the
-    median. Where they begin among the n `ordered` (...) samples, ascending, and how many they are.
+    """Find the samples that are closest together: the half, and of it the half, `ROUNDS` times; of equal ones the nearest to
+    the median. Return the index of the first one in the n `ordered` (...) samples, ascending, and their number.
     """
     median, held = ordered[len(ordered) // 2], len(ordered)
     start = np.zeros(median.shape, np.min_scalar_type(len(ordered)))
@@ -193,9 +193,9 @@ def _densest(ordered: Sequence[Levels]) -> tuple[NDArray[np.unsignedinteger], in
 
 
 def _sorted(planes: list[Levels]) -> list[Levels]:
-    """Planes with each pixel's n values ascending; works in place on the list and the planes.
+    """Sort the n values of each pixel in ascending order; works in place on the list and the planes.
 
-    A sorting network (Batcher 1968, *Sorting Networks and Their Applications*): every step compares two whole planes, which is
+    A sorting network (Batcher 1968, *Sorting Networks and Their Applications*): each step compares two whole planes, which is
     several times faster than sorting each pixel's few values.
     """
     spare = np.empty_like(planes[0])
@@ -208,7 +208,7 @@ def _sorted(planes: list[Levels]) -> list[Levels]:
 
 @cache
 def _comparators(n: int) -> tuple[tuple[int, int], ...]:
-    """The pairs of places that Batcher's odd-even merge sort of n values compares, in order."""
+    """Return the pairs of indices that Batcher's odd-even merge sort of n values compares, in order."""
     out, merged = [], 1
     while merged < n:
         apart = merged
@@ -223,46 +223,46 @@ def _comparators(n: int) -> tuple[tuple[int, int], ...]:
 
 
 def measure_local_contrast(picture: Picture) -> Levels:
-    """(H, W, 3) half the range among a pixel's neighbours: by how many grey levels a shake of one pixel changes it."""
+    """Return half the range among a pixel's neighbours (H, W, 3): its change in grey levels for a shift of one pixel."""
     kernel = np.ones((3, 3), np.uint8)
     return cast(Levels, cv2.morphologyEx(picture, cv2.MORPH_GRADIENT, kernel) // 2)
 
 
 @dataclass(frozen=True)
 class ShadowOptions:
-    """What counts as a shadow."""
+    """Criteria for a shadow."""
 
     darkest: float = 0.4
     """Least ratio of a picture to its background: direct sun is seldom more than 60 % of the light."""
     lightest: float = 0.97
     chroma: float = 0.10
-    """Greatest difference of the ratio between channels."""
+    """Largest difference of the ratio between channels."""
     texture: float = 0.06
-    """Greatest standard deviation of the ratio among neighbours: the ground's texture is seen through a shadow."""
+    """Largest standard deviation of the ratio among neighbours: the ground's texture is visible through a shadow."""
     deepest: float = 0.75
-    """Least ratio as a fraction of that of the recording's shadows, where it is known: at the feet the sky is hidden too."""
+    """Least ratio as a fraction of that of the recording's shadows, if it is known: at the feet the sky is hidden too."""
     faintest: float = 0.35
-    """Greatest ratio, where that of the recording's shadows is known: so far towards no shadow. Thin ones are blurred."""
+    """Largest ratio, if that of the recording's shadows is known: this part of the way to 1. Thin shadows are blurred."""
 
 
 UNIT = 128
 """Ratio 1 in the 8-bit pictures of ratios."""
 RIM = 7
-"""Pixels: a shadow is grown by half of it, over its penumbra, where the ratio is not smooth."""
+"""Pixels: a shadow is grown by half of this, over its penumbra, where the ratio is not smooth."""
 FAINT = 0.8
-"""Shadows that take less of the light have no one tone: they are contact shadows, or come and go with the clouds."""
+"""Shadows with a larger ratio have no common tone: they are contact shadows, or change with the clouds."""
 LEAST_PIXELS = 2000
-"""So many pixels of shadow tell its tone."""
+"""Least number of shadow pixels from which the tone is computed."""
 LEAST_SHARE = 0.5
-"""Of those pixels that agree on the tone: under an overcast sky there is none, shadows fade out."""
+"""Least share of those pixels that agree on the tone: under an overcast sky there is no tone, because shadows fade out."""
 
 
 def find_shadows(
     picture: Picture, usual: Picture, mask: Levels, certain: Levels, options: ShadowOptions, tone: Floats | None
 ) -> Shadows:
-    """Which pixels of `mask` look like their background `usual` in less light.
+    """Find the pixels of `mask` that look like their background `usual` in less light.
 
-    Where the difference is not `certain`, a darker grey suffices: at the rim of a shadow the ratio is not smooth.
+    Where the difference is not `certain`, a darker grey is sufficient: at the border of a shadow the ratio is not smooth.
 
     Args:
         picture: (H, W, 3).
@@ -270,8 +270,8 @@ def find_shadows(
         mask: (H, W) 255 for foreground.
         certain: (H, W) 255 where the difference is large.
         options: what counts as a shadow.
-        tone: (3,) the ratio in this recording's shadows, by channel, where it is known: clothes that are grey like the ground
-            have another.
+        tone: (3,) the ratio in this recording's shadows, by channel: clothes that are grey like the ground have another. None
+            where it is not known.
     """
     ratio = cast(Levels, cv2.divide(picture, np.maximum(usual, 1), scale=UNIT))
     blue, green, red = cv2.split(ratio)
@@ -289,14 +289,14 @@ def find_shadows(
     else:
         low, high = options.deepest * tone * UNIT, (tone + options.faintest * (1.0 - tone)) * UNIT
         core = plausible & cast(Levels, cv2.inRange(ratio, low, high))
-    # Seen at a grazing angle a shadow is a few rows high.
+    # Seen at a grazing angle, a shadow is only a few rows high.
     core = cast(Levels, cv2.morphologyEx(core, cv2.MORPH_OPEN, np.ones((2, 4), np.uint8)))
     grown = cast(Levels, cv2.dilate(core, np.ones((RIM, RIM), np.uint8))) & plausible
     return Shadows(grown | (plausible & ~certain), core, ratio)
 
 
 def shadow_tone(ratios: Sequence[Levels]) -> Floats | None:
-    """(3,) the ratio, by channel, that most of the shadows' pixels (n, 3) have, 128 for 1; None without agreement."""
+    """Return the ratio, by channel (3,), of most of the shadows' pixels (n, 3), 128 for 1; None where they do not agree."""
     pixels = np.concatenate([np.zeros((0, 3), np.uint8), *ratios]).astype(np.float64) / UNIT
     pixels = pixels[pixels[:, 1] < 0.9]
     if len(pixels) < LEAST_PIXELS:
@@ -310,9 +310,9 @@ def shadow_tone(ratios: Sequence[Levels]) -> Floats | None:
 
 
 def recover_foreground(body: Levels, shadow: Levels) -> Levels:
-    """The body (H, W; 255) with what lies between two parts of it in a column of foreground: legs as grey as a shadow.
+    """Return the body (H, W; 255) with the foreground between two of its parts in a column added: legs as grey as a shadow.
 
-    A shadow has a part of a body above it, if any, or beside it; legs have one above and shoes below.
+    A shadow has a part of a body above it, if any, or beside it; legs have one above, and shoes below.
     """
     foreground = body | shadow
     rows = np.flatnonzero(shadow.any(axis=1))
@@ -330,7 +330,7 @@ def recover_foreground(body: Levels, shadow: Levels) -> Levels:
 
 
 def remove_slivers(body: Levels, shadow: Levels) -> Levels:
-    """The body (H, W; 255) without what is left of shadows' rims: less than three pixels thick, and beside a shadow."""
+    """Return the body (H, W; 255) without rests of shadow borders: less than three pixels thick, and beside a shadow."""
     square = np.ones((3, 3), np.uint8)
     thin = body & ~cast(Levels, cv2.morphologyEx(body, cv2.MORPH_OPEN, square))
     return body & ~(thin & cast(Levels, cv2.dilate(shadow, np.ones((RIM, RIM), np.uint8))))

@@ -1,8 +1,8 @@
-"""Results of stages kept in the output folder, so that a stopped run continues, and whether their videos are unchanged.
+"""Results of stages kept in the output folder, so that a stopped run continues, and checks that their videos are unchanged.
 
-A stage's results lie in a folder that is named by a key of all that decides them: its input, its options, its network and the
-versions of the libraries. They come in parts, each written whole or not at all, and a summary says that there will be no more.
-All of it carries a digest; what was damaged counts as missing and is made again.
+A stage's results are in a folder whose name has a key of everything that determines them: input, options, network and library
+versions. They are written in parts, each completely or not at all, and a summary states that there are no more parts. Each file
+has a digest; a damaged file counts as missing and is made again.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from passerby.interchange.storage.atomic import PART, cannot_write, write_bytes,
 from passerby.perception.video_probe import VideoInfo
 
 LEAST_SAMPLES = 2
-"""Of each piece's content; a piece of ten seconds is known by its size, beginning and end."""
+"""Least number of samples of each piece's content: the size, beginning and end identify a piece of ten seconds."""
 
 
 try:
@@ -36,29 +36,29 @@ except ImportError:  # Windows
 
 Arrays = dict[str, NDArray[Any]]
 SUMMARY = "summary.txt"
-"""A line of JSON, and its digest."""
+"""Its content is a line of JSON, and the digest of that."""
 KEY_LENGTH = 20
 DIGEST_BYTES = 16
 SAMPLES, SAMPLE_BYTES = 64, 1 << 16
-"""A file is known by its size and by so many evenly spread samples of its content: a hash of all of it would take minutes for
-the recordings of a day."""
+"""A file is identified by its size and by this number of evenly spread samples of its content: a hash of the whole content
+would take minutes for the recordings of a day."""
 
 
 @dataclass(frozen=True)
 class StageCache:
-    """One stage of one camera."""
+    """The kept results of one stage of one camera."""
 
     folder: Path
     key: str
 
     @classmethod
     def of(cls, shelf: Path, stage: str, identity: Mapping[str, Any]) -> StageCache:
-        """The stage of this identity on a camera's shelf."""
+        """Return the stage with this identity on a camera's shelf."""
         key = key_of(identity)
         return cls(shelf / f"{stage}-{key}", key)
 
     def load(self, part: int) -> Arrays | None:
-        """The arrays of a part; None where it is not there or damaged."""
+        """Return the arrays of a part; None where it is missing or damaged."""
         try:
             content = self._path(part).read_bytes()
         except OSError:
@@ -70,19 +70,19 @@ class StageCache:
             return {name: arrays[name] for name in arrays.files}
 
     def save(self, part: int, arrays: Arrays) -> None:
-        """Keep a part, whole or not at all. Raises `InputError` where the folder cannot be written."""
+        """Keep a part, completely or not at all. Raises `InputError` where the folder cannot be written."""
         archive = io.BytesIO()
         np.savez(archive, **arrays)  # type: ignore[arg-type]
-        # The archive's own checksums leave out its directory and headers. What comes after it disturbs no reader.
+        # The archive's own checksums do not include its directory and headers. Readers ignore data after the archive.
         write_bytes(self._path(part), archive.getvalue() + _digest(archive.getvalue()))
 
     def finish(self, summary: Mapping[str, Any]) -> None:
-        """Say that all parts are there. Raises `InputError` where the folder cannot be written."""
+        """Write the summary: all parts are there. Raises `InputError` where the folder cannot be written."""
         text = json.dumps(summary)
         write_text(self.folder / SUMMARY, f"{text}\n{_digest(text.encode()).hex()}\n")
 
     def summary(self) -> dict[str, Any] | None:
-        """What `finish` was given; None where the stage is not finished."""
+        """Return the argument of `finish`; None where the stage is not finished."""
         try:
             text, digest = (self.folder / SUMMARY).read_text(encoding="utf-8").splitlines()
         except (OSError, ValueError):
@@ -102,9 +102,9 @@ def _digest(content: bytes) -> bytes:
 
 @contextmanager
 def cache_lock(shelf: Path) -> Iterator[None]:
-    """Keep a camera's shelf for this process; another run that works in the same folder waits, then finds what was kept.
+    """Lock a camera's shelf for this process; another run in the same folder waits, and then finds the kept results.
 
-    A lock ends with its process, even a killed one's. Where the system has no such locks, two runs are not kept apart.
+    A lock ends with its process, even if that is killed. Where the system has no such locks, two runs are not separated.
     Raises `InputError` where the folder cannot be made.
     """
     try:
@@ -124,13 +124,13 @@ def cache_lock(shelf: Path) -> Iterator[None]:
 
 
 def key_of(identity: Mapping[str, Any]) -> str:
-    """A key that differs where anything differs that decides a stage's results."""
+    """Return a key that changes with everything that determines a stage's results."""
     text = json.dumps(identity, sort_keys=True, separators=(",", ":"))
     return hashlib.blake2b(text.encode(), digest_size=KEY_LENGTH // 2).hexdigest()
 
 
 def fingerprint(path: Path, samples: int = SAMPLES) -> dict[str, Any]:
-    """What tells a file's content from another's, wherever it lies, by its size and so many samples."""
+    """Return size and digest of samples, which identify a file's content independent of its path."""
     size = path.stat().st_size
     digest = hashlib.blake2b(digest_size=16)
     with path.open("rb") as file:
@@ -141,7 +141,7 @@ def fingerprint(path: Path, samples: int = SAMPLES) -> dict[str, Any]:
 
 
 def hash_of_arrays(*arrays: NDArray[Any]) -> str:
-    """A digest of the content of arrays."""
+    """Return a digest of the content of arrays."""
     digest = hashlib.blake2b(digest_size=16)
     for array in arrays:
         digest.update(f"{array.dtype}{array.shape}".encode())
@@ -150,7 +150,7 @@ def hash_of_arrays(*arrays: NDArray[Any]) -> str:
 
 
 def forget_others(shelf: Path, used: set[Path]) -> None:
-    """Delete the stages of a camera's shelf that are not among those used, and what killed runs left half-written."""
+    """Delete the stages of a camera's shelf that are not in `used`, and incomplete files of killed runs."""
     for folder in sorted(shelf.iterdir()) if shelf.is_dir() else ():
         if folder.is_dir() and folder not in used:
             shutil.rmtree(folder, ignore_errors=True)
@@ -159,7 +159,7 @@ def forget_others(shelf: Path, used: set[Path]) -> None:
 
 
 def video_identity(info: VideoInfo) -> dict[str, Any]:
-    """What decides the pictures of a video and their numbers, as plain values: its content, wherever it lies."""
+    """Return what determines the pictures of a video and their numbers, as plain values: its content, not its path."""
     if not info.pieces:
         if not info.frame_times:
             return fingerprint(info.path)
@@ -180,7 +180,7 @@ def video_identity(info: VideoInfo) -> dict[str, Any]:
 
 
 class VideoFilesState:
-    """The files of a video as they were when the reading began."""
+    """State of the files of a video when the reading began, to detect changes."""
 
     def __init__(self, info: VideoInfo) -> None:
         self._begins = [piece.begin_s for piece in info.pieces] or [0.0]
@@ -189,15 +189,15 @@ class VideoFilesState:
         self._single, self._next = not info.pieces, 0
 
     def grown(self, path: Path) -> bool:
-        """Whether a file that has changed is the same one, longer: it is still being written."""
+        """Check whether a changed file is the same one, longer: it is still being written."""
         (node, size, _), (before, shorter, _) = _state(path), self._states[self._files.index(path)]
         return node == before and size > shorter > 0
 
     def changed(self, seconds: float) -> Path | None:
-        """The first file that was written or replaced since, of those that begin by this second and were not checked before."""
+        """Return the first file written or replaced since, of those that begin by this second and were not checked before."""
         if self._single:
             return self._files[0] if _state(self._files[0]) != self._states[0] else None
-        # The piece at hand is looked at again when it is over.
+        # The present piece is checked again when it is over.
         while self._next < len(self._files) and self._begins[self._next] <= seconds:
             if _state(self._files[self._next]) != self._states[self._next]:
                 return self._files[self._next]
@@ -207,7 +207,7 @@ class VideoFilesState:
 
 
 def _state(path: Path) -> tuple[int, ...]:
-    """What changes when a file is written or replaced; zeros where it is gone, which those tell of who read it."""
+    """Return what changes when a file is written or replaced; zeros where it is missing, which the reader of it reports."""
     try:
         found = path.stat()
     except OSError:

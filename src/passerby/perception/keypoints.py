@@ -1,6 +1,6 @@
-"""Keypoints by networks that look at one person's crop: heatmaps, SimCC and MoveNet; and which of them to trust.
+"""Keypoints by networks that process one person's crop (heatmaps, SimCC and MoveNet), and rejection of implausible ones.
 
-Such a network always answers: with a neighbour's joints where two people share a crop, with a guess where a person is hidden.
+Such a network always gives joints: those of a neighbour where two people share a crop, or a guess where a person is hidden.
 
 SimCC: Li et al., "SimCC: a simple coordinate classification perspective for human pose estimation", ECCV 2022; RTMPose: Jiang
 et al., arXiv 2303.07399.
@@ -21,20 +21,20 @@ from passerby.perception.crop_network import CropNetwork, crop_rows, enlarge_box
 from passerby.perception.networks import Network
 from passerby.perception.pictures import Identity, KeypointEstimator, Picture
 
-# On one core larger batches bring nothing, and a keypoint network's activations are large.
+# On one core larger batches are not faster, and a keypoint network's activations are large.
 BATCH = 8
 
 
 class TopDownKeypoints(ABC):
-    """Crops about boxes in, joints as fractions of the crops out, and back to pixels of the whole picture."""
+    """A network of crops around boxes: its joints are fractions of the crops, and are converted to pixels of the picture."""
 
     kind: ClassVar[str]
     margin: ClassVar[float]
-    """The crop is the box enlarged so many times, then to the input's aspect ratio unless it is to be stretched."""
+    """The crop is the box enlarged by this factor, then extended to the input's aspect ratio unless it is to be stretched."""
     outputs_needed: ClassVar[str]
 
     def __init__(self, network: Network, *, batch: int = BATCH) -> None:
-        """Open the network; `batch`: crops at once where the file takes any number of them.
+        """Open the network; `batch` is the number of crops at once where the file takes any number of them.
 
         Raises `InputError` for a file that does not open or is not of this kind.
         """
@@ -49,24 +49,24 @@ class TopDownKeypoints(ABC):
     @staticmethod
     @abstractmethod
     def fits(shapes: list[tuple[int, ...]]) -> bool:
-        """Whether outputs of these shapes, without their first dimension, are of this kind."""
+        """Check whether outputs of these shapes, without their first dimension, are of this kind."""
 
     @abstractmethod
     def decoded(self, answers: Answers) -> tuple[Floats, Floats]:
-        """(N, 17, 2) joints x, y as fractions of the crop's width and height, 0 at its outer edge, and (N, 17) scores."""
+        """Decode joints x, y (N, 17, 2), fractions of the crop's width and height from its outer edge, and scores (N, 17)."""
 
     @property
     def identity(self) -> Identity:
-        """What decides its results: the network, its conventions, how crops are cut and which joints are believed."""
+        """Settings that determine its results: network, its conventions, how crops are cut and which joints are accepted."""
         return {"keypoints": self.kind, "version": 1, **self._crops.network.identity}
 
     @property
     def joints(self) -> tuple[str, ...]:
-        """COCO's 17."""
+        """The 17 joints of COCO."""
         return BODY_17
 
     def __call__(self, picture: Picture, ltwh: Floats) -> tuple[Floats, Floats]:
-        """(N, 17, 2) pixels of the whole picture and (N, 17) confidence, 0 where a joint was not found, of the boxes (N, 4)."""
+        """Find joints (N, 17, 2), pixels of the picture, and confidence (N, 17), 0 if not found, of boxes (N, 4)."""
         boxes = crop_rows(ltwh)
         xy, score = np.zeros((len(boxes), len(BODY_17), 2)), np.zeros((len(boxes), len(BODY_17)))
         rows = np.flatnonzero(is_recognisable(picture, boxes))
@@ -86,30 +86,30 @@ class TopDownKeypoints(ABC):
         return xy, score
 
     def _area(self, box: Floats, aspect: float) -> Floats:
-        """(4,) what of the picture is shown to the network for a box (4,)."""
+        """Return the area (4,) of the picture that the network is given for a box (4,)."""
         if self._crops.network.input.fit == "stretch":
             aspect = box[2] / box[3]
         return enlarge_box(box, self.margin, aspect)
 
 
 class HeatmapKeypoints(TopDownKeypoints):
-    """One output [N, J, h, w], a map of the crop with a bump at each joint; its height is the confidence."""
+    """A network with one output [N, J, h, w], a map of the crop with a peak at each joint; its height is the confidence."""
 
     kind: ClassVar[str] = "heatmaps"
-    # As these networks are trained and published.
+    # The value with which these networks are trained and published.
     margin: ClassVar[float] = 1.25
     outputs_needed: ClassVar[str] = "one output [N, keypoints, height, width] of 17, 26 or 133 keypoints, COCO's 17 first"
 
     @staticmethod
     def fits(shapes: list[tuple[int, ...]]) -> bool:
-        """One map a joint that is known."""
+        """Check for one map for each of a known number of joints."""
         return len(shapes) == 1 and len(shapes[0]) == 3 and shapes[0][0] in JOINT_COUNTS and min(shapes[0][1:]) >= 3
 
     def decoded(self, answers: Answers) -> tuple[Floats, Floats]:
-        """The tops of the bumps, as fractions of the map.
+        """Decode the positions of the peaks, as fractions of the map.
 
-        Families differ in where they place a map's cell on the crop, from its corner (HRNet) to corner on corner (UDP,
-        ViTPose): here its middle, which is half-way between them and within 1.5 of 256 pixels of both.
+        Families differ in the position of a map's cell on the crop: some use its corner (HRNet), some align corner with corner
+        (UDP, ViTPose). Here it is its middle, which is half-way between them and within 1.5 of 256 pixels of both.
         """
         maps = answers[0][:, : len(BODY_17)].astype(np.float64)
         n, joints, height, width = maps.shape
@@ -127,28 +127,28 @@ class MovenetKeypoints(TopDownKeypoints):
 
     kind: ClassVar[str] = "movenet"
     # Median distance to OpenPose's joints (44 pictures of one person, boxes 5 % larger than the joints' extent) as a share of
-    # the box's height, lightning and thunder: 1.46 % and 1.26 % at 1.0, 1.51 and 1.28 at 1.1, 1.59 and 1.35 at 1.2, 1.70 and
-    # 1.42 at 1.3. 1.1 has the most of lightning's joints within 5 % (97 %) and bears a box that cuts off the feet. A second
-    # pass on a crop about the first one's joints, as where there is no detector, does not pay: 1.59, 1.37 % in twice the time.
+    # the box's height, for lightning and thunder: 1.46 % and 1.26 % at 1.0, 1.51 and 1.28 at 1.1, 1.59 and 1.35 at 1.2, 1.70
+    # and 1.42 at 1.3. 1.1 has the most of lightning's joints within 5 % (97 %) and tolerates a box that cuts off the feet. A
+    # second pass on a crop around the first one's joints, as without a detector, is no better: 1.59, 1.37 % in twice the time.
     margin: ClassVar[float] = 1.1
     outputs_needed: ClassVar[str] = "one output [N, 1, 17, 3]: y, x and score of COCO's 17 keypoints"
 
     @staticmethod
     def fits(shapes: list[tuple[int, ...]]) -> bool:
-        """One output of 17 joints with three numbers each."""
+        """Check for one output of 17 joints with three numbers each."""
         return len(shapes) == 1 and shapes[0] in ((1, 17, 3), (17, 3))
 
     def decoded(self, answers: Answers) -> tuple[Floats, Floats]:
-        """As fractions of the crop already."""
+        """Return the joints, which are fractions of the crop already."""
         joints = answers[0].reshape(len(answers[0]), 17, 3).astype(np.float64)
         return joints[..., [1, 0]], joints[..., 2]
 
 
 class SimccKeypoints(TopDownKeypoints):
-    """RTMPose and its like: outputs [N, J, k W] and [N, J, k H] for an input W x H, with k (usually 2) bins a pixel."""
+    """RTMPose and similar: outputs [N, J, k W] and [N, J, k H] for an input W x H, with k (usually 2) bins per pixel."""
 
     kind: ClassVar[str] = "simcc"
-    # As these networks are trained and published.
+    # The value with which these networks are trained and published.
     margin: ClassVar[float] = 1.25
     outputs_needed: ClassVar[str] = (
         "two outputs [N, keypoints, bins along x] and [N, keypoints, bins along y] of 17, 26 or 133 keypoints, COCO's 17 first"
@@ -156,7 +156,7 @@ class SimccKeypoints(TopDownKeypoints):
 
     @staticmethod
     def fits(shapes: list[tuple[int, ...]]) -> bool:
-        """Two outputs of as many rows, with the joints that are known."""
+        """Check for two outputs with the same, known number of joints."""
         return (
             len(shapes) == 2
             and all(len(shape) == 2 and shape[1] >= 2 for shape in shapes)
@@ -165,9 +165,9 @@ class SimccKeypoints(TopDownKeypoints):
         )
 
     def decoded(self, answers: Answers) -> tuple[Floats, Floats]:
-        """The best bins: bin b stands for the crop's pixel b / k, counted from the middle of its first.
+        """Decode the best bins: bin b stands for the crop's pixel b / k, counted from the middle of the first pixel.
 
-        The confidence is the lesser of the two maxima, as their publisher's.
+        The confidence is the smaller one of the two maxima, as in the publisher's code.
         """
         fractions, scores = [], []
         for bins, pixels in zip(answers, self._crops.size, strict=True):
@@ -182,19 +182,19 @@ _KINDS = {kind.kind: kind for kind in (MovenetKeypoints, SimccKeypoints, Heatmap
 # Networks for more joints whose first 17 are COCO's: Halpe (26) and COCO-WholeBody (133).
 JOINT_COUNTS = (17, 26, 133)
 Answers = list[NDArray[Any]]
-# MoveNet (lightning and thunder alike) scores 0.5 % of the joints that it finds within 4 % of the person's height below this,
-# but 73 % of the joints of legs that are not in the crop; at 0.2 it is 0 % and 53 %. 0.3 is usual for RTMPose, too.
+# MoveNet (lightning and thunder alike) gives lower scores to 0.5 % of the joints that it finds within 4 % of the person's
+# height, and to 73 % of the joints of legs that are not in the crop; at 0.2 it is 0 % and 53 %. 0.3 is usual for RTMPose, too.
 MIN_SCORE = 0.3
-# A detector cuts feet, hands and hair by a few percent of the box; a joint farther outside of it is a neighbour's.
+# A detector cuts off feet, hands and hair by a few percent of the box; a joint farther outside of it is a neighbour's.
 OUTSIDE = 0.1
-# From eyes to ankles a standing person fills 0.9 of the box; one with only head and torso visible, 0.45.
+# From eyes to ankles a standing person takes 0.9 of the box's height; a person with only head and torso visible, 0.45.
 MIN_EXTENT = 0.3
 
 
 def open_keypoints(network: Network) -> KeypointEstimator:
-    """The estimator for a network's kind of output.
+    """Return the estimator for a network's kind of output.
 
-    Raises `InputError` for a file that does not open, is not of the kind that it is said to be, or finds no joints.
+    Raises `InputError` for a file that does not open, is not of the stated kind, or finds no joints.
     """
     kind = _KINDS.get(network.output)
     if kind is None:
@@ -203,11 +203,11 @@ def open_keypoints(network: Network) -> KeypointEstimator:
 
 
 def plausible_joints(xy: Floats, score: Floats, ltwh: Floats, picture_size: tuple[int, int]) -> Floats:
-    """Scores with 0 for what is not to be believed.
+    """Return the scores, set to 0 for joints that are not plausible.
 
     A joint is dropped below `MIN_SCORE`, outside of the picture, and farther from the box than `OUTSIDE` of the box's size in
-    that direction; a person whole when fewer than `MIN_JOINTS` are left or they reach over less than `MIN_EXTENT` of the box in
-    height.
+    that direction. A whole person is dropped when fewer than `MIN_JOINTS` are left or they extend over less than `MIN_EXTENT`
+    of the box's height.
 
     Args:
         xy: (N, J, 2) joints, pixels of the whole picture.
@@ -230,7 +230,7 @@ def plausible_joints(xy: Floats, score: Floats, ltwh: Floats, picture_size: tupl
 
 
 def _top(line: Floats, place: NDArray[np.int64]) -> Floats:
-    """(N, J) the top of a bell about the largest value of lines (N, J, L): of the parabola through three logarithms."""
+    """Find the peak (N, J) near the largest value of lines (N, J, L): that of the parabola through three logarithms."""
     length = line.shape[2]
     near = np.clip(place, 1, length - 2)[..., None] + np.array([-1, 0, 1])
     before, at, after = np.moveaxis(np.log(np.maximum(np.take_along_axis(line, near, axis=2), 1e-12)), 2, 0)

@@ -1,10 +1,10 @@
-"""A network of the user's own that sees a camera's field of view in one picture.
+"""A network of the user's own that estimates a camera's field of view from one picture.
 
-The contract of the ONNX file. One input, float, [1, 3, height, width]: a picture in RGB with values from 0 to 1, scaled to that
-height and width. Where the file leaves them open, the aspect ratio is kept, the longer side is 640 pixels at most, and both are
-multiples of 32. The first output is one number: the vertical field of view of the whole picture in radians, of a pinhole camera
-with its principal point in the middle. Other outputs, such as gravity, are ignored. Exports of GeoCalib or AnyCalib give fields
-or rays; a last layer that turns them into this number makes them fit.
+The ONNX file has one input, float, [1, 3, height, width]: a picture in RGB with values from 0 to 1, scaled to that height and
+width. Where the file leaves them open, the aspect ratio is kept, the longer side is 640 pixels at most, and both are multiples
+of 32. The first output is one number: the vertical field of view of the whole picture in radians, for a pinhole camera with its
+principal point in the middle. Other outputs, such as gravity, are ignored. Exports of GeoCalib or AnyCalib give fields or rays;
+they need a last layer that converts them to this number.
 """
 
 from __future__ import annotations
@@ -25,22 +25,22 @@ from passerby.perception.video import VideoReader
 from passerby.perception.video_probe import VideoInfo
 
 FOCAL_SD = 0.07
-"""One standard deviation of a focal length from one picture, as a share: such networks are off by 6 to 10 % at best."""
+"""Standard deviation of a focal length from one picture, as a share: the error of such networks is 6 to 10 % at best."""
 PICTURES, EVERY_S = 5, 2.0
-"""Pictures of a video from whose start the median is taken, and the seconds between them."""
+"""Number of pictures from the start of a video whose median is used, and the seconds between them."""
 OPEN_SIDE_PX, MULTIPLE = 640, 32
 FIELDS_OF_VIEW = math.radians(1.0), math.radians(175.0)
 CONTRACT = "[1, 3, height, width] of float"
 
 
 class LensNetwork:
-    """A network that was opened.
+    """An opened network.
 
     Args:
         path: the ONNX file.
 
     Raises:
-        InputError: no such file, no ONNX file, or inputs or outputs that are not as the contract says.
+        InputError: no such file, no ONNX file, or inputs or outputs that differ from the description in the module.
     """
 
     def __init__(self, path: Path) -> None:
@@ -58,7 +58,7 @@ class LensNetwork:
         self._output = output.name
 
     def vertical_fov(self, picture: Picture) -> float:
-        """The vertical field of view of a picture, radians. Raises `InputError` where the network gives none."""
+        """Estimate the vertical field of view of a picture, radians. Raises `InputError` where the network gives none."""
         height, width = self._size_for(picture)
         rgb = cv2.cvtColor(cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA), cv2.COLOR_BGR2RGB)
         pixels = np.ascontiguousarray(rgb.transpose(2, 0, 1)[None], dtype=np.float32) / np.float32(255.0)
@@ -75,7 +75,7 @@ class LensNetwork:
         return fov
 
     def _size_for(self, picture: Picture) -> tuple[int, int]:
-        """Height and width of the input for a picture."""
+        """Return height and width of the input for a picture."""
         height, width = picture.shape[:2]
         scale = min(1.0, OPEN_SIDE_PX / max(height, width))
         free = [max(MULTIPLE, round(side * scale / MULTIPLE) * MULTIPLE) for side in (height, width)]
@@ -86,7 +86,7 @@ _WANTED = "the first output has to be one number, the vertical field of view in 
 
 
 def median_vertical_fov(network: LensNetwork, pictures: Iterable[Picture]) -> float:
-    """The median over pictures of one camera, radians. Raises `InputError` where there are none."""
+    """Return the median over pictures of one camera, radians. Raises `InputError` where there are none."""
     found = [network.vertical_fov(picture) for picture in pictures]
     if not found:
         raise InputError("a video without pictures shows no field of view")
@@ -94,7 +94,7 @@ def median_vertical_fov(network: LensNetwork, pictures: Iterable[Picture]) -> fl
 
 
 def lens_from_video(network: LensNetwork, info: VideoInfo, lens: Lens) -> Lens:
-    """An uncalibrated pinhole lens with the focal length that a network sees in the video, known to `FOCAL_SD`."""
+    """Return an uncalibrated pinhole lens with the focal length that a network finds in the video, known to `FOCAL_SD`."""
     frames = islice(VideoReader(info, rate=1.0 / EVERY_S), PICTURES)
     fov = median_vertical_fov(network, (frame.picture for frame in frames))
     return lens.with_focal(0.5 * lens.size[1] / math.tan(fov / 2) / lens.focal, FOCAL_SD)

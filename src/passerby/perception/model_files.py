@@ -1,4 +1,4 @@
-"""Where the networks lie: the user's own file, a folder of models, or the cache that they are fetched to on first use."""
+"""Places of the networks: the user's own file, a folder of models, or the cache to which they are fetched on first use."""
 
 from __future__ import annotations
 
@@ -20,33 +20,33 @@ from passerby.perception.networks import ArchiveTable, InputConvention, ModelEnt
 
 AUTO = "auto"
 MODELS = "PASSERBY_MODELS"
-"""Environment variable: folders in which models lie, separated as in PATH."""
+"""Environment variable: folders that contain models, separated as in PATH."""
 
 
 class Found(NamedTuple):
-    """What a search for a network ends in."""
+    """Result of a search for a network."""
 
     network: Network | None
     reason: str = ""
-    """One line that tells why there is none; empty where there is one."""
+    """One line with the reason why there is none; empty where there is one."""
 
 
 @dataclass(frozen=True)
 class Copy:
-    """A file of a manifest's name that lies somewhere."""
+    """A file on this computer with the name of a model in the manifest."""
 
     entry: ModelEntry
     path: Path
     sha256: str
-    """As found, in hex."""
+    """Checksum of the file as found, in hex."""
 
     @property
     def right(self) -> bool:
-        """Whether it is the file that the manifest means."""
+        """Whether it is the file that the manifest specifies."""
         return self.sha256 == self.entry.sha256
 
     def check(self) -> None:
-        """Raises `InputError` where it is another file."""
+        """Raise `InputError` where it is another file."""
         if not self.right:
             raise InputError(
                 f"{self.path}: is not {self.entry.name}: SHA-256 {self.sha256} instead of {self.entry.sha256}: delete it and "
@@ -55,14 +55,14 @@ class Copy:
 
 
 def cache_folder() -> Path:
-    """Where fetched models are kept; it need not exist."""
+    """Return the folder of fetched models; it need not exist."""
     return platformdirs.user_cache_path("passerby") / "models"
 
 
 def model_folders(folder: Path | None = None) -> tuple[Path, ...]:
-    """Where models are looked for, in this order: `folder`, those of `PASSERBY_MODELS`, the cache.
+    """Return the folders that are searched for models, in this order: `folder`, those of `PASSERBY_MODELS`, the cache.
 
-    Raises `InputError` where a folder that a user named is none.
+    Raises `InputError` where a path that a user named is not a folder.
     """
     named = [(str(folder), folder)] if folder is not None else []
     named += [(f"{MODELS}: {text}", Path(text).expanduser()) for text in os.environ.get(MODELS, "").split(os.pathsep) if text]
@@ -81,21 +81,21 @@ def find_model(
     download: bool = True,
     tell: Progress = silent,
 ) -> Found:
-    """The network that a user means, fetched where it lies nowhere and its publisher can be reached.
+    """Find the network that a user names; fetch it where it is not on this computer and its publisher can be reached.
 
     Args:
         name_or_path: "auto" for the role's default, a name of the manifest, or the path of an ONNX file.
-        role: what it shall be used for.
+        role: its use.
         folder: a folder of models to look in first.
         base: the folder that a relative path starts from; the current one.
-        download: False to look only.
+        download: False to search only.
         tell: called with the progress of a download.
 
     Returns:
-        The network, its checksum and convention known; or None and the reason, where it lies nowhere and cannot be fetched now.
+        The network, with its checksum and convention; or None and the reason, where it is not here and cannot be fetched now.
 
-    Raises `InputError` for a file that is missing, is no network or one of another role, an unknown name, a file of a
-    known name with a wrong checksum, and a model that lies nowhere and that no address serves.
+    Raises `InputError` for a file that is missing, is no network or one of another role, an unknown name, a file of a known
+    name with a wrong checksum, and a model that is not on this computer and has no download address.
     """
     text = str(name_or_path)
     if _is_path(name_or_path):
@@ -120,7 +120,7 @@ def find_model(
 
 
 def fetch_model(entry: ModelEntry, tell: Progress = silent) -> Path:
-    """Fetch a model into the cache, unless it is there, and return where it lies.
+    """Fetch a model into the cache, unless it is there, and return its path.
 
     Raises `UnreachableError` where it is unavailable now, `InputError` where it has no download address or the file is wrong.
     """
@@ -136,7 +136,7 @@ def fetch_model(entry: ModelEntry, tell: Progress = silent) -> Path:
 
 
 def _fetch_unpacked(entry: ModelEntry, url: str, archive: ArchiveTable, path: Path, tell: Progress) -> None:
-    """Fetch a zip archive, and keep of it the network's file alone, if that is the right one."""
+    """Fetch a zip archive and keep only the network's file, if its checksum is correct."""
     packed = path.with_suffix(".zip")
     fetch(url, packed, archive.sha256, archive.bytes, tell)
     try:
@@ -154,7 +154,7 @@ def _fetch_unpacked(entry: ModelEntry, url: str, archive: ArchiveTable, path: Pa
 
 
 def copies_of(entry: ModelEntry, folder: Path | None = None) -> Iterator[Copy]:
-    """All files of a model's name, the one to use first, each with its checksum; one may be a wrong file."""
+    """Return all files with a model's name, the one to use first, each with its checksum; one may be a wrong file."""
     for place in model_folders(folder):
         path = place / entry.file
         if path.is_file():
@@ -162,7 +162,7 @@ def copies_of(entry: ModelEntry, folder: Path | None = None) -> Iterator[Copy]:
 
 
 def entry_of(name: str, role: Role | None = None) -> ModelEntry:
-    """The manifest's entry of a name. Raises `InputError` where there is none, or it is for another role."""
+    """Return the manifest's entry of a name. Raises `InputError` where there is none, or it is for another role."""
     entry = next((entry for entry in catalogue() if entry.name == name), None)
     if entry is not None and role in (None, entry.role):
         return entry
@@ -172,13 +172,13 @@ def entry_of(name: str, role: Role | None = None) -> ModelEntry:
 
 
 def _is_path(name_or_path: str | Path) -> bool:
-    """A path ends in .onnx, has a folder in it, or comes as one."""
+    """Check whether it is a path: it ends in .onnx, contains a folder, or is a `Path`."""
     text = str(name_or_path)
     return isinstance(name_or_path, Path) or text.lower().endswith(".onnx") or "/" in text or os.sep in text
 
 
 def _open_by_path(path: Path, role: Role) -> Network:
-    """A user's file: by its checksum one of the manifest's, whatever it is called, or else their own."""
+    """Open a user's file: by its checksum a network of the manifest, under any name, or else their own."""
     from passerby.perception.networks import read_own_network
 
     if not path.is_file():
@@ -193,6 +193,6 @@ def _open_by_path(path: Path, role: Role) -> Network:
 
 
 def _network(entry: ModelEntry, path: Path) -> Network:
-    """A file whose checksum is the entry's."""
+    """Return the network of an entry in a file with the entry's checksum."""
     convention = entry.input.over(InputConvention())
     return Network(entry.name, entry.role, path, entry.sha256, entry.output, convention, entry.licence)

@@ -1,8 +1,8 @@
-"""An ONNX file, its input and output conventions.
+"""ONNX networks, with their input and output conventions.
 
-The networks that Passerby knows: names, addresses, checksums, licences and input conventions, from manifest.toml.
+The known networks are in manifest.toml: names, addresses, checksums, licences and input conventions.
 
-The conventions of a network that the manifest does not know: by the file itself, by a note beside it, or else by its role.
+The conventions of other networks are stated in the file itself or in a note beside it, else they follow from the role.
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ Finite = Annotated[float, Field(allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
 PREFIX = "passerby."
 INPUT_KEYS = ("colour", "scale", "mean", "std", "fit", "padding")
-# Of ImageNet's pictures, with pixels from 0 to 1; what nearly every network that was trained in PyTorch expects.
+# Mean and standard deviation of ImageNet's pictures, with pixels from 0 to 1; nearly every PyTorch network expects them.
 IMAGENET_MEAN = (0.485, 0.456, 0.406)
 IMAGENET_STD = (0.229, 0.224, 0.225)
 
 
 @dataclass(frozen=True)
 class InputConvention:
-    """What a network takes; its size, layout and type are read from the file itself.
+    """Input convention of a network; its size, layout and type are read from the file itself.
 
     A pixel of value p, 0 to 255, enters as (p * scale - mean) / std, channel by channel in the network's order of colours.
     """
@@ -45,7 +45,7 @@ class InputConvention:
     mean: tuple[float, float, float] = (0.0, 0.0, 0.0)
     std: tuple[float, float, float] = (1.0, 1.0, 1.0)
     fit: Fit = "letterbox"
-    """letterbox: the aspect ratio is kept, the rest is padding; stretch: width and height are scaled each on its own."""
+    """letterbox: the aspect ratio is kept, the rest is padding; stretch: width and height are scaled independently."""
     padding: float = 114.0
     """Value of the padding, 0 to 255."""
 
@@ -53,28 +53,28 @@ class InputConvention:
 YOLOX = InputConvention()
 IMAGENET = InputConvention("rgb", 1.0 / 255.0, IMAGENET_MEAN, IMAGENET_STD, "stretch")
 TOP_DOWN = replace(IMAGENET, fit="letterbox", padding=0.0)
-"""RTMPose and its like: the crop has the input's aspect ratio, nothing is stretched."""
+"""For RTMPose and similar networks: the crop has the input's aspect ratio, nothing is stretched."""
 MOVENET = InputConvention("rgb", fit="letterbox", padding=0.0)
 COCO_JOINTS = 17
 
 
 @dataclass(frozen=True)
 class Network:
-    """A network that lies on this disk."""
+    """A network in a file on this computer."""
 
     name: str
-    """As the manifest calls it, or the file's name."""
+    """Name in the manifest, or the file's name."""
     role: Role
     path: Path
     sha256: str
-    """Of the file, in hex: it was checked where the manifest knows it."""
+    """Checksum of the file, in hex: it was verified for networks of the manifest."""
     output: Output
     input: InputConvention = field(default_factory=InputConvention)
     licence: str = "unknown"
 
     @property
     def identity(self) -> dict[str, object]:
-        """What decides its results, as plain values for JSON; where the file lies does not."""
+        """Settings that determine its results, as plain values for JSON; the file's path is not one of them."""
         convention = self.input
         return {
             "network": self.name,
@@ -96,7 +96,7 @@ class Table(BaseModel):
 
 
 class InputTable(Table):
-    """How pixels enter a network; what is not set is taken from the convention that it is laid over."""
+    """Conversion of pixels for a network; keys that are not set are taken from a base convention."""
 
     colour: Colour | None = None
     scale: Positive | None = None
@@ -106,7 +106,7 @@ class InputTable(Table):
     padding: Annotated[float, Field(ge=0.0, le=255.0)] | None = None
 
     def over(self, base: InputConvention) -> InputConvention:
-        """`base` with what is set here in place of its own values."""
+        """Return `base` with the values that are set here."""
         return InputConvention(
             base.colour if self.colour is None else self.colour,
             base.scale if self.scale is None else self.scale,
@@ -121,22 +121,22 @@ class ArchiveTable(Table):
     """A zip archive in which a network is published."""
 
     member: str
-    """The name of the network's file ends so in the archive."""
+    """End of the name of the network's file in the archive."""
     sha256: Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
     bytes: Annotated[int, Field(gt=0)]
 
 
 class ModelEntry(Table):
-    """What the manifest says of one network."""
+    """The manifest's entry of one network."""
 
     name: str
     role: Role
     file: str
-    """Its name on a user's disk; a file is known by it in the folders where models are looked for."""
+    """Its name on a user's disk, by which it is found in the folders that are searched for models."""
     url: str | None = None
-    """Where its publisher keeps exactly these bytes; None if there is none."""
+    """Address where its publisher keeps exactly these bytes; None if there is none."""
     archive: ArchiveTable | None = None
-    """What the address serves where it is not the network's file itself."""
+    """The archive that the address serves; None where it is the network's file itself."""
     sha256: Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
     bytes: Annotated[int, Field(gt=0)]
     licence: str
@@ -145,29 +145,29 @@ class ModelEntry(Table):
     note: str
     input: InputTable = InputTable()
     default: bool = False
-    """Whether "auto" means this one for its role."""
+    """Whether "auto" selects this one for its role."""
 
 
 class Manifest(Table):
-    """The file as a whole."""
+    """The whole file."""
 
     models: tuple[ModelEntry, ...]
 
 
 @cache
 def catalogue() -> tuple[ModelEntry, ...]:
-    """All networks of the manifest, in its order."""
+    """Return all networks of the manifest, in its order."""
     text = files("passerby.perception").joinpath("manifest.toml").read_text(encoding="utf-8")
     return Manifest.model_validate(tomllib.loads(text)).models
 
 
 def default_of(role: Role) -> ModelEntry | None:
-    """What "auto" means for a role where no choice is on this computer; None where the manifest names none."""
+    """Return the network that "auto" selects for a role if none is on this computer; None where the manifest names none."""
     return next((entry for entry in catalogue() if entry.role == role and entry.default), None)
 
 
 class Description(Table):
-    """What a user says of a network, in the keys of the manifest; all of them may be left out."""
+    """A user's description of a network, in the keys of the manifest; all of them are optional."""
 
     role: Role | None = None
     output: Output | None = None
@@ -183,18 +183,18 @@ class Description(Table):
 
 
 def read_own_network(path: Path, role: Role, sha256: str) -> Network:
-    """The network in a file that the manifest does not know.
+    """Read the network in a file that the manifest does not have.
 
-    Its convention is stated by the ONNX file's own `passerby.*` metadata, else by a file NAME.toml beside it; what neither says
-    is as usual for the role: a detector is a YOLOX (BGR 0 to 255, letterbox, padding 114), an embedder takes RGB crops
-    stretched to its input and normalised as ImageNet's pictures, and what keypoints are like is seen from the outputs.
+    Its convention is stated by the ONNX file's own `passerby.*` metadata, else by a file NAME.toml beside it. Other values are
+    the usual ones for the role: a detector is a YOLOX (BGR 0 to 255, letterbox, padding 114); an embedder takes RGB crops
+    stretched to its input and normalised as ImageNet's pictures; the kind of keypoint network is determined from the outputs.
 
     Args:
         path: the ONNX file.
-        role: what it shall be used for.
-        sha256: of the file, in hex.
+        role: its use.
+        sha256: checksum of the file, in hex.
 
-    Raises `InputError` where it is no ONNX file, or says something that cannot be, or that it is for another role.
+    Raises `InputError` where it is no ONNX file, or states an impossible value, or another role.
     """
     from passerby.perception.sessions import open_session, outputs_of
 
@@ -219,7 +219,7 @@ def read_own_network(path: Path, role: Role, sha256: str) -> Network:
 
 
 def _metadata(path: Path, session: Any) -> dict[str, str]:
-    """What an ONNX file says of itself. Raises `InputError` where that is no text."""
+    """Return the metadata of an ONNX file. Raises `InputError` where they are not text."""
     try:
         found: dict[str, str] = session.get_modelmeta().custom_metadata_map
     except UnicodeDecodeError:
@@ -228,7 +228,7 @@ def _metadata(path: Path, session: Any) -> dict[str, str]:
 
 
 def _nested(told: dict[str, str]) -> dict[str, Any]:
-    """Metadata, which are all texts, as the tables of a manifest: lists are numbers separated by commas or spaces."""
+    """Convert metadata, which are all texts, to the tables of a manifest: lists are numbers separated by commas or spaces."""
     pixels: dict[str, Any] = {key: told[key] for key in INPUT_KEYS if key in told}
     for key in ("mean", "std"):
         if key in pixels:
@@ -237,7 +237,7 @@ def _nested(told: dict[str, str]) -> dict[str, Any]:
 
 
 def _read_toml(path: Path) -> Description:
-    """The description in a file of its own."""
+    """Read the description from a file of its own."""
     try:
         return _check_description(str(path), parse_toml(read_text(path, "the description of a network")))
     except NotParsed as error:
@@ -245,7 +245,7 @@ def _read_toml(path: Path) -> Description:
 
 
 def _check_description(place: str, tables: dict[str, Any]) -> Description:
-    """Checked key by key; the first fault is the error."""
+    """Check a description key by key; the first error is raised."""
     try:
         return Description.model_validate(tables)
     except ValidationError as error:
@@ -260,7 +260,7 @@ def _check_description(place: str, tables: dict[str, Any]) -> Description:
 
 
 def _guess_output(path: Path, role: Role, shapes: list[tuple[int | None, ...]]) -> Output:
-    """What a network of a role gives if it is not stated; for keypoints from the shapes of its outputs.
+    """Return the output convention of a network if it is not stated; for keypoints from the shapes of its outputs.
 
     MoveNet: one output [1, 1, 17, 3]. SimCC (RTMPose): two, [N, joints, x bins] and [N, joints, y bins]. Heat maps: one,
     [N, joints, height, width].
@@ -281,7 +281,7 @@ def _guess_output(path: Path, role: Role, shapes: list[tuple[int | None, ...]]) 
 
 
 def _check_output(path: Path, role: Role, output: Output) -> None:
-    """Raises `InputError` where an output is not one that this role has."""
+    """Raise `InputError` where an output convention is not one of the role's."""
     known: dict[Role, tuple[Output, ...]] = {
         "detector": ("yolox",),
         "embedder": ("embedding",),
@@ -292,5 +292,5 @@ def _check_output(path: Path, role: Role, output: Output) -> None:
 
 
 def _guess_input(output: Output) -> InputConvention:
-    """What the networks of a kind were published with."""
+    """Return the input convention with which networks of a kind were published."""
     return {"yolox": YOLOX, "movenet": MOVENET, "simcc": TOP_DOWN, "heatmaps": TOP_DOWN}.get(output, IMAGENET)

@@ -1,4 +1,4 @@
-"""The stages that a plan names, ready to work. Networks are opened in the process that uses them."""
+"""Preparation of the stages that a plan names. Networks are opened in the process that uses them."""
 
 from __future__ import annotations
 
@@ -33,27 +33,27 @@ from passerby.perception.video import TURNS, VideoInfo, VideoReader, expected_co
 from passerby.perception.yolox import YoloxDetector, YoloxOptions
 
 UNKNOWN_LENGTH_S = 3600.0
-"""Taken for the length of a video that does not tell it: a background for every five minutes of an hour."""
+"""Length assumed for a video that does not state it: a background for every five minutes of an hour."""
 KEY_EVERY_S, FEWEST_KEYS = 2.0, 50
-"""The empty scene is learnt from key frames alone where its pictures are this far apart or more, and where there are so many:
-whatever lies between them need not be decoded."""
+"""The empty scene is learnt from key frames alone where its pictures are at least this far apart, and where at least this
+number of them is found: frames between them need not be decoded."""
 PICTURES, EVERY_S = 12, 2.0
-"""Pictures that are looked at, and the time between two of them where the video is long enough."""
+"""Number of pictures that are searched for people, and the time between two of them if the video is long enough."""
 FEW = 0.5
-"""People found in a picture on average, below which the video is looked at again."""
+"""Mean number of people found in a picture below which other turns of the video are tried."""
 CERTAIN = 0.5
 """Score of a person who counts: turned images have more weak false detections."""
 LEAST, TIMES = 6, 3
-"""So many people in the turned pictures, and so many times those in the pictures as they are."""
+"""A turn is chosen if it gives at least this number of people, and this multiple of the people without a turn."""
 
 
 def open_detector(network: Network, plan: Plan) -> Detector:
-    """A network that finds people. Raises `InputError` where it is none."""
+    """Open a network that finds people. Raises `InputError` where it does not."""
     return YoloxDetector(network, YoloxOptions(score=plan.min_score, tiles=plan.tiles))
 
 
 def open_embedder(choice: Network | Literal["stripes"]) -> Embedder:
-    """What describes how people look. Raises `InputError` where the network is no embedder."""
+    """Open the embedder of people's appearance. Raises `InputError` where the network is no embedder."""
     if isinstance(choice, Network):
         from passerby.perception.reid import ReidEmbedder
 
@@ -64,28 +64,28 @@ def open_embedder(choice: Network | Literal["stripes"]) -> Embedder:
 
 
 def open_estimator(network: Network) -> KeypointEstimator:
-    """A network that finds joints. Raises `InputError` where it is none."""
+    """Open a network that finds joints. Raises `InputError` where it does not."""
     from passerby.perception.keypoints import open_keypoints
 
     return open_keypoints(network)
 
 
 def background_identity() -> dict[str, Any]:
-    """What decides an empty scene as it is learnt, the video aside."""
+    """Return the settings that determine how an empty scene is learnt, without the video."""
     return {"background": VERSION, **asdict(BackgroundOptions())}
 
 
 def background_count(info: VideoInfo) -> int | None:
-    """About how many pictures an empty scene is learnt from; None where the file does not tell its length."""
+    """Return about how many pictures an empty scene is learnt from; None where the file does not state its length."""
     return expected_count(info, 1.0 / plan_sampling(info.seconds or UNKNOWN_LENGTH_S).interval_s)
 
 
 def open_background(kept: StageCache, info: VideoInfo, tell: Callable[[int], None], *, is_part: bool = False) -> Detector:
-    """Background subtraction, with the empty scene that is kept, or that is learnt now and kept.
+    """Open background subtraction with the kept empty scene, or learn the empty scene now and keep it.
 
-    `tell` is called with how many pictures were taken to learn from, after each.
+    `tell` is called after each picture that is used for learning, with their number.
 
-    Raises `InputError` for a video that is too short to tell the scene from the people, or that cannot be decoded.
+    Raises `InputError` for a video that is too short to separate the scene from the people, or that cannot be decoded.
     """
     arrays = kept.load(0)
     if arrays is None:
@@ -107,7 +107,7 @@ def _learn_whole(info: VideoInfo, tell: Callable[[int], None]) -> BackgroundMode
 
 
 def _learn_part(info: VideoInfo, tell: Callable[[int], None]) -> BackgroundModel:
-    """Learn the empty scene of some minutes of a long video, as one; from key frames where these suffice."""
+    """Learn the empty scene of some minutes of a long video, as one; from key frames where these are sufficient."""
     interval_s = plan_sampling(info.seconds or UNKNOWN_LENGTH_S).interval_s
     sampling = Sampling(interval_s, math.inf)
     if info.seconds is not None and interval_s >= KEY_EVERY_S:
@@ -122,14 +122,14 @@ def _learn_part(info: VideoInfo, tell: Callable[[int], None]) -> BackgroundModel
 
 
 def count_frames(frames: Iterable[Frame], tell: Callable[[int], None]) -> Iterator[Frame]:
-    """The frames; `tell` is called with how many have been taken."""
+    """Yield the frames; `tell` is called with the number of those taken."""
     for number, frame in enumerate(frames, start=1):
         yield frame
         tell(number)
 
 
 class GivenBoxes:
-    """The boxes that a file states, in place of a detector."""
+    """Boxes from a file, used in place of a detector."""
 
     def __init__(self, boxes: Boxes) -> None:
         self._boxes = boxes
@@ -138,18 +138,18 @@ class GivenBoxes:
 
     @property
     def identity(self) -> dict[str, Any]:
-        """The boxes' content."""
+        """Digest of the boxes' content."""
         return {"detector": "given", "boxes": hash_of_arrays(self._boxes.frame, self._boxes.ltwh)}
 
     def __call__(self, frame: Frame) -> Detections:
-        """The boxes of a frame, in the order of the file."""
+        """Return the boxes of a frame, in the order of the file."""
         rows = self._rows(frame.number)
         return Detections(self._boxes.ltwh[rows], self._boxes.score[rows])
 
     def named(self, frame: Ints, appearance: Vectors | None, keypoints: Keypoints) -> tuple[Boxes, Keypoints]:
-        """All boxes in the order of the file, with the embeddings of those that were looked at, and the joints by their names.
+        """Return all boxes in the order of the file, with the embeddings of the processed ones, and the joints with identities.
 
-        `frame` are the frame numbers of the rows that were looked at, as the pictures came.
+        `frame` are the frame numbers of the processed rows, in the order of the pictures.
         """
         rows = np.concatenate([self._rows(number) for number in np.unique(frame).tolist()] or [np.zeros(0, np.int64)])
         boxes = self._boxes
@@ -165,16 +165,16 @@ class GivenBoxes:
 
 
 def no_embeddings(rows: int, dimensions: int) -> Vectors:
-    """(rows, dimensions): embeddings of boxes that were not looked at."""
+    """Return embeddings (rows, dimensions) of boxes that were not processed: zeros."""
     return np.zeros((rows, dimensions), dtype=np.float32)
 
 
 def turn_that_shows_people(info: VideoInfo, detector: Detector) -> int:
-    """Degrees clockwise by which a video has to be turned so that people in it are found; 0 where no turn helps.
+    """Return the degrees clockwise by which a video has to be turned so that people in it are found; 0 where no turn helps.
 
     Args:
         info: the video.
-        detector: of the video as it is.
+        detector: the detector for the video without a turn.
 
     Raises:
         InputError: as `VideoReader`.

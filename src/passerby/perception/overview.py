@@ -16,13 +16,13 @@ from passerby.perception.stretches import MOST_LOOKS, Overview, Stretch, key_fra
 from passerby.perception.watching import CameraJob, Tell, identify_video
 
 VERSION = 1
-"""Of what a quick look finds."""
+"""Version of the results of a quick look."""
 WINDOW = 8
-"""Looks that share an empty scene: the light changes over a day, and fewer frames cannot outvote passers-by."""
+"""Number of looks that share an empty scene: light changes over a day, and with fewer frames people who pass stay in it."""
 
 
 def look_over(job: CameraJob, tell: Tell) -> Overview:
-    """Look at key frames all over a camera's video; what was kept of an earlier run is used again. Times are the video's own.
+    """Find people in key frames all over a camera's video, or load the kept results. Times are the video's own.
 
     Raises `InputError` where the video cannot be read or the shelf cannot be written.
     """
@@ -49,7 +49,7 @@ def look_over(job: CameraJob, tell: Tell) -> Overview:
 
 
 def learn_from_looks(frames: Iterable[Frame], step_s: float) -> Detector | None:
-    """Background subtraction by the key frames of a quick look, `step_s` apart; None where they are too few."""
+    """Return background subtraction from the key frames of a quick look, `step_s` apart; None with too few of them."""
     options = BackgroundOptions(window_s=WINDOW * step_s, windows=MOST_LOOKS)
     try:
         return BackgroundDetector(learn_background(frames, Sampling(step_s / 2, WINDOW * step_s), options))
@@ -58,7 +58,7 @@ def learn_from_looks(frames: Iterable[Frame], step_s: float) -> Detector | None:
 
 
 def _look(frames: Iterable[Frame], detector: Detector | None, tell: Callable[[int], None]) -> Iterator[tuple[float, Floats]]:
-    """The time of each frame, and (N, 2) where people stand in it, in parts of the image's width and height."""
+    """Yield the time of each frame and the feet (N, 2) of its people, as shares of the image's width and height."""
     for frame in count_frames(frames, tell):
         ltwh = np.zeros((0, 4)) if detector is None else detector(frame).ltwh
         height, width = frame.picture.shape[:2]

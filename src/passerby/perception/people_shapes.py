@@ -1,4 +1,4 @@
-"""From the foreground to boxes of people: whole ones, ones in parts, and people who occlude each other."""
+"""From the foreground to boxes of people: whole people, people in parts, and people who occlude each other."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from passerby.perception.foreground import Foreground, Levels
 ALONE = 1.0
 """Score of a person who stands alone and is as tall as expected."""
 UNKNOWN_HEIGHT = 0.7
-"""Score of an upright shape where it is not known how tall people are."""
+"""Score of an upright shape where the height of people is not known."""
 USUAL = 0.12
-"""Greatest deviation from the expected height, as a fraction, of a score of 1: the spread of people's heights is 5 %."""
+"""Largest deviation from the expected height, as a fraction, for a score of 1: the spread of people's heights is 5 %."""
 UNUSUAL = 0.5
 """Score of a person who stands alone and has another height: leaning, jumping, or without the head."""
 DIVIDED = 0.6
@@ -27,46 +27,46 @@ SHORT = 0.35
 CUT = 0.5
 """Score of a person who is cut by the picture's border."""
 HEIGHTS = (0.8, 1.2)
-"""Of one standing person, as fractions of the expected height."""
+"""Height of one standing person, as fractions of the expected height."""
 WIDEST = 0.62
-"""Of one standing person, as a fraction of the expected height: a long stride seen from the side."""
+"""Largest width of one standing person, as a fraction of the expected height: a long stride seen from the side."""
 LEAST_BOXES = 12
-"""Fewer boxes say too little about a plane of three unknowns."""
+"""Fewer boxes do not determine a plane with three unknowns."""
 ROUNDS = 20
 TRIALS = 200
 Labels = NDArray[np.int32]
 CLOSING = 0.02
 """Height of the gaps that are closed, as a fraction of the picture's height: belts, and legs behind a rope."""
 PART = 0.8
-"""Of the expected height: a lower region may be a part of a person."""
+"""A region lower than this, as a fraction of the expected height, may be a part of a person."""
 TALLEST = 1.15
-"""Of the expected height: what people's parts together may have."""
+"""Largest height of a person's parts together, as a fraction of the expected height."""
 GAP = 0.25
-"""Of the expected height, between two parts."""
+"""Largest gap between two parts, as a fraction of the expected height."""
 ASIDE = 0.2
-"""Of the expected height: the middles of two parts are no farther apart from side to side."""
+"""Largest horizontal distance of the middles of two parts, as a fraction of the expected height."""
 LEAST_HEIGHT = 0.04
-"""Of a person, as a fraction of the picture's height."""
+"""Least height of a person, as a fraction of the picture's height."""
 LEAST_PIXELS = 24
-"""Of a person's height: less has no shape."""
+"""Least height of a person, pixels: a smaller one has no shape."""
 ASPECTS = (1.2, 6.0)
 """Height over width of an upright person."""
 FILLS = (0.25, 0.95)
 """Share of its box that a person's silhouette covers."""
 PROMINENCE = 0.07
-"""Of a head over the shoulders or the neighbour beside it, as a fraction of the person's height: half of a head."""
+"""Prominence of a head over the shoulders or the neighbour beside it, as a fraction of the person's height: half of a head."""
 APART = 0.15
-"""Least distance between two heads, as a fraction of a person's height: less than the breadth of shoulders."""
+"""Least distance between two heads, as a fraction of a person's height: less than the width of shoulders."""
 TOLERANCE = 0.15
-"""Of the height of a divided person, as a fraction: people's heights spread by 5 %, and a missing head is 13 %."""
+"""Tolerance of the height of a divided person, as a fraction: people's heights spread by 5 %, and a missing head is 13 %."""
 BESIDE = 0.12
-"""Of a person's height: so far from a cut the feet may be the neighbour's."""
+"""Distance from a cut, as a fraction of a person's height, within which feet may be the neighbour's."""
 WIDTHS = (0.15, 0.65)
-"""Of one person, as a fraction of the expected height."""
+"""Width of one person, as a fraction of the expected height."""
 
 
 def find_people(foreground: Foreground, stature: Stature | None, least_pixels: float) -> tuple[Floats, Floats]:
-    """(N, 4) boxes and (N,) scores of the people in a foreground, working pixels."""
+    """Find the people in a foreground: boxes (N, 4) and scores (N,), working pixels."""
     found = silhouettes(foreground.body, least_pixels)
     if len(found) == 0:
         return np.zeros((0, 4)), np.zeros(0)
@@ -88,7 +88,7 @@ def find_people(foreground: Foreground, stature: Stature | None, least_pixels: f
 def _people(
     found: Silhouettes, row: int, shaped: bool, person: float, stature: Stature, least_pixels: float
 ) -> tuple[Floats, float]:
-    """(N, 4) people in one region and their score."""
+    """Return the people (N, 4) in one region and their score."""
     box = found.ltwh[row : row + 1].astype(np.float64)
     left, top, wide, high = found.ltwh[row]
     ratio = high / person
@@ -115,24 +115,24 @@ def _people(
 class Stature:
     """Height of an upright person's box as a function of its foot: for a camera above a plane it is linear in the picture.
 
-    h = a + b x + c y, pixels, for the middle (x, y) of the box's bottom edge; exact for a pinhole camera whose vertical
+    h = a + b x + c y, pixels, for the middle (x, y) of the box's bottom edge. This is exact for a pinhole camera whose vertical
     vanishing point is far away (Hoiem, Efros and Hebert, *Putting Objects in Perspective*, IJCV 2008, equation 4).
     """
 
     plane: Floats
     """(3,) a, b, c."""
     spread: float
-    """Standard deviation of a person's height about it, as a fraction."""
+    """Standard deviation of a person's height around it, as a fraction."""
     boxes: int
-    """How many boxes it was learnt from."""
+    """Number of boxes from which it was learnt."""
 
     def height(self, foot: Floats) -> Floats:
-        """(N,) expected heights of boxes whose bottom edges' middles are `foot` (N, 2), pixels; at least 1."""
+        """Return the expected heights (N,) of boxes whose bottom edges have the middles `foot` (N, 2), pixels; at least 1."""
         return np.asarray(np.maximum(self.plane[0] + foot @ self.plane[1:], 1.0))
 
 
 def learn_stature(ltwh: Floats, rng: np.random.Generator) -> Stature | None:
-    """The stature that most of the boxes (N, 4) agree with; None where they are too few or do not agree."""
+    """Fit the stature that most of the boxes (N, 4) agree with; None where they are too few or do not agree."""
     if len(ltwh) < LEAST_BOXES:
         return None
     foot = np.column_stack([ltwh[:, 0] + 0.5 * ltwh[:, 2], ltwh[:, 1] + ltwh[:, 3]])
@@ -143,7 +143,7 @@ def learn_stature(ltwh: Floats, rng: np.random.Generator) -> Stature | None:
     for _ in range(ROUNDS):
         error = height / np.maximum(normal @ plane, 1.0) - 1.0
         weight = cauchy_weights((error / 0.1) ** 2) / np.maximum(normal @ plane, 1.0)
-        # A weak pull to no slope, a tenth of a box: without boxes at different places the slope is unknown.
+        # A weak prior on no slope, with the weight of a tenth of a box: without boxes at different places the slope is unknown.
         ridge = np.diag([0.0, 1.0, 1.0]) * 0.1 / np.median(height)
         rows = np.vstack([normal * weight[:, None], ridge])
         plane = np.linalg.lstsq(rows, np.concatenate([height * weight, np.zeros(3)]), rcond=None)[0]
@@ -157,7 +157,7 @@ def learn_stature(ltwh: Floats, rng: np.random.Generator) -> Stature | None:
 
 
 def _consensus(design: Floats, height: Floats, rng: np.random.Generator) -> Floats:
-    """(3,) of the planes through three boxes, the one that the most boxes lie near to (RANSAC)."""
+    """Return the plane (3,) through three boxes that has most boxes near it (RANSAC)."""
     best, most = np.array([np.median(height), 0.0, 0.0]), -1.0
     for trial in range(TRIALS):
         if trial:
@@ -181,7 +181,7 @@ class Silhouettes:
     """The connected regions of a mask, working pixels."""
 
     label: Labels
-    """(H, W) 0 for the background, else the number of a region and 1."""
+    """(H, W) 0 for the background, else the index of a region plus 1."""
     ltwh: NDArray[np.int32]
     """(N, 4) bounding boxes."""
     area: NDArray[np.int32]
@@ -192,7 +192,7 @@ class Silhouettes:
 
 
 def silhouettes(mask: Levels, least_pixels: float) -> Silhouettes:
-    """The regions of a mask (H, W; 0 or 255) that are large enough to be a part of a person at least `least_pixels` tall."""
+    """Return the regions of a mask (H, W; 0 or 255) large enough for a part of a person `least_pixels` tall or taller."""
     rows = max(round(CLOSING * mask.shape[0]), 3) | 1
     closed = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, np.ones((rows, 3), np.uint8))
     _, label, measured, _ = cv2.connectedComponentsWithStats(closed, connectivity=8, ltype=cv2.CV_32S)
@@ -205,9 +205,9 @@ def silhouettes(mask: Levels, least_pixels: float) -> Silhouettes:
 
 
 def merge_silhouettes(found: Silhouettes, stature: Stature) -> Silhouettes:
-    """The regions, those joined that are parts of one person: above each other, and together no taller than people are.
+    """Join regions that are parts of one person: one above the other, and together not taller than people are.
 
-    A part is one that is itself too low for a person; a belt, a scarf or a signpost divides it from the next.
+    A part is itself too low for a person; a belt, a scarf or a signpost separates it from the next.
     """
     left, top, wide, high = found.ltwh.T.astype(np.float64)
     person = expected(found.ltwh.astype(np.float64), stature)
@@ -239,7 +239,7 @@ def merge_silhouettes(found: Silhouettes, stature: Stature) -> Silhouettes:
 
 
 def find_upright(found: Silhouettes, least_pixels: float) -> NDArray[np.bool_]:
-    """(N,) which regions have the shape of one upright person, whole in the picture."""
+    """Return which regions (N,) have the shape of one upright person, whole in the picture."""
     height, width = found.label.shape
     left, top, wide, high = found.ltwh.T
     fill = found.area / np.maximum(wide * high, 1)
@@ -250,22 +250,22 @@ def find_upright(found: Silhouettes, least_pixels: float) -> NDArray[np.bool_]:
 
 
 def least_height(rows: int, scale: float) -> float:
-    """Working pixels: the least height of a person in a working picture of so many rows, `scale` times the whole picture."""
+    """Return the least height of a person, pixels of a working picture of `rows` rows, `scale` times the whole picture."""
     return max(LEAST_HEIGHT * rows, LEAST_PIXELS * scale)
 
 
 def feet(ltwh: Floats) -> Floats:
-    """(N, 2) middles of the bottom edges."""
+    """Return the middles of the bottom edges (N, 2)."""
     return np.column_stack([ltwh[:, 0] + 0.5 * ltwh[:, 2], ltwh[:, 1] + ltwh[:, 3]])
 
 
 def expected(ltwh: Floats, stature: Stature) -> Floats:
-    """(N,) heights that people would have whose boxes stand where these do."""
+    """Return the expected heights (N,) of people whose boxes stand at the places of these."""
     return stature.height(feet(ltwh))
 
 
 def profiles(region: Levels) -> tuple[Floats, Floats]:
-    """(W,) first and (W,) one past the last row of every column of a region (H, W); H and 0 for empty columns."""
+    """Return the first row, and one past the last, of every column of a region (H, W), (W,) each; H and 0 for empty columns."""
     inside = region > 0
     empty = ~inside.any(axis=0)
     top = np.where(empty, len(region), inside.argmax(axis=0))
@@ -274,8 +274,8 @@ def profiles(region: Levels) -> tuple[Floats, Floats]:
 
 
 def heads(top: Floats, low: float, height: float) -> np.ndarray:
-    """Columns of the heads in an upper contour (W,), rows; `low` is the lowest row, `height` that of a person."""
-    # A third of the time that a calibration without videos takes to start.
+    """Find the columns of heads in an upper contour (W,), rows; `low` is the lowest row, `height` that of a person."""
+    # This import takes a third of the start time of a calibration without videos.
     from scipy.signal import find_peaks
 
     contour = np.concatenate([[-low], -np.minimum(top, low), [-low]])
@@ -284,15 +284,15 @@ def heads(top: Floats, low: float, height: float) -> np.ndarray:
 
 
 def divide_crowds(region: Levels, corner: tuple[int, int], stature: Stature) -> Floats:
-    """The people in a region who can be distinguished, each with head and feet.
+    """Find the people in a region who can be distinguished, each with head and feet.
 
-    The region is cut at the lowest point of the upper contour between two heads. A part that is not as tall as a person, where
-    it stands, is left out: its feet are hidden, or its head belongs to a person farther away.
+    The region is cut at the lowest point of the upper contour between two heads. A part without the height of a person at its
+    place is left out: its feet are hidden, or its head belongs to a person farther away.
 
     Args:
         region: (H, W) above 0 inside.
         corner: column and row of the region's first pixel in the picture.
-        stature: how tall people are.
+        stature: expected height of people.
 
     Returns:
         (N, 4) boxes in the picture.
@@ -322,7 +322,7 @@ def divide_crowds(region: Levels, corner: tuple[int, int], stature: Stature) -> 
 def _part(
     top: Floats, bottom: Floats, head: float, start: int, end: int, stature: Stature, corner: tuple[int, int]
 ) -> list[float] | None:
-    """The box of the columns from `start` to `end`, where they hold one person."""
+    """Return the box of the columns from `start` to `end`, if they contain one person."""
     left, above = corner
     filled = np.flatnonzero(bottom[start:end] > top[start:end])
     if len(filled) < 2:

@@ -1,7 +1,7 @@
-"""What passes between the stages of perception, and what each stage promises the next.
+"""Data types that the stages of perception exchange, and the interfaces of the stages.
 
-Pictures are (H, W, 3) of uint8, BGR as OpenCV has them. Boxes are left, top, width, height in pixels of the whole picture, with
-the origin where OpenCV has it, in the middle of the first pixel; only `Detections` count from that pixel's outer corner.
+Pictures are (H, W, 3) of uint8, BGR as in OpenCV. Boxes are left, top, width, height in pixels of the whole picture, with
+OpenCV's origin, the middle of the first pixel. Only `Detections` count from that pixel's outer corner.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from passerby.core.observations import Vectors
 
 Picture = NDArray[np.uint8]
 Identity = Mapping[str, Any]
-"""All that decides a stage's results, as plain values for JSON: its name, its options, the checksum of its network. Two stages
-with the same identity give the same results for the same pictures."""
+"""Settings that determine a stage's results, as plain values for JSON: its name, its options, the checksum of its network. Two
+stages with the same identity give the same results for the same pictures."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +31,7 @@ class Frame:
     number: int
     """From 1, by the clock of the video: see `passerby.perception.video.VideoInfo.clock_fps`."""
     seconds: float
-    """Its timestamp, from the video's first picture."""
+    """Its timestamp, seconds from the video's first picture."""
     picture: Picture
 
 
@@ -51,7 +51,7 @@ class Detections:
 
     @classmethod
     def none(cls) -> Detections:
-        """Nobody."""
+        """Return no detections."""
         return cls(np.zeros((0, 4)), np.zeros(0))
 
     def __len__(self) -> int:
@@ -59,29 +59,29 @@ class Detections:
 
 
 class Detector(Protocol):
-    """Finds people in pictures; one picture's result does not depend on which others it was shown before."""
+    """Finds people in pictures; the result for one picture does not depend on the pictures before it."""
 
     @property
     def identity(self) -> Identity:
-        """What decides its results."""
+        """Settings that determine its results."""
 
     def __call__(self, frame: Frame) -> Detections:
-        """The people in a frame."""
+        """Find the people in a frame."""
 
 
 class Embedder(Protocol):
-    """Describes how people look."""
+    """Describes the appearance of people."""
 
     @property
     def identity(self) -> Identity:
-        """What decides its results."""
+        """Settings that determine its results."""
 
     @property
     def dimensions(self) -> int:
         """Length of a vector."""
 
     def __call__(self, picture: Picture, ltwh: Floats) -> Vectors:
-        """(N, D) unit vectors of the boxes (N, 4); a row of zeros if unknown."""
+        """Compute unit vectors (N, D) of the boxes (N, 4); a row of zeros if unknown."""
 
 
 class KeypointEstimator(Protocol):
@@ -89,24 +89,24 @@ class KeypointEstimator(Protocol):
 
     @property
     def identity(self) -> Identity:
-        """What decides its results."""
+        """Settings that determine its results."""
 
     @property
     def joints(self) -> tuple[str, ...]:
         """Names of the J joints."""
 
     def __call__(self, picture: Picture, ltwh: Floats) -> tuple[Floats, Floats]:
-        """(N, J, 2) pixels of the whole picture and (N, J) confidence, 0 to 1, 0 for a joint that was not found."""
+        """Find joints (N, J, 2), pixels of the whole picture, with confidence (N, J), 0 to 1, 0 for one not found."""
 
 
 class VideoError(InputError):
-    """A video cannot be read, or not as it should be (exit status 2)."""
+    """A video cannot be read, or not as required (exit status 2)."""
 
     def __init__(self, path: Path, what: str) -> None:
-        """The message names the file and then says `what` is wrong with it, and what to do."""
+        """Compose the message from the file and `what`, which states the error and its remedy."""
         super().__init__(f"{path}: {what}")
         self.path, self.what = path, what
 
     def __reduce__(self) -> tuple[type[VideoError], tuple[Path, str]]:
-        # Between processes an exception is made anew from its arguments.
+        # An exception that another process raised is built again from its arguments.
         return type(self), (self.path, self.what)

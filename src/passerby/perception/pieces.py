@@ -1,4 +1,4 @@
-"""What is named instead of one video, and how to join it: recordings in pieces, still pictures."""
+"""Paths that users give in place of one video (recordings in pieces, still pictures), and how to join them."""
 
 from __future__ import annotations
 
@@ -21,21 +21,21 @@ JOIN_PICTURES = (
 )
 PATTERN = re.compile(r"[*?]|%0?\d*d")
 DEPTH, MOST = 4, 5000
-"""Folders in folders, and files, that are looked at: a network video recorder keeps day/hour/camera/piece."""
+"""Limits on nested folders and on files that are searched: a network video recorder keeps day/hour/camera/piece."""
 
 
 def walk_below(folder: Path) -> Iterator[Path]:
-    """The files in a folder and the folders in it, up to `DEPTH`, but for hidden ones."""
+    """Yield the files in a folder and its subfolders, up to `DEPTH`, without hidden ones."""
     return _list_below(folder, DEPTH)
 
 
 def files_below(folder: Path, endings: tuple[str, ...]) -> list[Path]:
-    """The files with one of these endings in a folder and the folders in it, up to `DEPTH` and `MOST`, but for hidden ones."""
+    """Return the files with one of these endings in a folder and its subfolders, within `DEPTH` and `MOST`; no hidden ones."""
     return [path for path in islice(_list_below(folder, DEPTH), MOST) if path.suffix.lower() in endings]
 
 
 def _list_below(folder: Path, depth: int) -> Iterator[Path]:
-    """Files, a folder's own before those of its folders."""
+    """Yield files, a folder's own before those of its subfolders."""
     try:
         entries = sorted(path for path in folder.iterdir() if not path.name.startswith("."))
     except OSError:
@@ -47,7 +47,7 @@ def _list_below(folder: Path, depth: int) -> Iterator[Path]:
 
 
 def why_no_video_is_there(folder: Path) -> str:
-    """What to do about a folder where a video is needed."""
+    """Return the error and remedy for a folder where a video is needed."""
     videos = files_below(folder, VIDEO_ENDINGS)
     if len(videos) > 1:
         return f"is a folder of {len(videos)} videos, not one: {JOIN_PIECES}, and name that file"
@@ -57,7 +57,7 @@ def why_no_video_is_there(folder: Path) -> str:
 
 
 def why_a_pattern_is_no_video(path: Path) -> str | None:
-    """What to do about a name that stands for many files; None where it does not."""
+    """Return the error and remedy for a name that stands for many files; None for another name."""
     if not PATTERN.search(str(path)) and not ("[" in path.name and glob(str(path))):
         return None
     join = JOIN_PICTURES if path.suffix.lower() in PICTURE_ENDINGS else JOIN_PIECES

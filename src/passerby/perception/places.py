@@ -1,4 +1,4 @@
-"""What a camera sees from its place in each stretch of a recording: kept with it, and compared to find moves in between."""
+"""A camera's view from its place in each stretch of a recording: kept with it, and compared to find moves between stretches."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from passerby.perception.steadiness import MOVED_PART, Move, Reference, centre_o
 
 
 def find_moves_between(views: Iterable[tuple[float, NDArray[np.uint8]]], size: tuple[int, int]) -> list[Move]:
-    """The moves of a camera that stood still while each of some views was made.
+    """Find the moves of a camera that stood still while each of some views was made.
 
-    A view in which no earlier one is recognised says nothing: the light may have changed in between.
+    A view in which no earlier one is recognised gives no information: the light may have changed in between.
 
     Args:
         views: seconds at which the camera began to see each view, and the view (`SteadinessWatcher.view`), in order of time.
@@ -24,7 +24,7 @@ def find_moves_between(views: Iterable[tuple[float, NDArray[np.uint8]]], size: t
     """
     moves = list[Move]()
     known: list[tuple[Reference, Floats]] = []
-    """Views in which no earlier one is recognised, each with the motion from it to where the camera stood last."""
+    """Views in which no earlier one is recognised, each with the motion from it to the camera's last place."""
     for seconds, view in views:
         for number in reversed(range(len(known))):
             reference, rest = known[number]
@@ -41,11 +41,11 @@ def find_moves_between(views: Iterable[tuple[float, NDArray[np.uint8]]], size: t
 
 
 def text_of_view(view: NDArray[np.uint8]) -> str:
-    """A grey picture (H, W) as text: PNG in base 64."""
+    """Convert a grey picture (H, W) to text: PNG in base 64."""
     return base64.b64encode(cv2.imencode(".png", view)[1].tobytes()).decode("ascii")
 
 
 def view_of_text(text: str) -> NDArray[np.uint8]:
-    """The picture (H, W) of `text_of_view`."""
+    """Convert the text of `text_of_view` back to the picture (H, W)."""
     picture = cv2.imdecode(np.frombuffer(base64.b64decode(text), dtype=np.uint8), cv2.IMREAD_GRAYSCALE)
     return np.asarray(picture, dtype=np.uint8)

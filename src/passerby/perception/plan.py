@@ -1,11 +1,11 @@
-"""How people are found: networks where available, methods without weights otherwise; and whose keypoints are measured.
+"""Choice of the methods: networks where available, else methods without weights; and of the people with keypoints.
 
-A joint is a point in space only where two cameras see it at one time. So whole time steps are chosen, the same ones in all
-cameras, and not people by themselves: a quarter of all boxes at times drawn alike gave 9.6 mm 0.042 degrees, a quarter drawn
-box by box 17.5 mm 0.161 degrees, and none 33.8 mm 0.329 degrees (rendered terrace, seed 700, networks, MoveNet lightning).
+A joint gives a point in space only where two cameras see it at one time. So whole time steps are chosen, the same ones in all
+cameras, and not single people. A quarter of all boxes at common times gave 9.6 mm 0.042 degrees, a quarter drawn box by box
+17.5 mm 0.161 degrees, and none 33.8 mm 0.329 degrees (rendered terrace, seed 700, networks, MoveNet lightning).
 
-The choice depends on the boxes and the clock alone, never on measured speed: a run that goes on where another was killed, or
-that takes the boxes from what is kept, chooses the same.
+The choice depends on the boxes and the clock alone, never on measured speed: a run that continues after a killed one, or that
+takes the boxes from kept results, makes the same choice.
 """
 
 from __future__ import annotations
@@ -32,28 +32,28 @@ from passerby.perception.tiles import Tiling
 BACKGROUND, NONE = "background", "none"
 STRIPES: Literal["stripes"] = "stripes"
 _OTHERWISE: Mapping[Role, str] = {"detector": BACKGROUND, "embedder": STRIPES, "keypoints": NONE}
-"""What takes the place of a network that "auto" means and that cannot be had."""
+"""Replacement of a network that "auto" selects and that is not available."""
 CROPS_PER_S = 3.0
-"""Crops a second of video, on average. MoveNet thunder takes 25 ms a crop, lightning 7 ms; YOLOX-nano with the re-ID network
-takes about 120 ms for the five images of a second with five people in them."""
+"""Average number of crops per second of video. MoveNet thunder takes 25 ms per crop, lightning 7 ms; YOLOX-nano with the re-ID
+network takes about 120 ms for the five images of a second with five people in them."""
 CROPS_AT_LEAST = 250.0
-"""Crops beyond that, whatever a video's length: a recording of ten seconds with five people in view, looked at five times a
-second, gives keypoints at all its times; cameras are registered by these where people barely walk."""
+"""Additional crops, for any length of a video: a recording of ten seconds with five people in view and five images per second
+gets keypoints at all its times. Where people walk little, they are needed to register cameras."""
 SLOT_S, SLOT_SHIFT_S = 0.4, 0.05
-"""Time is cut into slots, of which all images are taken or none. So long, cameras whose clocks differ by a part of a step have
-two samples next to each other to interpolate between. The shift keeps a slot's ends away from the times of usual frame
-rates."""
+"""Time is cut into slots of this length; all images of a slot are taken or none. With this length, cameras whose clocks differ
+by a part of a step have two neighbouring samples to interpolate between. The shift keeps a slot's ends away from the times of
+usual frame rates."""
 MIN_HEIGHT_PX = 40.0
-"""Below this, a joint of a person is as uncertain as a joint's distance from its neighbour."""
+"""For a smaller person, a joint's uncertainty is as large as its distance from the neighbouring joint."""
 MOST_COVERED = 0.3
-"""The share of a box that the box of a nearer person may cover: legs are hidden behind more of it, and a network finds the
+"""Largest share of a box that the box of a nearer person may cover: behind more of it, legs are hidden, and a network finds the
 neighbour's."""
 MIN_SCORE = 0.4
 
 
 @dataclass(frozen=True)
 class Plan:
-    """What all cameras' videos are watched with."""
+    """Methods with which all cameras' videos are processed."""
 
     detector: Network | None
     """None: background subtraction."""
@@ -62,15 +62,15 @@ class Plan:
     keypoints: Network | None
     """None: no joints."""
     keypoints_per_s: float | None = None
-    """People whose joints are found, in a second of video; None: everybody."""
+    """Number of people per second of video whose joints are found; None: all."""
     min_score: float = 0.25
     tiles: Tiling = "auto"
     notes: tuple[Finding, ...] = ()
-    """What could not be had."""
+    """Networks that were not available."""
 
     @property
     def figures(self) -> dict[str, Any]:
-        """As plain values for JSON."""
+        """The methods as plain values for JSON."""
 
         def told(choice: Network | str | None, without: str) -> dict[str, Any] | str:
             if isinstance(choice, Network):
@@ -87,7 +87,7 @@ class Plan:
 def make_plan(
     detector: str, embedder: str, keypoints: str, *, models: Path | None, base: Path | None, tell: Progress = silent
 ) -> Plan:
-    """Find the networks that are asked for, and fetch those that are not here.
+    """Find the requested networks, and fetch those that are not on this computer.
 
     Args:
         detector: "auto", "background", a model's name or the path of an ONNX file.
@@ -95,16 +95,16 @@ def make_plan(
         keypoints: "auto", "none", a name or a path.
         models: a folder of models to look in first.
         base: the folder that relative paths start from.
-        tell: called with the progress of a download and, at once, what is used in place of a network that cannot be had.
+        tell: called with the progress of a download and, at once, with the replacement of a network that is not available.
 
     Raises:
-        InputError: a network that was asked for by name or path is not there, or a file is not what it should be.
+        InputError: a network that was requested by name or path is not there, or a file is not as required.
     """
     notes: list[Finding] = []
     boxes = joints = None
 
     def lack(role: Role, why: str) -> None:
-        # Reported at once: what comes next may take an hour.
+        # Reported at once: the next steps may take an hour.
         notes.append(notice("network_missing", role=role, why=why))
         tell_warning(tell, text_of(notes[-1]))
 
@@ -119,7 +119,7 @@ def make_plan(
             lack("embedder", reason)
         described = appearance or STRIPES
     if keypoints == AUTO:
-        # Where the detector could not be fetched, a second attempt would fail as the first did.
+        # Where the detector could not be fetched, a second attempt would also fail.
         keypoints = keypoints_to_be_had(models, fetched=boxes is not None) or NONE
         if keypoints != NONE:
             joints, reason = _ask_for_model(keypoints, "keypoints", models, base, tell)
@@ -133,9 +133,9 @@ def make_plan(
 def foresee(
     detector: str, embedder: str, keypoints: str, *, models: Path | None, base: Path | None
 ) -> tuple[dict[str, Any], list[Finding]]:
-    """What `make_plan` would choose, with nothing fetched: choices as plain values for JSON, and what is to be fetched.
+    """Return what `make_plan` would choose, without fetching: choices as plain values for JSON, and networks to be fetched.
 
-    Arguments and errors as of `make_plan`; an empty choice is left out.
+    Arguments and errors as in `make_plan`; an empty choice is left out.
     """
     choices: dict[str, Any] = {}
     notes = []
@@ -158,10 +158,10 @@ def foresee(
 
 
 def keypoints_to_be_had(models: Path | None, *, fetched: bool = True) -> str | None:
-    """The name of the best network for joints that is on this computer, or that can be fetched; None where there is none.
+    """Return the name of the best network for joints on this computer, or of one that can be fetched; None without any.
 
-    `models` is a folder of models to look in first. Of several on this computer the largest is the most accurate one. What is
-    `fetched`, unless it shall not be, is the catalogue's default.
+    `models` is a folder of models to look in first. Of several networks on this computer the largest is the most accurate. If
+    `fetched` is True, the catalogue's default may be fetched.
     """
     here = [
         entry for entry in catalogue() if entry.role == "keypoints" and any(copy.right for copy in copies_of(entry, models))
@@ -173,7 +173,7 @@ def keypoints_to_be_had(models: Path | None, *, fetched: bool = True) -> str | N
 
 
 def _find_network(wanted: str, role: Role, models: Path | None, base: Path | None, tell: Progress) -> Found:
-    """The network, or why there is none; `InputError` where that was not left to us."""
+    """Find the network, or the reason why there is none; raises `InputError` where the user requested a particular one."""
     found = _ask_for_model(wanted, role, models, base, tell)
     if found.network is None and wanted != AUTO:
         raise InputError(f"[perception] {role} = {wanted!r}: {found.reason}")
@@ -183,7 +183,7 @@ def _find_network(wanted: str, role: Role, models: Path | None, base: Path | Non
 def _ask_for_model(
     wanted: str, role: Role, models: Path | None, base: Path | None, tell: Progress, *, download: bool = True
 ) -> Found:
-    """As `find_model`; errors name the key."""
+    """Call `find_model`; errors name the key of the scene file."""
     try:
         return find_model(wanted, role, models, base=base, download=download, tell=tell)
     except InputError as error:
@@ -191,41 +191,41 @@ def _ask_for_model(
 
 
 def _as_plain_values(network: Network) -> dict[str, Any]:
-    """A network as plain values for JSON."""
+    """Return a network as plain values for JSON."""
     return {"network": network.name, "sha256": network.sha256, "licence": network.licence}
 
 
 @dataclass(eq=False)
 class JointBudget:
-    """Chooses boxes, image after image, as they come."""
+    """Chooses boxes image after image, within a budget."""
 
     per_s: float
-    """Crops a second of video."""
+    """Crops per second of video."""
     rate: float
-    """Images a second of video."""
+    """Images per second of video."""
     images: int | None
-    """How many there will be; None where the video does not tell its length."""
+    """Total number of images; None where the video does not state its length."""
     share: float = 1.0
-    """The part of the recording that they are."""
+    """Share of the recording that they cover."""
     _seen: int = field(default=0, init=False)
-    """Images so far,"""
+    """Number of images so far."""
     _worth: int = field(default=0, init=False)
-    """people in them whose keypoints are worth it,"""
+    """Number of people in them who are suitable for keypoints."""
     _used: int = field(default=0, init=False)
-    """and those of them that were chosen."""
+    """Number of those that were chosen."""
 
     @property
     def at_least(self) -> float:
-        """Crops beyond `per_s`."""
+        """Crops in addition to `per_s`."""
         return CROPS_AT_LEAST * self.share
 
     @property
     def identity(self) -> dict[str, Any]:
-        """What decides the choice, the boxes aside."""
+        """Settings that determine the choice, without the boxes."""
         return {"budget": 1, "per_s": self.per_s, "at_least": self.at_least, "rate": self.rate, "images": self.images}
 
     def choose(self, seconds: float, ltwh: Floats, score: Floats, size: tuple[int, int]) -> Ints:
-        """The rows of the boxes to measure keypoints in.
+        """Choose the rows of the boxes in which keypoints are found.
 
         Args:
             seconds: time of the image by the video's clock; later than that of the call before.
@@ -243,15 +243,15 @@ class JointBudget:
         return rows
 
     def _share(self) -> float:
-        """The share of all slots that the budget lasts for, with as many people in each image as there were so far."""
+        """Return the share of all slots for which the budget suffices, with as many people per image as there were so far."""
         per_image = self.per_s / self.rate + (self.at_least / self.images if self.images else 0.0)
         return per_image * self._seen / self._worth
 
 
 def choose_for_keypoints(ltwh: Floats, score: Floats, size: tuple[int, int]) -> Bools:
-    """(N,) the people of an image that are large, found with confidence, not hidden behind another, and whole.
+    """Return which people (N,) of an image are large, found with confidence, not hidden behind another, and whole.
 
-    Those whom the image's border cuts off count where no person is whole.
+    If no person is whole, those that the image's border cuts off count.
 
     Args:
         ltwh: (N, 4) boxes, pixels.
@@ -264,7 +264,7 @@ def choose_for_keypoints(ltwh: Floats, score: Floats, size: tuple[int, int]) -> 
 
 
 def _measure_cover(ltwh: Floats) -> Floats:
-    """(N,) the largest share of each box that one box of a nearer person, whose feet are lower in the image, covers."""
+    """Return the largest share of each box (N,) that the box of one nearer person covers; nearer: feet lower in the image."""
     low, high = ltwh[:, :2], ltwh[:, :2] + ltwh[:, 2:]
     common = np.minimum(high[:, None], high[None]) - np.maximum(low[:, None], low[None])
     area = np.maximum(common, 0.0).prod(axis=2)
@@ -273,9 +273,9 @@ def _measure_cover(ltwh: Floats) -> Floats:
 
 
 def _draw(seconds: float) -> float:
-    """A number from 0 to 1 for a time, the same in all cameras and without any period.
+    """Return a number from 0 to 1 for a time, the same in all cameras and without any period.
 
-    Of slots at even distances, cameras whose clocks differ by an unlucky offset would have none in common.
+    With evenly spaced slots, cameras whose clocks differ by an unfavourable offset would have none in common.
     """
     slot = int((seconds + SLOT_SHIFT_S) // SLOT_S)
     return int.from_bytes(hashlib.blake2b(str(slot).encode(), digest_size=6).digest(), "big") / 2**48

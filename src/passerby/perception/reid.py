@@ -1,16 +1,17 @@
-"""Appearance of people: by a re-identification network, or by colour histograms of horizontal stripes.
+"""Appearance of people, from a re-identification network or from colour histograms of horizontal stripes.
 
-Hair, jacket, trousers and shoes lie one under the other, whichever way a person turns. So each of six stripes is described by
-its own histogram, once of the colours as they are (best within a camera) and once of the colours after each channel was
-equalised over the crop, as cameras differ in exposure and white balance but seldom in what is brighter or redder than what.
-Measured as rank-1 (the most similar is the same person): PETS 2009 V1, 4 to 9 seconds apart among those seen at one instant,
-and people of one camera looked for in another (62 people, 16 crops each; chance 0.016), similarity by the dot product:
+Hair, jacket, trousers and shoes are one above the other, in whichever direction a person turns. So each of six stripes has its
+own histograms: one of the colours as they are (best within a camera), and one of the colours after each channel was equalised
+over the crop. Cameras differ in exposure and white balance, but seldom in what is brighter or redder than what. The measure is
+rank-1 (the most similar is the same person), with similarity by the dot product. The first value is for PETS 2009 V1, 4 to 9
+seconds apart among those seen at one instant; the second for people of one camera searched for in another (62 people, 16 crops
+each; chance 0.016):
 
-- as they are alone: 0.83 and 0.19; equalised alone: 0.74 and 0.29; both, as here: 0.81 and 0.31;
-- as they are, without weighting the middle columns: 0.76 and 0.13;
+- colours as they are alone: 0.83 and 0.19; equalised alone: 0.74 and 0.29; both, as here: 0.81 and 0.31;
+- colours as they are, without weighting the middle columns: 0.76 and 0.13;
 - a small re-identification network (256 values, OpenVINO's retail-0248): 0.94 and 0.81.
 
-The histograms are square-rooted, so the dot product of two is their Bhattacharyya coefficient (Hellinger's distance;
+The histograms are square-rooted, so that the dot product of two is their Bhattacharyya coefficient (Hellinger's distance;
 Arandjelović and Zisserman, "Three things everyone should know to improve object retrieval", CVPR 2012).
 """
 
@@ -27,36 +28,36 @@ from passerby.perception.crop_network import CropNetwork, crop_rows, is_recognis
 from passerby.perception.networks import Network
 from passerby.perception.pictures import Identity, Picture
 
-# What nearly all re-identification networks take; used only where the file leaves its size open.
+# Input size of nearly all re-identification networks; used only where the file leaves its size open.
 USUAL_SIZE = (128, 256)
-# A crop of 128x256 in float32 takes 0.4 MB, its activations some 50 times that. On one core larger batches bring nothing.
+# A crop of 128x256 in float32 takes 0.4 MB, its activations some 50 times that. On one core larger batches are not faster.
 BATCH = 16
 STRIPES = 6
-# People far away are 30 to 100 px tall: more pixels would say nothing more, and cost as much more.
+# People far away are 30 to 100 px tall: more pixels would add no information, and cost time in proportion.
 SIZE = (32, 96)
-# Width of the weight of the middle columns, as a share of the box's: rank-1 within a camera is 0.82 at 0.18 and at 0.09, 0.76
-# with all columns alike, for the background beside a person counts as much as the person then.
+# Width of the weight of the middle columns, as a share of the box's: rank-1 within a camera is 0.82 at 0.18 and at 0.09, and
+# 0.76 with all columns alike, because the background beside a person then counts as much as the person.
 MIDDLE = 0.12
-# Bins of hue, saturation and value; 8, 4 and 4 win 0.004 and cost 444 numbers more a box.
+# Bins of hue, saturation and value; 8, 4 and 4 bins gain 0.004 and need 444 more numbers per box.
 PLAIN_BINS = (6, 3, 3)
-# Bins of hue, and of value; one more for pixels without colour, whose hue is noise.
+# Bins of hue, and of value; there is one more bin of hue for pixels without colour, whose hue is noise.
 EQUAL_BINS = (8, 4)
-# From this chroma (saturation times value) on a pixel's hue counts in full.
+# From this chroma (saturation times value) on, a pixel's hue counts in full.
 COLOURFUL = 0.2
-# Of the similarity, what the equalised colours decide.
+# Share of the similarity that the equalised colours contribute.
 EQUAL_SHARE = 2.0 / 3.0
-# So many crops at once bound the memory (25 MB).
+# Number of crops at once; it bounds the memory (25 MB).
 STRIPES_BATCH = 32
 Values = NDArray[np.float32]
 Soft = list[tuple[NDArray[np.int64], Values]]
-"""A value shared between neighbouring bins: their numbers and weights, one pair of arrays each."""
+"""Values shared between neighbouring bins: a pair of arrays, the bins' numbers and the weights, for each neighbour."""
 
 
 class ReidEmbedder:
-    """An embedder from an ONNX file: crops stretched to its input, its output flattened and brought to length one."""
+    """An embedder from an ONNX file: crops are stretched to its input, its output is flattened and scaled to length one."""
 
     def __init__(self, network: Network, *, batch: int = BATCH) -> None:
-        """Open the network; `batch`: crops at once where the file takes any number of them.
+        """Open the network; `batch` is the number of crops at once where the file takes any number of them.
 
         Raises `InputError` for a file that does not open, does not take crops of people, or does not give one vector each.
         """
@@ -75,7 +76,7 @@ class ReidEmbedder:
 
     @property
     def identity(self) -> Identity:
-        """What decides its results: the network, its conventions, and how crops are cut."""
+        """Settings that determine its results: the network, its conventions, and how crops are cut."""
         return {"embedder": "reid", "version": 1, **self._crops.network.identity}
 
     @property
@@ -84,8 +85,8 @@ class ReidEmbedder:
         return self._dimensions
 
     def __call__(self, picture: Picture, ltwh: Floats) -> Vectors:
-        """(N, D) unit vectors of the boxes (N, 4); a row of zeros for a box too small or for the most part outside of
-        the picture.
+        """Compute unit vectors (N, D) of the boxes (N, 4); a row of zeros for a box that is too small, or for the most part
+        outside of the picture.
         """
         boxes = crop_rows(ltwh)
         vectors = np.zeros((len(boxes), self._dimensions), dtype=np.float32)
@@ -95,7 +96,7 @@ class ReidEmbedder:
         answers = self._crops([stretch_crop(picture, boxes[row], self._crops.size) for row in rows])[0]
         raw = answers.reshape(len(rows), -1).astype(np.float64)
         length = np.linalg.norm(raw, axis=1, keepdims=True)
-        # Black within float16, infinite or not a number: it says nothing.
+        # A vector that is zero (as black within float16), infinite or not a number has no information.
         sound = np.isfinite(length) & (length > 0)
         vectors[rows] = np.where(sound, raw / np.where(sound, length, 1.0), 0.0)
         return vectors
@@ -106,7 +107,7 @@ class StripesEmbedder:
 
     @property
     def identity(self) -> Identity:
-        """What decides its results; the version changes with any of the constants."""
+        """Settings that determine its results; the version changes with any of the constants."""
         return {"embedder": "stripes", "version": 1}
 
     @property
@@ -115,8 +116,8 @@ class StripesEmbedder:
         return STRIPES * (int(np.prod(PLAIN_BINS)) + (EQUAL_BINS[0] + 1) * EQUAL_BINS[1])
 
     def __call__(self, picture: Picture, ltwh: Floats) -> Vectors:
-        """(N, D) unit vectors of the boxes (N, 4); a row of zeros for a box too small or for the most part outside of
-        the picture.
+        """Compute unit vectors (N, D) of the boxes (N, 4); a row of zeros for a box that is too small, or for the most part
+        outside of the picture.
 
         Raises `InputError` for boxes of another shape.
         """
@@ -130,7 +131,7 @@ class StripesEmbedder:
 
 
 def _embed_stripes(crops: NDArray[np.uint8]) -> Vectors:
-    """(N, D) unit vectors of crops (N, H, W, 3), BGR."""
+    """Compute unit vectors (N, D) of crops (N, H, W, 3), BGR."""
     equal = np.stack([np.stack([cv2.equalizeHist(crop[..., k]) for k in range(3)], axis=-1) for crop in crops])
     plain_root = np.sqrt((1.0 - EQUAL_SHARE) * _count_colours(crops))
     equal_root = np.sqrt(EQUAL_SHARE * _count_equalised(equal))
@@ -138,7 +139,7 @@ def _embed_stripes(crops: NDArray[np.uint8]) -> Vectors:
 
 
 def _count_colours(crops: NDArray[np.uint8]) -> Floats:
-    """(N, stripes * bins) joint histograms of hue, saturation and value; they sum to one a crop."""
+    """Compute joint histograms (N, stripes * bins) of hue, saturation and value; those of a crop sum to one."""
     hue, saturation, value = _hsv(crops)
     hues, saturations, values = PLAIN_BINS
     shares = [_share_circular(hue, hues), _share_linear(saturation, saturations), _share_linear(value, values)]
@@ -146,7 +147,7 @@ def _count_colours(crops: NDArray[np.uint8]) -> Floats:
 
 
 def _count_equalised(crops: NDArray[np.uint8]) -> Floats:
-    """(N, stripes * bins) joint histograms of hue, where there is any, and value; they sum to one a crop."""
+    """Compute joint histograms (N, stripes * bins) of hue, where there is colour, and value; those of a crop sum to one."""
     hue, saturation, value = _hsv(crops)
     colour = np.minimum(saturation * value / np.float32(COLOURFUL), np.float32(1.0))
     hues, values = EQUAL_BINS
@@ -156,7 +157,7 @@ def _count_equalised(crops: NDArray[np.uint8]) -> Floats:
 
 
 def _hsv(crops: NDArray[np.uint8]) -> tuple[Values, Values, Values]:
-    """Hue, saturation and value, 0 to 1, each (N, H, W)."""
+    """Convert crops to hue, saturation and value, 0 to 1, each (N, H, W)."""
     n, height, width, _ = crops.shape
     wide = np.asarray(crops.reshape(n * height, width, 3), dtype=np.float32) / np.float32(255.0)
     hsv = cv2.cvtColor(wide, cv2.COLOR_BGR2HSV).reshape(n, height, width, 3)
@@ -168,7 +169,7 @@ def _hsv(crops: NDArray[np.uint8]) -> tuple[Values, Values, Values]:
 
 
 def _share_circular(share: Values, bins: int) -> Soft:
-    """A circle's share 0 to 1 between the two bins whose middles, at 0, 1 / bins and so on, are next to it."""
+    """Share a circular value, 0 to 1, between the two nearest bins, whose middles are at 0, 1 / bins and so on."""
     place = share * np.float32(bins)
     low = np.floor(place)
     weight = place - low
@@ -177,7 +178,7 @@ def _share_circular(share: Values, bins: int) -> Soft:
 
 
 def _share_linear(share: Values, bins: int) -> Soft:
-    """A share 0 to 1 between the two bins whose middles are next to it; all in the last bin beyond its middle."""
+    """Share a value, 0 to 1, between the two bins with the nearest middles; beyond the last middle all goes to that bin."""
     place = np.clip(share * np.float32(bins) - np.float32(0.5), 0.0, bins - 1.0).astype(np.float32)
     low = np.minimum(np.floor(place), np.float32(bins - 2))
     weight = place - low
@@ -186,7 +187,7 @@ def _share_linear(share: Values, bins: int) -> Soft:
 
 
 def _histograms(shares: list[Soft], bins: tuple[int, ...], n: int) -> Floats:
-    """(N, stripes * bins) joint histograms of pixels (N, H, W), the middle columns weighted; they sum to one a crop."""
+    """Compute joint histograms (N, stripes * bins) of pixels (N, H, W), the middle columns weighted; a crop sums to one."""
     width, height = SIZE
     per_stripe = int(np.prod(bins))
     length = STRIPES * per_stripe

@@ -1,4 +1,4 @@
-"""ONNX files opened the same way by all stages: one thread, quiet, and the same results bit for bit."""
+"""Sessions of ONNX files, the same for all stages: one thread, no messages, and the same results bit for bit."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from passerby.common.errors import InputError
 CPU = "CPUExecutionProvider"
 CUDA = "CUDAExecutionProvider"
 
-# The fastest algorithm found by trying would differ from run to run, and with it the last bits; TF32 has 10 bits of mantissa.
+# An algorithm chosen by timing would differ from run to run, and with it the last bits; TF32 has 10 bits of mantissa.
 CUDA_OPTIONS = {"cudnn_conv_algo_search": "HEURISTIC", "use_tf32": "0"}
 
 ERRORS_ONLY = 3
@@ -25,9 +25,9 @@ class Port:
 
     name: str
     shape: tuple[int | None, ...]
-    """None where the file leaves a dimension open."""
+    """Size of each dimension; None where the file leaves it open."""
     kind: str
-    """As ONNX Runtime writes it, such as tensor(float)."""
+    """Type as ONNX Runtime writes it, such as tensor(float)."""
 
     def __str__(self) -> str:
         sizes = ", ".join("?" if size is None else str(size) for size in self.shape)
@@ -37,15 +37,15 @@ class Port:
 def open_session(path: Path, *, allow_cuda: bool = True) -> onnxruntime.InferenceSession:
     """Open an ONNX file: on CUDA where this ONNX Runtime has it and it works, else on the processor.
 
-    One thread that does not spin: cameras are worked on in processes of their own, and threads that wait for each other by
-    spinning take the time of the other cameras.
+    The session has one thread that does not spin: cameras are processed in processes of their own, and threads that wait for
+    each other by spinning take time from the other cameras.
 
     Args:
         path: the file.
-        allow_cuda: False for the processor whatever there is.
+        allow_cuda: False for the processor in any case.
 
     Returns:
-        The session; `provider_of` says what it runs on. Raises `InputError` for a file that is not there, is no ONNX file, is
+        The session; `provider_of` returns where it runs. Raises `InputError` for a file that is not there, is no ONNX file, is
         damaged, or needs what this ONNX Runtime does not have.
     """
     if not path.is_file():
@@ -56,7 +56,7 @@ def open_session(path: Path, *, allow_cuda: bool = True) -> onnxruntime.Inferenc
         try:
             return _open_session(path, [(CUDA, CUDA_OPTIONS), CPU])
         except runtime_errors():
-            pass  # A card that is absent, too old or full; what is wrong with the file itself is found again below.
+            pass  # A card that is absent, too old or full; an error of the file itself is found again below.
     try:
         return _open_session(path, [CPU])
     except runtime_errors() as error:
@@ -64,28 +64,28 @@ def open_session(path: Path, *, allow_cuda: bool = True) -> onnxruntime.Inferenc
 
 
 def provider_of(session: onnxruntime.InferenceSession) -> str:
-    """What a session runs on, for the report: CUDA or CPU."""
+    """Return where a session runs, for the report: CUDA or CPU."""
     return str(session.get_providers()[0]).removesuffix("ExecutionProvider")
 
 
 def inputs_of(session: onnxruntime.InferenceSession) -> tuple[Port, ...]:
-    """The inputs of a network, in the file's order."""
+    """Return the inputs of a network, in the file's order."""
     return tuple(_port(value) for value in session.get_inputs())
 
 
 def outputs_of(session: onnxruntime.InferenceSession) -> tuple[Port, ...]:
-    """The outputs of a network, in the file's order."""
+    """Return the outputs of a network, in the file's order."""
     return tuple(_port(value) for value in session.get_outputs())
 
 
 def _port(value: Any) -> Port:
-    """From ONNX Runtime's description, in which an open dimension is a name, None or not above 0."""
+    """Convert ONNX Runtime's description, in which an open dimension is a name, None or not above 0."""
     shape = tuple(size if isinstance(size, int) and size > 0 else None for size in value.shape or ())
     return Port(value.name, shape, value.type)
 
 
 def _open_session(path: Path, providers: list[Any]) -> onnxruntime.InferenceSession:
-    """A session with the options of all of Passerby's networks."""
+    """Open a session with the options of all of Passerby's networks."""
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = 1
     options.inter_op_num_threads = 1
@@ -94,7 +94,7 @@ def _open_session(path: Path, providers: list[Any]) -> onnxruntime.InferenceSess
     options.use_deterministic_compute = True
     options.add_session_config_entry("session.intra_op.allow_spinning", "0")
     options.add_session_config_entry("session.inter_op.allow_spinning", "0")
-    # Its own fallback would print to standard output.
+    # ONNX Runtime's own fallback would print to standard output.
     session = onnxruntime.InferenceSession(str(path), sess_options=options, providers=providers, enable_fallback=0)
     for value in (*session.get_inputs(), *session.get_outputs()):
         _port(value)  # raises `UnicodeDecodeError` where a name in the file is no text
@@ -102,7 +102,7 @@ def _open_session(path: Path, providers: list[Any]) -> onnxruntime.InferenceSess
 
 
 def runtime_errors() -> tuple[type[Exception], ...]:
-    """What ONNX Runtime raises: each of its errors is an `Exception` of its own, without a common base."""
+    """Return the errors of ONNX Runtime: each is an `Exception` of its own, without a common base."""
     state = onnxruntime.capi.onnxruntime_pybind11_state
     names = (
         "EPFail",
@@ -121,7 +121,7 @@ def runtime_errors() -> tuple[type[Exception], ...]:
 
 
 def _complaint(path: Path, error: Exception) -> str:
-    """What is wrong with the file and what fixes it, in one line."""
+    """Describe in one line the error of the file and its remedy."""
     if isinstance(error, UnicodeDecodeError):
         return "its names are not text: the file is damaged; fetch it again or give another"
     kind = type(error).__name__

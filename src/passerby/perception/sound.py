@@ -1,8 +1,8 @@
-"""The clock offset of two recordings by what their microphones heard.
+"""Clock offset of two recordings from their sound.
 
-A recording's sound becomes the onsets in some bands of frequency, every few milliseconds: reverberation, gain and noise change
-them little, and they need little memory. Their cross-correlation over all lags has one narrow peak where both heard the same,
-and none where they did not. Sound travels 3 ms a metre, so that an offset is never better than the distances allow.
+A recording's sound is converted to onsets in some frequency bands, every few milliseconds: reverberation, gain and noise change
+them little, and they need little memory. Their cross-correlation over all lags has one narrow peak if both recorded the same
+sound, and none if not. Sound travels 1 m in 3 ms, so the distances limit the accuracy of an offset.
 """
 
 from __future__ import annotations
@@ -24,40 +24,40 @@ from passerby.perception.video import VideoInfo
 Singles = NDArray[np.float32]
 
 RATE = 8000
-"""Samples a second that are listened to: voices and steps are below 4 kHz."""
+"""Sampling rate of the sound, Hz: voices and steps are below 4 kHz."""
 HOP_S, WINDOW = 0.008, 256
-"""Time between two onset values, and samples that each uses (32 ms)."""
+"""Time between two onset values, and number of samples that each uses (32 ms)."""
 BANDS_HZ = (150.0, 350.0, 600.0, 950.0, 1450.0, 2200.0, 3600.0)
-"""Edges of the bands. Hum and wind are below, what codecs cut is above."""
+"""Edges of the bands. Hum and wind are below; frequencies that codecs remove are above."""
 LONGEST_S = 7200.0
-"""More of a recording is not listened to: two hours take 25 MB."""
+"""Longest used part of a recording: two hours take 25 MB."""
 QUIET = 1e-4
-"""Root mean square, full scale 1, of a recording in which nothing is heard: codecs and converters make noise of about 1e-5."""
+"""Root mean square, full scale 1, below which a recording is silent: codecs and converters make noise of about 1e-5."""
 HEARD_S = 10.0
-"""Less sound says nothing."""
+"""Less sound gives no information."""
 TREND_HOPS = 60.0
-"""Standard deviation of the Gaussian of what changes slowly, in hops (half a second), which is taken away."""
+"""Standard deviation, in hops (half a second), of the Gaussian filter for the slow changes that are subtracted."""
 LARGEST_ONSET = 3.0
-"""In standard deviations: one slammed door must not outweigh an hour of steps."""
+"""Limit in standard deviations: one slammed door must not outweigh an hour of steps."""
 LEAST_OVERLAP_S = 20.0
 """Recordings that overlap by less are not compared."""
 CLEAR_SIGNIFICANCE, CLEAR_SECOND = 10.0, 0.6
-"""A peak is significant if it stands out by so many standard deviations of the values at other lags, and the next peak has no
-more than this share of it: sounds that repeat, as machines' do, have many alike. Of 25 simulated pairs without common sound the
-best peak had 5.6, of 25 with common sound the least 27 (`benchmarks/sources/sound.py`, seeds 0 to 49)."""
+"""A peak is significant if it is this number of standard deviations of the values at other lags above them, and the next peak
+has at most this share of it: repeated sounds, such as those of machines, have many similar peaks. In 25 simulated pairs without
+common sound the best peak had 5.6, in 25 with common sound the least had 27 (`benchmarks/sources/sound.py`, seeds 0 to 49)."""
 SAME_PEAK_S = 0.25
-"""Peaks so near to each other are one: echoes."""
+"""Peaks within this distance are one: echoes."""
 SPREAD_LAGS = 4000
 PARTS = 4
-"""Parts of the overlap whose lags are compared, which tells of clocks that drift apart."""
+"""Number of parts of the overlap whose lags are compared, which shows clocks that drift apart."""
 PART_REACH_S = 0.5
 TRAVEL_SIGMA_S = 0.010
-"""One standard deviation of what the way of the sound adds: cameras' distances from who is heard differ by some 3 m."""
+"""Standard deviation of the error from the path of the sound: distances of cameras from the source differ by some 3 m."""
 
 
 @dataclass(frozen=True, eq=False)
 class Onsets:
-    """What is heard of a recording, over even steps of `HOP_S`."""
+    """Onsets in the sound of a recording, over even steps of `HOP_S`."""
 
     begin_s: float
     """Time of the first row, seconds from the first picture."""
@@ -67,19 +67,19 @@ class Onsets:
 
 @dataclass(frozen=True)
 class SoundOffset:
-    """How the clocks of two recordings differ by their sound."""
+    """Offset of the clocks of two recordings, from their sound."""
 
     lag_s: float
-    """The second recording's clock shows so much more."""
+    """Time by which the second recording's clock is ahead."""
     sigma_s: float
     significance: float
-    """How far the peak stands out from other lags, in their standard deviations."""
+    """Distance of the peak from the values at other lags, in their standard deviations."""
 
 
 def listen(info: VideoInfo) -> Onsets | str | None:
-    """The onsets in a video's sound, in flat memory; None without sound; where it tells nothing, a clause that says why.
+    """Compute the onsets in a video's sound, with bounded memory. None without sound; the reason, a clause, for useless sound.
 
-    What is broken is passed over, as silence.
+    Broken parts count as silence.
     """
     energies: list[Singles] = []
     begin: float | None = None
@@ -88,7 +88,7 @@ def listen(info: VideoInfo) -> Onsets | str | None:
         for second, samples in _join_blocks(_decode_samples(info)):
             begin = second if begin is None else begin
             energies.append(_energies(samples))
-            # The part that the next block begins with is not counted twice.
+            # The part with which the next block begins is not counted twice.
             fresh = samples[: len(samples) - WINDOW + round(HOP_S * RATE)]
             heard += float((fresh.astype(np.float64) ** 2).sum())
             total += len(fresh)
@@ -106,7 +106,7 @@ def listen(info: VideoInfo) -> Onsets | str | None:
 
 
 def has_sound(info: VideoInfo) -> bool:
-    """Whether the first file of a video has an audio stream; nothing is decoded."""
+    """Check whether the first file of a video has an audio stream; no sound is decoded."""
     try:
         with av.open(str(info.files[0])) as container:
             return bool(container.streams.audio)
@@ -119,7 +119,7 @@ class _NoSoundError(Exception):
 
 
 def _decode_samples(info: VideoInfo) -> Iterator[tuple[float, Singles]]:
-    """Time from the first picture, and samples of one channel at `RATE`, in order."""
+    """Yield the time from the first picture, and samples of one channel at `RATE`, in order."""
     parts = [(piece.path, piece.begin_s) for piece in info.pieces] or [(info.path, 0.0)]
     for path, begin in parts:
         yield from _read_file(path, begin)
@@ -143,7 +143,7 @@ def _read_file(path: Path, begin: float) -> Iterator[tuple[float, Singles]]:
             for frame in frames:
                 if frame.pts is not None and frame.time_base is not None:
                     stamp = float(frame.pts * frame.time_base) - first
-                    # Timestamps of small containers are rounded; only what is missing moves the samples.
+                    # Timestamps of small containers are rounded; only missing sound moves the samples.
                     at = stamp if at is None or abs(stamp - at) > 2 * HOP_S else at
                 at = 0.0 if at is None else at
                 frame.pts = None
@@ -154,9 +154,9 @@ def _read_file(path: Path, begin: float) -> Iterator[tuple[float, Singles]]:
 
 
 def _join_blocks(parts: Iterator[tuple[float, Singles]]) -> Iterator[tuple[float, Singles]]:
-    """Blocks of samples without gaps, each ready for whole windows: the next begins with what the last one's windows left.
+    """Yield blocks of samples without gaps, of whole windows; the next block begins with the samples left by the last one.
 
-    Missing time is silence; what comes too early is left out. The second is that of the first sample of the block.
+    Missing time is silence; sound that comes too early is left out. The time is that of the block's first sample, seconds.
     """
     hop = round(HOP_S * RATE)
     origin: float | None = None
@@ -188,18 +188,18 @@ def _join_blocks(parts: Iterator[tuple[float, Singles]]) -> Iterator[tuple[float
 
 
 def _energies(samples: Singles) -> Singles:
-    """(N, B) the logarithm of the energy in each band, window after window."""
+    """Compute the logarithm of the energy in each band, window after window, (N, B)."""
     hop = round(HOP_S * RATE)
     windows = np.lib.stride_tricks.sliding_window_view(samples, WINDOW)[::hop] * np.hanning(WINDOW).astype(np.float32)
     power = np.abs(rfft(windows, axis=1)) ** 2
     edges = np.round(np.array(BANDS_HZ) * WINDOW / RATE).astype(np.int64)
     bands = np.add.reduceat(power, edges, axis=1)[:, :-1]
-    # The floor is that of the quietest recording that counts.
+    # The floor is that of the quietest recording that is used.
     return np.asarray(np.log(bands + QUIET**2 * WINDOW), dtype=np.float32)
 
 
 def _onsets(energy: Singles) -> Singles:
-    """(N, B) how fast energy rises in each band: reverberation prolongs a sound, and moves its beginning little."""
+    """Compute the rise of energy in each band, (N, B): reverberation prolongs a sound, and moves its beginning little."""
     rise = np.maximum(np.diff(gaussian_filter1d(energy, 1.0, axis=0), axis=0, prepend=energy[:1]), 0.0)
     rise -= gaussian_filter1d(rise, TREND_HOPS, axis=0)
     spread = rise.std(axis=0)
@@ -208,7 +208,7 @@ def _onsets(energy: Singles) -> Singles:
 
 
 def offset_by_sound(a: Onsets, b: Onsets) -> SoundOffset | None:
-    """The offset of two recordings' clocks; None where no peak is significant."""
+    """Estimate the offset of two recordings' clocks; None where no peak is significant."""
     n_a, n_b = len(a.values), len(b.values)
     shift = np.arange(-(n_a - 1), n_b)
     overlap = np.minimum(n_a, n_b - shift) - np.maximum(0, -shift)
@@ -230,7 +230,7 @@ def offset_by_sound(a: Onsets, b: Onsets) -> SoundOffset | None:
 
 
 def _correlation(a: Singles, b: Singles) -> Floats:
-    """(length,) by shift, which may be negative: the whitened cross-correlation, summed over the bands."""
+    """Return the whitened cross-correlation (length,), summed over the bands, by shift, which may be negative."""
     length = next_fast_len(len(a) + len(b), real=True)
     crossed = np.zeros(length // 2 + 1, dtype=np.complex64)
     for band in range(a.shape[1]):
@@ -239,13 +239,13 @@ def _correlation(a: Singles, b: Singles) -> Floats:
 
 
 def _whiten_spectrum(transformed: NDArray[np.complex64]) -> NDArray[np.complex64]:
-    """A spectrum over what is usual about each of its frequencies: rhythms of steps and machines count no more than others."""
+    """Divide a spectrum by its usual amplitude at each frequency: rhythms of steps and machines count no more than others."""
     usual = gaussian_filter1d(np.abs(transformed), max(1.0, len(transformed) / 200.0))
     return np.asarray(transformed / np.maximum(usual, 1e-6), dtype=np.complex64)
 
 
 def _standardise(value: Floats) -> Floats:
-    """(N,) in standard deviations of the values at neighbouring lags."""
+    """Convert values (N,) to standard deviations of the values at neighbouring lags."""
     blocks = np.array_split(np.arange(len(value)), max(1, len(value) // SPREAD_LAGS))
     centre = np.array([block.mean() for block in blocks])
     middle = np.array([np.median(value[block]) for block in blocks])
@@ -255,7 +255,7 @@ def _standardise(value: Floats) -> Floats:
 
 
 def _lags_of_parts(a: Singles, b: Singles, shift: int) -> Floats:
-    """(P,) the lags of parts of the overlap, hops, near the whole one's."""
+    """Return the lags (P,) of parts of the overlap, hops, near that of the whole."""
     first, last = max(0, -shift), min(len(a), len(b) - shift)
     reach = round(PART_REACH_S / HOP_S)
     size = (last - first) // PARTS
@@ -273,7 +273,7 @@ def _lags_of_parts(a: Singles, b: Singles, shift: int) -> Floats:
 
 
 def _vertex(value: Floats, best: int) -> float:
-    """Where the parabola through the best value and its neighbours has its vertex, from the best one on."""
+    """Return the vertex of the parabola through the best value and its neighbours, relative to the best one."""
     if not 0 < best < len(value) - 1:
         return 0.0
     before, at, after = value[best - 1 : best + 2]

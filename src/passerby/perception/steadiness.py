@@ -1,10 +1,10 @@
-"""Whether a camera moves or zooms, by the motion of its background in one picture every second or two.
+"""Detection of a camera that moves or zooms, from the motion of its background in one picture every second or two.
 
-Each picture is compared with a reference: the first one, in which what was hidden or has changed is filled in later.
+Each picture is compared with a reference: the first picture, in which hidden or changed parts are replaced later.
 
-Small textured patches are followed from a reference to a picture, after local contrast is normalised so that lights do not
-matter. As long as enough patches are found where they were, the camera stands, even if many others are hidden by people.
-Only where they are not, a similarity that most patches agree on (RANSAC) is a motion of the camera.
+Small textured patches are tracked from a reference to a picture, after local contrast was normalised so that light changes have
+no effect. As long as enough patches are found at their places, the camera stands still, even if people hide many others. Only
+if they are not, a similarity that most patches agree on (RANSAC) is a motion of the camera.
 """
 
 from __future__ import annotations
@@ -18,41 +18,42 @@ from numpy.typing import NDArray
 from passerby.common.arrays import Floats
 from passerby.perception.pictures import Frame, Picture
 
-# Pictures are shrunk by a whole factor, which is quick, so that their longer side has about this many pixels. The background
-# of a standing camera is located to 0.05 pixels of that, and 0.5 % of a portrait picture's width are still 1.3.
+# Pictures are reduced by a whole factor, which is fast, so that their longer side has about this many pixels. The background of
+# a standing camera is located to 0.05 of these pixels, and 0.5 % of a portrait picture's width is still 1.3.
 THUMBNAIL_PX = 480
-# A camera that stands this far from its place, in parts of the picture's width, has lost its calibration.
+# A camera that is this far from its place, as a share of the picture's width, has lost its calibration.
 MOVED_PART = 0.005
 LASTING_S = 5.0
-# A reference that is lost before it was recognised so many times was a bad one, full of people or dark: the next one is taken.
+# A reference that is lost before it was recognised this many times was unsuitable, full of people or dark: a new one is taken.
 KNOWN_AFTER = 3
-# Thumbnail pixels: a patch's cell, its corner's distance from the border of that, what is compared, contrast's neighbourhood.
+# Thumbnail pixels: a patch's cell, distance of its corner from the cell's border, compared window, neighbourhood for contrast.
 CELL = 32
 MARGIN = 8
 WINDOW = (15, 15)
 NORMALISING_PX = 21
-# Contrast below this many grey levels is noise and compression; it is not blown up.
+# Contrast below this many grey levels is noise and compression; it is not amplified.
 NOISE_GREY = 4.0
 CONTRAST = 40.0
-# Mean difference of a patch that was found again, in units of the normalised picture; unrelated ones differ by 1.1 * CONTRAST.
+# Largest mean difference of a patch found again, in the normalised picture; that of unrelated ones is 1.1 * CONTRAST.
 LARGEST_DIFFERENCE = 18.0
 LEAST_CORNER = 1e-3
-# A patch agrees with a motion within this many thumbnail pixels.
+# A patch agrees with a motion if it is within this many thumbnail pixels of it.
 AGREEMENT_PX = 0.7
-# Patches that prove that the camera stands, and that prove a motion: no less than so many, and no less than this part of all,
-# and for standing no less than half of those that agree on any other motion.
+# Least number of patches, and least share of all, that prove that the camera stands still, and that prove a motion. For a
+# standing camera there must also be at least half as many as agree on any other motion.
 STANDING_COUNT, STANDING_PART = 10, 0.08
 MOTION_COUNT, MOTION_PART = 14, 0.12
-# A zoom changes the logarithm of the background's scale by more than this where scaling leaves no more than such a part of its
-# shift, and by more than that where the camera was turned as well: a turn by 20 degrees scales parts of a picture by 3 %.
+# Least change of the logarithm of the background's scale for a zoom: the first value where scaling leaves at most the second,
+# as a share, of the shift; the third where the camera was turned as well. A turn by 20 degrees scales parts of a picture by 3
+# %.
 LEAST_ZOOM, ZOOM_LEAVES, TURNED_ZOOM = 0.01, 0.4, 0.1
-# A scale beyond these is no zoom and no motion: RANSAC likes to shrink all patches onto one spot.
+# A scale outside of these limits is no zoom and no motion: RANSAC tends to shrink all patches to one point.
 SCALES = 0.3, 3.5
-# A camera within this many thumbnail pixels of its place is measured without looking further.
+# For a camera within this many thumbnail pixels of its place, no other motion is searched for.
 NEAR_PX = 2.0
-# Landmarks that are sought all over a picture when a camera is not near its place.
+# Number of landmarks that are searched for all over a picture when a camera is not near its place.
 LANDMARKS = 600
-# A patch that was not found for so many pictures is replaced by what is seen there now.
+# A patch that was not found in this many pictures is replaced by what is seen there now.
 STALE_AFTER = 12
 
 
@@ -63,35 +64,35 @@ class Move:
     seconds: float
     """Timestamp of the first picture that shows it."""
     until: float | None
-    """Of the first picture that shows the camera in its place again, after a bump; None: it stayed in the new place."""
+    """Timestamp of the first picture with the camera in its place again, after a bump; None: it stayed in the new place."""
     pixels: float | None
-    """Median shift of the background, in pixels of the whole picture; None: it shows nothing now that it showed before."""
+    """Median shift of the background, in pixels of the whole picture; None: no part of the earlier background is recognised."""
     zoom: float = 1.0
-    """How many times larger the background is than before, where the camera zoomed; 1 where it only moved."""
+    """Scale of the background after a zoom over that before; 1 where the camera only moved."""
 
 
 @dataclass(frozen=True)
 class Steadiness:
-    """How a camera stood."""
+    """Motion of a camera during a recording."""
 
     moves: tuple[Move, ...]
-    """In order of time."""
+    """The moves, in order of time."""
     largest_shake_px: float
     """Largest shift of the background that was no move, in pixels of the whole picture."""
     pictures: int
-    """How many were looked at."""
+    """Number of pictures that were compared."""
     recognised: int
-    """In how many of them the background was recognised."""
+    """Number of pictures in which the background was recognised."""
 
     @property
     def lasting(self) -> tuple[Move, ...]:
-        """The moves after which the camera stood elsewhere: one calibration does not hold before and after."""
+        """The moves after which the camera stayed elsewhere: one calibration is not valid before and after."""
         return tuple(move for move in self.moves if move.until is None)
 
 
 @dataclass(frozen=True, eq=False)
 class _Departure:
-    """A camera away from its place, as long as it is not known whether it comes back."""
+    """A camera away from its place, until it is known whether it comes back."""
 
     seconds: float
     last_seconds: float
@@ -100,17 +101,17 @@ class _Departure:
 
 
 def scale_of(size: tuple[int, int]) -> int:
-    """By what whole factor pictures of a size (width, height) are shrunk."""
+    """Return the whole factor by which pictures of a size (width, height) are reduced."""
     return max(1, round(max(size) / THUMBNAIL_PX))
 
 
 def centre_of(size: tuple[int, int]) -> Floats:
-    """(2,) middle of pictures of a size (width, height), thumbnail pixels."""
+    """Return the middle (2,) of pictures of a size (width, height), thumbnail pixels."""
     return np.array(size, dtype=np.float64) / (2 * scale_of(size))
 
 
 class SteadinessWatcher:
-    """Watches one camera: `look` at a frame every second or two, in order of time, then ask for the `result`.
+    """Detects the motion of one camera: call `look` with a frame every second or two, in order of time, then `result`.
 
     Args:
         size: (width, height) of the pictures, pixels.
@@ -131,7 +132,7 @@ class SteadinessWatcher:
         self._recognised = 0
 
     def look(self, frame: Frame) -> None:
-        """Take a frame into account; its picture has the size that was promised."""
+        """Evaluate a frame; its picture must have the stated size."""
         self._pictures += 1
         view = normalise_contrast(frame.picture, self._scale)
         found = None if self._reference is None else self._reference.motion_to(view, self._rest)
@@ -149,11 +150,11 @@ class SteadinessWatcher:
 
     @property
     def view(self) -> NDArray[np.uint8] | None:
-        """What the camera sees from its first place, a grey thumbnail of normalised contrast; None before the first frame."""
+        """The camera's view from its first place, a grey thumbnail of normalised contrast; None before the first frame."""
         return None if self._reference is None else self._reference.view
 
     def result(self) -> Steadiness:
-        """What was seen so far."""
+        """Return the result so far."""
         moves = list(self._moves)
         away = self._departure
         if away is not None:
@@ -164,7 +165,7 @@ class SteadinessWatcher:
         return Steadiness(tuple(moves), self._largest_shake, self._pictures, self._recognised)
 
     def _judge(self, seconds: float, motion: Floats, shift: float, zoom: float) -> None:
-        """One more shift against the camera's place: a shake, a bump that is over, or a new place."""
+        """Evaluate one shift from the camera's place: a shake, the end of a bump, or a new place."""
         if shift <= self._moved_px:
             self._lost = self._lost_view = None
             if self._departure is not None:
@@ -181,9 +182,9 @@ class SteadinessWatcher:
             self._rest = motion
 
     def _lose(self, view: NDArray[np.uint8], seconds: float) -> None:
-        """The background is not to be seen. A view that itself stands still from here to the end is another place.
+        """Handle a picture without the background. A view that itself stands still from here to the end is another place.
 
-        Someone before the lens goes away again, and a dark room shows nothing that could stand still.
+        A person in front of the lens goes away again, and a dark room shows no patches that could stand still.
         """
         standing = self._lost_view is not None and self._lost_view.mostly_stands_in(view)
         self._lost_view = Reference(view)
@@ -194,29 +195,29 @@ class SteadinessWatcher:
 
 
 def _zoom(away: _Departure) -> float:
-    """Of a camera that is away: the median of what its pictures show."""
+    """Return the zoom of a camera that is away: the median over its pictures."""
     return float(np.median(away.zooms))
 
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """How the background of a view lies against the reference."""
+    """Position of a view's background relative to the reference."""
 
     motion: Floats
     """(2, 3) similarity from the reference to the view, thumbnail pixels."""
     points: Floats
-    """(N, 2) the reference's patches."""
+    """(N, 2) positions of the reference's patches."""
     agreeing: float
-    """Part of the patches that agree."""
+    """Share of the patches that agree."""
 
     def shift_from(self, rest: Floats) -> float:
-        """Median way of the patches between another motion and this one, thumbnail pixels."""
+        """Return the median distance of the patches between another motion and this one, thumbnail pixels."""
         return float(np.median(np.linalg.norm(_apply(self.motion, self.points) - _apply(rest, self.points), axis=1)))
 
     def zoom_from(self, rest: Floats, centre: Floats) -> float:
-        """How many times larger the background is than by another motion, where that is a zoom; else 1.
+        """Return the scale of the background relative to another motion, where that is a zoom; else 1.
 
-        A zoom scales it about the picture's centre (2,), thumbnail pixels; a turn barely scales it.
+        A zoom scales it about the picture's centre (2,), thumbnail pixels; a turn has little effect on the scale.
         """
         scale = float(np.sqrt(np.linalg.det(self.motion[:, :2]) / np.linalg.det(rest[:, :2])))
         zoomed = centre + scale * (_apply(rest, self.points) - centre)
@@ -227,7 +228,7 @@ class Motion:
 
 
 class Reference:
-    """What the camera sees from its place, and the patches by which that is known again."""
+    """The camera's view from its place, and the patches by which it is recognised."""
 
     def __init__(self, view: NDArray[np.uint8]) -> None:
         self.view = view.copy()
@@ -238,11 +239,11 @@ class Reference:
 
     @property
     def is_rich(self) -> bool:
-        """Whether enough patches can be followed."""
+        """Whether there are enough patches to be tracked."""
         return int(np.isfinite(self._points[:, 0]).sum()) >= MOTION_COUNT
 
     def motion_to(self, view: NDArray[np.uint8], rest: Floats) -> Motion | None:
-        """Motion of the background from the reference to a view, `rest` being where it was lately; None: nothing is certain."""
+        """Estimate the motion of the background from the reference to a view; `rest` is the last one. None if uncertain."""
         usable = np.flatnonzero(np.isfinite(self._points[:, 0]))
         if len(usable) < STANDING_COUNT:
             return None
@@ -257,12 +258,12 @@ class Reference:
         return None if other is None else Motion(other, points, float(others.mean()))
 
     def mostly_stands_in(self, view: NDArray[np.uint8]) -> bool:
-        """Whether at least half of the patches are where they were."""
+        """Check whether at least half of the patches are at their places."""
         found = self.motion_to(view, np.eye(2, 3))
         return found is not None and found.agreeing >= 0.5 and found.shift_from(np.eye(2, 3)) <= AGREEMENT_PX
 
     def _refresh(self, view: NDArray[np.uint8], found: NDArray[np.intp], motion: Floats) -> None:
-        """Replace cells that have not been found for long by what they show now, moved into the reference's place."""
+        """Replace cells that were not found for a long time by their present content, moved to the reference's place."""
         self._unseen += 1
         self._unseen[found] = 0
         stale = np.flatnonzero(self._unseen >= STALE_AFTER)
@@ -276,7 +277,7 @@ class Reference:
 
 
 def normalise_contrast(picture: Picture, scale: int) -> NDArray[np.uint8]:
-    """A grey thumbnail with the mean and the contrast of each neighbourhood alike, (H // scale, W // scale) of uint8."""
+    """Return a grey thumbnail with equal mean and contrast in all neighbourhoods, (H // scale, W // scale) of uint8."""
     height, width = picture.shape[0] // scale, picture.shape[1] // scale
     whole = picture[: height * scale, : width * scale]
     small = whole if scale == 1 else cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA)
@@ -289,7 +290,7 @@ def normalise_contrast(picture: Picture, scale: int) -> NDArray[np.uint8]:
 
 
 def _corners(view: NDArray[np.uint8], cells: NDArray[np.int64]) -> Floats:
-    """(N, 2) the strongest corner (Shi and Tomasi 1994) in the middle of each cell; NaN where there is none."""
+    """Find the strongest corner (Shi and Tomasi 1994) in the middle of each cell, (N, 2); NaN where there is none."""
     strength = cv2.cornerMinEigenVal(view, 5, ksize=3)
     inner = CELL - 2 * MARGIN
     corners = np.full((len(cells), 2), np.nan)
@@ -304,7 +305,7 @@ def _corners(view: NDArray[np.uint8], cells: NDArray[np.int64]) -> Floats:
 def _follow(
     reference: NDArray[np.uint8], view: NDArray[np.uint8], points: Floats, start: Floats, coarsest: int
 ) -> tuple[Floats, NDArray[np.bool_]]:
-    """Where patches arrive (pyramidal Lucas and Kanade; Bouguet 2000), (N, 2), and (N,) which look the same there."""
+    """Track patches (pyramidal Lucas and Kanade; Bouguet 2000): positions (N, 2), and whether each looks the same (N,)."""
     before = np.ascontiguousarray(points, dtype=np.float32).reshape(-1, 1, 2)
     guess = np.ascontiguousarray(start, dtype=np.float32).reshape(-1, 1, 2)
     criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 20, 0.02)
@@ -325,9 +326,9 @@ def _follow(
 def _find_consensus(
     reference: NDArray[np.uint8], view: NDArray[np.uint8], points: Floats, guess: Floats
 ) -> tuple[Floats | None, NDArray[np.bool_]]:
-    """The similarity that most patches agree on, and (N,) which do; None and none where they are too few for a motion.
+    """Find the similarity that most patches agree on, and which agree (N,); None and none if too few for a motion.
 
-    OpenCV's RANSAC draws from a seed of its own, always the same.
+    OpenCV's RANSAC uses a seed of its own, always the same.
     """
     nobody = np.zeros(len(points), dtype=bool)
     arrived, good = _follow(reference, view, points, _apply(guess, points), coarsest=1)
@@ -351,10 +352,10 @@ def _find_consensus(
 def _find_near_motion(
     reference: NDArray[np.uint8], view: NDArray[np.uint8], points: Floats, rest: Floats
 ) -> tuple[Floats, NDArray[np.bool_]]:
-    """The motion of a camera near its place, and (N,) which patches agree.
+    """Estimate the motion of a camera near its place, and which patches agree (N,).
 
-    It is their median way, which few patches in one corner cannot tilt. They are followed
-    without the coarse levels of the pyramid, into which a neighbour that is hidden would reach.
+    It is the median shift of the patches, so that a few patches in one corner cannot tilt it. They are tracked without the
+    coarse levels of the pyramid, on which a hidden neighbour would affect them.
     """
     there = _apply(rest, points)
     arrived, good = _follow(reference, view, points, there, coarsest=0)
@@ -367,7 +368,7 @@ def _find_near_motion(
 
 
 def _find_far_motion(reference: NDArray[np.uint8], view: NDArray[np.uint8]) -> Floats | None:
-    """A motion of any size, by landmarks that look alike (ORB; Rublee et al. 2011); None where there are too few."""
+    """Estimate a motion of any size from landmarks that look alike (ORB; Rublee et al. 2011); None with too few of them."""
     finder = cv2.ORB.create(nfeatures=LANDMARKS, fastThreshold=10)
     before, words_before = finder.detectAndCompute(reference, None)
     after, words_after = finder.detectAndCompute(view, None)
@@ -385,11 +386,11 @@ def _find_far_motion(reference: NDArray[np.uint8], view: NDArray[np.uint8]) -> F
 
 
 def _count_inside(motion: Floats, points: Floats, view: NDArray[np.uint8]) -> int:
-    """How many points a motion leaves in the picture."""
+    """Count the points that are inside of the picture after a motion."""
     moved = _apply(motion, points)
     return int(((moved >= 0) & (moved < view.shape[::-1])).all(axis=1).sum())
 
 
 def _apply(motion: Floats, points: Floats) -> Floats:
-    """(N, 2) points after a (2, 3) motion."""
+    """Apply a motion (2, 3) to points (N, 2)."""
     return np.asarray(points @ motion[:, :2].T + motion[:, 2])

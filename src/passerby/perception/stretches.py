@@ -1,7 +1,7 @@
-"""Stretches of a recording, and which of them would teach most: a rig needs some hundred well-spread people, not every frame.
+"""Stretches of a recording, and their order by usefulness: a rig needs some hundred well-spread people, not every frame.
 
-A quick look decodes key frames all over the recordings and finds the people in them. A stretch is worth what its people would
-add: people whom two cameras see at the same time, at places where few were seen so far.
+A quick look decodes key frames all over the recordings and finds the people in them. The value of a stretch is what its people
+would add: people that two cameras see at the same time, at places where few people were seen so far.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from passerby.perception.video_probe import Piece, VideoInfo
 from passerby.perception.video_still import key_picture
 
 STRETCH_S = 30.0
-"""About how long a stretch is."""
+"""Approximate length of a stretch, seconds."""
 MOST_LOOKS = 60
-"""Key frames of a quick look, evenly spread: its time does not depend on the length of the recording."""
+"""Number of key frames of a quick look, evenly spread: its time does not depend on the length of the recording."""
 WINDOW_S = 300.0
-"""About how long an empty scene holds."""
+"""Approximate time for which an empty scene is valid, seconds."""
 CELLS = 8, 6
 """Columns and rows of a camera's image in which people's feet are counted."""
 INSIDE_S = 1e-6
@@ -32,32 +32,32 @@ INSIDE_S = 1e-6
 
 @dataclass(frozen=True)
 class Stretch:
-    """A part of a recording: seconds of its own clock, the end excluded."""
+    """A part of a recording: seconds of the recording's clock, the end excluded."""
 
     begin_s: float
     end_s: float
 
     @property
     def seconds(self) -> float:
-        """How long it is."""
+        """Its length."""
         return self.end_s - self.begin_s
 
 
 def cut_into_stretches(begin_s: float, end_s: float) -> tuple[Stretch, ...]:
-    """Stretches of equal length, about `STRETCH_S`, from `begin_s` to `end_s`."""
+    """Return stretches of equal length, about `STRETCH_S`, from `begin_s` to `end_s`."""
     count = max(1, round((end_s - begin_s) / STRETCH_S))
     edges = np.linspace(begin_s, end_s, count + 1).tolist()
     return tuple(Stretch(*ends) for ends in pairwise(edges))
 
 
 def is_divisible(info: VideoInfo) -> bool:
-    """Whether parts of a video can be read by themselves: its length is known, and its times are those that it states."""
+    """Check whether parts of a video can be read separately: its length is known, and its times are those that it states."""
     timed = any(piece.info is not None and piece.info.frame_times for piece in info.pieces) or bool(info.frame_times)
     return info.seconds is not None and info.seconds > 0 and not timed
 
 
 def part_of_video(info: VideoInfo, stretch: Stretch) -> VideoInfo:
-    """A stretch of a video by itself, as a recording in pieces of which no more is used; frames keep their numbers."""
+    """Return a stretch of a video, as a recording in pieces that uses only this part; frames keep their numbers."""
     pieces = info.pieces or (Piece(info.path, 0.0, info, info.seconds or math.inf),)
     first, last = max(info.used[0], stretch.begin_s), min(info.used[1], stretch.end_s - INSIDE_S)
     inside = tuple(piece for piece in pieces if piece.begin_s <= last and piece.begin_s + piece.seconds > first)
@@ -67,7 +67,7 @@ def part_of_video(info: VideoInfo, stretch: Stretch) -> VideoInfo:
 
 
 def find_window(whole: Stretch, part: Stretch) -> Stretch:
-    """The part of a recording that the empty scene of a stretch is learnt from: light changes in minutes."""
+    """Return the part of a recording from which the empty scene of a stretch is learnt: light changes in minutes."""
     count = max(1, round(whole.seconds / WINDOW_S))
     length = whole.seconds / count
     number = min(count - 1, max(0, int((0.5 * (part.begin_s + part.end_s) - whole.begin_s) / length)))
@@ -75,12 +75,12 @@ def find_window(whole: Stretch, part: Stretch) -> Stretch:
 
 
 def spread_evenly(stretch: Stretch, count: int) -> Floats:
-    """(count,) times, the middles of so many equal parts of a stretch."""
+    """Return the times (count,) in the middles of this number of equal parts of a stretch."""
     return np.asarray(stretch.begin_s + stretch.seconds * (np.arange(count) + 0.5) / count)
 
 
 def key_frames(info: VideoInfo, seconds: Iterable[float]) -> Iterator[Frame]:
-    """The key frames at or before some times, ascending, each once; no other frame is decoded."""
+    """Read the key frames at or before some times, ascending, each once; no other frame is decoded."""
     pieces = info.pieces or (Piece(info.path, 0.0, info, info.seconds or math.inf),)
     wanted = np.sort(np.asarray(list(seconds), dtype=np.float64))
     last = 0
@@ -101,22 +101,22 @@ def key_frames(info: VideoInfo, seconds: Iterable[float]) -> Iterator[Frame]:
 
 @dataclass(frozen=True, eq=False)
 class Overview:
-    """The people whom a quick look found in one camera's recording."""
+    """The people that a quick look found in one camera's recording."""
 
     seconds: Floats
     """(L,) times of the looks, by the scene's clock."""
     count: Ints
-    """(L,) people in each."""
+    """(L,) number of people in each look."""
     feet: Floats
-    """(N, 2) where they stand, in parts of the image's width and height, look after look."""
+    """(N, 2) positions of their feet, in parts of the image's width and height, look after look."""
 
 
 def rank_stretches(stretches: Sequence[Stretch], overviews: Mapping[str, Overview]) -> list[int]:
-    """The stretches' numbers, the one that would teach most first; those without a look come last, in order of time.
+    """Return the indices of the stretches, the most useful one first; those without a look come last, in order of time.
 
-    Greedy: the value of a stretch is how much it raises the sum over cameras and cells of the image of ln(1 + n), where n are
-    the people seen there in the stretches before it. People count whom at least one other camera may see: as many as the
-    second largest number of people in any camera's looks of that stretch.
+    The choice is greedy. The value of a stretch is the increase of the sum over cameras and cells of the image of ln(1 + n),
+    where n is the number of people seen there in the stretches before it. Only people that at least one other camera may see
+    count: in each camera at most as many as the second largest number of people in any camera's looks of that stretch.
 
     Args:
         stretches: parts of the scene's time.

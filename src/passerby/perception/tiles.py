@@ -1,7 +1,7 @@
-"""Small people in large pictures: the windows that a network looks at, as it takes them, and how results are merged.
+"""Small people in large pictures: windows of the picture as input of a network, and merging of the results.
 
-A network sees a picture shrunk to its input, and a person who is a few pixels tall there is missed. So the whole picture is
-looked at, and overlapping tiles of it, in which people are larger.
+A network processes a picture reduced to its input, and misses a person who is only a few pixels tall there. So it processes the
+whole picture, and overlapping tiles of it, in which people are larger.
 """
 
 from __future__ import annotations
@@ -19,47 +19,48 @@ from passerby.perception.networks import InputConvention
 from passerby.perception.pictures import Picture
 
 Tiling = Literal["auto", "none"] | tuple[int, int]
-"""auto: as the size of the picture asks for, and only where the whole picture hints at small people; or the numbers of columns
-and rows, which are all looked at."""
+"""auto: as many tiles as the size of the picture requires, and only those in which the whole picture shows possible small
+people. Or the numbers of columns and rows, all of which are processed."""
 ENOUGH_SCALE = 0.8
-"""Input pixels per picture pixel from which a picture needs no tiles, and that tiles aim at. Edges are read finer in tiles: on
-a rendered basketball court of 720 x 576 pixels, people 60 to 90 pixels tall, 22 to 28 % of the boxes have an edge off by more
-than 10 % of the height instead of 34 to 44 %, recall is 0.82 instead of 0.64, and the rig is off by 13 mm instead of 28."""
+"""Input pixels per picture pixel from which on no tiles are needed, and which tiles should have. Edges are located better in
+tiles: on a rendered basketball court of 720 x 576 pixels, people 60 to 90 pixels tall, 22 to 28 % of the boxes have an edge off
+by more than 10 % of the height instead of 34 to 44 %, recall is 0.82 instead of 0.64, and the rig is off by 13 mm instead of
+28."""
 MOST_MAGNIFICATION = 2.3
-"""Of a tile over the whole picture: bounds the cost, as pictures of more pixels seldom show people farther away."""
+"""Largest magnification of a tile over the whole picture. It bounds the cost: larger pictures seldom show farther people."""
 SEEN_HEIGHT = 50.0
-"""Input pixels: taller people are found well in the whole picture. Tiles look for smaller ones and overlap by this much, so
-that each of those is whole in one of them. On PETS 2009, people of 30 to 40 lose half their scatter of the lower edge in
-tiles (2.1 to 1.0 % of their height), people of 16 are found in 90 rather than 70 of 100 cases."""
+"""Input pixels: taller people are found well in the whole picture. Tiles are for smaller ones and overlap by this much, so that
+each of these is whole in one of them. On PETS 2009, the scatter of the lower edge of people of 30 to 40 is halved in tiles (2.1
+to 1.0 % of their height), and people of 16 are found in 90 instead of 70 of 100 cases."""
 WIDTH_OF_PEOPLE = 0.5
-"""Of their height, with swinging arms: how much less the tiles overlap sideways."""
+"""Width of people with swinging arms over their height: tiles overlap less sideways by this factor."""
 BORDER = 3.0
-"""Input pixels: a box that ends this near a tile's inner border is taken to be cut by it."""
+"""Input pixels: a box that ends this near a tile's inner border is assumed to be cut off by it."""
 SLACK = 0.08
-"""Of a box's own length: the same. The lower edge of half a person is found that much too high."""
+"""The same as a share of the box's own length: the lower edge of half a person is found too high by about this."""
 INSIDE = 0.85
-"""Of a box's area within a larger one, from which it may be a part of the same person."""
+"""Share of a box's area inside a larger one from which it may be a part of the same person."""
 ALIGNED = 0.1
-"""Of the larger box's height: legs end where the person ends, head and shoulders begin where the person begins."""
+"""Tolerance as a share of the larger box's height: legs end where the person ends, head and shoulders begin at the top."""
 AS_WIDE = 0.6
-"""Of the larger box's width: a person farther away, whose box lies in a nearer one's, is narrower as well as less tall."""
+"""Share of the larger box's width: a person farther away, in a nearer one's box, is narrower and also less tall."""
 AS_CERTAIN = 0.8
-"""Of the smaller box's score: a larger box of less may well be two people taken for one. At half the score a hundredth of the
-true boxes of PETS 2009 was lost, without any part rule precision fell from 0.90 to 0.84."""
+"""Share of the smaller box's score: a larger box with a lower score may be two people taken for one. At half the score a
+hundredth of the true boxes of PETS 2009 was lost; without any part rule precision fell from 0.90 to 0.84."""
 Window = tuple[int, int, int, int]
 """Left, top, width, height of a part of a picture, pixels."""
 
 
 def tile_windows(picture: tuple[int, int], network: tuple[int, int], tiling: Tiling = "auto") -> tuple[Window, ...]:
-    """The tiles to look at besides the whole picture.
+    """Return the tiles to process in addition to the whole picture.
 
     Args:
-        picture: its height and width, pixels.
+        picture: height and width of the picture, pixels.
         network: height and width of the network's input.
-        tiling: how many.
+        tiling: number of tiles.
 
     Returns:
-        The tiles row by row, of one size; none where the whole picture is enough.
+        The tiles row by row, of one size; none where the whole picture is sufficient.
     """
     if tiling == "none" or tiling == (1, 1):
         return ()
@@ -72,7 +73,7 @@ def tile_windows(picture: tuple[int, int], network: tuple[int, int], tiling: Til
         across, down = network[1] / scale, network[0] / scale
     else:
         across, down = width / tiling[0], height / tiling[1]
-    # Half a tile at most: with an input barely larger than people, tiles would not advance.
+    # Half a tile at most: with an input only a little larger than people, tiles would not advance.
     overlap = round(min(SEEN_HEIGHT / whole, down / 2))
     sideways = round(min(WIDTH_OF_PEOPLE * SEEN_HEIGHT / whole, across / 2))
     columns, rows = tiling if tiling != "auto" else (_count(width, across, sideways), _count(height, down, overlap))
@@ -82,7 +83,7 @@ def tile_windows(picture: tuple[int, int], network: tuple[int, int], tiling: Til
 
 
 def hinted(tiles: tuple[Window, ...], centres: Floats) -> tuple[Window, ...]:
-    """The tiles that hold any of these places (N, 2), pixels."""
+    """Return the tiles that contain any of these places (N, 2), pixels."""
     kept = []
     for tile in tiles:
         inside = (centres >= tile[:2]) & (centres <= (tile[0] + tile[2], tile[1] + tile[3]))
@@ -92,21 +93,21 @@ def hinted(tiles: tuple[Window, ...], centres: Floats) -> tuple[Window, ...]:
 
 
 def _count(length: int, tile: float, overlap: int) -> int:
-    """How many tiles of at most this length cover a length."""
+    """Return the number of tiles of at most this length that cover a length."""
     return 1 if tile >= length else ceil((length - overlap) / (tile - overlap))
 
 
 def _spread(length: int, count: int, overlap: int) -> tuple[list[int], int]:
-    """Where tiles begin, and their length: evenly from end to end."""
+    """Return the beginnings of the tiles, evenly from end to end, and their length."""
     tile = min(length, ceil((length + (count - 1) * overlap) / count))
     return [round(place * (length - tile) / max(count - 1, 1)) for place in range(count)], tile
 
 
 def is_untruncated(ltrb: Floats, window: Window, picture: tuple[int, int], scale: tuple[float, float]) -> NDArray[np.bool_]:
-    """(N,) which boxes (N, 4) that were found in a tile do not end at its inner borders.
+    """Return which boxes (N, 4) found in a tile do not end at its inner borders, (N,).
 
-    A person who is cut by a tile is whole in the next one or tall enough for the whole picture, and half a person's lower edge
-    is not where the person stands.
+    A person whom a tile cuts off is whole in the next tile or tall enough for the whole picture, and the lower edge of half a
+    person is not at the person's feet.
     """
     left, top, width, height = window
     margin_x = np.maximum(BORDER / scale[0], SLACK * (ltrb[:, 2] - ltrb[:, 0]))
@@ -120,11 +121,11 @@ def is_untruncated(ltrb: Floats, window: Window, picture: tuple[int, int], scale
 
 
 def merge(ltrb: Floats, score: Floats, most_overlap: float) -> NDArray[np.int64]:
-    """Which boxes (N, 4) left, top, right, bottom remain of all that were found, the most certain first.
+    """Return the indices of the boxes (N, 4) left, top, right, bottom that remain after merging, in order of decreasing score.
 
-    A box goes if it covers nearly the same as a more certain one (intersection over union above `most_overlap`; of equals
-    the larger is kept), or if it is a part of the same person: inside a larger box, nearly as wide, and ending or beginning
-    where that does. A part is often the more certain of the two, as a tile shows it larger.
+    A box is removed if it covers nearly the same as a box of higher score (intersection over union above `most_overlap`; of
+    equal ones the larger is kept), or if it is a part of the same person: inside a larger box, nearly as wide, and ending or
+    beginning where that does. A part often has the higher score, because it is larger in a tile.
     """
     area = (ltrb[:, 2] - ltrb[:, 0]) * (ltrb[:, 3] - ltrb[:, 1])
     order = np.lexsort((*ltrb.T, -area, -score))
@@ -143,7 +144,7 @@ def merge(ltrb: Floats, score: Floats, most_overlap: float) -> NDArray[np.int64]
 
 
 def _is_part(boxes: Floats, common: Floats, area: Floats) -> NDArray[np.bool_]:
-    """(N, N) whether the second box looks like legs, or head and shoulders, of the first."""
+    """Return whether the second box looks like legs, or head and shoulders, of the first, (N, N)."""
     width, height = boxes[:, 2] - boxes[:, 0], boxes[:, 3] - boxes[:, 1]
     near = ALIGNED * height[:, None]
     aligned = (np.abs(boxes[:, None, 1] - boxes[None, :, 1]) < near) | (np.abs(boxes[:, None, 3] - boxes[None, :, 3]) < near)
@@ -153,14 +154,14 @@ def _is_part(boxes: Floats, common: Floats, area: Floats) -> NDArray[np.bool_]:
 
 @dataclass(frozen=True)
 class Fitting:
-    """Where a window lies in the network's input: an input coordinate is a window coordinate times `scale`, from 0 on."""
+    """Place of a window in the network's input: an input coordinate is a window coordinate times `scale`, from 0 on."""
 
     window: Window
     scale: tuple[float, float]
-    """Along x and y; they differ by the rounding to whole pixels, or freely where the picture is stretched."""
+    """Along x and y; they differ by the rounding to whole pixels, or by more where the picture is stretched."""
 
     def to_picture(self, ltrb: Floats) -> Floats:
-        """Boxes (N, 4) left, top, right, bottom in the network's input, in pixels of the whole picture."""
+        """Convert boxes (N, 4) left, top, right, bottom in the network's input to pixels of the whole picture."""
         left, top, _, _ = self.window
         return np.asarray(ltrb / np.array(self.scale * 2) + np.array([left, top, left, top]))
 
@@ -168,17 +169,17 @@ class Fitting:
 def fit_window(
     picture: Picture, window: Window, size: tuple[int, int], convention: InputConvention, kind: np.dtype[Any]
 ) -> tuple[NDArray[Any], Fitting]:
-    """A window of a picture as a network's input.
+    """Convert a window of a picture to a network's input.
 
     Args:
         picture: (H, W, 3) uint8 BGR.
-        window: which part of it.
+        window: the part of it.
         size: height and width of the network's input.
-        convention: colours, values and padding; a letterbox lies at the top left, as YOLOX was trained.
+        convention: colours, values and padding; a letterbox is at the top left, as in the training of YOLOX.
         kind: type of the network's input.
 
     Returns:
-        (1, 3, height, width) of `kind`, and where the window lies in it.
+        (1, 3, height, width) of `kind`, and the place of the window in it.
     """
     left, top, width, height = window
     scales = size[1] / width, size[0] / height
@@ -186,7 +187,7 @@ def fit_window(
         scales = (min(scales), min(scales))
     inner = max(1, min(size[1], round(width * scales[0]))), max(1, min(size[0], round(height * scales[1])))
     part: Any = picture[top : top + height, left : left + width]
-    # Picking four pixels of many would turn fine detail into patterns. Halving is a tenth of the cost of averaging to any size.
+    # Sampling four of many pixels would turn fine detail into patterns. Halving costs a tenth of averaging to any size.
     while part.shape[1] >= 2 * inner[0] and part.shape[0] >= 2 * inner[1]:
         part = cv2.resize(part, (part.shape[1] // 2, part.shape[0] // 2), interpolation=cv2.INTER_AREA)
     if part.shape[1::-1] != inner:

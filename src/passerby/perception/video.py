@@ -1,7 +1,7 @@
-"""Videos as sequences of pictures: decoded one after the other, sampled to a rate, for a file of any length.
+"""Videos as sequences of pictures: decoded in order, sampled at a rate, for a file of any length.
 
-Which pictures are chosen depends on their timestamps alone, never on where the reading began. Only chosen pictures are
-converted from the colours of the codec.
+The choice of pictures depends on their timestamps alone, never on where the reading began. Only chosen pictures are converted
+from the colours of the codec.
 """
 
 from __future__ import annotations
@@ -24,25 +24,25 @@ from passerby.perception.video_probe import GRID_TOLERANCE_S, Piece, VideoInfo, 
 
 __all__ = ["Decoded", "VideoInfo", "VideoReader", "expected_count", "fit_of_size", "frames", "probe"]
 
-# Pieces of which more is passed over than the one are entered by a key frame, which is looked for by the other before the first
-# picture that is wanted: containers' indices may be off by a second.
+# If more than the first of a piece is skipped, the piece is entered at a key frame. This is searched for the second before the
+# first wanted picture, because the indices of containers may be off by a second.
 SOUGHT_FROM_S, SOUGHT_BEFORE_S = 20.0, 2.0
 
-# Where fewer pictures a second are wanted, groups of pictures that hold none of them are not decoded.
+# For rates below this, groups of pictures without a wanted one are not decoded.
 SPARSE_RATE = 1.0
 
 TURNS = {90: cv2.ROTATE_90_COUNTERCLOCKWISE, 180: cv2.ROTATE_180, 270: cv2.ROTATE_90_CLOCKWISE}
 
 
 class VideoReader:
-    """The pictures of a video file, sampled: iterate over it, then look at `decoded`.
+    """The pictures of a video file, sampled: iterate over it, then read `decoded`.
 
     Args:
-        video: the file, or what `probe` found of it.
-        rate: pictures wanted a second: the first one at or after each k / rate seconds is chosen. None, or the video's own rate
-            or more: all of them.
-        after: only pictures with a number above this one; they are those that would follow it in a full reading.
-        threads: of the decoder; the pictures do not depend on it.
+        video: the file, or the result of `probe`.
+        rate: wanted pictures per second: the first one at or after each k / rate seconds is chosen. None, or the video's own
+            rate or more: all of them.
+        after: only pictures with a number above this one, the same as would follow it in a full reading.
+        threads: number of threads of the decoder; the pictures do not depend on it.
 
     Raises:
         InputError: as `probe`; a rate that is not above 0; while iterating: the size of the pictures changes, or none decodes.
@@ -56,7 +56,7 @@ class VideoReader:
         self.after = after
         self.threads = threads
         self.decoded: Decoded | None = None
-        """None until an iteration has come to the end of the file."""
+        """None until an iteration has reached the end of the file."""
 
     def __iter__(self) -> Iterator[Frame]:
         self.decoded = None
@@ -77,7 +77,7 @@ class VideoReader:
         self.decoded = file.summary(yielded) if reading is None else reading.summary(yielded)
 
     def _convert_frame(self, number: int, picture: Callable[[], Picture]) -> Picture:
-        """A picture. Raises `InputError` where a damaged header has it in a format of pixels that is none."""
+        """Convert a picture. Raises `InputError` where a damaged header states an invalid pixel format."""
         try:
             return picture()
         except FFmpegError as error:
@@ -86,7 +86,7 @@ class VideoReader:
             ) from None
 
     def _chooser(self) -> IsWanted:
-        """What tells of each picture in turn, before it is decoded, whether it will be chosen."""
+        """Return a function that states for each picture in turn, before it is decoded, whether it will be chosen."""
         last_tick = -1
 
         def is_wanted(number: int, seconds: float) -> bool:
@@ -99,7 +99,7 @@ class VideoReader:
         return is_wanted
 
     def _tick(self, number: int, seconds: float) -> int:
-        """The last tick of the wanted rate that a picture is at or after."""
+        """Return the last tick of the wanted rate that is at or before a picture."""
         if self.rate is None:
             return number
         if self.info.variable:
@@ -108,11 +108,11 @@ class VideoReader:
 
 
 Taken = tuple[int, float, Callable[[], Picture]]
-"""Number and seconds of a picture, and what converts it when it is chosen."""
+"""Number and seconds of a picture, and the function that converts it when it is chosen."""
 
 
 def _read_one_file(info: VideoInfo, reading: FileReading, threads: int, skipped_s: float = 0.0) -> Iterator[Taken]:
-    """The pictures of one file; those of its first seconds may be left out."""
+    """Read the pictures of one file; those of its first seconds may be skipped."""
     reformatter = VideoReformatter()
     with open_video(info.path) as (container, stream):
         stream.codec_context.thread_count = threads
@@ -123,7 +123,7 @@ def _read_one_file(info: VideoInfo, reading: FileReading, threads: int, skipped_
 
 
 class _Recording:
-    """One pass over a recording in pieces, or over pictures; what cannot be read is left out and counted."""
+    """One pass over a recording in pieces, or over pictures; unreadable parts are left out and counted."""
 
     def __init__(self, info: VideoInfo, threads: int, after: int, is_wanted: IsWanted | None = None) -> None:
         self._info, self._threads, self._after, self._is_wanted = info, threads, after, is_wanted
@@ -134,7 +134,7 @@ class _Recording:
         self._early: str | None = None
 
     def pictures(self) -> Iterator[Taken]:
-        """The numbers ascend: of pieces that overlap, pictures that are past already are left out."""
+        """Read the pictures in order of their numbers: where pieces overlap, pictures before the last one are left out."""
         first, last = self._info.used
         for piece in self._info.pieces:
             if piece.begin_s > last:
@@ -154,7 +154,7 @@ class _Recording:
             raise VideoError(self._info.path, f"none of its files can be decoded ({self._why}): copy them again")
 
     def _read_piece(self, piece: Piece) -> Iterator[Taken]:
-        """The pictures of a piece, in the numbers and seconds of the recording."""
+        """Read the pictures of a piece, with the numbers and seconds of the recording."""
         clock = self._info.clock_fps
         before = round(piece.begin_s * clock)
         if piece.info is None:
@@ -180,7 +180,7 @@ class _Recording:
         self._early = self._early or found.ended_early
 
     def _is_wanted_of_piece(self, before: int, number: int, seconds: float) -> bool:
-        """Of a picture of the piece that has so many numbers before it: those that are past already are not wanted."""
+        """Check whether a picture of the piece after `before` numbers is wanted: those before the last picture are not."""
         assert self._is_wanted is not None
         number, seconds = before + number, before / self._info.clock_fps + seconds
         return number > self._last and seconds >= self._info.used[0] and self._is_wanted(number, seconds)
@@ -190,19 +190,19 @@ class _Recording:
         self._why = self._why or f"{piece.path.name}: {why}"
 
     def summary(self, yielded: int) -> Decoded:
-        """What the pass came to. A stretch of one file ends early as the file does."""
+        """Return the result of the pass. A stretch of one file ends early if the file does."""
         stretch = [piece.path for piece in self._info.pieces] == [self._info.path]
         counts = (self._early or self._why, 0, 0) if stretch else (None, self._cut, self._failed)
         return Decoded(self._pictures, yielded, self._seconds, self._broken, self._first_broken_s, *counts)
 
 
 def decode_picture(path: Path, size: tuple[int, int], rotation: int = 0) -> Picture | None:
-    """(H, W, 3) BGR of an image file, upright; None where it cannot be read or has another size.
+    """Read an image file as (H, W, 3) BGR, upright; None where it cannot be read or has another size.
 
     Args:
         path: the file.
         size: (width, height) of the upright picture.
-        rotation: degrees counter-clockwise by which it is turned after the rotation that the file states.
+        rotation: degrees counter-clockwise by which it is turned after the rotation stated in the file.
     """
     try:
         content = np.fromfile(path, dtype=np.uint8)
@@ -217,33 +217,33 @@ def decode_picture(path: Path, size: tuple[int, int], rotation: int = 0) -> Pict
 
 
 def frames(video: VideoInfo | str | Path, rate: float | None = None, after: int = 0, threads: int = 1) -> VideoReader:
-    """The pictures of a video, sampled to about `rate` a second: see `VideoReader`."""
+    """Read the pictures of a video, sampled at about `rate` per second: see `VideoReader`."""
     return VideoReader(video, rate, after, threads)
 
 
 def expected_count(info: VideoInfo, rate: float | None = None) -> int | None:
-    """About how many pictures a reading at `rate` gives, for a progress bar; None where the file does not tell its length."""
+    """Return about how many pictures a reading at `rate` gives, for a progress bar; None where the file states no length."""
     if rate is None or _is_every_picture(info, rate):
         return info.frames
     if info.pieces:
-        # Gaps hold no pictures.
+        # There are no pictures in gaps.
         return max(1, min(info.frames or 1, math.ceil(sum(list_covered_s(info)) * rate - 1e-6)))
     return None if info.seconds is None else max(1, math.ceil(info.seconds * rate - 1e-6))
 
 
 def list_covered_s(info: VideoInfo) -> Iterator[float]:
-    """Seconds of each piece of a recording that are read."""
+    """Yield the seconds of each piece of a recording that are read."""
     first, last = info.used
     for piece in info.pieces:
         yield max(0.0, min(last, piece.begin_s + piece.seconds) - max(first, piece.begin_s))
 
 
 def _is_every_picture(info: VideoInfo, rate: float) -> bool:
-    """Whether a rate is the video's own or above."""
+    """Check whether a rate is the video's own or above."""
     return rate >= (info.average_fps if info.variable else info.clock_fps) * (1 - 1e-3)
 
 
 def convert_upright(reformatter: VideoReformatter, frame: VideoFrame, rotation: int) -> Picture:
-    """(H, W, 3) BGR, upright. One thread, so that cameras in processes of their own do not fight for the cores."""
+    """Convert a frame to (H, W, 3) BGR, upright. One thread, so that cameras' processes do not compete for the cores."""
     picture = reformatter.reformat(frame, format="bgr24", threads=1).to_ndarray()
     return np.asarray(cv2.rotate(picture, TURNS[rotation]) if rotation in TURNS else picture, dtype=np.uint8)

@@ -1,11 +1,11 @@
-"""What a video's metadata say: make and model of the camera, focal length, creation time and timecode.
+"""Metadata of a video: make and model of the camera, focal length, creation time and timecode.
 
 FFmpeg reads the metadata of the whole file. Phones write the focal length into the metadata of the video's track (QuickTime:
-`moov`, `trak`, `meta`, `keys` and `ilst`), which FFmpeg passes over; they are read here. Metadata may say anything: what is no
-focal length is taken as none.
+`moov`, `trak`, `meta`, `keys` and `ilst`), which FFmpeg ignores; they are read here. Metadata may contain any values: an
+impossible focal length is ignored.
 
-Both are metadata. FFmpeg hands `creation_time` on from MP4 and MOV (`mvhd`, ISO 14496-12), Matroska (`DateUTC`) and others, and
-the timecode from a track of its own (QuickTime's `tmcd`) or from the video stream.
+For the clock, FFmpeg returns `creation_time` from MP4 and MOV (`mvhd`, ISO 14496-12), Matroska (`DateUTC`) and others, and the
+timecode from a track of its own (QuickTime's `tmcd`) or from the video stream.
 """
 
 from __future__ import annotations
@@ -23,36 +23,36 @@ from typing import BinaryIO
 from av.container import InputContainer
 
 FOCAL_KEYS = ("camera.focal_length.35mm_equivalent", "focallengthin35mmfilm", "focallengthin35mmformat")
-"""The endings of the names of a 35 mm equivalent focal length, in small letters: of QuickTime, and of Exif as tools copy it."""
+"""Endings of the names of a 35 mm equivalent focal length, in lower case: of QuickTime, and of Exif as tools copy it."""
 MAKE_KEYS, MODEL_KEYS = ("make", "manufacturer"), ("model",)
 _PREFIXES = ("com.apple.quicktime.", "com.android.", "")
 SHORTEST_MM, LONGEST_MM = 4.0, 2000.0
-"""Of 35 mm equivalents: fisheye lenses have 6 to 15, surveillance cameras with a zoom up to 1200."""
+"""Range of 35 mm equivalents: fisheye lenses have 6 to 15, surveillance cameras with a zoom up to 1200."""
 QUICKTIME = ("mov", "mp4", "m4a", "3gp", "3g2", "mj2")
 _CONTAINERS = (b"moov", b"trak")
 _DEEPEST = 2
 _MOST_BOXES, _MOST_BYTES = 10_000, 1 << 16
-"""Boxes that are looked at, and bytes of metadata that are read of one track: a head of a few bytes may promise any number."""
+"""Limits on the boxes that are read, and on the bytes of metadata of one track: a head of a few bytes may state any number."""
 _TEXT, _FLOAT, _DOUBLE, _SIGNED, _UNSIGNED = 1, 23, 24, 21, 22
 _LONGEST_NAME = 80
 EARLIEST = datetime(2000, 1, 1, tzinfo=UTC).timestamp()
-"""Clocks that were never set count from 1904, 1970 or 1980."""
+"""Earlier times are invalid: clocks that were never set count from 1904, 1970 or 1980."""
 DAY_S = 86400.0
 _TIMECODE = re.compile(r"(\d\d):(\d\d):(\d\d)[:;.](\d+)")
 
 
 @dataclass(frozen=True)
 class RecordingCamera:
-    """The camera that made a recording, as far as the recording says."""
+    """The camera that made a recording, according to the recording."""
 
     focal_35mm: float | None = None
     """Focal length, mm, of a lens with the same field of view over the diagonal of a 36 x 24 mm picture."""
     device: str | None = None
-    """Make and model, and of cameras with several lenses which of them."""
+    """Make and model; for a camera with several lenses also the lens."""
 
 
 def read_recording_camera(path: Path, container: InputContainer) -> RecordingCamera:
-    """What the metadata of an open video, which lies at `path`, say of its camera."""
+    """Read the metadata about the camera from an open video at `path`."""
     found = {name.lower(): value for name, value in container.metadata.items()}
     for stream in container.streams.video[:1]:
         found |= {name.lower(): value for name, value in stream.metadata.items()}
@@ -61,12 +61,12 @@ def read_recording_camera(path: Path, container: InputContainer) -> RecordingCam
             with path.open("rb") as file:
                 found |= {name.lower(): value for name, value in _track_metadata(file).items()}
         except (OSError, ValueError, struct.error):
-            pass  # FFmpeg can read the video; what else is in the file need not be sound
+            pass  # FFmpeg can read the video; other parts of the file may be damaged
     return RecordingCamera(_focal(found), _device(found))
 
 
 def _focal(found: Mapping[str, str]) -> float | None:
-    """The 35 mm equivalent focal length; None where there is none, or none that a lens has."""
+    """Return the 35 mm equivalent focal length; None where there is none, or an impossible one."""
     for name, text in found.items():
         if name.endswith(FOCAL_KEYS):
             try:
@@ -79,7 +79,7 @@ def _focal(found: Mapping[str, str]) -> float | None:
 
 
 def _device(found: Mapping[str, str]) -> str | None:
-    """Make, model and lens; None where no model is stated."""
+    """Return make, model and lens; None where no model is stated."""
 
     def stated(names: tuple[str, ...]) -> str:
         keys = (prefix + name for prefix in _PREFIXES for name in names)
@@ -89,19 +89,19 @@ def _device(found: Mapping[str, str]) -> str | None:
     if not model:
         return None
     words = model if model.lower().startswith(make.lower()) else f"{make} {model}"
-    # Phones name the lens with the phone's name before it.
+    # Phones put the phone's name before the lens's name.
     return f"{words}, {lens.removeprefix(model).strip()}" if lens.removeprefix(model).strip() else words
 
 
 def _clean_name(text: str) -> str:
-    """A name on one line without anything that a terminal would act on."""
+    """Return a name on one line without characters that control a terminal."""
     return " ".join("".join(c if c.isprintable() else " " for c in text).split())[:_LONGEST_NAME]
 
 
 def _track_metadata(file: BinaryIO) -> dict[str, str]:
-    """Names and values in the metadata of the tracks, numbers as text; those of the first track that has them.
+    """Return names and values in the metadata of the tracks, numbers as text; of several tracks the first one's.
 
-    Raises `ValueError` or `struct.error` for boxes that are none.
+    Raises `ValueError` or `struct.error` for invalid boxes.
     """
     file.seek(0, 2)
     boxes = _Boxes(file)
@@ -110,22 +110,22 @@ def _track_metadata(file: BinaryIO) -> dict[str, str]:
         if kind == b"meta" and end - start <= _MOST_BYTES:
             file.seek(start)
             content = file.read(end - start)
-            # QuickTime's box begins with its parts, that of ISO 14496-12 with four bytes of version and flags.
+            # QuickTime's box begins with its parts; that of ISO 14496-12 begins with four bytes of version and flags.
             found = (_items(content) or _items(content[4:])) | found
     return found
 
 
 @dataclass(eq=False)
 class _Boxes:
-    """The boxes of a file (ISO 14496-12, QuickTime) that lie in the heads of tracks."""
+    """The boxes of a file (ISO 14496-12, QuickTime) that are in the heads of tracks."""
 
     file: BinaryIO
     count: int = 0
 
     def below(self, start: int, end: int, depth: int = 0) -> Iterator[tuple[bytes, int, int]]:
-        """Kind, first byte of the content and end of each box between two places of the file; of containers what they hold.
+        """Yield kind, begin of the content and end of each box between two places; for containers, of the boxes in them.
 
-        Metadata of the file itself, which FFmpeg reads, are passed over.
+        Metadata of the file itself, which FFmpeg reads, are skipped.
         """
         while start + 8 <= end and self.count < _MOST_BOXES:
             self.count += 1
@@ -146,7 +146,7 @@ class _Boxes:
 
 
 def _parts(content: bytes) -> Iterator[tuple[bytes, bytes]]:
-    """Kind and content of the boxes in some bytes; those that are cut off are left out."""
+    """Yield kind and content of the boxes in some bytes; incomplete ones are left out."""
     place = 0
     while place + 8 <= len(content):
         size, kind = struct.unpack(">I4s", content[place : place + 8])
@@ -157,7 +157,7 @@ def _parts(content: bytes) -> Iterator[tuple[bytes, bytes]]:
 
 
 def _items(content: bytes) -> dict[str, str]:
-    """The names (`keys`) and values (`ilst`) of a `meta` box; empty where it is built otherwise."""
+    """Return the names (`keys`) and values (`ilst`) of a `meta` box; empty for another structure."""
     parts = dict(_parts(content))
     names = [name.decode("utf-8", "replace") for _, name in _parts(parts.get(b"keys", b"")[8:])]
     found = {}
@@ -170,7 +170,7 @@ def _items(content: bytes) -> dict[str, str]:
 
 
 def _text(data: bytes) -> str | None:
-    """A value with its well-known type before it, as text; None of a type that neither names nor numbers have."""
+    """Convert a value, after its type code, to text; None for types that are neither text nor numbers."""
     kind, value = int.from_bytes(data[1:4], "big"), data[8:]
     if kind == _TEXT:
         return value.decode("utf-8", "replace")
@@ -185,17 +185,16 @@ def _text(data: bytes) -> str | None:
 
 @dataclass(frozen=True)
 class FileClock:
-    """What a video file says of the time of its recording."""
+    """Times of the recording in a video file."""
 
     created_s: float | None = None
-    """Its creation time, seconds since 1970: when the recording began or, by some makers, ended. Often whole seconds."""
+    """Creation time, seconds since 1970: the beginning of the recording or, for some makers, its end. Often whole seconds."""
     timecode_s: float | None = None
-    """Its first frame by the timecode, seconds of a day; exact to a frame. The clock may be that of the day, or count recorded
-    frames."""
+    """Timecode of the first frame, seconds of a day; exact to a frame. It may be the time of day, or count recorded frames."""
 
 
 def read_file_clock(container: InputContainer, fps: float | None) -> FileClock:
-    """The clock of an open video of so many frames per second; what cannot be a time is passed over."""
+    """Read the clock of an open video with `fps` frames per second; invalid times are ignored."""
     stated: dict[str, str] = {}
     for metadata in (container.metadata, *(stream.metadata for stream in container.streams)):
         stated = {key.lower(): value for key, value in metadata.items()} | stated
@@ -212,7 +211,7 @@ def _read_creation_time(stated: Mapping[str, str]) -> float | None:
 
 
 def _timecode(text: str, fps: float | None) -> float | None:
-    """Seconds of a timecode; frames are counted by the next whole rate (SMPTE ST 12), and dropped numbers are none."""
+    """Convert a timecode to seconds; frames are counted by the next whole rate (SMPTE ST 12), without the dropped numbers."""
     found = _TIMECODE.fullmatch(text.strip())
     if found is None or fps is None or fps <= 0:
         return None
@@ -222,7 +221,7 @@ def _timecode(text: str, fps: float | None) -> float | None:
         return None
     count = ((hours * 60 + minutes) * 60 + seconds) * rate + frames
     if ";" in text:
-        # Two frame numbers, at 59.94 four, are left out each minute but every tenth.
+        # Two frame numbers, at 59.94 four, are left out in each minute except every tenth.
         dropped, passed = 2 * round(rate / 30), hours * 60 + minutes
         count -= dropped * (passed - passed // 10)
     exact = Fraction(rate * 1000, 1001) if abs(fps - rate * 1000 / 1001) < 1e-3 * rate and abs(fps - rate) > 1e-4 else rate

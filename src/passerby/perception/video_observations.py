@@ -1,4 +1,4 @@
-"""What was seen in one camera's video."""
+"""Observations from one camera's video."""
 
 from __future__ import annotations
 
@@ -20,26 +20,26 @@ from passerby.perception.video_probe import VideoInfo
 
 @dataclass(frozen=True, eq=False)
 class VideoObservations:
-    """What was seen in one camera's video."""
+    """Observations from one camera's video."""
 
     boxes: Boxes
-    """Of all pictures looked at, identities -1, or those that were given; embeddings where they were wanted."""
+    """Boxes of all processed pictures; identities -1 or those that were given; embeddings if they were requested."""
     keypoints: Keypoints
     pictures: int
-    """How many were looked at."""
+    """Number of processed pictures."""
     summary: dict[str, Any]
-    """How decoding ended, and whether the camera moved: `ended_early`, `broken`, `moves`."""
+    """Result of decoding, and the camera's moves: `ended_early`, `broken`, `moves`."""
     seconds: dict[str, float] = field(default_factory=dict)
     """Time spent by each stage in this run."""
     made_again: bool = False
-    """Whether there were finished results that could not be taken: of another video, other options or other versions."""
+    """Whether there were finished results that could not be used: of another video, other options or other versions."""
     begin_s: float = 0.0
-    """When what was watched begins, seconds of the video,"""
+    """Beginning of the processed part, seconds of the video."""
     view: NDArray[np.uint8] | None = None
-    """and what the camera saw from its place (`SteadinessWatcher.view`); of a stretch that is watched by itself only."""
+    """The camera's view from its place (`SteadinessWatcher.view`); only for a stretch that is processed separately."""
 
     def faults(self, name: str, info: VideoInfo, from_s: float = 0.0, until_s: float = math.inf, stated: int = 0) -> list[str]:
-        """What makes the part of the video between two times (seconds) unusable; `stated` is the scene's `rotate`."""
+        """Return errors of the part of the video between two times, seconds; `stated` is the scene's `rotate`."""
         place, found = f"{info.path}: camera {name}", []
         early = self.summary["ended_early"]
         if early is not None:
@@ -65,7 +65,7 @@ class VideoObservations:
         return found
 
     def findings(self, name: str, info: VideoInfo) -> list[Finding]:
-        """What is odd about the video, but does not stop a calibration."""
+        """Return the findings about the video that do not stop a calibration."""
         place, broken = str(info.path), self.summary["broken"]
         found = [
             notice("camera_bumped", name, place=place, from_s=move["seconds"], until_s=move["until"], pixels=move["pixels"])
@@ -84,7 +84,7 @@ class VideoObservations:
 
 
 def join_stretches(parts: Sequence[VideoObservations], size: tuple[int, int]) -> VideoObservations:
-    """What was seen in stretches of one video, in order of time; `size` (width, height) of its pictures, pixels."""
+    """Join observations of stretches of one video, in order of time; `size` (width, height) of its pictures, pixels."""
     boxes, keypoints = [part.boxes for part in parts], [part.keypoints for part in parts]
     embeddings = [one.embedding for one in boxes if one.embedding is not None]
     joined = Boxes(
@@ -129,7 +129,7 @@ def join_stretches(parts: Sequence[VideoObservations], size: tuple[int, int]) ->
 
 
 def _zooms(move: Mapping[str, Any]) -> bool:
-    return bool(move.get("zoom", 1.0) != 1.0)  # what older versions kept has none
+    return bool(move.get("zoom", 1.0) != 1.0)  # results of older versions have none
 
 
 def _what(move: Mapping[str, Any]) -> str:

@@ -1,7 +1,7 @@
-"""What a video file holds, known before all of it is decoded.
+"""Properties of a video file, known before all of it is decoded.
 
-Frame numbers count from 1 at the first picture. A video of constant rate counts its own pictures (a picture that was left out
-leaves its number out); one of variable rate counts hundredths of a second, so that its timestamps are honoured within 5 ms.
+Frame numbers count from 1 at the first picture. At a constant rate they count the video's own pictures (a missing picture
+leaves out its number). At a variable rate they count hundredths of a second, so that timestamps are kept within 5 ms.
 """
 
 from __future__ import annotations
@@ -32,21 +32,21 @@ from passerby.perception.video_camera import FileClock, RecordingCamera, read_fi
 
 VARIABLE_CLOCK_FPS = 100.0
 
-# A constant rate's timestamps may lie off their grid by what a variable rate's clock would lose, and by a quarter of a frame.
+# Largest errors of timestamps at a constant rate: what a variable rate's clock would lose, and a quarter of a frame.
 GRID_TOLERANCE_S = 0.005
 GRID_TOLERANCE_FRAMES = 0.25
 
-# Packets whose timestamps are looked at: 2 minutes at 25 frames per second, some tens of megabytes to read.
+# Number of packets whose timestamps are read: 2 minutes at 25 frames per second, some tens of megabytes to read.
 PROBED_PACKETS = 3000
 
-# Packets that are tried before a video counts as undecodable: one cut out of a stream may begin 10 s before a key frame.
+# Packets that are tried before a video counts as undecodable: a part of a stream may begin 10 s before a key frame.
 TRIED_PACKETS = 600
 
-# H.264 codes whole blocks of this size; a video leaves out at most one pixel less of the last ones.
+# H.264 codes whole blocks of this size; a video hides less than one block of the last columns and rows.
 MACROBLOCK = 16
 
-# Containers of videos. Others of FFmpeg's open further files or addresses that their text names (playlists, lists of pieces,
-# session descriptions) or devices; a scene file names a video, and that file alone is read.
+# Containers of videos. Other containers of FFmpeg open further files or addresses that their text names (playlists, lists of
+# pieces, session descriptions) or devices. A scene file names a video, and only that file is read.
 VIDEO_CONTAINERS = (
     "mov", "mp4", "m4a", "3gp", "3g2", "mj2", "matroska", "webm", "avi", "mpegts", "mpeg", "mpegvideo", "m4v", "h264",
     "hevc", "vvc", "obu", "ivf", "av1", "mjpeg", "mjpeg_2000", "mpjpeg", "flv", "asf", "ogg", "mxf", "gxf", "dv", "dhav",
@@ -54,7 +54,7 @@ VIDEO_CONTAINERS = (
     "dnxhd", "yuv4mpegpipe", "gif", "apng", "ismv", "ipmovie", "ser", "lmlm4", "xmv", "pva", "ty", "viv", "vivo", "cine",
     "roq", "smjpeg", "kux", "live_flv", "evc",
 )  # fmt: skip
-# Looked into only to tell what they are: they open nothing else.
+# Opened only to state their kind in messages: they open no other file.
 OTHER_KINDS = (
     "wav", "mp3", "flac", "aac", "ac3", "eac3", "dts", "aiff", "au", "caf", "amr", "srt", "ass", "webvtt", "tty",
     "png_pipe", "jpeg_pipe", "jpegls_pipe", "bmp_pipe", "tiff_pipe", "webp_pipe", "gif_pipe", "j2k_pipe", "ppm_pipe",
@@ -63,10 +63,10 @@ OTHER_KINDS = (
 )  # fmt: skip
 
 MOST_PIXELS = 1 << 26
-"""Of a picture: 8K has half as many. A head of a few bytes may promise more than the memory holds."""
+"""Largest number of pixels of a picture: 8K has half as many. A head of a few bytes may state more than fits into memory."""
 
 TOLERANT: dict[str, Any] = {"metadata_errors": "replace"} if int(av.__version__.split(".")[0]) < 19 else {}
-"""Names in a file that are no UTF-8 are read all the same; PyAV 19, which needs Python 3.12, knows nothing else."""
+"""Names in a file that are not UTF-8 are accepted; PyAV 19, which needs Python 3.12, always does that."""
 OPTIONS = {
     "protocol_whitelist": "file",
     "format_whitelist": ",".join(VIDEO_CONTAINERS + OTHER_KINDS),
@@ -78,15 +78,15 @@ REMEDY = "convert it, for example with `ffmpeg -i {name} -c:v libx264 converted.
 
 @dataclass(frozen=True)
 class Piece:
-    """A file of a recording that is made of several."""
+    """One file of a recording in several files."""
 
     path: Path
     begin_s: float
-    """When its first picture was taken: seconds of the recording, whose frame 1 is at 0."""
+    """Time of its first picture: seconds of the recording, whose frame 1 is at 0."""
     info: VideoInfo | None = None
-    """The video that it is; None: one picture."""
+    """The properties of a video; None for one picture."""
     seconds: float = 0.0
-    """How long it lasts."""
+    """Its length."""
 
 
 @dataclass(frozen=True)
@@ -94,13 +94,13 @@ class WallTime:
     """A wall time."""
 
     seconds: float
-    """Since 1970, by the clock that the files' names are written by."""
+    """Seconds since 1970, by the clock with which the files' names are written."""
     utc: bool
-    """Whether that is known to be UTC."""
+    """Whether that clock is known to be UTC."""
 
     @property
     def text(self) -> str:
-        """ISO 8601, with the time zone where it is known."""
+        """The time in ISO 8601, with the time zone where it is known."""
         time = datetime.fromtimestamp(self.seconds, UTC)
         plain = time if self.utc else time.replace(tzinfo=None)
         return plain.isoformat(timespec="seconds" if time.microsecond == 0 else "milliseconds")
@@ -111,38 +111,38 @@ class VideoInfo:
     """A video: one file, pieces of one recording, or pictures."""
 
     path: Path
-    """The file; of pieces and pictures the folder or pattern that messages name."""
+    """The file; for pieces and pictures the folder or pattern that messages name."""
     size: tuple[int, int]
-    """(width, height), pixels, upright: a rotation that the file asks its player for has been made, as in the pictures."""
+    """(width, height), pixels, upright: after the rotation that the file requests from players, as in the pictures."""
     codec: str
     clock_fps: float
-    """Frame numbers per second: the video's rate, or 100 where that is variable. Frame f shows second (f - 1) / clock_fps."""
+    """Frame numbers per second: the video's rate, or 100 for a variable one. Frame f shows second (f - 1) / clock_fps."""
     variable: bool
     average_fps: float
-    """Pictures per second, on the average."""
+    """Average number of pictures per second."""
     frames: int | None
-    """How many pictures the file says it holds, or its length suggests."""
+    """Number of pictures that the file states, or that follows from its length."""
     seconds: float | None
-    """How long the file says it lasts."""
+    """Length that the file states."""
     rotation: int = 0
     """Degrees counter-clockwise, 0, 90, 180 or 270, by which the stored pictures are turned to stand upright."""
     camera: RecordingCamera = field(default_factory=RecordingCamera)
-    """What the video's metadata say of the camera."""
+    """The camera according to the video's metadata."""
     pieces: tuple[Piece, ...] = ()
-    """The files of a recording in pieces, or its pictures, in order of their times; none where it is the one file `path`."""
+    """The files of a recording in pieces, or its pictures, in order of time; none for the single file `path`."""
     wall: WallTime | None = None
-    """Wall time of frame 1, where the files tell it."""
+    """Wall time of frame 1, where the files state it."""
     clock: FileClock = field(default_factory=FileClock)
-    """When it was recorded, as the file says; of pieces, as the first of them says."""
+    """Time of the recording according to the file; for pieces, according to the first of them."""
     stored_fps: float | None = None
     """Frames per second that the file states, where a table beside it has the times of its frames."""
     frame_times: tuple[float, ...] = ()
-    """These times, seconds from the first frame, ascending."""
+    """The times of this table, seconds from the first frame, ascending."""
     used: tuple[float, float] = (-math.inf, math.inf)
-    """Seconds of the recording that are read, both ends included; pictures outside are passed over."""
+    """Seconds of the recording that are read, both ends included; pictures outside are skipped."""
 
     def turned(self, degrees: int) -> VideoInfo:
-        """The video with its pictures turned clockwise by a multiple of 90 degrees, after the rotation that the file states."""
+        """Return the video with its pictures turned clockwise by a multiple of 90 degrees, after the file's own rotation."""
         if degrees % 360 == 0:
             return self
         pieces = tuple(replace(piece, info=None if piece.info is None else piece.info.turned(degrees)) for piece in self.pieces)
@@ -151,11 +151,11 @@ class VideoInfo:
 
     @property
     def files(self) -> tuple[Path, ...]:
-        """The files that it is read from."""
+        """The files from which it is read."""
         return tuple(piece.path for piece in self.pieces) or (self.path,)
 
     def taken_at(self, stored_s: float) -> float:
-        """When a frame was taken that the file shows at a second, seconds from the first frame."""
+        """Return the time at which the frame was taken that the file shows at `stored_s`, seconds from the first frame."""
         if not self.frame_times or self.stored_fps is None:
             return stored_s
         number = max(0, round(stored_s * self.stored_fps))
@@ -164,12 +164,12 @@ class VideoInfo:
 
     @property
     def begin_s(self) -> float:
-        """When the first picture that is read was taken, seconds from frame 1."""
+        """Time of the first picture that is read, seconds from frame 1."""
         return max(self.used[0], self.pieces[0].begin_s) if self.pieces else 0.0
 
     @property
     def end_s(self) -> float | None:
-        """When the recording ends, seconds from frame 1; None where that is not known."""
+        """End of the recording, seconds from frame 1; None where it is not known."""
         if not self.pieces:
             return self.seconds
         return min(self.used[1], max(piece.begin_s + piece.seconds for piece in self.pieces))
@@ -211,14 +211,14 @@ def probe(path: str | Path) -> VideoInfo:
 
 @contextmanager
 def open_video(path: Path) -> Iterator[tuple[InputContainer, VideoStream]]:
-    """A video file and its first video stream.
+    """Open a video file and its first video stream.
 
     Raises:
-        InputError: no such file, a folder, an empty file, no video, or a codec that nothing here decodes.
+        InputError: no such file, a folder, an empty file, no video, or a codec that cannot be decoded here.
     """
     _check_file(path)
     try:
-        # An absolute path, so that no name is taken for a protocol's.
+        # An absolute path, so that no name is taken for that of a protocol.
         container = av.open(str(path.absolute()), options=OPTIONS, **TOLERANT)
     except (FFmpegError, OSError) as error:
         if "moov atom" in str(getattr(error, "log", "")) or _is_unfinished_mp4(path):
@@ -235,7 +235,7 @@ def open_video(path: Path) -> Iterator[tuple[InputContainer, VideoStream]]:
 
 
 def _check_file(path: Path) -> None:
-    """Raise `InputError` unless `path` is a file with something in it; a pipe or a device might never end."""
+    """Raise `InputError` unless `path` is a file that is not empty; a pipe or a device might never end."""
     try:
         kind = path.stat()
     except FileNotFoundError:
@@ -254,7 +254,7 @@ def _check_file(path: Path) -> None:
 
 
 def _is_unfinished_mp4(path: Path) -> bool:
-    """Whether the file begins like an MP4 (ISO 14496-12: a box `ftyp`) and never names its index."""
+    """Check whether the file begins like an MP4 (ISO 14496-12: a box `ftyp`) and has no index."""
     with path.open("rb") as file:
         head = file.read(12)
         if head[4:8] != b"ftyp":
@@ -269,7 +269,7 @@ def _is_unfinished_mp4(path: Path) -> bool:
 
 
 def _video_stream(path: Path, container: InputContainer) -> VideoStream:
-    """The first video stream that is one; a still picture, the cover of a piece of music and text are none."""
+    """Return the first real video stream; a still picture, the cover of a piece of music and text are none."""
     kind = container.format.name
     streams = [s for s in container.streams.video if not s.disposition & av.stream.Disposition.attached_pic]
     if kind.endswith("_pipe") or kind == "image2":
@@ -290,12 +290,12 @@ def _video_stream(path: Path, container: InputContainer) -> VideoStream:
 
 
 def _remedy(path: Path) -> str:
-    """What to do about a file that cannot be decoded."""
+    """Return the remedy for a file that cannot be decoded."""
     return REMEDY.format(name=path.name)
 
 
 def _decode_first_picture(path: Path, container: InputContainer, stream: VideoStream) -> VideoFrame:
-    """The first picture that decodes."""
+    """Return the first picture that can be decoded."""
     reason = "no frame in it"
     try:
         for packet in islice(container.demux(stream), TRIED_PACKETS):
@@ -310,9 +310,9 @@ def _decode_first_picture(path: Path, container: InputContainer, stream: VideoSt
 
 
 def _duration(container: InputContainer, stream: VideoStream) -> float | None:
-    """Length of the video in seconds, as the stream or else the whole file has it.
+    """Return the length of the video in seconds, from the stream or else from the whole file.
 
-    An AVI counts its pictures in its head; its length is guessed from the size of the file, which tells nothing of a cut.
+    The head of an AVI has the number of pictures. Its length is estimated from the size of the file, which does not show a cut.
     """
     if container.format.name == "avi" and stream.frames and stream.average_rate:
         return float(stream.frames / stream.average_rate)
@@ -322,8 +322,8 @@ def _duration(container: InputContainer, stream: VideoStream) -> float | None:
 
 
 def _timestamps(container: InputContainer, stream: VideoStream) -> tuple[Floats, int]:
-    """(N,) seconds, ascending, of the first packets that are shown; empty where they carry none. And how many an edit list
-    leaves out.
+    """Return the times (N,), seconds, ascending, of the first packets that are shown, empty without timestamps; and the number
+    of packets that an edit list leaves out.
     """
     shown: list[int] = []
     cut = 0
@@ -333,16 +333,16 @@ def _timestamps(container: InputContainer, stream: VideoStream) -> tuple[Floats,
             if packet.pts is not None and not packet.is_discard:
                 shown.append(packet.pts)
     except FFmpegError:
-        pass  # what could be read before decides; the pictures themselves will tell what is broken
+        pass  # the packets read so far are used; decoding the pictures will show the fault
     if stream.time_base is None:
         return np.zeros(0), cut
-    # Packets come in the order of decoding: the last few, cut off, may belong before others that were not read.
+    # Packets come in decoding order: the last few may belong before others that were not read, and are dropped.
     ticks = np.unique(np.array(shown, dtype=np.int64))[: max(2, len(shown) - 32) if len(shown) == PROBED_PACKETS else None]
     return np.asarray(ticks * float(stream.time_base)), cut
 
 
 def _rate(stream: VideoStream, timestamps: Floats) -> tuple[float | None, bool]:
-    """Pictures per second and False; or, where no rate explains the timestamps, None and True."""
+    """Return pictures per second and False; or, where no rate fits the timestamps, None and True."""
     candidates = [float(r) for r in (stream.average_rate, stream.base_rate, stream.guessed_rate) if r]
     if len(timestamps) < 3:
         return (candidates[0] if candidates else None), False
@@ -354,7 +354,7 @@ def _rate(stream: VideoStream, timestamps: Floats) -> tuple[float | None, bool]:
 
 
 def _fits(rate: float, timestamps: Floats) -> bool:
-    """Whether the timestamps lie on a grid of this rate, most of them one step from the next."""
+    """Check whether the timestamps are on a grid of this rate, most of them one step from the next."""
     position = (timestamps - timestamps[0]) * rate
     steps = np.diff(np.round(position))
     off = np.abs(position - np.round(position))
@@ -363,15 +363,15 @@ def _fits(rate: float, timestamps: Floats) -> bool:
 
 
 def _average(timestamps: Floats) -> float:
-    """Pictures per second over all timestamps."""
+    """Return the pictures per second over all timestamps."""
     return float((len(timestamps) - 1) / (timestamps[-1] - timestamps[0]))
 
 
 def fit_of_size(video_size: tuple[int, int], lens_size: tuple[int, int], rotation: int = 0) -> Literal["same", "cropped"]:
-    """Whether a video's pictures are those that a lens was calibrated for.
+    """Check whether a video's pictures are those for which a lens was calibrated.
 
     A lens whose size is rounded up to whole macroblocks of H.264 (1088 for 1080) was calibrated on the coded picture: the video
-    shows it without its last columns and rows, and the origin stays where it was.
+    shows it without its last columns and rows, and the origin is the same.
 
     Args:
         video_size: (width, height), pixels, upright.
@@ -379,10 +379,10 @@ def fit_of_size(video_size: tuple[int, int], lens_size: tuple[int, int], rotatio
         rotation: degrees by which the file's metadata rotate its frames.
 
     Returns:
-        "same", or "cropped": up to 15 columns or rows are missing right or below.
+        "same", or "cropped": up to 15 columns or rows are missing at the right or at the bottom.
 
     Raises:
-        InputError: any other difference; the message, which the caller puts the file and the camera before, guesses its cause.
+        InputError: any other difference. The message states a probable cause; the caller adds the file and the camera in front.
     """
     if video_size == lens_size:
         return "same"

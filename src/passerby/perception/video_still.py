@@ -1,4 +1,4 @@
-"""One picture of a video, for people to look at, found by a key frame: a long recording need not be decoded up to it."""
+"""One picture of a video to show to people, found by a key frame: a long recording need not be decoded up to it."""
 
 from __future__ import annotations
 
@@ -19,26 +19,26 @@ from passerby.perception.video import VideoInfo, VideoReader, convert_upright, d
 from passerby.perception.video_probe import open_video
 
 MOST_PIXELS = 1e8
-"""Decoded for one picture at most, half a second's work: 48 pictures of 1920 x 1080, 12 of 3840 x 2160."""
+"""Limit on the pixels that are decoded for one picture, half a second's work: 48 pictures of 1920 x 1080, 12 of 3840 x 2160."""
 
 TRIED_PIECES = 5
-"""Pictures that are looked for in a recording in pieces before none is shown."""
+"""Number of pictures of a recording in pieces that are tried before none is shown."""
 
 
 def still(info: VideoInfo, number: Ints, worth: Floats, most_pixels: float = MOST_PIXELS) -> Frame | None:
-    """The worthiest picture that is near enough to the video's beginning, or to a key frame before the worthiest of all.
+    """Return the best picture that is near enough to the video's beginning, or to a key frame before the best of all.
 
     Args:
         info: the video, from `probe`.
-        number: (N,) numbers of the pictures that would do, ascending, as `VideoReader` counts them.
-        worth: (N,) how welcome each would be; the first is taken among equals.
-        most_pixels: how much may be decoded.
+        number: (N,) numbers of suitable pictures, ascending, as `VideoReader` counts them.
+        worth: (N,) value of each; the first of equal ones is taken.
+        most_pixels: limit on the pixels that are decoded.
 
     Returns:
-        None where none of these pictures could be reached.
+        The picture; None where none of these could be reached.
 
     Raises:
-        InputError: the file cannot be read, or nothing of it be decoded.
+        InputError: the file cannot be read, or no part of it can be decoded.
     """
     most = max(1, int(most_pixels / (info.size[0] * info.size[1])))
     if not len(number):
@@ -54,15 +54,15 @@ def still(info: VideoInfo, number: Ints, worth: Floats, most_pixels: float = MOS
 
 
 def key_picture(path: Path, second: float, rotation: int | None = None) -> tuple[float, Picture] | None:
-    """The key frame before a second of a video file, or its first one; nothing else of the file is decoded.
+    """Read the key frame before a second of a video file, or its first one; no other frame of the file is decoded.
 
     Args:
         path: the file.
-        second: from its beginning; behind the end it is the last key frame.
-        rotation: degrees counter-clockwise by which it is turned; None: as the file states.
+        second: seconds from its beginning; after the end it is the last key frame.
+        rotation: degrees counter-clockwise by which it is turned; None: the rotation that the file states.
 
     Returns:
-        Its own second, and (H, W, 3) BGR, upright. None where nothing can be decoded there.
+        Its own second, and (H, W, 3) BGR, upright. None where no frame can be decoded there.
 
     Raises:
         InputError: the file cannot be opened.
@@ -85,7 +85,7 @@ def key_picture(path: Path, second: float, rotation: int | None = None) -> tuple
 
 
 def _find_in_pieces(info: VideoInfo, number: Ints, worth: Floats, most_pixels: float) -> Frame | None:
-    """The worthiest picture of a recording in pieces: of the piece that holds it, or of the next worthiest piece."""
+    """Return the best picture of a recording in pieces: from the piece that contains it, or from that of the next best one."""
     for wanted in number[np.argsort(-worth, kind="stable")][:TRIED_PIECES].tolist():
         held = [piece for piece in info.pieces if round(piece.begin_s * info.clock_fps) < wanted]
         if not held:
@@ -106,12 +106,12 @@ def _find_in_pieces(info: VideoInfo, number: Ints, worth: Floats, most_pixels: f
 
 
 def _numbers_of(info: VideoInfo, pictures: int) -> float:
-    """How many numbers so many pictures take: hundredths of a second where the rate is variable."""
+    """Return the numbers that `pictures` pictures take: at a variable rate, numbers are hundredths of a second."""
     return pictures * (info.clock_fps / info.average_fps if info.variable else 1.0)
 
 
 def _find_from_start(info: VideoInfo, number: Ints, worth: Floats, most: int) -> Frame | None:
-    """The worthiest among the first pictures, decoded one after the other."""
+    """Return the best one of the first pictures, decoded in order."""
     near = number <= _numbers_of(info, most)
     if not near.any():
         return None
@@ -121,7 +121,7 @@ def _find_from_start(info: VideoInfo, number: Ints, worth: Floats, most: int) ->
 
 
 def _find_by_key_frame(info: VideoInfo, number: Ints, worth: Floats, best: int, most: int) -> Frame | None:
-    """The worthiest picture after the key frame before `best`; None where the file has no timestamps or cannot seek."""
+    """Return the best picture after the key frame before `best`; None where the file has no timestamps or cannot seek."""
     with open_video(info.path) as (container, stream):
         stream.codec_context.thread_count = 1
         origin = next((_time(frame) for frame in _decode_frames(container, stream)), None)
@@ -140,7 +140,7 @@ def _find_by_key_frame(info: VideoInfo, number: Ints, worth: Floats, best: int, 
             here = round((time - origin) * info.clock_fps) + 1
             if wanted is None:
                 reachable = (number >= here) & (number <= here + _numbers_of(info, most) - 1)
-                # A jump to behind what was asked for, or to the very beginning, is no key frame before it.
+                # A position after the target, or at the very beginning, is not a key frame before it.
                 if here > best or not reachable.any():
                     return None
                 wanted = int(number[reachable][np.argmax(worth[reachable])])
@@ -153,7 +153,7 @@ def _find_by_key_frame(info: VideoInfo, number: Ints, worth: Floats, best: int, 
 
 
 def _convert_frame(frame: VideoFrame, rotation: int) -> Picture | None:
-    """A picture, upright; None where a damaged header has it in a format of pixels that is none."""
+    """Convert a picture, upright; None where a damaged header states an invalid pixel format."""
     try:
         return convert_upright(VideoReformatter(), frame, rotation)
     except FFmpegError:
@@ -161,7 +161,7 @@ def _convert_frame(frame: VideoFrame, rotation: int) -> Picture | None:
 
 
 def _decode_frames(container: InputContainer, stream: VideoStream) -> Iterator[VideoFrame]:
-    """Pictures from where the file stands, as long as it can be read; broken packets are left out."""
+    """Yield pictures from the file's present position, as long as it can be read; broken packets are left out."""
     try:
         for packet in container.demux(stream):
             try:
@@ -173,5 +173,5 @@ def _decode_frames(container: InputContainer, stream: VideoStream) -> Iterator[V
 
 
 def _time(frame: VideoFrame) -> float | None:
-    """Seconds; None for a picture without a timestamp."""
+    """Return the seconds; None for a picture without a timestamp."""
     return None if frame.pts is None or frame.time_base is None else float(frame.pts * frame.time_base)

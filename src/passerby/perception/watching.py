@@ -1,7 +1,7 @@
-"""One camera's video, watched once from its beginning to its end: people, how they look, their joints, and whether it moves.
+"""Processing of one camera's video from its beginning to its end: people, their appearance, their joints, and camera motion.
 
-Every stage's results are kept in segments; what is kept is not made again, and a stage that is to be made takes what it needs
-from those that are kept.
+Every stage's results are kept in segments. Kept results are not computed again, and a stage that has to be computed takes its
+input from the kept results of others.
 """
 
 from __future__ import annotations
@@ -43,55 +43,55 @@ from passerby.perception.video import VideoInfo, VideoReader, expected_count
 from passerby.perception.video_observations import VideoObservations
 
 REVISION = 1
-"""Counted up whenever a stage gives other results than before, so that what an older version kept is not taken for them."""
+"""Increased when a stage gives results that differ from before, so that results of an older version are not used."""
 SEGMENT = 64
-"""Pictures whose results are kept at once: what a run that is killed loses at most."""
+"""Number of pictures whose results are kept at once: a run that is killed loses no more."""
 LOOKS_EVERY_S = 0.4
-"""Time between two pictures of which embeddings are made: how people look changes slowly, and networks are slow."""
+"""Time between two pictures with embeddings: the appearance of people changes slowly, and networks are slow."""
 STEADY_EVERY_S = 1.5
-"""Time between two pictures that are compared to see whether the camera moves."""
+"""Time between two pictures that are compared to detect camera motion."""
 PLACE = "place"
-"""In the summary of a stretch: what the camera saw from its place."""
+"""Key in the summary of a stretch: the view of the camera from its place."""
 
 LEARNT_WORTH = 3
-"""A picture that the empty scene is learnt from takes as long as about three that people are looked for in (3.8 and 2.8 in
-videos of 768 x 576 and 360 x 288): it counts as so many, so that the pace of the one tells that of the other."""
+"""Learning the empty scene from a picture takes about three times as long as searching it for people (3.8 and 2.8 in videos of
+768 x 576 and 360 x 288). It counts as three, so that the pace of learning predicts that of searching."""
 
 Tell = Callable[[int, int], None]
-"""Called with how much is done, in pictures that are looked at, and of how much; 0 where that is unknown."""
+"""Called with the work done and the total, in pictures that are searched for people; the total is 0 where it is unknown."""
 
 
 @dataclass(frozen=True, eq=False)
 class CameraJob:
-    """What is to be done about one camera."""
+    """The work to be done for one camera."""
 
     name: str
     info: VideoInfo
     rate: float
-    """Pictures looked at in a second of the video's own clock."""
+    """Number of pictures per second of the video's own clock that are searched for people."""
     plan: Plan
     shelf: Path
     """Folder of this camera's kept results."""
     boxes: Boxes | None = None
-    """The people, where they are known; None: they are to be found."""
+    """The people, where they are known; None: they have to be found."""
     rotate: int = 0
-    """Degrees clockwise by which the scene turns the video's pictures, as `info` has them."""
+    """Degrees clockwise by which the scene turns the video's pictures; `info` contains this turn."""
     surroundings: VideoInfo | None = None
-    """The part of the recording that the empty scene is learnt from, where `info` is a stretch of it; None: `info` itself."""
+    """The part of the recording from which the empty scene is learnt, if `info` is a stretch of it; None: `info` itself."""
     common_shelf: Path | None = None
-    """Folder of the empty scene, which other stretches use too; None: `shelf`."""
+    """Folder of the empty scene, if other stretches use it too; None: `shelf`."""
     share: float = 1.0
-    """The part of the camera's recording that `info` is."""
+    """Share of the camera's recording that `info` covers."""
 
 
 def work_of(job: CameraJob) -> int:
-    """How much there is to do, in pictures that are looked at; 0 where the video does not tell its length."""
+    """Return the amount of work, in pictures that are searched for people; 0 where the video does not state its length."""
     pictures = expected_count(job.info, job.rate)
     return _learning(job) + pictures if pictures else 0
 
 
 def _learning(job: CameraJob) -> int:
-    """How much of it is learning the empty scene."""
+    """Return the part of it for learning the empty scene."""
     if job.boxes is not None or job.plan.detector is not None:
         return 0
     return LEARNT_WORTH * (background_count(job.surroundings or job.info) or 0)
@@ -99,31 +99,30 @@ def _learning(job: CameraJob) -> int:
 
 @dataclass(eq=False)
 class _Stage:
-    """A stage while it is at work: what it has made of the current segment, or what is kept of it."""
+    """A stage during processing: its results of the current segment, computed or kept."""
 
     kept: StageCache
     part: Arrays | None = None
     rows: list[Arrays] = field(default_factory=list)
 
     def begin(self, segment: int) -> None:
-        """Look whether the segment is kept."""
+        """Load the kept results of the segment, if there are any."""
         self.part, self.rows = self.kept.load(segment), []
 
     def end(self, segment: int) -> None:
-        """Keep what was made of the segment."""
+        """Keep the results that were computed for the segment."""
         if self.part is None and self.rows:
             self.part = {name: np.concatenate([row[name] for row in self.rows]) for name in self.rows[0]}
             self.kept.save(segment, self.part)
 
 
 def watch_camera(job: CameraJob, tell: Tell) -> VideoObservations:
-    """Watch a camera's video, or take from the shelf what was made of it before.
+    """Process a camera's video, or take the results of an earlier run from the shelf.
 
-    Raises `InputError` where the video cannot be decoded, a network does not do what its role asks for, or the shelf cannot be
-    written.
+    Raises `InputError` where the video cannot be decoded, a network does not fit its role, or the shelf cannot be written.
     """
     threads = cv2.getNumThreads()
-    # Cameras are watched side by side: more threads would wait for each other.
+    # Cameras are processed side by side: more threads would wait for each other.
     cv2.setNumThreads(1)
     try:
         with cache_lock(job.shelf):
@@ -133,9 +132,9 @@ def watch_camera(job: CameraJob, tell: Tell) -> VideoObservations:
 
 
 def find_kept_results(job: CameraJob, tell: Tell) -> VideoObservations | None:
-    """What `watch_camera` would take from the shelf; None where something has to be made. Raises `InputError` likewise."""
+    """Return what `watch_camera` would take from the shelf; None where a result is missing. Raises `InputError` likewise."""
     if not any(job.shelf.glob(f"people-*/{SUMMARY}")):
-        return None  # no network is opened in vain
+        return None  # no network is opened without need
     with cache_lock(job.shelf):
         background = _background(job)
         if job.boxes is None and job.plan.detector is None and background.summary() is None:
@@ -144,20 +143,20 @@ def find_kept_results(job: CameraJob, tell: Tell) -> VideoObservations | None:
 
 
 def identify_video(job: CameraJob, info: VideoInfo) -> dict[str, Any]:
-    """What decides all stages that take their pictures from a video."""
+    """Return the settings that determine the results of all stages that read pictures from a video."""
     video = {"video": video_identity(info), "rate": job.rate, "segment": SEGMENT, "revision": REVISION}
     turned = {"rotate": job.rotate} if job.rotate else {}
     return video | turned | {"versions": _versions()}
 
 
 def _background(job: CameraJob) -> StageCache:
-    """The empty scene of background subtraction."""
+    """Return the cache of the empty scene of background subtraction."""
     video = identify_video(job, job.surroundings or job.info)
     return StageCache.of(job.common_shelf or job.shelf, "background", video | background_identity())
 
 
 class _Watch:
-    """One run over a camera's video."""
+    """One pass through a camera's video."""
 
     def __init__(self, job: CameraJob, tell: Tell) -> None:
         self._job, self._tell = job, tell
@@ -191,7 +190,7 @@ class _Watch:
         return stage
 
     def _open_detector(self) -> Detector:
-        """The detector; where it is background subtraction, the empty scene is learnt first."""
+        """Open the detector; for background subtraction the empty scene is learnt first."""
         if self._job.boxes is not None:
             return GivenBoxes(self._job.boxes)
         if self._job.plan.detector is not None:
@@ -204,7 +203,7 @@ class _Watch:
             return open_background(kept, part or self._job.info, self._tell_learnt, is_part=part is not None)
 
     def result(self) -> VideoObservations:
-        """Make what is not kept, and gather all of it."""
+        """Compute the results that are not kept, and collect all of them."""
         if (found := self.kept()) is not None:
             return found
         used = {path.name for path in self._used}
@@ -216,30 +215,30 @@ class _Watch:
         return replace(self._finish(summary, parts), made_again=other)
 
     def kept(self) -> VideoObservations | None:
-        """All of it, where it is kept."""
+        """Return all results if all are kept, else None."""
         summaries = [stage.kept.summary() for stage in self._stages]
         summary = summaries[0]
         parts = None if summary is None or None in summaries else self._parts(summary["pictures"])
         return None if summary is None or parts is None else self._finish(summary, parts)
 
     def _finish(self, summary: dict[str, Any], parts: list[Arrays]) -> VideoObservations:
-        """What is not of this run is forgotten, and the rest gathered."""
+        """Delete results that are not of this run, and collect the others."""
         forget_others(self._job.shelf, self._used)
         done = max(self._learning + summary["pictures"], self._work)
         self._tell(done, done)
         return self._gather(summary, parts)
 
     def _tell_learnt(self, pictures: int) -> None:
-        """Tell how much is done while the empty scene is learnt."""
+        """Report the progress while the empty scene is learnt."""
         self._tell(min(LEARNT_WORTH * pictures, self._learning), self._work)
 
     def _tell_looked_at(self, pictures: int) -> None:
-        """Tell how much is done while people are looked for."""
+        """Report the progress while people are searched for."""
         done = self._learning + pictures
         self._tell(done, max(self._work, done) if self._work else 0)
 
     def _watch(self) -> dict[str, Any]:
-        """Go through the video; all stages are kept, and how it ended."""
+        """Process the video; keep the results of all stages, and return the summary."""
         job = self._job
         reader, watcher = VideoReader(job.info, job.rate), SteadinessWatcher(job.info.size)
         steady_every = max(1, round(STEADY_EVERY_S * job.rate))
@@ -263,7 +262,7 @@ class _Watch:
         if job.boxes is None and self._found < FEW * (index + 1):
             with self._time_stage("detection"):
                 turn = turn_that_shows_people(job.info, self._detector)
-            # Without a network it may be that vehicles lie on their side, and people cannot be seen to stand on their heads.
+            # Without a network the turned shapes may be vehicles, and people upside down cannot be recognised.
             found = "rotate" if job.plan.detector is not None else "wide_shapes_rotate"
             summary |= {found: (job.rotate + turn) % 360} if turn else {}
         for stage in self._stages:
@@ -271,7 +270,7 @@ class _Watch:
         return summary
 
     def _turn(self, segment: int) -> None:
-        """End the segment before this one and begin this one; nothing is kept of a video that has become another one."""
+        """End the segment before this one and begin this one; results of a video that has changed are not kept."""
         path = self._files.changed(self._at_s)
         if path is not None:
             what, when = ("has grown", " when its recording has ended") if self._files.grown(path) else ("was changed", "")
@@ -283,11 +282,11 @@ class _Watch:
             stage.begin(segment)
 
     def _look(self, index: int, place: int, frame: Frame) -> None:
-        """All stages of one picture, but those that are kept."""
+        """Run all stages on one picture, except those with kept results."""
         if self._people.part is None:
             with self._time_stage("detection"):
                 people = self._detector(frame)
-            # Boxes of a file are as cameras project to them, or as another detector has them: they stay as they are.
+            # Boxes of a file stay as they are: they are in the pixels of camera projection, or as another detector gave them.
             ltwh = people.ltwh if isinstance(self._detector, GivenBoxes) else people.centred
             score = people.score
             self._people.rows.append(_row_of(frame, ltwh, score))
@@ -302,21 +301,21 @@ class _Watch:
                 vectors = self._embedder(frame.picture, ltwh) if wanted else no_embeddings(len(ltwh), self._embedder.dimensions)
             self._looks.rows.append({"vectors": vectors})
         if self._joints is not None and self._estimator is not None:
-            # Chosen also where the result is kept: the choice depends on all images before.
+            # People are chosen also where the result is kept: the choice depends on all images before.
             chosen = self._choose_people(frame, ltwh, score)
             if self._joints.part is None:
                 with self._time_stage("keypoints"):
                     self._joints.rows.append(_joints_of(self._estimator, frame.picture, ltwh, chosen))
 
     def _choose_people(self, frame: Frame, ltwh: Floats, score: Floats) -> Ints:
-        """The people of a picture whose joints are to be found."""
+        """Return the rows of the people of a picture whose joints are to be found."""
         if self._budget is None:
             return np.arange(len(ltwh))
         height, width = frame.picture.shape[:2]
         return self._budget.choose(frame.seconds, ltwh, score, (width, height))
 
     def _parts(self, pictures: int) -> list[Arrays] | None:
-        """What each stage has kept, its segments put together; None where something is missing."""
+        """Return the kept results of each stage, its segments concatenated; None where one is missing."""
         gathered, segments = [], (pictures + SEGMENT - 1) // SEGMENT
         for stage in self._stages:
             loaded = [stage.kept.load(segment) for segment in range(segments)]
@@ -327,7 +326,7 @@ class _Watch:
         return gathered
 
     def _gather(self, summary: dict[str, Any], parts: list[Arrays]) -> VideoObservations:
-        """The people of the whole video."""
+        """Return the people of the whole video."""
         kept = iter(parts)
         people = next(kept)
         frame = np.repeat(people["number"], people["count"])
@@ -350,14 +349,14 @@ class _Watch:
 
     @contextmanager
     def _time_stage(self, stage: str) -> Iterator[None]:
-        """Count the time of a stage."""
+        """Add the time of a stage to its total."""
         began = time.perf_counter()
         yield
         self.seconds[stage] = self.seconds.get(stage, 0.0) + time.perf_counter() - began
 
 
 def _budget_of(job: CameraJob) -> JointBudget | None:
-    """What chooses the people whose joints are found; None: it is everybody."""
+    """Return the object that chooses the people whose joints are found; None: all people are chosen."""
     if job.plan.keypoints is None or job.plan.keypoints_per_s is None:
         return None
     images = expected_count(job.info, job.rate)
@@ -365,7 +364,7 @@ def _budget_of(job: CameraJob) -> JointBudget | None:
 
 
 def _joints_of(estimator: KeypointEstimator, picture: Picture, ltwh: Floats, chosen: Ints) -> Arrays:
-    """What is kept of the joints of a picture's people: those of all, with nothing found in people who are not chosen."""
+    """Return the joints of a picture's people, to be kept; people who are not chosen have zeros."""
     xy, score = np.zeros((len(ltwh), len(estimator.joints), 2)), np.zeros((len(ltwh), len(estimator.joints)))
     if len(chosen):
         xy[chosen], score[chosen] = estimator(picture, ltwh[chosen])
@@ -373,7 +372,7 @@ def _joints_of(estimator: KeypointEstimator, picture: Picture, ltwh: Floats, cho
 
 
 def _row_of(frame: Frame, ltwh: Floats, score: Floats) -> Arrays:
-    """What is kept of one picture."""
+    """Return the results of one picture, to be kept."""
     return {
         "number": np.array([frame.number], dtype=np.int64),
         "count": np.array([len(score)], dtype=np.int64),
@@ -383,10 +382,10 @@ def _row_of(frame: Frame, ltwh: Floats, score: Floats) -> Arrays:
 
 
 def _summary(pictures: int, reader: VideoReader, watcher: SteadinessWatcher) -> dict[str, Any]:
-    """How a video was read, as plain values."""
+    """Return the summary of how a video was read, as plain values."""
     decoded, steadiness = reader.decoded, watcher.result()
     assert decoded is not None
-    # Of recordings in pieces only, so that what is kept of files stays as it is.
+    # Only for recordings in pieces, so that the kept results of files stay as they are.
     pieces = {"cut_pieces": decoded.cut_pieces, "failed_pieces": decoded.failed_pieces} if reader.info.pieces else {}
     return {
         "pictures": pictures,
@@ -400,5 +399,5 @@ def _summary(pictures: int, reader: VideoReader, watcher: SteadinessWatcher) -> 
 
 
 def _versions() -> dict[str, str]:
-    """The libraries that decide a picture's values and a network's results."""
+    """Return the versions of the libraries that determine a picture's values and a network's results."""
     return {"numpy": np.__version__, "opencv": cv2.__version__, "av": av.__version__, "onnxruntime": onnxruntime.__version__}

@@ -1,8 +1,7 @@
 """People found by a YOLOX network (Ge et al., "YOLOX: Exceeding YOLO Series in 2021").
 
-Ge et al., "YOLOX: Exceeding YOLO Series in 2021". A row holds the box, the objectness and the class scores. Some exports hold
-the box in pixels of the input, others as the network gives it: its centre in cells from its own cell's corner, and the
-logarithms of width and height in cells.
+A row has the box, the objectness and the class scores. Some exports have the box in pixels of the input, others as the network
+computes it: its centre in cells from its own cell's corner, and the logarithms of width and height in cells.
 """
 
 from __future__ import annotations
@@ -32,13 +31,13 @@ from passerby.perception.tiles import (
 
 KINDS = {"tensor(float)": np.float32, "tensor(float16)": np.float16, "tensor(uint8)": np.uint8}
 HINT = 0.05
-"""Score of what may be a small person, so that tiles are worth their time. Looking only at the tiles that hold such a place
-found the same people on PETS 2009 enlarged to 1920 by 1080 as looking at all, with people from 10 to 30 pixels of the input,
-and looked at 1 to 5.4 of 6 tiles."""
+"""Score above which there may be a small person, so that tiles are searched. Searching only the tiles with such a place found
+the same people on PETS 2009 enlarged to 1920 by 1080 as searching all tiles, with people from 10 to 30 pixels of the input, and
+searched 1 to 5.4 of 6 tiles."""
 Values = NDArray[np.floating]
 STRIDES = (8, 16, 32, 64)
 PERSON = 0
-"""The class of people, in COCO's order and in networks of that one class."""
+"""Index of the class of people, in COCO's order and in networks with that class only."""
 
 
 @dataclass(frozen=True)
@@ -46,16 +45,16 @@ class YoloxOptions:
     """Options of `YoloxDetector`. Raises `InputError` for a value out of range."""
 
     score: float = 0.25
-    """Least score of a box. Most boxes below are false; tracking joins the weak ones to tracklets of the strong."""
+    """Least score of a box. Most boxes below are false; tracking joins the weak ones to tracklets of strong ones."""
     most_overlap: float = 0.55
     """Intersection over union above which two boxes are one person found twice. On PETS 2009, 0.45 to 0.65 find the same people
-    within 2 in 1000; of two who overlap more, both are rarely found, and each duplicate is a false box."""
+    within 2 in 1000. Of two people who overlap more, both are rarely found, and each duplicate is a false box."""
     tiles: Tiling = "auto"
-    """Parts of large pictures that are looked at besides the whole: see `passerby.perception.tiles`."""
+    """Parts of large pictures that are searched in addition to the whole: see `passerby.perception.tiles`."""
     size: int = 640
-    """Side of the input of a network that takes any: a multiple of 32."""
+    """Side of the input for a network with an open input size: a multiple of 32."""
     decoded: bool | None = None
-    """Whether the network's boxes are in pixels already; None: determined by what it gives for a grey picture."""
+    """Whether the network's boxes are in pixels already; None: determined by its output for a grey picture."""
 
     def __post_init__(self) -> None:
         for name in ("score", "most_overlap"):
@@ -75,7 +74,7 @@ class YoloxDetector:
     """Finds people with a YOLOX network in an ONNX file; a `passerby.perception.pictures.Detector`.
 
     The input is [1, 3, height, width], the output [1, N, 5 + C] with a row for each cell of grids of stride 8, 16, 32 and
-    perhaps 64, its boxes in pixels or as the network gives them. Class 0 is a person. Raises `InputError` for another file.
+    perhaps 64. Boxes are in pixels or as the network computes them. Class 0 is a person. Raises `InputError` for another file.
     """
 
     def __init__(self, network: Network, options: YoloxOptions | None = None) -> None:
@@ -87,7 +86,7 @@ class YoloxDetector:
 
     @property
     def identity(self) -> Identity:
-        """What decides its results."""
+        """Settings that determine its results."""
         options = asdict(self._options)
         if not isinstance(options["tiles"], str):
             options["tiles"] = list(options["tiles"])
@@ -95,11 +94,11 @@ class YoloxDetector:
 
     @property
     def provider(self) -> str:
-        """What the network runs on, for the report."""
+        """Processor on which the network runs, for the report."""
         return provider_of(self._session)
 
     def __call__(self, frame: Frame) -> Detections:
-        """The people in a frame, the most certain first. Boxes end at the picture's edges."""
+        """Find the people in a frame, in order of decreasing score. Boxes end at the picture's edges."""
         picture = frame.picture
         height, width = picture.shape[:2]
         whole, fitting = self._look(picture, (0, 0, width, height))
@@ -116,18 +115,18 @@ class YoloxDetector:
         return Detections(ltwh, score)
 
     def _look(self, picture: Picture, window: Window) -> tuple[Values, Fitting]:
-        """(N, 5 + C) rows of a window, and where it lies in the network's input."""
+        """Run the network on a window; return its rows (N, 5 + C), and the window's place in the network's input."""
         values, fitting = fit_window(picture, window, self._size, self._network.input, self._kind)
         return self._session.run(None, {self._input: values})[0][0], fitting
 
     def _locate_small_people(self, rows: Values, fitting: Fitting) -> Floats:
-        """(N, 2) where there may be people who are too small for the whole picture, pixels of the picture."""
+        """Find places (N, 2) of possible people who are too small for the whole picture, pixels of the picture."""
         boxes, _ = people(rows, self._cells, self._decoded, HINT)
         ltrb = fitting.to_picture(boxes[boxes[:, 3] - boxes[:, 1] < SEEN_HEIGHT])
         return np.asarray((ltrb[:, :2] + ltrb[:, 2:]) / 2)
 
     def _sound(self, rows: Values, fitting: Fitting, picture: Picture) -> tuple[Floats, Floats]:
-        """(N, 4) left, top, right, bottom in pixels of the picture, within it and not cut by a tile, and (N,) scores."""
+        """Return left, top, right, bottom (N, 4), pixels, of boxes that no tile cuts off, within the picture; scores (N,)."""
         boxes, score = people(rows, self._cells, self._decoded, self._options.score)
         height, width = picture.shape[:2]
         ltrb = np.clip(fitting.to_picture(boxes), 0.0, np.array([width, height, width, height], dtype=np.float64))
@@ -137,7 +136,7 @@ class YoloxDetector:
         return ltrb[kept], score[kept]
 
     def _read_input(self) -> tuple[str, tuple[int, int], np.dtype[Any]]:
-        """Name, height and width, and type of the network's input."""
+        """Return name, height and width, and type of the network's input."""
         ports = inputs_of(self._session)
         wanted = "a YOLOX network takes one input [1, 3, height, width] of float, float16 or uint8, multiples of 32"
         if len(ports) != 1:
@@ -152,7 +151,7 @@ class YoloxDetector:
         return port.name, (height, width), np.dtype(KINDS[port.kind])
 
     def _read_output(self) -> tuple[Cells, bool]:
-        """The cells of the network's rows, and whether its boxes are in pixels, from what it gives for a grey picture."""
+        """Return the cells of the network's rows, and whether its boxes are in pixels, from its output for a grey picture."""
         grey = np.full((1, 1, 3), 114, dtype=np.uint8)
         values, _ = fit_window(grey, (0, 0, 1, 1), self._size, self._network.input, self._kind)
         try:
@@ -174,7 +173,7 @@ class YoloxDetector:
         return cells, is_decoded(rows, cells) if decoded is None else decoded
 
     def _describe_misfit(self, found: str, wanted: str) -> InputError:
-        """What is wrong with the network's shape."""
+        """Describe the error in the network's input or output."""
         return InputError(f"{self._network.path}: the network {found}: {wanted}; give another file or another kind of output")
 
 
@@ -192,7 +191,7 @@ class Cells:
 
 
 def cells_of(size: tuple[int, int], strides: tuple[int, ...]) -> Cells:
-    """The cells of grids over an input of this height and width, row by row, the finest grid first."""
+    """Return the cells of grids over an input of this height and width, row by row, the finest grid first."""
     corners, sizes = [], []
     for stride in strides:
         row, column = np.mgrid[: size[0] // stride, : size[1] // stride].reshape(2, -1)
@@ -202,7 +201,7 @@ def cells_of(size: tuple[int, int], strides: tuple[int, ...]) -> Cells:
 
 
 def matching_cells(size: tuple[int, int], rows: int) -> Cells | None:
-    """The cells of the three or four grids that have this many rows; None where neither has."""
+    """Return the cells of the three or four grids that have this number of rows; None where neither has."""
     for strides in (STRIDES[:3], STRIDES):
         cells = cells_of(size, strides)
         if len(cells) == rows:
@@ -211,10 +210,10 @@ def matching_cells(size: tuple[int, int], rows: int) -> Cells | None:
 
 
 def is_decoded(rows: Values, cells: Cells) -> bool:
-    """Whether the boxes of rows (N, 5 + C) are in pixels of the input, determined by where their centres lie.
+    """Check whether the boxes of rows (N, 5 + C) are in pixels of the input, by the positions of their centres.
 
-    A cell's box is near the cell. So either the centres less the cells' corners are small, or the centres themselves are,
-    counted in cells; across the input, the two differ by tens.
+    A cell's box is near the cell. So either the centres minus the cells' corners are small, or the centres themselves are,
+    counted in cells. Across the input the two differ by tens of cells.
     """
     if (rows[:, 2:4] <= 0).any():
         return False
@@ -223,7 +222,7 @@ def is_decoded(rows: Values, cells: Cells) -> bool:
 
 
 def people(rows: Values, cells: Cells, decoded: bool, floor: float) -> tuple[Floats, Floats]:
-    """The boxes of people among the rows of one picture.
+    """Return the boxes of people among the rows of one picture.
 
     Args:
         rows: (N, 5 + C) box, objectness, class scores.

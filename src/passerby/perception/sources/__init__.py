@@ -1,5 +1,5 @@
-"""What a camera's video is made of: one file, pieces of a recording, or pictures; and when each of them was taken.
+"""Sources of a camera's video (one file, pieces of a recording, or pictures), and the times of these files.
 
-`files` lists what a scene file names, `name_times` and `picture_times` say when each file was taken, `placing` puts them in a
-row, `recording` looks into them and makes one recording of them. `passerby.perception.video` reads it like any video.
+`files` lists a camera's files and places them in time, `name_times` and `file_times` find when each was taken, `frame_times`
+reads times of single frames, `recording` joins the files. `passerby.perception.video` reads the result like any video.
 """

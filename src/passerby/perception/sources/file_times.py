@@ -1,8 +1,8 @@
-"""When each file of a camera was taken: by a table, a pattern of names, the usual names, or the heads of images.
+"""Times of a camera's files: from a table, a pattern of names, the usual names, or the heads of images.
 
 Exif 2.32 (CIPA DC-008): tags 0x0112 orientation, 0x010F make, 0x0110 model, 0x9003 DateTimeOriginal, 0x9011
-OffsetTimeOriginal, 0x9291 SubSecTimeOriginal, 0xA405 focal length in 35 mm. An image may say anything: what is none of these
-is passed over.
+OffsetTimeOriginal, 0x9291 SubSecTimeOriginal, 0xA405 focal length in 35 mm. An image may contain any values: invalid ones are
+ignored.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ from passerby.perception.sources.files import ListedFiles, VideoSource
 from passerby.perception.sources.name_times import NamedTime, NamePattern, find_usual_time
 
 _NUMBER = re.compile(r"(\d+)(?!.*\d)")
-"""The last number of a name."""
+"""The last number in a name."""
 LONGEST_NUMBER = 9
 HEAD_BYTES = 1 << 18
-"""Exif and the size lie within the first 64 KiB and one thumbnail."""
+"""Exif and the size are within the first 64 KiB and one thumbnail."""
 _SIZES = (*range(0xC0, 0xC4), *range(0xC5, 0xC8), *range(0xC9, 0xCC), *range(0xCD, 0xD0))
 _EXIF_IFD = 0x8769
 _TEXT, _SHORT, _LONG = 2, 3, 4
@@ -38,7 +38,7 @@ SHORTEST_MM, LONGEST_MM = 4, 2000
 
 @dataclass(frozen=True, eq=False)
 class FileTimes:
-    """When the files of a camera begin."""
+    """Beginnings of the files of a camera."""
 
     begin: Floats
     """(N,) seconds; wall time since 1970 where `wall`."""
@@ -47,20 +47,20 @@ class FileTimes:
     utc: bool
     """Whether wall time is known to be UTC."""
     numbered: bool = False
-    """Whether they are the numbers of pictures, over the rate that the scene file states."""
+    """Whether they are computed from the numbers of pictures and the rate that the scene file states."""
 
 
 def times_of(source: VideoSource, files: ListedFiles, heads: Sequence[PictureHead] | None = None) -> FileTimes | None:
-    """When the files were taken; None where nothing tells it.
+    """Return the times at which the files were taken; None where they are not known.
 
     Args:
-        source: what the scene file says.
+        source: the scene file's description of the video.
         files: the files.
-        heads: of images, where they were read before; read here where None.
+        heads: heads of images that were read before; None: they are read here.
 
     Raises:
-        InputError: the table lacks a file or has a time that is none; the pattern fits not all names; numbered images without a
-            rate.
+        InputError: the table lacks a file or has an invalid time; the pattern does not match all names; numbered images without
+            a rate.
     """
     if source.times is not None:
         return _time_by_table(source.times, files.paths)
@@ -74,7 +74,7 @@ def times_of(source: VideoSource, files: ListedFiles, heads: Sequence[PictureHea
 
 
 def _time_pictures(source: VideoSource, files: ListedFiles, heads: Sequence[PictureHead] | None) -> FileTimes:
-    """Of images without times in their names: Exif, where all have it, or else their numbers."""
+    """Return the times of images without times in their names: from Exif, where all have it, else from their numbers."""
     found = [_find_last_number(path) for path in files.paths]
     numbers = [number for number in found if number is not None]
     numbered = len(numbers) == len(found) and len(set(numbers)) == len(numbers)
@@ -115,7 +115,7 @@ def _find_last_number(path: Path) -> int | None:
 
 
 def _time_by_names(known: Sequence[NamedTime]) -> FileTimes:
-    """One resolution, that of the coarsest name."""
+    """Combine the times; the resolution is that of the coarsest name."""
     seconds = np.array([one.seconds for one in known])
     return FileTimes(seconds, max(one.resolution_s for one in known), True, all(one.utc for one in known))
 
@@ -135,7 +135,7 @@ def _time_by_pattern(source: VideoSource, paths: Sequence[Path]) -> list[NamedTi
 
 
 def _time_by_table(table: Path, paths: Sequence[Path]) -> FileTimes:
-    """The times of a CSV: file name, seconds or ISO time; a first row that is no time is a heading."""
+    """Read the times from a CSV: file name, seconds or ISO time; a first row without a time is a heading."""
     try:
         with table.open(encoding="utf-8-sig", newline="") as file:
             rows = [row for row in csv.reader(file) if row and any(cell.strip() for cell in row)]
@@ -171,7 +171,7 @@ def _time_by_table(table: Path, paths: Sequence[Path]) -> FileTimes:
 
 
 def parse_time(text: str) -> tuple[float, bool, bool] | None:
-    """Seconds, whether they are wall time, and whether that is UTC; None for no time."""
+    """Return seconds, whether they are wall time, and whether that is UTC; None where the text is not a time."""
     try:
         seconds = float(text)
     except ValueError:
@@ -188,10 +188,10 @@ def parse_time(text: str) -> tuple[float, bool, bool] | None:
 
 @dataclass(frozen=True)
 class PictureHead:
-    """What an image says of itself."""
+    """Metadata in the head of an image."""
 
     size: tuple[int, int] | None
-    """(width, height) as it is shown; None where its kind is not read here."""
+    """(width, height) as shown; None for image formats that are not read here."""
     taken: NamedTime | None = None
     focal_35mm: float | None = None
     device: str | None = None
@@ -204,7 +204,7 @@ class _Exif:
     values: dict[int, str | int] = field(default_factory=dict)
 
     def read(self) -> dict[int, str | int]:
-        """Texts and whole numbers by tag."""
+        """Return texts and whole numbers by tag."""
         self.order = {b"II": "<", b"MM": ">"}[self.content[:2]]
         (first,) = struct.unpack(f"{self.order}I", self.content[4:8])
         self._directory(first)
@@ -229,7 +229,7 @@ class _Exif:
 
 
 def read_picture_head(path: Path) -> PictureHead:
-    """The head of an image. Raises `OSError` where the file cannot be read; nothing for one that is damaged."""
+    """Read the head of an image; it is empty for a damaged one. Raises `OSError` where the file cannot be read."""
     with path.open("rb") as file:
         head = file.read(HEAD_BYTES)
     try:
@@ -264,7 +264,7 @@ def _jpeg(head: bytes) -> PictureHead:
 
 
 def _segments(head: bytes) -> Iterator[tuple[int, bytes]]:
-    """Marker and content of the segments before the first scan (ITU T.81)."""
+    """Yield marker and content of the segments before the first scan (ITU T.81)."""
     place = 2
     while place + 4 <= len(head) and head[place] == 0xFF:
         marker = head[place + 1]
@@ -276,7 +276,7 @@ def _segments(head: bytes) -> Iterator[tuple[int, bytes]]:
 
 
 def _read_time(exif: dict[int, str | int]) -> NamedTime | None:
-    """When it was taken; None if unknown."""
+    """Return the time at which it was taken; None if unknown."""
     try:
         time = datetime.strptime(str(exif.get(0x9003, "")), "%Y:%m:%d %H:%M:%S").replace(tzinfo=UTC)
     except ValueError:

@@ -1,4 +1,4 @@
-"""The files that a camera's `video` names, where they lie in its recording, and what is odd about them."""
+"""The files that a camera's `video` names, their places in its recording, and findings about them."""
 
 from __future__ import annotations
 
@@ -22,21 +22,21 @@ from passerby.perception.video_probe import VideoInfo, WallTime
 
 Kind = Literal["videos", "pictures"]
 MOST_FILES = 500_000
-"""A camera's recording in pieces of ten seconds has as many in eight weeks."""
+"""A camera's recording in pieces of ten seconds has this many files in eight weeks."""
 _PATTERN, _NUMBERED = re.compile(r"[*?\[]"), re.compile(r"%0?\d*d")
 SLACK_S = 0.1
-"""Lengths that containers state, and the times that recorders write, may be off by so much from piece to piece."""
+"""Errors, from piece to piece, of the lengths that containers state and of the times that recorders write."""
 GAP_S = 1.0
-"""Shorter gaps are within what whole seconds in names tell."""
+"""Shorter gaps are within the resolution of whole seconds in names."""
 OVERLAP_S = 1.0
-"""Likewise: recorders begin a piece at a key frame before the last piece has ended."""
+"""The same for overlaps: recorders begin a piece at a key frame before the last piece has ended."""
 LONG_S = 3600.0
-"""Longer recordings are reported: half an hour with people determines a rig, and watching takes about as long as filming."""
+"""Longer recordings are reported: half an hour with people determines a rig, and processing takes about as long as filming."""
 
 
 @dataclass(frozen=True)
 class WallSpan:
-    """A span of wall time, seconds since 1970 by the clock of the names of files; either end may be open (infinite)."""
+    """A span of wall time, seconds since 1970 by the clock of the files' names; either end may be open (infinite)."""
 
     first: float
     last: float
@@ -44,18 +44,18 @@ class WallSpan:
 
 @dataclass(frozen=True)
 class VideoSource:
-    """What a scene file says of a camera's video. All paths can be opened as they are."""
+    """The scene file's description of a camera's video. All paths can be opened as they are."""
 
     paths: tuple[Path, ...]
     """Files, folders or patterns."""
     names: str | None = None
-    """How the files' names tell their times: see `NamePattern`. None: by the usual names."""
+    """Format of the times in the files' names: see `NamePattern`. None: the usual names."""
     times: Path | None = None
     """A table of the files' times, CSV."""
     fps: float | None = None
-    """Pictures a second, for numbered pictures."""
+    """Pictures per second, for numbered pictures."""
     span: WallSpan | None = None
-    """What is used of it."""
+    """The part of it that is used; None: all."""
     origin: float | None = None
     """Wall time of frame 1, seconds since 1970. None: the first picture is frame 1."""
     rotate: int = 0
@@ -63,7 +63,7 @@ class VideoSource:
 
     @property
     def single(self) -> Path | None:
-        """The one file that it is, with nothing said of its time; None for pieces and pictures."""
+        """The path of a single file without a statement of its time; None for pieces and pictures."""
         (path, *more) = self.paths
         if more or self.names is not None or self.times is not None or path.is_dir():
             return None
@@ -73,7 +73,7 @@ class VideoSource:
 
     @property
     def place(self) -> Path:
-        """What messages call it."""
+        """Its name in messages."""
         if len(self.paths) == 1:
             return self.paths[0]
         shared = [parts[0] for parts in zip(*(path.parts for path in self.paths), strict=False) if len(set(parts)) == 1]
@@ -89,12 +89,12 @@ class ListedFiles:
 
 
 def is_pattern(path: Path) -> bool:
-    """Whether a path stands for several files; a file that is called so is a file."""
+    """Check whether a path stands for several files; an existing file with such a name is a file."""
     return bool(_PATTERN.search(str(path)) or _NUMBERED.search(path.name))
 
 
 def list_files(source: VideoSource) -> ListedFiles:
-    """The files that a source names, each once.
+    """List the files that a source names, each once.
 
     Raises `VideoError` where there are none, or both videos and pictures.
     """
@@ -117,7 +117,7 @@ def list_files(source: VideoSource) -> ListedFiles:
 
 
 def _list_named(path: Path) -> list[Path]:
-    """The videos and pictures of one path of a list."""
+    """List the videos and pictures of one path of a source."""
     endings = VIDEO_ENDINGS + PICTURE_ENDINGS
     if path.is_dir():
         return [one for one in islice(walk_below(path), MOST_FILES) if one.suffix.lower() in endings]
@@ -141,43 +141,43 @@ def _list_named(path: Path) -> list[Path]:
 
 @dataclass(frozen=True)
 class Gaps:
-    """What is missing between pieces, and what there is twice."""
+    """Gaps and overlaps between pieces."""
 
     count: int
     seconds: float
-    """Missing in all."""
+    """Total length of the gaps."""
     longest_s: float
     longest_at_s: float
-    """Where the longest gap begins."""
+    """Time at which the longest gap begins."""
     overlaps: int
     overlap_s: float
     longest_overlap_at_s: float
-    """Where the longest overlap begins."""
+    """Time at which the longest overlap begins."""
     irregular: bool
-    """Whether most pieces do not overlap: recorders that begin a piece early always do."""
+    """Whether most pieces do not overlap: recorders that begin a piece early always overlap."""
     inside: int
-    """Pieces all of whose time others show too: they are of another camera, copies, or of a clock that was set back."""
+    """Number of pieces whose whole time others cover too: another camera's, copies, or of a clock that was set back."""
 
 
 def follow_at_once(seconds: Floats) -> Floats:
-    """(N,) where pieces of so many seconds begin that follow one another."""
+    """Return the beginnings (N,) of pieces with lengths (N,) that follow one another."""
     return np.concatenate([[0.0], np.cumsum(seconds)[:-1]])
 
 
 def place_by_names(named: Floats, seconds: Floats, resolution_s: float) -> Floats:
-    """(N,) where pieces begin whose names tell it with fractions left off.
+    """Estimate the beginnings (N,) of pieces whose names state them without fractions.
 
-    Pieces that were recorded without a break share one phase: each begins where the one before it ends, and all of them within
-    the second that its name tells. What is left open is halved. Pieces that are missing are taken to be as long as the
-    others, as far as the names allow it; where they do not, the phase begins anew.
+    Pieces that were recorded without a break share one phase: each begins where the previous one ends, and all begin within the
+    second that their names state. The middle of the remaining interval is taken. Missing pieces are assumed to be as long as
+    the others, as far as the names allow it; where they do not, a new phase begins.
 
     Args:
         named: (N,) the times in the names, seconds, ascending.
         seconds: (N,) lengths of the pieces.
-        resolution_s: the true beginnings are up to so much later.
+        resolution_s: the true beginnings are later than the names by up to this.
 
     Returns:
-        (N,) on the clock of `named`.
+        (N,) beginnings on the clock of `named`.
     """
     seconds = _rescale_lengths(named, seconds, resolution_s)
     usual = float(np.median(seconds))
@@ -188,7 +188,7 @@ def place_by_names(named: Floats, seconds: Floats, resolution_s: float) -> Float
     for k in range(1, len(named) + 1):
         if k < len(named):
             ahead = relative[k - 1] + seconds[k - 1]
-            # Missing pieces of the usual length; with none it follows at once.
+            # Missing pieces have the usual length; without missing ones the piece follows at once.
             late = named[k] + 0.5 * resolution_s - 0.5 * (low + high) - ahead
             missing = round(late / usual) if usual > 0 and late > resolution_s + SLACK_S else 0
             ahead += missing * usual
@@ -198,7 +198,7 @@ def place_by_names(named: Floats, seconds: Floats, resolution_s: float) -> Float
                 continue
         begins[first:k] = 0.5 * (low + high) + relative[first:k]
         if k < len(named):
-            # A phase that has drifted away goes on from the nearest time that the name allows, others begin in the middle.
+            # After a drift the phase continues at the nearest time that the name allows; any other phase begins in the middle.
             predicted = begins[k - 1] + seconds[k - 1]
             first, relative[k] = k, 0.0
             low, high = named[k] - SLACK_S, named[k] + resolution_s + SLACK_S
@@ -209,25 +209,25 @@ def place_by_names(named: Floats, seconds: Floats, resolution_s: float) -> Float
 
 
 def _rescale_lengths(named: Floats, seconds: Floats, resolution_s: float) -> Floats:
-    """(N,) lengths by the clock that wrote the names, where many pieces show that it does not run as the videos' own."""
+    """Return the lengths (N,) on the clock of the names, if many pieces show that its rate differs from that of the videos."""
     if len(named) < 2:
         return seconds
     steps = np.diff(named)
     adjacent = np.abs(steps - seconds[:-1]) <= resolution_s + SLACK_S
     more, own = float((steps - seconds[:-1])[adjacent].sum()), float(seconds[:-1][adjacent].sum())
-    # Names may be wrong by their resolution at either end.
+    # Names may be wrong by their resolution at both ends.
     return seconds if abs(more) <= 2 * resolution_s or own <= 0 else seconds * (1 + more / own)
 
 
 def gaps_between(begins: Floats, seconds: Floats, least_s: float = GAP_S) -> Gaps:
-    """Gaps of `least_s` and more, and overlaps, of pieces in order of their beginnings."""
+    """Find gaps of at least `least_s`, and overlaps, of pieces in order of their beginnings."""
     ends = np.maximum.accumulate(begins + seconds)
     gap = begins[1:] - ends[:-1]
     missing = gap[gap >= least_s]
     overlapping = gap <= -OVERLAP_S
     twice = -gap[overlapping]
     inside = overlapping & (begins[1:] + seconds[1:] <= ends[:-1] + SLACK_S)
-    # Two recordings in turn: each piece is over only after the next one but one has begun.
+    # Two recordings that alternate: each piece ends only after the piece after the next one has begun.
     inside[:-1] |= overlapping[:-1] & overlapping[1:] & (begins[2:] <= ends[:-2] + least_s)
     longest = int(np.argmax(gap)) if len(missing) else 0
     return Gaps(
@@ -240,7 +240,7 @@ def gaps_between(begins: Floats, seconds: Floats, least_s: float = GAP_S) -> Gap
 def unreadable_pieces(
     name: str, place: Path, paths: Sequence[Path], failed: Sequence[tuple[int, str]], listed: int
 ) -> list[Finding]:
-    """Files that could not be read; `failed` are their numbers among `paths`, with the reason."""
+    """Report files that could not be read; `failed` has their indices in `paths`, with the reason."""
     if not failed:
         return []
     number, why = failed[0]
@@ -253,7 +253,7 @@ def differing_pieces(
     name: str, place: Path, paths: Sequence[Path], other: Sequence[int], opened: dict[int, VideoInfo], size: tuple[int, int],
     rate: float, listed: int,
 ) -> list[Finding]:  # fmt: skip
-    """Files of another size or rate than most; `other` are their numbers among `paths`."""
+    """Report files of another size or rate than most; `other` has their indices in `paths`."""
     if not other:
         return []
     first = opened[other[0]]
@@ -265,7 +265,7 @@ def differing_pieces(
 
 
 def gap_findings(name: str, place: Path, gaps: Gaps, wall: WallTime | None, what: str) -> list[Finding]:
-    """Gaps between the pieces or images of a recording (`what`), and pieces that overlap."""
+    """Report gaps between the pieces or images of a recording (`what`), and pieces that overlap."""
     found = []
     if gaps.count:
         longest_at = None if wall is None else WallTime(round(wall.seconds + gaps.longest_at_s), wall.utc).text
@@ -281,7 +281,7 @@ def gap_findings(name: str, place: Path, gaps: Gaps, wall: WallTime | None, what
 
 
 def long_recording(name: str, source: VideoSource, info: VideoInfo) -> list[Finding]:
-    """Recordings of hours, of which no span is chosen."""
+    """Report recordings of hours for which no span is chosen."""
     if source.span is not None or info.seconds is None or info.seconds <= LONG_S:
         return []
     first = last = None

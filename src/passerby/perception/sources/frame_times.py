@@ -1,7 +1,7 @@
-"""The times of a video's frames by a table beside it, as loggers write them (CSV): one row per frame, in order.
+"""Times of a video's frames from a table beside it, as loggers write them (CSV): one row per frame, in order.
 
-The table may have a heading, and columns besides the times: frame numbers, names. Times are seconds, thousandths, millionths or
-thousand-millionths of a second, from any zero or since 1970, or ISO 8601.
+The table may have a heading, and other columns: frame numbers, names. Times are in seconds, milliseconds, microseconds or
+nanoseconds, from any zero or since 1970, or ISO 8601.
 """
 
 from __future__ import annotations
@@ -28,29 +28,29 @@ _UNIT_OF_NAME = re.compile(
 )
 _NAME_OF_TIME = re.compile(r"time|stamp|second|^t$|^pts|^ts", re.IGNORECASE)
 LATEST = 4_102_444_800.0
-"""2100: later times are no seconds since 1970."""
+"""The year 2100: later times are not seconds since 1970."""
 TYPICAL_STEP_S = 1 / 30
-"""Of frames where no video states their rate. Units are a thousand apart."""
+"""Usual step between frames where no video states their rate. Units differ by factors of 1000."""
 MISSED = 2
-"""Frames that a container and a logger may count otherwise, at the end."""
+"""Difference between the numbers of frames of a container and of a logger that is accepted, at the end."""
 
 
 @dataclass(frozen=True, eq=False)
 class FrameTimes:
-    """When the frames of a video were taken."""
+    """Times at which the frames of a video were taken."""
 
     path: Path
     seconds: Floats
-    """(N,) ascending, from the first."""
+    """(N,) seconds from the first frame, ascending."""
     begin_s: float | None
-    """Of the first, seconds since 1970; None where the table's zero is another one."""
+    """Time of the first frame, seconds since 1970; None where the table has another zero."""
 
     def numbers(self) -> Ints:
-        """(N,) frame numbers by the clock of variable rates."""
+        """Return frame numbers (N,) on the clock of variable rates."""
         return np.asarray(np.rint(self.seconds * VARIABLE_CLOCK_FPS), dtype=np.int64) + 1
 
     def renumbered(self, frame: Ints, camera: str) -> Ints:
-        """Frames that were counted from 1, by the clock of variable rates. Raises `InputError` for one without a time."""
+        """Convert frames counted from 1 to the clock of variable rates. Raises `InputError` for one without a time."""
         outside = frame[(frame < 1) | (frame > len(self.seconds))]
         if len(outside):
             raise InputError(
@@ -61,7 +61,7 @@ class FrameTimes:
 
 
 def read_frame_times(path: Path, step_s: float = TYPICAL_STEP_S) -> FrameTimes:
-    """Read a table of times; the unit that its heading states, or by which frames come about `step_s` after each other.
+    """Read a table of times; the unit is that of its heading, or the one with frames about `step_s` apart.
 
     Raises `InputError` (file, row, value and fix) for a table that cannot be read or times that do not ascend.
     """
@@ -90,9 +90,9 @@ def read_frame_times(path: Path, step_s: float = TYPICAL_STEP_S) -> FrameTimes:
 
 
 def apply_times(info: VideoInfo, times: FrameTimes) -> VideoInfo:
-    """A video of constant rate with the times of a table.
+    """Return a video of constant rate with the times of a table.
 
-    Raises `InputError` where it is no single file of constant rate, or has another number of frames.
+    Raises `InputError` where it is not a single file of constant rate, or has another number of frames.
     """
     if info.pieces:
         raise VideoError(info.path, "is in pieces: times of frames are read for one video file; give video_times instead")
@@ -117,7 +117,7 @@ def apply_times(info: VideoInfo, times: FrameTimes) -> VideoInfo:
 
 
 def find_frame_times(video: Path) -> Path | None:
-    """The table beside a video that bears its name, or is alone with it in a folder; None where there is none."""
+    """Find the table beside a video that has its name, or a general name if no other video is there; None without one."""
     names = [f"{video.stem}.csv", *(f"{video.stem}{joint}{word}.csv" for word in ("timestamps", "times") for joint in "_-.")]
     named = next((path for name in names if (path := video.with_name(name)).is_file()), None)
     if named is not None:
@@ -146,19 +146,19 @@ def _rows(path: Path) -> list[list[str]]:
 
 
 def _number(cell: str) -> tuple[float, bool] | None:
-    """A time, and whether it is ISO 8601; None for no time."""
+    """Return a time, and whether it is ISO 8601; None where the cell is not a time."""
     found = parse_time(cell)
     return None if found is None else (found[0], found[1])
 
 
 def _column(heading: Sequence[str], width: int) -> int:
-    """The column of the times: by its name, else the second of several."""
+    """Return the index of the column of times: by its name, else the second of several."""
     named = [number for number, name in enumerate(heading) if _NAME_OF_TIME.search(name)]
     return named[0] if named else min(1, width - 1)
 
 
 def _unit(path: Path, name: str, values: Floats, step_s: float) -> float:
-    """Seconds per unit of the values."""
+    """Return the seconds per unit of the values."""
     if found := _UNIT_OF_NAME.search(name.lower()):
         return tuple(UNITS.values())[next(number for number, one in enumerate(found.groups()) if one)]
     steps = np.diff(values)

@@ -1,21 +1,21 @@
-"""What names of files and folders say: when a recording began, and which chapter of it a file is.
+"""Information in names of files and folders: when a recording began, and which chapter of it a file is.
 
-Usual names, each with where it is described:
+Usual names, each with its source:
 
 - Frigate: `recordings/YYYY-MM-DD/HH/CAMERA/MM.SS.mp4`, in UTC (docs.frigate.video, configuration/record).
 - Hikvision, Reolink, Synology, VLC and most others: date and time in the file's name, as `YYYYMMDDHHMMSS`, `YYYYMMDD-HHMMSS`,
-  `YYYY-MM-DD HH-MM-SS`, `vlc-record-2026-01-31-08h30m00s-...`. Of a beginning and an end (Brickcom's
-  `20140509-000500-001000_...`, Canon's `..._yyyymmdd_hhmmss_yyyymmdd_hhmmss`) the beginning counts.
+  `YYYY-MM-DD HH-MM-SS`, `vlc-record-2026-01-31-08h30m00s-...`. If a name has a beginning and an end (Brickcom's
+  `20140509-000500-001000_...`, Canon's `..._yyyymmdd_hhmmss_yyyymmdd_hhmmss`), the beginning is used.
 - Dahua: `2026-01-31/001/dav/08/08.30.00-09.00.00[M][0@0][0].mp4`: the time in the file's name, the date in a folder's.
 - `passerby record`, and others that write ISO 8601 with a Z behind it: in UTC (`20261122T083005.250Z.mkv`).
 - Cloudvue, Xiaomi: seconds since 1970, in UTC (`2023-03-30/1680140457.mp4`, `2025060107/46M14S_1748735174.mp4`).
 
-A name that does not tell its time zone is taken as it stands: times of one recorder are compared with each other only.
+A name without a time zone is used as it is: times of one recorder are compared only with each other.
 
 - GoPro (community.gopro.com, "Camera File Naming Convention"): `GX010012`, `GX020012` are chapters 01 and 02 of recording 0012;
   GH with AVC, GX with HEVC, GS with two lenses, GL a small copy (LRV). Up to HERO5: `GOPR0345`, `GP010345`, `GP020345`.
 - A counter of three digits or more at the end of a name: `name_001`, `name_002`; DJI's `DJI_0001`, and
-  `DJI_20240501100305_0001_D`, where the time of the chapter stands before it.
+  `DJI_20240501100305_0001_D`, with the time of the chapter before it.
 """
 
 from __future__ import annotations
@@ -45,30 +45,30 @@ DIRECTIVES = {
     "Y": r"\d{4}", "y": r"\d\d", "m": r"\d\d", "d": r"\d\d", "j": r"\d{3}", "H": r"\d\d", "I": r"\d\d", "M": r"\d\d",
     "S": r"\d\d", "f": r"\d{1,6}", "p": r"[AaPp][Mm]", "b": r"[A-Za-z]{3}", "z": r"(?:Z|[+-]\d\d:?\d\d)", "s": r"\d{10}",
 }  # fmt: skip
-"""Those of `datetime.strptime` that a pattern may hold, and seconds since 1970."""
+"""Directives of `datetime.strptime` that a pattern may contain, and seconds since 1970."""
 _GOPRO = re.compile(r"G([HXSLP])(\d\d)(\d{4})", re.IGNORECASE)
 _GOPRO_FIRST = re.compile(r"GOPR(\d{4})", re.IGNORECASE)
 _COUNTER = re.compile(r"(.*?\D)(\d{3,6})(_[A-Z])?", re.IGNORECASE)
 _DJI_COUNTER = re.compile(r"(?<=dji__)\d{4}(?=_[a-z]$|$)")
 _CAMERA_WORD = re.compile(r"(?:^|[^a-z])(?:cam|camera|view|channel|ch|device|dev|kinect|c|v)[^a-z]*$", re.IGNORECASE)
-"""Before a counter: it numbers cameras, unless times show chapters."""
+"""A word before a counter that counts cameras, unless times show that it counts chapters."""
 _DIGIT = "[0-9]"
 
 
 @dataclass(frozen=True)
 class NamedTime:
-    """The time in a name."""
+    """A time found in a name."""
 
     seconds: float
-    """Since 1970, by the clock that the names are written by."""
+    """Seconds since 1970, by the clock with which the names are written."""
     resolution_s: float
-    """The true time is up to so much later: names leave off fractions."""
+    """The true time is later by up to this: names have no fractions."""
     utc: bool
     """Whether that clock is known to be UTC."""
 
 
 def find_usual_time(path: Path) -> NamedTime | None:
-    """The time in a name that is built in one of the usual ways; None where there is none."""
+    """Return the time in a name of one of the usual forms; None for other names."""
     return _frigate(path) or _find_in_name(path.stem) or _find_in_folders(path)
 
 
@@ -92,7 +92,7 @@ def _find_in_name(stem: str) -> NamedTime | None:
 
 
 def _find_in_folders(path: Path) -> NamedTime | None:
-    """The time of day at the beginning of the name, and the date of the nearest folder with one."""
+    """Return the time of day at the beginning of the name, with the date of the nearest folder that has one."""
     clock = _TIME_OF_DAY.match(path.stem)
     day = next((found for part in reversed(path.parts[:-1]) if (found := _DAY.search(part))), None)
     return None if clock is None or day is None else _time([*day.groups(), *clock.groups()])
@@ -108,12 +108,12 @@ def _time(parts: Sequence[str], thousandths: str | None = None, utc: bool = Fals
 
 @dataclass(frozen=True)
 class NamePattern:
-    """How a recorder names files: text, directives of `strptime`, and * for any text within one name."""
+    """Format of a recorder's file names: text, directives of `strptime`, and * for any text within one name."""
 
     text: str
 
     def __post_init__(self) -> None:
-        """Raises `ValueError` for a pattern that tells no time."""
+        """Check the pattern. Raises `ValueError` for a pattern without a time."""
         unknown = sorted({mark for mark in self.directives if mark not in DIRECTIVES})
         if unknown:
             raise ValueError(f"%{unknown[0]} is not known: use {', '.join('%' + mark for mark in DIRECTIVES)}")
@@ -126,11 +126,11 @@ class NamePattern:
 
     @property
     def directives(self) -> tuple[str, ...]:
-        """The letters behind each %."""
+        """The letters after each %."""
         return tuple(re.findall(r"%(.)", self.text.replace("%%", "")))
 
     def time_of(self, path: Path) -> NamedTime | None:
-        """The time in the end of a path; None where the path is built otherwise."""
+        """Return the time in the end of a path; None where the path does not match."""
         end = "/".join(path.parts[-1 - self.text.count("/") :])
         found = re.fullmatch(self._expression, end)
         if found is None:
@@ -164,23 +164,23 @@ class NamePattern:
 
 @dataclass(frozen=True)
 class ChapterName:
-    """A name that may be that of a chapter."""
+    """A name that may be the name of a chapter."""
 
     recording: str
-    """What all chapters of the recording share, for people."""
+    """Name of the recording, common to all its chapters, for messages."""
     chapter: int
     pattern: str
-    """Names of all its chapters, without the ending, for `glob`."""
+    """Pattern of the names of all its chapters, without the ending, for `glob`."""
     scheme: bool
-    """Whether a maker's scheme says that names which differ in the chapter alone are chapters."""
+    """Whether by a maker's scheme names that differ only in the chapter are chapters."""
     numbers_cameras: bool = False
-    """Whether the counter may as well number cameras."""
+    """Whether the counter may count cameras instead."""
     copy: bool = False
     """Whether it is the small copy of another file."""
 
 
 def chapter_name(stem: str) -> ChapterName | None:
-    """The chapter that a file's name without its ending states; None for a name without a counter."""
+    """Return the chapter that a file's name without its ending states; None for a name without a counter."""
     if found := _GOPRO.fullmatch(stem):
         kind, chapter, number = found[1].upper(), int(found[2]), found[3]
         if kind == "P":
@@ -197,12 +197,12 @@ def chapter_name(stem: str) -> ChapterName | None:
 
 
 def strip_chapter(rest: str) -> str:
-    """What is left of a name without its time, in small letters, without DJI's counter of chapters."""
+    """Remove DJI's counter of chapters from the rest of a name without its time, in lower case."""
     return _DJI_COUNTER.sub("", rest)
 
 
 def order_of(stem: str) -> tuple[tuple[str | int, ...], int]:
-    """A key that sorts the chapters of GoPro's recordings behind each other, and other names as `natural_key`."""
+    """Return a key that sorts the chapters of a GoPro recording in order, and other names as `natural_key`."""
     found = chapter_name(stem)
     if found is not None and found.scheme:
         return natural_key(found.recording), found.chapter
@@ -210,7 +210,7 @@ def order_of(stem: str) -> tuple[tuple[str | int, ...], int]:
 
 
 def are_all_chapters(stems: Sequence[str]) -> bool:
-    """Whether names in order are all chapters of one recording by a maker's scheme, and none between them is missing."""
+    """Check whether names in order are all chapters of one recording by a maker's scheme, with none missing between them."""
     names = [name for stem in stems if (name := chapter_name(stem)) is not None and name.scheme]
     if len(names) < len(stems) or len({name.recording for name in names}) != 1:
         return False

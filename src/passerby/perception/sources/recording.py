@@ -1,6 +1,4 @@
-"""One recording from the files of a camera: which of them are used, where each lies in time, and what is reported about
-that.
-"""
+"""One recording from the files of a camera: choice of the files, their places in time, and findings about them."""
 
 from __future__ import annotations
 
@@ -36,22 +34,22 @@ from passerby.perception.video_camera import RecordingCamera
 from passerby.perception.video_probe import VARIABLE_CLOCK_FPS, Piece, VideoInfo, WallTime, probe
 
 MIXED = 0.5
-"""Files of a second size, as a share of those of the commonest one, from which a folder holds several cameras."""
+"""Number of files of a second size, as a share of those of the most frequent one, from which a folder has several cameras."""
 TWICE = 0.25
-"""Likewise the share of pieces all of whose time others show too."""
+"""The same for the share of pieces whose whole time other pieces cover too."""
 SAME_RATE, OTHER_RATE = 0.001, 0.1
-"""Pieces whose rates differ by less than the one count alike; by more than the other they are another stream."""
+"""Pieces whose rates differ by less than the first share count alike; by more than the second they are another stream."""
 CREATED_RESOLUTION_S = 1.0
-"""Creation times leave off fractions of a second."""
+"""Creation times have no fractions of a second."""
 LONGEST_PIECE_S = 6 * 3600.0
-"""A piece that begins earlier than this before a span is over when the span begins: it is not opened."""
+"""A piece that begins earlier than this before a span has ended when the span begins: it is not opened."""
 PICTURE_GAP = 3.0
-"""Pictures that are more than so many usual steps apart have a gap between them."""
+"""Distance of two pictures, in usual steps, above which there is a gap between them."""
 
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """A camera's video, and what is odd about its files."""
+    """A camera's video, and the findings about its files."""
 
     info: VideoInfo
     findings: tuple[Finding, ...] = ()
@@ -62,12 +60,12 @@ class WallExtent:
     """The wall times of a camera's files, before any of them is opened."""
 
     begins: tuple[float, ...]
-    """Of the files, ascending; seconds since 1970."""
+    """Beginnings of the files, ascending; seconds since 1970."""
     utc: bool
 
 
 def wall_extent(source: VideoSource) -> WallExtent | None:
-    """When a camera's files begin; None where their wall times are not known. Raises `InputError` as `open_source` does."""
+    """Return when a camera's files begin; None where wall times are not known. Raises `InputError` as `open_source` does."""
     if source.single is not None:
         return None
     times = times_of(source, list_files(source))
@@ -75,21 +73,21 @@ def wall_extent(source: VideoSource) -> WallExtent | None:
 
 
 def open_source(source: VideoSource, name: str = "") -> Recording:
-    """Look into a camera's video, turned as the source says.
+    """Open a camera's video, turned as the source states.
 
     Args:
-        source: what the scene file says of it.
-        name: the camera's, for findings.
+        source: the scene file's description of it.
+        name: the camera's name, for findings.
 
     Raises:
-        InputError: no file, none that can be read, files of several cameras, a file that grows, or as `times_of` says.
+        InputError: no file, no readable file, files of several cameras, a file that grows, or as in `times_of`.
     """
     found = _open_video(source, name)
     return replace(found, info=found.info.turned(source.rotate))
 
 
 def _open_video(source: VideoSource, name: str) -> Recording:
-    """The video as filmed."""
+    """Open the video as filmed."""
     if source.single is not None:
         return Recording(probe(source.single))
     files = list_files(source)
@@ -119,7 +117,7 @@ def _open_video(source: VideoSource, name: str) -> Recording:
 
 
 def rebased(info: VideoInfo, origin: float) -> VideoInfo:
-    """The same recording with frame 1 at another wall time, seconds since 1970, not after its beginning."""
+    """Return the same recording with frame 1 at another wall time, seconds since 1970, not after its beginning."""
     assert info.wall is not None
     later = info.wall.seconds - origin
     pieces = tuple(replace(piece, begin_s=piece.begin_s + later) for piece in info.pieces)
@@ -128,7 +126,7 @@ def rebased(info: VideoInfo, origin: float) -> VideoInfo:
 
 
 def gaps_of(info: VideoInfo) -> list[tuple[float, float]]:
-    """The gaps between the pieces of a recording, or between its pictures: from and to, seconds from frame 1."""
+    """Return the gaps between the pieces of a recording, or between its pictures: begin and end, seconds from frame 1."""
     found = []
     end = math.inf
     for piece in info.pieces:
@@ -139,16 +137,16 @@ def gaps_of(info: VideoInfo) -> list[tuple[float, float]]:
 
 
 def count_recorded_s(info: VideoInfo) -> float:
-    """Seconds of the used part of a video of known length, without the gaps in it."""
+    """Return the seconds of the used part of a video of known length, without the gaps in it."""
     return (info.seconds or 0.0) - sum(last - first for first, last in gaps_of(info))
 
 
 def _find_near_span(begin: Floats, span: WallSpan, pictures: bool) -> np.ndarray:
-    """Which files, in order of time, may show something of a span: those in it, and the pieces before it that reach into it."""
+    """Return the indices of files, in order of time, that may cover a span: those in it and earlier ones that reach into it."""
     inside = (begin >= span.first) & (begin <= span.last)
     before = begin < span.first
     if not pictures and before.any():
-        # Of those before, the last; and others that began with it.
+        # Of the earlier pieces, the last one; and others that began at the same time.
         last = begin[before].max()
         inside |= before & (begin >= last) & (begin > span.first - LONGEST_PIECE_S)
     return np.flatnonzero(inside)
@@ -167,7 +165,7 @@ def _head(path: Path) -> PictureHead:
 def _join_videos(
     source: VideoSource, name: str, paths: Sequence[Path], begin: Floats | None, times: FileTimes | None, listed: int
 ) -> Recording:
-    """One recording of pieces in order of time."""
+    """Join pieces in order of time to one recording."""
     place = source.place
     before = [_size_of(path) for path in paths]
     opened, failed = _probe_files(paths)
@@ -249,9 +247,9 @@ def _join_videos(
 
 
 def _read_creation_times(infos: Sequence[VideoInfo], seconds: Floats) -> Floats | None:
-    """(N,) when pieces in order of their names were created, where each was so after the one before it had ended; else None.
+    """Return the creation times (N,) of pieces in order of names, if each is after the end of the one before; else None.
 
-    Copies and exports have other creation times than recordings, and some makers state the end.
+    Copies and exports have other creation times than recordings, and some makers store the end.
     """
     found = [info.clock.created_s for info in infos]
     created = np.array([one for one in found if one is not None])
@@ -262,7 +260,7 @@ def _read_creation_times(infos: Sequence[VideoInfo], seconds: Floats) -> Floats 
 
 
 def _probe_files(paths: Sequence[Path]) -> tuple[dict[int, VideoInfo], list[tuple[int, str]]]:
-    """What can be read by number, and what cannot, with the reason."""
+    """Probe files: return the readable ones by index, and the unreadable ones with the reason."""
     opened: dict[int, VideoInfo] = {}
     failed: list[tuple[int, str]] = []
     for number, path in enumerate(paths):
@@ -283,7 +281,7 @@ def _size_of(path: Path) -> int:
 
 
 def _find_commonest_form(place: Path, paths: Sequence[Path], opened: dict[int, VideoInfo]) -> tuple[tuple[int, int], float]:
-    """The commonest size, and the commonest rate of the pieces of that size. Raises `VideoError` for mixed cameras."""
+    """Return the most frequent size, and the most frequent rate of pieces with it. Raises `VideoError` for mixed cameras."""
     (size, most), *others = Counter(info.size for info in opened.values()).most_common()
     if others and others[0][1] > MIXED * most:
         first = {one: next(paths[k].name for k in opened if opened[k].size == one) for one in (size, others[0][0])}
@@ -304,7 +302,7 @@ def _is_other_rate(info: VideoInfo, rate: float) -> bool:
 
 
 def _length(info: VideoInfo, variable: bool) -> float:
-    """Seconds from a piece's first picture to that of the piece that follows it at once."""
+    """Return the seconds from a piece's first picture to that of a piece that follows it at once."""
     if info.frames and not variable:
         return info.frames / info.clock_fps
     return info.seconds or (info.frames or 1) / info.average_fps
@@ -321,7 +319,7 @@ def _join_pictures(
     begin: Floats | None,
     times: FileTimes | None,
 ) -> Recording:
-    """One recording of pictures in order of time."""
+    """Join pictures in order of time to one recording."""
     assert begin is not None
     assert times is not None
     place = source.place
@@ -367,7 +365,7 @@ def _join_pictures(
 
 
 def _size(path: Path, head: PictureHead) -> tuple[int, int] | None:
-    """Of an image whose head does not tell it, by decoding it; None where it cannot be read."""
+    """Return the size of an image, by decoding it if its head does not have it; None where it cannot be read."""
     if head.size is not None or path.suffix.lower() in (".jpg", ".jpeg", ".png"):
         return head.size
     import cv2
@@ -380,13 +378,13 @@ def _size(path: Path, head: PictureHead) -> tuple[int, int] | None:
 
 
 def _choose_span(span: WallSpan | None, wall: WallTime | None) -> tuple[float, float]:
-    """The span as seconds of the recording."""
+    """Convert the span to seconds of the recording."""
     if span is None or wall is None:
         return -math.inf, math.inf
     return span.first - wall.seconds, span.last - wall.seconds
 
 
 def _span(info: VideoInfo) -> float:
-    """How long the used part lasts, with its gaps."""
+    """Return the length of the used part, with its gaps, seconds."""
     assert info.end_s is not None
     return max(0.0, info.end_s - info.begin_s)
