@@ -1,5 +1,7 @@
 """Images turned by quarter turns: what a camera projects turns with them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -77,3 +79,15 @@ def test_what_no_lens_model_expresses_is_an_error():
         turn_lens(skewed, 90)
     with pytest.raises(InputError, match="rotate is 45"):
         Lens((1280, 720), np.array(MATRIX), np.zeros(5), rotate=45)
+
+
+@pytest.mark.parametrize("degrees", TURNS)
+def test_positions_on_the_ground_are_as_uncertain_by_the_turned_camera(degrees):
+    """With the uncertainty of the intrinsics, and what it has in common with that of the pose."""
+    root = np.random.default_rng(2).normal(size=(10, 10)) * [*3 * [0.02], *3 * [0.003], 0.004, 2.0, 3.0, 0.01]
+    complete = root.T @ root
+    before = replace(camera(False), sigma=PoseSigma.from_covariance(complete[:6, :6], complete))
+    pixels = before.project(np.random.default_rng(3).uniform((-2, -2, 0), (2, 2, 0), (20, 3)))
+    expected = before.ground(pixels).covariance
+    found = turn_camera(before, degrees).ground(turn_pixels(pixels, before.lens.size, degrees)).covariance
+    np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-12)

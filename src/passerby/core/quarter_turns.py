@@ -117,12 +117,13 @@ def turn_pose(pose: Pose, degrees: int) -> Pose:
 
 
 def turn_sigma(sigma: PoseSigma, degrees: int) -> PoseSigma:
-    """Turn the uncertainty of a pose: the rotation vector of the covariance is in the camera's frame and turns with it."""
+    """Turn the uncertainty of a camera: rotation vector and principal point are in the camera's frame and turn with it."""
     if sigma.covariance is None:
         return sigma
-    block = np.eye(6)
-    block[3:, 3:] = axes_turn(degrees)
-    return replace(sigma, covariance=block @ sigma.covariance @ block.T)
+    turn, block = axes_turn(degrees), np.eye(10)
+    block[3:6, 3:6], block[7:9, 7:9] = turn, turn[:2, :2]
+    complete = None if sigma.complete is None else block @ sigma.complete @ block.T
+    return replace(sigma, covariance=block[:6, :6] @ sigma.covariance @ block[:6, :6].T, complete=complete)
 
 
 def turn_camera(camera: Camera, degrees: int) -> Camera:
