@@ -1,10 +1,10 @@
-"""Passerby: the poses of a camera network from the people who walk through its view.
+"""Passerby: computes the poses of a camera network from the people who walk through its view.
 
     import passerby
     calibration = passerby.calibrate("scene.toml")
     calibration.rig["C1"].centre
 
-`docs/api.md` tells what else there is. Names are imported when they are first used, so that `import passerby` is quick.
+`docs/api.md` lists the other functions. Names are imported when they are first used, so that `import passerby` is quick.
 """
 
 from __future__ import annotations
@@ -128,7 +128,7 @@ def __getattr__(name: str) -> Any:
 
 
 def _draw(value: object) -> str:
-    """What a notebook shows of a rig or an output folder."""
+    """Return the HTML that a notebook shows for a rig or an output folder."""
     drawings = import_module("passerby.report.notebook")
     draw = drawings.rig_html if type(value).__name__ == "Rig" else drawings.output_folder_html
     return str(draw(value))

@@ -1,4 +1,4 @@
-"""`python -m passerby`."""
+"""Entry point of `python -m passerby`."""
 
 from passerby.cli.main import main
 

@@ -1,3 +1,3 @@
-"""The version, for what writes it into files."""
+"""The version of Passerby, for modules that write it into files."""
 
 __version__ = "0.1.0"

@@ -1,4 +1,4 @@
-"""What `import passerby` offers beside `calibrate`: other tools' rigs, the world frame, errors, trajectories."""
+"""Functions that `import passerby` offers besides `calibrate`: rigs of other tools, the world frame, errors, trajectories."""
 
 from __future__ import annotations
 
@@ -33,36 +33,36 @@ RigLike = Rig | Calibration | OutputFolder | str | Path
 
 
 def read_calibration(folder: str | Path) -> OutputFolder:
-    """A calibration that was written into a folder: its rig, verdict, boxes and clocks.
+    """Read a calibration that was written into a folder: its rig, verdict, boxes and clocks.
 
         passerby.read_calibration("out").rig["C1"].centre
 
     Raises:
-        InputError: something is missing or broken, with its name and its remedy.
+        InputError: a file is missing or broken; the message has its name and the remedy.
         EvidenceError: the calibration was refused, or no camera has a pose.
     """
     return read_output(Path(folder))
 
 
 def export_rig(rig: RigLike, format: str, path: str | Path, *, name: str = "rig", lossy: bool = False) -> tuple[str, ...]:
-    """Write a rig for another tool, as `passerby export`.
+    """Write a rig for another tool, as `passerby export` does.
 
         passerby.export_rig("out", "colmap", "for_colmap")
 
-    PLY and glTF draw the people too, as far as `rig` knows them: a calibration, or an output folder with tracks.
+    PLY and glTF also draw the people, if `rig` is a calibration or an output folder with tracks.
 
     Args:
         rig: a rig, a calibration, or the path of a rig file or an output folder.
-        format: one of those that `passerby formats` lists.
+        format: name of a format that `passerby formats` lists.
         path: the file or folder to write.
-        name: of the scene, for formats that have a place for it.
+        name: name of the scene, for formats that have a place for it.
         lossy: continue where the format cannot hold everything.
 
     Returns:
-        What was lost, one sentence each.
+        One sentence for each loss of information.
 
     Raises:
-        InputError: an unknown format, a rig that it cannot hold, a path that cannot be written.
+        InputError: the format is unknown or cannot hold the rig, or the path cannot be written.
     """
     people, why = _people(rig) if find_format(format).draws_people else (None, "")
     lost = export(Export(_rig(rig), name, people), format, path, lossy=lossy)
@@ -73,21 +73,21 @@ def import_rig(
     path: str | Path, format: str, *, size: tuple[int, int] | None = None, metres_per_unit: float | None = None,
     lossy: bool = False,
 ) -> Rig:  # fmt: skip
-    """Read cameras from another tool's file or folder, as `passerby import`.
+    """Read cameras from another tool's file or folder, as `passerby import` does.
 
         passerby.import_rig("for_colmap", "colmap")
 
     Args:
         path: the file or folder.
-        format: one of those that `passerby formats` lists.
-        size: (width, height) of the images, if the file does not state it.
-        metres_per_unit: of lengths, if the file does not state them in metres.
-        lossy: continue where not everything in the file can be kept; a warning (`UserWarning`) says what is lost.
+        format: name of a format that `passerby formats` lists.
+        size: (width, height) of the images, pixels, if the file does not state it.
+        metres_per_unit: length of the file's unit, if the file does not state lengths in metres.
+        lossy: continue where not everything in the file can be kept; a warning (`UserWarning`) lists the losses.
 
-    What the file holds and the rig does not take, such as residuals, is listed in a warning.
+    A warning also lists data of the file that a rig has no place for, such as residuals.
 
     Raises:
-        InputError: an unknown format, or a file that cannot be read so.
+        InputError: the format is unknown, or the file cannot be read in this format.
     """
     given = Given(size, metres_per_unit)
     rig, losses = read_rig_as(format, Path(path), given, lossy=lossy)
@@ -99,18 +99,18 @@ def import_rig(
 def evaluate(
     rig: RigLike, truth: RigLike, reference: str | None = None, *, people: str | Path | None = None
 ) -> Comparison:  # fmt: skip
-    """How far a rig lies from the true one, as `passerby evaluate`.
+    """Compute the errors of a rig against the true rig, as `passerby evaluate` does.
 
         passerby.evaluate("out", "truth.toml", people="out").measured.points.median_mm
 
     Args:
         rig: the rig to evaluate: a rig, a calibration, or the path of a rig file or an output folder.
-        truth: likewise, with the true poses.
-        reference: the camera at which the rigs are aligned with the scale kept; default: the first.
-        people: an output folder, or its folder `tracks`: points are measured where people walked. Default: on a grid.
+        truth: the rig with the true poses, given in the same ways.
+        reference: the camera at which the rigs are aligned with the scale kept; None: the first.
+        people: an output folder, or its folder `tracks`: points are measured where people walked. None: on a grid.
 
     Raises:
-        InputError: no camera has a pose in both, or the reference has none; no boxes are there.
+        InputError: no camera has a pose in both rigs, the reference has none, or `people` holds no boxes.
     """
     return compare_measuring(_rig(rig), _rig(truth), reference, None if people is None else read_tracks_at(Path(people)))
 
@@ -119,21 +119,21 @@ def compare_rigs(
     first: RigLike, second: RigLike, people: Scene | str | Path, *, shape: bool = False, seed: int = 0,
     progress: Progress | None = None,
 ) -> PeopleComparison:  # fmt: skip
-    """Which of two rigs of the same cameras places the people of a recording more consistently, as `passerby compare`.
+    """Find which of two rigs of the same cameras places people more consistently, as `passerby compare` does.
 
         passerby.compare_rigs("out", "last_year.toml", "today.toml").better
 
     Args:
         first: a rig, a calibration, or the path of a rig file or an output folder.
-        second: likewise.
-        people: a scene, or its file, of a recording that neither was made from; or the output folder of its calibration.
-        shape: move the second rig onto the first by the best similarity before: its frame and scale do not count.
-        seed: of the calibration of the scene.
-        progress: as of `calibrate`.
+        second: the other rig, given in the same ways.
+        people: a scene, or its file, of a recording from which neither rig was made; or the output folder of its calibration.
+        shape: first move the second rig onto the first by the best similarity, so that its frame and scale do not count.
+        seed: random seed of the calibration of the scene.
+        progress: as in `calibrate`.
 
     Raises:
-        InputError: a file is missing or broken, or the rigs have not two cameras in common.
-        EvidenceError: too few people, or their identities could not be found.
+        InputError: a file is missing or broken, or the rigs have fewer than two cameras in common.
+        EvidenceError: there are too few people, or their identities could not be found.
     """
     return on_people(_rig(first), _rig(second), people, shape=shape, seed=seed, progress=progress)
 
@@ -142,19 +142,19 @@ def trajectories(
     calibration: Calibration | OutputFolder | str | Path, *, method: Method = "smoothed", max_gap_s: float = 2.0,
     fps: float | None = None,
 ) -> Trajectories:  # fmt: skip
-    """The trajectory of every person on the ground, as `passerby track`.
+    """Compute the trajectory of every person on the ground, as `passerby track` does.
 
         found = passerby.trajectories("out")
         found.xyz[found.identity == found.people[0]]
 
     Args:
-        calibration: as it was made, or as it was written.
+        calibration: a calibration, or the output folder into which it was written, or the path of this folder.
         method: smoothed, or pairwise as in the paper.
         max_gap_s: longest gap between observations of a person that is bridged, seconds.
-        fps: of the frames, if the calibration does not state it.
+        fps: frame rate, frames per second, if the calibration does not state it.
 
     Raises:
-        InputError: no frame rate is known, or an option is out of range.
+        InputError: the frame rate is unknown, or an option is out of range.
         EvidenceError: no camera has a pose, or no box has an identity.
     """
     if method not in METHODS:
@@ -178,7 +178,7 @@ def monitor(
     rig: RigLike, scene: Scene | str | Path, *, every_s: float = 60.0, budget_s: float | None = None, in_step: bool = False,
     keep: str | Path | None = None, progress: Progress | None = None,
 ) -> MonitoringResult:  # fmt: skip
-    """Whether cameras have moved since they were calibrated, as `passerby monitor`.
+    """Test whether cameras have moved since they were calibrated, as `passerby monitor` does.
 
         found = passerby.monitor("out", "today.toml")
         found.sentences()
@@ -189,9 +189,9 @@ def monitor(
         scene: new footage of its cameras, under the same names: a scene, or the path of a scene file.
         every_s: seconds of footage that are tested at once.
         budget_s: processor seconds for each camera and minute of recording; None: 1 for rigs of more than twelve cameras.
-        in_step: whether the clocks of the footage are synchronised, whatever they were in the calibration.
-        keep: folder that caches what was detected in videos; with the `monitor.json` and `rig.toml` of an earlier run, cameras
-            without new footage are not read again.
+        in_step: whether the clocks of the footage are synchronised, independent of those of the calibration.
+        keep: folder that caches the detections in videos. If it has the `monitor.json` and `rig.toml` of an earlier run,
+            cameras without new footage are not read again.
         progress: called with each stage.
 
     Raises:
@@ -203,7 +203,7 @@ def monitor(
 
 
 def _given(rig: RigLike) -> GivenRig:
-    """A rig with what its calibration knew."""
+    """Return the rig with the data of its calibration that monitoring uses, such as the time offsets of the clocks."""
     if isinstance(rig, Rig):
         return GivenRig(rig)
     if isinstance(rig, Calibration):
@@ -217,7 +217,7 @@ def align(
     points: str | Path | Sequence[KnownPoint] | None = None, positions: str | Path | Sequence[KnownPosition] | None = None,
     geodetic: bool = False, scale: bool = False, tilt: bool = False,
 ) -> Aligned:  # fmt: skip
-    """A rig in another world frame, as `passerby align`.
+    """Transform a rig into another world frame, as `passerby align` does.
 
         aligned = passerby.align("out", camera="C1")
         passerby.write_rig("aligned.toml", aligned.rig)
@@ -229,12 +229,13 @@ def align(
         points: points with known coordinates, or a file of them.
         positions: known positions of cameras, or a file of them.
         geodetic: whether positions that are not a file are latitude, longitude and altitude.
-        scale: points or positions also set the scale.
-        tilt: they also set the up direction and the height.
+        scale: whether points or positions also set the scale.
+        tilt: whether they also set the up direction and the height.
 
     Raises:
-        InputError: not one of camera, points and positions; a camera that the rig does not have; left-handed coordinates.
-        EvidenceError: the points or positions do not fix the frame, or a camera has no pose.
+        InputError: not exactly one of camera, points and positions is given; the rig does not have a named camera; or the
+            coordinates are left-handed.
+        EvidenceError: the points or positions do not determine the frame, or a camera has no pose.
     """
     if sum(way is not None for way in (camera, points, positions)) != 1:
         raise InputError("give one of camera, points, positions")
@@ -256,7 +257,7 @@ def align(
 
 
 def _people(given: RigLike) -> tuple[Trajectories | None, str]:
-    """The trajectories of the people that a calibration knows, and why there are none; neither for a rig alone."""
+    """Return the trajectories of the people of a calibration, or None and the reason; None and "" for a rig without people."""
     if isinstance(given, Calibration):
         try:
             return trajectories(given), ""
@@ -268,7 +269,7 @@ def _people(given: RigLike) -> tuple[Trajectories | None, str]:
 
 
 def _rig(given: RigLike) -> Rig:
-    """The rig of what was handed in."""
+    """Return the rig of a calibration or an output folder, the rig itself, or the rig that is read from a path."""
     if isinstance(given, Calibration | OutputFolder):
         return given.rig
     if isinstance(given, Rig):

@@ -1,4 +1,4 @@
-"""What any program needs: errors, progress, processes, text of messages, names of array types.
+"""General tools: errors, progress, processes, text of messages, names of array types.
 
-Nothing of Passerby is imported here, and every room may import it.
+This package imports no other package of Passerby, and every package may import it.
 """

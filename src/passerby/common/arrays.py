@@ -1,4 +1,4 @@
-"""Names for the types of arrays, and tables whose columns are arrays of one length."""
+"""Names for the types of arrays, and tables whose columns are arrays of equal length."""
 
 from __future__ import annotations
 
@@ -23,28 +23,28 @@ ABSENT = {"absent": True}
 
 
 def frozen(values: Floats) -> Floats:
-    """A copy that cannot be written to."""
+    """Return a copy of the array that is read-only."""
     array = np.array(values, dtype=np.float64)
     array.setflags(write=False)
     return array
 
 
 UNFILLED: Any = None
-"""Default of a column that a table may lack although its type is that of an array: code that reads the column has filled it."""
+"""Default of a column that has the type of an array but may be absent: code that reads the column fills it first."""
 
 
 class Columns(DataclassInstance):
-    """A table of N rows: every field is a column (N, ...), or None where nothing is known of it, or a tuple that rows share."""
+    """A table of N rows. Every field is a column (N, ...), None if the column is unknown, or a tuple that all rows share."""
 
     def take(self, rows: NDArray[np.generic] | slice) -> Self:
-        """The given rows (indices, a mask, or a slice)."""
+        """Return a table of the given rows (indices, a mask, or a slice)."""
         return type(self)(**{
             name: column[rows] if isinstance(column, np.ndarray) else column for name, column in self._columns().items()
         })  # fmt: skip
 
     @classmethod
     def joined(cls, parts: Sequence[Self]) -> Self:
-        """The rows of several tables, one after the other; a column that one of them lacks is None, tuples are the first's."""
+        """Concatenate the rows of tables. A column that is None in one of them becomes None; tuples are the first table's."""
         return cls(**{name: _joined([getattr(part, name) for part in parts]) for name in _names(cls)})
 
     def _columns(self) -> dict[str, Any]:

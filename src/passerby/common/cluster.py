@@ -1,7 +1,7 @@
-"""Work on other machines: an executor for the workers of a Dask cluster, which are looked at before anything is given to them.
+"""Work on other machines: an executor for the workers of a Dask cluster. The workers are checked before they get jobs.
 
-Videos, models and the output folder are shared storage: every worker sees them under the same paths. A job is a function of its
-arguments alone, so that results do not depend on who did it, nor on a worker that died: Dask gives its jobs to others.
+Videos, models and the output folder are on shared storage: every worker sees them under the same paths. A job is a function of
+its arguments alone. So results do not depend on which worker did a job. Dask gives the jobs of a worker that died to others.
 """
 
 from __future__ import annotations
@@ -33,16 +33,16 @@ Result = TypeVar("Result")
 
 EXTRA = "a Dask cluster needs the package distributed: install passerby[cluster]"
 CONNECT_S = 15.0
-"""How long a scheduler may take to answer."""
+"""Maximum time in which a scheduler must answer, seconds."""
 LEAST_S = 2.0
-"""What is given to a worker at once takes so long or more: small jobs would spend their time on the way."""
+"""Minimum duration of the jobs that a worker gets at once, seconds: for small jobs the transfer would take most of the time."""
 OTHER_VERSION = "{worker}: has {what} {theirs}, here is {ours}: install the same version on all machines"
 FAILING = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO, errno.EMFILE, errno.ENFILE)
-"""Of a machine that cannot work on, whatever the job."""
+"""Error numbers of a machine that cannot do any job."""
 
 
 class ClusterExecutor(Executor):
-    """Gives jobs to the workers of a cluster, each job with the folder that it was given in."""
+    """Gives jobs to the workers of a cluster. Each job runs in the folder from which it was submitted."""
 
     least_s = LEAST_S
 
@@ -50,34 +50,34 @@ class ClusterExecutor(Executor):
         from distributed import KilledWorker
 
         self.died: tuple[type[Exception], ...] = (KilledWorker,)
-        """What a job ends with whose workers died one after the other: by its fault, or because it was long and many died."""
-        # Nothing is known of a job by its arguments: tokens of arrays would cost more than they save.
+        """Exceptions of a job whose workers died one after the other: by its fault, or because it was long and many died."""
+        # Dask does not recognise equal jobs by their arguments: hashes of arrays would cost more time than they save.
         self._inner: Executor = client.get_executor(pure=False)  # type: ignore[no-untyped-call]
         self._folder, self._versions = Path.cwd(), _versions()
 
     def submit(self, fn: Callable[..., Result], /, *args: Any, **kwargs: Any) -> Future[Result]:
-        """As of every executor."""
+        """Submit a job, as `Executor.submit` does."""
         future: Future[Result] = self._inner.submit(_run_in_folder, self._folder, self._versions, fn, args, kwargs)
         return future
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """As of every executor."""
+        """Shut down the executor, as `Executor.shutdown` does."""
         self._inner.shutdown(wait=wait and not cancel_futures)
 
 
 @contextmanager
 def cluster_workers(address: str, shared: Path, files: Sequence[Path] = ()) -> Iterator[Executor]:
-    """The workers of a Dask cluster as an executor.
+    """Provide the workers of a Dask cluster as an executor.
 
     Args:
-        address: of the scheduler, as tcp://host:8786.
-        shared: a folder that all workers write to.
-        files: what they read.
+        address: address of the scheduler, as tcp://host:8786.
+        shared: a folder into which all workers write.
+        files: the files that the workers read.
 
     Raises:
-        InputError: distributed is not installed; no scheduler there; no workers; a scheduler or a worker of another version, or
-            a worker that does not see a file or the folder, or cannot write into it; and at the end, where all workers that
-            tried a job died, or the scheduler did.
+        InputError: distributed is not installed; no scheduler answers, or it has no workers; the scheduler or a worker has
+            another version; a worker does not see a file or the folder, or cannot write into it. Raised at the end if all
+            workers that tried a job died, or if the scheduler died.
     """
     try:
         from distributed import Client, KilledWorker
@@ -105,12 +105,12 @@ def cluster_workers(address: str, shared: Path, files: Sequence[Path] = ()) -> I
 
 @contextmanager
 def _connect(kind: type[Client], address: str) -> Iterator[Client]:
-    """A client of the scheduler."""
+    """Connect a client to the scheduler and close it at the end."""
     try:
-        # Dask never closes a client that finds no scheduler: its end, by the garbage collector, stops any thread for 30 s.
+        # Dask never closes a client that finds no scheduler. Its garbage collection then blocks any thread for 30 s.
         with ThreadPoolExecutor(1) as thread:
             theirs = thread.submit(asyncio.run, _version_of(address)).result()
-        if theirs != _dask():  # what those of two versions say to each other is not fixed
+        if theirs != _dask():  # the protocol between two different versions is not defined
             who = f"--scheduler {address}"
             raise InputError(OTHER_VERSION.format(worker=who, what="distributed (Dask)", theirs=theirs, ours=_dask()))
         with warnings.catch_warnings():
@@ -129,7 +129,10 @@ def _connect(kind: type[Client], address: str) -> Iterator[Client]:
 
 
 async def _version_of(address: str) -> str | None:
-    """The scheduler's version of distributed. Raises `OSError` or `ValueError` where no scheduler answers."""
+    """Ask the scheduler for its version of distributed; None if it has none.
+
+    Raises `OSError` or `ValueError` if no scheduler answers.
+    """
     from distributed.core import rpc
 
     async with rpc(address, timeout=CONNECT_S) as scheduler:  # type: ignore[no-untyped-call]
@@ -139,7 +142,7 @@ async def _version_of(address: str) -> str | None:
 
 
 def _check_workers(client: Client, address: str, shared: Path, files: Sequence[Path]) -> None:
-    """Raise `InputError` with all that is wrong with the workers."""
+    """Raise an `InputError` that lists all faults of the workers."""
     names = sorted(client.scheduler_info(n_workers=-1)["workers"])
     if not names:
         raise InputError(f"{address}: the scheduler has no workers: start some by `dask worker {address} --nthreads 1`")
@@ -158,14 +161,14 @@ def _check_workers(client: Client, address: str, shared: Path, files: Sequence[P
 
 
 def _inspect_worker(folder: str, paths: Sequence[str], written: str | None) -> dict[str, Any]:
-    """On a worker: its versions, which paths it does not see, and why it cannot write beside the file `written`."""
+    """Find, on a worker, its versions, the paths that it does not see, and why it cannot write beside the file `written`."""
     missing = [path for path in (folder, *paths) if not os.path.exists(path)]
     why = None if written is None or written in missing else _explain_unwritable(Path(f"{written}-{uuid4().hex}"))
     return {"versions": _versions(), "missing": missing, "unwritable": why}
 
 
 def _explain_unwritable(path: Path) -> str | None:
-    """Why a file cannot be written; None where it can be."""
+    """Return the reason why a file cannot be written; None if it can be."""
     try:
         with path.open("wb", buffering=0) as file:
             file.write(b"passerby")
@@ -179,7 +182,7 @@ def _explain_unwritable(path: Path) -> str | None:
 
 
 def _versions() -> dict[str, str]:
-    """Of all that can change the last digits of a result, and of what the machines talk by."""
+    """Return the versions of what affects the last digits of a result, and of the protocol between the machines."""
     python = ".".join(platform.python_version_tuple()[:2])
     by = {"passerby": __version__, "Python": python, "numpy": np.__version__, "scipy": scipy.__version__}
     return by | {"distributed": _dask()}
@@ -191,7 +194,7 @@ def _dask() -> str:
 
 
 def _faults(worker: str, found: Any, mark: Path, shared: Path) -> list[str]:
-    """What is wrong with a worker, one line each."""
+    """List the faults of a worker, one line each."""
     if not isinstance(found, Mapping):
         told = f"{type(found).__name__}: {found}".splitlines()[0]
         return [f"{worker}: cannot run Passerby ({told}): install passerby {__version__} there"]
@@ -211,8 +214,8 @@ def _faults(worker: str, found: Any, mark: Path, shared: Path) -> list[str]:
 def _run_in_folder(
     folder: Path, versions: Mapping[str, str], function: Callable[..., Result], args: Sequence[Any], kwargs: Mapping[str, Any]
 ) -> Result:
-    """On a worker: a job, in the folder that it was given in."""
-    if versions != _versions():  # of a worker that came later
+    """Run a job, on a worker, in the folder from which it was submitted."""
+    if versions != _versions():  # a worker that joined later was not checked
         what = next(name for name, ours in versions.items() if _versions().get(name) != ours)
         theirs, ours = _versions().get(what), versions[what]
         raise InputError(OTHER_VERSION.format(worker=platform.node(), what=what, theirs=theirs, ours=ours))

@@ -1,6 +1,6 @@
-"""The exceptions of Passerby: each carries the exit status that a command line ends with.
+"""The exceptions of Passerby. Each has the exit status with which the command line ends.
 
-A message names the file, the camera, the value and the remedy, in one line that a person can act on.
+A message names the file, the camera, the value and the remedy, in one line.
 """
 
 from __future__ import annotations
@@ -10,11 +10,11 @@ import re
 from passerby.common.text import remove_credentials
 
 LONGEST = 2000
-"""Characters of a message: a file may hold a name of a million characters, and no file is shown at length."""
+"""Maximum number of characters of a message. A file may hold a name of a million characters, which no message must repeat."""
 LONG_WORD = re.compile(r"([^\s/]{80})[^\s/]{176,}([^\s/]{20})")
-"""A word of more characters than a file's name may have, 255 bytes: it comes out of a file."""
+"""A word that is longer than a file name may be (255 bytes): it comes from the content of a file."""
 LONG_RUN = re.compile(r"([^\n,;:()/]{180})[^\n,;:()/]{300,}([^\n,;:()/]{100})")
-"""Words without any punctuation, longer than sentences are: they come out of a file, too."""
+"""Words without punctuation that are longer than a sentence: they come from the content of a file, too."""
 
 
 class PasserbyError(Exception):
@@ -27,21 +27,21 @@ class PasserbyError(Exception):
 
 
 def cut(message: str) -> str:
-    """A message, or a part of it, that is too long without its middle, and without the passwords of addresses in it."""
+    """Shorten a message, or a part of it, that is too long by its middle, and remove the passwords of addresses from it."""
     message = LONG_RUN.sub(r"\1 ... \2", LONG_WORD.sub(r"\1...\2", remove_credentials(message)))
     return message if len(message) <= LONGEST else f"{message[: LONGEST - 400]} ... {message[-390:]}"
 
 
 class InputError(PasserbyError):
-    """Something that was handed in is missing, broken or contradicts itself (exit status 2)."""
+    """An input is missing or broken, or contradicts itself (exit status 2)."""
 
     exit_status = 2
 
 
 class EvidenceError(PasserbyError):
-    """The input is sound, but too little for a calibration (exit status 3).
+    """The input is valid, but insufficient for a calibration (exit status 3).
 
-    `reasons` lists what was found wanting, one sentence each.
+    `reasons` lists what is insufficient, one sentence each.
     """
 
     exit_status = 3

@@ -1,7 +1,7 @@
 """Linear systems: inverses of symmetric matrices with null directions, and many small systems at once.
 
-Up to `FULL_UP_TO` rows all eigenvalues are worked out; beyond, that takes ten times as long as an inverse by Cholesky's
-factor, and only the smallest ones are looked at, by shifted inverse iteration (Lanczos).
+Up to `FULL_UP_TO` rows all eigenvalues are computed. For larger matrices this takes ten times as long as an inverse by the
+Cholesky factor. So only the smallest eigenvalues are computed there, by shifted inverse iteration (Lanczos).
 """
 
 from __future__ import annotations
@@ -14,15 +14,15 @@ from passerby.common.arrays import Floats
 
 FULL_UP_TO = 800
 _SMALLEST = 8
-"""So many of the smallest eigenvalues are looked at; where all of them are null, all eigenvalues are."""
+"""Number of the smallest eigenvalues that are computed; if all of them are zero, all eigenvalues are computed."""
 
 
 def pseudo_inverse(matrix: Floats, null_share: float) -> Floats:
-    """(n, n) the inverse; 0 along the null vectors.
+    """Compute the inverse (n, n) of a matrix; it is 0 along the null vectors.
 
     Args:
-        matrix: (n, n) symmetric, without eigenvalues below 0 but for rounding.
-        null_share: eigenvalues below this share of the largest one are zero.
+        matrix: (n, n) symmetric, with no eigenvalues below 0 except by rounding.
+        null_share: eigenvalues below this share of the largest one count as zero.
     """
     if len(matrix) <= FULL_UP_TO:
         return np.asarray(np.linalg.pinv(matrix, rcond=null_share, hermitian=True))
@@ -39,13 +39,13 @@ def pseudo_inverse(matrix: Floats, null_share: float) -> Floats:
 
 
 def inverse_of(H: Floats) -> Floats:
-    """The inverse of a normal matrix whose unknowns have different units; 0 along what is free (the datum)."""
+    """Compute the inverse (n, n) of a normal matrix whose unknowns differ in units; 0 along the free directions (the datum)."""
     scale = 1.0 / np.sqrt(np.maximum(np.diag(H), 1e-12))
     return pseudo_inverse(H * scale[:, None] * scale, 1e-12) * scale[:, None] * scale
 
 
 def null_vectors(matrix: Floats, null_share: float) -> Floats:
-    """(n, k) orthonormal eigenvectors whose eigenvalues are zero, as of `pseudo_inverse`."""
+    """Compute the orthonormal eigenvectors (n, k) whose eigenvalues are zero in the sense of `pseudo_inverse`."""
     if len(matrix) > FULL_UP_TO:
         value, vector, largest = _find_smallest(matrix, null_share)
         null = value < null_share * largest
@@ -56,7 +56,7 @@ def null_vectors(matrix: Floats, null_share: float) -> Floats:
 
 
 def _find_smallest(matrix: Floats, null_share: float) -> tuple[Floats, Floats, float]:
-    """The smallest eigenvalues (k,), their vectors (n, k), and the largest eigenvalue."""
+    """Compute the smallest eigenvalues (k,), their eigenvectors (n, k), and the largest eigenvalue."""
     n = len(matrix)
     start = np.random.default_rng(0).standard_normal(n)
     largest = float(scipy.sparse.linalg.eigsh(matrix, k=1, which="LA", v0=start, tol=1e-6, return_eigenvectors=False)[0])
@@ -73,16 +73,16 @@ def _find_smallest(matrix: Floats, null_share: float) -> tuple[Floats, Floats, f
 
 
 def solve_symmetric(matrix: Floats, right: Floats) -> Floats:
-    """Solutions of symmetric positive definite systems of three unknowns, by square-root-free Cholesky factors.
+    """Solve N symmetric positive definite systems of three unknowns, by square-root-free Cholesky factors.
 
-    `np.linalg.solve` takes several times as long for thousands of them.
+    `np.linalg.solve` takes several times as long for thousands of systems.
 
     Args:
         matrix: (6, N) entries 00, 01, 02, 11, 12, 22.
-        right: (3, N) right sides.
+        right: (3, N) right-hand sides.
 
     Returns:
-        (3, N)
+        Solutions (3, N).
     """
     a, b, c, d, e, f = matrix
     l10, l20 = b / a, c / a

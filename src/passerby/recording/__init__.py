@@ -1,4 +1,4 @@
-"""From streams to files: all cameras of a site recorded at once, packets as they come, in pieces that are whole.
+"""Recording of streams: all cameras of a site at once, packets unchanged, into complete files (pieces).
 
-Stands beside `calibration` and does not know it.
+This package is independent of `calibration` and does not import it.
 """

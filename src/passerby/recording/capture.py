@@ -1,4 +1,4 @@
-"""All cameras recorded at once, one thread each: connections that break are made anew, and what was lost is counted."""
+"""Recording of all cameras at once, one thread each. Broken connections are opened again, and the gaps are listed."""
 
 from __future__ import annotations
 
@@ -24,34 +24,34 @@ from passerby.recording.settings import DEVICE, Stream
 
 STAGE = "recording"
 SCHEMA_VERSION = 1
-"""Of what is written about a recording; new keys need no new version."""
+"""Version of the file `recording.json`; new keys need no new version."""
 LOOK_EVERY_S = 0.25
 FIRST_WAIT_S, LONGEST_WAIT_S = 0.5, 8.0
-"""Before a connection is tried anew; twice as long each time, until pictures come again."""
+"""Shortest and longest wait before a connection is tried again, seconds; it doubles each time until pictures arrive again."""
 OTHERS_WAIT_S = 2.0
-"""Where one camera fails at the beginning, the others have so long to connect or to fail: all are reported at once."""
+"""If one camera fails at the beginning, the others have this many seconds to connect or to fail: all are reported at once."""
 RESERVE_BYTES = 500_000_000
-"""Of the disk, left to others."""
+"""Free space of the disk that is left to other programs."""
 SHORTEST_GAP_S = 0.5
-"""Cameras leave out single pictures."""
+"""Shortest gap that is listed: cameras leave out single pictures."""
 
 Ended = Literal["time", "stopped", "space", "disk"]
 
 
 @dataclass(frozen=True)
 class CaptureOptions:
-    """How cameras are recorded. Raises `InputError` for a value that cannot be."""
+    """Options of a recording. Raises `InputError` for a value that is out of range."""
 
     seconds: float
     piece_s: float = 10.0
     timeout_s: float = 10.0
-    """A host that sends nothing for so long is taken to be gone."""
+    """A host that sends nothing for this many seconds counts as disconnected."""
     most_bytes: float = float("inf")
-    """Of all files of this recording."""
+    """Maximum size of all files of this recording together."""
     without_missing: bool = False
-    """Whether the other cameras go on where one cannot be reached at the beginning."""
+    """Whether the other cameras are recorded if one cannot be reached at the beginning."""
     to_go_on: str = "with --without-missing"
-    """How the user says so."""
+    """The option that sets `without_missing`, as a message names it."""
 
     def __post_init__(self) -> None:
         limits = {"--seconds": (self.seconds, 7 * 86400), "--piece": (self.piece_s, 3600), "--timeout": (self.timeout_s, 600)}
@@ -64,7 +64,7 @@ class CaptureOptions:
 
 @dataclass(frozen=True)
 class Gap:
-    """A time of which nothing was recorded."""
+    """An interval of time in which nothing was recorded."""
 
     from_s: float
     until_s: float
@@ -73,25 +73,25 @@ class Gap:
 
 @dataclass(frozen=True)
 class CameraRecording:
-    """What was recorded of one camera."""
+    """The recording of one camera."""
 
     camera: str
     pieces: tuple[Piece, ...]
     clock: Source | None
-    """What the pieces' times are from; None without any."""
+    """Source of the times of the pieces; None without pieces."""
     unset_s: float | None
-    """How far the camera's own clock is off, where it is too far to be used."""
+    """Difference of the camera's clock from this computer's, seconds, if it is too large to use that clock; else None."""
     fault: str | None
-    """Why the last connection failed, where one did."""
+    """Reason why the last connection failed; None if it did not."""
 
     @property
     def seconds(self) -> float:
-        """Length of all pieces."""
+        """Total length of all pieces, seconds."""
         return sum(piece.seconds for piece in self.pieces)
 
     @property
     def gaps(self) -> tuple[Gap, ...]:
-        """Between one piece and the next."""
+        """Gaps longer than `SHORTEST_GAP_S` between one piece and the next."""
         found = []
         for one, other in zip(self.pieces, self.pieces[1:], strict=False):
             if other.begin_s - (one.begin_s + one.seconds) > SHORTEST_GAP_S:
@@ -99,7 +99,7 @@ class CameraRecording:
         return tuple(found)
 
     def to_dict(self) -> dict[str, Any]:
-        """As plain values for JSON."""
+        """Return plain values for JSON."""
         return {
             "name": self.camera,
             "seconds": self.seconds,
@@ -115,14 +115,14 @@ class CameraRecording:
 
 @dataclass(frozen=True)
 class Recording:
-    """What was recorded of all cameras."""
+    """The recordings of all cameras."""
 
     cameras: tuple[CameraRecording, ...]
     ended: Ended
-    """Why it ended: the time was over, it was stopped, it was as large as allowed, or the disk was nearly full."""
+    """Reason of the end: the time was over, it was stopped, it had reached its maximum size, or the disk was nearly full."""
 
     def to_dict(self) -> dict[str, Any]:
-        """As plain values for JSON."""
+        """Return plain values for JSON."""
         return {"schema_version": SCHEMA_VERSION, "ended": self.ended, "cameras": [camera.to_dict() for camera in self.cameras]}
 
 
@@ -133,18 +133,18 @@ def record(
     tell: Progress = silent,
     stop: threading.Event | None = None,
 ) -> Recording:
-    """Record all streams into folders of their cameras' names.
+    """Record all streams into folders that have the names of their cameras.
 
     Args:
         streams: at least one.
-        folder: where the cameras' folders are made; what is in them stays.
-        options: how long, and how.
-        tell: called with how many seconds each camera has.
+        folder: the cameras' folders are made in it; files that are in them stay.
+        options: duration and limits of the recording.
+        tell: called with the seconds since the beginning, for each camera.
         stop: ends the recording as soon as it is set; pieces that are being written are finished.
 
     Raises:
-        InputError: a camera cannot be reached at the beginning (unless the others are to go on), none has sent anything, or the
-            folder cannot be written.
+        InputError: a camera cannot be reached at the beginning (unless `without_missing` is set), no camera has sent anything,
+            or the folder cannot be written.
     """
     stop = stop or threading.Event()
     until = time.monotonic() + options.seconds
@@ -165,10 +165,10 @@ def record(
 
 @contextmanager
 def _run_recorders(recorders: list[_Recorder], stop: threading.Event) -> Iterator[None]:
-    """Recorders in threads of their own, which have ended when the block has.
+    """Run each recorder in a thread; the threads have ended when the block has.
 
-    After an error no thread is waited for that has no connection yet: a host that does not answer would delay the message.
-    It writes nothing (`_connection`).
+    After an error, the function does not wait for threads that have no connection yet: a host that does not answer would delay
+    the message. Such a thread writes nothing (`_connection`).
     """
     threads = {
         threading.Thread(target=recorder.run, name=f"recording {recorder.stream.camera}", daemon=True): recorder
@@ -190,7 +190,7 @@ def _run_recorders(recorders: list[_Recorder], stop: threading.Event) -> Iterato
 def _supervised(
     recorders: list[_Recorder], folder: Path, options: CaptureOptions, tell: Progress, stop: threading.Event
 ) -> Ended:
-    """Wait for the end, and see to it that it comes in time."""
+    """Wait for the end of the recording; report progress, and check for missing cameras and for the limits of size and disk."""
     began = time.monotonic()
     warned: set[str] = set()
     while not all(recorder.done for recorder in recorders):
@@ -215,10 +215,10 @@ def _supervised(
 
 
 def _missing(recorders: list[_Recorder], began: float, now: float, options: CaptureOptions) -> list[_Recorder]:
-    """The cameras that cannot be reached, as soon as that is known; none before.
+    """Return the recorders of the cameras that cannot be reached, as soon as this is known; none before.
 
-    It is known of a camera that refuses the user, and of one that has failed until `timeout_s`. The others then have
-    `OTHERS_WAIT_S`, so that one message names all.
+    It is known if a camera refuses the user, or if its connections have failed until `timeout_s`. The others then have
+    `OTHERS_WAIT_S` to connect or to fail, so that one message names all.
     """
     failed = [recorder for recorder in recorders if recorder.fault and not recorder.connected]
     known_s = [recorder.refused_at - began for recorder in failed if recorder.refused_at is not None]
@@ -232,24 +232,24 @@ def _missing(recorders: list[_Recorder], began: float, now: float, options: Capt
 
 @dataclass(eq=False)
 class _Recorder:
-    """One camera."""
+    """Recorder of one camera."""
 
     stream: Stream
     folder: Path
     options: CaptureOptions
     until: float
-    """When the recording ends, by the monotonic clock."""
+    """End of the recording, by the monotonic clock."""
     stop: threading.Event
     connected: bool = False
-    """Whether anything has come so far."""
+    """Whether any picture has arrived so far."""
     opened: bool = False
     """Whether there has been a connection, and so perhaps a file."""
     refused_at: float | None = None
-    """When the camera refused the user name and password, by the monotonic clock."""
+    """Time at which the camera refused the user name and password, by the monotonic clock; None if it did not."""
     done: bool = False
     fault: str | None = None
     failure: InputError | None = None
-    """What makes it senseless to go on: the folder cannot be written."""
+    """Error that makes it useless to continue: the folder cannot be written."""
     size_bytes: int = 0
     pieces: list[Piece] = field(default_factory=list)
     clock: WallClock = field(default_factory=WallClock)
@@ -261,7 +261,7 @@ class _Recorder:
         return self.stop.is_set() or time.monotonic() >= self.until
 
     def run(self) -> None:
-        """Connect again and again until the end; not to a camera that refuses the user: many lock one who tries often."""
+        """Connect repeatedly until the end. Stop if the camera refuses the user: many cameras lock a user who tries often."""
         wait = FIRST_WAIT_S
         try:
             while not self.over:
@@ -288,7 +288,7 @@ class _Recorder:
             self.done = True
 
     def _connection(self) -> None:
-        """Record until the connection breaks or the end comes."""
+        """Record until the connection breaks or the recording ends."""
         self.clock = WallClock()
         with _open_stream(self.stream, self.options.timeout_s) as container:
             self.opened = True
@@ -322,24 +322,24 @@ class _Recorder:
         self.source = None if settled is None else settled.source
 
     def explained(self) -> str:
-        """Which camera, why nothing comes, and what to do."""
+        """Return a message that names the camera, the reason why it sends nothing, and the remedy."""
         remedy = "check the address, the user name and password, and that the camera is on"
         if self.refused_at is not None:
             remedy = "give the user name and password that the camera accepts"
         return f"camera {self.stream.camera} ({self.stream.shown}): {self.fault or 'sends no pictures'}: {remedy}"
 
     def result(self) -> CameraRecording:
-        """What was recorded."""
+        """Return the recording of this camera, with its pieces in the order of time."""
         pieces = tuple(sorted(self.pieces, key=lambda piece: piece.begin_s))
         return CameraRecording(self.stream.camera, pieces, self.source, self.clock.unset_s, self.fault)
 
 
 PROTOCOLS = "rtsp,rtsps,rtp,srtp,udp,tcp,tls,http,https,httpproxy,crypto"
-"""That a stream may lead to: never files of this computer."""
+"""Protocols to which a stream may redirect: not to files of this computer."""
 
 
 def _open_stream(stream: Stream, timeout_s: float) -> InputContainer:
-    """The connection to a stream."""
+    """Open a connection to a stream."""
     if DEVICE.fullmatch(stream.address):
         return av.open(stream.address, format="v4l2", options={"input_format": "mjpeg"}, timeout=timeout_s)
     options: Mapping[str, str] = {"protocol_whitelist": PROTOCOLS}
@@ -347,7 +347,7 @@ def _open_stream(stream: Stream, timeout_s: float) -> InputContainer:
         options = {**options, "rtsp_transport": stream.transport}
     container = av.open(stream.address, options=dict(options), timeout=timeout_s)
     if container.format.name == "mpjpeg":
-        # Its pictures carry no times: those of their arrival are taken.
+        # Pictures of this format carry no times: the times of their arrival are used.
         container.close()
         container = av.open(stream.address, options={**options, "use_wallclock_as_timestamps": "1"}, timeout=timeout_s)
     return container

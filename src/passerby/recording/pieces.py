@@ -1,6 +1,6 @@
-"""Packets of one connection written into pieces that are whole, and the wall time of packets.
+"""A writer of the packets of one connection into complete files (pieces), and the wall time of packets.
 
-Pieces are Matroska files, which hold every codec of network cameras as it comes. Their names are their wall times, in UTC.
+Pieces are Matroska files, which hold every codec of network cameras unchanged. Their names are their wall times, in UTC.
 """
 
 from __future__ import annotations
@@ -23,25 +23,26 @@ from passerby.interchange.storage.atomic import PART, cannot_write, sync_folder
 
 ENDING = ".mkv"
 LONGEST = 3.0
-"""Lengths of a piece, after which it ends without a key frame: some cameras send none for minutes."""
+"""Multiple of the length of a piece after which it ends without a key frame: some cameras send none for minutes."""
 Source = Literal["sender", "arrival"]
 SIGMA_S: dict[Source, float] = {"sender": 0.05, "arrival": 0.5}
-"""Standard deviations: network cameras set their clocks by NTP; encoders and networks hold pictures back for up to a second."""
+"""Standard deviations of the wall times: network cameras set their clocks by NTP; encoders and networks delay pictures for up
+to a second."""
 MOST_APART_S = 60.0
-"""A sender whose clock differs by more from that of this computer has not been set."""
+"""A sender whose clock differs by more than this from the clock of this computer has not been set."""
 
 
 @dataclass(frozen=True)
 class Piece:
-    """A file that was written as a whole."""
+    """A file that was written completely."""
 
     path: Path
     begin_s: float
     """Seconds since 1970."""
     seconds: float
-    """From its first packet to the end of its last."""
+    """Length from its first packet to the end of its last, seconds."""
     packets: int
-    """Of the pictures."""
+    """Number of packets with pictures."""
     size_bytes: int
 
 
@@ -49,11 +50,11 @@ class PieceWriter:
     """Writes the packets of one connection.
 
     Args:
-        folder: of the camera.
-        streams: of the connection: pictures, and sound where there is any.
-        length_s: of a piece.
-        wall: the wall time of the connection, asked for when a piece ends.
-        ended: called for each piece.
+        folder: folder of the camera.
+        streams: streams of the connection: pictures, and sound if there is any.
+        length_s: length of a piece, seconds.
+        wall: returns the wall time of the connection; called when a piece ends.
+        ended: called for each finished piece.
     """
 
     def __init__(
@@ -68,9 +69,9 @@ class PieceWriter:
         self._packets = 0
 
     def write(self, packet: Packet[VideoStream] | Packet[AudioStream]) -> None:
-        """Add a packet. Those before the first key frame that tells its size, and those without a time, are left out.
+        """Add a packet. Packets before the first key frame with a known picture size, and those without a time, are left out.
 
-        Raises `InputError` where the file cannot be written, and `ValueError` where no file can hold what the camera sends.
+        Raises `InputError` if the file cannot be written, and `ValueError` if a Matroska file cannot hold the packets.
         """
         if packet.pts is None or packet.time_base is None or packet.size == 0:
             return
@@ -97,9 +98,9 @@ class PieceWriter:
             self._end_s = max(seconds + float((packet.duration or 0) * packet.time_base), self._end_s)
 
     def _size_known(self, packet: Packet[Any]) -> bool:
-        """Whether the size of the pictures is known, if need be from this one.
+        """Return whether the size of the pictures is known; if necessary, decode this packet to find it.
 
-        A file cannot be begun without it, and a camera that sends nothing for long after it was connected to has not stated it.
+        A file cannot be begun without the size. It is unknown if a camera sent nothing for long after the connection was made.
         """
         pictures = self._streams[0]
         assert isinstance(pictures, VideoStream)
@@ -118,7 +119,10 @@ class PieceWriter:
         self._last, self._packets = {}, 0
 
     def _mux(self, packet: Packet[VideoStream] | Packet[AudioStream], stream: int) -> None:
-        """Times count from the piece's beginning; those of decoding ascend, whatever the camera says or leaves out."""
+        """Write a packet into the piece, with times from the piece's beginning.
+
+        Decoding times always increase, even if the camera sends other ones or none.
+        """
         assert self._out is not None
         assert packet.pts is not None
         zero, next_one = round(self._begin_s / float(packet.time_base)), self._last.get(stream, -1) + 1
@@ -129,7 +133,7 @@ class PieceWriter:
         self._out.mux(packet)
 
     def end(self) -> None:
-        """Finish the piece: it gets its name. Raises `InputError` where that cannot be written."""
+        """Finish the piece and give it its name. Raises `InputError` if it cannot be written."""
         if self._out is None:
             return
         out, self._out = self._out, None
@@ -151,7 +155,7 @@ class PieceWriter:
         self._ended(Piece(path, begin, max(self._end_s - self._begin_s, 0.0), self._packets, size))
 
     def _name_piece(self, begin_s: float) -> Path:
-        """Date, time and thousandths in UTC, which the Z says; later by a thousandth where there is one already."""
+        """Return a path from the date, time and milliseconds in UTC (Z); a millisecond later if this file already exists."""
         thousandths = round(begin_s * 1000)
         while True:
             time = datetime.fromtimestamp(thousandths / 1000, UTC)
@@ -161,7 +165,7 @@ class PieceWriter:
             thousandths += 1
 
     def drop(self) -> None:
-        """Forget the piece that is being written."""
+        """Discard the piece that is being written."""
         out, self._out = self._out, None
         with suppress(OSError, av.error.FFmpegError):
             if out is not None:
@@ -170,7 +174,7 @@ class PieceWriter:
 
 
 def make_folder(path: Path) -> None:
-    """Make a camera's folder, and forget what a killed process left in it. Raises `InputError` where that cannot be done."""
+    """Make a camera's folder and delete unfinished files of a killed process in it. Raises `InputError` if that fails."""
     try:
         path.mkdir(parents=True, exist_ok=True)
         for left in path.glob(f".recording-*{PART}"):
@@ -181,7 +185,7 @@ def make_folder(path: Path) -> None:
 
 @dataclass(frozen=True)
 class WallTime:
-    """Maps seconds of a stream to seconds since 1970."""
+    """A map from seconds of a stream to seconds since 1970."""
 
     zero_s: float
     """The wall time of the stream's second 0."""
@@ -189,27 +193,32 @@ class WallTime:
 
     @property
     def sigma_s(self) -> float:
-        """One sigma."""
+        """Standard deviation of the wall time, seconds."""
         return SIGMA_S[self.source]
 
     def at(self, stream_s: float) -> float:
-        """Seconds since 1970."""
+        """Convert a time of the stream, seconds, to seconds since 1970."""
         return self.zero_s + stream_s
 
 
 class WallClock:
-    """Learns the wall time of one connection as packets arrive. A time once given stays, so that pieces fit each other."""
+    """Estimates the wall time of one connection while packets arrive. A map once given stays, so that pieces fit together."""
 
     def __init__(self) -> None:
         self._earliest: float | None = None
         self._given: WallTime | None = None
         self.unset_s: float | None = None
-        """How far the sender's clock is from this computer's, where it is too far to be used."""
+        """Difference of the sender's clock from this computer's, seconds, if it is too large to use that clock; else None."""
 
     def arrived(self, stream_s: float, arrival_s: float, sender_zero_s: float | None) -> None:
-        """A packet of a second of the stream has arrived; the sender says when its second 0 was, or nothing.
+        """Record the arrival of a packet.
 
-        The packet that was held back the least tells the most, so the earliest of all zeros counts.
+        The packet with the smallest delay gives the best estimate, so the earliest of all zeros counts.
+
+        Args:
+            stream_s: time of the packet in the stream, seconds.
+            arrival_s: wall time of its arrival on this computer, seconds since 1970.
+            sender_zero_s: wall time of the stream's second 0 that the sender states; None if it states none.
         """
         zero = arrival_s - stream_s
         self._earliest = zero if self._earliest is None else min(self._earliest, zero)
@@ -222,7 +231,10 @@ class WallClock:
             self.unset_s = apart
 
     def settled(self) -> WallTime | None:
-        """The mapping from now on; None before the first packet. A later word of the sender still replaces that by arrival."""
+        """Return the map that is used from now on; None before the first packet.
+
+        A map from arrival times is still replaced if the sender states its time later.
+        """
         if self._given is None and self._earliest is not None:
             self._given = WallTime(self._earliest, "arrival")
         return self._given

@@ -1,4 +1,4 @@
-"""Streams as the videos of a scene: where they are recorded, and the scene file of what was recorded.
+"""Streams as the videos of a scene: the folders into which they are recorded, and the scene file of the recording.
 
 The scene that is calibrated names folders of the recording, never an address.
 """
@@ -26,35 +26,38 @@ from passerby.scene.inputs import check_files
 from passerby.scene.scene import Scene
 
 RECORDING_FOLDER = "recording"
-"""In the output folder of a calibration."""
+"""Folder of the recording in the output folder of a calibration."""
 RECORDING_FILE = "recording.json"
-"""Written when a recording has ended: a folder with it is used again."""
+"""File that is written when a recording has ended: a folder with this file is used again."""
 SCENE_FILE = "scene.toml"
 TABLES = ("scene", "association", "sites", "scale", "solver")
-"""Of a file of cameras, that are copied: they name no files."""
+"""Tables of a file of cameras that are copied into the scene file: they name no files."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class StreamedScene:
-    """A scene file with streams for videos."""
+    """A scene file that has streams in place of videos."""
 
     path: Path
     streams: tuple[Stream, ...]
     plain: Scene
-    """The same scene with the cameras' folders in `recording` for videos: nothing is there yet."""
+    """The same scene with the cameras' folders in `recording` as videos; these folders do not exist yet."""
     content: Mapping[str, Any]
-    """Of the file, without the addresses."""
+    """Content of the file, without the addresses."""
     folder: Path | None
-    """Where the scene file wants the recording."""
+    """Folder of the recording that the scene file names; None if it names none."""
     seconds: float
     without_missing: bool
 
     def folder_for(self, out: Path) -> Path:
-        """Where the recording is, or will be, with the output folder `out`."""
+        """Return the folder of the recording, which may not exist yet, for the output folder `out`."""
         return self.folder or out / RECORDING_FOLDER
 
     def findings(self, folder: Path | None) -> list[Finding]:
-        """What will be recorded, for `passerby check`; `folder` is None where only the output folder decides it."""
+        """Return a notice for each stream that will be recorded, for `passerby check`.
+
+        `folder` is None if it depends on the output folder.
+        """
         place = f"{RECORDING_FOLDER}/ in the output folder" if folder is None else str(folder)
         return [
             notice(
@@ -66,9 +69,9 @@ class StreamedScene:
 
 
 def read_streamed(path: Path, environment: Mapping[str, str] | None = None) -> StreamedScene | None:
-    """The streams of a scene file; None where it has none, does not say how long to record, or cannot be read at all.
+    """Read the streams of a scene file; None if it has none, does not state the duration to record, or cannot be read.
 
-    Raises `InputError` (`FileFaults`) for whatever is wrong with such a scene, without repeating an address.
+    Raises `InputError` (`FileFaults`) for all faults of a scene with streams; the message does not repeat an address.
     """
     try:
         content = parse_toml(read_text(path, "a scene file (TOML)"))
@@ -108,9 +111,9 @@ def _is_stream(video: Any) -> bool:
 
 
 def make_recorded_scene(streamed: StreamedScene, folder: Path) -> Scene:
-    """The scene with what was recorded in `folder` for videos.
+    """Return the scene with the recordings in `folder` as videos.
 
-    Raises `InputError` where a camera was not recorded; one that could not be reached is left out if the scene allows that.
+    Raises `InputError` if a camera was not recorded. A camera that could not be reached is left out if the scene allows that.
     """
     known = _find_recorded_cameras(folder)
     names = [stream.camera for stream in streamed.streams]
@@ -136,14 +139,14 @@ def make_recorded_scene(streamed: StreamedScene, folder: Path) -> Scene:
 
 
 def is_recorded(folder: Path) -> bool:
-    """Whether a finished recording is in a folder."""
+    """Return whether a folder contains a finished recording."""
     return (folder / RECORDING_FILE).is_file()
 
 
 def record_scene(streamed: StreamedScene, folder: Path, tell: Progress = silent, stop: threading.Event | None = None) -> Ended:
-    """Record the streams of a scene; returns why the recording ended. One that was stopped is not a finished one.
+    """Record the streams of a scene and return why the recording ended. A stopped recording does not count as finished.
 
-    Raises `InputError` as `record` does, and for what is wrong with the scene's other files, before anything is recorded.
+    Raises `InputError` as `record` does, and for faults of the scene's other files, before anything is recorded.
     """
     check_files(streamed.plain)
     allowed = f"with without_missing = true under [recording] in {streamed.path}"
@@ -155,12 +158,12 @@ def record_scene(streamed: StreamedScene, folder: Path, tell: Progress = silent,
 
 
 def write_recording(found: Recording, folder: Path) -> None:
-    """Write what was recorded, with its times and gaps."""
+    """Write the list of a recording, with its times and gaps."""
     write_text(folder / RECORDING_FILE, to_json(found.to_dict()))
 
 
 def _find_recorded_cameras(folder: Path) -> dict[str, bool]:
-    """By camera, whether anything of it was recorded. Raises `InputError` for a file that is not of a recording."""
+    """Return, by camera, whether it has any recorded piece. Raises `InputError` if the file is not the list of a recording."""
     path = folder / RECORDING_FILE
     try:
         content = json.loads(read_text(path, "the list of a recording (JSON)"))
@@ -171,10 +174,10 @@ def _find_recorded_cameras(folder: Path) -> dict[str, bool]:
 
 
 def write_scene_file(plan: RecordingPlan, folder: Path) -> Path:
-    """Write the scene file of a recording into its folder, before anything is recorded; one that is there stays.
+    """Write the scene file of a recording into its folder, before anything is recorded. A file that exists already stays.
 
-    Raises `InputError` (`FileFaults`) for keys that no scene has, or that contradict each other: found now, not after the
-    recording.
+    Raises `InputError` (`FileFaults`) for keys that no scene has, or that contradict each other, so that they are found before
+    the recording.
     """
     path = folder / SCENE_FILE
     if path.exists():

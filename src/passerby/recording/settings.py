@@ -1,6 +1,6 @@
-"""What is to be recorded: the file of cameras, and where user names and passwords come from.
+"""Settings of a recording: the file of cameras, and the source of user names and passwords.
 
-An address is kept apart from everything that is shown: `Stream.shown` has no user name, password or parameter in it.
+An address is kept apart from everything that is shown: `Stream.shown` contains no user name, password or parameter.
 """
 
 from __future__ import annotations
@@ -23,21 +23,21 @@ SCHEMES = ("rtsp", "rtsps", "http", "https")
 DEVICE = re.compile(r"/dev/video\d+")
 VARIABLE = re.compile(r"\$\{([A-Za-z_][A-Za-z0-9_]*)\}")
 KEYS = ("stream", "transport")
-"""Of a camera; all others belong to the scene."""
+"""Keys of a camera that the recording uses; all others belong to the scene."""
 
 
 @dataclass(frozen=True, repr=False)
 class Stream:
-    """Where a camera's pictures come from."""
+    """The source of a camera's pictures."""
 
     camera: str
     address: str
-    """With user name and password: for the connection alone, never to be shown."""
+    """Address with user name and password: only for the connection, never to be shown."""
     transport: Transport = "tcp"
 
     @property
     def shown(self) -> str:
-        """Scheme, host and port."""
+        """Scheme, host and port of the address, or the path of a device; without user name and password."""
         if DEVICE.fullmatch(self.address):
             return self.address
         scheme, _, rest = self.address.partition("://")
@@ -47,7 +47,7 @@ class Stream:
         return f"<stream of {self.camera}, {self.shown}>"
 
     def hidden(self, text: str) -> str:
-        """A text of another library without this stream's address in it."""
+        """Remove this stream's address, user name and password from a text of another library."""
         secret = self.address.partition("://")[2].rpartition("@")[0]
         for part in sorted({self.address, secret, *secret.split(":", 1)} - {""}, key=len, reverse=True):
             text = text.replace(part, "...") if len(part) > 2 or part == secret else text
@@ -56,7 +56,7 @@ class Stream:
 
 @dataclass(frozen=True)
 class RecordingPlan:
-    """The streams, and what the scene says of their cameras besides."""
+    """The streams to record, and the other keys and tables of the file, for the scene file."""
 
     place: Path
     streams: tuple[Stream, ...]
@@ -72,8 +72,8 @@ def read_plan(path: Path, environment: Mapping[str, str] | None = None) -> Recor
     `${NAME}` in an address stands for a variable of the environment, or of the file of `NAME=VALUE` lines that `[recording]
     secrets` names.
 
-    Raises `InputError`: no such file, no TOML, an unknown key of `[recording]`, a camera without a stream, an address that is
-    none, a variable that is not set, one stream of two cameras.
+    Raises `InputError` if the file does not exist or is not TOML, `[recording]` has an unknown key, a camera has no stream, an
+    address is invalid, a variable is not set, or two cameras have the same stream.
     """
     content = read_toml(path, "a file of cameras to record (TOML)")
     own = content.pop("recording", {})
@@ -93,7 +93,7 @@ def read_plan(path: Path, environment: Mapping[str, str] | None = None) -> Recor
 
 
 def stream_of(path: Path, name: str, table: Any, known: Mapping[str, str], key: str = "stream") -> Stream:
-    """The stream that a key of one camera's table names. Raises `InputError`; no message repeats an address."""
+    """Return the stream that a key of one camera's table names. Raises `InputError`; no message repeats an address."""
     place = f"{path}: [cameras.{shortened(name)}]"
     if not CAMERA_NAME.fullmatch(name):
         raise InputError(f"{place}: this name cannot be that of a folder: use letters, digits and . _ + @ -")
@@ -123,7 +123,7 @@ def stream_of(path: Path, name: str, table: Any, known: Mapping[str, str], key: 
 
 
 def check_streams_differ(path: Path, streams: Sequence[Stream], key: str = "stream") -> None:
-    """Raise `InputError` where two cameras name one stream: a slip of copying, and one camera twice."""
+    """Raise `InputError` if two cameras name the same stream: probably a copying mistake, which would use one camera twice."""
     first: dict[str, str] = {}
     for stream in streams:
         other = first.setdefault(stream.address, stream.camera)
@@ -134,7 +134,7 @@ def check_streams_differ(path: Path, streams: Sequence[Stream], key: str = "stre
 
 
 def read_secrets(path: Path) -> dict[str, str]:
-    """Variables of a file of `NAME=VALUE` lines; its values are never shown."""
+    """Read the variables of a file of `NAME=VALUE` lines; messages never show the values."""
     found = {}
     for number, line in enumerate(read_text(path, "a file of secrets").splitlines(), start=1):
         if not line.strip() or line.lstrip().startswith("#"):

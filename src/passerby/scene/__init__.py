@@ -1,4 +1,5 @@
-"""What a user declares, and what follows from it: the scene file, its inputs, and all checks that need no calibration.
+"""The scene file that a user writes, its inputs, and all checks that need no calibration.
 
-`start/` writes a scene file from a folder. Imports `perception`, `association`, `people`, `interchange` and below.
+`start/` writes a scene file from a folder. This package imports `perception`, `association`, `people`, `interchange` and lower
+packages.
 """

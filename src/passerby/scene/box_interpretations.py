@@ -1,20 +1,19 @@
-"""What the numbers of the boxes mean: their format, and which way up their image is.
+"""Interpretation of the numbers of boxes: their format, the rotation of their image, and whether they lie on a coarse grid.
 
 An interpretation is a box format and a rotation of the image by quarter turns. The stated one is compared with its rivals:
 boxes have positive sizes and lie within their image; people stand upright on one level ground. One detector usually made all
-boxes of a scene, so the cameras whose stated format is the same are tested together, and then each by itself.
+boxes of a scene, so the cameras that state the same format are tested together, and then each by itself.
 
-The borders of the images show the format. In a wrong one boxes reach far beyond two borders and keep away from the other two.
-Boxes of people who are cut off by a border, drawn as if they were not, reach beyond left and right alike.
+The borders of the images show the format. In a wrong format, boxes reach far beyond two borders and keep away from the other
+two. Boxes of people who are cut off by a border, but drawn whole, reach equally beyond the left and the right border.
 
-The level fit of the people (`single_view`) shows the rotation: in a camera that looks over heads, those who are lower in the
-image are larger. A camera about as high as body centres fits both ways up, and so does one that looks straight down; then
-nothing is reported. Keypoints have names, and show head and feet themselves.
+The level fit of the people (`single_view`) shows the rotation: in a camera above the heads, people who are lower in the image
+are larger. A camera at about the height of body centres fits both ways up, and so does one that looks straight down; then no
+rotation is reported. Keypoints have names, and show head and feet directly.
 
-Do a camera's boxes lie on a grid that is coarse beside people? Then their sizes are those of blocks, not of bodies.
-
-Recorders that find motion in blocks of a compressed video, and detectors that tell cells, round boxes outwards: people seem
-larger, the smaller they are seen. A rig of such boxes fits well and has a wrong scale.
+If a camera's boxes lie on a grid that is coarse in relation to people, their sizes are those of blocks, not of bodies.
+Recorders that find motion in blocks of a compressed video, and detectors that output cells, round boxes outwards: the smaller
+people are in the image, the more they are enlarged. A rig from such boxes fits well and has a wrong scale.
 """
 
 from __future__ import annotations
@@ -35,40 +34,41 @@ from passerby.people.segments import FEET, HEAD, MIN_EXTENT_PX
 BEYOND = 0.2
 """Share of a box that lies beyond a border, above which it counts as beyond."""
 SLACK = 0.05
-"""The same where a rival format is tested by one camera alone: boxes that are read rightly end at the border. Bodies that are
-drawn whole go farther, and then nothing is concluded from one camera."""
+"""The same share if a rival format is tested with one camera alone: in the correct format, boxes end at the border. Bodies
+that are drawn whole reach farther; then one camera alone gives no result."""
 FEWEST, ALONE = 10, 5
-"""Boxes beyond the borders of each axis, of all cameras together, and of one camera by itself."""
+"""Minimum number of boxes beyond the borders of each axis, for all cameras together, and for one camera by itself."""
 MOST_ELSEWHERE, MOST_FARTHER = 0.1, 0.02
-"""Boxes beyond the borders in a rival format, as a share of those in the stated one: of all cameras, and of one by itself."""
+"""Maximum number of boxes beyond the borders in a rival format, as a share of those in the stated one: for all cameras
+together, and for one by itself."""
 FEWEST_ROWS, MISREAD_SHARE = 20, 0.1
-"""Corners are certain where so many rows, without exception, have the right edge beyond the left and the lower below the upper,
-and such a share of the boxes is beyond the image in the stated format. Of left, top, width, height at random positions every
-second row or fewer would be so."""
+"""The format "corners" is certain if there are at least this many rows, all with the right edge beyond the left and the lower
+edge below the upper, and at least this share of the boxes is beyond the image in the stated format. With left, top, width,
+height at random positions, at most every second row would fulfil this."""
 LARGEST_SHARE = 2.0
-"""Numbers of normalised boxes: a body that is drawn whole may reach beyond 1. No people are boxes of two pixels."""
+"""Largest number in normalised boxes: a body that is drawn whole may reach beyond 1. No person has a box of two pixels."""
 MIN_BODIES = 50
 FITS_BETTER, FITS_WELL = 1.6, 0.35
-"""A rotated image is better where 90 % of its people fit one ground within `FITS_WELL` of their extent, and so many times
-better than as stated: it is rotated for all its people. Images upside down, turned back, have a misfit of at most 0.30 for 90 %
-of the people (all presets, cameras at 2 to 6 m). On two terraces, where no ground fits as stated, it is above 0.51."""
+"""A rotated image is better if 90 % of its people fit one ground within `FITS_WELL` of their extent, and `FITS_BETTER` times
+better than as stated: the rotation holds for all its people. Images upside down, turned back, have a misfit of at most 0.30 for
+90 % of the people (all presets, cameras at 2 to 6 m). On two terraces, where no ground fits as stated, it is above 0.51."""
 LEAST_MISFIT = 0.1
-"""A better fit does not count where the boxes as stated fit as well as ordinary ones do, in the median: 0.04 to 0.1."""
+"""A better fit does not count if the median misfit of the boxes as stated is below this: ordinary boxes have 0.04 to 0.1."""
 WIDER = 1.0
-"""Median width over height of the people in an image on its side: upright people have 0.3 to 0.55 (cameras of all presets, 1.5
-to 9 m high, seeds 200 and 201), so on the side 1.8 to 3."""
+"""Minimum median ratio of width to height of the people in an image on its side. Upright people have 0.3 to 0.55 (cameras of
+all presets, 1.5 to 9 m high, seeds 200 and 201), so 1.8 to 3 on the side."""
 HEADS_ELSEWHERE = 0.8
-"""Share of the bodies of keypoints with the head in that direction from the feet: in a right image some people lie, bend or do
-handstands, but few for long."""
+"""Minimum share of the bodies of keypoints that have the head in this direction from the feet. In an upright image some people
+lie, bend or do handstands, but few for long."""
 TURNS = {0: (0, -1), 90: (-1, 0), 180: (0, 1), 270: (1, 0)}
-"""Where the heads are in an image, as a direction in pixels, by the degrees clockwise that put it upright."""
+"""Direction of the heads in an image, in pixels, by the degrees clockwise that put the image upright."""
 FEWEST_FOR_GRID, MOST_FOR_GRID = 50, 2000
-"""Boxes that are looked at, spread over all."""
+"""Minimum number of boxes for the test of a grid, and maximum number of boxes tested, evenly spaced among all."""
 ON_GRID = 0.98
-"""Share of the edges on multiples of the step: boxes that are clipped at the border of the image need not be."""
+"""Minimum share of the edges on multiples of the step: boxes that are clipped at the image border may be off the grid."""
 COARSE = 0.1
-"""Step of a grid as a share of the boxes' median height: rounding outwards adds one step to a height on average, and that is
-twice what a metre by people's stature is known to."""
+"""Step of a coarse grid, as a share of the boxes' median height. Rounding outwards adds one step to a height on average. That
+is twice the uncertainty of a scale from people's stature."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,11 +84,11 @@ class BoxesAsStated:
 
     @property
     def numbers(self) -> Floats:
-        """(N, 4) as they are in the file."""
+        """(N, 4) numbers of the boxes as they are in the file."""
         return self.stated.of_ltwh(self.boxes.ltwh, self.size)
 
     def borders(self, box_format: BoxFormat) -> _Borders:
-        """Where the boxes lie in another format."""
+        """Count the boxes beyond the borders of the image if the numbers are read in another format."""
         return _Borders.of(box_format.to_ltwh(self.numbers, self.size), self.size)
 
 
@@ -100,22 +100,22 @@ class OtherFormat:
     box_format: BoxFormat
     certain: bool
     beyond: int
-    """Boxes beyond the borders of their images in the stated format,"""
+    """Number of boxes beyond the borders of their images in the stated format."""
     rows: int
-    """of so many."""
+    """Number of all boxes."""
 
 
 @dataclass(frozen=True)
 class _Borders:
-    """Numbers of boxes, of one camera or several."""
+    """Counts of the boxes of one camera or several."""
 
     rows: int
     positive: int
-    """Those with a positive width and height."""
+    """Number of boxes with a positive width and height."""
     beyond: Ints
-    """(2,) those with more than `BEYOND` of their width or height outside the image, to either side,"""
+    """(2,) number of boxes with more than `BEYOND` of their width, and of their height, outside the image on one side."""
     outside: Ints
-    """(2,) and with more than `SLACK`."""
+    """(2,) the same with more than `SLACK`."""
 
     @classmethod
     def of(cls, ltwh: Floats, size: tuple[int, int]) -> _Borders:
@@ -132,7 +132,7 @@ class _Borders:
 
 
 def find_other_formats(cameras: Sequence[BoxesAsStated]) -> tuple[OtherFormat, ...]:
-    """The cameras whose boxes another format than the stated one fits better.
+    """Find the cameras whose boxes fit another format better than the stated one.
 
     Args:
         cameras: the boxes of each camera.
@@ -153,7 +153,7 @@ def _are_shares(camera: BoxesAsStated) -> bool:
 
 
 def _find_other_unit(cameras: Sequence[BoxesAsStated]) -> OtherFormat:
-    """The format of boxes that are in the other unit; of those that fit alike, the stated convention, or else the first."""
+    """Find the format of boxes in the other unit; among equal fits, the stated convention, or else the first."""
     stated = cameras[0].stated
     rivals = sorted(
         (one for one in FORMATS if one.normalised != stated.normalised), key=lambda one: one.convention != stated.convention
@@ -168,7 +168,10 @@ def _find_other_unit(cameras: Sequence[BoxesAsStated]) -> OtherFormat:
 
 
 def _find_other_convention(cameras: Sequence[BoxesAsStated], *, alone: bool) -> OtherFormat | None:
-    """The convention that fits the boxes of these cameras together better than the stated one, in the same unit."""
+    """Find the convention, in the same unit, that fits the boxes of these cameras together better than the stated one.
+
+    None if no convention does. `alone`: whether there is only one camera, for which stricter limits hold.
+    """
     stated = cameras[0].stated
     seen = {camera.name: camera.borders(stated) for camera in cameras}
     now = _Borders.joined(list(seen.values()))
@@ -191,7 +194,7 @@ def _find_other_convention(cameras: Sequence[BoxesAsStated], *, alone: bool) -> 
 
 
 def _merge_formats(found: Sequence[OtherFormat]) -> list[OtherFormat]:
-    """Those of the same format as one."""
+    """Merge entries with the same format and certainty into one."""
     out: dict[tuple[BoxFormat, bool], OtherFormat] = {}
     for one in found:
         key = (one.box_format, one.certain)
@@ -203,12 +206,12 @@ def _merge_formats(found: Sequence[OtherFormat]) -> list[OtherFormat]:
 
 
 def rotation_of_sideways(lens: Lens, seen: CameraObservations, person_height_m: float) -> int:
-    """Degrees clockwise, 90 or 270, that put an image upright whose boxes are of people on their side; 0 where they are not.
+    """Find the rotation, 90 or 270 degrees clockwise, that puts an image with people on their side upright; 0 if it needs none.
 
-    Keypoints alone need no upright image: a camera on its side is calibrated by them as any other.
+    Keypoints alone need no upright image: they calibrate a camera on its side as any other.
 
     Args:
-        lens: of the image as it is.
+        lens: lens of the image as it is.
         seen: boxes and keypoints in it.
         person_height_m: expected standing height, metres.
     """
@@ -222,9 +225,9 @@ def rotation_of_sideways(lens: Lens, seen: CameraObservations, person_height_m: 
 
 
 def is_upside_down(lens: Lens, seen: CameraObservations, person_height_m: float) -> bool:
-    """Whether people are upside down in an image; False also where that is not known.
+    """Return whether people are upside down in an image; False also if this is unknown.
 
-    Arguments as of `rotation_of_sideways`.
+    The arguments are those of `rotation_of_sideways`.
     """
     shares = heads_by_rotation(seen.keypoints)
     if shares is not None:
@@ -233,7 +236,7 @@ def is_upside_down(lens: Lens, seen: CameraObservations, person_height_m: float)
 
 
 def _find_better_rotation(lens: Lens, boxes: Boxes, person_height_m: float, turns: tuple[int, ...]) -> int:
-    """Of some rotations the one after which people fit one ground far better than before; 0 where none does."""
+    """Find the rotation, among `turns`, after which people fit one ground far better than before; 0 if there is none."""
     stated = level_of_rotation(lens, boxes, person_height_m, 0)
     if stated is None or stated.residual < LEAST_MISFIT:
         return 0
@@ -244,7 +247,7 @@ def _find_better_rotation(lens: Lens, boxes: Boxes, person_height_m: float, turn
 
 
 def heads_by_rotation(keypoints: Keypoints) -> dict[int, float] | None:
-    """The share of the bodies whose head is above their feet after each rotation; None where fewer than 50 show both."""
+    """Compute, for each rotation, the share of bodies with the head above the feet; None if fewer than 50 show both."""
     bare = [name.removeprefix("left_").removeprefix("right_") for name in keypoints.joints]
     ends = []
     for wanted in (HEAD, FEET):
@@ -261,13 +264,13 @@ def heads_by_rotation(keypoints: Keypoints) -> dict[int, float] | None:
 
 
 def level_of_rotation(lens: Lens, boxes: Boxes, person_height_m: float, turn: int) -> Level | None:
-    """The level ground that fits the people best, with the image turned clockwise.
+    """Fit the level ground to the people, with the image turned clockwise.
 
-    None where fewer than 50 boxes can be used, or no ground fits.
+    None if fewer than 50 boxes can be used, or if no ground fits.
 
     Args:
-        lens: of the image as it is.
-        boxes: in the image as it is.
+        lens: lens of the image as it is.
+        boxes: boxes in the image as it is.
         person_height_m: expected standing height, metres.
         turn: degrees clockwise: 0, 90, 180 or 270.
     """
@@ -284,7 +287,7 @@ def level_of_rotation(lens: Lens, boxes: Boxes, person_height_m: float, turn: in
     known = np.isfinite(np.concatenate(rays, axis=1)).all(axis=1)
     if known.sum() < MIN_BODIES:
         return None
-    # Both the pixels and the camera's axes turn.
+    # The rotation applies to the pixels and to the camera's axes.
     tangent = np.einsum("ab,nbi,ji->naj", across, lens.tangents(rays[0][known]), R)
     return level_camera(
         rays[0][known] @ R.T, rays[1][known] @ R.T, tangent, extent[known],
@@ -293,10 +296,10 @@ def level_of_rotation(lens: Lens, boxes: Boxes, person_height_m: float, turn: in
 
 
 def notice_of_coarse_boxes(name: str, boxes: Boxes) -> Finding | None:
-    """A notice where a camera's boxes lie on a coarse grid; None where they do not, or where there are too few.
+    """Return a notice if a camera's boxes lie on a coarse grid; None if they do not, or if there are too few.
 
     Args:
-        name: of the camera.
+        name: name of the camera.
         boxes: all of its boxes.
     """
     step = grid_step(boxes)
@@ -307,11 +310,11 @@ def notice_of_coarse_boxes(name: str, boxes: Boxes) -> Finding | None:
 
 
 def adjust_for_coarse_boxes(figures: AdjustedFigures, findings: Iterable[Finding]) -> AdjustedFigures:
-    """The figures with what coarse boxes do to the scale, as far as it depends on how tall people are.
+    """Increase the sigma of the scale by the error of coarse boxes, as far as the scale depends on people's heights.
 
     Args:
-        figures: of the adjustment.
-        findings: those about its input.
+        figures: figures of the adjustment.
+        findings: findings about its input.
     """
     steps = [one.values["step_px"] / one.values["height_px"] for one in findings if one.code == "boxes_coarse"]
     sigma = figures.scale.relative_sigma
@@ -322,7 +325,7 @@ def adjust_for_coarse_boxes(figures: AdjustedFigures, findings: Iterable[Finding
 
 
 def grid_step(boxes: Boxes) -> int | None:
-    """The largest integer above 1, pixels, of which nearly all edges are multiples; None if there is none."""
+    """Find the largest integer above 1, pixels, such that nearly all edges are multiples of it; None if there is none."""
     if len(boxes) < FEWEST_FOR_GRID:
         return None
     boxes = boxes.take(np.linspace(0, len(boxes) - 1, min(len(boxes), MOST_FOR_GRID)).astype(np.int64))

@@ -1,4 +1,4 @@
-"""`passerby check`: what a scene holds, camera by camera, and all that is wrong with it."""
+"""`passerby check`: the content of a scene, camera by camera, and all of its faults."""
 
 from __future__ import annotations
 
@@ -33,46 +33,46 @@ from passerby.scene.time_needed import foresee_time
 from passerby.scene.video_inputs import choose_keypoints, keypoints_for
 
 SHORTEST_S = MIN_TRACK_S + 2 * STEP_S
-"""Of a recording by whose tracks cameras can be tied: a tracklet has no direction below `MIN_TRACK_S`, and up to a grid step at
-either end of it has no partner. Of ten simulated scenes of
-1.7 and 2.0 s, 6 and 15 people, none is accepted; of 2.4 and 3 s six of ten are."""
+"""Minimum duration of a recording, seconds, for the registration of cameras by tracks. A tracklet shorter than `MIN_TRACK_S`
+has no direction, and up to a grid step at each of its ends has no partner. Of ten simulated scenes of 1.7 and 2.0 s, 6 and 15
+people, none is accepted; of 2.4 and 3 s six of ten are."""
 
 
 @dataclass(frozen=True)
 class CameraCheck:
-    """What one camera's files hold."""
+    """The content of one camera's files."""
 
     name: str
     size: tuple[int, int] | None
-    """(width, height) in pixels; None where the intrinsics cannot be read."""
+    """(width, height) in pixels; None if the intrinsics cannot be read."""
     frames: int
     """Frames with at least one person."""
     first_frame: int | None
     last_frame: int | None
     boxes: int
     identities: int
-    """Different ids in boxes and joints: people in mode "given", else tracklets of this camera's own; 0 for mere detections."""
+    """Number of different ids in boxes and joints: people in mode "given", else this camera's tracklets; 0 for detections."""
     keypoints: int
-    """People with joints."""
+    """Number of rows with joints."""
     joints: int
-    """Joints a person."""
+    """Number of joints of a person."""
     embedding_dimensions: int | None
-    """Dimensions of the boxes' embeddings; None where there are none."""
+    """Dimensions of the boxes' embeddings; None if there are none."""
     fps: float | None
-    """Frames per second of the frame numbers; None where unknown."""
+    """Frames per second of the frame numbers; None if unknown."""
     shared: dict[str, Shared]
-    """What it shares with every other camera; empty where identities are not given."""
+    """Observations that it shares with each other camera; empty if identities are not given."""
     faults: tuple[str, ...]
     video: VideoInfo | None = None
     awaiting: bool = False
-    """Whether people are still to be found in the video."""
+    """Whether people must still be detected in the video."""
     lens: Lens | None = None
-    """The intrinsics that a calibration begins with; None where they cannot be read."""
+    """The intrinsics with which a calibration begins; None if they cannot be read."""
     lens_source: KnownLens | None = None
-    """Where these are from."""
+    """Source of the intrinsics."""
 
     def to_dict(self) -> dict[str, Any]:
-        """As plain values for JSON."""
+        """Return plain values for JSON."""
         return {
             "name": self.name,
             "size": None if self.size is None else list(self.size),
@@ -94,7 +94,7 @@ class CameraCheck:
         }
 
     def _intrinsics(self, lens: Lens, source: KnownLens) -> dict[str, Any]:
-        """What is known of the lens, and from where; no focal length if none is stated."""
+        """Return the known data of the lens and their source; no focal length if none is stated."""
         unknown = source.source == "people"
         return {
             "source": source.source,
@@ -107,7 +107,7 @@ class CameraCheck:
         }
 
     def _pieces(self, video: VideoInfo) -> dict[str, Any]:
-        """How many files a recording has, and its wall times."""
+        """Return the number of files of a recording, and its wall times if they are known."""
         wall, end_s = video.wall, video.end_s
         if wall is None or end_s is None:
             return {"pieces": len(video.files)}
@@ -115,7 +115,7 @@ class CameraCheck:
         return {"pieces": len(video.files), "from": first, "until": last}
 
     def _video(self, video: VideoInfo) -> dict[str, Any]:
-        """What is known of the video before it is watched."""
+        """Return the data of the video that are known before it is processed."""
         return {
             "file": str(video.path),
             "size": list(video.size),
@@ -132,40 +132,40 @@ class CameraCheck:
 
 @dataclass(frozen=True)
 class SceneCheck:
-    """What a scene holds and what is wrong with it."""
+    """The content of a scene and its faults."""
 
     name: str
     mode: str | None
-    """How identities are found; None where the scene file cannot be read."""
+    """Mode of the association of identities; None if the scene file cannot be read."""
     cameras: tuple[CameraCheck, ...]
     faults: tuple[str, ...]
-    """What makes the input unusable, of all cameras and of the scene."""
+    """Faults of all cameras and of the scene that make the input unusable."""
     diagnostics: tuple[Finding, ...]
-    """Doubts, which a calibration would have as well, then what is odd, but stops nothing."""
+    """Doubts, which a calibration would have as well, followed by notices."""
     perception: dict[str, Any] = field(default_factory=dict)
-    """What the videos would be watched with, JSON-ready; empty where none would be."""
+    """The models that would process the videos, JSON-ready; empty if no video would be processed."""
     time_s: tuple[float, float] | None = None
-    """The shortest and the longest time that a calibration may take on this computer, seconds; None where that is unknown."""
+    """The shortest and the longest time that a calibration may take on this computer, seconds; None if unknown."""
 
     @property
     def lacks(self) -> tuple[str, ...]:
-        """What a calibration will want: the files are sound, but tie not all cameras together, or let no rig be accepted."""
+        """Reasons why a calibration will fail on valid files: they do not connect all cameras, or no rig can be accepted."""
         return texts_of(finding for finding in self.diagnostics if finding.severity != "notice")
 
     @property
     def findings(self) -> tuple[str, ...]:
-        """What is odd, but stops nothing."""
+        """Notices: unusual facts that do not stop a calibration."""
         return texts_of(finding for finding in self.diagnostics if finding.severity == "notice")
 
     @property
     def exit_status(self) -> int:
-        """0 all well, 2 bad input, 3 too little evidence."""
+        """Exit status of the command: 0 no faults, 2 bad input, 3 insufficient evidence."""
         if self.faults:
             return InputError.exit_status
         return EvidenceError.exit_status if self.lacks else 0
 
     def to_dict(self) -> dict[str, Any]:
-        """As plain values for JSON."""
+        """Return plain values for JSON."""
         return {
             "scene": self.name,
             "mode": self.mode,
@@ -181,11 +181,11 @@ class SceneCheck:
 
 
 def check_scene(source: Scene | str | Path, findings: Sequence[Finding] = ()) -> SceneCheck:
-    """Read a scene file and all that it names; nothing is raised for what is wrong, all of it is gathered.
+    """Read a scene file and all files that it names. Faults are collected in the result; none raises an exception.
 
     Args:
         source: a scene file, or the scene that was read from it.
-        findings: what is known of it beforehand.
+        findings: findings about the scene that are known before.
     """
     try:
         scene = source if isinstance(source, Scene) else Scene.load(source)
@@ -215,9 +215,9 @@ def check_scene(source: Scene | str | Path, findings: Sequence[Finding] = ()) ->
 
 
 def find_too_short(scene: Scene, readings: Sequence[CameraInput], *, with_keypoints: bool = False) -> list[Finding]:
-    """A doubt where recordings are too short for people to be followed, and joints, which need less, are not used.
+    """Return a doubt if recordings are too short to track people, and no joints are used, for which less time suffices.
 
-    `with_keypoints`: whether there is a network that would measure them in the videos.
+    `with_keypoints`: whether there is a network that would measure joints in the videos.
     """
     if scene.association.mode not in ("combined", "trajectory"):
         return []
@@ -237,7 +237,7 @@ def find_too_short(scene: Scene, readings: Sequence[CameraInput], *, with_keypoi
 
 
 def _seconds(scene: Scene, reading: CameraInput) -> float | None:
-    """How long the used part of a camera's recording is; None where that is not known, or it saw no person."""
+    """Compute the duration of the used part of a camera's recording, seconds; None if unknown, or if it saw no person."""
     if reading.fps is None:
         return None
     if reading.awaiting:
@@ -251,7 +251,7 @@ def _seconds(scene: Scene, reading: CameraInput) -> float | None:
 
 
 def _plan_perception(scene: Scene, readings: list[CameraInput]) -> tuple[dict[str, Any], list[str], list[Finding]]:
-    """What the videos would be watched with, what is wrong with that, and what is to be fetched."""
+    """Return the models that would process the videos, the faults of this choice, and notices of models to download."""
     wanted, usable = scene.perception, [reading for reading in readings if reading.video is not None]
 
     def of(wants: Callable[[Scene, CameraInput], bool], choice: str) -> str:
@@ -268,7 +268,7 @@ def _plan_perception(scene: Scene, readings: list[CameraInput]) -> tuple[dict[st
 
 
 def _unify_frames(observations: Observations) -> Observations:
-    """The observations with the frame numbers of the slowest camera, to count who is seen at one instant."""
+    """Convert observations to the frame numbers of the slowest camera, in order to count people seen at the same time."""
     clocks = observations.clocks
     if not clocks:
         return observations

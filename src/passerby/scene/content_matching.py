@@ -1,7 +1,7 @@
-"""Boxes of one camera on the boxes of another: at which time shifts, by which map of the picture, and how many fit.
+"""Match of one camera's boxes with another's: likely time shifts, the map between the pictures, and the number of matches.
 
-Every pair of cameras is compared, at several time shifts: what depends on one camera only is computed once, and all boxes of
-the frames compared are worked on together.
+Every pair of cameras is compared, at several time shifts. So quantities that depend on one camera only are computed once, and
+all boxes of the compared frames are processed together.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ from passerby.common.arrays import Bools, Floats, Ints
 from passerby.geometry.groups import rows_of_equal
 
 MIN_FRAMES = 30
-"""Fewer frames with people in both tell nothing."""
+"""Minimum number of frames with people in both cameras; fewer are no evidence."""
 LAGS = 4
-"""Time shifts that are tried: those at which numbers, places and sizes of the boxes agree best over the recording."""
+"""Number of time shifts that are tried: at these, numbers, places and sizes of the boxes agree best over the recording."""
 NEAR = (0.6, 0.3, 0.3)
-"""Boxes may belong together whose edges differ by less than this share of the height, in one round after another."""
+"""Maximum difference of the edges of boxes that may match, as a share of the height, in each of the rounds."""
 SPREAD = (0.1, 0.5, 0.9)
-"""Quantiles of where the boxes are, by which a map begins."""
+"""Quantiles of the positions of the boxes that give an initial map."""
 
 
 Spectrum = NDArray[np.complex128]
@@ -31,15 +31,15 @@ Spectrum = NDArray[np.complex128]
 
 @dataclass(frozen=True, eq=False)
 class PictureMap:
-    """Pixels of the second camera from those of the first: scale and shift, across and down."""
+    """A map from pixels of the first camera to pixels of the second: scale and shift, across and down."""
 
     scale: Floats
-    """(2,)"""
+    """(2,) factors"""
     shift: Floats
     """(2,) pixels"""
 
     def __call__(self, edges: Floats) -> Floats:
-        """(4, N) edges of boxes, left, top, right and bottom, in the second camera."""
+        """Map edges (4, N) of boxes, left, top, right and bottom, to pixels of the second camera."""
         scale, shift = (np.concatenate([of_axis, of_axis])[:, None] for of_axis in (self.scale, self.shift))
         out = edges * scale
         out += shift
@@ -51,19 +51,19 @@ class BinnedBoxes:
     """The boxes of one camera by steps of a common time."""
 
     bin: Ints
-    """(N,) in order."""
+    """(N,) steps in order."""
     edges: Floats
     """(4, N) left, top, right, bottom, pixels."""
 
     @classmethod
     def of(cls, seconds: Floats, frame: Ints, extent: Floats, start: float, step: float) -> BinnedBoxes:
-        """Of each step the frame that is nearest to its middle.
+        """Select, for each step, the boxes of the frame that is nearest to its middle.
 
         Args:
-            seconds: (N,) in order.
-            frame: (N,) of the camera's own.
+            seconds: (N,) times in order.
+            frame: (N,) frame numbers of the camera.
             extent: (N, 4) left, top, right, bottom, pixels.
-            start: seconds at which step 0 is.
+            start: time of step 0, seconds.
             step: seconds between steps.
         """
         at = (seconds - start) / step
@@ -72,7 +72,7 @@ class BinnedBoxes:
         nearest = np.full(int(number.max()) + 1, np.inf)
         np.minimum.at(nearest, number, away)
         keep = away <= nearest[number] + 1e-9
-        # Two frames as far off on either side: the earlier.
+        # Of two frames at the same distance from the middle, the earlier one is taken.
         first = np.zeros(len(nearest), dtype=np.int64)
         first[number[keep][::-1]] = frame[keep][::-1]
         keep &= frame == first[number]
@@ -80,7 +80,7 @@ class BinnedBoxes:
 
     @cached_property
     def there(self) -> Bools:
-        """(L,) the steps with boxes, up to the last of them."""
+        """(L,) whether each step has boxes, up to the last step that has."""
         return np.bincount(self.bin) > 0
 
     @cached_property
@@ -90,7 +90,7 @@ class BinnedBoxes:
 
     @cached_property
     def ascending(self) -> tuple[tuple[Ints, Floats], ...]:
-        """Of each axis, (N,) the rows by their middles, and (N,) these."""
+        """For each axis: (N,) row indices in ascending order of the middles, and (N,) the sorted middles."""
         orders = np.argsort(self.centres, axis=1, kind="stable")
         return tuple((order, values[order]) for order, values in zip(orders, self.centres, strict=True))
 
@@ -99,8 +99,11 @@ class BinnedBoxes:
         return {}
 
     def spectra(self, length: int) -> tuple[Spectrum, Spectrum, float]:
-        """Of signals of so many steps: (4, F) spectra of how many people, where in the mean and how tall, each of mean 0 and
-        size 1; (F,) the spectrum of whether there are any; in how many steps there are.
+        """Compute spectra of signals of `length` steps.
+
+        Returns:
+            (4, F) spectra of the number of people, their mean position (2) and their mean log height, each standardised to
+            mean 0 and standard deviation 1; (F,) the spectrum of the presence of people; the number of steps with people.
         """
         if length not in self._spectra:
             table, some = self._signals(length)
@@ -110,7 +113,7 @@ class BinnedBoxes:
         return self._spectra[length]
 
     def _signals(self, length: int) -> tuple[Floats, Floats]:
-        """(4, length) how many people, where in the mean and how tall; (length,) where any."""
+        """Compute (4, length) the standardised signals of `spectra`, and (length,) 1 for each step with people, else 0."""
         count = np.bincount(self.bin, minlength=length).astype(float)
         some = count > 0
         rows = [count]
@@ -122,13 +125,13 @@ class BinnedBoxes:
         return table, some.astype(float)
 
     def spread(self, steps: Bools) -> Floats:
-        """(3, 2) quantiles `SPREAD` of the middles of the boxes at the steps that are marked, (L,)."""
+        """Compute the quantiles `SPREAD` (3, 2) of the middles of the boxes at the marked steps (L,)."""
         inside = steps[self.bin]
         return np.column_stack([_quantiles(values[inside[order]]) for order, values in self.ascending])
 
 
 def likely_lags(a: BinnedBoxes, b: BinnedBoxes) -> list[int]:
-    """Steps by which the second may show the same later, the most likely first; none at all where the two do not overlap."""
+    """Find likely delays of the second camera, in steps: 0 first, then the best correlations; none if there is no overlap."""
     length = _round_up(max(len(a.there), len(b.there)))
     size = next_fast_len(2 * length)
     (one, seen_one, count_one), (other, seen_other, count_other) = a.spectra(length), b.spectra(length)
@@ -153,11 +156,11 @@ class Overlap:
     a: BinnedBoxes
     b: BinnedBoxes
     lag: int
-    """Steps by which the second shows the same later."""
+    """Delay of the second camera, steps."""
 
     @cached_property
     def steps(self) -> Ints:
-        """The second's steps at which both have boxes."""
+        """Steps of the second camera at which both have boxes."""
         there_a, there_b = self.a.there, self.b.there
         first, last = max(0, self.lag), min(len(there_b), len(there_a) + self.lag)
         if first >= last:
@@ -165,7 +168,7 @@ class Overlap:
         return first + np.flatnonzero(there_a[first - self.lag : last - self.lag] & there_b[first:last])
 
     def map_of_spread(self) -> PictureMap | None:
-        """The map that brings the boxes of the one to the spread of the other's; None where it is out of the question."""
+        """Compute the map that gives the first camera's boxes the spread of the second's; None if its scale is implausible."""
         if not len(self.steps):
             return None
         low_a, middle_a, high_a = self.a.spread(_mark_steps(self.steps - self.lag, len(self.a.there)))
@@ -180,7 +183,7 @@ class Overlap:
         return {}
 
     def boxes(self, most: int) -> SharedBoxes:
-        """The boxes of so many of the steps that both have, at even distances, or of all."""
+        """Return the boxes of at most `most` of the common steps, evenly spaced."""
         if most not in self._boxes:
             every = self.steps
             steps = every[np.unique(np.linspace(0, len(every) - 1, min(len(every), most)).astype(int))]
@@ -190,15 +193,15 @@ class Overlap:
 
 @dataclass(frozen=True, eq=False)
 class BoxFit:
-    """Boxes of one camera on those of the other."""
+    """A fit of one camera's boxes to those of the other."""
 
     map: PictureMap
     mine: Floats
-    """(4, K) edges of matched boxes, left, top, right, bottom, pixels,"""
+    """(4, K) edges of the first camera's matched boxes, left, top, right, bottom, pixels."""
     theirs: Floats
-    """(4, K) and of those that they are on."""
+    """(4, K) edges of the second camera's boxes that match them."""
     shares: tuple[float, float]
-    """Of all boxes of either that are matched."""
+    """Share of all boxes of each camera that are matched."""
     off: float
     """Median difference of the edges, as a share of the height."""
 
@@ -210,17 +213,17 @@ class SharedBoxes:
     count_a: int
     count_b: int
     rows: Ints
-    """(R,) box of the first of each pair of boxes of one step, ascending,"""
+    """(R,) first camera's box of each pair of boxes of one step, ascending."""
     columns: Ints
-    """(R,) and that of the second."""
+    """(R,) second camera's box of each pair."""
     edges_a: Floats
-    """(4, R) the edges of the one, left, top, right, bottom, pixels,"""
+    """(4, R) edges of the first camera's boxes, left, top, right, bottom, pixels."""
     edges_b: Floats
-    """(4, R) and of the other."""
+    """(4, R) edges of the second camera's boxes."""
 
     @classmethod
     def of(cls, a: BinnedBoxes, b: BinnedBoxes, lag: int, steps: Ints) -> SharedBoxes:
-        """Those at some of the second's steps."""
+        """Pair all boxes of the two cameras at the given steps of the second camera."""
         one = np.flatnonzero(_mark_steps(steps - lag, len(a.there))[a.bin])
         other = np.flatnonzero(_mark_steps(steps, len(b.there))[b.bin])
         rows, columns = rows_of_equal(a.bin[one] + lag, b.bin[other])
@@ -232,11 +235,11 @@ class SharedBoxes:
 
     @cached_property
     def _first_of_row(self) -> Ints:
-        """Where the pairs of each box of the first begin; each has some."""
+        """Index of the first pair of each of the first camera's boxes; each box has at least one pair."""
         return np.flatnonzero(np.diff(self.rows, prepend=-1))
 
     def fit(self, begin: PictureMap, least: int) -> BoxFit | None:
-        """The map that puts most boxes of the first on boxes of the second; None where fewer than `least` match."""
+        """Fit the map from the first camera's boxes to the second's; None if fewer than `least` boxes match."""
         pairs, change = np.zeros(0, np.int64), begin
         for near in NEAR:
             pairs = self._match_nearest(change, near)
@@ -248,11 +251,11 @@ class SharedBoxes:
         return BoxFit(change, mine, theirs, (len(pairs) / self.count_a, len(pairs) / self.count_b), off)
 
     def _match_nearest(self, change: PictureMap, near: float) -> Ints:
-        """(K,) pairs that are each other's nearest in their step, no farther apart than a share of the height."""
+        """Find the pairs (K,) that are mutual nearest neighbours in their step, not farther apart than `near` of the height."""
         miss = change(self.edges_a)
         miss -= self.edges_b
         np.abs(miss, out=miss)
-        # The maximum along an axis of four takes several times as long.
+        # np.max along an axis of length four takes several times as long.
         away = np.maximum(np.maximum(miss[0], miss[1]), np.maximum(miss[2], miss[3])) / self._tall
         best_a = np.minimum.reduceat(away, self._first_of_row) if len(away) else away
         best_b = np.full(self.count_b, np.inf)
@@ -262,7 +265,7 @@ class SharedBoxes:
 
 
 def _round_up(length: int) -> int:
-    """So that recordings which end a little earlier or later have one length: at most an eighth more."""
+    """Round a length up by at most an eighth, so that recordings that end at slightly different times have equal lengths."""
     unit = 1 << max(0, length.bit_length() - 4)
     return -(-length // unit) * unit
 
@@ -274,7 +277,7 @@ def _mark_steps(steps: Ints, length: int) -> Bools:
 
 
 def _quantiles(ascending: Floats) -> Floats:
-    """(3,) quantiles `SPREAD`, as `np.quantile` has them, which sorts first."""
+    """Compute the quantiles `SPREAD` (3,) of sorted values, as `np.quantile` does, but without its sort."""
     at = np.array(SPREAD) * (len(ascending) - 1)
     low = at.astype(np.int64)
     before, after = ascending[low], ascending[np.minimum(low + 1, len(ascending) - 1)]
@@ -282,7 +285,7 @@ def _quantiles(ascending: Floats) -> Floats:
 
 
 def _fit_map(mine: Floats, theirs: Floats) -> PictureMap:
-    """Scale and shift of each axis by least squares on both edges (4, K), those that are far off left out."""
+    """Fit scale and shift of each axis by least squares on the edges (4, K), without outliers."""
     x, y = (np.concatenate([edges[:2], edges[2:]], axis=1) for edges in (mine, theirs))
     scale, shift = np.ones(2), np.zeros(2)
     use = np.ones(x.shape)
@@ -294,8 +297,9 @@ def _fit_map(mine: Floats, theirs: Floats) -> PictureMap:
 
 
 def _lines(x: Floats, y: Floats, use: Floats) -> tuple[Floats, Floats]:
-    """(A,) slopes and (A,) intercepts of the lines y(x), all (A, N), by the points used (1, or 0); of a point alone the
-    smallest of both.
+    """Fit slopes (A,) and intercepts (A,) of lines y(x), each (A, N), to the points that `use` (A, N) marks by 1, else 0.
+
+    If all points of a line have one x, the solution of the smallest norm is returned.
     """
     count = use.sum(axis=1)
     mean_x, mean_y = np.einsum("an,an->a", x, use) / count, np.einsum("an,an->a", y, use) / count
@@ -307,7 +311,7 @@ def _lines(x: Floats, y: Floats, use: Floats) -> tuple[Floats, Floats]:
 
 
 def _medians(values: Floats) -> Floats:
-    """(A,) of the rows (A, N); `np.median` takes longer to begin with."""
+    """Compute the medians (A,) of the rows (A, N); `np.median` has a larger overhead."""
     ascending = np.sort(values, axis=1)
     n = values.shape[1]
     return np.asarray(0.5 * (ascending[:, (n - 1) // 2] + ascending[:, n // 2]))

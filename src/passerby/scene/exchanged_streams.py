@@ -1,8 +1,8 @@
-"""Do the files of two cameras change places while they film? A recorder that swaps two of its channels writes such files.
+"""Test whether two cameras exchange their files during the recording, as with a recorder that swaps two of its channels.
 
-At that moment people's boxes do not continue in their own file, and the boxes of each file continue in the other one. Only
-places in the image are compared, not identities, so that detections show this as well. The evidence is a ratio of likelihoods:
-a box continues with the usual share of its file where it is the same person, and with the share of chance where it is not.
+At that moment, boxes do not continue in their own file, and the boxes of each file continue in the other one. Only positions in
+the image are compared, no identities, so that detections suffice. The evidence is a likelihood ratio. The probability that a
+box continues is the usual share of its file if it is the same person, and the share by chance if it is not.
 """
 
 from __future__ import annotations
@@ -21,34 +21,34 @@ from passerby.geometry.groups import expanded_ranges, rows_of_equal
 from passerby.scene.camera_input import CameraInput
 
 LONGEST_STEP_S = 0.5
-"""Frames farther apart are not compared: people are elsewhere by then."""
+"""Maximum time between two frames that are compared: after a longer time, people are elsewhere."""
 FARTHEST_S = 5.0
-"""Between the moments at which it happens in two files: recorders begin their files so much apart at most."""
+"""Maximum time between the moments of the exchange in the two files: recorders begin their files at most this far apart."""
 NEAR, NEAR_A_SECOND, RATIO = 0.15, 1.0, 0.2
-"""A box continues another one within this share of its height, plus this share a second (a fast walk), at a size that differs
-by less than this logarithm: the noise of a detector is within it."""
+"""A box continues another one if its distance is below the first share of the height plus the second share per second (a fast
+walk), and the logarithm of the size ratio is below the third value: the noise of a detector is within these limits."""
 OTHER_MOMENTS = 200
-"""Moments of two recordings at which the share of chance is counted. People who stand still, or cameras side by side, have
-boxes at the same places of both images all the time."""
+"""Number of moments of two recordings at which the share by chance is counted. People who stand still, or cameras side by side,
+have boxes at the same places of both images all the time."""
 LEAST_ODDS = 1000.0
-"""Evidence for one exchange, divided by the number of moments tried. In 48 right simulated scenes (those of the coverage part,
-seeds 3012 to 3039 and 3100 to 3119: up to 6 % of noise and 20 % of wrong identities) it is 10 at most. With two files
-exchanged it is above 1,000 in most of them: wherever both cameras see three people or more."""
+"""Minimum likelihood ratio for one exchange, divided by the number of moments tried. In 48 correct simulated scenes (those of
+the coverage part, seeds 3012 to 3039 and 3100 to 3119: up to 6 % of noise and 20 % of wrong identities) it is 10 at most. With
+two files exchanged it is above 1,000 in most of them: in all in which both cameras see three people or more."""
 
 
 @dataclass(frozen=True)
 class ExchangedStreams:
-    """Two cameras, and since when the file of each shows what the other one sees."""
+    """Two cameras, and the frames from which the file of each shows the view of the other."""
 
     cameras: tuple[str, str]
     frames: tuple[int, int]
-    """First frame after the exchange, of each camera's own."""
+    """First frame after the exchange, by each camera's own frame numbers."""
     boxes: int
-    """How many continue in the other file."""
+    """Number of boxes that continue in the other file."""
 
 
 def findings_of_exchanged_streams(readings: Sequence[CameraInput]) -> list[Finding]:
-    """A doubt about each pair of cameras whose files change places."""
+    """Return a doubt about each pair of cameras that exchange their files."""
     return [
         doubt("streams_seem_exchanged", *one.cameras, frames=list(one.frames), boxes=one.boxes)
         for one in find_exchanged_streams(readings)
@@ -56,7 +56,7 @@ def findings_of_exchanged_streams(readings: Sequence[CameraInput]) -> list[Findi
 
 
 def find_exchanged_streams(readings: Sequence[CameraInput]) -> list[ExchangedStreams]:
-    """The pairs of cameras whose files change places, each at the moment with the most evidence."""
+    """Find the pairs of cameras that exchange their files, each at the moment with the most evidence."""
     shown = {reading.name: one for reading in readings if (one := _Shown.of(reading.seen, reading.fps)) is not None}
     moments = {pair: _pair_cuts(shown[pair[0]], shown[pair[1]]) for pair in combinations(shown, 2)}
     needed = np.log(LEAST_ODDS * max(sum(len(k) for k, _ in moments.values()), 1))
@@ -78,24 +78,24 @@ def find_exchanged_streams(readings: Sequence[CameraInput]) -> list[ExchangedStr
 
 @dataclass(frozen=True, eq=False)
 class _Shown:
-    """What one camera's file shows, frame by frame."""
+    """The boxes of one camera's file, frame by frame."""
 
     frames: Ints
-    """(F,) those with people, ascending."""
+    """(F,) numbers of the frames with people, ascending."""
     seconds: Floats
-    """(F,) of them, of the camera's own recording."""
+    """(F,) times of these frames in the camera's own recording."""
     begin: Ints
-    """(F + 1,) where the boxes of each frame begin."""
+    """(F + 1,) index of the first box of each frame, and the number of boxes."""
     box: Floats
     """(N, 3) centre and height, pixels, in the order of the frames."""
     usual: float
     """Share of boxes that continue in the next frame."""
     cuts: Ints
-    """Indices of frames after which boxes continue as by chance rather than as usual."""
+    """Indices of frames after which the share of boxes that continue is more likely by chance than usual."""
 
     @classmethod
     def of(cls, seen: CameraObservations, fps: float | None) -> _Shown | None:
-        """The boxes of a file, or the extents of its keypoints; None with fewer than two frames."""
+        """Collect the boxes of a file, or the extents of its keypoints; None with fewer than two frames."""
         part = seen.boxes if len(seen.boxes) else seen.keypoints
         extent = extents_of(part)
         order = np.argsort(part.frame, kind="stable")
@@ -118,7 +118,10 @@ class _Shown:
 
 
 def _count_continued(number: Ints, box: Floats, later: int, seconds: Floats, count: Ints) -> tuple[Ints, Ints]:
-    """(F,) how many boxes of each frame continue so many frames `later`, and (F,) how many could; the last meet the first."""
+    """Count the boxes (F,) of each frame that continue `later` frames later, and the boxes (F,) that could.
+
+    The frames after the last one are the first ones. `seconds` (F,) are the times to the later frames.
+    """
     frames = len(count)
     before, after = rows_of_equal((number + later) % frames, number)
     near = _find_continuing(box[before], box[after], seconds[number[before]])
@@ -128,7 +131,7 @@ def _count_continued(number: Ints, box: Floats, later: int, seconds: Floats, cou
 
 
 def _find_continuing(before: Floats, after: Floats, seconds: Floats | float) -> Bools:
-    """Whether boxes (..., 3) may be the same people `seconds` later."""
+    """Return whether boxes (..., 3) may be the same people `seconds` later."""
     height = np.minimum(before[..., 2], after[..., 2])
     apart = np.hypot(before[..., 0] - after[..., 0], before[..., 1] - after[..., 1])
     alike = np.abs(np.log(before[..., 2] / after[..., 2])) < RATIO
@@ -136,17 +139,17 @@ def _find_continuing(before: Floats, after: Floats, seconds: Floats | float) -> 
 
 
 def _share(hits: float, count: float) -> float:
-    """A share by Laplace's rule, which is never 0 or 1."""
+    """Compute a share by Laplace's rule, which is never 0 or 1."""
     return float((hits + 1.0) / (count + 2.0))
 
 
 def _log_ratio(hits: Ints, count: Ints, share: float, other: float) -> Floats:
-    """Log-likelihood ratio of so many hits: of one share to another one."""
+    """Compute the log-likelihood ratio of `share` to `other`, for `hits` among `count`."""
     return np.asarray(hits * np.log(share / other) + (count - hits) * np.log((1.0 - share) / (1.0 - other)))
 
 
 def _pair_cuts(a: _Shown, b: _Shown) -> tuple[Ints, Ints]:
-    """(P,) frames of one file and (P,) of the other one after which both are cut, at moments that may be the same."""
+    """Find frames (P,) of one file and (P,) of the other after which both have cuts, at moments that may be the same."""
     at, times = a.seconds[a.cuts], b.seconds[b.cuts]
     first = np.searchsorted(times, at - FARTHEST_S)
     own, other = expanded_ranges(first, np.searchsorted(times, at + FARTHEST_S, side="right") - first)
@@ -154,13 +157,13 @@ def _pair_cuts(a: _Shown, b: _Shown) -> tuple[Ints, Ints]:
 
 
 def _other_moments(a: _Shown, b: _Shown) -> tuple[Ints, _Shown, Ints]:
-    """(P,) frames of one file, all over the recording; the other file, and (P,) its frames of about the same times."""
+    """Select frames (P,) of one file, evenly spaced; return them, the other file, and its frames (P,) at about these times."""
     k = np.unique(np.linspace(0, len(a.frames) - 2, OTHER_MOMENTS).round().astype(np.int64))
     return k, b, np.clip(np.searchsorted(b.seconds, a.seconds[k]), 0, len(b.frames) - 2)
 
 
 def _count_exchanged(a: _Shown, k: Ints, b: _Shown, j: Ints) -> tuple[Ints, Ints]:
-    """(P,) how many boxes of both files continue in the other one after these frames (P,), and (P,) how many could."""
+    """Count the boxes (P,) that continue in the other file after frames `k` and `j` (P,), and the boxes (P,) that could."""
     step = np.maximum(a.seconds[k + 1] - a.seconds[k], b.seconds[j + 1] - b.seconds[j])
     hits, count = np.zeros(len(k), np.int64), np.zeros(len(k), np.int64)
     for one, before, other, after in ((a, k, b, j + 1), (b, j, a, k + 1)):

@@ -1,6 +1,6 @@
-"""From a scene file to observations: everything that it names is read, and the cameras are checked against each other.
+"""From a scene file to observations: all files that it names are read, and the cameras are compared with each other.
 
-*Faults* make an input unusable; *findings* are odd, but do not stop a calibration; *doubts* let no rig be accepted.
+*Faults* make an input unusable. *Findings* are unusual facts that do not stop a calibration. With *doubts*, no rig is accepted.
 """
 
 from __future__ import annotations
@@ -43,78 +43,77 @@ from passerby.scene.wall_clock import (
 from passerby.scene.world_files import world_faults
 
 IN_MEMORY = Path("(in memory)")
-"""What stands for the name of a file where people come from arrays."""
+"""Replaces the name of a file if people come from arrays."""
 SPAN_RATIO = 1.5
-"""Recordings whose lengths in seconds differ by more are reported: a frame rate is usually mistaken for half or twice
-itself (25 and
-50, 30 and 60). People who are there for a part of the time only make a recording look short too, so that it is no fault."""
+"""Recordings whose lengths in seconds differ by a larger ratio are reported: a wrong frame rate is usually half or twice the
+true one (25 and 50, 30 and 60). It is no fault, because a recording also appears short if people are there only for a part of
+the time."""
 WALL_SIGMA_S = 1.7
-"""One standard deviation of the difference of two recorders' clocks; three of them are the 5 s that are searched by default."""
+"""Standard deviation of the difference of two recorders' clocks; three of them are the 5 s that are searched by default."""
 SHORT_VIDEO = 0.2
-"""A video of less than this share of the longest one's time is cut short, usually by a copy that broke off or a full
-disk. Where the difference is smaller it is reported, and what was seen together is used."""
+"""A video shorter than this share of the longest one is incomplete, usually because of an interrupted copy or a full disk. A
+smaller difference is only reported, and the common time is used."""
 
 
 @dataclass(frozen=True, eq=False)
 class SceneInputs:
-    """All that a calibration starts from."""
+    """All inputs of a calibration."""
 
     rig: Rig
     """The cameras, without poses."""
     observations: Observations
-    """In mode "given": people with a known identity only. Else all rows, with tracklet numbers of each camera's own or -1."""
+    """In mode "given": only people with a known identity. Else all rows, with each camera's own tracklet numbers or -1."""
     findings: tuple[Finding, ...]
-    """What is odd: notices."""
+    """Notices of unusual facts."""
     doubts: tuple[Finding, ...] = ()
     """Evidence against any rig from this input."""
     pointed: tuple[PointedPerson, ...] = ()
     """People of known height at whom the scene file points."""
     wall_clock: WallClock | None = None
-    """Wall time of frame numbers, where it is known."""
+    """Wall time of frame numbers; None if unknown."""
     measured: tuple[MeasuredStart, ...] = ()
-    """Differences of two cameras' clocks that something else than people tells."""
+    """Differences of two cameras' clocks from sources other than people."""
     gaps: Mapping[str, tuple[tuple[float, float], ...]] = field(default_factory=dict)
-    """By camera with gaps in its recording, spans of its own frame numbers at which it recorded nothing."""
+    """By camera with gaps in its recording, the spans of its own frame numbers in which it recorded nothing."""
     stated: StatedIdentities = field(default_factory=StatedIdentities)
     """Identities that the scene file corrects."""
     elsewhere: tuple[Camera, ...] = ()
-    """Cameras of the scene that have no part in this: they belong to other groups."""
+    """Cameras of the scene that are not in these inputs, because they belong to other groups."""
 
 
 class VideoProcessor(Protocol):
-    """Completes the readings of cameras by what is seen in their videos."""
+    """A function that completes the readings of cameras by the detections in their videos."""
 
     def __call__(self, scene: Scene, readings: Sequence[CameraInput]) -> None:
-        """Faults and findings are added to the readings."""
+        """Process the videos, and add observations, faults and findings to the readings."""
 
 
 class ClockMeasurement(Protocol):
-    """Measures how the cameras' clocks differ by something else than people."""
+    """A function that measures the differences of the cameras' clocks from sources other than people."""
 
     def __call__(
         self, scene: Scene, readings: Sequence[CameraInput], /
     ) -> tuple[tuple[MeasuredStart, ...], tuple[Finding, ...]]:
-        """What is measured, and what is odd about it."""
+        """Return the measured differences, and notices about them."""
 
 
 def read_inputs(
     scene: Scene, watch: VideoProcessor | None = None, measure_clocks: ClockMeasurement | None = None, *,
     compare_contents: bool = True,
 ) -> SceneInputs:  # fmt: skip
-    """Read what a scene names, and watch the videos of the cameras that need it; without `watch` no video is watched.
+    """Read the files that a scene names, and process the videos of the cameras that need it.
 
-    `measure_clocks` is needed when offsets are estimated: without it, only wall times are known. Without `compare_contents`
-    it is not tested whether two of the cameras show the same, which takes time for each pair.
-
-    Raises `FileFaults` (an `InputError`) with everything that is wrong, each with its file, place, value and fix.
+    Without `watch`, no video is processed. `measure_clocks` is needed if time offsets are estimated: without it, only wall
+    times are known. Without `compare_contents`, there is no test whether two cameras show the same images, which takes time for
+    each pair. Raises `FileFaults` (an `InputError`) with all faults, each with its file, place, value and remedy.
     """
     return complete_inputs(scene, open_inputs(scene), watch, measure_clocks, compare_contents=compare_contents)
 
 
 def open_inputs(scene: Scene) -> list[CameraInput]:
-    """What the files of a scene hold before any video is watched.
+    """Read the files of a scene, before any video is processed.
 
-    Raises `FileFaults` with everything that is wrong: it is reported before hours are spent on videos.
+    Raises `FileFaults` with all faults, so that they are reported before the videos are processed for hours.
     """
     readings = read_cameras(scene)
     _raise_faults(scene, readings)
@@ -126,7 +125,7 @@ def complete_inputs(
     scene: Scene, opened: Sequence[CameraInput], watch: VideoProcessor | None = None,
     measure_clocks: ClockMeasurement | None = None, *, compare_contents: bool = True,
 ) -> SceneInputs:  # fmt: skip
-    """The inputs of readings that `open_inputs` gave, which stay as they are; arguments and errors as of `read_inputs`."""
+    """Complete the readings of `open_inputs`, which stay unchanged; arguments and errors are those of `read_inputs`."""
     readings = [reading.copy() for reading in opened]
     if watch is not None and any(needs_video(scene, reading) for reading in readings):
         watch(scene, readings)
@@ -138,13 +137,16 @@ def complete_inputs(
 
 
 def _measure_starts(clock: WallClock | None) -> tuple[MeasuredStart, ...]:
-    """Frames of recordings with wall times count from one second: their clocks agree, as far as the recorders' do."""
+    """Return a start difference of 0 for each pair of cameras with wall times: their frames count from the same second.
+
+    Its standard deviation is that of the recorders' clocks.
+    """
     cameras = () if clock is None else clock.cameras
     return tuple(MeasuredStart(pair, 0.0, WALL_SIGMA_S, WALL_CLOCK) for pair in combinations(cameras, 2))
 
 
 def assemble_inputs(scene: Scene, readings: list[CameraInput], *, compare_contents: bool = True) -> SceneInputs:
-    """What readings of all cameras hold. Raises `FileFaults` (an `InputError`) with everything that is wrong with them."""
+    """Combine the readings of all cameras to inputs. Raises `FileFaults` (an `InputError`) with all of their faults."""
     _raise_faults(scene, readings)
     rig = Rig(tuple(Camera(reading.name, reading.lens) for reading in readings if reading.lens is not None))
     findings = [finding for reading in readings for finding in reading.findings] + scene_findings(scene, readings)
@@ -157,7 +159,7 @@ def assemble_inputs(scene: Scene, readings: list[CameraInput], *, compare_conten
 
 
 def _gaps(readings: Sequence[CameraInput]) -> dict[str, tuple[tuple[float, float], ...]]:
-    """The gaps in recordings in pieces, and what was not watched of videos, in frame numbers."""
+    """Return the gaps between pieces of recordings, and the parts of videos that were not processed, in frame numbers."""
     found = {
         reading.name: tuple(
             (first * reading.video.clock_fps + 1, last * reading.video.clock_fps + 1)
@@ -170,12 +172,12 @@ def _gaps(readings: Sequence[CameraInput]) -> dict[str, tuple[tuple[float, float
 
 
 def check_files(scene: Scene) -> None:
-    """Raise `FileFaults` (an `InputError`) with everything that is wrong with what a scene names; no video is watched."""
+    """Raise `FileFaults` (an `InputError`) with all faults of the files that a scene names; no video is processed."""
     _raise_faults(scene, read_cameras(scene))
 
 
 class NobodySeenError(FileFaults):
-    """Nothing is wrong but that no two cameras saw people, in the part of the videos that was watched."""
+    """Fewer than two cameras saw people in the processed part of the videos; there is no other fault."""
 
 
 def _raise_faults(scene: Scene, readings: list[CameraInput]) -> None:
@@ -186,7 +188,7 @@ def _raise_faults(scene: Scene, readings: list[CameraInput]) -> None:
 
 
 def read_cameras(scene: Scene) -> list[CameraInput]:
-    """The files of all cameras, as far as they can be read; videos are looked into, but not watched."""
+    """Read the files of all cameras, as far as possible; of videos, only the metadata are read."""
     # A camera whose lens other cameras share is read before them.
     span = None
     faults: tuple[str, ...] = ()
@@ -200,22 +202,22 @@ def read_cameras(scene: Scene) -> list[CameraInput]:
     align_wall_clocks(scene, readings)
     correct_layouts(readings)
     if any(reading.fps is None for reading in readings):
-        # Frame numbers are counted alike in all cameras: the rate of one camera's video says nothing of the others.
+        # If a rate is unknown, frame numbers are common to all cameras: the rate of one video does not hold for the others.
         for reading in readings:
             reading.fps = scene.fps_of(reading.name)
     return readings
 
 
 def observations_of(scene: Scene, readings: list[CameraInput]) -> Observations:
-    """What the cameras saw, with their clocks."""
+    """Return the observations of the cameras, with their clocks."""
     fps = readings[0].fps if readings else None
     return Observations({reading.name: reading.seen for reading in readings}, fps, clocks_of(scene, readings))
 
 
 def clocks_of(scene: Scene, readings: list[CameraInput]) -> dict[str, Clock]:
-    """Each camera's clock, its offset 0. Empty where the same frame number is the same instant in all cameras.
+    """Return each camera's clock, with offset 0; empty if the same frame number is the same instant in all cameras.
 
-    That is so where no frame rate is known, and, with nothing to search for, where identities are given and all rates alike.
+    This is so if no frame rate is known, or if identities are given, all rates are equal and no offset is searched.
     """
     rates = {reading.name: reading.fps for reading in readings if reading.fps is not None}
     association = scene.association
@@ -225,7 +227,7 @@ def clocks_of(scene: Scene, readings: list[CameraInput]) -> dict[str, Clock]:
 
 
 def scene_faults(scene: Scene, readings: list[CameraInput]) -> list[str]:
-    """Faults between cameras, and of what the scene file says about them."""
+    """Return the faults between cameras, and those of the scene file's statements about them."""
     return [
         *_length_faults(scene, readings),
         *faults_of_people(scene, readings),
@@ -244,7 +246,7 @@ def scene_faults(scene: Scene, readings: list[CameraInput]) -> list[str]:
 
 
 def scene_findings(scene: Scene, readings: list[CameraInput]) -> list[Finding]:
-    """Oddities between cameras; joints under the names of another layout get their own."""
+    """Return notices of unusual facts between cameras."""
     known = {
         int(who) for reading in readings for part in (reading.boxes, reading.keypoints) for who in np.unique(part.identity)
     }
@@ -261,7 +263,7 @@ def scene_findings(scene: Scene, readings: list[CameraInput]) -> list[Finding]:
 
 
 def _note_guessed_lenses(scene: Scene, readings: list[CameraInput]) -> list[Finding]:
-    """Focal lengths that are stated to be guesses, those that are as good in one notice."""
+    """Return notices of unknown intrinsics and of guessed focal lengths; guesses of equal sigma share one notice."""
     guessed: dict[float, list[str]] = {}
     for reading in readings:
         if reading.lens is not None and reading.lens.focal_sd is not None and not reading.lens.uncalibrated:
@@ -278,7 +280,7 @@ def _note_guessed_lenses(scene: Scene, readings: list[CameraInput]) -> list[Find
 
 
 def _lens_faults(scene: Scene, readings: list[CameraInput]) -> list[str]:
-    """Guessed focal lengths for a method that does not know of them."""
+    """Return a fault for unknown or guessed focal lengths if the method assumes exact ones."""
     guessed = [reading.name for reading in readings if reading.lens is not None and reading.lens.focal_sd is not None]
     unknown = [reading.name for reading in readings if reading.lens is not None and reading.lens.uncalibrated]
     if scene.solver.method == "geopose" and unknown:
@@ -295,8 +297,9 @@ def _lens_faults(scene: Scene, readings: list[CameraInput]) -> list[str]:
 
 
 def scene_doubts(scene: Scene, readings: list[CameraInput], *, compare_contents: bool = True) -> list[Finding]:
-    """What lets no rig from these files be accepted: images of another size or upside down, boxes that are no bodies' or in
-    another format, one camera twice.
+    """Return the doubts that let no rig from these files be accepted.
+
+    Their causes are images of another size or upside down, boxes in another format or not of bodies, and one camera twice.
     """
     known = [(reading, reading.lens) for reading in readings if reading.lens is not None]
     rig = Rig(tuple(Camera(reading.name, lens) for reading, lens in known))
@@ -340,7 +343,7 @@ def _joint_faults(scene: Scene, readings: list[CameraInput]) -> list[str]:
 
 
 def _embedding_faults(scene: Scene, readings: list[CameraInput]) -> list[str]:
-    """Embeddings of different kinds, and mode "appearance" without embeddings."""
+    """Return faults of embeddings with different dimensions, and of mode "appearance" without embeddings."""
     with_looks = [reading for reading in readings if reading.dimensions is not None]
     faults = [
         f"{scene.place}: [cameras.{reading.name}] embeddings have {reading.dimensions} dimensions, those of camera "
@@ -360,7 +363,7 @@ def _embedding_faults(scene: Scene, readings: list[CameraInput]) -> list[str]:
 
 
 def _find_short_videos(scene: Scene, readings: list[CameraInput]) -> list[str]:
-    """Videos of which most must be missing, by the length of the others."""
+    """Return a fault for each video of which most must be missing, because the longest one is far longer."""
     seconds = {
         reading.name: count_recorded_s(reading.video) * reading.video.clock_fps / reading.fps
         for reading in readings
@@ -379,7 +382,7 @@ def _find_short_videos(scene: Scene, readings: list[CameraInput]) -> list[str]:
 
 
 def _emptiness_faults(scene: Scene, readings: list[CameraInput]) -> list[str]:
-    """Where identities are not given, a camera that saw no person is left out; two others must be left."""
+    """Return a fault if fewer than two cameras saw people and identities are not given; cameras without people are left out."""
     awake = [reading.name for reading in readings if reading.people]
     if scene.association.given or len(awake) > 1 or any(reading.faults or reading.awaiting for reading in readings):
         return []
@@ -393,9 +396,9 @@ def _emptiness_faults(scene: Scene, readings: list[CameraInput]) -> list[str]:
 
 
 def _clock_findings(scene: Scene, readings: list[CameraInput]) -> list[Finding]:
-    """Rates that are missing or contradict the length of the recordings."""
+    """Return a notice if frame rates are missing, or contradict the lengths of the recordings."""
     if all(reading.fps is None for reading in readings):
-        # What is still to be recorded, or cannot be read, may have a rate.
+        # A recording that does not exist yet, or cannot be read, may have a rate.
         if scene.association.search_s == 0 or scene.unrecorded or any(reading.faults for reading in readings):
             return []
         return [notice("frame_rate_missing", place=str(scene.place))]
@@ -419,7 +422,7 @@ def _clock_findings(scene: Scene, readings: list[CameraInput]) -> list[Finding]:
 
 
 def _embedding_findings(scene: Scene, readings: list[CameraInput]) -> list[Finding]:
-    """Mode "combined" where some cameras have embeddings and some have none."""
+    """Return a notice if, in mode "combined", some cameras have embeddings and others have none."""
     without = [reading.name for reading in readings if reading.people and reading.dimensions is None]
     if scene.association.mode != "combined" or not without or all(reading.dimensions is None for reading in readings):
         return []
@@ -427,12 +430,12 @@ def _embedding_findings(scene: Scene, readings: list[CameraInput]) -> list[Findi
 
 
 def part_of(inputs: SceneInputs, names: Collection[str]) -> SceneInputs:
-    """The inputs of some cameras, in the order of the rig.
+    """Return the inputs of some cameras, in the order of the rig.
 
-    Doubts about the whole scene hold of the part too; notices are those about its cameras.
+    Doubts about the whole scene also hold for the part; notices are only those about its cameras.
 
     Args:
-        inputs: of all cameras.
+        inputs: the inputs of all cameras.
         names: the cameras of the part.
     """
     inside = [camera for camera in inputs.rig if camera.name in names]
@@ -455,5 +458,5 @@ def part_of(inputs: SceneInputs, names: Collection[str]) -> SceneInputs:
 
 
 def _is_about(finding: Finding, names: Collection[str]) -> bool:
-    """Whether a finding is about one of the cameras."""
+    """Return whether a finding is about one of the cameras."""
     return any(name in names for name in finding.cameras)

@@ -1,7 +1,7 @@
-"""Keypoints that are not what a file says: those of another layout, and the ends of wands among them.
+"""Corrections of keypoints: names of another layout, and ends of wands among the joints.
 
-OpenPose writes 25 joints in two orders, BODY_25 and BODY_25B, and no file of it says which. A tool that assumes one names the
-joints of the other wrongly: a knee is called a hip. The right names order the joints of people from head to feet.
+OpenPose writes 25 joints in two orders, BODY_25 and BODY_25B, and its files do not state which. A tool that assumes one order
+gives wrong names to the joints of the other: a knee is called a hip. Correct names order people's joints from head to feet.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from passerby.scene.scene import Scene
 
 
 def correct_layouts(readings: Sequence[CameraInput]) -> None:
-    """Give joints the names of the layout that fits the images; their first reading gets a notice of it.
+    """Give joints the names of the layout that fits the images; the first of these cameras gets a notice of it.
 
-    The cameras whose joints have the same names are taken together: one tool made them. Names are corrected only where the
-    stated ones do not fit and those of another layout of as many joints do.
+    Cameras whose joints have the same names are tested together: one tool made them. Names are corrected only if the stated
+    ones do not fit and those of another layout with the same number of joints do.
     """
     by_names: dict[tuple[str, ...], list[CameraInput]] = {}
     for reading in readings:
@@ -45,7 +45,7 @@ def correct_layouts(readings: Sequence[CameraInput]) -> None:
 
 
 def _order(cameras: Sequence[CameraInput], names: tuple[str, ...]) -> float:
-    """How well names order the joints of the median person from head to feet; 1 where no person shows it."""
+    """Compute the median correlation of the joints' order by name with their order from head to feet; 1 if none is known."""
     found = [correlation for reading in cameras for correlation in order_correlations(reading.keypoints, names)]
     return float(np.median(found)) if found else 1.0
 
@@ -53,8 +53,8 @@ def _order(cameras: Sequence[CameraInput], names: tuple[str, ...]) -> float:
 def take_wands(scene: Scene, reading: CameraInput) -> None:
     """Move the ends of the scene's wands from a camera's keypoints to its `wands`.
 
-    A row that has nothing else is no person. Of two rows of one wand in one frame, that of the higher score counts: its lower
-    end decides.
+    A row that has no other joints is no person. Of two rows of one wand in one frame, the one with the higher score counts; the
+    score of a row is the lower score of its two ends.
     """
     joints = reading.keypoints.joints
     columns = {number: [joints.index(name) for name in wand.points if name in joints]
@@ -80,7 +80,7 @@ def take_wands(scene: Scene, reading: CameraInput) -> None:
 
 
 def _take_wand(people: Keypoints, number: int, columns: Sequence[int]) -> Keypoints:
-    """The rows in which both ends of a wand are found, one in a frame."""
+    """Return the rows in which both ends of a wand are found, at most one per frame."""
     score = people.score[:, columns]
     least = score.min(axis=1)
     order = np.lexsort((-least, people.frame))
@@ -92,7 +92,7 @@ def _take_wand(people: Keypoints, number: int, columns: Sequence[int]) -> Keypoi
 
 
 def wand_faults(scene: Scene, readings: Sequence[CameraInput]) -> list[str]:
-    """A fault for each wand of which fewer than two cameras see both ends."""
+    """Return a fault for each wand whose two ends are seen by fewer than two cameras."""
     faults = []
     for number, wand in enumerate(scene.scale.wands):
         seen = [reading.name for reading in readings if (reading.wands.identity == number).any()]

@@ -1,4 +1,4 @@
-"""What a scene file states of lenses without intrinsics: one focal length, in full, and the same for cameras of one model."""
+"""Keys of a scene file for lenses without intrinsics: one complete focal length, the same for all cameras of one model."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from passerby.core.data_sheet import WIDEST_FISHEYE_DEG, WIDEST_PINHOLE_DEG
 
 SAME_AS = re.compile(r"\s*same\s+as\s+(\S.*?)\s*", re.IGNORECASE)
 FOCAL_KEYS = ("hfov_deg", "focal_mm", "sensor_width_mm", "focal_35mm", "focal_sd_percent")
-"""All that states a focal length; the first of the keys of one statement names it."""
+"""All keys that state a focal length; the first key of a statement names it."""
 StatedKey = Literal["hfov_deg", "focal_mm", "focal_35mm"]
 STATEMENTS: tuple[StatedKey, ...] = ("hfov_deg", "focal_mm", "focal_35mm")
 _KEYS_WITHOUT_INTRINSICS = ("image_size", "hfov_deg", "focal_mm", "sensor_width_mm", "focal_35mm", "lens_model", "lens")
 
 
 class LensTable(Protocol):
-    """What a camera's table in the scene file says of its lens."""
+    """The keys of a camera's table in the scene file that describe its lens."""
 
     intrinsics: Path | None
     image_size: tuple[int, int] | None
@@ -33,7 +33,7 @@ class LensTable(Protocol):
 
 
 def parse_named_camera(lens: str) -> str:
-    """The camera that `same as CAMERA` names. Raises `ValueError` for any other text."""
+    """Return the camera that `same as CAMERA` names. Raises `ValueError` for any other text."""
     match = SAME_AS.fullmatch(lens)
     if match is None:
         raise ValueError('write lens = "same as CAMERA", with the name of a camera of the same model')
@@ -41,7 +41,7 @@ def parse_named_camera(lens: str) -> str:
 
 
 def check_lens_keys(table: LensTable) -> None:
-    """Raises `ValueError` for a camera whose lens is stated by halves, twice or in contradiction."""
+    """Raise `ValueError` if the lens of a camera is stated incompletely, more than once or in contradiction."""
     if table.intrinsics is not None:
         for key in _KEYS_WITHOUT_INTRINSICS:
             if getattr(table, key) is not None:
@@ -72,9 +72,9 @@ def check_lens_keys(table: LensTable) -> None:
 
 
 def model_camera(cameras: Mapping[str, LensTable], name: str) -> str:
-    """The camera whose lens is the same as that of `name`, at the end of what names what: itself where it names none.
+    """Follow the references `same as CAMERA` from `name` to the last camera, which is `name` itself if it refers to none.
 
-    Raises `ValueError` where it leads in a circle, or to a camera that is not declared.
+    Raises `ValueError` if the references form a circle, or name a camera that is not declared.
     """
     chain = [name]
     while (lens := cameras[chain[-1]].lens) is not None:
@@ -93,7 +93,7 @@ def model_camera(cameras: Mapping[str, LensTable], name: str) -> str:
 
 
 def models_of(cameras: Mapping[str, LensTable]) -> dict[str, tuple[str, ...]]:
-    """By camera, all cameras with its lens: first the one that the others name, then those in the order of the scene.
+    """Return, by camera, all cameras with its lens: first the one that the others name, then the others in scene order.
 
     Raises `ValueError` as `model_camera` does.
     """
@@ -105,7 +105,7 @@ def models_of(cameras: Mapping[str, LensTable]) -> dict[str, tuple[str, ...]]:
 
 
 def check_models(cameras: Mapping[str, LensTable]) -> None:
-    """Raises `ValueError` for cameras of one model of which different things are stated."""
+    """Raise `ValueError` if cameras of one model have contradicting statements."""
     models = models_of(cameras)
     for name, table in cameras.items():
         model = models[name][0]
@@ -127,7 +127,7 @@ def check_models(cameras: Mapping[str, LensTable]) -> None:
 
 
 def _check_agreement(cameras: Mapping[str, LensTable], names: tuple[str, ...]) -> None:
-    """Raises `ValueError` unless cameras of one model state one focal length and lens model, those that state any."""
+    """Raise `ValueError` if cameras of one model state different focal lengths or lens models."""
     if cameras[names[0]].intrinsics is not None:
         return
     _check_widths(cameras, names)
@@ -143,7 +143,7 @@ def _check_agreement(cameras: Mapping[str, LensTable], names: tuple[str, ...]) -
 
 
 def _check_widths(cameras: Mapping[str, LensTable], names: tuple[str, ...]) -> None:
-    """Raises `ValueError` for a field of view that only a fisheye lens has, where none is stated to be one."""
+    """Raise `ValueError` for a field of view that only a fisheye lens can have, if no camera states a fisheye lens."""
     if any(cameras[name].lens_model == "fisheye" for name in names):
         return
     for name in names:
@@ -156,7 +156,7 @@ def _check_widths(cameras: Mapping[str, LensTable], names: tuple[str, ...]) -> N
 
 
 def _describe_keys(table: LensTable, keys: tuple[str, ...]) -> str:
-    """What a camera states of some keys."""
+    """Return the given keys that a camera states, with their values, as text."""
     stated = ((key, getattr(table, key)) for key in keys)
     return ", ".join(
         f"{key} = {value:g}" if isinstance(value, float) else f'{key} = "{value}"' for key, value in stated if value is not None
@@ -164,5 +164,5 @@ def _describe_keys(table: LensTable, keys: tuple[str, ...]) -> str:
 
 
 def stating_camera(cameras: Mapping[str, LensTable], names: tuple[str, ...], keys: tuple[str, ...]) -> str | None:
-    """The first of some cameras that states any of some keys; None where none does."""
+    """Return the first of the named cameras that states any of the keys; None if none does."""
     return next((name for name in names if any(getattr(cameras[name], key) is not None for key in keys)), None)

@@ -1,11 +1,10 @@
-"""The lens that a camera begins with: what is known of it, from where, and whether it belongs to the images.
+"""The lens with which a camera begins: its source, and whether it belongs to the images.
 
-A file of intrinsics; what the scene file states of a lens that was not calibrated; the metadata of its video; the lens of
-another camera of the same model; or only the image size.
+Sources are a file of intrinsics; keys of the scene file for a lens that was not calibrated; the metadata of the video; the lens
+of another camera of the same model; or only the image size. For cameras without intrinsics, a network of the user can estimate
+the field of view from the videos.
 
-Fields of view that a network of the user's sees in the videos of cameras without intrinsics.
-
-Whether a camera's picture size and its matrix are of one picture, and whether people were found in a smaller one.
+Checks: whether a camera's picture size and its matrix are of one picture, and whether people were found in a smaller picture.
 """
 
 from __future__ import annotations
@@ -31,35 +30,37 @@ from passerby.scene.lens_keys import STATEMENTS, stating_camera
 from passerby.scene.scene import Scene
 
 FULL_FRAME_MM = float(np.hypot(36.0, 24.0))
-"""Diagonal of the picture that 35 mm equivalents are stated for."""
+"""Diagonal of the picture to which 35 mm equivalents refer."""
 UNIT_SPREAD = 0.01
-"""Focal lengths of cameras of one model differ by about so much from unit to unit, one standard deviation as a share: by the
-tolerance of the lens and by its focus."""
+"""Standard deviation of the focal length between units of one model, as a share: by the tolerance of the lens and by its
+focus."""
 FILLED_ROWS = 100
-"""Fewer people say nothing of the size of the picture."""
+"""Minimum number of people's boxes for a test of the picture size."""
 STRAY_SHARE = 0.001
-"""Boxes that a tracker predicts past the border."""
+"""Share of boxes that are ignored, because a tracker may predict boxes beyond the border."""
 SUB_STREAMS = (1 / 4, 1 / 3, 3 / 8, 1 / 2, 2 / 3, 3 / 4)
-"""Width and height of usual second streams over those of the main one."""
+"""Usual ratios of the width and height of a second stream to those of the main one."""
 STRIP = 0.0125
-"""Boxes that a picture's border cuts end within this share of its size of it, give or take."""
+"""Boxes that are cut by a border end within this distance from it, on either side, as a share of the picture's size."""
 CUT_ROWS, CUT_SHARE = 10, 0.003
-"""So many boxes, and such a share of all, end at the border of a smaller picture,"""
+"""Minimum number of boxes, and minimum share of all boxes, that end at the border of a smaller picture."""
 CUT_SPREAD = 0.1
-"""over this share of that border, and differ as much in height: not one person who stands there."""
+"""Minimum standard deviation of these boxes' positions along the border, as a share of its length, and of their heights, as a
+share of the mean: else they may be one person who stands there."""
 REACHED = 0.7
-"""Along the other border people come at least so near to the corner, as a share."""
+"""Minimum share of the smaller picture's size to which people must reach along both axes."""
 PRINCIPAL_SHARE = 0.25
-"""A cropped picture can have its principal point outside; further out than this share of the size, matrix and size disagree."""
+"""A cropped picture can have its principal point outside. If it is farther outside than this share of the size, matrix and size
+contradict each other."""
 
 
 def find_lens(scene: Scene, reading: CameraInput, model: CameraInput | None) -> None:
-    """Give a camera without intrinsics of its own the lens that it begins with; what is wrong with it is a fault.
+    """Give a camera without intrinsics of its own its initial lens; errors become faults of the camera.
 
     Args:
         scene: the scene.
-        reading: the camera; its video has been looked into.
-        model: the camera whose lens is the same, with its lens; None: no other.
+        reading: the camera; the metadata of its video have been read.
+        model: the camera that has the same lens, with this lens; None: no other camera has it.
     """
     if model is None:
         _find_own_lens(scene, reading)
@@ -68,7 +69,7 @@ def find_lens(scene: Scene, reading: CameraInput, model: CameraInput | None) -> 
 
 
 def _find_own_lens(scene: Scene, reading: CameraInput) -> None:
-    """The lens by what the scene file, or else the video, states; stated for one camera, it holds for all of its model."""
+    """Set the lens that the scene file states, or else the video. A statement for one camera holds for all of its model."""
     size = scene.cameras[reading.name].image_size or _read_filmed_size(reading)
     if size is None:
         return
@@ -103,12 +104,12 @@ def _find_own_lens(scene: Scene, reading: CameraInput) -> None:
 
 
 def _read_filmed_size(reading: CameraInput) -> tuple[int, int] | None:
-    """Size of the video's images as filmed; None without a video."""
+    """Return (width, height) of the video's images as filmed; None without a video."""
     return None if reading.video is None else turn_size(reading.video.size, reading.rotate)
 
 
 def _make_stated_lens(scene: Scene, camera: str, size: tuple[int, int], fisheye: bool) -> Lens:
-    """The lens by what the scene file states of a camera. Raises `InputError` for what no lens has."""
+    """Make the lens from the keys of a camera in the scene file. Raises `InputError` for values that no lens has."""
     table = scene.cameras[camera]
     sd = None if table.focal_sd_percent is None else table.focal_sd_percent / 100
     if table.hfov_deg is not None:
@@ -126,12 +127,12 @@ def _make_stated_lens(scene: Scene, camera: str, size: tuple[int, int], fisheye:
 
 
 def equivalent_px(focal_35mm: float, size: tuple[int, int]) -> float:
-    """Focal length, pixels, of a 35 mm equivalent, which has the same field of view over the diagonal of (width, height)."""
+    """Convert a 35 mm equivalent to a focal length, pixels, with the same field of view over the diagonal of the image."""
     return float(focal_35mm * np.hypot(*size) / FULL_FRAME_MM)
 
 
 def _take_lens(scene: Scene, reading: CameraInput, model: CameraInput, lens: Lens) -> None:
-    """The lens of another camera of the same model: shared where it was not calibrated, else with a unit's own deviation.
+    """Set the lens of another camera of the same model: shared if it was not calibrated, else with the deviation of a unit.
 
     `lens` is of the images as filmed.
     """
@@ -158,7 +159,7 @@ def _take_lens(scene: Scene, reading: CameraInput, model: CameraInput, lens: Len
 
 
 def group_faults(scene: Scene, readings: Sequence[CameraInput]) -> list[str]:
-    """Lenses of one group that are not one lens; a scene file's are, so that these are from memory."""
+    """Return a fault for each lens that differs within its group. Only lenses from memory can: those of a scene file agree."""
     first: dict[str, tuple[str, Lens, str]] = {}
     faults = []
     for reading in readings:
@@ -181,17 +182,17 @@ def group_faults(scene: Scene, readings: Sequence[CameraInput]) -> list[str]:
 
 
 def _size_of(reading: CameraInput, lens: Lens) -> str:
-    """Of the images as filmed: a camera on its side has the lens of one that is not."""
+    """Return the size of the images as filmed, as text: a camera on its side can share the lens of an upright one."""
     width, height = turn_size(lens.size, reading.rotate)
     return f"{width} x {height}"
 
 
 def add_seen_lenses(scene: Scene, readings: Sequence[CameraInput]) -> None:
-    """Give uncalibrated lenses the focal lengths that `[perception] lens_network` sees; what is stated of them stays.
+    """Give uncalibrated lenses the focal lengths that `[perception] lens_network` estimates; stated focal lengths stay.
 
-    Cameras of one model have the median of what is seen in their videos.
+    Cameras of one model get the median of the estimates from their videos.
 
-    Raises `InputError` where the network cannot be used.
+    Raises `InputError` if the network cannot be used.
     """
     path = scene.perception.lens_network
     wanting = [one for one in readings if _lacks_focal(one)]
@@ -223,14 +224,14 @@ def add_seen_lenses(scene: Scene, readings: Sequence[CameraInput]) -> None:
 
 
 def _lacks_focal(reading: CameraInput) -> bool:
-    """Whether nothing is known of a camera's focal length, which one image can show."""
+    """Return whether the focal length of a pinhole camera is unknown, so that a network can estimate it."""
     lens, source = reading.lens, reading.lens_source
     unknown = source is not None and source.source == "people"
     return lens is not None and lens.uncalibrated and not lens.fisheye and unknown
 
 
 def source_of_size(scene: Scene, camera: str) -> str:
-    """The file that states a camera's image size: its intrinsics, or else its video or the scene file."""
+    """Return the file that states a camera's image size: its intrinsics, or else the scene file or its video."""
     table = scene.cameras[camera]
     if table.intrinsics is not None:
         return str(scene.resolve(table.intrinsics))
@@ -238,7 +239,7 @@ def source_of_size(scene: Scene, camera: str) -> str:
 
 
 def check_principal_point(scene: Scene, reading: CameraInput, lens: Lens) -> None:
-    """Matrix against picture size."""
+    """Add a notice if the principal point lies outside the picture, and a fault if it lies far outside."""
     beyond = float((np.abs(lens.matrix[:2, 2] / lens.size - 0.5) - 0.5).max())
     if beyond > 0:
         place, point = source_of_size(scene, reading.name), lens.matrix[:2, 2].round(1).tolist()
@@ -250,14 +251,17 @@ def check_principal_point(scene: Scene, reading: CameraInput, lens: Lens) -> Non
 
 
 def smaller_picture(extent: Floats, size: tuple[int, int]) -> tuple[int, tuple[int, int]] | None:
-    """The size of the smaller picture that people were found in, and how many its right and lower borders cut off.
+    """Find the smaller picture in which people were found; None if there is none.
 
-    No person reaches beyond it, and people of different heights at different places end just at its border. Where people
-    keep to a corner of a right picture nothing cuts them off there.
+    No person reaches beyond it, and people of different heights at different places end exactly at its border. If people only
+    stay in a corner of the stated picture, no border cuts them off there.
 
     Args:
         extent: (N, 4) left, top, right, bottom of people, pixels.
-        size: width and height of the picture that they are said to be in.
+        size: (width, height) of the stated picture.
+
+    Returns:
+        The number of people whom its right and lower borders cut off, and (width, height) of the smaller picture.
     """
     if len(extent) < FILLED_ROWS:
         return None

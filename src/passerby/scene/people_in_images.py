@@ -1,7 +1,7 @@
-"""Whether the people of the cameras are where people can be in their images: box format, rotation and image size.
+"""Tests whether the people of the cameras are at possible places in the images: box format, rotation and image size.
 
-Certain causes are faults, with the key that reads the boxes rightly; others are doubts or notices. A camera has one cause:
-where its boxes are in another format, their size and rotation are not tested.
+Certain causes are faults, with the key that corrects them; others are doubts or notices. A camera has one cause: if its boxes
+are in another format, their size and rotation are not tested.
 """
 
 from __future__ import annotations
@@ -29,20 +29,20 @@ from passerby.scene.lens_sources import FILLED_ROWS, smaller_picture, source_of_
 from passerby.scene.scene import Scene
 
 OUTSIDE_SHARE = 0.01
-"""A tracker may predict a box or two past the border; where more than this share of the boxes does not touch the picture (grown
-by 2 %), the boxes were made on a picture of another size."""
+"""Maximum share of boxes that do not touch the image (enlarged by 2 %). A tracker may predict a box or two beyond the border;
+with a larger share, the boxes were made on an image of another size."""
 BORDER_SHARE = 0.02
 CUT, CUT_SHARE = 0.1, 0.3
-"""Where more than `CUT_SHARE` of the people reach beyond the image by more than `CUT` of their box, the boxes are of another
-image. Bodies that are cut off and drawn whole: 0.16 at most, 0.005 in the median of 144 simulated cameras (all presets, seeds
-100 to 105). Where their boxes are 39 % of the height too low, the cameras with more than half of them below the image have 0.46
-to 0.54."""
+"""If more than `CUT_SHARE` of the people reach beyond the image by more than `CUT` of their box, the boxes are of another
+image. With bodies that are cut off, but drawn whole, this share is 0.16 at most, and 0.005 in the median of 144 simulated
+cameras (all presets, seeds 100 to 105). If boxes are 39 % of the height too low, the cameras with more than half of them below
+the image have 0.46 to 0.54."""
 FILLED_SHARE = 0.6
-"""People who all stay within this share of the width and the height hint at a size that is too large."""
+"""If all people stay within this share of the width and of the height, the stated size may be too large."""
 
 
 def faults_of_people(scene: Scene, readings: Sequence[CameraInput]) -> list[str]:
-    """Boxes in another format, images on their side, and people who are beyond the image."""
+    """Return the faults of boxes in another format, images on their side, and people outside the image."""
     found = [one for one in _find_other_formats(scene, readings) if one.certain]
     misread = {name for one in found for name in one.cameras}
     faults = [_format_fault(scene, readings, one) for one in found]
@@ -57,7 +57,7 @@ def faults_of_people(scene: Scene, readings: Sequence[CameraInput]) -> list[str]
 
 
 def findings_of_people(scene: Scene, readings: Sequence[CameraInput]) -> list[Finding]:
-    """Single people outside the image, and people who all keep to a part of it."""
+    """Return notices of a few people outside the image, and of people who all stay in a part of it."""
     misread = {name for one in _find_other_formats(scene, readings) if one.certain for name in one.cameras}
     found = []
     for reading, lens in _list_testable(readings):
@@ -76,7 +76,7 @@ def findings_of_people(scene: Scene, readings: Sequence[CameraInput]) -> list[Fi
 
 
 def doubts_of_people(scene: Scene, readings: Sequence[CameraInput]) -> list[Finding]:
-    """People in smaller images, upside down, and boxes that seem to be in another format."""
+    """Return the doubts about people in smaller images, images upside down, and boxes that seem to be in another format."""
     found = []
     for reading, lens in _list_testable(readings):
         for path, rows in _parts(reading):
@@ -100,19 +100,19 @@ def doubts_of_people(scene: Scene, readings: Sequence[CameraInput]) -> list[Find
 
 
 def _list_testable(readings: Sequence[CameraInput]) -> Iterator[tuple[CameraInput, Lens]]:
-    """The cameras with people that can be tested, with the lenses of their images as filmed."""
+    """Yield the cameras whose people can be tested, with the lenses of their images as filmed."""
     for reading in readings:
         if reading.filmed_lens is not None and not reading.faults and not reading.awaiting:
             yield reading, reading.filmed_lens
 
 
 def _turn_upright(reading: CameraInput, filmed: Lens) -> tuple[Lens, CameraObservations]:
-    """The lens and the people of a camera after its images are turned as the scene file states."""
+    """Return the lens and the people of a camera after the rotation that the scene file states."""
     return turn_lens(filmed, reading.rotate), reading.seen
 
 
 def _parts(reading: CameraInput) -> list[tuple[Path, Boxes | Keypoints]]:
-    """Boxes and keypoints as filmed with their files; without those detected in the camera's own video, whose size is known."""
+    """Return boxes and keypoints as filmed, with their files, except those from the camera's own video: its size is known."""
     own, people = None if reading.video is None else reading.video.path, reading.filmed_people
     parts = ((reading.boxes_path, people.boxes), (reading.keypoints_path, people.keypoints))
     return [(path, rows) for path, rows in parts if path is not None and path != own and len(rows)]
@@ -163,7 +163,7 @@ def _describe_sideways(reading: CameraInput, turn: int) -> str:
 
 
 def _find_outside(extent: Floats, size: tuple[int, int]) -> Floats:
-    """(N,) people who do not touch the image, grown by 2 %."""
+    """Return a mask (N,) of the people who do not touch the image, enlarged by 2 %."""
     margin = BORDER_SHARE * np.array(size)
     return np.asarray(((extent[:, :2] > size + margin) | (extent[:, 2:] < -margin)).any(axis=1))
 
@@ -178,7 +178,7 @@ def _note_outside(reading: CameraInput, lens: Lens, path: Path, rows: Boxes | Ke
 
 
 def _describe_outside(scene: Scene, reading: CameraInput, lens: Lens, path: Path, rows: Boxes | Keypoints) -> str | None:
-    """What is said where many people are outside the image, or reach far beyond its borders."""
+    """Return the fault of many people outside the image, or far beyond its borders; None if there is none."""
     extent, size = extents_of(rows), np.array(lens.size)
     outside = _find_outside(extent, lens.size)
     width, height = lens.size

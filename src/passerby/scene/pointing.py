@@ -1,4 +1,4 @@
-"""People at whom the scene file points, with a camera, a time and a pixel: found in what that camera saw."""
+"""People at whom the scene file points by a camera, a time and a pixel, and their search in the observations of that camera."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ PersonAt = PersonTable | PersonAtTable
 
 
 def pointed_people(scene: Scene, readings: Sequence[CameraInput]) -> tuple[PointedPerson, ...]:
-    """The people of known height at whom the scene points, each with the frame in which it is looked for; without faults."""
+    """Return the people of known height at whom the scene points, each with the frame of the search; without faulty ones."""
     by_name = {reading.name: reading for reading in readings}
     found = []
     for number, cue in enumerate(scene.scale.people, start=1):
@@ -30,7 +30,7 @@ def pointed_people(scene: Scene, readings: Sequence[CameraInput]) -> tuple[Point
 
 
 def find_stated_identities(scene: Scene, readings: Sequence[CameraInput]) -> StatedIdentities:
-    """Identities that the scene corrects, each person with the frame in which it is looked for; without faults."""
+    """Return the identities that the scene corrects, each person with the frame of the search; without faulty ones."""
     by_name = {reading.name: reading for reading in readings}
     association = scene.association
 
@@ -53,7 +53,7 @@ def find_stated_identities(scene: Scene, readings: Sequence[CameraInput]) -> Sta
 
 
 def pointing_faults(scene: Scene, readings: Sequence[CameraInput]) -> list[str]:
-    """Pixels outside the image, times outside the recording, and pixels without a person."""
+    """Return a fault for each pixel outside the image, time outside the recording, and pixel without a person."""
     faults = [
         (place, _place_fault(cue, reading) or (None if reading.awaiting else _person_fault(cue, reading)))
         for place, cue, reading in _pointings(scene, readings)
@@ -63,7 +63,7 @@ def pointing_faults(scene: Scene, readings: Sequence[CameraInput]) -> list[str]:
 
 
 def overlapped_people(scene: Scene, readings: Sequence[CameraInput]) -> list[Finding]:
-    """A notice for each pixel that is on several people at once."""
+    """Return a notice for each pixel that lies on several people."""
     findings = []
     for place, cue, reading in _pointings(scene, readings):
         frame = None if reading.awaiting or cue.at is None else _find_nearest_frame(cue, reading)
@@ -78,7 +78,7 @@ def overlapped_people(scene: Scene, readings: Sequence[CameraInput]) -> list[Fin
 
 
 def pointings_of(scene: Scene) -> Iterator[tuple[str, PersonAt]]:
-    """The place of each table that points at a person in a camera's image, and the table."""
+    """Yield each table that points at a person in a camera's image, with its place in the scene file."""
     association = scene.association
     tables: list[tuple[str, PersonAt]] = [
         (f"[[scale.people]] {number}", cue) for number, cue in enumerate(scene.scale.people, start=1)
@@ -94,12 +94,12 @@ def pointings_of(scene: Scene) -> Iterator[tuple[str, PersonAt]]:
 
 
 def is_pointed_at(scene: Scene, readings: Sequence[CameraInput]) -> bool:
-    """Whether the scene points at people of some cameras, at any time."""
+    """Return whether the scene points at people in any of these cameras, at any time."""
     return bool({cue.camera for _, cue in pointings_of(scene)} & {reading.name for reading in readings})
 
 
 def _pointings(scene: Scene, readings: Sequence[CameraInput]) -> Iterator[tuple[str, PersonAt, CameraInput]]:
-    """The place of each table that points at a person, the table, and its camera."""
+    """Yield the place of each table that points at a person, the table, and its camera."""
     by_name = {reading.name: reading for reading in readings}
     for place, cue in pointings_of(scene):
         if cue.camera in by_name:
@@ -107,12 +107,12 @@ def _pointings(scene: Scene, readings: Sequence[CameraInput]) -> Iterator[tuple[
 
 
 def _find_nearest_frame(cue: PersonAt, reading: CameraInput | None) -> int | None:
-    """The frame in which a person is looked for; None where the camera saw no person near the time."""
+    """Find the frame in which a person is searched; None if the camera saw no person near the time."""
     return None if reading is None else find_nearest_frame(reading.seen, _frame(cue, reading), reading.fps)
 
 
 def _frame(cue: PersonAt, reading: CameraInput) -> float:
-    """The frame number, fractional where a time is stated; NaN for a time without a frame rate."""
+    """Compute the frame number, fractional if a time is stated; NaN for a time without a frame rate."""
     if cue.frame is not None:
         return float(cue.frame)
     if reading.fps is None or cue.time_s is None:
@@ -121,7 +121,7 @@ def _frame(cue: PersonAt, reading: CameraInput) -> float:
 
 
 def _place_fault(cue: PersonAt, reading: CameraInput) -> str | None:
-    """What is wrong with the pixel or the time, whatever is there."""
+    """Return the fault of the pixel or the time that does not depend on people; None if there is none."""
     if cue.at is None:
         return None
     (u, v), size = cue.at, reading.filmed_size
@@ -145,7 +145,7 @@ def _place_fault(cue: PersonAt, reading: CameraInput) -> str | None:
 
 
 def _person_fault(cue: PersonAt, reading: CameraInput) -> str | None:
-    """That the recording is over then, or that no person is at the pixel."""
+    """Return the fault that the camera sees no person at this time, or none at the pixel; None if it does."""
     frames = reading.frames
     if cue.at is None or not len(frames):
         return None
@@ -181,13 +181,13 @@ def _person_fault(cue: PersonAt, reading: CameraInput) -> str | None:
 
 
 def _turn_pixel(pixel: tuple[float, float], reading: CameraInput) -> tuple[float, float]:
-    """A pixel of the images as filmed, in the turned ones that the people are in."""
+    """Convert a pixel of the images as filmed to the turned images, to which the people's pixels refer."""
     u, v = reading.upright(pixel)
     return float(u), float(v)
 
 
 def _box(people: PeopleInFrame, row: int, reading: CameraInput) -> list[float]:
-    """Left, top, width and height of a person, pixels of the images as filmed."""
+    """Return left, top, width and height of a person, in pixels of the images as filmed."""
     left, top, width, height = people.ltwh[row]
     corners = reading.filmed([[left, top], [left + width, top + height]])
     return [round(float(value), 1) for value in (*corners.min(axis=0), *np.ptp(corners, axis=0))]

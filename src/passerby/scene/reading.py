@@ -1,6 +1,6 @@
-"""One camera's files: read, checked against each other, and reported.
+"""Reading of one camera's files: they are read, compared with each other, and reported.
 
-*Faults* make an input unusable; *findings* are odd, but do not stop a calibration; *doubts* let no rig be accepted.
+*Faults* make an input unusable. *Findings* are unusual facts that do not stop a calibration. With *doubts*, no rig is accepted.
 """
 
 from __future__ import annotations
@@ -41,19 +41,21 @@ from passerby.scene.wall_clock import source_of
 T = TypeVar("T")
 
 SAME_RATE = 0.005
-"""30 and 29.97 frames per second differ by a thousandth: half a second in eight minutes."""
+"""Maximum relative difference of equal frame rates. 30 and 29.97 frames per second differ by a thousandth: half a second in
+eight minutes."""
 SHORTEST, FRAMES_TO_TRACK = 3, 6
-"""Tracklets of fewer rows show no trajectory. Where most ids are such, and there are so many frames, they were no tracklets."""
+"""Tracklets with fewer rows show no trajectory. If most rows have such ids, and there are at least this many frames, the ids
+are not those of tracklets."""
 
 
 def read_camera(scene: Scene, name: str, model: CameraInput | None = None, span: WallSpan | None = None) -> CameraInput:
-    """Read one camera's files; faults are gathered, not raised.
+    """Read one camera's files; faults are collected, not raised.
 
     Args:
         scene: the scene.
         name: the camera.
-        model: the camera whose lens is the same, where the scene names one; read here where it is not given.
-        span: what is used of recordings with wall times.
+        model: the camera that has the same lens, if the scene names one; None: it is read here.
+        span: the used part of recordings with wall times; None: all.
     """
     if model is None and scene.models[name][0] != name:
         model = read_camera(scene, scene.models[name][0])
@@ -103,7 +105,7 @@ def read_camera(scene: Scene, name: str, model: CameraInput | None = None, span:
 
 
 def _read_joints(reading: CameraInput, path: Path) -> Keypoints:
-    """The keypoints of a file, or of a folder with a file a frame. Raises `InputError`."""
+    """Read the keypoints of a file, or of a folder with one file per frame. Raises `InputError`."""
     if not path.is_dir():
         return read_keypoints(path, doubles=True)
     people = read_people_as("openpose", path)
@@ -112,7 +114,7 @@ def _read_joints(reading: CameraInput, path: Path) -> Keypoints:
 
 
 def _read_intrinsics(scene: Scene, reading: CameraInput, path: Path | None, focal_sd_percent: float | None) -> None:
-    """The lens in a file of intrinsics, if there is one, of the turned images."""
+    """Read the lens from a file of intrinsics, if there is one, and convert it to the turned images."""
     filmed = _attempt(lambda path: read_lens(path, reading.name), path, reading.faults)
     if filmed is None:
         return
@@ -134,7 +136,7 @@ def _read_intrinsics(scene: Scene, reading: CameraInput, path: Path | None, foca
 
 
 def _turn_people(reading: CameraInput) -> None:
-    """Boxes and keypoints that files have of the images as filmed, in the turned images."""
+    """Convert boxes and keypoints from the images as filmed, to which files refer, to the turned images."""
     size = reading.filmed_size
     if size is not None and reading.rotate:
         reading.boxes = turn_boxes(reading.boxes, size, reading.rotate)
@@ -143,7 +145,10 @@ def _turn_people(reading: CameraInput) -> None:
 
 
 def input_from_memory(scene: Scene, name: str, lens: Lens, boxes: Boxes, keypoints: Keypoints) -> CameraInput:
-    """What is reported of a camera without any file, checked as files are; faults are gathered, not raised."""
+    """Make the input of a camera from values in memory, and check it as files are checked.
+
+    Faults are collected, not raised, except `InputError` for a lens that cannot be turned.
+    """
     try:
         upright = turn_lens(lens, lens.rotate)
     except InputError as error:
@@ -169,29 +174,29 @@ def _name_joints(reading: CameraInput) -> None:
 
 
 def needs_video(scene: Scene, reading: CameraInput) -> bool:
-    """Whether something of a camera is still to be got from its video: its people, how they look, or their joints."""
+    """Return whether a camera's video must still be processed: for people, for their appearance, or for their joints."""
     if reading.video is None or reading.faults:
         return False
     return reading.awaiting or needs_embeddings(scene, reading) or needs_keypoints(scene, reading)
 
 
 def needs_embeddings(scene: Scene, reading: CameraInput) -> bool:
-    """Whether a camera's boxes lack embeddings that its video could give and the mode would use."""
+    """Return whether a camera's boxes lack embeddings that the mode uses and its video can give."""
     useful = scene.association.mode in ("combined", "appearance") and scene.perception.embedder != "none"
     return useful and reading.boxes.embedding is None and (reading.awaiting or len(reading.boxes) > 0)
 
 
 def needs_keypoints(scene: Scene, reading: CameraInput) -> bool:
-    """Whether a camera's boxes lack joints that are asked for, or that its video may give, too."""
+    """Return whether a camera lacks keypoints that are requested, or that its video can give when it is processed anyway."""
     wanted = scene.perception.keypoints
     if wanted == "none" or reading.keypoints_path is not None:
         return False
-    # A user who gave boxes has no video read for keypoints that were not asked for.
+    # With boxes from a file, the video is not processed only for keypoints that were not requested.
     return wanted != "auto" or reading.awaiting or needs_embeddings(scene, reading)
 
 
 def add_video_results(scene: Scene, reading: CameraInput, boxes: Boxes, keypoints: Keypoints) -> None:
-    """Complete a reading by what was seen in its video; the boxes are those that were read where there were any."""
+    """Complete a reading by the results from its video; the boxes are those that were read, if there were any."""
     reading.boxes, path = boxes, reading.video.path if reading.video else None
     if len(keypoints):
         reading.keypoints, reading.keypoints_path = keypoints, path
@@ -202,7 +207,7 @@ def add_video_results(scene: Scene, reading: CameraInput, boxes: Boxes, keypoint
 
 
 def _settle_doubles(reading: CameraInput) -> None:
-    """Each person once in a frame, in boxes and in joints."""
+    """Keep each person only once per frame, in boxes and in joints."""
     reading.boxes, boxes = remove_duplicates(reading.boxes)
     reading.keypoints, joints = remove_duplicates(reading.keypoints)
     for path, doubled in ((reading.boxes_path, boxes), (reading.keypoints_path, joints)):
@@ -215,19 +220,19 @@ def _settle_doubles(reading: CameraInput) -> None:
 
 
 def _check_people(scene: Scene, reading: CameraInput) -> None:
-    """What can be said of a camera with known people."""
+    """Check the people of a camera, by the mode of the association."""
     (_check_identities if reading.given else _check_sources)(scene, reading)
 
 
 def _check_video(scene: Scene, reading: CameraInput, video: VideoInfo) -> None:
-    """A video against the lens, and its rate against what the scene file says."""
+    """Compare a video's size with that of the lens, and its frame rate with that of the scene file."""
     place, lens = str(video.path), reading.filmed_lens
     if lens is not None:
         try:
             filmed = turn_size(video.size, reading.rotate)
             if fit_of_size(filmed, lens.size, (video.rotation + reading.rotate) % 360) == "cropped":
                 sizes = {"video_size": list(filmed), "size": list(lens.size)}
-                # What is missing is right and below in the images as filmed; turned, it may be where the origin is.
+                # The missing part is at the right and bottom of the images as filmed; after a turn it may be at the origin.
                 reading.lens = turn_lens(replace(lens, size=filmed), reading.rotate) if reading.rotate else reading.lens
                 reading.findings.append(notice("video_cropped", reading.name, place=place, **sizes))
         except InputError as error:
@@ -243,7 +248,7 @@ def _check_video(scene: Scene, reading: CameraInput, video: VideoInfo) -> None:
 
 
 def _attempt(read: Callable[[Path], T], path: Path | None, faults: list[str]) -> T | None:
-    """What `read` makes of the file, or None with its faults added."""
+    """Return the result of `read` for a file; None for no file, and None with its faults added if it fails."""
     if path is None:
         return None
     try:
@@ -254,7 +259,7 @@ def _attempt(read: Callable[[Path], T], path: Path | None, faults: list[str]) ->
 
 
 def _open_video(scene: Scene, reading: CameraInput, span: WallSpan | None) -> None:
-    """What a video tells of itself, where there is one; a fault names its camera."""
+    """Read the metadata of a camera's video, if it has one; a fault names the camera."""
     source = source_of(scene, reading.name, span)
     if source is None:
         return
@@ -268,7 +273,7 @@ def _open_video(scene: Scene, reading: CameraInput, span: WallSpan | None) -> No
 
 
 def _read_times(reading: CameraInput, path: Path | None) -> None:
-    """The times of the frames: of the video, and of the boxes and keypoints, which then have frame numbers by them."""
+    """Read the times of the frames; give them to the video, and renumber the frames of boxes and keypoints by them."""
     if path is None:
         return
     try:
@@ -284,12 +289,12 @@ def _read_times(reading: CameraInput, path: Path | None) -> None:
 
 
 def name_video_error(error: InputError, name: str) -> InputError:
-    """An error with a video, with its camera."""
+    """Return an error about a video that also names its camera."""
     return InputError(f"{error} (the video of camera {name})")
 
 
 def _add_embeddings(path: Path, boxes_path: Path, boxes: Boxes) -> Boxes:
-    """The boxes with the embeddings of a file, row by row. Raises `InputError` where the rows do not belong together."""
+    """Add the embeddings of a file to boxes, row by row. Raises `InputError` if the rows do not correspond."""
     found = read_embeddings(path)
     if len(found) != len(boxes):
         raise InputError(
@@ -305,7 +310,10 @@ def _add_embeddings(path: Path, boxes_path: Path, boxes: Boxes) -> Boxes:
 
 
 def _check_sources(scene: Scene, reading: CameraInput) -> None:
-    """All modes but "given": anything will do, even nothing."""
+    """Add notices about a camera's files for all modes except "given", which accept any rows, even none.
+
+    Ids of tracklets that are too short are removed.
+    """
     table, place = scene.cameras[reading.name], str(scene.place)
     if table.tracks is not None and table.detections is not None:
         reading.findings.append(notice("detections_unused", reading.name, place=place))
@@ -321,14 +329,14 @@ def _check_sources(scene: Scene, reading: CameraInput) -> None:
 
 
 def _rows_of_short_tracklets(part: Boxes | Keypoints) -> int:
-    """How many rows have an id that almost no other row has."""
+    """Count the rows whose id occurs in fewer than `SHORTEST` rows."""
     known = part.identity[part.identity > UNKNOWN]
     _, count = np.unique(known, return_counts=True)
     return int(count[count < SHORTEST].sum())
 
 
 def _check_identities(scene: Scene, reading: CameraInput) -> None:
-    """Mode "given": people need identities."""
+    """Check that people have identities, as mode "given" needs."""
     table, place = scene.cameras[reading.name], f"{scene.place}: [cameras.{reading.name}]"
     if table.tracks is None and table.keypoints is None:
         reading.faults.append(

@@ -1,8 +1,8 @@
-"""Do two cameras show the same images? One file under two names, a sub-stream, a second encoding, a later copy.
+"""Test whether two cameras show the same images: one file under two names, a sub-stream, a second encoding, a later copy.
 
-Such a pair fits itself perfectly at any place, and draws the rig with it. The rows tell: brought to one time and to one scale,
-the boxes of the one are those of the other, frame by frame. Two cameras that stand side by side see the same people too, but
-each person shifted by a share of the height in the picture (the baseline over the person's height), wherever that person is.
+Such a pair fits perfectly at any pose, and distorts the rig. The rows show it: converted to one time and to one scale, the
+boxes of the first are those of the second, frame by frame. Two cameras that stand side by side also see the same people. But
+they see each person shifted by a share of the height in the picture (the baseline over the person's height), at any place.
 """
 
 from __future__ import annotations
@@ -29,79 +29,84 @@ from passerby.scene.content_matching import MIN_FRAMES, BinnedBoxes, Overlap, Pi
 from passerby.scene.scene import Scene
 
 MIN_MATCHES = 60
-"""Fewer boxes that agree tell nothing."""
+"""Minimum number of boxes that agree; fewer are no evidence."""
 MOST_FRAMES = 150
-"""Of those that are compared, at even steps."""
+"""Maximum number of frames that are compared, at even steps."""
 FIRST_FRAMES, FIRST_BOXES, FIRST_MARGIN = 30, 150, 0.7
-"""So many frames are compared first. With so many boxes in each of the two, they show other people where even this share of
-what the same content needs is not reached. It saves most of the time with many cameras, whose pairs are many."""
+"""Number of frames that are compared first. If each of the two cameras has this many boxes in them, and the match does not
+reach even this share of the limits for the same content, the cameras show different people. This test saves most of the time
+with many cameras, which have many pairs."""
 LEAST_SHARE = 0.6
-"""Of the boxes of one of the two, found in the other."""
+"""Minimum share of the boxes of one of the two cameras that are found in the other."""
 SAME_NUMBERS = 0.004
-"""Mean difference of the edges of matched boxes, as a share of the height, of copied rows: what rounding to whole pixels
-leaves."""
+"""Maximum difference of the edges of matched boxes, as a share of the height, for copied rows: rounding to whole pixels
+causes it."""
 SAME_PICTURE = 0.07
-"""The same of people who were found twice in the same pictures, by detectors of 4 % noise."""
+"""The same limit for people who were detected twice in the same pictures, by detectors of 4 % noise."""
 LOOSELY_SAME = 0.12
-"""The same by poorer detectors: enough only where the rig puts both cameras at one place."""
+"""The same limit for poorer detectors: it is sufficient only if the rig puts both cameras at one place."""
 ONE_PLACE, ONE_VIEW_DEG = 0.05, 5.0
-"""Distance of two cameras over that of the people they see, and the angle between their views, at one place and view."""
+"""Limits for two cameras at one place with one view: their distance over that of the people they see, and the angle between
+their views."""
 SHIFT = 0.03
-"""The same picture begins at the same corner: of the size, as far as encoders cut off rows and columns."""
+"""Maximum shift between the corners of the same picture, as a share of its size: encoders cut off rows and columns."""
 BASELINE, BASELINE_SIGMA = 0.02, 0.007
-"""Shift of people by so large a share of their height in the picture is a second camera, 3.5 cm away; it has to be known so
-well."""
+"""A shift of people by this share of their height in the picture indicates a second camera, 3.5 cm away. The second value is
+the maximum standard deviation of the shift."""
 NEARER, NEARER_SIGMA = 0.03, 0.01
-"""Change of the boxes' ratio from people far off to people twice as near: 0.3 m towards people who are 10 m away."""
+"""Change of the boxes' size ratio from people far away to people at half the distance, and its maximum standard deviation:
+the change of a camera that is 0.3 m nearer to people who are 10 m away."""
 FEWEST_ROWS = 10
-"""Fewer may be equal in two cameras: a detector that sees a person in the first, empty images, the same in each."""
+"""Minimum rows of files that are compared. Fewer may be equal by chance: a detector may find the same false person in the
+first, empty images of two cameras."""
 
 
 @dataclass(frozen=True)
 class SameContent:
-    """Two cameras that show the same."""
+    """Two cameras that show the same images."""
 
     first: str
     second: str
     share: float
-    """Of the boxes of one of the two that are in the other."""
+    """Share of the boxes of one of the two that are in the other."""
     scale: float
-    """Of the second's pixels over the first's."""
+    """Ratio of the second's pixels to the first's."""
     later: float
-    """How much later the second shows the same: seconds, or frames where no frame rate is known."""
+    """Delay of the second behind the first: seconds, or frames if no frame rate is known."""
     timed: bool
 
     @property
     def finding(self) -> Finding:
-        """The doubt that it is."""
+        """The doubt that reports this pair."""
         values = {"share": self.share, "scale": self.scale, "later": self.later, "timed": self.timed}
         return doubt("same_recording", self.first, self.second, **values)
 
 
 @dataclass(frozen=True, eq=False)
 class _Shown:
-    """What one camera shows."""
+    """The boxes of one camera, with their times."""
 
     frame: Ints
-    """(N,) in order."""
+    """(N,) frame numbers in order."""
     extent: Floats
     """(N, 4) left, top, right, bottom, pixels."""
     size: tuple[int, int]
     seconds: Floats
-    """(N,) by the camera's own clock; frames where no rate is known."""
+    """(N,) times by the camera's own clock; frames if no rate is known."""
     step: float
-    """Usual time between frames with people."""
+    """Median time between frames with people, in the same unit."""
 
 
 def find_same_contents(
     rig: Rig, observations: Observations, *, sure: bool = True, pairs: Collection[tuple[str, str]] | None = None
 ) -> list[SameContent]:
-    """The pairs of cameras that show the same.
+    """Find the pairs of cameras that show the same images.
 
     Args:
         rig: the cameras, for the sizes of their pictures.
-        observations: what they saw, in frames of their own; clocks give the rates.
-        sure: otherwise those that may show the same, by what is known, count as well.
+        observations: boxes and keypoints, in frames of each camera; clocks give the frame rates.
+        sure: True: only pairs with well constrained, equal content count. False: also pairs that may show the same images
+            within the uncertainty.
         pairs: the pairs of cameras that are compared; None: all.
     """
     rates = {name: clock.fps for name, clock in observations.clocks.items()}
@@ -126,18 +131,18 @@ def find_same_contents(
 def doubts_of_same_content(
     rig: Rig, observations: Observations, pairs: Collection[tuple[str, str]] | None = None
 ) -> list[Finding]:
-    """A doubt for each pair of cameras that show the same, of some pairs or of all."""
+    """Return a doubt for each pair of cameras that show the same images, of the given pairs or of all."""
     return [pair.finding for pair in find_same_contents(rig, observations, pairs=pairs)]
 
 
 def doubts_of_same_place(rig: Rig, observations: Observations) -> list[Finding]:
-    """A doubt for each pair of cameras that stand at one place, look one way, and that people do not distinguish.
+    """Return a doubt for each pair of cameras at one place, with one viewing direction, that people do not distinguish.
 
-    Two cameras side by side are meant to be there: what they see differs. Pairs known to show the same are left out.
+    Two cameras side by side are no reason for a doubt: their images differ. Pairs known to show the same images are left out.
 
     Args:
-        rig: with poses, metres.
-        observations: what the cameras saw, in frames of their own.
+        rig: cameras with poses, metres.
+        observations: boxes and keypoints, in frames of each camera.
     """
     posed = [camera for camera in rig if camera.pose is not None]
     out = []
@@ -156,7 +161,7 @@ def doubts_of_same_place(rig: Rig, observations: Observations) -> list[Finding]:
 
 
 def _reach(rig: Rig, name: str) -> float:
-    """How far a camera is from the farthest other one, metres: about as far as from the people between them."""
+    """Compute the distance from a camera to the farthest other one, metres: about the distance to the people between them."""
     at = rig[name].pose
     assert at is not None
     return max(float(np.linalg.norm(camera.pose.centre - at.centre)) for camera in rig if camera.pose is not None)
@@ -184,14 +189,12 @@ class _Pair:
 
 @dataclass(frozen=True, eq=False)
 class _Binned:
-    """The boxes of each camera by steps of a common time, as they were binned last: usually the next pair's time is the
-    same.
-    """
+    """The boxes of each camera by steps of a common time, as last binned: usually the next pair has the same time."""
 
     last: dict[int, tuple[float, float, BinnedBoxes]] = field(default_factory=dict)
 
     def of(self, shown: _Shown, start: float, step: float) -> BinnedBoxes:
-        """By steps from a start, both seconds."""
+        """Return the boxes by steps of `step` from `start`, both in seconds."""
         last = self.last.get(id(shown))
         if last is None or last[:2] != (start, step):
             last = start, step, BinnedBoxes.of(shown.seconds, shown.frame, shown.extent, start, step)
@@ -200,7 +203,7 @@ class _Binned:
 
 
 def _compare(first: _Shown, second: _Shown, binned: _Binned, sure: bool) -> _Pair | None:
-    """The time shift and the map by which two cameras show the same; None where they do not."""
+    """Find the time shift and the map at which two cameras show the same images; None if they do not."""
     step = max(first.step, second.step)
     start = min(first.seconds[0], second.seconds[0])
     a, b = binned.of(first, start, step), binned.of(second, start, step)
@@ -217,7 +220,7 @@ def _compare(first: _Shown, second: _Shown, binned: _Binned, sure: bool) -> _Pai
 
 
 def _propose_maps(first: _Shown, second: _Shown, overlap: Overlap) -> Iterator[PictureMap]:
-    """Maps to begin with: the pictures' sizes, the same pixels, and what brings the boxes to the same spread."""
+    """Yield initial maps: by the sizes of the pictures, by equal pixels, and by equal spreads of the boxes."""
     none = np.zeros(2)
     yield PictureMap(np.array(second.size) / np.array(first.size), none)
     if first.size != second.size:
@@ -229,7 +232,7 @@ def _propose_maps(first: _Shown, second: _Shown, overlap: Overlap) -> Iterator[P
 def _match_boxes(
     overlap: Overlap, begin: PictureMap, size: tuple[int, int], aspects: Floats, sure: bool
 ) -> tuple[float, PictureMap] | None:
-    """The share of boxes that are in the other camera too, and the map between them; None where they are not the same."""
+    """Compute the share of boxes that are also in the other camera, and the map between them; None if they are not the same."""
     if len(overlap.steps) > 2 * FIRST_FRAMES and _shows_others(overlap.boxes(FIRST_FRAMES), begin, sure):
         return None
     fit = overlap.boxes(MOST_FRAMES).fit(begin, MIN_MATCHES)
@@ -243,7 +246,7 @@ def _match_boxes(
 
 
 def _shows_others(shared: SharedBoxes, begin: PictureMap, sure: bool) -> bool:
-    """Whether a few frames with many boxes show that the people are others, by far."""
+    """Return whether a few frames with many boxes show clearly that the two cameras see different people."""
     if min(shared.count_a, shared.count_b) < FIRST_BOXES:
         return False
     fit = shared.fit(begin, 2)
@@ -254,18 +257,19 @@ def _shows_others(shared: SharedBoxes, begin: PictureMap, sure: bool) -> bool:
 
 
 def _share_corner(change: PictureMap, size: tuple[int, int]) -> bool:
-    """Whether the corner of the one picture is the corner of the other, and neither is much drawn out."""
+    """Return whether the corners of the two pictures coincide, and neither picture is strongly stretched along one axis."""
     drawn = float(change.scale[0] / change.scale[1])
     return bool((np.abs(change.shift) <= SHIFT * np.array(size)).all()) and 0.7 < drawn < 1.43
 
 
 def _share_place(mine: Floats, theirs: Floats, aspects: Floats, sure: bool) -> bool:
-    """Whether people near and far are shifted alike and are larger by one factor, and this is known well; else may be.
+    """Return whether near and far people have the same shift and the same size ratio, as cameras at one place show them.
 
-    Boxes are (4, K) edges, left, top, right, bottom, pixels.
+    With `sure`, these must also be well constrained; otherwise, they only must be possible within 2 sigma. Boxes are (4, K)
+    edges, left, top, right, bottom, pixels.
 
-    Across the picture the scale comes from where people are; down the picture that is how large they are as well, so there
-    the scale is that across, times one of the `aspects` (pictures that were squeezed).
+    Across the picture, the scale comes from the positions of the people. Down the picture, positions depend on the size of
+    people too. So there the scale is that across, times one of the `aspects` (for pictures that were squeezed).
     """
     tall, tall_before = theirs[3] - theirs[1], mine[3] - mine[1]
     (x, y), (x_there, y_there) = (0.5 * (each[:2] + each[2:]) for each in (mine, theirs))
@@ -282,7 +286,7 @@ def _share_place(mine: Floats, theirs: Floats, aspects: Floats, sure: bool) -> b
 
 
 def _robust(design: Floats, values: Floats) -> tuple[Floats, Floats]:
-    """(K,) least squares without those that are far off, and (K,) sigmas; infinite where nothing fixes them."""
+    """Fit parameters (K,) by least squares without outliers, and their sigmas (K,), infinite if the system is singular."""
     use = np.ones(len(values), dtype=bool)
     found: Floats = np.zeros(design.shape[1])
     miss: Floats = np.zeros(len(values))
@@ -297,7 +301,7 @@ def _robust(design: Floats, values: Floats) -> tuple[Floats, Floats]:
 
 
 def faults_of_same_video(scene: Scene, readings: Sequence[CameraInput]) -> list[str]:
-    """Cameras that name one and the same file, or a copy of it: a slip of the pen, as a rule."""
+    """Return a fault for each camera whose video is the file of another camera, or a copy: usually a mistake in the scene."""
     first: dict[Path, str] = {}
     copied: dict[tuple[int, str], tuple[str, Path]] = {}
     faults = []
@@ -328,20 +332,20 @@ class _Named:
 
     camera: str
     key: str
-    """Of the scene file."""
+    """Key in the scene file."""
     written: Path
-    """As the scene file has it."""
+    """Path as the scene file states it."""
     path: Path
     rows: int
-    """0 where they are not used."""
+    """Number of rows; 0 if they are not used."""
 
 
 def faults_of_same_file(scene: Scene, readings: Sequence[CameraInput]) -> list[str]:
-    """Cameras that name one and the same file of boxes, joints or embeddings, or a copy of it."""
+    """Return a fault for each camera that names another camera's file of boxes, joints or embeddings, or a copy of it."""
     first: dict[Path, _Named] = {}
     faults = []
     for one in _list_named_files(scene, readings):
-        # Unlike `Path.resolve` it bears links that lead in a circle, which reading has reported.
+        # Unlike `Path.resolve`, it does not fail on links that form a loop; the reading has reported these.
         other = first.setdefault(Path(os.path.realpath(one.path)), one)
         if other.camera != one.camera:
             faults.append(
@@ -357,7 +361,7 @@ def faults_of_same_file(scene: Scene, readings: Sequence[CameraInput]) -> list[s
 
 
 def _list_named_files(scene: Scene, readings: Sequence[CameraInput]) -> Iterator[_Named]:
-    """The files that cameras name; those of arrays in memory do not exist."""
+    """Yield the existing files that cameras name; arrays in memory have none."""
     for reading in readings:
         table = scene.cameras[reading.name]
         for key in ("tracks", "detections", "keypoints", "embeddings"):
@@ -370,7 +374,7 @@ def _list_named_files(scene: Scene, readings: Sequence[CameraInput]) -> Iterator
 
 
 def _copies(files: Sequence[_Named]) -> Iterator[tuple[_Named, _Named]]:
-    """Files with the content of another camera's, each with the first of these."""
+    """Yield each file that has the content of another camera's file, with the first file of this content."""
     by_size: dict[int, list[_Named]] = defaultdict(list)
     for one in files:
         by_size[one.path.stat().st_size].append(one)
@@ -384,7 +388,7 @@ def _copies(files: Sequence[_Named]) -> Iterator[tuple[_Named, _Named]]:
 
 
 def _content(video: VideoInfo) -> tuple[int, str]:
-    """What tells a video's first file from others; of images its path, since cameras may begin with equal ones."""
+    """Return size and digest of a video's first file; 0 and the path for images: two cameras may begin with equal images."""
     path = video.files[0]
     if video.pieces and video.pieces[0].info is None:
         return 0, str(path)

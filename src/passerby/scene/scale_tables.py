@@ -1,4 +1,4 @@
-"""The tables of the scene file that state known lengths: `[scale]` and those in it."""
+"""The tables of the scene file that state known lengths: `[scale]` and its subtables."""
 
 from __future__ import annotations
 
@@ -168,7 +168,7 @@ class ScaleTable(Table):
     @model_validator(mode="before")
     @classmethod
     def _heights_of_population(cls, values: Any) -> Any:
-        """A stated population states its heights, as far as nothing else does."""
+        """Fill in the heights of a stated population, unless `person_height_m` is stated."""
         if not isinstance(values, dict) or "person_height_m" in values:
             return values
         prior = POPULATIONS.get(values["population"]) if isinstance(values.get("population"), str) else None

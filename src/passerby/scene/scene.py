@@ -1,7 +1,7 @@
-"""The scene file: what a user declares about the cameras, the people and the lengths that are known.
+"""The scene file: the user's statements about the cameras, the people and known lengths.
 
-TOML, checked in full: an unknown key, a wrong value or a camera that does not exist is an error that names its place and its
-remedy. Paths are relative to the scene file, or absolute.
+It is TOML and is checked completely: an unknown key, a wrong value or a camera that does not exist is an error that names its
+place and its remedy. Paths are relative to the scene file, or absolute.
 """
 
 from __future__ import annotations
@@ -55,10 +55,10 @@ from passerby.scene.tables import (
 from passerby.scene.world_tables import LineTable, PlanDistanceTable, PlanPointTable, PlanTable, WorldTable, floor_plan
 
 CAMERA_NAME = re.compile(r"[\w+@-][\w .+@-]*")
-"""Names become TOML tables and file names."""
+"""Valid names of cameras: they become names of TOML tables and of files."""
 LONGEST_NAME = 100
 RESERVED = frozenset(["con", "prn", "aux", "nul", *(f"{port}{number}" for port in ("com", "lpt") for number in range(1, 10))])
-"""No file can be called so on Windows, whatever its ending."""
+"""Names that no file can have on Windows, with any ending."""
 
 
 class Scene(Table):
@@ -78,7 +78,7 @@ class Scene(Table):
 
     @classmethod
     def load(cls, path: str | Path) -> Scene:
-        """Read a scene file. Raises `FileFaults` (an `InputError`) that names file, key, value and fix."""
+        """Read a scene file. Raises `FileFaults` (an `InputError`) that names file, key, value and remedy."""
         path = Path(path)
         text = read_text(path, "a scene file (TOML)")
         try:
@@ -89,9 +89,9 @@ class Scene(Table):
 
     @classmethod
     def of_content(cls, content: dict[str, Any], path: Path, unrecorded: Iterable[str] = ()) -> Scene:
-        """The scene of what a file holds, or will hold. Raises `FileFaults` as `load` does.
+        """Make a scene from the content of a file that exists or will be written. Raises `FileFaults` as `load` does.
 
-        `unrecorded` are the cameras whose videos are still to be recorded.
+        `unrecorded` are the cameras whose videos are not recorded yet.
         """
         table = content.get("scene")
         check_version(path, table if isinstance(table, dict) else {}, "format_version", SCENE_FORMAT, "[scene] ")
@@ -107,7 +107,7 @@ class Scene(Table):
         return scene
 
     def _check_paths(self) -> None:
-        """Raises `FileFaults` for paths that no system can open, so that they need no check later."""
+        """Raise `FileFaults` for paths that no system can open, so that they need no check later."""
         faults = []
         for name, table in self.cameras.items():
             for key, value in table:
@@ -121,7 +121,7 @@ class Scene(Table):
             raise FileFaults(faults)
 
     def _world_paths(self) -> list[tuple[str, Path | None]]:
-        """The files of known places."""
+        """Return the files that `[world]` names, each with its key; None where a key is not stated."""
         if self.world is None:
             return []
         plan = [] if self.world.plan is None else [("[world.plan] image", self.world.plan.image)]
@@ -129,12 +129,12 @@ class Scene(Table):
 
     @property
     def path(self) -> Path | None:
-        """The file that the scene was read from."""
+        """The file from which the scene was read; None for a scene from memory."""
         return self._path
 
     @property
     def unrecorded(self) -> frozenset[str]:
-        """Cameras whose videos are not there yet: their streams are recorded first."""
+        """Cameras whose videos do not exist yet: their streams are recorded first."""
         return self._unrecorded
 
     @property
@@ -144,21 +144,21 @@ class Scene(Table):
 
     @property
     def place(self) -> str:
-        """What an error message calls the scene."""
+        """Name of the scene in error messages."""
         return str(self._path) if self._path else f"scene {self.name}"
 
     def resolve(self, path: Path) -> Path:
-        """A path of the scene file as one that can be opened."""
+        """Convert a path of the scene file to one that can be opened."""
         return self._path.parent / path if self._path else path
 
     def with_perception(self, perception: PerceptionTable) -> Scene:
-        """The same scene with another `[perception]`."""
+        """Return the same scene with another `[perception]`."""
         changed = self.model_copy(update={"perception": perception})
         changed._path = self._path
         return changed
 
     def without_intrinsics(self) -> Scene:
-        """The same scene with the intrinsics of all cameras left out; image sizes are those of the videos."""
+        """Return the same scene without the intrinsics of all cameras; image sizes are those of the videos."""
         nothing = {"intrinsics": None, "focal_sd_percent": None}
         cameras = {
             name: table if table.intrinsics is None else table.model_copy(update=nothing)
@@ -169,10 +169,10 @@ class Scene(Table):
         return changed
 
     def part(self, names: Collection[str], rig: Path | None) -> Scene:
-        """The scene of some cameras, as if the others were not there.
+        """Return the scene of some cameras, as if the others did not exist.
 
-        What it says of lengths, places, people and sites is left out. A camera that has its lens from one of the others has
-        that of the rig file.
+        Statements about lengths, places, people and sites are left out. A camera that shares the lens of a left-out camera gets
+        its lens from the rig file.
         """
         cameras = {}
         for name, table in self.cameras.items():
@@ -186,14 +186,14 @@ class Scene(Table):
                 "world": None, "recording": None,
             }
         )  # fmt: skip
-        # That of all cameras, where it was asked for before.
+        # Delete the cached value, which is that of all cameras.
         changed.__dict__.pop("models", None)
         changed._path = self._path
         return changed
 
     @property
     def size_bytes(self) -> int:
-        """Size of the files of boxes and joints, together; those that do not exist count nothing."""
+        """Total size of the files of boxes and joints, bytes; missing files count as 0."""
         named = (
             path for table in self.cameras.values() for path in (table.tracks or table.detections, table.keypoints) if path
         )
@@ -201,14 +201,14 @@ class Scene(Table):
 
     @property
     def shared_paths(self) -> tuple[Path, ...]:
-        """What is read where videos are processed: the videos, and the folder of models; patterns and streams are not in it."""
+        """Paths that are read when videos are processed: the videos and the folder of models, without patterns and streams."""
         named = [path for table in self.cameras.values() for path in table.videos]
         named += [] if self.perception.models is None else [self.perception.models]
         return tuple(path for path in map(self.resolve, named) if path.exists())
 
     @property
     def n_videos(self) -> int:
-        """How many cameras have a video."""
+        """Number of cameras with a video."""
         return sum(table.video is not None for table in self.cameras.values())
 
     @cached_property
@@ -217,13 +217,13 @@ class Scene(Table):
         return models_of(self.cameras)
 
     def fps_of(self, camera: str) -> float | None:
-        """Frames per second of a camera's frame numbers as the scene file has them; None where it says nothing."""
+        """Return the frames per second of a camera's frame numbers from the scene file; None if it does not state them."""
         if self.cameras[camera].times is not None:
             return VARIABLE_CLOCK_FPS
         return self.cameras[camera].fps or self.scene.fps
 
     def box_format(self, camera: str) -> BoxFormat:
-        """The format of a camera's boxes."""
+        """Return the format of a camera's boxes."""
         return BoxFormat.of_text(self.cameras[camera].boxes or self.scene.boxes)
 
     @property
@@ -232,7 +232,7 @@ class Scene(Table):
         return {name: table.rotate for name, table in self.cameras.items() if table.rotate}
 
     def scale_cues(self) -> ScaleCues:
-        """The scale table as the solvers take it."""
+        """Convert the scale table to the form that the solvers use."""
         scale = self.scale
         return ScaleCues(
             population=PopulationHeight(scale.person_height_m, scale.person_height_sd_m, scale.person_height_mean_sd_m),
@@ -330,7 +330,7 @@ class Scene(Table):
         return self
 
     def _list_mentions(self) -> list[tuple[str, str]]:
-        """(place, camera) wherever another table names a camera."""
+        """List (place, camera) for each mention of a camera in another table."""
         found = [("[solver] reference", self.solver.reference)] if self.solver.reference is not None else []
         found += [
             (f"[sites] groups {number}", name) for number, group in enumerate(self.sites.groups, start=1) for name in group

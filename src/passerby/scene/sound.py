@@ -1,4 +1,4 @@
-"""The clock offsets of a scene's cameras by the sound of their videos."""
+"""Time offsets between a scene's cameras by the sound of their videos."""
 
 from __future__ import annotations
 
@@ -13,14 +13,15 @@ from passerby.scene.camera_input import CameraInput
 from passerby.scene.scene import Scene
 
 SAME_RATE = 1e-4
-"""A video whose frames are said to come at another rate than its own has another clock than its sound."""
+"""Maximum relative difference between the stated frame rate and the video's own: with a larger one, the frames have another
+clock than the sound."""
 
 
 def measure_by_sound(scene: Scene, readings: Sequence[CameraInput]) -> tuple[tuple[MeasuredStart, ...], tuple[Finding, ...]]:
-    """What the sound of every two cameras' videos tells of their clocks, and what is odd about it.
+    """Measure the time offsets between each two cameras by the sound of their videos, and return notices about them.
 
-    Nothing is listened to where no clock offsets are searched for, or the scene wants none of it. Sound of one camera alone is
-    passed over in silence.
+    No sound is read if no time offsets are searched, or if the scene switches sound off. If only one camera has sound, there is
+    no notice.
     """
     heard: dict[str, Onsets] = {}
     deaf: dict[str, str] = {}
@@ -43,13 +44,13 @@ def measure_by_sound(scene: Scene, readings: Sequence[CameraInput]) -> tuple[tup
 
 
 def sound_to_hear(scene: Scene, readings: Sequence[CameraInput]) -> tuple[Finding, ...]:
-    """What a calibration will listen to, in one notice; nothing is decoded."""
+    """Return one notice of the cameras whose sound a calibration will use; none is decoded."""
     names = [name for name, video in _videos_to_hear(scene, readings) if has_sound(video)]
     return (notice("sound_unheard", *names, place=str(scene.place)),) if len(names) > 1 else ()
 
 
 def _videos_to_hear(scene: Scene, readings: Sequence[CameraInput]) -> Iterator[tuple[str, VideoInfo]]:
-    """The videos whose sound, where they have any, tells something about the scene's clocks, by camera."""
+    """Yield the cameras and videos whose sound, if they have any, shows the offsets of the scene's clocks."""
     if scene.association.sound == "off" or scene.association.search_s <= 0:
         return
     for reading in readings:

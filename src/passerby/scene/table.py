@@ -1,4 +1,4 @@
-"""What all tables of the scene file have in common, the tables about identities, and the messages of wrong values."""
+"""Base of all tables of the scene file, the tables about identities, and the messages of wrong values."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validat
 from passerby.common.text import remove_all_credentials, shortened, suggest_name
 
 LONGEST_KEY = 80
-"""Characters of a key, or of a camera's name, that are shown."""
+"""Maximum number of characters of a key, or of a camera's name, that are shown."""
 HEADER = re.compile(r"\[\s*([^\[\]]+?)\s*\]\s*(?:#.*)?")
 LIST_HEADER = re.compile(r"\[\[.*\]\]\s*(?:#.*)?")
 KEY = re.compile(r"([\w-]+)\s*=")
 Tables = Mapping[tuple[str, ...], type[BaseModel]]
-"""The model of each table by its place in the file, "*" for a camera's name or a number in a list."""
+"""The model of each table by its place in the file; "*" stands for a camera's name or a number in a list."""
 
 
 def finite(value: float) -> float:
-    """The number; an error where it is infinite or NaN."""
+    """Return the number. Raises `ValueError` if it is infinite or NaN."""
     if not math.isfinite(value):
         raise ValueError("a finite number is needed")
     return value
@@ -42,7 +42,7 @@ class Table(BaseModel):
     @model_validator(mode="before")
     @classmethod
     def _remove_passwords(cls, values: Any) -> Any:
-        """No message, and no file that a scene is copied into, repeats the password of an address in it."""
+        """Remove the passwords of addresses, so that no message repeats them, and no file into which a scene is copied."""
         return remove_all_credentials(values) if isinstance(values, dict) else values
 
 
@@ -75,7 +75,10 @@ class TogetherTable(Table):
 
 
 def explain_fault(fault: dict[str, Any], tables: Tables) -> str:
-    """One line of place, value and fix for a fault that pydantic found; `tables` has the models of the file by their place."""
+    """Return one line with place, value and remedy for a fault that pydantic found.
+
+    `tables` has the models of the file by their place.
+    """
     location = tuple(fault["loc"])
     message = str(fault["msg"]).removeprefix("Value error, ")
     if not location:
@@ -101,7 +104,7 @@ def _pattern(table: tuple[str | int, ...]) -> tuple[str, ...]:
 
 
 def _place(location: tuple[str | int, ...], tables: Tables) -> str:
-    """`[cameras.V1] tracks`, `[[scale.people]] 2: height_m`: a location as one finds it in the file."""
+    """Return a location as it appears in the file: `[cameras.V1] tracks`, `[[scale.people]] 2 height_m`."""
     for length in range(len(location), 0, -1):
         pattern = _pattern(location[:length])
         if pattern in tables:
@@ -117,15 +120,15 @@ def _place(location: tuple[str | int, ...], tables: Tables) -> str:
 
 
 def find_repeated_key(text: str) -> str | None:
-    """What a scene file that is not TOML states twice, a table or a key of one: where, and what to do. None: nothing.
+    """Find a table, or a key of a table, that occurs twice in a scene file, which makes it invalid TOML.
 
-    Tables in lists, `[[scale.distances]]`, may stand as often as one likes.
+    Return its lines and the remedy; None if there is none. Tables in lists, `[[scale.distances]]`, may occur repeatedly.
     """
     tables: dict[str, int] = {}
     keys: dict[str, int] = {}
     table, depth = "", 0
     for number, line in enumerate(map(str.strip, text.splitlines()), start=1):
-        # A list may go on over several lines.
+        # A list may extend over several lines.
         inside, depth = depth > 0, max(0, depth + line.count("[") - line.count("]"))
         if inside or line.startswith("#"):
             continue

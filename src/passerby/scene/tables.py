@@ -1,4 +1,4 @@
-"""The tables of the scene file, key by key: what each may say, what it means, and what it is where nothing is said."""
+"""The tables of the scene file, key by key: valid values, meaning and default of each."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from passerby.scene.table import FramesPerSecond, PersonAtTable, Pixel, Positive
 
 
 def _moment(value: Any) -> Any:
-    """A date with a time, or a time of day, also as text."""
+    """Read a date with a time, or a time of day; both may be text."""
     if isinstance(value, datetime | time):
         return value
     if isinstance(value, str):
@@ -44,7 +44,7 @@ def _name_pattern(value: str) -> str:
 
 
 def _box_format(value: Any) -> Any:
-    """The usual spellings of a box format as the one that is documented."""
+    """Convert the usual spellings of a box format to the documented one."""
     return str(BoxFormat.of_text(value)) if isinstance(value, str) else value
 
 
@@ -70,7 +70,7 @@ LONGEST_RECORDING_S = 7 * 86400.0
 RECORDED_BY_CALIBRATE = "or add [recording] seconds = 600: then `passerby calibrate` records it first"
 RECORDED_BY_COMMAND = "[recording] seconds counts only for the commands `passerby calibrate` and `passerby check`"
 RECORDS = "records"
-"""Key of the validation's context: whether the scene says how long to record."""
+"""Key of the validation's context: whether the scene states the duration to record."""
 WATCHED_FPS = 5.0
 """People walk a third of a step in a fifth of a second: neighbouring frames add little independent evidence."""
 SEARCHED_S = 5.0
@@ -80,7 +80,7 @@ Polygon = Annotated[tuple[tuple[Pixel, Pixel], ...], AfterValidator(_polygon)]
 
 
 SCENE_FORMAT = 1
-"""Version of the keys of a scene file. New keys need no new version: an older Passerby names what it does not know."""
+"""Version of the keys of a scene file. New keys need no new version: an older Passerby names the unknown keys."""
 
 
 class SceneTable(Table):
@@ -219,7 +219,7 @@ class CameraTable(Table):
 
     @property
     def watched(self) -> bool:
-        """Whether people have to be found in the video, since nothing else tells of them."""
+        """Whether people must be detected in the video, because no other file contains them."""
         return self.video is not None and self.detections is None and self.tracks is None and self.keypoints is None
 
     @field_validator("video", mode="before")
@@ -330,7 +330,7 @@ class AssociationTable(Table):
 
     @property
     def search_s(self) -> float:
-        """The largest difference of two clocks to search for, seconds; without a frame rate there is nothing to search."""
+        """The largest difference of two clocks that is searched, seconds; without a frame rate there is no search."""
         if self.max_offset_s is not None:
             return self.max_offset_s
         return SEARCHED_S if self.mode in ("combined", "trajectory") else 0.0

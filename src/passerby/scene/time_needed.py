@@ -1,4 +1,4 @@
-"""How long a calibration will take, roughly, from what its files say; nothing is decoded for it."""
+"""Rough estimate of the time that a calibration will take, from the metadata of its files; no video is decoded for it."""
 
 from __future__ import annotations
 
@@ -17,34 +17,35 @@ from passerby.scene.scene import Scene
 from passerby.scene.video_inputs import picture_rate
 
 DECODED_S = 0.005
-"""What a frame takes to be decoded, for each million pixels; this and all below in seconds of one core. Decoding and background
-subtraction: the demo's videos; networks and keypoints: about what `CROPS_PER_S` tells of small ones; boxes: five scenes of 4
-to 7 cameras. Rough figures do: another computer may be twice as fast, or half."""
+"""Time to decode a frame, per million pixels. This and all times below are in seconds of one core. Sources: for decoding and
+background subtraction, the demo's videos; for networks and keypoints, about the figures of `CROPS_PER_S` for small ones; for
+boxes, five scenes of 4 to 7 cameras. Rough figures suffice: another computer may be twice as fast, or half as fast."""
 WATCHED_S = {True: (0.02, 0.03), False: (0.03, 0.05)}
-"""What it takes to find people in an image and to describe them, and more for each million pixels: by background subtraction,
-or by a network as small as YOLOX-nano."""
+"""Time to detect people in an image and to compute their appearance, and additional time per million pixels. True: background
+subtraction; False: a network as small as YOLOX-nano."""
 CROP_S = 0.03
-"""The keypoints of one person."""
+"""Time to detect the keypoints of one person."""
 USED_S = 2 * STRETCH_S, 8 * STRETCH_S
-"""Of a long recording: usually, and where people are few, or seldom in two cameras at once."""
+"""Used part of a long recording: usually, and if people are few, or rarely in two cameras at once."""
 BOX_S, MOST_BOXES, STARTING_S = 6e-4, 30_000, 2.0
-"""The solver's time for a box, up to so many, and the start of the program."""
+"""The solver's time per box, the number of boxes above which it stays constant, and the start of the program."""
 BOXES_OF_IMAGE = 3.0
-"""That are expected in an image before it is looked at."""
+"""Expected number of boxes in an image that has not been processed yet."""
 OF_UNKNOWN_LENSES = 2.5
-"""Unknown lenses take so many times longer."""
+"""Factor of the time for unknown lenses."""
 RANGE = 2.5
-"""Shorter and longer by this factor."""
+"""Factor between the estimate and the shortest, and the longest, time."""
 
 
 def foresee_time(scene: Scene, readings: Sequence[CameraInput], perception: Mapping[str, Any]) -> tuple[float, float] | None:
-    """The shortest and the longest time that a calibration may take on this computer, seconds; None where a video's length is
-    not known.
+    """Estimate the shortest and the longest time of a calibration on this computer, seconds.
+
+    None if the length of a video is unknown.
 
     Args:
         scene: the scene.
         readings: its cameras; faults do not matter.
-        perception: what the videos would be watched with, as of `perception.plan.foresee`.
+        perception: the models that would process the videos, as `perception.plan.foresee` returns them.
     """
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     together = min(cores, MAX_PROCESSES)
@@ -73,7 +74,7 @@ def foresee_time(scene: Scene, readings: Sequence[CameraInput], perception: Mapp
 
 
 def _watching_s(info: VideoInfo, seconds: float, pictures: float, perception: Mapping[str, Any]) -> float:
-    """Of one video, by one core."""
+    """Estimate the time to process one video with one core, seconds."""
     megapixels = math.prod(info.size) / 1e6
     of_image, of_megapixel = WATCHED_S[perception.get("detector") == BACKGROUND]
     crops = 0.0 if perception.get("keypoints", NONE) == NONE else CROPS_AT_LEAST + CROPS_PER_S * seconds
@@ -82,6 +83,6 @@ def _watching_s(info: VideoInfo, seconds: float, pictures: float, perception: Ma
 
 
 def _is_unknown(reading: CameraInput) -> bool:
-    """Whether nothing is known of a camera's lens."""
+    """Return whether a camera's lens was not calibrated."""
     lens = reading.lens
     return lens is not None and lens.uncalibrated

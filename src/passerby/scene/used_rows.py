@@ -1,7 +1,7 @@
-"""Which of a camera's observations are used: within its times, outside excluded regions, one row per person and frame.
+"""Selection of a camera's used observations: within its times, outside excluded regions, one row per person and frame.
 
-Trackers write such rows now and then, and files that were joined hold them. A few of them harm nothing; where they are the
-rule, the ids are no identities (a class number, a counter that begins anew in every tile), and nothing can be kept of them.
+Trackers sometimes write several rows of one identity in one frame, and merged files contain such rows. A few do no harm. If
+there are many, the ids are no identities (a class number, a counter that restarts in every tile), and no row can be used.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from passerby.scene.scene import Scene
 
 Part = TypeVar("Part", Boxes, Keypoints)
 MOST_DOUBLED = 0.05
-"""Of all rows. At worst each second one that is kept is the wrong one: 2.5 % of the rows, where the calibration bears that
-20 % of the identities are exchanged (simulated scenes, sigmas still right). An id that is no identity doubles far more: all
-rows of one class number, in frames with two people or more, are half."""
+"""Maximum share of duplicate rows. In the worst case, every second row that is kept is the wrong one: 2.5 % of the rows; a
+calibration tolerates that 20 % of the identities are exchanged (simulated scenes, sigmas still correct). An id that is no
+identity causes far more: if it is one class number, in frames with two people or more, half of the rows."""
 
 
 def keep_used(scene: Scene, reading: CameraInput) -> None:
-    """Remove what a scene file leaves out of one camera's observations; faults are gathered, not raised."""
+    """Remove the observations of one camera that the scene file leaves out; faults are collected, not raised."""
     if not reading.faults:
         _keep_times(scene, reading)
     if not reading.faults:
@@ -35,7 +35,7 @@ def keep_used(scene: Scene, reading: CameraInput) -> None:
 
 
 def _keep_times(scene: Scene, reading: CameraInput) -> None:
-    """Leave out what the camera saw before `from_s` and after `until_s`, and in the spans of `exclude_s`."""
+    """Leave out observations before `from_s`, after `until_s`, and in the spans of `exclude_s`."""
     table, place = scene.cameras[reading.name], f"{scene.place}: [cameras.{reading.name}]"
     named = [key for key in ("from_s", "until_s", "exclude_s") if getattr(table, key)]
     if not named:
@@ -94,13 +94,13 @@ def _keep_places(scene: Scene, reading: CameraInput) -> None:
 
 
 def feet_of_boxes(boxes: Boxes) -> Floats:
-    """(N, 2) the middles of the lower edges, pixels."""
+    """Return the middles (N, 2) of the lower edges, pixels."""
     left, top, width, height = boxes.ltwh.T
     return np.column_stack([left + 0.5 * width, top + height])
 
 
 def feet_of_keypoints(keypoints: Keypoints) -> Floats:
-    """(N, 2) the lowest detected keypoint's height, in the middle of all detected ones; NaN where there is none."""
+    """Return (N, 2) pixels: across, the middle of all detected keypoints; down, the lowest one; NaN if none is detected."""
     found = (keypoints.score > MIN_JOINT_SCORE)[..., None]
     low = np.where(found, keypoints.xy, np.inf).min(axis=1, initial=np.inf)
     high = np.where(found, keypoints.xy, -np.inf).max(axis=1, initial=-np.inf)
@@ -111,24 +111,24 @@ def feet_of_keypoints(keypoints: Keypoints) -> Floats:
 
 @dataclass(frozen=True)
 class DuplicateRows:
-    """What was left out of the rows of one camera."""
+    """The duplicate rows of one camera that were left out."""
 
     rows: int
-    """Rows before."""
+    """Number of rows before."""
     second: int
-    """Rows left out since the same identity has a better one in that frame,"""
+    """Number of rows that were left out because the same identity has a better one in the frame."""
     repeated: int
-    """and rows without an identity that are the same as another row, number for number."""
+    """Number of rows without an identity that were left out because all their numbers equal those of another row."""
     first: tuple[int, int]
-    """Frame and identity of the first of them."""
+    """Frame and identity of the first row that was left out."""
 
     @property
     def is_rule(self) -> bool:
-        """Whether there are too many for the ids to be identities."""
+        """Whether there are too many duplicates for the ids to be identities."""
         return self.second + self.repeated > MOST_DOUBLED * self.rows
 
     def finding(self, place: str, *camera: str) -> Finding:
-        """The notice of it; `place` is the file, which need not be a camera's."""
+        """Return the notice of the duplicates; `place` is the file, which may belong to no camera."""
         frame, identity = self.first
         return notice(
             "duplicate_rows", *camera, place=place, doubled=self.second + self.repeated, rows=self.rows, frame=frame,
@@ -137,11 +137,11 @@ class DuplicateRows:
 
 
 def remove_duplicates(part: Part) -> tuple[Part, DuplicateRows | None]:
-    """The rows with each identity once in a frame, in their order; and what was left out, None where nothing was.
+    """Keep each identity once per frame; return the rows in their order, and the duplicates, None if there are none.
 
-    Of several rows of one identity in one frame that of the highest score is kept; among equals the one nearest to where the
-    identity is in the frames before and after; among equals the first. Rows without an identity (-1) are all kept, but
-    for those that repeat another one number for number.
+    Of several rows of one identity in one frame, the one with the highest score is kept; among equal scores, the one nearest to
+    the positions of the identity in the frames before and after; among equal distances, the first. Rows without an identity
+    (-1) are all kept, except those whose numbers all equal those of another row.
     """
     score, extent = _scores(part), extents_of(part)
     known: NDArray[np.bool_] = part.identity > UNKNOWN
@@ -150,7 +150,7 @@ def remove_duplicates(part: Part) -> tuple[Part, DuplicateRows | None]:
     crowded = np.zeros(len(part), dtype=bool)
     for rows in groups:
         crowded[rows] = True
-    few = len(groups) <= max(100, 2 * MOST_DOUBLED * len(part))  # of more nothing is used: no need to choose well
+    few = len(groups) <= max(100, 2 * MOST_DOUBLED * len(part))  # with more groups, no row is used: any choice will do
     for rows in groups:
         best = rows[score[rows] == score[rows].max()]
         if len(best) > 1 and few:
@@ -170,7 +170,7 @@ def remove_duplicates(part: Part) -> tuple[Part, DuplicateRows | None]:
 
 
 def _groups(keys: Sequence[NDArray[np.generic]], rows: Ints) -> list[Ints]:
-    """The rows that have the same keys, (N,) each, where several have; each group in the rows' order."""
+    """Group the rows that have the same keys (N,); groups of one row are left out, and each group is in the rows' order."""
     if len(rows) < 2:
         return []
     order = np.lexsort(tuple(keys))
@@ -181,7 +181,10 @@ def _groups(keys: Sequence[NDArray[np.generic]], rows: Ints) -> list[Ints]:
 
 
 def _measure_jumps(part: Boxes | Keypoints, extent: Floats, rows: Ints, single: NDArray[np.bool_]) -> Floats:
-    """(K,) how far rows of one identity and frame are from where it is before and after, pixels; 0 where it is nowhere else."""
+    """Compute the distances (K,) of rows of one identity and frame from its interpolated extent, pixels; 0 if it has no other.
+
+    The extent is interpolated between the nearest single rows of the identity before and after.
+    """
     frame, identity = part.frame[rows[0]], part.identity[rows[0]]
     own = np.flatnonzero(single & (part.identity == identity))
     before, after = own[part.frame[own] < frame], own[part.frame[own] > frame]
@@ -197,28 +200,28 @@ def _measure_jumps(part: Boxes | Keypoints, extent: Floats, rows: Ints, single: 
 
 
 def _scores(part: Boxes | Keypoints) -> Floats:
-    """(N,) confidence of each row; of joints the mean over all, so that more of them count for more."""
+    """Return the confidence (N,) of each row; for joints the mean over all, so that a row with more joints has a higher one."""
     if isinstance(part, Boxes):
         return part.score
     return np.asarray(part.score.mean(axis=1)) if part.score.shape[1] else np.zeros(len(part))
 
 
 def _numbers(part: Boxes | Keypoints) -> Floats:
-    """(N, K) all numbers of each row but frame and identity."""
+    """Return all numbers (N, K) of each row except frame and identity."""
     if isinstance(part, Boxes):
         return np.column_stack([part.ltwh, part.score])
     return np.column_stack([part.xy.reshape(len(part), 2 * len(part.joints)), part.score])
 
 
 def find_inside_any(points: Floats, polygons: Iterable[Floats]) -> Bools:
-    """Which points lie in one polygon or more.
+    """Return whether points lie in at least one polygon.
 
     Args:
         points: (N, 2); a point with NaN lies in none.
         polygons: (K, 2) corners each, in either direction; a polygon that crosses itself has holes (the even-odd rule).
 
     Returns:
-        (N,)
+        Mask (N,).
     """
     found = np.zeros(len(points), dtype=np.bool_)
     for corners in polygons:
@@ -227,7 +230,7 @@ def find_inside_any(points: Floats, polygons: Iterable[Floats]) -> Bools:
 
 
 def _find_inside(points: Floats, corners: Floats) -> Bools:
-    """By the even-odd rule: a ray to the right crosses the sides an odd number of times."""
+    """Return whether points lie in a polygon: a ray to the right crosses the sides an odd number of times (even-odd rule)."""
     x, y = points[:, :1], points[:, 1:]
     (x0, y0), (x1, y1) = corners.T, np.roll(corners, -1, axis=0).T
     crosses = (y0 > y) != (y1 > y)

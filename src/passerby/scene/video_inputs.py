@@ -1,4 +1,4 @@
-"""The videos of a scene, watched side by side, each camera with a progress of its own."""
+"""Processing of a scene's videos in parallel, with separate progress for each camera."""
 
 from __future__ import annotations
 
@@ -45,16 +45,16 @@ from passerby.scene.scene import Scene
 from passerby.scene.tables import WATCHED_FPS
 
 UNRANKED = 4
-"""So few stretches are watched in order of time: to look over the videos would take as long as one of them."""
+"""Up to this number, stretches are processed in order of time: an overview of the videos would take as long as one of them."""
 KEPT_FOLDER = "perception"
 MADE_AGAIN = "what was kept is of other videos, options or versions, and was made again"
 ENOUGH_PICTURES, ENOUGH_FOR_NETWORK = 300, 150
-"""Short videos are looked at more often than `WATCHED_FPS`, until there are so many pictures: a minute's worth, and half of it
-where a network detects people, which takes five times as long as the background does. In six rendered films of 27 s (three
-presets, seeds 171 and 172), twice the pictures made rigs by YOLOX-nano no more exact; by the background they made one rig more
-exact by a third, and two more were accepted."""
+"""Number of pictures up to which short videos are processed at a higher rate than `WATCHED_FPS`: those of a minute, and half of
+them if a network detects people, which takes five times as long as background subtraction. In six rendered films of 27 s (three
+presets, seeds 171 and 172), twice the pictures made rigs by YOLOX-nano no more accurate; by background subtraction, they made
+one rig more accurate by a third, and two more were accepted."""
 ENOUGH_CAMERAS = 2
-"""The joints of one camera alone are no points in space."""
+"""Minimum number of cameras with joints: those of one camera alone give no points in space."""
 TOLD_EVERY_S = 0.25
 
 Found = TypeVar("Found")
@@ -62,29 +62,29 @@ Found = TypeVar("Found")
 
 @dataclass(eq=False)
 class SceneVideoProcessor:
-    """Watches the videos of a scene, all of them or stretches, and remembers what is to be reported of it."""
+    """Processes the videos of a scene, all of them or stretches, and collects notes and figures for the report."""
 
     keep: Path | None
-    """Folder in which results are kept; None: nothing is kept."""
+    """Folder in which results are kept; None: no results are kept."""
     executor: Executor | None
     tell: Progress
     stretches: tuple[Stretch, ...] = ()
-    """Parts of the scene's time to watch, in order of time; none: all of the videos."""
+    """Parts of the scene's time to process, in order of time; none: all of the videos."""
     notes: list[Finding] = field(default_factory=list)
-    """What could not be had."""
+    """Notes of models that were not available."""
     figures: dict[str, Any] = field(default_factory=dict)
-    """JSON-ready: what was used, and what each camera's video gave."""
+    """JSON-ready figures of the models that were used, and of the results from each camera's video."""
     seconds: dict[str, float] = field(default_factory=dict)
     """Time of each stage, summed over the cameras."""
     _plan: Plan | None = None
     _found: dict[tuple[str, Stretch | None], VideoObservations | InputError] = field(default_factory=dict)
-    """What was found so far, by camera and stretch."""
+    """Results so far, by camera and stretch."""
 
     def plan_stretches(self, scene: Scene, readings: Sequence[CameraInput]) -> tuple[Stretch, ...]:
-        """The stretches of a scene's videos, the one that would teach most first; none where videos are watched as a whole.
+        """Divide a scene's videos into stretches, the most informative one first; none if videos are processed as a whole.
 
-        So are videos of less than 45 s, of unknown length, where the people are known, or where the scene points at some of
-        them, at any time. Raises `InputError` as a call.
+        Videos are processed as a whole if they are shorter than 45 s or of unknown length, if a table has the times of their
+        frames, if people are known, or if the scene points at some of them, at any time. Raises `InputError` as a call does.
         """
         filmed = [reading for reading in readings if needs_video(scene, reading) and reading.awaiting]
         if (
@@ -109,7 +109,7 @@ class SceneVideoProcessor:
         return tuple(stretches[k] for k in rank_stretches(stretches, overviews))
 
     def __call__(self, scene: Scene, readings: Sequence[CameraInput]) -> None:
-        """Complete the readings; faults and findings are added to them. Raises `InputError` where a model cannot be used."""
+        """Complete the readings; faults and findings are added to them. Raises `InputError` if a model cannot be used."""
         plan = self._make_plan(scene, readings)
         wanting = [reading for reading in readings if needs_video(scene, reading)]
         wanted = [(reading, stretch) for reading in wanting for stretch in self._stretches_of(scene, reading)]
@@ -135,7 +135,7 @@ class SceneVideoProcessor:
                 reading.faults += faults_of(errors[0])
                 continue
             seen = [one for one in found if isinstance(one, VideoObservations)]
-            if not seen:  # it films at other times than those of these stretches
+            if not seen:  # the camera recorded at other times than these stretches
                 reading.unprocessed = ((-math.inf, math.inf),)
                 add_video_results(scene, reading, Boxes.empty(), Keypoints.empty())
                 continue
@@ -148,7 +148,7 @@ class SceneVideoProcessor:
     def _complete(
         self, scene: Scene, reading: CameraInput, result: VideoObservations, stretches: Sequence[Stretch | None]
     ) -> None:
-        """Add what was seen in a video to a reading."""
+        """Add the results from a video to a reading."""
         assert reading.video is not None
         table = scene.cameras[reading.name]
         used = table.from_s or 0.0, math.inf if table.until_s is None else table.until_s
@@ -167,7 +167,7 @@ class SceneVideoProcessor:
         return self._plan
 
     def _stretches_of(self, scene: Scene, reading: CameraInput) -> list[Stretch | None]:
-        """The stretches of a camera that are watched; None: all of its video."""
+        """Return the stretches of a camera that are processed; None stands for its whole video."""
         if not self.stretches or not reading.awaiting:
             return [None]
         first, last = _used_span(scene, reading)
@@ -181,7 +181,7 @@ class SceneVideoProcessor:
         self, work: Callable[[CameraJob, Tell], Found], jobs: Sequence[CameraJob], stage: str, totals: Sequence[int],
         find_kept: Callable[[CameraJob, Tell], Found | None] | None = None,
     ) -> list[Found | InputError]:  # fmt: skip
-        """The results of all jobs, in their order; an error that names one camera's fault stops no other camera."""
+        """Return the results of all jobs, in their order; an error of one camera does not stop the other cameras."""
         forward = Forward(self.tell, stage)
         of_camera: dict[str, list[_JobProgress]] = {}
         progress = [
@@ -196,7 +196,7 @@ class SceneVideoProcessor:
                 results.append(_result(work, job, tell))
                 tell.finish()
             return results
-        # What is kept is read here: processes take longer to begin.
+        # Kept results are read in this process, because other processes take longer to begin.
         kept = [None if find_kept is None else _result(find_kept, job, tell) for job, tell in zip(jobs, progress, strict=True)]
         rest = [(job, tell) for job, tell, found in zip(jobs, progress, kept, strict=True) if found is None]
         made = iter(_work_apart(work, rest, self.executor))
@@ -204,7 +204,7 @@ class SceneVideoProcessor:
 
 
 def _used_span(scene: Scene, reading: CameraInput) -> tuple[float, float]:
-    """The used part of a camera's video, seconds of the scene: frame 1 is at 0."""
+    """Return begin and end of the used part of a camera's video, seconds of the scene: frame 1 is at 0."""
     assert reading.video is not None
     table, pace = scene.cameras[reading.name], _pace(reading)
     first = max(reading.video.begin_s / pace, table.from_s or 0.0)
@@ -213,19 +213,19 @@ def _used_span(scene: Scene, reading: CameraInput) -> tuple[float, float]:
 
 
 def _pace(reading: CameraInput) -> float:
-    """Seconds of a video's own clock in a second of the scene, which may state another rate of frames than the file."""
+    """Return the seconds of a video's own clock per second of the scene, which may state another frame rate than the file."""
     assert reading.video is not None
     return (reading.fps or reading.video.clock_fps) / reading.video.clock_fps
 
 
 def _in_video(stretch: Stretch, reading: CameraInput) -> Stretch:
-    """A stretch of the scene's time by the video's own clock."""
+    """Convert a stretch of the scene's time to the video's own clock."""
     pace = _pace(reading)
     return Stretch(stretch.begin_s * pace, stretch.end_s * pace)
 
 
 def plan_of(scene: Scene, readings: Sequence[CameraInput], tell: Progress) -> Plan:
-    """What a scene's videos are watched with. Raises `InputError` where a model that it names cannot be used."""
+    """Return the models and options for a scene's videos. Raises `InputError` if a model that it names cannot be used."""
     wanted = scene.perception
     models = None if wanted.models is None else scene.resolve(wanted.models)
     base, keypoints = scene.resolve(Path()), choose_keypoints(scene, readings)
@@ -238,7 +238,7 @@ def plan_of(scene: Scene, readings: Sequence[CameraInput], tell: Progress) -> Pl
 
 
 def choose_keypoints(scene: Scene, readings: Sequence[CameraInput]) -> str:
-    """The scene's choice of keypoints; "none" where it is left to us and fewer than two cameras would have any."""
+    """Return the scene's choice of keypoints; "none" if it is "auto" and fewer than two cameras would have keypoints."""
     choice = scene.perception.keypoints
     with_joints = sum(reading.keypoints_path is not None or _is_measurable(scene, reading) for reading in readings)
     return "none" if choice == AUTO and with_joints < ENOUGH_CAMERAS else choice
@@ -249,8 +249,9 @@ def _is_measurable(scene: Scene, reading: CameraInput) -> bool:
 
 
 def keypoints_for(scene: Scene) -> str | None:
-    """The network that would find joints in a scene's videos, where the scene wants none: one that is on this computer or can
-    be fetched. None where there is none, or fewer than two videos.
+    """Return the network that would detect joints in the videos of a scene that switches them off.
+
+    It is on this computer or can be downloaded. None if there is none, or if there are fewer than two videos.
     """
     filmed = [table for table in scene.cameras.values() if table.video is not None and table.keypoints is None]
     if scene.perception.keypoints != "none" or len(filmed) < ENOUGH_CAMERAS:
@@ -259,19 +260,19 @@ def keypoints_for(scene: Scene) -> str | None:
 
 
 def joints_remedy(scene: Scene, severity: Severity) -> Finding | None:
-    """What joints would do for a scene whose cameras could not all be registered; None where none can be had."""
+    """Return the finding that joints could help to register all cameras of a scene; None if no network is available."""
     name = keypoints_for(scene)
     return None if name is None else Finding("keypoints_unused", severity, values={"network": name})
 
 
 def picture_rate(scene: Scene, reading: CameraInput, info: VideoInfo, *, by_network: bool = False) -> float:
-    """Pictures to look at in a second of the video's own clock: a whole fraction of its rate, for even steps.
+    """Compute the pictures to process per second of the video's own clock: its rate over a whole number, for even steps.
 
     Args:
-        scene: may state how many.
-        reading: of the camera.
+        scene: may state a rate.
+        reading: reading of the camera.
         info: its video.
-        by_network: whether a network detects people in them.
+        by_network: whether a network detects people in the pictures.
     """
     pace = (reading.fps or info.clock_fps) / info.clock_fps
     wanted = scene.perception.fps
@@ -279,7 +280,7 @@ def picture_rate(scene: Scene, reading: CameraInput, info: VideoInfo, *, by_netw
         seconds = info.seconds / pace if info.seconds else None
         enough = ENOUGH_FOR_NETWORK if by_network else ENOUGH_PICTURES
         wanted = max(WATCHED_FPS, enough / seconds) if seconds else WATCHED_FPS
-    # The rate of images is a quotient: 12.500000001 a second are 12.5.
+    # The rate of images is a computed quotient: 12.500000001 per second is 12.5.
     return info.average_fps / max(1, round(round(info.average_fps * pace / wanted, 6)))
 
 
@@ -313,7 +314,7 @@ def _job(scene: Scene, reading: CameraInput, plan: Plan, shelf: Path, stretch: S
 
 @contextmanager
 def _shelves(keep: Path | None) -> Iterator[Path]:
-    """The folder of kept results; a passing one where nothing is kept."""
+    """Provide the folder of kept results; a temporary one if no results are kept."""
     if keep is not None:
         yield keep / KEPT_FOLDER
         return
@@ -323,13 +324,13 @@ def _shelves(keep: Path | None) -> Iterator[Path]:
 
 @dataclass(eq=False)
 class _JobProgress:
-    """How far one job is. What is reported is its camera's progress, all its jobs together."""
+    """Progress of one job. It reports the progress of the camera, over all of its jobs."""
 
     camera: str
     total: int
-    """0 where that is unknown."""
+    """Number of steps of the job; 0 if it is unknown."""
     others: list[_JobProgress]
-    """The jobs of the camera, this one among them."""
+    """Progress of all jobs of the camera, this one among them."""
     forward: Forward
     done: int = 0
 
@@ -341,12 +342,12 @@ class _JobProgress:
         self.report()
 
     def finish(self) -> None:
-        """All of the job is done."""
+        """Mark all of the job as done, and report."""
         self.done = self.total = max(self.done, self.total)
         self.report()
 
     def report(self) -> None:
-        """Report how far the camera is."""
+        """Report the progress of the camera."""
         known = all(one.total for one in self.others)
         total = sum(one.total for one in self.others) if known else 0
         self.forward(self.camera, sum(one.done for one in self.others), total)
@@ -355,16 +356,16 @@ class _JobProgress:
 def _work_apart(
     work: Callable[[CameraJob, Tell], Found], jobs: Sequence[tuple[CameraJob, _JobProgress]], executor: Executor
 ) -> list[Found | InputError]:
-    """The results of all jobs in their order, each made in a process of its own.
+    """Run all jobs with the executor, and return the results in their order.
 
-    Each process writes how far it is to a file that belongs to this run alone: nothing of an earlier run is taken for it, and
-    it stays until all are done.
+    Each job writes its progress to a file that belongs only to this run, so that no file of an earlier run is read. The files
+    stay until all jobs are done.
     """
-    # Other machines see the folder of kept results only.
+    # Other machines see only the folder of kept results.
     shared = (jobs[0][0].common_shelf or jobs[0][0].shelf).parent if jobs and hasattr(executor, "least_s") else None
     if shared is not None:
         shared.mkdir(parents=True, exist_ok=True)
-    # Processes of a run that is interrupted may write for a moment longer.
+    # Processes of an interrupted run may still write for a moment.
     with tempfile.TemporaryDirectory(prefix="passerby-", dir=shared, ignore_cleanup_errors=True) as folder:
         counts = [_Counts(Path(folder) / str(number)) for number in range(len(jobs))]
         with interrupted_later():
@@ -382,7 +383,7 @@ def _work_apart(
 
 @dataclass(eq=False)
 class _Counts:
-    """How far one camera is, in a file: written by one process, read by another."""
+    """Progress of one job in a file: one process writes it, another process reads it."""
 
     path: Path
     last: float = 0.0
@@ -396,11 +397,11 @@ class _Counts:
         # A full disk is reported by the code that keeps results on it.
         with suppress(OSError):
             written.write_text(f"{done} {total}", encoding="ascii")
-            # In one step: half a number is never read.
+            # The file is replaced in one step, so that an incomplete number is never read.
             written.replace(self.path)
 
     def read(self) -> tuple[int, int] | None:
-        """What was written last; None where nothing was so far."""
+        """Return (done, total) as last written; None if there is nothing yet."""
         try:
             done, total = self.path.read_text(encoding="ascii").split()
             return int(done), int(total)
@@ -409,9 +410,9 @@ class _Counts:
 
 
 def _result(watch: Callable[[CameraJob, Tell], Found], job: CameraJob, tell: Tell) -> Found | InputError:
-    """What was seen, or what is wrong with this camera."""
+    """Return the observations of a job, or the error of its camera."""
     try:
-        # One thread each: more would wait for each other, and their number would change the last bits.
+        # One thread per job: more would wait for each other, and their number would change the last bits of a result.
         with threadpool_limits(limits=1, user_api="blas"):
             return watch(job, tell)
     except VideoError as error:

@@ -1,8 +1,8 @@
 """Wall times of the recordings: the span that `[scene]` chooses, and the clock offsets that file times suggest.
 
-They are a first guess: cameras' clocks are set by hand, copies and exports have other times, a timecode may count recorded
-frames, and some makers state the end of a recording. So they are used only where they say that the recordings begin farther
-apart than is searched for, and still overlap; people's tracks then decide between them and the ordinary search.
+File times are only a first guess. Cameras' clocks are set by hand, copies and exports have other times, a timecode may count
+recorded frames, and some makers state the end of a recording. So they are used only if the recordings begin, by these times,
+farther apart than the search range, and still overlap. People's tracks then decide between them and the ordinary search.
 """
 
 from __future__ import annotations
@@ -27,25 +27,26 @@ if TYPE_CHECKING:
     from passerby.association.clocks.starts import MeasuredStart
 
 LEAST_OVERLAP = 0.2
-"""Of the shorter of two recordings. People who are in both views for less of it are few; as for videos that are cut short."""
+"""Minimum overlap of two recordings, as a share of the shorter one. With less, few people are in both views. It is the same
+share as for videos that are cut short."""
 
 
 @dataclass(frozen=True)
 class WallClock:
-    """What ties frame numbers to wall time."""
+    """The relation of frame numbers to wall time."""
 
     origin: WallTime
-    """Of frame 1 of all recordings whose files tell their wall times."""
+    """Wall time of frame 1 of all recordings whose files state their wall times."""
     first: WallTime | None = None
-    """The beginning of the span that is used; None where none is chosen."""
+    """The beginning of the span that is used; None if none is chosen."""
     last: WallTime | None = None
-    """Its end."""
+    """The end of this span; None if none is chosen."""
     cameras: tuple[str, ...] = ()
-    """Those whose frames count from the origin."""
+    """The cameras whose frames count from the origin."""
 
 
 def source_of(scene: Scene, name: str, span: WallSpan | None = None) -> VideoSource | None:
-    """The files of a camera's video; None where it has none."""
+    """Return the files of a camera's video; None if it has none."""
     table = scene.cameras[name]
     if not table.videos:
         return None
@@ -55,9 +56,9 @@ def source_of(scene: Scene, name: str, span: WallSpan | None = None) -> VideoSou
 
 
 def choose_span(scene: Scene) -> WallSpan | None:
-    """The span of wall time that is used; None where none is chosen.
+    """Return the span of wall time that the scene chooses; None if it chooses none.
 
-    Raises `InputError` where no wall times are known, or a time of day is on no day of the recordings, or on several.
+    Raises `InputError` if no wall times are known, or if a time of day occurs on no day of the recordings, or on several.
     """
     first, last = scene.scene.from_, scene.scene.until
     if first is None and last is None:
@@ -82,7 +83,7 @@ def choose_span(scene: Scene) -> WallSpan | None:
 
 
 def _extents(scene: Scene) -> dict[str, WallExtent]:
-    """By camera with known wall times; what is wrong with the others' files is reported when they are read."""
+    """Return the extent in wall time of each camera that has one. Faults of the other cameras' files are reported later."""
     out = {}
     for name in scene.cameras:
         source = source_of(scene, name)
@@ -104,7 +105,7 @@ def _seconds(moment: datetime | time | None, otherwise: float) -> float:
 def _find_span_of_day(
     place: str, first: datetime | time | None, last: datetime | time | None, extents: Mapping[str, WallExtent]
 ) -> WallSpan:
-    """The span of times of day, on the one day that has it."""
+    """Return the span of times of day on the only day of the recordings that has it."""
     begins = sorted(begin for extent in extents.values() for begin in extent.begins)
     zone = next((moment.tzinfo for moment in (first, last) if moment is not None and moment.tzinfo is not None), UTC)
     days = sorted({datetime.fromtimestamp(begin, zone).date() for begin in begins})
@@ -126,7 +127,7 @@ def _read_time_on(day: date, moment: datetime | time | None, otherwise: float) -
 
 
 def _may_contain(extent: WallExtent, span: WallSpan) -> bool:
-    """Whether a file begins in a span, or the last one before it may reach into it."""
+    """Return whether a file begins in a span, or whether the last file before the span may reach into it."""
     inside = any(span.first <= begin <= span.last for begin in extent.begins)
     before = [begin for begin in extent.begins if begin < span.first]
     usual = (extent.begins[-1] - extent.begins[0]) / max(1, len(extent.begins) - 1)
@@ -134,10 +135,10 @@ def _may_contain(extent: WallExtent, span: WallSpan) -> bool:
 
 
 def align_wall_clocks(scene: Scene, readings: Sequence[CameraInput]) -> None:
-    """Let frame numbers of all recordings whose wall times are known count from one second, the first that any of them shows.
+    """Make the frame numbers of all recordings with known wall times count from one origin: the first second of the earliest.
 
-    Cameras whose people come from files keep the numbers of these. A notice tells of cameras without wall times among others
-    with them; times by UTC among times by an unknown clock are a fault.
+    Cameras whose people come from files keep the frame numbers of these files. A notice names the cameras without wall times
+    if others have them. It is a fault if some times are in UTC and others are in an unknown time zone.
     """
     timed = {
         reading.name: (reading.video, reading.video.wall)
@@ -167,7 +168,7 @@ def align_wall_clocks(scene: Scene, readings: Sequence[CameraInput]) -> None:
 
 
 def wall_clock_of(scene: Scene, readings: Sequence[CameraInput]) -> WallClock | None:
-    """The wall time that frames count from; None where no wall times are used."""
+    """Return the wall time from which frames count; None if no wall times are used."""
     timed = [
         one for one in readings if one.video is not None and one.video.wall is not None and scene.cameras[one.name].watched
     ]
@@ -188,7 +189,7 @@ class _Recording:
 
 
 def measure_by_file_clocks(scene: Scene, readings: Sequence[CameraInput]) -> tuple[MeasuredStart, ...]:
-    """The differences of two recordings' starts by their files' clocks; none where the ordinary search covers them all."""
+    """Measure the differences of recordings' starts by their files' clocks; none if the ordinary search covers all of them."""
     from passerby.association.clocks.starts import (
         CREATION_TIME,
         MEASURED_SIGMAS,
@@ -205,7 +206,7 @@ def measure_by_file_clocks(scene: Scene, readings: Sequence[CameraInput]) -> tup
         for (first, second), later in pairs:
             told = [later]
             if kind == CREATION_TIME:
-                # Where the times are those of the ends.
+                # The difference if the creation times are those of the ends of the recordings.
                 told.append(later - _length(begins[second]) + _length(begins[first]))
             told = told if abs(told[0] - told[-1]) > search_s else told[:1]
             measured += [
@@ -217,7 +218,7 @@ def measure_by_file_clocks(scene: Scene, readings: Sequence[CameraInput]) -> tup
 
 
 def file_clock_findings(scene: Scene, readings: Sequence[CameraInput]) -> list[Finding]:
-    """A notice of recordings that begin farther apart, by their files' clocks, than is searched for."""
+    """Return a notice for recordings that begin, by their files' clocks, farther apart than the search range."""
     search_s = scene.association.search_s
     measured = measure_by_file_clocks(scene, readings)
     found: list[Finding] = []
@@ -241,7 +242,7 @@ def _are_alike(one: Mapping[str, float], other: Mapping[str, float], within_s: f
 
 
 def _clocks(scene: Scene, readings: Sequence[CameraInput]) -> list[tuple[str, dict[str, _Recording]]]:
-    """By kind of clock, the recordings of two cameras or more that state it; those on a wall clock by their names do not."""
+    """Return, by kind of clock, the recordings that state it, if two or more do; recordings with a wall time are left out."""
     from passerby.association.clocks.starts import (
         CREATION_TIME,
         TIMECODE,
@@ -268,7 +269,7 @@ def _length(recording: _Recording) -> float:
 
 
 def _measure_delay(begins: Mapping[str, _Recording], pair: tuple[str, str], kind: str) -> float:
-    """How much later the second recording begins, seconds; by timecodes, which begin anew each day, at most half a day."""
+    """Compute how much later the second recording begins, seconds; at most half a day by timecodes, which restart each day."""
     from passerby.association.clocks.starts import TIMECODE  # loads SciPy, which the page's first pictures do not need
 
     later = begins[pair[1]].begin_s - begins[pair[0]].begin_s
@@ -276,7 +277,7 @@ def _measure_delay(begins: Mapping[str, _Recording], pair: tuple[str, str], kind
 
 
 def _overlap(first: _Recording, second: _Recording, later: float) -> bool:
-    """Whether two recordings have enough time in common where the second begins so much later."""
+    """Return whether two recordings overlap sufficiently if the second begins `later` seconds after the first."""
     if first.seconds is None or second.seconds is None:
         return True
     common = min(first.seconds, later + second.seconds) - max(0.0, later)

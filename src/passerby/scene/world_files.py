@@ -1,4 +1,4 @@
-"""Faults of what `[world]` names: files, points and cameras."""
+"""Faults of the files, points and cameras that `[world]` names."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from passerby.scene.world_tables import plan_faults
 
 
 def world_faults(scene: Scene, sizes: Mapping[str, tuple[int, int]]) -> list[str]:
-    """What is wrong with the files that `[world]` names, one line each.
+    """List the faults of the lines and files of `[world]`, one line each.
 
     Args:
-        scene: names the files.
-        sizes: camera -> (width, height) of its picture, pixels.
+        scene: the scene, which names the files.
+        sizes: camera -> (width, height) of its image, pixels.
     """
     return [*_line_faults(scene, sizes), *_file_faults(scene, sizes)]
 
 
 def _line_faults(scene: Scene, sizes: Mapping[str, tuple[int, int]]) -> list[str]:
-    """Pixels of lines that lie outside their pictures."""
+    """List the pixels of lines that lie outside their images."""
     return [
         f"{scene.place}: [[world.lines]] {number} points: [{u:g}, {v:g}] lies outside the {sizes[name][0]} x {sizes[name][1]} "
         f"image of camera {name}: give pixels of that image"
@@ -36,7 +36,7 @@ def _line_faults(scene: Scene, sizes: Mapping[str, tuple[int, int]]) -> list[str
 
 
 def _file_faults(scene: Scene, sizes: Mapping[str, tuple[int, int]]) -> list[str]:
-    """What is wrong with the files."""
+    """List the faults of the plan, or of the file of points or positions."""
     files = world_file_paths(scene)
     if scene.world is not None and scene.world.plan is not None:
         plan = scene.world.plan
@@ -62,12 +62,12 @@ def _file_faults(scene: Scene, sizes: Mapping[str, tuple[int, int]]) -> list[str
 
 
 def world_file_paths(scene: Scene) -> dict[str, Path | None]:
-    """What `[world]` names, as it stands in the scene file."""
+    """Return the paths of `[world]` as the scene file states them; None if a key is not stated."""
     return {"points": scene.world.points if scene.world else None, "positions": scene.world.positions if scene.world else None}
 
 
 def _list_unknown(scene: Scene, path: Path, names: list[str]) -> list[str]:
-    """Cameras that the scene does not declare."""
+    """List the cameras that the scene does not declare."""
     return [
         f"{path}: camera '{name}' is not declared in {scene.place}: {suggest_name(name, list(scene.cameras))}"
         for name in dict.fromkeys(names)

@@ -1,4 +1,4 @@
-"""`[world]`: the frame that a user wants, and the plan that sets it together with the scale."""
+"""`[world]`: the requested world frame, and the plan that sets it together with the scale."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from passerby.scene.table import Metres, Pixel, Table, Tables, explain_fault
 
 PlanPixel = tuple[Pixel, Pixel]
 PLAN_FORMAT = 1
-"""Version of the keys of a plan in a file of its own, which may be left out."""
+"""Version of the keys of a plan in a file of its own; the file may leave it out."""
 
 
 class PlanDistanceTable(Table):
@@ -121,12 +121,12 @@ class PlanTable(Table):
         return self
 
     def named_points(self) -> list[tuple[str, PlanPixel]]:
-        """Each point's name in messages and its pixel of the plan."""
+        """Return each point's name in messages, and its pixel of the plan."""
         return [(f"point {point.name or number}", point.at) for number, point in enumerate(self.points, start=1)]
 
 
 TABLES: Tables = {(): PlanTable, ("distance",): PlanDistanceTable, ("points", "*"): PlanPointTable}
-"""Of a file that is a plan and nothing else."""
+"""The tables of a file that contains only a plan."""
 
 
 class LineTable(Table):
@@ -174,7 +174,7 @@ class WorldTable(Table):
 
     @property
     def placed_by(self) -> str | None:
-        """The key that sets the origin; None where there are lines only."""
+        """The key that sets the origin; None if there are only lines."""
         return next((key for key in ("camera", "points", "positions", "plan") if getattr(self, key) is not None), None)
 
     @property
@@ -208,7 +208,10 @@ class WorldTable(Table):
 
 
 def floor_plan(table: PlanTable, size: tuple[int, int] | None = None) -> FloorPlan:
-    """A plan as a value. Its origin counts only where the table states it or the (width, height) of the picture is known."""
+    """Convert a plan's table to a `FloorPlan`.
+
+    Its origin is valid only if the table states it or `size`, (width, height) of the picture, is known.
+    """
     unit, unit_sd = _metres_per_pixel(table)
     click = table.sd_px * unit if table.sd_m is None else table.sd_m
     corner = (0.0, 0.0) if size is None else (-0.5, size[1] - 0.5)
@@ -227,9 +230,9 @@ def floor_plan(table: PlanTable, size: tuple[int, int] | None = None) -> FloorPl
 
 
 def read_plan(path: Path) -> PlanTable:
-    """The plan in a TOML file with the keys of `[world.plan]`, its picture as it can be opened.
+    """Read a plan from a TOML file with the keys of `[world.plan]`; the path of its picture can be opened.
 
-    Raises `FileFaults` (an `InputError`) that names file, key, value and fix.
+    Raises `FileFaults` (an `InputError`) that names file, key, value and remedy.
     """
     try:
         content = read_toml(path, "a plan (TOML)")
@@ -247,12 +250,12 @@ def read_plan(path: Path) -> PlanTable:
 
 
 def plan_faults(table: PlanTable, place: str, sizes: Mapping[str, tuple[int, int]]) -> list[str]:
-    """What is wrong with a plan's picture and the pixels on it.
+    """List the faults of a plan's picture and of the pixels on it.
 
     Args:
-        table: the plan, its picture as it can be opened.
+        table: the plan; the path of its picture can be opened.
         place: the file and table that state it.
-        sizes: camera -> (width, height) of its picture, pixels.
+        sizes: camera -> (width, height) of its image, pixels.
     """
     try:
         height, width = read_plan_picture(table.image).shape[:2]
@@ -281,7 +284,7 @@ def _is_inside(pixel: tuple[float, float], size: tuple[int, int]) -> bool:
 
 
 def _metres_per_pixel(table: PlanTable) -> tuple[float, float]:
-    """Metres per pixel and its relative standard deviation."""
+    """Return metres per pixel and its relative standard deviation."""
     if table.metres_per_pixel is not None:
         return table.metres_per_pixel, table.metres_per_pixel_sd_percent / 100
     known = table.distance

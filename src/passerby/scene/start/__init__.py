@@ -1,4 +1,4 @@
-"""`passerby init`: a scene file from a folder of videos, tracks and lenses.
+"""`passerby init`: makes a scene file from a folder of videos, tracks and lenses.
 
-Imports the scene's tables, `perception` for videos, `interchange` for lenses.
+This package imports the scene's tables, `perception` for videos, and `interchange` for lenses.
 """

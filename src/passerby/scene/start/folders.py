@@ -1,7 +1,7 @@
-"""What lies in a user's folder: the videos, one a camera, and files of boxes and joints that belong to them.
+"""Search of a user's folder for the videos, one per camera, and for the files of boxes and joints that belong to them.
 
-Where the videos are looked for, the first that holds two or more: the folder itself; its subfolder called `video` or `videos`;
-its subfolders, of which each that holds videos is a camera, called as the folder, unless only one of them holds any.
+The videos are taken from the first of these places that holds two or more: the folder itself; its subfolder named `video` or
+`videos`; its subfolders. In the last case, each subfolder with videos is a camera of the same name, unless there is only one.
 """
 
 from __future__ import annotations
@@ -46,35 +46,36 @@ SOURCES = {
     "keypoints": (("keypoints",), ".json"),
     "embeddings": (("embeddings",), ".npz"),
 }
-"""Key of the scene file -> the subfolders that are looked in, and how the files end."""
+"""Key of the scene file -> the subfolders that are searched, and the ending of the files."""
 
 JOINT_FOLDERS, JOINTS_HEAD = ("pose", "openpose", "keypoints", "json"), 4096
-"""How folders begin that hold a folder of keypoints per camera; bytes of a frame that show what it is."""
+"""Beginnings of the names of folders that hold a folder of keypoints per camera; number of bytes that are read to recognise
+the file of a frame."""
 
 Probe = Callable[[Path], VideoInfo]
 
 
 @dataclass(eq=False)
 class FoundCamera:
-    """One camera as the folder shows it."""
+    """One camera as it is found in the folder."""
 
     name: str
     video: Path | None = None
     info: VideoInfo | None = None
-    """What the video says of itself."""
+    """Metadata of the video."""
     files: dict[str, Path] = field(default_factory=dict)
     """Key of the scene file (`tracks`, ...) -> file."""
     times: Path | None = None
     """A table of the times of the video's frames."""
     recording: RecordingSurvey | None = None
-    """Of a video in pieces, or images; `video` is then their folder or pattern."""
+    """Survey of a video in pieces, or of images; `video` is then their folder or pattern."""
     fault: str | None = None
-    """Why the video cannot be read; it stays a camera, so that it is not missed."""
+    """Reason why the video cannot be read; it still counts as a camera, so that the fault is noticed."""
 
 
 @dataclass(eq=False)
 class Survey:
-    """What was found, and what is to be reported about it, one line each."""
+    """The cameras that were found, and notes about them, one line each."""
 
     cameras: list[FoundCamera]
     notes: list[str]
@@ -83,12 +84,12 @@ class Survey:
 
 
 def survey(folder: Path, probe: Probe) -> Survey:
-    """The cameras in a folder.
+    """Find the cameras in a folder.
 
-    Raises `InputError` where there are fewer than two, and for pieces of recordings that are no cameras' of their own.
+    Raises `InputError` if there are fewer than two, or if there are pieces of a recording that are not separate cameras.
     """
     notes: list[str] = []
-    _entries(folder)  # raises where there is nothing to look into
+    _entries(folder)  # raises if the folder cannot be read
 
     @cache
     def look(path: Path) -> VideoInfo | None:
@@ -118,7 +119,7 @@ def survey(folder: Path, probe: Probe) -> Survey:
 
 
 def _is_text(path: Path, notes: list[str]) -> bool:
-    """Whether a file is text that a video's ending was taken for, as TypeScript's .ts is; then it is left out."""
+    """Return whether a file with the ending of a video is text, such as TypeScript (.ts); note that it is left out."""
     try:
         with path.open("rb") as file:
             head = file.read(1024)
@@ -137,7 +138,7 @@ def _open_camera(name: str, video: Path, probe: Probe) -> FoundCamera:
 
 
 def _add_times(camera: FoundCamera, notes: list[str]) -> None:
-    """Add the table of the times of a video's frames, if one lies beside it; a line says so where there is one."""
+    """Add the table of the times of a video's frames, if there is one beside it, and a note about it."""
     path = None if camera.video is None else find_frame_times(camera.video)
     if path is None or camera.info is None:
         return
@@ -151,7 +152,7 @@ def _add_times(camera: FoundCamera, notes: list[str]) -> None:
 
 
 def _find_recorded(folder: Path, notes: list[str], probe: Probe, look: Look) -> list[FoundCamera]:
-    """The cameras whose videos are in pieces, or images; empty where there are not two."""
+    """Find the cameras whose videos are in pieces, or are images; empty if fewer than two can be read."""
     found = find_recordings(folder, look, notes)
     names = camera_names([one.text for one in found])
     cameras = [_survey_camera(name, one, probe) for name, one in zip(names, found, strict=True)]
@@ -182,17 +183,17 @@ def _wall(survey: RecordingSurvey, which: int) -> str:
 
 
 def visible_folders(folder: Path) -> list[Path]:
-    """The subfolders, but for hidden ones, cam2 before cam10."""
+    """List the subfolders that are not hidden, cam2 before cam10."""
     return [path for path in _entries(folder) if path.is_dir()]
 
 
 def visible_files(folder: Path, endings: tuple[str, ...] | None = None) -> list[Path]:
-    """The files with one of these endings (capitals or not) or all, but for hidden ones, cam2 before cam10."""
+    """List the files that are not hidden, all or those with one of the endings (in any case), cam2 before cam10."""
     return [path for path in _entries(folder) if (endings is None or path.suffix.lower() in endings) and path.is_file()]
 
 
 def _entries(folder: Path) -> list[Path]:
-    """What is in a folder and not hidden. Raises `InputError` where it cannot be listed."""
+    """List the entries of a folder that are not hidden. Raises `InputError` if it cannot be read."""
     try:
         found = [path for path in folder.iterdir() if not path.name.startswith(".")]
     except FileNotFoundError:
@@ -216,7 +217,7 @@ def _refuse_pieces(folder: Path, pieces: list[Path]) -> None:
 
 
 def _refuse_deeper(folder: Path) -> None:
-    """Raise `InputError` for a folder without videos that has pieces of recordings further down, or still pictures."""
+    """Raise `InputError` for a folder without videos that has pieces of one recording, or only images, in deeper folders."""
     videos = files_below(folder, VIDEO_ENDINGS)
     if is_numbered_series(videos):
         _refuse_pieces(folder, videos)
@@ -229,7 +230,7 @@ def _refuse_deeper(folder: Path) -> None:
 
 
 def _clips(folder: Path, notes: list[str], look: Look) -> list[tuple[str, Path]]:
-    """The videos, each with the text that its camera is named after. Raises `InputError` for pieces of recordings."""
+    """Find the videos, each with the text that gives its camera's name. Raises `InputError` for pieces of recordings."""
     own = _videos(folder, notes)
     held = {inner: found for inner in visible_folders(folder) if (found := _videos(inner, notes))}
     named = next((inner for inner in held if inner.name.lower() in VIDEO_FOLDERS and len(held[inner]) > 1), None)
@@ -258,13 +259,13 @@ def _clips(folder: Path, notes: list[str], look: Look) -> list[tuple[str, Path]]
 
 
 def _pieces_among(videos: list[Path], look: Look) -> list[Path]:
-    """The pieces of one recording among videos of one folder; empty where there are none."""
+    """Find the pieces of one recording among videos of one folder; empty if there are none."""
     chapters = find_chapters(videos, look, one_camera=False)
     return list(chapters[0].paths) if chapters else pieces_among(videos, seconds_of(look))
 
 
 def _note_chapters(videos: list[Path]) -> list[str]:
-    """A note where the names of several groups of videos differ by a counter that may be that of chapters."""
+    """Return a note if there are several groups of videos whose names differ by a counter that may number chapters."""
     groups = [paths for names, paths in find_named_alike(videos) if not names[0].numbers_cameras]
     if len(groups) < 2:
         return []
@@ -276,7 +277,7 @@ def _note_chapters(videos: list[Path]) -> list[str]:
 
 
 def _videos(folder: Path, notes: list[str]) -> list[Path]:
-    """The videos in a folder; those whose name cannot be written into a scene file are reported and left out."""
+    """List the videos in a folder; those whose name cannot be written into a scene file are left out with a note."""
     try:
         found = [path for path in folder.iterdir() if path.suffix.lower() in VIDEO_ENDINGS and path.is_file()]
     except OSError as error:
@@ -298,7 +299,7 @@ def _videos(folder: Path, notes: list[str]) -> list[Path]:
 
 
 def _drop_copies(paths: list[Path], notes: list[str]) -> list[Path]:
-    """The videos but for those that bear another's name with another ending: the same camera twice would be worse than once."""
+    """Leave out videos that differ from an earlier one only in the ending of the name: one camera must not be used twice."""
     kept: dict[tuple[Path, str], Path] = {}
     for path in paths:
         first = kept.setdefault((path.parent, path.stem), path)
@@ -308,7 +309,7 @@ def _drop_copies(paths: list[Path], notes: list[str]) -> list[Path]:
 
 
 def _add_files(folder: Path, cameras: list[FoundCamera], notes: list[str]) -> None:
-    """Add the files of boxes and joints to the cameras; where there are fewer than two videos they make cameras themselves."""
+    """Add the files of boxes and joints to the cameras; if there are fewer than two videos, these files define cameras."""
     by_name = {camera.name.casefold(): camera for camera in cameras}
     make = len(cameras) < 2
     for key, (places, ending) in SOURCES.items():
@@ -338,9 +339,9 @@ def _add_files(folder: Path, cameras: list[FoundCamera], notes: list[str]) -> No
 
 
 def _folders_of_joints(folder: Path) -> list[tuple[str, Path]]:
-    """The folders with a JSON file of people per frame, each with the text that its camera is named after.
+    """Find the folders with a JSON file of people per frame, each with the text that gives its camera's name.
 
-    OpenPose's and Pose2Sim's: `cam01_json` in the folder itself, or in a folder such as `pose`.
+    OpenPose and Pose2Sim write such folders: `cam01_json` in the folder itself, or in a folder such as `pose`.
     """
     places = [folder, *(inner for inner in visible_folders(folder) if inner.name.lower().startswith(JOINT_FOLDERS))]
     found = [inner for place in places for inner in visible_folders(place) if _has_joints(inner)]

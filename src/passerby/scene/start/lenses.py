@@ -1,9 +1,9 @@
-"""Which lens belongs to which camera, from the calibration files that lie in a user's folder.
+"""Assignment of lenses to cameras, from the calibration files in a user's folder.
 
-Rig files (TOML), files of OpenCV and files of every other tool with a reader in `passerby.interchange.formats` are looked for
-in the folder itself and in its subfolders whose name begins with `calib` or `intrinsic`; rig files called `intrinsics` also
-beside the scene file; files of OpenCV also in the folders in calibration folders and in the folder of a camera's video. What
-lies in a calibration folder and is not used is named.
+Rig files (TOML), files of OpenCV and files of every other tool with a reader in `passerby.interchange.formats` are searched in
+the folder itself and in its subfolders whose name begins with `calib` or `intrinsic`. Rig files whose name begins with
+`intrinsics` are also searched beside the scene file, and files of OpenCV in the subfolders of calibration folders and in the
+folder of a camera's video. Notes name the files in calibration folders that are not used.
 """
 
 from __future__ import annotations
@@ -27,28 +27,28 @@ from passerby.scene.start.recordings import camera_names, match_names
 
 FOLDERS = ("calib", "intrinsic")
 FIRST_NAMES = ("intrinsic", "calib", "rig")
-"""Of rig files that serve equally many cameras, one whose name begins so comes first, in this order."""
+"""Beginnings of names: of rig files that serve the same number of cameras, those with these names come first, in this order."""
 
 _GENERAL_WORDS = {"intrinsics", "intrinsic", "intri", "intr", "calibration", "calib", "params", "parameters", "opencv", "lens"}
 """Words of a calibration file's name that do not name the camera."""
 
 CENTRED = 0.1
-"""Where a file does not say for which size of picture it holds, its principal point must lie within this share of the video's
-size of the middle. Lenses are centred within some per cent; a calibration of 1280 x 720 is off by 0.17 in 1920 x 1080."""
+"""Maximum distance of the principal point from the middle, as a share of the video's size, if a file does not state its image
+size. Lenses are centred within some per cent; a calibration of 1280 x 720 is off by 0.17 in 1920 x 1080."""
 
 
 @dataclass(frozen=True, eq=False)
 class CameraLens:
-    """What was found for one camera."""
+    """The lens that was found for one camera."""
 
     source: Path
     table: str | None
     """The table of the rig file `source`; None: a file of OpenCV, or a table with a name that no camera can have."""
     lens: Lens | None
-    """None: the table is there, but is not a lens yet, see `fault`."""
+    """None: the table exists, but is not a complete lens, see `fault`."""
     fault: str | None = None
     assumed_size: bool = False
-    """Whether the file does not say the picture's size, and the video's is taken."""
+    """Whether the file does not state the image size, and that of the video is used."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,17 +64,17 @@ class _Table:
 
     @property
     def size(self) -> tuple[int, int] | None:
-        """The image size that it states."""
+        """(width, height) of the image that it states; None if it states none."""
         return None if self.lens is None or self.assumed_size else self.lens.size
 
 
 def find_lenses(folder: Path, cameras: Sequence[FoundCamera], notes: list[str], besides: Path) -> dict[str, CameraLens]:
-    """The lenses of the cameras, by name; those without any are not in it.
+    """Find the lenses of the cameras, by name; cameras without a lens are left out.
 
     Args:
-        folder: Where to look.
+        folder: The folder to search.
         cameras: The cameras.
-        notes: What is to be reported is added.
+        notes: Notes for the user are added to it.
         besides: The scene file, which is no rig file.
     """
     rig_files = _rig_files(folder, notes, besides)
@@ -108,7 +108,7 @@ def find_lenses(folder: Path, cameras: Sequence[FoundCamera], notes: list[str], 
 
 
 def _match_sizes(cameras: Sequence[FoundCamera], group: Sequence[_Table], known: dict[int, int]) -> dict[int, int]:
-    """What is left and has an image size that no other camera and no other table of the file has, as `match_names` gives it."""
+    """Match the remaining cameras and tables with an image size that is unique in both, in the form of `match_names`."""
     ours = [None if camera.info is None else camera.info.size for camera in cameras]
     theirs = [table.size for table in group]
     return {
@@ -120,7 +120,7 @@ def _match_sizes(cameras: Sequence[FoundCamera], group: Sequence[_Table], known:
 
 
 def _describe_matches(camera: FoundCamera, table: _Table, by_size: bool) -> list[str]:
-    """A line about intrinsics that do not bear the camera's name."""
+    """Return a note about intrinsics that do not have the camera's name."""
     if not by_size and (table.rig or match_names([camera.name], [table.names], by_number=False)):
         return []
     how = "the image size, which no other has" if by_size else "the number in its name"
@@ -128,7 +128,7 @@ def _describe_matches(camera: FoundCamera, table: _Table, by_size: bool) -> list
 
 
 def _rank_group(group: list[_Table], cameras: Sequence[FoundCamera]) -> tuple[int, bool, int]:
-    """For how many cameras a group has a lens; then rig files first, then the order of `FIRST_NAMES`."""
+    """Return a sort key: the number of cameras for which a group has a lens, rig files first, the order of `FIRST_NAMES`."""
     pairs = match_names([camera.name for camera in cameras], [table.names for table in group])
     name = group[0].source.name.lower()
     rank = next((index for index, start in enumerate(FIRST_NAMES) if name.startswith(start)), len(FIRST_NAMES))
@@ -136,7 +136,7 @@ def _rank_group(group: list[_Table], cameras: Sequence[FoundCamera]) -> tuple[in
 
 
 def _camera_lens(table: _Table, camera: FoundCamera, notes: list[str]) -> CameraLens | None:
-    """A table as the lens of a camera; None, with a note, where it cannot be one."""
+    """Make a camera's lens from a table; None, with a note, if this is impossible."""
     if isinstance(table.lens, StoredLens):
         size = table.lens.size or (camera.info.size if camera.info else None)
         if size is None:
@@ -166,16 +166,16 @@ def _places(folder: Path) -> list[Path]:
 
 
 def _rig_files(folder: Path, notes: list[str], besides: Path) -> list[list[_Table]]:
-    """The tables of each rig file."""
+    """Read the tables of each rig file."""
     paths = [path for place in _places(folder) for path in visible_files(place, (".toml",))]
-    if besides.parent.is_dir():  # a template that was written there before, and filled in
+    if besides.parent.is_dir():  # it may have a template that was written before and that the user has completed
         paths += [path for path in visible_files(besides.parent, (".toml",)) if path.name.startswith("intrinsics")]
     different = {path.resolve(): path for path in reversed(paths)}
     return [_tables(path, notes) for path in reversed(different.values()) if path.resolve() != besides.resolve()]
 
 
 def _tables(path: Path, notes: list[str]) -> list[_Table]:
-    """The cameras' tables of a TOML file; none where it is no rig file."""
+    """Read the cameras' tables of a TOML file; none if it is no rig file."""
     try:
         content = read_toml(path, "a rig file (TOML)")
     except InputError as error:
@@ -192,15 +192,15 @@ def _tables(path: Path, notes: list[str]) -> list[_Table]:
 
 
 def _opencv_files(folder: Path, cameras: Sequence[FoundCamera], notes: list[str]) -> tuple[list[_Table], set[Path]]:
-    """The files of OpenCV, each with the name of its camera; and all files that are used or named in a note.
+    """Find the files of OpenCV, each with the name of its camera, and all files that are used or named in a note.
 
-    Files that lie together are distinguished by their names without words such as "intrinsics"; a file that is alone in
-    its folder is called as the folder, except in the user's folder and in a calibration folder.
+    Files in one folder are distinguished by their names without words such as "intrinsics". A file that is alone in its folder
+    gets the name of the folder, except in the user's folder and in a calibration folder.
     """
     calibrations = _places(folder)
     inner = [place for calibration in calibrations[1:] for place in visible_folders(calibration)]
     own = [camera.video if camera.video.is_dir() else camera.video.parent for camera in cameras if camera.video is not None]
-    own = [place for place in own if place.is_dir()]  # a pattern's folder is none
+    own = [place for place in own if place.is_dir()]  # the parent of a pattern may not be a folder
     found: list[_Table] = []
     seen: set[Path] = set()
     for place in dict.fromkeys([*calibrations, *inner, *own]):
@@ -227,9 +227,9 @@ def _opencv_files(folder: Path, cameras: Sequence[FoundCamera], notes: list[str]
 def _files_of_other_tools(
     folder: Path, cameras: Sequence[FoundCamera], seen: set[Path], notes: list[str]
 ) -> list[list[_Table]]:
-    """The cameras of each file that a reader of `passerby.interchange.formats` recognises.
+    """Read the cameras of each file that a reader of `passerby.interchange.formats` recognises.
 
-    A line names what cannot be read, and in calibration folders what no reader recognises.
+    Notes name the files that cannot be read, and those in calibration folders that no reader recognises.
     """
     sizes = {camera.info.size for camera in cameras if camera.info is not None}
     size = next(iter(sizes)) if len(sizes) == 1 else None
@@ -249,7 +249,7 @@ def _files_of_other_tools(
                 groups.append(_cameras_in(path, form.name, size))
             except InputError as error:
                 notes.append(f"not used: {error}")
-        # Poses lie beside the intrinsics.
+        # In a format that is a whole folder, other files of this ending, such as poses, belong to it.
         unknown = [path for path in unknown if path.suffix not in whole]
         if number > 0 and unknown:
             told = ", ".join(map(str, unknown[:5])) + (f" and {len(unknown) - 5} more" if len(unknown) > 5 else "")
@@ -258,8 +258,8 @@ def _files_of_other_tools(
 
 
 def _cameras_in(path: Path, name: str, size: tuple[int, int] | None) -> list[_Table]:
-    """The lenses in a file of a format; of images of `size` where the file does not state theirs. Raises `InputError`."""
-    # Lengths are those of poses, which are not used here.
+    """Read the lenses in a file of a format; `size` is used if the file does not state the image size. Raises `InputError`."""
+    # Only poses have lengths, and they are not used here.
     given, assumed = Given(metres_per_unit=1.0), False
     try:
         rig, _ = read_rig_as(name, path, given, lossy=True)
@@ -274,7 +274,7 @@ def _cameras_in(path: Path, name: str, size: tuple[int, int] | None) -> list[_Ta
 
 
 def _shorten_name(stem: str) -> str:
-    """A file's name without the words that all calibration files share; the whole name where nothing else is left."""
+    """Remove the general words of calibration files from a name; return the whole name if no other word is left."""
     for separator in ("_", "-", ".", " "):
         words = stem.split(separator)
         left = [word for word in words if word.lower() not in _GENERAL_WORDS]

@@ -1,12 +1,11 @@
-"""What names of files show: recordings in pieces, chapters, and the names of the cameras.
+"""Analysis of file names: recordings in pieces, chapters, and the names of the cameras.
 
-Names that differ by a counter alone may as well be those of several cameras. So chapters have one format, and where the files
-state when they were recorded, each begins when the one before it ends. Without such times a maker's scheme of names decides;
-or, in a folder that is one camera's, a counter that begins at 0 or 1 and leaves nothing out.
+Names that differ only by a counter may also be those of several cameras. So chapters must have one format, and if the files
+state their times, each must begin when the one before it ends. Without such times, the naming scheme of a maker decides; or, in
+the folder of one camera, a counter that begins at 0 or 1 and has no gaps.
 
-Cameras' names: made from the names of files, and matched with the names in a calibration.
-
-The rules are few and simple, so that a name can be predicted: see `camera_names` and `match_names`.
+Names of cameras are made from the names of files, and matched with the names in a calibration. The rules are few and simple, so
+that a user can predict a name: see `camera_names` and `match_names`.
 """
 
 from __future__ import annotations
@@ -23,33 +22,34 @@ from passerby.perception.sources.name_times import ChapterName, chapter_name, st
 from passerby.perception.video_probe import VideoInfo
 
 Length = Callable[[Path], float | None]
-"""Seconds that a video lasts; None where it does not tell."""
+"""Returns the duration of a video, seconds; None if it is unknown."""
 _DATE_AND_TIME = re.compile(
     r"(?<!\d)((?:19|20)\d\d)[-_.]?(\d\d)[-_.]?(\d\d)[ T_.\-]{0,3}(\d\d)[-_.:hH]?(\d\d)(?:[-_.:mM]?(\d\d))?(?!\d)"
 )
 _EPOCH = re.compile(r"(?<!\d)(1[4-9]\d{8})(\d{3})?(?!\d)")
-"""Seconds, or thousandths of seconds, since 1970."""
+"""A time in seconds, or in milliseconds, since 1970."""
 _CLOCK = re.compile(r"(?:([01]\d|2[0-3])[-_.])?([0-5]\d)[-_.]([0-5]\d)")
-"""The whole name: minutes and seconds as Frigate has them, or hours before these."""
+"""A whole name that is a time: minutes and seconds, as Frigate writes them, or hours, minutes and seconds."""
 _NUMBERS = re.compile(r"[\d\s._\-]*\d[\d\s._\-]*")
 SLACK_S = 5.0
-"""Pieces may overlap so much: recorders cut at key frames, and some begin a piece before the last has ended."""
+"""Maximum overlap of pieces, seconds: recorders cut at key frames, and some begin a piece before the last has ended."""
 LOOKED_INTO = 8
-"""Pieces whose lengths are looked at: a day has thousands."""
+"""Number of pieces whose lengths are read: a day has thousands."""
 BREAK_S = 60.0
-"""Between two videos that are two pieces. Of more than two, breaks may be longer, as where only movement is recorded."""
+"""Maximum break between two videos that are pieces, seconds. Breaks between more than two may be longer, for example if only
+movement is recorded."""
 NUMBERED = 3
-"""So many videos in a camera's folder with only numbers for names are pieces."""
+"""Minimum number of videos in a camera's folder that are pieces if their names have only numbers."""
 Look = Callable[[Path], VideoInfo | None]
-"""What a video is; None where it cannot be read."""
+"""Returns the metadata of a video; None if it cannot be read."""
 COMPANIONS = (".lrv", ".thm")
-"""What action cameras write beside a video: a small copy of it, and an image."""
+"""Endings of the files that action cameras write beside a video: a small copy of it, and an image."""
 SAME_RATE = 1e-3
 _WORD = re.compile(r"[^\s_.\-]+")
 
 
 def start_of(stem: str) -> tuple[str, float] | None:
-    """What the time in a name leaves of it, and that time in seconds; None for a name without one."""
+    """Split a name into the part without the time, and the time in seconds; None for a name without a time."""
     if clock := _CLOCK.fullmatch(stem):
         hours, minutes, seconds = (int(part or 0) for part in clock.groups())
         return "", 3600.0 * hours + 60.0 * minutes + seconds
@@ -65,22 +65,22 @@ def start_of(stem: str) -> tuple[str, float] | None:
 
 
 def time_in(stem: str) -> tuple[int, int] | None:
-    """Where the time in a name begins and ends; None for a name without one."""
+    """Return the begin and the end index of the time in a name; None for a name without a time."""
     found = _DATE_AND_TIME.search(stem) or _EPOCH.search(stem)
     return None if found is None or start_of(stem) is None else found.span()
 
 
 def pieces_among(videos: Sequence[Path], length: Length) -> list[Path]:
-    """Videos that are pieces of one recording: alike in name but for the time, and one over before the next begins.
+    """Find videos that are pieces of one recording: names that differ only in the time, and each ends before the next begins.
 
-    Videos of several cameras with the times in their names, as phones give them, overlap: they were filmed together.
+    Videos of several cameras with times in their names, as phones write them, overlap, because they were filmed together.
 
     Args:
-        videos: in one folder.
-        length: of a video; asked of the first `LOOKED_INTO` of each group only.
+        videos: videos in one folder.
+        length: returns the duration of a video; called only for the first `LOOKED_INTO` of each group.
 
     Returns:
-        The pieces of the first such recording, in order; empty where there is none.
+        The pieces of the first such recording, in order; empty if there is none.
     """
     groups: dict[tuple[str, str], list[tuple[float, Path]]] = {}
     for path in videos:
@@ -93,12 +93,12 @@ def pieces_among(videos: Sequence[Path], length: Length) -> list[Path]:
 
 
 def is_numbered_series(videos: Sequence[Path]) -> bool:
-    """Whether the videos in one camera's folder are called by numbers only: 000, 001, 002."""
+    """Return whether videos in one camera's folder have names of numbers only: 000, 001, 002."""
     return sum(_NUMBERS.fullmatch(path.stem) is not None for path in videos) >= NUMBERED
 
 
 def _are_consecutive(group: Sequence[tuple[float, Path]], length: Length) -> bool:
-    """Whether each video of a group, sorted by time, has ended when the next begins."""
+    """Return whether each video of a group, sorted by time, has ended when the next begins."""
     known = [(start, seconds) for start, path in group[:LOOKED_INTO] if (seconds := length(path)) is not None]
     if len(known) < 2:
         return False
@@ -113,17 +113,17 @@ class Chapters:
 
     name: str
     paths: tuple[Path, ...]
-    """In order."""
+    """The chapters in order."""
     pattern: str
-    """Matches their names alone."""
+    """Pattern that matches only the names of these chapters."""
 
 
 def find_chapters(videos: Sequence[Path], look: Look, one_camera: bool) -> list[Chapters]:
-    """The recordings in chapters among some videos of one folder, in the order of the videos.
+    """Find the recordings in chapters among videos of one folder, in the order of the videos.
 
     Args:
-        videos: in one folder.
-        look: asked of the first `LOOKED_INTO` chapters of each recording.
+        videos: videos in one folder.
+        look: returns the metadata of a video; called for the first `LOOKED_INTO` chapters of each recording.
         one_camera: whether all videos are known to be of one camera.
     """
     groups = find_named_alike(videos)
@@ -135,7 +135,7 @@ def find_chapters(videos: Sequence[Path], look: Look, one_camera: bool) -> list[
 
 
 def find_named_alike(videos: Sequence[Path]) -> list[tuple[list[ChapterName], list[Path]]]:
-    """Two videos or more whose names differ by a counter alone, by that counter."""
+    """Group two or more videos whose names differ only by a counter, sorted by this counter."""
     groups: dict[tuple[str, str], list[tuple[int, Path, ChapterName]]] = {}
     for path in videos:
         if (name := chapter_name(path.stem)) is not None:
@@ -162,9 +162,9 @@ def _have_one_format(first: VideoInfo, second: VideoInfo) -> bool:
 
 
 def _follow_by_clock(infos: Sequence[VideoInfo]) -> bool | None:
-    """Whether each video begins when the one before it ends, by the times that they state; None where these do not tell it.
+    """Return whether each video begins when the one before it ends, by their stated times; None if these do not show it.
 
-    A creation time is that of the beginning or that of the end, by the camera.
+    A creation time is that of the beginning or that of the end; this depends on the camera.
     """
     stated = [(info.clock.created_s, info.seconds) for info in infos]
     known = [(created, seconds) for created, seconds in stated if created is not None and seconds is not None]
@@ -175,7 +175,7 @@ def _follow_by_clock(infos: Sequence[VideoInfo]) -> bool | None:
 
 
 def set_aside_small_copies(videos: Sequence[Path]) -> tuple[list[Path], list[Path]]:
-    """The videos, and those set aside because they are small copies of others beside them."""
+    """Separate videos into those that are used and those that are small copies of others beside them."""
     held = set(videos)
     copies = [
         path
@@ -188,7 +188,7 @@ def set_aside_small_copies(videos: Sequence[Path]) -> tuple[list[Path], list[Pat
 
 
 def companions_note(files: Sequence[Path], copies: Sequence[Path]) -> list[str]:
-    """One line about the files that a camera wrote beside its videos, if there are any."""
+    """Return one note about the files that a camera wrote beside its videos, if there are any."""
     found = [*copies, *(path for path in files if path.suffix.lower() in COMPANIONS)]
     if not found:
         return []
@@ -200,18 +200,18 @@ def companions_note(files: Sequence[Path], copies: Sequence[Path]) -> list[str]:
 
 
 def valid_name(text: str) -> str:
-    """The text with what cannot stand in a camera's name (see `passerby.scene.scene.CAMERA_NAME`) replaced by a space."""
+    """Replace characters that a camera's name cannot have (see `passerby.scene.scene.CAMERA_NAME`) by spaces."""
     name = re.sub(r"\s+", " ", re.sub(r"[^\w .+@-]", " ", text))
     name = name.lstrip(" .+").rstrip(" .") or "camera"
     return f"{name} camera" if name == METADATA else name
 
 
 def camera_names(texts: Sequence[str]) -> list[str]:
-    """One valid name for each text, all different.
+    """Make one valid name from each text, all different.
 
-    Words (separated by spaces, `_`, `-` and full stops) that all texts begin with, or end with, are dropped, as long as what is
-    left of each holds a letter: "walk_cam1_1080p" and "walk_cam2_1080p" are cam1 and cam2, "cam_1" and "cam_2" stay.
-    A name that comes up again gets "-2", "-3", ...
+    Words (separated by spaces, `_`, `-` and full stops) with which all texts begin, or end, are dropped, if the rest of each
+    text has a letter: "walk_cam1_1080p" and "walk_cam2_1080p" become cam1 and cam2, "cam_1" and "cam_2" stay. A name that
+    occurs again gets "-2", "-3", ...
     """
     whole = [valid_name(text) for text in texts]
     words = [list(_WORD.finditer(text)) for text in whole]
@@ -233,15 +233,15 @@ def camera_names(texts: Sequence[str]) -> list[str]:
 
 
 def match_names(cameras: Sequence[str], others: Sequence[Sequence[str]], *, by_number: bool = True) -> dict[int, int]:
-    """Which of the other things belongs to which camera: index of the camera to index of the other, each at most once.
+    """Match other items with cameras: map the index of a camera to the index of an item, each at most once.
 
     Args:
         cameras: The cameras' names.
-        others: The names that each of the other things goes by.
+        others: The names of each of the other items.
         by_number: Whether numbers in the names may match them.
 
-    By name; then by name with capitals, spaces and `_ - .` set aside; then by the last number in the name, if by it every
-    camera that is left finds a thing of its own: cameras 1 to 4 are not matched with tables 0 to 3.
+    Items are matched by name; then by name without regard to capitals, spaces and `_ - .`; then by the last number in the name,
+    if this gives every remaining camera an item of its own: cameras 1 to 4 are not matched with tables 0 to 3.
     """
     found: dict[int, int] = {}
     for same in (str, _simplify):
@@ -255,7 +255,7 @@ def match_names(cameras: Sequence[str], others: Sequence[Sequence[str]], *, by_n
 def _match_names(
     same: Callable[[str], object], cameras: Sequence[str], others: Sequence[Sequence[str]], known: dict[int, int]
 ) -> dict[int, int]:
-    """What is matched where `same` of two names is equal, not None, and stands once on either side."""
+    """Match names whose values of `same` are equal, not None, and unique on both sides."""
     ours: dict[object, list[int]] = {}
     theirs: dict[object, list[int]] = {}
     for index, name in enumerate(cameras):
@@ -278,13 +278,13 @@ def _simplify(name: str) -> str:
 
 
 def _find_last_number(name: str) -> str | None:
-    """Its digits without zeros before them: a name may have more than a number can."""
+    """Return the digits of the last number in a name, without leading zeros, as text: the number may be very long."""
     numbers = re.findall("[0-9]+", name)
     return numbers[-1].lstrip("0") if numbers else None
 
 
 def _count_common_words(words: list[list[re.Match[str]]]) -> tuple[int, int]:
-    """How many words all texts share at the beginning and at the end, so that at least one of each is left."""
+    """Count the words that all texts share at the beginning and at the end, so that at least one word of each text is left."""
     texts = [[word.group() for word in found] for found in words]
     if len(texts) < 2:
         return 0, 0
@@ -302,7 +302,7 @@ def _all_have_letters(names: Sequence[str]) -> bool:
 
 
 def _make_unique(names: Sequence[str]) -> list[str]:
-    """The names, those that stood before (capitals aside: they become file names) with a number."""
+    """Append a number to names that occurred before; capitals are ignored, because names become file names."""
     found: list[str] = []
     taken: set[str] = set()
     for name in names:

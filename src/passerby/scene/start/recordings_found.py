@@ -1,6 +1,6 @@
-"""Cameras whose videos are in pieces, or are images: of Frigate's layout, with a folder each, or distinguished by their names.
+"""Search for cameras whose videos are in pieces, or are images: in Frigate's layout, in one folder each, or by their names.
 
-Only one file of each is opened; the rest follows from names, except for a quick look at when people are seen.
+Only one file of each camera is opened, and the rest follows from the names; only some key frames are read to count people.
 """
 
 from __future__ import annotations
@@ -41,19 +41,20 @@ from passerby.scene.start.recordings import (
 VIDEO_FOLDERS = ("video", "videos")
 """Names of folders that hold the videos of all cameras."""
 PROPOSED_S = 900.0
-"""Of people's walking is enough for a rig where they are many, and takes minutes to process."""
+"""Length of the proposed span, seconds: it is sufficient for a rig if there are many people, and takes minutes to process."""
 FULL, MOST_ENDS = 0.8, 10_000
-"""A span is proposed for which each camera has such a share of the most files that it has for one; ends that are tried, one a
-minute."""
+"""Each camera must have at least this share of its maximum number of files in a span; number of span ends that are tried, one
+per minute."""
 ASSUMED_FPS = 25.0
-"""Of numbered images, until the user says; only sizes are looked at with it."""
+"""Frame rate of numbered images until the user states it; it is only used to read their sizes."""
 _DAY, _HOUR = re.compile(r"\d{4}-\d\d-\d\d"), re.compile(r"\d\d")
 _NO_CAMERA = re.compile(r"calib|intrinsic|checker|chess|board|snapshot|thumb|clips", re.IGNORECASE)
-"""Folders of images that are no cameras."""
+"""Names of folders that are not those of cameras."""
 MOST_CAMERAS, MOST_MOMENTS = 3, 96
-"""That are looked at: a key frame of 1920 x 1080 takes some 50 ms, a day of three cameras a quarter of a minute."""
+"""Maximum number of cameras, and of moments, whose key frames are examined: a key frame of 1920 x 1080 takes some 50 ms, a day
+of three cameras a quarter of a minute."""
 LEAST_STEP_S = 60.0
-"""Between two moments."""
+"""Minimum time between two moments, seconds."""
 
 
 @dataclass(frozen=True)
@@ -61,31 +62,31 @@ class FoundRecording:
     """One camera's files."""
 
     text: str
-    """What the camera is named after."""
+    """The text that gives the camera's name."""
     video: Path
     """A folder, a pattern or a file, as the scene file names it."""
 
 
 @dataclass(frozen=True, eq=False)
 class RecordingSurvey:
-    """What is known of a recording without opening all of it."""
+    """The data of a recording that are known without opening all of its files."""
 
     info: VideoInfo
-    """Of one file, with the length of all."""
+    """Metadata of one file, with the length of all."""
     files: int
     begins: tuple[float, ...] = ()
-    """Wall times of the files, seconds since 1970, ascending; none where they are not known."""
+    """Wall times at which the files begin, seconds since 1970, ascending; empty if they are unknown."""
     paths: tuple[Path, ...] = ()
-    """The files that begin then; none of images."""
+    """The files in the order of `begins`; empty for images."""
     utc: bool = False
     unknown_rate: bool = False
-    """Whether these are numbered images, whose rate nothing tells."""
+    """Whether these are numbered images, whose frame rate is unknown."""
 
 
 def find_recordings(folder: Path, look: Look, notes: list[str]) -> list[FoundRecording]:
-    """The cameras of a folder whose videos are in pieces, or images; none where each camera is a file.
+    """Find the cameras of a folder whose videos are in pieces, or are images; none if each camera is one file.
 
-    Of cameras in pieces, others may be one file each. What is left out is added to `notes`.
+    Beside cameras in pieces, other cameras may be one file each. Files that are left out are listed in `notes`.
     """
     files = list(islice(walk_below(folder), MOST_FILES))
     videos = [path for path in files if path.suffix.lower() in VIDEO_ENDINGS]
@@ -97,7 +98,7 @@ def find_recordings(folder: Path, look: Look, notes: list[str]) -> list[FoundRec
 
 
 def seconds_of(look: Look) -> Length:
-    """How long a video lasts, by what it is."""
+    """Return a function that gives the duration of a video, seconds, from its metadata; None if unknown."""
 
     def length(path: Path) -> float | None:
         info = look(path)
@@ -107,7 +108,7 @@ def seconds_of(look: Look) -> Length:
 
 
 def _find_frigate(folder: Path, videos: Sequence[Path]) -> list[FoundRecording]:
-    """Cameras by the folder below day and hour; empty where the layout is another one."""
+    """Find cameras by the folder below day and hour, as Frigate makes them; empty if the layout is another one."""
     cameras: dict[str, list[Path]] = {}
     for path in videos:
         resolved = path.absolute()
@@ -127,7 +128,7 @@ def _find_frigate(folder: Path, videos: Sequence[Path]) -> list[FoundRecording]:
 
 
 def _find_by_folders(folder: Path, videos: Sequence[Path], look: Look, notes: list[str]) -> list[FoundRecording]:
-    """Cameras with a folder each, at least one of them with pieces; empty unless there are two."""
+    """Find cameras with one folder each, at least one of them with pieces; empty if there are fewer than two."""
     held: dict[Path, list[Path]] = {}
     for path in videos:
         parts = path.relative_to(folder).parts
@@ -155,7 +156,7 @@ def _find_by_folders(folder: Path, videos: Sequence[Path], look: Look, notes: li
 
 
 def _pieces_in(inner: Path, paths: Sequence[Path], look: Look) -> FoundRecording | None:
-    """The pieces of one recording in a camera's folder; None where it holds none."""
+    """Find the pieces of one recording in a camera's folder; None if it holds none."""
     if len(paths) < 2:
         return None
     if is_numbered_series(paths) or _are_timed(paths) or len(pieces_among(paths, seconds_of(look))) == len(paths):
@@ -174,14 +175,14 @@ def _choose_files(one: FoundRecording, paths: Sequence[Path]) -> list[Path]:
 
 
 def _are_timed(paths: Sequence[Path]) -> bool:
-    """Whether all names tell times, in folders of days as recorders make them."""
+    """Return whether all names contain different times, in several folders, such as the folders of days of recorders."""
     times = [find_usual_time(path) for path in paths]
     known = {time.seconds for time in times if time is not None}
     return len(known) == len(paths) and len({path.parent for path in paths}) > 1
 
 
 def _find_by_names(videos: Sequence[Path], look: Look) -> list[FoundRecording]:
-    """Cameras whose pieces lie in one folder and differ in what stands before or behind the time, or before the chapter."""
+    """Find cameras whose pieces are in one folder and differ in the text before or after the time, or before the chapter."""
     if len({path.parent for path in videos}) != 1:
         return []
     place = videos[0].parent
@@ -191,7 +192,7 @@ def _find_by_names(videos: Sequence[Path], look: Look) -> list[FoundRecording]:
             groups.setdefault((path.stem[: span[0]], path.stem[span[1] :], path.suffix), []).append(path)
     pieces = {key: paths for key, paths in groups.items() if len(paths) > 1 and pieces_among(paths, seconds_of(look))}
     if len(pieces) > 1:
-        # A digit after the beginning, so that "gate_" is not "gate_left_" as well.
+        # The pattern has a digit after the beginning, so that "gate_" does not match "gate_left_" as well.
         return [
             FoundRecording(f"{before} {behind}".strip(" _-."), place / f"{escape(before)}[12]*{escape(behind)}{suffix}")
             for before, behind, suffix in sorted(pieces, key=lambda key: natural_key("".join(key)))
@@ -204,7 +205,7 @@ def _find_by_names(videos: Sequence[Path], look: Look) -> list[FoundRecording]:
 
 
 def _find_images(pictures: Sequence[Path]) -> list[FoundRecording]:
-    """Cameras with a folder of images each; empty unless there are two."""
+    """Find cameras with one folder of images each; empty if there are fewer than two."""
     held: dict[Path, int] = {}
     for path in pictures:
         if not _NO_CAMERA.search(path.parent.name):
@@ -214,7 +215,7 @@ def _find_images(pictures: Sequence[Path]) -> list[FoundRecording]:
 
 
 def survey_recording(video: Path, probe: Callable[[Path], VideoInfo]) -> RecordingSurvey:
-    """What a camera's files are. Raises `InputError` where none of them can be read."""
+    """Survey a camera's files. Raises `InputError` if none of them can be read."""
     files = list_files(VideoSource((video,)))
     rate = ASSUMED_FPS if files.kind == "pictures" else None
     times = times_of(VideoSource((video,), fps=rate), files)
@@ -239,7 +240,10 @@ def _utc(times: object) -> bool:
 
 
 def _probe_first_readable(paths: Sequence[Path], probe: Callable[[Path], VideoInfo]) -> VideoInfo:
-    """Of some files, from the middle on: the first may have been cut, the last may be being written."""
+    """Read the metadata of a file in the middle, or of the next readable one.
+
+    The first file may have been cut, and the last one may still be written.
+    """
     middle = len(paths) // 2
     tried = [*paths[middle : middle + 5], *paths[:3]]
     for path in tried[:-1]:
@@ -260,9 +264,11 @@ class ProposedSpan:
 
 
 def propose_span(surveys: Sequence[RecordingSurvey]) -> ProposedSpan | None:
-    """The quarter of an hour with most people that all cameras have, by a quick look; the last one where no person is seen.
+    """Propose the quarter of an hour with most people, by a few key frames, that all cameras have.
 
-    None where recordings are about as short, or no times are known.
+    It is the last quarter of an hour if no person is seen.
+
+    None if the recordings are shorter than twice this span, or if no times are known.
     """
     if not surveys or not all(len(survey.begins) > 1 for survey in surveys):
         return None
@@ -286,7 +292,7 @@ def propose_span(surveys: Sequence[RecordingSurvey]) -> ProposedSpan | None:
     look = look_at(cameras, min(times[0] for times in begins), max(times[-1] for times in begins))
     candidates = ends[full]
     means = np.array([look.mean_in(end - PROPOSED_S, end) for end in candidates])
-    # The latest of equals.
+    # Of equal means, the latest end is taken.
     end = float(candidates[np.argmax(means)])
     first, last = (WallTime(time, False).text.replace("T", " ") for time in (end - PROPOSED_S, end))
     long = f"the recordings last {whole / 3600.0:.1f} hours"
@@ -310,26 +316,27 @@ def propose_span(surveys: Sequence[RecordingSurvey]) -> ProposedSpan | None:
 
 @dataclass(frozen=True, eq=False)
 class Glance:
-    """People seen at moments of a recording."""
+    """Counts of people at moments of recordings."""
 
     seconds: Floats
-    """(N,) since 1970, ascending: of the pictures that could be read, of all cameras."""
+    """(N,) times of the pictures that could be read, of all cameras, seconds since 1970, ascending."""
     people: Floats
-    """(N,) counted in each."""
+    """(N,) number of people in each picture."""
 
     def mean_in(self, first: float, last: float) -> float:
-        """People in a picture on the average, of those within a span; 0 without any."""
+        """Compute the mean number of people in the pictures within a span; 0 if there are no pictures."""
         inside = (self.seconds >= first) & (self.seconds <= last)
         return float(self.people[inside].mean()) if inside.any() else 0.0
 
 
 def look_at(cameras: Sequence[tuple[Sequence[Path], Sequence[float]]], first: float, last: float) -> Glance:
-    """Count people in key frames all over a span.
+    """Count people in key frames at even steps of a span.
 
     Args:
-        cameras: the files of each, and when they begin, seconds since 1970, ascending. The first `MOST_CAMERAS` are looked at.
+        cameras: the files of each camera, and the times at which they begin, seconds since 1970, ascending. Only the first
+            `MOST_CAMERAS` are examined.
         first: beginning of the span, seconds since 1970.
-        last: its end.
+        last: end of the span, seconds since 1970.
     """
     step = max((last - first) / MOST_MOMENTS, LEAST_STEP_S)
     moments = np.arange(first + step / 2, last, step)
@@ -348,7 +355,10 @@ def look_at(cameras: Sequence[tuple[Sequence[Path], Sequence[float]]], first: fl
 
 
 def _key_frames(paths: Sequence[Path], begins: Floats, moments: Floats, zero: float) -> list[Frame]:
-    """A key frame of each moment: of the last file that begins before it, if it can be read and has not been taken yet."""
+    """Read a key frame for each moment, from the last file that begins before it.
+
+    Frames that cannot be read, or were taken before, are left out.
+    """
     frames: list[Frame] = []
     taken: set[tuple[int, float]] = set()
     for moment in moments.tolist():

@@ -1,6 +1,6 @@
-"""The scene file that a user goes on with: every table in plain words, the settings at their defaults and switched off.
+"""Text of a scene file for the user to edit: every table is explained, and the settings are commented out at their defaults.
 
-Prose stands behind `# `, a setting that is switched off behind `#` alone: without these the file is a scene file all the same.
+Explanations begin with `# `, a setting that is commented out begins with `#` alone. Without both, it is still a scene file.
 """
 
 from __future__ import annotations
@@ -20,28 +20,28 @@ from passerby.scene.tables import SEARCHED_S, WATCHED_FPS, AssociationTable, Per
 
 @dataclass(frozen=True, eq=False)
 class SceneCamera:
-    """One camera as it is written."""
+    """The data of one camera that are written."""
 
     found: FoundCamera
     intrinsics: Path | None
-    """None: estimated together with the rig."""
+    """The rig file with its intrinsics; None: they are estimated together with the rig."""
     remarks: tuple[str, ...] = ()
-    """What is to be known about its lens, one line each."""
+    """Remarks about its lens, one line each."""
     fps: float | None = None
-    """Written where it cannot be left out."""
+    """Frames per second, if the scene file must state them; else None."""
     same_as: str | None = None
     """An earlier camera whose video is from the same device, by the metadata of both."""
 
     @property
     def name(self) -> str:
-        """Its name in the scene."""
+        """The camera's name in the scene."""
         return self.found.name
 
 
 def scene_text(name: str, cameras: Sequence[SceneCamera], path: Path, span: ProposedSpan | None = None) -> str:
-    """The text of a scene file at `path`. The names of all cameras are different and can be cameras' names.
+    """Return the text of a scene file at `path`. The names of all cameras must be valid and different.
 
-    `span` is the part of long recordings that is used.
+    `span` is the part of long recordings that is used; None: all of them.
     """
     parts = [_head(path), _scene(name, cameras, span), *(_camera(camera, path) for camera in cameras)]
     return "\n".join([*parts, _perception(cameras), _association(), _solver(cameras[0].name), _scale(cameras)])
@@ -69,7 +69,7 @@ def _scene(name: str, cameras: Sequence[SceneCamera], span: ProposedSpan | None)
 
 
 def _camera(camera: SceneCamera, path: Path) -> str:
-    """One camera's table."""
+    """Return the text of one camera's table."""
     lines = [f"[cameras.{key(camera.name)}]\n", *(comment(remark) for remark in camera.remarks)]
     if camera.intrinsics is not None:
         source = value(text_formats.relative(camera.intrinsics, path))
@@ -104,7 +104,7 @@ def _camera(camera: SceneCamera, path: Path) -> str:
 
 
 def _write_lens_keys(camera: SceneCamera) -> list[str]:
-    """What can be stated of a lens that is estimated, with what its video says of it."""
+    """Return the lines with the keys of a lens that is estimated, with values from the metadata of its video."""
     info = camera.found.info
     lines = [comment("No intrinsics: they are estimated together with the rig.")]
     if info is None and camera.found.video is None:
@@ -123,13 +123,13 @@ def _write_lens_keys(camera: SceneCamera) -> list[str]:
 
 
 def _rate(camera: SceneCamera) -> float:
-    """An example of its frame rate."""
+    """Return the frame rate of the video, or 25, as an example value."""
     info = camera.found.info
     return round(info.average_fps if info is not None else 25.0, 3)
 
 
 def _video(found: FoundCamera) -> str:
-    """What a video is like, in a few words."""
+    """Describe a video by its size, frame rate and length."""
     info = found.info
     if info is None:
         return ""
@@ -139,7 +139,7 @@ def _video(found: FoundCamera) -> str:
 
 
 def _perception(cameras: Sequence[SceneCamera]) -> str:
-    """How people are found."""
+    """Return the text of the table of detection in videos."""
     defaults = PerceptionTable()
     videos = any(camera.found.video is not None for camera in cameras)
     return (
@@ -185,7 +185,7 @@ def _perception(cameras: Sequence[SceneCamera]) -> str:
 
 
 def _association() -> str:
-    """How identities are found."""
+    """Return the text of the table of association."""
     return (
         comment("How identities are associated across cameras, and how clock offsets are estimated.")
         + "[association]\n"
@@ -206,7 +206,7 @@ def _association() -> str:
 
 
 def _solver(first: str) -> str:
-    """How the rig is computed."""
+    """Return the text of the tables of the solver and of the world frame."""
     return (
         comment("How the poses of the cameras are computed.")
         + "[solver]\n"
@@ -227,7 +227,7 @@ def _solver(first: str) -> str:
 
 
 def _scale(cameras: Sequence[SceneCamera]) -> str:
-    """What is known about lengths, with examples that fit the cameras."""
+    """Return the text of the tables of known lengths, with examples for these cameras."""
     scale = ScaleTable()
     first, second = cameras[0], cameras[1]
     between = value([first.name, second.name])
@@ -255,11 +255,11 @@ def _scale(cameras: Sequence[SceneCamera]) -> str:
 
 
 def _example_ends(camera: SceneCamera) -> str:
-    """Two points in the lower half of a camera's picture."""
+    """Return two points in the lower half of a camera's image as example text."""
     width, height = camera.found.info.size if camera.found.info else (640, 480)
     return value([[float(width // 3), float(2 * height // 3)], [float(2 * width // 3), float(2 * height // 3)]])
 
 
 def _setting(name: str, default: object, meaning: str) -> str:
-    """A setting that is switched off, with its meaning before it."""
+    """Return a setting that is commented out, after its explanation."""
     return comment(f"{name}: {meaning}") + f"#{name} = {value(default)}\n"

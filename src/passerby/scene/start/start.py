@@ -1,4 +1,4 @@
-"""`passerby init`: from a folder to a scene file, and what is left to do before a calibration."""
+"""`passerby init`: writes a scene file for a folder, and lists the tasks that remain before a calibration."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ INTRINSICS = "intrinsics"
 
 @dataclass(frozen=True, eq=False)
 class StartedCamera:
-    """One camera, and where its lens stands."""
+    """One camera, with the state of its lens."""
 
     found: FoundCamera
     lens: CameraLens | None
@@ -33,34 +33,35 @@ class StartedCamera:
 
 @dataclass(frozen=True, eq=False)
 class Started:
-    """What was written, and what is to be reported."""
+    """The files that were written, and the notes for the user."""
 
     scene: Path
     cameras: tuple[StartedCamera, ...]
     written: tuple[Path, ...]
     notes: tuple[str, ...]
-    """What was left out, assumed or is odd, one line each."""
+    """Notes of what was left out or assumed, or is unusual, one line each."""
     to_do: tuple[str, ...]
-    """What the user must do before a calibration, one line each."""
+    """Tasks of the user before a calibration, one line each."""
 
     @property
     def unreadable(self) -> tuple[str, ...]:
-        """Cameras with a video that cannot be read."""
+        """Names of the cameras with a video that cannot be read."""
         return tuple(camera.found.name for camera in self.cameras if camera.found.fault is not None)
 
 
 def start(folder: Path, scene: Path | None = None, force: bool = False, probe: Probe = probe) -> Started:
-    """Write a scene file for a folder of videos, and a rig file beside it where intrinsics are in another format.
+    """Write a scene file for a folder of videos, and a rig file beside it if intrinsics are in another format.
 
     Args:
-        folder: Where the videos are, see `passerby.scene.start.folders`; calibrations are looked for as
-            `passerby.scene.start.lenses` tells.
-        scene: The scene file; `scene.toml` in the folder, unless given.
-        force: An earlier scene file is replaced. No other file ever is.
-        probe: Looks into a video.
+        folder: The folder of the videos, see `passerby.scene.start.folders`; `passerby.scene.start.lenses` describes where
+            calibration files are searched.
+        scene: The scene file; None: `scene.toml` in the folder.
+        force: Whether an earlier scene file is replaced. No other file is ever replaced.
+        probe: Reads the metadata of a video.
 
     Raises:
-        InputError: no such folder, fewer than two cameras in it, a scene file that is there already, or nowhere to write.
+        InputError: the folder does not exist, it has fewer than two cameras, the scene file exists already, or it cannot be
+            written.
     """
     why = not_a_file(str(folder))
     if why is not None:
@@ -110,15 +111,19 @@ def start(folder: Path, scene: Path | None = None, force: bool = False, probe: P
 
 
 def _assume_fps(camera: FoundCamera, cameras: Sequence[FoundCamera]) -> float | None:
-    """Frames per second of a camera without a video among cameras with one: a scene with some rates needs all."""
+    """Return the frame rate of another camera's video for a camera without one: a scene with some rates needs all of them.
+
+    None for a camera with a video, or if no video states a rate.
+    """
     if camera.video is not None:
         return None
     return next((other.info.average_fps for other in cameras if other.info is not None), None)
 
 
 def _find_same_devices(cameras: Sequence[FoundCamera], places: Mapping[str, Path]) -> dict[str, str]:
-    """By camera without intrinsics, another one whose video has the same size, device and focal length: with intrinsics, or
-    else the first.
+    """Find, for each camera without intrinsics, another one whose video has the same size, device and focal length.
+
+    It is a camera with intrinsics, or else the first.
     """
     first: dict[tuple[object, ...], str] = {}
     out = {}
@@ -133,7 +138,7 @@ def _find_same_devices(cameras: Sequence[FoundCamera], places: Mapping[str, Path
 
 
 def _check_free(path: Path, force: bool) -> None:
-    """Raise `InputError` unless a scene file may be written."""
+    """Raise `InputError` if a scene file may not be written to this path."""
     if path.is_dir():
         raise InputError(f"{path}: is a folder: name the scene file with -o, as {path / SCENE_FILE}")
     if not path.exists():
@@ -149,7 +154,7 @@ def _check_free(path: Path, force: bool) -> None:
 
 
 def _name_as_in_rig(cameras: Sequence[FoundCamera], lenses: dict[str, CameraLens], notes: list[str]) -> dict[str, CameraLens]:
-    """Give the cameras the names of their tables, so that the rig file serves as it is; the lenses by these names."""
+    """Give the cameras the names of their tables, so that the rig file needs no change; return the lenses by these names."""
     names = {camera.name for camera in cameras}
     renamed: dict[str, CameraLens] = {}
     for camera in cameras:
@@ -171,7 +176,7 @@ def _name_as_in_rig(cameras: Sequence[FoundCamera], lenses: dict[str, CameraLens
 def _write_intrinsics(
     cameras: Sequence[FoundCamera], lenses: dict[str, CameraLens], scene: Path
 ) -> tuple[dict[str, Path], list[Path]]:
-    """The rig file of each camera with intrinsics; and the file that was written for those of other formats."""
+    """Write one rig file for the intrinsics of other formats; return the rig file of each camera, and the written files."""
     places = {name: lens.source for name, lens in lenses.items() if lens.table is not None}
     written: list[Path] = []
     copied = [camera for camera in cameras if camera.name not in places and _lens_of(camera, lenses) is not None]
@@ -185,13 +190,13 @@ def _write_intrinsics(
 
 
 def _lens_of(camera: FoundCamera, lenses: dict[str, CameraLens]) -> Lens | None:
-    """A camera's lens, if it has one."""
+    """Return a camera's lens; None if it has none."""
     found = lenses.get(camera.name)
     return None if found is None else found.lens
 
 
 def _find_free_name(scene: Path) -> Path:
-    """The first of intrinsics.toml, intrinsics-2.toml, ... beside the scene file that is not there."""
+    """Return the first of intrinsics.toml, intrinsics-2.toml, ... beside the scene file that does not exist."""
     number = 1
     while True:
         path = scene.parent / (f"{INTRINSICS}.toml" if number == 1 else f"{INTRINSICS}-{number}.toml")
@@ -203,7 +208,7 @@ def _find_free_name(scene: Path) -> Path:
 def _state(
     camera: FoundCamera, lens: CameraLens | None, place: Path | None, scene: Path
 ) -> tuple[str, tuple[str, ...], str]:  # fmt: skip
-    """A camera's lens for the table, in remarks for the scene file, and what must be done about it."""
+    """Return the state of a camera's lens for the table, remarks for the scene file, and the user's task or ""."""
     if camera.fault is not None:
         must = f"{camera.fault}; or delete [cameras.{key(camera.name)}]"
         return "UNREADABLE", (f"TO DO: {must}.",), f"camera {camera.name}: {must} in {scene}"
