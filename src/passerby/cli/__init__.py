@@ -1,4 +1,4 @@
-"""The command line: parse, call, print. The only room that prints.
+"""The command line: parse arguments, call functions, print results. It is the only package that prints.
 
-May import everything; nothing imports it.
+It may import all packages; no other package imports it.
 """

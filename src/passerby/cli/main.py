@@ -1,4 +1,4 @@
-"""The command line: parse, call, print. Imports stay inside the commands, so that `passerby --help` is quick.
+"""The commands: parse arguments, call functions, print results. Imports are inside the commands, so `passerby --help` is fast.
 
 Exit status: 0 accepted, 1 a bug, 2 bad input, 3 too little evidence, 130 interrupted.
 """
@@ -39,10 +39,10 @@ if TYPE_CHECKING:
 
 INTERRUPTED = 130
 BEGAN = time.perf_counter()
-"""When this module was imported: the beginning of the wall time."""
+"""Time of this module's import: the beginning of the wall time."""
 BUG = 1
 UNREAD = 141
-"""Standard output is not read any more; as of a program that SIGPIPE ends."""
+"""Exit status if standard output is no longer read, as for a program that SIGPIPE ends."""
 FAILING = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG, errno.EIO, errno.EMFILE, errno.ENFILE, errno.EPIPE)
 
 app = typer.Typer(
@@ -50,7 +50,7 @@ app = typer.Typer(
     help="Calibrate a network of cameras from the people who walk through its view.",
     add_completion=False,
     pretty_exceptions_enable=False,
-    rich_markup_mode=None,  # rich would take "[scale]" for markup, and leave it out
+    rich_markup_mode=None,  # rich would interpret "[scale]" as markup and omit it
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
@@ -67,12 +67,12 @@ AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object inst
 
 
 def main(program: typer.Typer = app, name: str = "passerby") -> None:
-    """Run a program of commands, `passerby` itself or one beside it, and end the process with its exit status."""
+    """Run a program of commands, `passerby` or another one, and end the process with its exit status."""
     status = run(sys.argv[1:], program, name)
     if status == INTERRUPTED and not _threads_end():
-        # The interpreter would wait for the threads of a pool that was left in the middle of its work. Every file is written
-        # whole or not at all. The pool's semaphores are given back first: Python tells on the terminal of those that are not.
-        # What Python itself calls at the end; there is no public name.
+        # The interpreter would wait for the threads of an interrupted pool, so the process exits at once. This is safe, because
+        # every file is written atomically. The pool's semaphores are released first: otherwise Python prints a warning.
+        # Python itself calls this function at exit; it has no public name.
         from multiprocessing.util import _run_finalizers  # type: ignore[attr-defined]
 
         _run_finalizers(0)
@@ -83,7 +83,7 @@ def main(program: typer.Typer = app, name: str = "passerby") -> None:
 
 
 def _threads_end() -> bool:
-    """Whether all other threads end within a second."""
+    """Wait a second for each other thread to end, and return whether all have ended."""
     others = [thread for thread in threading.enumerate() if thread is not threading.current_thread()]
     for thread in others:
         thread.join(timeout=1.0)
@@ -102,10 +102,10 @@ def run(arguments: Sequence[str], program: typer.Typer = app, name: str = "passe
         status = INTERRUPTED
     except Exception as error:
         if type(error).__name__ == "NoArgsIsHelpError":
-            # A group of commands without one of them: its help, which has been printed, unless it is the message.
+            # A group was given without a command. Its help was already printed, or it is the message of the error.
             print(str(error), end="")
             return 0
-        # Usage errors are click's or, in newer versions, typer's own: known by what they can do, not by where they live.
+        # The class of usage errors is click's or, in newer versions, typer's own: so it is recognised by a method.
         if hasattr(error, "format_message"):
             return _fail(error.format_message(), InputError.exit_status)
         if isinstance(error, OSError) and error.errno in FAILING:
@@ -123,7 +123,7 @@ def _fail(message: str, status: int) -> int:
 
 
 def _machine_fails(error: OSError) -> int:
-    """What no part of the program is to blame for: a disk that is full or broken, a reader of the output that went away."""
+    """Report a failure that is not a bug of the program: a full or broken disk, or output that is no longer read."""
     _forget_output()
     if error.errno == errno.EPIPE:
         return UNREAD
@@ -135,7 +135,7 @@ def _machine_fails(error: OSError) -> int:
 
 
 def _forget_output() -> None:
-    """What standard output cannot take is not tried again at the end of the process."""
+    """Discard output that cannot be written, so that Python does not try to write it again at the end of the process."""
     with suppress(OSError, ValueError, AttributeError):
         sys.stdout.flush()
         return
@@ -192,8 +192,8 @@ def calibrate(
 ) -> None:
     """Calibrate the cameras of a scene. Streams are recorded first if the scene has a table [recording].
 
-    The parts of long videos that teach most are watched first, and the rest not once the rig measures as well as --target
-    or more would barely improve it. Ctrl-C after the first rig writes the rig that there is.
+    The most informative parts of long videos are watched first. The rest is not watched once the rig measures as well as
+    --target, or if it would barely improve the rig. Ctrl-C after the first rig writes the current rig.
 
     The output folder caches what was detected in videos: an interrupted run continues from there, and a run with other
     options repeats only what depends on them.
@@ -255,7 +255,7 @@ def calibrate(
 
 
 def _effort_of(target: str | None, budget: str | None, *, everything: bool) -> Effort:
-    """What the options of `calibrate` ask for. Raises `InputError` for options that contradict each other."""
+    """Return the effort that the options of `calibrate` state. Raises `InputError` for options that contradict each other."""
     from passerby.calibration.effort import TARGET_M, Effort
     from passerby.cli.quantities import parse_length, parse_seconds
 
@@ -337,5 +337,5 @@ for group in (models_app, reid_app):
     app.add_typer(group, name=group.info.name, short_help=group.info.help)
 for commands in (app, models_app, reid_app):
     for command in commands.registered_commands:
-        # In full where commands are listed: click would cut it after the first line.
+        # The full first paragraph for the list of commands: click would cut it after the first line.
         command.short_help = " ".join((command.callback.__doc__ or "").split("\n\n")[0].split())

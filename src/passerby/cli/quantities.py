@@ -13,12 +13,12 @@ SECONDS: Mapping[str, float] = {"s": 1.0, "min": 60.0, "h": 3600.0}
 
 
 def parse_length(text: str, option: str) -> float:
-    """Metres of a text such as "5cm". Raises `InputError` that names the option."""
+    """Return the metres of a text such as "5cm". Raises `InputError` that names the option."""
     return _parse(text, METRES, option, "a length above 0, such as 5cm")
 
 
 def parse_seconds(text: str, option: str) -> float:
-    """Seconds of a text such as "2min". Raises `InputError` that names the option."""
+    """Return the seconds of a text such as "2min". Raises `InputError` that names the option."""
     return _parse(text, SECONDS, option, "a time above 0, such as 2min")
 
 

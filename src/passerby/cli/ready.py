@@ -1,7 +1,7 @@
-"""`python -m passerby.cli.ready`: a process that has imported what a calibration needs, and waits for its command line.
+"""`python -m passerby.cli.ready`: a process that imports the modules of a calibration, and waits for its command line.
 
-It takes one line of JSON on standard input, `{"arguments": [...], "output": FILE, "errors": FILE}`, and becomes the program
-with these arguments, its standard output and error in the files. At the end of its input it ends: it is not needed any more.
+It takes one line of JSON on standard input, `{"arguments": [...], "output": FILE, "errors": FILE}`. Then it runs the program
+with these arguments, and with its standard output and error in the files. If its input ends without a line, the process ends.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import sys
 
 
 def wait_for_command() -> None:
-    """Import, wait, run; ends the process with the exit status of the command."""
+    """Import the modules, wait for a command and run it; the process ends with the exit status of the command."""
     from passerby.calibration import calibrate, calibration
     from passerby.cli import tables, terminal
     from passerby.cli.commands import record

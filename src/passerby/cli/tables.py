@@ -25,7 +25,7 @@ from passerby.solver.cues import cue_in_words
 
 
 def show_calibration(calibration: Calibration, verbose: bool) -> None:
-    """Where the cameras are and how certain that is; with `verbose` the pairs, wall times and figures too."""
+    """Print the cameras' positions and uncertainties; with `verbose` also scale cues, pairs and reasons."""
     rows, timed = [], calibration.clocks_searched
     for camera in calibration.rig:
         seen, sigma = calibration.observations[camera.name], camera.sigma
@@ -63,7 +63,7 @@ def show_calibration(calibration: Calibration, verbose: bool) -> None:
 
 
 def show_measuring(measuring: MeasuringFigures | None) -> None:
-    """How well the rig measures where people walked."""
+    """Print the rig's measuring accuracy where people walked."""
     if measuring is not None:
         print(f"where people walked, 1 sigma, scale apart: {_describe_sigmas(measuring)}")
 
@@ -77,7 +77,7 @@ def _describe_sigmas(measuring: MeasuringFigures) -> str:
 
 
 def describe_rig_so_far(calibration: Calibration) -> str:
-    """One line about the rig from a part of the videos."""
+    """Describe in one line the rig from a part of the videos."""
     measuring = adjusted(calibration.figures).measuring
     known = "" if measuring is None else f", {_describe_sigmas(measuring)}"
     used = [one.values["used_s"] for one in calibration.notices if one.code == "videos_used_in_part"]
@@ -90,7 +90,7 @@ def _millimetres(metres: float | None) -> float | None:
 
 
 def _clock(calibration: Calibration, camera: Camera) -> list[str]:
-    """The offset of a registered camera's clock, and its sigma."""
+    """Return the texts of the offset of a registered camera's clock and of its sigma."""
     association = calibration.association
     if association is None or camera.pose is None:
         return [MISSING, MISSING]
@@ -98,7 +98,7 @@ def _clock(calibration: Calibration, camera: Camera) -> list[str]:
 
 
 def tell_reasons(calibration: Calibration) -> None:
-    """On standard error, why a calibration is not to be relied upon; nothing where it is."""
+    """Print to standard error why a calibration is not accepted; nothing for an accepted one."""
     if not calibration.accepted:
         reasons = (
             describe_first_reasons(calibration.doubts, "the report, or diagnostics in calibration.json") or "no reason given"
@@ -113,7 +113,7 @@ def tell_reasons(calibration: Calibration) -> None:
 
 
 def show_pairs(pairs: Sequence[TiedPair]) -> None:
-    """How each pair of cameras was registered; nothing where none was."""
+    """Print how each pair of cameras was registered; nothing without pairs."""
     if not pairs:
         return
     rows = [
@@ -134,13 +134,13 @@ def show_pairs(pairs: Sequence[TiedPair]) -> None:
 
 
 LENGTH_PAYS = 0.01
-"""Relative sigma of the scale, below which a measured length barely reduces it."""
+"""Relative sigma of the scale below which a measured length barely reduces this sigma."""
 MOSTLY_SCALE = 0.5
-"""Where the sigma within the rig is below this share of the whole, a measured length pays."""
+"""A measured length is recommended if the largest position sigma within the rig is below this share of the largest in total."""
 
 
 def show_scale(figures: AdjustedFigures, rig: Rig) -> None:
-    """The uncertainty of the scale, the weight of each cue, and what a measured length would do; nothing if it is unknown."""
+    """Print the scale's uncertainty, the weight of each cue, and the effect of a measured length; nothing without a rig."""
     scale = figures.scale
     if not figures.cameras:
         return
@@ -160,7 +160,7 @@ def show_scale(figures: AdjustedFigures, rig: Rig) -> None:
 
 
 def show_held_out(figures: HeldOutFigures | None) -> None:
-    """How well people fit who were held out of the adjustment; nothing if there were none."""
+    """Print the errors on people who were held out of the adjustment; nothing if there were none."""
     if figures is None:
         return
     held, fit = figures.held_out, figures.fit
@@ -173,7 +173,7 @@ def show_held_out(figures: HeldOutFigures | None) -> None:
 
 
 def show_checks(checks: Sequence[CheckedLength] | None) -> None:
-    """Known lengths that had no part in the calibration, by the rig."""
+    """Print the known lengths that the calibration did not use, as measured by the rig and as stated."""
     for one in checks or ():
         if one.measured_m is not None:
             off = 100 * (one.measured_m / one.stated_m - 1)
@@ -186,7 +186,7 @@ def _centimetres(metres: float | None) -> str:
 
 
 def show_cues(figures: AdjustedFigures) -> None:
-    """What each cue says of the scale by itself, and which contradict each other; nothing where there are not two of them."""
+    """Print the scale by each cue alone, and the cues that contradict each other; nothing for fewer than two cues."""
     cues = figures.scale.cues
     if len(cues) < 2:
         return
@@ -207,7 +207,7 @@ def show_cues(figures: AdjustedFigures) -> None:
 
 
 def show_lenses(figures: AdjustedFigures, rig: Rig) -> None:
-    """The lenses that were estimated and what depends on what was known before; nothing where none was estimated."""
+    """Print the estimated lenses and the parameters that depend on their priors; nothing if no lens was estimated."""
     rows = []
     for name, parts in figures.lenses.items():
         lens, found = rig[name].lens, {one.name: one for one in lens_parameters(parts)}
@@ -233,7 +233,7 @@ def show_lenses(figures: AdjustedFigures, rig: Rig) -> None:
 
 
 def show_comparison(comparison: Comparison) -> None:
-    """The errors of every camera, their means and medians, and those of the world."""
+    """Print the errors of every camera, their means and medians, and the errors of the world frame."""
     metric, similarity = comparison.metric, comparison.similarity
     rows = [
         [
@@ -290,7 +290,7 @@ def show_comparison(comparison: Comparison) -> None:
 
 
 def _describe_measuring(found: MeasuringErrors) -> str:
-    """How far off a rig measures, in one line."""
+    """Describe the measuring errors of a rig in one line."""
 
     def said(one: Distances) -> str:
         return f"median {number(one.median_mm)} mm, 90 % within {number(one.p90_mm)} mm"
@@ -303,7 +303,7 @@ def _describe_measuring(found: MeasuringErrors) -> str:
 
 
 def show_people_comparison(found: PeopleComparison) -> None:
-    """How far each camera's people are from where the others put them, by both rigs."""
+    """Print, for both rigs, the distances of each camera's people from their positions by the other cameras."""
     rows = [
         [name, str(one.sightings), number(one.first_px, 2), number(one.second_px, 2)] for name, one in found.cameras.items()
     ]
@@ -320,7 +320,7 @@ def show_people_comparison(found: PeopleComparison) -> None:
 
 
 def _sigmas_in_words(stated: Stated) -> str:
-    """How many errors lie within the sigmas that the rig states."""
+    """Describe how many errors are within the sigmas that the rig states."""
 
     def within(errors: Mapping[str, float]) -> str:
         return " and ".join(f"{sum(e <= n for e in errors.values())} of {len(errors)} within {n}" for n in (1, 2))
@@ -332,7 +332,7 @@ def _sigmas_in_words(stated: Stated) -> str:
 
 
 def show_check(report: SceneCheck) -> None:
-    """What a scene holds, camera by camera; the faults are not among it."""
+    """Print the content of a scene by camera, the notes, and the expected duration; the caller prints the faults."""
     if report.cameras:
         given, filmed = report.mode == "given", any(camera.video for camera in report.cameras)
         last = ("people", "people shared with") if given else ("tracklets", "embeddings", "fps")
@@ -352,7 +352,7 @@ def show_check(report: SceneCheck) -> None:
 
 
 def _describe_range(least_s: float, most_s: float) -> str:
-    """A range of time, as `20 to 50 s`, or in minutes from two of them on."""
+    """Write a range of time, as `20 to 50 s`; in minutes if it ends at two minutes or more."""
     unit, size = ("min", 60.0) if most_s >= 120.0 else ("s", 1.0)
     ends = [f"{end / size:.1g}" if end < size else f"{end / size:.0f}" for end in (least_s, most_s)]
     return f"{ends[0]} to {ends[1]} {unit}"
@@ -367,13 +367,13 @@ LENS_SOURCES = {
     "lens_network": "lens_network",
     "people": "nothing: estimated from people",
 }
-"""Where a lens is from, in words."""
+"""Sources of a lens, in words."""
 MOST_FILES = 3
-"""More files of intrinsics are not named on one line."""
+"""Most files of intrinsics that are named on one line."""
 
 
 def _show_intrinsics(cameras: Sequence[CameraCheck]) -> None:
-    """What is known of each lens, and from where; the files alone where all are from files and taken as they are."""
+    """Print the known values of each lens and their source; only the files if all lenses are from files and used as stated."""
     known = [(camera, camera.lens, camera.lens_source) for camera in cameras]
     if all(lens is None or (not lens.uncalibrated and lens.focal_sd is None) for _, lens, _ in known):
         places = list(dict.fromkeys(source.place for _, _, source in known if source is not None))
@@ -403,14 +403,14 @@ FOUND_IN_VIDEOS = {"detector": "people", "embedder": "appearance", "keypoints": 
 
 
 def _describe_plan(found: str, choice: Mapping[str, Any] | str) -> str:
-    """What is found in videos, and by what."""
+    """Describe what is detected in videos, and the network or method."""
     if choice == "none":
         return f"no {found}"
     return f"{found} by {choice if isinstance(choice, str) else choice['network']}"
 
 
 def _check_row(camera: CameraCheck, given: bool, filmed: bool) -> list[str]:
-    """One line of `show_check`; ids that are a camera's own are not shared."""
+    """Return one row of `show_check`; shared people are shown only if identities hold across cameras."""
     tracklets = str(camera.identities) if camera.identities or not camera.frames else "detections"
     # The video has not been processed yet: that does not mean that no person is in it.
     span, *counts = [MISSING] * 4 if camera.awaiting else _count_observations(camera)
@@ -431,13 +431,13 @@ def _check_row(camera: CameraCheck, given: bool, filmed: bool) -> list[str]:
 
 
 def _count_observations(camera: CameraCheck) -> tuple[str, ...]:
-    """Frames, boxes and joints."""
+    """Return the texts of the span of frames, and of the numbers of frames, boxes and joints."""
     span = MISSING if camera.first_frame is None else f"{camera.first_frame}..{camera.last_frame}"
     return span, str(camera.frames), str(camera.boxes), str(camera.keypoints)
 
 
 def _describe_video(camera: CameraCheck) -> tuple[str, str]:
-    """A video's codec and rate, and its length."""
+    """Return the texts of a video's format and of its length."""
     video = camera.video
     if video is None:
         return MISSING, MISSING

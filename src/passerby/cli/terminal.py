@@ -1,4 +1,4 @@
-"""What the command line shows: rich tables and a progress bar on a terminal, plain lines anywhere else."""
+"""Output of the command line: rich tables and a progress bar on a terminal, plain lines otherwise."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ MISSING, UNKNOWN = "-", "unknown"
 
 
 def number(value: float | None, digits: int = 1, unit: str = "") -> str:
-    """A figure as text; a dash where it is undefined, the word where it is known to be unknown: infinite."""
+    """Write a figure as text; a dash if it is None or NaN, `UNKNOWN` if it is infinite."""
     if value is not None and math.isinf(value):
         return UNKNOWN
     # Adding zero turns -0.0 into 0.0.
@@ -30,7 +30,7 @@ def number(value: float | None, digits: int = 1, unit: str = "") -> str:
 
 
 def show_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """A table on standard output; the first column is text, the others are figures."""
+    """Print a table on standard output; the first column is text, the others are figures."""
     console = Console()
     if not console.is_terminal:
         widths = [max(len(row[index]) for row in (columns, *rows)) for index in range(len(columns))]
@@ -39,7 +39,7 @@ def show_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]
             cells = [cell.rjust(width) for cell, width in zip(row[1:], widths[1:], strict=True)]
             print("  ".join([row[0].ljust(widths[0]), *cells]).rstrip())
         return
-    # As Text: rich would take "[scale]" in a string for markup, and leave it out.
+    # Strings are passed as Text: rich would interpret "[scale]" in a string as markup and omit it.
     table = Table(title=Text(title), title_justify="left")
     for index, column in enumerate(columns):
         table.add_column(Text(column), justify="right" if index else "left")
@@ -49,21 +49,21 @@ def show_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]
 
 
 LOG_AFTER_S, LOG_EVERY_S = 30.0, 30.0
-"""Where there is no terminal: runs that are over sooner tell nothing on their way, longer ones a line so often."""
+"""Without a terminal: time until the first line about the progress of a run, and time between later lines."""
 
 EVENT_EVERY_S = 0.25
-"""Of each part of a stage, in events for programs; its first and its last are always among them."""
+"""Shortest time between two progress events of a part of a stage; its first and its last count are always written."""
 
 PACE_SHARE = 0.02
-"""Of a stage, to be done before its pace says how long the rest will take."""
+"""Share of a stage that has to be done before the remaining time is estimated from its pace."""
 
 
 @contextmanager
 def stages(verbose: bool = False, form: ProgressForm = ProgressForm.auto) -> Iterator[Told]:
-    """On standard error: the stage at work with a bar, its parts and the time that is left, and what is found on the way.
+    """Show on standard error the current stage with a bar, its parts, the remaining time, and notes.
 
-    Where standard error is no terminal: a plain log. With `verbose` it tells each stage as it begins, and every note; else a
-    run that takes long tells now and then how far it is. For a program: the events of docs/output.md.
+    If standard error is not a terminal, a plain log is written: with `verbose` each stage at its beginning and every note,
+    otherwise the progress of a long run at intervals. The form `json` writes the events of docs/output.md for programs.
     """
     if form == ProgressForm.json:
         events = _Events()
@@ -85,27 +85,27 @@ def stages(verbose: bool = False, form: ProgressForm = ProgressForm.auto) -> Ite
 
 
 def is_interactive() -> bool:
-    """Whether standard output and standard error are on one terminal, so that its reader has seen all messages."""
+    """Check whether standard output and standard error are terminals, so that the user has seen all messages."""
     return sys.stdout.isatty() and sys.stderr.isatty()
 
 
 class StageTimes:
-    """Passes everything on to another listener, and adds up the wall time of each stage."""
+    """Passes all calls on to another listener, and adds up the wall time of each stage."""
 
     def __init__(self, tell: Told, began: float, clock: Callable[[], float] = time.perf_counter) -> None:
         self._tell, self._clock = tell, clock
         self._stage, self._since = "start", began
         self.seconds: dict[str, float] = {}
-        """By stage; what comes before the first one is `start`."""
+        """Wall time by stage; the time before the first stage is `start`."""
 
     def __call__(self, stage: str, done: int = 0, total: int = 0, *, part: str = "") -> None:
-        """As of `Progress`."""
+        """Receive progress, as in `Progress`."""
         if stage != self._stage:
             self._count(stage)
         self._tell(stage, done, total, part=part)
 
     def __getattr__(self, name: str) -> Any:
-        # `note`, `warning` and `failed`, where the other listener has them.
+        # `note`, `warning` and `failed`, if the other listener has them.
         return getattr(self._tell, name)
 
     def _count(self, after: str) -> None:
@@ -114,7 +114,7 @@ class StageTimes:
         self._stage, self._since = after, now
 
     def show(self) -> None:
-        """A table of the stages up to now, whose sum is the wall time."""
+        """Print a table of the stages until now; their sum is the wall time."""
         self._count(self._stage)
         total = sum(self.seconds.values())
         rows = [(stage, f"{seconds:.1f}", f"{100 * seconds / total:.0f}") for stage, seconds in self.seconds.items()]
@@ -122,7 +122,7 @@ class StageTimes:
 
 
 class _Lines:
-    """Tells each stage once, and each thing that it works on."""
+    """Prints each stage and each part of a stage once."""
 
     def __init__(self) -> None:
         self._told: tuple[str, set[str]] = "", set()
@@ -137,16 +137,16 @@ class _Lines:
         print(f"{name}: {total}" if total else name, file=sys.stderr)
 
     def note(self, text: str) -> None:
-        """A line."""
+        """Print a note as a line."""
         print(f"  {' '.join(text.split())}", file=sys.stderr)
 
     def failed(self, stage: str) -> None:
-        """A line: the stage is over, but not done."""
+        """Print a line: the stage has failed."""
         print(f"{stage}: failed", file=sys.stderr)
 
 
 class _Events:
-    """Writes each stage's begin, progress and end as a JSON object a line. No count of a part ever falls within a stage."""
+    """Writes each stage's begin, progress and end, one JSON object per line. Within a stage, no count of a part decreases."""
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
@@ -168,21 +168,21 @@ class _Events:
             self._write("progress", stage=stage, part=part, done=done, total=total, seconds=round(now - self._began, 3))
 
     def end_stage(self) -> None:
-        """The stage at work is done."""
+        """Write the end of the current stage."""
         self._leave("end")
 
     def failed(self, stage: str) -> None:
-        """The stage is over, but not done."""
+        """Write that the stage has failed."""
         if stage != self._stage:
             self(stage)
         self._leave("failed")
 
     def note(self, text: str) -> None:
-        """Something odd about an input."""
+        """Write a note about an input."""
         self._write("note", text=" ".join(text.split()))
 
     def warning(self, text: str) -> None:
-        """Something to act on before the run ends."""
+        """Write a warning that the user should see before the run ends."""
         self._write("warning", text=" ".join(text.split()))
 
     def _leave(self, event: str) -> None:
@@ -195,7 +195,7 @@ class _Events:
 
 
 class _Log:
-    """Tells now and then how far a run is that takes long."""
+    """Prints the progress of a long run at intervals."""
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
@@ -210,7 +210,7 @@ class _Log:
             self._stage, self._parts, self._began = stage, {}, None
         self._parts[part] = done, total
         counted = sum(part_done for part_done, _ in self._parts.values())
-        # What is prepared before anything can be counted tells nothing of the pace.
+        # The pace is measured from the first count on, without the time for preparation.
         if counted and self._began is None:
             self._began = now, counted
         if now < self._next:
@@ -219,11 +219,11 @@ class _Log:
         print(self._line(now, counted), file=sys.stderr)
 
     def warning(self, text: str) -> None:
-        """A line, however short the run is."""
+        """Print a line, also in a short run."""
         print(f"note: {' '.join(text.split())}", file=sys.stderr)
 
     def _line(self, now: float, done: int) -> str:
-        """How far the stage is, all its parts together, and how long it will take at this pace where that is known by now."""
+        """Describe the progress of all parts of the stage together, and the remaining time if it can be estimated already."""
         total = sum(part_total for _, part_total in self._parts.values())
         if not total or not all(part_total for _, part_total in self._parts.values()):
             return self._stage
@@ -235,7 +235,7 @@ class _Log:
 
 
 def _duration(seconds: float) -> str:
-    """45 s, 3 min, 1 h 20 min."""
+    """Write a duration: 45 s, 3 min, 1 h 20 min."""
     if seconds < 90:
         return f"{max(1, round(seconds))} s"
     minutes = round(seconds / 60)
@@ -243,34 +243,34 @@ def _duration(seconds: float) -> str:
 
 
 class _Counted(BarColumn):
-    """A bar where there is something to count."""
+    """A bar, only if the total is known."""
 
     def render(self, task: Task) -> Any:
-        """The bar, or nothing where the total is unknown."""
+        """Draw the bar, or nothing if the total is unknown."""
         return "" if task.total is None else super().render(task)
 
 
 class _Left(ProgressColumn):
-    """How long it will take at this pace."""
+    """The remaining time at the current pace."""
 
     max_refresh = 0.5
 
     def render(self, task: Task) -> Text:
-        """Nothing where that is unknown, or nothing is left."""
+        """Write the remaining time; empty if it is unknown or zero."""
         left = task.time_remaining
         return Text("" if task.total is None or not left else f"about {_duration(left)} left", style="dim")
 
 
 class _Count(ProgressColumn):
-    """5 of 21."""
+    """The count, as `5 of 21`."""
 
     def render(self, task: Task) -> Text:
-        """Done and total, or nothing where the total is unknown."""
+        """Write the count and the total; empty if the total is unknown."""
         return Text("" if task.total is None else f"{int(task.completed)} of {int(task.total)}")
 
 
 class _Bar:
-    """Draws one stage at a time, a bar for each thing that it works on at once; stages that are over stay as lines."""
+    """Draws one stage at a time, with a bar for each of its parts; finished stages stay as lines."""
 
     def __init__(self, bar: Progress) -> None:
         self._bar, self._stage, self._began = bar, "", 0.0
@@ -288,11 +288,11 @@ class _Bar:
             self._tasks[part] = self._bar.add_task(f"{stage} {part}".strip(), total=total or None, completed=done)
 
     def end_stage(self) -> None:
-        """Leave a line of the stage that is over, with the time that it took."""
+        """Print a line about the finished stage, with its duration."""
         self._leave("• ", "green", "")
 
     def failed(self, stage: str) -> None:
-        """Leave a line of a stage that is over, but not done."""
+        """Print a line about the failed stage, with its duration."""
         if stage != self._stage:
             self(stage)
         self._leave("✗ ", "red", ": failed")
@@ -305,5 +305,5 @@ class _Bar:
             self._stage = ""
 
     def note(self, text: str) -> None:
-        """A line that stays."""
+        """Print a note as a line that stays."""
         self._bar.console.print(Text(f"  {' '.join(text.split())}", style="yellow"), highlight=False)

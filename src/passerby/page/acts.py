@@ -1,4 +1,4 @@
-"""The acts of the page: what a browser sends, checked, and made into a change of the scene file."""
+"""The acts of the page: requests of a browser that are checked and change the scene file."""
 
 from __future__ import annotations
 
@@ -38,18 +38,18 @@ ORIGIN, ALONG_X = "origin", "x axis"
 
 
 class MarkLength(Act):
-    """A known length, its ends marked in two or more cameras."""
+    """An act that adds a known length whose ends are marked in two or more cameras."""
 
     act: Literal["length"]
     metres: Annotated[float, Field(gt=0, le=1e4)]
     sd_m: Annotated[float, Field(gt=0, le=100)] = 0.02
     points: Annotated[dict[Name, tuple[Pixel, Pixel]], Field(min_length=2, max_length=1000)]
     check: bool = False
-    """Whether the rig is only compared with it."""
+    """Whether the length is only compared with the rig and not used by the calibration."""
 
 
 class PointAtPerson(Act):
-    """A person's height."""
+    """An act that adds the height of the person at a pixel."""
 
     act: Literal["person"]
     camera: Name
@@ -68,7 +68,7 @@ class GroundAt(BaseModel):
 
 
 class SetWorld(Act):
-    """The world's origin, and a point of its x axis."""
+    """An act that sets the world's origin and a point of its x axis."""
 
     act: Literal["world"]
     origin: GroundAt
@@ -76,7 +76,7 @@ class SetWorld(Act):
 
 
 class PersonAt(BaseModel):
-    """A person in one camera's picture."""
+    """A person at a pixel of one camera's frame."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
     camera: Name
@@ -85,7 +85,7 @@ class PersonAt(BaseModel):
 
 
 class CorrectIdentities(Act):
-    """Boxes that are one person, or different people."""
+    """An act that states that boxes show one person, or different people."""
 
     act: Literal["identities"]
     key: Literal["same", "different"]
@@ -93,14 +93,14 @@ class CorrectIdentities(Act):
 
 
 class NotAPerson(Act):
-    """A box that is no person: a poster, a mannequin."""
+    """An act that states that a box shows no person, but for example a poster or a mannequin."""
 
     act: Literal["not_people"]
     box: PersonAt
 
 
 class MarkLine(Act):
-    """A straight vertical or horizontal thing, two pixels of it in each camera."""
+    """An act that adds a straight vertical or horizontal edge, marked by two pixels in each camera."""
 
     act: Literal["line"]
     direction: Literal["vertical", "horizontal", "x"]
@@ -108,7 +108,7 @@ class MarkLine(Act):
 
 
 class Remove(Act):
-    """An entry of one of the lists of tables less."""
+    """An act that removes an entry, by its number from 1, of one of the lists of tables."""
 
     act: Literal["remove"]
     key: Literal["lengths", "people", "same", "different", "not_people", "lines", "checks"]
@@ -116,7 +116,7 @@ class Remove(Act):
 
 
 class ExcludeRegion(Act):
-    """A region of one camera's image whose people are not used."""
+    """An act that excludes the people in a region of one camera's image, given by its corners."""
 
     act: Literal["exclude_region"]
     camera: Name
@@ -124,7 +124,7 @@ class ExcludeRegion(Act):
 
 
 class ExcludeTime(Act):
-    """A span of one camera's recording that is not used, seconds."""
+    """An act that excludes a time span of one camera's recording, seconds."""
 
     act: Literal["exclude_time"]
     camera: Name
@@ -133,7 +133,7 @@ class ExcludeTime(Act):
 
 
 class Include(Act):
-    """A region or a span less."""
+    """An act that removes an excluded region or time span, by its number from 1."""
 
     act: Literal["include"]
     camera: Name
@@ -142,14 +142,14 @@ class Include(Act):
 
 
 class LeaveOut(Act):
-    """A camera less."""
+    """An act that leaves a camera out of the scene."""
 
     act: Literal["leave_out"]
     camera: Name
 
 
 class Moved(Act):
-    """A camera that was moved at a second of its recording: one of the two parts is kept."""
+    """An act that states that a camera was moved at a second of its recording, and keeps the part before or after."""
 
     act: Literal["moved"]
     camera: Name
@@ -158,7 +158,7 @@ class Moved(Act):
 
 
 class KeepAll(Act):
-    """A camera's limit in time less."""
+    """An act that removes a camera's limit in time."""
 
     act: Literal["keep_all"]
     camera: Name
@@ -166,7 +166,7 @@ class KeepAll(Act):
 
 
 class Undo(Act):
-    """The last act taken back."""
+    """An act that undoes the last act."""
 
     act: Literal["undo"]
 
@@ -193,7 +193,7 @@ AnyAct = Annotated[
 
 
 def perform(session: Session, content: Any) -> None:
-    """Do what a browser asks for. Raises `InputError` (`StaleError` for an act on an older scene file)."""
+    """Perform the act that a browser requests. Raises `InputError` (`StaleError` for an act on an older scene file)."""
     act = read_as(AnyAct, content)
     if isinstance(act, Undo):
         session.undo(act.version)
@@ -202,7 +202,7 @@ def perform(session: Session, content: Any) -> None:
 
 
 def _apply_act(session: Session, act: AnyAct, text: str) -> str:
-    """The scene file's text after an act."""
+    """Return the scene file's text after an act."""
     if isinstance(act, MarkLength):
         measure_or_leave(session, act)
         if act.check:
@@ -237,7 +237,7 @@ def _apply_act(session: Session, act: AnyAct, text: str) -> str:
 
 
 def measure_or_leave(session: Session, act: MarkLength) -> None:
-    """Refuse marks whose rays do not meet, as far as there is a rig by which that can be said."""
+    """Check that the rays of the marks meet, if a rig with poses of their cameras exists. Raises `InputError` otherwise."""
     try:
         rig = session.rig()
     except InputError:
@@ -247,7 +247,7 @@ def measure_or_leave(session: Session, act: MarkLength) -> None:
 
 
 def _world_points(session: Session, act: SetWorld) -> str:
-    """The file of the two points of a frame."""
+    """Write the file with the two points of a world frame, and return its name."""
     rig, (scene, _) = session.rig(), session.scene()
     far = measure_axis(rig, [(one.camera, one.at) for one in (act.origin, act.along_x)]).metres
     along = far * scale_of_lengths(scene, rig)
@@ -259,7 +259,10 @@ def _world_points(session: Session, act: SetWorld) -> str:
 
 
 def _rescale_world(session: Session, text: str, act: MarkLength) -> str:
-    """A frame by two clicks states their distance, which a new length corrects: the origin stays where it was clicked."""
+    """Return the text with the world frame corrected for a new length, if two clicks define the frame.
+
+    The file of such a frame states the distance of the two clicks, which the length corrects. The origin stays at its click.
+    """
     scene, _ = session.scene()
     points = None if scene.world is None else scene.world.points
     if points is None or not points.match(POINTS_FILE.format("*")):
@@ -277,13 +280,13 @@ def _rescale_world(session: Session, text: str, act: MarkLength) -> str:
 
 
 def scale_of_lengths(scene: Scene, rig: Rig) -> float:
-    """What a rig's lengths have to be multiplied by, as its scene's marked lengths say; 1 without any."""
+    """Return the factor by which the scene's marked lengths correct the lengths of a rig; 1 without any marked length."""
     factors = _factors(scene, rig)
     return float(np.median(factors)) if factors else 1.0
 
 
 def _factors(scene: Scene, rig: Rig) -> list[float]:
-    """Of each marked length that the rig can measure: as stated, over as measured."""
+    """Return the ratio of stated to measured length for each marked length that the rig can measure."""
     found = []
     for one in scene.scale.lengths:
         points = {name: ends for name, ends in one.points.items() if name in rig.names and rig[name].pose is not None}

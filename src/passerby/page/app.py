@@ -1,6 +1,6 @@
-"""The addresses of the page of a scene, of its plan, and of a monitored rig.
+"""The routes of the page of a scene, of its plan, and of the page of a monitored rig.
 
-What draws the rig and lays it upon a plan is imported when it is asked for: the first page does not wait for it.
+The modules that draw the rig and align it to a plan are imported at the first request for them, so the page opens sooner.
 """
 
 from __future__ import annotations
@@ -39,22 +39,22 @@ if TYPE_CHECKING:
     from passerby.page.plan_view import PlanView, PlanViews
 
 REPORT_POLICY = "sandbox allow-scripts; frame-ancestors 'self'"
-"""The report has its own policy; here it runs apart from the page, without its cookie."""
+"""The report contains a policy of its own; this header isolates it from the page and from the page's cookie."""
 PARTS_PATH = "/report_files/"
-"""Where the report, which is served as /report, looks for the files beside it."""
+"""Path of the files beside the report, relative to the report at /report."""
 PART_NAME = re.compile(r"[a-z0-9-]+\.js")
 PREPARED = 24
-"""Cameras whose first picture is decoded before a browser asks for it."""
+"""Number of cameras whose first picture is decoded before a browser requests it."""
 UPLOAD = "/api/plan/upload"
 LIMITS = {UPLOAD: MOST_BYTES}
-"""Of the bodies that a path takes, bytes."""
+"""Largest size of a request's body, by path, bytes."""
 SVG_POLICY = "default-src 'none'; img-src data:; sandbox"
-"""The saved drawing holds its plan, and nothing in it runs."""
+"""Policy of the saved drawing: its plan is embedded, and no script runs."""
 SOURCES: dict[str, Source] = {"calibration": "calibration", "footage": "footage"}
 
 
 def make_app(session: Session, token: str, port: int) -> ASGIApp:
-    """The page of a session, guarded."""
+    """Return the app of a session's page with its access control."""
     people = IdentifiedPeople(session.out)
     routes = [
         *static_routes("index.html"),
@@ -80,7 +80,7 @@ def make_app(session: Session, token: str, port: int) -> ASGIApp:
 
 
 def _route_post(path: str, session: Session, work: Callable[[Any], Any]) -> Route:
-    """What a browser sends as JSON. The answer to an act is the state after it."""
+    """Return a route that passes JSON of a browser to `work`. If `work` returns None, the answer is the new state."""
 
     async def answer(request: Request) -> Response:
         try:
@@ -94,7 +94,7 @@ def _route_post(path: str, session: Session, work: Callable[[Any], Any]) -> Rout
 
 
 def _answer_error(session: Session, error: Exception) -> Response:
-    """An error that a person can act on; folders of this machine are not in it."""
+    """Answer with an error that a user can correct, without the folders of this machine."""
     return JSONResponse({"error": session.public(str(error))}, 409 if isinstance(error, StaleError) else 422)
 
 
@@ -105,17 +105,17 @@ def _picture(session: Session, request: Request) -> Response:
 
 
 def prepare_pictures(session: Session) -> None:
-    """Decode what the page shows at first, while the browser begins: it will find these pictures in memory."""
+    """Decode the first pictures of the page while the browser starts, so that they are in memory when it requests them."""
     names: list[str] = []
     with suppress(PasserbyError):
         names += session.scene()[0].cameras
     for name in names[:PREPARED]:
-        with suppress(PasserbyError):  # what is wrong is said when the browser asks
+        with suppress(PasserbyError):  # the browser's own request reports the error
             _people(session, name, None)
 
 
 def _people(session: Session, name: str, asked: int | None) -> dict[str, Any]:
-    """The picture nearest to a frame and the boxes in it; without a frame, those of the one in which most people are seen."""
+    """Return the picture nearest to a frame and its boxes; without a frame, those of the frame with most people."""
     scene, version = session.camera(name)
     path = session.out / TRACKS_FOLDER / f"{name}.txt"
     boxes = read_boxes(path) if path.is_file() else Boxes.empty()
@@ -152,8 +152,8 @@ def _report(session: Session, request: Request) -> Response:
 
 
 def _report_part(session: Session, request: Request) -> Response:
-    """A file of the report of many cameras. The report runs apart from the page, so it sends no cookie: its stamp says that it
-    has been read by the client.
+    """Return a file beside the report of many cameras. The sandboxed report sends no cookie: the stamp in the address, which
+    cannot be guessed, shows that the client has read the report.
     """
     stamp, name = request.path_params["stamp"], request.path_params["name"]
     path = report_folder(session.out / REPORT_FILE) / stamp / name
@@ -202,7 +202,7 @@ def _axis(session: Session, content: Any) -> dict[str, Any]:
 
 
 def plan_routes(session: Session) -> list[Route]:
-    """All of them."""
+    """Return all routes of the plan and of the view from above."""
     plan = _Plan(session)
     return [
         Route(UPLOAD, plan.upload, methods=["POST"]),
@@ -217,20 +217,20 @@ def plan_routes(session: Session) -> list[Route]:
 
 
 class _Plan:
-    """The answers; those that are no coroutines are made in threads."""
+    """The answers of the plan's routes. The server runs the methods that are not coroutines in threads."""
 
     def __init__(self, session: Session) -> None:
         self._session, self._pictures = session, PlanPictures()
         self._views: list[PlanViews] = []
 
     async def upload(self, request: Request) -> Response:
-        """A picture that becomes a file beside the scene file."""
+        """Write an uploaded picture to a file beside the scene file."""
         content = await request.body()
         name = await run_in_threadpool(keep_plan, self._session.scene_file.parent, content)
         return JSONResponse(await run_in_threadpool(self._describe_state, name))
 
     async def fit(self, request: Request) -> Response:
-        """A draft tried on the rig."""
+        """Try a draft on the rig."""
         from passerby.page.plan_acts import try_plan
 
         try:
@@ -240,35 +240,35 @@ class _Plan:
         return JSONResponse(await run_in_threadpool(try_plan, self._session, self._pictures, content))
 
     def told(self, request: Request) -> Response:
-        """What a browser needs to know of a plan before it shows it."""
+        """Return the name and size of a plan, which a browser needs before it shows the plan."""
         return JSONResponse(self._describe_state(_image(request)))
 
     def picture(self, request: Request) -> Response:
-        """The plan that is placed."""
+        """Return the picture of the uploaded plan, or of the scene file's."""
         shown = self._pictures.shown(plan_path(self._session, _image(request)))
         return Response(shown.data, media_type=shown.media_type)
 
     def backdrop(self, _: Request) -> Response:
-        """The plan that set the frame of the rig."""
+        """Return the picture of the plan that defines the world frame of the rig."""
         found = self._view().backdrop
         if found is None:
             raise InputError("no plan set the frame of the rig")
         return Response(found.shown.data, media_type=found.shown.media_type)
 
     def drawn(self, _: Request) -> Response:
-        """The view from above, as shapes."""
+        """Return the view from above as shapes."""
         from passerby.page.plan_shapes import drawing
 
         return JSONResponse(drawing(self._view()))
 
     def svg(self, _: Request) -> Response:
-        """The same as a file."""
+        """Return the view from above as an SVG file."""
         from passerby.page.plan_shapes import svg_text
 
         return _file(svg_text(self._view()), "image/svg+xml", "svg", SVG_POLICY)
 
     def geojson(self, _: Request) -> Response:
-        """What is drawn, in coordinates."""
+        """Return the view from above as a GeoJSON file."""
         from passerby.page.plan_shapes import geojson_text
 
         return _file(geojson_text(self._view()), "application/geo+json", "geojson")
@@ -286,18 +286,18 @@ class _Plan:
 
 
 def _file(text: str, media_type: str, end: str, policy: str = "") -> Response:
-    """A file to be saved."""
+    """Return a response that a browser saves as a file."""
     headers = {"content-disposition": f'attachment; filename="rig-from-above.{end}"'}
     return Response(text, media_type=media_type, headers=headers | ({"content-security-policy": policy} if policy else {}))
 
 
 def _image(request: Request) -> str | None:
-    """The uploaded plan that is asked for; None for the scene file's."""
+    """Return the name of the uploaded plan that a request names; None for the scene file's plan."""
     return request.query_params.get("image")
 
 
 def make_monitor_app(session: MonitoredSession, token: str, port: int) -> ASGIApp:
-    """The page of a monitored rig, guarded."""
+    """Return the app of a monitored rig's page with its access control."""
     routes = [
         *static_routes("monitor.html"),
         Route("/api/monitor", answering(lambda _: session.state())),

@@ -1,6 +1,6 @@
-"""What clicks mean by a rig: epipolar points, marked lengths, the ground, and the same person in other cameras.
+"""Geometry of clicks with a rig: epipolar lines, points on the ground, the x axis, and the same person in other cameras.
 
-World: z up, ground at z = 0, metres. Pixels are OpenCV's: (0, 0) is the centre of the first one.
+World: z up, ground at z = 0, metres. Pixels follow OpenCV: (0, 0) is the centre of the first pixel.
 """
 
 from __future__ import annotations
@@ -23,43 +23,44 @@ from passerby.interchange.calibration_json import CALIBRATION_FILE
 from passerby.interchange.output_folder import OutputFolder, read_output
 
 NEAREST_M, FARTHEST_M, SAMPLES = 0.3, 300.0, 160
-"""Distances along a ray that are drawn in the other pictures, evenly by their logarithm."""
+"""Range and number of the distances along a ray that are drawn in other pictures, evenly spaced in their logarithm."""
 BAND_SIGMAS = 2.0
-"""Half of the band's width: 95 % of all clicks and rigs."""
+"""Half of the band's width in sigmas: it contains 95 % of all clicks and rigs."""
 SAME_RAY = 1e-3
-"""Radians. A lens model may fold pixels beyond its range over the picture: those are not drawn."""
+"""Largest angle, radians, between a point's ray and the ray of its pixel. Points that a lens model folds into the picture from
+beyond its range exceed it, and are not drawn."""
 NEAREST_AXIS_M = 0.5
-"""Between the two clicks of an axis: closer ones give no heading."""
+"""Smallest distance between the two clicks of an axis: closer clicks give no heading."""
 STEP = 1e-4
-"""Of numerical derivatives, metres and radians."""
+"""Step of numerical derivatives, metres and radians."""
 Pixel = tuple[float, float]
 MOST_SHOWN = 12
-"""Other cameras whose pictures are shown at once: each is a picture to be decoded."""
+"""Most other cameras whose pictures are shown at the same time: each picture has to be decoded."""
 
 
 @dataclass(frozen=True)
 class EpipolarLine:
-    """Where a point of one picture can be in another one."""
+    """The possible positions in another picture of a point in one picture."""
 
     camera: str
     line: tuple[tuple[Pixel, float], ...]
-    """Pixels along the curve, each with the half width of its band, pixels across."""
+    """Pixels along the curve, each with the half width of the band, pixels perpendicular to the curve."""
 
 
 @dataclass(frozen=True)
 class MeasuredAxis:
-    """Two clicks on the ground, by the rig as it is."""
+    """An axis by two clicks on the ground, as the current rig measures it."""
 
     metres: float
-    """Between them."""
+    """Distance between the clicks."""
     heading_sigma_deg: float
-    """Of the direction from the first to the second, from the clicks alone."""
+    """Sigma of the direction from the first to the second click, from the errors of the clicks alone."""
 
 
 def epipolar_lines(rig: Rig, name: str, at: Pixel) -> tuple[EpipolarLine, ...]:
-    """The epipolar lines of a pixel in all other cameras with poses, bent as their lenses bend them.
+    """Compute the epipolar lines of a pixel in all other cameras with poses, with the distortion of their lenses.
 
-    The width is `BAND_SIGMAS` sigma of the click (2 px), and of the poses of both cameras without the scale that all share.
+    The half width is `BAND_SIGMAS` sigma of the click (2 px) and of both poses, without the common uncertainty of the scale.
 
     Raises `InputError` for a camera without a pose or a pixel that its lens cannot see.
     """
@@ -89,7 +90,7 @@ def epipolar_lines(rig: Rig, name: str, at: Pixel) -> tuple[EpipolarLine, ...]:
 
 
 def ground_point(rig: Rig, name: str, at: Pixel) -> Floats:
-    """(3,) where the ray of a pixel meets the ground.
+    """Return the point (3,) where the ray of a pixel meets the ground, metres.
 
     Raises `InputError` for a camera without a pose, or a pixel at or above the horizon.
     """
@@ -103,7 +104,10 @@ def ground_point(rig: Rig, name: str, at: Pixel) -> Floats:
 
 
 def measure_axis(rig: Rig, clicks: Sequence[tuple[str, Pixel]]) -> MeasuredAxis:
-    """The x axis from one click on the ground, (camera, pixel), to another one. Raises as `ground_point` does."""
+    """Measure the x axis from one click on the ground, (camera, pixel), to another one.
+
+    Raises as `ground_point` does, and `InputError` for clicks that are too close.
+    """
 
     def between(moved: Sequence[tuple[str, Pixel]]) -> Floats:
         first, second = (ground_point(rig, name, at)[:2] for name, at in moved)
@@ -126,14 +130,14 @@ def measure_axis(rig: Rig, clicks: Sequence[tuple[str, Pixel]]) -> MeasuredAxis:
 
 
 def _camera(rig: Rig, name: str) -> Camera:
-    """A camera with a pose."""
+    """Return a camera with a pose. Raises `EvidenceError` if it has none."""
     if name not in rig.names or rig[name].pose is None:
         raise EvidenceError(f"camera {name} has no pose yet: calibrate first")
     return rig[name]
 
 
 def _ray(camera: Camera, at: Pixel) -> Floats:
-    """(3,) unit ray in the camera's frame."""
+    """Return the unit ray (3,) of a pixel in the camera's frame."""
     ray = np.asarray(camera.lens.bearings(np.array([at]))[0])
     if not np.isfinite(ray).all():
         raise InputError(f"camera {camera.name}: [{at[0]:.1f}, {at[1]:.1f}] is outside what its lens can see: choose another")
@@ -141,7 +145,7 @@ def _ray(camera: Camera, at: Pixel) -> Floats:
 
 
 def _project_along_ray(camera: Camera, other: Camera, ray_c: Floats, distances: Floats) -> Floats:
-    """(N, 2) pixels in `other` of the points at these distances (N,) along a ray of `camera`; NaN where it sees none."""
+    """Return the pixels (N, 2) in `other` of points at distances (N,) along a ray of `camera`; NaN where it sees none."""
     assert camera.pose is not None
     assert other.pose is not None
     points = camera.centre + distances[:, None] * (camera.pose.R_cw.T @ ray_c)
@@ -155,7 +159,7 @@ def _project_along_ray(camera: Camera, other: Camera, ray_c: Floats, distances: 
 
 
 def _find_normals(pixels: Floats) -> Floats:
-    """(N, 2) unit normals of a curve of pixels."""
+    """Return the unit normals (N, 2) of a curve of pixels (N, 2)."""
     along = np.gradient(pixels, axis=0)
     with np.errstate(invalid="ignore", divide="ignore"):
         along = along / np.linalg.norm(along, axis=1, keepdims=True)
@@ -165,7 +169,7 @@ def _find_normals(pixels: Floats) -> Floats:
 def _perturb_cameras(
     camera: Camera, other: Camera, ray_c: Floats, own: Mapping[str, float]
 ) -> list[tuple[Camera, Camera, Floats, float]]:
-    """Both cameras and the ray with each unknown moved by `STEP`, and that unknown's sigma."""
+    """Return, for each unknown, both cameras and the ray with this unknown moved by `STEP`, and the unknown's sigma."""
     click = CLICK_SD_PX / camera.lens.focal
     found = []
     helper = np.eye(3)[int(np.argmin(np.abs(ray_c)))]
@@ -192,18 +196,18 @@ def _turn_camera(camera: Camera, axis: Floats) -> Camera:
 
 @dataclass(frozen=True)
 class SeenPerson:
-    """The person in one camera, at the moment nearest to that of the click."""
+    """The person in one camera, at the time nearest to that of the click."""
 
     camera: str
     frame: int
     box: tuple[float, float, float, float]
     """Left, top, width, height, pixels."""
     size: tuple[int, int]
-    """Of the whole picture, pixels."""
+    """Width and height of the whole picture, pixels."""
     late_s: float | None
-    """After the moment of the click, seconds; None where frames are counted alike and have no times."""
+    """Time after the click, seconds; None if the cameras have the same frame numbers and no clocks."""
     late_frames: int
-    """The same in frames of that camera."""
+    """Time after the click in frames of this camera."""
 
 
 @dataclass(frozen=True)
@@ -213,29 +217,29 @@ class SamePerson:
     identity: int | None
     """None if no identified person is at the pixel."""
     seen: tuple[SeenPerson, ...] = ()
-    """The camera of the click first, then others, those of the nearest moments first; at most `MOST_SHOWN` others."""
+    """The camera of the click, then at most `MOST_SHOWN` others, the nearest in time first."""
     further: tuple[str, ...] = ()
-    """Cameras that saw the person as well."""
+    """Further cameras that saw the person."""
     unseen: tuple[str, ...] = ()
     """Cameras that never saw the person."""
 
     def to_dict(self) -> dict[str, object]:
-        """As plain values for JSON."""
+        """Return the fields as plain values for JSON."""
         return asdict(self)
 
 
 @dataclass(eq=False)
 class IdentifiedPeople:
-    """Everybody whom the calibration of a folder identified; read once for each calibration."""
+    """All people that the calibration in a folder identified; read once for each calibration."""
 
     out: Path
     _read: tuple[tuple[int, int], OutputFolder] | None = None
     _lock: threading.Lock = field(default_factory=threading.Lock)
 
     def find(self, camera: str, frame: int, at: tuple[float, float]) -> SamePerson:
-        """The person at a pixel of a camera's frame.
+        """Find the person at a pixel of a camera's frame.
 
-        Raises `InputError` where there is no calibration, or the camera has no pose in it.
+        Raises `InputError` if there is no calibration, or the camera has no pose in it.
         """
         folder = self._folder()
         if camera not in folder.boxes:
@@ -245,7 +249,7 @@ class IdentifiedPeople:
         return find_same_person(folder, camera, frame, at)
 
     def _folder(self) -> OutputFolder:
-        """The calibration as it is now."""
+        """Return the current calibration; it is read again after a change."""
         with self._lock:
             try:
                 stat = (self.out / CALIBRATION_FILE).stat()
@@ -258,9 +262,9 @@ class IdentifiedPeople:
 
 
 def find_same_person(folder: OutputFolder, camera: str, frame: int, at: tuple[float, float]) -> SamePerson:
-    """The person at a pixel of a camera's frame, in all cameras.
+    """Find the person at a pixel of a camera's frame, in all cameras.
 
-    The frame of the camera is the one that a known height at this pixel is looked for in; pixels are OpenCV's.
+    The frame nearest to the given one with boxes is used, as for a known height at this pixel. Pixels follow OpenCV.
     """
     own, clock = folder.boxes[camera], folder.clocks.get(camera)
     near = find_nearest_frame(CameraObservations(own), frame, None if clock is None else clock.fps)
@@ -283,7 +287,7 @@ def find_same_person(folder: OutputFolder, camera: str, frame: int, at: tuple[fl
 
 
 def _find_nearest(folder: OutputFolder, name: str, identity: int, frame: int, clock: Clock | None) -> SeenPerson | None:
-    """An identity in another camera, when it is nearest in time to a frame of the camera whose clock this is."""
+    """Find the box of an identity in another camera that is nearest in time to `frame` of the camera with this `clock`."""
     boxes, other = folder.boxes[name], folder.clocks.get(name)
     rows = np.flatnonzero(boxes.identity == identity)
     if not len(rows):
@@ -296,7 +300,7 @@ def _find_nearest(folder: OutputFolder, name: str, identity: int, frame: int, cl
 
 
 def _compare_row(folder: OutputFolder, name: str, boxes: Boxes, row: int, wanted: float, clock: Clock | None) -> SeenPerson:
-    """A row of a camera's boxes, against the frame that it should have."""
+    """Return a row of a camera's boxes with its delay after the wanted frame."""
     late = float(boxes.frame[row]) - wanted
     left, top, width, height = (round(float(value), 1) for value in boxes.ltwh[row])
     late_s = None if clock is None else round(late / clock.fps, 3)

@@ -1,4 +1,4 @@
-"""One folder of `passerby monitor`: the state of each camera, and its pictures then and now. Nothing of it is changed here."""
+"""A folder of `passerby monitor`: the state of each camera, and its earlier and later pictures. It is only read here."""
 
 from __future__ import annotations
 
@@ -20,25 +20,25 @@ from passerby.scene.scene import Scene
 
 Source = Literal["calibration", "footage"]
 HIDDEN = ("scene_file", "rig_file", "calibration_scene_file")
-"""Paths: the browser sees the names of these files only."""
+"""Keys with paths: the browser receives only the names of these files."""
 
 
 @dataclass(eq=False)
 class Footage:
-    """The scene file of a recording, and pictures of it."""
+    """The scene file of a recording, and pictures of the recording."""
 
     scene_file: Path
     pictures: PictureStore = field(default_factory=PictureStore)
 
     def scene(self, camera: str) -> tuple[Scene, str]:
-        """The scene and its version. Raises `InputError` where the file is missing or broken, or has no such camera."""
+        """Read the scene and its version. Raises `InputError` if the file is missing or broken, or has no such camera."""
         version, scene = version_of(self.scene_file), Scene.load(self.scene_file)
         if camera not in scene.cameras:
             raise InputError(f"{self.scene_file}: has no camera {camera}")
         return scene, version
 
     def frames(self, camera: str) -> tuple[int, int]:
-        """First and last frame of a camera's video that a calibration uses. Raises `InputError` where it has no video."""
+        """Return the first and last frame of a camera's video that a calibration uses. Raises `InputError` without a video."""
         scene, version = self.scene(camera)
         table = scene.cameras[camera]
         with self.pictures.turn:
@@ -52,7 +52,7 @@ class Footage:
 
 @dataclass(frozen=True)
 class Shown:
-    """A picture that can be compared with another one."""
+    """A picture for comparison; `side` says whether it is the earlier or the later one."""
 
     source: Source
     frame: int
@@ -68,11 +68,11 @@ class MonitoredSession:
     _stores: dict[Path, Footage] = field(default_factory=dict)
 
     def document(self) -> MonitorDocument:
-        """What was found. Raises `InputError` where the file is gone or broken."""
+        """Read the results of monitoring. Raises `InputError` if the file is missing or broken."""
         return read_monitor(self.folder)
 
     def state(self) -> dict[str, Any]:
-        """Everything that was found, as plain values, with a version that changes when the folder is monitored again."""
+        """Return the results of monitoring as plain values, with a version that changes when monitoring runs again."""
         found = self.document()
         told = {key: value for key, value in plain(found).items() if key not in HIDDEN}
         told |= {"version": version_of(self.folder / MONITOR_FILE), "name": self.folder.absolute().name}
@@ -82,9 +82,9 @@ class MonitoredSession:
         return told
 
     def views(self, name: str) -> dict[str, Any]:
-        """The pictures of a camera that can be laid over each other, and why some are not there.
+        """Return the pictures of a camera for comparison as an overlay, and notes on missing pictures.
 
-        The first of each side is shown at first. Raises `InputError` for a camera that was not monitored.
+        The page begins with the first picture of each side. Raises `InputError` for a camera that was not monitored.
         """
         found = self.document()
         camera = self._camera(found, name)
@@ -106,7 +106,7 @@ class MonitoredSession:
         return {"pictures": [plain(one) for one in shown], "notes": notes}
 
     def footage(self, source: Source) -> Footage:
-        """A recording. Raises `InputError` where the folder does not name it."""
+        """Return a recording. Raises `InputError` if the folder does not name it."""
         found = self.document()
         named = found.scene_file if source == "footage" else found.calibration_scene_file
         if named is None:
@@ -115,16 +115,16 @@ class MonitoredSession:
         return self._stores.setdefault(Path(named), Footage(Path(named)))
 
     def checked_name(self, name: str) -> str:
-        """The name of a camera that was monitored. Raises `InputError` for another one."""
+        """Return the name if a camera of this name was monitored. Raises `InputError` for any other name."""
         return self._camera(self.document(), name).name
 
     def public(self, text: str) -> str:
-        """A message without the folders of this machine."""
+        """Return a message without the folders of this machine."""
         folders = [self.folder, self.folder.parent, *(one.parent for one in self._stores)]
         return remove_folders(text, folders)
 
     def _find_longest_part(self, found: MonitorDocument, name: str, first: int, last: int) -> tuple[int, int]:
-        """First and last frame of the longest part in which a camera had the pose that its calibration found."""
+        """Return the first and last frame of the longest part in which a camera had the pose of its calibration."""
         folder = None if found.rig_file is None else Path(found.rig_file).parent
         if folder is None or not (folder / CALIBRATION_FILE).is_file():
             return first, last
@@ -143,9 +143,9 @@ class MonitoredSession:
 
 
 def _list_pictures(found: MonitorDocument, camera: MonitoredCamera, first: int, last: int) -> list[Shown]:
-    """Pictures of the monitored footage: its end, and before and after each move."""
+    """List pictures of the monitored footage: at its end, and before and after each move."""
     shown = [Shown("footage", last, "at the end of the monitored footage", "now")]
-    if camera.fps is None:  # of an older Passerby, which wrote no clocks
+    if camera.fps is None:  # written by an older version of Passerby, which wrote no clocks
         return shown
     clock = Clock(camera.fps, camera.time_offset_s or 0.0)
 
@@ -161,12 +161,12 @@ def _list_pictures(found: MonitorDocument, camera: MonitoredCamera, first: int, 
 
 
 def _list_dated_moves(found: MonitorDocument, name: str) -> list[MoveEntry]:
-    """The moves of a camera, or of it or others, whose moment is known."""
+    """List the moves with known time of a camera, including moves of either this camera or others."""
     own = [one for one in found.moves if one.camera == name or name in one.or_]
     return [one for one in own if None not in (one.seconds, one.from_s, one.until_s)]
 
 
 def _clock_time(move: MoveEntry) -> str:
-    """00:05:12 of the footage."""
+    """Write the time of a move in the footage as 00:05:12."""
     whole = max(0, round(move.seconds or 0.0))
     return f"{whole // 3600:02d}:{whole // 60 % 60:02d}:{whole % 60:02d}"

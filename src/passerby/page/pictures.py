@@ -1,4 +1,4 @@
-"""Pictures of the cameras' videos, in full size: each found by a key frame, decoded once, kept as JPEG."""
+"""Pictures of the cameras' videos, in full size. Each is decoded once, from a key frame on, and kept as JPEG."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from passerby.scene.scene import Scene
 from passerby.scene.wall_clock import align_wall_clocks, choose_span, source_of
 
 KEPT = 64
-"""Pictures at once: some 20 MB."""
+"""Most pictures in memory: some 20 MB."""
 QUALITY = 88
 MOST_PIXELS = 5e7
-"""Of one picture: larger ones are not decoded."""
+"""Most pixels of a picture: larger pictures are not decoded."""
 MOST_DECODED = 4e8
-"""Pixels for one picture: two seconds' work, which reaches 190 pictures of 1920 x 1080 behind a key frame."""
+"""Most pixels that are decoded for one picture. This takes two seconds and is 190 frames of 1920 x 1080 after a key frame."""
 REACH = 250
-"""Frames before the requested one that will do where it cannot be decoded in time."""
+"""Largest number of frames by which the shown frame may precede the requested one, if that cannot be decoded in time."""
 
 
 @dataclass(frozen=True)
@@ -36,28 +36,28 @@ class Still:
 
     jpeg: bytes
     frame: int
-    """Its number, as the camera counts."""
+    """Frame number of the camera."""
 
 
 @dataclass(eq=False)
 class PictureStore:
-    """The pictures of the scenes that a page shows; as many are decoded at once as there are cores, each by one thread."""
+    """The pictures of the scene that a page shows. As many are decoded in parallel as there are cores, each in one thread."""
 
     _kept: OrderedDict[tuple[str, str, int], Still] = field(default_factory=OrderedDict)
     _videos: dict[str, VideoInfo | str] = field(default_factory=dict)
     _version: str | None = None
-    """Of the scene whose videos these are."""
+    """Version of the scene that `_videos` belong to."""
     _lock: threading.RLock = field(default_factory=threading.RLock)
     _opening: dict[str, threading.Lock] = field(default_factory=dict)
     turn: threading.Semaphore = field(default_factory=lambda: threading.BoundedSemaphore(os.cpu_count() or 1))
-    """To be held by who asks for videos and pictures: one camera's are whole before the next camera's are begun."""
+    """Callers hold it for their calls of `video` and `still`: a request is completed before a further one is begun."""
 
     def video(self, scene: Scene, version: str, camera: str) -> VideoInfo:
-        """A camera's video. Raises `InputError` where it has none, or it cannot be read."""
+        """Return a camera's video. Raises `InputError` if it has none, or it cannot be read."""
         with self._lock:
             if self._version != version:
                 self._version, self._videos, self._opening = version, {}, {}
-            # Recordings in pieces share one wall clock, and so are opened together; others each when it is asked for.
+            # Recordings in pieces share one wall clock, and so are opened together. Others are opened when they are requested.
             alone = _is_alone(scene)
             lock = self._opening.setdefault(camera if alone else "", threading.Lock())
         with lock:
@@ -73,7 +73,7 @@ class PictureStore:
         return found
 
     def still(self, scene: Scene, version: str, camera: str, frame: int) -> Still:
-        """The picture nearest to a frame, at it or before. Raises `InputError` as `video` does, or where there is none."""
+        """Return the picture at a frame, or the nearest before. Raises `InputError` as `video` does, or if there is none."""
         key = version, camera, frame
         known = self.known(*key)
         if known is not None:
@@ -87,7 +87,7 @@ class PictureStore:
         return found
 
     def known(self, version: str, camera: str, frame: int) -> Still | None:
-        """A picture that was decoded before: for this no turn is waited for."""
+        """Return a picture that is already decoded, without waiting for `turn`; None if it is not."""
         with self._lock:
             found = self._kept.get((version, camera, frame))
             if found is not None:
@@ -100,7 +100,7 @@ class PictureStore:
 
 
 def _decode_picture(info: VideoInfo, camera: str, frame: int) -> Still:
-    """The picture nearest to a frame, at it or before."""
+    """Decode the picture at a frame, or the nearest before."""
     if info.size[0] * info.size[1] > MOST_PIXELS:
         raise InputError(f"camera {camera}: pictures of {info.size[0]} x {info.size[1]} are too large to be shown")
     number = np.arange(max(1, frame - REACH), frame + 1, dtype=np.int64)
@@ -114,7 +114,7 @@ def _decode_picture(info: VideoInfo, camera: str, frame: int) -> Still:
 
 
 def _is_alone(scene: Scene) -> bool:
-    """Whether each camera's video can be opened without the others: single files, whose frames count from their first."""
+    """Check whether each video can be opened without the others: single files whose frames count from their first frame."""
     if scene.scene.from_ is not None or scene.scene.until is not None:
         return False
     sources = [source_of(scene, name) for name in scene.cameras]
@@ -122,7 +122,7 @@ def _is_alone(scene: Scene) -> bool:
 
 
 def open_video_alone(scene: Scene, camera: str) -> VideoInfo | str:
-    """A camera's video that is a single file, or why there is none to be shown."""
+    """Open a camera's video that is a single file; return the reason as text if there is none to show."""
     try:
         source = source_of(scene, camera)
         return f"camera {camera} has no video" if source is None else _read_video(source, camera)
@@ -131,12 +131,12 @@ def open_video_alone(scene: Scene, camera: str) -> VideoInfo | str:
 
 
 def _read_video(source: VideoSource, camera: str) -> VideoInfo:
-    """A camera's video, not turned by `rotate`: boxes, clicks and rig on the page are of the images as filmed."""
+    """Open a camera's video without the rotation `rotate`: boxes, clicks and rig of the page refer to the images as filmed."""
     return open_source(replace(source, rotate=0), camera).info
 
 
 def open_videos(scene: Scene) -> dict[str, VideoInfo | str]:
-    """By camera its video, whose frames count as a calibration counts them, or why there is none to be shown."""
+    """Open all videos, by camera, with the frame numbers of a calibration; the value is a reason if there is none to show."""
     readings = [CameraInput(name, fps=scene.fps_of(name)) for name in scene.cameras]
     why: dict[str, str] = {}
     try:

@@ -1,4 +1,4 @@
-"""What a browser says of a plan: a draft, tried on the rig, and the acts that write and delete `[world.plan]`."""
+"""Requests of a browser about a plan: a draft that is tried on the rig, and the acts that write and delete `[world.plan]`."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from passerby.scene.world_tables import PlanTable, floor_plan, plan_faults
 Metres = Annotated[float, Field(gt=0, le=1e5)]
 PIXEL_DIGITS = 2
 STATED = ("image", "metres_per_pixel", "distance", "cameras", "points")
-"""The keys that the page sets; others stay as an editor wrote them."""
+"""The keys that the page sets; other keys stay as a user wrote them in an editor."""
 IN_EDITOR = "correct [world.plan] in an editor"
 
 
@@ -43,7 +43,7 @@ class PlanDistance(BaseModel):
 
 
 class PlanPoint(BaseModel):
-    """A point of the ground on the plan and in cameras' pictures."""
+    """A point of the ground, by its pixels on the plan and in cameras' pictures."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
     at: Pixel
@@ -53,11 +53,11 @@ class PlanPoint(BaseModel):
 
 
 class PlanDraft(BaseModel):
-    """A plan with what is placed on it."""
+    """A plan with the cameras and points that are placed on it."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
     image: Annotated[str, Field(max_length=40)] | None = None
-    """An uploaded picture; None: the one that the scene file names."""
+    """File name of an uploaded picture; None: the picture that the scene file names."""
     metres_per_pixel: Metres | None = None
     distance: PlanDistance | None = None
     cameras: Annotated[dict[Name, Pixel], Field(max_length=1000)] = {}
@@ -71,25 +71,25 @@ class PlanDraft(BaseModel):
 
 
 class PlacePlan(Act):
-    """`[world.plan]` as it shall be."""
+    """An act that sets `[world.plan]`."""
 
     act: Literal["plan"]
     plan: PlanDraft
 
 
 class RemovePlan(Act):
-    """The scene without its plan."""
+    """An act that removes the plan from the scene."""
 
     act: Literal["remove_plan"]
 
 
 def change_plan(session: Session, act: PlacePlan | RemovePlan, text: str) -> str:
-    """The scene file's text after an act on the plan. Raises `InputError` for a plan that nothing can be laid upon."""
+    """Return the scene file's text after an act on the plan. Raises `InputError` for an invalid plan."""
     if isinstance(act, RemovePlan):
         return remove_plan(text)
     table = plan_table(session, act.plan)
     sizes = {}
-    with suppress(InputError):  # without a rig, a calibration checks the pixels of pictures
+    with suppress(InputError):  # without a rig, only a calibration can check the pixels of pictures
         sizes = {camera.name: camera.lens.size for camera in session.rig()}
     if wrong := plan_faults(table, "the plan:", sizes):
         raise FileFaults(wrong)
@@ -97,19 +97,19 @@ def change_plan(session: Session, act: PlacePlan | RemovePlan, text: str) -> str
 
 
 def plan_table(session: Session, draft: PlanDraft) -> PlanTable:
-    """A draft as the scene file's table, its picture as it can be opened. Raises `InputError` for what is no plan."""
+    """Return a draft as the scene file's table, with the full path of its picture. Raises `InputError` if it is no plan."""
     scene, _ = session.scene()
     old = None if scene.world is None else scene.world.plan
     now = state_plan(session, draft)
     others = {} if old is None else {key: one for key, one in old.model_dump(exclude_unset=True).items() if key not in STATED}
     if old is not None and old.image.as_posix() != now["image"]:
-        others.pop("origin", None)  # a pixel of another picture
+        others.pop("origin", None)  # it is a pixel of the old picture
     table: PlanTable = read_as(PlanTable, others | now)
     return table.model_copy(update={"image": plan_path(session, draft.image)})
 
 
 def state_plan(session: Session, draft: PlanDraft) -> dict[str, Any]:
-    """What `[world.plan]` says of a draft, as plain values of TOML."""
+    """Return the content of `[world.plan]` for a draft, as plain values of TOML."""
     plan: dict[str, Any] = {"image": draft.image}
     if draft.image is None:
         world = session.scene()[0].world
@@ -140,13 +140,13 @@ def _pixel(at: Pixel) -> list[float]:
 
 
 def write_plan(text: str, wanted: Mapping[str, Any]) -> str:
-    """With `[world.plan]` as wanted, whatever set the world before; lines stay, but for those that set the heading.
+    """Return the text with `[world.plan]` as wanted and without any other frame; lines stay, except those that set the heading.
 
     Args:
         text: of the scene file.
-        wanted: values of `STATED`, plain; what is missing there is taken out. Points that are there already keep their place.
+        wanted: plain values of `STATED`; missing keys are removed. Points that are already in the file keep their position.
 
-    Raises `InputError` where the file is not TOML, or has the plan in a form that cannot be changed here.
+    Raises `InputError` if the file is not TOML, or has the plan in a form that cannot be changed here.
     """
     document = _parse_scene(text)
     world: Any = document.get("world")
@@ -164,7 +164,7 @@ def write_plan(text: str, wanted: Mapping[str, Any]) -> str:
 
 
 def remove_plan(text: str) -> str:
-    """Without `[world.plan]`, and so without a stated world frame; lines stay. Raises `InputError` where there is none."""
+    """Return the text without `[world.plan]`, and so without a stated world frame; lines stay. Raises `InputError` if none."""
     document = _parse_scene(text)
     world: Any = document.get("world")
     if not isinstance(world, Mapping) or "plan" not in world:
@@ -186,7 +186,7 @@ def _parse_scene(text: str) -> tomlkit.TOMLDocument:
 
 
 def _make_plan_table(wanted: Mapping[str, Any], before: Any) -> Table:
-    """A new table, with the further keys of a plan that was written on one line."""
+    """Return a new table, with the other keys of a plan that was written as an inline table."""
     kept = {} if not isinstance(before, Mapping) else {key: before[key] for key in before if key not in STATED}
     if kept and strip_lines(before.get("image")) != wanted["image"]:
         kept.pop("origin", None)
@@ -202,7 +202,7 @@ def _make_plan_table(wanted: Mapping[str, Any], before: Any) -> Table:
 
 
 def _update(plan: Table, wanted: Mapping[str, Any]) -> None:
-    """Change what differs. An origin is a pixel of one picture, and goes with it."""
+    """Change the values that differ. The origin is a pixel of one picture, so it is removed with a change of picture."""
     if strip_lines(plan.get("image")) != wanted["image"]:
         plan.pop("origin", None)
     for key in STATED[:-1]:
@@ -240,7 +240,7 @@ def _update_cameras(cameras: Any, wanted: Mapping[str, Any]) -> None:
 
 
 def _item(value: Any) -> Any:
-    """A value; tables on one line."""
+    """Return a value as a TOML item; a mapping becomes an inline table."""
     if not isinstance(value, Mapping):
         return value
     table = tomlkit.inline_table()
@@ -265,12 +265,12 @@ def _write_point(point: Mapping[str, Any]) -> Table:
 
 
 def strip_lines(item: Any) -> Any:
-    """A value without its lines."""
+    """Return the plain value of a TOML item, without its formatting."""
     return item.unwrap() if hasattr(item, "unwrap") else item
 
 
 def _check_text(document: tomlkit.TOMLDocument, wanted: Mapping[str, Any] | None) -> str:
-    """The new text, once it says what was wanted: tables may stand anywhere in a file, in any form."""
+    """Return the new text if it has the wanted content: a file may contain tables anywhere and in any form."""
     text = tomlkit.dumps(document)
     try:
         found = parse_toml(text.replace("\r\n", "\n")).get("world", {})
@@ -285,18 +285,18 @@ def _check_text(document: tomlkit.TOMLDocument, wanted: Mapping[str, Any] | None
 
 
 def _read_stated_plan(plan: Mapping[str, Any]) -> dict[str, Any]:
-    """What the page sets, points in any order."""
+    """Return the keys that the page sets, with sorted points for a comparison that ignores their order."""
     points = sorted(plan.get("points", []), key=repr)
     return {**{key: plan[key] for key in STATED[:-1] if key in plan}, "points": points}
 
 
 def try_plan(session: Session, pictures: PlanPictures, content: Any) -> dict[str, Any]:
-    """Lay the rig upon a draft, with the plan's scale, and tell the outcome in pixels of the plan, JSON-ready.
+    """Align the rig to a draft, with the plan's scale, and return the result in pixels of the plan, ready for JSON.
 
-    Nothing is written, and people are not fitted again: after the next calibration the rig differs by what they say.
+    Nothing is written, and people are not fitted again: the next calibration fits them and may change the rig.
 
-    Raises `InputError` for what is no plan, or a pixel that a camera cannot see; `EvidenceError` where the placements fix
-    nothing, or there is no rig.
+    Raises `InputError` for an invalid plan, or a pixel that a camera cannot see; `EvidenceError` if the placements do not
+    determine an alignment, or there is no rig.
     """
     draft = read_as(PlanDraft, content)
     rig, table = session.rig(), plan_table(session, draft)
@@ -314,12 +314,12 @@ def try_plan(session: Session, pictures: PlanPictures, content: Any) -> dict[str
 
 
 def to_plan(plan: FloorPlan, xy: Floats) -> Floats:
-    """(N, 2) pixels of a plan of places (N, 2) in its world, metres."""
+    """Convert positions (N, 2) in a plan's world, metres, to pixels (N, 2) of the plan."""
     return np.asarray(np.asarray(xy, dtype=np.float64) / plan.metres_per_pixel * (1.0, -1.0) + plan.origin)
 
 
 def _cameras(aligned: Aligned, plan: FloorPlan) -> list[dict[str, Any]]:
-    """Each camera that has a pose: its pixel of the plan, and what it sees of the ground nearby."""
+    """Return, for each camera with a pose, its position and its view of the nearby ground, pixels of the plan."""
     reach = WEDGE_SHARE * stage_of(aligned.rig, np.zeros((0, 2))).reach
     return [
         {
@@ -334,7 +334,7 @@ def _cameras(aligned: Aligned, plan: FloorPlan) -> list[dict[str, Any]]:
 
 
 def _placements(aligned: Aligned, plan: FloorPlan) -> list[dict[str, Any]]:
-    """Each camera on the plan and each observation of a point: how far off it is, and where the rig has it."""
+    """Return, for each placed camera and each observation of a point, its residual and its position by the rig."""
     return [
         {
             "point": row.get("point"), "camera": row["camera"], "off_m": row["off_m"], "used": row["used"],

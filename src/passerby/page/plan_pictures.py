@@ -1,4 +1,4 @@
-"""The plan's picture: as a browser sends it, checked before it is decoded, and as a calibration decodes it."""
+"""The plan's picture: an upload is checked by its header before it is decoded, with the decoder of a calibration."""
 
 from __future__ import annotations
 
@@ -20,21 +20,21 @@ from passerby.interchange.storage.safe_parsing import file_bytes
 from passerby.page.session import Session
 
 LARGEST_PX = 4096
-"""Of the longer side of what is shown: every browser draws so much."""
+"""Largest longer side of a shown picture: every browser can draw this size."""
 QUALITY = 90
 KEPT = 3
 MOST_BYTES = 25_000_000
-"""Of a plan's file: a scanned sheet has some megabytes."""
+"""Largest size of a plan's file: a scanned sheet has some megabytes."""
 MOST_PIXELS = 60_000_000
-"""Of a plan: 180 MB once it is decoded. A sheet of A0 at 200 dots per inch has 62 million."""
+"""Most pixels of a plan: 180 MB after decoding. A sheet of A0 at 200 dots per inch has 62 million."""
 MOST_SCANS = 64
-"""Of a progressive JPEG, each of which costs as much time as a whole picture; usual ones have ten."""
+"""Most scans of a progressive JPEG. Each takes as much time as a whole picture; usual files have ten."""
 UPLOADED = re.compile(r"plan-[0-9a-f]{20}\.(png|jpg)")
 PNG, PNG_END = b"\x89PNG\r\n\x1a\n", b"IEND\xaeB`\x82"
 JPEG, JPEG_SCAN, JPEG_END = b"\xff\xd8\xff", b"\xff\xda", b"\xff\xd9"
 REMEDY = "choose a PNG or JPEG"
 _DECODING = threading.Lock()
-"""One picture is decoded at a time: many at once would need much memory."""
+"""Lock for decoding one picture at a time: decoding many in parallel would need much memory."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class ShownPlan:
     data: bytes
     media_type: str
     size: tuple[int, int]
-    """(width, height) of the file's picture, pixels; what is sent may be smaller."""
+    """(width, height) of the file's picture, pixels; the picture in `data` may be smaller."""
 
 
 @dataclass(eq=False)
@@ -55,7 +55,7 @@ class PlanPictures:
     _lock: threading.Lock = field(default_factory=threading.Lock)
 
     def shown(self, path: Path) -> ShownPlan:
-        """A plan's picture. Raises `InputError` where there is none that can be shown."""
+        """Return a plan's picture. Raises `InputError` if there is none that can be shown."""
         try:
             stat = path.stat()
         except (OSError, ValueError):
@@ -70,9 +70,9 @@ class PlanPictures:
 
 
 def plan_path(session: Session, image: str | None) -> Path:
-    """Where a plan's picture lies: an uploaded one by its name, or the scene file's own for None.
+    """Return the path of an uploaded picture of a plan by its name, or of the scene file's own picture for None.
 
-    Raises `InputError` for another name: a browser sends no paths.
+    Raises `InputError` for any other name: a browser must not send paths.
     """
     if image is not None:
         if not UPLOADED.fullmatch(image):
@@ -85,7 +85,7 @@ def plan_path(session: Session, image: str | None) -> Path:
 
 
 def _read_shown_plan(path: Path) -> ShownPlan:
-    """A plan's picture read, and made small enough for a browser."""
+    """Read a plan's picture, and make it small enough for a browser."""
     content = file_bytes(path, "a picture of the plan (PNG or JPEG)")
     _, (width, height) = picture_header(content)
     if width * height > MOST_PIXELS:
@@ -105,9 +105,9 @@ def _read_shown_plan(path: Path) -> ShownPlan:
 
 
 def keep_plan(folder: Path, content: bytes) -> str:
-    """Write a plan's picture into a folder as it came, and return its file name: the same picture, the same name.
+    """Write a plan's picture unchanged into a folder, and return its file name; the same picture gives the same name.
 
-    Raises `InputError` for what is no PNG or JPEG, is too large or broken; nothing is written then.
+    Raises `InputError`, and writes nothing, if the content is not a PNG or JPEG, is too large or broken.
     """
     kind = check_plan(content)
     name = f"plan-{hashlib.blake2b(content, digest_size=10).hexdigest()}.{kind}"
@@ -117,7 +117,7 @@ def keep_plan(folder: Path, content: bytes) -> str:
 
 
 def check_plan(content: bytes) -> str:
-    """Decode a picture once, if its header allows that; returns how its file name ends. Raises `InputError`."""
+    """Check a picture by its header and by decoding it once; return the suffix of its file name. Raises `InputError`."""
     kind, (width, height) = picture_header(content)
     if width * height > MOST_PIXELS:
         raise InputError(
@@ -130,7 +130,7 @@ def check_plan(content: bytes) -> str:
 
 
 def picture_header(content: bytes) -> tuple[str, tuple[int, int]]:
-    """Kind (png, jpg) and (width, height) of a picture by its header. Raises `InputError` for another kind, or a part."""
+    """Read the kind (png, jpg) and (width, height) of a picture. Raises `InputError` for another kind or a cut-off file."""
     if content.startswith(PNG):
         if len(content) < 24 or content[12:16] != b"IHDR" or PNG_END not in content:
             raise InputError(f"the plan is a PNG that is cut off or broken: {REMEDY} that is whole")
@@ -142,7 +142,7 @@ def picture_header(content: bytes) -> tuple[str, tuple[int, int]]:
 
 
 def _jpeg_size(content: bytes) -> tuple[int, int]:
-    """(width, height) of the first frame header of a JPEG."""
+    """Read (width, height) from the first frame header of a JPEG."""
     broken = InputError(f"the plan is a JPEG that is cut off or broken: {REMEDY} that is whole")
     if content.rfind(JPEG_END) < content.rfind(JPEG_SCAN) or JPEG_SCAN not in content:
         raise broken

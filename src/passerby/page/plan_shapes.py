@@ -1,7 +1,7 @@
-"""The view from above as files and shapes: SVG, and GeoJSON (RFC 7946).
+"""The view from above as shapes and as files: SVG, and GeoJSON (RFC 7946).
 
-The format knows longitude and latitude only. A rig that positions in degrees have set is written so. Any other is written in
-the metres of its world, which RFC 7946 does not define: the member `coordinate_system` of the collection says so.
+GeoJSON defines only longitude and latitude. A rig whose world positions in degrees define is written in these. Any other rig is
+written in metres of its world, which RFC 7946 does not define: the member `coordinate_system` of the collection states this.
 """
 
 from __future__ import annotations
@@ -21,26 +21,26 @@ from passerby.page.plan_view import CameraFromAbove, PlanView
 from passerby.report.rendering import render
 
 HEADING_SHARE = 0.16
-"""Of the length of a field of view: how long a camera's stroke of where it looks is."""
+"""Length of the stroke in a camera's viewing direction, as a share of the length of a field of view."""
 BAR_SHARE = 0.2
-"""Of the width: the scale bar is no longer."""
+"""Largest length of the scale bar, as a share of the width."""
 INSET = 0.03
-"""Of the width: from the corner to the scale bar."""
+"""Distance from the corner to the scale bar, as a share of the width."""
 ROUND = (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
 """Lengths of scale bars, metres."""
 DIGITS = 3
 WIDTH_PX, LINE_PX, LETTERS_PX, MARK_PX = 1600, 24, 15, 11
-"""Of a saved drawing: its longer side, a line of text below it, letters, and a camera's square."""
+"""Sizes in a saved drawing: its longer side, a line of text below it, letters, and a camera's square."""
 INK = "#1c1c1b"
 Shape = dict[str, Any]
 METRE_DIGITS, DEGREE_DIGITS = 3, 8
-"""A millimetre, in metres and in degrees."""
+"""Number of decimals of metres and of degrees: about a millimetre in both."""
 GEODETIC = "longitude and latitude in degrees, WGS 84"
 LOCAL = "metres of the rig's world: x right, y up; not longitude and latitude, so not as RFC 7946 defines coordinates"
 
 
 def drawing(view: PlanView) -> dict[str, Any]:
-    """What a page draws, JSON-ready: shapes in metres with y downwards, their extent, the plan's place, and a caption."""
+    """Return the drawing of the page, ready for JSON: shapes in metres with y downwards, extent, plan's position, caption."""
     width, height = (view.high - view.low).tolist()
     told: dict[str, Any] = {
         "box": [_round_place(one) for one in (view.low[0], -view.high[1], width, height)],
@@ -54,7 +54,7 @@ def drawing(view: PlanView) -> dict[str, Any]:
 
 
 def shapes(view: PlanView) -> Iterator[Shape]:
-    """From below to above. `points` are [x, y], metres, y downwards; `kind` decides how they are drawn."""
+    """Yield the shapes, the lowest layer first. `points` are [x, y], metres, y downwards; `kind` determines the style."""
     if view.backdrop is None:
         yield from _grid(view)
     for path in view.paths:
@@ -77,7 +77,7 @@ def shapes(view: PlanView) -> Iterator[Shape]:
 
 
 def caption(view: PlanView) -> str:
-    """What is drawn, in words."""
+    """Describe the drawing in words."""
     people = len({one.identity for one in view.paths})
     told = [f"{_count(len(view.cameras), 'camera')} with their fields of view, drawn {view.reach_m:.3g} m long"]
     if people:
@@ -94,7 +94,7 @@ def caption(view: PlanView) -> str:
 
 
 def svg_text(view: PlanView) -> str:
-    """The drawing as an SVG file on white ground, the plan within it. Camera names are text in it and nothing else."""
+    """Return the drawing as an SVG file with a white background and the embedded plan. Camera names can only become text."""
     extent = view.high - view.low
     unit = WIDTH_PX / float(extent.max())
     width, height = (extent * unit).tolist()
@@ -119,7 +119,7 @@ def svg_text(view: PlanView) -> str:
 
 
 def _draw_shape(shape: Shape, at: Floats) -> dict[str, str]:
-    """A shape of a saved drawing; places in pixels."""
+    """Return the values of a shape in a saved drawing, with positions in pixels."""
     kind, (x, y) = shape["kind"], at[0].tolist()
     drawn = {"kind": kind, "colour": shape.get("colour", INK)}
     if kind == "camera":
@@ -131,7 +131,7 @@ def _draw_shape(shape: Shape, at: Floats) -> dict[str, str]:
 
 
 def _grid(view: PlanView) -> Iterator[Shape]:
-    """Lines at whole multiples of the spacing."""
+    """Yield grid lines at whole multiples of the spacing."""
     for axis in range(2):
         first, last = np.ceil(view.low[axis] / view.spacing), np.floor(view.high[axis] / view.spacing)
         for at in np.arange(first, last + 1) * view.spacing:
@@ -141,7 +141,7 @@ def _grid(view: PlanView) -> Iterator[Shape]:
 
 
 def _scale_bar(view: PlanView) -> Iterator[Shape]:
-    """A length in the lower left corner, with its metres."""
+    """Yield the scale bar in the lower left corner and its label in metres."""
     width = float((view.high - view.low)[0])
     metres = max((one for one in ROUND if one <= BAR_SHARE * width), default=ROUND[0])
     at = view.low + INSET * width
@@ -155,12 +155,12 @@ def _shape(kind: str, xy: Floats, colour: str | None = None) -> Shape:
 
 
 def _round_place(value: float) -> float:
-    """Adding zero turns -0.0 into 0.0."""
+    """Round a coordinate to `DIGITS`; adding zero turns -0.0 into 0.0."""
     return round(float(value), DIGITS) + 0.0
 
 
 def _xml_text(text: str) -> str:
-    """Without the signs that no XML may hold, even escaped; names of cameras may hold any."""
+    """Replace characters that XML does not allow even if escaped; names of cameras may contain any characters."""
     return re.sub("[^\t\n\r -\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]", "\ufffd", text)
 
 
@@ -173,7 +173,7 @@ def _count(number: int, what: str) -> str:
 
 
 def geojson_text(view: PlanView) -> str:
-    """The whole file."""
+    """Return the view as the text of a GeoJSON file."""
     collection: dict[str, Any] = {
         "type": "FeatureCollection",
         "coordinate_system": LOCAL if view.georeference is None else GEODETIC,
@@ -208,7 +208,7 @@ def _features(view: PlanView) -> Iterator[dict[str, Any]]:
 
 
 def _camera(view: PlanView, camera: CameraFromAbove) -> dict[str, Any]:
-    """Its properties: sigmas are one standard deviation; a heading runs from x towards y, an azimuth from north to east."""
+    """Return a camera's properties. Sigmas are 1 standard deviation; headings run from x to y, azimuths from north to east."""
     heading = None if camera.ahead is None else float(np.degrees(np.arctan2(camera.ahead[1], camera.ahead[0])))
     told: dict[str, Any] = {
         "kind": "camera", "camera": camera.name, "height_m": _round_number(camera.centre[2]),
@@ -226,7 +226,7 @@ def _feature(kind: str, coordinates: Any, properties: dict[str, Any]) -> dict[st
 
 
 def _ring(view: PlanView, outline: Floats) -> list[list[float]] | None:
-    """A closed ring, counter-clockwise as RFC 7946 has it; None for an outline without an area."""
+    """Return a closed ring, counter-clockwise as RFC 7946 requires; None for an outline with fewer than three points."""
     x, y = outline.T
     area = float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y)) / 2
     places = _places(view, outline if area > 0 else outline[::-1])
@@ -236,7 +236,7 @@ def _ring(view: PlanView, outline: Floats) -> list[list[float]] | None:
 
 
 def _places(view: PlanView, xy: Floats) -> list[list[float]]:
-    """Coordinates of places (N, 2), metres."""
+    """Return the coordinates of positions (N, 2), metres: longitude and latitude if georeferenced, otherwise metres."""
     if view.georeference is None:
         return [[_metres(x), _metres(y)] for x, y in xy.tolist()]
     found = geodetic(np.column_stack([xy, np.zeros(len(xy))]), view.georeference)
@@ -244,7 +244,7 @@ def _places(view: PlanView, xy: Floats) -> list[list[float]]:
 
 
 def _metres(value: float) -> float:
-    """Adding zero turns -0.0 into 0.0."""
+    """Round to `METRE_DIGITS`; adding zero turns -0.0 into 0.0."""
     return round(value, METRE_DIGITS) + 0.0
 
 

@@ -1,6 +1,6 @@
-"""The rig from above, as the page shows and saves it: cameras, what they see, their sigmas, people, the plan behind them.
+"""The rig from above, as the page shows and saves it: cameras, their views and sigmas, people, and the plan behind them.
 
-World of the rig: metres, x right, y up, z = 0 the ground.
+World of the rig: metres, x right and y up in the drawing, ground at z = 0.
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ from passerby.report.rig_geometry import (
 )
 
 MOST_PLACES = 6000
-"""Of people that are drawn; of more every n-th."""
+"""Approximate largest number of people's positions that are drawn; of more, every n-th is drawn."""
 GEODETIC_ORIGIN = "geodetic_origin"
-"""In a rig's metadata, where positions in degrees set its world."""
+"""Key in a rig's metadata, if positions in degrees define its world."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,22 +47,22 @@ class CameraFromAbove:
     centre: Floats
     """(3,) metres."""
     ahead: Floats | None
-    """(2,) unit vector of where it looks over the ground; None straight up or down."""
+    """(2,) unit vector of its horizontal viewing direction; None if it looks straight up or down."""
     seen: Floats
-    """(N, 2) closed outline of the ground that it sees within `PlanView.reach_m`."""
+    """(N, 2) closed outline of the ground that it sees within `PlanView.reach_m`, metres."""
     covariance: Floats | None
-    """(2, 2) of its place over the ground, square metres."""
+    """(2, 2) covariance of its horizontal position, square metres; None if unknown."""
     is_directed: bool
     """Whether the covariance's directions are known."""
     orientation_sigma_deg: float | None
 
     @property
     def semi_axes_m(self) -> list[float] | None:
-        """Of the one-sigma ellipse, the longer first."""
+        """Semi-axes of the one-sigma ellipse, the longer first; None if unknown."""
         return None if self.covariance is None else semi_axes(self.covariance)[0].tolist()
 
     def outline(self, factor: float) -> Floats | None:
-        """(K, 2) of the ellipse at so many sigmas, closed."""
+        """Return the closed outline (K, 2) of the ellipse at `factor` sigmas; None if the covariance is unknown."""
         return None if self.covariance is None else ellipse(self.centre[:2], self.covariance, factor)
 
 
@@ -75,7 +75,7 @@ class PersonPath:
     begin_s: float
     end_s: float
     xy: Floats
-    """(N, 2), two or more."""
+    """(N, 2) positions, metres; N is at least 2."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +87,7 @@ class Backdrop:
 
     @property
     def corner(self) -> Floats:
-        """(2,) its upper left corner, metres."""
+        """(2,) upper left corner, metres."""
         u, v = self.entry.origin
         return np.array([-0.5 - u, v + 0.5]) * self.entry.metres_per_pixel
 
@@ -99,31 +99,31 @@ class Backdrop:
 
 @dataclass(frozen=True, eq=False)
 class PlanView:
-    """All that is drawn."""
+    """All content of the drawing."""
 
     cameras: tuple[CameraFromAbove, ...]
     paths: tuple[PersonPath, ...]
     backdrop: Backdrop | None
     low: Floats
-    """(2,) corner of what is drawn,"""
+    """(2,) lowest x and y of the drawn region, metres."""
     high: Floats
-    """and the opposite one."""
+    """(2,) highest x and y of the drawn region, metres."""
     spacing: float
-    """Between the lines of the grid."""
+    """Distance between the lines of the grid, metres."""
     reach_m: float
-    """How far fields of view are drawn."""
+    """Length of the drawn fields of view."""
     magnification: int
-    """So many times as large are ellipses drawn."""
+    """Factor by which ellipses are magnified."""
     missing: tuple[str, ...]
     """Cameras without a pose."""
     notes: tuple[str, ...]
     georeference: Floats | None
-    """(3,) latitude, longitude and altitude of the world's origin, degrees and metres; then x is east and y north."""
+    """(3,) latitude, longitude, altitude of the world's origin, degrees and metres; then x is east, y north. None: unknown."""
 
 
 @dataclass(eq=False)
 class PlanViews:
-    """The view of a session's rig, made again when its files change."""
+    """The view of a session's rig, which is made again when its files change."""
 
     session: Session
     pictures: PlanPictures
@@ -131,7 +131,7 @@ class PlanViews:
     _made: tuple[tuple[int, ...], PlanView] | None = None
 
     def view(self) -> PlanView:
-        """The rig from above. Raises `InputError` where there is none yet, or the folder is broken."""
+        """Return the view of the rig from above. Raises `InputError` if there is no rig yet, or the folder is broken."""
         with self._lock:
             stamp = tuple(_stamp(self.session.out / name) for name in ("rig.toml", CALIBRATION_FILE))
             if self._made is None or self._made[0] != stamp:
@@ -152,7 +152,7 @@ class PlanViews:
         return view_of(rig, ways, backdrop, notes)
 
     def _backdrop(self, contents: Contents, entry: PlanEntry | None) -> tuple[Backdrop | None, str]:
-        """The plan that set the rig's frame, or why it is not shown."""
+        """Return the plan that defines the rig's world frame, or None and the reason why it is not shown."""
         if entry is None:
             return None, ""
         scene_file = contents.document.scene_file
@@ -164,7 +164,7 @@ class PlanViews:
 
 
 def view_of(rig: Rig, ways: FittedTrajectories, backdrop: Backdrop | None, notes: list[str]) -> PlanView:
-    """What is drawn of a rig and its people, with a plan or without."""
+    """Return the view of a rig and its people, with or without a plan."""
     stage = stage_of(rig, ways.xy)
     low, high = stage.low[:2], stage.high[:2]
     if backdrop is not None:
@@ -182,7 +182,7 @@ def view_of(rig: Rig, ways: FittedTrajectories, backdrop: Backdrop | None, notes
 
 
 def georeference(rig: Rig) -> Floats | None:
-    """(3,) latitude, longitude, altitude of the world's origin; None where the rig's metadata have none that can be read."""
+    """Return latitude, longitude, altitude (3,) of the world's origin; None if the rig's metadata have no valid ones."""
     try:
         found = np.array([float(one) for one in rig.metadata.get(GEODETIC_ORIGIN, "").split()])
     except ValueError:
@@ -207,7 +207,7 @@ def _camera(camera: Camera, place: int, stage: Stage) -> CameraFromAbove:
 
 
 def _paths(ways: FittedTrajectories) -> tuple[PersonPath, ...]:
-    """Everybody's stretches of two places or more."""
+    """Return the stretches of all people's trajectories that have two positions or more."""
     found = []
     for rows in thin_parts(ways, MOST_PLACES):
         if len(rows) < 2:

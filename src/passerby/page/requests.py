@@ -1,4 +1,4 @@
-"""What every request of a browser is made of and how it is checked; messages without the folders of this machine."""
+"""Types of a browser's requests and their validation, and removal of this machine's folders from messages."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ Name = Annotated[str, Field(min_length=1, max_length=100)]
 
 
 class Act(BaseModel):
-    """What a browser asks for, with the version of the scene file that it saw."""
+    """A change that a browser requests, with the version of the scene file that it saw."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
     version: Annotated[str, Field(max_length=40)]
 
 
 def read_as(kind: Any, content: Any) -> Any:
-    """A value that a browser sent. Raises `InputError` where it is not of its kind."""
+    """Return the value that a browser sent as a value of a type. Raises `InputError` if it is not valid."""
     try:
         return TypeAdapter(kind).validate_python(content)
     except ValidationError as error:
@@ -34,7 +34,7 @@ def read_as(kind: Any, content: Any) -> Any:
 
 
 def remove_folders(text: str, folders: Iterable[Path]) -> str:
-    """A message in which paths begin below these folders."""
+    """Return a message in which paths are relative to these folders."""
     for folder in folders:
         for form in (str(folder.absolute()), str(folder)):
             if form not in ("", ".", "/"):

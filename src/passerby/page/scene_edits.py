@@ -1,6 +1,7 @@
-"""Acts as new lines of the scene file: comments and order stay, the new text is checked, and written whole.
+"""Changes of the scene file by acts: comments and order stay, the new text is checked and written atomically.
 
-A frame of the world by two clicks is a file of two points beside it, named by its content: the scene file alone decides.
+A world frame by two clicks is a file with two points beside the scene file. Its name is a digest of its content, and only the
+scene file states which file is used.
 """
 
 from __future__ import annotations
@@ -39,7 +40,7 @@ Pixel = tuple[float, float]
 
 @dataclass(frozen=True)
 class GroundClick:
-    """A click on the ground, and where it shall be in the world."""
+    """A click on the ground, and its wanted position in the world."""
 
     point: str
     camera: str
@@ -49,7 +50,7 @@ class GroundClick:
 
 
 def version_of(path: Path) -> str:
-    """What tells one content of a scene file from another; empty where it cannot be read."""
+    """Return a digest of the content of a scene file; empty if it cannot be read."""
     try:
         return hashlib.blake2b(path.read_bytes(), digest_size=10).hexdigest()
     except OSError:
@@ -57,13 +58,13 @@ def version_of(path: Path) -> str:
 
 
 def text_of(path: Path) -> str:
-    """The scene file as it stands, with its own ends of lines. Raises `InputError` where it cannot be read."""
+    """Read the text of the scene file, with its own line endings. Raises `InputError` if it cannot be read."""
     read_text(path, "a scene file (TOML)")
     return path.read_bytes().decode("utf-8-sig")
 
 
 def save_scene(path: Path, text: str) -> None:
-    """Write a scene file whole, once it is known that it can be read as a scene. Raises `InputError` before it is touched."""
+    """Write a scene file atomically, after a check that it is a valid scene. Raises `InputError` before any change."""
     try:
         content = parse_toml(text.replace("\r\n", "\n"))
     except NotParsed as error:
@@ -75,7 +76,7 @@ def save_scene(path: Path, text: str) -> None:
 def add_length(
     text: str, metres: float, sd_m: float, points: Mapping[str, Sequence[Pixel]], key: str = "lengths"
 ) -> str:  # fmt: skip
-    """With one more `[[scale.lengths]]`, or `[[scale.checks]]`: two ends in each camera, pixels."""
+    """Return the text with one more `[[scale.lengths]]`, or `[[scale.checks]]`: two ends in each camera, pixels."""
     document = _parse_scene(text)
     entry = tomlkit.table()
     entry["metres"] = metres
@@ -89,7 +90,7 @@ def add_length(
 
 
 def add_person(text: str, camera: str, frame: int, at: Pixel, height_m: float, sd_m: float) -> str:
-    """With one more `[[scale.people]]`: the person at a pixel of a camera's frame, and the height."""
+    """Return the text with one more `[[scale.people]]`: the person at a pixel of a camera's frame, and the height."""
     document = _parse_scene(text)
     entry = tomlkit.table()
     entry["camera"] = camera
@@ -102,7 +103,7 @@ def add_person(text: str, camera: str, frame: int, at: Pixel, height_m: float, s
 
 
 def add_identities(text: str, key: str, boxes: Sequence[tuple[str, int, Pixel]]) -> str:
-    """With one more `[[association.same]]` or `[[association.different]]`: boxes by camera, frame and pixel."""
+    """Return the text with one more `[[association.same]]` or `different`: boxes by camera, frame and pixel."""
     document = _parse_scene(text)
     entry = tomlkit.table()
     entry["boxes"] = tomlkit.array()
@@ -116,7 +117,7 @@ def add_identities(text: str, key: str, boxes: Sequence[tuple[str, int, Pixel]])
 
 
 def add_not_a_person(text: str, camera: str, frame: int, at: Pixel) -> str:
-    """With one more `[[association.not_people]]`."""
+    """Return the text with one more `[[association.not_people]]`."""
     document = _parse_scene(text)
     entry = tomlkit.table()
     entry.update({"camera": camera, "frame": frame, "at": _round_value(at)})
@@ -125,7 +126,7 @@ def add_not_a_person(text: str, camera: str, frame: int, at: Pixel) -> str:
 
 
 def add_line(text: str, direction: str, points: Mapping[str, Sequence[Pixel]]) -> str:
-    """With one more `[[world.lines]]`: two pixels in each camera."""
+    """Return the text with one more `[[world.lines]]`: two pixels in each camera."""
     document = _parse_scene(text)
     entry = tomlkit.table()
     entry["direction"] = direction
@@ -135,7 +136,7 @@ def add_line(text: str, direction: str, points: Mapping[str, Sequence[Pixel]]) -
 
 
 def remove_entry(text: str, key: str, number: int) -> str:
-    """Without the table of this number, from 1, under `[[scale.lengths]]` and the other lists of tables."""
+    """Return the text without the table of this number, from 1, in one of the lists of tables of `TABLE_OF`."""
     document = _parse_scene(text)
     table = TABLE_OF[key]
     entries = document.get(table, {}).get(key, [])
@@ -150,7 +151,7 @@ def remove_entry(text: str, key: str, number: int) -> str:
 
 
 def remove_camera(text: str, name: str) -> str:
-    """With the table of a camera turned into comments at the end of the file."""
+    """Return the text with the table of a camera changed to comments at the end of the file."""
     document = _parse_scene(text)
     cameras = document.get("cameras", {})
     if name not in cameras:
@@ -166,7 +167,7 @@ def remove_camera(text: str, name: str) -> str:
 
 
 def add_excluded(text: str, camera: str, key: str, entry: Sequence[Any]) -> str:
-    """With one more entry of `exclude` (a polygon's corners, pixels) or `exclude_s` (begin and end, seconds) of a camera."""
+    """Return the text with one more entry of a camera's `exclude` (corners, pixels) or `exclude_s` (begin and end, seconds)."""
     document = _parse_scene(text)
     table = _camera(document, camera)
     if key not in table:
@@ -178,7 +179,7 @@ def add_excluded(text: str, camera: str, key: str, entry: Sequence[Any]) -> str:
 
 
 def remove_excluded(text: str, camera: str, key: str, number: int) -> str:
-    """Without the entry of this number, from 1, of a camera's `exclude` or `exclude_s`."""
+    """Return the text without the entry of this number, from 1, of a camera's `exclude` or `exclude_s`."""
     document = _parse_scene(text)
     table = _camera(document, camera)
     entries = table.get(key, [])
@@ -191,14 +192,14 @@ def remove_excluded(text: str, camera: str, key: str, number: int) -> str:
 
 
 def set_time_limit(text: str, camera: str, key: str, seconds: float) -> str:
-    """With `from_s` or `until_s` of a camera, whatever it was before."""
+    """Return the text with `from_s` or `until_s` of a camera set or replaced."""
     document = _parse_scene(text)
     _camera(document, camera)[key] = _round_value(seconds)
     return tomlkit.dumps(document)
 
 
 def remove_time_limit(text: str, camera: str, key: str) -> str:
-    """Without `from_s` or `until_s` of a camera."""
+    """Return the text without `from_s` or `until_s` of a camera."""
     document = _parse_scene(text)
     table = _camera(document, camera)
     if key not in table:
@@ -208,7 +209,7 @@ def remove_time_limit(text: str, camera: str, key: str) -> str:
 
 
 def set_world_points(text: str, points_file: str) -> str:
-    """With `[world]` set by a file of points, whatever set it before; lines stay, but for those that set the heading."""
+    """Return the text with `[world]` set by a file of points only; lines stay, except those that set the heading."""
     document = _parse_scene(text)
     table = tomlkit.table()
     table["points"] = points_file
@@ -223,7 +224,7 @@ def set_world_points(text: str, points_file: str) -> str:
 
 
 def keep_lines(world: Any, table: Table) -> None:
-    """Take the lines of a `[world]` over into another one, but for those that set the heading."""
+    """Copy the lines of a `[world]` into another table, except those that set the heading."""
     lines = world.get("lines", []) if isinstance(world, Mapping) else []
     for one in lines:
         if one.get("direction") != "x":
@@ -233,7 +234,7 @@ def keep_lines(world: Any, table: Table) -> None:
 
 
 def write_points(folder: Path, clicks: Sequence[GroundClick], sd_m: float = POINT_SD_M) -> str:
-    """Write clicks on the ground as known points, and return the name of their file: the same clicks, the same name."""
+    """Write clicks on the ground as known points, and return the name of their file; the same clicks give the same name."""
     rows = [f"{one.point},{_field(one.camera)},{one.at[0]:.2f},{one.at[1]:.2f},{one.x:.4f},0,0,{sd_m:g}" for one in clicks]
     content = "\n".join(["point,camera,u,v,x,y,z,sd_m", *rows, ""])
     name = POINTS_FILE.format(hashlib.blake2b(content.encode(), digest_size=5).hexdigest())
@@ -249,14 +250,14 @@ def _camera(document: tomlkit.TOMLDocument, name: str) -> Any:
 
 
 def _round_value(value: Any) -> Any:
-    """A number, or a pixel, as it is written."""
+    """Round a number or a pixel as it is written to the file."""
     if isinstance(value, Sequence):
         return [round(float(one), PIXEL_DIGITS) for one in value]
     return round(float(value), PIXEL_DIGITS)
 
 
 def _field(text: str) -> str:
-    """A field of a CSV row."""
+    """Return text as a field of a CSV row, quoted if necessary."""
     return '"' + text.replace('"', '""') + '"' if any(sign in text for sign in ',"\n') else text
 
 
@@ -288,7 +289,7 @@ def _append(document: tomlkit.TOMLDocument, name: str, key: str, entry: Table) -
 
 
 def _write_marks(points: Mapping[str, Sequence[Pixel]]) -> InlineTable:
-    """Pixels of each camera."""
+    """Return the pixels of each camera as an inline table."""
     marks = tomlkit.inline_table()
     for name, ends in points.items():
         marks[name] = _pixels(ends)

@@ -1,7 +1,8 @@
-"""Who may ask the page for anything, and what all pages answer alike.
+"""Access control of the pages, and the answers that all pages share.
 
-Any web site that a user visits can send requests to 127.0.0.1, and a name of its own can lead there (DNS rebinding). So `Host`
-must be this server's, `Origin` this page's, and the cookie, which no other site's requests carry, must hold the token.
+Any web site that a user visits can send requests to 127.0.0.1, and can make a host name of its own resolve to it (DNS
+rebinding). So `Host` must be this server's, `Origin` must be this page's, and the cookie must contain the token; requests of
+other sites do not carry the cookie.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from passerby.page.pictures import PictureStore
 from passerby.scene.scene import Scene
 
 MOST_BYTES = 64 * 1024
-"""Of a request's body: an act is a few hundred bytes. A path may have its own limit, as that of an upload has."""
+"""Largest size of a request's body: an act has a few hundred bytes. A path may have its own limit, for example for uploads."""
 POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; connect-src 'self'; frame-src 'self'; "
     "form-action 'none'; base-uri 'none'; frame-ancestors 'none'"
@@ -43,18 +44,18 @@ Answer = Callable[[Request], Any]
 
 
 class Guard:
-    """Turns away what does not come from the opened page, and limits what it may send."""
+    """Refuses requests that do not come from the opened page, and limits their size."""
 
     def __init__(
         self, app: ASGIApp, token: str, port: int, limits: Mapping[str, int] | None = None, open_below: str | None = None
     ) -> None:
-        """Guard an app; below `open_below` no token is needed: its addresses cannot be guessed."""
+        """Guard an app. Paths that begin with `open_below` need no token, because their addresses cannot be guessed."""
         self._app, self._token, self._limits, self._open_below = app, token, dict(limits or {}), open_below
         self._hosts = {f"127.0.0.1:{port}", f"localhost:{port}"}
-        self._cookie = f"passerby-{port}"  # browsers keep cookies by host, whatever the port
+        self._cookie = f"passerby-{port}"  # browsers store cookies by host, not by port
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """One request."""
+        """Answer one request: refuse it, or pass it to the app."""
         if scope["type"] == "lifespan":
             await self._app(scope, receive, send)
             return
@@ -81,7 +82,7 @@ class Guard:
         await (refusal or self._app)(scope, receive, send_with_headers)
 
     def _refusal(self, scope: Scope) -> PlainTextResponse | RedirectResponse | None:
-        """The answer to a request that is not let in, or that brings the token; None for one that is."""
+        """Return the answer to a refused request or to one that brings the token; None for an admitted request."""
         headers = _read_headers(scope["headers"])
         if headers.get("host") not in self._hosts:
             return PlainTextResponse("Unknown host.\n", 421)
@@ -89,7 +90,7 @@ class Guard:
             return PlainTextResponse("Not allowed.\n", 405)
         origin, own = headers.get("origin"), f"http://{headers['host']}"
         is_open = self._open_below is not None and scope["path"].startswith(self._open_below) and scope["method"] == "GET"
-        # What runs apart from the page, as the report does, has the origin "null".
+        # A sandboxed document, such as the report, has the origin "null".
         if origin != own and (origin is not None or scope["method"] == "POST") and not (is_open and origin == "null"):
             return PlainTextResponse("Another site may not ask for this.\n", 403)
         if scope["path"] == "/" and scope["method"] == "GET":
@@ -109,7 +110,7 @@ class Guard:
 
 
 def _read_headers(headers: Iterable[tuple[bytes, bytes]]) -> dict[str, str]:
-    """Headers by name; one that comes twice is empty, and so fits nothing."""
+    """Return the headers by name. A header that occurs twice is empty, so no check accepts it."""
     found: dict[str, str] = {}
     for name, value in headers:
         key = name.decode("latin-1").lower()
@@ -126,7 +127,7 @@ def _cookie(header: str, name: str) -> str:
 
 
 async def _body(scope: Scope, receive: Receive, most: int) -> bytes | None:
-    """A request's body; None for one of more than `most` bytes, whose rest is not read."""
+    """Read a request's body; None for a body of more than `most` bytes, whose rest is not read."""
     stated = _read_headers(scope["headers"]).get("content-length")
     if stated is not None and not (stated.isdigit() and len(stated) < 10 and int(stated) <= most):
         return None
@@ -143,7 +144,7 @@ async def _body(scope: Scope, receive: Receive, most: int) -> bytes | None:
 
 
 def _replay_body(body: bytes) -> Receive:
-    """A body that was read already."""
+    """Return a `receive` function that delivers a body that was already read."""
     messages: list[Message] = [{"type": "http.request", "body": body, "more_body": False}]
 
     async def receive() -> Message:
@@ -153,7 +154,7 @@ def _replay_body(body: bytes) -> Receive:
 
 
 def static_routes(index: str) -> list[Route]:
-    """The files of the pages, each read once; `index` names the one that the address itself leads to."""
+    """Return the routes of the pages' files, each read once; `index` is the file at the address `/`."""
     folder = resources.files("passerby.page") / "static"
     names = sorted(one.name for one in folder.iterdir() if one.name[one.name.rfind(".") :] in TYPES)
     return [_static(name, "/" if name == index else f"/static/{name}") for name in names]
@@ -170,7 +171,7 @@ def _static(name: str, path: str) -> Route:
 
 
 def answering(work: Answer) -> Callable[[Request], Any]:
-    """A route's answer as JSON, worked out beside the server's loop."""
+    """Return a route's function that computes its answer in a thread, outside the server's event loop, and sends it as JSON."""
 
     async def answer(request: Request) -> Response:
         return JSONResponse(await run_in_threadpool(work, request))
@@ -179,7 +180,7 @@ def answering(work: Answer) -> Callable[[Request], Any]:
 
 
 def picture_answer(store: PictureStore, scene: Scene, version: str, name: str, frame: int) -> Response:
-    """The picture of a camera that is nearest to a frame. Raises `InputError` where there is none."""
+    """Return the picture of a camera at a frame or the nearest before. Raises `InputError` if there is none."""
     still = store.known(version, name, frame)
     if still is None:
         with store.turn:
@@ -189,12 +190,12 @@ def picture_answer(store: PictureStore, scene: Scene, version: str, name: str, f
 
 
 async def bug(_: Request, error: Exception) -> Response:
-    """The answer to an unexpected error."""
+    """Answer an unexpected error."""
     return PlainTextResponse("A bug in Passerby; the terminal shows it.\n", 500)
 
 
 def frame_of(request: Request) -> int:
-    """The frame that a request names; 1 where it names none. Raises `InputError` for what is no number."""
+    """Return the frame that a request names; 1 if it names none. Raises `InputError` if it is not a number."""
     text = request.query_params.get("frame", "1")
     if not (text.isascii() and text.isdigit() and len(text) < 10):
         raise InputError("frame is no frame number")
@@ -202,10 +203,10 @@ def frame_of(request: Request) -> int:
 
 
 def asked_frame(request: Request) -> int | None:
-    """The same; None where it names none."""
+    """Return the frame that a request names; None if it names none. Raises as `frame_of` does."""
     return frame_of(request) if "frame" in request.query_params else None
 
 
 def camera_of(request: Request) -> str:
-    """The camera that a request names."""
+    """Return the camera that a request names; empty if it names none."""
     return request.query_params.get("camera", "")

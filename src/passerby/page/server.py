@@ -1,7 +1,7 @@
-"""What `passerby open` opens, and the server on this machine's own address.
+"""Selection of the page that `passerby open` shows, and its server on the address of the local machine.
 
-The address is printed, and the browser begins to start, before all that the page needs is imported: the browser's requests wait
-in the listening socket meanwhile.
+The address is printed and the browser is started before the modules of the page are imported: in the meantime the browser's
+requests wait in the listening socket.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ DEFAULT_OUT = "out"
 
 @dataclass(frozen=True)
 class Opened:
-    """What a page is for."""
+    """A scene and its output folder, which a page shows."""
 
     scene_file: Path
     out: Path
@@ -47,15 +47,15 @@ class OpenedMonitoring:
 
 
 def find_opened(opened: Path, out: Path | None = None) -> Opened | OpenedMonitoring:
-    """The scene and the output folder, or the monitored rig, that a path stands for.
+    """Find the scene and the output folder, or the monitored rig, for a path.
 
     Args:
-        opened: an output folder of a calibration or of `passerby monitor`, a scene file, or a folder of videos, in which a
-            scene file is written where it has none.
+        opened: an output folder of a calibration or of `passerby monitor`, a scene file, or a folder of videos. If a folder of
+            videos has no scene file, one is written.
         out: the output folder; default: the opened one, or `out` beside the scene file.
 
     Raises:
-        InputError: nothing there that can be opened.
+        InputError: nothing at the path can be opened.
     """
     if opened.is_file():
         return Opened(opened, out or opened.absolute().parent / DEFAULT_OUT)
@@ -86,10 +86,10 @@ def serve(opened: Opened | OpenedMonitoring, port: int, tell: Callable[[str], No
     """Serve a page until the process is interrupted.
 
     Args:
-        opened: what to show.
-        port: 0 for any free one.
-        tell: is called with the page's address, once it can be opened.
-        browser: open it in the user's browser.
+        opened: the scene or the monitored rig to show.
+        port: 0 for any free port.
+        tell: called with the page's address as soon as a browser can open it.
+        browser: whether to open the page in the user's browser.
 
     Raises:
         InputError: the port is not free.

@@ -1,4 +1,4 @@
-"""One opened scene: what there is to show, the acts that change its file, and the results of its calibration."""
+"""One opened scene: its state for the browser, the acts that change its file, and the results of its calibration."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Session:
     scene_file: Path
     out: Path
     serves: bool = False
-    """Whether for a server that lasts: then a process is ready for the next calibration as soon as a user marks something."""
+    """Whether a lasting server uses the session: then a process is prepared for the next calibration after each act."""
     pictures: PictureStore = field(default_factory=PictureStore)
     _lock: threading.Lock = field(default_factory=threading.Lock)
     _checking: threading.Lock = field(default_factory=threading.Lock)
@@ -52,23 +52,23 @@ class Session:
 
     @property
     def version(self) -> str:
-        """Of the scene file as it stands."""
+        """Version of the current scene file."""
         return version_of(self.scene_file)
 
     def scene(self) -> tuple[Scene, str]:
-        """The scene and its version. Raises `InputError` where the file is broken."""
+        """Read the scene and its version. Raises `InputError` if the file is broken."""
         version = self.version
         return Scene.load(self.scene_file), version
 
     def camera(self, name: str) -> tuple[Scene, str]:
-        """The scene with a camera of this name. Raises `InputError` where it has none."""
+        """Read the scene and its version. Raises `InputError` if the scene has no camera of this name."""
         scene, version = self.scene()
         if name not in scene.cameras:
             raise InputError("the scene has no such camera")
         return scene, version
 
     def rig(self) -> Rig:
-        """The rig of the output folder. Raises `InputError` where there is none yet."""
+        """Return the rig of the output folder. Raises `InputError` if there is none yet."""
         path = self.out / "rig.toml"
         try:
             stat = path.stat()
@@ -80,7 +80,7 @@ class Session:
         return self._rig[1]
 
     def state(self) -> dict[str, Any]:
-        """Everything that changes, as plain values; quick, since browsers ask for it every second."""
+        """Return the changing state as plain values; this is fast, because browsers request it every second."""
         told: dict[str, Any] = {"file": self.scene_file.name, "version": self.version, "can_undo": self._undo() is not None}
         try:
             scene = Scene.load(self.scene_file)
@@ -103,8 +103,8 @@ class Session:
         return told
 
     def check(self) -> dict[str, Any]:
-        """What `passerby check` says of the scene as it stands; read once for each version of the file."""
-        # With what a calibration needs: a second, which the first pictures do not wait for.
+        """Return the result of `passerby check` for the current scene; computed once for each version of the file."""
+        # This import loads the modules of a calibration and takes a second, for which the first pictures need not wait.
         from passerby.scene.check import check_scene
 
         with self._checking:
@@ -114,11 +114,11 @@ class Session:
             return self._checked[1]
 
     def act(self, version: str, change: Callable[[str], str]) -> None:
-        """Change the scene file, whole, as seen by who asks.
+        """Change the scene file atomically, if it still has the version that the browser saw.
 
         Raises:
-            StaleError: the file is no longer of the version that was seen.
-            InputError: the change does not make a scene; nothing is written.
+            StaleError: the file has another version.
+            InputError: the changed text is not a valid scene; nothing is written.
         """
         with self._lock:
             self._check_version(version)
@@ -129,22 +129,22 @@ class Session:
         self.work.prepare()
 
     def undo(self, version: str) -> None:
-        """Take back the last act. Raises as `act` does, and `InputError` where there is none."""
+        """Undo the last act. Raises as `act` does, and `InputError` if there is none."""
         with self._lock:
             self._check_version(version)
             step = self._undo()
             if step is None:
                 raise InputError("there is no act to take back: the scene file was changed since, or never by this page")
             save_scene(self.scene_file, str(step["before"]))
-            # What was undone leads back to the act before it.
+            # Without this step, the next undo finds the act before it.
             self._write_undo([one for one in self._list_steps() if one is not step and one != step])
 
     def public(self, text: str) -> str:
-        """A message without the folders of this machine."""
+        """Return a message without the folders of this machine."""
         return remove_folders(text, (self.scene_file.parent, self.out.parent))
 
     def _public_values(self, value: Any) -> Any:
-        """Plain values with all their texts as `public` has them."""
+        """Apply `public` to all texts in plain values."""
         if isinstance(value, str):
             return self.public(value)
         if isinstance(value, dict):
@@ -156,7 +156,7 @@ class Session:
             raise StaleError("the scene file was changed meanwhile, by an editor or another browser: the page shows it now")
 
     def _stamp(self, path: Path) -> str:
-        """What changes when a file does; empty where there is none."""
+        """Return a text that changes when a file changes; empty if there is no file."""
         try:
             stat = path.stat()
         except OSError:
@@ -164,11 +164,11 @@ class Session:
         return f"{stat.st_mtime_ns:x}-{stat.st_size:x}"
 
     def _remember(self, before: str) -> None:
-        """Keep what the last act replaced."""
+        """Keep the text that the last act replaced."""
         self._write_undo([*self._list_steps(), {"after": self.version, "before": before}][-MOST_UNDONE:])
 
     def _undo(self) -> dict[str, str] | None:
-        """The act that made the file what it is."""
+        """Return the act that made the current text of the file; None if there is none."""
         return next((one for one in reversed(self._list_steps()) if one.get("after") == self.version), None)
 
     def _list_steps(self) -> list[dict[str, str]]:
@@ -184,7 +184,7 @@ class Session:
 
 
 def _cues(scene: Scene) -> dict[str, Any]:
-    """What the scene file says of lengths, heights, identities, what is excluded, and the world."""
+    """Return the scene file's lengths, heights, identities, exclusions, limits in time, and world frame as plain values."""
     world = scene.world
     how = None
     if world is not None:
@@ -216,13 +216,13 @@ def _cues(scene: Scene) -> dict[str, Any]:
 
 
 def _describe_plan(plan: PlanTable) -> dict[str, Any]:
-    """What the scene file says of its plan; of its picture the file name alone."""
+    """Return the scene file's plan as plain values, with only the file name of its picture."""
     told = plan.model_dump(mode="json", exclude_unset=True, include={"metres_per_pixel", "distance", "cameras", "points"})
     return {**told, "name": plan.image.name}
 
 
 def outcome(folder: Path, kept: dict[str, Any] | None = None) -> dict[str, Any] | None:
-    """The outcome of the calibration in a folder, or of one whose document was kept; None where there is none to be read."""
+    """Return the outcome of the calibration in a folder, or of a kept document; None if there is none that can be read."""
     try:
         if kept is not None:
             document = parse_document(json.dumps(kept))
@@ -264,7 +264,7 @@ def _describe_entry(document: CalibrationDocument) -> dict[str, Any]:
 
 
 def _focal(lens: LensFigures | None) -> dict[str, float | None]:
-    """A focal length that was estimated, pixels; None where it was taken as stated."""
+    """Return an estimated focal length and its sigma, pixels; None if the stated one was used."""
     focal = None if lens is None else lens.focal
     return {
         "focal_px": None if focal is None else focal.refined_px,
@@ -273,9 +273,9 @@ def _focal(lens: LensFigures | None) -> dict[str, float | None]:
 
 
 def _list_findings(document: CalibrationDocument, name: str) -> dict[str, list[str]]:
-    """What the calibration says of one camera: problems, and warnings that change no verdict.
+    """List the diagnostics that name a camera: problems, and warnings that do not change the verdict.
 
-    It stands beside every camera that it names; what names all cameras stands at the top alone, with `reasons` and `findings`.
+    Diagnostics that name all cameras are left out: the page shows them only at the top, with `reasons` and `findings`.
     """
     everywhere = {one.name for one in document.cameras}
     own = [one for one in document.diagnostics or () if name in one.cameras and not everywhere <= set(one.cameras)]

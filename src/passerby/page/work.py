@@ -1,4 +1,4 @@
-"""A calibration in a process of its own. What it prints lies in files, so that any server finds out what became of it."""
+"""A calibration in a process of its own. Its output goes to files, so a later server can also find its outcome."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from passerby.interchange.storage.atomic import cannot_write, make_folder, write
 from passerby.interchange.storage.transaction import try_lock
 
 FOLDER = ".page"
-"""In the output folder: what the page keeps."""
+"""Folder of the page's files, in the output folder."""
 RUN_LOCK, RUN_FILE, EVENTS, RESULT, BEFORE = "run.lock", "run.json", "events.jsonl", "result.json", "before.json"
 LAST_NOTES = 20
 
@@ -32,34 +32,34 @@ class Work:
 
     out: Path
     prepares: bool = False
-    """Whether a process waits for the next calibration; a server does so."""
+    """Whether a waiting process is prepared for the next calibration; true in a server."""
     _waiting: _Waiting | None = None
     _process: subprocess.Popen[bytes] | None = None
     _ended: int | None = None
-    """The exit status of the last run, as far as this server saw it end."""
+    """Exit status of the last run; None if this server did not see a run end."""
     _lock: threading.RLock = field(default_factory=threading.RLock)
 
     @property
     def folder(self) -> Path:
-        """Where the page keeps its files."""
+        """Folder of the page's files."""
         return self.out / FOLDER
 
     def prepare(self) -> None:
-        """Begin a process that imports what a calibration needs and waits, so that the next one starts at once."""
+        """Start a process that imports the modules of a calibration and waits, so that the next calibration starts at once."""
         with self._lock:
             if not self.prepares or (self._waiting is not None and self._waiting.process.poll() is None) or self.running():
                 return
-            with suppress(InputError, OSError):  # then the calibration is begun as ever
+            with suppress(InputError, OSError):  # then `start` begins a new process
                 make_folder(self.folder)
                 lock = (self.folder / RUN_LOCK).open("a+b")
                 self._waiting = _Waiting(_begin("passerby.cli.ready", [], lock, subprocess.PIPE, None, None), lock)
 
     def start(self, scene: Path, version: str) -> None:
-        """Begin or resume a calibration. Raises `InputError` where one is running, or the folder cannot be written."""
+        """Begin or resume a calibration. Raises `InputError` if one is running, or the folder cannot be written."""
         with self._lock:
             make_folder(self.folder)
             waiting, self._waiting = self._waiting, None
-            # The lock that the process holds ends with it.
+            # The process inherits the lock, which is released when the process ends.
             lock = (self.folder / RUN_LOCK).open("a+b") if waiting is None else waiting.lock
             try:
                 if not try_lock(lock):
@@ -75,7 +75,7 @@ class Work:
                 self._ended = None
                 try:
                     write_text(self.folder / RUN_FILE, json.dumps({"pid": self._process.pid, "version": version}))
-                except InputError:  # it cannot be stopped
+                except InputError:  # `stop` could not find the process later
                     self._process.terminate()
                     self._process.wait()
                     self._process = None
@@ -86,7 +86,7 @@ class Work:
                 lock.close()
 
     def stop(self) -> None:
-        """Interrupt the calibration that is running, as Ctrl-C does; what was found in videos is kept."""
+        """Interrupt the running calibration, as Ctrl-C does; detections from videos are kept."""
         with self._lock:
             if not self.running():
                 return
@@ -98,8 +98,8 @@ class Work:
                     os.killpg(pid, signal.SIGINT)
 
     def running(self) -> bool:
-        """Whether a calibration is at work, by this server or one before it."""
-        with self._lock:  # trying the lock holds it for a moment
+        """Check whether a calibration is running that this server or an earlier one began."""
+        with self._lock:  # `try_lock` holds the file's lock for a moment
             if self._process is not None:
                 if self._process.poll() is None:
                     return True
@@ -111,7 +111,7 @@ class Work:
                 return False
 
     def status(self) -> dict[str, Any]:
-        """What is running or became of the last run, as plain values: `state` is none, running, done, failed or stopped."""
+        """Return the status of the current or last run as plain values: `state` is none, running, done, failed or stopped."""
         running = self.running()
         events = _events(self.folder / EVENTS)
         told: dict[str, Any] = {
@@ -135,7 +135,7 @@ class Work:
         return told
 
     def before(self) -> dict[str, Any] | None:
-        """The calibration before the last one, as it was reported; None where there was none."""
+        """Read the report of the calibration before the last one; None if there was none."""
         try:
             found: dict[str, Any] = json.loads((self.folder / BEFORE).read_text(encoding="utf-8"))
         except (OSError, ValueError):
@@ -143,7 +143,7 @@ class Work:
         return found
 
     def _keep_before(self) -> None:
-        """Keep what is to be compared with the new calibration."""
+        """Keep the last calibration's report for the comparison with the new one."""
         with suppress(OSError):
             shutil.copyfile(self.out / CALIBRATION_FILE, self.folder / BEFORE)
 
@@ -154,7 +154,7 @@ class Work:
             return ""
 
     def _has_finished(self) -> bool:
-        """Whether the process has reported its verdict."""
+        """Check whether the process has reported its verdict."""
         try:
             return "verdict" in json.loads((self.folder / RESULT).read_text(encoding="utf-8"))
         except (OSError, ValueError):
@@ -163,13 +163,13 @@ class Work:
 
 @dataclass(frozen=True)
 class _Waiting:
-    """A process that waits for its command line, and the open file of the lock that it will hold."""
+    """A process that waits for its command line, and the open file of the lock that the run will hold."""
 
     process: subprocess.Popen[bytes]
     lock: IO[bytes]
 
     def run(self, command: Sequence[str], output: Path, errors: Path) -> subprocess.Popen[bytes] | None:
-        """Give it its command line; None where it has ended."""
+        """Send the process its command line, and return the process; None if it has ended."""
         assert self.process.stdin is not None
         told = {"arguments": list(command), "output": str(output.absolute()), "errors": str(errors.absolute())}
         try:
@@ -184,7 +184,7 @@ def _begin(
     module: str, arguments: Sequence[str], lock: IO[bytes], words: int | None, output: IO[bytes] | None,
     errors: IO[bytes] | None,
 ) -> subprocess.Popen[bytes]:  # fmt: skip
-    """A process of a session of its own: it survives the server, and stops with all its processes. It shares the lock."""
+    """Start a process that shares the lock, in a session of its own: it survives the server, and stops with its children."""
     return subprocess.Popen(
         [sys.executable, "-m", module, *arguments],
         stdin=words or subprocess.DEVNULL, stdout=output or subprocess.DEVNULL, stderr=errors or subprocess.DEVNULL,
@@ -193,7 +193,7 @@ def _begin(
 
 
 def _events(path: Path) -> list[dict[str, Any]]:
-    """The events of a run so far; lines that are no JSON are the command's own error, in plain words."""
+    """Read the events of a run so far. A line that is not JSON and begins with "error: " is an error message of the command."""
     try:
         lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
     except OSError:
@@ -210,7 +210,7 @@ def _events(path: Path) -> list[dict[str, Any]]:
 
 
 def _stages(events: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """The stages in their order, each with the last count of its parts."""
+    """Return the stages in their order, each with the last count of its parts."""
     stages: dict[str, dict[str, Any]] = {}
     for event in events:
         name = event.get("stage")

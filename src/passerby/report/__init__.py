@@ -1,5 +1,5 @@
-"""The page that a person looks at, and the drawings of notebooks.
+"""The report of a calibration as a page of HTML, and the drawings in notebooks.
 
-Takes finished values and files and decides nothing. Modules compute values; the markup is in `templates/` (Jinja2), which
-`rendering` fills in. Imports `interchange`, `perception`, `people`, `solver` and below.
+The package takes finished values and files, and makes no decisions. Its modules compute values. The markup is in `templates/`
+(Jinja2), which `rendering` fills in. It imports `interchange`, `perception`, `people`, `solver` and the layers below.
 """

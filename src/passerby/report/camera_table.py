@@ -1,6 +1,7 @@
-"""The table of cameras: pose, uncertainty, and what each camera saw.
+"""The table of cameras: pose, uncertainty, and observations of each camera.
 
-The lenses that were estimated together with the rig: each number with its sigma, its prior, and what determined it.
+The module also makes the tables of estimated lenses: each parameter with its sigma, its prior, and the evidence that
+determined it.
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ COLUMNS = (
     Column("Time offset", "s", hint="its time at frame 1 on the clock of the rig, ± 1 sigma"),
 )
 NO_POSE = "Could not be connected to other cameras."
-"""Where nothing says more."""
+"""Reason for a missing pose if no problem concerns the camera."""
 LENS_COLUMNS = (
     Column("Camera", numeric=False),
     Column("Focal length", "px"),
@@ -64,14 +65,14 @@ DETAILS = (
 
 
 def camera_section(contents: Contents, seen: Seen) -> Section:
-    """The table, one row a camera, in the rig's order."""
+    """Return the section with the table of cameras, one row per camera, in the rig's order."""
     columns, rows = camera_rows(contents, seen, weak_cameras(contents))
     table = Table(identifier="cameras-table", caption="Cameras", columns=columns, rows=rows)
     return section("cameras", "Cameras", table=table, site=False)
 
 
 def weak_cameras(contents: Contents) -> dict[str, frozenset[str]]:
-    """By column, the cameras whose figure stands out there."""
+    """Return, by column, the cameras whose figure is conspicuously large."""
     positions, residuals = outstanding(choose_sigmas_mm(contents)), residuals_px(contents)
     return {
         "Position std": frozenset(positions),
@@ -80,7 +81,7 @@ def weak_cameras(contents: Contents) -> dict[str, frozenset[str]]:
 
 
 def camera_rows(contents: Contents, seen: Seen, weak: Mapping[str, frozenset[str]]) -> tuple[list[Column], list[list[Cell]]]:
-    """The columns that have anything to tell, and a row for each camera of the rig."""
+    """Return the columns that have values, and a row for each camera of the rig."""
     keys = [index for index, column in enumerate(COLUMNS) if _has_values(contents, column.title)]
     residuals, entries, rows = residuals_px(contents), contents.cameras, []
     doubts = reported_doubts(contents.document)
@@ -93,7 +94,7 @@ def camera_rows(contents: Contents, seen: Seen, weak: Mapping[str, frozenset[str
 
 
 def _has_values(contents: Contents, column: str) -> bool:
-    """Whether a column has anything to tell: boxes, joints and clocks are not always there."""
+    """Check whether a column has values: boxes, joints and clocks may be missing."""
     entries = contents.cameras.values()
     if column == "Keypoints":
         return any(entry.keypoints for entry in entries)
@@ -111,7 +112,7 @@ def _has_values(contents: Contents, column: str) -> bool:
 def _row(
     seen: Seen, head: Cell, camera: Camera, weak: Mapping[str, frozenset[str]], residual_px: float | None, entry: CameraEntry
 ) -> list[Cell]:
-    """All cells of one camera, the first with its name and more; dashes where it has no pose."""
+    """Return all cells of one camera, after `head` with its name; dashes if it has no pose."""
     name = camera.name
     pose = camera.pose
     x, y, z = (None, None, None) if pose is None else entry.centre_m or pose.centre.tolist()
@@ -137,12 +138,12 @@ def _row(
 
 
 def _find_value(written: float | None, otherwise: float | None) -> float | None:
-    """What is written, or else what the pose makes it, for folders that an older Passerby wrote."""
+    """Return the written value, or else the one from the pose, for folders that an older version of Passerby wrote."""
     return otherwise if written is None else written
 
 
 def _clock(entry: CameraEntry) -> Cell:
-    """Offset and sigma of a camera's clock."""
+    """Return a cell with the offset and sigma of a camera's clock."""
     offset, sigma = entry.time_offset_s, entry.time_offset_sigma_s
     if offset is None:
         return number(None)
@@ -150,7 +151,7 @@ def _clock(entry: CameraEntry) -> Cell:
 
 
 def _explain_missing_pose(doubts: Sequence[Reported], camera: Camera) -> str:
-    """Why a camera has no pose; nothing for one that has."""
+    """Explain why a camera has no pose; empty for a camera with a pose."""
     if camera.pose is not None:
         return ""
     about = (doubt.point.problem for doubt in doubts if camera.name in doubt.cameras)
@@ -158,7 +159,7 @@ def _explain_missing_pose(doubts: Sequence[Reported], camera: Camera) -> str:
 
 
 def lens_section(contents: Contents) -> Section | None:
-    """The lenses that were estimated, one row a camera, then number by number; None where none was."""
+    """Return the section of estimated lenses, with a table by camera and one by parameter; None if no lens was estimated."""
     lenses = {name: parts for name, parts in contents.figures.lenses.items() if name in contents.rig.names}
     if not lenses:
         return None
@@ -177,7 +178,7 @@ def lens_section(contents: Contents) -> Section | None:
 
 
 def _write_lens_row(contents: Contents, name: str, parts: LensFigures) -> list[Cell]:
-    """One camera. What was not estimated is as its intrinsics have it, without a sigma."""
+    """Return the row of one camera. Parameters that were not estimated come from its intrinsics, without a sigma."""
     lens = contents.rig[name].lens
     across, down = field_of_view_deg(lens)
     by_name = {one.name: one for one in lens_parameters(parts)}
@@ -196,7 +197,7 @@ def _write_lens_row(contents: Contents, name: str, parts: LensFigures) -> list[C
 
 
 def _focal(one: LensParameter | None, otherwise: float) -> Cell:
-    """The focal length with its sigma in per cent; bold where it is known too little to rely on it."""
+    """Return a cell with the focal length and its sigma in per cent; it stands out if the sigma exceeds `KNOWN_FOCAL`."""
     if one is None:
         return number(otherwise, 0, kind="faint")
     share = one.sigma / one.estimate
@@ -204,14 +205,14 @@ def _focal(one: LensParameter | None, otherwise: float) -> Cell:
 
 
 def _estimate(one: LensParameter | None, otherwise: float, digits: int) -> Cell:
-    """A number with its sigma; faint where it depends on its prior, or was not estimated."""
+    """Return a cell with a parameter and its sigma; faint if it depends on its prior or was not estimated."""
     if one is None:
         return number(otherwise, digits, kind="faint")
     return number(one.estimate, digits, kind="faint" if one.by_prior else "", note=f" ± {figure(one.sigma, digits)}")
 
 
 def _detail(name: str, one: LensParameter) -> list[Cell]:
-    """One number of one camera."""
+    """Return the row of one parameter of one camera."""
     digits = 1 if one.unit else 3
     return [
         text(name),
@@ -227,7 +228,7 @@ def _detail(name: str, one: LensParameter) -> list[Cell]:
 
 
 def _describe_weak_cameras(lenses: dict[str, LensFigures]) -> list[str]:
-    """What is weakly determined, and which cameras have one lens."""
+    """Describe the weakly determined parameters, and the groups of cameras that share one lens."""
     out, numbers = [], {name: lens_parameters(parts) for name, parts in lenses.items()}
     poor = [name for name, all_of in numbers.items() if any(_is_weak_focal(one) for one in all_of)]
     if poor:
@@ -246,5 +247,5 @@ def _describe_weak_cameras(lenses: dict[str, LensFigures]) -> list[str]:
 
 
 def _is_weak_focal(one: LensParameter) -> bool:
-    """Whether it is a focal length that is known too little."""
+    """Check whether a parameter is a focal length whose sigma exceeds the share `KNOWN_FOCAL`."""
     return one.name == "focal length" and one.sigma > KNOWN_FOCAL * one.estimate

@@ -1,4 +1,4 @@
-"""What the report tells of: a calibration as it was made, or as its output folder keeps it."""
+"""The input of the report: a calibration that was just made, or one that is read from its output folder."""
 
 from __future__ import annotations
 
@@ -24,18 +24,18 @@ from passerby.perception.sources.files import VideoSource, WallSpan
 
 @dataclass(frozen=True, eq=False)
 class Contents:
-    """All that the report is made from: images turned so that people stand upright, and all values of the turned images."""
+    """All input of the report. Images are rotated so that people stand upright; all values refer to the rotated images."""
 
     document: CalibrationDocument
-    """What `calibration.json` holds."""
+    """The content of `calibration.json`."""
     rig: Rig
     """All cameras, also those without a pose. Metres, world z up, ground at z = 0."""
     observations: Observations
-    """Boxes and joints of all cameras, with identities that hold over the rig, frames as each camera counts them."""
+    """Boxes and joints of all cameras. Identities are the same in all cameras; frames are numbered by each camera."""
     clocks: Mapping[str, Clock]
-    """Each camera's clock; empty where the same frame number is the same instant in all cameras."""
+    """Each camera's clock; empty if the same frame number is the same instant in all cameras."""
     videos: Mapping[str, VideoSource]
-    """The cameras' videos, as far as the files exist."""
+    """The cameras' videos whose files exist."""
 
     @property
     def verdict(self) -> Verdict:
@@ -44,20 +44,20 @@ class Contents:
 
     @property
     def cameras(self) -> dict[str, CameraEntry]:
-        """By camera, its entry of `calibration.json`; empty entries for cameras that it does not tell of."""
+        """By camera, its entry of `calibration.json`; an empty entry if the file has none."""
         entries = self.document.entries
         return {name: entries.get(name) or CameraEntry(name=name) for name in self.rig.names}
 
     @property
     def figures(self) -> AdjustedFigures:
-        """Of the method `people`; empty ones of another method, or where there is no rig."""
+        """Figures of the method `people`; empty figures for another method, or without a rig."""
         return adjusted(self.document.figures)
 
 
 def contents_from(out: Path) -> Contents:
-    """The contents of an output folder, also of a refused calibration and of one that an older Passerby wrote.
+    """Read the contents of an output folder, also of a refused calibration and of an older version of Passerby.
 
-    Raises `InputError` for a folder that no calibration wrote, or a file in it that is broken.
+    Raises `InputError` for a folder that no calibration wrote, and for a broken file in it.
     """
     document = read_report(out)
     rig = read_rig(out / RIG_FILE)
@@ -71,13 +71,13 @@ def contents_from(out: Path) -> Contents:
 def turn_contents_upright(
     document: CalibrationDocument, rig: Rig, seen: Observations, clocks: Mapping[str, Clock], videos: Mapping[str, VideoSource]
 ) -> Contents:
-    """The contents of a calibration of which all values are of the images as filmed."""
+    """Return the contents of a calibration whose values refer to the images as filmed, before any rotation."""
     turns = turns_of(rig)
     return Contents(document, turn_rig(rig, turns), turn_observations(seen, rig, turns), clocks, videos)
 
 
 def _read_observations(folder: Path, name: str) -> tuple[Boxes, Keypoints]:
-    """A camera's boxes and joints; none where there is no file of them."""
+    """Read a camera's boxes and joints; none for a missing file."""
     if not is_file_name(name):
         return Boxes.empty(), Keypoints.empty()
     boxes, joints = folder / f"{name}.txt", folder / f"{name}.json"
@@ -88,20 +88,20 @@ def _read_observations(folder: Path, name: str) -> tuple[Boxes, Keypoints]:
 
 
 def _clocks(entries: Mapping[str, CameraEntry], rig: Rig) -> dict[str, Clock]:
-    """Each camera's clock; none at all where one camera has none, since instants need all."""
+    """Return each camera's clock; no clocks if one camera has none, because common instants need all clocks."""
     found = {name: Clock(entry.fps, entry.time_offset_s or 0.0) for name, entry in entries.items() if entry.fps is not None}
     return {name: found[name] for name in rig.names} if all(name in found for name in rig.names) else {}
 
 
 def _videos(document: CalibrationDocument, rig: Rig) -> dict[str, VideoSource]:
-    """The videos that the scene names, as far as they lie where they lay."""
+    """Return the videos that the scene names and whose files are still where they were."""
     if document.scene_file is None:
         return {}
     return declared_videos(document, rig.names, Path(document.scene_file).parent)
 
 
 def declared_videos(document: CalibrationDocument, names: Sequence[str], folder: Path) -> dict[str, VideoSource]:
-    """The videos that the scene of a document names from its folder, as far as there is something; by camera."""
+    """Return, by camera, the videos that the scene of a document names relative to its folder, if their files exist."""
     found = {}
     for name in names:
         declared = document.scene.cameras.get(name)
@@ -112,7 +112,7 @@ def declared_videos(document: CalibrationDocument, names: Sequence[str], folder:
 
 
 def _declared(document: CalibrationDocument, declared: DeclaredCamera, folder: Path) -> VideoSource | None:
-    """A camera's video as the scene has it; None where it has none."""
+    """Return a camera's video as the scene declares it; None if it declares none."""
     named = declared.video if isinstance(declared.video, tuple) else (declared.video,)
     paths = tuple(folder / path for path in named if path and "\0" not in path)
     if not paths:
@@ -129,6 +129,6 @@ def _declared(document: CalibrationDocument, declared: DeclaredCamera, folder: P
 
 
 def _wall_seconds(text: str) -> float:
-    """Seconds since 1970 of an ISO 8601 time."""
+    """Return an ISO 8601 time as seconds since 1970; a time without a zone is UTC."""
     time = datetime.fromisoformat(text)
     return (time if time.tzinfo is not None else time.replace(tzinfo=UTC)).timestamp()

@@ -1,6 +1,6 @@
 """Distances between the cameras, for checking with a tape, and their uncertainty.
 
-Where a calibration is weakest, and what would make it better: also where it has no problem.
+The module also finds the weakest points of a calibration and their remedies, even if the calibration has no problem.
 """
 
 from __future__ import annotations
@@ -20,49 +20,49 @@ from passerby.report.tables import Cell, Column, Table, number, text
 
 CAPTION = "Distances between cameras in metres"
 MATRIX_CAMERAS = 8
-"""More cameras make a list of pairs: a wider matrix cannot be read on a laptop."""
+"""Most cameras of a matrix. More cameras give a list of pairs: a wider matrix cannot be read on a laptop."""
 TAPE_M = 30.0
-"""As far as tapes and cheap laser meters reach."""
+"""Range of tapes and cheap laser meters."""
 MOST_TO_MEASURE, MOST_NEAREST = 100, 8
-"""Pairs of a site's cameras that are listed, and cameras nearest to one that are listed with it."""
+"""Most pairs of a site's cameras that are listed, and most neighbours that are listed with one camera."""
 SURE_SCALE = 0.01
-"""Above a percent, measuring one distance with a tape is the cheapest gain there is."""
+"""Relative sigma of the scale above which measuring one distance with a tape is the cheapest improvement."""
 STANDS_OUT = 1.5
-"""A camera whose figure is so many times the median is reported; cameras of one rig differ by a third without any fault."""
+"""A camera whose figure exceeds this multiple of the median is reported; faultless cameras of one rig differ by a third."""
 RESIDUAL_PX = 2.0
-"""Residuals below are those of good boxes."""
+"""Residuals below this value are normal for good boxes."""
 VERTICAL_DEG = 1.0
 FEW_SHARED = 0.25
-"""Of what the rig's cameras share in the median."""
+"""A camera shares few observations if their number is at most this share of the rig's median."""
 
 
 @dataclass(frozen=True)
 class Distance:
-    """Between two cameras' centres."""
+    """Distance between the centres of two cameras."""
 
     first: str
     second: str
     metres: float
     sigma_m: float | None
-    """One sigma; None where the solver tells too little."""
+    """One sigma; None if the solver gives none."""
 
 
 def distances_of(contents: Contents) -> list[Distance]:
-    """All pairs of cameras with poses, in the rig's order.
+    """Return the distances of all pairs of cameras with poses, in the rig's order.
 
-    Sigmas are those of the solver, from all poses' joint covariance with the scale's share; they grow with the rig where it was
-    scaled since.
+    The sigmas are those of the solver, from the joint covariance of all poses including the scale. If the rig was scaled
+    afterwards, they are scaled by the same factor.
     """
     cameras, solved = list(contents.rig.posed()), read_solved_distances(contents)
     return [_distance(a, b, solved) for index, a in enumerate(cameras) for b in cameras[index + 1 :]]
 
 
 Solved = Mapping[tuple[str, str], tuple[float, float]]
-"""By pair of cameras, metres and one sigma of the solver."""
+"""By pair of cameras, the solver's distance and its sigma, metres."""
 
 
 def read_solved_distances(contents: Contents) -> Solved:
-    """The distances that the solver tells, with their sigmas."""
+    """Return the solver's distances that have sigmas, with their sigmas."""
     return {
         one.cameras: (one.metres, one.sigma_m)
         for one in contents.figures.distances
@@ -71,54 +71,55 @@ def read_solved_distances(contents: Contents) -> Solved:
 
 
 def _distance(a: Camera, b: Camera, solved: Solved) -> Distance:
-    """Between two cameras with poses."""
+    """Return the distance between two cameras with poses."""
     metres = float(np.linalg.norm(a.centre - b.centre))
     told = solved.get((a.name, b.name)) or solved.get((b.name, a.name))
     return Distance(a.name, b.name, metres, None if told is None else told[1] * metres / told[0])
 
 
 def best_to_measure(distances: list[Distance]) -> Distance:
-    """The pair whose measured distance says most about the scale: the longest that a tape reaches, since it errs by
-    centimetres on any length; the shortest where it reaches none.
+    """Choose the pair whose measured distance constrains the scale best: the longest within the range of a tape.
+
+    A tape has an error of centimetres at any length. If no pair is within its range, the shortest is chosen.
     """
     within = [one for one in distances if one.metres <= TAPE_M]
     return max(within, key=lambda one: one.metres) if within else min(distances, key=lambda one: one.metres)
 
 
 def distances_to_measure(contents: Contents, most: int = MOST_TO_MEASURE) -> list[Distance]:
-    """The pairs of cameras of a site whose measured distances say most about the scale, by the same order, the best first."""
+    """Return the pairs of a site's cameras whose measured distances constrain the scale best, as in `best_to_measure`."""
     cameras = list(contents.rig.posed())
     first, second = np.triu_indices(len(cameras), 1)
     metres = pdist(np.array([camera.centre for camera in cameras]).reshape(-1, 3))
-    # Beyond the tape's reach the shortest come first, after all that it reaches.
+    # Pairs beyond the tape's range follow those within it, the shortest first.
     best = np.argsort(np.where(metres <= TAPE_M, -metres, metres), kind="stable")[:most]
     solved = read_solved_distances(contents)
     return [_distance(cameras[a], cameras[b], solved) for a, b in zip(first[best].tolist(), second[best].tolist(), strict=True)]
 
 
 def distances_from(own: Camera, others: Sequence[Camera], solved: Solved, most: int = MOST_NEAREST) -> list[Distance]:
-    """From a camera with a pose to those nearest to it."""
+    """Return the distances from a camera with a pose to its nearest neighbours."""
     others = [camera for camera in others if camera.name != own.name]
     away = np.linalg.norm(np.array([camera.centre for camera in others]).reshape(-1, 3) - own.centre, axis=1)
     return [_distance(own, others[row], solved) for row in np.argsort(away, kind="stable")[:most].tolist()]
 
 
 def distances_section(contents: Contents) -> Section:
-    """All distances, and how to use a measured one."""
+    """Return the section with all distances and an example of how to state a measured one."""
     found = distances_of(contents)
     matrix = len(contents.rig.posed()) <= MATRIX_CAMERAS
     return _section(found, _matrix(contents, found) if matrix else distances_table("distances-table", found), site=False)
 
 
 def _section(found: list[Distance], table: Table, *, site: bool) -> Section:
-    """A table of distances, and how to use a measured one."""
+    """Return the section with a table of distances and an example of how to state a measured one."""
     return section("distances", "Distances", table=table if found else None, example=_advice(found) if found else "", site=site)
 
 
 def _advice(found: list[Distance]) -> str:
-    """The lines by which a measured distance enters the scene file."""
+    """Write the lines of a scene file that state a measured distance."""
     longest = best_to_measure(found)
-    # A name is quoted as TOML wants it; the measured value is left to the user.
+    # Names are quoted as TOML requires; the user enters the measured value.
     names = ", ".join('"' + name.replace("\\", "\\\\").replace('"', '\\"') + '"' for name in (longest.first, longest.second))
     return (
         f"[[scale.distances]]\nbetween = [{names}]\nmetres = {longest.metres:.2f}  # replace by your measurement\nsd_m = 0.02"
@@ -126,7 +127,7 @@ def _advice(found: list[Distance]) -> str:
 
 
 def _matrix(contents: Contents, found: list[Distance]) -> Table:
-    """Every camera against every other."""
+    """Return the matrix of distances between all cameras."""
     names = contents.rig.posed().names
     by_pair = {(one.first, one.second): one for one in found} | {(one.second, one.first): one for one in found}
     columns = [Column("Camera", numeric=False), *(Column(name, "m") for name in names)]
@@ -135,25 +136,25 @@ def _matrix(contents: Contents, found: list[Distance]) -> Table:
 
 
 def _matrix_cell(one: Distance | None) -> Cell:
-    """A distance with its sigma; a dot on the diagonal."""
+    """Return a cell with a distance and its sigma; a dot on the diagonal."""
     if one is None:
         return text("·", "", kind="faint")
     return number(one.metres, 2, note="" if one.sigma_m is None else f" ± {_sigma(one.sigma_m)}")
 
 
 def _sigma(metres: float) -> str:
-    """Centimetres tell enough, millimetres where there is less than one."""
+    """Write a sigma to the centimetre; below one centimetre, to the millimetre."""
     return f"{metres:.2f}" if metres >= 0.01 else f"{metres:.3f}"
 
 
 def site_distances_section(contents: Contents) -> Section:
-    """The distances of a site that are worth measuring."""
+    """Return the section with the distances of a site that are worth measuring."""
     found = distances_to_measure(contents)
     return _section(found, distances_table("distances-table", found), site=True)
 
 
 def distances_table(identifier: str, found: Sequence[Distance], *, copy: bool = True) -> Table:
-    """A row for each pair."""
+    """Return a table with a row for each pair."""
     columns = [
         Column("Camera", numeric=False),
         Column("to", numeric=False),
@@ -165,9 +166,9 @@ def distances_table(identifier: str, found: Sequence[Distance], *, copy: bool = 
 
 
 def weak_points(contents: Contents, seen: Seen) -> list[Point]:
-    """What is weakest, the most important first; empty where nothing stands out or no camera has a pose.
+    """Return the weakest points, the most important first; empty if none stands out or fewer than two cameras have a pose.
 
-    What the calibration's doubts are about already is left out.
+    Points about cameras or subjects of the calibration's doubts are left out.
     """
     if len(contents.rig.posed()) < 2:
         return []
@@ -184,13 +185,13 @@ def weak_points(contents: Contents, seen: Seen) -> list[Point]:
 
 @dataclass(frozen=True)
 class _Weak(Point):
-    """A weak point, and the camera or the subject (as of `Kind`) that a doubt may be about already."""
+    """A weak point, and its camera or subject (as in `Kind`), which a doubt may already concern."""
 
     about: str
 
 
 def outstanding(values: Mapping[str, float | None]) -> list[str]:
-    """The cameras whose figure is `STANDS_OUT` times the median or more, the worst first."""
+    """Return the cameras whose figure exceeds `STANDS_OUT` times the median, the worst first."""
     known = {name: value for name, value in values.items() if value is not None}
     if len(known) < 3:
         return []
@@ -199,7 +200,7 @@ def outstanding(values: Mapping[str, float | None]) -> list[str]:
 
 
 def choose_sigmas_mm(contents: Contents) -> dict[str, float | None]:
-    """By camera, its position's sigma within the rig where the solver tells it, else that in the world, millimetres."""
+    """Return, by camera, the sigma of its position within the rig if the solver gives it, else in the world, millimetres."""
     shape = {one.name: one.shape_position_sigma_mm for one in contents.figures.cameras}
     posed = contents.rig.posed().names
     if all(shape.get(name) is not None for name in posed):
@@ -208,21 +209,21 @@ def choose_sigmas_mm(contents: Contents) -> dict[str, float | None]:
 
 
 def residuals_px(contents: Contents) -> dict[str, float | None]:
-    """By camera, how far its people are from where the rig has them, in the median, pixels."""
+    """Return, by camera, the median residual of its people, pixels."""
     solved = {one.name: one.median_residual_px for one in contents.figures.cameras}
     written = {name: entry.median_residual_px for name, entry in contents.cameras.items()}
     return {name: solved.get(name) if residual is None else residual for name, residual in written.items()}
 
 
 def residual_px(contents: Contents, name: str) -> float | None:
-    """The same of one camera."""
+    """Return the median residual of the people in one camera, pixels."""
     written = contents.document.entry(name).median_residual_px
     solved = (one.median_residual_px for one in contents.figures.cameras if one.name == name)
     return next(solved, None) if written is None else written
 
 
 def _scale(contents: Contents) -> list[_Weak]:
-    """All lengths, where they are uncertain."""
+    """Return the scale as a weak point if it is uncertain."""
     sigma = contents.figures.scale.relative_sigma
     if sigma is None or sigma < SURE_SCALE:
         return []
@@ -239,12 +240,12 @@ def _scale(contents: Contents) -> list[_Weak]:
 
 
 def _uses_heights_only(contents: Contents) -> bool:
-    """Whether people's heights alone determined the scale."""
+    """Check whether people's heights alone determined the scale."""
     return all(cue.kind in ("population", "segments") for cue in contents.figures.scale.cues if cue.share > 0)
 
 
 def _vertical(contents: Contents) -> list[_Weak]:
-    """The direction of up, where it is uncertain."""
+    """Return the up direction as a weak point if it is uncertain."""
     sigma = contents.figures.vertical_sigma_deg
     if sigma is None or sigma < VERTICAL_DEG:
         return []
@@ -253,7 +254,7 @@ def _vertical(contents: Contents) -> list[_Weak]:
 
 
 def _find_uncertain_camera(contents: Contents) -> list[_Weak]:
-    """The least certain camera, where one stands out."""
+    """Return the least certain camera as a weak point if it stands out."""
     sigmas = choose_sigmas_mm(contents)
     worst = outstanding(sigmas)
     if not worst:
@@ -270,7 +271,7 @@ def _find_uncertain_camera(contents: Contents) -> list[_Weak]:
 
 
 def _residual(contents: Contents) -> list[_Weak]:
-    """The camera that the people fit worst, where one stands out."""
+    """Return the camera with the largest residuals as a weak point if it stands out."""
     found = {name: value for name, value in residuals_px(contents).items() if contents.rig[name].pose is not None}
     worst = [name for name in outstanding(found) if (found[name] or 0.0) > RESIDUAL_PX]
     if not worst:
@@ -286,7 +287,7 @@ def _residual(contents: Contents) -> list[_Weak]:
 
 
 def _lonely(contents: Contents, seen: Seen) -> list[_Weak]:
-    """The camera that shares fewest sightings, where it hangs by a thread."""
+    """Return the camera that shares the fewest sightings as a weak point if it shares few."""
     total: dict[str, int] = dict.fromkeys(contents.rig.posed().names, 0)
     for (first, second), shared in seen.shared.items():
         if first in total and second in total:

@@ -1,7 +1,7 @@
-"""Where people were at a sample of time steps, by the rig and the identities, and how the observations differ from that.
+"""Positions of people at a sample of time steps, fitted with the rig and the identities, and the residuals of the observations.
 
-The sample is bounded, evenly spread and the same for the same calibration. People are fitted anew at each instant, with the
-cameras held: as upright bodies where there are boxes, by their joints where there are only those.
+The sample is bounded, evenly spread and the same for the same calibration. People are fitted again at each instant, with the
+cameras held fixed: as upright bodies if there are boxes, by their joints if there are only joints.
 """
 
 from __future__ import annotations
@@ -25,18 +25,18 @@ from passerby.report.contents import Contents
 from passerby.report.sampling import MOST_SIGHTINGS, Sample, sample_observations
 
 SURE_M = 0.7
-"""Whose place is less sure than this is left out of the ways: seen far away, or cut off, by one camera."""
+"""Largest sigma of a body's position in the trajectories. It is larger if only one camera saw the body, far away or cut off."""
 GAP_S, GAP_STEPS = 2.0, 1.5
-"""A trajectory is broken where a person was not seen for longer than both; steps are those of the sample."""
+"""A trajectory is split where a person was not seen for longer than both, in seconds and in steps of the sample."""
 LEAST_SD_M = 0.05
-"""A body is not better placed than this: arms, stride and load move its middle."""
+"""Lower limit of the standard deviation of a body's position: arms, stride and load move its middle."""
 FEWEST_JOINTS = 4
-"""In space, for a person's place to be taken from them."""
+"""Fewest joints in space from which a person's position is computed."""
 TOLERANCE_PX, TOLERANCE_SHARE = 2.0, 0.05
-"""Joints that agree lie within so many pixels, and this share of the person's height in the picture, of where they project:
-five times what joints are usually off by."""
+"""Largest residual of a joint that agrees: the sum of these pixels and this share of the person's height in the picture. It is
+five times the usual error of joints."""
 SLACK_RANGE = 0.7
-"""Boxes are believed to be at most twice as tall as people, or half as tall."""
+"""Largest absolute slack that is accepted: boxes are at most twice as tall as people, and at least half as tall."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,40 +50,40 @@ class FittedBoxes:
     identity: Ints
     """(M,)"""
     frame: Ints
-    """(M,) of `Fitted.sample`'s clock."""
+    """(M,) frames of the clock of `Fitted.sample`."""
     seen: Floats
-    """(M, 4) left, top, width, height."""
+    """(M, 4) observed box: left, top, width, height."""
     model: Floats
-    """(M, 4) the same as the fitted body projects; the width is the seen one's."""
+    """(M, 4) projection of the fitted body: left, top, width, height; the width is that of the observed box."""
     top: Floats
-    """(M, 2) where the body's highest point projects,"""
+    """(M, 2) projection of the body's highest point."""
     foot: Floats
-    """(M, 2) and its lowest visible one."""
+    """(M, 2) projection of the body's lowest visible point."""
     agrees: Bools
-    """(M,) whether the box is believed to show this person as a whole."""
+    """(M,) whether the box agrees with the body and is not cut off by the picture's border."""
 
     def __len__(self) -> int:
         return len(self.camera)
 
     @property
     def centre_px(self) -> Floats:
-        """(M, 2) by how much the seen centre is off the model's."""
+        """(M, 2) offset of the observed box's centre from the model's."""
         return (self.seen - self.model)[:, :2] + (self.seen - self.model)[:, 2:] / 2
 
     @property
     def top_px(self) -> Floats:
-        """(M,) by how much the seen upper edge is below the model's."""
+        """(M,) distance by which the observed upper edge is below the model's."""
         return np.asarray((self.seen - self.model)[:, 1])
 
     @property
     def bottom_px(self) -> Floats:
-        """(M,) by how much the seen lower edge is below the model's."""
+        """(M,) distance by which the observed lower edge is below the model's."""
         return np.asarray((self.seen - self.model)[:, [1, 3]].sum(axis=1))
 
 
 @dataclass(frozen=True, eq=False)
 class FittedTrajectories:
-    """N places of people over the ground, sorted by identity, then by time. World of the rig, metres."""
+    """N positions of people on the ground, sorted by identity, then by time. World of the rig, metres."""
 
     identity: Ints
     """(N,)"""
@@ -92,7 +92,7 @@ class FittedTrajectories:
     xy: Floats
     """(N, 2)"""
     part: Ints
-    """(N,) number of the stretch without long gaps, ascending over all people."""
+    """(N,) number of the stretch without long gaps; numbers ascend over all people."""
 
     def __len__(self) -> int:
         return len(self.identity)
@@ -100,26 +100,26 @@ class FittedTrajectories:
 
 @dataclass(frozen=True, eq=False)
 class Joints:
-    """K joints as cameras saw them, and J in space."""
+    """K joints observed by cameras, and J joints in space."""
 
     camera: Ints
-    """(K,) in the sample's rig."""
+    """(K,) rows of the sample's rig."""
     frame: Ints
-    """(K,) of the sample's clock."""
+    """(K,) frames of the sample's clock."""
     identity: Ints
     """(K,)"""
     kind: Ints
-    """(K,) which joint of the body, by its number in the files."""
+    """(K,) joint of the body, by its number in the files."""
     seen: Floats
-    """(K, 2) pixels."""
+    """(K, 2) observed position, pixels."""
     model: Floats
-    """(K, 2) where the joint in space projects, pixels; NaN where two cameras do not agree on one."""
+    """(K, 2) projection of the joint in space, pixels; NaN where no two cameras agree on a joint in space."""
     agrees: Bools
-    """(K,) whether the joint in space uses it."""
+    """(K,) whether the joint in space is computed from this observation."""
     point: Ints
     """(K,) rows of `xyz`."""
     xyz: Floats
-    """(J, 3) metres, world; NaN where two cameras do not agree."""
+    """(J, 3) position, world, metres; NaN where no two cameras agree."""
 
     def __len__(self) -> int:
         return len(self.camera)
@@ -127,35 +127,35 @@ class Joints:
 
 @dataclass(frozen=True, eq=False)
 class Fitted:
-    """People, as fitted at the instants of a sample."""
+    """People, fitted at the instants of a sample."""
 
     rig: Rig
-    """The cameras with poses that saw anybody; rows of these are meant by `camera`."""
+    """The cameras that have a pose and observations. The columns `camera` are rows of this rig."""
     model: BodyModel
     sample: Sample | None
-    """None where no camera with a pose saw anybody."""
+    """None if no camera with a pose saw an identified person."""
     bodies: UprightBodies
     sightings: FittedBoxes
     joints: Joints
     ways: FittedTrajectories
 
     def place(self, name: str) -> int | None:
-        """The row of a camera; None for one that has no pose or saw no person."""
+        """Return the row of a camera; None for a camera without a pose or without observations."""
         return self.rig.names.index(name) if name in self.rig.names else None
 
 
 def fit_people(contents: Contents, most: int = MOST_SIGHTINGS) -> Fitted:
-    """People at a bounded sample of instants; none where no camera has a pose, as after a refused calibration.
+    """Fit people at a bounded sample of instants; no people if no camera has a pose, as after a refused calibration.
 
     Args:
         contents: of the report.
-        most: sightings, about.
+        most: approximate largest number of sightings.
     """
     return fit_sample(contents, sample_observations(contents, most))
 
 
 def fit_sample(contents: Contents, sample: Sample | None) -> Fitted:
-    """People at the instants of a sample."""
+    """Fit people at the instants of a sample; None gives no people."""
     model = body_model(contents.figures, contents.document.scene.scale.person_height_m)
     rig = sample.rig if sample is not None else Rig(())
     boxes = _boxes(sample)
@@ -179,7 +179,7 @@ def fit_sample(contents: Contents, sample: Sample | None) -> Fitted:
 
 
 def _boxes(sample: Sample | None) -> Sightings:
-    """The boxes of all cameras, by camera, then by frame."""
+    """Return the boxes of all cameras, sorted by camera, then by frame."""
     columns: list[tuple[Ints, Ints, Ints]] = [(np.zeros(0, np.int64),) * 3]
     ltwh = [np.zeros((0, 4))]
     for number, name in enumerate(sample.rig.names if sample is not None else ()):
@@ -193,7 +193,7 @@ def _boxes(sample: Sample | None) -> Sightings:
 
 
 def _find_cut_boxes(rig: Rig, camera: Ints, ltwh: Floats) -> Bools:
-    """(M,) whether the picture's border cuts boxes off."""
+    """Return (M,) whether the picture's border cuts off each box."""
     size = np.array([one.lens.size for one in rig], dtype=np.float64).reshape(-1, 2)[camera]
     return ~find_inside_picture(ltwh, size)
 
@@ -205,7 +205,7 @@ def _no_joints() -> Joints:
 
 
 def _fit_trajectories(sample: Sample | None, bodies: UprightBodies, joints: Joints) -> FittedTrajectories:
-    """Everybody's way, smoothed; by joints for people and instants that have no sure body."""
+    """Return the smoothed trajectories of all people; joints give the positions at instants without a well-placed body."""
     sure = (bodies.cameras > 0) & (bodies.sigma_m < SURE_M)
     by_box = np.column_stack([bodies.identity, bodies.frame])[sure]
     key, middle = _joint_places(joints)
@@ -226,7 +226,7 @@ def _fit_trajectories(sample: Sample | None, bodies: UprightBodies, joints: Join
 
 
 def _joint_places(joints: Joints) -> tuple[Ints, Floats]:
-    """(N, 2) identity and frame, (N, 2) metres: where people are by the mean of their joints in space."""
+    """Return (N, 2) identity and frame, and (N, 2) positions, metres: the means of each person's joints in space."""
     first = np.unique(joints.point, return_index=True)[1]
     xyz = joints.xyz[joints.point[first]]
     known = np.isfinite(xyz[:, 0])
@@ -240,13 +240,13 @@ def _joint_places(joints: Joints) -> tuple[Ints, Floats]:
 
 
 def _find_rows(rows: Ints, others: Ints) -> Bools:
-    """(N,) whether rows (N, 2) stand among others (M, 2)."""
+    """Return (N,) whether each of the rows (N, 2) is one of the others (M, 2)."""
     number = group_numbers(*np.concatenate([others, rows]).T)
     return np.asarray(np.isin(number[len(others) :], number[: len(others)]))
 
 
 def joints_of(rig: Rig, observations: Observations) -> Joints:
-    """The joints of all people with identities, triangulated instant by instant.
+    """Triangulate the joints of all people with identities at each instant.
 
     Args:
         rig: cameras with poses.
@@ -282,7 +282,7 @@ def joints_of(rig: Rig, observations: Observations) -> Joints:
 
 
 def _rows(camera: int, observations: Observations, name: str) -> tuple[Ints, Floats]:
-    """Of one camera's joints: (K, 4) camera, frame, identity, kind; (K, 3) x, y, the person's height in the picture, pixels."""
+    """Return one camera's joints: (K, 4) camera, frame, identity, kind; (K, 3) x, y and the person's height, pixels."""
     keypoints = observations[name].keypoints
     found = keypoints.score > MIN_JOINT_SCORE
     found &= (found.sum(axis=1) >= MIN_JOINTS)[:, None]
@@ -294,11 +294,11 @@ def _rows(camera: int, observations: Observations, name: str) -> tuple[Ints, Flo
 
 
 def body_model(figures: AdjustedFigures, person_height_m: float | None) -> BodyModel:
-    """The model as the solver's figures have it, as far as it can be believed; the solver's own defaults for the rest.
+    """Return the model with the solver's figures that are in plausible ranges; other values are the solver's defaults.
 
     Args:
         figures: of the solver.
-        person_height_m: how tall people were taken to be; None where that was not written.
+        person_height_m: the assumed height of people; None if it was not written.
     """
     usually = Noise()
     noise = figures.noise
@@ -322,5 +322,5 @@ def body_model(figures: AdjustedFigures, person_height_m: float | None) -> BodyM
 
 
 def _choose_value(value: float | None, otherwise: float, low: float, high: float) -> float:
-    """A number within a range, or else the usual one."""
+    """Return the value if it is within the range from `low` to `high`, and `otherwise` if not."""
     return otherwise if value is None or not low <= value <= high else value

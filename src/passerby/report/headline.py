@@ -1,4 +1,4 @@
-"""The first screen: the verdict, why, what to do, and the figures that matter most."""
+"""The first screen: the verdict, its reasons and remedies, and the most important figures."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from passerby.report.seen import Seen, Spells
 from passerby.report.tables import MISSING, UNKNOWN
 
 SHOWN_REASONS = MOST_SHOWN
-"""The rest can be opened."""
+"""Number of reasons that are shown at first; a reader can open the rest."""
 
 
 def headline_section(contents: Contents, seen: Seen) -> Section:
-    """The verdict and all that explains it: what is wrong beside what to do, and what is odd about the input."""
+    """Return the section with the verdict, the problems and their remedies, and the findings about the input."""
     verdict, document = contents.verdict, contents.document
     return section(
         "summary", "Verdict", verdict=verdict, shown=SHOWN_REASONS,
@@ -29,13 +29,13 @@ def headline_section(contents: Contents, seen: Seen) -> Section:
 
 
 def _describe_usability(contents: Contents) -> str:
-    """What a doubtful rig is still good for."""
+    """Describe what a doubtful rig can still be used for."""
     doubts = [one.finding for one in reported_doubts(contents.document) if one.finding is not None]
     return good_for(doubts, contents.rig.posed().names, contents.figures.measuring)
 
 
 def _figures(contents: Contents, spells: Spells) -> list[tuple[str, str]]:
-    """The key figures, a dash where one is undefined, a word where nothing fixes what it is of."""
+    """Return the key figures with labels; a dash if a figure is undefined, `UNKNOWN` if no evidence constrains it."""
     figures = contents.figures
     scale, used = figures.scale.relative_sigma, figures.people
     vertical = figures.vertical_sigma_deg if figures.up is None else figures.up.gravity_sigma_deg
@@ -60,7 +60,7 @@ def _figures(contents: Contents, spells: Spells) -> list[tuple[str, str]]:
 
 
 def _measuring(measuring: MeasuringFigures | None) -> list[tuple[str, str]]:
-    """How well the rig measures where people walked."""
+    """Return the rig's measuring accuracy where people walked, with labels."""
     if measuring is None:
         return []
     ground = MISSING if measuring.ground is None else f"± {_length(measuring.ground.median_mm)}"
@@ -69,7 +69,7 @@ def _measuring(measuring: MeasuringFigures | None) -> list[tuple[str, str]]:
 
 
 def _describe_held_out(held_out: HeldOutFigures | None) -> str:
-    """How far off each camera sees people who were not fitted."""
+    """Write the median error on people who were held out, in pixels and on the ground."""
     if held_out is None or held_out.held_out.median_px is None:
         return MISSING
     metres = held_out.held_out.ground_50_m
@@ -77,9 +77,7 @@ def _describe_held_out(held_out: HeldOutFigures | None) -> str:
 
 
 def _people_label(contents: Contents, used: bool) -> str:
-    """What the count counts: people where identities were given; tracks where they were found, several of which may be one
-    person's.
-    """
+    """Return the label of the count: people if identities were given, otherwise tracks, as one person may have several."""
     given = contents.document.scene.association.mode in (None, "given")
     if used:
         return "people used" if given else "tracks used"
@@ -87,14 +85,14 @@ def _people_label(contents: Contents, used: bool) -> str:
 
 
 def _length(millimetres: float) -> str:
-    """12 mm, 38 cm, 1.2 m."""
+    """Write a length: 12 mm, 38 cm, 1.2 m."""
     if millimetres < 100:
         return f"{millimetres:.0f} mm"
     return f"{millimetres / 10:.0f} cm" if millimetres < 1000 else f"{millimetres / 1000:.1f} m"
 
 
 def _duration(seconds: float) -> str:
-    """60 s, 12 min 5 s, 1 h 2 min."""
+    """Write a duration: 60 s, 12 min 5 s, 1 h 2 min."""
     whole = round(seconds)
     if whole < 120:
         return f"{whole} s"
@@ -103,5 +101,5 @@ def _duration(seconds: float) -> str:
 
 
 def scene_name(contents: Contents) -> str:
-    """What the scene is called."""
+    """Return the name of the scene."""
     return contents.document.name or "scene"

@@ -1,7 +1,8 @@
 """Layers over a camera's picture: people as observed and as modelled, the ground, other cameras, the horizon, plumb lines.
 
-A vertical edge of a building lies along the plumb line of its heading, near or far, so no place on the ground is needed. A
-wrong lens bends or tilts these lines against door posts and people; a wrong pose tilts the horizon.
+The image of a vertical edge of a building lies along the plumb line of its heading at any distance, so its position on the
+ground need not be known. A wrong lens bends or tilts these lines relative to door posts and people; a wrong pose tilts the
+horizon.
 """
 
 from __future__ import annotations
@@ -31,18 +32,18 @@ LIMBS = (
 )  # fmt: skip
 AXIS_COLOURS = {"x": "#e5484d", "y": "#30a46c"}
 PAD_M = 2.0
-"""By how much the grid reaches beyond the people."""
+"""Distance by which the grid extends beyond the people."""
 NEAR_M = 24.0
-"""How far from a camera of a site its grid reaches in x and y; people farther away are too small to be of use."""
+"""Distance in x and y to which the grid of a site's camera extends; people farther away are too small to be useful."""
 MOST_LINES = 24
-"""Of a grid, in one direction."""
+"""Most spacings of a grid in one direction."""
 COLOUR = "#ffd54a"
-"""On a picture, where the page's own colours do not matter."""
+"""Colour of reference lines on a picture, where the page's own colours do not matter."""
 ON_PAPER = "var(--warn, #855000)"
 STEPS_DEG = (45.0, 30.0, 20.0, 15.0, 10.0, 5.0, 2.0, 1.0)
-"""Between the headings of plumb lines: the narrowest with"""
+"""Angles between the headings of plumb lines. The smallest that gives at most `MOST_VERTICALS` lines is used."""
 MOST_VERTICALS = 9
-"""or fewer in the picture."""
+"""Most plumb lines in a picture."""
 
 
 @dataclass(frozen=True)
@@ -51,12 +52,12 @@ class Joints:
 
     people: Sequence[Row] = ()
     crosses: str = ""
-    """Where joints in space project."""
+    """Projections of joints in space, as an SVG path."""
 
 
 @dataclass(frozen=True)
 class Ground:
-    """The grid, and the world's axes."""
+    """The ground grid and the world's axes."""
 
     grid: str = ""
     axes: Sequence[Row] = ()
@@ -65,7 +66,7 @@ class Ground:
 
 @dataclass(frozen=True)
 class Lines:
-    """The horizon and plumb lines, with a name for each kind and the end at which it is anchored."""
+    """The horizon and plumb lines; `names` has a label for each kind and its text anchor."""
 
     colour: str
     verticals: str = ""
@@ -74,7 +75,7 @@ class Lines:
 
 
 def boxes_layer(sheet: Sheet, contents: Contents, now: Fitted) -> list[Row]:
-    """The boxes that were seen in this frame, each with its person's number."""
+    """Return the observed boxes of this frame, each with its person's number."""
     seen = contents.observations.cameras.get(sheet.camera.name)
     if seen is None:
         return []
@@ -91,12 +92,12 @@ def boxes_layer(sheet: Sheet, contents: Contents, now: Fitted) -> list[Row]:
 
 
 def _rectangle(x: float, y: float, w: float, h: float) -> str:
-    """A box as a path."""
+    """Return a box as an SVG path."""
     return path_of(np.array([[x, y], [x + w, y], [x + w, y + h], [x, y + h]])) + "Z"
 
 
 def _describe_misses(sheet: Sheet, now: Fitted) -> dict[int, str]:
-    """By person, how far the box that was seen is off the model's, in words."""
+    """Describe, by person, the offset of the observed box from the model's."""
     s, place, told = now.sightings, now.place(sheet.camera.name), {}
     known = (s.camera == place) & np.isfinite(s.centre_px).all(axis=1)
     for row in np.flatnonzero(known).tolist():
@@ -108,9 +109,9 @@ def _describe_misses(sheet: Sheet, now: Fitted) -> dict[int, str]:
 
 
 def model_layer(sheet: Sheet, now: Fitted) -> list[Row]:
-    """The fitted bodies as this camera should see them: a dashed box where it saw one, and the body's axis.
+    """Return the projections of the fitted bodies: the body's axis, and a dashed box if this camera saw the person.
 
-    Bodies that only this camera saw are left out: they fit their boxes, whatever the calibration.
+    Bodies that only this camera saw are left out: they fit their boxes with any calibration.
     """
     place = now.place(sheet.camera.name)
     if place is None or sheet.camera.pose is None or not len(now.bodies):
@@ -134,13 +135,13 @@ def model_layer(sheet: Sheet, now: Fitted) -> list[Row]:
 
 
 def _find_visible_bodies(camera: Camera, now: Fitted, bodies: Ints) -> NDArray[np.bool_]:
-    """(K,) whether the middles of bodies are in the picture."""
+    """Return (K,) whether the middle of each body is in the picture."""
     middle = np.column_stack([now.bodies.xy[bodies], now.bodies.top[bodies] / 2])
     return View(camera).points(middle)[1]
 
 
 def joints_layer(sheet: Sheet, contents: Contents, now: Fitted) -> Joints:
-    """Joints that were seen as dots with limbs; crosses where joints in space project."""
+    """Return the observed joints as dots with limbs, and the projections of joints in space as crosses."""
     seen = contents.observations.cameras.get(sheet.camera.name)
     if seen is None:
         return Joints()
@@ -167,12 +168,12 @@ def joints_layer(sheet: Sheet, contents: Contents, now: Fitted) -> Joints:
 
 
 def _label(sheet: Sheet, words: str, xy: Sequence[float] | Floats) -> Label:
-    """Letters that stay in the picture."""
+    """Return a label whose beginning is moved into the picture."""
     return label_at(words, keep_in_picture(sheet, xy))
 
 
 def grid_region(fit: Fitted, contents_centres: Floats) -> tuple[Floats, Floats]:
-    """(2,) lowest and (2,) highest x and y of the ground that is drawn, metres: where people were, or around the cameras."""
+    """Return the lowest (2,) and highest (2,) x and y of the drawn ground, metres: around the people, else the cameras."""
     places = fit.ways.xy
     if len(places) < 2:
         places = contents_centres[:, :2] if len(contents_centres) else np.zeros((1, 2))
@@ -182,7 +183,7 @@ def grid_region(fit: Fitted, contents_centres: Floats) -> tuple[Floats, Floats]:
 
 
 def grid_lines(low: Floats, high: Floats, spacing: float) -> tuple[Floats, Floats]:
-    """The lines of a grid on the ground over a region, at whole multiples of `spacing`: (L, 3) beginnings, (L, 3) ends."""
+    """Return the grid lines over a region of the ground at whole multiples of `spacing`: (L, 3) beginnings, (L, 3) ends."""
     first, last = np.floor(low / spacing).astype(int), np.ceil(high / spacing).astype(int)
     xs, ys = (np.arange(first[k], last[k] + 1) * spacing for k in range(2))
     begin = [(x, ys[0], 0.0) for x in xs] + [(xs[0], y, 0.0) for y in ys]
@@ -191,12 +192,15 @@ def grid_lines(low: Floats, high: Floats, spacing: float) -> tuple[Floats, Float
 
 
 def grid_spacing(low: Floats, high: Floats) -> float:
-    """Metres between the lines of the grid over a region."""
+    """Return the spacing of the grid lines over a region, metres."""
     return spacing_of(float((high - low).max()), MOST_LINES)
 
 
 def ground_seen(fit: Fitted, camera: Camera, near: bool) -> tuple[Floats, Floats]:
-    """(2,) lowest and (2,) highest x and y of the ground in a camera's picture, metres: all of it, or what is `near` it."""
+    """Return the lowest (2,) and highest (2,) x and y of the ground drawn in a camera's picture, metres.
+
+    It is the whole drawn ground, or with `near` the part within `NEAR_M` of the camera.
+    """
     low, high = grid_region(fit, centres_of([camera]))
     if not near or camera.pose is None:
         return low, high
@@ -205,7 +209,7 @@ def ground_seen(fit: Fitted, camera: Camera, near: bool) -> tuple[Floats, Floats
 
 
 def ground_layer(sheet: Sheet, fit: Fitted, near: bool = False) -> Ground:
-    """The ground's grid and its axes; `near`: the grid around the camera, of a site that reaches far beyond what it sees."""
+    """Return the ground grid and the axes; `near`: only the grid around the camera, for a site much larger than its view."""
     if sheet.camera.pose is None:
         return Ground()
     view = View(sheet.camera)
@@ -217,7 +221,7 @@ def ground_layer(sheet: Sheet, fit: Fitted, near: bool = False) -> Ground:
 
 
 def _axes(sheet: Sheet, view: View, length: float) -> list[Row]:
-    """The world's x and y from its origin, as far as they are in the picture."""
+    """Return the visible parts of the world's x and y axes from the origin."""
     ends = np.array([[length, 0.0, 0.0], [0.0, length, 0.0]])
     return [
         {
@@ -230,7 +234,7 @@ def _axes(sheet: Sheet, view: View, length: float) -> list[Row]:
 
 
 def draw_other_cameras(sheet: Sheet, contents: Contents, among: Collection[str] | None = None) -> list[Row]:
-    """Where other cameras hang, by name: all, or those among some."""
+    """Return the marks of other cameras that are in the picture, with names; `among`: only these cameras, None for all."""
     if sheet.camera.pose is None:
         return []
     others = [
@@ -248,12 +252,12 @@ def draw_other_cameras(sheet: Sheet, contents: Contents, among: Collection[str] 
 
 
 def centres_of(cameras: Iterable[Camera]) -> Floats:
-    """(C, 3) of the cameras that have poses, metres."""
+    """Return the centres (C, 3) of the cameras that have poses, metres."""
     return np.array([camera.centre for camera in cameras if camera.pose is not None]).reshape(-1, 3)
 
 
 def reference_layer(sheet: Sheet) -> Lines:
-    """The horizon and plumb lines, thin, each kind with its name."""
+    """Return the horizon and the plumb lines, with a label for each kind."""
     colour = COLOUR if sheet.backdrop.uri is not None else ON_PAPER
     if sheet.camera.pose is None:
         return Lines(colour)
@@ -262,7 +266,7 @@ def reference_layer(sheet: Sheet) -> Lines:
     if horizon:
         names.append(_name(sheet, "horizon", max(np.concatenate(horizon), key=lambda xy: xy[0])))
     if lines:
-        # Of the line that reaches highest, the one farthest to the right where several leave through the upper border.
+        # Label the line that reaches highest; if several leave through the upper border, the rightmost of these.
         tops = [_find_highest_pixel(stretches) for stretches in lines]
         names.append(_name(sheet, "vertical", min(tops, key=lambda xy: (round(xy[1]), -xy[0]))))
     verticals = "".join(path_of(stretch) for stretches in lines for stretch in stretches)
@@ -270,10 +274,10 @@ def reference_layer(sheet: Sheet) -> Lines:
 
 
 def plumb_lines(view: View) -> list[list[Floats]]:
-    """As many plumb lines as a drawing bears, as `View.verticals` has them."""
+    """Return the visible stretches of plumb lines (see `View.verticals`), as dense as `MOST_VERTICALS` allows."""
     fitting = None
     for step in map(np.deg2rad, STEPS_DEG):
-        # To count lines takes a fifteenth of the time that it takes to find where they leave the picture.
+        # Counting lines takes a fifteenth of the time of finding where they leave the picture.
         if view.count_verticals(step) > MOST_VERTICALS:
             break
         fitting = step
@@ -281,12 +285,12 @@ def plumb_lines(view: View) -> list[list[Floats]]:
 
 
 def _find_highest_pixel(stretches: list[Floats]) -> Floats:
-    """(2,) the pixel of a line that is highest in the picture."""
+    """Return the pixel (2,) of a line that is highest in the picture."""
     points = np.concatenate(stretches)
     return np.asarray(points[np.argmin(points[:, 1])])
 
 
 def _name(sheet: Sheet, words: str, end: Floats) -> tuple[Label, str]:
-    """What a line is, to the left of one of its ends, and where the letters are anchored."""
+    """Return the label of a line, to the left of one of its ends, and the text anchor of the label."""
     x, y = keep_in_picture(sheet, (end[0] - 0.4 * sheet.letters, end[1] - 0.4 * sheet.letters))
     return label_at(words, (x, y)), "end" if x > 0.6 * len(words) * sheet.letters else "start"

@@ -1,6 +1,6 @@
-"""How a rig and a calibration look in a notebook: a table and the rig from above, as HTML without script or style sheet.
+"""A rig and a calibration in a notebook: a table and the rig from above, as HTML without script or style sheet.
 
-Text and lines take the notebook's own colour, so that both are readable on light and on dark ground. All text is escaped.
+Text and lines take the notebook's own colour, so both are readable on light and dark backgrounds. All text is escaped.
 """
 
 from __future__ import annotations
@@ -20,23 +20,23 @@ from passerby.report.rig_geometry import find_posed_cameras, sigma_ellipses, wed
 from passerby.report.tables import UNKNOWN, count, figure
 
 WIDTH, TALLEST = 380, 360
-"""Of the picture, pixels."""
+"""Width and largest height of the picture, pixels."""
 BELOW = 26
-"""Pixels for the bar of lengths and what the ellipses are."""
+"""Height of the space below for the scale bar and the note about the ellipses, pixels."""
 REACH_SHARE = 0.35
-"""So much of the rig's extent is drawn of what each camera sees: all of it would cover the others."""
+"""Length of a camera's drawn view, as a share of the rig's extent: full views would cover each other."""
 MOST_NOTES = 12
-"""Findings beyond are counted: the report has them all."""
+"""Most findings that are shown. Further ones are only counted; the report has all of them."""
 
 
 def rig_html(rig: Rig) -> str:
-    """A rig as a table of its cameras beside the rig from above."""
+    """Show a rig as a table of its cameras beside the rig from above."""
     words = f"{len(rig.posed())} of {count(len(rig), 'camera')} with a pose"
     return _render("Rig", rig, rig.verdict, words)
 
 
 def output_folder_html(folder: OutputFolder) -> str:
-    """What a calibration has written, as `result_html`."""
+    """Show the output folder of a calibration with `result_html`."""
     document = folder.document
     cameras = [document.entry(name) for name in folder.rig.names]
     return result_html(
@@ -50,24 +50,24 @@ def output_folder_html(folder: OutputFolder) -> str:
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a calibration ended, as a person reads it."""
+    """Verdict and texts of a calibration, for a reader."""
 
     verdict: str
     reasons: Sequence[str]
     findings: Sequence[str]
     all_cameras: int
-    """Those without a pose too."""
+    """Number of cameras, including those without a pose."""
 
 
 def result_html(title: str, rig: Rig, outcome: Outcome, cameras: Sequence[CameraEntry], *, clocked: bool) -> str:
-    """A calibration: the verdict with its reasons, the cameras, the rig from above, and what is odd about the input.
+    """Show a calibration: the verdict with its reasons, the cameras, the rig from above, and findings about the input.
 
     Args:
         title: the scene's name.
         rig: all cameras that are listed.
-        outcome: how it ended.
-        cameras: of each camera of the rig, its entry of `calibration.json`.
-        clocked: give a column of clock offsets.
+        outcome: verdict and texts of the calibration.
+        cameras: for each camera of the rig, its entry of `calibration.json`.
+        clocked: whether to add a column of clock offsets.
     """
     words = f"{len(rig.posed())} of {count(outcome.all_cameras, 'camera')} registered"
     columns = _list_columns(cameras, clocked)
@@ -78,7 +78,7 @@ def _render(
     title: str, rig: Rig, verdict: str | None, words: str, more: Sequence[tuple[str, Sequence[str]]] = (),
     reasons: Sequence[str] = (), notes: Sequence[str] = (),
 ) -> str:  # fmt: skip
-    """The table has a row for each camera; `more` has further columns with their cells."""
+    """Fill in the template with a table row for each camera; `more` has further columns with their cells."""
     with_sigma = any(camera.sigma is not None for camera in rig)
     sigmas = ("± mm", "± deg") if with_sigma else ()
     rows = [
@@ -96,7 +96,7 @@ def _render(
 
 
 def _list_columns(cameras: Sequence[CameraEntry], clocked: bool) -> list[tuple[str, list[str]]]:
-    """Columns of what the cameras saw, from their entries in `calibration.json`."""
+    """Return columns about the cameras' observations, from their entries in `calibration.json`."""
     columns = [
         ("residual px", [_number(one.median_residual_px, 1) for one in cameras]),
         ("people", [_number(one.people, 0) for one in cameras]),
@@ -105,13 +105,13 @@ def _list_columns(cameras: Sequence[CameraEntry], clocked: bool) -> list[tuple[s
 
 
 def _notes(findings: Sequence[str]) -> list[str]:
-    """The first findings, and how many there are besides."""
+    """Return the first findings, and a count of the others."""
     more = len(findings) - MOST_NOTES
     return [*findings[:MOST_NOTES], *([f"and {more} more"] if more > 0 else [])]
 
 
 def draw_from_above(rig: Rig) -> Row | None:
-    """The rig from above, x to the right and y up, with what each camera sees nearby and its one-sigma ellipse."""
+    """Draw the rig from above, x right, y up, with each camera's nearby view and one-sigma ellipse; None without poses."""
     posed = find_posed_cameras(rig)
     if not posed:
         return None
@@ -124,7 +124,7 @@ def draw_from_above(rig: Rig) -> Row | None:
     size = (high - low) * unit
 
     def at(points: Floats) -> Floats:
-        """Pixels of places (N, 2), metres."""
+        """Convert positions (N, 2), metres, to pixels."""
         return np.asarray((np.atleast_2d(points) - low) * unit * (1, -1) + (0, size[1]))
 
     sigmas = sigma_ellipses(rig, extent)
@@ -142,7 +142,7 @@ def draw_from_above(rig: Rig) -> Row | None:
 
 
 def _grid(low: Floats, high: Floats, unit: float, at: Callable[[Floats], Floats]) -> Row:
-    """Lines of the ground, a bar that tells how long their distance is, and the axes where the origin is within."""
+    """Return the ground's grid, a bar with the length of its spacing, and the axes if the origin is in the drawn region."""
     spacing = _choose_round_length(float((high - low).max()) / 6)
     grid, axes = [], []
     for axis in range(2):
@@ -161,7 +161,7 @@ def _grid(low: Floats, high: Floats, unit: float, at: Callable[[Floats], Floats]
 
 
 def _choose_round_length(metres: float) -> float:
-    """1, 2 or 5 times a power of ten, about as long."""
+    """Return the length of the form 1, 2 or 5 times a power of ten that is nearest in ratio, metres."""
     power = 10.0 ** np.floor(np.log10(metres))
     return float(power * min((1.0, 2.0, 5.0, 10.0), key=lambda factor: abs(np.log(factor * power / metres))))
 
@@ -180,7 +180,7 @@ def _path(points: Floats) -> str:
 
 
 def _mark(place: int, camera: Camera, at: Callable[[Floats], Floats], width: float) -> Row:
-    """A camera's place and name, to the side where there is more room."""
+    """Return a camera's position and its name, which is on the side with more space."""
     x, y = at(camera.centre[None, :2])[0]
     left = x > width / 2
     name = _text(camera.name, x + (-6 if left else 6), y - 6, 12, anchor="end" if left else "start")
@@ -188,7 +188,7 @@ def _mark(place: int, camera: Camera, at: Callable[[Floats], Floats], width: flo
 
 
 def _cells(camera: Camera, with_sigma: bool) -> list[str]:
-    """Place and direction of a camera, and their sigmas."""
+    """Return the texts of a camera's position, direction and sigmas; dashes without a pose."""
     pose, sigma = camera.pose, camera.sigma
     if pose is None:
         return ["–"] * (7 if with_sigma else 5)
@@ -199,5 +199,5 @@ def _cells(camera: Camera, with_sigma: bool) -> list[str]:
 
 
 def _number(value: float | None, digits: int) -> str:
-    """A figure; a dash where there is none, a word where it is infinite."""
+    """Write a figure; a dash if there is none, `UNKNOWN` if it is infinite or NaN."""
     return figure(value, digits) if value is None or np.isfinite(value) else UNKNOWN

@@ -1,4 +1,4 @@
-"""The report as HTML that opens anywhere: no network, no dates, the same bytes for the same calibration."""
+"""The report as HTML. It needs no network and contains no dates: the same calibration gives the same bytes."""
 
 from __future__ import annotations
 
@@ -37,17 +37,18 @@ from passerby.report.view_graph import Link, links_of, site_graph_section, view_
 from passerby.report.workings import files_section, settings_section, stages_section
 
 MOST_PLACES = 24_000
-"""Drawn of all people together; of more every n-th. In each of two views a place takes 70 bytes, plotly's own code 4.7 MB."""
+"""Most positions of all people that are drawn; of more, every n-th is drawn. A position takes 70 bytes in each of two views,
+plotly's own code 4.7 MB."""
 LEGEND = 60
-"""People in the legend at most; more would cover the page. All are drawn."""
+"""Most people in the legend; more would cover the page. All people are drawn."""
 
 
 def report_page(contents: Contents, progress: Progress | None = None) -> str:
-    """The page as HTML in one file, the same for the same contents, for any number of cameras.
+    """Return the page as HTML in one file, for any number of cameras. The same contents give the same page.
 
     Args:
         contents: of a calibration, or of an output folder.
-        progress: called with "report", camera by camera, as their pictures are drawn.
+        progress: called with "report" for each camera whose picture is drawn.
     """
     tell = progress or silent
     seen, fit = find_seen(contents), fit_people(contents)
@@ -70,7 +71,7 @@ def report_page(contents: Contents, progress: Progress | None = None) -> str:
 
 
 def write_report(contents: Contents, path: Path, progress: Progress | None = None) -> None:
-    """Write the page, whole or not at all, after the files beside it, of many cameras. Raises `InputError` where it cannot."""
+    """Write the page atomically, after the files beside it for a site. Raises `InputError` if a file cannot be written."""
     if is_site(contents):
         with parts_beside(path) as parts:
             write_text(path, site_page(contents, parts, progress or silent))
@@ -81,12 +82,12 @@ def write_report(contents: Contents, path: Path, progress: Progress | None = Non
 
 
 def site_page(contents: Contents, parts: Parts, tell: Progress) -> str:
-    """The page as HTML; what it loads later goes into files. Both are the same for the same contents.
+    """Return the page of a site as HTML and write the files that it loads later. The same contents give the same bytes.
 
     Args:
         contents: of a calibration, or of an output folder.
-        parts: gets the files, and their place.
-        tell: called with "report", camera by camera, as their pictures are drawn.
+        parts: receives the files, and is moved to its final folder.
+        tell: called with "report" for each camera whose picture is drawn.
 
     Raises:
         OSError: a file cannot be written.
@@ -112,7 +113,7 @@ def site_page(contents: Contents, parts: Parts, tell: Progress) -> str:
 
 
 def site_rig_section(contents: Contents, fit: Fitted, zones: dict[str, int], links: list[Link], parts: Parts) -> Section:
-    """The site as a map and in space."""
+    """Return the section with the map of the site and its view in space."""
     posed = contents.rig.posed()
     marked = dict.fromkeys(problems_by_camera(contents), "problem")
     for names in weak_cameras(contents).values():
@@ -127,16 +128,16 @@ def site_rig_section(contents: Contents, fit: Fitted, zones: dict[str, int], lin
 
 
 def html_document(contents: Contents, sections: Sequence[Section | None], parts: Parts | None = None) -> str:
-    """Head, bar, sections, scripts.
+    """Return the page from its head, navigation bar, sections and scripts.
 
     Args:
         contents: of the report.
-        sections: in their order; None: nothing to show.
-        parts: files that the page loads when it needs them, as it does plotly's code then: a third of a second of work before
-            anything is seen. They get their place. None: the page is all in one.
+        sections: in their order; None for a section without content.
+        parts: files that the page loads when it needs them. Plotly's code becomes such a file too, because it takes a third of
+            a second before anything is visible. They are moved to their final folder. None: the page is one file.
 
     Raises:
-        OSError: the files cannot get their place.
+        OSError: the files cannot be moved to their final folder.
     """
     from plotly.offline import get_plotlyjs
 
@@ -154,11 +155,11 @@ def html_document(contents: Contents, sections: Sequence[Section | None], parts:
 
 
 def _policy(scripts: list[str], load: bool) -> str:
-    """The content security policy: these scripts by their hashes, styles in the page, pictures in the page, nothing else.
+    """Return the content security policy: it allows these scripts by their hashes, and styles and pictures in the page only.
 
     Args:
         scripts: of the page.
-        load: whether they may load others; no address would do, as the page may lie anywhere.
+        load: whether they may load other scripts. The policy names no address for these, as the page may be in any folder.
     """
     hashes = [base64.b64encode(hashlib.sha256(script.encode()).digest()).decode() for script in scripts]
     allowed = " ".join(f"'sha256-{one}'" for one in hashes) + (" 'strict-dynamic'" if load else "")
@@ -169,18 +170,18 @@ def _policy(scripts: list[str], load: bool) -> str:
 
 
 def _asset(name: str) -> str:
-    """A file of this package as text."""
+    """Read a file of this package as text."""
     return resources.files("passerby.report").joinpath(name).read_text(encoding="utf-8")
 
 
 def trajectories_page(found: Trajectories, rig: Rig, title: str, note: str = "") -> str:
-    """HTML, the same for the same input.
+    """Return a page of HTML with trajectories and cameras, from above and in 3D. The same input gives the same page.
 
     Args:
-        found: the ways.
-        rig: their cameras; those without a pose are left out.
+        found: the trajectories.
+        rig: the cameras; those without a pose are left out.
         title: of the page.
-        note: a sentence below it.
+        note: a sentence below the title.
     """
     from plotly.subplots import make_subplots
 
@@ -213,7 +214,7 @@ def trajectories_page(found: Trajectories, rig: Rig, title: str, note: str = "")
 
 
 def _draw_way(way: Way, every: int, *, listed: bool, in_space: bool = False) -> list[Trace]:
-    """A person's line, broken between parts; of each part every n-th place, and its ends."""
+    """Return a person's trajectory as a line with gaps between stretches: every n-th position of each stretch, and its ends."""
     rows = [np.union1d(np.arange(part.start, part.stop, every), [part.stop - 1]) for part in way.parts]
     x, y, z = join_stretches([way.xyz[part] for part in rows])
     told = join_stretches([np.column_stack([way.time_s, way.sigma_m, way.cameras])[part] for part in rows])
@@ -232,6 +233,6 @@ def _draw_way(way: Way, every: int, *, listed: bool, in_space: bool = False) -> 
 
 
 def _ordinal(number: int) -> str:
-    """2nd, 3rd, 4th, 11th, 21st."""
+    """Write an ordinal number: 2nd, 3rd, 4th, 11th, 21st."""
     ending = "th" if number % 100 in (11, 12, 13) else {1: "st", 2: "nd", 3: "rd"}.get(number % 10, "th")
     return f"{number}{ending}"

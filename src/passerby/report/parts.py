@@ -1,8 +1,9 @@
-"""The files beside a report of many cameras, each with what one camera or one plot needs, loaded when it is asked for.
+"""The files beside a report of many cameras. Each holds the data of one camera or plot, and the page loads it when needed.
 
-A browser fetches nothing for a page that was opened as a file, but it runs scripts: so each file is a script that hands over a
-value. The files lie in a folder that is named after their content. The page names that folder, so it never meets files of
-another report, whenever a process is killed: the folder is there as a whole before the page is, and an earlier one goes last.
+A browser fetches no data for a page that was opened as a file, but it runs scripts: so each file is a script that passes a
+value to the page. The files are in a folder whose name is a digest of their content. The page names that folder, so it never
+loads files of another report, even if a process was killed: the folder is complete before the page is written, and the folder
+of an earlier report is removed last.
 """
 
 from __future__ import annotations
@@ -29,12 +30,12 @@ class Parts:
     """Files of a report that are being written."""
 
     def __init__(self, new: Path, folder: Path) -> None:
-        """They are written into the folder `new`; `place` gives it its place in `folder`."""
+        """Prepare to write files into the folder `new`, which `place` moves into `folder`."""
         self._new, self._folder = new, folder
         self._digest = hashlib.blake2b(digest_size=8)
 
     def add(self, name: str, value: Any) -> None:
-        """Write a value, which the page's script asks for by its name. Raises `OSError`."""
+        """Write a value, which the page's script requests by its name. Raises `OSError`."""
         told = json.dumps(plain(value), ensure_ascii=True, allow_nan=False, separators=(",", ":"))
         self._write(name, f"passerbyPart({json.dumps(name)},{told});\n")
 
@@ -53,15 +54,15 @@ class Parts:
 
     @property
     def stamp(self) -> str:
-        """Of the content of all files."""
+        """Digest of the content of all files, hexadecimal."""
         return self._digest.hexdigest()
 
     def place(self) -> str:
-        """Put the files, which are all, where the page finds them; the folder as the page names it. Raises `OSError`."""
+        """Move the complete set of files to its final folder, and return this folder relative to the page. Raises `OSError`."""
         self._folder.mkdir(exist_ok=True)
         target = self._folder / self.stamp
         sync_folder(self._new)
-        if target.is_dir():  # of the same content, or damaged since
+        if target.is_dir():  # written earlier with the same content, and possibly damaged since
             for path in self._new.iterdir():
                 os.replace(path, target / path.name)
         else:
@@ -74,7 +75,7 @@ class Parts:
 
 @contextmanager
 def parts_beside(page: Path) -> Iterator[Parts]:
-    """Files beside a page, which is written in the block after they have got their place. Raises `InputError`."""
+    """Open the files beside a page. The block calls `place` and then writes the page. Raises `InputError`."""
     try:
         page.parent.mkdir(parents=True, exist_ok=True)
         new = Path(tempfile.mkdtemp(dir=page.parent, prefix=f".{page.name}.", suffix=PART))

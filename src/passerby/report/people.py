@@ -1,4 +1,4 @@
-"""Sections about people: their heights, what determines the scale, and the timeline of observations."""
+"""Sections about people: their heights, the evidence that determines the scale, and the timeline of observations."""
 
 from __future__ import annotations
 
@@ -19,23 +19,23 @@ from passerby.report.tables import Column, Table, count, number, share_cell, tex
 from passerby.solver.cues import cue_in_words
 
 MOST_BARS = 1500
-"""Distinguishable at a laptop's width; of more, the number of people at once is drawn, and the bars of one person who is
-chosen."""
+"""Most bars that are distinguishable at a laptop's width. If there are more, the page draws the number of people at a time, and
+the bars of one person whom the reader chooses."""
 MOST_LANES = 14
-"""People at once in one camera whose bars can be distinguished."""
+"""Most people at a time in one camera whose bars are distinguishable."""
 MOST_KEPT = 20_000
-"""Stretches in the page at most, 60 bytes each."""
+"""Most stretches in the page, 60 bytes each."""
 BINS = 400
 LANE_PX, ROW_PX = 7, 26
 HIGHEST_PX, LEAST_ROW_PX = 1500, 3
-"""Of more rows than fit into this height, each is lower, to the least; names stand at some."""
+"""Largest total height of the rows and least height of a row: rows that do not fit are made lower, with names at only some."""
 NAME_PX = 13
-"""Between names."""
+"""Least distance between names."""
 MINUTES_FROM_S = 900.0
 
 
 def heights_section(contents: Contents, parts: Parts | None = None) -> Section:
-    """The people's heights beside what was assumed of them; `parts` of a page of many cameras gets the figure."""
+    """Return the section with the people's estimated and assumed heights; `parts` of a page of many cameras gets the figure."""
     heights = heights_of(contents.figures)
     if not heights:
         return section("heights", "Heights", drawn=None, method=contents.document.method)
@@ -49,14 +49,14 @@ def heights_section(contents: Contents, parts: Parts | None = None) -> Section:
 
 
 def _read_stated_heights(contents: Contents) -> dict[str, tuple[float, float]]:
-    """Height and standard deviation of the people whom the scene file tells of."""
+    """Return height and standard deviation, metres, of the people whose heights the scene file states, by identity."""
     return {str(cue.identity): (cue.stated_m, cue.sd_m) for cue in contents.figures.scale.cues if cue.kind == "person"}
 
 
 def _figure(
     heights: Mapping[str, float], mean: float | None, sd: float | None, stated: Mapping[str, tuple[float, float]]
 ) -> dict[str, Any]:
-    """A dot for each person, the band behind."""
+    """Draw a dot for each person, with the assumed heights as a band behind the dots."""
     order = sorted(heights, key=lambda who: (heights[who], who))
     places = {who: place for place, who in enumerate(order, start=1)}
     told = [who for who in order if who in stated]
@@ -99,13 +99,13 @@ def _figure(
 
 
 def _range(heights: list[float], mean: float | None, sd: float | None) -> list[float]:
-    """Of the axis: all heights and the band."""
+    """Return the range of the axis, which contains all heights and the band."""
     known = [*heights, *([mean - 1.3 * (sd or 0), mean + 1.3 * (sd or 0)] if mean is not None else [])]
     return [min(known) - 0.05, max(known) + 0.05]
 
 
 def _describe_heights(heights: Mapping[str, float], mean: float | None, sd: float | None) -> str:
-    """Mean and spread, and how many are outside two standard deviations."""
+    """Describe mean and spread of the heights, and the number of people beyond two assumed standard deviations."""
     values = np.array(list(heights.values()))
     spread = f", standard deviation {values.std(ddof=1):.2f} m" if len(values) > 1 else ""
     told = f"Measured: {count(len(values), 'person', 'people')}, mean {values.mean():.2f} m{spread}."
@@ -119,21 +119,21 @@ def _describe_heights(heights: Mapping[str, float], mean: float | None, sd: floa
 
 
 def scale_section(contents: Contents) -> Section:
-    """The scale cues, what each says and how much it counts."""
+    """Return the section with the scale cues, their values and their weights."""
     cues, figures = contents.figures.scale.cues, contents.document.figures
     words = _geopose_scale(figures.scale) if isinstance(figures, StarFigures) else ""
     return section("scale", "Scale", table=_cue_table(cues) if cues else None, words=words)
 
 
 def _geopose_scale(scale: StarScale) -> str:
-    """The scale of the method "geopose", in words."""
+    """Describe the scale of the method "geopose" in words."""
     told = f"The scale comes from one constraint: {scale.from_}"
     told += f", {scale.height_m:.2f} m for everybody" if scale.height_m is not None else ""
     return told + (f", from {count(scale.people, 'person', 'people')}." if scale.people is not None else ".")
 
 
 def _cue_table(cues: Sequence[CueFigures]) -> Table:
-    """A row for each cue, its weight as a bar."""
+    """Return a table with a row for each cue, its weight as a bar."""
     columns = [
         Column("Constraint", numeric=False),
         Column("Stated", "m"),
@@ -165,12 +165,12 @@ def _cue_table(cues: Sequence[CueFigures]) -> Table:
 
 
 def timeline_section(contents: Contents, spells: Spells, parts: Parts | None = None) -> Section:
-    """A row for each camera, a bar for each stretch in which it saw a person.
+    """Return the section with the timeline: a row for each camera, with a bar for each stretch in which it saw a person.
 
     Args:
         contents: of the report.
         spells: of all cameras.
-        parts: of a page of many cameras: gets the figure.
+        parts: of a page of many cameras; receives the figure.
     """
     if not len(spells):
         return section("timeline", "Timeline", drawn=None)
@@ -186,20 +186,20 @@ def timeline_section(contents: Contents, spells: Spells, parts: Parts | None = N
 
 @dataclass(frozen=True, eq=False)
 class _Rows:
-    """Where the bars stand, pixels from above."""
+    """Vertical positions of the bars, pixels from the top."""
 
     centre: Floats
-    """(N,) of each bar."""
+    """(N,) centre of each bar."""
     width: Floats
-    """(N,) of each bar."""
+    """(N,) width of each bar."""
     heights: Floats
-    """(C,) of the cameras' rows."""
+    """(C,) heights of the cameras' rows."""
     crowded: bool
-    """Whether the bars are too many to tell apart."""
+    """Whether the bars are too many to be distinguished."""
 
 
 def _rows(n_cameras: int, spells: Spells) -> _Rows:
-    """A row for each camera, with lanes in which no two bars overlap; one lane where they are too many."""
+    """Arrange a row for each camera, with lanes in which no two bars overlap; one lane per row if there are too many."""
     lane, lanes = np.zeros(len(spells)), np.ones(n_cameras)
     for camera in range(n_cameras):
         own = np.flatnonzero(spells.camera == camera)
@@ -217,7 +217,7 @@ def _rows(n_cameras: int, spells: Spells) -> _Rows:
 
 
 def _draw_figure(contents: Contents, spells: Spells, rows: _Rows) -> dict[str, Any]:
-    """All bars are in `layout.meta.bars`, from which the page's script draws everybody's or one person's."""
+    """Return the figure of the timeline. The page's script draws the bars of all people or of one from `layout.meta.bars`."""
     begin, end = spells.span
     minutes = spells.in_seconds and end - begin > MINUTES_FROM_S
     factor, unit = (60.0, "min") if minutes else (1.0, "s" if spells.in_seconds else "frames")
@@ -252,7 +252,7 @@ def _shorten(name: str) -> str:
 
 
 def _bars(spells: Spells, rows: _Rows, factor: float) -> dict[str, Any]:
-    """Columns of all bars."""
+    """Return the data of all bars as columns."""
     start, stop = np.round(spells.begin / factor, 3), np.round(spells.end / factor, 3)
     people = spells.people.tolist()
     return {
@@ -262,7 +262,7 @@ def _bars(spells: Spells, rows: _Rows, factor: float) -> dict[str, Any]:
 
 
 def _crowd(n_cameras: int, spells: Spells, edges: Floats, factor: float, unit: str) -> dict[str, Any]:
-    """How many people each camera saw at once, in the mean over bins of time."""
+    """Draw the number of people that each camera saw at a time, as means over bins of time."""
     times = np.linspace(*spells.span, BINS + 1)
     number = np.zeros((n_cameras, BINS))
     for camera in range(n_cameras):
@@ -279,7 +279,7 @@ def _crowd(n_cameras: int, spells: Spells, edges: Floats, factor: float, unit: s
 
 
 def _ramps(times: Floats, starts: Floats) -> Floats:
-    """(T,) the sum of how long ago each start is, of those that have been."""
+    """Return, for each of the times (T,), the sum of the times since all earlier starts."""
     starts = np.sort(starts)
     before = np.searchsorted(starts, times)
     return np.asarray(before * times - np.concatenate([[0.0], np.cumsum(starts)])[before])

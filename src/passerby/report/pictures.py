@@ -1,7 +1,7 @@
-"""What a camera saw and what the calibration makes of it, drawn over a picture of its video: one SVG.
+"""Pictures of the cameras: observations and their model, drawn over an image of the video as one SVG.
 
-Layers: the ground's grid, the horizon and plumb lines, other cameras, the model's boxes, the boxes that were seen, joints.
-Coordinates within the inner group are those of the camera's pixels, whose origin is the middle of the first one.
+Layers: the ground's grid, the horizon and plumb lines, other cameras, the model's boxes, the observed boxes, joints.
+Coordinates within the inner group are those of the camera's pixels; their origin is the middle of the first pixel.
 """
 
 from __future__ import annotations
@@ -49,22 +49,22 @@ LAYERS = (
     ("joints", "keypoints"),
 )
 DECODERS = 2
-"""Videos of which an image is decoded at a time, beside the drawing."""
+"""Number of videos from which images are decoded in parallel, during the drawing."""
 DECODED_AHEAD = 16
-"""Images that wait for their drawing at most, 100 kB each."""
+"""Most images that are decoded before they are drawn, 100 kB each."""
 
 
 def camera_picture(
     contents: Contents, fit: Fitted, name: str, behind: Backdrop | None = None, among: Collection[str] | None = None
 ) -> Markup:
-    """One camera's picture with all layers, as `<svg viewBox="0 0 width height">`.
+    """Draw one camera's picture with all layers, as `<svg viewBox="0 0 width height">`.
 
     Args:
         contents: of the report.
-        fit: of the whole sample; only where people walk is taken from it.
-        name: of a camera of the rig, with a pose or without.
-        behind: of `backdrop`; looked for where None.
-        among: the cameras that are drawn, and whose people are; None: all.
+        fit: of the whole sample; only the region where people walk is used.
+        name: of a camera of the rig, with or without a pose.
+        behind: result of `backdrop`; None: it is computed here.
+        among: only these cameras are drawn, and people from their observations; None: all.
     """
     camera = contents.rig[name]
     behind = backdrop(contents, name) if behind is None else behind
@@ -88,12 +88,12 @@ def camera_picture(
 
 
 def _part_of(contents: Contents, names: Collection[str]) -> Contents:
-    """The same contents with some of the cameras."""
+    """Return the contents with only the named cameras."""
     return replace(contents, rig=replace(contents.rig, cameras=tuple(one for one in contents.rig if one.name in names)))
 
 
 def rig_section(contents: Contents, fit: Fitted) -> Section:
-    """The rig from above and in space."""
+    """Return the section with the rig from above and in space."""
     posed, drawn = contents.rig.posed(), []
     if len(posed):
         who = f"{count(len(posed), 'camera')} and the trajectories of the people"
@@ -103,7 +103,7 @@ def rig_section(contents: Contents, fit: Fitted) -> Section:
 
 
 def pictures_section(contents: Contents, fit: Fitted, seen: Seen, tell: Progress) -> Section:
-    """A panel for each camera: its picture with what was seen and what the rig makes of it, and its residuals."""
+    """Return the section with a panel for each camera: its picture with observations and model, and its residuals."""
     panels = [
         camera_panel(contents, fit, seen, place, name, behind)
         for place, (name, behind) in enumerate(decode_backdrops(contents, tell))
@@ -112,9 +112,9 @@ def pictures_section(contents: Contents, fit: Fitted, seen: Seen, tell: Progress
 
 
 def decode_backdrops(contents: Contents, tell: Progress) -> Iterator[tuple[str, Backdrop]]:
-    """Each camera's name with the image behind its drawing, in the rig's order; the next ones are decoded meanwhile."""
+    """Yield each camera's name and backdrop image, in the rig's order; the next images are decoded in the meantime."""
     names = contents.rig.names
-    with ThreadPoolExecutor(DECODERS) as decoders:  # decoding leaves Python to other threads
+    with ThreadPoolExecutor(DECODERS) as decoders:  # decoding releases Python's lock
         waiting = deque[Future[Backdrop]]()
         for place, name in enumerate(names):
             for ahead in names[place + len(waiting) : place + DECODED_AHEAD]:
@@ -125,7 +125,7 @@ def decode_backdrops(contents: Contents, tell: Progress) -> Iterator[tuple[str, 
 
 
 def layer_switches(contents: Contents) -> list[tuple[str, str]]:
-    """The layers that pictures have, with their names."""
+    """Return the layers that the pictures have, with their names."""
     seen, posed = contents.observations.cameras.values(), len(contents.rig.posed()) > 0
     with_boxes, with_joints = any(len(one.boxes) for one in seen), any(len(one.keypoints) for one in seen)
     there = {
@@ -143,18 +143,18 @@ def camera_panel(
     contents: Contents, fit: Fitted, seen: Seen, place: int, name: str, behind: Backdrop,
     among: Collection[str] | None = None, problems: Sequence[Point] = (), tables: Sequence[tuple[str, Table]] = (),
 ) -> Markup:  # fmt: skip
-    """One camera, on the image behind its drawing.
+    """Return the panel of one camera: its picture, residuals, figures, problems and tables.
 
     Args:
         contents: of the report.
         fit: of the whole sample.
         seen: of all cameras.
-        place: in the rig.
+        place: position of the camera in the rig.
         name: of the camera.
-        behind: of `decode_backdrops`.
-        among: as of `camera_picture`.
+        behind: result of `decode_backdrops`.
+        among: as in `camera_picture`.
         problems: of the camera, below the pictures.
-        tables: with their titles; they can be opened.
+        tables: tables with titles; a reader can open them.
     """
     entry, residual = contents.document.entry(name), residual_px(contents, name)
     boxes, joints = entry.boxes, entry.keypoints

@@ -1,8 +1,6 @@
 """Problems of a calibration and their remedies, as the report shows them.
 
-What a person should read first of a calibration, as sentences.
-
-What a doubtful rig is still good for, in one line.
+The module also selects the most important problems as sentences, and describes in one line what a doubtful rig can be used for.
 """
 
 from __future__ import annotations
@@ -20,12 +18,12 @@ from passerby.findings.texts import problem_of, remedy_of, subjects_of
 from passerby.interchange.calibration_json import CalibrationDocument, DiagnosticEntry
 
 FOR_ANY = "run passerby check on the scene file, and record more people walking where the views overlap"
-"""What to do about anything of which nothing better is known."""
+"""Remedy of a problem without a specific remedy."""
 
 
 @dataclass(frozen=True)
 class Point:
-    """Something that is wrong or weak, and what to do."""
+    """A problem or a weakness, and its remedy."""
 
     problem: str
     remedy: str
@@ -36,38 +34,38 @@ class Reported:
     """A diagnostic of `calibration.json`."""
 
     cameras: tuple[str, ...]
-    """The cameras that it is about."""
+    """Cameras that it concerns."""
     subjects: tuple[str, ...]
-    """What else it is about, as of `Kind`."""
+    """Other subjects that it concerns, as in `Kind`."""
     problem: str
     remedy: str
     finding: Finding | None = None
-    """None where this Passerby does not know its code."""
+    """None if this version of Passerby does not know its code."""
 
     @property
     def point(self) -> Point:
-        """As the report shows it."""
+        """Problem and remedy as full sentences, as the report shows them."""
         return Point(sentence(self.problem), sentence(self.remedy or FOR_ANY))
 
 
 def reported_doubts(document: CalibrationDocument) -> list[Reported]:
-    """The problems of the rig, by a `calibration.json`; an older Passerby wrote sentences only."""
+    """Return the problems of the rig from `calibration.json`; older versions of Passerby wrote only sentences."""
     if document.diagnostics is None:
         return [Reported((), (), reason, "") for reason in document.reasons]
     return [_reported(row) for row in document.diagnostics if row.severity != "notice"]
 
 
 def points_of(doubts: Sequence[Reported]) -> list[Point]:
-    """The doubts as points, causes first; what follows from a cause is left out, and the same of several cameras is one."""
+    """Return doubts as points, causes first; consequences of causes are left out, equal doubts about several cameras merged."""
     known = reasons_of([one.finding for one in doubts if one.finding is not None])
     points = [Point(sentence(one.problem), sentence(one.remedy or FOR_ANY)) for one in known]
     return [*points, *(one.point for one in doubts if one.finding is None)]
 
 
 def sentence(text: str) -> str:
-    """Text with a capital and a full stop; names that begin it keep their spelling."""
+    """Return text with an initial capital and a full stop; a name at its beginning keeps its spelling."""
     text = " ".join(text.split())
-    # A path, as in "videos/north.mp4: ...", is no word.
+    # A path, as in "videos/north.mp4: ...", is not a word and gets no capital.
     first = re.match(r"([^\W\d_]+)[,:;]?(?:\s|$)", text)
     if first is not None and first[1].islower():
         text = text[0].upper() + text[1:]
@@ -75,17 +73,17 @@ def sentence(text: str) -> str:
 
 
 def _reported(row: DiagnosticEntry) -> Reported:
-    """A diagnostic as its finding says it, or else as it is written."""
+    """Return a diagnostic with the texts of its finding, or with its written texts if its code is unknown."""
     try:
         finding = Finding.of_value(vars(row))
         subjects, problem, remedy = subjects_of(finding), problem_of(finding), remedy_of(finding)
-    except (AttributeError, IndexError, KeyError, TypeError, ValueError):  # another Passerby's
+    except (AttributeError, IndexError, KeyError, TypeError, ValueError):  # written by another version of Passerby
         return Reported(row.cameras, (), row.text, row.remedy)
     return Reported(row.cameras, subjects, problem, remedy, finding)
 
 
 def choose_first_reasons(document: CalibrationDocument) -> list[str]:
-    """What a person should read first, and what a doubtful rig is still good for."""
+    """Return the most important problems as sentences, and for a doubtful rig what it can still be used for."""
     doubts = reported_doubts(document)
     known = [one.finding for one in doubts if one.finding is not None]
     texts = [*(one.text for one in reasons_of(known)), *(one.problem for one in doubts if one.finding is None)]
@@ -98,14 +96,15 @@ def choose_first_reasons(document: CalibrationDocument) -> list[str]:
 
 
 def good_for(doubts: Sequence[Finding], posed: Sequence[str], measuring: MeasuringFigures | None) -> str:
-    """What a doubtful rig can be used for, as a sentence.
+    """Describe what a doubtful rig can be used for, as a sentence.
 
-    Doubts about the scale or the up direction alone leave the shape of the rig; doubts about some cameras leave the others.
+    Doubts about only the scale or the up direction leave the shape of the rig usable. Doubts about some cameras leave the
+    other cameras usable.
 
     Args:
         doubts: the evidence against the rig.
         posed: names of the cameras with a pose.
-        measuring: how well the rig measures; None where that is unknown.
+        measuring: the rig's measuring accuracy; None if unknown.
     """
     causes = [one for reason in reasons_of(doubts) for one in reason.findings]
     about_shape = [one for one in causes if not subjects_of(one)]
@@ -121,7 +120,7 @@ def good_for(doubts: Sequence[Finding], posed: Sequence[str], measuring: Measuri
 
 
 def _figures(measuring: MeasuringFigures | None, *, ground: bool, metres: bool) -> str:
-    """How well points and positions are known, where that can be said in metres."""
+    """Write the sigmas of points and ground positions, if the scale is known."""
     if measuring is None or not metres:
         return ", up to the scale" if not metres else ""
     told = [f"points to {measuring.points.median_mm / 10:.0f} cm"]

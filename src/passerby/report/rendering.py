@@ -1,6 +1,6 @@
-"""The report's templates, filled in by Jinja2: modules compute values, markup stands in `templates/`.
+"""The report's templates, filled in by Jinja2: modules compute values, and `templates/` contains the markup.
 
-No text can become markup: all that is put in is escaped, but for what templates made.
+No text can become markup: all values are escaped, except markup that templates made.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from passerby.interchange.storage.text_formats import plain
 from passerby.report.parts import Parts
 
 Row = dict[str, Any]
-"""Values that a template names."""
+"""Values by the names that a template uses."""
 
 
 @cache
 def environment() -> Environment:
-    """The templates. Names that no value has are errors."""
+    """Return the environment of the templates. A name without a value is an error."""
     made = Environment(
         loader=PackageLoader("passerby.report"), autoescape=True, undefined=StrictUndefined, auto_reload=False,
         trim_blocks=True, lstrip_blocks=True,
@@ -35,7 +35,7 @@ def environment() -> Environment:
 
 
 def render(template: str, **values: Any) -> Markup:
-    """A template of `templates/`, filled in."""
+    """Fill in a template of `templates/`."""
     return Markup(environment().get_template(template).render(values))
 
 
@@ -45,12 +45,12 @@ class Section:
 
     anchor: str
     name: str
-    """In the navigation."""
+    """Name in the navigation."""
     html: Markup
 
 
 def section(anchor: str, name: str, **values: Any) -> Section:
-    """A part of the page, from the template that is called like its anchor."""
+    """Return a part of the page from the template that has the name of its anchor."""
     return Section(anchor, name, render(f"{anchor}.html", **values))
 
 
@@ -60,22 +60,22 @@ class Plot:
 
     identifier: str
     label: str
-    """What it shows, for those who cannot see it."""
+    """Description of the figure for screen readers."""
     kind: str
-    """flat, map or space; map gets buttons that move the view, space those that turn it, and a note where WebGL is missing."""
+    """flat, map or space. A map has buttons that move the view; a space has buttons that turn it, and a note without WebGL."""
     figure: Mapping[str, Any] | None
-    """None where it is a file beside the page."""
+    """None if the figure is a file beside the page."""
 
 
 def plot(identifier: str, figure: Mapping[str, Any], label: str, *, kind: str = "flat", parts: Parts | None = None) -> Plot:
-    """A plotly figure ({"data", "layout"}).
+    """Make a plot from a plotly figure ({"data", "layout"}).
 
     Args:
         identifier: of the element, unique on the page.
-        figure: without colours of text, grid and background; "var(--name)" stands for a colour of the style.
-        label: as of `Plot`.
-        kind: as of `Plot`.
-        parts: where the figure is put, for the page to load when it is about to be seen; None: into the page.
+        figure: without colours of text, grid and background; "var(--name)" stands for a colour of the style sheet.
+        label: as in `Plot`.
+        kind: as in `Plot`.
+        parts: receives the figure, which the page loads when it is about to be visible; None: the figure is in the page.
     """
     if parts is not None:
         parts.add(identifier, figure)
@@ -83,10 +83,10 @@ def plot(identifier: str, figure: Mapping[str, Any], label: str, *, kind: str = 
 
 
 def short(value: float) -> str:
-    """To a tenth of a pixel, without needless zeros."""
+    """Write a length to a tenth of a pixel, without trailing zeros."""
     return f"{round(float(value), 1) + 0.0:g}"
 
 
 def plot_text(text: str) -> str:
-    """Text for a plotly figure, which reads some HTML and fills in `%{...}`."""
+    """Escape text for a plotly figure, because plotly interprets some HTML and fills in `%{...}`."""
     return escape(text, quote=False).replace("%{", "%&#8203;{")

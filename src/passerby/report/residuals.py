@@ -1,7 +1,7 @@
-"""Where in a camera's picture the model misses what was seen: mean and scatter of the residuals by cells of the picture.
+"""Map of a camera's residuals: their mean and scatter by cells of the picture.
 
 A wrong focal length shows as arrows that all point outwards or inwards, a wrong distortion as rings, a camera that was moved
-as arrows that all point the same way.
+as arrows that all point in the same direction.
 """
 
 from __future__ import annotations
@@ -20,18 +20,18 @@ from passerby.report.rendering import Row, render, short
 from passerby.report.sheet import clip_text, offset_words
 
 COLUMNS = 12
-"""Cells across the picture's longer side."""
+"""Number of cells along the picture's longer side."""
 FEWEST = 4
-"""Residuals of a cell that an arrow is drawn for."""
+"""Fewest residuals in a cell for an arrow to be drawn."""
 SURE = 2.0
-"""Standard errors beyond which a mean is no chance; the arrows of the others are faint."""
+"""Number of standard errors above which a cell's mean is significant. The arrows of other cells are faint."""
 MAGNIFICATIONS = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
 USUAL_SHARE, USUAL_CELLS, MOST_CELLS = 0.85, 0.9, 3.0
-"""So many of the sure arrows are drawn at most this long, and all of them at most that long, in cells. A faint arrow that would
-be longer is left out."""
+"""The first number is the share of the significant arrows whose drawn length is at most the second, in cells. The third is the
+largest length of all of them, in cells. A faint arrow that would be longer is left out."""
 STEPS_PX = (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500)
 STRIP = 0.09
-"""Height of the legend, of the picture's width."""
+"""Height of the legend, as a share of the picture's width."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,11 +39,11 @@ class Residuals:
     """K residuals of one camera."""
 
     at: Floats
-    """(K, 2) where it was seen, pixels."""
+    """(K, 2) observed position, pixels."""
     miss: Floats
-    """(K, 2) seen minus model, pixels."""
+    """(K, 2) observed minus model, pixels."""
     what: str
-    """What they are of: centres of boxes, or joints."""
+    """Kind of the observations, in words: centres of boxes, or keypoints."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,15 +53,15 @@ class Cells:
     size: tuple[float, float]
     """Width and height of a cell, pixels."""
     count: Ints
-    """(R, C)"""
+    """(R, C) number of residuals."""
     mean: Floats
-    """(R, C, 2) pixels; NaN where there is none."""
+    """(R, C, 2) mean residual, pixels; NaN in cells without residuals."""
     rms: Floats
-    """(R, C) root mean square of their lengths, pixels."""
+    """(R, C) root mean square of the residuals' lengths, pixels."""
 
     @property
     def sure(self) -> NDArray[np.bool_]:
-        """(R, C) cells with residuals enough whose mean is no chance."""
+        """(R, C) whether a cell has enough residuals and its mean is significant."""
         with np.errstate(invalid="ignore", divide="ignore"):
             length = np.linalg.norm(self.mean, axis=2)
             scatter = np.sqrt(np.maximum(self.rms**2 - length**2, 0.0) / np.maximum(self.count, 1))
@@ -69,9 +69,10 @@ class Cells:
 
 
 def residuals_of(fit: Fitted, name: str) -> Residuals:
-    """Residuals of a camera's boxes, or of its joints where it has no boxes.
+    """Return the residuals of a camera's boxes, or of its joints if it has no boxes.
 
-    Only what agrees with bodies (or joints in space) that two cameras or more agree on: what one camera saw alone always fits.
+    Only boxes and joints count that agree with a body (or a joint in space) on which two cameras or more agree: observations of
+    a single camera always fit.
     """
     place, s, j = fit.place(name), fit.sightings, fit.joints
     rows = np.flatnonzero(
@@ -85,7 +86,7 @@ def residuals_of(fit: Fitted, name: str) -> Residuals:
 
 
 def residual_cells(residuals: Residuals, size: tuple[int, int]) -> Cells:
-    """Residuals by cells of a picture of a size (width, height), pixels."""
+    """Group residuals by the cells of a picture of a size (width, height), pixels."""
     cell = max(size) / COLUMNS
     columns, rows = max(1, round(size[0] / cell)), max(1, round(size[1] / cell))
     wide, high = size[0] / columns, size[1] / rows
@@ -99,11 +100,11 @@ def residual_cells(residuals: Residuals, size: tuple[int, int]) -> Cells:
 
 
 def residual_map(contents: Contents, fit: Fitted, name: str) -> Markup:
-    """The residuals of a camera over its picture, as an SVG with the picture's width; its legend stands below.
+    """Draw the residuals of a camera over its picture, as an SVG with the picture's width and a legend below.
 
-    Cells are `rect` of the class `cell` whose `fill-opacity` is the root mean square, arrows `path` of the class `arrow`
-    (`arrow faint` where chance may have made them). A `<title>` tells each cell's figures. Colours come from the style:
-    `--cell` and `--arrow`, with those that fit light and dark pages in their place.
+    Cells are `rect` elements of the class `cell` whose `fill-opacity` shows the root mean square. Arrows are `path` elements of
+    the class `arrow` (`arrow faint` if the mean is not significant). A `<title>` states each cell's figures. The style sets the
+    colours `--cell` and `--arrow`; without them, colours that fit light and dark pages are used.
     """
     size = contents.rig[name].lens.size
     residuals = residuals_of(fit, name)
@@ -117,7 +118,7 @@ def residual_map(contents: Contents, fit: Fitted, name: str) -> Markup:
 
 
 def _describe_map(name: str, residuals: Residuals, cells: Cells) -> str:
-    """The map in a sentence."""
+    """Describe the map in one sentence."""
     if not len(residuals.miss):
         return f"Camera {clip_text(name)}: no residuals, because no two cameras agree on a person"
     rms = float(np.sqrt((residuals.miss**2).sum(axis=1).mean()))
@@ -129,13 +130,13 @@ def _describe_map(name: str, residuals: Residuals, cells: Cells) -> str:
 
 
 def _full_colour(cells: Cells) -> float:
-    """Root mean square of a cell in full colour, pixels."""
+    """Return the root mean square at which a cell has its full colour, pixels."""
     many = cells.count >= FEWEST
     return _round_up(float(np.quantile(cells.rms[many], 0.9))) if many.any() else 1.0
 
 
 def _cells(cells: Cells, scale: float) -> list[Row]:
-    """The cells with residuals, the more opaque the larger they are."""
+    """Return the values of the cells with residuals; a cell is more opaque for larger residuals."""
     wide, high = cells.size
     drawn = []
     for row, column in zip(*np.nonzero(cells.count), strict=True):
@@ -150,7 +151,7 @@ def _cells(cells: Cells, scale: float) -> list[Row]:
 
 
 def _arrows(cells: Cells, factor: int) -> list[Row]:
-    """From each cell's middle to where things were seen, magnified."""
+    """Return the magnified arrows from the middle of each cell along its mean residual."""
     wide, high = cells.size
     drawn = []
     shown = (cells.count >= FEWEST) & (cells.sure | (factor * _lengths(cells) <= MOST_CELLS * min(cells.size)))
@@ -162,7 +163,7 @@ def _arrows(cells: Cells, factor: int) -> list[Row]:
 
 
 def _arrow(begin: Floats, along: Floats, head: float) -> str:
-    """An arrow as a path."""
+    """Return an arrow as an SVG path."""
     length = float(np.hypot(*along))
     end = begin + along
     d = f"M{short(begin[0])} {short(begin[1])}L{short(end[0])} {short(end[1])}"
@@ -177,7 +178,7 @@ def _arrow(begin: Floats, along: Floats, head: float) -> str:
 
 
 def _legend(residuals: Residuals, cells: Cells, size: tuple[int, int], factor: int) -> Row:
-    """What the arrows' lengths and the cells' colour mean, below the map."""
+    """Return the values of the legend below the map: the scale of the arrows and of the cells' colour."""
     letters, bottom = size[0] / 40, size[1] + STRIP * size[0]
     base = size[1] + 0.62 * STRIP * size[0]
     bar = _round_down(0.9 * cells.size[0] / factor)
@@ -192,7 +193,7 @@ def _legend(residuals: Residuals, cells: Cells, size: tuple[int, int], factor: i
 
 
 def _magnification(cells: Cells) -> int:
-    """How many times as long arrows are drawn as they are."""
+    """Choose the factor by which arrows are drawn longer than the residuals."""
     chosen = cells.sure if cells.sure.any() else cells.count >= FEWEST
     lengths, cell = _lengths(cells)[chosen], min(cells.size)
     if not len(lengths):
@@ -203,15 +204,15 @@ def _magnification(cells: Cells) -> int:
 
 
 def _lengths(cells: Cells) -> Floats:
-    """(R, C) of the means, pixels; NaN where there is none."""
+    """Return the lengths (R, C) of the mean residuals, pixels; NaN in cells without residuals."""
     return np.asarray(np.linalg.norm(cells.mean, axis=2))
 
 
 def _round_up(value: float) -> float:
-    """The smallest round number of pixels that is not below `value`."""
+    """Return the smallest round number of pixels that is not below `value`."""
     return float(min((step for step in STEPS_PX if step >= value), default=STEPS_PX[-1]))
 
 
 def _round_down(value: float) -> float:
-    """The largest round number of pixels that is not above `value`."""
+    """Return the largest round number of pixels that is not above `value`."""
     return float(max((step for step in STEPS_PX if step <= value * 1.0001), default=STEPS_PX[0]))

@@ -1,6 +1,6 @@
-"""What the drawings of a rig are made of: views of cameras, uncertainty of their positions, places of people.
+"""Geometry of a rig's drawings: views of cameras, uncertainty of their positions, positions of people.
 
-What the drawings of a rig say of its cameras.
+The module also makes the texts about cameras in these drawings.
 """
 
 from __future__ import annotations
@@ -20,31 +20,31 @@ from passerby.report.sheet import clip_text
 from passerby.report.through_lens import spacing_of
 
 MOST_LINES = 24
-"""Of the ground's grid, in one direction."""
+"""Most spacings of the ground's grid in one direction."""
 PAD_SHARE, PAD_M = 0.06, 1.0
-"""What is drawn reaches so much of its extent, and so many metres, beyond people and cameras."""
+"""Margin of the drawn region beyond people and cameras: this share of its extent plus this length."""
 FRUSTUM_SHARE, WEDGE_SHARE = 0.16, 0.45
-"""Of the usual distance from a camera to the people: how deep frusta and how long wedges are drawn."""
+"""Depth of drawn frusta and length of drawn wedges, as shares of the median distance from a camera to the people."""
 MAGNIFICATIONS = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
 LARGEST_ELLIPSE = 0.06
-"""Half an axis of the largest ellipse, as a share of what is drawn: they are magnified until then."""
+"""Longest semi-axis of a magnified ellipse, as a share of the drawn extent; it limits the magnification."""
 CELLS, SMALLEST_CELL_M = 60, 0.3
-"""Of a map of where people were, in one direction."""
+"""Number of cells of a map of people's positions in one direction, and the smallest size of a cell."""
 ENTITY = re.compile(r"&(?=#?\w+;)")
 
 
 @dataclass(frozen=True, eq=False)
 class Stage:
-    """What is drawn of the world, metres."""
+    """The region of the world that is drawn, metres."""
 
     low: Floats
-    """(3,)"""
+    """(3,) lowest corner."""
     high: Floats
-    """(3,)"""
+    """(3,) highest corner."""
     middle: Floats
-    """(3,) of where the people were."""
+    """(3,) median position of the people on the ground; without people, mean position of the cameras."""
     reach: float
-    """Usual distance from a camera to there."""
+    """Median distance from a camera to `middle`."""
 
     @property
     def extent(self) -> float:
@@ -53,12 +53,12 @@ class Stage:
 
     @property
     def spacing(self) -> float:
-        """Between the lines of the ground's grid."""
+        """Distance between the lines of the ground's grid."""
         return spacing_of(self.extent, MOST_LINES)
 
 
 def stage_of(rig: Rig, xy: Floats) -> Stage:
-    """Cameras with poses and the places of people (N, 2), metres, with some room."""
+    """Return the region around the cameras with poses and the positions of people (N, 2), metres, with a margin."""
     centres = np.array([camera.centre for camera in rig.posed()]).reshape(-1, 3)
     places = np.column_stack([xy, np.zeros(len(xy))])
     if not len(centres) and not len(places):
@@ -75,16 +75,16 @@ def stage_of(rig: Rig, xy: Floats) -> Stage:
 
 
 def frustum(camera: Camera, depth: float) -> Floats:
-    """(N, 3) the border of the picture held before the camera, world, metres; as of `frustum_rim`, without what is unknown."""
+    """Return the border (N, 3) of the picture at a depth before the camera, world, metres: finite points of `frustum_rim`."""
     assert camera.pose is not None
     rim = frustum_rim(camera.lens, depth)
     return np.asarray(camera.centre + rim[np.isfinite(rim).all(axis=1)] @ camera.pose.R_cw)
 
 
 def wedge(camera: Camera, length: float) -> Floats:
-    """(N, 2) border of the ground that a camera sees within `length` of it, from the camera on, metres; convex, closed.
+    """Return the border (N, 2) of the ground that a camera sees within `length` of it, metres; convex and closed.
 
-    The camera's place alone where its lens model cannot be inverted anywhere.
+    The result is only the camera's position if its lens model cannot be inverted at any pixel of the border.
     """
     assert camera.pose is not None
     rays = border_rays(camera.lens)
@@ -96,16 +96,16 @@ def wedge(camera: Camera, length: float) -> Floats:
         to_ground = np.where(rays[:, 2] < 0, max(camera.centre[2], 0.0) * level / -rays[:, 2], np.inf)
     reach = np.clip(np.nan_to_num(to_ground, nan=length, posinf=length), 0.0, length)
     seen = reach[:, None] * rays[:, :2] / np.maximum(level, 1e-9)[:, None]
-    # OpenCV knows no hull of points that are all one.
+    # OpenCV returns no hull for identical points.
     hull = cv2.convexHull(np.concatenate([np.zeros((1, 2)), seen]).astype(np.float32))
     outline = np.zeros((1, 2)) if hull is None else hull[:, 0].astype(np.float64)
     return np.asarray(camera.centre[:2] + np.concatenate([outline, outline[:1]]))
 
 
 def ground_covariance(camera: Camera) -> tuple[Floats, bool] | None:
-    """(2, 2) covariance of a camera's place over the ground, square metres, and whether its directions are known.
+    """Return the covariance (2, 2) of a camera's horizontal position, square metres, and whether its directions are known.
 
-    Where only the sigma of the place as a whole is known, it is shared out evenly. None where nothing is known.
+    If only the sigma of the whole position is known, it is divided equally among x, y and z. None if no sigma is known.
     """
     if camera.sigma is None or not np.isfinite(camera.sigma.position_m):
         return None
@@ -115,13 +115,13 @@ def ground_covariance(camera: Camera) -> tuple[Floats, bool] | None:
 
 
 def semi_axes(covariance: Floats) -> tuple[Floats, Floats]:
-    """One-sigma semi-axes of an ellipse (2,), metres, the longer first, and their directions, (2, 2), one a row."""
+    """Return the one-sigma semi-axes of an ellipse (2,), metres, the longer first, and their directions (2, 2), one per row."""
     values, vectors = np.linalg.eigh(covariance)
     return np.sqrt(np.maximum(values[::-1], 0.0)), np.asarray(vectors[:, ::-1].T)
 
 
 def ellipse(centre: Floats, covariance: Floats, factor: float, points: int = 48) -> Floats:
-    """(N, 2) outline at `factor` sigmas, closed."""
+    """Return the closed outline (N, 2) of an ellipse at `factor` sigmas."""
     lengths, directions = semi_axes(covariance)
     angle = np.linspace(0.0, 2 * np.pi, points + 1)
     return np.asarray(centre + factor * np.column_stack([np.cos(angle), np.sin(angle)]) * lengths @ directions)
@@ -129,23 +129,23 @@ def ellipse(centre: Floats, covariance: Floats, factor: float, points: int = 48)
 
 @dataclass(frozen=True, eq=False)
 class SigmaEllipses:
-    """The uncertainty of the cameras' places on the ground, as it is drawn."""
+    """Ellipses of the uncertainty of the cameras' horizontal positions, as drawn."""
 
     outlines: tuple[Floats, ...]
-    """(K, 2) closed, metres, of each camera whose sigma is known."""
+    """(K, 2) closed outlines, metres, one for each camera whose sigma is known."""
     factor: int
-    """So many times as large as they are."""
+    """Magnification of the ellipses."""
     directed: bool
-    """Whether all directions are known; else some are circles."""
+    """Whether the directions are known for all cameras; otherwise some outlines are circles."""
 
     @property
     def times(self) -> str:
-        """What a legend says of the size; nothing where it is true."""
+        """Words for a legend about the magnification; empty for true size."""
         return f", drawn {self.factor} times as large" if self.factor > 1 else ""
 
 
 def sigma_ellipses(rig: Rig, extent_m: float) -> SigmaEllipses:
-    """One-sigma ellipses of a rig's cameras, so large that they are seen in a drawing of so many metres."""
+    """Return the one-sigma ellipses of a rig's cameras, magnified for visibility in a drawing of `extent_m` metres."""
     known = [(camera, found) for camera in rig.posed() if (found := ground_covariance(camera)) is not None]
     longest = max((float(semi_axes(covariance)[0][0]) for _, (covariance, _) in known), default=0.0)
     factor = magnification(longest, extent_m)
@@ -154,13 +154,13 @@ def sigma_ellipses(rig: Rig, extent_m: float) -> SigmaEllipses:
 
 
 def magnification(longest_m: float, extent_m: float) -> int:
-    """By how much ellipses are drawn larger, for the longest semi-axis in a drawing of so many metres."""
+    """Choose the magnification of ellipses from the longest semi-axis and the extent of the drawing."""
     fitting = [factor for factor in MAGNIFICATIONS if factor * longest_m <= LARGEST_ELLIPSE * extent_m]
     return fitting[-1] if fitting and longest_m > 0 else 1
 
 
 def density(places: Floats, low: Floats, high: Floats, cells: int = CELLS) -> tuple[Floats, Floats, Floats]:
-    """How often people were where: (X,) and (Y,) middles of cells, and (Y, X) shares of all places."""
+    """Compute the density of positions (N, 2): middles of cells (X,) and (Y,), and shares (Y, X) of all positions."""
     cell = max(float((high - low).max()) / cells, SMALLEST_CELL_M)
     edges = [np.arange(np.floor(low[k] / cell), np.ceil(high[k] / cell) + 1) * cell for k in range(2)]
     count = np.histogram2d(places[:, 0], places[:, 1], bins=edges)[0].T
@@ -168,7 +168,7 @@ def density(places: Floats, low: Floats, high: Floats, cells: int = CELLS) -> tu
 
 
 def thin_parts(ways: FittedTrajectories, most: int) -> list[Ints]:
-    """Rows of each stretch of the ways, every n-th, and its ends, so that about `most` places are left."""
+    """Return, for each stretch of the trajectories, every n-th row and its ends, so that about `most` positions remain."""
     if not len(ways):
         return []
     every = max(1, -(-len(ways) // most))
@@ -177,7 +177,7 @@ def thin_parts(ways: FittedTrajectories, most: int) -> list[Ints]:
 
 
 def join_stretches(parts: Sequence[Floats], digits: int = 2) -> list[list[float | None]]:
-    """Columns of stretches of points (K, D), one after the other with a gap between, rounded."""
+    """Join stretches of points (K, D) into D columns, with None as a gap between stretches, rounded."""
     if not len(parts):
         return []
     columns: list[list[float | None]] = [[] for _ in range(parts[0].shape[1])]
@@ -190,22 +190,22 @@ def join_stretches(parts: Sequence[Floats], digits: int = 2) -> list[list[float 
 
 
 def escape_name(name: str) -> str:
-    """A name as plotly may show it anywhere: it reads tags and entities in some of its texts, and not in others."""
+    """Change a name so that plotly shows it correctly in every text: only some of its texts interpret tags and entities."""
     return ENTITY.sub("& ", clip_text(name).replace("<", "‹").replace(">", "›"))
 
 
 def unregistered(rig: Rig) -> list[str]:
-    """Names of the cameras without a pose."""
+    """Return the names of the cameras without a pose."""
     return [escape_name(camera.name) for camera in rig if camera.pose is None]
 
 
 def find_posed_cameras(rig: Rig) -> list[tuple[int, Camera]]:
-    """The cameras with poses and their places in the rig."""
+    """Return the cameras with poses, each after its position in the rig."""
     return [(place, camera) for place, camera in enumerate(rig) if camera.pose is not None]
 
 
 def hover_words(camera: Camera) -> str:
-    """What hovering over a camera tells."""
+    """Return the text that is shown when a pointer hovers over a camera."""
     x, y, z = (round(float(value), 2) + 0.0 for value in camera.centre)
     lines = [f"camera {escape_name(camera.name)}", f"x {x:.2f}, y {y:.2f} m", f"height {z:.2f} m"]
     if camera.sigma is not None and np.isfinite(camera.sigma.position_m):
@@ -214,6 +214,6 @@ def hover_words(camera: Camera) -> str:
 
 
 def faint(colour: str, opacity: float) -> str:
-    """`#rrggbb` with an opacity."""
+    """Return a colour `#rrggbb` with an opacity."""
     red, green, blue = (int(colour[k : k + 2], 16) for k in (1, 3, 5))
     return f"rgba({red},{green},{blue},{opacity})"

@@ -1,6 +1,6 @@
 """The rig in space and from above, as plotly figures in plain values: {"data": [...], "layout": {...}}.
 
-They name no colours of text, grid and background: the page sets these for light and dark.
+The figures set no colours of text, grid and background: the page sets these for its light and dark styles.
 """
 
 from __future__ import annotations
@@ -40,25 +40,25 @@ Figure = dict[str, Any]
 Trace = dict[str, Any]
 PASSED = "#8e4ec6"
 CROWD = "76,141,246"
-"""Red, green, blue of where people were."""
+"""Red, green, blue of the map of people's positions."""
 FEW_PLACES = 40
-"""Fewer are drawn as points."""
+"""Fewer positions than this are drawn as points."""
 CROWDED = 0.06
-"""Names of cameras nearer to each other than this share of what is drawn stand on different sides."""
+"""Cameras that are nearer to each other than this share of the drawn extent have their names on different sides."""
 SIDES = ("middle right", "middle left", "top right", "bottom left")
 MOST_PLACES = 6000
-"""Of ways."""
+"""Approximate largest number of drawn positions in trajectories."""
 FAINT = "rgba(128,128,128,0.6)"
-"""Lines of the ground: seen on white and on near-black."""
+"""Colour of the ground's lines: visible on white and on near-black."""
 UP_COLOUR = "#3e7bfa"
 SCENE_SIZE = 1.6
-"""Of the longest side of what is drawn, in plotly's own units, in which it also tells where the eye is."""
+"""Length of the scene's longest side in plotly's own units; positions of the eye are in the same units."""
 
 
 def rig_from_above(contents: Contents, fit: Fitted) -> Figure:
-    """The plan: cameras, what ground they see, how certain their places are, and where people were.
+    """Draw the rig from above: cameras, the ground they see, the uncertainty of their positions, and the people's positions.
 
-    `layout.meta.magnification` tells how many times as large the ellipses are drawn.
+    `layout.meta.magnification` is the factor by which the ellipses are magnified.
     """
     rig, stage = contents.rig, stage_of(contents.rig, fit.ways.xy)
     ellipses = sigma_ellipses(rig, stage.extent)
@@ -79,7 +79,7 @@ def rig_from_above(contents: Contents, fit: Fitted) -> Figure:
 
 
 def layout_from_above(stage: Stage) -> Figure:
-    """What layouts of plots from above have in common: both axes in metres, of one scale, margins and the legend."""
+    """Return the common layout of plots from above: both axes in metres with one scale, margins and the legend."""
     return {
         "xaxis": {"title": {"text": "x, m"}, "range": _range(stage, 0), "zeroline": False, "constrain": "domain"},
         "yaxis": {
@@ -96,7 +96,7 @@ def _range(stage: Stage, axis: int) -> list[float]:
 
 
 def draw_crowd(fit: Fitted, stage: Stage, cells: int = CELLS) -> list[Trace]:
-    """Where people were: a map of so many cells in a direction, or points where there are few."""
+    """Draw the people's positions as a map with `cells` cells in one direction, or as points if they are few."""
     places = fit.ways.xy
     if len(places) < FEW_PLACES:
         xs, ys = join_stretches([places]) if len(places) else ([], [])
@@ -106,7 +106,7 @@ def draw_crowd(fit: Fitted, stage: Stage, cells: int = CELLS) -> list[Trace]:
     x, y, share = density(places, stage.low[:2], stage.high[:2], cells)
     columns, rows = np.flatnonzero(share.any(axis=0)), np.flatnonzero(share.any(axis=1))
     part = (slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1))
-    # The root, so that one who stood still for long does not outshine everybody's ways.
+    # The square root, so that a person who stood still for long does not make all trajectories faint.
     values = np.sqrt(share[part] / share.max())
     return [{
         "type": "heatmap", "x": np.round(x[part[1]], 3).tolist(), "y": np.round(y[part[0]], 3).tolist(),
@@ -117,7 +117,7 @@ def draw_crowd(fit: Fitted, stage: Stage, cells: int = CELLS) -> list[Trace]:
 
 
 def draw_ground_seen(rig: Rig, stage: Stage) -> list[Trace]:
-    """The ground that each camera sees nearby."""
+    """Draw the ground near each camera that it sees."""
     out = []
     for place, camera in find_posed_cameras(rig):
         x, y = join_stretches([wedge(camera, WEDGE_SHARE * stage.reach)])
@@ -131,7 +131,7 @@ def draw_ground_seen(rig: Rig, stage: Stage) -> list[Trace]:
 
 
 def draw_ellipses(ellipses: SigmaEllipses) -> list[Trace]:
-    """One trace with the ellipses of all cameras that have sigmas."""
+    """Draw the ellipses of all cameras that have sigmas, as one trace."""
     if not ellipses.outlines:
         return []
     x, y = join_stretches(ellipses.outlines, 4)
@@ -143,7 +143,7 @@ def draw_ellipses(ellipses: SigmaEllipses) -> list[Trace]:
 
 
 def draw_cameras_from_above(rig: Rig, stage: Stage) -> list[Trace]:
-    """Of each camera a mark with its name, and a stroke where it looks."""
+    """Draw for each camera a mark with its name, and a stroke in its viewing direction."""
     out = []
     near, taken = CROWDED * stage.extent, list[tuple[Floats, str]]()
     for place, camera in find_posed_cameras(rig):
@@ -166,7 +166,7 @@ def draw_cameras_from_above(rig: Rig, stage: Stage) -> list[Trace]:
 
 
 def draw_passages(contents: Contents) -> list[Trace]:
-    """Dashed lines between groups of cameras that are one rig only by people who pass from one to the other."""
+    """Draw dashed lines between groups of cameras that only people who pass from one group to the other connect."""
     at = {camera.name: camera.centre[:2] for _, camera in find_posed_cameras(contents.rig)}
     joined = [
         one for one in contents.document.diagnostics or () if one.code == "groups_joined" and set(one.cameras) <= at.keys()
@@ -181,7 +181,7 @@ def draw_passages(contents: Contents) -> list[Trace]:
 
 
 def rig_in_space(contents: Contents, fit: Fitted) -> Figure:
-    """Cameras with what they see, the ground, the trajectories of people and which way is up.
+    """Draw the rig in space: cameras with their frusta, the ground, the trajectories of people, and the axes.
 
     `layout.meta.views` lists views: {label, camera: {eye, center, up}}, for `scene.camera`.
     """
@@ -210,7 +210,7 @@ def rig_in_space(contents: Contents, fit: Fitted) -> Figure:
 
 
 def _lines(points: list[list[float | None]], **more: Any) -> Trace:
-    """A trace in space of lines with gaps; hovering over it tells nothing, unless `more` says what."""
+    """Return a trace in space of lines with gaps; it has no text on hover, unless `more` sets one."""
     x, y, z = points if points else ([], [], [])
     return {"type": "scatter3d", "mode": "lines", "x": x, "y": y, "z": z, "hoverinfo": "skip", "showlegend": False, **more}
 
@@ -219,19 +219,19 @@ def _ground(stage: Stage) -> Trace:
     begin, end = grid_lines(stage.low[:2], stage.high[:2], stage.spacing)
     low, high = np.append(stage.low[:2], 0.0), np.append(stage.high[:2], 0.0)
     lines = [np.clip(np.stack([a, b]), low, high) for a, b in zip(begin, end, strict=True)]
-    # A line that lies outside what is drawn would be moved onto its border.
+    # Clipping moves a line outside the drawn region onto its border: such lines are left out.
     inside = [line for line, a, b in zip(lines, begin, end, strict=True) if _lies_on_source(line, a, b)]
     return _lines(join_stretches(inside), name=f"ground, {stage.spacing:g} m", line={"color": FAINT, "width": 1.5})
 
 
 def _lies_on_source(line: Floats, begin: Floats, end: Floats) -> bool:
-    """Whether a cut-off line (2, 3) lies on the line that it was cut from."""
+    """Check whether a clipped line (2, 3) lies on the line from which it was clipped."""
     constant = begin == end
     return bool(np.array_equal(line[0][constant], begin[constant]))
 
 
 def _axes(stage: Stage) -> list[Trace]:
-    """x, y and up, from the world's origin."""
+    """Draw the axes x, y and up from the world's origin."""
     length = min(stage.spacing, 0.25 * stage.reach)
     out = []
     for k, (label, colour) in enumerate({**AXIS_COLOURS, "z, up": UP_COLOUR}.items()):
@@ -247,7 +247,7 @@ def _axes(stage: Stage) -> list[Trace]:
 
 
 def _draw_trajectories(fit: Fitted) -> list[Trace]:
-    """The ways over the ground, one trace a colour."""
+    """Draw the trajectories on the ground, one trace per colour."""
     ways, by_colour = fit.ways, dict[str, list[NDArray[np.int64]]]()
     for rows in thin_parts(ways, MOST_PLACES):
         by_colour.setdefault(person_colour(int(ways.identity[rows[0]])), []).append(rows)
@@ -269,7 +269,7 @@ def _draw_trajectories(fit: Fitted) -> list[Trace]:
 
 
 def draw_cameras_in_space(rig: Rig, stage: Stage) -> list[Trace]:
-    """Of each camera its frustum, with its name at the centre."""
+    """Draw the frustum of each camera, with its name at the camera centre."""
     out = []
     for place, camera in find_posed_cameras(rig):
         border = frustum(camera, FRUSTUM_SHARE * stage.reach)
@@ -294,18 +294,18 @@ def draw_cameras_in_space(rig: Rig, stage: Stage) -> list[Trace]:
 
 
 def _views(contents: Contents, stage: Stage, unit: float) -> list[dict[str, Any]]:
-    """Where the eye may be, in plotly's units: the middle of what is drawn is 0."""
+    """Return the views, in plotly's units: the middle of the drawn region is 0."""
     around = 0.5 * (stage.low + stage.high)
     middle = (stage.middle + (0, 0, 1.0) - around) * unit
     far = np.clip(2.9 * stage.reach * unit, 0.5, 2.2)
     up = np.array([0.0, 0.0, 1.0])
     whole = np.zeros(3)
-    # What is near looks large: the middle of the picture lies on this side of the rig's.
+    # Near objects look large in perspective: so the view is centred on a point nearer to the eye than the rig's middle.
     oblique = np.array([0.55, -0.75, 0.0])
     nearer = middle + 0.15 * far * oblique
     found = [
         ("Oblique", nearer + far * (0.8 * oblique + (0, 0, 0.55)), nearer),
-        # Straight down a turning view does not know which way is up.
+        # A view straight down has no defined up direction, so the eye is slightly off.
         ("From above", whole + (0, -0.01, 1.35 * SCENE_SIZE), whole),
         ("Along x", middle + far * np.array([-1.0, 0.0, 0.12]), middle),
         ("Along y", middle + far * np.array([0.0, -1.0, 0.12]), middle),

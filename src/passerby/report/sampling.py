@@ -1,4 +1,4 @@
-"""The people of some instants, with identities, as all cameras saw them: few enough to be drawn, spread over the recording."""
+"""Sample of the observations of identified people by all cameras: few enough to be drawn, spread over the recording."""
 
 from __future__ import annotations
 
@@ -20,34 +20,34 @@ from passerby.core.synchronisation import (
 from passerby.report.contents import Contents
 
 MOST_SIGHTINGS = 30_000
-"""Sightings that are fitted at most, about: half a second of work."""
+"""Approximate largest number of sightings that are fitted; these take half a second."""
 ROW_OF_JOINTS = 4
-"""A set of joints takes as long as so many boxes."""
+"""Weight of a set of joints in this number: its fit takes as long as that of 4 boxes."""
 STEP_S = 0.5
-"""People who walk are 0.7 m farther on by then, so that lines between places still show their way."""
+"""Time between instants of a thinned sample. People walk 0.7 m in it, so lines between positions still show the trajectory."""
 STRETCHES = 8
-"""Where every half second is too much: so many stretches without gaps, evenly spread."""
+"""If one instant every half second is still too many: the number of stretches without gaps, evenly spread, that are kept."""
 
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """What the cameras with poses saw of identified people at some instants."""
+    """Observations of identified people at some instants by the cameras with poses."""
 
     rig: Rig
-    """The cameras with poses that were watched, in the rig's order."""
+    """The cameras with poses that have observations, in the rig's order."""
     seen: Observations
     """Their boxes and joints; frames are those of `clock`."""
     clock: Clock
     timed: bool
-    """Whether the frame rate is known; else a frame stands for a second."""
+    """Whether the frame rate is known; otherwise one frame counts as one second."""
     step_s: float
-    """Between neighbouring instants, usually."""
+    """Median time between neighbouring instants, seconds."""
 
 
 def clocks_of(contents: Contents) -> tuple[Mapping[str, Clock], bool]:
-    """The clocks of cameras that count, and whether the frame rate is known: where it is not, a frame stands for a second.
+    """Return the clocks of the cameras, and whether the frame rate is known. If it is unknown, one frame counts as one second.
 
-    A camera that has no pose may have no clock either.
+    A camera without a pose may have no clock.
     """
     if contents.clocks and all(name in contents.clocks for name in keep_observing_cameras(contents).names):
         return contents.clocks, True
@@ -56,7 +56,7 @@ def clocks_of(contents: Contents) -> tuple[Mapping[str, Clock], bool]:
 
 
 def keep_observing_cameras(contents: Contents) -> Rig:
-    """The cameras with poses that saw anything."""
+    """Return the cameras that have a pose and observations."""
     posed = contents.rig.posed()
     seen = contents.observations.cameras
     used = [c for c in posed if c.name in seen and len(seen[c.name].boxes) + len(seen[c.name].keypoints)]
@@ -64,7 +64,10 @@ def keep_observing_cameras(contents: Contents) -> Rig:
 
 
 def sample_observations(contents: Contents, most: int = MOST_SIGHTINGS) -> Sample | None:
-    """All instants, or of longer recordings every half second, or stretches of it; None where there is nothing to see."""
+    """Return a sample of the observations of identified people; None if no camera with a pose has any.
+
+    If all instants are too many, the sample has one every half second; if these are too many, it has stretches of them.
+    """
     rig = keep_observing_cameras(contents)
     if not len(rig):
         return None
@@ -87,7 +90,7 @@ def sample_observations(contents: Contents, most: int = MOST_SIGHTINGS) -> Sampl
 
 
 def sample_at(contents: Contents, grid: Clock, frames: Ints) -> Sample | None:
-    """The people at given frames (N,), ascending, of a clock; None without a camera that has a pose and saw anything."""
+    """Return the sample at given frames (N,) of a clock, ascending; None if no camera has a pose and observations."""
     rig = keep_observing_cameras(contents)
     if not len(rig) or not len(frames):
         return None
@@ -95,7 +98,7 @@ def sample_at(contents: Contents, grid: Clock, frames: Ints) -> Sample | None:
     seen = {}
     for name in rig.names:
         clock, own = clocks[name], contents.observations[name]
-        # A sample between two instants is interpolated from neighbours within this reach; one frame more for rounding.
+        # Observations at an instant are interpolated from neighbours within this distance; one frame is added for rounding.
         apart = sampling_distance(np.concatenate([own.boxes.frame, own.keypoints.frame]))
         reach = (max(MAX_GAP_SAMPLES * apart, MAX_GAP_S * clock.fps) + 1) * grid.fps / clock.fps + 1
         boxes, joints = (
@@ -116,7 +119,7 @@ def sample_at(contents: Contents, grid: Clock, frames: Ints) -> Sample | None:
 
 
 def _thin_rows(frames: Ints, weight: Floats, fps: float, most: int) -> Ints:
-    """Rows of ascending frames (N,) that together weigh about `most` or less."""
+    """Return rows of ascending frames (N,) whose weights have a sum of about `most` or less."""
     rows = np.arange(len(frames))
     if weight.sum() <= most:
         return rows
@@ -130,7 +133,7 @@ def _thin_rows(frames: Ints, weight: Floats, fps: float, most: int) -> Ints:
 
 
 def _find_near_rows(frame: Ints, identity: Ints, clock: Clock, grid: Clock, wanted: Ints, reach: float) -> Ints:
-    """Rows with an identity, `reach` frames of the grid or less from a wanted one; the first of each identity in a frame."""
+    """Find the rows with an identity within `reach` grid frames of a wanted frame, the first of each identity in a frame."""
     ends = clock.frames(grid.seconds(np.array([wanted[0] - reach, wanted[-1] + reach])))
     rows = np.flatnonzero((frame >= ends[0]) & (frame <= ends[1]) & (identity != UNKNOWN))
     at = grid.frames(clock.seconds(frame[rows]))
@@ -141,5 +144,5 @@ def _find_near_rows(frame: Ints, identity: Ints, clock: Clock, grid: Clock, want
 
 
 def _drop_embeddings(boxes: Boxes, rows: Ints) -> Boxes:
-    """Boxes without embeddings."""
+    """Return the given rows of the boxes without embeddings."""
     return Boxes(boxes.frame[rows], boxes.identity[rows], boxes.ltwh[rows], boxes.score[rows])

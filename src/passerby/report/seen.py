@@ -1,4 +1,4 @@
-"""Who was seen where and when, from the tracks: the source of the timeline, the counts, and the zones of a large site."""
+"""Cameras and times at which people were seen, from the tracks: input of the timeline, the counts, and a large site's zones."""
 
 from __future__ import annotations
 
@@ -16,25 +16,25 @@ from passerby.core.overlap import Shared
 from passerby.report.contents import Contents
 
 EMBEDDED_CAMERAS = 50
-"""Most cameras of a report in one file: fifty pictures of 100 kB each beside plotly's code are 10 MB."""
+"""Most cameras of a report in one file: fifty pictures of 100 kB each and plotly's code are 10 MB."""
 ZONE_CAMERAS = 16
-"""Most cameras of a zone that is not stated: so many names can be read in a part of the map."""
+"""Most cameras of a zone that is not stated: this many names are readable in a part of the map."""
 MOST_NEIGHBOURS = 16
-"""Cameras whose people are drawn into a camera's picture, beside its own: an overlap of more is rare on a site."""
+"""Most other cameras whose people are drawn into a camera's picture: an overlap of more cameras is rare on a site."""
 
 
 @dataclass(frozen=True, eq=False)
 class Spells:
-    """Stretches of time in which a camera saw a person without a longer break; N of them, by camera, then by beginning."""
+    """N stretches of time in which a camera saw a person without a longer break, sorted by camera, then by beginning."""
 
     camera: Ints
-    """(N,) place in the rig."""
+    """(N,) position of the camera in the rig."""
     identity: Ints
     """(N,)"""
     begin: Floats
-    """(N,) seconds where `in_seconds`, else frames."""
+    """(N,) seconds if `in_seconds`, otherwise frames."""
     end: Floats
-    """(N,) after `begin`."""
+    """(N,) after `begin`, in the same unit."""
     in_seconds: bool
 
     def __len__(self) -> int:
@@ -47,30 +47,30 @@ class Spells:
 
     @property
     def span(self) -> tuple[float, float]:
-        """When the first begins and the last ends; zeros where there is none."""
+        """Earliest beginning and latest end; zeros without stretches."""
         return (float(self.begin.min()), float(self.end.max())) if len(self) else (0.0, 0.0)
 
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """Who was seen, counted once for the whole page."""
+    """Stretches and counts of the people seen, computed once for the whole page."""
 
     spells: Spells
     people: Mapping[str, int]
-    """By camera, how many known people it saw."""
+    """By camera, number of known people that it saw."""
     shared: Mapping[tuple[str, str], Shared]
-    """For two cameras that saw a person in common, by their order in the rig, the people that both saw at the same time. Pairs
-    that are not in it share no people."""
+    """By pair of cameras, in the order of the rig, the people that both saw at the same time. Pairs without a common person are
+    not in it."""
 
 
 BREAK_STEPS = 3.5
-"""A person who is missed in this many samples in a row is not seen without a break: a detector misses one or two."""
+"""Longest gap within a stretch, in steps between samples: a detector misses a person in one or two consecutive samples."""
 
 
 def find_seen(contents: Contents) -> Seen:
-    """Who was seen where and when.
+    """Collect the stretches of time in which each camera saw each person, and count the people seen and shared.
 
-    Breaks of a few samples are closed. With clocks, samples within half a step of the slower camera's are at the same time.
+    Breaks of a few samples are closed. Two samples are at the same time if they are within half a step of the slower camera.
     """
     appearance = {name: _looks(contents, name) for name in contents.rig.names}
     timed = bool(contents.clocks) or contents.observations.fps is not None
@@ -80,7 +80,7 @@ def find_seen(contents: Contents) -> Seen:
 
 
 def merge_spells(spells: Spells, most: int) -> Spells:
-    """At most about `most` stretches: the shortest breaks are closed first; no person and no camera is lost."""
+    """Merge stretches until about `most` are left: the shortest breaks are closed first; no person and no camera is lost."""
     if len(spells) <= most:
         return spells
     order = np.lexsort((spells.begin, spells.identity, spells.camera))
@@ -97,7 +97,7 @@ def merge_spells(spells: Spells, most: int) -> Spells:
 
 
 def lanes_of(begin: Floats, end: Floats) -> Ints:
-    """(N,) lanes for stretches that are sorted by their beginning, so that no two overlap in one (greedy, the lowest first)."""
+    """Assign lanes (N,) to stretches sorted by beginning, without overlaps in a lane (greedy, the lowest free lane first)."""
     free: list[float] = []
     lanes = np.zeros(len(begin), dtype=np.int64)
     for row, (start, stop) in enumerate(zip(begin.tolist(), end.tolist(), strict=True)):
@@ -112,18 +112,18 @@ def lanes_of(begin: Floats, end: Floats) -> Ints:
 
 @dataclass(frozen=True, eq=False)
 class _Looks:
-    """What one camera saw: N sightings of known people, by person, then by time."""
+    """N sightings of known people by one camera, sorted by person, then by time."""
 
     who: Ints
     """(N,) identities."""
     time: Floats
-    """(N,) seconds, or frames where no frame rate is known."""
+    """(N,) seconds, or frames if no frame rate is known."""
     step: float
-    """The usual one between two sightings of a person."""
+    """Median time between two consecutive sightings of a person."""
 
 
 def _looks(contents: Contents, name: str) -> _Looks:
-    """The sightings of a camera, each once, whether by a box or by joints."""
+    """Return the sightings of a camera; a person with a box and joints in one frame is one sighting."""
     seen, clock = contents.observations[name], contents.clocks.get(name) or Clock(contents.observations.fps or 1.0)
     frame = np.concatenate([seen.boxes.frame, seen.keypoints.frame])
     who = np.concatenate([seen.boxes.identity, seen.keypoints.identity])
@@ -138,7 +138,7 @@ def _looks(contents: Contents, name: str) -> _Looks:
 
 
 def _stretches(place: int, look: _Looks) -> Floats:
-    """(N, 4) camera, identity, begin, end of one camera's stretches."""
+    """Return (N, 4) camera, identity, begin, end of one camera's stretches."""
     starts = np.flatnonzero(np.r_[True, (np.diff(look.who) != 0) | (np.diff(look.time) > BREAK_STEPS * look.step)])
     ends = np.r_[starts[1:], len(look.who)] - 1
     columns = [np.full(len(starts), place), look.who[starts], look.time[starts], look.time[ends] + look.step]
@@ -146,13 +146,13 @@ def _stretches(place: int, look: _Looks) -> Floats:
 
 
 def _share_by_pair(appearance: Mapping[str, _Looks]) -> dict[tuple[str, str], Shared]:
-    """What two cameras have in common, for those that saw a person in common: of a site's cameras few did."""
+    """Count what pairs of cameras share, only for pairs that saw a common person: these are few of a site's pairs."""
     everybody = (
         np.unique(np.concatenate([look.who for look in appearance.values()])) if appearance else np.zeros(0, dtype=np.int64)
     )
     times = [look.time for look in appearance.values() if len(look.time)]
     begin = min((float(time.min()) for time in times), default=0.0)
-    # One axis for all: everybody's time follows the one before's, at a distance that no step bridges.
+    # One time axis for all people: each person's times follow those of the previous person, after a gap larger than any step.
     pitch = 3.0 * (max((float(time.max()) for time in times), default=0.0) - begin) + 10.0
     axis = {name: np.searchsorted(everybody, look.who) * pitch + look.time - begin for name, look in appearance.items()}
     names, found = list(appearance), {}
@@ -164,7 +164,7 @@ def _share_by_pair(appearance: Mapping[str, _Looks]) -> dict[tuple[str, str], Sh
 
 
 def _find_pairs(who: Sequence[Ints]) -> list[tuple[int, int]]:
-    """Pairs of cameras that saw a person in common, by the first, then the second; of each camera, rows of people (N,)."""
+    """Find the pairs of cameras that saw a common person, sorted; `who` has the person number of each sighting, by camera."""
     people = [np.unique(rows) for rows in who]
     if not people:
         return []
@@ -176,7 +176,7 @@ def _find_pairs(who: Sequence[Ints]) -> list[tuple[int, int]]:
 
 
 def _measure_shared(first: Floats, second: Floats, step: float, who: Ints) -> Shared:
-    """What two cameras have in common, by sorted places on the axis of everybody's time; `who` are those of the first."""
+    """Count what two cameras share, from their sorted sightings on the common axis; `who` has the identities of the first."""
     if not len(first) or not len(second):
         return Shared(0, 0)
     after = np.searchsorted(second, first)
@@ -186,21 +186,22 @@ def _measure_shared(first: Floats, second: Floats, step: float, who: Ints) -> Sh
 
 
 def _sort_spells(table: Floats, in_seconds: bool) -> Spells:
-    """Stretches from a table, by camera, then by beginning."""
+    """Return stretches from a table (N, 4), sorted by camera, then by beginning."""
     table = table[np.lexsort((table[:, 1], table[:, 2], table[:, 0]))]
     return Spells(table[:, 0].astype(np.int64), table[:, 1].astype(np.int64), table[:, 2], table[:, 3], in_seconds)
 
 
 def is_site(contents: Contents) -> bool:
-    """Whether the report has more cameras than fit into one file."""
+    """Check whether the report has more cameras than fit into one file."""
     return len(contents.rig) > EMBEDDED_CAMERAS
 
 
 def zones_of(contents: Contents) -> dict[str, int]:
-    """The zone of each camera, from 1; by name, in the rig's order.
+    """Return the zone of each camera, from 1, by name, in the rig's order.
 
-    Where the scene states groups of cameras ([sites] groups), a camera's zone is the first group that has it. Otherwise the
-    map is halved across its longer side until no part has more than `ZONE_CAMERAS`; cameras without a pose have no zone then.
+    If the scene states groups of cameras ([sites] groups), a camera's zone is the first group that contains it. Otherwise the
+    cameras are halved along the longer side of the map until no part has more than `ZONE_CAMERAS`; then cameras without a pose
+    have no zone.
     """
     stated = _read_groups(contents)
     if stated:
@@ -216,12 +217,12 @@ def zones_of(contents: Contents) -> dict[str, int]:
 
 
 def zone_colour(zone: int) -> str:
-    """`#rrggbb` of a zone, from 1."""
+    """Return the colour `#rrggbb` of a zone; zones count from 1."""
     return camera_colour(zone - 1)
 
 
 def neighbours_of(rig: Rig, seen: Seen) -> Mapping[str, list[str]]:
-    """By camera, those with poses that share most observations with it, at most `MOST_NEIGHBOURS`, the most first."""
+    """Return, by camera, the up to `MOST_NEIGHBOURS` cameras with poses that share most observations with it, most first."""
     posed = set(rig.posed().names)
     shared: dict[str, list[tuple[int, str]]] = {name: [] for name in rig.names}
     for (first, second), both in seen.shared.items():
@@ -234,13 +235,13 @@ def neighbours_of(rig: Rig, seen: Seen) -> Mapping[str, list[str]]:
 
 
 def _read_groups(contents: Contents) -> Sequence[Sequence[str]]:
-    """Groups of cameras that the scene file states; none where it states none."""
+    """Return the groups of cameras that the scene file states; empty if it states none."""
     sites = contents.document.scene.sites
     return (sites.groups if sites is not None else None) or ()
 
 
 def _split_into_zones(places: Floats, rows: Ints) -> list[Ints]:
-    """Rows of places (N, 2) in parts of at most `ZONE_CAMERAS`, neighbours together."""
+    """Split rows of positions (N, 2) into parts of at most `ZONE_CAMERAS` neighbours."""
     if len(rows) <= ZONE_CAMERAS:
         return [rows] if len(rows) else []
     own = places[rows]

@@ -1,6 +1,6 @@
-"""The sheet that a camera's layers are drawn on: lines and text over a picture of its video, or over blank paper.
+"""The sheet on which a camera's layers are drawn: lines and text over an image of its video, or over a blank canvas.
 
-Coordinates are those of the camera's pixels, whose origin is the middle of the first one.
+Coordinates are those of the camera's pixels; their origin is the middle of the first pixel.
 """
 
 from __future__ import annotations
@@ -24,37 +24,37 @@ from passerby.report.contents import Contents
 from passerby.report.rendering import short
 
 TEXT_SHARE = 1 / 40
-"""Height of the letters, of the picture's width."""
+"""Height of the letters, as a share of the picture's width."""
 MOST_TEXT = 40
 WIDEST_PX = 960
 QUALITIES = (82, 72, 62, 50, 40, 30, 20, 12)
 MOST_CHARACTERS = 100_000
-"""Of a picture as it stands in the page: 16 of them take less than plotly's code."""
+"""Most characters of a picture in the page: 16 such pictures take less than plotly's code."""
 FIRST_FRAME = 1
 
 
 @dataclass(frozen=True, eq=False)
 class Backdrop:
-    """A picture, or none."""
+    """The image behind a camera's drawing, or a blank canvas."""
 
     frame: int
-    """Of the camera's own frames: the one whose people are drawn."""
+    """Frame of the camera whose people are drawn."""
     uri: str | None
     """The picture as a data URI; None for a blank canvas."""
     size: tuple[int, int]
-    """Width and height that it covers, pixels of the camera."""
+    """Width and height that the picture covers, pixels of the camera."""
     note: str | None
-    """Why there is none."""
+    """Reason for a blank canvas; None with a picture."""
 
 
 @dataclass(frozen=True, eq=False)
 class Sheet:
-    """What all layers of one drawing share."""
+    """Values that all layers of one drawing share."""
 
     camera: Camera
     backdrop: Backdrop
     ink: str
-    """Of lines that belong to no person."""
+    """Colour of lines that belong to no person."""
 
     @property
     def letters(self) -> float:
@@ -64,7 +64,7 @@ class Sheet:
 
 @dataclass(frozen=True)
 class Label:
-    """Letters of a drawing, and where they begin."""
+    """A text of a drawing, and the position of its beginning."""
 
     words: str
     x: str
@@ -72,23 +72,23 @@ class Label:
 
 
 def label_at(words: str, xy: Sequence[float], most: int = MOST_TEXT) -> Label:
-    """Text at a pixel, on one line, cut off where it is too long."""
+    """Return text at a pixel, on one line, shortened if it is too long."""
     return Label(clip_text(words, most), short(xy[0]), short(xy[1]))
 
 
 def clip_text(words: str, most: int = MOST_TEXT) -> str:
-    """Text on one line that XML can hold, cut off where it is too long for a drawing."""
+    """Return text on one line that is valid in XML, shortened if it is too long for a drawing."""
     plain = "".join(letter if letter.isprintable() else " " for letter in words)
     return plain if len(plain) <= most else plain[: most - 1] + "…"
 
 
 def path_of(points: Floats) -> str:
-    """(K, 2) pixels as an SVG path of straight strokes."""
+    """Return pixels (K, 2) as an SVG path of straight strokes."""
     return "M" + "L".join(f"{short(x)} {short(y)}" for x, y in points.tolist())
 
 
 def keep_in_picture(sheet: Sheet, xy: Sequence[float] | Floats) -> tuple[float, float]:
-    """Where letters begin that are to stay in the picture."""
+    """Move the beginning of a text so that it stays in the picture."""
     width, height = sheet.camera.lens.size
     x, y = float(xy[0]), float(xy[1])
     return min(max(x, 0.3 * sheet.letters), width - 1.5 * sheet.letters), min(
@@ -97,19 +97,19 @@ def keep_in_picture(sheet: Sheet, xy: Sequence[float] | Floats) -> tuple[float, 
 
 
 def dot_path(xy: Floats, radius: float) -> str:
-    """A disc as a path: many in one element take a third of the room."""
+    """Return a disc as an SVG path: many discs in one path element take a third of the bytes of separate elements."""
     x, y, r = float(xy[0]), float(xy[1]), short(radius)
     return f"M{short(x - radius)} {short(y)}a{r} {r} 0 1 0 {short(2 * radius)} 0a{r} {r} 0 1 0 {short(-2 * radius)} 0"
 
 
 def offset_words(offset: Floats) -> str:
-    """How far (2,) pixels right and down lead, in words."""
+    """Write an offset (2,), pixels to the right and down, in words."""
     right, down = offset.tolist()
     return f"{abs(right):.1f} px {'right' if right >= 0 else 'left'} and {abs(down):.1f} px {'down' if down >= 0 else 'up'}"
 
 
 def backdrop(contents: Contents, name: str) -> Backdrop:
-    """The picture that a camera's people are drawn on. A video that is missing or broken is reported, not raised."""
+    """Return the image on which a camera's people are drawn. The note reports a missing or broken video; no error is raised."""
     camera = contents.rig[name]
     frames, worth = _count_people(contents, camera)
     best = int(frames[np.argmax(worth)])
@@ -133,7 +133,7 @@ def backdrop(contents: Contents, name: str) -> Backdrop:
 
 
 def data_uri(picture: Picture) -> str:
-    """A picture (H, W, 3), BGR, as JPEG of at most `MOST_CHARACTERS`, scaled down until it is so small."""
+    """Encode a picture (H, W, 3), BGR, as a data URI of a JPEG, scaled down until it has at most `MOST_CHARACTERS`."""
     width = min(WIDEST_PX, picture.shape[1])
     while True:
         height = max(1, round(picture.shape[0] * width / picture.shape[1]))
@@ -147,9 +147,9 @@ def data_uri(picture: Picture) -> str:
 
 
 def _count_people(contents: Contents, camera: Camera) -> tuple[Ints, Floats]:
-    """Frames in which the camera saw a person, and how many whole people it did; the first frame if there is none.
+    """Return the frames (F,) with people, and the weighted number (F,) of people in each; the first frame if there are none.
 
-    A person whose box the border cuts off counts a tenth.
+    A whole box counts 1, a box that the border cuts off 0.1, a set of joints 0.5; unidentified people count a hundredth of it.
     """
     seen = contents.observations.cameras.get(camera.name)
     if seen is None or not len(seen.boxes) + len(seen.keypoints):

@@ -1,6 +1,6 @@
-"""The map of a site, and the site in space: few traces for any number of cameras.
+"""The map of a site, and the site in space, as few traces for any number of cameras.
 
-The floor plan with the rig drawn on it: cameras, what they see, people's trajectories, and how far off each placement is.
+The module also draws the rig on a floor plan: cameras, their views, people's trajectories, and the residual of each placement.
 """
 
 from __future__ import annotations
@@ -53,38 +53,39 @@ from passerby.report.tables import count, figure
 from passerby.report.view_graph import Link
 
 REACH_M = 12.0
-"""How far a camera's view is drawn at most: people of sites are rarely farther away."""
+"""Largest distance to which a camera's view is drawn: people of sites are rarely farther away."""
 SPREAD_M = 8.0
-"""Of a camera's frustum, the deepest."""
+"""Largest depth of a drawn frustum."""
 CELLS = 160
-"""Of the map of where people were, in one direction."""
+"""Number of cells of the map of people's positions, in one direction."""
 ELLIPSE_SPACINGS = 4.0
-"""Ellipses are as large as in a drawing of so many usual distances between neighbouring cameras: a quarter of one."""
+"""Ellipses are scaled for a drawing of at most this many median distances between neighbouring cameras: the longest semi-axis
+is then about a quarter of such a distance."""
 BEYOND = 0
-"""The zone of cameras that have none."""
+"""Zone number of cameras without a zone."""
 LINKS = (("weak", "#b86e00", True), ("fair", "#4c8df6", False), ("strong", "#2b8a57", False))
-"""Words of pairs, their colours, and whether they are shown at first: the weak ones are those to look at."""
+"""Words of pairs, their colours, and whether they are shown at first: only weak pairs are, as they require attention."""
 CORNERS = 4
 MARKED = "#e5484d"
 NO_ZONE = "#808080"
 MOST_PLACES = 8000
-"""Of people that are drawn; of more every n-th."""
+"""Most positions of people that are drawn; of more, every n-th is drawn."""
 GOOD, WRONG = "#12805c", "#e5484d"
 MARGIN = 0.03
-"""Around what is drawn, as a share of it."""
+"""Margin around the drawn region, as a share of its longer side."""
 
 
 def site_map(
     contents: Contents, fit: Fitted, zones: Mapping[str, int], links: Sequence[Link], marked: Mapping[str, str]
 ) -> Figure:
-    """The map. `layout.meta` has what the page's script needs for names where there is room, and to show one zone.
+    """Draw the map of a site. The page's script reads `layout.meta` to place names where there is space and to show one zone.
 
     Args:
         contents: of the report.
         fit: of the whole sample.
-        zones: of the cameras, as of `zones_of`.
-        links: pairs of cameras that are drawn, if they are used.
-        marked: by camera, in a word, what is wrong; those that have nothing are left out.
+        zones: of the cameras, from `zones_of`.
+        links: pairs of cameras; the used ones are drawn.
+        marked: by camera, a word for what is wrong, only for cameras with a problem.
     """
     rig, stage = contents.rig, stage_of(contents.rig, fit.ways.xy)
     ellipses = sigma_ellipses(rig, min(stage.extent, ELLIPSE_SPACINGS * _spacing(contents)))
@@ -119,13 +120,13 @@ def site_map(
 
 
 def draw_site(contents: Contents, zones: Mapping[str, int], stage: Stage) -> tuple[list[Trace], list[Trace]]:
-    """Of each zone, the ground that its cameras see nearby, and the cameras."""
+    """Return traces of each zone: the nearby ground that its cameras see, and the cameras."""
     by_zone, reach = _group_by_zone(contents, zones), min(WEDGE_SHARE * stage.reach, REACH_M)
     return [_views(zone, some, reach) for zone, some in by_zone.items()], _cameras(by_zone, 0.3 * reach)
 
 
 def site_in_space(contents: Contents, fit: Fitted, zones: Mapping[str, int]) -> Figure:
-    """The cameras of a site in space, a colour a zone, with the views `layout.meta.views`."""
+    """Draw the cameras of a site in space, one colour per zone; `layout.meta.views` lists the views."""
     stage = stage_of(contents.rig, fit.ways.xy)
     size = stage.high - stage.low
     depth = min(0.16 * stage.reach, SPREAD_M)
@@ -153,11 +154,11 @@ def site_in_space(contents: Contents, fit: Fitted, zones: Mapping[str, int]) -> 
 
 
 Placed = list[tuple[int, Camera]]
-"""Cameras with their places in the rig."""
+"""Cameras, each after its position in the rig."""
 
 
 def _group_by_zone(contents: Contents, zones: Mapping[str, int]) -> dict[int, Placed]:
-    """The cameras with poses by zone, ascending."""
+    """Group the cameras with poses by zone, ascending."""
     found: dict[int, Placed] = {}
     for place, camera in find_posed_cameras(contents.rig):
         found.setdefault(zones.get(camera.name, BEYOND), []).append((place, camera))
@@ -165,7 +166,7 @@ def _group_by_zone(contents: Contents, zones: Mapping[str, int]) -> dict[int, Pl
 
 
 def _spacing(contents: Contents) -> float:
-    """Between a camera and the one next to it, usually, metres; infinite for one camera."""
+    """Return the median distance between a camera and its nearest neighbour, metres; infinite for a single camera."""
     centres = np.array([camera.centre[:2] for camera in contents.rig.posed()])
     return float(np.median(np.asarray(cKDTree(centres).query(centres, k=2)[0])[:, 1]))
 
@@ -179,7 +180,7 @@ def _colour(zone: int) -> str:
 
 
 def _views(zone: int, cameras: Placed, reach: float) -> Trace:
-    """The ground that the cameras of a zone see nearby."""
+    """Draw the nearby ground that the cameras of a zone see."""
     x, y = join_stretches([wedge(camera, reach) for _, camera in cameras], 1)
     return {
         "type": "scatter", "mode": "lines", "x": x, "y": y, "fill": "toself", "fillcolor": faint(_colour(zone), 0.1),
@@ -189,7 +190,7 @@ def _views(zone: int, cameras: Placed, reach: float) -> Trace:
 
 
 def _cameras(by_zone: Mapping[int, Placed], stroke: float) -> list[Trace]:
-    """Of each zone the cameras' marks, and strokes where they look, metres long."""
+    """Draw the cameras of each zone as marks with strokes of a length in metres along their viewing directions."""
     out = []
     for zone, cameras in by_zone.items():
         common = {"legendgroup": _title(zone), "name": _title(zone)}
@@ -209,14 +210,14 @@ def _cameras(by_zone: Mapping[int, Placed], stroke: float) -> list[Trace]:
 
 
 def _find_heading(camera: Camera, length: float) -> Floats:
-    """(2, 2) from a camera to where it looks."""
+    """Return the ends (2, 2) of a stroke from a camera along its horizontal viewing direction, metres."""
     assert camera.pose is not None
     towards = camera.pose.R_cw[2, :2]
     return np.stack([camera.centre[:2], camera.centre[:2] + length * towards / max(float(np.hypot(*towards)), 1e-9)])
 
 
 def _links(contents: Contents, links: Sequence[Link]) -> list[Trace]:
-    """Lines between cameras that hold together, by how well."""
+    """Draw lines between the cameras of used pairs, one trace for each word of confidence."""
     at = {camera.name: camera.centre[:2] for _, camera in find_posed_cameras(contents.rig)}
     out = []
     for word, colour, shown in LINKS:
@@ -235,7 +236,7 @@ def _links(contents: Contents, links: Sequence[Link]) -> list[Trace]:
 
 
 def _mark_problems(contents: Contents, marked: Mapping[str, str]) -> list[Trace]:
-    """Rings around cameras with something wrong."""
+    """Draw rings around cameras with problems."""
     some = [(camera, marked[camera.name]) for _, camera in find_posed_cameras(contents.rig) if camera.name in marked]
     if not some:
         return []
@@ -248,7 +249,7 @@ def _mark_problems(contents: Contents, marked: Mapping[str, str]) -> list[Trace]
 
 
 def _zone_box(zone: int, cameras: Placed) -> dict[str, Any]:
-    """A zone's number, middle, and lowest and highest x and y, metres."""
+    """Return a zone's number, median position, lowest and highest x and y, metres, and colour."""
     at = np.array([camera.centre[:2] for _, camera in cameras])
     low, high = at.min(axis=0) - REACH_M / 2, at.max(axis=0) + REACH_M / 2
     return {
@@ -258,7 +259,7 @@ def _zone_box(zone: int, cameras: Placed) -> dict[str, Any]:
 
 
 def _frusta(zone: int, cameras: Placed, depth: float) -> Trace:
-    """The pyramids of a zone's cameras."""
+    """Draw the frusta of a zone's cameras as one trace."""
     strokes, words = [], list[str]()
     for number, (_, camera) in enumerate(cameras):
         border = frustum(camera, depth)
@@ -277,7 +278,7 @@ def _frusta(zone: int, cameras: Placed, depth: float) -> Trace:
 
 @dataclass(frozen=True, eq=False)
 class PlanDrawing:
-    """The plan with the rig on it."""
+    """The floor plan with the rig drawn on it."""
 
     plot: Plot
     caption: str
@@ -286,13 +287,13 @@ class PlanDrawing:
 def plan_drawing(
     contents: Contents, fit: Fitted, zones: Mapping[str, int] | None = None, parts: Parts | None = None
 ) -> PlanDrawing | None:
-    """The plan as a plot with its caption; None where no plan set the frame, or no camera has a pose.
+    """Draw the plan with the rig, with a caption; None if no plan defines the world frame, or no camera has a pose.
 
     Args:
         contents: of the report.
         fit: of the whole sample.
-        zones: of a site's cameras: few traces are drawn then, whatever their number; None for a rig.
-        parts: of a site's page: gets the figure.
+        zones: of a site's cameras, which are drawn as few traces for any number; None for a rig.
+        parts: of a site's page; receives the figure.
     """
     world = contents.document.world
     if world is None or world.plan is None or not len(contents.rig.posed()):
@@ -337,7 +338,7 @@ def _figure(data: list[Trace], stage: Stage, background: dict[str, Any] | None) 
 
 
 def _background(plan: PlanEntry, scene_file: str | None) -> tuple[dict[str, Any] | None, str]:
-    """The picture below the drawing, or why there is none."""
+    """Return the plan's picture as plotly's background image, or None and a note that it is missing."""
     try:
         picture = read_plan_picture(Path(plan.image) if scene_file is None else Path(scene_file).parent / plan.image)
     except InputError:
@@ -351,7 +352,7 @@ def _background(plan: PlanEntry, scene_file: str | None) -> tuple[dict[str, Any]
 
 
 def _draw_ways(fit: Fitted) -> list[Trace]:
-    """Everybody's trajectory, in one colour a person."""
+    """Draw the trajectories of all people, one colour per person."""
     ways, every = fit.ways, max(1, -(-len(fit.ways) // MOST_PLACES))
     out = list[Trace]()
     for identity in np.unique(ways.identity).tolist():
@@ -366,7 +367,7 @@ def _draw_ways(fit: Fitted) -> list[Trace]:
 
 
 def _draw_residuals(residuals: tuple[ResidualEntry, ...], plan: PlanEntry) -> list[Trace]:
-    """A cross where each placement was clicked, and a line to where the rig has it; those left out in red."""
+    """Draw a cross at each stated placement and a line to its position by the rig; placements left out are red."""
     out = list[Trace]()
     for used, colour, name in ((True, GOOD, "placed on the plan"), (False, WRONG, "left out")):
         some = [row for row in residuals if row.used == used and row.stated_m is not None]

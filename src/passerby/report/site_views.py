@@ -1,4 +1,4 @@
-"""The cameras of a site: their list, to be searched and sorted, and the view of one camera, each in a file of its own."""
+"""The cameras of a site: a list for searching and sorting, and the view of each camera, which is in a file of its own."""
 
 from __future__ import annotations
 
@@ -22,31 +22,31 @@ from passerby.report.tables import MISSING, Cell, Column, Table, number, text
 from passerby.report.view_graph import Link, pairs_table
 
 MOST_PARTNERS = 24
-"""Pairs that are listed with a camera: in one hall each camera may have one with all others."""
+"""Most pairs that are listed with a camera: in one hall each camera may form pairs with all others."""
 STATES = ("no pose", "problem", "stands out", "good", "other group")
-"""What a camera may be, in the order of the list."""
+"""States of a camera, in the order of the list."""
 ZONE = Column("Zone", numeric=False, hint="part of the map")
 STATE = Column("State", numeric=False, hint="whether the camera has problems, or its figures stand out")
 PROBLEM = Column("What is wrong", numeric=False)
 FIRST = ("Position std", "Rotation std")
-"""Figures that stand before the others."""
+"""Titles of the columns that come before the other figures."""
 LONGEST = 160
-"""Letters of a problem in the list; the summary has it in full."""
+"""Most letters of a problem in the list; the summary has the full text."""
 
 
 def site_views_section(
     contents: Contents, fit: Fitted, seen: Seen, links: Sequence[Link],
     problems: Mapping[str, Sequence[Reported]], parts: Parts, tell: Progress,
 ) -> Section:  # fmt: skip
-    """A field for a camera's name, and the place of its panel; the panels are files.
+    """Return the section with a field for a camera's name and space for its panel; the panels are written to files.
 
     Args:
         contents: of the report.
         fit: of the whole sample.
         seen: of all cameras.
         links: all pairs.
-        problems: by camera, what is reported about it.
-        parts: gets the panels.
+        problems: by camera, the reported problems.
+        parts: receives the panels.
         tell: called for each camera.
     """
     near = neighbours_of(contents.rig, seen)
@@ -68,12 +68,12 @@ def site_views_section(
 
 
 def part_name(place: int) -> str:
-    """The file of the camera with this place in the rig."""
+    """Return the name of the file of the camera with this position in the rig."""
     return f"camera-{place}"
 
 
 def _pairs(contents: Contents, links: Sequence[Link]) -> list[tuple[str, Table]]:
-    """The pairs of a camera, first those that are used, of these the ones that share most; with a title."""
+    """Return a titled table of a camera's pairs: used pairs first, then by the number of shared observations."""
     if not links:
         return []
     ordered = sorted(links, key=lambda link: (not link.used, -link.shared.sightings))[:MOST_PARTNERS]
@@ -82,7 +82,7 @@ def _pairs(contents: Contents, links: Sequence[Link]) -> list[tuple[str, Table]]
 
 
 def site_camera_section(contents: Contents, seen: Seen, zones: Mapping[str, int]) -> Section:
-    """A row for each camera, those with problems first, and for those of further groups, with a link to their report."""
+    """Return the section with a row for each camera, the worst states first; cameras of other groups link to their report."""
     weak = weak_cameras(contents)
     columns, rows = camera_rows(contents, seen, weak)
     order = sorted(range(1, len(columns)), key=lambda one: columns[one].title not in FIRST)
@@ -110,7 +110,7 @@ def site_camera_section(contents: Contents, seen: Seen, zones: Mapping[str, int]
 
 
 def problems_by_camera(contents: Contents) -> dict[str, list[Reported]]:
-    """The problems of the rig, by the cameras that they are about."""
+    """Return the problems of the rig, by the cameras that they concern."""
     found: dict[str, list[Reported]] = {}
     for doubt in reported_doubts(contents.document):
         for name in doubt.cameras:
@@ -119,7 +119,7 @@ def problems_by_camera(contents: Contents) -> dict[str, list[Reported]]:
 
 
 def state_of(posed: bool, name: str, told: Mapping[str, list[Reported]], weak: Mapping[str, frozenset[str]]) -> str:
-    """One of `STATES` for a camera of this rig."""
+    """Return the state, one of `STATES`, of a camera of this rig."""
     if not posed:
         return STATES[0]
     if name in told:
@@ -138,10 +138,10 @@ def _state(state: str) -> Cell:
 
 
 def _problem(words: str) -> Cell:
-    """The problems of a camera, shortened."""
+    """Return a cell with the problems of a camera, shortened."""
     return text("", words, note=shortened_text(words, LONGEST), why=True)
 
 
 def _link_other_group(group: GroupEntry) -> Cell:
-    """Where a camera of a further group is reported."""
+    """Return a cell with a link to the report of another group's camera."""
     return text(f"see group {group.group}", f"group {group.group}", href=f"{group.folder}/{REPORT_FILE}")

@@ -1,4 +1,4 @@
-"""Tables that scroll in their own box, can be sorted, and can be copied as CSV; figures as text."""
+"""Tables that scroll in their own box and can be sorted and copied as CSV; figures as text."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from typing import Any
 
 LONG = 24
-"""Rows beyond which a table scrolls up and down in its box too, and can be searched."""
+"""Number of rows above which a table also scrolls vertically in its box and has a search field."""
 MISSING = "–"
-"""Stands where a figure is undefined."""
+"""Text of an undefined figure."""
 UNKNOWN = "unknown"
-"""Stands where a figure has an infinite sigma: no evidence constrains it."""
+"""Text of a figure with an infinite sigma: no evidence constrains it."""
 
 
 @dataclass(frozen=True)
@@ -22,7 +22,7 @@ class Column:
     unit: str = ""
     numeric: bool = True
     hint: str = ""
-    """What the figures are, shown on hover and read out."""
+    """Meaning of the figures, shown on hover and read by screen readers."""
 
     @property
     def csv(self) -> str:
@@ -36,26 +36,26 @@ class Cell:
 
     shown: str
     value: str | float | None = None
-    """What is sorted by and copied, in full precision; None: as shown, or nothing in a numeric cell."""
+    """Value for sorting and copying, in full precision; None: the shown text, or an empty value in a numeric cell."""
     kind: str = ""
-    """Class of the cell: stands-out, for what stands out."""
+    """Class of the cell; stands-out: the figure is conspicuous."""
     numeric: bool = False
     inner: str = ""
-    """Class of what is shown within the cell; code: it is a name in code."""
+    """Class of the shown text within the cell; code: it is a name in code."""
     href: str = ""
-    """Where it leads."""
+    """Target of a link."""
     colour: str = ""
-    """Of a dot before it."""
+    """Colour of a dot before the text."""
     bar: float | None = None
-    """Length of a bar before it, per cent."""
+    """Length of a bar before the text, per cent."""
     note: str = ""
-    """In small letters after it."""
+    """Text in small letters after the text."""
     why: bool = False
-    """Whether the note is a reason, and stands below."""
+    """Whether the note is a reason, which is placed below the text."""
 
     @property
     def exact(self) -> str:
-        """What is sorted by and copied; a number with all its digits, as `calibration.json` has it."""
+        """The value for sorting and copying; a number has all its digits, as in `calibration.json`."""
         value = self.value if self.value is not None or self.numeric else self.shown
         return "" if value is None else value if isinstance(value, str) else repr(value)
 
@@ -67,47 +67,47 @@ class Table:
     identifier: str
     """Unique on the page."""
     caption: str
-    """What it holds, for those who cannot see it."""
+    """Description of the content for screen readers."""
     columns: Sequence[Column]
     rows: Sequence[Sequence[Cell]]
     sortable: bool = True
-    """Whether its heads are buttons that sort it."""
+    """Whether the heads of its columns are buttons that sort it."""
     copy: bool = True
     """Whether a button copies it as CSV."""
 
     @property
     def long(self) -> bool:
-        """Whether it scrolls up and down in its box too, and can be searched."""
+        """Whether it also scrolls vertically in its box and has a search field."""
         return len(self.rows) > LONG
 
 
 def number(value: float | None, digits: int = 1, *, sign: bool = False, **more: Any) -> Cell:
-    """A cell with a figure; a dash where it is undefined. `more`: as of `Cell`."""
+    """Return a cell with a figure, or with a dash if it is undefined. `more`: further fields of `Cell`."""
     shown = f"{value:+.{digits}f}" if sign and value is not None and round(value, digits) != 0 else figure(value, digits)
     return Cell(shown=shown, value=value, numeric=True, **more)
 
 
 def text(shown: str, value: str | None = None, **more: Any) -> Cell:
-    """A cell with text. `more`: as of `Cell`."""
+    """Return a cell with text. `more`: further fields of `Cell`."""
     return Cell(shown=shown, value=value, **more)
 
 
 def share_cell(percent: float, digits: int) -> Cell:
-    """A cell with a share as a bar and its figure."""
+    """Return a cell with a share, per cent, as a bar and a figure."""
     return number(percent, digits, kind="pull-cell", bar=min(max(percent, 0.0), 100.0))
 
 
 def figure(value: float | None, digits: int = 1, unit: str = "") -> str:
-    """A figure as text; a dash where it is undefined."""
+    """Write a figure as text; a dash if it is undefined."""
     # Adding zero turns -0.0 into 0.0.
     return MISSING if value is None else f"{round(value, digits) + 0.0:.{digits}f}{unit}"
 
 
 def count(number: int, what: str, several: str | None = None) -> str:
-    """`1 camera`, `2 cameras`."""
+    """Write a number with its noun: `1 camera`, `2 cameras`."""
     return f"{number} {what if number == 1 else several or what + 's'}"
 
 
 def list_names(names: Sequence[str]) -> str:
-    """`A, B and C`."""
+    """Write a list of names: `A, B and C`."""
     return names[0] if len(names) == 1 else ", ".join(names[:-1]) + " and " + names[-1] if names else ""

@@ -1,4 +1,4 @@
-"""Which cameras are tied together, by whom, and how well each pair agrees."""
+"""View graph: the pairs of cameras that people connect, their evidence, and how well each pair agrees."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from passerby.report.seen import Seen
 from passerby.report.tables import MISSING, Column, Table, count, number, text
 
 STRONG, FAIR = 0.7, 0.4
-"""Confidence above which a pair is strong, or fair."""
+"""Lowest confidence of a strong pair, and of a fair pair."""
 MOST_WEAK = 200
-"""Pairs of a site that are listed."""
+"""Most pairs of a site that are listed."""
 WIDTH, HEIGHT = 440.0, 400.0
-"""Of the picture in its own units: text of 13 units is still 11 pixels on a phone."""
+"""Size of the picture in its own units: text of 13 units is still 11 pixels high on a phone."""
 
 
 @dataclass(frozen=True)
@@ -33,24 +33,24 @@ class Link:
     second: str
     shared: Shared
     agreeing: float | None = None
-    """Of what both saw, the share that agrees on one motion between them, 0 to 1."""
+    """Share of the common observations that agree with one relative pose, 0 to 1; None if unknown."""
     support: float | None = None
-    """How well the ways through third cameras agree with it, 0 to 1."""
+    """Agreement of this pair with the poses through third cameras, 0 to 1; None if unknown."""
     routes: tuple[str, ...] = ()
     runner_up: float | None = None
-    """Score of the best other placement, as a share of this one's."""
+    """Score of the second-best hypothesis, as a share of the score of the best; None if unknown."""
     offset_s: float | None = None
     used: bool = False
 
     @property
     def confidence(self) -> float | None:
-        """The product of both shares, as far as they are known; None where nothing is."""
+        """Product of `agreeing` and `support`, or the known one of them; None if both are unknown."""
         known = [value for value in (self.agreeing, self.support) if value is not None]
         return float(np.prod(np.clip(known, 0.0, 1.0))) if known else None
 
     @property
     def word(self) -> str:
-        """The confidence in a word."""
+        """The confidence as a word."""
         if not self.used:
             return "not used"
         if self.confidence is None:
@@ -59,12 +59,12 @@ class Link:
 
     @property
     def kind(self) -> str:
-        """The word as a class of the style."""
+        """The word as a class of the style sheet."""
         return self.word.replace(" ", "-")
 
 
 def links_of(contents: Contents, seen: Seen) -> list[Link]:
-    """All pairs that share people or that a stage has figures of, in the rig's order."""
+    """Return all pairs that share observations or have figures of a stage, in the rig's order."""
     found = {pair: Link(*pair, shared) for pair, shared in seen.shared.items()}
     several, place = len(contents.rig) > 2, {name: index for index, name in enumerate(contents.rig.names)}
     for tied in contents.document.association.pairs or ():
@@ -76,7 +76,7 @@ def links_of(contents: Contents, seen: Seen) -> list[Link]:
 
 
 def _guesses(contents: Contents) -> Sequence[PairFigures]:
-    """How the solver took pairs of cameras to stand, whichever its method."""
+    """Return the solver's figures of its relative poses of pairs, for either method."""
     figures = contents.document.figures
     if not isinstance(figures, StarFigures):
         return contents.figures.pairs
@@ -92,14 +92,14 @@ def _guesses(contents: Contents) -> Sequence[PairFigures]:
 def _update(
     found: dict[tuple[str, str], Link], place: Mapping[str, int], cameras: tuple[str, str], change: Callable[[Link], Link]
 ) -> None:
-    """Change the link of two cameras of the rig, whichever order they are named in; `place` is each camera's in the rig."""
+    """Change the link of two cameras of the rig, named in any order; `place` gives each camera's position in the rig."""
     if all(name in place for name in cameras) and cameras[0] != cameras[1]:
         pair = cameras if place[cameras[0]] < place[cameras[1]] else (cameras[1], cameras[0])
         found[pair] = change(found.get(pair) or Link(*pair, Shared(0, 0)))
 
 
 def _link_of_association(link: Link, tied: TiedPair, several: bool) -> Link:
-    """A pair as association tells of it."""
+    """Return the link with the figures of association."""
     return replace(
         link,
         agreeing=tied.share,
@@ -112,7 +112,7 @@ def _link_of_association(link: Link, tied: TiedPair, several: bool) -> Link:
 
 
 def _link_of_solver(link: Link, guess: PairFigures, several: bool) -> Link:
-    """A pair as the solver tells of it, the best of its routes: its figures stand for those of association."""
+    """Return the link with the solver's figures instead of those of association; of several solver routes, the best counts."""
     share = guess.inliers / guess.matches if guess.matches else None
     new = replace(link, agreeing=share, support=guess.support if several else None, used=True)
     earlier = [name for name in link.routes if name in ("ground", "epipolar", "essential matrix")]
@@ -122,7 +122,7 @@ def _link_of_solver(link: Link, guess: PairFigures, several: bool) -> Link:
 
 
 def view_graph_section(contents: Contents, seen: Seen) -> Section:
-    """The graph and its table."""
+    """Return the section with the graph and the table of pairs."""
     links = links_of(contents, seen)
     edges, nodes = _draw_edges(contents, links), _draw_nodes(contents)
     return section(
@@ -132,17 +132,17 @@ def view_graph_section(contents: Contents, seen: Seen) -> Section:
 
 
 def _place_nodes(contents: Contents) -> dict[str, tuple[float, float]]:
-    """By camera, its place on a circle, in the rig's order."""
+    """Return each camera's position on a circle, in the rig's order."""
     names = contents.rig.names
     angle = -np.pi / 2 + 2 * np.pi * np.arange(len(names)) / len(names)
     return {name: (WIDTH / 2 + 150 * np.cos(a), HEIGHT / 2 + 150 * np.sin(a)) for name, a in zip(names, angle, strict=True)}
 
 
 def _draw_edges(contents: Contents, links: list[Link]) -> list[Row]:
-    """A line for each pair, those that are not used below."""
+    """Return a line for each pair; used pairs are drawn over unused ones."""
     at = _place_nodes(contents)
     most = max((link.shared.sightings for link in links), default=0) or 1
-    widest = min(7.0, 40.0 / max(len(links), 1))  # a whole rig of sixteen cameras would be one blot
+    widest = min(7.0, 40.0 / max(len(links), 1))  # thick lines of a rig of sixteen cameras would merge
     edges = []
     for link in sorted(links, key=lambda one: one.used):
         (x1, y1), (x2, y2) = at[link.first], at[link.second]
@@ -157,7 +157,7 @@ def _draw_edges(contents: Contents, links: list[Link]) -> list[Row]:
 
 
 def _draw_nodes(contents: Contents) -> list[Row]:
-    """A disc for each camera, its name outside of the circle."""
+    """Return a disc for each camera, with its name outside the circle."""
     nodes = []
     for place, (name, (x, y)) in enumerate(_place_nodes(contents).items()):
         outwards = (x - WIDTH / 2, y - HEIGHT / 2)
@@ -172,20 +172,20 @@ def _draw_nodes(contents: Contents) -> list[Row]:
 
 
 def weakest_links(links: Sequence[Link]) -> list[Link]:
-    """The used links by their confidence, the weakest first; of equal ones, those with the fewest observations."""
+    """Return the used links sorted by confidence, the weakest first; of equal ones, the link with the fewest observations."""
     used = [link for link in links if link.used]
     return sorted(used, key=lambda link: (2.0 if link.confidence is None else link.confidence, link.shared.sightings))
 
 
 def site_graph_section(contents: Contents, links: list[Link]) -> Section:
-    """The pairs of a site that are the most likely to be wrong; the map draws them."""
+    """Return the section with the pairs of a site that are most likely to be wrong; the map draws the pairs."""
     weakest = weakest_links(links)[:MOST_WEAK]
     told = f"{len(weakest)} of {count(sum(link.used for link in links), 'pair')} that are used."
     return section("graph", "Pairs", site=True, table=pairs_table("pairs-table", contents, weakest), listed=told)
 
 
 def pairs_table(identifier: str, contents: Contents, links: Sequence[Link], *, copy: bool = True) -> Table:
-    """A row for each pair."""
+    """Return a table with a row for each pair."""
     columns = [
         Column("Camera", numeric=False),
         Column("with", numeric=False),

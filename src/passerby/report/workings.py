@@ -1,4 +1,4 @@
-"""Processing stages, with which settings, by which versions, and which files were written."""
+"""Processing stages of a calibration, its settings, the versions of the software, and the written files."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ METHODS = {
     "geopose": "the method of the paper: each camera is registered with a reference camera, then all are adjusted",
 }
 MOST_FACTS, SHOWN_FACTS = 60, 8
-"""Facts of a step that are shown as they are, and those that are shown of more."""
+"""Most facts of a step that are all shown, and the number that is shown first if there are more."""
 FILES = (
     ("report.html", "this page"),
     ("rig.toml", "the cameras, also readable by Anipose, Caliscope and Pose2Sim"),
@@ -34,7 +34,7 @@ FILES = (
 
 
 def stages_section(contents: Contents, seen: Seen) -> Section:
-    """What was done, in the order in which it was done."""
+    """Return the section with the processing stages, in the order in which they ran."""
     steps = [
         _describe_observations(contents, seen),
         _describe_perception(contents),
@@ -50,7 +50,7 @@ Step = tuple[str, list[str]] | None
 
 
 def _describe_perception(contents: Contents) -> Step:
-    """How people were found in the videos."""
+    """Describe the processing of the videos."""
     perception = contents.document.perception
     if perception is None:
         return None
@@ -64,7 +64,7 @@ def _describe_perception(contents: Contents) -> Step:
 
 
 def _choice(choice: str | NetworkEntry | None) -> str:
-    """What did the work of a role, in words."""
+    """Name the network or method that was chosen for a role."""
     if isinstance(choice, NetworkEntry):
         return f"the network {choice.network} (licence: {choice.licence or 'unknown'})"
     return {"background": "a background model", "stripes": "colour histograms of horizontal stripes"}.get(
@@ -73,7 +73,7 @@ def _choice(choice: str | NetworkEntry | None) -> str:
 
 
 def _camera_video(name: str, one: VideoEntry) -> str:
-    """What was found in one camera's video, and what is wrong with it."""
+    """Describe the detections and the defects of one camera's video."""
     told = f"{name}: {one.boxes} boxes in {one.pictures} frames"
     told += f"; it shakes by {one.shake_px:.2f} px" if one.shake_px is not None else ""
     told += f"; {one.broken} frames could not be decoded" if one.broken else ""
@@ -82,7 +82,7 @@ def _camera_video(name: str, one: VideoEntry) -> str:
 
 
 def _describe_observations(contents: Contents, seen: Seen) -> Step:
-    """What the rig was computed from."""
+    """Describe the observations of each camera, from which the rig was computed."""
     facts = []
     for name, entry in contents.cameras.items():
         boxes, joints = entry.boxes, entry.keypoints
@@ -95,7 +95,7 @@ def _describe_observations(contents: Contents, seen: Seen) -> Step:
 
 
 def _describe_association(contents: Contents) -> Step:
-    """How people were distinguished."""
+    """Describe the association of identities across cameras."""
     found = contents.document.association
     mode = found.mode or contents.document.scene.association.mode or "given"
     facts = [f"Mode “{mode}”: {MODES.get(mode, 'see the documentation')}."]
@@ -114,7 +114,7 @@ def _describe_association(contents: Contents) -> Step:
 
 
 def _describe_solution(contents: Contents) -> Step:
-    """How the rig was computed."""
+    """Describe the computation of the rig."""
     document = contents.document
     method, figures = document.method, document.figures
     facts = [f"Method “{method}”: {METHODS.get(method, 'see the documentation')}."]
@@ -132,7 +132,7 @@ def _describe_solution(contents: Contents) -> Step:
 
 
 def _describe_held_out(figures: HeldOutFigures | None) -> list[str]:
-    """How people who were held out fit."""
+    """Describe the errors on people who were held out."""
     if figures is None:
         return []
     held, fit = figures.held_out, figures.fit
@@ -147,7 +147,7 @@ def _describe_held_out(figures: HeldOutFigures | None) -> list[str]:
 
 
 def _describe_checks(checks: Sequence[CheckedLength] | None) -> list[str]:
-    """Known lengths that had no part in the calibration."""
+    """Describe known lengths that the calibration did not use."""
     facts = []
     for one in checks or ():
         if one.measured_m is None:
@@ -163,12 +163,12 @@ def _describe_checks(checks: Sequence[CheckedLength] | None) -> list[str]:
 
 
 def _describe_end(converged: bool) -> str:
-    """How an adjustment ended."""
+    """Write whether an adjustment converged."""
     return "converged" if converged else "did not converge"
 
 
 def _noise(figures: AdjustedFigures) -> list[str]:
-    """What the residuals showed of the boxes, and what that means for the sigmas."""
+    """Describe the noise of the boxes, as estimated from the residuals, and its effect on the sigmas."""
     noise, people, inflation = figures.noise, figures.people, figures.covariance_inflation
     facts = []
     if noise is not None:
@@ -188,7 +188,7 @@ def _noise(figures: AdjustedFigures) -> list[str]:
 
 
 def _describe_scale(contents: Contents) -> Step:
-    """What is known of length, up and clocks."""
+    """Describe the uncertainty of the scale and the up direction, undetermined quantities, and the clocks."""
     figures = contents.figures
     facts = []
     scale, vertical = figures.scale.relative_sigma, figures.vertical_sigma_deg
@@ -210,7 +210,7 @@ def _describe_scale(contents: Contents) -> Step:
 
 
 def _describe_world(contents: Contents) -> Step:
-    """How the world's frame was set, where its user wanted another one."""
+    """Describe how the world frame was set, if the user chose it."""
     world = contents.document.world
     if world is None:
         return None
@@ -228,7 +228,7 @@ def _describe_world(contents: Contents) -> Step:
 
 
 def settings_section(contents: Contents) -> Section:
-    """All settings as used, and the versions that can change a figure."""
+    """Return the section with all settings as used, and the versions of software that can change a figure."""
     document = contents.document
     settings = _flatten_table(plain(document.scene), "") + _flatten_table(document.options, "solver.options as used.")
     versions = [("passerby", document.passerby or "unknown")]
@@ -241,7 +241,7 @@ def settings_section(contents: Contents) -> Section:
 
 
 def _flatten_table(value: Mapping[str, Any], before: str) -> list[tuple[str, str]]:
-    """Nested tables as (dotted name, value)."""
+    """Flatten nested tables to pairs (dotted name, value)."""
     out = []
     for key, entry in value.items():
         if isinstance(entry, Mapping):
@@ -252,7 +252,7 @@ def _flatten_table(value: Mapping[str, Any], before: str) -> list[tuple[str, str
 
 
 def _write_setting(value: Any) -> str:
-    """A setting's value as a scene file would have it."""
+    """Write a setting's value as in a scene file."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, list):
@@ -263,7 +263,7 @@ def _write_setting(value: Any) -> str:
 
 
 def files_section(contents: Contents, *, several: bool = False) -> Section:
-    """What the output folder holds; `several`: the report has files beside it."""
+    """Return the section with the files of the output folder; `several`: the report has files beside it."""
     rows = list(FILES)
     if several:
         rows.insert(1, ("report_files/", "what this page loads when it is asked for: copy it along with the page"))
@@ -278,7 +278,7 @@ def files_section(contents: Contents, *, several: bool = False) -> Section:
 
 
 def _pairs(identifier: str, caption: str, titles: tuple[str, str], rows: list[tuple[str, str]]) -> Table:
-    """A table of two columns of text."""
+    """Return a table with two columns of text."""
     columns = [Column(title, numeric=False) for title in titles]
     cells = [[text(name, inner="code"), text(value)] for name, value in rows]
     return Table(identifier=identifier, caption=caption, columns=columns, rows=cells, sortable=False, copy=False)

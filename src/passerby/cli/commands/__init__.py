@@ -1,4 +1,4 @@
-"""One module for each command.
+"""The commands, one module for each or for a few related ones.
 
-May import everything.
+The modules may import all packages.
 """

@@ -1,4 +1,4 @@
-"""`passerby align`: a calibration in the world frame that its user wants; `passerby compare`: two rigs on people."""
+"""`passerby align`: transform a calibration to the user's world frame; `passerby compare`: compare two rigs on people."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ def _read_options(
     scale: bool,
     tilt: bool,
 ) -> WorldTable:
-    """What the options ask for. Raises `InputError` where they contradict each other."""
+    """Return the world frame that the options state. Raises `InputError` if they contradict each other."""
     from passerby.scene.world_tables import WorldTable, read_plan
 
     options = {"--camera": camera, "--points": points, "--positions": positions, "--plan": plan}
@@ -113,7 +113,7 @@ def _read_options(
 
 
 def _check_target(source: Path, out: Path, folder: Path | None, to_file: bool) -> None:
-    """Raises `InputError` where a folder would be left in two frames, or where there is no folder to write."""
+    """Check the target. Raises `InputError` if a folder would contain files in two frames, or there is no folder to write."""
     from passerby.interchange.calibration_json import CALIBRATION_FILE
     from passerby.interchange.output_folder import RIG_FILE
 
@@ -130,7 +130,7 @@ def _check_target(source: Path, out: Path, folder: Path | None, to_file: bool) -
 
 
 def _show(aligned: Aligned) -> None:
-    """The residuals, and the motion with its sigmas."""
+    """Print the residuals, and the motion of the world frame with its sigmas."""
     import numpy as np
 
     from passerby.cli.terminal import number, show_table
@@ -156,7 +156,7 @@ def _show(aligned: Aligned) -> None:
 
 
 def _row(row: dict[str, Any], of_points: bool) -> list[str]:
-    """One line of the residuals."""
+    """Return one row of the table of residuals."""
     from passerby.cli.terminal import MISSING, number
 
     names = [row.get("point", MISSING), row["camera"]] if of_points else [row["camera"]]

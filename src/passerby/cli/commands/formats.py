@@ -51,13 +51,13 @@ def _as_plain_values(form: Format) -> dict[str, Any]:
 
 
 def _describe_abilities(form: Format) -> str:
-    """What can be done with a format."""
+    """Describe whether a format can be exported and imported."""
     reads = [what for what, reader in (("cameras", form.read), ("people", form.read_people)) if reader is not None]
     return " ".join([*(["export"] if form.write else []), *([f"import ({', '.join(reads)})"] if reads else [])])
 
 
 def _target(form: Format) -> str:
-    """What is written, in words."""
+    """Return the kind of target that is written, in words."""
     return "folder or file" if form.write_one else form.target
 
 
@@ -72,7 +72,7 @@ def _list(found: list[Format]) -> None:
 
 
 def write_markdown(found: Sequence[Format]) -> str:
-    """Formats as a table and a section each, in Markdown."""
+    """Write the formats in Markdown: a table, and a section for each format."""
     lines = ["| format | what it is | target | export | import |", "|---|---|---|---|---|"]
     for form in found:
         reads = [what for what, reader in (("cameras", form.read), ("people", form.read_people)) if reader is not None]
@@ -94,7 +94,7 @@ def write_markdown(found: Sequence[Format]) -> str:
 
 
 def _escape_markdown(text: str) -> str:
-    """Text that Markdown takes for neither a tag nor a column's end."""
+    """Escape text so that Markdown finds no tag and no end of a column in it."""
     return text.replace("<", "&lt;").replace("|", "\\|")
 
 
@@ -154,7 +154,7 @@ def export(
 
 
 def _read_own_people(folder: Path) -> Trajectories | None:
-    """The people of the output folder that the rig is from; None, with a message, if it has none to follow."""
+    """Return the people's trajectories from the rig's output folder; None, with a message, if there are none."""
     from passerby.calibration.following import people_of_folder
     from passerby.cli.terminal import stages
 
@@ -166,7 +166,7 @@ def _read_own_people(folder: Path) -> Trajectories | None:
 
 
 def _read_trajectories(tracks: Path) -> Trajectories:
-    """People's trajectories from a CSV file or an output folder."""
+    """Read people's trajectories from a CSV file or an output folder."""
     from passerby.calibration.following import trajectories_of_result
     from passerby.cli.terminal import stages
     from passerby.interchange.output_folder import read_output
@@ -220,7 +220,7 @@ def import_(
 
 
 def _read_given(size: str | None, units: str | None) -> Given:
-    """What the user says of the file. Raises `InputError`."""
+    """Return the facts about the file that the user gives as options. Raises `InputError` for invalid ones."""
     from passerby.interchange.formats import Given
     from passerby.interchange.rig_toml import METRES_PER_UNIT
 
@@ -233,7 +233,7 @@ def _read_given(size: str | None, units: str | None) -> Given:
 
 
 def _write_people(people: People, out: Path) -> str:
-    """Write joints or boxes, as the file's ending asks for, and tell how many."""
+    """Write joints or boxes, as the file's suffix requires, and return a message with their number."""
     from passerby.interchange.coco import write_keypoints
     from passerby.interchange.motchallenge import write_boxes
 

@@ -36,7 +36,7 @@ def init(
 
 
 def _show(started: Started) -> None:
-    """The cameras, what was noticed, and the next steps."""
+    """Print the cameras, the notes, and the next steps."""
     import shlex
 
     from passerby.cli.terminal import MISSING, number, show_table

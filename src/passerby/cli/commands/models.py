@@ -1,4 +1,4 @@
-"""`passerby models`: which networks there are, where they lie, fetching and checking them."""
+"""`passerby models`: list the networks and their locations, fetch and verify them."""
 
 from __future__ import annotations
 
@@ -120,17 +120,17 @@ def verify_models(models: Folder = None, json: AsJson = False) -> None:
 
 
 def _facts(entry: ModelEntry) -> dict[str, Any]:
-    """An entry of the manifest as JSON shows it."""
+    """Return an entry of the catalogue as values for JSON."""
     return entry.model_dump(exclude={"input"}, exclude_none=False)
 
 
 def _megabytes(entry: ModelEntry) -> str:
-    """3.7 MB."""
+    """Write the size of a model's file, for example 3.7 MB."""
     return f"{entry.bytes / 1e6:.1f} MB"
 
 
 def _print_json(value: object) -> None:
-    """One JSON object on standard output."""
+    """Print one JSON object on standard output."""
     from passerby.interchange.storage.text_formats import to_json
 
     print(to_json(value), end="")

@@ -1,4 +1,4 @@
-"""`passerby monitor`: whether the cameras of a rig have moved since it was calibrated."""
+"""`passerby monitor`: detect cameras of a rig that have moved since its calibration."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def monitor(
 
 
 def _values(done: Sequence[MonitoredGroup]) -> dict[str, Any]:
-    """The first group's values, and those of the others in it: as in an output folder."""
+    """Return the first group's values, which contain those of the other groups, as in an output folder."""
     first, *others = done
     values = first.found.to_dict()
     if first.folder:
@@ -99,7 +99,7 @@ def _values(done: Sequence[MonitoredGroup]) -> dict[str, Any]:
 
 
 def _show(found: MonitoringResult, verbose: bool, group: str) -> None:
-    """A line a camera, and what moved; `group` stands before the heading."""
+    """Print a line for each camera, and sentences about the moves; `group` is the beginning of the heading."""
     from passerby.cli.terminal import MISSING, number, show_table
     from passerby.monitoring.result import clock_time
 

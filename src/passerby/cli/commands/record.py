@@ -1,4 +1,4 @@
-"""`passerby record`: streams of cameras into files, also for the commands that calibrate and check such scenes."""
+"""`passerby record`: record streams of cameras to files, also for the commands that calibrate and check scenes with streams."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def record(
 
 
 def _show(found: Recording) -> None:
-    """A row for each camera, and what was lost."""
+    """Print a row for each camera, with its gaps, and notes on faults."""
     from passerby.cli.terminal import number, show_table
 
     rows = []
@@ -99,7 +99,7 @@ def _show(found: Recording) -> None:
 
 @contextmanager
 def stopping(stop: threading.Event) -> Iterator[None]:
-    """Ctrl-C, and a request to end (SIGTERM), set `stop` in place of breaking off."""
+    """Make Ctrl-C and SIGTERM set `stop` during the block, instead of an interruption of the process."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -112,9 +112,9 @@ def stopping(stop: threading.Event) -> Iterator[None]:
 
 
 def record_if_needed(streamed: StreamedScene, out: Path, verbose: bool, form: ProgressForm) -> Scene:
-    """The scene of a recording that is made now, or that is there already.
+    """Return the scene of an existing recording, or record the streams first if there is none.
 
-    Raises `InputError` as `record_scene` and `make_recorded_scene` do, and `typer.Exit` where the recording was stopped.
+    Raises `InputError` as `record_scene` and `make_recorded_scene` do, and `typer.Exit` if the recording was stopped.
     """
     from passerby.cli.terminal import stages
     from passerby.common.progress import tell_warning
@@ -136,7 +136,7 @@ def record_if_needed(streamed: StreamedScene, out: Path, verbose: bool, form: Pr
 
 
 def check_streams(path: Path) -> SceneCheck:
-    """What a scene holds; of one whose streams are not recorded yet, everything else, and what would be recorded."""
+    """Check a scene. If its streams are not recorded yet, check everything else, and report the streams to be recorded."""
     from passerby.common.errors import InputError
     from passerby.interchange.storage.safe_parsing import faults_of
     from passerby.recording.scene_streams import is_recorded, make_recorded_scene, read_streamed

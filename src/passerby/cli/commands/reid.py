@@ -1,4 +1,4 @@
-"""`passerby reid`: networks that tell people apart: train, evaluate, adapt to a scene, export."""
+"""`passerby reid`: re-identification networks: train, evaluate, adapt to a scene, export."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ Seed = Annotated[int | None, typer.Option(min=0, help="Seed of all random number
 Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="A line for every epoch, also where there is no terminal.")]
 TOLD_NOTES = 12
 EXTRA = ("torch", "transformers", "pytorch_metric_learning", "accelerate", "onnx", "onnxscript", "plotly")
-"""What the extra passerby[reid] installs."""
+"""Packages that the extra passerby[reid] installs."""
 
 
 @reid_app.command("train")
@@ -109,7 +109,7 @@ def evaluate(
     from passerby.training.embedding import score_data
 
     with tempfile.TemporaryDirectory(prefix="passerby-reid-") as temporary, stages() as tell:
-        embed = _embed_by(network, tell)  # first: a network that cannot be had is reported before videos are cut into crops
+        embed = _embed_by(network, tell)  # first, so that a missing network is reported before crops are made
         sets = _read(data, cache or Path(temporary), tell)
         found = {
             one.name: {kind: score_data(one, embed, centred=kind == "centred") for kind in ("plain", "centred")} for one in sets
@@ -204,7 +204,7 @@ def export(
 
 
 def _read(paths: list[Path], cache: Path, tell: Progress) -> list[DataSet]:
-    """The data sets, and a line for all that was left out."""
+    """Read the data sets, and print a line for each note about omitted data."""
     from passerby.training.data.reading import read_all
 
     sets = read_all(paths, cache, tell)
@@ -217,7 +217,7 @@ def _read(paths: list[Path], cache: Path, tell: Progress) -> list[DataSet]:
 
 
 def _embed_by(network: str, tell: Progress) -> Any:
-    """What turns sets of pictures into vectors, by the name that a user gives."""
+    """Return the function that computes embeddings of a set of pictures, by the network's name from the user."""
     from functools import partial
 
     from passerby.training.embedding import embed_crops
@@ -241,7 +241,7 @@ def _embed_by(network: str, tell: Progress) -> Any:
 
 
 def _teller(verbose: bool) -> Any:
-    """Prints a line for each epoch that was validated, with `verbose` for every one."""
+    """Return a function that prints a line for each validated epoch, and with `verbose` for every epoch."""
 
     def told(row: Any) -> None:
         if verbose or row.rank_1 is not None:
@@ -251,13 +251,13 @@ def _teller(verbose: bool) -> Any:
 
 
 def _line(row: Any) -> str:
-    """As: epoch 10: loss 3.21, rank-1 45.0 %, mAP 38.1 %."""
+    """Write the line of an epoch, for example: epoch 10: loss 3.210 (...), rank-1 45.0 %, mAP 38.1 %."""
     score = "" if row.rank_1 is None else f", rank-1 {100 * row.rank_1:.1f} %, mAP {100 * row.map:.1f} %"
     return f"epoch {row.epoch}: loss {row.loss:.3f} (identity {row.identity_loss:.3f}, triplet {row.triplet_loss:.3f}){score}"
 
 
 def _read_last_row(row: Any) -> tuple[list[str], list[list[str]]]:
-    """Header and row of the last epoch."""
+    """Return the header and the table row of the last epoch."""
     shares = ["-" if value is None else f"{100 * value:.1f} %" for value in (row.rank_1, row.map)]
     losses = [f"{value:.3f}" for value in (row.loss, row.identity_loss, row.triplet_loss)]
     return ["after epoch", "loss", "identity", "triplet", "rank-1", "mAP"], [[str(row.epoch), *losses, *shares]]
@@ -269,7 +269,7 @@ def _check_device(device: str) -> None:
 
 
 def _require_torch(command: str) -> None:
-    """Raises `InputError` where the extra is not installed."""
+    """Check that the extra is installed. Raises `InputError` if not."""
     from importlib.util import find_spec
 
     missing = [name for name in EXTRA if find_spec(name) is None]
@@ -278,7 +278,7 @@ def _require_torch(command: str) -> None:
 
 
 def _print_json(value: object) -> None:
-    """One JSON object on standard output."""
+    """Print one JSON object on standard output."""
     from passerby.interchange.storage.text_formats import to_json
 
     print(to_json(value), end="")

@@ -1,4 +1,4 @@
-"""`passerby report`: the report page, made again from an output folder; `passerby open`: the local web page of a scene."""
+"""`passerby report`: write the report page again from an output folder; `passerby open`: the local web page of a scene."""
 
 from __future__ import annotations
 

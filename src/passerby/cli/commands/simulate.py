@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 Number = TypeVar("Number", int, float)
 SECONDS, FPS = 60.0, 10.0
-"""A minute, as the documentation asks of a user: half the time leaves twice the error."""
+"""Length and frame rate of the demo: a minute, as the documentation recommends to users; half the time doubles the error."""
 
 
 def simulate(
@@ -97,7 +97,7 @@ def simulate(
             "--joint-noise-px": joint_noise_px != 0, "--camera-fps": bool(camera_fps), "--groups": bool(groups),
             "--keypoints": keypoints, "--video": video, "--clock-offsets": "," in clock_offsets,
         }  # fmt: skip
-        # A site has defaults of its own.
+        # A site has its own defaults for these options.
         own = {"seconds": seconds, "clock_offsets": clock_offsets}
         chosen_here = {name: value for name, value in own.items() if _is_on_command_line(context, name)}
         options = {name: value for name, value in faults.items() if name not in own} | chosen_here
@@ -112,7 +112,7 @@ def simulate(
     chosen = SimulationOptions(
         preset=preset,
         joint_noise_px=joint_noise_px,
-        # A video has no identities, so neither do the boxes that it is compared with.
+        # A video has no identities, so the boxes for comparison have none either.
         unrelated_ids=unrelated_ids or video,
         clock_offsets=_clock_offsets(clock_offsets),
         camera_fps=_numbers(camera_fps, float, "--camera-fps", "frames per second of each camera"),
@@ -128,14 +128,14 @@ def simulate(
 
 
 def _is_on_command_line(context: typer.Context, name: str) -> bool:
-    """Whether an option stands on the command line."""
-    # By its name: some releases of typer have a click of their own.
+    """Check whether the user gave an option on the command line."""
+    # The source is compared by name, because some releases of typer contain their own copy of click.
     source = context.get_parameter_source(name)
     return source is not None and source.name != "DEFAULT"
 
 
 def _write_site(preset: str, options: Mapping[str, Any], unfit: Sequence[str], out: Path) -> None:
-    """A site instead of a scene; `unfit` are options that it has none of."""
+    """Write a site instead of a scene; `unfit` are given options that a site does not have."""
     from passerby.cli.terminal import stages
     from passerby.simulation.sites import SiteOptions, simulate_site, write_site
 
@@ -165,7 +165,7 @@ def _clock_offsets(text: str) -> float | tuple[float, ...]:
 
 
 def _numbers(text: str, kind: type[Number], option: str, wanted: str) -> tuple[Number, ...]:
-    """Numbers separated by commas; none where the text is empty."""
+    """Read numbers separated by commas; none from an empty text."""
     try:
         return tuple(kind(part) for part in text.split(",")) if text else ()
     except ValueError:
@@ -270,7 +270,7 @@ def dataset(
 
 
 def _list() -> None:
-    """The names, one line each, and where the sets are published."""
+    """Print the names of the data sets, what they contain and where they are published."""
     from passerby.datasets import READERS
 
     width = max(map(len, READERS))
@@ -281,7 +281,7 @@ def _list() -> None:
 
 
 def _show(published: Published, written: SceneFolder, out: Path) -> None:
-    """What was found, what is missing, and the next commands."""
+    """Print the content of a data set, notes on missing parts, and the next commands."""
     from passerby.cli.terminal import MISSING, show_table
 
     def count(value: int) -> str:

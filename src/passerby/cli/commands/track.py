@@ -1,4 +1,4 @@
-"""`passerby track`: everybody's trajectory on the ground, from the output folder of a calibration."""
+"""`passerby track`: the trajectories of all people on the ground, from the output folder of a calibration."""
 
 from __future__ import annotations
 
@@ -102,7 +102,7 @@ def track(
 
 
 def _ground_truth(identity: Any, frame: Any, xy: Any, fps: float) -> GroundTruth:
-    """The true places on the rig's time."""
+    """Return the true positions with times of the rig's clock."""
     from passerby.core.observations import Clock
     from passerby.evaluation.trajectories import GroundTruth
 
@@ -113,7 +113,7 @@ def _evaluate_tracks(
     folder: OutputFolder, clocks: dict[str, Clock], options: TrackOptions, found: Trajectories, true_rig: Rig,
     truth: GroundTruth, reference: str | None, tell: Progress,
 ) -> dict[str, Any]:  # fmt: skip
-    """The errors, by the estimated cameras in both placements, and by the true ones."""
+    """Compute the errors with the estimated cameras, aligned in two ways, and with the true cameras."""
     from passerby.calibration.following import trajectories_by_rig
     from passerby.core.cameras import Rig
     from passerby.evaluation.trajectories import compare_places, judge, placements
@@ -130,7 +130,7 @@ def _evaluate_tracks(
 
 
 def _note(figures: dict[str, Any]) -> str:
-    """A sentence on what was found."""
+    """Describe the trajectories in two sentences."""
     from passerby.cli.terminal import number
 
     return (
@@ -140,7 +140,7 @@ def _note(figures: dict[str, Any]) -> str:
 
 
 def _show(figures: dict[str, Any], verbose: bool) -> None:
-    """Tables."""
+    """Print the tables of cameras and errors, and with `verbose` of people."""
     from passerby.cli.terminal import number, show_table
 
     print(_note(figures))
